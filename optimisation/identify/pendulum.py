@@ -16,8 +16,8 @@ import numpy as np
 from aerodima.workbench.aero.laws import SectionLaw
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
-from aerodima.workbench.plants.joint_friction import smooth_friction
 from aerodima.workbench.plants.rig_motion import RigMotion
+from aerodima.workbench.plants.tail import smooth_friction
 
 Torque = Callable[[float, float], float]
 """Angle (rad) and rate (rad/s) to torque about the motor axis, N m."""

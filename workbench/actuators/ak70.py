@@ -9,8 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from aerodima.workbench.config.car_parameters import TailMotorParameters
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
-from aerodima.workbench.plants.joint_friction import FrictionLaw, smooth_friction
-from aerodima.workbench.plants.tail import ArmInertia, arm_inertia
+from aerodima.workbench.plants.tail import ArmInertia, FrictionLaw, arm_inertia, smooth_friction
 from aerodima.workbench.systems.system_ports import vector_of
 
 ROLL = 1

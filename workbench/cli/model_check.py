@@ -4,6 +4,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 
 from pydrake.multibody.parsing import Parser
@@ -20,9 +21,6 @@ from aerodima.workbench.plants.rig_model import cheetah_rig_sdf, robot_rig_sdf
 from aerodima.workbench.plants.sdf_model import SdfModel
 from aerodima.workbench.plants.tail import tail_sdf
 from aerodima.workbench.resources import models_dir
-
-SDF_TOLERANCE = 1e-6
-"""Relative; the files carry nine digits, so a larger difference was not made by rounding."""
 
 IGNORED_BY_DRAKE = {
     "sdf": {"axis/dynamics/friction": "joint friction", "axis2/dynamics/friction": "joint friction"},
@@ -126,19 +124,13 @@ def load_strictly(path: Path) -> None:
 
 
 def sdf_differences(nominal: SdfModel) -> list[str]:
-    """Numbers in which the file on disk differs from the same model with the numbers of the parameters."""
-    disk = SdfModel(nominal.path).numbers()
-    expected = nominal.numbers()
-    problems = []
-    for place in sorted(set(disk) | set(expected)):
-        here, there = disk.get(place), expected.get(place)
-        if here is None or there is None or len(here) != len(there):
-            problems.append(f"{place}: {here} in the file, {there} from the parameters")
-            continue
-        for a, b in zip(here, there, strict=True):
-            if a != b and abs(a - b) > SDF_TOLERANCE * max(abs(a), abs(b)):
-                problems.append(f"{place}: {a:g} in the file, {b:g} from the parameters")
-    return problems
+    """Lines in which the file on disk differs from the same model with the numbers of the parameters."""
+    lines = zip_longest(SdfModel(nominal.path).text().splitlines(), nominal.text().splitlines(), fillvalue="")
+    return [
+        f"line {number}: {here.strip()} in the file, {there.strip()} from the parameters"
+        for number, (here, there) in enumerate(lines, 1)
+        if here != there
+    ]
 
 
 def update_model_files() -> list[Path]:

@@ -23,16 +23,15 @@ from pydrake.systems.primitives import Adder
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Air
-from aerodima.workbench.aero.tail_force import NOT_EXPOSED, SECTION_COLUMNS, add_tail_force, connect_spatial_forces
+from aerodima.workbench.aero.tail_force import add_tail_force, connect_spatial_forces
 from aerodima.workbench.aero.wind import WindModel, add_wind
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.car import parse_model
-from aerodima.workbench.plants.joint_friction import FrictionLaw, smooth_friction
 from aerodima.workbench.plants.rig_model import bar_layout, cheetah_rig_sdf, robot_rig_sdf, tail_layout
 from aerodima.workbench.plants.rig_motion import rig_jet, rig_law
-from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
-from aerodima.workbench.systems.system_ports import declare_spatial_forces, vector_of
+from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, FrictionLaw, smooth_friction
+from aerodima.workbench.systems.system_ports import connected, declare_spatial_forces, vector_of
 
 
 @dataclass(frozen=True)
@@ -96,11 +95,11 @@ def add_rig_plant(builder: DiagramBuilder, scenario: RigScenario, scene_graph: b
     tail_force = _add_air(builder, plant, scenario)
     if added is not None:
         added.add_to_builder(builder)
-        balance = builder.AddNamedSystem("spanwise_balance", SpanwiseBalance(plant, added))
-        builder.Connect(plant.get_state_output_port(), balance.get_input_port())
+        state = plant.get_state_output_port()
+        balance = connected(builder, SpanwiseBalance(plant, added), "spanwise_balance", plant_state=state)
         connect_spatial_forces(builder, plant, balance.get_output_port())
-    support = builder.AddNamedSystem("support", SupportWrench(int(sensor.index())))
-    builder.Connect(plant.get_reaction_forces_output_port(), support.get_input_port())
+    reactions = plant.get_reaction_forces_output_port()
+    support = connected(builder, SupportWrench(int(sensor.index())), "support", reaction_forces=reactions)
     return RigPlant(plant, scene, swing, sensor, tail_force, torques, support.get_output_port())
 
 
@@ -108,8 +107,7 @@ def _add_torques(builder: DiagramBuilder, plant: MultibodyPlant, scenario: RigSc
     """Friction and an open input for the motor, added into the actuation."""
     settings = scenario.robot_friction if scenario.is_robot else scenario.friction
     law = smooth_friction(settings.coulomb, settings.viscous, settings.tanh_gain)
-    friction = builder.AddNamedSystem("friction", JointFriction(law, 1))
-    builder.Connect(plant.get_state_output_port(), friction.GetInputPort("joint_state"))
+    friction = connected(builder, JointFriction(law), "friction", joint_state=plant.get_state_output_port())
     torques = Adder(2, 1)
     builder.AddNamedSystem("torques", torques)
     builder.Connect(friction.get_output_port(), torques.get_input_port(1))
@@ -221,19 +219,6 @@ class Rig:
         validity = vector_of(force.GetOutputPort("validity"), force.GetMyContextFromRoot(self._context))
         return bool(np.any(validity > 0.0))
 
-    def sections(self, angle: float, rate: float) -> np.ndarray:
-        """What the sections of the tail feel: (n x 4), columns `SECTION_COLUMNS`; rows outside the jet are NaN."""
-        force = self._rig.tail_force
-        if force is None:
-            return np.empty((0, len(SECTION_COLUMNS)))
-        self.set_state(angle, rate, 0.0)
-        context = force.GetMyContextFromRoot(self._context)
-        values = vector_of(force.GetOutputPort("sections"), context)
-        validity = vector_of(force.GetOutputPort("validity"), context)
-        table = np.array(values).reshape(-1, len(SECTION_COLUMNS))
-        table[np.array(validity) == NOT_EXPOSED] = np.nan
-        return table
-
     def set_state(self, angle: float, rate: float, torque: float) -> None:
         """Puts the rig into a state; see `reaction`."""
         limit = self.scenario.mount.angle_limit
@@ -317,22 +302,19 @@ class SpanwiseBalance(LeafSystem):
 
 
 class JointFriction(LeafSystem):
-    """Friction torque of `count` joints.
+    """Friction torque of a joint.
 
     Input ports:
-        joint_state (2 count): angles rad, then rates rad/s.
+        joint_state (2): angle rad, rate rad/s.
     Output ports:
-        torque (count): N m, opposing the rates.
+        torque (1): N m, opposing the rate.
     """
 
-    def __init__(self, law: FrictionLaw, count: int):
+    def __init__(self, law: FrictionLaw):
         super().__init__()
         self._law = law
-        self._count = count
-        self._state = self.DeclareVectorInputPort("joint_state", 2 * count)
-        self.DeclareVectorOutputPort("torque", count, self._calc_torque, prerequisites_of_calc={self._state.ticket()})
+        self._state = self.DeclareVectorInputPort("joint_state", 2)
+        self.DeclareVectorOutputPort("torque", 1, self._calc_torque, prerequisites_of_calc={self._state.ticket()})
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        state = vector_of(self._state, context)
-        rates = state[self._count :].tolist()
-        output.SetFromVector(np.array([self._law(rate) for rate in rates]))
+        output[0] = self._law(float(vector_of(self._state, context)[1]))

@@ -4,33 +4,24 @@ Link frames: `mount` at W, the force sensor's point; `bar` (or the robot's `tail
 at its root. Everything hangs along -z at angle zero. Signs: design section 4.
 """
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.config.car_parameters import TailParameters
 from aerodima.workbench.config.rig_scenario import BarParameters, CheetahTailParameters, MountParameters, RigScenario
-from aerodima.workbench.plants.sdf_model import SdfModel
+from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
 from aerodima.workbench.plants.tail import ROD_RADIUS
 from aerodima.workbench.resources import model_path
 
 CHEETAH_RIG_SDF = "rig/cheetah_rig.sdf"
 ROBOT_RIG_SDF = "rig/robot_rig.sdf"
+DIGITS = 12
+"""Of the numbers in these models: what a comparison of motions to 1e-9 needs."""
 DOWN = (0.0, 0.0, -1.0)
 UPSTREAM = (0.0, 1.0, 0.0)
 """Directions in world axes; the wind blows to -y."""
-
-
-@dataclass(frozen=True)
-class MassProperties:
-    """Mass (kg), centre of mass in the link frame (m), and xx, yy, zz, xy, xz, yz about it (kg m2)."""
-
-    mass: float
-    com: tuple[float, float, float]
-    inertia: tuple[float, float, float, float, float, float]
 
 
 def pivot_position(mount: MountParameters) -> np.ndarray:
@@ -38,26 +29,20 @@ def pivot_position(mount: MountParameters) -> np.ndarray:
     return np.array([mount.com_x + mount.pivot_x, mount.com_y + mount.pivot_y, mount.com_z + mount.pivot_z])
 
 
-def mount_properties(mount: MountParameters) -> MassProperties:
+def mount_properties(mount: MountParameters) -> Inertial:
     """The mounting structure, in W."""
-    inertia = (
-        mount.inertia_xx,
-        mount.inertia_yy,
-        mount.inertia_zz,
-        mount.inertia_xy,
-        mount.inertia_xz,
-        mount.inertia_yz,
-    )
-    return MassProperties(mount.mass, (mount.com_x, mount.com_y, mount.com_z), inertia)
+    moments = (mount.inertia_xx, mount.inertia_yy, mount.inertia_zz)
+    products = (mount.inertia_xy, mount.inertia_xz, mount.inertia_yz)
+    return Inertial(mount.mass, (mount.com_x, mount.com_y, mount.com_z), moments, products)
 
 
-def bar_properties(bar: BarParameters) -> MassProperties:
+def bar_properties(bar: BarParameters) -> Inertial:
     """The bar, from the pivot."""
     moments = (bar.inertia_xx, bar.inertia_yy, bar.inertia_zz)
-    return MassProperties(bar.mass, (0.0, 0.0, -bar.com_distance), (*moments, 0.0, 0.0, 0.0))
+    return Inertial(bar.mass, (0.0, 0.0, -bar.com_distance), moments)
 
 
-def cheetah_tail_properties(tail: CheetahTailParameters) -> MassProperties:
+def cheetah_tail_properties(tail: CheetahTailParameters) -> Inertial:
     """A cheetah tail, from its root, with m L^2 / 12 about its centre of mass.
 
     The inertia of Table 4.2 cannot be about that point (ERRATA E10). About its own axis that of an elliptic
@@ -65,10 +50,10 @@ def cheetah_tail_properties(tail: CheetahTailParameters) -> MassProperties:
     """
     across = tail.mass * tail.length**2 / 12
     along = tail.mass * (tail.major_axis**2 + tail.minor_axis**2) / 16
-    return MassProperties(tail.mass, (0.0, 0.0, -tail.com_distance), (across, across, along, 0.0, 0.0, 0.0))
+    return Inertial(tail.mass, (0.0, 0.0, -tail.com_distance), (across, across, along))
 
 
-def robot_tail_properties(tail: TailParameters) -> MassProperties:
+def robot_tail_properties(tail: TailParameters) -> Inertial:
     """The robot's rod and sail as one body, from the motor axis; the same rod and plate as on the car, hanging."""
     sail = tail.mass * tail.sail_mass_fraction
     rod = tail.mass - sail
@@ -78,24 +63,22 @@ def robot_tail_properties(tail: TailParameters) -> MassProperties:
     along, across = sail * tail.sail_length**2 / 12, sail * tail.sail_width**2 / 12
     own = 0.5 * rod * ROD_RADIUS**2
     moments = (spread + along, spread + along + across, own + across)
-    return MassProperties(tail.mass, (0.0, 0.0, -centre), (*moments, 0.0, 0.0, 0.0))
+    return Inertial(tail.mass, (0.0, 0.0, -centre), moments)
 
 
 def cheetah_rig_sdf(scenario: RigScenario) -> SdfModel:
     """Mount and bar, with the tail of the experiment if it has one."""
-    model = SdfModel(model_path(CHEETAH_RIG_SDF))
+    model = SdfModel(model_path(CHEETAH_RIG_SDF), DIGITS)
     _set_link(model, "mount", mount_properties(scenario.mount), (0.0, 0.0, 0.0))
     pivot = pivot_position(scenario.mount)
     bar, maxon = scenario.bar, scenario.maxon
     _set_link(model, "bar", bar_properties(bar), pivot)
     size = f"{bar.width:.9g} {bar.width:.9g} {bar.tail_distance:.9g}"
     model.set_shape("bar", "bar", (0, 0, -bar.tail_distance / 2), size=size)
-    _set_rotor(model, maxon.reflected_inertia / maxon.gear_ratio**2, maxon.gear_ratio)
+    model.set_rotor("swing", maxon.reflected_inertia / maxon.gear_ratio**2, maxon.gear_ratio)
     model.set_joint("swing", effort=maxon.torque_constant * maxon.current_limit)
     if not scenario.has_cheetah_tail:
-        for element in [*model.model.findall("link"), *model.model.findall("joint")]:
-            if element.get("name") in ("tail", "tail_mount"):
-                model.model.remove(element)
+        model.remove_link("tail", "tail_mount")
         return model
     tail = scenario.cheetah_tail
     root = pivot + np.array([0.0, 0.0, -bar.tail_distance - tail.gap])
@@ -110,14 +93,14 @@ def cheetah_rig_sdf(scenario: RigScenario) -> SdfModel:
 
 def robot_rig_sdf(scenario: RigScenario) -> SdfModel:
     """Mount and the robot's tail on its AK70-10."""
-    model = SdfModel(model_path(ROBOT_RIG_SDF))
+    model = SdfModel(model_path(ROBOT_RIG_SDF), DIGITS)
     tail, motor = scenario.robot_tail, scenario.robot_motor
     _set_link(model, "mount", mount_properties(scenario.mount), (0.0, 0.0, 0.0))
     _set_link(model, "tail", robot_tail_properties(tail), pivot_position(scenario.mount))
     model.set_shape("tail", "rod", (0, 0, -tail.length / 2), length=f"{tail.length:.9g}")
     scale = f"{tail.sail_width:.9g} {tail.sail_width:.9g} {tail.sail_length:.9g}"
     model.set_shape("tail", "sail", (0, 0, -tail.length + tail.sail_length / 2), scale=scale)
-    _set_rotor(model, motor.rotor_inertia, motor.gear_ratio)
+    model.set_rotor("swing", motor.rotor_inertia, motor.gear_ratio)
     model.set_joint("swing", effort=motor.torque_limit)
     return model
 
@@ -155,31 +138,7 @@ def bar_layout(scenario: RigScenario) -> SectionLayout:
 
 
 def _set_link(
-    model: SdfModel, link: str, properties: MassProperties, position: Sequence[float] | np.ndarray, roll: float = 0.0
+    model: SdfModel, link: str, inertial: Inertial, position: Sequence[float] | np.ndarray, roll: float = 0.0
 ) -> None:
-    """Pose and full inertia of a link, with the digits that a comparison to 1e-9 needs."""
-    element = _find(model.model, "link", link)
-    _text_of(element, "pose", [*position, roll, 0.0, 0.0])
-    inertial = _find(element, "inertial")
-    _text_of(inertial, "pose", [*properties.com, 0.0, 0.0, 0.0])
-    _text_of(inertial, "mass", [properties.mass])
-    inertia = _find(inertial, "inertia")
-    for tag, value in zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), properties.inertia, strict=True):
-        _text_of(inertia, tag, [value])
-
-
-def _set_rotor(model: SdfModel, inertia: float, gear_ratio: float) -> None:
-    model.set_rotor("swing", inertia, gear_ratio)
-    rotor = _find(_find(model.model, "joint", "swing"), "{http://drake.mit.edu}rotor_inertia")
-    rotor.text = f"{inertia:.15g}"
-
-
-def _find(parent: ElementTree.Element, tag: str, name: str | None = None) -> ElementTree.Element:
-    for element in parent.findall(tag):
-        if name is None or element.get("name") == name:
-            return element
-    raise KeyError(f"no <{tag}> {name or ''} in <{parent.tag}>")
-
-
-def _text_of(parent: ElementTree.Element, tag: str, values: Sequence[float]) -> None:
-    _find(parent, tag).text = " ".join(f"{value:.12g}" for value in values)
+    model.set_link_position(link, [*position], roll)
+    model.set_inertial(link, inertial)

@@ -16,14 +16,12 @@ from typing import Any
 import numpy as np
 
 from aerodima.workbench.aero.coefficient_files import PolarTable, load_coefficients
-from aerodima.workbench.aero.laws import LineMotion, NormalForceLaw, SectionLaw, angle_of_attack, length
+from aerodima.workbench.aero.laws import LineMotion, NormalForceLaw, SectionLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.plants.joint_friction import FrictionLaw, smooth_friction
 from aerodima.workbench.plants.rig_model import (
-    MassProperties,
     bar_layout,
     bar_properties,
     cheetah_tail_properties,
@@ -32,7 +30,8 @@ from aerodima.workbench.plants.rig_model import (
     robot_tail_properties,
     tail_layout,
 )
-from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
+from aerodima.workbench.plants.sdf_model import Inertial
+from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, FrictionLaw, smooth_friction
 
 
 def rig_jet(scenario: RigScenario) -> Jet:
@@ -113,7 +112,7 @@ class RigMotion:
     wind_speed: float
     density: float
     gravity: float
-    mount: MassProperties
+    mount: Inertial
     pivot: tuple[float, float, float]
 
     @classmethod
@@ -163,14 +162,6 @@ class RigMotion:
             x, y, z = x + fx, y + fy, z + fz
             mx, my, mz = mx + tx + ry * fz - rz * fy, my + ty + rz * fx, mz + tz - ry * fx
         return x, y, z, mx, my, mz
-
-    def sections(self, angle: float, rate: float) -> list[tuple[float, float]]:
-        """Relative speed (m/s) and angle of attack (rad) of each section of the tail; NaN outside the jet."""
-        _, (u, k, a, _), distances, areas = self._met(self.blades[-1], angle, rate)
-        if areas[0] == 0.0:
-            return [(math.nan, math.nan)] * len(areas)
-        flow = [(u[0], u[1] + s * k[1], u[2] + s * k[2]) for s in distances]
-        return [(length(v), angle_of_attack(v, a)) for v in flow]
 
     def _met(self, blade: Blade, angle: float, rate: float) -> tuple[Any, ...]:
         """Root of a blade from the pivot (y, z), its motion against the air, distances and areas of its sections."""
@@ -232,8 +223,8 @@ def _parts(scenario: RigScenario) -> tuple[tuple[SwingingMass, ...], tuple[Blade
     )
 
 
-def _swinging(properties: MassProperties, root: float, tilt: float) -> SwingingMass:
+def _swinging(properties: Inertial, root: float, tilt: float) -> SwingingMass:
     """A body whose origin is `root` below the pivot along the bar and whose axis is tilted from it."""
     beyond = -properties.com[2]
     along, across = root + beyond * math.cos(tilt), beyond * math.sin(tilt)
-    return SwingingMass(properties.mass, math.hypot(along, across), math.atan2(across, along), properties.inertia[0])
+    return SwingingMass(properties.mass, math.hypot(along, across), math.atan2(across, along), properties.moments[0])

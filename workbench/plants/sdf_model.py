@@ -5,7 +5,7 @@ inertias, springs and friction are written into the XML, so that what Drake pars
 """
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,13 +43,14 @@ class SdfModel:
 
     Args:
         path: an SDF file with a single model.
+        digits: of the numbers that are set.
 
     Raises:
         ModelError: no such file, not XML, or no model in it.
     """
 
-    def __init__(self, path: Path):
-        self.path = path
+    def __init__(self, path: Path, digits: int = 9):
+        self.path, self._digits = path, digits
         try:
             reader = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
             self._root = ElementTree.fromstring(path.read_text(encoding="utf-8"), reader)
@@ -66,13 +67,13 @@ class SdfModel:
         """Sets mass, centre of mass, moments and products of inertia of a link."""
         element = self._child(self._named("link", link), "inertial")
         self._set_position(element, inertial.com)
-        self._child(element, "mass").text = _text(inertial.mass)
+        self._child(element, "mass").text = self._text(inertial.mass)
         inertia = self._child(element, "inertia")
         for tag, moment in zip(_MOMENTS, inertial.moments, strict=True):
-            self._child(inertia, tag).text = _text(moment)
+            self._child(inertia, tag).text = self._text(moment)
         for tag, product in zip(_PRODUCTS, inertial.products, strict=True):
             if product or inertia.find(tag) is not None:  # SDF's default is 0
-                self._child(inertia, tag).text = _text(product)
+                self._child(inertia, tag).text = self._text(product)
 
     def inertial(self, link: str) -> Inertial:
         """Mass, centre of mass, moments and products of inertia of a link."""
@@ -83,9 +84,12 @@ class SdfModel:
         xy, xz, yz = (float(inertia.findtext(tag, "0")) for tag in _PRODUCTS)
         return Inertial(float(self._child(element, "mass").text or "nan"), (x, y, z), (xx, yy, zz), (xy, xz, yz))
 
-    def set_link_position(self, link: str, position: Sequence[float]) -> None:
-        """Sets the position (m) of a link in the model frame; its orientation stays."""
-        self._set_position(self._named("link", link), position)
+    def set_link_position(self, link: str, position: Sequence[float], roll: float | None = None) -> None:
+        """Sets the position (m) of a link in the model frame, and its roll (rad); without one its orientation stays."""
+        element = self._named("link", link)
+        if roll is not None:
+            self._child(element, "pose").text = f"0 0 0 {self._text(roll)} 0 0"
+        self._set_position(element, position)
 
     def set_shape(self, link: str, shape: str, position: Sequence[float] | None = None, **sizes: str) -> None:
         """Sets sizes (such as `radius="0.07"`) and position of a visual or collision shape of a link."""
@@ -110,7 +114,7 @@ class SdfModel:
         element = ElementTree.SubElement(
             self._named("link", link), "collision" if colour is None else "visual", name=name
         )
-        ElementTree.SubElement(element, "pose").text = " ".join(_text(value) for value in pose)
+        ElementTree.SubElement(element, "pose").text = " ".join(self._text(value) for value in pose)
         form = ElementTree.SubElement(ElementTree.SubElement(element, "geometry"), shape)
         for tag, size in sizes.items():
             ElementTree.SubElement(form, tag).text = size
@@ -127,26 +131,26 @@ class SdfModel:
         for element in self._shapes(link, shape, "collision"):
             properties = self._child(element, _drake("proximity_properties"))
             for tag, value in values.items():
-                self._child(properties, _drake(tag)).text = _text(value)
+                self._child(properties, _drake(tag)).text = self._text(value)
 
     def set_joint(self, joint: str, **values: float) -> None:
         """Sets `damping`, `spring_stiffness`, `spring_reference`, `lower`, `upper`, `effort` of a joint."""
         axis = self._child(self._named("joint", joint), "axis")
         for tag, value in values.items():
             parent = self._child(axis, "limit" if tag in ("lower", "upper", "effort") else "dynamics")
-            self._child(parent, tag).text = _text(value)
+            self._child(parent, tag).text = self._text(value)
 
     def set_rotor(self, joint: str, inertia: float, gear_ratio: float) -> None:
         """Sets rotor inertia (kg m2, before the gearbox) and gear ratio of the actuator of a joint."""
         element = self._named("joint", joint)
-        self._child(element, _drake("rotor_inertia")).text = _text(inertia)
-        self._child(element, _drake("gear_ratio")).text = _text(gear_ratio)
+        self._child(element, _drake("rotor_inertia")).text = f"{inertia:.15g}"
+        self._child(element, _drake("gear_ratio")).text = self._text(gear_ratio)
 
     def set_controller_gains(self, joint: str, stiffness: float, damping: float) -> None:
         """Sets the implicit position control (N m/rad, N m s/rad) of the actuator of a joint."""
         gains = self._child(self._named("joint", joint), _drake("controller_gains"))
-        gains.set("p", _text(stiffness))
-        gains.set("d", _text(damping))
+        gains.set("p", self._text(stiffness))
+        gains.set("d", self._text(damping))
 
     def fix_joint(self, joint: str) -> None:
         """Turns a joint into a fixed one at its zero position."""
@@ -183,10 +187,6 @@ class SdfModel:
         """The model as an SDF document."""
         return '<?xml version="1.0"?>\n' + ElementTree.tostring(self._root, encoding="unicode") + "\n"
 
-    def numbers(self) -> dict[str, list[float]]:
-        """Every number of the document by its path, element names and names of links, joints and shapes in it."""
-        return {path: values for path, values in _numbers(self.model, "") if values}
-
     def _named(self, kind: str, name: str) -> ElementTree.Element:
         for element in self.model.findall(kind):
             if element.get("name") == name:
@@ -206,33 +206,14 @@ class SdfModel:
             raise ModelError(f"{self.path}: <{element.tag} name={element.get('name')!r}> has no <{tag}>")
         return child
 
+    def _text(self, value: float) -> str:
+        return f"{value:.{self._digits}g}"
+
     def _set_position(self, element: ElementTree.Element, position: Sequence[float]) -> None:
         pose = self._child(element, "pose")
         angles = (pose.text or "0 0 0 0 0 0").split()[3:]
-        pose.text = " ".join([_text(value) for value in position] + angles)
+        pose.text = " ".join([self._text(value) for value in position] + angles)
 
 
 def _drake(tag: str) -> str:
     return f"{{{DRAKE_NAMESPACE}}}{tag}"
-
-
-def _text(value: float) -> str:
-    return f"{value:.9g}"
-
-
-def _numbers(element: ElementTree.Element, path: str) -> Iterator[tuple[str, list[float]]]:
-    if not isinstance(element.tag, str):  # a comment
-        return
-    here = f"{path}/{element.tag.split('}')[-1]}" + (f"[{element.get('name')}]" if element.get("name") else "")
-    words = (element.text or "").split() + [value for key, value in element.items() if key != "name"]
-    yield here, [float(word) for word in words if _is_number(word)]
-    for child in element:
-        yield from _numbers(child, here)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

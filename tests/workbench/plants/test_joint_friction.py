@@ -1,10 +1,10 @@
-"""Joint friction opposes the motion, for a rate and for many, with and without a breakaway torque."""
+"""Joint friction opposes the motion, with and without a breakaway torque."""
 
 import numpy as np
 import pytest
 
-from aerodima.workbench.plants.joint_friction import smooth_friction
 from aerodima.workbench.plants.rig import JointFriction
+from aerodima.workbench.plants.tail import smooth_friction
 
 COULOMB, VISCOUS = 0.161, 0.057
 SMOOTH = smooth_friction(COULOMB, VISCOUS, 10.0)
@@ -35,14 +35,8 @@ def test_breakaway_torque_dies_out_with_speed():
     assert STRIBECK(4.0) == pytest.approx(SMOOTH(4.0), rel=1e-12)
 
 
-def test_many_joints_at_once():
-    rates = np.array([-8.0, -0.05, 0.0, 0.05, 8.0])
-    found = smooth_friction(np.full(5, COULOMB), VISCOUS, 10.0, tanh=np.tanh)(rates)
-    np.testing.assert_allclose(found, [SMOOTH(rate) for rate in rates], rtol=1e-14)
-
-
-def test_friction_reads_the_rates_and_not_the_angles():
-    system = JointFriction(SMOOTH, 2)
+def test_friction_reads_the_rate_and_not_the_angle():
+    system = JointFriction(SMOOTH)
     context = system.CreateDefaultContext()
-    system.get_input_port().FixValue(context, np.array([1.0, -2.0, 0.5, -3.0]))
-    np.testing.assert_allclose(system.get_output_port().Eval(context), [SMOOTH(0.5), SMOOTH(-3.0)])
+    system.get_input_port().FixValue(context, np.array([1.0, 0.5]))
+    assert system.get_output_port().Eval(context) == [SMOOTH(0.5)]

@@ -42,8 +42,6 @@ def test_it_moves_and_reacts_as_the_plant(name: str, changes: dict[str, Any]) ->
         assert acceleration == pytest.approx(reaction.acceleration, rel=1e-9, abs=1e-9)
         (wrench,) = motion.wrenches(angle, rate, acceleration)
         np.testing.assert_allclose(wrench, reaction.wrench, rtol=1e-9, atol=1e-9)
-        if motion.blades:
-            np.testing.assert_allclose(motion.sections(angle, rate), rig.sections(angle, rate)[:, :2], atol=1e-9)
 
 
 def test_added_mass_that_leaves_no_inertia_is_refused() -> None:
