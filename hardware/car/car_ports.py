@@ -43,14 +43,12 @@ class RadioDevice(SerialSettings):
     """The XBee module; `operator` is the 64-bit serial number of the operator's module (None: whoever sends)."""
 
     operator: int | None = Field(None, ge=0, lt=2**64)
-    escaped: bool = False
 
 
 class ConsoleDevice(SerialSettings):
     """The operator's own XBee module, where `aerodima console` runs; `receiver` is the serial number of the car's."""
 
     receiver: int = Field(BROADCAST, ge=0, lt=2**64)
-    escaped: bool = False
 
 
 class MountedMotor(StrictModel):

@@ -10,9 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from aerodima.hardware.car.car_devices import Devices
 from aerodima.hardware.car.mounting import Mounting
-from aerodima.hardware.car.wiring import CarCommand, CarReader, CarReading, CarReporter, WiringName
+from aerodima.hardware.car.wiring import CarCommand, CarReader, CarReading, CarReporter, Devices, WiringName
 from aerodima.hardware.devices.device_states import ENERGISED, MotorFault
 from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.ak70 import MitCommand
@@ -29,7 +28,7 @@ _ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
 
 
 class WiredCar:
-    """A car on its cables; `watched_can` and `teensy_bridge` make it.
+    """A car on its cables; `wire_car` makes it.
 
     None of the calls waits for a device, apart from `start` and `stop`. Times: `time.monotonic()`, s.
 
@@ -235,10 +234,9 @@ class WiredCar:
         if devices.radio is not None:
             with contextlib.suppress(Exception):
                 self._reporter.turn(devices.radio, self.reading, time.monotonic(), at_once=True)
-        for close in devices.closers:
-            with contextlib.suppress(Exception):
-                close()
-        self.traffic_error = devices.traffic_error()
+        with contextlib.suppress(Exception):
+            devices.closers.close()
+        self.traffic_error = "" if devices.bus is None else devices.bus.log_error
 
 
 def _watch(devices: Devices, now: float) -> None:

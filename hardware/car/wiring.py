@@ -10,18 +10,24 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
 
-from aerodima.hardware.car.car_devices import Devices
+from aerodima.hardware.car.bus_watch import BusWatch
 from aerodima.hardware.car.mounting import Mounting
+from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.device_states import SourceFault
+from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.radio_link import IDLE, RadioLink
+from aerodima.hardware.devices.sensor_threads import SensorThread
 from aerodima.hardware.devices.teensy_link import TeensyLink
+from aerodima.hardware.devices.ublox import GpsSample
 from aerodima.hardware.protocol.radio import REPORT_PERIOD, Asks, CarReport, OperatorCommand, make_report
+from aerodima.hardware.transport.can_bus import CanBus
 from aerodima.workbench.config.signal_table import IMU, STATUS, STATUS_SOURCES, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
 from aerodima.workbench.errors import HardwareError
 
@@ -35,6 +41,27 @@ def wiring_name(name: str) -> WiringName:
         if known == name:
             return known
     raise HardwareError(f"--wiring {name}: allowed: {', '.join(WIRINGS)}")
+
+
+@dataclass
+class Devices:
+    """The open devices of a car.
+
+    Attributes:
+        group: the motors, on the CAN bus or, in the bridge, on the Teensy itself.
+        teensy: servo, throttle, sail. imu, gps, radio: None where it is not fitted.
+        closers: of all of them.
+        watchdog, bus: the motors' bus; None in the bridge, where the strings are the heartbeat.
+    """
+
+    group: MotorGroup
+    teensy: TeensyLink
+    imu: SensorThread[Bno055Sample]
+    gps: SensorThread[GpsSample] | None
+    radio: RadioLink | None
+    closers: ExitStack
+    watchdog: BusWatch | None = None
+    bus: CanBus | None = None
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The two ways in which a car is wired, each as a `WiredCar` that is not opened yet. In both the Teensy watches.
+"""The two ways in which a car is wired, as a `WiredCar` that is not opened yet. In both the Teensy watches.
 
 `teensy_bridge`, that of the thesis: the Teensy owns the CAN bus and the computer sends it strings. Its firmware
 switches the motors off when the strings stop. `watched_can`: the motors are on a CAN adapter of the computer, and the
@@ -8,18 +8,31 @@ Teensy drives servo, throttle and sail. It is on the same bus and switches the m
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from aerodima.hardware.car.bus_watch import ANSWER_ID, BusWatch
-from aerodima.hardware.car.car_devices import Devices, closing_on_error, lock_car, open_common
 from aerodima.hardware.car.car_ports import CarPorts, MountedMotor
 from aerodima.hardware.car.mounting import Mounting, load_mounting
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
+from aerodima.hardware.car.wiring import Devices, WiringName
+from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.motor_settings import MotorSettings, load_motor_safety, motor_settings
+from aerodima.hardware.devices.radio_link import RadioLink
+from aerodima.hardware.devices.sensor_threads import Bno055Session, GpsSession, SensorThread, Session
+from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.transport.can_bus import CanBus
+from aerodima.hardware.transport.device_lock import can_address, lock_devices
+from aerodima.hardware.transport.serial_link import SerialLink, SerialPort, SerialSettings, open_serial
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.errors import HardwareError
+
+_SENSOR_TIMEOUT = 0.01
+T = TypeVar("T")
 
 
 def tail_motors(scenario: Scenario, ports: CarPorts, mounting: Mounting) -> tuple[MotorSettings, ...]:
@@ -52,48 +65,80 @@ def tail_motors(scenario: Scenario, ports: CarPorts, mounting: Mounting) -> tupl
     )
 
 
-def watched_can(
-    scenario: Scenario, ports: CarPorts, authorise: Callable[[], None], traffic_log: Path | None = None
+def wire_car(
+    scenario: Scenario,
+    ports: CarPorts,
+    wiring: WiringName,
+    authorise: Callable[[], None],
+    traffic_log: Path | None = None,
 ) -> WiredCar:
-    """The car of a scenario on this wiring; opens nothing yet.
+    """The car of a scenario on a wiring; opens nothing yet.
 
     Args:
         authorise: raises `HardwareError` while no watchdog test of this wiring is recorded.
-        traffic_log: a new `.blf` file for every frame on the bus.
+        traffic_log: a new `.blf` file for every frame on the bus of the adapter.
 
     Raises:
-        HardwareError: the ports name no CAN adapter, or the motors' settings do not fit.
+        HardwareError: the ports name no CAN adapter where one is needed, or the motors' settings do not fit.
     """
-    can, limits, mounting = ports.adapter("watched_can"), load_drive_safety(), load_mounting()
+    can = ports.adapter(wiring) if wiring == "watched_can" else None
+    mounting = load_mounting()
     motors = tail_motors(scenario, ports, mounting)
 
     def open_devices() -> Devices:
-        with closing_on_error(lock_car(ports, can)) as closers:
-            bus = CanBus.open(can, traffic_log, listen={0, ANSWER_ID, *ports.motor_ids})
-            closers += [bus.close, lambda: _switch_off(bus, ports)]  # the other way round after a failed start
-            watchdog = BusWatch(bus, limits.heartbeat_answer)
-            devices = open_common(ports, motors, limits, closers, lambda _: watchdog)
-            devices.traffic_error = lambda: bus.log_error
-            devices.watchdog = watchdog
+        with ExitStack() as closers:  # what was opened is closed again when a later one fails
+            adapter = [] if can is None else [can_address(can)]
+            closers.enter_context(closing(lock_devices([*adapter, *ports.serial_paths.values()], "a drive")))
+            bus = None
+            if can is not None:
+                bus = CanBus.open(can, traffic_log, listen={0, ANSWER_ID, *ports.motor_ids})
+                closers.callback(bus.close)
+            devices = _open_on(bus, ports, motors, closers)
+            devices.closers = closers.pop_all()
             return devices
 
-    return WiredCar("watched_can", bool(motors), mounting, open_devices, authorise, ports.car)
+    return WiredCar(wiring, bool(motors), mounting, open_devices, authorise, ports.car)
 
 
-def _switch_off(bus: CanBus, ports: CarPorts) -> None:
-    """Exit frames to motors that an earlier program may have left on."""
+def _open_on(bus: CanBus | None, ports: CarPorts, motors: tuple[MotorSettings, ...], closers: ExitStack) -> Devices:
+    """Teensy, IMU, GPS and radio; the motors on the bus or, without one, on the Teensy."""
+    safety = load_drive_safety()
+    watchdog = None if bus is None else BusWatch(bus, safety.heartbeat_answer)
+    if bus is not None:
+        closers.push(partial(_switch_off, bus, ports))
+    serial = closers.enter_context(closing(_named("teensy", lambda: SerialLink.open(ports.teensy))))
+    teensy = TeensyLink(serial, ports.motor_ids, ports.profile)
+    imu = _sensor("imu", ports.imu, Bno055Session(), safety.imu_silence)
+    closers.callback(imu.close)
+    gps = radio = None
+    if ports.gps is not None:
+        gps = _sensor("gps", ports.gps, GpsSession(), safety.gps_silence)
+        closers.callback(gps.close)
+    if (module := ports.radio) is not None:
+        link = closers.enter_context(closing(_named("radio", lambda: SerialLink.open(module))))
+        radio = RadioLink(link, safety.operator_silence, module.operator)
+    return Devices(MotorGroup(motors, watchdog or teensy), teensy, imu, gps, radio, closers, watchdog, bus)
+
+
+def _sensor(name: str, settings: SerialSettings, session: Session[T], silence: float) -> SensorThread[T]:
+    def open_port() -> SerialPort:
+        return open_serial(settings, _SENSOR_TIMEOUT)
+
+    return _named(name, lambda: SensorThread(name.upper(), open_port, session, silence))
+
+
+def _named(name: str, open_device: Callable[[], T]) -> T:
+    """Says which of the devices it was that cannot be opened."""
+    try:
+        return open_device()
+    except HardwareError as error:
+        raise HardwareError(f"{name}: {error}") from None
+
+
+def _switch_off(bus: CanBus, ports: CarPorts, failed: object, *_error: object) -> None:
+    """After a failed start: exit frames to motors that an earlier program may have left on."""
+    if failed is None:
+        return
     for motor_id in ports.motor_ids:
         for _ in range(load_motor_safety().exit_burst):
             bus.send(make_exit(motor_id), urgent=True)
-
-
-def teensy_bridge(scenario: Scenario, ports: CarPorts, authorise: Callable[[], None]) -> WiredCar:
-    """The car of a scenario on this wiring; opens nothing yet. Arguments and errors as for `watched_can`."""
-    limits, mounting = load_drive_safety(), load_mounting()
-    motors = tail_motors(scenario, ports, mounting)
-
-    def open_devices() -> Devices:
-        with closing_on_error(lock_car(ports)) as closers:
-            return open_common(ports, motors, limits, closers, lambda teensy: teensy)
-
-    return WiredCar("teensy_bridge", bool(motors), mounting, open_devices, authorise, ports.car)

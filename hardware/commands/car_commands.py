@@ -124,7 +124,7 @@ def _serve(
 
     limits = Limits(scenario.servo.limit, scenario.tail.pitch_limit, scenario.tail.roll_limit)
     with closing(lock_devices([device.path], "a console")), closing(SerialLink.open(device)) as link:
-        served = Console(OperatorRadio(link, device.receiver, device.escaped, number), recording, limits, car)
+        served = Console(OperatorRadio(link, device.receiver, number), recording, limits, car)
         access = Access(listener.getsockname()[1])
         typer.echo(f"open once: {access.url}")
         run_server(listener, served, access, typer.echo)

@@ -139,7 +139,7 @@ def _set_zero(path: Path, ports: CarPorts, wiring: WiringName, arm: bool) -> Non
 
 
 def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
-    from aerodima.hardware.drive.watchdog_test import run_watchdog_test
+    from aerodima.hardware.drive.held_car import run_watchdog_test
 
     typer.echo("the motors are switched on and hold the tail where it is")
     confirm, seen_by = _eyes(ports, wiring)

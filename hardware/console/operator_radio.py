@@ -39,7 +39,6 @@ class OperatorRadio:
         link: open; the caller closes it.
         receiver: serial number of the car's module; reports of other modules are not believed. `BROADCAST`: the module
             that is heard first, as long as this lives.
-        escaped: API mode 2.
         car: its number; reports of another car are not believed.
 
     Attributes:
@@ -50,11 +49,11 @@ class OperatorRadio:
         rejected: frames that are no report. foreign: reports of other modules or cars.
     """
 
-    def __init__(self, link: SerialLink, receiver: int = BROADCAST, escaped: bool = False, car: int = 0) -> None:
+    def __init__(self, link: SerialLink, receiver: int = BROADCAST, car: int = 0) -> None:
         self._sender = None if receiver == BROADCAST else receiver
         self._car = car
-        self._link, self._receiver, self._escaped = link, receiver, escaped
-        self._stream = ApiStream(escaped)
+        self._link, self._receiver = link, receiver
+        self._stream = ApiStream()
         self._stop_due = math.inf
         self._heard = self._lost = -math.inf
         self._losses = link.losses
@@ -163,4 +162,4 @@ class OperatorRadio:
 
     def _send(self, frames: list[bytes]) -> None:
         """All of a moment in one piece: the next piece may replace it, and carries a stop that is open as well."""
-        self._link.write(b"".join(make_transmit(frame, self._receiver, self._escaped) for frame in frames))
+        self._link.write(b"".join(make_transmit(frame, self._receiver) for frame in frames))

@@ -31,7 +31,6 @@ class RadioLink:
         link: open serial link; the caller closes it.
         silent: age of command and heartbeat at which the operator counts as silent, s.
         operator: 64-bit serial number of the operator's module; others are counted and ignored. None: whoever sends.
-        escaped: API mode 2.
 
     Attributes:
         command: the last one; idle before the first.
@@ -39,11 +38,10 @@ class RadioLink:
         foreign, rejected: frames of other modules; frames that are no message, with `last_error`.
     """
 
-    def __init__(self, link: SerialLink, silent: float, operator: int | None = None, escaped: bool = False) -> None:
+    def __init__(self, link: SerialLink, silent: float, operator: int | None = None) -> None:
         self._link, self._silent = link, silent
         self._operator = operator
-        self._stream = ApiStream(escaped)
-        self._escaped = escaped
+        self._stream = ApiStream()
         self._sender: int | None = None
         self._heartbeat = HeartbeatMonitor()
         self._command_time: float | None = None
@@ -86,7 +84,7 @@ class RadioLink:
     def report(self, data: bytes) -> None:
         """Sends data to the module that was heard last; to nobody before."""
         if self._sender is not None:
-            self._link.write(make_transmit(data, self._sender, self._escaped))
+            self._link.write(make_transmit(data, self._sender))
 
     def clear_stop(self) -> None:
         """Forgets an emergency stop, by hand only, and the command before it."""

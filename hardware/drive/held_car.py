@@ -1,6 +1,6 @@
 """A car whose tail is held by its motors, for first contact: armed without a guard, off on every way out.
 
-And the first things to try with new motors: one joint by five degrees, and where its zero is.
+And the first things to try with new motors: the watchdog test, one joint by five degrees, and where its zero is.
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ from aerodima.hardware.car.car_ports import JOINTS, CarPorts, Joint, read_ports
 from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand, WiringName, wiring_name
-from aerodima.hardware.car.wirings import teensy_bridge, watched_can
+from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.devices.device_states import FramePort
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
-from aerodima.hardware.drive.watchdog_test import require_watchdog_test
+from aerodima.hardware.drive.watchdog_test import WatchdogTest, new_record, require_watchdog_test, write_record
 from aerodima.hardware.protocol.ak70 import MitReply, decode_reply, make_enter, make_exit, make_neutral
 from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.teensy import TeensyStatus
 from aerodima.hardware.transport.can_bus import CanBus
 from aerodima.hardware.transport.device_lock import can_address, lock_devices
 from aerodima.hardware.transport.serial_link import SerialLink
@@ -55,7 +56,7 @@ def connect(
         traffic: a new `.blf` file for every frame on the adapter; not with `teensy_bridge`.
 
     Raises:
-        HardwareError: unknown wiring, a ports file that cannot be read, and as `watched_can`.
+        HardwareError: unknown wiring, a ports file that cannot be read, and as `wire_car`.
     """
     name = wiring_name(wiring)
     there = ports if isinstance(ports, CarPorts) else read_ports(ports)
@@ -64,9 +65,7 @@ def connect(
     def authorise() -> None:
         require_watchdog_test(name, there)
 
-    if name == "teensy_bridge":
-        return teensy_bridge(chosen, there, authorise)
-    return watched_can(chosen, there, authorise, None if traffic is None else Path(traffic))
+    return wire_car(chosen, there, name, authorise, None if traffic is None else Path(traffic))
 
 
 @contextmanager
@@ -107,6 +106,69 @@ def run_cycles(car: WiredCar, command: CarCommand | Callable[[float], CarCommand
         car.read(now)
         car.write(command if isinstance(command, CarCommand) else command(cycle * PERIOD), now)
         wait_until(begin + (cycle + 1) * PERIOD)
+
+
+QUESTION = "The link was cut. Are both motors off: does the tail move freely by hand?"
+_HOLDING, _ACT_TIME, _LOOK = 0.5, 2.0, 0.002
+"""s in which the motors hold before the cut, in which the Teensy must act after it, and between two looks at it."""
+_CUTS = {
+    "teensy_bridge": ("strings stopped", TeensyStatus.WATCHDOG_ACTED),
+    "watched_can": ("heartbeat stopped", TeensyStatus.BEATS_STOPPED),
+}
+"""What is cut, and what the Teensy says of it."""
+
+
+def run_watchdog_test(
+    scenario: Scenario,
+    ports: CarPorts,
+    wiring: WiringName,
+    confirm: Callable[[str], bool],
+    seen_by: str = "operator",
+    folder: Path | None = None,
+) -> tuple[WatchdogTest, Path]:
+    """Makes a watchdog test and records it: the motors hold, the link is cut, and somebody sees that they are off.
+
+    In the bridge nothing is sent any more; in `watched_can` the strings go on and the heartbeat stops. The Teensy
+    reports that it has acted. What the motors do no report shows, so nothing is sent before `confirm` has answered.
+
+    Args:
+        confirm: puts `QUESTION` to somebody who sees the motors; True if they are off.
+        seen_by: who that is.
+        folder: of the record, see `record_path`.
+
+    Raises:
+        HardwareError: the motors cannot be held, the watchdog did not act in time, or the motors were not seen off. No
+            record is written then.
+    """
+    if scenario.tail.mode == "none":
+        raise HardwareError("tail.mode: none; a watchdog test needs the motors of a tail")
+    cut, answer = _CUTS[wiring]
+    with held(wire_car(scenario, ports, wiring, lambda: None)) as car:
+        run_cycles(car, CarCommand(), _HOLDING)
+        last = time.monotonic()
+        car.read(last)
+        car.write(CarCommand(), last)
+        if car.reading.fault_text:
+            raise HardwareError(f"watchdog test: {car.reading.fault_text}")
+        time_to_exit = _await_status(car, answer) - last
+        if not confirm(QUESTION):
+            raise HardwareError(f"watchdog test of {wiring}: the motors were not seen off; nothing is recorded")
+    record = new_record(wiring, ports, cut, time_to_exit, seen_by)
+    return record, write_record(record, folder)
+
+
+def _await_status(car: WiredCar, wanted: TeensyStatus) -> float:
+    """When the Teensy says that it has acted, s."""
+    assert car.devices is not None
+    teensy, end = car.devices.teensy, time.monotonic() + _ACT_TIME
+    while teensy.status is not wanted:
+        if time.monotonic() > end:
+            raise HardwareError(f"watchdog test: the Teensy did not act within {_ACT_TIME:g} s; cut the power")
+        if car.name == "watched_can":
+            teensy.commit()
+        time.sleep(_LOOK)
+        teensy.poll()
+    return time.monotonic()
 
 
 _WAYS = {"tail_pitch": ("forward", "back"), "tail_roll": ("to the right", "to the left")}

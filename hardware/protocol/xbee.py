@@ -1,7 +1,7 @@
 """API frames of XBee modules, as far as the operator's radio needs them: data received, data to send.
 
-A frame is 7E, two bytes of length, the content and a checksum: FF minus the sum of the content. In mode 2 the bytes
-7E, 7D, 11 and 13 are escaped by 7D and exclusive-or 20. Content `90` is data that arrived: sender 8 bytes, network
+The modules are in API mode 1. A frame is 7E, two bytes of length, the content and a checksum: FF minus the sum of the
+content. Content `90` is data that arrived: sender 8 bytes, network
 address 2, options 1, data. Content `10` is data to send: frame id 1 (0: no answer wanted), receiver 8, network address
 2, radius 1, options 1, data.
 """
@@ -12,9 +12,7 @@ from dataclasses import dataclass
 
 from aerodima.hardware.protocol.can_frame import FrameError
 
-START, ESCAPE = 0x7E, 0x7D
-_MASK = 0x20
-_ESCAPED = (START, ESCAPE, 0x11, 0x13)
+START = 0x7E
 _RECEIVED, _TRANSMIT = 0x90, 0x10
 _RECEIVED_HEAD, _TRANSMIT_HEAD, _LONGEST = 12, 14, 128
 _UNKNOWN_NETWORK_ADDRESS = b"\xff\xfe"
@@ -35,7 +33,7 @@ class ReceivedPacket:
     data: bytes
 
 
-def make_transmit(data: bytes, receiver: int, escaped: bool = False) -> bytes:
+def make_transmit(data: bytes, receiver: int) -> bytes:
     """The frame that sends data to the module with the serial number `receiver`, without an answer.
 
     Raises:
@@ -44,13 +42,13 @@ def make_transmit(data: bytes, receiver: int, escaped: bool = False) -> bytes:
     if not 0 <= receiver < 1 << 64:
         raise FrameError(f"XBee address {receiver:#x}: must have 64 bits")
     content = bytes([_TRANSMIT, 0]) + receiver.to_bytes(8, "big") + _UNKNOWN_NETWORK_ADDRESS + bytes(2) + data
-    return _frame(content, escaped)
+    return _frame(content)
 
 
-def make_received(packet: ReceivedPacket, escaped: bool = False) -> bytes:
+def make_received(packet: ReceivedPacket) -> bytes:
     """The frame that a module hands over for data that arrived; for emulators."""
     content = bytes([_RECEIVED]) + packet.sender.to_bytes(8, "big") + _UNKNOWN_NETWORK_ADDRESS + b"\x01" + packet.data
-    return _frame(content, escaped)
+    return _frame(content)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,15 +65,11 @@ class ApiStream:
     A frame whose checksum is wrong is dropped, and the search goes on behind its first byte: a start byte within noise
     costs no good frame. Frames of other kinds (modem status, ...) are skipped.
 
-    Args:
-        escaped: API mode 2; False is mode 1.
-
     Attributes:
         rejected: frames with a wrong checksum or a length that cannot be.
     """
 
-    def __init__(self, escaped: bool = False) -> None:
-        self._escaped = escaped
+    def __init__(self) -> None:
         self._open = b""
         self.rejected = 0
 
@@ -114,45 +108,21 @@ class ApiStream:
 
     def _content(self) -> tuple[bytes | None, int]:
         """Content of the frame at the beginning (None if it is none) and its bytes; 0 bytes: not yet complete."""
-        plain, ends, cut = self._unescape()
-        if len(plain) < 2:
-            return (None, 1) if cut else (None, 0)
-        length = int.from_bytes(plain[:2], "big")
+        if len(self._open) < 3:
+            return None, 0
+        length = int.from_bytes(self._open[1:3], "big")
         if not 0 < length <= _LONGEST:
             return None, 1
-        if len(plain) < length + 3:
-            return (None, 1) if cut else (None, 0)
-        content = plain[2 : 2 + length]
-        if sum(content) + plain[2 + length] & 0xFF != 0xFF:
+        if len(self._open) < length + 4:
+            return None, 0
+        content = self._open[3 : 3 + length]
+        if sum(content) + self._open[3 + length] & 0xFF != 0xFF:
             return None, 1
-        return content, ends[2 + length]
-
-    def _unescape(self) -> tuple[bytes, list[int], bool]:
-        """Bytes behind the start, where each ends in the stream, and whether a new frame cuts this one off."""
-        if not self._escaped:
-            raw = self._open[1 : _LONGEST + 4]
-            return raw, list(range(2, 2 + len(raw))), False
-        plain, place = bytearray(), 1
-        ends: list[int] = []
-        while place < len(self._open) and len(plain) < _LONGEST + 3:
-            byte = self._open[place]
-            if byte == START:
-                return bytes(plain), ends, True
-            if byte == ESCAPE:
-                place += 1
-                if place == len(self._open):
-                    break
-                byte = self._open[place] ^ _MASK
-            plain.append(byte)
-            place += 1
-            ends.append(place)
-        return bytes(plain), ends, False
+        return content, length + 4
 
 
-def _frame(content: bytes, escaped: bool) -> bytes:
+def _frame(content: bytes) -> bytes:
     if len(content) > _LONGEST:
         raise FrameError(f"XBee frame of {len(content)} bytes; allowed are {_LONGEST}")
     body = len(content).to_bytes(2, "big") + content + bytes([0xFF - sum(content) % 256])
-    if escaped:
-        body = b"".join(bytes([ESCAPE, b ^ _MASK]) if b in _ESCAPED else bytes([b]) for b in body)
     return bytes([START]) + body

@@ -17,7 +17,7 @@ from pathlib import Path
 from aerodima.hardware.car.car_ports import read_ports
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
-from aerodima.hardware.car.wirings import teensy_bridge
+from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.drive.car_guard import CarGuard, Stage
 from aerodima.hardware.drive.plain_loop import PERIOD, ManualPilot, wait_until
 from aerodima.hardware.protocol.radio import RadioMode
@@ -32,7 +32,7 @@ _REST = 0.3
 def main() -> None:
     """Turns until SIGTERM."""
     scenario = load_scenario("auto_turn", sys.argv[2:])
-    car = teensy_bridge(scenario, read_ports(Path(sys.argv[1])), lambda: None)
+    car = wire_car(scenario, read_ports(Path(sys.argv[1])), "teensy_bridge", lambda: None)
     guard, pilot, stopped = CarGuard(car, load_drive_safety()), ManualPilot(scenario), 0.0
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:

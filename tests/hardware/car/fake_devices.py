@@ -2,13 +2,14 @@
 
 import math
 import time
+from contextlib import ExitStack
 from types import SimpleNamespace
 
-from aerodima.hardware.car.car_devices import Devices
 from aerodima.hardware.car.car_ports import ports_from_dict
 from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
+from aerodima.hardware.car.wiring import Devices
 from aerodima.hardware.car.wirings import tail_motors
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.device_states import SourceFault
@@ -137,8 +138,9 @@ class CarOnTheBench:
         self.closed = []
         mounting = load_mounting()
         self.motors = tail_motors(self.scenario, ports_from_dict(PORTS), mounting)
-        group, closers = MotorGroup(self.motors, self.port), [lambda: self.closed.append(1)]
-        devices = Devices(group, self.teensy, self.imu, self.gps, self.radio, self.watchdog, closers)
+        group, closers = MotorGroup(self.motors, self.port), ExitStack()
+        closers.callback(self.closed.append, 1)
+        devices = Devices(group, self.teensy, self.imu, self.gps, self.radio, closers, self.watchdog)
 
         def authorise():
             if not authorised:

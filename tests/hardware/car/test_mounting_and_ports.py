@@ -9,7 +9,7 @@ import pytest
 
 from aerodima.hardware.car.car_ports import ports_from_dict, read_ports
 from aerodima.hardware.car.mounting import AXES, load_mounting
-from aerodima.hardware.car.wirings import tail_motors, teensy_bridge, watched_can
+from aerodima.hardware.car.wirings import tail_motors, wire_car
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.workbench.config.scenario import load_scenario
@@ -97,8 +97,8 @@ def test_no_file_and_no_json_are_told(tmp_path):
 def test_a_wiring_without_its_adapter_is_refused():
     scenario = load_scenario("auto_turn")
     with pytest.raises(HardwareError, match=r"teensy: /dev/a: cannot be opened: there is no such device"):
-        teensy_bridge(scenario, ports_from_dict(PORTS), lambda: None).start()
+        wire_car(scenario, ports_from_dict(PORTS), "teensy_bridge", lambda: None).start()
     with pytest.raises(HardwareError, match="watched_can needs a CAN adapter"):
-        watched_can(scenario, ports_from_dict(PORTS), lambda: None)
+        wire_car(scenario, ports_from_dict(PORTS), "watched_can", lambda: None)
     with pytest.raises(HardwareError, match="set the zero nearer"):
         tail_motors(scenario, ports_from_dict({**PORTS, "tail_roll": {"motor_id": 2, "zero": 12.0}}), load_mounting())

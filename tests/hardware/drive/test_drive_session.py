@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -82,7 +83,7 @@ def test_the_sequence_runs_and_ends_in_order(drive):
 
 
 def test_a_traffic_log_that_stopped_is_told_in_the_outcome(drive):
-    drive.bench.devices.traffic_error = lambda: "CAN traffic log stopped: No space left on device"
+    drive.bench.devices.bus = SimpleNamespace(log_error="CAN traffic log stopped: No space left on device")
     result = drive.run()
     assert (result.reason, result.orderly) == (RUN_OVER, True)
     assert result.traffic_error == "CAN traffic log stopped: No space left on device"

@@ -70,7 +70,7 @@ def test_a_record_of_another_wiring_under_this_name_is_refused(tmp_path):
 
 def test_exit_frames_that_came_too_late_are_not_recorded():
     with pytest.raises(HardwareError, match=r"exit frames 0\.400 s after the cut; allowed is 0\.3 s"):
-        new_record("watched_can", REAL, "drive process killed (SIGKILL)", 0.4, "operator")
+        new_record("watched_can", REAL, "heartbeat stopped", 0.4, "operator")
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": "aerodima/watchdog_test/2"}', "\xff"])

@@ -19,10 +19,10 @@ import numpy as np
 from aerodima.hardware.car.car_ports import PORTS_FILE, CarPorts, read_ports
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.car.wirings import teensy_bridge, watched_can
+from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.drive.car_guard import CarGuard, DriveLimits
+from aerodima.hardware.drive.held_car import run_watchdog_test
 from aerodima.hardware.drive.run_journal import RunJournal, open_run_journal
-from aerodima.hardware.drive.watchdog_test import run_watchdog_test
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.errors import HardwareError, LogError
@@ -126,7 +126,7 @@ class SecondProgram(Breaker):
 
 def second_drive(scenario: Scenario, ports: CarPorts, wiring: str) -> None:
     """What `aerodima drive` does first, with and without `--dry-run`."""
-    car = (teensy_bridge if wiring == "teensy_bridge" else watched_can)(scenario, ports, lambda: None)
+    car = wire_car(scenario, ports, wiring, lambda: None)  # type: ignore[arg-type]
     try:
         car.start()
     finally:

@@ -31,7 +31,7 @@ class ConsoleOperator:
     def __init__(self, ports: CarPorts) -> None:
         assert ports.console is not None
         self._link = _CountedLink.open(ports.console)
-        self._radio = OperatorRadio(self._link, ports.console.receiver, ports.console.escaped, ports.car)
+        self._radio = OperatorRadio(self._link, ports.console.receiver, ports.car)
         self._lock, self._end = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="console-operator", daemon=True)
         self._thread.start()

@@ -21,7 +21,7 @@ from aerodima.hardware.car.car_ports import JOINTS, CarPorts
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand
-from aerodima.hardware.car.wirings import teensy_bridge, watched_can
+from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.drive.car_guard import CarGuard, Stage
 from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit
@@ -77,7 +77,7 @@ class Outcome:
 
 def open_car(scenario: Scenario, ports: CarPorts, wiring: str) -> WiredCar:
     """The car on the emulator, without the record of a watchdog test."""
-    return (teensy_bridge if wiring == "teensy_bridge" else watched_can)(scenario, ports, lambda: None)
+    return wire_car(scenario, ports, wiring, lambda: None)  # type: ignore[arg-type]
 
 
 def drive_until_stopped(

@@ -16,7 +16,7 @@ from pathlib import Path
 from aerodima.hardware.car.car_ports import JOINTS, PORTS_FILE
 from aerodima.hardware.car.safety_settings import load_teensy_timing
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.drive.watchdog_test import run_watchdog_test
+from aerodima.hardware.drive.held_car import run_watchdog_test
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from tests.hardware.emulator.emulator_process import EmulatorProcess
 from tests.hardware.fake_can import wait_until

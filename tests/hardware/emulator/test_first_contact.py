@@ -10,8 +10,13 @@ import pytest
 
 from aerodima.hardware.car.car_ports import PORTS_FILE, read_ports
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.drive.held_car import joint_angles, read_motor_angles, run_motor_test, write_zeros
-from aerodima.hardware.drive.watchdog_test import run_watchdog_test
+from aerodima.hardware.drive.held_car import (
+    joint_angles,
+    read_motor_angles,
+    run_motor_test,
+    run_watchdog_test,
+    write_zeros,
+)
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed

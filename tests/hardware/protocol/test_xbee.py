@@ -19,33 +19,33 @@ def digi_address(number):
     return XBee64BitAddress(bytearray(number.to_bytes(8, "big")))
 
 
-@given(addresses, payloads, st.booleans())
+@given(addresses, payloads)
 @settings(max_examples=300, deadline=None)
-def test_received_frames_are_those_of_the_vendors_library(sender, data, escaped):
+def test_received_frames_are_those_of_the_vendors_library(sender, data):
     theirs = ReceivePacket(digi_address(sender), XBee16BitAddress.UNKNOWN_ADDRESS, 1, rf_data=bytearray(data))
-    assert make_received(ReceivedPacket(sender, data), escaped) == bytes(theirs.output(escaped))
-    assert ApiStream(escaped).feed(bytes(theirs.output(escaped))) == [ReceivedPacket(sender, data)]
+    assert make_received(ReceivedPacket(sender, data)) == bytes(theirs.output(False))
+    assert ApiStream().feed(bytes(theirs.output(False))) == [ReceivedPacket(sender, data)]
 
 
-@given(addresses, payloads, st.booleans())
+@given(addresses, payloads)
 @settings(max_examples=300, deadline=None)
-def test_frames_to_send_are_those_of_the_vendors_library(receiver, data, escaped):
+def test_frames_to_send_are_those_of_the_vendors_library(receiver, data):
     theirs = TransmitPacket(0, digi_address(receiver), XBee16BitAddress.UNKNOWN_ADDRESS, 0, 0, rf_data=bytearray(data))
-    assert make_transmit(data, receiver, escaped) == bytes(theirs.output(escaped))
+    assert make_transmit(data, receiver) == bytes(theirs.output(False))
 
 
-@given(st.binary(max_size=80), st.lists(st.integers(1, 40), min_size=1, max_size=5), st.booleans())
+@given(st.binary(max_size=80), st.lists(st.integers(1, 40), min_size=1, max_size=5))
 @settings(max_examples=500, deadline=None)
-def test_noise_costs_no_good_frame(noise, sizes, escaped):
+def test_noise_costs_no_good_frame(noise, sizes):
     good = ReceivedPacket(0x13A20040000001, b"\x02\x07" + bytes(16))
-    # In mode 1 noise may announce a frame of up to 128 bytes that swallows what follows until its checksum fails.
-    data, found, i = noise + 12 * make_received(good, escaped), [], 0
-    stream = ApiStream(escaped)
+    # Noise may announce a frame of up to 128 bytes that swallows what follows until its checksum fails.
+    data, found, i = noise + 12 * make_received(good), [], 0
+    stream = ApiStream()
     while data:
         size = sizes[i % len(sizes)]
         found += stream.feed(data[:size])
         data, i = data[size:], i + 1
-    assert len([packet for packet in found if packet == good]) >= (11 if escaped else 6)
+    assert len([packet for packet in found if packet == good]) >= 6
     assert len(stream._open) <= 300
 
 
