@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.config.signal_table import car_run_columns
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.schema import RunLog, read_run_log, run_log_from_metadata, run_metadata, write_run_log
 from tests.benchmarks.rows import BenchRow
+from tests.workbench.made_up_runs import car_run_columns
 
 ROWS = 20_000
 """Ten runs of 4 s at 500 Hz, in one table so that the files' fixed costs do not hide the speed."""

@@ -1,13 +1,13 @@
 """Run logs made by hand: a straight run at 3 m/s in which every signal is zero unless a test says otherwise."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.config.signal_table import car_run_columns, sensor_columns
+from aerodima.workbench.config.signal_table import Column, plant_position_columns, sensor_columns, truth_columns
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 
 STEP = 0.002
@@ -17,6 +17,11 @@ GRAVITY = 9.81
 TAIL_MASS = 0.15
 COM_X = 0.12
 """Centre of mass of the car without tail arm ahead of the rear axle, m."""
+
+
+def car_run_columns(position_names: Sequence[str] = ()) -> list[Column]:
+    """The whole table of a simulated run with a tail."""
+    return [*sensor_columns(), *truth_columns(), *plant_position_columns(position_names)]
 
 
 def times() -> np.ndarray:

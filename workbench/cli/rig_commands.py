@@ -22,7 +22,6 @@ from aerodima.workbench.cli.options import (
     grouped,
     settings_of,
 )
-from aerodima.workbench.config.signal_table import TIME
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.text_table import shown_value, text_table
 
@@ -102,6 +101,8 @@ SHOWN_FACTS = ("tail", "axis", "wind_speed_m_per_s", "exposed")
 
 def summary_lines(log: RunLog) -> list[str]:
     """What an experiment came to, for the terminal: its facts, then what was measured."""
+    from aerodima.workbench.config.signal_table import TIME
+
     facts = [[name, shown_value(log.extra[name])] for name in SHOWN_FACTS if name in log.extra]
     measured = log.table.describe().loc[["mean", "min", "max"]].T
     signals = text_table(

@@ -9,7 +9,13 @@ from typing import Literal, NamedTuple
 
 from pydantic import model_validator
 
-from aerodima.workbench.config.checked_files import CONSTANT, QuantityModel, quantity, require_coefficient_name
+from aerodima.workbench.config.checked_files import (
+    CONSTANT,
+    QuantityModel,
+    nearest,
+    quantity,
+    require_coefficient_name,
+)
 
 
 class CarParameters(QuantityModel):
@@ -135,17 +141,7 @@ class TailParameters(QuantityModel):
     sail: Literal["facing", "free", "locked"] = quantity(
         "1", "sail on its bearing: facing the wind at every instant, free to turn, or locked with its normal along y"
     )
-    sail_shape: Literal[
-        "built",
-        "flat",
-        "flat_board",
-        "half_cylinder",
-        "half_cylinder_board",
-        "half_cylinder_caps",
-        "half_cylinder_caps_board",
-        "disc_gap_band",
-        "disc_gap_band_taper",
-    ] = quantity("1", "shape of the sail: depth, board, and with coefficients constant its C_N by Table 2.1")
+    sail_shape: str = quantity("1", "shape of the sail: depth, board, and with coefficients constant its C_N")
     sail_shell_offset: float = quantity(
         "1", "centre of pressure of a free sail's shell behind its bearing over sail_width; negative ahead", ge=-1, le=1
     )
@@ -190,7 +186,9 @@ class TailParameters(QuantityModel):
     @model_validator(mode="after")
     def _air_is_known(self) -> "TailParameters":
         require_coefficient_name(self.coefficients)
-        shape = SAIL_SHAPES[self.sail_shape]
+        shape = SAIL_SHAPES.get(self.sail_shape)
+        if shape is None:
+            raise ValueError(f"sail_shape: {self.sail_shape!r} is not allowed; {nearest(self.sail_shape, SAIL_SHAPES)}")
         if self.sail_shape != BUILT and shape.coefficients is None and self.coefficients == CONSTANT:
             raise ValueError(
                 f"sail_shape: {self.sail_shape!r} has its coefficient in a picture of the thesis only (Fig. 5.7); "

@@ -8,7 +8,6 @@ published data leave open, not only what one plausible car does.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +20,6 @@ from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_scenario
 from aerodima.workbench.errors import EnsembleError, ScenarioError
 
 ENSEMBLE_SCHEMA = "aerodima/ensemble/1"
-_SCHEMA_FAMILY = ENSEMBLE_SCHEMA.rpartition("/")[0]
 
 Value = float | int | bool | str
 
@@ -45,20 +43,17 @@ class Member:
     weight: float
     values: dict[str, Value]
 
-    def values_with(self, tail_name: str) -> dict[str, Value]:
-        """The values for a car with a tail of this name; another than the built one keeps its own size and mass."""
-        if tail_name == BUILT:
-            return dict(self.values)
-        return {key: value for key, value in self.values.items() if not key.startswith("tail.") or key in _MOUNT}
-
     def settings_on(self, scenario: str | Path) -> tuple[str, ...]:
-        """Overrides for a scenario of that name or path, see `values_with`."""
-        return tuple(f"{key}={value}" for key, value in self.values_with(_tail_name(str(scenario))).items())
+        """Overrides for a scenario of that name or path, such as `car.com_height=0.25`.
 
-    @property
-    def settings(self) -> tuple[str, ...]:
-        """Overrides for `load_scenario`, such as `car.com_height=0.25`."""
-        return tuple(f"{key}={value}" for key, value in self.values.items())
+        Another tail than the built one keeps its own size and mass.
+        """
+        is_built = load_scenario(scenario).tail.name == BUILT
+        return tuple(
+            f"{key}={value}"
+            for key, value in self.values.items()
+            if is_built or not key.startswith("tail.") or key in _MOUNT
+        )
 
 
 class Split(NamedTuple):
@@ -146,8 +141,7 @@ def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
     """
     path = find_file(name_or_path, "calibration", "ensemble", EnsembleError)
     data = read_yaml(path, EnsembleError)
-    _check_schema(path, data.get("schema"))
-    content = checked(_EnsembleFile, data, str(path), EnsembleError)
+    content = checked(_EnsembleFile, data, str(path), EnsembleError, schema=ENSEMBLE_SCHEMA)
     total = math.fsum(member.weight for member in content.members)
     members = tuple(Member(m.name, m.weight / total, _checked(path, m)) for m in content.members)
     named = {member.name: member for member in members}
@@ -203,17 +197,6 @@ class _EnsembleFile(StrictModel):
         return self
 
 
-def _check_schema(path: Path, schema: object) -> None:
-    if schema == ENSEMBLE_SCHEMA:
-        return
-    if isinstance(schema, str) and schema.startswith(f"{_SCHEMA_FAMILY}/"):
-        raise EnsembleError(
-            f"{path}: schema: {schema!r} is of another version of this program and not read; allowed is "
-            f"{ENSEMBLE_SCHEMA!r}; make the ensemble again with `aerodima calibrate`"
-        )
-    raise EnsembleError(f"{path}: schema: {schema!r} is no ensemble; allowed is {ENSEMBLE_SCHEMA!r}")
-
-
 def _checked(path: Path, member: _MemberEntry) -> dict[str, Value]:
     """The values of a member after a look at each key; whether they go together is told when a scenario is made."""
     for key in member.values:
@@ -224,13 +207,3 @@ def _checked(path: Path, member: _MemberEntry) -> dict[str, Value]:
         if name not in SECTIONS[section].model_fields:
             raise EnsembleError(f"{where}: unknown key; {nearest(name, SECTIONS[section].model_fields)}")
     return dict(member.values)
-
-
-def _tail_name(scenario: str) -> str:
-    path = Path(scenario)
-    return _read_tail_name(scenario, path.stat().st_mtime_ns if path.is_file() else 0)
-
-
-@lru_cache(maxsize=32)
-def _read_tail_name(scenario: str, _changed: int) -> str:
-    return load_scenario(scenario).tail.name

@@ -189,7 +189,9 @@ class ScenarioFile(StrictModel):
     def defaults(cls) -> dict[str, dict[str, Any]]:
         """Section -> key -> value of `models/parameters`."""
         paths = {section: cls.parameter_path(section) for section in cls.sections()}
-        return {section: dict(_values_of(cls, section, str(path), _stamp(path))) for section, path in paths.items()}
+        return {
+            section: dict(_values_of(cls, section, path, path.stat().st_mtime_ns)) for section, path in paths.items()
+        }
 
     @classmethod
     def from_dict(cls, overrides: dict[str, Any], where: str = "scenario") -> Self:
@@ -206,13 +208,12 @@ class ScenarioFile(StrictModel):
         return cls._resolve(cls.defaults(), cls._as_named_now(overrides), where)
 
     @classmethod
-    def load(cls, name_or_path: str | Path, settings: Sequence[str] = (), *, source_label: str = "") -> Self:
+    def load(cls, name_or_path: str | Path, settings: Sequence[str] = ()) -> Self:
         """Loads a scenario by path, or by name from `models/scenarios`, with overrides such as `car.com_height=0.21`.
 
         Args:
             name_or_path: a YAML file, or the name of a scenario that ships.
             settings: overrides, `section.key=value`.
-            source_label: what error messages call these; `--set ...` by default.
 
         Raises:
             ScenarioError: no such file or name; or as `from_dict`.
@@ -221,8 +222,7 @@ class ScenarioFile(StrictModel):
         data = read_yaml(path)
         for setting in settings:
             cls.apply_setting(data, setting)
-        source_label = source_label or f"--set {' '.join(settings)}"
-        return cls.from_dict(data, f"{path} with {source_label}" if settings else str(path))
+        return cls.from_dict(data, f"{path} with --set {' '.join(settings)}" if settings else str(path))
 
     @classmethod
     def names(cls) -> list[str]:
@@ -277,7 +277,7 @@ class ScenarioFile(StrictModel):
             else:
                 merged[key] = value
         schema = cls.model_fields["schema_"].default
-        return checked(cls, {"schema": schema} | _floats(merged, cls), where, schema=schema)
+        return checked(cls, {"schema": schema} | merged, where, schema=schema)
 
     @classmethod
     def _as_named_now(cls, overrides: dict[str, Any]) -> dict[str, Any]:
@@ -295,32 +295,9 @@ class ScenarioFile(StrictModel):
 
 
 @lru_cache(maxsize=128)
-def _values_of(scenario: type[ScenarioFile], section: str, path: str, stamp: tuple[int, int] | None) -> dict[str, Any]:
+def _values_of(scenario: type[ScenarioFile], section: str, path: Path, _changed: int) -> dict[str, Any]:
     """Key -> value of one file; reading it takes longer than a twentieth of a run, so it is kept until it changes."""
-    return {key: entry.value for key, entry in scenario.parameters(section).items()}
-
-
-def _stamp(path: Path) -> tuple[int, int] | None:
-    """Changes when the file does; None without a file."""
-    try:
-        state = path.stat()
-    except OSError:
-        return None
-    return state.st_mtime_ns, state.st_size
-
-
-def _floats(data: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
-    """Whole numbers written for float fields become floats; everything else is left for strict validation."""
-    result = {}
-    for key, value in data.items():
-        field = model.model_fields.get(key)
-        annotation = None if field is None else field.annotation
-        if isinstance(value, dict) and isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            value = _floats(value, annotation)
-        elif annotation is float and type(value) is int:
-            value = float(value)
-        result[key] = value
-    return result
+    return {key: entry.value for key, entry in load_parameter_file(path, scenario.sections()[section]).items()}
 
 
 class Scenario(ScenarioFile):

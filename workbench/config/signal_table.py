@@ -296,11 +296,6 @@ def truth_columns() -> list[Column]:
     return [column for port, columns in CAR_TRUTH.items() if port != "wind_truth" for column in columns]
 
 
-def car_run_columns(position_names: Sequence[str] = ()) -> list[Column]:
-    """Sensor columns, truth columns and plant positions: the whole table of a simulated run with a tail."""
-    return [*sensor_columns(), *truth_columns(), *plant_position_columns(position_names)]
-
-
 def rig_columns() -> list[Column]:
     """The table of a wind-tunnel log."""
     time = Column(TIME, "s", "time since the start of the log")

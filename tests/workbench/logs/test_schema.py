@@ -12,13 +12,12 @@ from aerodima.workbench.config.signal_table import (
     CAR_PORTS,
     CAR_TRUTH,
     Column,
-    car_run_columns,
     sensor_columns,
     truth_columns,
 )
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import METADATA_KEY, encode_metadata, read_run_log, signals_equal, write_run_log
-from tests.workbench.made_up_runs import made_up_run
+from tests.workbench.made_up_runs import car_run_columns, made_up_run
 
 UNIT_ENDINGS = {
     "m": "_m", "m/s": "_m_per_s", "m/s2": "_m_per_s2", "rad": "_rad", "rad/s": "_rad_per_s", "N": "_n",

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import get_args
-
 import numpy as np
 import pytest
 
 from aerodima.workbench.aero.laws import NormalForceLaw, TwoSidedLaw
-from aerodima.workbench.config.car_parameters import SAIL_SHAPES, TailParameters
+from aerodima.workbench.config.car_parameters import TailParameters
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.metrics.turn_metrics import metrics_of
@@ -26,10 +24,6 @@ def broadside(law: NormalForceLaw | TwoSidedLaw, sign: float) -> float:
     """Coefficient broadside in air that moves along the normal."""
     force = law.section_force((0.0, sign, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), 1.0, 2.0)
     return abs(float(force[1]))
-
-
-def test_parameter_takes_every_shape_of_the_table() -> None:
-    assert set(get_args(TailParameters.model_fields["sail_shape"].annotation)) == set(SAIL_SHAPES)
 
 
 def test_coefficients_are_those_of_table_2_1() -> None:
