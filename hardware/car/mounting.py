@@ -81,21 +81,16 @@ class Mounting(QuantityModel):
         """Pulse (us) of a throttle, clipped to -1..1."""
         return pulse(self.throttle_direction * min(1.0, max(-1.0, throttle)), THROTTLE_PULSES)
 
-    # -- written by an emulator
+    # -- written by an emulator, which has Drake
 
     def imu_sample(self, reading: np.ndarray) -> Bno055Sample:
         """The chip's sample of a reading (9,) in body axes; the inverse of `imu_reading`."""
-        roll, pitch, yaw = (0.5 * float(angle) for angle in reading[:3])
-        (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
-        body = (
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        )
-        quaternion = _times(body, _quaternion(self.chip_to_body))
-        gyro, acceleration = self.chip_to_body.T @ reading[3:6], self.chip_to_body.T @ reading[6:9]
-        return Bno055Sample(quaternion, _three(gyro), _three(acceleration))
+        from pydrake.math import RollPitchYaw, RotationMatrix
+
+        R_BI = self.chip_to_body
+        q = RollPitchYaw(reading[:3]).ToRotationMatrix().multiply(RotationMatrix(R_BI)).ToQuaternion()
+        gyro, acceleration = R_BI.T @ reading[3:6], R_BI.T @ reading[6:9]
+        return Bno055Sample((q.w(), q.x(), q.y(), q.z()), tuple(gyro.tolist()), tuple(acceleration.tolist()))
 
     def encoder_angle(self, sail_angle: float) -> float:
         """Encoder angle in [0, 2 pi) rad of a sail angle, rad."""
@@ -130,35 +125,3 @@ def _chip_to_body(imu_x: str, imu_y: str) -> np.ndarray:
 def _share(value: int, pulses: tuple[int, int, int]) -> float:
     least, idle, most = pulses
     return (value - idle) / ((most - idle) if value >= idle else (idle - least))
-
-
-def _three(vector: np.ndarray) -> tuple[float, float, float]:
-    return float(vector[0]), float(vector[1]), float(vector[2])
-
-
-def _quaternion(R: np.ndarray) -> tuple[float, float, float, float]:
-    """(w, x, y, z) of a rotation matrix, by its largest component."""
-    traces = np.array([np.trace(R), R[0, 0], R[1, 1], R[2, 2]])
-    largest = int(np.argmax(traces))
-    if largest == 0:
-        parts = (1 + np.trace(R), R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1])
-    else:
-        i = largest - 1
-        j, k = (i + 1) % 3, (i + 2) % 3
-        vector = np.zeros(3)
-        vector[i], vector[j], vector[k] = 1 + R[i, i] - R[j, j] - R[k, k], R[j, i] + R[i, j], R[k, i] + R[i, k]
-        parts = (R[k, j] - R[j, k], *vector)
-    w, x, y, z = np.array(parts) / np.linalg.norm(parts)
-    return float(w), float(x), float(y), float(z)
-
-
-def _times(
-    a: tuple[float, float, float, float], b: tuple[float, float, float, float]
-) -> tuple[float, float, float, float]:
-    """Product of two quaternions (w, x, y, z)."""
-    return (
-        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
-        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
-    )

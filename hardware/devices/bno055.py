@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from aerodima.hardware.protocol.can_frame import FrameError
 
@@ -46,30 +47,18 @@ class Mode(IntEnum):
 
     CONFIG = 0x00
     IMU = 0x08
-    NDOF = 0x0C
 
 
 RADIANS = 0x06
 """UNITS: m/s2, rad/s, rad, degrees Celsius."""
 WRITE_DONE = 0x01
-STATUS_NAMES = {
-    0x01: "write done",
-    0x02: "read failed",
-    0x03: "write failed",
-    0x04: "invalid register",
-    0x05: "register cannot be written",
-    0x06: "wrong start byte",
-    0x07: "bus overrun",
-    0x08: "too long",
-    0x09: "too short",
-    0x0A: "character timeout",
-}
-"""Codes behind `EE` (data sheet table 4-2, UART protocol)."""
+_STATUS_CODES = range(0x01, 0x0B)
+"""What may stand behind `EE`: write done, then nine kinds of failure (data sheet table 4-2, UART protocol)."""
 
 SAMPLE_BYTES = Register.CALIBRATION + 1 - Register.GYRO
 """One burst: gyro, Euler angles, quaternion, linear acceleration, gravity, temperature, calibration."""
 _SAMPLE = struct.Struct("<3h3h4h3h3hbB")
-_GYRO, _ANGLE, _QUATERNION, _ACCELERATION = 900.0, 900.0, 16384.0, 100.0
+_GYRO, _QUATERNION, _ACCELERATION = 900.0, 16384.0, 100.0
 _GRAVITY = 9.80665
 _NORM_TOLERANCE, _GRAVITY_TOLERANCE = 0.01, 0.5
 
@@ -94,14 +83,8 @@ class Bno055Sample:
     @property
     def rotation(self) -> np.ndarray:
         """(3, 3) chip axes to world axes."""
-        w, x, y, z = np.array(self.quaternion) / math.sqrt(sum(value * value for value in self.quaternion))
-        return np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        w, x, y, z = self.quaternion
+        return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix())
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,17 +151,13 @@ def encode_sample(sample: Bno055Sample) -> bytes:
         raise FrameError(f"BNO055 sample {sample}: must be finite")
     if not all(0 <= level <= 3 for level in sample.calibration):
         raise FrameError(f"BNO055 calibration {sample.calibration}: allowed is 0 to 3")
-    rotation = sample.rotation
-    heading = -math.atan2(rotation[1, 0], rotation[0, 0]) % (2 * math.pi)
-    roll = math.asin(max(-1.0, min(1.0, -rotation[2, 0])))
-    pitch = math.atan2(rotation[2, 1], rotation[2, 2])
     system, gyro, accelerometer, magnetometer = sample.calibration
     return _SAMPLE.pack(
         *(_word(value * _GYRO) for value in sample.gyro),
-        *(_word(value * _ANGLE) for value in (heading, roll, pitch)),
+        *(0, 0, 0),  # Euler angles, which nobody reads
         *(_word(value * _QUATERNION) for value in sample.quaternion),
         *(_word(value * _ACCELERATION) for value in sample.acceleration),
-        *(_word(value * _GRAVITY * _ACCELERATION) for value in rotation[2]),
+        *(_word(value * _GRAVITY * _ACCELERATION) for value in sample.rotation[2]),
         max(-128, min(127, sample.temperature)),
         system << 6 | gyro << 4 | accelerometer << 2 | magnetometer,
     )
@@ -204,7 +183,7 @@ class AnswerStream:
         answers: list[Answer] = []
         while len(self._open) >= 2:
             kind, second = self._open[0], self._open[1]
-            if kind == _STATUS and second in STATUS_NAMES:
+            if kind == _STATUS and second in _STATUS_CODES:
                 answers.append(Answer(status=second))
                 self._open = self._open[2:]
             elif kind == _DATA and 1 <= second <= _MOST_DATA:

@@ -151,6 +151,7 @@ class SensorThread(Generic[T]):
                 self._closing.wait(_RECONNECT)
 
 
+_PERIOD = 1.0 / RATE
 _ANSWER_TIME = 0.05
 _MODE_CHANGE = 0.03
 """Between operation modes, s (data sheet table 3-6: 19 ms to CONFIG, 7 ms from it)."""
@@ -167,9 +168,7 @@ class Bno055Session(Session[Bno055Sample]):
     Attributes: missed: requests without a usable answer. last_error: of the last of them.
     """
 
-    def __init__(self, mode: Mode = Mode.IMU, rate: float = RATE) -> None:
-        self._mode = mode
-        self._period = 1.0 / rate
+    def __init__(self) -> None:
         self._stream = AnswerStream()
         self._next = self._due = 0.0
         self._requests = self._missed_in_a_row = 0
@@ -187,7 +186,7 @@ class Bno055Session(Session[Bno055Sample]):
             (Register.MODE, Mode.CONFIG, _MODE_CHANGE),
             (Register.PAGE_ID, 0, 0.0),
             (Register.UNITS, RADIANS, 0.0),
-            (Register.MODE, self._mode, _MODE_CHANGE),
+            (Register.MODE, Mode.IMU, _MODE_CHANGE),
         ):
             answer = self._ask(port, make_write(register, bytes([value])))
             if answer.status != WRITE_DONE:
@@ -219,7 +218,7 @@ class Bno055Session(Session[Bno055Sample]):
     def _after(self, asked: float) -> float:
         """When the next sample is asked for: about a period later, in step with whoever wants it."""
         first = self._due - _LEAD
-        return first + math.ceil((asked + 0.5 * self._period - first) / self._period) * self._period
+        return first + math.ceil((asked + 0.5 * _PERIOD - first) / _PERIOD) * _PERIOD
 
     def _check_status(self, port: SerialPort) -> None:
         data = self._ask(port, make_read(Register.SYSTEM_STATUS, 2)).data

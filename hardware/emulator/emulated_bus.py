@@ -17,7 +17,7 @@ from pathlib import Path
 import can
 
 from aerodima.hardware.car.car_ports import Joint
-from aerodima.hardware.emulator.fault_script import EmulatorNumbers, EventLog, Fault, FaultBoard
+from aerodima.hardware.emulator.fault_script import EventLog, Fault, FaultBoard
 from aerodima.hardware.protocol.ak70 import (
     AK70_10_V1_0_8,
     NEUTRAL,
@@ -100,6 +100,10 @@ class EmulatedBus:
 
 _ENTER, _EXIT, _ZERO = 0xFC, 0xFD, 0xFE
 _PROFILE = AK70_10_V1_0_8
+WARM, HOT = 30.0, 95.0
+"""Degrees Celsius, of a healthy motor and of one that is beyond the limit of `motor_safety.yaml`."""
+ENCODER_JUMP, DRIFT_RATE = 1.0, 3.0
+"""rad: ten times the margin of `motor_safety.yaml`; rad/s: leaves the range within a second, slower than a jump."""
 
 
 class EmulatedMotor:
@@ -119,14 +123,13 @@ class EmulatedMotor:
         self,
         joint: Joint,
         motor_id: int,
-        numbers: EmulatorNumbers,
         board: FaultBoard,
         events: EventLog,
         zero: float = 0.0,
         direction: int = 1,
     ) -> None:
         self.joint, self.motor_id = joint, motor_id
-        self._numbers, self._board, self._events = numbers, board, events
+        self._board, self._events = board, events
         self._zero, self._direction = zero, direction
         self._command = NEUTRAL
         self._angle = self._speed = self._torque = self._blocked_at = 0.0
@@ -181,7 +184,7 @@ class EmulatedMotor:
             self._events.add("entered" if entered else "off", joint=self.joint, reason=reason)
 
     def _reply(self) -> CanFrame:
-        numbers, board = self._numbers, self._board
+        board = self._board
         fault = board.entry(Fault.MOTOR_FAULT, self.joint)
         hot = board.entry(Fault.OVER_TEMPERATURE, self.joint)
         if board.entry(Fault.BLOCKED, self.joint):
@@ -189,17 +192,17 @@ class EmulatedMotor:
         self._blocked_at = self._angle
         angle = self._angle
         if board.entry(Fault.ENCODER_JUMP, self.joint):
-            angle += numbers.encoder_jump
+            angle += ENCODER_JUMP
         drift = board.entry(Fault.OUT_OF_RANGE, self.joint)
         if drift:
-            angle += numbers.drift_rate * (board.time - drift.time)
+            angle += DRIFT_RATE * (board.time - drift.time)
         return make_reply(
             MitReply(
                 self.motor_id,
                 math.remainder(angle, 2.0 * _PROFILE.position),
                 min(max(self._speed, -_PROFILE.speed), _PROFILE.speed),
                 min(max(self._torque, -_PROFILE.torque), _PROFILE.torque),
-                numbers.hot_temperature if hot else numbers.temperature,
+                HOT if hot else WARM,
                 fault.code if fault else 0,
             ),
             _PROFILE,
@@ -210,9 +213,7 @@ class EmulatedMotor:
         command = self._command if self.entered else NEUTRAL
         torque = command.kp * (command.position - self._blocked_at) + command.kd * command.velocity + command.torque
         torque = min(max(torque, -_PROFILE.torque), _PROFILE.torque)
-        return make_reply(
-            MitReply(self.motor_id, self._blocked_at, 0.0, torque, self._numbers.temperature, 0), _PROFILE
-        )
+        return make_reply(MitReply(self.motor_id, self._blocked_at, 0.0, torque, WARM, 0), _PROFILE)
 
     def _answers(self) -> list[CanFrame]:
         frame, board, joint = self._reply(), self._board, self.joint

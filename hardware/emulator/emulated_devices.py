@@ -25,6 +25,11 @@ from aerodima.hardware.protocol.radio import Asks, decode_report
 from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, TeensyStatus
 from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_received
 
+_RESTART_TIME = 0.5
+"""s, of the processor's own watchdog in the Teensy's sketch."""
+OPERATOR_RATE = 20.0
+"""Hz: five commands and heartbeats within the dead-man time of 0.25 s."""
+
 
 class EmulatedTeensy:
     """The core with what hangs on it.
@@ -33,7 +38,6 @@ class EmulatedTeensy:
 
     Args:
         watches: it is the second node on the bus, beside the computer's adapter.
-        restart_time: s, of the processor's watchdog.
     """
 
     def __init__(
@@ -42,7 +46,6 @@ class EmulatedTeensy:
         bus: EmulatedBus,
         board: FaultBoard,
         events: EventLog,
-        restart_time: float,
         now: float,
         watches: bool = False,
     ) -> None:
@@ -50,7 +53,6 @@ class EmulatedTeensy:
         if watches:
             bus.watch = self._hear
         self._settings, self._bus, self._board, self._events = settings, bus, board, events
-        self._restart_time = restart_time
         self._core = TeensyCore(settings, now)
         self._hung_since: float | None = None
         self._random = random.Random(0)
@@ -110,7 +112,7 @@ class EmulatedTeensy:
             return True
         if self._hung_since is None:
             self._hung_since = now
-        if now - self._hung_since <= self._restart_time:
+        if now - self._hung_since <= _RESTART_TIME:
             return False
         if not math.isinf(self._hung_since):
             self._events.add("teensy_restarted")
@@ -199,9 +201,9 @@ class EmulatedOperator:
         asked: the car asks for a choice, or did so last.
     """
 
-    def __init__(self, entries: Sequence[OperatorEntry], rate: float, board: FaultBoard) -> None:
+    def __init__(self, entries: Sequence[OperatorEntry], board: FaultBoard) -> None:
         self._entries = sorted(entries, key=lambda entry: entry.time)
-        self._period, self._next, self._line = 1.0 / rate, 0.0, _Line("radio", board)
+        self._next, self._line = 0.0, _Line("radio", board)
         self._board = board
         self._counter = self._stops = 0
         self._of_car = ApiStream()
@@ -221,7 +223,7 @@ class EmulatedOperator:
         """Bytes that are due."""
         if now < self._next:
             return b""
-        self._next = max(self._next + self._period, now)
+        self._next = max(self._next + 1.0 / OPERATOR_RATE, now)
         passed = [entry for entry in self._entries if entry.time <= max(0.0, self._board.time)]
         if not passed:
             return b""

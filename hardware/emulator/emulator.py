@@ -50,7 +50,6 @@ from aerodima.hardware.emulator.fault_script import (
     Fault,
     FaultBoard,
     Script,
-    load_emulator_numbers,
     no_faults,
 )
 from aerodima.hardware.firmware.firmware_settings import firmware_settings
@@ -63,6 +62,8 @@ _TURN = 0.001
 """The firmware's loop and the script are looked at that often at least, s."""
 _SAMPLE_PERIOD = 0.01
 """Between two looks at what GPS and sail measure, s: the period of the 100 Hz loop."""
+_TRUTH_RATE = 100.0
+"""Hz of the log of the truth, as of a drive's; more rows would cost a fifth of a processor."""
 _LATE = 0.01
 """A delay of the emulated car behind the clock that is noted among the events, s."""
 
@@ -101,7 +102,6 @@ class Emulator:
 
     def __init__(self, settings: EmulatorSettings) -> None:
         self._settings, self._folder = settings, settings.folder
-        self._numbers = load_emulator_numbers()
         self._mounting = load_mounting()
         _claim(self._folder)
         self._events = EventLog(self._folder / EVENTS_FILE)
@@ -112,7 +112,7 @@ class Emulator:
         self._make_devices()
         truth, facts = self._folder / TRUTH_FILE, {"emulated": settings.wiring}
         self._view = _open_view() if settings.view else None
-        self._car = EmulatedCar(settings.scenario, truth, self._numbers.truth_rate, facts, self._view)
+        self._car = EmulatedCar(settings.scenario, truth, _TRUTH_RATE, facts, self._view)
         self._sample_due = 0.0
         self._tipped, self._tipping_angle = False, load_drive_safety().attitude_limit
         self._begin = time.monotonic()
@@ -133,7 +133,7 @@ class Emulator:
         ports = ports_from_dict(self._car_ports)
         directions = (self._mounting.tail_pitch_direction, self._mounting.tail_roll_direction)
         self._motors = [
-            EmulatedMotor(joint, motor_id, self._numbers, board, self._events, direction=direction)
+            EmulatedMotor(joint, motor_id, board, self._events, direction=direction)
             for joint, motor_id, direction in zip(JOINTS, ports.motor_ids, directions, strict=True)
             if settings.scenario.tail.mode != "none"
         ]
@@ -145,7 +145,6 @@ class Emulator:
             bus,
             board,
             self._events,
-            self._numbers.restart_time,
             time.monotonic(),
             watches=watched,
         )
@@ -154,7 +153,7 @@ class Emulator:
         self._imu = EmulatedImu(self._mounting, board)
         self._gps = EmulatedGps(settings.scenario.gps.rate, board)
         entries = () if settings.console else settings.script.operator
-        self._operator = EmulatedOperator(entries, self._numbers.operator_rate, board)
+        self._operator = EmulatedOperator(entries, board)
         self._air = EmulatedAir(board)
 
     def stop(self) -> None:

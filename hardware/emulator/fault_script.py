@@ -28,10 +28,8 @@ from pydantic import Field, model_validator
 
 from aerodima.hardware.car.car_ports import JOINTS, SERIAL_DEVICES, SerialDevice
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.workbench.config.checked_files import QuantityModel, StrictModel, checked, quantity, read_yaml
-from aerodima.workbench.config.scenario import load_section
+from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.resources import model_path
 
 SCHEMA = "aerodima/emulation/1"
 Device = SerialDevice | Literal["can", "console"]
@@ -142,23 +140,6 @@ def no_faults() -> Script:
 def read_script(path: Path) -> Script:
     """Reads a script. Raises `ScenarioError` or `HardwareError` that names file, key, value and what is allowed."""
     return checked(Script, read_yaml(path), str(path), HardwareError, schema=SCHEMA)
-
-
-class EmulatorNumbers(QuantityModel):
-    """What the emulated devices report, and how large the injected faults are."""
-
-    temperature: float = quantity("degC", "of a healthy motor", ge=0, le=100)
-    hot_temperature: float = quantity("degC", "of one that is too warm", ge=0, le=200)
-    encoder_jump: float = quantity("rad", "by which a reading jumps", gt=0, le=12)
-    drift_rate: float = quantity("rad/s", "with which a reading leaves its range", gt=0, le=25)
-    restart_time: float = quantity("s", "after which a hung Teensy is restarted", gt=0, le=10)
-    truth_rate: float = quantity("Hz", "rows per second of the log of the truth", gt=0, le=1000)
-    operator_rate: float = quantity("Hz", "of the operator's commands and heartbeats", gt=0, le=100)
-
-
-def load_emulator_numbers() -> EmulatorNumbers:
-    """The values of `models/parameters/hardware/emulator.yaml`; `ScenarioError` names what is wrong in it."""
-    return load_section(model_path("parameters/hardware/emulator.yaml"), EmulatorNumbers)
 
 
 class FaultBoard:

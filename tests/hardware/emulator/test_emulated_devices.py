@@ -8,9 +8,19 @@ import pytest
 from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.devices.bno055 import make_sample_request
 from aerodima.hardware.devices.ublox import GpsStream
-from aerodima.hardware.emulator.emulated_bus import EmulatedBus, EmulatedMotor, SlcanAdapter, read_frame, write_frame
+from aerodima.hardware.emulator.emulated_bus import (
+    DRIFT_RATE,
+    ENCODER_JUMP,
+    HOT,
+    EmulatedBus,
+    EmulatedMotor,
+    SlcanAdapter,
+    read_frame,
+    write_frame,
+)
 from aerodima.hardware.emulator.emulated_devices import (
     OPERATOR,
+    OPERATOR_RATE,
     EmulatedGps,
     EmulatedImu,
     EmulatedOperator,
@@ -21,7 +31,6 @@ from aerodima.hardware.emulator.fault_script import (
     FaultBoard,
     OperatorEntry,
     Script,
-    load_emulator_numbers,
     read_events,
 )
 from aerodima.hardware.firmware.firmware_settings import FirmwareSettings
@@ -42,7 +51,6 @@ from aerodima.hardware.protocol.teensy import Attitude, MotorOrder, MotorRequest
 from aerodima.hardware.protocol.teensy import make_command as make_string
 from aerodima.hardware.protocol.xbee import ApiStream, make_transmit
 
-NUMBERS = load_emulator_numbers()
 PUSH = MitCommand(0.4, 0.0, 17.0, 5.0, 1.0)
 
 
@@ -65,7 +73,7 @@ class Bench:
         self.board = FaultBoard(Script.model_validate({"clock": "start", "faults": faults}), self.events)
         self.board.begin("start", 0.0)
         self.board.look(0.0)
-        common = (NUMBERS, self.board, self.events, zero, direction)
+        common = (self.board, self.events, zero, direction)
         self.motors = [EmulatedMotor("tail_pitch", 1, *common), EmulatedMotor("tail_roll", 2, *common)]
         self.log = NoLog()
         self.bus = EmulatedBus(self.motors, self.board, self.log)
@@ -153,11 +161,11 @@ def test_replies_that_report_something_wrong(tmp_path):
     )
     bench.motors[1].entered = True
     reply = bench.ask(make_neutral(2, PROFILE))
-    assert (reply.temperature, reply.fault) == (NUMBERS.hot_temperature, 3)
-    assert reply.position == pytest.approx(NUMBERS.encoder_jump, abs=4e-4)
+    assert (reply.temperature, reply.fault) == (HOT, 3)
+    assert reply.position == pytest.approx(ENCODER_JUMP, abs=4e-4)
     assert not bench.motors[1].entered, "a motor with a fault of its own makes no torque"
     bench.board.look(0.5)
-    assert bench.ask(make_neutral(1, PROFILE)).position == pytest.approx(0.5 * NUMBERS.drift_rate, abs=4e-4)
+    assert bench.ask(make_neutral(1, PROFILE)).position == pytest.approx(0.5 * DRIFT_RATE, abs=4e-4)
 
 
 def test_every_frame_is_in_the_traffic_log(tmp_path):
@@ -211,7 +219,7 @@ def _strings(request, throttle=1520):
 def test_a_hung_teensy_keeps_its_outputs_until_the_processor_restarts(tmp_path):
     bench = Bench(tmp_path, {"time": 1.0, "fault": "teensy_hung"})
     settings = FirmwareSettings("teensy_bridge", PROFILE)
-    teensy = EmulatedTeensy(settings, bench.bus, bench.board, bench.events, NUMBERS.restart_time, 0.0)
+    teensy = EmulatedTeensy(settings, bench.bus, bench.board, bench.events, 0.0)
     now, seen = 0.0, {}
     while now < 2.5:
         now += 0.005
@@ -228,7 +236,7 @@ def test_a_hung_teensy_keeps_its_outputs_until_the_processor_restarts(tmp_path):
 def test_the_operator_sends_commands_with_a_living_heartbeat_and_stops(tmp_path):
     bench = Bench(tmp_path, {"time": 2.0, "fault": "silent", "part": "radio"})
     entries = (OperatorEntry(time=0.0, mode="auto"), OperatorEntry(time=1.0, stop=True))
-    operator, stream = EmulatedOperator(entries, NUMBERS.operator_rate, bench.board), ApiStream()
+    operator, stream = EmulatedOperator(entries, bench.board), ApiStream()
     found = []
     for tick in range(300):
         bench.board.look(0.01 * tick)
@@ -237,13 +245,13 @@ def test_the_operator_sends_commands_with_a_living_heartbeat_and_stops(tmp_path)
     assert {packet.sender for _, packet in found} == {OPERATOR}
     beats = [message.counter for _, message in messages if isinstance(message, radio.Heartbeat)]
     assert beats == list(range(1, len(beats) + 1))
-    assert len(beats) == pytest.approx(2.0 * NUMBERS.operator_rate, abs=2)
+    assert len(beats) == pytest.approx(2.0 * OPERATOR_RATE, abs=2)
     assert next(when for when, message in messages if isinstance(message, radio.EmergencyStop)) >= 1.0
     assert max(when for when, message in messages if isinstance(message, radio.OperatorCommand)) < 1.0
 
 
 def test_the_operator_chooses_auto_when_the_car_asks_and_rests_when_it_asks_for_that(tmp_path):
-    operator, stream = EmulatedOperator((OperatorEntry(time=0.0),), 20.0, Bench(tmp_path).board), ApiStream()
+    operator, stream = EmulatedOperator((OperatorEntry(time=0.0),), Bench(tmp_path).board), ApiStream()
     now = 0.0
 
     def mode_after(asks):

@@ -4,12 +4,12 @@ import pytest
 import yaml
 
 from aerodima.hardware.devices.motor_settings import load_motor_safety
+from aerodima.hardware.emulator.emulated_bus import DRIFT_RATE, ENCODER_JUMP, HOT, WARM
 from aerodima.hardware.emulator.fault_script import (
     EventLog,
     Fault,
     FaultBoard,
     Script,
-    load_emulator_numbers,
     no_faults,
     read_events,
     read_script,
@@ -117,7 +117,7 @@ def test_the_clock_may_begin_with_the_first_enter_frame(events):
 
 
 def test_the_faults_are_larger_than_what_the_motors_are_allowed():
-    numbers, safety = load_emulator_numbers(), load_motor_safety()
-    assert numbers.temperature < safety.temperature_limit < numbers.hot_temperature
-    assert numbers.encoder_jump > safety.jump_margin
-    assert numbers.drift_rate < safety.speed_limit
+    safety = load_motor_safety()
+    assert WARM < safety.temperature_limit < HOT
+    assert safety.jump_margin < ENCODER_JUMP
+    assert safety.speed_limit > DRIFT_RATE

@@ -128,7 +128,6 @@ def _spoilt(text: str) -> str:
         ("aerodima.hardware.devices.motor_settings", "load_motor_safety", "motor_safety"),
         ("aerodima.hardware.car.safety_settings", "load_drive_safety", "drive_safety"),
         ("aerodima.hardware.car.safety_settings", "load_teensy_timing", "teensy_firmware"),
-        ("aerodima.hardware.emulator.fault_script", "load_emulator_numbers", "emulator"),
     ],
 )
 def test_value_out_of_range_in_a_file_of_the_real_car_is_one_line(tmp_path, monkeypatch, module, read, file):
