@@ -1,12 +1,11 @@
 """What `aerodima.optimisation` promises; the modules behind it may move."""
 
 from .calibration.reproduction_report import write_reproduction_report as write_reproduction_report
-from .identify.added_mass import fit_added_mass_log as fit_added_mass_log
 from .identify.fit_figures import plot_curves as plot_curves
-from .identify.fit_parameters import Parameter as Parameter
-from .identify.fit_parameters import Parameters as Parameters
 from .identify.fit_pipeline import fit as fit
 from .identify.fit_report import format_estimate as format_estimate
+from .identify.least_squares import Parameter as Parameter
+from .identify.least_squares import Parameters as Parameters
 from .identify.least_squares import Problem as Problem
 from .identify.least_squares_solvers import solve_formula as solve_formula
 from .identify.least_squares_solvers import solve_rollout as solve_rollout
@@ -14,6 +13,7 @@ from .identify.log_rig import FitOptions as FitOptions
 from .identify.residual_noise import independent_noise as independent_noise
 from .identify.residual_noise import serial_noise as serial_noise
 from .identify.static_fit import fit_static_log as fit_static_log
+from .identify.swing_coefficients import fit_added_mass_log as fit_added_mass_log
 from .identify.swing_coefficients import fit_friction_log as fit_friction_log
 from .identify.swing_coefficients import fit_robot_tail_log as fit_robot_tail_log
 from .sweep.rollover_threshold import critical_friction as critical_friction

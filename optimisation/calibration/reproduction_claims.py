@@ -17,9 +17,7 @@ from aerodima.optimisation.calibration.reproduction_evidence import (
     recomputed_row,
     share_row,
 )
-from aerodima.optimisation.identify.coefficient_averages import recompute_averages
-from aerodima.optimisation.identify.published_check import robot_tail_line
-from aerodima.optimisation.identify.published_tables import robot_tail_rows
+from aerodima.optimisation.identify.published_check import recompute_averages, robot_tail_line, robot_tail_rows
 from aerodima.workbench.metrics.published_values import (
     FILTERED,
     SIGNALS,
@@ -73,7 +71,7 @@ def _said(evidence: Evidence) -> str:
 
 
 def _tables_of_chapter_4_and_6() -> list[ClaimRow]:
-    averages, _ = recompute_averages()
+    averages = recompute_averages()
     rows = []
     for entry in averages.to_dict("records"):
         rows.append(

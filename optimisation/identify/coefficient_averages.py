@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,41 +18,10 @@ import yaml
 
 from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.optimisation.identify.least_squares import LIMIT, spread
-from aerodima.optimisation.identify.published_tables import Flag
 from aerodima.workbench.aero.coefficient_files import SCHEMA, coefficients_from_dict
 from aerodima.workbench.aero.laws import CHEETAH_LIMIT, ROBOT_LIMIT
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.errors import FitError
-from aerodima.workbench.resources import published_rows, published_table
-
-PERCENTILES = (10.0, 90.0)
-"""Shown beside every average, percent."""
-
-
-@dataclass(frozen=True)
-class Aggregate:
-    """One quantity over several fits.
-
-    Attributes:
-        weighted: resnorm-weighted average (eqs. 4.29-4.31).
-        mean, median: of the values.
-        huber: the value with the least Huber loss, scale from the median deviation.
-        low, high: 10th and 90th percentile.
-        samples: number of values.
-    """
-
-    weighted: float
-    mean: float
-    median: float
-    huber: float
-    low: float
-    high: float
-    samples: int
-
-    def columns(self) -> dict[str, float | int]:
-        """All of them by name, the percentiles as `p10` and `p90`."""
-        ends = dict(zip(("low", "high"), (f"p{p:g}" for p in PERCENTILES), strict=True))
-        return {ends.get(key, key): value for key, value in asdict(self).items()}
 
 
 def weights(resnorms: np.ndarray) -> np.ndarray:
@@ -70,21 +38,23 @@ def weights(resnorms: np.ndarray) -> np.ndarray:
     return eps / np.sum(eps)
 
 
-def aggregate(values: np.ndarray, resnorms: np.ndarray) -> Aggregate:
-    """All averages of some values (n) with their resnorms (n)."""
+def averages(values: np.ndarray, resnorms: np.ndarray) -> dict[str, float]:
+    """All averages of one quantity over several fits.
+
+    Args:
+        values: (n).
+        resnorms: of their fits (n).
+
+    Returns:
+        `weighted` by resnorm (eqs. 4.29-4.31), `mean`, `median`, `huber` (see `huber_location`), percentiles `p10` and
+        `p90`, number of `samples`.
+    """
     x = np.asarray(values, float)
     if not (len(x) and np.all(np.isfinite(x))):
         raise FitError("weighted average: there are no values, or one is not finite")
-    low, high = np.percentile(x, PERCENTILES)
-    return Aggregate(
-        weighted=float(weights(resnorms) @ x),
-        mean=float(np.mean(x)),
-        median=float(np.median(x)),
-        huber=huber_location(x),
-        low=float(low),
-        high=float(high),
-        samples=len(x),
-    )
+    low, high = np.percentile(x, (10.0, 90.0))
+    found = {"weighted": weights(resnorms) @ x, "mean": np.mean(x), "median": np.median(x), "huber": huber_location(x)}
+    return {name: float(value) for name, value in {**found, "p10": low, "p90": high}.items()} | {"samples": len(x)}
 
 
 def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd.DataFrame:
@@ -94,7 +64,7 @@ def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd
         keys: facts that tell the groups apart, such as tail and wind speed.
 
     Returns:
-        A row per group and parameter: the keys, parameter, unit, and the columns of its `Aggregate`.
+        A row per group and parameter: the keys, parameter, unit, and its `averages`.
     """
     groups: dict[tuple[Any, ...], list[FitResult]] = {}
     for result in results:
@@ -105,9 +75,10 @@ def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd
         for name, unit in units.items():
             found = [result for result in group for e in result.free if e.name == name and e.identifiable]
             if found:
-                values = np.array([result[name].value for result in found])
-                averages = aggregate(values, np.array([result.resnorm for result in found])).columns()
-                rows.append({**dict(zip(keys, place, strict=True)), "parameter": name, "unit": unit, **averages})
+                numbers = np.array([(result[name].value, result.resnorm) for result in found]).T
+                rows.append(
+                    {**dict(zip(keys, place, strict=True)), "parameter": name, "unit": unit, **averages(*numbers)}
+                )
     return pd.DataFrame(rows)
 
 
@@ -190,7 +161,7 @@ def _static_node(speed: float, angle: float, group: list[FitResult]) -> dict[str
 
 def _average(name: str, pairs: Sequence[tuple[float, float]]) -> dict[str, float]:
     """The weighted average of values with their resnorms under the name itself, the others beside it."""
-    found = aggregate(*np.array(pairs).T).columns()
+    found = averages(*np.array(pairs).T)
     numbers = {name: found.pop("weighted")} | {f"{name}_{key}": value for key, value in found.items()}
     return {key: round(value, 5) for key, value in numbers.items() if not key.endswith("_samples")}
 
@@ -228,72 +199,3 @@ def write_sets(folder: Path, sets: dict[str, dict[str, Any]]) -> list[Path]:
         coefficients_from_dict(yaml.safe_load(text), str(path))
         paths.append(write_atomically(path, text, True, FitError))
     return paths
-
-
-def recompute_averages() -> tuple[pd.DataFrame, list[Flag]]:
-    """Every weighted average of Tables 4.7, 6.2, 11.1 and 11.2 recomputed beside the printed one.
-
-    Returns:
-        A row per average (table, quantity, published, the `columns` of its `Aggregate`, agrees), and a flag
-        for each that differs by more than half a unit of its last printed digit.
-    """
-    rows = [_compare(*entry) for entry in [*_friction_entries(), *_added_mass_entries()]]
-    flags = [
-        Flag(
-            row["table"],
-            row["quantity"],
-            f"published {row['published']:g}, recomputed {row['weighted']:.4g}" + _copied_from(row, rows),
-            "E23",
-        )
-        for row in rows
-        if not row["agrees"]
-    ]
-    return pd.DataFrame(rows), flags
-
-
-def _copied_from(row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
-    """Names the cell of the same table whose right average is printed here, when the difference is not a rounding."""
-    if abs(row["published"] - row["weighted"]) < 0.05 * abs(row["weighted"]):
-        return " (last digit)"
-    for other in rows:
-        if other is not row and other["table"] == row["table"] and other["published"] == row["published"]:
-            return f"; it is the value of {other['quantity'].removeprefix('added_mass_kg ')}"
-    return ""
-
-
-def _friction_entries() -> list[tuple[str, str, str, np.ndarray, np.ndarray]]:
-    entries = []
-    for name in ("bar_friction", "robot_tail_friction"):
-        table = published_table(name)
-        swings = table[table.record == "swing"]
-        final = next(row for row in published_rows(name) if row["record"].startswith("published_"))
-        for column in ("coulomb_friction_n_m", "viscous_friction_n_m_s_per_rad"):
-            source = str(swings.source_table.iloc[0])
-            entries.append((source, column, final[column], swings[column].to_numpy(), swings.resnorm.to_numpy()))
-    return entries
-
-
-def _added_mass_entries() -> list[tuple[str, str, str, np.ndarray, np.ndarray]]:
-    table = published_table("added_mass")
-    printed = [row["published_weighted_average_kg"] for row in published_rows("added_mass")]
-    entries = []
-    for (source, tail, axis, speed), group in table.groupby(
-        ["source_table", "tail", "axis", "wind_speed_m_per_s"], sort=False
-    ):
-        label = f"added_mass_kg tail {tail} {axis} {speed:g} m/s"
-        text = printed[group.index[0]]
-        entries.append((str(source), label, text, group.added_mass_kg.to_numpy(), group.resnorm.to_numpy()))
-    return entries
-
-
-def _compare(table: str, quantity: str, printed: str, values: np.ndarray, resnorms: np.ndarray) -> dict[str, Any]:
-    found = aggregate(values, resnorms)
-    digits = len(printed.partition(".")[2])
-    half = 0.5 * 10.0**-digits
-    return {
-        "table": table,
-        "quantity": quantity,
-        "published": float(printed),
-        **found.columns(),
-        "agrees": math.isclose(float(printed), found.weighted, abs_tol=half * (1.0 + 1e-9), rel_tol=0.0),
-    }

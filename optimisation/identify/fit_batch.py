@@ -1,4 +1,4 @@
-"""Fits of many logs: parallel, resumable, and one bad log does not stop the others; how often intervals hold the truth.
+"""Fits of many logs: parallel, resumable, and one bad log does not stop the others.
 
 Every finished log adds a line to `fits.jsonl` in the output folder. A second call with the same settings reads those
 lines and only works on what is missing, has changed since, or was fitted by other versions of the software.
@@ -14,9 +14,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 from pydantic import TypeAdapter
 
 from aerodima.optimisation.identify.fit_pipeline import FitResult
@@ -25,14 +22,12 @@ from aerodima.workbench.batch.row_store import (
     ProgressBar,
     ProgressLine,
     RowStore,
-    read_lines,
     saying_how_to_go_on,
     silent,
 )
 from aerodima.workbench.errors import FitError, UserError
-from aerodima.workbench.logs.schema import decode_metadata, software_versions
+from aerodima.workbench.logs.schema import software_versions
 
-POOLED = "all"
 JOURNAL = "fits.jsonl"
 _RESULT = TypeAdapter(FitResult)
 WORKER_KILLED = "its worker process was killed, beside other fits and alone (out of memory?)"
@@ -109,17 +104,6 @@ def fit_logs(
     )
 
 
-def fitted_logs(out: Path) -> list[tuple[str, FitResult]]:
-    """Log and result of every fit that a batch finished in a folder; FitError when there is none."""
-    lines = read_lines(out / JOURNAL)
-    found = [
-        (line["log"], _RESULT.validate_python(line["result"])) for line in lines[1:] if line.get("result") is not None
-    ]
-    if not found:
-        raise FitError(f"{out}: holds no finished fits (no {JOURNAL})")
-    return list(dict(found).items())
-
-
 def _one(work: Fit, name: str) -> dict[str, Any]:
     """The outcome of one log as plain data; errors of the log are part of it."""
     try:
@@ -141,56 +125,3 @@ def _key(name: str, versions: str) -> str:
     except OSError:
         return f"{name} is missing"
     return hashlib.sha256(f"{name} {state.st_size} {state.st_mtime_ns} {versions}".encode()).hexdigest()[:16]
-
-
-def truth_in(log: Path) -> dict[str, float]:
-    """Parameter -> truth of a log; empty when the log does not know it. Reads the metadata alone.
-
-    Raises:
-        FitError: the log is not there any more, or is no log.
-    """
-    try:
-        metadata = decode_metadata(pq.read_schema(log).metadata, str(log))
-    except (OSError, pa.ArrowException) as error:
-        raise FitError(f"{log}: cannot be read: {error}") from None
-    truth = metadata.get("extra", {}).get("truth", {})
-    return {str(name): float(value) for name, value in truth.items()}
-
-
-def coverage(folder: Path) -> pd.DataFrame:
-    """Of the fits in a folder: one row per parameter, and one of all together.
-
-    Returns:
-        parameter; fits whose log knows its truth; identifiable, how many of them determine it; held, how many of those
-        intervals hold the truth; coverage = held / identifiable; score_deviation, the standard deviation of
-        (value - truth) / standard deviation, about 1 when the intervals are neither too wide nor too narrow.
-
-    Raises:
-        FitError: no fits there, or none of a log that knows its truth.
-    """
-    rows = []
-    for log, result in fitted_logs(folder):
-        truth = truth_in(Path(log))
-        for estimate in result.free:
-            if estimate.name in truth:
-                value = truth[estimate.name]
-                known = estimate.identifiable and estimate.standard_deviation > 0.0
-                score = (estimate.value - value) / estimate.standard_deviation if known else float("nan")
-                rows.append((estimate.name, estimate.identifiable, estimate.holds(value), score))
-    if not rows:
-        raise FitError(f"{folder}: none of its logs knows the truth of what was fitted; simulated ones do")
-    table = pd.DataFrame(rows, columns=["parameter", "identifiable", "held", "score"])
-    names = [*dict.fromkeys(table.parameter), POOLED]
-    return pd.DataFrame([_row(name, table if name == POOLED else table[table.parameter == name]) for name in names])
-
-
-def _row(name: str, part: pd.DataFrame) -> dict[str, object]:
-    seen = part[part.identifiable]
-    return {
-        "parameter": name,
-        "fits": len(part),
-        "identifiable": len(seen),
-        "held": int(seen.held.sum()),
-        "coverage": float(seen.held.mean()) if len(seen) else float("nan"),
-        "score_deviation": float(seen.score.std()) if len(seen) > 1 else float("nan"),
-    }

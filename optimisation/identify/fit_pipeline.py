@@ -1,17 +1,35 @@
-"""The pipeline of every fit: parameters -> data -> residual -> solve -> result with intervals and warnings."""
+"""The pipeline of every fit: parameters -> data -> residual -> solve -> result with intervals and warnings.
+
+Constants of a rig that are known beforehand, but not exactly, are unknowns with a prior beside those of the fit. The
+residual is whitened by its noise, and every constant adds a row (value - seed) / deviation. The data then correct the
+constants as far as they can, and what stays open is in every interval; how much of it, is the budget.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AliasChoices, Field
+from scipy.special import chdtrc
 
-from aerodima.optimisation.identify.least_squares import Loss, Problem, Solution, Solver, solve, solve_huber
+from aerodima.optimisation.identify.least_squares import (
+    Attempt,
+    Loss,
+    Parameter,
+    Parameters,
+    Problem,
+    Solution,
+    Solver,
+    huber,
+    solve,
+    solve_huber,
+)
+from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
 from aerodima.optimisation.identify.residual_noise import Noise
 from aerodima.optimisation.identify.uncertainty import Uncertainty, uncertainty
 
@@ -28,6 +46,8 @@ class Estimate:
         identifiable: whether the data determine it.
         bound: `lower` or `upper` when the fit stopped there.
         frozen: kept its seed.
+        noise_deviation: standard deviation that noise alone would give, with the rig's constants taken as exact; NaN in
+            results of earlier versions.
     """
 
     name: str
@@ -39,6 +59,7 @@ class Estimate:
     identifiable: bool = True
     bound: str = ""
     frozen: bool = False
+    noise_deviation: float = math.nan
 
     def holds(self, truth: float) -> bool:
         """Whether the interval holds a value."""
@@ -109,7 +130,7 @@ class FitResult:
             row[f"{e.name}{suffix}"] = e.value
             if e.frozen:
                 continue
-            row[f"{e.name}_std{suffix}"] = e.standard_deviation
+            row[f"{e.name}_std{suffix}"], row[f"{e.name}_noise_std{suffix}"] = e.standard_deviation, e.noise_deviation
             row[f"{e.name}_lower95{suffix}"], row[f"{e.name}_upper95{suffix}"] = e.lower, e.upper
             row[f"{e.name}_identifiable"], row[f"{e.name}_bound"] = e.identifiable, e.bound
         row |= {f"residual_rms_{channel}": value for channel, value in self.residual_rms.items()}
@@ -143,6 +164,15 @@ def unit_suffix(unit: str) -> str:
     """A unit as the end of a column name: `N m s/rad` becomes `n_m_s_per_rad`, `A` becomes `a`."""
     return unit.lower().replace("/", "_per_").replace(" ", "_").replace("^", "")
 
+
+_NEGLIGIBLE = 0.03
+"""A constant whose standard deviation moves the whitened residual by less is left as it is."""
+_ROUNDS, _SETTLED = 4, 0.1
+_STRANGE = 3.5
+"""Prior standard deviations beyond which the shift of a constant is told."""
+_CHANCE, _FEW = 1e-4, 50
+"""Chance of a misfit below which it is told, where the data leave at most that many degrees of freedom."""
+_LEAST_SHARE = 1e-3
 
 NoiseModel = Callable[[Solution], Noise]
 
@@ -185,52 +215,57 @@ def result_of(
     channels: Mapping[str, tuple[slice, float]],
     facts: Mapping[str, Any],
     warnings: Sequence[str],
+    constants: Collection[str] = (),
 ) -> FitResult:
-    """The result of a solution and its uncertainty."""
+    """The result of a solution and its uncertainty; the parameters that are constants of the rig are left out."""
     parameters = solution.problem.parameters
+    kept = [i for i, name in enumerate(parameters.names) if name not in constants]
     bounds = parameters.active(solution.x)
     numbers = np.stack([solution.x, sure.standard_deviation, sure.lower, sure.upper], axis=1).tolist()
     found = dict(zip(parameters.names, zip(numbers, sure.identifiable.tolist(), strict=True), strict=True))
     estimates = []
     for p in parameters.all:
+        if p.name in constants:
+            continue
         if p.frozen:
-            estimates.append(Estimate(p.name, p.unit, p.seed, 0.0, p.seed, p.seed, frozen=True))
+            estimates.append(Estimate(p.name, p.unit, p.seed, 0.0, p.seed, p.seed, frozen=True, noise_deviation=0.0))
             continue
         of_p, identifiable = found[p.name]
         # A parameter that is not identifiable stays where it started, which may be a bound.
         bound = bounds.get(p.name, "") if identifiable else ""
-        value, deviation, lower, upper = of_p
-        estimates.append(Estimate(p.name, p.unit, value, deviation, lower, upper, identifiable, bound))
+        value, sigma, low, high = of_p
+        estimates.append(Estimate(p.name, p.unit, value, sigma, low, high, identifiable, bound, noise_deviation=sigma))
     rms = {
         name: float(np.sqrt(np.mean(np.square(solution.residual[where])))) * weight
         for name, (where, weight) in channels.items()
     }
+    unidentifiable = tuple(text for text in sure.unidentifiable if text.split(" ")[0] not in constants)
     return FitResult(
         name=solution.problem.name,
         estimates=tuple(estimates),
-        covariance=tuple(map(tuple, sure.covariance.tolist())),
+        covariance=tuple(map(tuple, sure.covariance[np.ix_(kept, kept)].tolist())),
         cost=solution.best.cost,
         residual_rms=rms,
         success=solution.best.success,
         status=solution.best.status,
         attempts=tuple(_attempt(parameters.names, attempt) for attempt in solution.attempts),
-        unidentifiable=sure.unidentifiable,
-        warnings=(*warnings, *_warnings(estimates, sure, solution)),
+        unidentifiable=unidentifiable,
+        warnings=(*warnings, *_warnings(estimates, unidentifiable, sure, solution)),
         effective_samples=sure.effective_samples,
         facts=dict(facts),
     )
 
 
-def _attempt(names: Sequence[str], attempt: Any) -> dict[str, Any]:
-    ends = {
-        word: dict(zip(names, x.tolist(), strict=True)) for word, x in (("start", attempt.start), ("found", attempt.x))
-    }
-    told = {name: getattr(attempt, name) for name in ("success", "status", "iterations")}
-    return {**ends, "cost": float(attempt.cost), **told}
+def _attempt(names: Sequence[str], attempt: Attempt) -> dict[str, Any]:
+    ends = {"start": attempt.start, "found": attempt.x}
+    told = {name: getattr(attempt, name) for name in ("cost", "success", "status", "iterations")}
+    return {word: dict(zip(names, x.tolist(), strict=True)) for word, x in ends.items()} | told
 
 
-def _warnings(estimates: Sequence[Estimate], sure: Uncertainty, solution: Solution) -> list[str]:
-    found = [f"the data do not determine {direction}" for direction in sure.unidentifiable]
+def _warnings(
+    estimates: Sequence[Estimate], unidentifiable: Sequence[str], sure: Uncertainty, solution: Solution
+) -> list[str]:
+    found = [f"the data do not determine {direction}" for direction in unidentifiable]
     at_bounds = [e for e in estimates if e.bound]
     beyond = dict(zip(solution.problem.parameters.names, sure.beyond.tolist(), strict=True))
     for e in at_bounds:
@@ -243,3 +278,161 @@ def _warnings(estimates: Sequence[Estimate], sure: Uncertainty, solution: Soluti
     if not solution.best.success:
         found.append(f"the solver did not finish: {solution.best.status}")
     return found
+
+
+def fit_with_constants(
+    make: Callable[[Parameters], Problem],
+    parameters: Sequence[Parameter],
+    constants: Sequence[Parameter],
+    first: FitResult,
+    noise: NoiseModel,
+    *,
+    least_noise: NoiseModel | None = None,
+    channels: Mapping[str, tuple[slice, float]],
+    warnings: Sequence[str] = (),
+    loss: Loss = "squares",
+) -> FitResult:
+    """Goes on from a fit with exact constants.
+
+    Args:
+        make: the problem of the data's residual in some parameters, the constants among them.
+        parameters: of the fit.
+        constants: with their deviation; those with an infinite one are free and become parameters of the result.
+        first: result of the fit with the constants at their seeds.
+        noise: of the data's residual, from a solution in all parameters.
+        least_noise: what it would be if the model were right: with it the constants are first let go, since an error of
+            theirs must not be taken for noise. That of `noise` by default.
+        channels, warnings: see `fit`.
+        loss: `huber` bends the whitened residual beyond 1.345.
+
+    Raises:
+        FitError: no finite residual on the way.
+    """
+    start = {e.name: e.value for e in first.estimates}
+    given = [p if p.frozen else replace(p, seed=min(max(start[p.name], p.lower), p.upper)) for p in parameters]
+    problem = make(Parameters.of([*given, *constants]))
+    x = problem.parameters.seed
+    raw = _at(problem, x, problem.central_differences(x))
+    found = (least_noise or noise)(raw)
+    sizes = [p.deviation if _has_prior(p) else 1.0 for p in problem.parameters.free]
+    effect = np.linalg.norm(_Whitening.of(found.covariance)(raw.jacobian), axis=0) * sizes
+    moving = dict(zip(problem.parameters.names, effect >= _NEGLIGIBLE, strict=True))
+    problem = make(
+        Parameters.of([*given, *(replace(c, frozen=_has_prior(c) and not moving[c.name]) for c in constants)])
+    )
+    raw = _at(problem, problem.parameters.seed, np.empty(0))
+    for _ in range(_ROUNDS):
+        whiten = _Whitening.of(found.covariance)
+        solution = solve(_weighed(problem, whiten, loss), solve_rollout, [raw.x])
+        rows = len(raw.residual)
+        raw = _at(problem, solution.x, whiten.back(solution.jacobian[:rows]))
+        before, found = found, noise(raw)
+        if abs(math.log(_size(found) / _size(before))) < _SETTLED:
+            break
+    ones = Noise(np.ones(len(solution.residual)), found.degrees_of_freedom, found.effective_samples)
+    best = replace(solution.best, cost=0.5 * float(raw.residual @ raw.residual))
+    known = {c.name for c in constants if _has_prior(c)}
+    sure = uncertainty(solution, ones)
+    result = result_of(replace(raw, best=best), sure, channels, first.facts, warnings, known)
+    return replace(
+        _with_shares(result, solution, rows, known),
+        attempts=first.attempts,
+        constants={
+            p.name: {"shift": float(shift), "deviation": float(deviation), "known_to": p.deviation}
+            for p, shift, deviation in zip(problem.parameters.free, solution.x, sure.standard_deviation, strict=True)
+            if p.name in known
+        },
+    )
+
+
+@dataclass(frozen=True)
+class _Whitening:
+    """Of the data's residual: times `matrix`, or by element; `back` undoes it."""
+
+    matrix: np.ndarray
+
+    @classmethod
+    def of(cls, covariance: np.ndarray) -> _Whitening:
+        if covariance.ndim == 1:
+            return cls(1.0 / np.sqrt(np.maximum(covariance, 1e-300)))
+        size = np.sqrt(np.diag(covariance))
+        lower = np.linalg.cholesky(covariance / np.outer(size, size) + 1e-12 * np.eye(len(size)))
+        return cls(np.linalg.inv(lower) / size)
+
+    def __call__(self, rows: np.ndarray) -> np.ndarray:
+        return self.matrix @ rows if self.matrix.ndim == 2 else (rows.T * self.matrix).T
+
+    def back(self, rows: np.ndarray) -> np.ndarray:
+        return np.linalg.solve(self.matrix, rows) if self.matrix.ndim == 2 else (rows.T / self.matrix).T
+
+
+def _has_prior(p: Parameter) -> bool:
+    return math.isfinite(p.deviation)
+
+
+def _size(noise: Noise) -> float:
+    S = noise.covariance
+    return float(np.mean(S) if S.ndim == 1 else np.mean(np.diag(S)))
+
+
+def _at(problem: Problem, x: np.ndarray, jacobian: np.ndarray) -> Solution:
+    """A solution that nobody looked for."""
+    return Solution(problem, x, np.asarray(problem.residual(x), float), jacobian, best=None, attempts=())  # type: ignore[arg-type]
+
+
+def _weighed(problem: Problem, whiten: _Whitening, loss: Loss) -> Problem:
+    """The whitened residual, then a row per constant with a prior."""
+    free = problem.parameters.free
+    places = [i for i, p in enumerate(free) if _has_prior(p)]
+    deviations = np.array([free[i].deviation for i in places])
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        data = whiten(np.asarray(problem.residual(x), float))
+        return np.concatenate([huber(data) if loss == "huber" else data, np.asarray(x, float)[places] / deviations])
+
+    return replace(problem, residual=residual, jacobian=None)
+
+
+def _with_shares(result: FitResult, solution: Solution, rows: int, known: Collection[str]) -> FitResult:
+    """The result with its budget, with what noise alone would give, and what is strange about the constants.
+
+    Args:
+        solution: of the whitened problem.
+        rows: of it that are data; the others are priors.
+        known: names of the constants that have a prior.
+    """
+    free = solution.problem.parameters.free
+    kept = [i for i, p in enumerate(free) if p.name not in known]
+    priors = [p for p in free if p.name in known]
+    scales = np.array([p.size for p in free])
+    parts = np.square(np.linalg.pinv(solution.jacobian * scales))
+    shares = np.column_stack([parts[:, :rows].sum(axis=1), parts[:, rows:]]) / parts.sum(axis=1, keepdims=True)
+    exact = np.linalg.pinv(solution.jacobian[:rows, kept] * scales[kept])
+    alone = dict(zip((free[i].name for i in kept), np.linalg.norm(exact, axis=1) * scales[kept], strict=True))
+    budget = {}
+    for i in kept:
+        if result[free[i].name].identifiable:
+            pairs = sorted(
+                zip(["noise", *(p.name for p in priors)], shares[i].tolist(), strict=True), key=lambda pair: -pair[1]
+            )
+            budget[free[i].name] = {source: share for source, share in pairs if share >= _LEAST_SHARE}
+    shifts = solution.x[[i for i, p in enumerate(free) if p.name in known]]
+    warnings = [
+        f"the data want {p.name} shifted by {shift:.3g}, {abs(shift) / p.deviation:.1f} of its standard deviations "
+        f"({p.deviation:.2g}): set it, or free it (--free {p.name})"
+        for p, shift in zip(priors, shifts, strict=True)
+        if abs(shift) > _STRANGE * p.deviation
+    ]
+    freedom, power = rows - len(kept), float(solution.residual @ solution.residual)
+    if 1 <= freedom <= _FEW and chdtrc(freedom, power) <= _CHANCE:
+        warnings.append(
+            f"noise and constants do not explain the data: what is left is {power / freedom:.3g} times what they "
+            "allow; a constant is further off than its uncertainty says, or something else is wrong"
+        )
+    estimates = [
+        e
+        if e.frozen
+        else replace(e, noise_deviation=min(float(alone[e.name]), e.standard_deviation) if e.identifiable else math.inf)
+        for e in result.estimates
+    ]
+    return replace(result, estimates=tuple(estimates), budget=budget, warnings=(*result.warnings, *warnings))

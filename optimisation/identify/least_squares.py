@@ -1,4 +1,4 @@
-"""A least-squares problem, what becomes of its starts, the choice among them, and Huber's loss.
+"""A least-squares problem: parameters, residual, what becomes of its starts, the best of them, Huber's loss.
 
 The loss has squares within a limit and is straight beyond it, so that a few wild values do not decide a fit. The limit
 stands in units of a scale taken from the data: 1.4826 times the median deviation of the residual, which is the standard
@@ -7,13 +7,13 @@ deviation of normal data however far a minority lies off.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_parameters import Parameters
 from aerodima.workbench.errors import FitError
 
 Residual = Callable[[np.ndarray], np.ndarray]
@@ -25,6 +25,141 @@ _CENTRAL_DIFFERENCE = 5e-4
 """Step of differences to both sides: cube root of 1e-10."""
 _SAME_COST = 1.01
 """Costs within this factor are the same minimum."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a model.
+
+    Attributes:
+        name: unique in its fit.
+        unit: SI; `1` for a pure number.
+        seed: where the solver starts; the value itself when frozen.
+        lower, upper: bounds; infinite by default.
+        frozen: keeps its seed and is no unknown.
+        scale: typical size, in `unit`: the solvers work on value / scale. By default a quarter of the range between
+            finite bounds, else the size of the seed, else 1.
+        deviation: standard deviation with which the seed is known beforehand; infinite when nothing is known.
+
+    Raises:
+        FitError: bounds that are NaN, empty or exclude the seed, or a seed that is not finite.
+    """
+
+    name: str
+    unit: str
+    seed: float
+    lower: float = -math.inf
+    upper: float = math.inf
+    frozen: bool = False
+    scale: float | None = None
+    deviation: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.seed):
+            raise FitError(f"parameter {self.name!r}: the seed is {self.seed}, but it must be a finite number")
+        if not self.lower < self.upper:
+            raise FitError(
+                f"parameter {self.name!r}: the bounds {self.lower:g} .. {self.upper:g} {self.unit} hold no value"
+            )
+        if not self.frozen and not self.lower <= self.seed <= self.upper:
+            raise FitError(
+                f"parameter {self.name!r}: the seed {self.seed:g} {self.unit} lies outside its bounds "
+                f"{self.lower:g} .. {self.upper:g}; move the seed or widen the bounds"
+            )
+        if self.scale is not None and not (math.isfinite(self.scale) and self.scale > 0.0):
+            raise FitError(f"parameter {self.name!r}: the scale is {self.scale}, but must be a finite number above 0")
+
+    @property
+    def size(self) -> float:
+        """The scale that the solvers use, in `unit`."""
+        if self.scale is not None:
+            return self.scale
+        if math.isfinite(self.upper - self.lower):
+            return 0.25 * (self.upper - self.lower)
+        return abs(self.seed) or 1.0
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """An ordered set of parameters; vectors of a fit hold the free ones in this order.
+
+    Raises:
+        FitError: two parameters have the same name, or none is free.
+    """
+
+    all: tuple[Parameter, ...]
+
+    def __post_init__(self) -> None:
+        names = [parameter.name for parameter in self.all]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise FitError(f"parameters named twice: {', '.join(twice)}")
+        if not self.free:
+            raise FitError("no parameter is free; there is nothing to fit")
+
+    @classmethod
+    def of(cls, parameters: Iterable[Parameter]) -> Parameters:
+        """The set of these parameters."""
+        return cls(tuple(parameters))
+
+    @property
+    def free(self) -> tuple[Parameter, ...]:
+        """The unknowns."""
+        return tuple(parameter for parameter in self.all if not parameter.frozen)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the unknowns."""
+        return tuple(parameter.name for parameter in self.free)
+
+    @property
+    def seed(self) -> np.ndarray:
+        """Seeds of the unknowns (p)."""
+        return np.array([parameter.seed for parameter in self.free])
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Lower bounds of the unknowns (p)."""
+        return np.array([parameter.lower for parameter in self.free])
+
+    @property
+    def upper(self) -> np.ndarray:
+        """Upper bounds of the unknowns (p)."""
+        return np.array([parameter.upper for parameter in self.free])
+
+    @property
+    def scales(self) -> np.ndarray:
+        """Scales of the unknowns (p)."""
+        return np.array([parameter.size for parameter in self.free])
+
+    def values(self, x: Sequence[float] | np.ndarray) -> dict[str, float]:
+        """All values by name, the frozen ones included, for a vector of the unknowns."""
+        free = dict(zip(self.names, (float(value) for value in x), strict=True))
+        return {parameter.name: free.get(parameter.name, parameter.seed) for parameter in self.all}
+
+    def starts(self, seeds: Iterable[Mapping[str, float]] = ()) -> list[np.ndarray]:
+        """Vectors to start from: the seeds of the parameters, then further ones by name; a missing name keeps its seed.
+
+        Raises:
+            FitError: a seed names no free parameter or lies outside the bounds.
+        """
+        vectors = [self.seed]
+        for seed in seeds:
+            unknown = sorted(set(seed) - set(self.names))
+            if unknown:
+                raise FitError(f"seed for {', '.join(unknown)}: the free parameters are {', '.join(self.names)}")
+            vectors.append(np.array([replace(p, seed=seed.get(p.name, p.seed)).seed for p in self.free]))
+        return vectors
+
+    def sides(self, x: np.ndarray) -> np.ndarray:
+        """Which unknowns sit on a bound (p): -1 on the lower one, 1 on the upper one, else 0."""
+        margin = 1e-6 * self.scales
+        return np.where(x <= self.lower + margin, -1, np.where(x >= self.upper - margin, 1, 0))
+
+    def active(self, x: np.ndarray) -> dict[str, str]:
+        """Unknowns that sit on a bound, with `lower` or `upper`."""
+        words = {-1: "lower", 1: "upper"}
+        return {name: words[side] for name, side in zip(self.names, self.sides(x).tolist(), strict=True) if side}
 
 
 @dataclass(frozen=True)

@@ -7,21 +7,27 @@ its mapping names, or of the one that the user names for the fit. The log's own 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 from typing import Any, Literal
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_parameters import Parameter
-from aerodima.optimisation.identify.hold_mean import Drift, HoldLoss
-from aerodima.optimisation.identify.least_squares import Loss
+from aerodima.optimisation.identify.least_squares import Loss, Parameter
 from aerodima.workbench.config.checked_files import find_file, nearest, read_yaml, unit_of
 from aerodima.workbench.config.rig_scenario import RigScenario, RigUncertaintyParameters, rig_scenario_from_dict
 from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.logs.signals import check_signals
+from aerodima.workbench.resources import published_table
+
+Knowledge = Literal["uncertain", "exact"]
+KNOWLEDGE: tuple[Knowledge, ...] = ("uncertain", "exact")
+ANGLE, CURRENT = "angle_rad", "current_a"
+LARGEST_ANGLE = math.radians(110.0)
 
 
 @dataclass(frozen=True)
@@ -33,8 +39,9 @@ class FitOptions:
         bounds: lower and upper bound by name of the parameter, in place of the model's own.
         rig: name or file of the rig scenario that the log was made on; the log's own by default, else `models/`.
         settings: overrides on top of it, `section.key=value`.
-        free: constants of the rig and errors of its instruments (`constants`) that are unknowns without a prior.
-        drift, hold_loss: of the force sensor in static holds, see `hold_mean`.
+        free: constants of the rig and errors of its instruments (`CONSTANTS`, `BIASES`) that are unknowns without a
+            prior.
+        constants: `uncertain`, by the scenario's section `uncertainty`; or `exact`: intervals are those of noise alone.
     """
 
     loss: Loss = "squares"
@@ -42,13 +49,17 @@ class FitOptions:
     rig: str = ""
     settings: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
-    drift: Drift = "linear"
-    hold_loss: HoldLoss = "squares"
+    constants: Knowledge = "uncertain"
 
-    def limits(self, parameter: Parameter) -> tuple[float, float]:
-        """The bounds of a parameter."""
-        found = {name: (low, high) for name, low, high in self.bounds}
-        return found.get(parameter.name, (parameter.lower, parameter.upper))
+    def bounded(self, parameters: Sequence[Parameter]) -> list[Parameter]:
+        """The parameters within these bounds, their seeds too; FitError for a bound that belongs to none of them."""
+        self.require_known([p.name for p in parameters])
+        limits = {name: (low, high) for name, low, high in self.bounds}
+        found = []
+        for p in parameters:
+            low, high = limits.get(p.name, (p.lower, p.upper))
+            found.append(p if p.frozen else replace(p, seed=min(max(p.seed, low), high), lower=low, upper=high))
+        return found
 
     def require_known(self, names: Sequence[str]) -> None:
         """FitError for a bound on something that the fit does not have."""
@@ -61,14 +72,30 @@ FREE = FitOptions()
 """Least squares within the model's own bounds, on the rig that the log names."""
 
 
-CURRENT_SAMPLING = "current_sampling"
-"""Key in a log's `extra`: whether a sample of the current is its value then or its mean since the sample before."""
-CurrentSampling = Literal["mean", "instantaneous"]
 LARGEST_SPEED = 60.0
 """m/s of wind that a log may state: far beyond any tunnel for tails of this size, below a slip of the unit."""
 _TRUTH = ("aero", "seed", "name", "schema", "simulation")
 _OF_THE_LOG = tuple(f"experiment.{key}" for key in ("kind", "tail", "axis", "wind_speed"))
 _FACTS = (("tail", ("1", "2", "3")), ("axis", ("major", "minor")))
+
+
+def checked_angle(log: RunLog, kind: str, least: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times (s) and angles (rad) of a log (n each), once both are what a fit of this kind can use.
+
+    Raises:
+        LogError: unsorted time, gap or NaN, with column and time.
+        FitError: another kind of log, fewer than `least` samples, angles that must be degrees.
+    """
+    if log.kind != kind:
+        raise FitError(f"is a log of kind {log.kind!r}; this fit needs {kind!r}")
+    time, angle = log.time, log.signal(ANGLE)
+    if len(time) < least:
+        raise FitError(f"{len(time)} samples; this fit needs at least {least}")
+    check_signals(time, {ANGLE: angle})
+    largest = angle[np.argmax(np.abs(angle))]
+    if abs(largest) > LARGEST_ANGLE:
+        raise FitError(f"column {ANGLE!r} reaches {largest:g}, beyond +-{LARGEST_ANGLE:.2f} rad; is it in degrees?")
+    return time, angle
 
 
 @contextmanager
@@ -161,6 +188,18 @@ def wind_speed(log: RunLog, least: float, most: float) -> float:
     return float(value)
 
 
+@cache
+def accuracies() -> np.ndarray:
+    """Table 4.8 for the six reactions (6), N and N m; do not change it in place."""
+    return published_table("residual_weights").uncertainty_factor.to_numpy(float)[:6]
+
+
+@cache
+def speed_accuracy() -> float:
+    """Table 4.8 for the speed, rad/s (printed as rad/s; ERRATA E19); in rad also that of an angle, one count."""
+    return float(published_table("residual_weights").uncertainty_factor.iloc[6])
+
+
 def differences(scenario: RigScenario) -> dict[str, Any]:
     """What of a rig differs from `models/`, as `section.key`; the experiment is left out."""
     return {
@@ -169,40 +208,6 @@ def differences(scenario: RigScenario) -> dict[str, Any]:
         for key, value in getattr(scenario, section).model_dump(mode="json").items()
         if section != "experiment" and value != known[key]
     }
-
-
-def current_sampling(log: RunLog) -> CurrentSampling:
-    """What a sample of the current is: as the log says, else the mean in logs of this workbench, else its value then.
-
-    Raises:
-        FitError: the log says something else.
-    """
-    told = log.extra.get(CURRENT_SAMPLING, "mean" if is_ours(log) else "instantaneous")
-    if told not in ("mean", "instantaneous"):
-        raise FitError(f"metadata {CURRENT_SAMPLING!r} is {told!r}; allowed: mean, instantaneous")
-    return "mean" if told == "mean" else "instantaneous"
-
-
-def mean_currents(time: np.ndarray, current: np.ndarray, sampling: CurrentSampling, ends: np.ndarray) -> np.ndarray:
-    """Mean current between each two of some times, A.
-
-    Args:
-        time, current: of the log (n).
-        sampling: `mean`: a sample holds back to the one before; `instantaneous`: smooth through the samples (Akima).
-        ends: times (m); outside the log the first and last sample hold.
-
-    Returns:
-        (m - 1).
-    """
-    from scipy.interpolate import Akima1DInterpolator
-
-    if sampling == "mean":
-        integral = np.concatenate([[0.0], np.cumsum(current[1:] * np.diff(time))])
-        inside = np.interp(ends, time, integral)
-    else:
-        inside = Akima1DInterpolator(time, current).antiderivative()(np.clip(ends, time[0], time[-1]))
-    inside = inside + np.minimum(ends - time[0], 0.0) * current[0] + np.maximum(ends - time[-1], 0.0) * current[-1]
-    return np.diff(inside) / np.diff(ends)
 
 
 @dataclass(frozen=True)
@@ -284,25 +289,24 @@ def constant_parameters(
     scenario: RigScenario,
     kind: str,
     options: FitOptions,
-    known: Mapping[str, float] | None = None,
-    without: Sequence[str] = (),
+    biases: Mapping[str, float] | None = None,
 ) -> tuple[Parameter, ...]:
     """The constants that a fit varies, as shifts from the scenario: seed zero, and a deviation unless they are free.
 
     Args:
-        known: standard deviations beside those of the scenario (biases).
-        without: names that the fit has as parameters of its own.
+        biases: standard deviations of what is left in the readings; unknowns only where the rig has others.
 
     Raises:
         FitError: `options.free` names something else.
     """
-    names = [name for name in constant_names(kind) if name not in without]
+    names = constant_names(kind)
     require_constants(options.free, names)
-    deviations = scenario.uncertainty.model_dump()
+    deviations = {} if options.constants == "exact" else scenario.uncertainty.model_dump()
     if is_simulated(log):  # exact, but for what the user says of them
         stated = named_rig(options.rig, options.settings).get("uncertainty", {})
         deviations = {name: value for name, value in deviations.items() if name in stated}
-    deviations |= known or {}
+    if any(name in options.free or deviations.get(name, 0.0) > 0.0 for name in names):
+        deviations |= biases or {}
     return tuple(
         _parameter(name, name in options.free, deviations.get(name, 0.0))
         for name in names

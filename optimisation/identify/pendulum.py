@@ -85,9 +85,9 @@ def air_torque(scenario: RigScenario, law: SectionLaw | None = None) -> Torque |
     return lambda angle, rate: -air(angle, rate)[3]
 
 
-def friction_torque(coulomb: float, viscous: float, tanh_gain: float, stribeck: Sequence[float] = ()) -> Torque:
+def friction_torque(coulomb: float, viscous: float, tanh_gain: float) -> Torque:
     """`smooth_friction` as a torque of the motion."""
-    friction = smooth_friction(coulomb, viscous, tanh_gain, stribeck)
+    friction = smooth_friction(coulomb, viscous, tanh_gain)
     return lambda angle, rate: friction(rate)
 
 

@@ -1,79 +1,216 @@
-"""Everything that can be recomputed from the published tables, in one report (`aerodima fit published`).
+"""What the published tables allow to recompute, and what is odd in them (`aerodima fit published`).
 
 The rig constants that the thesis does not give are fitted jointly to its 200 published holding currents. Given C_D,
 C_L and psi3 of a test, the current that holds the tail still follows from the motor's torque constant k_t N, the jet's
 edge h0, and per tail its centre of mass and the gap in its mount. Errors are relative to the current; beyond 2 % they
-count by the Huber loss, because some published tests are broken (no wind, wrong wind speed).
+count by the Huber loss, because some published tests are broken (no wind, wrong wind speed). What is odd is found by
+rules; the ERRATA number says what a find is called.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.identify.coefficient_averages import aggregate, recompute_averages
-from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
+from aerodima.optimisation.identify.coefficient_averages import averages
 from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
-from aerodima.optimisation.identify.hold_mean import StaticBalance
-from aerodima.optimisation.identify.least_squares import Loss, Problem, huber
+from aerodima.optimisation.identify.least_squares import Loss, Parameter, Parameters, Problem, huber
 from aerodima.optimisation.identify.least_squares_solvers import solve_formula, solve_rollout
 from aerodima.optimisation.identify.log_rig import with_values
-from aerodima.optimisation.identify.published_tables import (
-    Flag,
-    flag_added_mass,
-    flag_robot_tail,
-    flag_static,
-    robot_tail_rows,
-    static_rows,
-)
 from aerodima.optimisation.identify.residual_noise import Noise, independent_noise
+from aerodima.optimisation.identify.static_balance import StaticBalance
 from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.resources import published_rows, published_table
+
+OUTLIER = 0.03
+"""Relative error of a predicted current above which a row is listed."""
+_TOLERANCE = 0.02
+_LEAST_CURRENT = 0.5
+"""The fit takes errors of smaller currents relative to this, A: the tests without wind held almost nothing."""
+_LEAST_RATIO = 0.85
+"""Of the lowest to the highest C_D of tests at one angle and wind speed, without a marked outlier."""
+_TAILS = (1, 2, 3)
+_CELL = ["tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s"]
+
+
+def check_published() -> tuple[list[FitResult], dict[str, pd.DataFrame]]:
+    """Recomputes everything: the fits of the rig constants and of the robot tail's line, and all tables by name."""
+    constants, line, table = fit_rig_constants(), robot_tail_line(), recompute_averages()
+    flags = [*flag_static(), *flag_added_mass(), *flag_averages(table), *flag_robot_tail()]
+    currents = constants.rows
+    summary = {
+        "holding currents: median of |error|": constants.median_error,
+        f"holding currents off by more than {OUTLIER:.0%}": len(constants.outliers),
+        "holding currents": len(currents),
+        "weighted averages that agree": int(table.agrees.sum()),
+        "weighted averages": len(table),
+        "robot tail: mean C_N": float(robot_tail_rows().cd.mean()),
+        "places that are flagged": len(flags),
+    }
+    cells = currents.assign(absolute=np.abs(currents.relative_error)).groupby(_CELL[:3])["absolute"]
+    return [constants.fit, line], {
+        "summary": pd.DataFrame(summary.items(), columns=["quantity", "value"]),
+        "currents_by_cell": cells.agg(["median", "max", "size"]).reset_index(),
+        "current_outliers": constants.outliers,
+        "weighted_averages": table,
+        "static_cells": static_cells(),
+        "flags": pd.DataFrame([asdict(flag) for flag in flags]),
+    }
 
 
 @dataclass(frozen=True)
-class PublishedCheck:
-    """What the published tables say about themselves.
+class Flag:
+    """Something in the published tables that a reader should know.
 
     Attributes:
-        constants: rig constants fitted to the holding currents.
-        robot_tail_line: C_N of the robot tail as a line over the relative speed.
-        robot_tail_mean: mean of its 160 distinct coefficients.
-        averages: every printed weighted average beside the recomputed one.
-        cells: aggregated C_D and C_L per tail, axis, angle and wind speed.
-        flags: what is wrong in the tables.
+        table: as in the thesis.
+        rows: which rows, in words.
+        finding: what is wrong, with numbers.
+        erratum: number in ERRATA.md.
     """
 
-    constants: RigConstants
-    robot_tail_line: FitResult
-    robot_tail_mean: float
-    averages: pd.DataFrame
-    cells: pd.DataFrame
-    flags: tuple[Flag, ...]
+    table: str
+    rows: str
+    finding: str
+    erratum: str
 
-    @property
-    def flag_table(self) -> pd.DataFrame:
-        """One row per flag."""
-        return pd.DataFrame([asdict(flag) for flag in self.flags])
 
-    def notes(self) -> list[str]:
-        """The findings in sentences."""
-        agree = int(self.averages.agrees.sum())
-        line = self.robot_tail_line
-        return [
-            f"Holding currents: median absolute error {self.constants.median_error:.2%} over "
-            f"{len(self.constants.rows)} tests of all tails; {len(self.constants.outliers)} are off by more than "
-            f"{OUTLIER:.0%}.",
-            f"Weighted averages: {agree} of {len(self.averages)} agree to the last printed digit.",
-            f"Robot tail, {line.facts['points']} values: mean C_N {self.robot_tail_mean:.3f}, line "
-            f"{line['slope'].value:.4f} v + {line['intercept'].value:.3f}.",
-            f"{len(self.flags)} places of the tables are flagged.",
-        ]
+def static_rows() -> pd.DataFrame:
+    """The 200 distinct rows of the static fits: the copied ones are left out (ERRATA E1)."""
+    rows = published_table("static_fits")
+    return rows[~repeated_speed(rows)].reset_index(drop=True)
+
+
+def repeated_speed(rows: pd.DataFrame) -> pd.Series:
+    """Rows that equal those of a lower wind speed at the same tail, axis and angle in every number."""
+    cell = ["tail", "axis", "angle_of_attack_deg", "test_no"]
+    numbers = ["cd", "cl", "psi3_rad", "current_a", "resnorm"]
+    ordered = rows.sort_values("wind_speed_m_per_s", kind="stable")
+    return ordered.duplicated(cell + numbers, keep="first").reindex(rows.index)
+
+
+def flag_static() -> list[Flag]:
+    """Copied, identical, scattered, large, out-of-bounds and saturated rows of Tables 4.11 and 10.6-10.18."""
+    rows = published_table("static_fits")
+    copied, found = repeated_speed(rows), []
+    for (table, speed), cell in rows.groupby(["source_table", "wind_speed_m_per_s"]):
+        again = copied[cell.index]
+        if again.any():
+            finding = f"{again.sum()} rows equal those of a lower wind speed in every number"
+            found.append(Flag(str(table), f"{speed:g} m/s", finding, "E1"))
+        same = all(cell[name].nunique() == 1 for name in ("cd", "cl", "current_a"))
+        if same and len(cell) > 1 and cell.resnorm.nunique() > 1:
+            found.append(Flag(str(table), f"{speed:g} m/s", f"all {len(cell)} tests give the same values", "E7"))
+        drag = cell.cd[(cell.cd > 0.1) & (cell.current_a > 0.1) & ~again]
+        if drag.min() < _LEAST_RATIO * drag.max():
+            finding = f"lowest / highest C_D {drag.min() / drag.max():.2f}, no outlier is marked"
+            found.append(Flag(str(table), f"{speed:g} m/s", finding, "E3"))
+    checks = [
+        ("resnorm", (rows.resnorm > 1000.0) & ~rows.published_bold_outlier.eq(True), "not marked", "E4"),
+        ("cl", (rows.cl < 0.0) & ~copied, "below its printed bound 0", "E5"),
+        ("cd", (rows.cd < 0.0) & ~copied, "below its printed bound 0", "E5"),
+        ("psi3_rad", rows.psi3_rad.abs().isin((0.12, 0.15)) & ~copied, "at its printed bound", "E6"),
+    ]
+    for column, odd, finding, erratum in checks:
+        row: Any
+        for row in rows[odd].itertuples():
+            where = f"{row.wind_speed_m_per_s:g} m/s, test {row.test_no}"
+            found.append(Flag(row.source_table, where, f"{column} {getattr(row, column):g}: {finding}", erratum))
+    return found
+
+
+def flag_added_mass() -> list[Flag]:
+    """Added-mass constants that stopped at a bound of Table 4.12."""
+    bounds = published_table("added_mass_seeds").set_index("wind_speed_m_per_s")
+    found = []
+    row: Any
+    for row in published_table("added_mass").itertuples():
+        low, high = bounds.lb_kg[row.wind_speed_m_per_s], bounds.ub_kg[row.wind_speed_m_per_s]
+        if not low < row.added_mass_kg < high:
+            where = f"tail {row.tail} {row.axis} {row.wind_speed_m_per_s:g} m/s, swing {row.swing}"
+            found.append(Flag(row.source_table, where, f"{row.added_mass_kg:g} kg is the bound of Table 4.12", "E23"))
+    return found
+
+
+def flag_robot_tail() -> list[Flag]:
+    """Tables of the robot tail that repeat another, and headers that contradict the caption."""
+    rows = published_table("robot_tail_drag")
+    found = []
+    for table in duplicated_robot_tables():
+        finding = f"coefficients and resnorms equal those of {published_twin(rows, table)}; it is left out"
+        found.append(Flag(table, "all", finding, "E24"))
+    for row in rows.drop_duplicates("source_table").to_dict("records"):
+        header, caption = ([row[f"{place}{key}"] for key in ("wind_speed_m_per_s", "kp")] for place in ("header_", ""))
+        if header != caption:
+            finding = f"wind speed and Kp are {header} in the header and {caption} in the caption"
+            found.append(Flag(row["source_table"], "header", finding, "E25"))
+    return found
+
+
+def _robot_values(rows: pd.DataFrame, table: str) -> np.ndarray:
+    group = rows[rows.source_table == table].sort_values(["swing", "relative_velocity_m_per_s"])
+    return group[["relative_velocity_m_per_s", "cd", "resnorm"]].to_numpy(float)
+
+
+def published_twin(rows: pd.DataFrame, table: str) -> str:
+    """Another table with the same numbers, or an empty string."""
+    mine, others = _robot_values(rows, table), (str(name) for name in rows.source_table.unique() if name != table)
+    return next((other for other in others if np.array_equal(mine, _robot_values(rows, other))), "")
+
+
+def duplicated_robot_tables() -> list[str]:
+    """Of each pair of equal tables the one whose lowest relative velocity lies above the wind speed."""
+    rows = published_table("robot_tail_drag")
+    return [
+        str(table)
+        for table, group in rows.groupby("source_table", sort=False)
+        if published_twin(rows, str(table)) and group.relative_velocity_m_per_s.min() > group.wind_speed_m_per_s.iloc[0]
+    ]
+
+
+def robot_tail_rows() -> pd.DataFrame:
+    """The 160 distinct coefficients of the robot tail."""
+    rows = published_table("robot_tail_drag")
+    return rows[~rows.source_table.isin(duplicated_robot_tables())].reset_index(drop=True)
+
+
+def recompute_averages() -> pd.DataFrame:
+    """Every weighted average of Tables 4.7, 6.2, 11.1 and 11.2 recomputed beside the printed one.
+
+    Returns:
+        A row per average: table, quantity, published, its `averages`, and `agrees`: whether they differ by no more than
+        half a unit of the last printed digit.
+    """
+    entries: list[tuple[str, str, str, pd.Series, pd.Series]] = []
+    for name in ("bar_friction", "robot_tail_friction"):
+        swings = published_table(name).query("record == 'swing'")
+        final = next(row for row in published_rows(name) if row["record"].startswith("published_"))
+        for column in ("coulomb_friction_n_m", "viscous_friction_n_m_s_per_rad"):
+            entries.append((swings.source_table.iloc[0], column, final[column], swings[column], swings.resnorm))
+    texts = [row["published_weighted_average_kg"] for row in published_rows("added_mass")]
+    cells = ["source_table", "tail", "axis", "wind_speed_m_per_s"]
+    for (source, tail, axis, speed), group in published_table("added_mass").groupby(cells, sort=False):
+        label = f"added_mass_kg tail {tail} {axis} {speed:g} m/s"
+        entries.append((str(source), label, texts[group.index[0]], group.added_mass_kg, group.resnorm))
+    rows = []
+    for table, quantity, text, values, resnorms in entries:
+        found, published = averages(values.to_numpy(), resnorms.to_numpy()), float(text)
+        half = 0.5 * 10.0 ** -len(text.partition(".")[2])
+        agrees = math.isclose(published, found["weighted"], abs_tol=half * (1.0 + 1e-9), rel_tol=0.0)
+        rows.append({"table": table, "quantity": quantity, "published": published, **found, "agrees": agrees})
+    return pd.DataFrame(rows)
+
+
+def flag_averages(table: pd.DataFrame) -> list[Flag]:
+    """Those of `recompute_averages` that disagree."""
+    return [
+        Flag(row["table"], row["quantity"], f"published {row['published']:g}, recomputed {row['weighted']:.4g}", "E23")
+        for row in table[~table.agrees].to_dict("records")
+    ]
 
 
 def fit_line(
@@ -84,41 +221,30 @@ def fit_line(
     *,
     name: str,
     channel: str,
-    facts: Mapping[str, Any] | None = None,
     loss: Loss = "squares",
 ) -> FitResult:
     """The line y = slope x + offset through points.
 
     Args:
-        x, y: points (n).
+        x, y: points (n), at least three.
         slope, offset: name and unit of the two parameters.
         channel: what y is, for the residual.
         loss: `huber` holds points back that lie far off.
-
-    Raises:
-        FitError: fewer than three points, or one that is not finite.
     """
-    x, y = np.asarray(x, float), np.asarray(y, float)
-    if len(x) < 3:
-        raise FitError(f"{name}: {len(x)} points are too few for a line with an interval; at least 3 are needed")
-    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(y))):
-        raise FitError(f"{name}: a point is not finite")
-    spread = float(np.std(x)) or 1.0
     height = float(np.std(y)) or float(np.max(np.abs(y))) or 1.0
     parameters = Parameters.of(
         [
-            Parameter(slope[0], slope[1], 0.0, scale=height / spread),
-            Parameter(offset[0], offset[1], 0.0, scale=height),
+            Parameter(*slope, 0.0, scale=height / (float(np.std(x)) or 1.0)),
+            Parameter(*offset, 0.0, scale=height),
         ]
     )
     design = np.column_stack([x, np.ones_like(x)]) / height
-    problem = Problem(parameters, lambda p: design @ p - y / height, lambda p: design, name=name)
     return fit(
-        problem,
+        Problem(parameters, lambda p: design @ p - y / height, lambda p: design, name=name),
         solve_formula,
         lambda solution: independent_noise(solution.residual, len(parameters.free)),
         channels={channel: (slice(None), height)},
-        facts=facts,
+        facts={"points": len(x)},
         loss=loss,
     )
 
@@ -135,12 +261,11 @@ def robot_tail_line() -> FitResult:
         ("intercept", "1"),
         name="robot tail, Tables 6.3 and 11.4-11.7",
         channel="cn",
-        facts={"points": len(rows)},
     )
     curve = {
         "x": speed.tolist(),
         "measured": values.tolist(),
-        "line": (line["slope"].value * speed + line["intercept"].value).tolist(),
+        "model": (line["slope"].value * speed + line["intercept"].value).tolist(),
         "labels": ["relative speed, m/s", "C_N"],
     }
     return replace(line, curves={"C_N": curve})
@@ -149,33 +274,14 @@ def robot_tail_line() -> FitResult:
 def static_cells() -> pd.DataFrame:
     """C_D and C_L per cell: weighted (eqs. 4.29-4.31), mean, median, Huber and percentiles."""
     found = []
-    keys = ["tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s"]
     rows = static_rows()
-    for cell, group in rows[~rows.published_bold_outlier.eq(True)].groupby(keys):
-        row = dict(zip(keys, cell, strict=True))
+    for cell, group in rows[~rows.published_bold_outlier.eq(True)].groupby(_CELL):
+        row = dict(zip(_CELL, cell, strict=True))
         for name in ("cd", "cl"):
-            averages = aggregate(group[name].to_numpy(), group.resnorm.to_numpy()).columns()
-            row |= {f"{name}_{key}": value for key, value in averages.items() if key != "samples"}
+            found_here = averages(group[name].to_numpy(), group.resnorm.to_numpy())
+            row |= {f"{name}_{key}": value for key, value in found_here.items() if key != "samples"}
         found.append({**row, "samples": len(group)})
     return pd.DataFrame(found)
-
-
-def check_published(seeds: int = 2) -> PublishedCheck:
-    """Recomputes everything; `seeds` random starts for the rig constants."""
-    averages, wrong = recompute_averages()
-    flags = (*flag_static(), *flag_added_mass(), *wrong, *flag_robot_tail())
-    rows = robot_tail_rows()
-    return PublishedCheck(
-        fit_rig_constants(seeds=seeds), robot_tail_line(), float(rows.cd.mean()), averages, static_cells(), flags
-    )
-
-
-OUTLIER = 0.03
-"""Relative error of a predicted current above which a row is listed."""
-_TOLERANCE = 0.02
-_LEAST_CURRENT = 0.5
-"""The fit takes errors of smaller currents relative to this, A: the tests without wind held almost nothing."""
-_TAILS = (1, 2, 3)
 
 
 @dataclass(frozen=True)
@@ -185,16 +291,20 @@ class RigConstants:
     Attributes:
         fit: values with intervals.
         rows: per published test its current, the predicted one and the relative error.
-        outliers: the rows whose error is above 3 %.
-        by_cell: median and largest absolute error per tail, axis and angle.
-        median_error: median absolute relative error over all rows of all tails.
     """
 
     fit: FitResult
     rows: pd.DataFrame
-    outliers: pd.DataFrame
-    by_cell: pd.DataFrame
-    median_error: float
+
+    @property
+    def outliers(self) -> pd.DataFrame:
+        """The rows whose error is above 3 %."""
+        return self.rows[self.rows.relative_error.abs() > OUTLIER].reset_index(drop=True)
+
+    @property
+    def median_error(self) -> float:
+        """Median absolute relative error over all rows of all tails."""
+        return float(self.rows.relative_error.abs().median())
 
 
 def constants_parameters() -> Parameters:
@@ -242,12 +352,11 @@ def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> np
     return np.array(currents)
 
 
-def fit_rig_constants(rows: pd.DataFrame | None = None, seeds: int = 2) -> RigConstants:
+def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
     """Fits the constants to the published currents.
 
     Args:
         rows: of `static_fits.csv`; the distinct ones by default.
-        seeds: random starts beside the parameters of `models/`.
     """
     rows = static_rows() if rows is None else rows
     parameters = constants_parameters()
@@ -264,37 +373,25 @@ def fit_rig_constants(rows: pd.DataFrame | None = None, seeds: int = 2) -> RigCo
         Problem(parameters, lambda x: huber(errors(x) / _TOLERANCE, 1.0), name="rig constants"),
         solve_rollout,
         lambda solution: _cell_noise(solution.residual, rows, len(parameters.free)),
-        starts=parameters.starts(random=seeds),
         channels={"current": (slice(None), _TOLERANCE)},
         facts={"rows": len(rows)},
     )
     predicted = published + size * errors(np.array([e.value for e in result.free]))
-    relative = predicted / published - 1.0
-    table = rows[["source_table", "tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s", "test_no"]].copy()
-    table["published_a"], table["predicted_a"] = published, predicted
-    table["relative_error"] = relative
+    table = rows[["source_table", *_CELL, "test_no"]].assign(published_a=published, predicted_a=predicted)
+    table["relative_error"] = predicted / published - 1.0
     ordered = table.sort_values("published_a")
     curve = {
         "x": ordered.published_a.tolist(),
         "measured": ordered.predicted_a.tolist(),
-        "equal": ordered.published_a.tolist(),
+        "model": ordered.published_a.tolist(),
         "labels": ["published current, A", "current from the published coefficients, A"],
     }
-    result = replace(result, curves={"holding current": curve})
-    absolute = table.assign(absolute=np.abs(relative))
-    cells = absolute.groupby(["tail", "axis", "angle_of_attack_deg"])["absolute"].agg(["median", "max", "size"])
-    return RigConstants(
-        result,
-        table,
-        table[np.abs(relative) > OUTLIER].reset_index(drop=True),
-        cells.reset_index(),
-        float(np.median(np.abs(relative))),
-    )
+    return RigConstants(replace(result, curves={"holding current": curve}), table)
 
 
 def _cell_noise(residual: np.ndarray, rows: pd.DataFrame, unknowns: int) -> Noise:
     """The five tests of a cell share their error (the model's): they count as one sample."""
-    cell = rows.groupby(["tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s"]).ngroup().to_numpy()
+    cell = rows.groupby(_CELL).ngroup().to_numpy()
     cells = int(cell.max()) + 1
     freedom = max(cells - unknowns, 1)
     variance = float(np.mean(np.square(residual))) * cells / freedom

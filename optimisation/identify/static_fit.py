@@ -7,69 +7,59 @@ would creep against its friction if the current did not hold it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
-from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
-from aerodima.optimisation.identify.hold_mean import REACTIONS, StaticBalance
-from aerodima.optimisation.identify.least_squares import Problem, Solution
+from aerodima.optimisation.identify.fit_pipeline import FitResult, fit, fit_with_constants
+from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
 from aerodima.optimisation.identify.least_squares_solvers import solve_formula
-from aerodima.optimisation.identify.log_rig import BIASES, FREE, FitOptions, differences, shifted
-from aerodima.optimisation.identify.priors import fit_with_priors
+from aerodima.optimisation.identify.log_rig import (
+    BIASES,
+    FREE,
+    FitOptions,
+    accuracies,
+    differences,
+    shifted,
+    speed_accuracy,
+)
 from aerodima.optimisation.identify.residual_noise import Noise
-from aerodima.optimisation.identify.static_log import StaticData, accuracies, speed_accuracy, static_data
-from aerodima.workbench.errors import FitError
+from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
+from aerodima.optimisation.identify.static_log import StaticData, static_data
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.resources import published_table
 
-Bounds = Literal["wide", "printed"]
-BOUNDS = {"cd": (-0.1, 3.0), "cl": (-0.5, 3.0), "psi3": (-0.35, 0.35), "current": (-10.0, 30.0)}
-"""Bounds that the published results themselves respect (they break the printed ones: ERRATA E5, E6)."""
-UNITS = {"cd": "1", "cl": "1", "psi3": "rad", "current": "A"}
-_SCALES = {"cd": 1.0, "cl": 1.0, "psi3": 0.1, "current": 5.0}
+UNKNOWNS = {
+    "cd": Parameter("cd", "1", 0.0, -0.1, 3.0, scale=1.0),
+    "cl": Parameter("cl", "1", 0.0, -0.5, 3.0, scale=1.0),
+    "psi3": Parameter("psi3", "rad", 0.0, -0.35, 0.35, scale=0.1),
+    "current": Parameter("current", "A", 0.0, -10.0, 30.0, scale=5.0),
+}
+"""Within bounds that the published results themselves respect (they break the printed ones: ERRATA E5, E6)."""
 _SURE = 3.0
 """Standard deviations beyond which a prediction is not that of the log."""
 _TURN = 1e-5
 """Step of the central difference over psi3, rad: its error is of the order of 1e-11."""
 
 
-def static_parameters(data: StaticData, bounds: Bounds = "wide", frozen: Sequence[str] = ()) -> Parameters:
-    """Seeds of Tables 4.9 and 10.1-10.5 at the nearest angle and wind speed, bounds as asked for.
-
-    Args:
-        frozen: names of parameters that keep their seed.
-    """
-    unknown = sorted(set(frozen) - set(UNITS))
-    if unknown:
-        raise FitError(f"parameter {unknown[0]!r} cannot be frozen; there are {', '.join(UNITS)}")
-    found = []
-    for name, (seed, *printed) in published_seeds(data).items():
-        low, high = BOUNDS[name] if bounds == "wide" else printed
-        found.append(Parameter(name, UNITS[name], min(max(seed, low), high), low, high, name in frozen, _SCALES[name]))
-    return Parameters.of(found)
-
-
-def published_seeds(data: StaticData) -> dict[str, tuple[float, float, float]]:
-    """Seed and printed bounds of the four unknowns."""
+def static_parameters(data: StaticData, options: FitOptions = FREE) -> Parameters:
+    """The unknowns, from the seeds of Tables 4.9 and 10.1-10.5 at the nearest angle and wind speed."""
     table, angle = _seed_table(), abs(math.degrees(data.angle))
     nodes = [node for node in table if str(node[0]) == data.facts["tail"]]
-    return table[min(nodes, key=lambda node: (abs(node[1] - angle) / 15.0, abs(node[2] - data.wind_speed)))]
+    seeds = table[min(nodes, key=lambda node: (abs(node[1] - angle) / 15.0, abs(node[2] - data.wind_speed)))]
+    seeded = [replace(p, seed=min(max(seeds[name], p.lower), p.upper)) for name, p in UNKNOWNS.items()]
+    return Parameters.of(options.bounded(seeded))
 
 
 @cache
-def _seed_table() -> dict[Any, dict[str, tuple[float, float, float]]]:
-    """Tail, angle (degrees) and wind speed -> name -> seed and bounds."""
+def _seed_table() -> dict[Any, dict[str, float]]:
+    """Tail, angle (degrees) and wind speed -> name -> seed."""
     cells = published_table("static_seeds").groupby(["tail", "angle_of_attack_deg", "wind_speed_m_per_s"], sort=False)
-    return {
-        node: {name: tuple(numbers) for name, *numbers in group[["variable", "x0", "lb", "ub"]].to_numpy(object)}
-        for node, group in cells
-    }
+    return {node: dict(zip(group.variable, group.x0.tolist(), strict=True)) for node, group in cells}
 
 
 class StaticResidual:
@@ -78,10 +68,8 @@ class StaticResidual:
     Rows: the present reactions over the accuracy of Table 4.8, then the speed over its own.
     """
 
-    def __init__(self, data: StaticData, parameters: Parameters) -> None:
+    def __init__(self, data: StaticData) -> None:
         self._data = data
-        self._free = [list(UNITS).index(name) for name in parameters.names]
-        self._all = [p.seed for p in parameters.all]
         self._rows = [i for i in range(6) if data.present[i]]
         self._weights = accuracies()[self._rows]
         speed = speed_accuracy()
@@ -107,31 +95,23 @@ class StaticResidual:
         """Weighted rows of bar, unit C_D and unit C_L (3 x m)."""
         if self._last[0] != psi:
             data = self._data
-            effect = np.array(data.balance.wind_effect(data.angle, data.wind_speed, psi))
+            effect = data.balance.wind_effect(data.angle, data.wind_speed, psi)
             self._last = (psi, effect[:, [*self._rows, 6]] * self._scale)
         return self._last[1]
 
-    def _full(self, x: np.ndarray) -> list[float]:
-        full = self._all.copy()
-        for place, value in zip(self._free, x.tolist(), strict=True):
-            full[place] = value
-        return full
-
     def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Residual (present axes + 1) of the free unknowns."""
-        cd, cl, psi, current = self._full(x)
+        """Residual (present axes + 1) of C_D, C_L, psi3 and current."""
+        cd, cl, psi, current = x.tolist()
         bar, drag, lift = self._effect(psi)
         return self._constant + bar + cd * drag + cl * lift + current * self._motor
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """d residual / d free unknowns: exact in C_D, C_L and current, a central difference over psi3."""
-        cd, cl, psi, _ = self._full(x)
+        """d residual / d unknowns: exact in C_D, C_L and current, a central difference over psi3."""
+        cd, cl, psi, _ = x.tolist()
         here = self._effect(psi)
-        turn = np.zeros(len(self._scale))
-        if 2 in self._free:
-            turn = np.array([1.0, cd, cl]) @ (self._effect(psi + _TURN) - self._effect(psi - _TURN)) / (2.0 * _TURN)
-            self._last = (psi, here)
-        return np.array([here[1], here[2], turn, self._motor])[self._free].T
+        turn = np.array([1.0, cd, cl]) @ (self._effect(psi + _TURN) - self._effect(psi - _TURN)) / (2.0 * _TURN)
+        self._last = (psi, here)
+        return np.array([here[1], here[2], turn, self._motor]).T
 
     def noise(self, solution: Solution) -> Noise:
         """What is left of the sensor's errors, and the encoder's."""
@@ -147,12 +127,12 @@ class StaticResidual:
 
     def _angle_slope(self, x: np.ndarray) -> np.ndarray:
         """d residual / d angle."""
-        cd, cl, psi, _ = self._full(x)
+        cd, cl, psi, _ = x.tolist()
         shares, data = np.array([1.0, cd, cl]), self._data
         ends = []
         for angle in (data.angle + _TURN, data.angle - _TURN):
             weight, torque = _weight(data, angle)
-            total = shares @ np.array(data.balance.wind_effect(angle, data.wind_speed, psi))
+            total = shares @ data.balance.wind_effect(angle, data.wind_speed, psi)
             ends.append(self._scaled(weight + total[:6], torque + total[6]))
         return (ends[0] - ends[1]) / (2.0 * _TURN)
 
@@ -167,42 +147,28 @@ def _weight(data: StaticData, angle: float) -> tuple[np.ndarray, float]:
     return reactions - data.balance.hanging(tare)[0], torque
 
 
-def static_problem(data: StaticData, parameters: Parameters) -> tuple[Problem, StaticResidual]:
-    """The least-squares problem of one hold."""
-    residual = StaticResidual(data, parameters)
-    return Problem(parameters, residual, residual.jacobian, name=data.name), residual
+def static_problem(data: StaticData, options: FitOptions = FREE) -> Problem:
+    """The least-squares problem of one hold on a rig that is known exactly."""
+    residual = StaticResidual(data)
+    return Problem(static_parameters(data, options), residual, residual.jacobian, name=data.name)
 
 
-def fit_static(
-    data: StaticData, bounds: Bounds = "wide", frozen: Sequence[str] = (), random_seeds: int = 0
-) -> FitResult:
+def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     """Fits one hold.
 
-    Args:
-        bounds: `wide`, which the published results respect, or `printed` (Tables 4.10 and 10.1-10.5).
-        frozen: parameters that keep their published seed.
-        random_seeds: starts beside the published seed.
-
     Raises:
-        FitError: fewer axes than unknowns, or no start could be solved.
+        FitError: fewer axes than unknowns, or the problem could not be solved.
     """
-    parameters = static_parameters(data, bounds, frozen)
-    problem, residual = static_problem(data, parameters)
+    problem, residual = static_problem(data, options), StaticResidual(data)
     facts: dict[str, Any] = dict(data.facts)
     if math.isfinite(data.current):
         facts["logged_current_a"] = data.current
     facts["exposed_length_m"] = data.balance.exposed_length(data.angle)
     result = fit(
-        problem,
-        solve_formula,
-        residual.noise,
-        starts=parameters.starts(random=random_seeds),
-        channels=residual.channels,
-        facts=facts,
-        warnings=data.warnings,
+        problem, solve_formula, residual.noise, channels=residual.channels, facts=facts, warnings=data.warnings
     )
     if data.constants:
-        result = _with_constants(result, data, parameters)
+        result = _with_constants(result, data, problem.parameters)
     warnings = (*result.warnings, *_against_logged_current(result, data))
     return replace(result, rig=differences(data.scenario), warnings=warnings)
 
@@ -216,26 +182,17 @@ def _with_constants(first: FitResult, data: StaticData, parameters: Parameters) 
     def make(everything: Parameters) -> Problem:
         def residual(x: np.ndarray) -> np.ndarray:
             values = everything.values(x)
-            trial = StaticResidual(shifted_data(exact, values), parameters)
-            return trial(np.array([values[name] for name in parameters.names]))
+            return StaticResidual(shifted_data(exact, values))(np.array([values[name] for name in UNKNOWNS]))
 
         return Problem(everything, residual, name=data.name)
 
-    here = StaticResidual(exact, parameters)
+    here = StaticResidual(exact)
 
     def noise(solution: Solution) -> Noise:
-        values = solution.problem.parameters.values(solution.x)
-        own = np.array([values[name] for name in parameters.names])
-        return replace(here.noise(replace(solution, x=own)), rounding=None)
+        return replace(here.noise(replace(solution, x=solution.x[: len(UNKNOWNS)])), rounding=None)
 
-    return fit_with_priors(
-        make,
-        parameters.all,
-        data.constants,
-        first,
-        noise,
-        channels=here.channels,
-        warnings=data.warnings,
+    return fit_with_constants(
+        make, parameters.all, data.constants, first, noise, channels=here.channels, warnings=data.warnings
     )
 
 
@@ -274,23 +231,17 @@ def _against_logged_current(result: FitResult, data: StaticData) -> list[str]:
 
 
 def fit_static_log(
-    path: str | Path,
-    *,
-    bounds: Bounds = "wide",
-    frozen: tuple[str, ...] = (),
-    random_seeds: int = 0,
-    rest: tuple[float, float] | None = None,
-    options: FitOptions = FREE,
+    path: str | Path, *, rest: tuple[float, float] | None = None, options: FitOptions = FREE
 ) -> FitResult:
     """C_D, C_L, psi3 and holding current of a static hold.
 
     Args:
         path: of the log.
-        bounds, frozen, random_seeds: see `fit_static`.
         rest: first and last time of the rest without wind, s; by default as the log states it.
-        options: rig, constants, drift and loss of the samples.
+        options: rig, its constants, bounds, loss of the samples.
 
     Raises:
         UserError: what is wrong with the log or the options.
     """
-    return fit_static(static_data(read_run_log(path), rest, options), bounds, frozen, random_seeds)
+    options.require_known(list(UNKNOWNS))
+    return fit_static(static_data(read_run_log(path), rest, options), options)

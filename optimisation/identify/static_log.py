@@ -1,8 +1,9 @@
 """A static log as data of a fit: mean wrench, angle and speed of the hold, with the covariance of their errors.
 
-With a rest phase (wind off, same angle) in the log, bias and drift go with what is fitted to the resting readings, and
-only noise is left. Without one the bias stays, and its standard deviation is what the log states
-(`offsets_uncertainty`), else what the drift since a tare can do, else the accuracy of the scenario (Table 4.8).
+With a rest phase (wind off, same angle) in the log, a line of time (drift) and a step where the wind begins go through
+all samples of rest and hold together, because the hold helps to find the drift too: the bias goes, and only noise is
+left. Without one the bias stays, and its standard deviation is what the log states (`offsets_uncertainty`), else what
+the drift since a tare can do, else the accuracy of the scenario (Table 4.8).
 """
 
 from __future__ import annotations
@@ -10,50 +11,57 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_parameters import Parameter
-from aerodima.optimisation.identify.hold_mean import (
-    REACTIONS,
-    HoldMean,
-    HoldOffset,
-    StaticBalance,
-    hold_mean,
-    residual_warnings,
-    stated_offset,
-)
+from aerodima.optimisation.identify.least_squares import LIMIT, Loss, Parameter, spread
 from aerodima.optimisation.identify.log_rig import (
     BIASES,
+    CURRENT,
     FREE,
     LARGEST_SPEED,
     FitOptions,
+    checked_angle,
     constant_parameters,
     named,
     rig_of,
     wind_speed,
 )
-from aerodima.optimisation.identify.residual_noise import correlation_time
+from aerodima.optimisation.identify.residual_noise import (
+    CHANCE,
+    FAR_OFF,
+    FEW_FAR_OFF,
+    ResidualCheck,
+    chance_of,
+    check_residual,
+    correlation_time,
+)
+from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
-from aerodima.workbench.logs.conditioning import OFFSETS
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, stated_rest
-from aerodima.workbench.resources import published_table
-from aerodima.workbench.sensors.rig_sensors import count_angle
 
 COLUMNS = {c: f"force_{c[1]}_n" if c[0] == "f" else f"torque_{c[1]}_n_m" for c in REACTIONS}
-ANGLE, RATE, CURRENT = "angle_rad", "angular_velocity_rad_per_s", "current_a"
+RATE = "angular_velocity_rad_per_s"
+OFFSETS = "offsets_to_add"
+"""Key in a log's `extra`: what the sensor was zeroed at, N and N m; zeros once it has been added."""
+OFFSETS_UNCERTAINTY = "offsets_uncertainty"
+"""Key in a log's `extra`: standard deviation of what is left of the readings' offsets (6), N and N m."""
+TARED = "tared_angle_rad"
+"""Key in a log's `extra`: angle at which the sensor was zeroed without wind just before, rad."""
 LEAST_SAMPLES = 100
-_LARGEST_ANGLE = math.radians(110.0)
 _LARGEST_WANDER = math.radians(1.0)
 CURRENT_MARGIN = 2.0
 """Logged currents beyond this many times the motor's limit are of another unit."""
 _NO_CHANGE = 4.0
 """Standard deviations of noise and drift within which the readings of hold and rest are the same."""
 _LARGEST_FORCE, _LARGEST_TORQUE = 1000.0, 40.0
+"""About twice the range of the Axia80-M20, N and N m: larger readings are of another unit."""
+_ROUNDS, _SETTLED = 40, 1e-4
+_MOST_CORRELATED = 8192
+"""Samples that the correlation time of a noise is taken from."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +81,6 @@ class StaticData:
         angle_deviation: of the error of the angle (half a count of the encoder, evenly spread), rad.
         current, current_deviation: mean of the logged current and standard deviation of its error, A; NaN without.
         effective_samples: that the hold counts as.
-        rest: first and last time of the rest phase, s; None without.
         facts: tail, axis, angle_deg, wind_speed_m_per_s for reports.
         offset_deviation: standard deviation of what is left of the offsets (6), in `covariance` too.
         constants: of the rig that are not exact, see `constant_parameters`.
@@ -94,7 +101,6 @@ class StaticData:
     current: float
     current_deviation: float
     effective_samples: float
-    rest: tuple[float, float] | None
     facts: Mapping[str, Any]
     offset_deviation: np.ndarray
     constants: tuple[Parameter, ...]
@@ -106,23 +112,6 @@ class StaticData:
         return self.balance.scenario
 
 
-def largest_reading(channel: str) -> float:
-    """About twice the range of the Axia80-M20 in a reaction, N or N m: larger numbers are of another unit."""
-    return _LARGEST_FORCE if channel.startswith("f") else _LARGEST_TORQUE
-
-
-@cache
-def accuracies() -> np.ndarray:
-    """Table 4.8 for the six reactions (6), N and N m; do not change it in place."""
-    return published_table("residual_weights").uncertainty_factor.to_numpy(float)[:6]
-
-
-@cache
-def speed_accuracy() -> float:
-    """Table 4.8 for the speed, rad/s (printed as rad/s; ERRATA E19)."""
-    return float(published_table("residual_weights").uncertainty_factor.iloc[6])
-
-
 def static_data(log: RunLog, rest: tuple[float, float] | None = None, options: FitOptions = FREE) -> StaticData:
     """Checks a static log and takes from it what the fit needs.
 
@@ -130,7 +119,7 @@ def static_data(log: RunLog, rest: tuple[float, float] | None = None, options: F
         log: of kind `static`.
         rest: first and last time of the rest phase (wind off), s; by default `rest_s` of the log's metadata, if it is
             there.
-        options: rig, drift and loss.
+        options: rig, its constants, loss of the samples.
 
     Raises:
         LogError: unsorted time, gap or NaN, with column and time.
@@ -143,106 +132,71 @@ def static_data(log: RunLog, rest: tuple[float, float] | None = None, options: F
 
 
 def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str, options: FitOptions) -> StaticData:
-    if log.kind != "static":
-        raise FitError(f"is a log of kind {log.kind!r}; a static fit needs 'static'")
+    time, angle = checked_angle(log, "static", LEAST_SAMPLES)
     scenario = rig_of(log, "static", options)
     balance, speed = StaticBalance.of(scenario), wind_speed(log, 1e-3, LARGEST_SPEED)
-    time, angle = log.time, log.signal(ANGLE)
-    if len(time) < LEAST_SAMPLES:
-        raise FitError(f"{len(time)} samples; a static fit needs at least {LEAST_SAMPLES}")
-    check_signals(time, {ANGLE: angle})
-    _check_held(angle)
+    if np.ptp(angle) > _LARGEST_WANDER:
+        raise FitError(
+            f"the angle moves by {math.degrees(float(np.ptp(angle))):.2f} degrees; a static log holds it "
+            f"within {math.degrees(_LARGEST_WANDER):g} degree"
+        )
     hold = np.ones(len(time), bool) if rest is None else _hold_mask(time, rest)
     columns, warnings = _readings(log, time)
     used = hold if rest is None else hold | ((time >= rest[0]) & (time <= rest[1]))
-    mean = hold_mean(
-        time[used],
-        np.stack(list(columns.values()))[:, used],
-        None if rest is None else hold[used].astype(float),
-        options.drift,
-        options.hold_loss,
-    )
+    step = None if rest is None else hold[used].astype(float)
+    mean = hold_mean(time[used], np.stack(list(columns.values()))[:, used], step, options.loss)
     held = float(np.mean(angle[hold]))
     log.stated(OFFSETS, len(REACTIONS))  # refused where it cannot be right, also if a rest makes it unneeded
-    offset = HoldOffset(np.zeros(6), np.zeros(6), held) if rest is not None else stated_offset(log, scenario, warnings)
+    offset = (np.zeros(6), np.zeros(6), held) if rest is not None else _stated_offset(log, scenario, warnings)
+    added, deviation, tare = offset
     channels = [i for i, channel in enumerate(REACTIONS) if channel in columns]
     wrench, variance = np.full(6, np.nan), np.zeros(6)
-    wrench[channels] = mean.value + offset.added[channels]
-    variance[channels] = mean.variance + np.square(offset.deviation[channels])
-    warnings += residual_warnings(mean, list(columns), time[used])
+    wrench[channels] = mean.value + added[channels]
+    variance[channels] = mean.variance + np.square(deviation[channels])
+    warnings += _residual_warnings(mean, list(columns), time[used])
     if rest is not None and balance.exposed_length(held) > 0.0 and _is_still(mean, scenario, channels, time, hold):
         warnings.append(
             f"the readings change after the rest phase {rest[0]:g} to {rest[1]:g} s by no more than noise and drift "
             f"can do, although the wind of {speed:g} m/s meets the tail: is the wind off in it?"
         )
-    count = count_angle(scenario)
-    rate, rate_deviation = _mean_rate(log, time, hold, count)
+    rate, rate_deviation = _mean_rate(log, time, hold, scenario.count_angle)
     current, current_deviation = _mean_current(log, hold, scenario, warnings)
+    biases = {name: value for name, value in zip(BIASES, deviation.tolist(), strict=True) if value > 0.0}
     return StaticData(
         name=name,
         balance=balance,
         angle=held,
         wind_speed=speed,
         wrench=wrench,
-        tare=offset.tare,
+        tare=tare,
         covariance=np.diag(variance),
         present=np.isin(np.arange(6), channels),
         speed=rate,
         speed_deviation=rate_deviation,
-        angle_deviation=count / math.sqrt(12.0),
+        angle_deviation=scenario.count_angle / math.sqrt(12.0),
         current=current,
         current_deviation=current_deviation,
         effective_samples=float(np.count_nonzero(hold) / mean.lags.max()),
-        rest=rest,
         facts={
             "tail": str(log.extra["tail"]),
             "axis": str(log.extra["axis"]),
             "angle_deg": round(math.degrees(held), 3),
             "wind_speed_m_per_s": speed,
         },
-        offset_deviation=offset.deviation,
-        constants=_constants(log, scenario, options, offset),
+        offset_deviation=deviation,
+        constants=constant_parameters(log, scenario, "static", options, biases),
         warnings=tuple(warnings),
     )
 
 
-def _constants(log: RunLog, scenario: RigScenario, options: FitOptions, offset: HoldOffset) -> tuple[Parameter, ...]:
-    """Of the rig; the biases of the readings among them only where there are others, so that the budget has them."""
-    found = constant_parameters(log, scenario, "static", options)
-    biases = {name: value for name, value in zip(BIASES, offset.deviation.tolist(), strict=True) if value > 0.0}
-    return constant_parameters(log, scenario, "static", options, biases) if found and biases else found
-
-
-def _is_still(mean: HoldMean, scenario: RigScenario, channels: list[int], time: np.ndarray, hold: np.ndarray) -> bool:
-    """Whether no reading steps by more than noise, the drift of the sensor and the wander that is seen can do."""
-    sensor = scenario.force_sensor
-    between = float(time[hold].mean() - time[~hold].mean())
-    drift = np.asarray(sensor.accuracies)[channels] * sensor.drift_fraction * between
-    seen = np.array([check.swing for check in mean.checks])
-    return bool(np.all(np.abs(mean.value) < _NO_CHANGE * np.sqrt(mean.variance + drift**2) + 2.0 * seen))
-
-
-def _check_held(angle: np.ndarray) -> None:
-    if np.max(np.abs(angle)) > _LARGEST_ANGLE:
-        raise FitError(
-            f"column {ANGLE!r} reaches {angle[np.argmax(np.abs(angle))]:g}, beyond +-{_LARGEST_ANGLE:.2f} rad; "
-            "is it in degrees?"
-        )
-    if np.ptp(angle) > _LARGEST_WANDER:
-        raise FitError(
-            f"the angle moves by {math.degrees(float(np.ptp(angle))):.2f} degrees; a static log holds it "
-            f"within {math.degrees(_LARGEST_WANDER):g} degree"
-        )
-
-
 def _hold_mask(time: np.ndarray, rest: tuple[float, float]) -> np.ndarray:
     """What comes after the rest phase."""
-    resting = (time >= rest[0]) & (time <= rest[1])
+    resting = np.count_nonzero((time >= rest[0]) & (time <= rest[1]))
     hold = time > rest[1]
-    if np.count_nonzero(resting) < LEAST_SAMPLES or np.count_nonzero(hold) < LEAST_SAMPLES:
+    if resting < LEAST_SAMPLES or np.count_nonzero(hold) < LEAST_SAMPLES:
         raise FitError(
-            f"{np.count_nonzero(resting)} samples in the rest phase {rest[0]:g} to {rest[1]:g} s and "
-            f"{np.count_nonzero(hold)} after it; at least {LEAST_SAMPLES} of each are needed"
+            f"{resting} samples in the rest phase {rest[0]:g} to {rest[1]:g} s and {np.count_nonzero(hold)} after it; "
+            f"at least {LEAST_SAMPLES} of each are needed"
         )
     return hold
 
@@ -257,7 +211,7 @@ def _readings(log: RunLog, time: np.ndarray) -> tuple[dict[str, np.ndarray], lis
             continue
         values = log.signal(column)
         check_signals(time, {column: values}, largest_step=np.inf)
-        limit = largest_reading(channel)
+        limit = _LARGEST_FORCE if channel.startswith("f") else _LARGEST_TORQUE
         if np.max(np.abs(values)) > limit:
             raise FitError(f"column {column!r} reaches {np.max(np.abs(values)):g}, beyond {limit:g}; wrong unit?")
         if np.ptp(values) == 0.0:
@@ -276,7 +230,7 @@ def _mean_current(log: RunLog, hold: np.ndarray, scenario: RigScenario, warnings
     values = log.signal(CURRENT)[hold]
     mean, limit = float(np.mean(values)), CURRENT_MARGIN * scenario.maxon.current_limit
     if abs(mean) <= limit:
-        lag = correlation_time(values[:8192])
+        lag = correlation_time(values[:_MOST_CORRELATED])
         return mean, float(np.std(values)) * math.sqrt(lag / len(values))
     warnings.append(f"{CURRENT} is {mean:.4g} in the mean, beyond {limit:g} A (is it in mA?): not compared")
     return math.nan, math.nan
@@ -291,3 +245,132 @@ def _mean_rate(log: RunLog, time: np.ndarray, hold: np.ndarray, count: float) ->
     rate = log.signal(RATE)
     check_signals(time, {RATE: rate}, largest_step=np.inf)
     return float(np.mean(rate[hold])), deviation
+
+
+def _stated_offset(
+    log: RunLog, scenario: RigScenario, warnings: list[str]
+) -> tuple[np.ndarray, np.ndarray, float | None]:
+    """Of a hold without rest, as the log states it, else as the scenario does.
+
+    Returns:
+        What is added to the readings (6), the standard deviation of what is then left (6), and `StaticData.tare`.
+
+    Raises:
+        LogError, FitError: nonsense in the metadata.
+    """
+    accuracy = np.asarray(scenario.force_sensor.accuracies)
+    tared, stated = log.extra.get(TARED), log.stated(OFFSETS_UNCERTAINTY, len(REACTIONS))
+    if tared is not None and (isinstance(tared, bool) or not isinstance(tared, int | float)):
+        raise FitError(f"metadata {TARED!r} is {tared!r}; an angle in rad is needed")
+    if stated is not None and min(stated) < 0.0:
+        raise FitError(f"metadata {OFFSETS_UNCERTAINTY!r} is {list(stated)}; six numbers of at least 0 are needed")
+    if stated is not None:
+        deviation = np.asarray(stated)
+    elif tared is not None:
+        deviation = accuracy * scenario.force_sensor.drift_fraction * float(log.time[-1] - min(log.time[0], 0.0))
+    else:
+        deviation = accuracy
+        warnings.append(
+            "no rest phase: bias and drift stay in the readings; the sensor's accuracy is taken as their standard "
+            f"deviation (state {OFFSETS_UNCERTAINTY} or {TARED} in the log if it was tared or calibrated)"
+        )
+    if tared is not None:
+        return np.zeros(6), deviation, float(tared)
+    offsets = log.stated(OFFSETS, len(REACTIONS)) or scenario.cheetah_tail.offsets
+    return np.asarray(offsets, float), deviation, None
+
+
+@dataclass(frozen=True)
+class HoldMean:
+    """Of some readings (k).
+
+    Attributes:
+        value: their step at the end of the rest; without a rest their mean (k).
+        variance: of its error from noise (k).
+        lags: samples that count as one (k).
+        checks: of what is left of each (k).
+    """
+
+    value: np.ndarray
+    variance: np.ndarray
+    lags: np.ndarray
+    checks: tuple[ResidualCheck, ...]
+
+
+def hold_mean(time: np.ndarray, values: np.ndarray, step: np.ndarray | None, loss: Loss = "squares") -> HoldMean:
+    """Fits a line of time, and the step.
+
+    Args:
+        time: s (n).
+        values: readings (k x n).
+        step: 0 in the rest and 1 in the hold (n); None without a rest.
+        loss: squares; `huber` holds samples back that lie far off.
+    """
+    design = np.stack([np.ones_like(time), time - time.mean(), *([] if step is None else [step])])
+    place = 0 if step is None else len(design) - 1
+    inverse = np.linalg.inv(design @ design.T)
+    value, variance, lags, checks = [], [], [], []
+    for row in values:
+        found, scatter, spoilt = _coefficients(row, design, loss)
+        lag = correlation_time(scatter[:_MOST_CORRELATED])
+        noise = float(scatter @ scatter) / max(len(row) / lag - len(design), 1.0) * spoilt
+        value.append(found[place])
+        variance.append(noise * inverse[place, place])
+        lags.append(lag)
+        check = check_residual(scatter, len(design))
+        if loss == "squares" and (check.far_off or chance_of([check]) < CHANCE):
+            # What lies far off has bent the fit: how far shows against one that it has bent less.
+            check = check_residual(row - _coefficients(row, design, "huber")[0] @ design, len(design))
+        checks.append(check)
+    return HoldMean(np.array(value), np.array(variance), np.array(lags), tuple(checks))
+
+
+def _coefficients(row: np.ndarray, design: np.ndarray, loss: Loss) -> tuple[np.ndarray, np.ndarray, float]:
+    """Coefficients; the residual, clipped by `huber`; by how much that widens the variance."""
+    found = row @ design.T @ np.linalg.inv(design @ design.T)
+    residual = row - found @ design
+    if loss == "squares":
+        return found, residual, 1.0
+    for _ in range(_ROUNDS):
+        scale = spread(residual)
+        if scale == 0.0:
+            return found, residual, 1.0
+        weight = _huber_weight(residual / scale)
+        before, found = found, (row * weight) @ design.T @ np.linalg.inv((design * weight) @ design.T)
+        residual = row - found @ design
+        if np.max(np.abs((found - before) @ design)) < _SETTLED * scale:
+            break
+    within = float(np.mean(np.abs(residual / scale) <= LIMIT))
+    return found, residual * _huber_weight(residual / scale), 1.0 / within**2
+
+
+def _huber_weight(size: np.ndarray) -> np.ndarray:
+    return np.minimum(1.0, LIMIT / np.maximum(np.abs(size), LIMIT))
+
+
+def _residual_warnings(mean: HoldMean, channels: list[str], time: np.ndarray) -> list[str]:
+    """What the readings do that noise does not."""
+    far = {name: check for name, check in zip(channels, mean.checks, strict=True) if check.far_off >= FEW_FAR_OFF}
+    warnings = []
+    if far:
+        worst = max(far.values(), key=lambda check: check.far_off)
+        warnings.append(
+            f"{', '.join(far)}: up to {worst.far_off} samples lie more than {FAR_OFF:g} standard deviations off, the "
+            f"first at {time[worst.first]:g} s: no noise does that (try --loss huber)"
+        )
+    if chance_of(mean.checks) < CHANCE:
+        name, check = max(zip(channels, mean.checks, strict=True), key=lambda pair: pair[1].wander)
+        warnings.append(
+            f"the readings wander about the fitted drift as noise does not ({name}: by up to {check.swing:.2g}, slow "
+            f"power {check.wander:.3g} times that of its noise): the intervals are too narrow"
+        )
+    return warnings
+
+
+def _is_still(mean: HoldMean, scenario: RigScenario, channels: list[int], time: np.ndarray, hold: np.ndarray) -> bool:
+    """Whether no reading steps by more than noise, the drift of the sensor and the wander that is seen can do."""
+    sensor = scenario.force_sensor
+    between = float(time[hold].mean() - time[~hold].mean())
+    drift = np.asarray(sensor.accuracies)[channels] * sensor.drift_fraction * between
+    seen = np.array([check.swing for check in mean.checks])
+    return bool(np.all(np.abs(mean.value) < _NO_CHANGE * np.sqrt(mean.variance + drift**2) + 2.0 * seen))

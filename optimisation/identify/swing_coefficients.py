@@ -1,19 +1,22 @@
-"""What swings are fitted for: friction of bar and robot tail, and C_N of the robot tail over the relative speed.
+"""What swings are fitted for: friction of bar and robot tail, added mass of a cheetah tail, C_N of the robot tail.
 
-Friction from free or motor-driven swings: thesis eq. 4.12 corrected, Tables 4.7 and 6.2. C_N is what the thesis tuned
-by hand (section 6.3.3).
+Friction from free or motor-driven swings: thesis eq. 4.12 corrected, Tables 4.7 and 6.2. Added mass is fitted to the
+position only (section 4.9). C_N over the relative speed is what the thesis tuned by hand (section 6.3.3).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_parameters import Parameter
 from aerodima.optimisation.identify.fit_pipeline import FitResult
+from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.log_rig import FREE, FitOptions
 from aerodima.optimisation.identify.pendulum import Pendulum, Torque, air_torque, friction_torque
 from aerodima.optimisation.identify.swing_fit import SwingModel, Values
@@ -22,16 +25,23 @@ from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.plants.rig_motion import rig_law
+from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, LEAST_INERTIA_LEFT
 from aerodima.workbench.resources import published_table
 
 Shape = Literal["constant", "line", "bins"]
+SHAPES: tuple[Shape, ...] = ("constant", "line", "bins")
 BIN = 2.0
 """Distance of the nodes of a table over the relative speed, m/s."""
 _NODE = "cn_at_"
 _SEED, _LOW, _HIGH = 2.0, 0.0, 10.0
+_MOST_ADDED_MASS = 1.0
+"""kg per part: twice the bound of Table 4.12, at which one published swing stopped."""
+_SCANNED, _SCANNED_LENGTH = 24, 1.0
+"""Masses that are scanned, over that much of the swing, s."""
 
 
-def fit_friction_log(path: str | Path, *, stribeck: bool = False, options: FitOptions = FREE) -> FitResult:
+def fit_friction_log(path: str | Path, *, options: FitOptions = FREE) -> FitResult:
     """Coulomb and viscous friction of a free swing, see `fit_friction`; of a bar swing or a robot swing.
 
     Raises:
@@ -39,7 +49,16 @@ def fit_friction_log(path: str | Path, *, stribeck: bool = False, options: FitOp
     """
     log = read_run_log(path)
     kind = log.kind if log.kind in ("bar_swing", "robot_swing") else "bar_swing"
-    return fit_friction(swing_data(log, kind, options=options), stribeck, options)
+    return fit_friction(swing_data(log, kind, options=options), options)
+
+
+def fit_added_mass_log(path: str | Path, *, options: FitOptions = FREE) -> FitResult:
+    """Added mass per part of a swing (kg), see `fit_added_mass`.
+
+    Raises:
+        UserError: what is wrong with the log or the options.
+    """
+    return fit_added_mass(swing_data(read_run_log(path), "swing", options=options), options)
 
 
 def fit_robot_tail_log(path: str | Path, *, shape: Shape = "constant", options: FitOptions = FREE) -> FitResult:
@@ -47,61 +66,39 @@ def fit_robot_tail_log(path: str | Path, *, shape: Shape = "constant", options: 
     return fit_robot_tail(swing_data(read_run_log(path), "robot_swing", options=options), shape, options)
 
 
-def fit_friction(data: SwingData, stribeck: bool = False, options: FitOptions = FREE) -> FitResult:
+def fit_friction(data: SwingData, options: FitOptions = FREE) -> FitResult:
     """Coulomb and viscous friction of one swing.
 
     Args:
         data: a bar swing, or a robot swing (its air and motor are taken from its scenario).
-        stribeck: also a breakaway torque that dies out with speed. It shows in the last swings before the tail stops:
-            without one its speed is not determined and is named so. Two starts, with a small and with a large part.
+        options: loss and bounds.
 
     Raises:
         FitError: another kind of swing, or no rollout exists.
     """
-    scenario = data.scenario
-    if scenario.has_cheetah_tail:
+    if data.scenario.has_cheetah_tail:
         raise FitError(f"{data.name}: friction is fitted on bar or robot swings, not with a cheetah tail in the wind")
-    coulomb, viscous = friction_seed(scenario.is_robot)
-    facts = {"model": "stribeck" if stribeck else "smooth"}
-    large = {"coulomb": 0.5 * coulomb, "breakaway_excess": coulomb, "stribeck_speed": 1.0}
-    parameters = friction_parameters(coulomb, viscous, stribeck)
-    return friction_model(data).fit(parameters, [large] if stribeck else [], facts=facts, options=options)
+    return SwingModel(data, friction_law).fit(friction_parameters(data.scenario.is_robot), options=options)
 
 
-def friction_seed(robot: bool) -> tuple[float, float]:
-    """Coulomb (N m) and viscous (N m s/rad) seed: Table 4.7 for the bar, Table 6.2 for the robot's tail."""
+def friction_parameters(robot: bool = False) -> list[Parameter]:
+    """Cf and Vf, from the seeds of Table 4.7 (bar) or Table 6.2 (the robot's tail)."""
     table = published_table("robot_tail_friction" if robot else "bar_friction")
-    record = "published_final_value" if robot else "seed"
-    row = table[table.record == record].iloc[0]
-    return float(row.coulomb_friction_n_m), float(row.viscous_friction_n_m_s_per_rad)
-
-
-def friction_parameters(coulomb: float, viscous: float, stribeck: bool = False) -> list[Parameter]:
-    """Cf and Vf from seeds; with `stribeck` also breakaway excess and Stribeck speed."""
-    found = [
-        Parameter("coulomb", "N m", coulomb, 0.0, 2.0, scale=0.05),
-        Parameter("viscous", "N m s/rad", viscous, 0.0, 1.0, scale=0.02),
+    row = table[table.record == ("published_final_value" if robot else "seed")].iloc[0]
+    return [
+        Parameter("coulomb", "N m", float(row.coulomb_friction_n_m), 0.0, 2.0, scale=0.05),
+        Parameter("viscous", "N m s/rad", float(row.viscous_friction_n_m_s_per_rad), 0.0, 1.0, scale=0.02),
     ]
-    if stribeck:
-        found.append(Parameter("breakaway_excess", "N m", 0.01, 0.0, 2.0, scale=0.05))
-        found.append(Parameter("stribeck_speed", "rad/s", 0.5, 0.02, 10.0, scale=0.5))
-    return found
 
 
-def friction_model(data: SwingData) -> SwingModel:
-    """The rollout with the friction of the values; air and motor as in the scenario."""
+def friction_law(data: SwingData) -> Callable[[Values], list[Torque]]:
+    """The friction of the values; air and motor as in the scenario."""
     scenario = data.scenario
     air = air_torque(scenario)
     fixed = [air] if air is not None else []
-    if scenario.is_robot:
-        fixed.append(motor_of(scenario))
+    fixed += [motor_of(scenario)] if scenario.is_robot else []
     gain = (scenario.robot_friction if scenario.is_robot else scenario.friction).tanh_gain
-
-    def torques(values: Values) -> list[Torque]:
-        stribeck = (values["breakaway_excess"], values["stribeck_speed"]) if "breakaway_excess" in values else ()
-        return [*fixed, friction_torque(values["coulomb"], values["viscous"], gain, stribeck)]
-
-    return SwingModel(data, Pendulum.of(scenario), torques, friction_model)
+    return lambda values: [*fixed, friction_torque(values["coulomb"], values["viscous"], gain)]
 
 
 def motor_of(scenario: RigScenario) -> Torque:
@@ -115,15 +112,86 @@ def motor_of(scenario: RigScenario) -> Torque:
     return torque
 
 
+def potential_flow_mass(data: SwingData) -> float:
+    """rho pi R^2 of the length of one part (eq. 2.6), kg: a circular cylinder of the mean of both widths."""
+    tail, density = data.scenario.cheetah_tail, data.scenario.environment.air_density
+    radius = 0.25 * (tail.major_axis + tail.minor_axis)
+    return density * math.pi * radius**2 * tail.length / ADDED_MASS_PARTS
+
+
+def still_tail_law(data: SwingData) -> Callable[[Values], list[Torque]]:
+    """The quasi-steady coefficients of the tail and the published friction; values change nothing of them."""
+    friction = data.scenario.friction
+    air = air_torque(data.scenario, rig_law(data.scenario)[0])
+    torques = [friction_torque(friction.coulomb, friction.viscous, friction.tanh_gain)]
+    torques += [air] if air is not None else []
+    return lambda values: torques
+
+
+def added_mass_parameter(data: SwingData) -> Parameter:
+    """Seed 0, up to 1 kg per part; at least 3 % of the inertia must be left."""
+    least = (1.0 - LEAST_INERTIA_LEFT) * Pendulum.of(data.scenario).least_added_mass
+    return Parameter("added_mass", "kg", 0.0, least, _MOST_ADDED_MASS, scale=0.02)
+
+
+def fit_added_mass(data: SwingData, options: FitOptions = FREE) -> FitResult:
+    """Added mass per part of one swing, whichever start ends lowest: zero, Table 4.12 at the nearest wind, a scan.
+
+    The published one is no start where it takes away more inertia than the tail has (tail 1 at 10 m/s).
+
+    Raises:
+        FitError: no rollout exists.
+    """
+    model = SwingModel(data, still_tail_law)
+    (free,) = options.bounded([added_mass_parameter(data)])
+    table = published_table("added_mass_seeds")
+    nearest = np.argmin(np.abs(table.wind_speed_m_per_s - data.scenario.experiment.wind_speed))
+    starts = [float(table.x0_kg.iloc[int(nearest)]), coarse_scan(model, free.lower, free.upper)]
+    seeds = [{"added_mass": mass} for mass in starts if free.lower <= mass <= free.upper]
+    result = model.fit([free], seeds, options=options)
+    without = model.fit([replace(free, seed=0.0, frozen=True)], options=replace(options, bounds=()), exact=True)
+    facts = {
+        "times_potential_flow": result["added_mass"].value / potential_flow_mass(data),
+        "angle_rms_without_rad": without.residual_rms["angle"],
+        "angle_rms_with_rad": result.residual_rms["angle"],
+    }
+    return replace(result, facts={**result.facts, **facts})
+
+
+def coarse_scan(model: SwingModel, low: float, high: float) -> float:
+    """The mass (kg) of the least cost over the first second of the swing, among some whose frequencies are even.
+
+    Beyond that a swing of another frequency has slipped by a whole period, where the cost has other minima.
+    """
+    data, pendulum = model.data, model.pendulum
+    arms = sum(s * s for s in pendulum.part_distances)
+    inertia = np.array([pendulum.total_inertia(low), pendulum.total_inertia(high)])
+    frequencies = np.linspace(inertia[1] ** -0.5, inertia[0] ** -0.5, _SCANNED)
+    masses = np.clip((frequencies**-2.0 - pendulum.inertia) / arms, low, high)
+    early = model.shortened(_SCANNED_LENGTH)
+    start = {"start_angle": data.angle[0], "start_rate": data.start_rate}
+
+    def cost(mass: float) -> float:
+        try:
+            return float(np.sum(np.square(early.motion({"added_mass": mass, **start})[0] - early.data.angle)))
+        except FitError:
+            return math.inf
+
+    return float(min(masses.tolist(), key=cost))
+
+
 def fit_robot_tail(data: SwingData, shape: Shape = "constant", options: FitOptions = FREE) -> FitResult:
     """C_N of one swing as a constant, a line over the relative speed, or a table of bins.
 
     Raises:
         FitError: not a robot swing, or no rollout exists.
     """
+    if not data.scenario.is_robot:
+        raise FitError(f"{data.name}: is not a swing of the robot tail")
     low, high = speed_range(data)
     facts = {"shape": shape, "kp": data.scenario.robot.kp, "least_speed_m_per_s": low, "most_speed_m_per_s": high}
-    return robot_tail_model(data, shape).fit(shape_parameters(shape, data), facts=facts, options=options)
+    model = SwingModel(data, partial(robot_tail_law, shape))
+    return model.fit(shape_parameters(shape, data), facts=facts, options=options)
 
 
 def speed_range(data: SwingData) -> tuple[float, float]:
@@ -161,11 +229,9 @@ def normal_force_law(shape: Shape, values: Values, speeds: tuple[float, float]) 
     return NormalForceLaw(SpeedTable(tuple(nodes), tuple(nodes.values())))
 
 
-def robot_tail_model(data: SwingData, shape: Shape) -> SwingModel:
-    """The rollout whose air has C_N of a shape; friction and motor as in the scenario."""
+def robot_tail_law(shape: Shape, data: SwingData) -> Callable[[Values], list[Torque]]:
+    """Air with C_N of a shape; friction and motor as in the scenario."""
     scenario = data.scenario
-    if not scenario.is_robot:
-        raise FitError(f"{data.name}: is not a swing of the robot tail")
     friction = scenario.robot_friction
     fixed = [friction_torque(friction.coulomb, friction.viscous, friction.tanh_gain), motor_of(scenario)]
     low, high = speed_range(data)
@@ -175,4 +241,4 @@ def robot_tail_model(data: SwingData, shape: Shape) -> SwingModel:
         assert air is not None
         return [air, *fixed]
 
-    return SwingModel(data, Pendulum.of(scenario), torques, lambda other: robot_tail_model(other, shape))
+    return torques

@@ -8,19 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
-from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
-from aerodima.optimisation.identify.least_squares import Loss, Problem, Solution
+from aerodima.optimisation.identify.fit_pipeline import FitResult, fit, fit_with_constants
+from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
 from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
-from aerodima.optimisation.identify.log_rig import FREE, FitOptions, differences, shifted
+from aerodima.optimisation.identify.log_rig import FREE, FitOptions, differences, shifted, speed_accuracy
 from aerodima.optimisation.identify.pendulum import Pendulum, Torque, roll_out, torque_response
-from aerodima.optimisation.identify.priors import fit_with_priors
 from aerodima.optimisation.identify.residual_noise import Noise, serial_noise
-from aerodima.optimisation.identify.static_log import speed_accuracy
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 
 Values = Mapping[str, float]
@@ -34,15 +32,21 @@ class SwingModel:
 
     Attributes:
         data: the swing.
-        pendulum: its inertia and weight.
-        torques: of the values: air, friction, motor.
-        rebuilt: the same model of other data, on a rig with other constants.
+        law: of a swing: values to torques of air, friction and motor.
     """
 
     data: SwingData
-    pendulum: Pendulum
-    torques: Callable[[Values], Sequence[Torque]]
-    rebuilt: Callable[[SwingData], SwingModel]
+    law: Callable[[SwingData], Callable[[Values], Sequence[Torque]]]
+
+    @cached_property
+    def pendulum(self) -> Pendulum:
+        """Its inertia and weight."""
+        return Pendulum.of(self.data.scenario)
+
+    @cached_property
+    def torques(self) -> Callable[[Values], Sequence[Torque]]:
+        """Values to torques of air, friction and motor."""
+        return self.law(self.data)
 
     def motion(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
         """Angles (rad) and rates (rad/s) on the grid of the data (n each)."""
@@ -73,20 +77,23 @@ class SwingModel:
     def problem(self, parameters: Sequence[Parameter]) -> Problem:
         """The least-squares problem in these parameters and the start."""
         data = self.data
-        start = (
-            Parameter("start_angle", "rad", data.angle[0], data.angle[0] - _START_ANGLE, data.angle[0] + _START_ANGLE),
-            Parameter(
-                "start_rate", "rad/s", data.start_rate, data.start_rate - _START_RATE, data.start_rate + _START_RATE
-            ),
-        )
-        start = (replace(start[0], scale=0.002), replace(start[1], scale=0.05))
-        everything = Parameters.of([*parameters, *start])
-        weight = speed_accuracy()
+        start = [
+            Parameter(name, unit, seed, seed - reach, seed + reach, scale=scale)
+            for name, unit, seed, reach, scale in (
+                ("start_angle", "rad", data.angle[0], _START_ANGLE, 0.002),
+                ("start_rate", "rad/s", data.start_rate, _START_RATE, 0.05),
+            )
+        ]
+        return self.problem_in(Parameters.of([*parameters, *start]))
+
+    def problem_in(self, parameters: Parameters) -> Problem:
+        """The same in all parameters, those of the start among them, constants of the rig too or not."""
 
         def residual(x: np.ndarray) -> np.ndarray:
-            return (self.motion(everything.values(x))[0] - data.angle) / weight
+            values = parameters.values(x)
+            return (self.shifted(values).readings(values) - self.data.angle) / speed_accuracy()
 
-        return Problem(everything, residual, name=data.name)
+        return Problem(parameters, residual, name=self.data.name)
 
     def fit(
         self,
@@ -107,54 +114,41 @@ class SwingModel:
         Raises:
             FitError: bounds that exclude a seed or name no parameter, or no rollout exists.
         """
-        options.require_known([p.name for p in parameters])
-        bounded = []
-        for p in parameters:
-            low, high = options.limits(p)
-            bounded.append(p if p.frozen else replace(p, lower=low, upper=high))
-        problem = self.problem(bounded)
+        fitted = [p.name for p in parameters]
+        constants = [] if exact else [c for c in self.data.constants if c.name not in fitted]
+        model = replace(self, data=replace(self.data, constants=tuple(constants)))
+        problem = model.problem(options.bounded(parameters))
+        channels = {"angle": (slice(None), speed_accuracy())}
         result = fit(
             problem,
             solve_rollout,
-            lambda solution: self.noise(solution, problem.parameters),
+            model.noise,
             starts=problem.parameters.starts(seeds),
-            channels={"angle": (slice(None), speed_accuracy())},
+            channels=channels,
             facts={**self.data.facts, **(facts or {})},
             warnings=self.data.warnings,
             loss=options.loss,
         )
-        constants = [c for c in self.data.constants if c.name not in problem.parameters.values(problem.parameters.seed)]
-        if constants and not exact:
-            result = self._with_constants(result, problem.parameters, constants, options.loss)
+        if constants:
+            result = fit_with_constants(
+                model.problem_in,
+                problem.parameters.all,
+                constants,
+                result,
+                model.noise,
+                least_noise=model.least_noise,
+                channels=channels,
+                warnings=self.data.warnings,
+                loss=options.loss,
+            )
         values = {e.name: e.value for e in result.estimates} | {n: c["shift"] for n, c in result.constants.items()}
-        return replace(
-            result, curves={"angle": self.shifted(values).curve(values)}, rig=differences(self.data.scenario)
-        )
-
-    def _with_constants(
-        self, first: FitResult, parameters: Parameters, constants: Sequence[Parameter], loss: Loss
-    ) -> FitResult:
-        """The fit with the rig's constants as unknowns with priors, or free."""
-        weight = speed_accuracy()
-
-        def make(everything: Parameters) -> Problem:
-            def residual(x: np.ndarray) -> np.ndarray:
-                values = everything.values(x)
-                return (self.shifted(values).readings(values) - self.data.angle) / weight
-
-            return Problem(everything, residual, name=self.data.name)
-
-        return fit_with_priors(
-            make,
-            parameters.all,
-            constants,
-            first,
-            lambda solution: self.noise(solution, solution.problem.parameters),
-            least_noise=lambda solution: self.least_noise(solution, solution.problem.parameters),
-            channels={"angle": (slice(None), weight)},
-            warnings=self.data.warnings,
-            loss=loss,
-        )
+        curve = {
+            "x": self.data.time.tolist(),
+            "measured": self.data.angle.tolist(),
+            "model": model.shifted(values).readings(values).tolist(),
+            "labels": ["time after the release, s", "angle, rad"],
+        }
+        return replace(result, curves={"angle": curve}, rig=differences(self.data.scenario))
 
     def shifted(self, values: Values) -> SwingModel:
         """The model when constants and instruments are off by some values (`constants`)."""
@@ -168,21 +162,21 @@ class SwingModel:
         )
         bias, delay = values.get("current_bias", 0.0), values.get("current_delay", 0.0)
         motor, ramp = motor_torque(scenario, data.current, len(data.motor), bias, delay)
-        return self.rebuilt(replace(data, scenario=scenario, motor=motor, ramp=ramp))
+        return replace(self, data=replace(data, scenario=scenario, motor=motor, ramp=ramp))
 
     def readings(self, values: Values) -> np.ndarray:
         """What the encoder shows of the motion (n), rad."""
         return (self.motion(values)[0] - values.get("encoder_zero", 0.0)) / (1.0 + values.get("encoder_gain", 0.0))
 
-    def least_noise(self, solution: Solution, parameters: Parameters) -> Noise:
+    def least_noise(self, solution: Solution) -> Noise:
         """What the noise would be if the model were right: what changes from sample to sample, no slow part."""
         if self.data.motor_deviation:
-            return self.noise(solution, parameters, widened=False)
+            return self.noise(solution, widened=False)
         fast = 0.5 * float(np.mean(np.square(np.diff(solution.residual))))
         variance = max(fast, (self.data.rounding / speed_accuracy()) ** 2 / 12.0, 1e-12)
         return Noise(np.full(len(solution.residual), variance))
 
-    def noise(self, solution: Solution, parameters: Parameters, widened: bool = True) -> Noise:
+    def noise(self, solution: Solution, widened: bool = True) -> Noise:
         """Of a free swing what the residual shows; of a driven one the rounding of the angle and the current's noise.
 
         Noise of the current pushes the tail off its path for good, so the residual wanders: too few of its wanderings
@@ -193,7 +187,7 @@ class SwingModel:
         seen = serial_noise(solution.residual, [slice(None)], len(solution.x), rounding)
         if data.motor_deviation == 0.0:
             return seen
-        values = parameters.values(solution.x)
+        values = solution.problem.parameters.values(solution.x)
         model = self.shifted(values)
         response = torque_response(
             model.pendulum,
@@ -214,12 +208,3 @@ class SwingModel:
         )
         excess = max(1.0, float(solution.residual @ solution.residual) / max(expected, 1e-12) / 3.0)
         return Noise(covariance * excess, np.inf, seen.effective_samples)
-
-    def curve(self, values: Values) -> dict[str, Any]:
-        """Measured and modelled angle over time, for plots."""
-        return {
-            "x": self.data.time.tolist(),
-            "measured": self.data.angle.tolist(),
-            "model": self.readings(values).tolist(),
-            "labels": ["time after the release, s", "angle, rad"],
-        }

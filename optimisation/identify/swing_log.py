@@ -4,31 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_parameters import Parameter
+from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.log_rig import (
+    CURRENT,
     FREE,
-    CurrentSampling,
     FitOptions,
+    checked_angle,
     constant_parameters,
-    current_sampling,
-    mean_currents,
+    is_ours,
     named,
     rig_of,
 )
-from aerodima.optimisation.identify.static_log import ANGLE, CURRENT, CURRENT_MARGIN
+from aerodima.optimisation.identify.static_log import CURRENT_MARGIN
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.conditioning import earlier_shift
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, stated_rest
 from aerodima.workbench.sensors.encoder import MotorReply
-from aerodima.workbench.sensors.rig_sensors import count_angle
 
+CURRENT_SAMPLING = "current_sampling"
+"""Key in a log's `extra`: whether a sample of the current is its value then or its mean since the sample before."""
 LARGEST_STEP = 0.004
 """Step of the rollouts, s."""
 LEAST_SAMPLES = 50
@@ -40,25 +41,42 @@ _WHOLE = 0.01
 """Readings this near to whole steps are counts: a log may have been through degrees and text."""
 _LONGEST_SAMPLING = 0.05
 """Samples further apart than this show no swing of about a second, s."""
-_LARGEST_ANGLE = math.radians(110.0)
 
 
 @dataclass(frozen=True)
 class LoggedCurrent:
-    """The current of a log (n) at its times, what a sample is, and the times between which steps of a rollout lie."""
+    """The current of a log.
+
+    Attributes:
+        time, value: of its samples (n), s and A.
+        means: a sample is the mean since the one before; else its value then, smooth between the samples (Akima).
+        ends: times between which the steps of a rollout lie (m), s.
+    """
 
     time: np.ndarray
     value: np.ndarray
-    sampling: CurrentSampling
+    means: bool
     ends: np.ndarray
 
     def mean(self, delay: float = 0.0) -> np.ndarray:
-        """Over each step, A; a sample that comes late by `delay` (s) tells of an earlier time."""
-        return mean_currents(self.time, self.value, self.sampling, self.ends + delay)
+        """Over each step (m - 1), A; a sample that comes late by `delay` (s) tells of an earlier time.
+
+        Outside the log the first and last sample hold.
+        """
+        from scipy.interpolate import Akima1DInterpolator
+
+        time, current, ends = self.time, self.value, self.ends + delay
+        if self.means:
+            integral = np.concatenate([[0.0], np.cumsum(current[1:] * np.diff(time))])
+            inside = np.interp(ends, time, integral)
+        else:
+            inside = Akima1DInterpolator(time, current).antiderivative()(np.clip(ends, time[0], time[-1]))
+        inside = inside + np.minimum(ends - time[0], 0.0) * current[0] + np.maximum(ends - time[-1], 0.0) * current[-1]
+        return np.diff(inside) / np.diff(ends)
 
     def ramp(self, delay: float = 0.0) -> np.ndarray:
-        """Change over each step, A; none where samples are means."""
-        if self.sampling == "mean":
+        """Change over each step (m - 1), A; none where samples are means."""
+        if self.means:
             return np.zeros(len(self.ends) - 1)
         return np.diff(np.interp(self.ends + delay, self.time, self.value))
 
@@ -91,10 +109,10 @@ class SwingData:
         motor_deviation: standard deviation of its error from the noise of the current, N m; zero for a free swing.
         rounding: step of the readings of the angle, rad; zero when they are no plain counts (filtered, resampled).
         start_rate: estimate of the rate at the first sample, rad/s.
-        release: time of the first sample in the log, s.
-        facts: tail, axis, wind_speed_m_per_s.
         current: of a driven swing.
         constants: of the rig that are not exact, see `constant_parameters`.
+        release: time of the first sample in the log, s.
+        facts: tail, axis, wind_speed_m_per_s.
         warnings: of the log.
     """
 
@@ -107,11 +125,11 @@ class SwingData:
     motor_deviation: float
     rounding: float
     start_rate: float
-    release: float
-    facts: Mapping[str, Any]
     current: LoggedCurrent | None
     constants: tuple[Parameter, ...]
-    warnings: tuple[str, ...]
+    release: float = 0.0
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
     @property
     def step(self) -> float:
@@ -137,20 +155,13 @@ def swing_data(log: RunLog, kind: str, longest: float = 20.0, options: FitOption
 
 
 def _swing_data(log: RunLog, kind: str, longest: float, name: str, options: FitOptions) -> SwingData:
-    if log.kind != kind:
-        raise FitError(f"is a log of kind {log.kind!r}; this fit needs {kind!r}")
+    time, angle = checked_angle(log, kind, LEAST_SAMPLES)
     scenario = rig_of(log, kind, options)
-    time, angle = log.time, log.signal(ANGLE)
-    if len(time) < LEAST_SAMPLES:
-        raise FitError(f"{len(time)} samples; a swing needs at least {LEAST_SAMPLES}")
-    check_signals(time, {ANGLE: angle})
     sampling = float(np.median(np.diff(time)))
     if sampling > _LONGEST_SAMPLING:
         raise FitError(
             f"the samples stand {sampling:g} s apart, a swing needs at most {_LONGEST_SAMPLING:g} s; is the time in ms?"
         )
-    if np.max(np.abs(angle)) > _LARGEST_ANGLE:
-        raise FitError(f"column {ANGLE!r} reaches {np.max(np.abs(angle)):g}, beyond 1.92 rad; is it in degrees?")
     first = _release(time, angle, scenario, log)
     stride = max(1, round(LARGEST_STEP / sampling))
     last = int(np.searchsorted(time, time[first] + longest, side="right"))
@@ -172,22 +183,9 @@ def _swing_data(log: RunLog, kind: str, longest: float, name: str, options: FitO
         facts = {"tail": str(scenario.experiment.tail), "axis": scenario.experiment.axis, **facts}
     noise = scenario.maxon.torque_constant * scenario.maxon.current_noise / math.sqrt(stride) if np.any(motor) else 0.0
     grid = np.arange(len(picked)) * float(np.mean(np.diff(t)))
-    return SwingData(
-        name,
-        scenario,
-        grid,
-        angle[picked],
-        motor,
-        ramp,
-        noise,
-        rounding,
-        rate,
-        float(time[picked[0]]),
-        facts,
-        current,
-        constant_parameters(log, scenario, kind, options),
-        tuple(warnings),
-    )
+    constants = constant_parameters(log, scenario, kind, options)
+    data = SwingData(name, scenario, grid, angle[picked], motor, ramp, noise, rounding, rate, current, constants)
+    return replace(data, release=float(time[picked[0]]), facts=facts, warnings=tuple(warnings))
 
 
 def _release(time: np.ndarray, angle: np.ndarray, scenario: RigScenario, log: RunLog) -> int:
@@ -209,7 +207,7 @@ def reading_step(scenario: RigScenario) -> float:
     """Of the angle in a log of this rig, rad: a count of the encoder, or of the position in a reply of the AK70-10."""
     if scenario.is_robot:
         return 2.0 * scenario.robot_motor.position_range / (2**MotorReply.position_bits - 1)
-    return count_angle(scenario)
+    return scenario.count_angle
 
 
 def _is_rounded(angle: np.ndarray, step: float) -> bool:
@@ -240,8 +238,10 @@ def _current(log: RunLog, scenario: RigScenario, picked: np.ndarray) -> tuple[Lo
     limit = CURRENT_MARGIN * scenario.maxon.current_limit
     if np.max(np.abs(current)) > limit:
         raise FitError(f"column {CURRENT!r} reaches {np.max(np.abs(current)):g}, beyond {limit:g} A; is it in mA?")
-    found = LoggedCurrent(log.time, current, current_sampling(log), log.time[picked])
-    moving = found.mean()
-    if np.sqrt(np.mean(np.square(moving))) < 5.0 * max(scenario.maxon.current_noise, 1e-3):
+    sampling = log.extra.get(CURRENT_SAMPLING, "mean" if is_ours(log) else "instantaneous")
+    if sampling not in ("mean", "instantaneous"):
+        raise FitError(f"metadata {CURRENT_SAMPLING!r} is {sampling!r}; allowed: mean, instantaneous")
+    found = LoggedCurrent(log.time, current, sampling == "mean", log.time[picked])
+    if np.sqrt(np.mean(np.square(found.mean()))) < 5.0 * max(scenario.maxon.current_noise, 1e-3):
         return None, []
     return found, []

@@ -13,13 +13,18 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from aerodima.optimisation.identify.added_mass import added_mass_problem
 from aerodima.optimisation.identify.fit_batch import fit_logs
 from aerodima.optimisation.identify.least_squares import Problem, Solver
 from aerodima.optimisation.identify.least_squares_solvers import solve_formula, solve_rollout
-from aerodima.optimisation.identify.static_fit import fit_static, fit_static_log, static_parameters, static_problem
+from aerodima.optimisation.identify.static_fit import fit_static, fit_static_log, static_problem
 from aerodima.optimisation.identify.static_log import StaticData, static_data
-from aerodima.optimisation.identify.swing_coefficients import friction_model, friction_parameters, friction_seed
+from aerodima.optimisation.identify.swing_coefficients import (
+    added_mass_parameter,
+    friction_law,
+    friction_parameters,
+    still_tail_law,
+)
+from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.logs.schema import write_run_log
@@ -85,7 +90,7 @@ def _holds() -> list[StaticData]:
 def bench_static_fits() -> list[BenchRow]:
     """Solves alone, one core; scipy with its finite differences and with our Jacobian."""
     holds = _holds()
-    problems = [static_problem(data, static_parameters(data))[0] for data in holds]
+    problems = [static_problem(data) for data in holds]
     ours, peer, worst = _in_turns(problems, solve_formula)
     with_jacobian = statistics.median([_seconds(lambda: [_scipy(p, True) for p in problems]) for _ in range(REPEATS)])
     whole = statistics.median([_seconds(lambda: [fit_static(data) for data in holds]) for _ in range(3)])
@@ -127,10 +132,9 @@ def bench_rollout_fits() -> list[BenchRow]:
         )
         flick_scenario = load_rig_scenario("flick", ["aero.added_mass=0.02", "experiment.duration=2"])
         flick = swing_data(simulate(flick_scenario, Path(folder) / "flick.parquet"), "swing")
-    friction = friction_model(bar)
     problems = {
-        "bar_friction_fit": friction.problem(friction_parameters(*friction_seed(robot=False))),
-        "added_mass_fit": added_mass_problem(flick),
+        "bar_friction_fit": SwingModel(bar, friction_law).problem(friction_parameters()),
+        "added_mass_fit": SwingModel(flick, still_tail_law).problem([added_mass_parameter(flick)]),
     }
     for name, problem in problems.items():
         ours, peer, worst = _in_turns([problem], solve_rollout)

@@ -20,13 +20,12 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodima.optimisation.identify.added_mass import fit_added_mass
 from aerodima.optimisation.identify.fit_batch import fit_logs
 from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.optimisation.identify.log_rig import FitOptions
 from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
-from aerodima.optimisation.identify.swing_coefficients import fit_friction
+from aerodima.optimisation.identify.swing_coefficients import fit_added_mass, fit_friction
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.logs.schema import RunLog
@@ -118,7 +117,7 @@ def draw_added_mass(rng: np.random.Generator) -> Case:
         return lab.flick(rig, added_mass=mass, wind=10.0, duration=1.2, rate=250.0, drive=drive, seed=seed, **start)
 
     def fit(log: RunLog) -> FitResult:
-        return fit_added_mass(swing_data(log, "swing", options=options), options=options)
+        return fit_added_mass(swing_data(log, "swing", options=options), options)
 
     return make, fit, truth
 

@@ -88,13 +88,7 @@ def test_static_logs_in_two_processes(tmp_path: Path) -> None:
     assert table.wind_speed_m_per_s.tolist() == [20.0, 20.0]
     assert table.warnings.str.contains("no rest phase").all()
     lines = (tmp_path / "fits" / "fits.jsonl").read_text().splitlines()
-    assert json.loads(lines[0])["settings"]["fit"] == "static"
-
-
-def test_unknown_bounds_are_refused(tmp_path: Path) -> None:
-    done = run("static", tmp_path / "x.parquet", "--out", tmp_path, "--bounds", "tight")
-    assert done.exit_code == 2
-    assert "--bounds tight: allowed: wide, printed" in done.stderr
+    assert json.loads(lines[0])["settings"]["fit"] == "Static fits"
 
 
 def test_wrong_options_are_told_once_and_leave_nothing(springs: list[Path], tmp_path: Path) -> None:
@@ -102,7 +96,10 @@ def test_wrong_options_are_told_once_and_leave_nothing(springs: list[Path], tmp_
         ("friction", "--bound", "coulomb=1,0.5"): "--bound coulomb=1,0.5: the lowest must be below the highest",
         ("friction", "--bound", "mass=0,1"): "bound on 'mass': the free parameters are coulomb, viscous",
         ("added-mass", "--bound", "cd=0,1"): "bound on 'cd': the free parameters are added_mass",
-        ("static", "--freeze", "mass"): "--freeze mass: allowed: cd, cl, psi3, current",
+        ("static", "--bound", "mass=0,1"): "bound on 'mass': the free parameters are cd, cl, psi3, current",
+        ("static", "--constants", "known"): "--constants known: allowed: uncertain, exact",
+        ("static", "--loss", "bisquare"): "--loss bisquare: allowed: squares, huber",
+        ("robot-tail", "--shape", "curve"): "--shape curve: allowed: constant, line, bins",
         ("static", "--free", "encoder_zer"): "--free encoder_zer: this fit has no such constant; did you mean "
         "'encoder_zero'?",
         ("friction", "--set", "maxon.torque=1"): "scenario: maxon.torque: unknown key; allowed: "

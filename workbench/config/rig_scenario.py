@@ -301,6 +301,11 @@ class RigScenario(ScenarioFile):
         return (self.tail_1, self.tail_2, self.tail_3)[self.experiment.tail - 1]
 
     @property
+    def count_angle(self) -> float:
+        """Angle of one count of the encoder at the output, rad: 2 pi / (512 x 4 x 26) = 1.180e-4 (ERRATA E19)."""
+        return 2.0 * math.pi / (self.encoder.pulses * self.encoder.quadrature * self.maxon.gear_ratio)
+
+    @property
     def tail_name(self) -> str:
         """What stands in a log's metadata: `1`, `2`, `3`, `none` or `robot`."""
         if self.is_robot:

@@ -31,9 +31,6 @@ from aerodima.workbench.logs.signals import (
     resting_line,
 )
 
-OFFSETS = "offsets_to_add"
-"""Key in a log's `extra`: what the sensor was zeroed at, N and N m; zeros once it has been added."""
-
 
 def fill_gaps(run_log: RunLog, longest: float) -> RunLog:
     """Bridges gaps and NaN of at most `longest` (s) by straight lines; commands and states hold their last value.

@@ -28,7 +28,8 @@ from aerodima.workbench.aero.wind import WindModel, add_wind
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.car import parse_model
-from aerodima.workbench.plants.rig_model import bar_layout, cheetah_rig_sdf, robot_rig_sdf, tail_layout
+from aerodima.workbench.plants.rig_layout import bar_layout, tail_layout
+from aerodima.workbench.plants.rig_model import cheetah_rig_sdf, robot_rig_sdf
 from aerodima.workbench.plants.rig_motion import rig_jet, rig_law
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, FrictionLaw, smooth_friction
 from aerodima.workbench.systems.system_ports import connected, declare_spatial_forces, vector_of

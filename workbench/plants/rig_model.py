@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.config.car_parameters import TailParameters
 from aerodima.workbench.config.rig_scenario import BarParameters, CheetahTailParameters, MountParameters, RigScenario
+from aerodima.workbench.plants.rig_layout import pivot_position
 from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
 from aerodima.workbench.plants.tail import ROD_RADIUS
 from aerodima.workbench.resources import model_path
@@ -19,14 +19,6 @@ CHEETAH_RIG_SDF = "rig/cheetah_rig.sdf"
 ROBOT_RIG_SDF = "rig/robot_rig.sdf"
 DIGITS = 12
 """Of the numbers in these models: what a comparison of motions to 1e-9 needs."""
-DOWN = (0.0, 0.0, -1.0)
-UPSTREAM = (0.0, 1.0, 0.0)
-"""Directions in world axes; the wind blows to -y."""
-
-
-def pivot_position(mount: MountParameters) -> np.ndarray:
-    """p_WP: the point of the motor axis above the bar (3), m."""
-    return np.array([mount.com_x + mount.pivot_x, mount.com_y + mount.pivot_y, mount.com_z + mount.pivot_z])
 
 
 def mount_properties(mount: MountParameters) -> Inertial:
@@ -103,38 +95,6 @@ def robot_rig_sdf(scenario: RigScenario) -> SdfModel:
     model.set_rotor("swing", motor.rotor_inertia, motor.gear_ratio)
     model.set_joint("swing", effort=motor.torque_limit)
     return model
-
-
-def tail_layout(scenario: RigScenario, sections: int | None = None) -> SectionLayout:
-    """Sections over the whole tail under test, in the frame of the body `tail`; the jet cuts them to its exposed part.
-
-    Args:
-        scenario: with a tail.
-        sections: equal parts; `aero.sections` by default.
-    """
-    number = sections or scenario.aero.sections
-    if scenario.is_robot:
-        arm = scenario.robot_tail
-        return SectionLayout.strip(
-            start=arm.length - arm.sail_length,
-            length=arm.sail_length,
-            width=arm.sail_width,
-            number=number,
-            axis_B=DOWN,
-            normal_B=UPSTREAM,
-        )
-    tail = scenario.cheetah_tail
-    return SectionLayout.strip(
-        start=0.0, length=tail.length, width=tail.major_axis, number=number, axis_B=DOWN, normal_B=UPSTREAM
-    )
-
-
-def bar_layout(scenario: RigScenario) -> SectionLayout:
-    """The bar as one section, in the frame of the body `bar`."""
-    bar = scenario.bar
-    return SectionLayout.strip(
-        start=0.0, length=bar.tail_distance, width=bar.width, number=1, axis_B=DOWN, normal_B=UPSTREAM
-    )
 
 
 def _set_link(

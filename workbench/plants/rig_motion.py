@@ -21,14 +21,12 @@ from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import UserError
+from aerodima.workbench.plants.rig_layout import bar_layout, pivot_position, tail_layout
 from aerodima.workbench.plants.rig_model import (
-    bar_layout,
     bar_properties,
     cheetah_tail_properties,
     mount_properties,
-    pivot_position,
     robot_tail_properties,
-    tail_layout,
 )
 from aerodima.workbench.plants.sdf_model import Inertial
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, FrictionLaw, smooth_friction

@@ -8,7 +8,7 @@ welded there, since its angle follows from the wind at every instant (`TailForce
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
@@ -150,7 +150,7 @@ FrictionLaw = Callable[[float], float]
 """Joint rate (rad/s) to friction torque (N m), which opposes it."""
 
 
-def smooth_friction(coulomb: float, viscous: float, tanh_gain: float, stribeck: Sequence[float] = ()) -> FrictionLaw:
+def smooth_friction(coulomb: float, viscous: float, tanh_gain: float) -> FrictionLaw:
     """tau = -(Cf tanh(k w) + Vf w): thesis eq. 4.12 with the sign of ERRATA E14 and E15; k = 10 s/rad there.
 
     Drake's joints have no Coulomb friction (design section 6).
@@ -158,18 +158,8 @@ def smooth_friction(coulomb: float, viscous: float, tanh_gain: float, stribeck: 
     Args:
         coulomb, viscous: Cf (N m) and Vf (N m s/rad).
         tanh_gain: k, s/rad.
-        stribeck: excess of the breakaway torque over Cf (N m), which dies out with speed, and the Stribeck speed
-            (rad/s).
     """
-    if not stribeck:
-        return lambda rate: -(coulomb * math.tanh(tanh_gain * rate) + viscous * rate)
-    excess, speed = stribeck
-
-    def friction(rate: float) -> float:
-        sliding = coulomb + excess * math.exp(-((rate / speed) ** 2))
-        return -(sliding * math.tanh(tanh_gain * rate) + viscous * rate)
-
-    return friction
+    return lambda rate: -(coulomb * math.tanh(tanh_gain * rate) + viscous * rate)
 
 
 class ArmInertia(NamedTuple):

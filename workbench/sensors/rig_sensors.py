@@ -13,7 +13,7 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.rig_scenario import ForceSensorParameters, RigEncoderParameters, RigScenario
+from aerodima.workbench.config.rig_scenario import ForceSensorParameters, RigEncoderParameters
 from aerodima.workbench.sensors.encoder import AngleEncoder
 from aerodima.workbench.sensors.sampled import CounterNoise, SampledSensor
 from aerodima.workbench.systems.system_ports import vector_of
@@ -106,12 +106,6 @@ class RigSensor(SampledSensor):
         """One sample (n,)."""
         value, noise = vector_of(self._value, context), self._errors.stream.at(index)
         return self._errors.readings(value, index / self.rate, noise)
-
-
-def count_angle(scenario: RigScenario) -> float:
-    """Angle of one count at the output, rad: 2 pi / (512 x 4 x 26) = 1.180e-4 (ERRATA E19)."""
-    encoder = scenario.encoder
-    return 2.0 * math.pi / (encoder.pulses * encoder.quadrature * scenario.maxon.gear_ratio)
 
 
 def quantise(angle: float, count: float) -> float:

@@ -26,7 +26,6 @@ from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply
 from aerodima.workbench.sensors.rig_sensors import (
     RigEncoder,
     RigSensor,
-    count_angle,
     current_errors,
     force_errors,
     quantise,
@@ -160,7 +159,7 @@ def simulate_static_log(scenario: RigScenario, rig: Rig | None = None, calm: Rig
     samples = errors.first_readings(wrenches, sampled, sensor.rate)
     table = np.empty((count, len(RIG_COLUMN_NAMES)))
     table[:, 0] = time
-    table[:, 1] = quantise(experiment.angle, count_angle(scenario))
+    table[:, 1] = quantise(experiment.angle, scenario.count_angle)
     table[:, 2] = 0.0
     noisy = current_errors(scenario.maxon.current_noise, scenario.seed).first_readings(currents[:, None], count, rate)
     table[:, 3] = noisy[:, 0]
@@ -270,7 +269,7 @@ def _add_motor(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort
 def _add_encoder(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort) -> tuple[OutputPort, OutputPort]:
     """Reported angle and rate (2), and the age of that sample (1)."""
     if not scenario.is_robot:
-        encoder = RigEncoder(scenario.encoder, count_angle(scenario), scenario.simulation.step)
+        encoder = RigEncoder(scenario.encoder, scenario.count_angle, scenario.simulation.step)
         connected(builder, encoder, joint_angle=select(builder, "joint_angle", state, [0]))
         both = stacked(builder, "rig_state", [encoder.GetOutputPort(name) for name in ("angle", "rate")])
         return both, encoder.GetOutputPort("age")

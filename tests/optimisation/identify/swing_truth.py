@@ -16,18 +16,15 @@ from aerodima.optimisation.identify.swing_coefficients import motor_of
 from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
-from aerodima.workbench.sensors.rig_sensors import count_angle
 from aerodima.workbench.stations.rig_station import rig_log_metadata
 
 RATE = 1000.0
 
 
-def bar_log(
-    coulomb: float, viscous: float, angle: float = 1.5, duration: float = 5.0, stribeck: tuple[float, ...] = ()
-) -> RunLog:
+def bar_log(coulomb: float, viscous: float, angle: float = 1.5, duration: float = 5.0) -> RunLog:
     """A free swing of the bare bar, let go at once."""
     scenario = load_rig_scenario("bar").varied(experiment={"angle": angle, "duration": duration, "rest": 0.0})
-    return _log(scenario, [friction_torque(coulomb, viscous, 10.0, stribeck)], 0.0, None)
+    return _log(scenario, [friction_torque(coulomb, viscous, 10.0)], 0.0, None)
 
 
 def flick_log(added_mass: float, seed: int, wind_speed: float = 10.0, duration: float = 1.5) -> RunLog:
@@ -78,7 +75,7 @@ def _log(
     logged = np.zeros(count)
     if current is not None and rng is not None:
         logged[1:] = current + scenario.maxon.current_noise * rng.normal(size=count - 1)
-    step = count_angle(scenario)
+    step = scenario.count_angle
     if scenario.is_robot:
         step = 2.0 * scenario.robot_motor.position_range / (2**16 - 1)  # its position in a reply has 16 bits
     table = pd.DataFrame(

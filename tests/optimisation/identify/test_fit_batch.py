@@ -1,4 +1,4 @@
-"""Batches of fits: a worker that is killed, and how often the intervals of a campaign hold the truth."""
+"""Batches of fits: a worker that is killed, a journal that is damaged."""
 
 import os
 import signal
@@ -8,12 +8,8 @@ from pathlib import Path
 import pytest
 
 from aerodima.optimisation.identify import fit_batch
-from aerodima.optimisation.identify.fit_batch import WORKER_KILLED, coverage, fit_logs
+from aerodima.optimisation.identify.fit_batch import WORKER_KILLED, fit_logs
 from aerodima.optimisation.identify.fit_pipeline import FitResult
-from aerodima.optimisation.identify.static_fit import fit_static_log
-from aerodima.workbench.config.rig_campaign import campaign_tasks, load_campaign
-from aerodima.workbench.errors import FitError
-from aerodima.workbench.simulate.campaign_run import run_campaign
 from tests.optimisation.identify.line_file import fit_line_file
 
 
@@ -76,21 +72,3 @@ def test_fits_of_another_version_are_made_again(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(fit_batch, "software_versions", lambda: {"project": "0.0.0"})
     for reused in (0, 1):
         assert fit_logs(fit_line_file, [log], tmp_path / "fits", settings={}).reused == reused
-
-
-@pytest.mark.slow
-def test_intervals_of_a_static_campaign_hold_the_truth(tmp_path: Path) -> None:
-    tasks = campaign_tasks(load_campaign("static"), seed=5, repeats=1, settings=["experiment.duration=4.0"])
-    logs = run_campaign(tasks, tmp_path / "logs", workers=1).logs
-    fit_logs(partial(fit_static_log), logs, tmp_path / "fits", settings={})
-    table = coverage(tmp_path / "fits").set_index("parameter")
-    # 18 of 108 holds stand at 75 degrees, out of the jet: only their current is known.
-    assert table.identifiable.to_dict() == {"cd": 90, "cl": 90, "psi3": 90, "current": 108, "all": 378}
-    # Of 378 intervals, bound together by their logs, the share scatters by about 1.5 %.
-    assert 0.91 <= table.coverage["all"] <= 0.985
-    assert 0.8 <= table.score_deviation["all"] <= 1.2
-
-
-def test_a_folder_without_fits_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FitError, match="holds no finished fits"):
-        coverage(tmp_path)

@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
-from aerodima.optimisation.identify.least_squares import Problem, Solver, huber, solve, solve_huber, spread
+from aerodima.optimisation.identify.least_squares import (
+    Parameter,
+    Parameters,
+    Problem,
+    Solver,
+    huber,
+    solve,
+    solve_huber,
+    spread,
+)
 from aerodima.optimisation.identify.least_squares_solvers import solve_algebraic, solve_formula, solve_rollout
 from aerodima.optimisation.identify.published_check import fit_line
 from aerodima.workbench.errors import FitError

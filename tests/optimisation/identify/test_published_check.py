@@ -3,15 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aerodima.optimisation.identify.hold_mean import StaticBalance
 from aerodima.optimisation.identify.log_rig import with_values
 from aerodima.optimisation.identify.published_check import (
     balances,
     constants_parameters,
     fit_rig_constants,
     predicted_currents,
+    static_rows,
 )
-from aerodima.optimisation.identify.published_tables import static_rows
+from aerodima.optimisation.identify.static_balance import StaticBalance
 
 
 def test_constants_of_the_models_predict_tail_1_as_the_design_says() -> None:
@@ -24,7 +24,7 @@ def test_constants_of_the_models_predict_tail_1_as_the_design_says() -> None:
 
 
 def test_joint_fit_meets_the_published_currents_within_physical_bounds() -> None:
-    found = fit_rig_constants(seeds=0)
+    found = fit_rig_constants()
     assert len(found.rows) == 200
     assert found.median_error <= 0.02
     bounds = {p.name: (p.lower, p.upper) for p in constants_parameters().all}
@@ -44,7 +44,7 @@ def test_known_constants_are_found_again_from_currents_made_with_them() -> None:
     changes = {"maxon": {"torque_constant": 0.33}, "tunnel": {"jet_edge_depth": 0.26}}
     truth = {tail: StaticBalance.of(with_values(rig.scenario, changes)) for tail, rig in balances().items()}
     rows["current_a"] = predicted_currents(truth, rows)
-    found = fit_rig_constants(rows, seeds=0).fit
+    found = fit_rig_constants(rows).fit
     assert found["torque_constant"].value == pytest.approx(0.33, rel=1e-4)
     assert found["jet_edge_depth"].value == pytest.approx(0.26, rel=1e-4)
     assert found["tail_2_gap"].value == pytest.approx(0.025, abs=1e-4)

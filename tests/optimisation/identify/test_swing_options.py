@@ -1,4 +1,4 @@
-"""Seeds, bounds and verdicts of the added-mass fit, and Huber's loss on a swing with wild samples."""
+"""Starts and bounds of the fits to swings, and Huber's loss on a swing with wild samples."""
 
 from __future__ import annotations
 
@@ -7,17 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodima.optimisation.identify.added_mass import (
-    SEEDS,
-    added_mass_parameter,
-    fit_added_mass,
-    seed_value,
-)
-from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
-from aerodima.optimisation.identify.least_squares import Attempt, Problem, solve
+from aerodima.optimisation.identify.least_squares import Attempt, Parameter, Parameters, Problem, solve
 from aerodima.optimisation.identify.log_rig import FitOptions
 from aerodima.optimisation.identify.pendulum import Pendulum
-from aerodima.optimisation.identify.swing_coefficients import fit_friction
+from aerodima.optimisation.identify.swing_coefficients import (
+    added_mass_parameter,
+    fit_added_mass,
+    fit_friction,
+    potential_flow_mass,
+)
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.errors import FitError
 from tests.optimisation.identify import swing_truth as truth
@@ -29,38 +27,26 @@ def short():
     return swing_data(truth.flick_log(0.02, seed=1, duration=0.5), "swing")
 
 
-def test_all_seeds_are_reported_and_those_beyond_the_bounds_with_the_reason(short) -> None:
-    seeds = ("zero", "table-4.12-10", "table-4.12-20", "0.03")
-    result = fit_added_mass(short, seeds=seeds)
+def test_it_starts_from_zero_and_a_scan_and_from_the_table_where_that_leaves_inertia(short) -> None:
+    result = fit_added_mass(short)
     assert result["added_mass"].value == pytest.approx(0.02, abs=0.001)
-    by_name = {attempt["seed"]: attempt for attempt in result.attempts}
-    assert set(by_name) == {*seeds, "scan"}
-    assert by_name["table-4.12-20"]["start"]["added_mass"] == pytest.approx(0.1)  # Table 4.12
-    assert by_name["0.03"]["found"]["added_mass"] == pytest.approx(0.02, abs=0.001)
-    assert not by_name["table-4.12-10"]["success"]
-    assert "not positive definite" in by_name["table-4.12-10"]["status"]
-    assert result.facts["times_potential_flow"] == pytest.approx(
-        result["added_mass"].value / SEEDS["potential-flow"](short)
-    )
-
-
-def test_seeds_have_names_or_are_numbers(short) -> None:
-    # 10 m/s: the nearest row is that of 10 m/s.
-    assert seed_value("table-4.12", short) == seed_value("table-4.12-10", short) == pytest.approx(-0.1)
+    # Table 4.12 has -0.1 kg at 10 m/s, more than the inertia that tail 1 has.
+    assert [round(attempt["start"]["added_mass"], 1) for attempt in result.attempts] == [0.0, 0.0]
+    fast = fit_added_mass(swing_data(truth.flick_log(0.02, seed=1, wind_speed=20.0, duration=0.5), "swing"))
+    assert [round(attempt["start"]["added_mass"], 1) for attempt in fast.attempts] == [0.0, 0.1, 0.0]
     # rho pi R^2 of a part: 1.2 kg/m3, a cylinder of some 27 mm radius and 78 mm length.
-    assert 1e-4 < seed_value("potential-flow", short) < 5e-4
-    for wrong in ("table-10.1", "nan"):
-        with pytest.raises(FitError, match=r"allowed: zero, potential-flow, table-4\.12"):
-            seed_value(wrong, short)
+    assert 1e-4 < potential_flow_mass(short) < 5e-4
+    times = result["added_mass"].value / potential_flow_mass(short)
+    assert result.facts["times_potential_flow"] == pytest.approx(times)
 
 
-def test_bounds_leave_some_inertia_and_the_printed_ones_can_be_chosen(short) -> None:
+def test_bounds_leave_some_inertia_and_move_the_start_inside(short) -> None:
     least = Pendulum.of(short.scenario).least_added_mass
-    wide, printed = added_mass_parameter(short), added_mass_parameter(short, "printed")
-    assert least < wide.lower == printed.lower < 0.95 * least
-    assert (wide.upper, printed.upper) == (1.0, 0.5)
-    with pytest.raises(FitError, match=r"no seed can be tried: zero: 0 kg lies outside the bounds 0\.05 \.\. 0\.1 kg"):
-        fit_added_mass(short, seeds=("zero",), options=FitOptions(bounds=(("added_mass", 0.05, 0.1),)))
+    free = added_mass_parameter(short)
+    assert least < free.lower < 0.95 * least
+    assert free.upper == 1.0
+    within = fit_added_mass(short, FitOptions(bounds=(("added_mass", 0.05, 0.1),)))
+    assert within["added_mass"].value == 0.05
 
 
 def test_a_fit_that_stops_at_a_bound_says_so_and_bounds_need_a_parameter() -> None:
@@ -72,8 +58,8 @@ def test_a_fit_that_stops_at_a_bound_says_so_and_bounds_need_a_parameter() -> No
     assert any("coulomb stopped at its upper bound 0.0399 N m" in warning for warning in result.warnings)
     with pytest.raises(FitError, match=r"bound on 'cd': the free parameters are coulomb, viscous"):
         fit_friction(data, options=FitOptions(bounds=(("cd", 0.0, 1.0),)))
-    with pytest.raises(FitError, match=r"the seed 0\.03\d+ N m s/rad lies outside its bounds"):
-        fit_friction(data, options=FitOptions(bounds=(("viscous", 0.5, 1.0),)))
+    far = fit_friction(data, options=FitOptions(bounds=(("viscous", 0.5, 1.0),)))
+    assert far["viscous"].value == 0.5
 
 
 def test_wild_encoder_samples_do_not_move_the_friction_under_huber() -> None:
@@ -97,13 +83,3 @@ def test_a_far_lower_cost_is_kept_although_the_solver_did_not_say_success() -> N
         return Attempt(start, x, cost, success, "told", 1)
 
     assert solve(problem, method, [np.zeros(1), np.ones(1)]).x[0] == 3.1
-
-
-@pytest.mark.parametrize("amplitude", [1.4, 0.5])
-def test_breakaway_friction_is_found_from_large_and_from_small_swings(amplitude: float) -> None:
-    log = truth.bar_log(0.04, 0.036, amplitude, 4.0, stribeck=(0.03, 0.6))
-    found = fit_friction(swing_data(log, "bar_swing"), stribeck=True)
-    assert found["coulomb"].value == pytest.approx(0.04, rel=0.03)
-    assert found["breakaway_excess"].value == pytest.approx(0.03, rel=0.03)
-    assert found["stribeck_speed"].value == pytest.approx(0.6, rel=0.01)
-    assert len(found.attempts) == 2

@@ -9,10 +9,9 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 from scipy.stats import norm, t
 
-from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
 from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
 from aerodima.optimisation.identify.fit_report import format_estimate
-from aerodima.optimisation.identify.least_squares import Problem, Solution, solve
+from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution, solve
 from aerodima.optimisation.identify.least_squares_solvers import solve_algebraic, solve_rollout
 from aerodima.optimisation.identify.residual_noise import Noise, correlation_time, independent_noise, serial_noise
 from aerodima.optimisation.identify.uncertainty import reach_inside, uncertainty

@@ -1,4 +1,4 @@
-"""Joint friction opposes the motion, with and without a breakaway torque."""
+"""Joint friction opposes the motion."""
 
 import numpy as np
 import pytest
@@ -8,15 +8,13 @@ from aerodima.workbench.plants.tail import smooth_friction
 
 COULOMB, VISCOUS = 0.161, 0.057
 SMOOTH = smooth_friction(COULOMB, VISCOUS, 10.0)
-STRIBECK = smooth_friction(COULOMB, VISCOUS, 10.0, (0.1, 0.5))
 
 
-@pytest.mark.parametrize("law", [SMOOTH, STRIBECK])
-def test_friction_opposes_the_motion_and_is_odd(law):
+def test_friction_opposes_the_motion_and_is_odd():
     for rate in (1e-3, 0.1, 1.0, 8.0, 40.0):
-        assert law(rate) < 0.0 < law(-rate)
-        assert law(-rate) == -law(rate)
-    assert law(0.0) == 0.0
+        assert SMOOTH(rate) < 0.0 < SMOOTH(-rate)
+        assert SMOOTH(-rate) == -SMOOTH(rate)
+    assert SMOOTH(0.0) == 0.0
 
 
 def test_equation_4_12_with_the_sign_of_the_errata():
@@ -27,12 +25,6 @@ def test_it_is_equation_6_1_once_the_joint_moves():
     # -sign(w) (Cf + Vf |w|); tanh(10 * 1 rad/s) is 4e-9 below one.
     for rate in (1.0, -1.0, 8.0):
         assert SMOOTH(rate) == pytest.approx(-np.sign(rate) * (COULOMB + VISCOUS * abs(rate)), rel=1e-8)
-
-
-def test_breakaway_torque_dies_out_with_speed():
-    # At the Stribeck speed 1/e of the excess is left; at eight times it, nothing.
-    assert STRIBECK(0.5) == pytest.approx(-((0.161 + 0.1 / np.e) * np.tanh(5.0) + 0.057 * 0.5))
-    assert STRIBECK(4.0) == pytest.approx(SMOOTH(4.0), rel=1e-12)
 
 
 def test_friction_reads_the_rate_and_not_the_angle():

@@ -9,14 +9,14 @@ from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.sensors.rig_sensors import RigEncoder, count_angle, quantise
+from aerodima.workbench.sensors.rig_sensors import RigEncoder, quantise
 
 SCENARIO = load_rig_scenario("static")
 
 
 def turning(rate: float, until: float) -> tuple[float, float]:
     """Angle and rate shown at `until` (s) by an encoder whose shaft turns steadily from 0.3 rad."""
-    encoder = RigEncoder(SCENARIO.encoder, count_angle(SCENARIO), 0.001)
+    encoder = RigEncoder(SCENARIO.encoder, SCENARIO.count_angle, 0.001)
     simulator = Simulator(encoder)
     context = simulator.get_mutable_context()
     for k in range(round(until * 1000) + 1):
@@ -27,8 +27,8 @@ def turning(rate: float, until: float) -> tuple[float, float]:
 
 def test_one_count_is_the_published_angle() -> None:
     """512 pulses x 4 x 26: 53248 counts per turn of the bar, 1.18e-4 rad (section 4.7, ERRATA E19)."""
-    assert count_angle(SCENARIO) == pytest.approx(2 * math.pi / 53248, rel=1e-12)
-    assert count_angle(SCENARIO) == pytest.approx(1.18e-4, abs=1e-7)
+    assert SCENARIO.count_angle == pytest.approx(2 * math.pi / 53248, rel=1e-12)
+    assert SCENARIO.count_angle == pytest.approx(1.18e-4, abs=1e-7)
 
 
 def test_the_nearest_count_is_read_on_both_sides_of_zero() -> None:
@@ -39,7 +39,7 @@ def test_the_nearest_count_is_read_on_both_sides_of_zero() -> None:
 
 @pytest.mark.parametrize("rate", [7.7, -7.7, 0.4])
 def test_angle_to_half_a_count_and_rate_to_one_count_per_window(rate: float) -> None:
-    count = count_angle(SCENARIO)
+    count = SCENARIO.count_angle
     angle, shown = turning(rate, 0.05)
     assert angle == pytest.approx(0.3 + rate * 0.05, abs=0.5 * count * (1 + 1e-9))
     assert shown == pytest.approx(rate, abs=count / SCENARIO.encoder.rate_window * (1 + 1e-9))
@@ -51,4 +51,4 @@ def test_it_never_wraps() -> None:
 
 def test_rate_above_one_per_step_is_refused() -> None:
     with pytest.raises(UserError, match=r"encoder.rate: 1000 Hz is above 1/step"):
-        RigEncoder(SCENARIO.encoder, count_angle(SCENARIO), 0.002)
+        RigEncoder(SCENARIO.encoder, SCENARIO.count_angle, 0.002)
