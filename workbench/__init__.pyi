@@ -25,11 +25,11 @@ from .figures.model_figures import plot_range_of_motion as plot_range_of_motion
 from .figures.model_figures import plot_tail as plot_tail
 from .figures.run_figures import plot_overlay as plot_overlay
 from .figures.run_figures import plot_turn as plot_turn
-from .logs.conditioning import fill_gaps as fill_gaps
-from .logs.conditioning import low_pass_columns as low_pass_columns
-from .logs.conditioning import remove_drift as remove_drift
 from .logs.schema import read_run_log as read_run_log
 from .logs.signals import LowPass as LowPass
+from .logs.signals import fill_gaps as fill_gaps
+from .logs.signals import low_pass_columns as low_pass_columns
+from .logs.signals import remove_drift as remove_drift
 from .metrics.run_summary import plant_metrics as plant_metrics
 from .metrics.turn_course import turn_course as turn_course
 from .metrics.turn_metrics import metrics_of as metrics_of

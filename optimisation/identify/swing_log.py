@@ -23,9 +23,8 @@ from aerodima.optimisation.identify.log_rig import (
 from aerodima.optimisation.identify.static_log import CURRENT_MARGIN
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
-from aerodima.workbench.logs.conditioning import earlier_shift
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import check_signals, stated_rest
+from aerodima.workbench.logs.signals import check_signals, earlier_shift, stated_rest
 from aerodima.workbench.sensors.encoder import MotorReply
 
 CURRENT_SAMPLING = "current_sampling"

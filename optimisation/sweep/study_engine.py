@@ -21,15 +21,12 @@ from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.controllers.law_of_scenario import NO_SWING, find_swing
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, software_versions
-from aerodima.workbench.metrics.run_summary import RunSummary
 
 WORKER_LOST = "its worker process was lost"
 """Begins the error of a run whose worker died under it again and again."""
 
 DRIVING = 0.9
 """Share of the commanded speed that a car must have reached when its turn begins."""
-
-CAUSES = ("aerodynamic", "weight", "inertial")
 
 
 @dataclass(frozen=True)
@@ -97,39 +94,18 @@ def measured_row(task: RunTask, scenario: Scenario, run: RunLog) -> dict[str, An
     summary = summarise(run, scenario.name)
     row = {
         "run": task.name,
-        **_numbers(summary),
+        **summary.as_row(),
         **turn_course(run).as_row(),
         "stopped_at_flip_s": run.extra.get(STOPPED),
     }
     if task.signals == "all":
-        row |= _impulses(summary)
+        row |= summary.impulses_row()
         if run.has_tail:
-            from aerodima.workbench.metrics.tail_impulses import tail_yaw_impulses
+            from aerodima.workbench.metrics.tail_impulses import CAUSES, tail_yaw_impulses
 
             yaw = tail_yaw_impulses(run)
             row |= {f"{cause}_yaw_impulse_window_n_m_s": getattr(yaw, cause) for cause in CAUSES}
     return row | {"error": "", **_provenance(task, scenario)}
-
-
-def _numbers(summary: RunSummary) -> dict[str, Any]:
-    return {
-        "tail_mode": summary.tail_mode,
-        "commanded_speed_m_per_s": summary.commanded_speed,
-        **summary.metrics.as_row(),
-        "swing_trigger_time_s": summary.trigger_time,
-        "swing_end_time_s": summary.swing_end_time,
-        "imu_peak_yaw_rate_rad_per_s": summary.peak_gyro,
-    }
-
-
-def _impulses(summary: RunSummary) -> dict[str, Any]:
-    """About the heading axis, positive = against rolling outwards."""
-    found = {"window": summary.over_window, "until_peak_roll": summary.until_peak_roll}
-    return {
-        f"{cause}_impulse_{label}_n_m_s": None if impulses is None else getattr(impulses, cause)
-        for label, impulses in found.items()
-        for cause in CAUSES
-    }
 
 
 def _provenance(task: RunTask, scenario: Scenario | None) -> dict[str, Any]:

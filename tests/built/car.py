@@ -12,7 +12,7 @@ from aerodima.workbench.config.rig_campaign import campaign_tasks, load_campaign
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.controllers.manoeuvre import ThrottleLine
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, RIG_FILTER_20_HZ
+from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, RIG_FILTER
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
 from aerodima.workbench.resources import model_path
 from aerodima.workbench.stations.car_air import free_sail, sail_law
@@ -251,7 +251,7 @@ def gains_of_the_robot_campaign() -> Value:
 
 @check
 def filter_of_the_rig() -> Value:
-    return f"order {RIG_FILTER_20_HZ.order}, {RIG_FILTER_20_HZ.cutoff_hz:g} Hz"
+    return f"order {RIG_FILTER.order}, {RIG_FILTER.cutoff_hz:g} Hz"
 
 
 @check

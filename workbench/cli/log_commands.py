@@ -155,9 +155,8 @@ def condition(
 
     Example: aerodima log condition swing.parquet --fill 0.05 --rest 0 2 --low-pass 20 --out ready.parquet
     """
-    from aerodima.workbench.logs.conditioning import conditioning_notes, fill_gaps, low_pass_columns, remove_drift
     from aerodima.workbench.logs.schema import read_run_log, write_run_log
-    from aerodima.workbench.logs.signals import LowPass
+    from aerodima.workbench.logs.signals import LowPass, conditioning_notes, fill_gaps, low_pass_columns, remove_drift
 
     _refuse_raw(out, log)
     refuse_existing(out, force, LogError)

@@ -1,7 +1,7 @@
 """From foreign files to a run log: columns renamed, units made SI, several sample rates put on one time grid.
 
 A column that was sampled at other times (GPS beside IMU) holds its last sample, as a control loop would have seen it.
-Nothing is filtered or filled in: gaps and NaN stay in the log and are reported, `aerodima.workbench.logs.conditioning`
+Nothing is filtered or filled in: gaps and NaN stay in the log and are reported, `aerodima.workbench.logs.signals`
 deals with them.
 """
 

@@ -1,28 +1,25 @@
-"""What a table or a plot over many runs needs of each run, and the table of a demo with the published figures beside.
+"""What a table or a plot over many runs needs of each run, and which published figures stand beside it.
 
 Everything comes from the run log. `RunSummary` is small and pickles, so a worker process can send it.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from scipy.integrate import trapezoid
 
-from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import BUILT
 from aerodima.workbench.controllers.law_of_scenario import NO_SWING
 from aerodima.workbench.controllers.swing_law import SwingState
-from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
-from aerodima.workbench.metrics.published_values import Platform, PublishedValues, TurnMetrics, published_values
-from aerodima.workbench.metrics.tail_impulses import FLIP_TILT, Impulses, tail_impulses
+from aerodima.workbench.metrics.published_values import Platform, PublishedValues, published_values
+from aerodima.workbench.metrics.tail_impulses import CAUSES, FLIP_TILT, Impulses, tail_impulses
 from aerodima.workbench.metrics.turn_metrics import (
     Outcome,
     RunMetrics,
@@ -175,6 +172,26 @@ class RunSummary:
         """Survived, and nothing but the wheels touched the ground."""
         return bool(self.metrics.outcome.clean)
 
+    def as_row(self) -> dict[str, Any]:
+        """One flat row for a table, without impulses; units are at the end of the names."""
+        return {
+            "tail_mode": self.tail_mode,
+            "commanded_speed_m_per_s": self.commanded_speed,
+            **self.metrics.as_row(),
+            "swing_trigger_time_s": self.trigger_time,
+            "swing_end_time_s": self.swing_end_time,
+            "imu_peak_yaw_rate_rad_per_s": self.peak_gyro,
+        }
+
+    def impulses_row(self) -> dict[str, float | None]:
+        """The impulses of the tail about the heading axis, positive = against rolling outwards; None without a tail."""
+        found = {"window": self.over_window, "until_peak_roll": self.until_peak_roll}
+        return {
+            f"{cause}_impulse_{label}_n_m_s": None if impulses is None else getattr(impulses, cause)
+            for label, impulses in found.items()
+            for cause in CAUSES
+        }
+
 
 def tail_mode_of(scenario: Mapping[str, Any]) -> str:
     """What the tail does in a resolved scenario: `none`, `held`, `swing`, or a swing that is not the published one.
@@ -220,47 +237,3 @@ def published_for(summary: RunSummary) -> dict[Platform, PublishedValues]:
     wanted = PUBLISHED_RUNS.get((summary.tail_mode, whole), ())
     rows = {(row.platform, row.configuration): row for row in published_values()}
     return {platform: rows[platform, configuration] for platform, configuration in wanted}
-
-
-def summary_row(summary: RunSummary) -> dict[str, Any]:
-    """One flat row: the run, its metrics, and where they exist the published figures and the differences to them.
-
-    A difference is the metric, from the signals of that platform (`published_values.SIGNALS`), less the published
-    figure. Units are at the end of the names.
-    """
-    metrics = summary.metrics
-    row: dict[str, Any] = {
-        "run": summary.name,
-        "tail_mode": summary.tail_mode,
-        "commanded_speed_m_per_s": summary.commanded_speed,
-        "commanded_speed_km_per_h": KM_PER_H * summary.commanded_speed,
-        **metrics.as_row(),
-        "swing_trigger_time_s": summary.trigger_time,
-        "swing_end_time_s": summary.swing_end_time,
-        "imu_peak_yaw_rate_rad_per_s": summary.peak_gyro,
-    }
-    for label, impulses in (("window", summary.over_window), ("until_peak_roll", summary.until_peak_roll)):
-        for cause in ("aerodynamic", "weight", "inertial"):
-            value = None if impulses is None else getattr(impulses, cause)
-            row[f"{cause}_impulse_{label}_n_m_s"] = value
-    published = published_for(summary)
-    platforms: tuple[Platform, ...] = ("simulated", "physical")
-    for platform in platforms:
-        found = published.get(platform)
-        row[f"published_{platform}_source"] = None if found is None else found.source
-        for field in fields(TurnMetrics):
-            figure = None if found is None else getattr(found.metrics, field.name)
-            ours = getattr(metrics.like(platform), field.name)
-            row[f"published_{platform}_{field.name}"] = figure
-            row[f"difference_{platform}_{field.name}"] = None if figure is None else ours - figure
-    return row
-
-
-def write_summary(summaries: Sequence[RunSummary], path: Path, *, force: bool = False) -> Path:
-    """Writes `summary_row` of each run as CSV: empty cells where there is no number, floats in full precision."""
-    rows = [{name: _cell(value) for name, value in summary_row(summary).items()} for summary in summaries]
-    return write_atomically(path, pd.DataFrame(rows).to_csv(index=False), force, UserError)
-
-
-def _cell(value: Any) -> Any:
-    return str(value).lower() if isinstance(value, bool) else value

@@ -33,6 +33,9 @@ FLIP_TILT = math.radians(75.0)
 """Beyond this tilt the car has rolled over, rad."""
 
 
+CAUSES = ("aerodynamic", "weight", "inertial")
+
+
 @dataclass(frozen=True)
 class Impulses:
     """Angular impulses about the heading axis, N m s, positive = against rolling outwards."""

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from aerodima.workbench.atomic_write import make_folder
 from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
 from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, RowStore, saying_how_to_go_on, silent
@@ -13,7 +15,7 @@ from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.figures.figure_style import MODE_STYLES
 from aerodima.workbench.logs.journal import journal_path
 from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versions
-from aerodima.workbench.metrics.run_summary import KM_PER_H, RunSummary, summarise, write_summary
+from aerodima.workbench.metrics.run_summary import KM_PER_H, RunSummary, summarise
 from aerodima.workbench.report.report_page import Page, Section, write_files
 from aerodima.workbench.report.short_turn import load_short_turn
 
@@ -195,7 +197,7 @@ def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSumma
     ordered = sorted(
         (s for s in summaries if s.name in own), key=lambda s: (modes.index(s.tail_mode), s.commanded_speed)
     )
-    write_summary(ordered, out / SUMMARY, force=True)
+    numbers = pd.DataFrame([{"run": s.name, **s.as_row(), **s.impulses_row()} for s in ordered])
 
     def beside(path: Path) -> str:
         return path.relative_to(out).as_posix()
@@ -210,7 +212,7 @@ def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSumma
         thesis_turn_chapter(ordered, files),
         provenance({run.name: read_run_log(run.log) for run in runs}, files),
     )
-    write_files(out, {PAGE: _page(first, last)})
+    write_files(out, {SUMMARY: numbers, PAGE: _page(first, last)})
 
 
 def _page(first: Mapping[str, RunLog], last: tuple[Section, ...]) -> Page:

@@ -8,9 +8,15 @@ import pandas as pd
 import pytest
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.conditioning import conditioning_notes, fill_gaps, low_pass_columns, remove_drift
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
-from aerodima.workbench.logs.signals import RIG_FILTER_20_HZ, LowPass
+from aerodima.workbench.logs.signals import (
+    RIG_FILTER,
+    LowPass,
+    conditioning_notes,
+    fill_gaps,
+    low_pass_columns,
+    remove_drift,
+)
 from tests.workbench.logs.foreign_logs import DRIFT, NOISE, WRENCH, swing_readings, swing_truth
 
 TIMES = np.arange(5001) / 500.0
@@ -89,7 +95,7 @@ def test_fill_refuses_what_is_too_long_or_at_an_end() -> None:
 def test_a_filter_shifts_nothing_and_takes_the_mains_out() -> None:
     clean = np.sin(2 * np.pi * 0.5 * TIMES)
     done = low_pass_columns(
-        rig_log({"force_y_n": clean + 0.3 * np.sin(2 * np.pi * 50 * TIMES)}), ["force_y_n"], RIG_FILTER_20_HZ
+        rig_log({"force_y_n": clean + 0.3 * np.sin(2 * np.pi * 50 * TIMES)}), ["force_y_n"], RIG_FILTER
     )
     middle = (TIMES > 1) & (TIMES < 9)
     assert np.max(np.abs(done.signal("force_y_n") - clean)[middle]) < 1e-4
@@ -107,7 +113,7 @@ def test_a_filter_shifts_nothing_and_takes_the_mains_out() -> None:
 )
 def test_a_filter_that_cannot_work_names_column_and_time(run_log: RunLog, message: str) -> None:
     with pytest.raises(LogError, match=message):
-        low_pass_columns(run_log, ["force_y_n"], RIG_FILTER_20_HZ)
+        low_pass_columns(run_log, ["force_y_n"], RIG_FILTER)
 
 
 def test_a_constant_signal_is_filtered_to_itself() -> None:

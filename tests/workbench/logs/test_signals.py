@@ -5,15 +5,14 @@ from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.signals import (
     GPS_FILTER,
     IMU_FILTER,
-    RIG_FILTER_10_HZ,
-    RIG_FILTER_20_HZ,
+    RIG_FILTER,
     LowPass,
     check_gaps,
     check_signals,
     low_pass,
 )
 
-FILTERS = [IMU_FILTER, GPS_FILTER, RIG_FILTER_10_HZ, RIG_FILTER_20_HZ]
+FILTERS = [IMU_FILTER, GPS_FILTER, RIG_FILTER]
 
 
 def sine(time: np.ndarray, hertz: float) -> np.ndarray:
@@ -31,7 +30,7 @@ def gain_and_lag(design: LowPass, hertz: float) -> tuple[float, float]:
 
 
 def test_the_filters_are_those_of_the_car_and_the_rig() -> None:
-    assert [(design.order, design.cutoff_hz) for design in FILTERS] == [(2, 5.0), (2, 1.0), (6, 10.0), (6, 20.0)]
+    assert [(design.order, design.cutoff_hz) for design in FILTERS] == [(2, 5.0), (2, 1.0), (6, 20.0)]
 
 
 @pytest.mark.parametrize("design", FILTERS, ids=lambda design: f"order {design.order}, {design.cutoff_hz:g} Hz")

@@ -1,12 +1,8 @@
-"""Rows of the summary: published figures beside the runs that the thesis made, differences, units."""
-
-import csv
-from pathlib import Path
+"""What a summary says of a run, its rows, and the published figures beside the runs that the thesis made."""
 
 import pytest
 
-from aerodima.workbench.errors import UserError
-from aerodima.workbench.metrics.run_summary import published_for, summarise, summary_row, tail_mode_of, write_summary
+from aerodima.workbench.metrics.run_summary import published_for, summarise, tail_mode_of
 from tests.workbench.made_up_runs import made_up_run, times
 from tests.workbench.made_up_summaries import made_up_summary
 
@@ -57,33 +53,8 @@ def test_a_swing_from_a_file_is_a_mode_of_its_own_and_has_no_published_figures()
     assert not published_for(made_up_summary("optimised", 16 / 3.6))
 
 
-def test_a_difference_is_the_raw_metric_less_the_published_figure() -> None:
-    row = summary_row(made_up_summary("none", 12 / 3.6, raw={"max_yaw_rate_rad_per_s": 2.50}))
-    assert row["published_simulated_max_yaw_rate_rad_per_s"] == 2.17  # Table 7.1
-    assert row["difference_simulated_max_yaw_rate_rad_per_s"] == pytest.approx(0.33)
-    assert row["published_physical_max_yaw_rate_rad_per_s"] == 1.91  # Table 7.3
-    assert row["difference_physical_max_yaw_rate_rad_per_s"] == pytest.approx(0.59)
-    empty = summary_row(made_up_summary("held", 12 / 3.6))
-    assert all(empty[name] is None for name in empty if name.startswith(("published_", "difference_")))
-
-
-def test_numbers_survive_the_file_bit_for_bit_and_absent_ones_are_empty(tmp_path: Path) -> None:
-    run = made_up_summary("none", 10 / 3.0)
-    (read,) = csv.DictReader(write_summary([run], tmp_path / "s.csv").open(encoding="utf-8"))
-    assert float(read["commanded_speed_m_per_s"]) == 10 / 3.0
-    assert read["clean"] == "true"
-    assert read["swing_trigger_time_s"] == read["aerodynamic_impulse_window_n_m_s"] == ""
-
-
 def test_every_number_has_its_unit_at_the_end_of_the_column() -> None:
-    units = ("_m_per_s", "_km_per_h", "_rad", "_rad_per_s", "_m_per_s2", "_s", "_j", "_n", "_n_m", "_n_m_s")
-    row = summary_row(made_up_summary("swing", 16 / 3.6, trigger=2.2))
+    units = ("_m_per_s", "_rad", "_rad_per_s", "_m_per_s2", "_s", "_j", "_n", "_n_m", "_n_m_s")
+    summary = made_up_summary("swing", 16 / 3.6, trigger=2.2)
+    row = summary.as_row() | summary.impulses_row()
     assert [name for name, value in row.items() if type(value) is float and not name.endswith(units)] == []
-
-
-def test_an_existing_table_is_kept(tmp_path: Path) -> None:
-    path = tmp_path / "s.csv"
-    path.write_text("mine")
-    with pytest.raises(UserError, match=r"s\.csv: exists already"):
-        write_summary([made_up_summary()], path)
-    assert path.read_text() == "mine"
