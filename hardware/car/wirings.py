@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from aerodima.hardware.car.bus_watch import ANSWER_ID, BusWatch
-from aerodima.hardware.car.car_ports import CarPorts, MountedMotor
+from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.mounting import Mounting, load_mounting
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
@@ -27,7 +27,7 @@ from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.transport.can_bus import CanBus
 from aerodima.hardware.transport.device_lock import can_address, lock_devices
-from aerodima.hardware.transport.serial_link import SerialLink, SerialPort, SerialSettings, open_serial
+from aerodima.hardware.transport.serial_link import SerialLink, SerialSettings, open_serial
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 
@@ -43,25 +43,24 @@ def tail_motors(scenario: Scenario, ports: CarPorts, mounting: Mounting) -> tupl
     """
     if scenario.tail.mode == "none":
         return ()
-    safety = load_motor_safety()
-    gains = (scenario.controller.hold_kp, scenario.controller.hold_kd)
-
-    def settings(name: str, part: MountedMotor, limit: float, direction: int) -> MotorSettings:
-        return motor_settings(
+    controller, tail = scenario.controller, scenario.tail
+    gains = (controller.hold_kp, controller.hold_kd)
+    joints = (
+        ("tail pitch", ports.tail_pitch, tail.pitch_limit, mounting.tail_pitch_direction),
+        ("tail roll", ports.tail_roll, tail.roll_limit, mounting.tail_roll_direction),
+    )
+    return tuple(
+        motor_settings(
             name,
             part.motor_id,
             ports.profile,
             scenario.tail_motor,
             (-limit, limit),
             gains,
-            direction=part.direction or direction,
-            zero=part.zero,
-            safety=safety,
+            part.direction or sign,
+            part.zero,
         )
-
-    return (
-        settings("tail pitch", ports.tail_pitch, scenario.tail.pitch_limit, mounting.tail_pitch_direction),
-        settings("tail roll", ports.tail_roll, scenario.tail.roll_limit, mounting.tail_roll_direction),
+        for name, part, limit, sign in joints
     )
 
 
@@ -121,9 +120,7 @@ def _open_on(bus: CanBus | None, ports: CarPorts, motors: tuple[MotorSettings, .
 
 
 def _sensor(name: str, settings: SerialSettings, session: Session[T], silence: float) -> SensorThread[T]:
-    def open_port() -> SerialPort:
-        return open_serial(settings, _SENSOR_TIMEOUT)
-
+    open_port = partial(open_serial, settings, _SENSOR_TIMEOUT)
     return _named(name, lambda: SensorThread(name.upper(), open_port, session, silence))
 
 

@@ -1,8 +1,10 @@
-"""`aerodima console`, `emulate` and `firmware`: the operator's page, the emulated car, and the Teensy's sketch."""
+"""`aerodima drive`, `console`, `emulate` and `firmware`: the car, its operator's page, the emulated car, the sketch."""
 
 from __future__ import annotations
 
+import math
 import signal
+from collections.abc import Callable
 from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,12 +12,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodima.workbench.cli.options import ScenarioArgument, Settings
+from aerodima.workbench.cli.options import Force, Law, LogOut, OtherCar, ScenarioArgument, Settings, SwingOption
 
 if TYPE_CHECKING:
     import socket
 
-    from aerodima.hardware.car.car_ports import ConsoleDevice
+    from aerodima.hardware.car.car_ports import CarPorts, ConsoleDevice
+    from aerodima.hardware.car.wiring import WiringName
     from aerodima.hardware.console.console import ConsoleRecord
     from aerodima.hardware.console.emulated_car import EmulatedCarProcess
     from aerodima.workbench.config.scenario import Scenario
@@ -24,9 +27,8 @@ if TYPE_CHECKING:
 def console(
     ports: Annotated[Path | None, typer.Option(help="Ports file (JSON) with an entry `console`.")] = None,
     emulate: Annotated[str | None, typer.Option(help="Scenario: start an emulated car and drive that.")] = None,
-    radio: Annotated[str | None, typer.Option(help="Serial port of the operator's XBee module.")] = None,
-    receiver: Annotated[
-        int | None, typer.Option(help="64-bit serial number of the car's module; with --radio. Default: all.")
+    radio: Annotated[
+        str | None, typer.Option(help="Serial port of the operator's XBee module; more of it in a ports file.")
     ] = None,
     port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.")] = 8470,
     out: Annotated[Path, typer.Option(help="Folder of the emulated car; of a later one, one in it.")] = Path(
@@ -34,9 +36,6 @@ def console(
     ),
     wiring: Annotated[str, typer.Option(help="teensy_bridge or watched_can; with --emulate.")] = "teensy_bridge",
     view: Annotated[bool, typer.Option(help="Show the emulated car in Meshcat.")] = True,
-    car_number: Annotated[
-        int, typer.Option("--car", min=0, max=255, help="Number of the car (its ports file); with --radio.")
-    ] = 0,
     record: Annotated[
         Path | None,
         typer.Option(help="New file (JSON lines) of the record; by default the next console.jsonl."),
@@ -77,9 +76,7 @@ def console(
                 signal.signal(signal.SIGTERM, signal.default_int_handler)  # or nobody would end the car
                 car.start(typer.echo)
                 ports = car.ports
-            device, number = (
-                _device(ports) if ports else (ConsoleDevice.model_validate(_radio(radio, receiver)), car_number)
-            )
+            device, number = _device(ports) if ports else (ConsoleDevice.model_validate({"path": radio}), 0)
             _serve(listener, device, recording, car, scenario, number)
         finally:
             if car is not None:
@@ -90,10 +87,6 @@ def _next_record() -> Path:
     """console.jsonl, or console_2.jsonl and so on where that is there already."""
     names = ("console.jsonl", *(f"console_{number}.jsonl" for number in range(2, 10_000)))
     return next(path for path in map(Path, names) if not path.exists())
-
-
-def _radio(radio: str | None, receiver: int | None) -> dict[str, object]:
-    return {"path": radio, **({} if receiver is None else {"receiver": receiver})}
 
 
 def _device(ports: Path) -> tuple[ConsoleDevice, int]:
@@ -128,10 +121,6 @@ def _serve(
         access = Access(listener.getsockname()[1])
         typer.echo(f"open once: {access.url}")
         run_server(listener, served, access, typer.echo)
-
-
-_IN_TIME = 0.02
-"""s; two ticks of the drive. What is later than that is felt by it."""
 
 
 def emulate(
@@ -177,17 +166,8 @@ def emulate(
         parent=parent,
     )
     facts = run_emulator(emulated, lambda: typer.echo(f"ports: {out / PORTS_FILE}"))
-    typer.echo(f"simulated {facts['simulated_s']:.1f} s, {_delay_in_words(facts['largest_delay_s'])}")
-
-
-def _delay_in_words(delay: float) -> str:
-    """The largest delay, s, and what it means for whoever was driving the emulated car."""
-    words = f"largest delay {1000 * delay:.1f} ms"
-    if delay < _IN_TIME:
-        return f"{words}: in time"
-    return (
-        f"{words}: this computer stood still or was too slow for that long, and the car with it (`late` in the events)"
-    )
+    delay = 1000.0 * facts["largest_delay_s"]
+    typer.echo(f"simulated {facts['simulated_s']:.1f} s, largest delay {delay:.1f} ms")
 
 
 def firmware(
@@ -204,10 +184,167 @@ def firmware(
     Example: aerodima firmware aerodima_teensy --ports car.json
     """
     from aerodima.hardware.car.car_ports import read_ports
-    from aerodima.hardware.firmware.firmware_settings import export_sketch, firmware_hash, firmware_settings
+    from aerodima.hardware.firmware.teensy_firmware import export_sketch, firmware_hash, firmware_settings
     from aerodima.workbench.config.scenario import load_scenario
 
     car = read_ports(ports)
     sketch = export_sketch(firmware_settings(wiring, car, load_scenario(scenario, settings or [])), folder)
     typer.echo(f"sketch: {sketch}")
     typer.echo(f"firmware: {firmware_hash()[:12]}, {wiring}, {car.firmware_profile}")
+
+
+def drive(
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            help="Scenario file (YAML), the name of one that ships, or a bundle (.json) of `models export`."
+        ),
+    ],
+    ports: Annotated[Path, typer.Option(help="Ports file (JSON): which device is where, see docs/deployment.md.")],
+    wiring: Annotated[str, typer.Option(help="teensy_bridge or watched_can.")] = "teensy_bridge",
+    swing: SwingOption = None,
+    other_car: OtherCar = False,
+    law: Law = None,
+    log: LogOut = Path("drive.parquet"),
+    traffic: Annotated[
+        Path | None, typer.Option(help="Every frame on the CAN bus into this BLF file (watched_can).")
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Never arm: checks, then the sequence switched off.")
+    ] = False,
+    no_drake: Annotated[bool, typer.Option("--no-drake", help="Plain loop, for computers without Drake.")] = False,
+    watchdog_test: Annotated[
+        bool, typer.Option("--watchdog-test", help="Cut the link, see the motors off, record it.")
+    ] = False,
+    motor_test: Annotated[
+        str | None, typer.Option(help="Move tail_pitch or tail_roll by 5 degrees and back, judge it, and end.")
+    ] = None,
+    zero: Annotated[
+        bool, typer.Option("--zero", help="Tail held upright by hand: write its angles as zeros into the ports file.")
+    ] = False,
+    arm: Annotated[bool, typer.Option("--arm", help="Arm without asking on the terminal.")] = False,
+    settings: Settings = None,
+    force: Force = False,
+) -> None:
+    """Drive a scenario on the car: check, arm, run the sequence (AUTO) or obey the radio (MANUAL), disarm, write a log.
+
+    The operator's radio chooses AUTO or MANUAL and must stay alive. Ctrl-C switches the motors off at once.
+
+    Example: aerodima drive auto_turn --ports car.json --log run.parquet
+    """
+    from aerodima.hardware.car.car_ports import read_ports
+    from aerodima.hardware.car.wiring import wiring_name
+    from aerodima.hardware.drive.drive_session import DriveOptions, run_drive
+    from aerodima.hardware.drive.held_car import connect
+    from aerodima.workbench.atomic_write import make_folder, refuse_existing
+    from aerodima.workbench.controllers.law_of_scenario import load_drive, load_law
+    from aerodima.workbench.errors import HardwareError, LogError
+
+    name = wiring_name(wiring)
+    overrides = [*([f"controller.swing_file={swing}"] if swing else []), *(settings or [])]
+    if law is not None and swing is not None:
+        raise HardwareError("--law: allowed without --swing; each says what the tail does")
+    chosen, tail_law = load_drive(scenario, overrides)
+    if law is not None:
+        tail_law = load_law(law)
+    elif not other_car:
+        from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
+
+        refuse_other_car(chosen)
+    car_ports = read_ports(ports)
+    if traffic is not None and name == "teensy_bridge":
+        raise HardwareError(f"--traffic {traffic}: the frames are on the Teensy's bus; allowed with watched_can")
+    if zero:
+        _set_zero(ports, car_ports, name, arm)
+        return
+    if motor_test is not None:
+        _motor_test(chosen, car_ports, name, motor_test, arm)
+        return
+    if watchdog_test:
+        _watchdog_test(chosen, car_ports, name, arm)
+        return
+    refuse_existing(log, force, LogError)
+    make_folder(log.parent, LogError)
+    law_name = "" if law is None else type(tail_law).__name__
+    options = DriveOptions(log, force, dry_run, not no_drake, None if arm else _confirm, law_name=law_name)
+    car = connect(car_ports, chosen, name, traffic)
+    result = run_drive(car, chosen, car_ports, options, typer.echo, law=tail_law)
+    if result.log is not None:
+        typer.echo(f"log: {result.log}")
+    typer.echo(f"ended: {result.reason}", err=not result.orderly)
+    if result.traffic_error:
+        typer.echo(f"error: {traffic}: {result.traffic_error}", err=True)
+    if result.signal:
+        raise typer.Exit(128 + result.signal)
+    if not result.orderly:
+        raise HardwareError(f"the car was stopped: {result.reason}")
+    if result.traffic_error:
+        raise typer.Exit(2)
+
+
+def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: str, arm: bool) -> None:
+    from aerodima.hardware.car.car_ports import JOINTS
+    from aerodima.hardware.drive.held_car import connect, run_motor_test
+    from aerodima.workbench.errors import HardwareError
+
+    chosen = next((name for name in JOINTS if name == joint), None)
+    if chosen is None or scenario.tail.mode == "none":
+        raise HardwareError(f"--motor-test {joint}: allowed: {', '.join(JOINTS)}, with a scenario that has a tail")
+    _ask_to_arm(arm)
+    car = connect(ports, scenario, wiring)
+    found = run_motor_test(car, chosen, typer.echo, _eyes(ports, wiring)[0])
+    warm = "not reported" if found.temperature is None else f"{found.temperature:g} degC"
+    torque = f"torque {found.torque:+.2f} N m where {found.wanted:+.2f} is asked for"
+    typer.echo(f"{chosen}: well: moved by {math.degrees(found.moved):+.1f} degrees, {torque}, temperature {warm}")
+
+
+def _set_zero(path: Path, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
+    from aerodima.hardware.drive.held_car import joint_angles, read_motor_angles, write_zeros
+    from aerodima.workbench.errors import HardwareError
+
+    question = "hold the tail exactly upright, it is let go; type zero to read its angles"
+    if not arm and _typed(question) != "zero":
+        raise HardwareError("zero: nobody said that the tail is held upright; nothing was written")
+    angles = read_motor_angles(ports, wiring)
+    for joint, angle in joint_angles(ports, angles).items():
+        typer.echo(f"{joint}: {math.degrees(angle):+.1f} degrees by the zero of before")
+    write_zeros(path, angles)
+    typer.echo(f"zeros: {', '.join(f'{joint} {angle:.4f} rad' for joint, angle in angles.items())} in {path}")
+    if wiring == "teensy_bridge":
+        typer.echo(f"the firmware limits motor angles: write it anew with `aerodima firmware FOLDER --ports {path}`")
+
+
+def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
+    from aerodima.hardware.drive.held_car import run_watchdog_test
+
+    typer.echo("the motors are switched on and hold the tail where it is")
+    confirm, seen_by = _eyes(ports, wiring)
+    _ask_to_arm(arm or seen_by == "emulator")
+    record, path = run_watchdog_test(scenario, ports, wiring, confirm, seen_by)
+    typer.echo(f"{record.cut}: exit frames after {record.time_to_exit * 1000:.0f} ms")
+    typer.echo(f"record: {path}")
+
+
+def _eyes(ports: CarPorts, wiring: WiringName) -> tuple[Callable[[str], bool], str]:
+    """Who answers what is seen of the tail: the operator, or nobody where there is nothing to be seen."""
+    from aerodima.hardware.drive.watchdog_test import is_emulated
+
+    return ((lambda _: True), "emulator") if is_emulated(wiring, ports) else (typer.confirm, "operator")
+
+
+def _ask_to_arm(arm: bool) -> None:
+    from aerodima.workbench.errors import HardwareError
+
+    if not arm and not _confirm():
+        raise HardwareError("not armed: nobody said that the motors may be switched on")
+
+
+def _confirm() -> bool:
+    return _typed("keep clear of the tail; type arm to switch the motors on") == "arm"
+
+
+def _typed(question: str) -> str:
+    try:
+        return str(typer.prompt(question, default="", show_default=False))
+    except typer.Abort:  # nobody is there to answer
+        return ""

@@ -1,11 +1,7 @@
-"""The motors of the tail on one bus: frames go to the motor that they name, and a fault of one switches off all.
-
-As a context manager the group switches the motors off on the way out, whatever the way out is.
-"""
+"""The motors of the tail on one bus: frames go to the motor that they name, and a fault of one switches off all."""
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Sequence
 
@@ -38,12 +34,6 @@ class MotorGroup:
         self._by_id = {motor.settings.motor_id: motor for motor in self.motors}
         self.foreign = 0
         self.heard: deque[tuple[float, CanFrame]] = deque(maxlen=_HEARD)
-
-    def __enter__(self) -> MotorGroup:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.exit_now(time.monotonic())
 
     @property
     def fault_text(self) -> str:
@@ -101,14 +91,6 @@ class MotorGroup:
         for motor in self.motors:
             motor.step(now)
         self._switch_off_together(now)
-
-    def exit_now(self, now: float, timeout: float = 0.2) -> bool:
-        """Switches all motors off and waits at most `timeout` s until the frames have left; whether they have.
-
-        Does not wait for replies. For the end of a program: `step` need not be called any more.
-        """
-        self.set_exit(now)
-        return self.port.flush(timeout)
 
     def _addressed(self, frame: CanFrame) -> Motor | None:
         """The motor of a frame: named in its first byte or as its CAN id, in the last byte of an extended one."""

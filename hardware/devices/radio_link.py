@@ -13,7 +13,6 @@ from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.radio import (
     EmergencyStop,
     Heartbeat,
-    HeartbeatMonitor,
     OperatorCommand,
     RadioMode,
     decode,
@@ -43,8 +42,8 @@ class RadioLink:
         self._operator = operator
         self._stream = ApiStream()
         self._sender: int | None = None
-        self._heartbeat = HeartbeatMonitor()
-        self._command_time: float | None = None
+        self._heartbeat: Heartbeat | None = None
+        self._command_time = self._beat_time = -math.inf
         self.command = IDLE
         self.stopped = False
         self.foreign = self.rejected = 0
@@ -62,10 +61,9 @@ class RadioLink:
     def age(self, now: float) -> float:
         """Seconds since the older of command and changed heartbeat: what the dead-man switch looks at.
 
-        Both are needed: a transmitter that repeats its last command for ever is not an operator.
+        Both are needed: a transmitter that repeats its last command or heartbeat for ever is not an operator.
         """
-        command = math.inf if self._command_time is None else now - self._command_time
-        return max(command, self._heartbeat.age(now))
+        return now - min(self._command_time, self._beat_time)
 
     def fault(self, now: float) -> tuple[SourceFault, str]:
         """Why the operator cannot be relied on at present, and the same in words."""
@@ -90,7 +88,7 @@ class RadioLink:
         """Forgets an emergency stop, by hand only, and the command before it."""
         self.stopped = False
         self.command = IDLE
-        self._command_time = None
+        self._command_time = -math.inf
 
     def _take(self, data: bytes, arrival: float, sender: int) -> None:
         try:
@@ -103,6 +101,7 @@ class RadioLink:
         if isinstance(message, EmergencyStop):
             self.stopped = True
         elif isinstance(message, Heartbeat):
-            self._heartbeat.receive(message, arrival)
+            if message != self._heartbeat:
+                self._heartbeat, self._beat_time = message, arrival
         else:
             self.command, self._command_time = message, arrival

@@ -9,7 +9,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from aerodima.hardware.devices.bno055 import (
     CHIP_ID,
@@ -29,8 +29,10 @@ from aerodima.hardware.devices.bno055 import (
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.ublox import GpsSample, GpsStream
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.hardware.transport.serial_link import SerialPort
 from aerodima.workbench.errors import HardwareError
+
+if TYPE_CHECKING:
+    from serial import Serial
 
 _RECONNECT = 0.25
 _CLOSE = 0.5
@@ -46,13 +48,13 @@ class Session(Generic[T]):
 
     fault_text = ""
 
-    def begin(self, port: SerialPort) -> None:
+    def begin(self, port: Serial) -> None:
         """Sets the device up, if there is something to set up; `HardwareError` if it is not what it should be."""
 
     def align(self, due: float) -> None:
         """A sample is wanted at `due` (s, monotonic) and every period after it; for devices that are asked."""
 
-    def read(self, port: SerialPort) -> tuple[float, T] | None:
+    def read(self, port: Serial) -> tuple[float, T] | None:
         """The next sample and when it was taken (s, monotonic); None after a short wait without one."""
         raise NotImplementedError
 
@@ -71,12 +73,12 @@ class SensorThread(Generic[T]):
         count: samples so far. losses: how often the device was lost. error: of the last loss.
     """
 
-    def __init__(self, name: str, open_port: Callable[[], SerialPort], session: Session[T], silent: float) -> None:
+    def __init__(self, name: str, open_port: Callable[[], Serial], session: Session[T], silent: float) -> None:
         self.name = name
         self._open_port = open_port
         self._session = session
         self._silent = silent
-        self._port: SerialPort | None = open_port()
+        self._port: Serial | None = open_port()
         self._newest: tuple[float, T] | None = None
         self.count = self.losses = 0
         self.error = ""
@@ -175,7 +177,7 @@ class Bno055Session(Session[Bno055Sample]):
         self.missed = 0
         self.last_error = ""
 
-    def begin(self, port: SerialPort) -> None:
+    def begin(self, port: Serial) -> None:
         """Checks the chip and switches its fusion on. Raises `HardwareError` if it is no BNO055 that answers."""
         self._stream.forget()
         port.read(max(1, port.in_waiting))
@@ -199,7 +201,7 @@ class Bno055Session(Session[Bno055Sample]):
         """Requests are sent so that a sample is at hand at `due` (s, monotonic) and every period after it."""
         self._due = due
 
-    def read(self, port: SerialPort) -> tuple[float, Bno055Sample] | None:
+    def read(self, port: Serial) -> tuple[float, Bno055Sample] | None:
         """Waits for the next period and reads one sample, taken at the instant of the request at the latest."""
         time.sleep(max(0.0, self._next - time.monotonic()))
         asked = time.monotonic()
@@ -220,7 +222,7 @@ class Bno055Session(Session[Bno055Sample]):
         first = self._due - _LEAD
         return first + math.ceil((asked + 0.5 * _PERIOD - first) / _PERIOD) * _PERIOD
 
-    def _check_status(self, port: SerialPort) -> None:
+    def _check_status(self, port: Serial) -> None:
         data = self._ask(port, make_read(Register.SYSTEM_STATUS, 2)).data
         if len(data) == 2:
             self.fault_text = f"the IMU reports system error {data[1]}" if data[0] == 1 else ""
@@ -232,7 +234,7 @@ class Bno055Session(Session[Bno055Sample]):
         if self._missed_in_a_row >= _MOST_MISSED:
             raise HardwareError(f"{self._missed_in_a_row} requests in a row without a sample: {reason}")
 
-    def _ask(self, port: SerialPort, request: bytes) -> Answer:
+    def _ask(self, port: Serial, request: bytes) -> Answer:
         """The answer to a request; an empty one if none comes in time."""
         self._stream.forget()
         port.write(request)
@@ -250,7 +252,7 @@ class GpsSession(Session[GpsSample]):
     def __init__(self) -> None:
         self.stream = GpsStream()
 
-    def read(self, port: SerialPort) -> tuple[float, GpsSample] | None:
+    def read(self, port: Serial) -> tuple[float, GpsSample] | None:
         """The newest solution of the bytes at hand, with their arrival; None if there is none."""
         data = port.read(max(1, port.in_waiting))
         samples = self.stream.feed(data) if data else []

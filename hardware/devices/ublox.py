@@ -29,16 +29,12 @@ class GpsSample:
 
     Attributes:
         speed: over ground, m/s; NaN without a fix.
-        accuracy: of the speed as the receiver estimates it, m/s.
         fix: the receiver trusts its solution.
-        satellites: used.
         time_of_day: UTC, s since midnight; None while it is not known.
     """
 
     speed: float
-    accuracy: float = math.nan
     fix: bool = True
-    satellites: int = 0
     time_of_day: float | None = None
 
 
@@ -103,16 +99,15 @@ def decode_nav_pvt(frame: bytes) -> GpsSample:
     UBXReader, _, _ = _ubx_library()
     try:
         message = UBXReader.parse(frame)
-        speed, accuracy = message.gSpeed / 1000.0, message.sAcc / 1000.0
+        speed = message.gSpeed / 1000.0
         fix = bool(message.gnssFixOk) and message.fixType in _FIXES
         known = bool(message.validTime)
         clock = message.hour * 3600.0 + message.min * 60.0 + message.second + message.nano * 1e-9
-        satellites = int(message.numSV)
     except Exception as error:  # the library documents no closed set of exceptions
         raise FrameError(f"GPS: no NAV-PVT: {error}") from None
     if fix and not 0.0 <= speed <= _FASTEST:
         raise FrameError(f"GPS speed {speed!r} m/s; allowed is 0 to {_FASTEST:g}")
-    return GpsSample(speed if fix else math.nan, accuracy, fix, satellites, clock if known else None)
+    return GpsSample(speed if fix else math.nan, fix, clock if known else None)
 
 
 def make_nav_pvt(sample: GpsSample, tow: float = 0.0) -> bytes:
@@ -139,9 +134,7 @@ def make_nav_pvt(sample: GpsSample, tow: float = 0.0) -> bytes:
         validTime=int(sample.time_of_day is not None),
         fixType=3 if sample.fix else 0,
         gnssFixOk=int(sample.fix),
-        numSV=sample.satellites,
         gSpeed=round(sample.speed * 1000) if sample.fix else 0,
-        sAcc=0 if math.isnan(sample.accuracy) else round(sample.accuracy * 1000),
     ).serialize()
     return frame
 

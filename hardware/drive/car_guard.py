@@ -37,7 +37,6 @@ from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE
 from aerodima.workbench.errors import HardwareError
 
 _ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
-_SPEED = STATUS.index("speed_fault")
 
 _MOST_SPAN = 0.02
 """s; a loop that stood still does not catch up with a step of the throttle."""

@@ -17,8 +17,7 @@ from aerodima.hardware.devices.bno055 import Bno055Chip
 from aerodima.hardware.devices.ublox import GpsSample, make_nav_pvt
 from aerodima.hardware.emulator.emulated_bus import EmulatedBus
 from aerodima.hardware.emulator.fault_script import Device, EventLog, Fault, FaultBoard, OperatorEntry
-from aerodima.hardware.firmware.firmware_core import CoreState, TeensyCore
-from aerodima.hardware.firmware.firmware_settings import FirmwareSettings
+from aerodima.hardware.firmware.teensy_firmware import CoreState, FirmwareSettings, TeensyCore
 from aerodima.hardware.protocol import radio
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.radio import Asks, decode_report
@@ -190,7 +189,7 @@ class EmulatedGps:
         self._next = max(self._next + self._period, now)
         if self._board.entry(Fault.OVER_SPEED):
             speed = _TOO_FAST
-        sample = GpsSample(max(0.0, speed), 0.05, True, 12, time.time() % _DAY)
+        sample = GpsSample(max(0.0, speed), True, time.time() % _DAY)
         return self._line.through(make_nav_pvt(sample, tow=now))
 
 

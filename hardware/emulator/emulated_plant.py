@@ -12,7 +12,6 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from aerodima.hardware.drive.run_journal import RunJournal
-from aerodima.hardware.protocol.ak70 import MitCommand
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of
@@ -93,18 +92,13 @@ class EmulatedCar:
         """Simulated time, s."""
         return float(self._context.get_time())
 
-    def set_steering(self, angle: float) -> None:
-        """rad, positive to the left."""
-        self._set("steering_angle", (angle,))
-
-    def set_throttle(self, throttle: float) -> None:
-        """-1 to 1."""
-        self._set("throttle", (throttle,))
-
-    def set_tail(self, joint: str, command: MitCommand) -> None:
-        """What the motor of `tail_pitch` or `tail_roll` does."""
-        values = (command.position, command.velocity, command.kp, command.kd, command.torque)
-        self._set(f"{joint}_command", values)
+    def command(self, name: str, *values: float) -> None:
+        """What an input port of the station gets from now on, in its units."""
+        if self._values.get(name) == values:
+            return
+        self._values[name] = values
+        source = self._sources[name]
+        source.get_mutable_source_value(source.GetMyMutableContextFromRoot(self._context)).SetFromVector(values)
 
     def advance(self, time: float) -> None:
         """Simulates up to `time`, s."""
@@ -115,25 +109,15 @@ class EmulatedCar:
 
     def joints(self) -> np.ndarray:
         """(4,) angles of pitch and roll (rad), then their rates (rad/s), as they are now."""
-        return self._read("plant_state_truth")[self._joints]
+        return self.output("plant_state_truth")[self._joints]
 
     def output(self, name: str) -> np.ndarray:
         """A vector port of the station."""
-        return self._read(name)
+        return np.array(self._ports[name].Eval(self._station_context))
 
     def close(self) -> Path:
         """Ends the log; its path."""
         return self._journal.close()
-
-    def _read(self, name: str) -> np.ndarray:
-        return np.array(self._ports[name].Eval(self._station_context))
-
-    def _set(self, name: str, values: tuple[float, ...]) -> None:
-        if self._values.get(name) == values:
-            return
-        self._values[name] = values
-        source = self._sources[name]
-        source.get_mutable_source_value(source.GetMyMutableContextFromRoot(self._context)).SetFromVector(values)
 
 
 def _with_eager_imu(scenario: Scenario) -> Scenario:

@@ -12,7 +12,7 @@ import select
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +52,7 @@ from aerodima.hardware.emulator.fault_script import (
     Script,
     no_faults,
 )
-from aerodima.hardware.firmware.firmware_settings import firmware_settings
+from aerodima.hardware.firmware.teensy_firmware import firmware_settings
 from aerodima.hardware.transport.can_adapter import TrafficLog
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
@@ -249,10 +249,10 @@ class Emulator:
 
     def _advance(self, time_s: float) -> None:
         car, state = self._car, self._teensy.state
-        car.set_steering(self._mounting.steering_angle(state.servo))
-        car.set_throttle(self._mounting.throttle(state.throttle))
+        car.command("steering_angle", self._mounting.steering_angle(state.servo))
+        car.command("throttle", self._mounting.throttle(state.throttle))
         for motor in self._motors:
-            car.set_tail(motor.joint, motor.joint_command)
+            car.command(f"{motor.joint}_command", *astuple(motor.joint_command))
         car.advance(time_s)
         if self._motors:
             joints, torques = car.joints(), car.output("tail_torque")

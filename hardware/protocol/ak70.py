@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
@@ -47,7 +47,6 @@ class FirmwareProfile:
         reply_lengths: bytes of a reply that this firmware sends; 6 without, 8 with temperature and fault.
         temperature_offset: degrees Celsius that are subtracted from the temperature byte. Sources disagree between 0
             and 40; 0 reads too warm rather than too cold.
-        faults: fault byte -> name.
         source: where the ranges are printed.
     """
 
@@ -60,11 +59,10 @@ class FirmwareProfile:
     source: str
     reply_lengths: tuple[int, ...] = (6, 8)
     temperature_offset: float = 0.0
-    faults: Mapping[int, str] = field(default_factory=lambda: FAULT_NAMES)
 
     def fault_name(self, code: int) -> str:
         """Name of a fault byte; an unknown code is named by its number, never taken for none."""
-        return "none" if code == 0 else self.faults.get(code, f"unknown fault {code}")
+        return "none" if code == 0 else FAULT_NAMES.get(code, f"unknown fault {code}")
 
 
 AK70_10_V1_0_8 = FirmwareProfile("ak70_10_v1_0_8", 12.5, 50.0, 25.0, 500.0, 5.0, "AK series manual V1.0.8, MIT mode")

@@ -118,23 +118,6 @@ def decode(data: bytes) -> RadioMessage:
     return Heartbeat(second)
 
 
-class HeartbeatMonitor:
-    """Tells whether the operator's station lives: the counter must change, repeating an old frame is not life."""
-
-    def __init__(self) -> None:
-        self._counter: int | None = None
-        self._time: float | None = None
-
-    def receive(self, heartbeat: Heartbeat, time: float) -> None:
-        """Takes a heartbeat that arrived at `time` (s, monotonic)."""
-        if heartbeat.counter != self._counter:
-            self._counter, self._time = heartbeat.counter, time
-
-    def age(self, time: float) -> float:
-        """Seconds since the counter last changed; infinite before the first heartbeat."""
-        return math.inf if self._time is None else time - self._time
-
-
 def _check(values: tuple[float, ...] | list[float]) -> None:
     limits = (("throttle", 1.0), ("steering", _ANGLE), ("pitch tail", _ANGLE), ("roll tail", _ANGLE))
     for (name, limit), value in zip(limits, values, strict=True):
@@ -159,7 +142,8 @@ _MOST_BYTES = 100
 _ARMED, _STOPPED = 1, 2
 _ASKS_SHIFT = 2
 _NO_TAIL = 16
-_NUMBERS = 8
+_NUMBERS = ("yaw_rate", "roll", "tail_pitch", "tail_roll", "torque_pitch", "torque_roll", "speed", "operator_age")
+"""Fields of a report that are 32-bit floats, in their order."""
 
 
 class Asks(IntEnum):
@@ -210,16 +194,7 @@ def make_report(report: CarReport, sequence: int = 0) -> bytes:
     """The bytes of a report; the sequence is taken modulo 256."""
     flags = _ARMED * report.armed | _STOPPED * report.stopped | report.asks << _ASKS_SHIFT
     flags |= _NO_TAIL * (not report.has_tail)
-    numbers = (
-        report.yaw_rate,
-        report.roll,
-        report.tail_pitch,
-        report.tail_roll,
-        report.torque_pitch,
-        report.torque_roll,
-        report.speed,
-        report.operator_age,
-    )
+    numbers = (getattr(report, name) for name in _NUMBERS)
     head = _HEAD.pack(REPORT_CLASS, sequence % 256, flags, report.car, report.mode, *report.faults, *numbers)
     return head + report.text.encode()[: _MOST_BYTES - _HEAD.size]
 
@@ -236,12 +211,12 @@ def decode_report(data: bytes) -> CarReport:
     if report_class != REPORT_CLASS:
         raise FrameError(f"car report of class {report_class}; allowed is {REPORT_CLASS}")
     if mode not in tuple(RadioMode):
-        raise FrameError(f"car report: mode {mode}; allowed: {', '.join(str(item.value) for item in RadioMode)}")
+        raise FrameError(f"car report: mode {mode}; allowed: {_names(RadioMode)}")
     asks = (flags & ~_NO_TAIL) >> _ASKS_SHIFT
     if asks not in tuple(Asks):
         most = (max(Asks) + 1) << _ASKS_SHIFT
         raise FrameError(f"car report: flags {flags}; allowed is less than {most}, and {_NO_TAIL} more without a tail")
-    faults, numbers = rest[:-_NUMBERS], rest[-_NUMBERS:]
+    faults, numbers = rest[:FAULT_CODES], rest[FAULT_CODES:]
     if any(math.isnan(number) for number in numbers):
         raise FrameError(f"car report with NaN: {numbers}")
     report = CarReport(bool(flags & _ARMED), bool(flags & _STOPPED), RadioMode(mode), tuple(faults), *numbers)

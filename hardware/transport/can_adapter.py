@@ -6,7 +6,6 @@ so that a slow or full disk never holds up the loop.
 
 from __future__ import annotations
 
-import errno
 import queue
 import socket
 import threading
@@ -17,6 +16,7 @@ from typing import Any, BinaryIO, cast
 import can
 from pydantic import Field
 
+from aerodima.hardware.transport.serial_link import reason_of
 from aerodima.workbench.config.checked_files import StrictModel
 from aerodima.workbench.errors import HardwareError
 
@@ -28,8 +28,7 @@ class CanSettings(StrictModel):
     """A CAN bus as python-can names it.
 
     Attributes:
-        interface: `socketcan`, `slcan`, `socketcand`, `virtual` or another interface of python-can. Empty: everything
-            is read from python-can's own configuration file and environment, section `channel`.
+        interface: `socketcan`, `slcan`, `socketcand`, `virtual` or another interface of python-can.
         channel: `can0`, `/dev/ttyACM0`, ...
         bitrate: bit/s; for the interfaces that set it themselves (socketcan does not: `ip link` does).
         options: further arguments of the interface, such as `host` and `port` of socketcand.
@@ -41,7 +40,7 @@ class CanSettings(StrictModel):
     options: dict[str, Any] = Field(default_factory=dict)
 
     def __str__(self) -> str:
-        return f"CAN {self.interface or 'configuration'}:{self.channel}"
+        return f"CAN {self.interface}:{self.channel}"
 
 
 def open_bus(settings: CanSettings) -> can.BusABC:
@@ -50,8 +49,6 @@ def open_bus(settings: CanSettings) -> can.BusABC:
     Raises:
         HardwareError: unknown interface, missing device, missing permission, interface down, server not reached.
     """
-    if not settings.interface:
-        return _open(settings, {"config_context": settings.channel or None})
     if settings.interface not in can.VALID_INTERFACES:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         raise HardwareError(f"CAN interface {settings.interface!r} is unknown; allowed: {known}")
@@ -74,7 +71,7 @@ def _open(settings: CanSettings, arguments: dict[str, Any]) -> can.BusABC:
     except can.CanInterfaceNotImplementedError as error:
         raise HardwareError(f"{settings}: this computer has no driver for it: {error}") from None
     except (can.CanError, OSError, ValueError, TypeError) as error:
-        raise HardwareError(f"{settings}: cannot be opened: {_reason(error)}") from None
+        raise HardwareError(f"{settings}: cannot be opened: {reason_of(error)}") from None
 
 
 def _reach(settings: CanSettings) -> None:
@@ -86,21 +83,6 @@ def _reach(settings: CanSettings) -> None:
         socket.create_connection((host, port), timeout=2.0).close()
     except OSError as error:
         raise HardwareError(f"{settings}: no socketcand at {host}:{port}: {error}") from None
-
-
-def _reason(error: BaseException) -> str:
-    """What went wrong and what a user can do, from the first system error in the chain."""
-    root: BaseException | None = error
-    while root is not None and getattr(root, "errno", None) is None:
-        root = root.__cause__ or root.__context__
-    number = getattr(root, "errno", None)
-    if number in (errno.EACCES, errno.EPERM):
-        return "permission denied; is the user in the group that owns the device (often dialout)?"
-    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-        return "there is no such device; is the adapter plugged in, and the interface up?"
-    if number == errno.EBUSY:
-        return "another program uses it"
-    return " ".join(str(root or error).split())
 
 
 _CONTAINER_BYTES = 2048

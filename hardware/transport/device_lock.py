@@ -37,7 +37,7 @@ def can_address(settings: CanSettings) -> str:
         with contextlib.suppress(OSError):
             host = socket.gethostbyname(str(host))
     place = f"{host}:{settings.options.get('port', '')}:" if host is not None else ""
-    return f"{settings.interface or 'configuration'}:{place}{settings.channel}"
+    return f"{settings.interface}:{place}{settings.channel}"
 
 
 class DeviceLock:

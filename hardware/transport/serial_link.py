@@ -7,12 +7,15 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from pydantic import Field
 
 from aerodima.workbench.config.checked_files import StrictModel
 from aerodima.workbench.errors import HardwareError
+
+if TYPE_CHECKING:
+    from serial import Serial
 
 _READ_TIMEOUT = 0.02
 """s; a read returns with the first byte, so that only a silent port waits that long: 50 times a second."""
@@ -21,27 +24,6 @@ _WRITE_TIMEOUT = 0.1
 _RECONNECT = 0.25
 _THREAD_SILENT = 0.5
 _MOST_CHUNKS = 4096
-
-
-class SerialPort(Protocol):
-    """What the link needs of pyserial's `Serial`; its methods raise `OSError` when the device has gone."""
-
-    def read(self, size: int = ...) -> bytes:
-        """At most `size` bytes that came within the timeout."""
-        ...
-
-    def write(self, data: bytes, /) -> int | None:
-        """Writes all of the bytes or raises."""
-        ...
-
-    def close(self) -> None:
-        """Closes the device."""
-        ...
-
-    @property
-    def in_waiting(self) -> int:
-        """Bytes that can be read at once."""
-        ...
 
 
 class SerialSettings(StrictModel):
@@ -56,7 +38,7 @@ class SerialSettings(StrictModel):
     rate: int = Field(115_200, gt=0)
 
 
-def open_serial(settings: SerialSettings, timeout: float = _READ_TIMEOUT) -> SerialPort:
+def open_serial(settings: SerialSettings, timeout: float = _READ_TIMEOUT) -> Serial:
     """Opens the device for this program alone.
 
     Args:
@@ -70,12 +52,11 @@ def open_serial(settings: SerialSettings, timeout: float = _READ_TIMEOUT) -> Ser
     except ImportError:
         raise HardwareError("serial ports need pyserial: pip install 'aerodima-workbench[hardware]'") from None
     try:
-        port: SerialPort = serial.Serial(
+        return serial.Serial(
             settings.path, settings.rate, timeout=timeout, write_timeout=_WRITE_TIMEOUT, exclusive=True
         )
     except (OSError, ValueError) as error:
-        raise HardwareError(f"{settings.path}: cannot be opened: {_reason(error)}") from None
-    return port
+        raise HardwareError(f"{settings.path}: cannot be opened: {reason_of(error)}") from None
 
 
 class SerialLink:
@@ -95,9 +76,9 @@ class SerialLink:
         written, replaced: strings.
     """
 
-    def __init__(self, open_port: Callable[[], SerialPort]) -> None:
+    def __init__(self, open_port: Callable[[], Serial]) -> None:
         self._open_port = open_port
-        self._port: SerialPort | None = open_port()
+        self._port: Serial | None = open_port()
         self.connected = True
         self.error = ""
         self.losses = self.written = self.replaced = 0
@@ -185,7 +166,7 @@ class SerialLink:
             try:
                 data = port.read(max(1, port.in_waiting))
             except Exception as error:  # pyserial raises OSError, TypeError and others on a lost device
-                self._lose(f"reading failed: {_reason(error)}")
+                self._lose(f"reading failed: {reason_of(error)}")
                 continue
             if data:
                 self._inbox.append((time.monotonic(), data))
@@ -194,7 +175,7 @@ class SerialLink:
         try:
             self._port = self._open_port()
         except Exception as error:  # whatever the driver says, the thread must live to try again
-            self.error = _reason(error)
+            self.error = reason_of(error)
             self._closing.wait(_RECONNECT)
         else:
             with self._condition:
@@ -218,15 +199,19 @@ class SerialLink:
                 port.write(data)
                 self.written += 1
             except Exception as error:
-                self._lose(f"writing failed: {_reason(error)}")
+                self._lose(f"writing failed: {reason_of(error)}")
             with self._condition:
                 if self._waiting is data:
                     self._waiting = None
                 self._condition.notify_all()
 
 
-def _reason(error: Exception) -> str:
-    number = getattr(error, "errno", None)
+def reason_of(error: BaseException) -> str:
+    """What went wrong with a device and what a user can do, from the first system error in the chain."""
+    root: BaseException | None = error
+    while root is not None and getattr(root, "errno", None) is None:
+        root = root.__cause__ or root.__context__
+    number = getattr(root, "errno", None)
     if number == errno.EISDIR or _is_no_terminal(error):
         return "is no serial device"
     if number in (errno.EACCES, errno.EPERM):
@@ -235,10 +220,10 @@ def _reason(error: Exception) -> str:
         return "there is no such device; is it plugged in?"
     if number in (errno.EBUSY, errno.EAGAIN):
         return "another program uses it"
-    return " ".join(str(error).split())
+    return " ".join(str(root or error).split())
 
 
-def _is_no_terminal(error: Exception) -> bool:
+def _is_no_terminal(error: BaseException) -> bool:
     """pyserial raises without a number what `termios` says of a file that is no terminal."""
     causes = (error.__cause__, error.__context__)
     return any(cause is not None and cause.args[:1] == (errno.ENOTTY,) for cause in causes)

@@ -347,16 +347,6 @@ def test_other_programs_frames_are_counted_and_ignored(bench):
     assert bench.group.ready
 
 
-def test_leaving_the_context_switches_off_whatever_happened():
-    bench = Bench().to_running(RUN)
-    with pytest.raises(ZeroDivisionError), bench.group:
-        raise ZeroDivisionError
-    assert bench.port.flushed
-    assert not any(fake.entered for fake in bench.fakes)
-    with pytest.raises(KeyboardInterrupt), bench.group:
-        raise KeyboardInterrupt
-
-
 def test_published_swing_passes_without_a_fault():
     """Hold at -90 degrees with (17, 5), 8 rad/s with (0, 3), after 130 degrees position +90 degrees with (5, 2)."""
     bench = Bench(settings(), positions=[-1.5]).to_running(hold(-math.pi / 2))

@@ -134,7 +134,7 @@ class CarOnTheBench:
         self.port = FakePort([FakeMotor(1, 0.05), FakeMotor(2, -1.5)])
         self.teensy, self.radio, self.watchdog = FakeTeensyLink(), FakeRadio(), FakeWatchdog()
         level = Bno055Sample((1.0, 0.0, 0.0, 0.0), (0.1, -0.2, 0.9), (1.0, 2.0, 3.0))
-        self.imu, self.gps = FakeSensor(level), FakeSensor(GpsSample(3.3, 0.05, True, 9, 10.0))
+        self.imu, self.gps = FakeSensor(level), FakeSensor(GpsSample(3.3, True, 10.0))
         self.closed = []
         mounting = load_mounting()
         self.motors = tail_motors(self.scenario, ports_from_dict(PORTS), mounting)

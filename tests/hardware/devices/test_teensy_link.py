@@ -75,7 +75,8 @@ def test_motors_are_entered_moved_and_exited_through_the_strings(car):
     assert car.group.ready, car.group.fault_text
     assert car.teensy.motors[2].position == pytest.approx(0.4, abs=0.15)
     assert car.group.motors[1].temperature == 30.0
-    assert car.group.exit_now(time.monotonic())
+    car.group.set_exit(time.monotonic())
+    assert car.link.flush()
     assert wait_until(lambda: not car.teensy.motors[1].entered and not car.teensy.motors[2].entered, 0.5)
 
 

@@ -11,6 +11,7 @@ import pytest
 from aerodima.hardware.car.car_ports import read_ports
 from aerodima.hardware.commands.car_commands import emulate
 from aerodima.hardware.emulator.fault_script import read_events
+from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.resources import model_path
@@ -68,7 +69,8 @@ def test_a_signal_ends_it_in_order_with_logs_that_can_be_read(tmp_path, number):
     log = read_run_log(out / "truth.parquet")
     assert log.has_truth
     assert log.extra["emulated"] == "watched_can"
-    assert list(can.BLFReader(out / "traffic.blf")) == []
+    said = [bytes(message.data) for message in can.BLFReader(out / "traffic.blf") if message.arbitration_id in (1, 2)]
+    assert set(said[2:]) == {make_exit(1).data}  # the Teensy switches off what it finds, after a neutral command each
     assert list((out / "ports").iterdir()) == []
 
 

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from aerodima.hardware.firmware.firmware_settings import COMPILERS
+from aerodima.hardware.firmware.teensy_firmware import COMPILERS
 
 
 def pytest_collection_modifyitems(items):

@@ -9,9 +9,8 @@ from dataclasses import astuple
 from functools import cache
 from typing import Any
 
-from aerodima.hardware.firmware import firmware_core
-from aerodima.hardware.firmware.firmware_core import Frame, Limits, Profile, fields, to_core, to_plain
-from aerodima.hardware.firmware.firmware_settings import profile_fields
+from aerodima.hardware.firmware import teensy_firmware
+from aerodima.hardware.firmware.teensy_firmware import Frame, Limits, Profile, fields, profile_fields, to_core, to_plain
 from aerodima.hardware.protocol.ak70 import FirmwareProfile, MitCommand, MitReply
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.teensy import Attitude, MotorOrder, MotorRequest, TeensyCommand, TeensyReply
@@ -58,7 +57,7 @@ _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
 
 @cache
 def library() -> Any:
-    loaded = firmware_core.library()
+    loaded = teensy_firmware.library()
     for name, (result, arguments) in _FUNCTIONS.items():
         function = getattr(loaded, name)
         function.restype, function.argtypes = result, arguments

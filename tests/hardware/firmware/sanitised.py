@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from aerodima.hardware.firmware import firmware_settings as build
+from aerodima.hardware.firmware import teensy_firmware as build
 
 FLAGS = ("-g", "-fno-omit-frame-pointer", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 

@@ -6,8 +6,8 @@ import subprocess
 
 import pytest
 
-from aerodima.hardware.firmware import firmware_settings as build
-from aerodima.hardware.firmware.firmware_settings import (
+from aerodima.hardware.firmware import teensy_firmware as build
+from aerodima.hardware.firmware.teensy_firmware import (
     COMPILERS,
     FirmwareSettings,
     build_core,

@@ -6,8 +6,7 @@ import pytest
 
 from aerodima.hardware.car.safety_settings import load_teensy_timing
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.firmware.firmware_core import TeensyCore
-from aerodima.hardware.firmware.firmware_settings import FirmwareSettings
+from aerodima.hardware.firmware.teensy_firmware import FirmwareSettings, TeensyCore
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.ak70 import MOST_ID, NEUTRAL, MitCommand
 from aerodima.hardware.protocol.can_frame import CanFrame

@@ -10,7 +10,7 @@ from aerodima.hardware.car.bus_watch import BeatState, decode_answer, make_beat
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.devices.motor_settings import MotorLoad
 from aerodima.hardware.devices.motor_settings import limit_command as limit_on_the_computer
-from aerodima.hardware.firmware.firmware_settings import motor_limits
+from aerodima.hardware.firmware.teensy_firmware import motor_limits
 from aerodima.hardware.protocol.ak70 import MitCommand, make_exit
 from aerodima.hardware.protocol.teensy import Attitude, MotorRequest, TeensyStatus
 from tests.hardware.devices.test_motor_limits import settings as joint

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from aerodima.hardware.firmware import firmware_settings as build
+from aerodima.hardware.firmware import teensy_firmware as build
 
 DEFECTS = {
     "AddressSanitizer": "volatile size_t place = 4; char* four = new char[place]; four[place] = 1; delete[] four;",

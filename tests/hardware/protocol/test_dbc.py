@@ -6,7 +6,15 @@ import cantools
 import pytest
 
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8 as PROFILE
-from aerodima.hardware.protocol.ak70 import MitCommand, MitReply, decode_command, decode_reply, make_command, make_reply
+from aerodima.hardware.protocol.ak70 import (
+    FAULT_NAMES,
+    MitCommand,
+    MitReply,
+    decode_command,
+    decode_reply,
+    make_command,
+    make_reply,
+)
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.resources import model_path
 
@@ -65,7 +73,7 @@ def test_replies_agree_over_random_frames(database, length):
 
 def test_faults_have_the_same_names(database):
     choices = database.get_message_by_name("motor_reply").get_signal_by_name("fault").choices
-    assert {code: str(name) for code, name in choices.items()} == {0: "none", **PROFILE.faults}
+    assert {code: str(name) for code, name in choices.items()} == {0: "none", **FAULT_NAMES}
 
 
 def test_ranges_are_those_of_the_profile(database):

@@ -12,7 +12,6 @@ from aerodima.hardware.protocol.radio import (
     CarReport,
     EmergencyStop,
     Heartbeat,
-    HeartbeatMonitor,
     OperatorCommand,
     RadioMode,
     decode,
@@ -101,14 +100,3 @@ def test_limits_survive_the_rounding_to_32_bits():
 def test_heartbeat_with_values_is_refused():
     with pytest.raises(FrameError, match="heartbeat carries values"):
         decode(struct.pack("<BBffff", 2, 1, 0.5, 0, 0, 0))
-
-
-def test_repeating_an_old_heartbeat_is_not_life():
-    monitor = HeartbeatMonitor()
-    assert monitor.age(10.0) == math.inf
-    monitor.receive(Heartbeat(1), 10.0)
-    for i in range(5):
-        monitor.receive(Heartbeat(1), 10.1 + 0.1 * i)
-    assert monitor.age(10.5) == pytest.approx(0.5)
-    monitor.receive(Heartbeat(2), 10.6)
-    assert monitor.age(10.7) == pytest.approx(0.1)
