@@ -36,7 +36,6 @@ def made_up_summary(
         heading_change_rad=heading,
         tail_torque_peak_n_m=20.0,
         tail_energy_j=3.0,
-        min_wheel_load_n=1.0,
         speed_in_turn_m_per_s=speed,
         lift_yaw_rate_rad_per_s=1.0,
     )
@@ -47,8 +46,7 @@ def made_up_summary(
         commanded_speed=speed,
         metrics=metrics,
         window=(2.0, 2.64),
-        over_window=own,
-        until_peak_roll=own,
+        impulses=own,
         trigger_time=trigger,
         swing_end_time=None if trigger is None else trigger + 0.3,
         peak_gyro=0.9,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from math import degrees
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,8 +20,11 @@ from aerodima.workbench.cli.options import (
     command_group,
 )
 from aerodima.workbench.errors import ModelError, UserError
+from aerodima.workbench.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from aerodima.workbench.plants.tail_geometry import TailGeometry
 
 
@@ -77,9 +80,8 @@ def tail(
     for path in (out, html, save):
         if path is not None:
             refuse_existing(path, force, UserError)
-    kind = "png" if out is None else out.suffix.lstrip(".").lower()
-    if kind not in ("png", "svg", "pdf"):
-        raise UserError(f"--out {out}: ending {kind!r}; allowed: .png, .svg, .pdf")
+    if out is not None:
+        _refuse_ending(out, PICTURES)
     car = load_scenario(scenario, settings or [])
     geometry = tail_geometry(car.tail) if file is None else read_tail(file)
     for line in tail_lines(geometry):
@@ -89,9 +91,7 @@ def tail(
     if out is not None:
         from aerodima.workbench.figures.model_figures import plot_tail
 
-        figure = plot_tail(geometry)
-        write_atomically(out, lambda path: figure.savefig(path, format=kind), force, UserError)
-        typer.echo(f"picture: {out}")
+        _write_picture(plot_tail(geometry), out, force)
     if html is not None:
         from aerodima.workbench.replay.tail_drawing import tail_page
 
@@ -99,21 +99,41 @@ def tail(
         typer.echo(f"Meshcat: {html}")
 
 
+PICTURES = (".png", ".svg", ".pdf")
+"""Endings of a picture."""
+
+
+def _refuse_ending(out: Path, allowed: tuple[str, ...]) -> None:
+    if out.suffix.lower() not in allowed:
+        raise UserError(f"--out {out}: ending {out.suffix!r}; allowed: {', '.join(allowed)}")
+
+
+def _write_picture(figure: Figure, out: Path, force: bool) -> None:
+    kind = out.suffix[1:].lower()
+    write_atomically(out, lambda path: figure.savefig(path, format=kind, dpi=130), force, UserError)
+    typer.echo(f"picture: {out}")
+
+
 def tail_lines(geometry: TailGeometry) -> list[str]:
-    """What a tail comes to, for the terminal: a line per plate, then the whole."""
-    lines = []
-    for plate in geometry.plates:
-        x, y, z = plate.centre_of_pressure
-        lines.append(
-            f"{plate.kind.replace('_', ' ')} {plate.name!r}: {1e4 * plate.area:.4g} cm2, centre of pressure "
-            f"({x:.4g}, {y:.4g}, {z:.4g}) m, {plate.sections * len(plate.pieces)} sections"
-        )
+    """What a tail comes to, for the terminal: its plates, then the whole."""
+    header = ["plate", "kind", "area_cm2", "centre_of_pressure_m", "sections"]
+    plates = [
+        [p.name, p.kind, shown_value(1e4 * p.area), _vector(p.centre_of_pressure), str(p.sections * len(p.pieces))]
+        for p in geometry.plates
+    ]
     whole = geometry.inertial
-    lines.append(f"arm: {sum(geometry.arm.lengths):.4g} m, {1000 * geometry.arm_mass.mass:.4g} g")
-    lines.append(f"mass: {1000 * whole.mass:.4g} g, centre of mass ({', '.join(f'{v:.4g}' for v in whole.com)}) m")
-    about = geometry.inertia_about_joints
-    lines.append(f"inertia about the joints: {', '.join(f'{v:.4g}' for v in about.diagonal())} kg m2 (x, y, z)")
-    return lines
+    numbers = [
+        ["arm_m", shown_value(float(sum(geometry.arm.lengths)))],
+        ["arm_mass_g", shown_value(1000 * geometry.arm_mass.mass)],
+        ["mass_g", shown_value(1000 * whole.mass)],
+        ["centre_of_mass_m", _vector(whole.com)],
+        ["inertia_about_joints_kg_m2", _vector(geometry.inertia_about_joints.diagonal())],
+    ]
+    return [*text_table(header, plates), *text_table(["whole", geometry.name], numbers)]
+
+
+def _vector(values: Iterable[float]) -> str:
+    return " ".join(map(shown_value, map(float, values)))
 
 
 def range_of_motion(
@@ -146,15 +166,15 @@ def range_of_motion(
     write_atomically(picture, png(plot_range_of_motion(motion, margin)), force, UserError)
     free = motion.clearance(motion.pitch[:, None], motion.roll[None, :]) >= margin
     low, high = motion.allowed_roll(0.0, margin)
-    typer.echo(f"free by {1000 * margin:g} mm: {free.mean():.0%} of the range; upright pitch: roll "
-               f"{degrees(low):.0f} to {degrees(high):.0f} deg")  # fmt: skip
+    typer.echo(
+        f"free by {margin:g} m: {free.mean():.0%} of the range; at pitch 0 from {low:.3g} to {high:.3g} rad of roll"
+    )
+    rows = []
     for number, part in enumerate(PARTS):
         least = motion.clearances[:, :, number]
         pitch, roll = divmod(int(least.argmin()), len(motion.roll))
-        typer.echo(
-            f"{part}: {1000 * least.min():.0f} mm at the least, pitch {degrees(motion.pitch[pitch]):.0f} deg, roll "
-            f"{degrees(motion.roll[roll]):.0f} deg"
-        )
+        rows.append([part, *map(shown_value, map(float, (least.min(), motion.pitch[pitch], motion.roll[roll])))])
+    typer.echo("\n".join(text_table(["part", "least_clearance_m", "pitch_rad", "roll_rad"], rows)))
     typer.echo(f"map: {out}, picture: {picture}")
 
 
@@ -187,12 +207,8 @@ def plot(
 
     coefficients = load_coefficients(file)
     target = out or Path(f"{Path(file).stem}.png")
-    kind = target.suffix.lstrip(".").lower()
-    if kind not in ("png", "svg", "pdf"):
-        raise ModelError(f"--out {target}: the ending must be .png, .svg or .pdf")
-    figure = plot_coefficients(coefficients)
-    write_atomically(target, lambda path: figure.savefig(path, format=kind, dpi=130), force, ModelError)
-    typer.echo(f"written {target}")
+    _refuse_ending(target, PICTURES)
+    _write_picture(plot_coefficients(coefficients), target, force)
 
 
 def diagram(
@@ -207,9 +223,7 @@ def diagram(
     from aerodima.workbench.figures.model_figures import draw_diagram
     from aerodima.workbench.simulate.car_run import assemble
 
-    kinds = (".svg", ".png", ".pdf", ".dot")
-    if out.suffix not in kinds:
-        raise UserError(f"--out {out}: ending {out.suffix!r}; allowed: {', '.join(kinds)}")
+    _refuse_ending(out, (*PICTURES, ".dot"))
     picture = draw_diagram(assemble(load_scenario(scenario, settings or ())).builder.Build(), depth)
     if out.suffix != ".dot" and shutil.which("dot") is None:
         out = out.with_suffix(".dot")

@@ -23,32 +23,16 @@ CHECKS = "Look into models and installation"
 SECTIONS = (RUNS, SWINGS, COEFFICIENTS, THESIS, CAR, CHECKS)
 
 
-Completer = Callable[[str], list[str]]
-
-
-def completer(*values: str) -> Completer:
-    """Offers fixed values."""
+def _shipped(folder: str) -> Callable[[str], list[str]]:
+    """Completion: offers the names of the files of a folder of `models/`."""
 
     def complete(incomplete: str) -> list[str]:
-        return [value for value in values if value.startswith(incomplete)]
+        return sorted(path.stem for path in (models_dir() / folder).glob(f"{incomplete}*.yaml"))
 
     return complete
 
 
-def complete_scenario(incomplete: str) -> list[str]:
-    """Offers the scenarios that ship."""
-    return _names("scenarios", incomplete)
-
-
-def complete_swing(incomplete: str) -> list[str]:
-    """Offers the swings that ship."""
-    return _names("swings", incomplete)
-
-
-def _names(folder: str, incomplete: str) -> list[str]:
-    return sorted(path.stem for path in (models_dir() / folder).glob(f"{incomplete}*.yaml"))
-
-
+complete_scenario, complete_swing = _shipped("scenarios"), _shipped("swings")
 _SCENARIO = "Scenario file (YAML), or the name of one that ships."
 ScenarioArgument = Annotated[str, typer.Argument(help=_SCENARIO, autocompletion=complete_scenario)]
 ScenarioOption = Annotated[str, typer.Option(help=_SCENARIO, autocompletion=complete_scenario)]

@@ -24,7 +24,6 @@ from aerodima.workbench.cli.options import (
     SwingOption,
     SwingScenarioOption,
     Workers,
-    completer,
     grouped,
     settings_of,
 )
@@ -49,14 +48,12 @@ class RunOptions:
     tail: Annotated[
         str | None,
         Key("tail.mode"),
-        typer.Option(
-            metavar="none|held|swing", help="What the tail does.", autocompletion=completer("none", "held", "swing")
-        ),
+        typer.Option(metavar="none|held|swing", help="What the tail does."),
     ] = None
     direction: Annotated[
         str | None,
         Key("manoeuvre.direction"),
-        typer.Option(metavar="left|right", help="Side of the turn.", autocompletion=completer("left", "right")),
+        typer.Option(metavar="left|right", help="Side of the turn."),
     ] = None
     swing: Annotated[SwingOption, Key("controller.swing_file")] = None
     other_car: OtherCar = False

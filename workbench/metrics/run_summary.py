@@ -144,8 +144,7 @@ class RunSummary:
         commanded_speed: m/s.
         metrics: outcome and metrics.
         window: start and end of the turn, s.
-        over_window: impulses of the tail over the window; None without tail or without its ground truth.
-        until_peak_roll: the same from the start of the turn to the largest roll.
+        impulses: of the tail about the heading axis, over the window; None without tail or without its ground truth.
         trigger_time: when the controller began to swing, s; None when it never did.
         swing_end_time: when the swing was over, s; None when it was not within the run.
         peak_gyro: largest yaw rate into the turn that the IMU reported in the window, rad/s.
@@ -156,8 +155,7 @@ class RunSummary:
     commanded_speed: float
     metrics: RunMetrics
     window: tuple[float, float]
-    over_window: Impulses | None
-    until_peak_roll: Impulses | None
+    impulses: Impulses | None
     trigger_time: float | None
     swing_end_time: float | None
     peak_gyro: float
@@ -185,12 +183,8 @@ class RunSummary:
 
     def impulses_row(self) -> dict[str, float | None]:
         """The impulses of the tail about the heading axis, positive = against rolling outwards; None without a tail."""
-        found = {"window": self.over_window, "until_peak_roll": self.until_peak_roll}
-        return {
-            f"{cause}_impulse_{label}_n_m_s": None if impulses is None else getattr(impulses, cause)
-            for label, impulses in found.items()
-            for cause in CAUSES
-        }
+        found = self.impulses
+        return {f"{cause}_impulse_window_n_m_s": None if found is None else getattr(found, cause) for cause in CAUSES}
 
 
 def tail_mode_of(scenario: Mapping[str, Any]) -> str:
@@ -208,7 +202,6 @@ def tail_mode_of(scenario: Mapping[str, Any]) -> str:
 
 def summarise(run_log: RunLog, name: str) -> RunSummary:
     """Measures a run of a turn; LogError as for `metrics_of`."""
-    impulses = tail_impulses(run_log) if "tail_com_x_truth_m" in run_log.table.columns else None
     window = turn_window(run_log)
     swinging = run_log.time[run_log.signal("controller_state") == SwingState.SWING]
     side = -1.0 if run_log.scenario["manoeuvre"]["direction"] == "right" else 1.0
@@ -220,8 +213,7 @@ def summarise(run_log: RunLog, name: str) -> RunSummary:
         commanded_speed=float(run_log.scenario["manoeuvre"]["speed"]),
         metrics=metrics_of(run_log),
         window=window,
-        over_window=None if impulses is None else impulses.over_window,
-        until_peak_roll=None if impulses is None else impulses.until_peak_roll,
+        impulses=tail_impulses(run_log) if "tail_com_x_truth_m" in run_log.table.columns else None,
         trigger_time=float(swinging[0]) if swinging.size else None,
         swing_end_time=float(swinging[-1]) if ended else None,
         peak_gyro=float(np.max(side * run_log.signal("imu_gyro_z_rad_per_s")[in_window])),

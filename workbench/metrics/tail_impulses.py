@@ -12,8 +12,7 @@ cancel. Here p is the point of the ground below Bo and the axis e is the heading
 the car to the right. A left turn rolls it outwards, to the right, so what helps is -N . e there and +N . e in a right
 turn.
 
-Impulses are integrals of that moment: over the window of the turn, and from its start to the largest roll (or to the
-75 degrees at which the car counts as flipped).
+Impulses are integrals of that moment over the window of the turn.
 """
 
 import math
@@ -38,45 +37,17 @@ CAUSES = ("aerodynamic", "weight", "inertial")
 
 @dataclass(frozen=True)
 class Impulses:
-    """Angular impulses about the heading axis, N m s, positive = against rolling outwards."""
+    """Angular impulses of the tail on the car by cause, N m s."""
 
     aerodynamic: float
     weight: float
     inertial: float
 
-    @property
-    def total(self) -> float:
-        """Sum of the three, N m s."""
-        return self.aerodynamic + self.weight + self.inertial
 
+def tail_impulses(run_log: RunLog) -> Impulses | None:
+    """Angular impulses about the heading axis over the window of the turn; None for a car without a tail.
 
-@dataclass(frozen=True)
-class TailImpulses:
-    """Moments and impulses of the tail on the car; positive = against rolling outwards.
-
-    Attributes:
-        time: log times, s, shape (n,).
-        aerodynamic_moment: N m, shape (n,).
-        weight_moment: N m, shape (n,).
-        inertial_moment: N m, shape (n,).
-        window: start and end of the turn, s.
-        peak_roll_time: when the car leans outwards most, or reaches 75 degrees, s.
-        over_window: impulses over the window, N m s.
-        until_peak_roll: impulses from the start of the turn to `peak_roll_time`, N m s.
-    """
-
-    time: FloatArray
-    aerodynamic_moment: FloatArray
-    weight_moment: FloatArray
-    inertial_moment: FloatArray
-    window: tuple[float, float]
-    peak_roll_time: float
-    over_window: Impulses
-    until_peak_roll: Impulses
-
-
-def tail_impulses(run_log: RunLog) -> TailImpulses | None:
-    """Moments and impulses of the tail in a simulated run; None for a car without a tail.
+    N m s, positive = against rolling outwards.
 
     Raises:
         LogError: no ground truth in the log, `tail_mass_kg` not in its metadata, NaN, unsorted time or a gap.
@@ -85,17 +56,10 @@ def tail_impulses(run_log: RunLog) -> TailImpulses | None:
         return None
     if not run_log.has_truth:
         raise LogError(f"{run_log.name}: has no ground truth, so the tail's impulses cannot be found")
-    signals = turn_signals(run_log)
-    moments, growth = _moments(run_log, signals, _ground_point(run_log), _help_axis(run_log, signals))
-    peak = _peak_roll_time(signals)
-    return TailImpulses(
-        time=signals.time,
-        **{f"{cause}_moment": moment for cause, moment in moments.items()},
-        window=signals.window,
-        peak_roll_time=peak,
-        over_window=_between(signals, growth, *signals.window),
-        until_peak_roll=_between(signals, growth, signals.window[0], peak),
-    )
+    signals, yaw = turn_signals(run_log), run_log.signal("yaw_truth_rad")
+    heading = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)])
+    below = run_log.vector("position", "truth_m") * [1.0, 1.0, 0.0]
+    return _over_window(run_log, signals, below, -signals.sign * heading)
 
 
 def tail_yaw_impulses(run_log: RunLog) -> Impulses:
@@ -109,8 +73,7 @@ def tail_yaw_impulses(run_log: RunLog) -> Impulses:
     """
     signals = turn_signals(run_log)
     axis = np.tile([0.0, 0.0, signals.sign], (signals.time.size, 1))
-    _, growth = _moments(run_log, signals, run_log.vector("com", "truth_m") * [1.0, 1.0, 0.0], axis)
-    return _between(signals, growth, *signals.window)
+    return _over_window(run_log, signals, run_log.vector("com", "truth_m") * [1.0, 1.0, 0.0], axis)
 
 
 def tail_effort(run_log: RunLog, after: NDArray[np.bool_]) -> tuple[float | None, float | None]:
@@ -134,76 +97,28 @@ def tail_effort(run_log: RunLog, after: NDArray[np.bool_]) -> tuple[float | None
     return peak, None if power is None else float(trapezoid(np.maximum(power[after], 0.0), run_log.time[after]))
 
 
-def _moments(
-    run_log: RunLog, signals: TurnSignals, point: FloatArray, axis: FloatArray
-) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Cause -> moment of the tail on the car about an axis through a point, N m, and its integral, N m s."""
-    time, momentum = signals.time, run_log.vector("tail_momentum", "truth_n_s")
-    about_point = run_log.vector("tail_angular_momentum", "truth_n_m_s") - np.cross(point, momentum)
-    moments = {
-        "aerodynamic": _dot(_aerodynamic_moment(run_log, point), axis),
-        "weight": _dot(_weight_moment(run_log, point), axis),
-        "inertial": _inertial_moment(time, about_point, momentum, point, axis),
-    }
-    check_signals(time, {f"tail moment ({cause})": moment for cause, moment in moments.items()})
-    growth = {cause: cumulative_trapezoid(moment, time, initial=0.0) for cause, moment in moments.items()}
-    growth["inertial"] = _inertial_growth(about_point, momentum, point, axis)
-    return moments, growth
+def _over_window(run_log: RunLog, signals: TurnSignals, point: FloatArray, axis: FloatArray) -> Impulses:
+    """About an axis through a point, each (n, 3) in W.
 
-
-def _between(signals: TurnSignals, growth: dict[str, FloatArray], start: float, end: float) -> Impulses:
-    return Impulses(
-        **{cause: float(np.diff(np.interp([start, end], signals.time, sums))[0]) for cause, sums in growth.items()}
-    )
-
-
-def _ground_point(run_log: RunLog) -> FloatArray:
-    """The point of the ground below Bo in W, shape (n, 3), m."""
-    return run_log.vector("position", "truth_m") * [1.0, 1.0, 0.0]
-
-
-def _help_axis(run_log: RunLog, signals: TurnSignals) -> FloatArray:
-    """Unit vector about which a moment works against rolling outwards, W axes, shape (n, 3)."""
-    yaw = run_log.signal("yaw_truth_rad")
-    heading = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)])
-    return -signals.sign * heading
-
-
-def _aerodynamic_moment(run_log: RunLog, point: FloatArray) -> FloatArray:
-    force = run_log.vector("tail_force", "truth_n")
-    return run_log.vector("tail_force_moment", "truth_n_m") - np.cross(point, force)
-
-
-def _weight_moment(run_log: RunLog, point: FloatArray) -> FloatArray:
+    The inertial part is summed from the changes of the angular momentum themselves, with P and the axis taken in the
+    middle of each step, so that a jump of the momentum (a contact) counts in full however short it was.
+    """
     if "tail_mass_kg" not in run_log.extra:
         raise LogError(f"{run_log.name}: its metadata have no tail_mass_kg")
     weight = np.array([0.0, 0.0, -float(run_log.extra["tail_mass_kg"]) * run_log.number("environment", "gravity")])
-    return np.cross(run_log.vector("tail_com", "truth_m") - point, weight)
-
-
-def _inertial_moment(
-    time: FloatArray, about_point: FloatArray, momentum: FloatArray, point: FloatArray, axis: FloatArray
-) -> FloatArray:
-    """-(dL_p/dt + v_p x P) . axis by central differences, N m, shape (n,)."""
-    change = np.gradient(about_point, time, axis=0) + np.cross(np.gradient(point, time, axis=0), momentum)
-    return -_dot(change, axis)
-
-
-def _inertial_growth(about_point: FloatArray, momentum: FloatArray, point: FloatArray, axis: FloatArray) -> FloatArray:
-    """Integral of the inertial moment from the first sample on, N m s, shape (n,).
-
-    Summed from the changes themselves, with P and the axis taken in the middle of each step, so that a jump of the
-    momentum (a contact) counts in full however short it was.
-    """
+    time, momentum = signals.time, run_log.vector("tail_momentum", "truth_n_s")
+    about_point = run_log.vector("tail_angular_momentum", "truth_n_m_s") - np.cross(point, momentum)
+    air = run_log.vector("tail_force_moment", "truth_n_m") - np.cross(point, run_log.vector("tail_force", "truth_n"))
+    hanging = np.cross(run_log.vector("tail_com", "truth_m") - point, weight)
     middle_momentum, middle_axis = (0.5 * (values[1:] + values[:-1]) for values in (momentum, axis))
     change = np.diff(about_point, axis=0) + np.cross(np.diff(point, axis=0), middle_momentum)
-    return np.concatenate([[0.0], np.cumsum(-_dot(change, middle_axis))])
-
-
-def _peak_roll_time(signals: TurnSignals) -> float:
-    after = np.flatnonzero(signals.from_start)
-    flipped = after[signals.tilt[after] > FLIP_TILT]
-    return float(signals.time[flipped[0] if flipped.size else after[np.argmax(signals.roll[after])]])
+    growth = {
+        "aerodynamic": cumulative_trapezoid(_dot(air, axis), time, initial=0.0),
+        "weight": cumulative_trapezoid(_dot(hanging, axis), time, initial=0.0),
+        "inertial": np.concatenate([[0.0], np.cumsum(-_dot(change, middle_axis))]),
+    }
+    check_signals(time, {f"tail impulse ({cause})": sums for cause, sums in growth.items()})
+    return Impulses(**{cause: float(np.diff(np.interp(signals.window, time, s))[0]) for cause, s in growth.items()})
 
 
 def _dot(vectors: FloatArray, axes: FloatArray) -> FloatArray:

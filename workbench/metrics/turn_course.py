@@ -9,46 +9,27 @@ the turn is positive. Definitions: design section 10.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.turn_metrics import outcome_from
-from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE, TurnSignals, turn_signals
-
-COURSES = (45, 60, 90)
-"""degrees; the time to each is measured."""
-
-
-@dataclass(frozen=True)
-class Passage:
-    """When the course first had turned by some angle; every field None where it never did.
-
-    Attributes:
-        time_s: since the steering command.
-        peak_roll_rad: largest roll outwards until then.
-        clean: until then, see `Outcome`; None also when the log cannot tell.
-    """
-
-    time_s: float | None = None
-    peak_roll_rad: float | None = None
-    clean: bool | None = None
+from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE, turn_signals
 
 
 @dataclass(frozen=True)
 class TurnCourse:
-    """Where the turn led; times since the steering command, every field but `passages` None without an exit.
+    """Where the turn led; every field is None without an exit.
 
     Attributes:
-        exit_time_s: first instant with straight wheels and a yaw rate below `EXIT_YAW_RATE`; None when there is none.
+        exit_time_s: since the steering command; first instant with straight wheels and a yaw rate below
+            `EXIT_YAW_RATE`.
         course_change_rad: course at the exit less that at the steering command, into the turn.
         exit_heading_change_rad: likewise of the body's heading.
         exit_sideslip_rad: heading less course at the exit: positive when the nose points further into the turn.
         exit_speed_m_per_s: ground speed at the exit.
-        passages: one for each of `COURSES`.
     """
 
     exit_time_s: float | None
@@ -56,18 +37,10 @@ class TurnCourse:
     exit_heading_change_rad: float | None
     exit_sideslip_rad: float | None
     exit_speed_m_per_s: float | None
-    passages: tuple[Passage, ...]
 
-    def as_row(self) -> dict[str, Any]:
+    def as_row(self) -> dict[str, float | None]:
         """One flat row for a table."""
-        row = {name: value for name, value in vars(self).items() if name != "passages"}
-        for degrees, passage in zip(COURSES, self.passages, strict=True):
-            row |= {
-                f"time_to_{degrees}_deg_s": passage.time_s,
-                f"peak_roll_to_{degrees}_deg_rad": passage.peak_roll_rad,
-                f"clean_to_{degrees}_deg": passage.clean,
-            }
-        return row
+        return asdict(self)
 
 
 def turn_course(run_log: RunLog) -> TurnCourse:
@@ -81,11 +54,10 @@ def turn_course(run_log: RunLog) -> TurnCourse:
     started = np.flatnonzero(signals.from_start)
     course = signals.sign * course
     turned = course - course[started[0]]
-    passages = tuple(_passage(signals, turned, math.radians(degrees)) for degrees in COURSES)
     straight = signals.from_start & ~signals.in_window
     over = np.flatnonzero(straight & (np.abs(signals.yaw_rate) < EXIT_YAW_RATE))
     if over.size == 0:
-        return TurnCourse(None, None, None, None, None, passages)
+        return TurnCourse(None, None, None, None, None)
     at, first = over[0], started[0]
     return TurnCourse(
         exit_time_s=float(signals.time[at] - signals.window[0]),
@@ -93,7 +65,6 @@ def turn_course(run_log: RunLog) -> TurnCourse:
         exit_heading_change_rad=float(signals.yaw[at] - signals.yaw[first]),
         exit_sideslip_rad=math.remainder(float(signals.yaw[at] - course[at]), 2.0 * math.pi),
         exit_speed_m_per_s=float(speed[at]),
-        passages=passages,
     )
 
 
@@ -117,15 +88,3 @@ def _ground_velocity(run_log: RunLog) -> tuple[FloatArray, FloatArray]:
     roll, pitch, yaw = (run_log.signal(f"{name}_truth_rad") for name in ("roll", "pitch", "yaw"))
     ahead, left = velocity_over_ground(v_WBo_B.T, w_WB_B.T, roll, pitch, run_log.number("car", "com_x"))
     return np.hypot(ahead, left), np.unwrap(yaw + np.arctan2(left, ahead))
-
-
-def _passage(signals: TurnSignals, turned: FloatArray, angle: float) -> Passage:
-    reached = np.flatnonzero(signals.from_start & (turned >= angle))
-    if reached.size == 0:
-        return Passage()
-    at = reached[0]
-    time = float(np.interp(angle, turned[at - 1 : at + 1], signals.time[at - 1 : at + 1])) - signals.window[0]
-    until = slice(0, at + 1)
-    loads, contact = (None if v is None else v[until] for v in (signals.wheel_loads, signals.ground_contact))
-    outcome = outcome_from(signals.time[until], signals.tilt[until], loads, contact, signals.window[0])
-    return Passage(time, float(np.max(signals.roll[until][signals.from_start[until]])), outcome.clean)

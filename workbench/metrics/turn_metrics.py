@@ -80,7 +80,6 @@ class RunMetrics:
             the start of the turn, into the turn, rad.
         tail_torque_peak_n_m: largest torque of either tail motor from the turn on, N m; None when not logged.
         tail_energy_j: positive work of the tail motors from the turn on, J; None when not logged.
-        min_wheel_load_n: smallest vertical force on any wheel from the turn on, N; None without wheel loads.
         speed_in_turn_m_per_s: mean speed over the window, weighted by the yaw rate: mean Kohut over mean yaw rate if
             Kohut is taken from sample to sample (ERRATA E36), m/s.
         lift_yaw_rate_rad_per_s: largest yaw rate in the window until the first inner wheel leaves the ground (thesis
@@ -97,7 +96,6 @@ class RunMetrics:
     heading_change_rad: float
     tail_torque_peak_n_m: float | None
     tail_energy_j: float | None
-    min_wheel_load_n: float | None
     speed_in_turn_m_per_s: float
     lift_yaw_rate_rad_per_s: float | None
 
@@ -108,7 +106,7 @@ class RunMetrics:
     def as_row(self) -> dict[str, float | str | bool | None]:
         """One flat row for a table: raw metrics under their names, filtered ones with `filtered_` before them."""
         whole = ("peak_roll_rad", "two_wheel_time_s", "heading_change_rad", "tail_torque_peak_n_m", "tail_energy_j")
-        own = (*whole, *OF_THE_TURN, "min_wheel_load_n")
+        own = (*whole, *OF_THE_TURN)
         return {
             "outcome": self.outcome.result,
             "clean": self.outcome.clean,
@@ -146,7 +144,6 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
         heading_change_rad=float(signals.yaw[-1 if settled is None else settled] - signals.yaw[after][0]),
         tail_torque_peak_n_m=peak_torque,
         tail_energy_j=energy,
-        min_wheel_load_n=None if loads is None else float(np.min(loads[after])),
         speed_in_turn_m_per_s=_speed_in_turn(signals),
         lift_yaw_rate_rad_per_s=None if loads is None else _lift_yaw_rate(signals, loads),
     )

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
 from aerodima.workbench.cli.model_commands import register
-from aerodima.workbench.errors import ModelError
+from aerodima.workbench.errors import UserError
 from aerodima.workbench.figures.coefficient_figures import plot_coefficients
 
 RUNNER = CliRunner()
@@ -35,7 +35,7 @@ def test_a_plot_is_written_and_not_overwritten_unasked(tmp_path) -> None:
     command = ["models", "coefficients", "plot", "robot_tail_weighted_average", "--out", str(target)]
     assert RUNNER.invoke(app(), command).exit_code == 0
     assert target.read_bytes().startswith(b"\x89PNG")
-    assert isinstance(RUNNER.invoke(app(), command).exception, ModelError)
+    assert isinstance(RUNNER.invoke(app(), command).exception, UserError)
     assert RUNNER.invoke(app(), [*command, "--force"]).exit_code == 0
 
 
@@ -80,10 +80,10 @@ def test_curve_and_limit_beyond_the_measured_speeds_stand_within_the_frame(tmp_p
     ("arguments", "message"),
     [
         (["no_such_set"], "'no_such_set': models/coefficients has none of this name"),
-        (["half_cylinder", "--out", "a.gif"], ".png, .svg or .pdf"),
+        (["half_cylinder", "--out", "a.gif"], "allowed: .png, .svg, .pdf"),
     ],
 )
 def test_wrong_calls_name_what_is_allowed(arguments, message) -> None:
     error = RUNNER.invoke(app(), ["models", "coefficients", "plot", *arguments]).exception
-    assert isinstance(error, ModelError)
+    assert isinstance(error, UserError)
     assert message in str(error)

@@ -105,8 +105,9 @@ def test_tail_is_shown_saved_and_drawn(call, refused, tmp_path: Path) -> None:
     saved, picture, page = tmp_path / "tail.yaml", tmp_path / "tail.png", tmp_path / "tail.html"
     shown = call("models", "tail", "--save", saved, "--out", picture, "--html", page)
     assert shown.exit_code == 0
-    assert "plate 'sail': 77.87 cm2, centre of pressure (0, 0, 0.694) m, 5 sections" in shown.stdout
-    assert "mass: 174 g" in shown.stdout
+    lines = [line.split() for line in shown.stdout.splitlines()]
+    assert ["sail", "plate", "77.87", "0", "0", "0.694", "5"] in lines
+    assert ["mass_g", "174"] in lines
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert "meshcat" in page.read_text(encoding="utf-8").lower()
     assert str(saved) in refused("models", "tail", "--save", saved)

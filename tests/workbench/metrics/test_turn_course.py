@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.turn_course import COURSES, Passage, TurnCourse, turn_course
+from aerodima.workbench.metrics.turn_course import TurnCourse, turn_course
 from tests.workbench.made_up_runs import COM_X, STEP, made_up_run, times
 
 V = 3.0
@@ -57,14 +57,11 @@ def test_a_circle_turns_course_and_body_alike(side: float, away: float) -> None:
     assert found.exit_sideslip_rad == pytest.approx(0.0, abs=1e-9)
     assert found.exit_speed_m_per_s == pytest.approx(V)
     assert found.exit_time_s == pytest.approx(0.64 + STEP), "the first sample after the window"
-    times_to = [passage.time_s for passage in found.passages]
-    assert times_to == [pytest.approx(math.radians(45) / 2.0), pytest.approx(math.radians(60) / 2.0), None]
 
 
 def test_a_straight_line_turns_nothing() -> None:
     found = moving(0.4, 0.4, 0.0)
     assert (found.course_change_rad, found.exit_heading_change_rad) == (pytest.approx(0.0), pytest.approx(0.0))
-    assert found.passages == (Passage(),) * len(COURSES)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -103,22 +100,6 @@ def test_a_car_that_goes_on_yawing_has_no_exit() -> None:
     angle, rate = arc(0.5, until=9.0)
     found = moving(angle, angle, rate)
     assert (found.exit_time_s, found.course_change_rad, found.exit_speed_m_per_s) == (None, None, None)
-    assert found.passages[0].time_s == pytest.approx(math.radians(45) / 0.5)
-
-
-def test_until_a_course_only_what_came_before_counts() -> None:
-    """It leans by 0.2 rad on the way to 60 degrees, and by 0.5 rad after that."""
-    angle, rate = arc(2.0, until=2.9)
-    lean = np.where(times() < 2.4, 0.2, np.where(times() < 2.6, 0.25, 0.5)) * (times() >= 2.0)
-    found = moving(angle, angle, rate, roll=lean)
-    assert [passage.peak_roll_rad for passage in found.passages] == [pytest.approx(r) for r in (0.2, 0.25, 0.5)]
-    row = found.as_row()
-    assert row["peak_roll_to_60_deg_rad"] == pytest.approx(0.25)
-    assert [row[f"clean_to_{degrees}_deg"] for degrees in COURSES] == [True, True, True]
-    columns = {"yaw_truth_rad": angle, "gyro_z_truth_rad_per_s": rate}
-    touching = {"ground_contact_tail_truth_n": 5.0 * (times() > 2.45), "velocity_y_truth_m_per_s": -rate * COM_X}
-    touched = turn_course(made_up_run(columns | touching))
-    assert [passage.clean for passage in touched.passages] == [True, False, False]
 
 
 def test_the_course_is_that_of_the_path_in_a_simulated_run(tailless: RunLog) -> None:

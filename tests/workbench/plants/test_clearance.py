@@ -102,7 +102,7 @@ def test_command(tmp_path: Path) -> None:
     out = tmp_path / "map.csv"
     result = run("--out", out, "--pitch-nodes", 5, "--roll-nodes", 5)
     assert result.exit_code == 0, result.output
-    assert "cage: " in result.output
+    assert "least_clearance_m" in result.output
     assert out.with_suffix(".png").stat().st_size > 10_000
     assert "exists already" in run("--out", out).stderr
     assert "--roll-nodes 2: allowed: 3 to 1001" in run("--out", tmp_path / "b.csv", "--roll-nodes", 2).stderr

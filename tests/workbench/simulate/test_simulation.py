@@ -18,7 +18,6 @@ from tests.workbench.simulate.outcome_study import differences, drawn_cars
 
 SHORT = ["manoeuvre.speed_ramp=0.8", "manoeuvre.turn_start=1.0", "manoeuvre.duration=2.1"]
 """Turn after 1 s instead of 2 s: the run of a test costs half."""
-TAIL_TRUTH_ONLY = ("over_window", "until_peak_roll")
 
 
 def turn(mode, speed, *settings):
@@ -58,9 +57,9 @@ def test_all_signals_give_the_table_of_the_logged_run_and_the_impulses_of_the_ta
     np.testing.assert_array_equal(run.table.to_numpy(), logged.table.to_numpy())
     assert run.extra == logged.extra
     assert found == summarise(logged, scenario.name)
-    assert found.over_window is not None
+    assert found.impulses is not None
     outcome = simulate(scenario, record="outcome")
-    assert summarise(outcome, scenario.name).over_window is None
+    assert summarise(outcome, scenario.name).impulses is None
 
 
 def test_flipped_run_stops_once_the_turn_is_over_with_the_metrics_of_the_turn():
