@@ -37,9 +37,9 @@ from .plants.clearance import make_range_of_motion as make_range_of_motion
 from .plants.tail import read_tail as read_tail
 from .plants.tail import tail_geometry as tail_geometry
 from .plants.tail import write_tail as write_tail
+from .plants.tail_geometry import Plate as Plate
 from .plants.tail_geometry import TailArm as TailArm
 from .plants.tail_geometry import TailGeometry as TailGeometry
-from .plants.tail_plate import Plate as Plate
 from .replay.observed_run import observe as observe
 from .replay.strip import strip_figure as strip_figure
 from .report.demo_chapters import plot_courses as plot_courses

@@ -153,8 +153,17 @@ def unit_in_name(name: str) -> str:
     return "1"
 
 
-def check_range(name: str, value: float, low: float, high: float, unit: str, *, above_low: bool = False) -> None:
-    """Raises UserError unless `value` is finite and within [low, high], or (low, high] with `above_low`.
+def check_range(
+    name: str,
+    value: float,
+    low: float,
+    high: float,
+    unit: str,
+    *,
+    above_low: bool = False,
+    error: type[UserError] = UserError,
+) -> None:
+    """Raises UserError (of the class `error`) unless `value` is finite and within [low, high]; see `above_low`.
 
     Args:
         name: where the value comes from, e.g. "controller.swing_speed".
@@ -166,9 +175,10 @@ def check_range(name: str, value: float, low: float, high: float, unit: str, *, 
     """
     if math.isfinite(value) and value <= high and (value > low if above_low else value >= low):
         return
-    lower = f"{'>' if above_low else '>='} {low:g}"
-    upper = f" and <= {high:g}" if math.isfinite(high) else ""
-    raise UserError(f"{name}: {value:g} {unit}; allowed: {lower}{upper} {unit}")
+    limits = {f"{'>' if above_low else '>='} {low:g}": low, f"<= {high:g}": high}
+    shown = "" if unit == NO_UNIT else f" {unit}"
+    allowed = " and ".join(text for text, limit in limits.items() if math.isfinite(limit))
+    raise error(f"{name}: {value:g}{shown}; allowed: {allowed + shown if allowed else 'a finite number'}")
 
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
@@ -252,11 +262,15 @@ def checked(
     try:
         return model.model_validate(data)
     except ValidationError as report:
-        items: list[Any] = list(report.errors())
+        raise error("; ".join(f"{where}: {line}" for line in lines_of(report, model))) from None
+
+
+def lines_of(report: ValidationError, model: type[BaseModel]) -> list[str]:
+    """What is wrong with plain data that a model refused, a line each."""
+    items: list[Any] = list(report.errors())
     # A list whose entries are wrong is not told to be too short as well.
     outer = {item["loc"][:depth] for item in items for depth in range(len(item["loc"]))}
-    told = [item for item in items if item["type"] != "too_short" or item["loc"] not in outer]
-    raise error("; ".join(f"{where}: {_line(item, model)}" for item in told))
+    return [_line(item, model) for item in items if item["type"] != "too_short" or item["loc"] not in outer]
 
 
 def keys_of(model: type[BaseModel]) -> list[str]:

@@ -28,8 +28,7 @@ from aerodima.workbench.figures.figure_style import (
     styled,
 )
 from aerodima.workbench.plants.clearance import PARTS, RangeOfMotion
-from aerodima.workbench.plants.tail_geometry import TailGeometry
-from aerodima.workbench.plants.tail_plate import Piece, unit_vector
+from aerodima.workbench.plants.tail_geometry import Piece, TailGeometry, unit_vector
 
 if TYPE_CHECKING:
     from pydrake.systems.framework import System

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform
 
-from aerodima.workbench.plants.tail_geometry import TailGeometry
-from aerodima.workbench.plants.tail_plate import Piece, Plate
+from aerodima.workbench.plants.tail_geometry import Piece, Plate, TailGeometry
 from aerodima.workbench.replay.viewer import open_meshcat
 
 _ARM, _PLATE, _NORMAL = Rgba(0.16, 0.17, 0.20), Rgba(0.93, 0.74, 0.18), Rgba(0.0, 0.45, 0.70)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +16,7 @@ from aerodima.workbench.errors import ModelError
 from aerodima.workbench.figures.model_figures import plot_tail
 from aerodima.workbench.plants.sdf_model import Inertial
 from aerodima.workbench.plants.tail import read_tail, tail_geometry, tail_sdf, write_tail
-from aerodima.workbench.plants.tail_geometry import TailArm, TailGeometry
-from aerodima.workbench.plants.tail_plate import MassMoments, Plate
+from aerodima.workbench.plants.tail_geometry import MassMoments, Plate, TailArm, TailGeometry
 
 EXACT = {"rtol": 1e-9, "atol": 1e-13}
 
@@ -31,8 +29,12 @@ def plate(**changes) -> Plate:
     return Plate(**(values | changes))
 
 
+def arm(*lengths: float, density: float = 0.06, **changes) -> TailArm:
+    return TailArm(lengths=lengths, density=density, **changes)
+
+
 def tail(*plates: Plate, **changes) -> TailGeometry:
-    return TailGeometry(**({"name": "t", "arm": TailArm((0.7,), 0.06), "plates": plates or (plate(),)} | changes))
+    return TailGeometry(**({"name": "t", "arm": arm(0.7), "plates": plates or (plate(),)} | changes))
 
 
 def about_origin(moments: MassMoments) -> np.ndarray:
@@ -127,8 +129,8 @@ def test_bent_and_swept_tails_are_their_pieces() -> None:
     np.testing.assert_allclose(whole.moments.second, pieces.second, **EXACT)
     assert whole.area == pytest.approx(inner.area + outer.area, rel=1e-9)
     assert len(whole.section_layouts()) == 2
-    arm = TailArm((0.5, 0.5), 0.1, axes=((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)))
-    inertia = about_origin(arm.moments)
+    rod = arm(0.5, 0.5, density=0.1, axes=((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)))
+    inertia = about_origin(rod.moments)
     # A rod upright to 0.5 m, then one along y: 1/3 m l^2, and 1/12 m l^2 + m (l^2/4 + l^2).
     assert inertia[0, 0] == pytest.approx(0.05 * 0.25 * (1 / 3 + 1 / 12 + 5 / 4), rel=1e-9)
 
@@ -136,8 +138,10 @@ def test_bent_and_swept_tails_are_their_pieces() -> None:
 def test_moments_do_not_depend_on_how_the_plate_is_turned() -> None:
     turn = RollPitchYaw(0.3, -0.5, 1.1).ToRotationMatrix().matrix()
     straight = plate(kind="half_shell", chords=(0.2, 0.1), cap_density=1.0)
-    turned = replace(
-        straight,
+    turned = plate(
+        kind="half_shell",
+        chords=(0.2, 0.1),
+        cap_density=1.0,
         root=tuple(turn @ straight.root),
         axes=(tuple(turn @ [0.0, 0.0, 1.0]),),
         normal=tuple(turn @ straight.normal),
@@ -187,10 +191,10 @@ def test_sections_of_the_cars_tail_are_those_of_its_parameters_to_the_last_bit()
     geometry = tail_geometry(parameters)
     (layout,) = geometry.section_layouts()
     length, sail = parameters.length, parameters.sail_length
-    assert layout == SectionLayout.robot_tail(
+    assert layout == SectionLayout.strip(
         start=length - sail, length=sail, width=parameters.sail_width, normal_B=(0.0, -1.0, 0.0)
     )
-    whole = SectionLayout.robot_tail(start=0.0, length=length, width=parameters.sail_width)
+    whole = SectionLayout.strip(start=0.0, length=length, width=parameters.sail_width, normal_B=(0.0, 1.0, 0.0))
     assert geometry.added_mass_layout() == whole
 
 
@@ -198,7 +202,7 @@ def test_file_gives_the_same_tail_to_the_last_bit(tmp_path: Path) -> None:
     bent = tail(
         plate(kind="half_shell", cap_density=1.5, lengths=(0.1, 0.3), chords=(0.1, 0.2, 0.123456789012345)),
         plate(name="board", normal=(1.0, 0.0, 0.0), root=(0.0, -0.2, 0.3), depth=0.01),
-        arm=TailArm((0.4, 0.4), 0.06, axes=((0.0, 0.0, 1.0), (0.1, 0.0, 1.0))),
+        arm=arm(0.4, 0.4, axes=((0.0, 0.0, 1.0), (0.1, 0.0, 1.0))),
     )
     for number, geometry in enumerate((bent, tail_geometry(scenario_from_dict({}).tail))):
         assert read_tail(write_tail(geometry, tmp_path / f"{number}.yaml")) == geometry
@@ -217,17 +221,19 @@ def test_known_mass_and_inertia_replace_those_of_the_densities() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"chords": (0.2, -0.1)}, "plate 'sail': chord is -0.1 m; allowed: a finite number above 0"),
-        ({"lengths": (math.nan,)}, "plate 'sail': length is nan m"),
-        ({"density": 0.0}, "plate 'sail': density is 0 kg/m2; allowed: a finite number above 0"),
-        ({"chords": (0.2,)}, "1 lengths, 1 chords and 1 axes; allowed: n lengths"),
-        ({"normal": (0.0, 0.0, 2.0)}, "runs along its axis; allowed: across it"),
-        ({"normal": (0.0, 0.0, 0.0)}, "has no length"),
-        ({"kind": "sphere"}, "kind 'sphere'; allowed: plate, half_shell"),
-        ({"depth": -1.0}, "depth is -1; allowed"),
-        ({"cap_density": 1.0}, "cap_density is 1; allowed: 0 for a plate"),
-        ({"kind": "half_shell", "depth": 0.1}, "depth is 0.1; allowed: 0 for a half_shell"),
-        ({"sections": 0}, "0 sections per piece; allowed: 1 to 100"),
+        ({"chords": (0.2, -0.1)}, "chords.1: -0.1 is not allowed; input should be greater than 0"),
+        ({"lengths": (math.nan,)}, "lengths.0: nan is not allowed; input should be a finite number"),
+        ({"lengths": ()}, "lengths: () is not allowed; tuple should have at least 1 item"),
+        ({"density": 0.0}, "density: 0.0 is not allowed; input should be greater than 0 (kg/m2)"),
+        ({"chords": (0.2,)}, "plate 'sail': 1 lengths, 1 chords and 1 axes; allowed: n lengths"),
+        ({"normal": (0.0, 0.0, 2.0)}, "plate 'sail': normal (0.0, 0.0, 2.0) runs along its axis; allowed: across it"),
+        ({"normal": (0.0, 0.0, 0.0)}, "normal: direction (0.0, 0.0, 0.0) has no length"),
+        ({"kind": "sphere"}, "kind: 'sphere' is not allowed; input should be 'plate' or 'half_shell'"),
+        ({"depth": -1.0}, "depth: -1.0 is not allowed; input should be greater than or equal to 0 (m)"),
+        ({"cap_density": 1.0}, "plate 'sail': cap_density is 1; allowed: 0 for a plate"),
+        ({"kind": "half_shell", "depth": 0.1}, "plate 'sail': depth is 0.1; allowed: 0 for a half_shell"),
+        ({"sections": 0}, "sections: 0 is not allowed; input should be greater than or equal to 1"),
+        ({"colour": "red"}, "colour: unknown key; allowed: "),
     ],
 )
 def test_impossible_plate_is_refused_in_one_line(changes: dict, words: str) -> None:
@@ -248,15 +254,15 @@ def test_plates_that_overlap_are_refused_and_those_that_touch_or_cross_are_not()
 
 def test_tails_that_cannot_be_are_refused() -> None:
     for geometry, words in (
-        ({"plates": ()}, "it has no plates"),
+        ({"plates": ()}, "plates: .* at least 1 item"),
         ({"plates": (plate(), plate(root=(0.0, 0.0, 2.0)))}, "plate name 'sail' is used twice"),
     ):
         with pytest.raises(ModelError, match=words):
-            TailGeometry(**({"name": "t", "arm": TailArm((0.7,), 0.06), "plates": ()} | geometry))
-    with pytest.raises(ModelError, match="arm: density is 0 kg/m; allowed"):
-        TailArm((0.7,), 0.0)
+            TailGeometry(**({"name": "t", "arm": arm(0.7), "plates": ()} | geometry))
+    with pytest.raises(ModelError, match=r"density: 0.0 is not allowed; .* \(kg/m\)"):
+        arm(0.7, density=0.0)
     with pytest.raises(ModelError, match="added mass needs a straight arm"):
-        tail(arm=TailArm((0.4, 0.4), 0.06, axes=((0.0, 0.0, 1.0), (0.1, 0.0, 1.0)))).added_mass_layout()
+        tail(arm=arm(0.4, 0.4, axes=((0.0, 0.0, 1.0), (0.1, 0.0, 1.0)))).added_mass_layout()
 
 
 @pytest.mark.parametrize(
@@ -268,7 +274,12 @@ def test_tails_that_cannot_be_are_refused() -> None:
             "plates.0.density: 0.0 is not allowed; input should be greater than 0 (kg/m2)",
         ),
         ("density: 0.5", "density: 0.5 kg", "allowed is 'kg/m2'"),
-        ("chords: [0.2, 0.2]", "chords: [0.2, -0.2]", "plate 'sail': chord is -0.2 m"),
+        (
+            "chords: [0.2, 0.2]",
+            "chords: [0.2, -0.2]",
+            "plates.0.chords.1: -0.2 is not allowed; input should be",
+        ),
+        ("root: [0.0, 0.0, 0.3]", "root: [0.0, 0.3]", "plates.0.root"),
         ("kind: plate", "kind: disc", "'disc' is not allowed; input should be 'plate' or 'half_shell'"),
         ("lengths: [0.4]", "length: [0.4]", "did you mean 'lengths'?"),
         ("aerodima/tail/1", "aerodima/tail/9", "is not read by this version"),
