@@ -69,7 +69,7 @@ def _polar(axes: Axes) -> None:
 def _robot_tail(axes: Axes) -> None:
     """Vehicle seen from behind: horizontal is -y (right), vertical z."""
     angle, rate = math.radians(35.0), 8.0
-    layout = SectionLayout.robot_tail(start=0.3, length=0.65, width=0.2)
+    layout = SectionLayout.strip(start=0.3, length=0.65, width=0.2, normal_B=(0.0, 1.0, 0.0))
     _prepare(
         axes, "normal-force law: robot tail from behind\n(roll +35°, rolling to the right)", "−y, right →", "z, up →"
     )

@@ -24,7 +24,7 @@ from tests.benchmarks.rows import BenchRow
 _STEP = 2e-3
 _STEPS = 200
 _REPEATS = 40
-_LAYOUT = SectionLayout.robot_tail(start=0.1, length=0.5, width=0.2)
+_LAYOUT = SectionLayout.strip(start=0.1, length=0.5, width=0.2, normal_B=(0.0, 1.0, 0.0))
 _VEHICLE, _RIG = 25, 6
 
 Install = Callable[[DiagramBuilder, MultibodyPlant, RigidBody], None]

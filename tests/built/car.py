@@ -18,6 +18,7 @@ from aerodima.workbench.resources import model_path
 from aerodima.workbench.stations.car_air import free_sail, sail_law
 from tests.built.registry import check
 from tests.built.statements import Value, parameter_entry
+from tests.workbench.aero import vanes
 
 
 @cache
@@ -62,7 +63,7 @@ def third_joint_has_a_motor() -> Value:
 def side_moment(*settings: str) -> float:
     """Side area of shell and board times its distance behind the bearing (m3): above 0 the sail turns into the wind."""
     tail = load_scenario("turn_swing", ["tail.sail=free", *settings]).tail
-    return free_sail(tail, sail_law(tail)[0]).side_moment()
+    return vanes.side_moment(free_sail(tail, sail_law(tail)[0]))
 
 
 @check

@@ -11,11 +11,11 @@ from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.config.signal_table import TAIL_STATE
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
+from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, sail_inertial
 from aerodima.workbench.stations.car_air import free_sail, sail_law
 from aerodima.workbench.stations.car_station import make_car_station
 from aerodima.workbench.stations.ground_truth import BODY_TRUTH, TAIL_TRUTH
-from tests.workbench.aero.vanes import damping_ratio
+from tests.workbench.aero.vanes import Vane
 from tests.workbench.stands import CarStand
 
 RHO, CN, AREA, ROOT, LENGTH = 1.225, 2.0, 0.12, 0.3, 0.6
@@ -136,7 +136,8 @@ def test_free_sail_of_a_driving_car_is_a_weather_vane(start):
     ahead = -math.pi / 2
     turn_sail(car, ahead + start)
     parameters = scenario_from_dict({"tail": LARGE | {"sail": "free", "sail_bearing_damping": 0.0}}).tail
-    vane = free_sail(parameters, sail_law(parameters)[0])
+    inertial = sail_inertial(parameters)
+    vane = Vane(free_sail(parameters, sail_law(parameters)[0]), inertial.mass, inertial.moments[2])
     times, angles = [0.0], [start]
     while angles[-1] * start > 0.0 and times[-1] < 1.0:
         car.advance(car.context.get_time() + 0.002)
@@ -144,7 +145,7 @@ def test_free_sail_of_a_driving_car_is_a_weather_vane(start):
         angles.append(sail_angle(car) - ahead)
     crossing = times[-1] - 0.002 * angles[-1] / (angles[-1] - angles[-2])
     # First crossing of a damped swing: (pi - acos zeta) / omega_d; 5 %: explicit steps and a car that gives way.
-    omega, zeta = vane.vane_frequency(speed), damping_ratio(vane, speed)
+    omega, zeta = vane.frequency(speed), vane.damping_ratio(speed)
     expected = (math.pi - math.acos(zeta)) / (omega * math.sqrt(1 - zeta**2))
     assert crossing == pytest.approx(expected, rel=0.05)
 
@@ -198,7 +199,7 @@ def expected_rate_after_a_step(mass, torque):
     """(M + M_added + h D) v = h tau: from rest with the dampers of the suspension implicit, as in the plant."""
     car = floating((0.0, 0.0, 0.0))
     plant, context = car.plant, car.plant_context
-    layout = SectionLayout.robot_tail(start=0.0, length=0.9, width=0.2, number=ADDED_MASS_PARTS)
+    layout = SectionLayout.strip(start=0.0, length=0.9, width=0.2, number=ADDED_MASS_PARTS, normal_B=(0.0, 1.0, 0.0))
     matrix = plant.CalcMassMatrix(context)
     matrix += added_mass_matrix(plant, context, plant.GetBodyByName("tail_rod"), layout, mass)
     for index in plant.GetJointIndices():

@@ -46,10 +46,11 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort, System
 
 from aerodima.workbench.aero.laws import dot
-from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.aero.sections import SectionLayout, sampled_poses
 from aerodima.workbench.aero.tail_force import connect_spatial_forces
+from aerodima.workbench.config.checked_files import check_range
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.systems.system_ports import LeafSystem_, declare_spatial_forces, system_template
+from aerodima.workbench.systems.system_ports import LeafSystem_, connected, declare_spatial_forces, system_template
 
 _CONTINUOUS_RATE = 100.0
 _RATE_TIMES_STEP = 0.2
@@ -107,11 +108,9 @@ class AddedMass:
         step = self.plant.time_step()
         rate = rate or (_RATE_TIMES_STEP / step if step > 0.0 else _CONTINUOUS_RATE)
         mass = self.layout.number * self.mass_per_part
-        keeper = builder.AddNamedSystem(
-            f"added_mass_keeper_{self.body.name()}",
-            SlideKeeper(self.plant, self.middle, mass, list(self.slides), rate),
-        )
-        builder.Connect(self.plant.get_state_output_port(), keeper.GetInputPort("plant_state"))
+        keeper = SlideKeeper(self.plant, self.middle, mass, list(self.slides), rate)
+        name, state = f"added_mass_keeper_{self.body.name()}", self.plant.get_state_output_port()
+        connected(builder, keeper, name, plant_state=state)
         if wind_acceleration is not None:
             builder.Connect(wind_acceleration, keeper.GetInputPort("wind_acceleration"))
         connect_spatial_forces(builder, self.plant, keeper.GetOutputPort("spatial_forces"))
@@ -130,26 +129,14 @@ class AddedMass:
             return
         from scipy.linalg import eigh
 
-        plant, context = self.plant, self.plant.CreateDefaultContext()
-        rng = np.random.default_rng(0)
-        lower = np.clip(plant.GetPositionLowerLimits(), -math.pi, math.pi)
-        upper = np.clip(plant.GetPositionUpperLimits(), -math.pi, math.pi)
-        default = plant.GetPositions(context)
-        bases = [plant.get_body(index).floating_positions_start() for index in plant.GetFloatingBaseBodies()]
-        base = [index for start in bases for index in range(start, start + 7)]  # quaternion and position
-        own = self._own_velocities()
-        for sample in range(_POSITION_SAMPLES):
-            if sample:
-                positions = rng.uniform(lower, upper)
-                positions[base] = default[base]  # inertia does not depend on where the whole vehicle is
-                plant.SetPositions(context, positions)
-            bare = plant.CalcMassMatrix(context)
-            for body_index in plant.GetBodyIndices(self.instance):
-                body = plant.get_body(body_index)
-                bare = bare - _body_mass_matrix(plant, context, body)
+        plant = self.plant
+        own = [joint.velocity_start() for joint, _ in self.slides]
+        keep = np.ix_(*[np.setdiff1d(np.arange(plant.num_velocities()), own)] * 2)
+        for context in sampled_poses(plant, _POSITION_SAMPLES):
+            for index in plant.GetBodyIndices(self.instance):
+                plant.get_body(index).SetSpatialInertiaInBodyFrame(context, SpatialInertia.Zero())
             unit = added_mass_matrix(plant, context, self.body, self.layout, 1.0)
-            keep = np.setdiff1d(np.arange(plant.num_velocities()), own)
-            largest = eigh(unit[np.ix_(keep, keep)], bare[np.ix_(keep, keep)], eigvals_only=True)[-1]
+            largest = eigh(unit[keep], plant.CalcMassMatrix(context)[keep], eigvals_only=True)[-1]
             if self.mass_per_part * largest <= least_left - 1.0 + 1e-9:
                 too_much = (
                     f"leaves less than {least_left:.0%} of an inertia"
@@ -160,9 +147,6 @@ class AddedMass:
                     f"added mass: {self.mass_per_part} kg per part on body '{self.body.name()}' {too_much}; "
                     f"it must be above {(least_left - 1.0) / largest:.4g} kg"
                 )
-
-    def _own_velocities(self) -> list[int]:
-        return [joint.velocity_start() for joint, _ in self.slides]
 
 
 def added_mass_matrix(
@@ -181,15 +165,6 @@ def added_mass_matrix(
     return total
 
 
-def _body_mass_matrix(plant: MultibodyPlant, context: Any, body: RigidBody) -> np.ndarray:
-    """What one weightless body, whose centre of mass is its origin, adds to the mass matrix (nv x nv)."""
-    world = plant.world_frame()
-    J = plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, body.body_frame(), np.zeros(3), world, world)
-    R = plant.EvalBodyPoseInWorld(context, body).rotation().matrix()
-    I_W = R @ body.default_rotational_inertia().CopyToFullMatrix3() @ R.T
-    return J[:3].T @ I_W @ J[:3] + body.default_mass() * J[3:].T @ J[3:]
-
-
 def add_added_mass(
     plant: MultibodyPlant, body: RigidBody, layout: SectionLayout, mass_per_part: float, *, spanwise_free: bool = True
 ) -> AddedMass:
@@ -204,10 +179,8 @@ def add_added_mass(
     Raises:
         ModelError: the mass is not finite, or the plant is already finalised.
     """
-    if not math.isfinite(mass_per_part):
-        raise ModelError(
-            f"added mass: {mass_per_part} kg per part on body '{body.name()}', but it must be a finite number"
-        )
+    place = f"added mass per part on body '{body.name()}'"
+    check_range(place, mass_per_part, -math.inf, math.inf, "kg", error=ModelError)
     if plant.is_finalized():
         raise ModelError("added mass: the plant is already finalised; add the mass before plant.Finalize()")
     name = f"{ADDED_MASS_PREFIX}{body.name()}"

@@ -12,13 +12,19 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from pydrake.math import arctan2
 
+from aerodima.workbench.config.checked_files import check_range
 from aerodima.workbench.errors import ModelError
+
+check_from_zero = partial(check_range, low=0.0, high=math.inf, error=ModelError)
+check_above_zero = partial(check_from_zero, above_low=True)
+"""Refuse a number that is not finite or too small, by `check_range`."""
 
 Scalar = Any  # float or AutoDiffXd
 Vector = Sequence[Any]
@@ -165,8 +171,7 @@ def plate_force(
 def require_increasing(name: str, values: Sequence[float], where: str) -> None:
     """Refuses a grid with fewer than two points, NaN, negative values or without strict increase."""
     for i, value in enumerate(values):
-        if not math.isfinite(value) or value < 0.0:
-            raise ModelError(f"{where}: {name}[{i}] is {value}, but it must be a finite number from 0")
+        check_from_zero(f"{where}: {name}[{i}]", value, unit="1")
     if len(values) < 2:
         raise ModelError(f"{where}: {name} has {len(values)} points, but a table needs at least 2")
     for i, (left, right) in enumerate(pairwise(values)):
@@ -233,8 +238,7 @@ class SpeedLine:
 
     def __post_init__(self) -> None:
         require_increasing("speed_range", self.speed_range, "speed line")
-        if not (math.isfinite(self.slope) and math.isfinite(self.intercept)):
-            raise ModelError("speed line: slope and intercept must be finite numbers")
+        require_finite("slope and intercept", np.array([self.slope, self.intercept]), "speed line")
 
     def __call__(self, speed: Scalar) -> Scalar:
         """The coefficient at a speed."""
@@ -262,9 +266,7 @@ class NormalForceLaw(SectionLaw):
 
     def __post_init__(self) -> None:
         if not callable(self.coefficient):
-            value = float(self.coefficient)
-            if not math.isfinite(value) or value < 0.0:
-                raise ModelError(f"normal-force law: the coefficient is {value}, but it must be a finite number from 0")
+            check_from_zero("normal-force law: coefficient", self.coefficient, unit="1")
 
     def line_force(
         self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
@@ -298,9 +300,7 @@ class TwoSidedLaw(SectionLaw):
 
     def __post_init__(self) -> None:
         for name in ("along_normal", "against_normal"):
-            value = getattr(self, name)
-            if not math.isfinite(value) or value < 0.0:
-                raise ModelError(f"two-sided law: {name} is {value}, but it must be a finite number from 0")
+            check_from_zero(f"two-sided law: {name}", getattr(self, name), unit="1")
 
     def line_force(
         self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float

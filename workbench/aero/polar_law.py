@@ -17,11 +17,13 @@ from aerodima.workbench.aero.laws import (
     LineMotion,
     Scalar,
     SectionLaw,
+    check_from_zero,
     dot,
     float_of,
     require_finite,
     require_increasing,
 )
+from aerodima.workbench.config.checked_files import check_range
 from aerodima.workbench.errors import ModelError
 
 Coefficient = Callable[[Scalar, Scalar], Scalar]
@@ -120,20 +122,17 @@ class PolarLaw(SectionLaw):
     lift_end: float = _LIFT_END
 
     def __post_init__(self) -> None:
-        for name in ("drag", "lift"):
-            value = getattr(self, name)
-            if not callable(value) and not math.isfinite(value):
-                raise ModelError(f"polar law: the {name} coefficient is {value}, but it must be a finite number")
-        if not callable(self.drag) and self.drag < 0.0:
-            raise ModelError(f"polar law: the drag coefficient is {self.drag}, but negative drag would add energy")
+        if not callable(self.drag):
+            check_from_zero("polar law: drag", self.drag, unit="1")
+        if not callable(self.lift):
+            check_range("polar law: lift", self.lift, -math.inf, math.inf, "1", error=ModelError)
         if isinstance(self.drag, RegularTable) and min(map(min, self.drag.values)) < LEAST_DRAG:
             raise ModelError(
                 f"{self.drag.where}: holds {min(map(min, self.drag.values))}, but negative drag would add energy"
             )
-        if not 0.0 <= self.lift_blend <= math.pi / 4 or not 0.0 < self.lift_end <= math.pi / 4:
-            raise ModelError(
-                "polar law: lift_blend must lie in 0 .. 0.785 rad and lift_end in 0 .. 0.785 rad (above 0)"
-            )
+        most = math.pi / 4
+        check_range("polar law: lift_blend", self.lift_blend, 0.0, most, "rad", error=ModelError)
+        check_range("polar law: lift_end", self.lift_end, 0.0, most, "rad", above_low=True, error=ModelError)
 
     @cached_property
     def _one_grid(self) -> bool:

@@ -36,9 +36,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, SectionLaw
-from aerodima.workbench.aero.sections import Air, SectionLayout
+from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.config.car_parameters import SHELL_DEPTH
-from aerodima.workbench.errors import ModelError
 
 
 @dataclass(frozen=True)
@@ -50,10 +49,7 @@ class FreeSail:
         centre_of_pressure: e, of the shell's side force behind the bearing, m; a quarter of the width with the bearing
             in the plane of the opening, negative with the bearing behind it.
         board_width: of the backing board along the wind, m.
-        mass: kg.
-        inertia: about the bearing, kg m2.
         start: distance of the sail's near end from the origin of its mount along the axis, m.
-        bearing_damping: N m s/rad.
         law: of the opening; the normal of a `TwoSidedLaw` leaves its round side, -y.
         side_coefficient: C_N of shell and board across the wind.
         number: of sections.
@@ -64,29 +60,11 @@ class FreeSail:
     width: float
     centre_of_pressure: float
     board_width: float
-    mass: float
-    inertia: float
     start: float = 0.0
-    bearing_damping: float = 0.0
     law: SectionLaw = NormalForceLaw(2.0)  # noqa: RUF009 (frozen)
     side_coefficient: float = 2.0
     number: int = 5
     shell_share: float = SHELL_DEPTH
-
-    def __post_init__(self) -> None:
-        for name in ("length", "width", "board_width", "mass", "inertia"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ModelError(f"free sail: {name} is {value}, but it must be a finite number above 0")
-        for name in ("bearing_damping", "side_coefficient"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ModelError(f"free sail: {name} is {value}, but it must be a finite number from 0")
-        if not abs(self.centre_of_pressure) <= self.width:
-            raise ModelError(
-                f"free sail: centre_of_pressure is {self.centre_of_pressure} m, but it must lie within one width "
-                f"({self.width} m) of the axis"
-            )
 
     @property
     def shell_law(self) -> CrossedPlatesLaw:
@@ -117,22 +95,6 @@ class FreeSail:
             p_BoRo_B=(0.0, -behind, 0.0),
             normal_B=normal,
         )
-
-    def side_moment(self, power: int = 1) -> float:
-        """Sum of side area x (distance behind the bearing)^power, m^(2 + power); S and S2 above for 1 and 2."""
-        plates = ((self.shell_share * self.width, self.centre_of_pressure), (self.board_width, self.board_place))
-        return self.length * sum(width * behind**power for width, behind in plates)
-
-    def vane_frequency(self, wind_speed: float, air: Air | None = None) -> float:
-        """Undamped small-angle frequency omega_n as a weather vane, rad/s; 0 where the sail turns away.
-
-        Args:
-            wind_speed: m/s.
-            air: density.
-        """
-        density = (air or Air()).density
-        stiffness = 0.5 * density * self.side_coefficient * wind_speed**2 * self.side_moment()
-        return math.sqrt(max(stiffness, 0.0) / self.inertia)
 
 
 Vector = tuple[float, float, float]

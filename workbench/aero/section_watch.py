@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem, OutputPort
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
 
 from aerodima.workbench.aero.tail_force import BEYOND_QUASI_STEADY, EXTRAPOLATED, SECTION_COLUMNS
-from aerodima.workbench.systems.system_ports import Stage, period_of, vector_of
+from aerodima.workbench.systems.system_ports import Stage, connected, period_of, vector_of
 
 _REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
 _SPEED, _FORCE = (SECTION_COLUMNS.index(name) for name in ("relative_speed_m_per_s", "force_n"))
@@ -38,23 +38,11 @@ class SectionWatch(LeafSystem):
         self.DeclarePeriodicPublishEvent(period_of(rate, Stage.RECORD), 0.0, self._look)
 
     @classmethod
-    def add_to_builder(cls, builder: DiagramBuilder, station: Diagram, rate: float) -> SectionWatch | None:
-        """Adds a watch, at `rate` Hz, on the sail of a simulated station; None where the car has no tail."""
-        if not station.HasOutputPort("tail_sections_truth"):
-            return None
-        ports = (station.GetOutputPort("tail_sections_truth"), station.GetOutputPort("tail_validity_truth"))
-        return cls.on_ports(builder, *ports, rate)
-
-    @classmethod
-    def on_ports(
-        cls, builder: DiagramBuilder, sections: OutputPort, validity: OutputPort, rate: float, name: str = ""
+    def add_to_builder(
+        cls, builder: DiagramBuilder, name: str, sections: OutputPort, validity: OutputPort, rate: float
     ) -> SectionWatch:
-        """Adds a watch, at `rate` Hz, on these ports of a `TailForce`; several in one diagram need names."""
-        watch = cls(validity.size(), rate)
-        builder.AddNamedSystem(name or "section_watch", watch)
-        builder.Connect(sections, watch.GetInputPort("sections"))
-        builder.Connect(validity, watch.GetInputPort("validity"))
-        return watch
+        """Adds a watch, at `rate` Hz, on these ports of a `TailForce`."""
+        return connected(builder, cls(validity.size(), rate), name, sections=sections, validity=validity)
 
     def facts(self) -> dict[str, float]:
         """What the run came to so far, for `extra` of its log.

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.aero.laws import LineMotion
+from aerodima.workbench.aero.laws import LineMotion, check_above_zero
 from aerodima.workbench.errors import ModelError
 
 
@@ -25,10 +26,8 @@ class Air:
     viscosity: float = 1.849e-5
 
     def __post_init__(self) -> None:
-        for name in ("density", "viscosity"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ModelError(f"air: {name} is {value}, but it must be a finite number above 0")
+        check_above_zero("air: density", self.density, unit="kg/m3")
+        check_above_zero("air: viscosity", self.viscosity, unit="kg/(m s)")
 
 
 @dataclass(frozen=True)
@@ -58,13 +57,14 @@ class SectionLayout:
     end: float
 
     def __post_init__(self) -> None:
-        if len(self.distances) < 1:
-            raise ModelError("section layout: the number of sections is 0, but it must be at least 1")
-        if len(self.areas) != len(self.distances):
-            raise ModelError(f"section layout: {len(self.areas)} areas for {len(self.distances)} section centres")
-        for name, value in [("chord", self.chord), *(("area", area) for area in self.areas)]:
-            if not (math.isfinite(value) and value > 0.0):
-                raise ModelError(f"section layout: {name} is {value}, but it must be a finite number above 0")
+        if not 1 <= len(self.distances) == len(self.areas):
+            raise ModelError(
+                f"section layout: {len(self.areas)} areas for {len(self.distances)} section centres; allowed: as many, "
+                "from 1 on"
+            )
+        check_above_zero("section layout: chord", self.chord, unit="m")
+        for area in self.areas:
+            check_above_zero("section layout: area", area, unit="m2")
         if not np.all(np.isfinite([*self.p_BoRo_B, *self.distances, self.start, self.end])):
             raise ModelError("section layout: positions and distances must be finite numbers")
         axis, normal = np.asarray(self.axis_B, float), np.asarray(self.normal_B, float)
@@ -146,9 +146,8 @@ class SectionLayout:
             raise ModelError(
                 f"section layout: the number of sections is {number}, but it must be a whole number from 1"
             )
-        for name, value in (("length", length), ("width", width)):
-            if not (math.isfinite(value) and value > 0.0):
-                raise ModelError(f"section layout: {name} is {value} m, but it must be a finite number above 0")
+        check_above_zero("section layout: length", length, unit="m")
+        check_above_zero("section layout: width", width, unit="m")
         part = length / number
         return cls(
             p_BoRo_B=p_BoRo_B,
@@ -161,28 +160,35 @@ class SectionLayout:
             end=start + length,
         )
 
-    @classmethod
-    def robot_tail(
-        cls,
-        *,
-        start: float,
-        length: float,
-        width: float,
-        number: int = 5,
-        p_BoRo_B: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        axis_B: tuple[float, float, float] = (0.0, 0.0, 1.0),
-        normal_B: tuple[float, float, float] = (0.0, 1.0, 0.0),
-    ) -> SectionLayout:
-        """The car's tail: axis along +z of the tail body (up at zero angles), sail facing sideways (+-y).
 
-        A roll of the tail about +x therefore moves the sail broadside; a pitch moves it edge-on.
-        """
-        return cls.strip(
-            start=start, length=length, width=width, number=number, p_BoRo_B=p_BoRo_B, axis_B=axis_B, normal_B=normal_B
-        )
+_SAMPLES = 1000
 
 
-_SAMPLES_PER_JOINT = 181
+def sampled_poses(plant: Any, count: int) -> Iterator[Any]:
+    """Contexts of a plant at its default position, then at random ones between the limits of its joints.
+
+    A joint without limits makes a full turn; floating bases stay where they are.
+    """
+    context, rng = plant.CreateDefaultContext(), np.random.default_rng(0)
+    limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+    default, ends = np.clip(plant.GetPositions(context), *limits), np.clip(limits, -math.pi, math.pi)
+    free = [place for joint in joints_of(plant) for place in range(joint.position_start(), _end(joint))]
+    for sample in range(count):
+        positions = default.copy()
+        if sample:
+            positions[free] = rng.uniform(*ends)[free]
+        plant.SetPositions(context, positions)
+        yield context
+
+
+def joints_of(plant: Any) -> list[Any]:
+    """Joints that move and are no floating base."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    return [joint for joint in joints if 0 < joint.num_velocities() < 6]
+
+
+def _end(joint: Any) -> int:
+    return int(joint.position_start() + joint.num_positions())
 
 
 @dataclass(frozen=True)
@@ -256,38 +262,16 @@ class Jet:
     def require_reachable(self, plant: Any, body: Any, layout: SectionLayout) -> None:
         """Refuses a layout that the jet meets at no reachable angle.
 
-        Every joint with one position is swept over its limits (a full turn where it has none), the others at their
-        default positions, moved into their limits.
-
         Raises:
-            ModelError: no position of any joint brings a section into the jet.
+            ModelError: of the default and many random positions none brings a section into the jet.
         """
-        from pydrake.multibody.tree import BodyIndex, JointIndex
-
-        context = plant.CreateDefaultContext()
-        defaults = np.clip(plant.GetPositions(context), plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits())
-        plant.SetPositions(context, defaults)
-
-        def exposed() -> bool:
-            X_WB = plant.EvalBodyPoseInWorld(context, plant.get_body(BodyIndex(body.index())))
+        carrier = plant.get_body(body.index())
+        for context in sampled_poses(plant, _SAMPLES):
+            X_WB = plant.EvalBodyPoseInWorld(context, carrier)
             p_WRo = X_WB.multiply(np.asarray(layout.p_BoRo_B))
             a = X_WB.rotation().multiply(np.asarray(layout.axis_B))
-            return self.exposed_interval(layout, p_WRo.tolist(), a.tolist()) is not None
-
-        if exposed():
-            return
-        for index in range(plant.num_joints()):
-            joint = plant.get_joint(JointIndex(index))
-            if joint.num_positions() != 1:
-                continue
-            lower, upper = float(joint.position_lower_limits()[0]), float(joint.position_upper_limits()[0])
-            lower, upper = max(lower, -math.pi), min(upper, math.pi)
-            for position in np.linspace(lower, upper, _SAMPLES_PER_JOINT):
-                q = defaults.copy()
-                q[joint.position_start()] = position
-                plant.SetPositions(context, q)
-                if exposed():
-                    return
+            if self.exposed_interval(layout, p_WRo.tolist(), a.tolist()) is not None:
+                return
         raise ModelError(
             f"jet: body '{body.name()}' meets the jet at no reachable angle: its sections end {layout.end:.3f} m from "
             f"their root and the edge is at height {self.p_WE[2]:.3f} m; lower the edge depth or lengthen the body"

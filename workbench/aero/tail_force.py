@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from typing import Any
 
@@ -31,9 +30,9 @@ from aerodima.workbench.aero.laws import (
     length,
     wind_direction,
 )
-from aerodima.workbench.aero.sections import Air, Jet, SectionLayout
+from aerodima.workbench.aero.sections import Air, Jet, SectionLayout, joints_of, sampled_poses
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.systems.system_ports import LeafSystem_, declare_spatial_forces, system_template
+from aerodima.workbench.systems.system_ports import LeafSystem_, connected, declare_spatial_forces, system_template
 
 SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
 NOT_EXPOSED, MEASURED, EXTRAPOLATED, BEYOND_QUASI_STEADY = 0.0, 1.0, 2.0, 3.0
@@ -293,10 +292,8 @@ def add_tail_force(
         )
     if wind is None and jet is None and force.law.knows_normal and (line := idle_normal(plant, carrier, layout)):
         warnings.warn(line, UserWarning, stacklevel=2)
-    system = builder.AddNamedSystem(name, force)
-    builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
-    if wind is not None:
-        builder.Connect(wind, system.GetInputPort("wind_velocity"))
+    inputs = {"plant_state": plant.get_state_output_port()} | ({} if wind is None else {"wind_velocity": wind})
+    system = connected(builder, force, name, **inputs)
     if applied:
         connect_spatial_forces(builder, plant, system.GetOutputPort("spatial_forces"))
     return system
@@ -359,27 +356,13 @@ def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -
 
 def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> np.ndarray:
     """Velocities of the section centres in B per unit rate of each joint, over several poses (3, n)."""
-    context = plant.CreateDefaultContext()
-    rng = np.random.default_rng(0)
-    default = plant.GetPositions(context)
-    lower = np.clip(plant.GetPositionLowerLimits(), -math.pi, math.pi)
-    upper = np.clip(plant.GetPositionUpperLimits(), -math.pi, math.pi)
-    base_q, base_v = set(), set()
-    for index in plant.GetFloatingBaseBodies():
-        base = plant.get_body(index)
-        start, size = base.floating_positions_start(), 7 if base.has_quaternion_dofs() else 6
-        base_q |= set(range(start, start + size))
-        base_v |= set(range(base.floating_velocities_start_in_v(), base.floating_velocities_start_in_v() + 6))
-    joints = [index for index in range(plant.num_velocities()) if index not in base_v]
+    moving = [joint.velocity_start() + k for joint in joints_of(plant) for k in range(joint.num_velocities())]
     frame, centres, found = body.body_frame(), layout.p_BoSi_B.T, [np.zeros((3, 0))]
-    for pose in range(_POSES if joints else 0):
-        if pose:
-            positions = np.where([index in base_q for index in range(default.size)], default, rng.uniform(lower, upper))
-            plant.SetPositions(context, positions)
+    for context in sampled_poses(plant, _POSES if moving else 0):
         J: Any = plant.CalcJacobianTranslationalVelocity(
             context, JacobianWrtVariable.kV, frame, centres, plant.world_frame(), frame
         )
-        found.append(np.asarray(J)[:, joints].reshape(-1, 3, len(joints)).transpose(1, 0, 2).reshape(3, -1))
+        found += np.split(np.asarray(J)[:, moving], layout.number)
     return np.hstack(found)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.math import cos, sin
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from aerodima.workbench.aero.laws import check_above_zero, check_from_zero
 from aerodima.workbench.aero.sections import Jet
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.systems.system_ports import LeafSystem_, Stage, period_of, system_template
@@ -47,14 +48,10 @@ class WindModel:
             value = getattr(self, name)
             if len(value) != 3 or not np.all(np.isfinite(value)):
                 raise ModelError(f"wind: {name} is {value}, but it must be three finite numbers (m/s)")
-        if min(self.turbulence) < 0.0:
-            raise ModelError(f"wind: turbulence is {self.turbulence}, but a standard deviation cannot be negative")
-        for name in ("gust_frequency", "time_constant", "update_period"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ModelError(f"wind: {name} is {value}, but it must be a finite number above 0")
-        if self.seed < 0:
-            raise ModelError(f"wind: seed is {self.seed}, but it must be a whole number from 0")
+        check_from_zero("wind: turbulence", min(self.turbulence), unit="m/s")
+        for name, unit in (("gust_frequency", "Hz"), ("time_constant", "s"), ("update_period", "s")):
+            check_above_zero(f"wind: {name}", getattr(self, name), unit=unit)
+        check_from_zero("wind: seed", self.seed, unit="1")
 
     @classmethod
     def in_jet(cls, jet: Jet, speed: float, **gusts: Any) -> WindModel:

@@ -27,6 +27,7 @@ from aerodima.workbench.controllers.tail_law import AGE_LIMIT, Observation, Tail
 from aerodima.workbench.systems.system_ports import (
     DiscreteVector,
     Stage,
+    connected,
     declare_ticks,
     nominal_time,
     stage_before,
@@ -95,12 +96,10 @@ class TailController(LeafSystem):
     ) -> "TailController":
         """Adds a law, by default that of the scenario, between the ports of a station and of a driver."""
         stage = stage_before(station, Stage.CONTROLLER)
-        controller = cls(law or law_of_scenario(scenario), stage=stage, idle=idle)
-        builder.AddSystem(controller)
-        for port in ("tail_state", "imu", "status", "speed"):
-            builder.Connect(station.GetOutputPort(port), controller.GetInputPort(port))
-        for port in ("planned_turn", "steering_angle"):
-            builder.Connect(driver.GetOutputPort(port), controller.GetInputPort(port))
+        inputs = {port: station.GetOutputPort(port) for port in ("tail_state", "imu", "status", "speed")}
+        inputs |= {port: driver.GetOutputPort(port) for port in ("planned_turn", "steering_angle")}
+        law = law or law_of_scenario(scenario)
+        controller = connected(builder, cls(law, stage=stage, idle=idle), **inputs)
         for port in ("tail_pitch_command", "tail_roll_command"):
             builder.Connect(controller.GetOutputPort(port), station.GetInputPort(port))
         return controller

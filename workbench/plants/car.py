@@ -155,7 +155,7 @@ def parse_model(plant: MultibodyPlant, model: SdfModel) -> ModelInstanceIndex:
 
 
 def _add_ground(plant: MultibodyPlant, friction: float) -> None:
-    drop_message(HALF_SPACE_WARNING)
+    logging.getLogger("drake").addFilter(is_news)  # a filter that is there already is not added again
     properties = ProximityProperties()
     AddContactMaterial(
         dissipation=0.0,
@@ -185,24 +185,6 @@ def _let_parts_pass_each_other(
     scene_graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(geometries)))
 
 
-class _ExactMessage(logging.Filter):
-    """Drops records whose whole text is `message`."""
-
-    def __init__(self, message: str):
-        super().__init__()
-        self._message = message
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        return record.getMessage() != self._message
-
-    def __eq__(self, other: object) -> bool:
-        """Equal filters are added to a logger only once."""
-        return isinstance(other, _ExactMessage) and other._message == self._message
-
-    def __hash__(self) -> int:
-        return hash(self._message)
-
-
-def drop_message(message: str) -> None:
-    """Keeps one message of Drake, given by its exact text, out of the log from now on."""
-    logging.getLogger("drake").addFilter(_ExactMessage(message))
+def is_news(record: logging.LogRecord) -> bool:
+    """False for what Drake says about the ground of every car."""
+    return record.getMessage() != HALF_SPACE_WARNING

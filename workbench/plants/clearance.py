@@ -26,18 +26,9 @@ PARTS = ("cage", "deck", "wheels", "ground")
 """What the tail may touch. Deck: chassis, rear deck, electronics and anti-ramp board."""
 
 _TAIL_LINKS = ("tail_rod", "tail_sail")
-_ROUNDING = 1e-8
-"""Under the root of a squared sine: smooth for derivatives, 0.1 mm of a radius of 1 m."""
 _FAR = 0.3
 """m; clearances beyond this are not looked for and count as this."""
 _GROUND_SIZE = 20.0
-_KEPT_PARAMETERS = {
-    "tail": (
-        *("length", "sail_length", "sail_width", "sail_shell_offset", "sail_board_share"),
-        *("mount_x", "mount_height", "roll_limit", "pitch_limit"),
-    ),
-    "car": ("track", "wheelbase", "tyre_radius", "tyre_width"),
-}
 
 
 @dataclass(frozen=True)
@@ -48,30 +39,27 @@ class RangeOfMotion:
         pitch: rad, increasing, shape (p,).
         roll: rad, increasing, shape (r,).
         clearances: to each of `PARTS`, m, at most 0.3, negative where the shapes overlap, shape (p, r, 4).
-        car: the parameters that it depends on, `section.key` -> value.
+        car: the sections `car` and `tail` of its scenario.
     """
 
     pitch: NDArray[np.float64]
     roll: NDArray[np.float64]
     clearances: NDArray[np.float64]
-    car: dict[str, float]
+    car: dict[str, Any]
 
     def clearance(self, pitch: ArrayLike, roll: ArrayLike, parts: tuple[str, ...] = PARTS) -> NDArray[Any]:
         """Least clearance to some parts, m: bilinear between the nodes, that of the edge beyond the map.
 
         Args:
-            pitch, roll: rad, shapes that broadcast. Complex steps pass through.
+            pitch, roll: rad, shapes that broadcast.
             parts: of `PARTS`; without the ground it holds at any attitude of the car.
         """
+        from scipy.interpolate import RegularGridInterpolator
+
         values = self.clearances[:, :, [PARTS.index(part) for part in parts]].min(axis=2)
-        i, u = _cell(self.pitch, np.asarray(pitch))
-        j, v = _cell(self.roll, np.asarray(roll))
-        return (
-            (1 - u) * (1 - v) * values[i, j]
-            + u * (1 - v) * values[i + 1, j]
-            + (1 - u) * v * values[i, j + 1]
-            + u * v * values[i + 1, j + 1]
-        )
+        nodes, places = (self.pitch, self.roll), (pitch, roll)
+        held = [np.clip(place, axis[0], axis[-1]) for place, axis in zip(places, nodes, strict=True)]
+        return np.asarray(RegularGridInterpolator(nodes, values)(tuple(held)))
 
     def allowed_roll(self, pitch: float, margin: float = 0.0) -> tuple[float, float]:
         """Largest range of roll (rad) around the roll with most clearance that keeps `margin` m free at a pitch.
@@ -80,15 +68,12 @@ class RangeOfMotion:
             UserError: no roll is free at this pitch.
         """
         fine = np.linspace(self.roll[0], self.roll[-1], 10 * len(self.roll))
-        free = self.clearance(pitch, fine) >= margin
-        if not np.any(free):
+        clearance = self.clearance(pitch, fine)
+        best, blocked = int(np.argmax(clearance)), np.flatnonzero(clearance < margin)
+        if best in blocked:
             raise UserError(f"tail pitch {pitch:g} rad: no roll keeps {margin:g} m free of the car")
-        best = int(np.argmax(np.where(free, self.clearance(pitch, fine), -np.inf)))
-        low = high = best
-        while low > 0 and free[low - 1]:
-            low -= 1
-        while high < len(fine) - 1 and free[high + 1]:
-            high += 1
+        low = blocked[blocked < best].max(initial=-1) + 1
+        high = blocked[blocked > best].min(initial=len(fine)) - 1
         return float(fine[low]), float(fine[high])
 
 
@@ -111,11 +96,7 @@ def make_range_of_motion(scenario: Scenario, pitch_count: int = 37, roll_count: 
     pitch = np.linspace(-tail.pitch_limit, tail.pitch_limit, pitch_count)
     roll = np.linspace(-tail.roll_limit, tail.roll_limit, roll_count)
     clearances = np.array([[query.clearances(p, r) for r in roll] for p in pitch])
-    car = {
-        f"{section}.{key}": float(getattr(getattr(scenario, section), key))
-        for section, keys in _KEPT_PARAMETERS.items()
-        for key in keys
-    }
+    car = {"car": scenario.car.model_dump(), "tail": scenario.tail.model_dump()}
     return RangeOfMotion(pitch, roll, clearances, car)
 
 
@@ -130,35 +111,19 @@ def ground_clearance(scenario: Scenario, pitch: ArrayLike, roll: ArrayLike, car_
         pitch, roll: of the tail, rad.
         car_roll: rad, positive to the right.
     """
-    tail = scenario.tail
-    low = tail.length - tail.sail_length
-    root, along_x, along_y, along_z = tail_heights(scenario, pitch, roll, car_roll)
-    across: tuple[NDArray[Any], ...]
-    if tail.sail == "locked":
-        across = (-tail.sail_width / 2 * along_x, tail.sail_width / 2 * along_x)
-    else:
-        across = (-tail.sail_reach * np.sqrt(along_x**2 + along_y**2 + _ROUNDING),)
-    heights = [root + z * along_z + x for z in (low, tail.length) for x in across]
-    return np.min(np.broadcast_arrays(root, *heights), axis=0)
-
-
-def tail_heights(
-    scenario: Scenario, pitch: ArrayLike, roll: ArrayLike, car_roll: ArrayLike = 0.0
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Height of the tail's joints over the ground, m, and those of unit steps along x, y and z of the tail.
-
-    Args:
-        scenario: geometry of the car.
-        pitch, roll: of the tail, rad.
-        car_roll: lean of the car about the contact line of its outer wheels, rad, positive to the right.
-    """
-    pitch, roll, lean = np.asarray(pitch), np.asarray(roll), np.asarray(car_roll)
-    half_track = scenario.car.outer_half_track
-    side = np.where(np.real(lean) >= 0.0, half_track, -half_track)
+    tail, half_track = scenario.tail, scenario.car.outer_half_track
+    pitch, roll, lean = np.broadcast_arrays(pitch, roll, car_roll)
+    # Heights of the joints, and of unit steps along x, y and z of the tail.
+    joints = np.abs(half_track * np.sin(lean)) + tail.mount_height * np.cos(lean)
     along_x = -np.sin(pitch) * np.cos(lean)
     along_y = np.cos(roll) * np.sin(lean) + np.cos(pitch) * np.sin(roll) * np.cos(lean)
     along_z = -np.sin(roll) * np.sin(lean) + np.cos(pitch) * np.cos(roll) * np.cos(lean)
-    return side * np.sin(lean) + scenario.tail.mount_height * np.cos(lean), along_x, along_y, along_z
+    if tail.sail == "locked":
+        across = -np.abs(tail.sail_width / 2 * along_x)
+    else:
+        across = -tail.sail_reach * np.hypot(along_x, along_y)
+    ends = [joints + z * along_z + across for z in (tail.length - tail.sail_length, tail.length)]
+    return np.asarray(np.min([joints, *ends], axis=0))
 
 
 class TailQuery:
@@ -254,13 +219,6 @@ def _part(body: str, geometry: str) -> str | None:
     if body not in ("chassis", "board"):
         return None
     return "cage" if "bar" in geometry or "cage" in geometry else "deck"
-
-
-def _cell(nodes: NDArray[np.float64], value: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Lower node of the cell of each value, and the share of the cell; values beyond the nodes count as on the edge."""
-    place = np.clip(np.searchsorted(nodes, value.real, side="right") - 1, 0, len(nodes) - 2)
-    share = (value - nodes[place]) / (nodes[place + 1] - nodes[place])
-    return place, np.where(share.real < 0.0, 0.0, np.where(share.real > 1.0, 1.0, share))
 
 
 def write_range_of_motion(motion: RangeOfMotion, path: Path, *, force: bool = False) -> Path:

@@ -101,7 +101,7 @@ class ObservedRun:
     def watch(self, builder: DiagramBuilder, tail: Any, rate: float) -> None:
         """Counts how long the sections of a `TailForce` are outside their coefficients' range."""
         ports = (tail.GetOutputPort("sections"), tail.GetOutputPort("validity"))
-        watch = SectionWatch.on_ports(builder, *ports, rate, f"{tail.get_name()}_watch")
+        watch = SectionWatch.add_to_builder(builder, f"{tail.get_name()}_watch", *ports, rate)
         self._watches[tail.get_name()] = watch
 
     def record(

@@ -5,7 +5,6 @@ Both read one vector; the plant's own lists cost about 25 us each to read, since
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
 from pydrake.systems.framework import Context
 
 from aerodima.workbench.aero.sail import rotation_rows
+from aerodima.workbench.config.checked_files import STANDARD_GRAVITY
 from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.sensors.sampled import CounterNoise, SampledSensor
 from aerodima.workbench.systems.system_ports import vector_of
@@ -42,26 +42,10 @@ def chassis_motion(values: Any, step: float) -> ChassisMotion:
 Vector = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class ImuRange:
-    """Ranges and resolutions of the chip; the defaults are the BNO055 in fusion mode (Bosch BST-BNO055-DS000).
-
-    Args:
-        gyro: rad/s, each axis saturates here (2000 deg/s).
-        specific_force: m/s2, each accelerometer axis, gravity included, saturates here (4 g of 9.80665 m/s2).
-        angle_step: rad per count of the attitude (900 counts per rad).
-        gyro_step: rad/s per count (900 counts per rad/s).
-        acceleration_step: m/s2 per count (100 counts per m/s2).
-    """
-
-    gyro: float = math.radians(2000.0)
-    specific_force: float = 4.0 * 9.80665
-    angle_step: float = 1.0 / 900.0
-    gyro_step: float = 1.0 / 900.0
-    acceleration_step: float = 0.01
-
-
-BNO055 = ImuRange()
+GYRO_RANGE, FORCE_RANGE = math.radians(2000.0), 4.0 * STANDARD_GRAVITY
+"""Where each axis of the BNO055 in fusion mode saturates (Bosch BST-BNO055-DS000): rad/s; m/s2, gravity included."""
+STEPS = np.repeat([1.0 / 900.0, 1.0 / 900.0, 0.01], 3)
+"""Its resolution: rad of the attitude, rad/s and m/s2 per count."""
 
 
 def motion_of(X_WB: RigidTransform, V_WB: SpatialVelocity, A_WB: SpatialAcceleration) -> ChassisMotion:
@@ -127,7 +111,6 @@ class Imu(SampledSensor):
         step: of the plant, s.
         discrete: whether the plant is discrete, see `SampledSensor`.
         gravity: m/s2.
-        limits: range and resolution of the chip.
 
     Raises:
         UserError: rate or delay not allowed.
@@ -142,36 +125,27 @@ class Imu(SampledSensor):
         step: float,
         discrete: bool = False,
         gravity: float = 9.81,
-        limits: ImuRange = BNO055,
     ) -> None:
-        super().__init__(
-            name="imu",
-            outputs={"imu": IMU.size},
-            rate=settings.rate,
-            delay=settings.delay,
-            step=step,
-            discrete=discrete,
-        )
+        outputs, rate, delay = {"imu": IMU.size}, settings.rate, settings.delay
+        super().__init__(name="imu", outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete)
         self._step, self._p_BoImu_B = step, list(p_BoImu_B)
         self._gravity = gravity
-        self._limits = limits
         self._motion = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
         self._noise = CounterNoise(seed, "imu", IMU.size)
         self._deviation = np.repeat([settings.attitude_noise, settings.gyro_noise, settings.accelerometer_noise], 3)
         self._bias = self._noise.constant() * np.repeat([0.0, settings.gyro_bias, 0.0], 3)
-        self._counts = 1.0 / np.repeat([limits.angle_step, limits.gyro_step, limits.acceleration_step], 3)
+        self._counts = 1.0 / STEPS
 
     def measure(self, context: Context, index: int) -> np.ndarray:
         """One sample (9,) of the body's motion."""
         motion = chassis_motion(vector_of(self._motion, context), self._step)
         angles, omega, acceleration = motion_at_imu(motion, self._p_BoImu_B)
         error = (self._bias + self._deviation * self._noise.at(index)).tolist()
-        gyro, force = self._limits.gyro, self._limits.specific_force
         sample = [true + off for true, off in zip(angles, error[:3], strict=True)]
-        sample += [min(max(true + off, -gyro), gyro) for true, off in zip(omega, error[3:6], strict=True)]
+        sample += [min(max(true + off, -GYRO_RANGE), GYRO_RANGE) for true, off in zip(omega, error[3:6], strict=True)]
         for true, off, upwards in zip(acceleration, error[6:], motion.R_WB[2], strict=True):
             reaction = self._gravity * upwards
-            sample.append(min(max(true + off + reaction, -force), force) - reaction)
+            sample.append(min(max(true + off + reaction, -FORCE_RANGE), FORCE_RANGE) - reaction)
         return np.rint(np.array(sample) * self._counts) / self._counts
 
 
@@ -197,17 +171,9 @@ class GpsSpeed(SampledSensor):
         UserError: rate or delay not allowed.
     """
 
-    def __init__(
-        self,
-        settings: Any,
-        *,
-        seed: int,
-        step: float,
-        discrete: bool = False,
-    ) -> None:
-        super().__init__(
-            name="gps", outputs={"speed": 1}, rate=settings.rate, delay=settings.delay, step=step, discrete=discrete
-        )
+    def __init__(self, settings: Any, *, seed: int, step: float, discrete: bool = False) -> None:
+        outputs, rate, delay = {"speed": 1}, settings.rate, settings.delay
+        super().__init__(name="gps", outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete)
         self._motion = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
         self._deviation = settings.noise
         self._noise = CounterNoise(seed, "gps", 1)

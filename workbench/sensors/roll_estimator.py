@@ -4,7 +4,14 @@ from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, L
 
 from aerodima.workbench.config.signal_table import IMU, SPEED
 from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
-from aerodima.workbench.systems.system_ports import DiscreteVector, Stage, declare_ticks, stage_before, vector_of
+from aerodima.workbench.systems.system_ports import (
+    DiscreteVector,
+    Stage,
+    connected,
+    declare_ticks,
+    stage_before,
+    vector_of,
+)
 
 
 class RollEstimator(LeafSystem):
@@ -39,10 +46,7 @@ class RollEstimator(LeafSystem):
     ) -> "RollEstimator":
         """Adds an estimator and connects it to the outputs `imu` and `speed` of a station."""
         estimator = cls(settings, stage_before(station, Stage.CONTROLLER))
-        builder.AddSystem(estimator)
-        for port in ("imu", "speed"):
-            builder.Connect(station.GetOutputPort(port), estimator.GetInputPort(port))
-        return estimator
+        return connected(builder, estimator, imu=station.GetOutputPort("imu"), speed=station.GetOutputPort("speed"))
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
         before = RollEstimate(*self._filter.read(context).tolist())

@@ -147,7 +147,10 @@ def run_car(
         watch = FlipWatch.add_to_builder(car.builder, car.station, scenario.simulation.log_rate, turn_end(scenario))
     with open_log(log, recorded_columns(car.signals), _metadata(car, scenario, law), force) as rows:
         RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate, Stage.RECORD)
-        sections = SectionWatch.add_to_builder(car.builder, car.station, scenario.controller.rate)
+        sections: SectionWatch | None = None
+        if car.station.HasOutputPort("tail_sections_truth"):
+            seen, valid = (car.station.GetOutputPort(f"tail_{name}_truth") for name in ("sections", "validity"))
+            sections = SectionWatch.add_to_builder(car.builder, "section_watch", seen, valid, scenario.controller.rate)
         view.run(Simulator(car.builder.Build()), run_time(scenario))
         if watch is not None:
             rows.add_facts(watch.facts())

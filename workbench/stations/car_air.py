@@ -21,7 +21,7 @@ from aerodima.workbench.config.car_parameters import SAIL_SHAPES, TailParameters
 from aerodima.workbench.config.checked_files import CONSTANT, SAIL_LAWS
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.plants.tail import sail_inertial, tail_geometry
+from aerodima.workbench.plants.tail import tail_geometry
 from aerodima.workbench.systems.system_ports import stacked, transformed
 
 if TYPE_CHECKING:
@@ -101,17 +101,13 @@ def sail_layout(tail: TailParameters) -> SectionLayout:
 
 
 def free_sail(tail: TailParameters, law: SectionLaw) -> FreeSail:
-    """The sail on its bearing, with the mass and inertia of `plants.tail.tail_sdf`."""
-    inertial = sail_inertial(tail)
+    """The plates of the sail on its bearing."""
     return FreeSail(
         length=tail.sail_length,
         width=tail.sail_width,
         centre_of_pressure=tail.sail_shell_offset * tail.sail_width,
         board_width=tail.board_share * tail.sail_width,
-        mass=inertial.mass,
-        inertia=inertial.moments[2],
         start=tail.length - tail.sail_length,
-        bearing_damping=tail.sail_bearing_damping,
         law=law,
         side_coefficient=tail.sail_side_coefficient,
         number=tail.sections,

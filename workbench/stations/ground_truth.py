@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.math import RollPitchYaw
 from pydrake.multibody.math import SpatialAcceleration
 from pydrake.multibody.plant import ContactResults, MultibodyPlant, PointPairContactInfo
 from pydrake.multibody.tree import BodyIndex, JointIndex, ModelInstanceIndex
@@ -56,11 +55,33 @@ def own_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
     ]
 
 
-class PlantTruth(LeafSystem):
+class _Kinematics(LeafSystem):
+    """Reads a plant's state and puts a context of its own into it; bodies are kept by index, see design section 13."""
+
+    def __init__(self, plant: MultibodyPlant) -> None:
+        super().__init__()
+        self._plant, self._kinematics = plant, plant.CreateDefaultContext()
+        self._state_port = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+
+    def _kinematics_at(self, context: Context) -> Context:
+        self._plant.SetPositionsAndVelocities(self._kinematics, vector_of(self._state_port, context))
+        return self._kinematics
+
+    def _motion(self, context: Context, body: BodyIndex, A_WB: SpatialAcceleration, p_BoImu_B: np.ndarray) -> list[Any]:
+        """Position, roll, pitch, yaw, tilt, velocity, angular velocity and acceleration at a point of a body."""
+        kinematics, carrier = self._kinematics_at(context), self._plant.get_body(body)
+        X_WB = self._plant.EvalBodyPoseInWorld(kinematics, carrier)
+        V_WB = self._plant.EvalBodySpatialVelocityInWorld(kinematics, carrier)
+        R_WB = X_WB.rotation().matrix()
+        angles, gyro, acceleration = motion_at_imu(motion_of(X_WB, V_WB, A_WB), p_BoImu_B)
+        tilt = math.acos(min(max(R_WB[2, 2], -1.0), 1.0))
+        return [X_WB.translation(), angles, [tilt], R_WB.T @ V_WB.translational(), gyro, acceleration]
+
+
+class PlantTruth(_Kinematics):
     """What a plant knows of its motion. Evaluated only when somebody reads it, such as the run log.
 
-    Everything comes from the plant's state through a context of its own. Bodies are kept by index: see design section
-    13.
+    Everything comes from the plant's state through a context of its own.
 
     Input ports:
         plant_state: [q; v] of the plant.
@@ -81,11 +102,9 @@ class PlantTruth(LeafSystem):
     def __init__(
         self, plant: MultibodyPlant, base: BodyIndex | None, bodies: Sequence[BodyIndex], tails: Sequence[Any]
     ) -> None:
-        super().__init__()
-        self._plant, self._base, self._bodies = plant, base, list(bodies)
+        super().__init__(plant)
+        self._base, self._bodies = base, list(bodies)
         self._instances = own_instances(plant)
-        self._kinematics = plant.CreateDefaultContext()
-        self._state_port = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self.DeclareVectorOutputPort("com", len(COM_COLUMNS), self._calc_com)
         if base is not None:
             self.DeclareVectorOutputPort("base", len(BASE_COLUMNS), self._calc_base)
@@ -108,10 +127,6 @@ class PlantTruth(LeafSystem):
 
         self.DeclareVectorOutputPort(f"{tail.get_name()}_air", 12, calc)
 
-    def _kinematics_at(self, context: Context) -> Context:
-        self._plant.SetPositionsAndVelocities(self._kinematics, vector_of(self._state_port, context))
-        return self._kinematics
-
     def _calc_com(self, context: Context, output: BasicVector) -> None:
         kinematics, plant = self._kinematics_at(context), self._plant
         output.SetFromVector(
@@ -125,14 +140,8 @@ class PlantTruth(LeafSystem):
 
     def _calc_base(self, context: Context, output: BasicVector) -> None:
         assert self._base is not None
-        kinematics, body = self._kinematics_at(context), self._plant.get_body(self._base)
-        X_WB = self._plant.EvalBodyPoseInWorld(kinematics, body)
-        V_WB = self._plant.EvalBodySpatialVelocityInWorld(kinematics, body)
-        R_WB = X_WB.rotation().matrix()
-        tilt = math.acos(min(max(R_WB[2, 2], -1.0), 1.0))
-        velocity, gyro = R_WB.T @ V_WB.translational(), R_WB.T @ V_WB.rotational()
-        angles = RollPitchYaw(X_WB.rotation()).vector()
-        output.SetFromVector(np.concatenate([X_WB.translation(), angles, [tilt], velocity, gyro]))
+        motion = self._motion(context, self._base, SpatialAcceleration.Zero(), np.zeros(3))
+        output.SetFromVector(np.concatenate(motion[:-1]))
 
     def _calc_poses(self, context: Context, output: BasicVector) -> None:
         kinematics = self._kinematics_at(context)
@@ -152,12 +161,12 @@ LEAST_LOAD = 1e-9
 """N; of a wheel in the air, whose contact point is the origin."""
 
 
-class CarTruth(LeafSystem):
+class CarTruth(_Kinematics):
     """What the plant knows and the car does not. Evaluated only when somebody reads it, such as the run log.
 
     Kinematics come from the plant's state through a context of its own; accelerations and contact forces are those of
     the plant's last step (Drake's sampled output ports). Fields, units and axes:
-    `aerodima.workbench.config.signal_table`. Bodies and joints are kept by index: see design section 13.
+    `aerodima.workbench.config.signal_table`.
 
     Input ports:
         plant_state: [q; v] of the plant.
@@ -170,16 +179,14 @@ class CarTruth(LeafSystem):
     """
 
     def __init__(self, car_plant: CarPlant, scenario: Scenario):
-        super().__init__()
-        plant = self._plant = car_plant.plant
+        plant = car_plant.plant
+        super().__init__(plant)
         self._tail = car_plant.tail
         self._instances = car_plant.instances
-        self._kinematics = plant.CreateDefaultContext()
         self._chassis = plant.GetBodyByName("chassis").index()
         self._p_BoImu_B = np.array([scenario.imu.x, 0.0, scenario.imu.z])
         self._shaft = plant.GetJointByName("drive_shaft_spin").index()
         self._contact_slots = contact_slots(car_plant)
-        self._state_port = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self._acceleration_port = self.DeclareAbstractInputPort(
             "body_spatial_accelerations", Value[list[SpatialAcceleration]]()
         )
@@ -195,29 +202,15 @@ class CarTruth(LeafSystem):
             self._wrench_port = self.DeclareVectorInputPort("tail_wrench", 9)
             self.DeclareVectorOutputPort("tail_truth", TAIL_TRUTH.size, self._calc_tail)
 
-    def _kinematics_at(self, context: Context) -> Context:
-        state = vector_of(self._state_port, context)
-        self._plant.SetPositionsAndVelocities(self._kinematics, state)
-        return self._kinematics
-
     def _rate(self, joint: JointIndex, kinematics: Context) -> float:
         revolute: Any = self._plant.get_joint(joint)
         return revolute.get_angular_rate(kinematics)
 
     def _calc_body(self, context: Context, output: BasicVector) -> None:
-        kinematics = self._kinematics_at(context)
-        chassis = self._plant.get_body(self._chassis)
-        X_WB = self._plant.EvalBodyPoseInWorld(kinematics, chassis)
-        V_WB = self._plant.EvalBodySpatialVelocityInWorld(kinematics, chassis)
         accelerations: Any = self._acceleration_port.Eval(context)
-        A_WB = accelerations[int(self._chassis)]
-        R_WB = X_WB.rotation().matrix()
-        angles, gyro, acceleration = motion_at_imu(motion_of(X_WB, V_WB, A_WB), self._p_BoImu_B)
-        com = self._plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances)
-        tilt = math.acos(min(max(R_WB[2, 2], -1.0), 1.0))
-        output.SetFromVector(
-            np.concatenate([X_WB.translation(), angles, [tilt], R_WB.T @ V_WB.translational(), gyro, acceleration, com])
-        )
+        motion = self._motion(context, self._chassis, accelerations[int(self._chassis)], self._p_BoImu_B)
+        com = self._plant.CalcCenterOfMassPositionInWorld(self._kinematics, self._instances)
+        output.SetFromVector(np.concatenate([*motion, com]))
 
     def _calc_contact(self, context: Context, output: BasicVector) -> None:
         results: Any = self._contact_port.Eval(context)

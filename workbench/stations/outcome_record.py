@@ -24,7 +24,7 @@ from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_signals import CALM_FOR, CALM_SPIN, settled_row
 from aerodima.workbench.stations.car_station import simulated_car
 from aerodima.workbench.stations.ground_loads import GroundLoads
-from aerodima.workbench.systems.system_ports import Stage, nominal_time, period_of, stacked, vector_of
+from aerodima.workbench.systems.system_ports import Stage, connected, nominal_time, period_of, stacked, vector_of
 
 IntArray = NDArray[np.int_]
 Signals = Sequence[tuple[Any, Sequence[str]]]
@@ -71,10 +71,8 @@ class FlipWatch(LeafSystem):
     @classmethod
     def add_to_builder(cls, builder: DiagramBuilder, station: Diagram, rate: float, stop_after: float) -> "FlipWatch":
         """Adds a watch to the diagram of a simulated station."""
-        watch = cls(station, rate, stop_after)
-        builder.AddNamedSystem("flip_watch", watch)
-        builder.Connect(station.GetOutputPort("plant_state_truth"), watch.GetInputPort("plant_state"))
-        return watch
+        state = station.GetOutputPort("plant_state_truth")
+        return connected(builder, cls(station, rate, stop_after), "flip_watch", plant_state=state)
 
     def facts(self) -> dict[str, float]:
         """For `extra` of the log: when the watch ended the run, if it did."""

@@ -104,7 +104,7 @@ class DiscreteVector:
 SystemT = TypeVar("SystemT", bound=System)
 
 
-def connected(builder: DiagramBuilder, system: SystemT, name: str = "", **inputs: OutputPort) -> SystemT:
+def connected(builder: DiagramBuilder, system: SystemT, name: str = "", /, **inputs: OutputPort) -> SystemT:
     """Adds a system, of this name if one is given, and connects its input ports by their names; the system."""
     if name:
         system.set_name(name)

@@ -330,7 +330,7 @@ def test_the_published_minus_0_033_kg_is_refused_by_name() -> None:
 def test_bad_calls_are_refused() -> None:
     plant = MultibodyPlant(0.0)
     body = plant.AddRigidBody("tail", rod())
-    with pytest.raises(ModelError, match="nan kg per part"):
+    with pytest.raises(ModelError, match="per part on body 'tail': nan kg; allowed: a finite number"):
         add_added_mass(plant, body, LAYOUT, math.nan)
     mass = add_added_mass(plant, body, LAYOUT, 0.01)
     with pytest.raises(ModelError, match="not finalised"):

@@ -159,7 +159,7 @@ def test_wrong_input_is_refused_in_one_line() -> None:
     add_tail_force(builder, plant, "sled", plate(0.0), C_N)
     with pytest.raises(UserError, match=r"a system named 'tail_force_sled' already; a second one on body 'sled' needs"):
         add_tail_force(builder, plant, "sled", plate(0.0), C_N)
-    with pytest.raises(UserError, match=r"width is -0\.1 m"):
+    with pytest.raises(UserError, match=r"width: -0\.1 m; allowed: > 0 m"):
         SectionLayout.strip(start=0.0, length=0.1, width=-0.1)
 
 

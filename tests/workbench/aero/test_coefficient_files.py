@@ -59,7 +59,7 @@ def test_speed_functions_hold_their_edge_values() -> None:
         (lambda: RegularTable((10.0, 5.0), (0.0, 1.0), ((1.0, 1.0), (1.0, 1.0))), r"speeds\[1\] = 5.0 follows 10.0"),
         (lambda: RegularTable((5.0, 10.0), (0.0, 1.0), ((1.0, math.nan), (1.0, 1.0))), r"values\[0\]\[1\]"),
         (lambda: RegularTable((5.0, 10.0), (0.0, 1.0), ((1.0,), (1.0, 1.0))), "2 rows"),
-        (lambda: NormalForceLaw(-1.0), "coefficient is -1"),
+        (lambda: NormalForceLaw(-1.0), "coefficient: -1; allowed: >= 0"),
         (lambda: PolarLaw(RegularTable((5.0, 9.0), (0.0, 1.0), ((1.0, -1.0), (1.0, 1.0)))), "-1.0.*add energy"),
     ],
 )

@@ -131,5 +131,5 @@ def test_drag_is_even_and_lift_odd_in_the_angle_of_attack() -> None:
 
 
 def test_a_negative_drag_coefficient_is_refused() -> None:
-    with pytest.raises(ModelError, match="add energy"):
+    with pytest.raises(ModelError, match=r"drag: -0.1; allowed: >= 0"):
         PolarLaw(-0.1)

@@ -143,7 +143,7 @@ def test_a_tail_swung_to_the_right_is_pushed_back_to_the_left() -> None:
     plant = add_plant(builder)
     add_free_body(plant)
     plant.Finalize()
-    layout = SectionLayout.robot_tail(start=0.2, length=0.6, width=0.1)
+    layout = SectionLayout.strip(start=0.2, length=0.6, width=0.1, normal_B=(0.0, 1.0, 0.0))
     force = add_tail_force(builder, plant, "tail", layout, 2.0)
     diagram = builder.Build()
     state = np.array([1.0, 0, 0, 0, 0, 0, 0, 3.0, 0, 0, 0, 0, 0])  # quaternion, position, w_x = 3 rad/s
@@ -218,5 +218,5 @@ def test_zero_sections_are_refused() -> None:
     """A layout needs at least one section, with positive length and width."""
     with pytest.raises(ModelError, match="number of sections is 0"):
         SectionLayout.strip(start=0.0, length=1.0, width=0.1, number=0)
-    with pytest.raises(ModelError, match=r"width is -0\.1"):
+    with pytest.raises(ModelError, match=r"width: -0\.1 m"):
         SectionLayout.strip(start=0.0, length=1.0, width=-0.1)

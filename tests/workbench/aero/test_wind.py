@@ -67,7 +67,7 @@ def test_wind_and_motion_give_the_same_force() -> None:
         plant = add_plant(builder)
         add_free_body(plant)
         plant.Finalize()
-        layout = SectionLayout.robot_tail(start=0.1, length=0.5, width=0.2)
+        layout = SectionLayout.strip(start=0.1, length=0.5, width=0.2, normal_B=(0.0, 1.0, 0.0))
         force = add_tail_force(
             builder, plant, "tail", layout, 2.0, wind=add_wind(builder, WindModel(mean=(0.0, wind, 0.0)))
         )

@@ -192,26 +192,6 @@ def test_slalom_may_steer_while_it_gathers_speed():
     assert [schedule.at(time).throttle for time in (0.5, 1.0, 2.0)] == pytest.approx([0.1, 0.2, 0.4])
 
 
-def test_slalom_period_must_be_positive():
-    with pytest.raises(UserError, match=r"manoeuvre.slalom_period: 0 s; allowed: > 0 s"):
-        SlalomSchedule(SpeedRamp(4.0, 1.0, ThrottleLine(10.0, 0.0)), 1.0, STEER, 2.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"kind": "drift"}, "manoeuvre.kind: 'drift'; allowed: turn, auto_turn, straight, slalom"),
-        ({"direction": "up"}, "manoeuvre.direction: 'up'; allowed: left, right"),
-        ({"steer_angle": -0.1}, "manoeuvre.steer_angle: -0.1 rad"),
-        ({"turn_hold": 0.0}, "manoeuvre.turn_hold: 0 s"),
-    ],
-)
-def test_impossible_manoeuvres_are_named(change, message):
-    with pytest.raises(UserError) as error:
-        make_schedule(scenario(**change))
-    assert message in str(error.value)
-
-
 def test_wheels_are_straightened_from_what_is_left_of_a_larger_first_level() -> None:
     """At 2 rad/s, from 0.5 rad: none is left after 0.2 s; 0.3 rad after 0.1 s; all of it without a second level."""
     assert angle_to_straighten(0.1, 0.5, 2.0) == 0.1

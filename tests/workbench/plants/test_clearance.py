@@ -73,15 +73,13 @@ def test_ground_under_a_car_on_its_wheels_and_under_one_that_leans(motion: Range
     assert float(ground_clearance(scenario, 0.0, -LIMIT, -0.2)) == pytest.approx(leaning)
 
 
-def test_between_the_nodes_it_is_linear_and_takes_complex_steps() -> None:
+def test_between_the_nodes_it_is_linear_and_beyond_them_held() -> None:
     nodes = np.array([0.0, 1.0, 2.0])
     values = np.array([[0.0, 1.0, 2.0], [2.0, 3.0, 4.0], [4.0, 5.0, 6.0]])
     motion = RangeOfMotion(nodes, nodes, np.repeat(values[:, :, None], len(PARTS), axis=2), {})
     assert float(motion.clearance(0.5, 1.25)) == pytest.approx(2.25)
     assert float(motion.clearance(9.0, -9.0)) == 4.0
-    step = 1e-20
-    slope = motion.clearance(np.array([0.5 + 1j * step, 0.5]), np.array([1.25, 1.25 + 1j * step])).imag / step
-    np.testing.assert_allclose(slope, [2.0, 1.0])
+    assert motion.clearance(nodes[:, None], nodes[None, :]).shape == (3, 3)
 
 
 def test_file_has_a_row_per_node_and_the_car_in_its_first_line(tmp_path: Path, motion: RangeOfMotion) -> None:

@@ -14,7 +14,7 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.sensors.chassis_sensors import BNO055, ChassisMotion, Imu, motion_at_imu
+from aerodima.workbench.sensors.chassis_sensors import STEPS, ChassisMotion, Imu, motion_at_imu
 from tests.workbench.sensors.body_motion import add_sensor, motion_vector
 
 QUIET = {"gyro_noise": 0.0, "gyro_bias": 0.0, "accelerometer_noise": 0.0, "attitude_noise": 0.0}
@@ -230,7 +230,7 @@ def test_resolution_of_the_data_sheet():
     rows = samples(20, motion=still(), gyro_noise=0.05, accelerometer_noise=0.5, attitude_noise=0.02)
     counts = rows * np.repeat([900.0, 900.0, 100.0], 3)
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
-    assert BNO055.angle_step == pytest.approx(1 / 900)
+    assert STEPS[0] == pytest.approx(1 / 900)
 
 
 def test_rate_above_one_per_step_is_refused():

@@ -14,6 +14,7 @@ from aerodima.workbench.plants.tail import sail_inertial, tail_sdf
 from aerodima.workbench.resources import published_table
 from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.car_air import free_sail, sail_law
+from tests.workbench.aero.vanes import side_moment
 
 
 def tail(shape: str, *settings: str) -> TailParameters:
@@ -49,7 +50,7 @@ def test_depth_and_board_follow_the_shape() -> None:
     vane = free_sail(tail("flat_board", "tail.sail=free"), NormalForceLaw(2.0))
     # Only the board turns a flat sail: half a width deep, its middle a quarter of a width behind the shell's place.
     offset = built.sail_shell_offset * width
-    assert vane.side_moment() == pytest.approx(built.sail_length * 0.5 * width * (offset + 0.25 * width))
+    assert side_moment(vane) == pytest.approx(built.sail_length * 0.5 * width * (offset + 0.25 * width))
 
 
 def test_drawing_has_a_board_where_the_shape_has_one() -> None:
