@@ -67,7 +67,7 @@ PROGRAMS = {
         ("chromium", "chromium-browser", "google-chrome", "firefox"),
         "open replays on another machine, or install chromium",
     ),
-    "graphviz": (("dot",), "install graphviz; `aerodima models diagram` writes .dot files without it"),
+    "graphviz": (("dot",), "install graphviz; block diagrams of notebooks are text without it"),
     "C++ compiler": (
         (os.environ.get("CXX", "g++"),),
         "install g++; the emulated car compiles the Teensy's firmware with it",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -37,7 +36,6 @@ def register(app: typer.Typer) -> None:
     coefficients = command_group(models, "coefficients", "Look at sets of aerodynamic coefficients.")
     coefficients.command("list")(list_sets)
     coefficients.command()(plot)
-    models.command()(diagram)
     models.command()(export)
 
 
@@ -81,7 +79,7 @@ def tail(
         if path is not None:
             refuse_existing(path, force, UserError)
     if out is not None:
-        _refuse_ending(out, PICTURES)
+        _refuse_other_ending(out)
     car = load_scenario(scenario, settings or [])
     geometry = tail_geometry(car.tail) if file is None else read_tail(file)
     for line in tail_lines(geometry):
@@ -103,9 +101,9 @@ PICTURES = (".png", ".svg", ".pdf")
 """Endings of a picture."""
 
 
-def _refuse_ending(out: Path, allowed: tuple[str, ...]) -> None:
-    if out.suffix.lower() not in allowed:
-        raise UserError(f"--out {out}: ending {out.suffix!r}; allowed: {', '.join(allowed)}")
+def _refuse_other_ending(out: Path) -> None:
+    if out.suffix.lower() not in PICTURES:
+        raise UserError(f"--out {out}: ending {out.suffix!r}; allowed: {', '.join(PICTURES)}")
 
 
 def _write_picture(figure: Figure, out: Path, force: bool) -> None:
@@ -207,34 +205,8 @@ def plot(
 
     coefficients = load_coefficients(file)
     target = out or Path(f"{Path(file).stem}.png")
-    _refuse_ending(target, PICTURES)
+    _refuse_other_ending(target)
     _write_picture(plot_coefficients(coefficients), target, force)
-
-
-def diagram(
-    scenario: ScenarioArgument,
-    out: Annotated[Path, typer.Option(help="Picture (.svg, .png, .pdf) or text (.dot).")] = Path("diagram.svg"),
-    depth: Annotated[int, typer.Option(help="How many levels of nested diagrams are drawn.", min=1)] = 2,
-    settings: Settings = None,
-    force: Force = False,
-) -> None:
-    """Draw the block diagram of a scenario; as text (.dot) where Graphviz is not installed."""
-    from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.figures.model_figures import draw_diagram
-    from aerodima.workbench.simulate.car_run import assemble
-
-    _refuse_ending(out, (*PICTURES, ".dot"))
-    picture = draw_diagram(assemble(load_scenario(scenario, settings or ())).builder.Build(), depth)
-    if out.suffix != ".dot" and shutil.which("dot") is None:
-        out = out.with_suffix(".dot")
-        typer.echo("Graphviz is not installed: writing text that `dot -Tsvg` draws elsewhere", err=True)
-
-    def write(temporary: Path) -> None:
-        kind = out.suffix[1:]
-        temporary.write_bytes(picture.text.encode() if kind == "dot" else picture.render(kind))
-
-    write_atomically(out, write, force, UserError)
-    typer.echo(f"diagram: {out}")
 
 
 def export(

@@ -15,6 +15,8 @@ import pandas as pd
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.checked_files import unit_factor
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import RIG_KINDS, TIME
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.foreign_files import ForeignLog, joined, read_csv, read_mat, read_mcap, read_parquet
@@ -29,6 +31,9 @@ from aerodima.workbench.logs.log_findings import (
 from aerodima.workbench.logs.mapping import ColumnSource, CsvFormat, Mapping, known_columns
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.logs.signals import GAP_FACTOR, check_time, hold_last
+
+_TEXT_FILES = {".csv": ",", ".txt": ",", ".tsv": "\t"}
+_READERS = {".parquet": read_parquet, ".mat": read_mat, ".mcap": read_mcap}
 
 CONTINUOUS = ("imu_yaw_rad",)
 """Angles whose jumps of a whole turn are taken out, as in a log of this project."""
@@ -78,17 +83,12 @@ def read_foreign_log(path: Path | str, csv: CsvFormat | None = None) -> ForeignL
     suffix = path.suffix.lower()
     if not path.is_file():
         raise LogError(f"{path}: no such file")
-    if suffix in (".csv", ".txt", ".tsv"):
-        return read_csv(path, csv or CsvFormat(delimiter="\t" if suffix == ".tsv" else ","))
-    if suffix == ".parquet":
-        return read_parquet(path)
-    if suffix == ".mat":
-        return read_mat(path)
-    if suffix == ".mcap":
-        return read_mcap(path)
-    raise LogError(
-        f"{path}: {suffix or 'a file without ending'} is not read; allowed: .csv .txt .tsv .parquet .mat .mcap"
-    )
+    if suffix in _TEXT_FILES:
+        return read_csv(path, csv or CsvFormat(delimiter=_TEXT_FILES[suffix]))
+    if suffix in _READERS:
+        return _READERS[suffix](path)
+    allowed = " ".join((*_TEXT_FILES, *_READERS))
+    raise LogError(f"{path}: {suffix or 'a file without ending'} is not read; allowed: {allowed}")
 
 
 def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, list[LogFinding]]:
@@ -103,7 +103,10 @@ def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, l
     held = []
     for name, source in mapping.columns.items():
         if source.from_ is not None and source.from_ not in foreign.columns and source.from_ not in foreign.unreadable:
-            findings.append(_absent(foreign, name, source.from_))
+            there = ", ".join(foreign.columns)
+            findings.append(
+                LogFinding(name, None, f"left out: the file has no column {source.from_!r}; it has {there}")
+            )
             continue
         columns[name], other_times = _column(foreign, mapping, name, source, time, findings)
         if other_times:
@@ -152,7 +155,10 @@ def _column(
     if not mapping.sparse or sample_time.size < time.size:
         findings += gap_findings(sample_time, name)
         findings += nan_findings(sample_time, name, values)
-        findings += _stale_end(name, time, sample_time)
+        age = float(time[-1] - sample_time[-1])
+        if age > GAP_FACTOR * float(np.median(np.diff(sample_time))):
+            late = f"no sample in the last {age:.3g} s of the log, the value is held"
+            findings.append(LogFinding(name, float(sample_time[-1]), late))
     return hold_last(time, sample_time, values), True
 
 
@@ -172,10 +178,6 @@ def _unwrapped(angle: FloatArray) -> FloatArray:
     return result
 
 
-def _absent(foreign: ForeignLog, name: str, wanted: str) -> LogFinding:
-    return LogFinding(name, None, f"left out: the file has no column {wanted!r}; it has {', '.join(foreign.columns)}")
-
-
 def _unused(foreign: ForeignLog, mapping: Mapping) -> list[LogFinding]:
     used = {mapping.time.from_, *foreign.time_of.values()}
     used |= {part for source in mapping.columns.values() for part in (source.from_, source.time) if part}
@@ -184,15 +186,6 @@ def _unused(foreign: ForeignLog, mapping: Mapping) -> list[LogFinding]:
     if unused:
         found.append(LogFinding("", None, f"columns of the file that are not in the mapping: {', '.join(unused)}"))
     return found
-
-
-def _stale_end(name: str, time: FloatArray, sample_time: FloatArray) -> list[LogFinding]:
-    age = float(time[-1] - sample_time[-1])
-    if age <= GAP_FACTOR * float(np.median(np.diff(sample_time))):
-        return []
-    return [
-        LogFinding(name, float(sample_time[-1]), f"no sample in the last {age:.3g} s of the log, the value is held")
-    ]
 
 
 def _without_empty(columns: dict[str, FloatArray]) -> tuple[dict[str, FloatArray], list[LogFinding]]:
@@ -232,11 +225,7 @@ def _scenario(mapping: Mapping) -> dict[str, Any]:
         return {}
     base, settings = mapping.scenario.base, list(mapping.scenario.set)
     if mapping.kind not in RIG_KINDS:
-        from aerodima.workbench.config.scenario import load_scenario
-
-        return load_scenario(base, settings).model_dump(mode="json", by_alias=True)
-    from aerodima.workbench.config.rig_scenario import load_rig_scenario
-
+        return load_scenario(base, settings).resolved()
     resolved = load_rig_scenario(base, settings).resolved()
     return {key: value for key, value in resolved.items() if key not in ("experiment", "schema", "name", "seed")}
 

@@ -29,19 +29,9 @@ RATE_OF = {
     "imu_gyro_z_rad_per_s": "imu_yaw_rad",
 }
 """Rate column to the angle that it is the derivative of (for the IMU: while the car is level)."""
-_MOST_LISTED = 3
-_TWO_PI = 2.0 * np.pi
-_LARGEST_OF_UNIT = {"rad/s": 60.0, "A": 60.0, "N": 500.0, "N m": 100.0, "m/s": 60.0, "m/s2": 300.0, "rad": 100.0}
-_WITHIN_A_TURN = (
-    "angle_rad",
-    "imu_roll_rad",
-    "imu_pitch_rad",
-    "roll_estimate_rad",
-    "tail_pitch_angle_rad",
-    "tail_roll_angle_rad",
-    "steering_command_rad",
-)
-_LARGEST_OF_COLUMN = dict.fromkeys(_WITHIN_A_TURN, 1.05 * _TWO_PI)
+_LARGEST_OF_UNIT = {"rad/s": 60.0, "A": 60.0, "N": 500.0, "N m": 100.0, "m/s": 60.0, "m/s2": 300.0, "rad": 2.1 * np.pi}
+"""Largest plausible magnitudes. An angle stays within a turn, apart from `_TURNING`."""
+_TURNING, _LARGEST_TURNED = ("yaw", "sail"), 100.0
 _MEASURED = ("angle", "angular_velocity", "current", "force_", "torque_", "imu_", "tail_", "speed")
 
 
@@ -61,19 +51,13 @@ class LogFinding:
 
 
 def gap_findings(time: FloatArray, column: str = TIME) -> list[LogFinding]:
-    """Steps longer than 1.5 median steps; the first few each, the rest as a number."""
+    """Steps longer than 1.5 median steps: the first of them, and how many follow."""
     steps, wide = np.diff(time), gaps_in(time)
-    found = [
-        LogFinding(
-            column,
-            float(time[at]),
-            f"gap of {steps[at]:.6g} s, about {round(steps[at] / np.median(steps)) - 1} samples lost",
-        )
-        for at in wide[:_MOST_LISTED]
-    ]
-    if wide.size > _MOST_LISTED:
-        found.append(LogFinding(column, float(time[wide[_MOST_LISTED]]), f"{wide.size - _MOST_LISTED} further gap(s)"))
-    return found
+    if not wide.size:
+        return []
+    step, further = steps[wide[0]], f"; {wide.size - 1} further gap(s)" if wide.size > 1 else ""
+    lost = f"gap of {step:.6g} s, about {round(step / np.median(steps)) - 1} samples lost"
+    return [LogFinding(column, float(time[wide[0]]), lost + further)]
 
 
 def nan_findings(time: FloatArray, column: str, values: FloatArray) -> list[LogFinding]:
@@ -96,14 +80,9 @@ def table_findings(table: pd.DataFrame, kind: str = "") -> list[LogFinding]:
         values = table[name].to_numpy(dtype=np.float64)
         found += nan_findings(time, name, values)
         finite = values[np.isfinite(values)]
-        still = kind == "static" and name.startswith("ang")  # an encoder counts whole steps: a held angle is constant
-        if (
-            name.startswith(_MEASURED)
-            and "_command_" not in name
-            and not still
-            and finite.size > 1
-            and np.ptp(finite) == 0.0
-        ):
+        held = kind == "static" and name.startswith("ang")  # an encoder counts whole steps: a held angle is constant
+        changes = name.startswith(_MEASURED) and "_command_" not in name and not held
+        if changes and finite.size > 1 and np.ptp(finite) == 0.0:
             found.append(LogFinding(name, None, f"constant, {finite[0]:g} in every row: is the sensor connected?"))
     return found
 
@@ -127,7 +106,8 @@ def refuse_implausible(
             "Is the unit of the times right?"
         )
     for name in table.columns:
-        limit = largest.get(name) or _LARGEST_OF_COLUMN.get(name) or _LARGEST_OF_UNIT.get(units.get(name, ""))
+        turns = units.get(name) == "rad" and any(word in name for word in _TURNING)
+        limit = largest.get(name) or (_LARGEST_TURNED if turns else _LARGEST_OF_UNIT.get(units.get(name, "")))
         values = np.abs(table[name].to_numpy(dtype=np.float64))
         if limit is None or not np.any(values > limit):
             continue

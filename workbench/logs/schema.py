@@ -170,21 +170,21 @@ def run_metadata(
     }
 
 
-def software_versions() -> dict[str, str]:
-    """Versions that a run depends on; read from the installed distributions, so Drake is not imported."""
+@cache
+def _versions() -> dict[str, str]:
+    """Looked up once in a process: one that is read from its distribution takes 1 ms."""
     versions = {"python": platform.python_version(), "numpy": np.__version__}
     for key, distribution in (("project", "aerodima-workbench"), ("drake", "drake")):
-        versions[key] = _installed(distribution) or "not installed"
+        try:
+            versions[key] = distribution_metadata.version(distribution)
+        except distribution_metadata.PackageNotFoundError:
+            versions[key] = "not installed"
     return versions
 
 
-@cache
-def _installed(distribution: str) -> str | None:
-    """Its version, None if it is not there; looked up once in a process, since that takes 1 ms."""
-    try:
-        return distribution_metadata.version(distribution)
-    except distribution_metadata.PackageNotFoundError:
-        return None
+def software_versions() -> dict[str, str]:
+    """Versions that a run depends on; read from the installed distributions, so Drake is not imported."""
+    return dict(_versions())
 
 
 def run_log_from_metadata(table: pd.DataFrame, metadata: Mapping[str, Any], source: str = "") -> RunLog:

@@ -58,14 +58,12 @@ class PublishedValues:
         platform: `simulated` or `physical`.
         configuration: `tailless` or `tailed`.
         metrics: the eight metrics; the roll integral in rad is the printed sum times the inferred sample time.
-        roll_sum_as_printed: the printed sum of roll-rate samples; it carries no time step (ERRATA E35), rad/s.
         source: the table it stands in.
     """
 
     platform: Platform
     configuration: str
     metrics: TurnMetrics
-    roll_sum_as_printed: float
     source: str
 
     @property
@@ -105,13 +103,11 @@ def metric_column(metric: str, platform: str) -> str:
 
 
 def _figures(row: dict[str, str]) -> PublishedValues:
-    printed = float(row[_ROLL_SUM])
     direct = {field.name: float(row[field.name]) for field in fields(TurnMetrics) if field.name in row}
     return PublishedValues(
         platform=row["platform"],  # type: ignore[arg-type]  # the file holds these two
         configuration=row["configuration"],
-        metrics=TurnMetrics(**direct, roll_integral_rad=printed * SAMPLE_TIMES[row["platform"]]),
-        roll_sum_as_printed=printed,
+        metrics=TurnMetrics(**direct, roll_integral_rad=float(row[_ROLL_SUM]) * SAMPLE_TIMES[row["platform"]]),
         source=row["source_table"],
     )
 

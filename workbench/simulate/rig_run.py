@@ -1,7 +1,6 @@
 """From a rig scenario to a log: static hold, flick, free bar swing, robot swing."""
 
 from pathlib import Path
-from typing import Any
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
@@ -17,7 +16,6 @@ from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.sensors.rig_sensors import force_errors
 from aerodima.workbench.simulate.car_run import Check, LiveView
 from aerodima.workbench.stations.rig_station import (
-    RigInterfaceFactory,
     known_truth,
     make_rig_station,
     rig_log_metadata,
@@ -35,7 +33,6 @@ def run_rig(
     log: str | Path | None,
     *,
     force: bool = False,
-    interface: RigInterfaceFactory | None = None,
     view: LiveView | None = None,
 ) -> RunLog:
     """Runs the experiment of a scenario; its log is in the rig schema. See `simulate`.
@@ -44,7 +41,6 @@ def run_rig(
         scenario: resolved rig scenario.
         log: the Parquet file to be; None keeps the log in memory.
         force: replace an existing log.
-        interface: None simulates; a factory (from `hardware`) talks to the robot-tail rig.
         view: of a swing.
 
     Raises:
@@ -54,13 +50,10 @@ def run_rig(
         held = simulate_static_log(scenario)
         return held if log is None else read_run_log(write_run_log(held, log, force=force))
     view = view or LiveView()
-    builder, station = assemble_rig(scenario, interface, view.meshcat)
+    builder, station = assemble_rig(scenario, view.meshcat)
     signals = signals_of({**RIG_PORTS, **RIG_TRUTH}, output_ports(station))
-    facts: dict[str, Any] = {}
-    if interface is None:
-        facts["truth"] = known_truth(scenario)
-        facts["bias"] = force_errors(scenario.force_sensor, sensor_offsets(scenario), scenario.seed).bias.tolist()
-    metadata = rig_log_metadata(scenario, **facts)
+    errors = force_errors(scenario.force_sensor, sensor_offsets(scenario), scenario.seed)
+    metadata = rig_log_metadata(scenario, truth=known_truth(scenario), bias=errors.bias.tolist())
     with open_log(log, recorded_columns(signals), metadata, force) as rows:
         RunRecorder.add_to_builder(builder, rows, signals, scenario.simulation.log_rate, with_samples=True)
         simulator = Simulator(builder.Build())
@@ -71,12 +64,10 @@ def run_rig(
     return rows.run_log()
 
 
-def assemble_rig(
-    scenario: RigScenario, interface: RigInterfaceFactory | None = None, meshcat: Meshcat | None = None
-) -> tuple[DiagramBuilder, Diagram]:
+def assemble_rig(scenario: RigScenario, meshcat: Meshcat | None = None) -> tuple[DiagramBuilder, Diagram]:
     """Station and the controller of the experiment, connected; the controller stands outside the station."""
     builder = DiagramBuilder()
-    station = make_rig_station(scenario, interface, meshcat)
+    station = make_rig_station(scenario, meshcat=meshcat)
     builder.AddSystem(station)
     rig, experiment = Rig(scenario), scenario.experiment
     if scenario.is_robot:

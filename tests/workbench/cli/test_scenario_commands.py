@@ -1,12 +1,10 @@
-"""`aerodima models diagram` and `aerodima models export`."""
+"""`aerodima models export`."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
 from pathlib import Path
-
-import pytest
 
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 
@@ -25,28 +23,6 @@ def test_export_to_a_file_is_not_overwritten(call: Callable, refused: Callable, 
     before = out.read_text()
     assert "--force" in refused("models", "export", "turn_swing", "--out", out)
     assert out.read_text() == before
-
-
-def test_diagram_as_text_names_the_parts(call: Callable, tmp_path: Path) -> None:
-    out = tmp_path / "car.dot"
-    assert call("models", "diagram", "turn_swing", "--out", out).exit_code == 0
-    text = out.read_text()
-    for part in ("car_station", "tail_controller", "driver", "roll_estimator"):
-        assert part in text
-
-
-def test_diagram_falls_back_to_text_without_graphviz(
-    call: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
-    result = call("models", "diagram", "turn_none", "--out", tmp_path / "car.svg")
-    assert result.exit_code == 0, result.output
-    assert (tmp_path / "car.dot").read_text().startswith("digraph")
-    assert not (tmp_path / "car.svg").exists()
-
-
-def test_diagram_refuses_other_endings(refused: Callable, tmp_path: Path) -> None:
-    assert ".jpeg" in refused("models", "diagram", "turn_none", "--out", tmp_path / "car.jpeg")
 
 
 def test_unknown_scenario_names_the_nearest(refused: Callable) -> None:
