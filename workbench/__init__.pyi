@@ -42,7 +42,7 @@ from .plants.tail_geometry import TailArm as TailArm
 from .plants.tail_geometry import TailGeometry as TailGeometry
 from .replay.observed_run import observe as observe
 from .replay.strip import strip_figure as strip_figure
-from .report.demo_chapters import plot_courses as plot_courses
+from .report.demo import plot_courses as plot_courses
 from .report.notebook_cells import live_frame as live_frame
 from .report.notebook_cells import sliders as sliders
 from .report.short_turn import load_short_turn as load_short_turn

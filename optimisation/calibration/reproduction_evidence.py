@@ -34,8 +34,8 @@ from aerodima.optimisation.sweep.study_engine import RunEngine
 from aerodima.workbench.batch.row_store import ProgressLine
 from aerodima.workbench.config.ensemble import Member, weighted_quantiles
 from aerodima.workbench.config.scenario import load_parameter_entries
-from aerodima.workbench.figures.figure_style import MODE_STYLES
 from aerodima.workbench.metrics.published_values import flip_bracket, published_values
+from aerodima.workbench.metrics.run_summary import MODE_WORDS
 from aerodima.workbench.report.report_page import Finding, Part, Section, Table
 
 Verdict = Literal["reproduced", "direction only", "not reproduced", "not computable"]
@@ -281,8 +281,7 @@ def survival_section(found: pd.DataFrame) -> Section:
     """The table as a part of the page: survived share, clean share in brackets."""
     said = [f"{row['survived']:.0%} ({row['clean']:.0%})" for row in found.to_dict("records")]
     cells = [
-        (MODE_STYLES[mode].words, *said[place * len(SPEEDS) : (place + 1) * len(SPEEDS)])
-        for place, mode in enumerate(MODES)
+        (MODE_WORDS[mode], *said[place * len(SPEEDS) : (place + 1) * len(SPEEDS)]) for place, mode in enumerate(MODES)
     ]
     worst = int(found["members_tipped_before_turn"].max())
     parts: list[Part] = [

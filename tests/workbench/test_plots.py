@@ -1,6 +1,5 @@
 """Figures: units on every axis, the turn where it was, runs told apart without colour, the same bytes every time."""
 
-import itertools
 import re
 from collections.abc import Callable
 from typing import Any
@@ -12,18 +11,10 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.figures.comparison_figures import plot_metrics, plot_outcomes
-from aerodima.workbench.figures.figure_style import MODE_STYLES, TURN_SHADE, png
+from aerodima.workbench.figures.figure_style import TURN_SHADE, png
 from aerodima.workbench.figures.run_figures import plot_turn
 from aerodima.workbench.logs.schema import RunLog
 from tests.workbench.made_up_runs import made_up_run
-from tests.workbench.made_up_summaries import made_up_summary
-
-SUMMARIES = [
-    made_up_summary(mode, speed, result="flipped" if mode == "none" and speed > 3.5 else "survived")
-    for mode in ("none", "held", "swing")
-    for speed in (3.33, 3.61, 3.89)
-]
 
 
 def _axes_with_data(figure: Figure) -> list[Any]:
@@ -33,8 +24,6 @@ def _axes_with_data(figure: Figure) -> list[Any]:
 FIGURES: dict[str, Callable[[dict[str, RunLog]], Figure]] = {
     "turn, no tail": lambda runs: plot_turn(runs["none"]),
     "turn, swing": lambda runs: plot_turn(runs["swing"], "swing"),
-    "outcomes": lambda runs: plot_outcomes(SUMMARIES),
-    "metrics": lambda runs: plot_metrics(SUMMARIES),
 }
 
 
@@ -53,8 +42,7 @@ def test_every_axis_names_its_unit(figures: dict[str, Figure], name: str) -> Non
         x = [other.get_xlabel() for other in shared_x] + [below]
         y = [other.get_ylabel() for other in shared_y]
         assert any(re.search(r"\[.+\]", label) for label in x), (name, x)
-        if name != "outcomes":  # its rows are tail modes, written out
-            assert any(re.search(r"\[.+\]", label) for label in y), (name, y)
+        assert any(re.search(r"\[.+\]", label) for label in y), (name, y)
 
 
 @pytest.mark.parametrize("name", ["turn, no tail", "turn, swing"])
@@ -66,39 +54,6 @@ def test_the_turn_is_shaded_from_steering_command_to_straight_wheels(figures: di
         (shade,) = [patch for patch in axes.patches if to_hex(patch.get_facecolor()) == TURN_SHADE]
         left, right = shade.get_x(), shade.get_x() + shade.get_width()
         assert (left, right) == pytest.approx((2.0, 2.64))
-
-
-def test_modes_differ_in_marker_and_line_not_only_in_colour() -> None:
-    for a, b in itertools.combinations(MODE_STYLES.values(), 2):
-        assert a.marker != b.marker
-        assert a.line != b.line
-        assert a.colour != b.colour
-
-
-def test_outcomes_have_symbols_of_their_own() -> None:
-    runs = [
-        made_up_summary("none", 3.0),
-        made_up_summary("none", 4.0, touched=("board",)),
-        made_up_summary("none", 5.0, result="flipped"),
-    ]
-    figure = plot_outcomes(runs)
-    marks = {float(line.get_xdata()[0]): line for line in figure.get_axes()[0].get_lines()}
-    assert marks[3.0].get_marker() == marks[4.0].get_marker() == "o"
-    assert marks[5.0].get_marker() == "X"
-    assert marks[4.0].get_markerfacecolor() == "white"
-    assert marks[3.0].get_markerfacecolor() != "white"
-
-
-def test_stars_stand_at_the_published_figures() -> None:
-    published = {
-        "simulated": {(3.30, 2.17), (4.36, 1.24)},
-        "physical": {(3.37, 1.91), (6.10, 1.98)},
-    }  # Tables 7.1 to 7.4
-    for platform, expected in published.items():
-        drawn = plot_metrics(SUMMARIES, platform).get_axes()
-        axes = next(a for a in drawn if a.get_ylabel().startswith("largest yaw rate"))
-        stars = {(float(s.get_xdata()[0]), float(s.get_ydata()[0])) for s in axes.get_lines() if s.get_marker() == "*"}
-        assert stars == expected
 
 
 def test_angles_are_drawn_in_degrees() -> None:
@@ -117,7 +72,8 @@ def test_a_log_of_the_real_car_is_drawn_without_truth() -> None:
 
 def test_equal_figures_have_equal_bytes_and_settings_outside_stay() -> None:
     before = dict(matplotlib.rcParams)
-    assert png(plot_outcomes(SUMMARIES)) == png(plot_outcomes(SUMMARIES))
+    run = made_up_run(tail_mode="none")
+    assert png(plot_turn(run)) == png(plot_turn(run))
     assert dict(matplotlib.rcParams) == before
 
 

@@ -13,7 +13,7 @@ from jinja2 import UndefinedError
 from aerodima.workbench.figures.figure_style import new_figure
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.run_summary import summarise
-from aerodima.workbench.report.demo_chapters import RunFiles, provenance, thesis_turn_chapter
+from aerodima.workbench.report.demo import DemoRun, provenance, thesis_turn_chapter
 from aerodima.workbench.report.report_page import (
     Bullets,
     Finding,
@@ -107,13 +107,11 @@ def test_files_of_a_folder_are_all_made_before_any_is_written(tmp_path: Path) ->
 def chapters(standard_runs: dict[str, RunLog]) -> str:
     logs = {f"{mode}_3.33": run for mode, run in standard_runs.items()}
     summaries = [summarise(run, name) for name, run in logs.items()]
-    files = RunFiles(
-        summary="summary.csv",
-        logs={name: f"logs/{name}.parquet" for name in logs},
-        replays={"swing_3.33": "replay_swing_3.33.html"},
-        strips={"swing_3.33": "strip_swing_3.33.png"},
-    )
-    return Page("Turns", "", (thesis_turn_chapter(summaries, files), provenance(logs, files))).html()
+    made = {
+        name: DemoRun(name, run.scenario, Path(run.source), Path("replay.html"))
+        for name, run in logs.items()
+    }
+    return Page("Turns", "", (thesis_turn_chapter(summaries), provenance(made, "summary.csv"))).html()
 
 
 def test_the_page_is_well_formed_and_needs_no_network(chapters: str) -> None:

@@ -64,7 +64,6 @@ def tail(
     scenario: ScenarioOption = "turn_swing",
     settings: Settings = None,
     out: Annotated[Path | None, typer.Option(help="Picture (png, svg, pdf): sections, normals, axis, centres.")] = None,
-    html: Annotated[Path | None, typer.Option(help="The tail in Meshcat as one HTML file.")] = None,
     save: Annotated[Path | None, typer.Option(help="Write the tail as a tail file.")] = None,
     force: Force = False,
 ) -> None:
@@ -75,7 +74,7 @@ def tail(
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.plants.tail import read_tail, tail_geometry, write_tail
 
-    for path in (out, html, save):
+    for path in (out, save):
         if path is not None:
             refuse_existing(path, force, UserError)
     if out is not None:
@@ -90,11 +89,6 @@ def tail(
         from aerodima.workbench.figures.model_figures import plot_tail
 
         _write_picture(plot_tail(geometry), out, force)
-    if html is not None:
-        from aerodima.workbench.replay.tail_drawing import tail_page
-
-        write_atomically(html, tail_page(geometry), force, UserError)
-        typer.echo(f"Meshcat: {html}")
 
 
 PICTURES = (".png", ".svg", ".pdf")

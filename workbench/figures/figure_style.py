@@ -1,18 +1,14 @@
 """One look for all figures: colours, markers, lines, the shaded turn, files."""
 
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-
-if TYPE_CHECKING:
-    from aerodima.workbench.metrics.run_summary import RunSummary
 
 # Okabe and Ito's palette, made to be told apart with any colour vision.
 BLACK, BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = (
@@ -47,34 +43,6 @@ RC: Any = {  # matplotlib's stubs name every key
     "savefig.facecolor": "white",
     "hatch.linewidth": 0.7,
 }
-
-
-@dataclass(frozen=True)
-class ModeStyle:
-    """How a tail mode is drawn: its name in words, colour, marker and line style."""
-
-    words: str
-    colour: str
-    marker: str
-    line: Any
-
-
-MODE_STYLES = {
-    "none": ModeStyle("no tail", BLACK, "o", "-"),
-    "held": ModeStyle("tail held", BLUE, "s", (0, (5, 2))),
-    "swing": ModeStyle("tail swings", VERMILION, "^", (0, (5, 1.5, 1, 1.5))),
-    "designed": ModeStyle("designed tail swings", SKY, "v", (0, (3, 1))),
-    "optimised": ModeStyle("optimised swing", GREEN, "D", (0, (1, 1))),
-}
-
-
-def modes_of(summaries: "Iterable[RunSummary]") -> list[str]:
-    """Tail modes of these runs, in the order of `MODE_STYLES`."""
-    present = {summary.tail_mode for summary in summaries}
-    return [mode for mode in MODE_STYLES if mode in present]
-
-
-FLIPPED_MARKER = "X"
 
 
 @contextmanager

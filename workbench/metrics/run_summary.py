@@ -187,6 +187,16 @@ class RunSummary:
         return {f"{cause}_impulse_window_n_m_s": None if found is None else getattr(found, cause) for cause in CAUSES}
 
 
+MODE_WORDS = {
+    "none": "no tail",
+    "held": "tail held",
+    "swing": "tail swings",
+    "designed": "designed tail swings",
+    "optimised": "optimised swing",
+}
+"""Tail mode -> how it is named on pages, in the order of tables."""
+
+
 def tail_mode_of(scenario: Mapping[str, Any]) -> str:
     """What the tail does in a resolved scenario: `none`, `held`, `swing`, or a swing that is not the published one.
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.figures.figure_style import MODE_STYLES
 from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, TAIL_LAW, RunLog
 from aerodima.workbench.metrics.run_summary import (
+    MODE_WORDS,
     plant_air,
     plant_outcome,
     plant_speed,
@@ -51,7 +51,7 @@ def caption_of(run_log: RunLog) -> Caption:
     """The caption of a run of the car that has a resolved scenario, or of another plant."""
     if run_log.kind == PLANT_RUN:
         return _caption_of_plant(run_log)
-    manoeuvre, tail = run_log.scenario["manoeuvre"], MODE_STYLES[tail_mode_of(run_log.scenario)].words
+    manoeuvre, tail = run_log.scenario["manoeuvre"], MODE_WORDS[tail_mode_of(run_log.scenario)]
     if TAIL_LAW in run_log.extra:
         tail = f"tail law {run_log.extra[TAIL_LAW]}"
     speed = float(manoeuvre["speed"])

@@ -1,23 +1,45 @@
 """The demo: the short turn of four cars and the thesis' own turn, with logs, table, replays and page in one folder."""
 
+import json
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from aerodima.workbench.atomic_write import make_folder
 from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
 from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, RowStore, saying_how_to_go_on, silent
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import LogError, UserError
-from aerodima.workbench.figures.figure_style import MODE_STYLES
+from aerodima.workbench.figures.figure_style import BLACK, BLUE, GREY, new_figure, styled
 from aerodima.workbench.logs.journal import journal_path
 from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versions
-from aerodima.workbench.metrics.run_summary import KM_PER_H, RunSummary, summarise
-from aerodima.workbench.report.report_page import Page, Section, write_files
-from aerodima.workbench.report.short_turn import load_short_turn
+from aerodima.workbench.metrics.published_values import TurnMetrics, flip_bracket
+from aerodima.workbench.metrics.run_summary import MODE_WORDS, RunSummary, published_for, summarise
+from aerodima.workbench.metrics.turn_course import turn_course
+from aerodima.workbench.metrics.turn_metrics import outcome_of
+from aerodima.workbench.replay.captions import outcome_in_words
+from aerodima.workbench.report.replay_page import replays_in_step, write_replay_html
+from aerodima.workbench.report.report_page import (
+    Folded,
+    Link,
+    Page,
+    Part,
+    Plot,
+    Preformatted,
+    Section,
+    Table,
+    metric_name,
+    metric_unit,
+    percent,
+    write_files,
+)
+from aerodima.workbench.report.short_turn import PULSE, Entry, ShortTurn, load_short_turn
 
 DEMO_SCHEMA = "aerodima/demo/2"
 PAGE, SUMMARY, MARK, FINISHED = "index.html", "summary.csv", "demo.json", "finished"
@@ -31,17 +53,15 @@ class DemoPlan:
     Args:
         speeds: commanded, m/s.
         tail_modes: of `none`, `held`, `swing`, `designed`; scenarios `turn_<mode>`.
-        shown: (tail mode, speed) of the runs with replay and strip.
+        shown: (tail mode, speed) of the runs with a replay.
         seed: of every run.
-        settings: overrides of every scenario, such as `manoeuvre.duration=3.0`.
         opening: whether the page begins with the short turn of the shipped table, four runs more.
     """
 
-    speeds: tuple[float, ...] = tuple(whole / KM_PER_H for whole in (12, 13, 16, 17))
+    speeds: tuple[float, ...] = tuple(whole / 3.6 for whole in (12, 13, 16, 17))
     tail_modes: tuple[str, ...] = ("none", "swing")
-    shown: tuple[tuple[str, float], ...] = (("none", 13 / KM_PER_H), ("swing", 16 / KM_PER_H))
+    shown: tuple[tuple[str, float], ...] = (("none", 13 / 3.6), ("swing", 16 / 3.6))
     seed: int = 1
-    settings: tuple[str, ...] = ()
     opening: bool = True
 
 
@@ -53,22 +73,20 @@ class DemoRun:
         name: tail mode and speed in m/s.
         scenario: resolved.
         log: Parquet file.
-        replay: HTML file; None for a run that is not shown in full.
-        strip: PNG file; None likewise.
+        replay: HTML file; None for a run that has none of its own.
         opening: whether it is of the short turn, not of the published one.
     """
 
     name: str
     scenario: dict[str, Any]
     log: Path
-    replay: Path | None
-    strip: Path | None
+    replay: Path | None = None
     opening: bool = False
 
     @property
     def files(self) -> list[Path]:
         """Everything that is made of the run."""
-        return [path for path in (self.log, self.replay, self.strip) if path is not None]
+        return [self.log] if self.replay is None else [self.log, self.replay]
 
 
 def make_demo(
@@ -118,18 +136,11 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
     runs = []
     for mode in plan.tail_modes:
         for speed in plan.speeds:
-            settings = [f"manoeuvre.speed={speed!r}", f"seed={plan.seed}", *plan.settings]
+            settings = [f"manoeuvre.speed={speed!r}", f"seed={plan.seed}"]
             name = f"{mode}_{speed:.2f}"
-            shown = (mode, speed) in plan.shown
-            runs.append(
-                DemoRun(
-                    name=name,
-                    scenario=load_scenario(f"turn_{mode}", settings).resolved(),
-                    log=out / "logs" / f"turn_{name}.parquet",
-                    replay=out / f"replay_{name}.html" if shown else None,
-                    strip=out / f"strip_{name}.png" if shown else None,
-                )
-            )
+            scenario = load_scenario(f"turn_{mode}", settings).resolved()
+            replay = out / f"replay_{name}.html" if (mode, speed) in plan.shown else None
+            runs.append(DemoRun(name, scenario, out / "logs" / f"turn_{name}.parquet", replay))
     runs.sort(key=lambda run: run.replay is None)  # the longest pieces of work first
     return [*_short_turn_runs(out, plan.seed), *runs] if plan.opening else runs
 
@@ -141,12 +152,12 @@ def _short_turn_runs(out: Path, seed: int) -> list[DemoRun]:
     for one in table.entries.candidates:
         scenario = table.scenario(one.name, table.steering_deg).resolved() | {"seed": seed}
         log = out / "logs" / f"{one.name}.parquet"
-        runs.append(DemoRun(f"short turn, {one.name}", scenario, log, None, None, opening=True))
+        runs.append(DemoRun(f"short turn, {one.name}", scenario, log, opening=True))
     return runs
 
 
 def do_run(run: DemoRun) -> RunSummary:
-    """Makes log, replay and strip of a run as far as they are missing, and measures the run."""
+    """Makes log and replay of a run as far as they are missing, and measures the run."""
     if run.log.exists():
         try:
             log = read_run_log(run.log)
@@ -161,13 +172,7 @@ def do_run(run: DemoRun) -> RunSummary:
         journal_path(run.log).unlink(missing_ok=True)  # of a demo that was killed
         log = simulate(scenario_from_dict(run.scenario), run.log)
     if run.replay is not None and not run.replay.exists():
-        from aerodima.workbench.report.replay_page import write_replay_html
-
         write_replay_html(log, run.replay)
-    if run.strip is not None and not run.strip.exists():
-        from aerodima.workbench.replay.strip import write_strip
-
-        write_strip(log, run.strip)
     return summarise(log, run.name)
 
 
@@ -188,38 +193,190 @@ def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
 
 
 def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSummary]) -> None:
-    from aerodima.workbench.report.demo_chapters import RunFiles, provenance, thesis_turn_chapter
-
-    modes = list(MODE_STYLES)
     first = {run.log.stem: read_run_log(run.log) for run in runs if run.opening}
-    runs = [run for run in runs if not run.opening]
-    own = {run.name for run in runs}
+    thesis = {run.name: run for run in runs if not run.opening}
+    modes = list(MODE_WORDS)
     ordered = sorted(
-        (s for s in summaries if s.name in own), key=lambda s: (modes.index(s.tail_mode), s.commanded_speed)
+        (s for s in summaries if s.name in thesis), key=lambda s: (modes.index(s.tail_mode), s.commanded_speed)
     )
     numbers = pd.DataFrame([{"run": s.name, **s.as_row(), **s.impulses_row()} for s in ordered])
-
-    def beside(path: Path) -> str:
-        return path.relative_to(out).as_posix()
-
-    files = RunFiles(
-        summary=SUMMARY,
-        logs={run.name: beside(run.log) for run in runs},
-        replays={run.name: beside(run.replay) for run in runs if run.replay is not None},
-        strips={run.name: beside(run.strip) for run in runs if run.strip is not None},
-    )
-    last = (
-        thesis_turn_chapter(ordered, files),
-        provenance({run.name: read_run_log(run.log) for run in runs}, files),
-    )
-    write_files(out, {SUMMARY: numbers, PAGE: _page(first, last)})
-
-
-def _page(first: Mapping[str, RunLog], last: tuple[Section, ...]) -> Page:
-    """The page; `first` are the runs of the short turn, which come before the last chapters when there are any."""
+    sections = [thesis_turn_chapter(ordered), provenance(thesis, SUMMARY)]
     if not first:
-        return Page("The car turns, with and without its tail", "", last)
-    from aerodima.workbench.report.demo_chapters import lead_of, short_turn_chapter
+        page = Page("The car turns, with and without its tail", "", sections)
+    else:
+        lead = "Same car, floor, speed and steering; the tail is a larger one than was built."
+        page = Page("One turn, four cars", lead, [*short_turn_chapter(load_short_turn(), first), *sections])
+    write_files(out, {SUMMARY: numbers, PAGE: page})
 
-    table = load_short_turn()
-    return Page("One turn, four cars", lead_of(table, first), (*short_turn_chapter(table, first), *last))
+
+def short_turn_chapter(table: ShortTurn, run_logs: Mapping[str, RunLog]) -> tuple[Section, Section]:
+    """The replays with the case that they show, and how far each candidate turns in all cases.
+
+    Args:
+        table: what was measured.
+        run_logs: name of a candidate -> its run in the case that is shown, steered as the last one.
+    """
+    who = table.entries.candidates
+    car, speed, _ = table.shown
+    case = {
+        "car of the ensemble": car,
+        "speed [m/s]": f"{speed:g}",
+        "steered for [s]": f"{PULSE:g}",
+        "steering [deg]": f"{table.steering_deg:.1f}",
+        "friction of the floor": f"{table.row(who[0].name)['friction']:.2f}",
+        "gain of the last over the first": percent(table.gains[table.shown]),
+        "place of this gain": f"{list(table.gains.index).index(table.shown) + 1} of {len(table.gains)}",
+        "gains of all cases": f"{percent(table.gains.iloc[0])} to {percent(table.gains.iloc[-1])}",
+    }
+    shown = Section(
+        "Same car, same floor, same steering",
+        [
+            replays_in_step(
+                [run_logs[one.name] for one in who], [f"{one.words}: {_ending(run_logs[one.name])}" for one in who]
+            ),
+            Table(list(case), [list(case.values())]),
+        ],
+    )
+    bars = Plot(
+        plot_courses(table),
+        "Each with the steering that is best for it. Bar: median; band: least and largest; a dot per case, that of the "
+        "replay in black.",
+        "Course turned by a pulse of steering by each candidate, with its spread over the cases",
+    )
+    said = (
+        "The cases are in models/short_turn/cases.csv, made again by python -m tests.short_turn_table; "
+        "docs/short_turn.md says which runs count, and what the tail gains as it was built."
+    )
+    return shown, Section("How far each turns with its own best steering", [bars, _gain_table(table), said])
+
+
+def _ending(run_log: RunLog) -> str:
+    course = turn_course(run_log).course_change_rad
+    if outcome_of(run_log).result == "flipped":
+        return "rolls over"
+    return "stays upright" if course is None else f"turns {np.degrees(course):.0f}°"
+
+
+def _gain_table(table: ShortTurn) -> Table:
+    """Steering and course of each candidate in the case of the replay, and its gain over the first one in all cases."""
+    course = table.cases.pivot_table(
+        index=["car", "speed_m_per_s", "floor"], columns="candidate", values="course_change_rad"
+    )
+    gains = course.div(course[table.entries.candidates[0].name], axis=0) - 1.0
+    worst = gains.groupby(level="car").median().min()
+    rows = [
+        (one.words, f"{float(table.row(one.name)['steering_deg']):.1f}", f"{_course(table, one):.1f}",
+         percent(gains[one.name].median()), percent(worst[one.name]))
+        for one in table.entries.candidates
+    ]  # fmt: skip
+    return Table(
+        ("candidate", "best steering of this case [deg]", "course [deg]", "gain, median of the cases",
+         "gain, worst car"), rows,
+    )  # fmt: skip
+
+
+def _course(table: ShortTurn, one: Entry) -> float:
+    """With its own best steering in the case that is shown, degrees."""
+    return float(np.degrees(table.row(one.name)["course_change_rad"]))
+
+
+def plot_courses(table: ShortTurn) -> Figure:
+    """Course of each candidate: median, band over the cases, a dot for each."""
+    who = table.entries.candidates
+    with styled():
+        image, grid = new_figure(9.0, 1.0 + 0.55 * len(who))
+        axes = grid[0, 0]
+        for place, one in enumerate(reversed(who)):
+            own = table.cases[table.cases["candidate"] == one.name]
+            values = np.degrees(own["course_change_rad"].to_numpy(float))
+            median = float(np.median(values))
+            axes.barh(place, median, color=BLUE, height=0.5)
+            axes.barh(place, np.ptp(values), left=values.min(), color=BLUE, alpha=0.25, height=0.8)
+            axes.plot(values, np.full(values.size, place), ".", color=GREY)
+            axes.plot(_course(table, one), place, ".", color=BLACK, markersize=10)
+            axes.text(values.max() + 0.5, place, f"{median:.1f}°", va="center")
+        axes.set_yticks(range(len(who)), [one.words for one in reversed(who)])
+        axes.set_xlabel("course turned [deg]")
+    return image
+
+
+def thesis_turn_chapter(summaries: Sequence[RunSummary]) -> Section:
+    """Brackets of the flip, outcomes and metrics of the turn at full lock, beside those of the thesis."""
+    said = (
+        "Flipped: the body tilts beyond 75 degrees, or ends beyond 20 degrees with a wheel in the air. Clean: it "
+        "survived, and neither cage nor tail touched the ground, nor the anti-ramp board from the start of the turn on."
+    )
+    tables: list[Part] = [_bracket_table(summaries), _outcome_table(summaries), said, _metric_table(summaries)]
+    return Section("The thesis' own turn, at full steering lock", tables)
+
+
+def _bracket_table(summaries: Sequence[RunSummary]) -> Table:
+    rows = []
+    for mode, configuration in (("none", "tailless"), ("swing", "tailed")):
+        own = [s for s in summaries if s.tail_mode == mode]
+        survived = max((f"{s.commanded_speed:.2f}" for s in own if s.survived), default="–")
+        flipped = min((f"{s.commanded_speed:.2f}" for s in own if not s.survived), default="–")
+        published = flip_bracket(configuration)  # type: ignore[arg-type]  # mypy reads str
+        if own:
+            rows.append((MODE_WORDS[mode], survived, flipped, f"{published.survived:.2f}", f"{published.flipped:.2f}"))
+    header = ("tail", "survived up to [m/s]", "flipped from [m/s]", "published: survived", "published: flipped")
+    return Table(header, rows)
+
+
+def _outcome_table(summaries: Sequence[RunSummary]) -> Table:
+    header = ("speed [m/s]", "tail", "outcome", "peak roll [deg]", "mean yaw rate [rad/s]", "heading change [deg]",
+              "tail energy [J]")  # fmt: skip
+    rows = [
+        (
+            f"{s.commanded_speed:.2f}",
+            MODE_WORDS[s.tail_mode],
+            outcome_in_words(s.metrics.outcome),
+            f"{math.degrees(s.metrics.peak_roll_rad):.1f}" if s.survived else "–",
+            f"{s.metrics.raw.average_yaw_rate_rad_per_s:.2f}",
+            f"{math.degrees(s.metrics.heading_change_rad):.1f}" if s.survived else "–",
+            "–" if s.tail_mode == "none" or s.metrics.tail_energy_j is None else f"{s.metrics.tail_energy_j:.1f}",
+        )
+        for s in summaries
+    ]
+    return Table(header, rows, [place for place, s in enumerate(summaries) if not s.survived])
+
+
+def _metric_table(summaries: Sequence[RunSummary]) -> Folded:
+    """Metrics of the runs that the thesis made too; raw beside its simulation, filtered beside its car."""
+    rows = [
+        (run.name, row.source, platform, metric_name(one.name), metric_unit(one.name), f"{ours:.2f}",
+         f"{published:.2f}", percent(ours / published - 1.0))
+        for run in summaries
+        for platform, row in published_for(run).items()
+        for one in fields(TurnMetrics)
+        for ours, published in [(getattr(run.metrics.like(platform), one.name), getattr(row.metrics, one.name))]
+    ]  # fmt: skip
+    header = ("run", "published in", "platform", "metric", "unit", "this run", "published", "difference")
+    return Folded("Metrics beside the published ones", [Table(header, rows)])
+
+
+def provenance(runs: Mapping[str, DemoRun], summary: str) -> Section:
+    """Versions, seeds, files beside the page and the scenario of the first run: what the page was made of.
+
+    Args:
+        runs: name -> run, of at least one.
+        summary: file of the table of the runs.
+    """
+    logs = [read_run_log(run.log) for run in runs.values()]
+    versions = sorted({(name, version) for log in logs for name, version in log.versions.items()})
+    rows = [*versions, ("seed", ", ".join(map(str, sorted({log.seed for log in logs}))))]
+    rows += [("step of the plant", f"{logs[0].scenario['simulation']['step']:g} s")]
+    linked = [
+        (name, Link(f"logs/{run.log.name}", "log"), "" if run.replay is None else Link(run.replay.name, "replay"))
+        for name, run in runs.items()
+    ]
+    scenario = Preformatted(json.dumps(logs[0].scenario, indent=2, sort_keys=True))
+    return Section(
+        "Replays, logs and provenance",
+        [
+            ("Numbers of every run:", Link(summary)),
+            Table(("run", "log", "replay"), linked),
+            Table(("what", "value"), rows),
+            Folded(f"Resolved scenario of {next(iter(runs))}", [scenario]),
+        ],
+    )

@@ -33,13 +33,11 @@ class Entry(StrictModel):
         name: in the table.
         words: on the page.
         settings: of the scenario.
-        chosen: how its numbers were come by; empty when there are none.
     """
 
     name: str
     words: str
     settings: list[str]
-    chosen: str = ""
 
 
 class Entries(StrictModel):

@@ -77,7 +77,6 @@ def test_everything_is_there_and_the_page_links_only_to_it(made: Made) -> None:
         "summary.csv",
         "demo.json",
         "replay_swing_4.44.html",
-        "strip_swing_4.44.png",
         *(f"logs/turn_{name}.parquet" for name in NAMES),
     }
     page = (made.out / "index.html").read_text(encoding="utf-8")
@@ -158,10 +157,7 @@ def test_a_finished_demo_is_kept(made: Made) -> None:
     ("changed", "message"),
     [
         (DemoPlan(**(PLAN.__dict__ | {"seed": 2})), "of other parameters, settings or versions"),
-        (
-            DemoPlan(**(PLAN.__dict__ | {"settings": ("manoeuvre.duration=3.5",)})),
-            "of other parameters, settings or versions",
-        ),
+        (DemoPlan(**(PLAN.__dict__ | {"speeds": (3.0, 4.0)})), "of other parameters, settings or versions"),
     ],
 )
 def test_logs_of_another_demo_are_not_mixed_in(made: Made, tmp_path: Path, changed: DemoPlan, message: str) -> None:

@@ -17,7 +17,8 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.metrics.turn_course import turn_course
 from aerodima.workbench.report import short_turn
-from aerodima.workbench.report.demo_chapters import lead_of, plot_courses, short_turn_chapter
+from aerodima.workbench.report.demo import plot_courses, short_turn_chapter
+from aerodima.workbench.report.report_page import percent
 from aerodima.workbench.report.short_turn import ShortTurn, load_short_turn, turn_of
 from aerodima.workbench.simulate.simulation import simulate
 
@@ -79,27 +80,23 @@ def test_two_cells_come_out_again(table: ShortTurn, name: str, place: int, tmp_p
     assert course.exit_time_s == pytest.approx(row["exit_time_s"], abs=1e-9)
 
 
-def test_sentences_say_who_rolls_over_and_how_far_the_others_turn(
+@pytest.mark.slow
+def test_chapter_has_the_replays_their_case_the_bars_and_the_gains(
     table: ShortTurn, standard_runs: dict[str, Any]
 ) -> None:
-    logs = dict(zip((one.name for one in table.entries.candidates), standard_runs.values(), strict=True))
-    upright = lead_of(table, logs)
-    assert "Rolls over: nobody." in upright
-    tilted = logs["held"].table.assign(tilt_truth_rad=2.0)
-    over = lead_of(table, logs | {"held": replace(logs["held"], table=tilted)})
-    assert "Rolls over: tail held on the inside." in over
-
-
-@pytest.mark.slow
-def test_chapter_has_the_replays_a_sentence_each_and_the_bars(table: ShortTurn, standard_runs: dict[str, Any]) -> None:
     who = table.entries.candidates
     logs = dict(zip((one.name for one in who), standard_runs.values(), strict=True))
+    logs["held"] = replace(logs["held"], table=logs["held"].table.assign(tilt_truth_rad=2.0))
     shown, bars = short_turn_chapter(table, logs)
-    replays, finding, case = shown.parts
-    assert [run["name"].split(":")[0] for run in replays.values["runs"]] == [one.words for one in who]
-    assert [sentence.split(":")[0] for sentence in finding.parts[0].items] == [one.words for one in who]
-    assert f"number {(len(table.gains) + 1) // 2} from below among the {len(table.gains)}" in case
-    assert "in the median" in bars.parts[1]
+    replays, case = shown.parts
+    names = [run["name"] for run in replays.values["runs"]]
+    assert [name.split(":")[0] for name in names] == [one.words for one in who]
+    assert names[1].endswith(": rolls over")
+    assert f"{(len(table.gains) + 1) // 2} of {len(table.gains)}" in case.rows[0]
+    gains = bars.parts[1]
+    assert [row[0] for row in gains.rows] == [one.words for one in who]
+    assert gains.rows[0][3:] == ("+0 %", "+0 %")
+    assert gains.rows[-1][3] == percent(table.gains.median())
 
 
 def test_bars_are_the_medians(table: ShortTurn) -> None:
