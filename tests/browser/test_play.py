@@ -13,7 +13,7 @@ import pytest
 
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.replay.captions import caption_of
-from aerodima.workbench.replay.meshcat_controls import HEADING_NOW, SPEED, SPEED_NOW, STEERING, TIME_NOW
+from aerodima.workbench.replay.hand_drive import HEADING_NOW, SPEED, SPEED_NOW, STEERING, TIME_NOW
 
 pytestmark = pytest.mark.realtime
 

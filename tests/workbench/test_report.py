@@ -107,10 +107,7 @@ def test_files_of_a_folder_are_all_made_before_any_is_written(tmp_path: Path) ->
 def chapters(standard_runs: dict[str, RunLog]) -> str:
     logs = {f"{mode}_3.33": run for mode, run in standard_runs.items()}
     summaries = [summarise(run, name) for name, run in logs.items()]
-    made = {
-        name: DemoRun(name, run.scenario, Path(run.source), Path("replay.html"))
-        for name, run in logs.items()
-    }
+    made = {name: DemoRun(name, run.scenario, Path(run.source), Path("replay.html")) for name, run in logs.items()}
     return Page("Turns", "", (thesis_turn_chapter(summaries), provenance(made, "summary.csv"))).html()
 
 

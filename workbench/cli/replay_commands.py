@@ -47,8 +47,7 @@ def play(
 
     car = load_scenario(scenario, settings or ())
     from aerodima.workbench.cli.turn_commands import live_view
-    from aerodima.workbench.replay.hand_drive import drive_by_hand
-    from aerodima.workbench.replay.meshcat_controls import HELP, MeshcatControls
+    from aerodima.workbench.replay.hand_drive import HELP, MeshcatControls, drive_by_hand
 
     meshcat = live_view(port)
     typer.echo(HELP, err=True)
@@ -94,11 +93,11 @@ def replay(
 def _write_video(runs: list[Path], video: Path, start: float, rate: float, force: bool) -> None:
     from aerodima.workbench.cli.turn_commands import show_progress
     from aerodima.workbench.logs.schema import read_run_log
-    from aerodima.workbench.replay.video import Filmed, check_video, write_video
+    from aerodima.workbench.replay.video import check_video, write_video
 
     check_video(video, force)
     names = [name.replace("_", " ") for name in run_names(runs)]
-    filmed = [Filmed(name, read_run_log(path)) for name, path in zip(names, runs, strict=True)]
+    filmed = {name: read_run_log(path) for name, path in zip(names, runs, strict=True)}
     told = show_progress("frame", "")
     typer.echo(f"video: {write_video(filmed, video, force=force, rate=rate, progress=told, start=start)}")
 

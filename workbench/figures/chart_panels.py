@@ -41,10 +41,9 @@ def chart_panels(figure: Figure) -> dict[str, Any]:
         title, columns, keys (of the figure's legends), and cells: row, column and the panels one below the other.
 
     Raises:
-        NoChartError: the figure has an image, or words in the coordinates of the data.
+        NoChartError: the figure has an image, a twin axis, or words in the coordinates of the data.
     """
     cells: dict[tuple[int, int], dict[str, Any]] = {}
-    drawn: dict[Any, dict[str, Any]] = {}
     keys = [key for legend in figure.legends for key in _keys(legend)]
     shown = [axes for axes in figure.axes if axes.get_visible()]
     for axes in shown:
@@ -53,31 +52,17 @@ def chart_panels(figure: Figure) -> dict[str, Any]:
         if not axes.axison or place is None:
             keys += entries
             continue
-        twin = drawn.get(_span(place))
-        if twin is not None:
-            _add_right(twin, axes)
-            continue
-        drawn[_span(place)] = panel = _panel(axes, shown)
+        if any(other is not axes and other.get_subplotspec() is place for other in shown):
+            raise NoChartError("an axis to the right of another one cannot be drawn as a chart")
+        panel = _panel(axes, shown)
         known = {item["label"] for item in (*panel["series"], *keys)}
-        keys += [entry for entry in entries if entry["label"] not in known and not _has_twin(axes, shown)]
+        keys += [entry for entry in entries if entry["label"] not in known]
         top = place.get_topmost_subplotspec()
         where = (top.rowspan.start, top.colspan.start)
         cells.setdefault(where, {"row": where[0], "column": where[1], "panels": []})["panels"].append(panel)
     columns = 1 + max((column for _, column in cells), default=0)
     title = figure.get_suptitle()
     return {"title": title, "columns": columns, "keys": keys, "cells": [cells[where] for where in sorted(cells)]}
-
-
-def _span(place: Any) -> tuple[Any, ...]:
-    """What an axes and its twin have in common."""
-    return (id(place.get_gridspec()), place.num1, place.num2)
-
-
-def _has_twin(axes: Axes, shown: Sequence[Axes]) -> bool:
-    """Whether another axes lies over it, whose lines its legend names too."""
-    place = axes.get_subplotspec()
-    others = (other.get_subplotspec() for other in shown if other is not axes)
-    return place is not None and any(other is not None and _span(other) == _span(place) for other in others)
 
 
 def _panel(axes: Axes, shown: Sequence[Axes]) -> dict[str, Any]:
@@ -106,16 +91,7 @@ def _panel(axes: Axes, shown: Sequence[Axes]) -> dict[str, Any]:
         "height": max(_LEAST_HEIGHT, round(height)),
         "series": [_series(line, axes) for line in named],
         "shapes": list(_shapes(axes, named)),
-        "right": None,
     }
-
-
-def _add_right(panel: dict[str, Any], axes: Axes) -> None:
-    """Puts the lines of a twin into the panel, with a scale to the right."""
-    _refuse(axes)
-    lines = [line for line in axes.lines if _is_series(line, axes)]
-    panel["right"] = {"label": axes.get_ylabel(), "range": _numbers(axes.get_ylim())}
-    panel["series"] += [{**_series(line, axes), "right": True} for line in lines]
 
 
 def _refuse(axes: Axes) -> None:

@@ -1,6 +1,8 @@
 """Figures of one run over time, and of several over one another: what differs between them, signal by signal."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.figure_style import (
     BLACK,
@@ -28,14 +29,64 @@ from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, LowPass, low
 from aerodima.workbench.metrics.run_summary import of_plants, plant_air, plant_speed, plant_tilt
 from aerodima.workbench.metrics.turn_signals import turn_window
 
-_WHEEL_STYLES = {
-    "front_left": (BLUE, "-"),
-    "front_right": (VERMILION, "-"),
-    "rear_left": (SKY, (0, (4, 1.5))),
-    "rear_right": (ORANGE, (0, (4, 1.5))),
-}
 _BEFORE = 0.5
 """Shown before the turn, s."""
+_DASHED, _DOTTED, _SHORT = (0, (5, 2)), (0, (1, 1)), (0, (4, 1.5))
+
+
+@dataclass(frozen=True)
+class _Line:
+    """How a column is drawn: its name in the legend, colour and line, and the car's filter it is shown after."""
+
+    label: str
+    column: str
+    colour: str
+    line: Any = "-"
+    design: LowPass | None = None
+
+
+def _as_logged(column: str, design: LowPass) -> tuple[_Line, _Line]:
+    """The signal as logged, light, and its low pass, dark."""
+    return (
+        _Line("as logged", column, "#9a9a9a"),
+        _Line(f"filtered, {design.cutoff_hz:g} Hz", column, BLACK, "-", design),
+    )
+
+
+_SPEED_TRUTH = "speed over ground"
+"""In place of a column: made of two."""
+_TURN_PANELS: tuple[tuple[str, str, tuple[_Line, ...]], ...] = (
+    ("Yaw rate of the IMU", "yaw rate [rad/s]", _as_logged("imu_gyro_z_rad_per_s", IMU_FILTER)),
+    (
+        "Lateral acceleration of the IMU (to the left)",
+        "lateral acceleration [m/s²]",
+        _as_logged("imu_acceleration_y_m_per_s2", IMU_FILTER),
+    ),
+    (
+        "Speed of the GPS",
+        "speed [m/s]",
+        (*_as_logged("speed_m_per_s", GPS_FILTER), _Line("truth", _SPEED_TRUTH, GREEN, _DASHED)),
+    ),
+    (
+        "Roll of the body (to the right)",
+        "roll [deg]",
+        (
+            _Line("on-board estimate", "roll_estimate_rad", GREY),
+            _Line("truth", "roll_truth_rad", BLACK, _DASHED),
+        ),
+    ),
+    ("Tail roll (0 up, + to the right)", "tail roll [deg]", (_Line("angle", "tail_roll_angle_rad", BLACK),)),
+    (
+        "Wheel loads",
+        "vertical force [N]",
+        (
+            _Line("front left", "wheel_force_front_left_z_truth_n", BLUE),
+            _Line("front right", "wheel_force_front_right_z_truth_n", VERMILION),
+            _Line("rear left", "wheel_force_rear_left_z_truth_n", SKY, _SHORT),
+            _Line("rear right", "wheel_force_rear_right_z_truth_n", ORANGE, _SHORT),
+        ),
+    ),
+)
 
 
 def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
@@ -50,24 +101,25 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
         after: shown after the end of the turn, s.
 
     Raises:
-        LogError: a column is missing, or the log ends before the turn does.
+        LogError: the log ends before the turn does.
     """
     window = turn_window(run_log)
     if run_log.time[-1] < window[1] - 1e-6:
         raise LogError(f"{run_log.name}: ends at {run_log.time[-1]:g} s, before its turn does")
     with styled():
         figure, grid = new_figure(11.0, 7.6, 3, 2, sharex=True)
-        _plot_yaw_rate(grid[0, 0], run_log)
-        _plot_acceleration(grid[0, 1], run_log)
-        _plot_speed(grid[1, 0], run_log)
-        _plot_roll(grid[1, 1], run_log)
-        _plot_tail(grid[2, 0], run_log)
-        _plot_wheel_loads(grid[2, 1], run_log)
         start, end = max(run_log.time[0], window[0] - _BEFORE), min(run_log.time[-1], window[1] + after)
-        for axes in grid.flat:
+        for axes, (heading, label, lines) in zip(grid.flat, _TURN_PANELS, strict=True):
+            axes.set(ylabel=label, title=heading, xlim=(start, end))
             shade_turn(axes, window)
-            axes.set_xlim(start, end)
-            _fit_to_shown(axes, start, end)
+            for line in lines:
+                if (values := _values(run_log, line.column, line.design)) is not None:
+                    axes.plot(run_log.time, values, color=line.colour, linestyle=line.line, label=line.label)
+            if axes.get_lines():
+                _fit_to_shown(axes, start, end)
+                axes.legend(loc="upper left", ncols=4, columnspacing=1.0, handlelength=1.6)
+            else:
+                axes.text(0.5, 0.5, "not in this log", transform=axes.transAxes, ha="center", color=GREY)
         for axes in grid[-1]:
             axes.set_xlabel("time [s]   (shaded: the turn, steering command to straight wheels)")
         if title:
@@ -75,103 +127,32 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
     return figure
 
 
-def _plot_yaw_rate(axes: Axes, run_log: RunLog) -> None:
-    _raw_and_filtered(axes, run_log, "imu_gyro_z_rad_per_s", IMU_FILTER)
-    if run_log.scenario["tail"]["mode"] == "swing":
-        trigger = run_log.scenario["controller"]["trigger_yaw_rate"]
-        side = -1.0 if run_log.scenario["manoeuvre"]["direction"] == "right" else 1.0
-        axes.axhline(
-            side * trigger, color=GREEN, linestyle=(0, (1, 1)), linewidth=1.2, label=f"trigger {trigger:g} rad/s"
-        )
-    axes.set(ylabel="yaw rate [rad/s]", title="Yaw rate of the IMU")
-    axes.legend(loc="upper right")
+def _values(run_log: RunLog, column: str, design: LowPass | None = None) -> FloatArray | None:
+    """What is drawn of a column, shape (n,), angles in degrees; None where this run has none."""
+    if column == _SPEED_TRUTH:
+        return np.linalg.norm(run_log.vector("velocity", "truth_m_per_s")[:, :2], axis=1) if run_log.has_truth else None
+    if column not in run_log.table or (column.startswith("tail_") and not run_log.has_tail):
+        return None
+    values = run_log.signal(column)
+    if design is not None:
+        values = low_pass(run_log.time, values, design, column)
+    return np.degrees(np.unwrap(values)) if column.endswith("_rad") else values
 
 
-def _plot_acceleration(axes: Axes, run_log: RunLog) -> None:
-    _raw_and_filtered(axes, run_log, "imu_acceleration_y_m_per_s2", IMU_FILTER)
-    axes.set(ylabel="lateral acceleration [m/s²]", title="Lateral acceleration of the IMU (to the left)")
-    axes.legend(loc="upper right")
-
-
-def _plot_speed(axes: Axes, run_log: RunLog) -> None:
-    _raw_and_filtered(axes, run_log, "speed_m_per_s", GPS_FILTER)
-    if run_log.has_truth:
-        truth = np.hypot(run_log.signal("velocity_x_truth_m_per_s"), run_log.signal("velocity_y_truth_m_per_s"))
-        axes.plot(run_log.time, truth, color=GREEN, linestyle=(0, (5, 2)), label="truth")
-    axes.set(ylabel="speed [m/s]", title="Speed of the GPS")
-    axes.legend(loc="lower left", ncols=3)
-
-
-def _plot_roll(axes: Axes, run_log: RunLog) -> None:
-    time = run_log.time
-    estimate = np.degrees(np.unwrap(run_log.signal("roll_estimate_rad")))
-    axes.plot(time, estimate, color=GREY, linewidth=1.2, label="on-board estimate")
-    if run_log.has_truth:
-        roll = np.degrees(np.unwrap(run_log.signal("roll_truth_rad")))
-        axes.plot(time, roll, color=BLACK, linestyle=(0, (5, 2)), label="truth")
-    axes.set(ylabel="roll [deg]", title="Roll of the body (to the right)")
-    axes.legend(loc="upper left")
-
-
-def _plot_tail(axes: Axes, run_log: RunLog) -> None:
-    axes.set(ylabel="tail roll [deg]", title="Tail roll (0 up, + to the right)")
-    if not run_log.has_tail:
-        axes.text(0.5, 0.5, "this car has no tail", transform=axes.transAxes, ha="center", color=GREY)
-        axes.set_ylim(-100.0, 100.0)
-        return
-    axes.plot(run_log.time, np.degrees(run_log.signal("tail_roll_angle_rad")), color=BLACK, label="angle")
-    axes.set_ylim(-115.0, 115.0)
-    axes.set_yticks([-90.0, -45.0, 0.0, 45.0, 90.0])
-    torque = axes.twinx()
-    torque.plot(
-        run_log.time,
-        run_log.signal("tail_roll_torque_n_m"),
-        color=PURPLE,
-        linewidth=1.0,
-        linestyle=(0, (1, 1)),
-        label="torque",
-    )
-    torque.set_ylabel("roll motor torque [N m]", color=PURPLE)
-    torque.spines["right"].set_visible(True)
-    torque.grid(False)
-    lines = [*axes.get_lines(), *torque.get_lines()]
-    axes.legend(lines, [str(line.get_label()) for line in lines], loc="upper left", ncols=2)
-
-
-def _plot_wheel_loads(axes: Axes, run_log: RunLog) -> None:
-    axes.set(ylabel="vertical force [N]", title="Wheel loads")
-    if not run_log.has_truth:
-        axes.text(0.5, 0.5, "the car does not measure them", transform=axes.transAxes, ha="center", color=GREY)
-        return
-    for wheel in WHEELS:
-        colour, line = _WHEEL_STYLES[wheel]
-        load = run_log.signal(f"wheel_force_{wheel}_z_truth_n")
-        axes.plot(run_log.time, load, color=colour, linestyle=line, linewidth=1.2, label=wheel.replace("_", " "))
-    axes.legend(loc="upper left", ncols=4, columnspacing=1.0, handlelength=1.6)
-
-
-def _raw_and_filtered(axes: Axes, run_log: RunLog, column: str, design: LowPass) -> None:
-    """The signal as logged, light, and its low pass, dark."""
-    signal = run_log.signal(column)
-    filtered = low_pass(run_log.time, signal, design, column)
-    axes.plot(run_log.time, signal, color="#9a9a9a", linewidth=0.9, label="as logged")
-    axes.plot(run_log.time, filtered, color=BLACK, label=f"filtered, {design.cutoff_hz:g} Hz")
+def _roll(run_log: RunLog) -> FloatArray | None:
+    """True roll; of a real car its estimate."""
+    return _values(run_log, "roll_truth_rad" if "roll_truth_rad" in run_log.table else "roll_estimate_rad")
 
 
 def _fit_to_shown(axes: Axes, start: float, end: float) -> None:
-    """Scales the y axis to what is shown, leaving room for the legend, unless it was set by hand."""
-    if not axes.get_autoscaley_on():
-        return
-    shown: list[FloatArray] = []
-    for line in axes.get_lines():
-        x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
-        if x.size > 2:
-            shown.append(y[(x >= start) & (x <= end)])
-    if shown:
-        values = np.concatenate(shown)
-        low, high = float(np.min(values)), float(np.max(values))
-        span = max(high - low, 1e-3)
-        axes.set_ylim(low - 0.12 * span, high + 0.3 * span)
+    """Scales the y axis to what is shown, leaving room for the legend."""
+    shown = np.concatenate([
+        np.asarray(line.get_ydata())[(np.asarray(line.get_xdata()) >= start) & (np.asarray(line.get_xdata()) <= end)]
+        for line in axes.get_lines()
+    ])  # fmt: skip
+    low, high = float(np.min(shown)), float(np.max(shown))
+    span = max(high - low, 1e-3)
+    axes.set_ylim(low - 0.12 * span, high + 0.3 * span)
 
 
 _RUN_COLOURS = (BLACK, VERMILION, BLUE, GREEN, PURPLE)
@@ -182,23 +163,22 @@ RUN_STYLES: tuple[tuple[str, Any], ...] = tuple(
 """Colour and line of the first, second, ... run. Of the first five both differ, so that neither alone must be told
 apart; of twenty the pair does."""
 
-_PANELS = (
-    ("yaw rate [rad/s]", "imu_gyro_z_rad_per_s", True),
-    ("lateral acceleration [m/s²]", "imu_acceleration_y_m_per_s2", True),
-    ("speed [m/s]", "speed_m_per_s", False),
-    ("roll of the car [deg]", "roll_truth_rad", False),
-    ("tail roll angle [deg]", "tail_roll_angle_rad", False),
-    ("tail roll torque [N m]", "tail_roll_torque_n_m", False),
+_Panel = tuple[str, Callable[[RunLog], FloatArray | None]]
+_PANELS: tuple[_Panel, ...] = (
+    ("yaw rate [rad/s]", partial(_values, column="imu_gyro_z_rad_per_s", design=IMU_FILTER)),
+    ("lateral acceleration [m/s²]", partial(_values, column="imu_acceleration_y_m_per_s2", design=IMU_FILTER)),
+    ("speed [m/s]", partial(_values, column="speed_m_per_s")),
+    ("roll of the car [deg]", _roll),
+    ("tail roll angle [deg]", partial(_values, column="tail_roll_angle_rad")),
+    ("tail roll torque [N m]", partial(_values, column="tail_roll_torque_n_m")),
 )
-"""Label, column, whether the car's IMU filter is applied."""
-_WITHOUT_TRUTH = {"roll_truth_rad": "roll_estimate_rad"}
-_PLANT_PANELS = (
+_PLANT_PANELS: tuple[_Panel, ...] = (
     ("speed of the centre of mass [m/s]", plant_speed),
     ("height of the centre of mass [m]", lambda run_log: run_log.signal("com_z_truth_m")),
     ("tilt of the base [deg]", plant_tilt),
     ("air on the tails [N]", plant_air),
 )
-"""Label, and the signal of a plant that is no car; None where it has none."""
+"""Label, and the signal of a car, or of a plant that is no car; None where it has none."""
 
 
 def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
@@ -216,12 +196,13 @@ def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
     plants = of_plants(run_logs)
     with styled():
         figure, grid = new_figure(11.0, 6.0 if plants else 8.0, 2 if plants else 3, 2, sharex=True)
-        for axes, panel in zip(grid.flat, _PLANT_PANELS if plants else _PANELS, strict=True):
-            axes.set_ylabel(panel[0])
+        for axes, (label, signal) in zip(grid.flat, _PLANT_PANELS if plants else _PANELS, strict=True):
+            axes.set_ylabel(label)
             if not plants:
                 shade_turn(axes, turn_window(run_logs[0]))
             for run_log, (colour, line) in zip(run_logs, RUN_STYLES, strict=False):
-                _draw(axes, run_log, panel[1:], colour, line)
+                if (found := signal(run_log)) is not None:
+                    axes.plot(run_log.time, found, color=colour, linestyle=line)
         for axes in grid[-1]:
             axes.set_xlabel("time [s]" if plants else "time [s]   (shaded: the turn of the first run)")
         handles = [
@@ -230,22 +211,3 @@ def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
         ]
         figure.legend(handles, names, loc="outside upper center", ncols=min(3, len(names)))
     return figure
-
-
-def _draw(axes: Axes, run_log: RunLog, signal: tuple[Any, ...], colour: str, line: Any) -> None:
-    """One line: a signal of a plant, or a column of a car and whether its IMU filter is applied."""
-    if callable(signal[0]):
-        if (found := signal[0](run_log)) is not None:
-            axes.plot(run_log.time, found, color=colour, linestyle=line)
-        return
-    column, filtered = signal
-    if column not in run_log.table:
-        column = _WITHOUT_TRUTH.get(column, column)
-    if column not in run_log.table or (column.startswith("tail_") and run_log.scenario["tail"]["mode"] == "none"):
-        return
-    values = run_log.signal(column)
-    if filtered:
-        values = low_pass(run_log.time, values, IMU_FILTER, column)
-    if column.endswith("_rad"):
-        values = np.degrees(np.unwrap(values))
-    axes.plot(run_log.time, values, color=colour, linestyle=line)

@@ -6,8 +6,7 @@ where it ended until the longest is.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -38,21 +37,8 @@ _HEADER, _GAP = 52, 4
 _INK = "#1c2430"
 
 
-@dataclass(frozen=True)
-class Filmed:
-    """A run of a video.
-
-    Attributes:
-        name: above its picture.
-        run_log: the run.
-    """
-
-    name: str
-    run_log: RunLog
-
-
 def write_video(
-    runs: Sequence[Filmed],
+    runs: Mapping[str, RunLog],
     path: Path | str,
     *,
     force: bool = False,
@@ -63,7 +49,7 @@ def write_video(
     """Writes runs as one video, side by side.
 
     Args:
-        runs: 1 to `MOST_RUNS`.
+        runs: name above its picture -> run, 1 to `MOST_RUNS`.
         path: ending .gif, .webp or .mp4; refused when it exists, unless `force`.
         rate: seconds of the runs per second of the video; 0.25 is slow motion.
         progress: see `Progress`.
@@ -92,10 +78,9 @@ def check_video(path: Path, force: bool) -> None:
 class Film:
     """The frames of a video."""
 
-    def __init__(self, runs: Sequence[Filmed], rate: float, start: float = 0.0) -> None:
+    def __init__(self, runs: Mapping[str, RunLog], rate: float, start: float = 0.0) -> None:
         """See `write_video`; a video of more than `MOST_SECONDS` is refused."""
-        self._runs = runs
-        whole = max(float(run.run_log.time[-1] - run.run_log.time[0]) for run in runs)
+        whole = max(float(run_log.time[-1] - run_log.time[0]) for run_log in runs.values())
         if not 0.0 <= start < whole:
             raise UserError(f"--from {start:g}: allowed: 0 to below {whole:g} s, the length of the longest run")
         longest = (whole - start) / rate
@@ -103,28 +88,28 @@ class Film:
             raise UserError(f"--video: {longest:.0f} s at --rate {rate:g}; allowed: up to {MOST_SECONDS:.0f} s")
         self.number = math.ceil(longest * FRAMES_PER_SECOND - 1e-9) + 1
         since = start + np.arange(self.number) * rate / FRAMES_PER_SECOND
-        self._rows = [nearest_rows(run.run_log.time, run.run_log.time[0] + since) for run in runs]
-        self._pictures = [OffscreenRun(run.run_log) for run in runs]
+        self._rows = [nearest_rows(run_log.time, run_log.time[0] + since) for run_log in runs.values()]
+        self._pictures = [OffscreenRun(run_log) for run_log in runs.values()]
         self._panel = _ALONE if len(runs) == 1 else _TOGETHER
         self._columns = len(runs) if len(runs) <= 3 else math.ceil(len(runs) / 2)
         self._azimuth = float(np.median([one.logged.camera_azimuth for one in self._pictures]))
         self._place = max(one.logged.camera_place for one in self._pictures)
         self._readings = [readings(one.logged.run_log) for one in self._pictures]
         self._headers = [
-            _header(run.name, one.logged.run_log, self._panel[0]) for run, one in zip(runs, self._pictures, strict=True)
+            _header(name, one.logged.run_log, self._panel[0]) for name, one in zip(runs, self._pictures, strict=True)
         ]
 
     @property
     def size(self) -> tuple[int, int]:
         """Width and height, pixels."""
-        rows = math.ceil(len(self._runs) / self._columns)
+        rows = math.ceil(len(self._pictures) / self._columns)
         width, height = self._panel
         return (self._columns * (width + _GAP) - _GAP, rows * (height + _HEADER + _GAP) - _GAP)
 
     def frame(self, number: int) -> Image.Image:
         """One frame, counted from 0."""
         picture = Image.new("RGB", self.size, "white")
-        for which in range(len(self._runs)):
+        for which in range(len(self._pictures)):
             down, across = divmod(which, self._columns)
             corner = (across * (self._panel[0] + _GAP), down * (self._panel[1] + _HEADER + _GAP))
             picture.paste(self._headers[which], corner)
@@ -144,7 +129,7 @@ class Film:
     def _panel_picture(self, which: int, number: int) -> Image.Image:
         row, shown = int(self._rows[which][number]), self._pictures[which]
         picture = shown.picture(row, shown.camera(row, self._azimuth, self._place, self._panel))
-        now = f"t = {self._runs[which].run_log.time[row]:.2f} s"
+        now = f"t = {shown.logged.run_log.time[row]:.2f} s"
         words = "   ".join([now, *(reading.text(row) for reading in self._readings[which])])
         draw = ImageDraw.Draw(picture)
         draw.text((10, self._panel[1] - 26), words, fill=_INK, font=_font(14))

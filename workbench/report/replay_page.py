@@ -12,7 +12,7 @@ from pydrake.geometry import Rgba
 
 from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.errors import LogError, UserError
-from aerodima.workbench.figures.run_figures import RUN_STYLES, plot_overlay
+from aerodima.workbench.figures.run_figures import RUN_STYLES
 from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, RunLog
 from aerodima.workbench.metrics.run_summary import metrics_of_runs, of_plants
 from aerodima.workbench.replay.captions import caption_of, readings
@@ -22,10 +22,8 @@ from aerodima.workbench.replay.recording import COM_COLOUR, TIP_COLOUR, frame_ro
 from aerodima.workbench.replay.viewer import open_meshcat
 from aerodima.workbench.report.report_page import (
     Finding,
-    Folded,
     Page,
     Part,
-    Plot,
     Section,
     Table,
     Templated,
@@ -185,11 +183,6 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
     differences = scenario_differences(run_logs)
     metrics = [[name, *map(shown_value, values)] for name, values in metrics_rows(run_logs).items()]
     plants = of_plants(run_logs)
-    printed = Plot(
-        plot_overlay(run_logs, names),
-        "As logged." if plants else "IMU signals after the car's zero-phase filter; roll and torque as logged.",
-        "Signals of the runs over time, one line per run",
-    )
     said = "" if plants else " The turn is positive."
     sections = (
         Section("What was set differently", _settings(differences, names, plants)),
@@ -201,7 +194,6 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
                 Table(["metric", *names], metrics),
             ],
         ),
-        Section("Signals for print", [Folded("One figure", [printed])]),
     )
     return Page("Comparison of runs: " + ", ".join(names), "", sections)
 

@@ -14,7 +14,7 @@ from PIL import Image
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay import video
-from aerodima.workbench.replay.video import FRAMES_PER_SECOND, Film, Filmed, write_video
+from aerodima.workbench.replay.video import FRAMES_PER_SECOND, Film, write_video
 
 PANEL, HEADER, GAP = (480, 300), 52, 4
 REST = 25
@@ -34,7 +34,7 @@ def brief(short_runs: dict[str, RunLog]) -> dict[str, RunLog]:
 
 @pytest.fixture(scope="module")
 def film(brief: dict[str, RunLog]) -> Film:
-    return Film([Filmed("longer", brief["tailed"]), Filmed("shorter", brief["tailless"])], 1.0)
+    return Film({"longer": brief["tailed"], "shorter": brief["tailless"]}, 1.0)
 
 
 def panel(frame: Image.Image, which: int, header: bool = False) -> NDArray[np.uint8]:
@@ -72,7 +72,7 @@ def test_runs_of_different_step_show_the_same_moment(brief: dict[str, RunLog]) -
     whole = brief["tailed"]
     coarse = replace(whole, table=whole.table.iloc[::20])  # every 0.04 s, as the frames
     assert np.allclose(np.diff(coarse.time), 1 / FRAMES_PER_SECOND)
-    both = Film([Filmed("fine", whole), Filmed("coarse", coarse)], 1.0)
+    both = Film({"fine": whole, "coarse": coarse}, 1.0)
     frame = both.frame(3)
     fine_car, coarse_car = panel(frame, 0).astype(int), panel(frame, 1).astype(int)
     assert np.abs(fine_car - coarse_car).mean() < 1.0
@@ -88,7 +88,7 @@ def test_outcome_stands_above_the_picture_in_its_colour(
     table = run.table.copy()
     if result == "flipped":
         table["tilt_truth_rad"] = np.linspace(0.0, np.radians(80.0), len(table))
-    header = np.asarray(Film([Filmed("run", replace(run, table=table))], 1.0).frame(0))[:HEADER].astype(int)
+    header = np.asarray(Film({"run": replace(run, table=table)}, 1.0).frame(0))[:HEADER].astype(int)
     assert np.any(np.abs(header - colour).max(axis=-1) < 8)
 
 
@@ -99,7 +99,7 @@ def test_file_has_every_frame_and_rests_at_the_end(
 ) -> None:
     told: list[tuple[float, float]] = []
     path = write_video(
-        [Filmed("run", brief["tailed"])],
+        {"run": brief["tailed"]},
         tmp_path / f"run.{ending}",
         rate=rate,
         progress=lambda *done: told.append(done),
@@ -120,7 +120,7 @@ def test_file_has_every_frame_and_rests_at_the_end(
 @pytest.mark.usefixtures("renderer")
 def test_mp4_has_every_frame(brief: dict[str, RunLog], tmp_path: Path) -> None:
     ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg (the extra `video`) is not installed")
-    path = write_video([Filmed("run", brief["tailed"])], tmp_path / "run.mp4")
+    path = write_video({"run": brief["tailed"]}, tmp_path / "run.mp4")
     frames, seconds = ffmpeg.count_frames_and_secs(str(path))
     assert frames == 6 + REST
     assert seconds == pytest.approx(frames / FRAMES_PER_SECOND, abs=0.05)
@@ -132,10 +132,10 @@ def test_missing_encoder_is_one_line(brief: dict[str, RunLog], tmp_path: Path, m
     with pytest.raises(
         UserError, match=r"no encoder for MP4; install it with `pip install 'aerodima-workbench\[video]'"
     ):
-        write_video([Filmed("run", brief["tailed"])], tmp_path / "run.mp4")
+        write_video({"run": brief["tailed"]}, tmp_path / "run.mp4")
     monkeypatch.setattr(video.features, "check", lambda name: False)
     with pytest.raises(UserError, match=r"no encoder for WebP; write \.gif or \.mp4"):
-        write_video([Filmed("run", brief["tailed"])], tmp_path / "run.webp")
+        write_video({"run": brief["tailed"]}, tmp_path / "run.webp")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -152,12 +152,12 @@ def test_wrong_number_ending_or_rate(
     brief: dict[str, RunLog], tmp_path: Path, number: int, name: str, rate: float, message: str
 ) -> None:
     with pytest.raises(UserError, match=message):
-        write_video([Filmed("run", brief["tailed"])] * number, tmp_path / name, rate=rate)
+        write_video({str(place): brief["tailed"] for place in range(number)}, tmp_path / name, rate=rate)
 
 
 def test_video_of_many_minutes_is_refused(brief: dict[str, RunLog]) -> None:
     with pytest.raises(UserError, match=r"150 s at --rate 0.02; allowed: up to 120 s"):
-        Film([Filmed("run", replace(brief["tailed"], table=stretched(brief["tailed"], 3.0)))], 0.02)
+        Film({"run": replace(brief["tailed"], table=stretched(brief["tailed"], 3.0))}, 0.02)
 
 
 def stretched(run_log: RunLog, length: float) -> pd.DataFrame:

@@ -3,7 +3,7 @@
 // A panel: { title, x_label, y_label, series, shapes, x_range, y_range, x_log, y_log, x_ticks, y_ticks, note }. A series has
 // { label, x, y (null: a gap), colour, dash, width, mark, size, fill, joined }, its x increasing; a shape { x, y, stroke, fill,
 // dash, width, mark, size } is drawn below, its x in any order (null: a gap; "low", "high": at the edge of the chart), its size
-// one number or one per point. What is `right` has a scale of its own there, { label, range }.
+// one number or one per point.
 // Without a range an axis holds what its series have.
 // A page with replays and with plots has this file twice: nothing here is declared by `const` or `let`.
 var AXIS = { stroke: "#1c2430", font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif",
@@ -64,7 +64,6 @@ function drawShapes(chart, shapes) {
 function axisOf(label, ticks, log, size) {
   const axis = { ...AXIS, scale: size.scale, label, size: size.across, space: size.space };
   if (!label) { delete axis.label; axis.labelSize = 0; }
-  if (size.side !== undefined) { axis.side = size.side; axis.grid = { show: false }; }
   if (log) { axis.space = 40; }
   if (ticks) {
     const names = new Map(ticks);
@@ -85,7 +84,6 @@ function acrossNames(ticks) { return ticks ? 22 + 7 * longest(ticks) : 58; }
 function optionsOf(panel, own) {
   const drawn = panel.series.map((series) => ({
     label: series.label, stroke: series.colour, dash: series.dash, width: series.width || 1.5,
-    scale: series.right ? "right" : "y",
     points: series.mark ? { show: true, size: series.size, fill: series.fill || series.colour, stroke: series.colour } : { show: false },
     ...(series.mark && !series.joined ? { paths: () => null } : {}),
     value: (chart, value) => (value === null || value === undefined ? "–" : Number(value.toPrecision(5)).toString()),
@@ -94,20 +92,17 @@ function optionsOf(panel, own) {
   const below = axisOf(panel.x_label, panel.x_ticks, panel.x_log,
     { scale: "x", across: slanted ? 24 + 4 * longest(panel.x_ticks) : panel.x_ticks ? 40 : 28, space: 46 });
   if (slanted) { below.rotate = -30; }
-  const right = panel.right ? [axisOf(panel.right.label, null, false, { scale: "right", across: 50, space: 20, side: 1 })] : [];
   const range = (limits) => (limits ? { range: () => limits.slice().sort((a, b) => a - b) } : {});
   return {
     ...own,
     scales: {
       x: { time: false, distr: panel.x_log ? 3 : 1, range: (chart, low, high) => [low, high], dir: backwards(panel.x_range) },
       y: { distr: panel.y_log ? 3 : 1, ...range(panel.y_range), dir: backwards(panel.y_range) },
-      ...(panel.right ? { right: range(panel.right.range) } : {}),
     },
     axes: [
       below,
       axisOf(panel.y_label, panel.y_ticks, panel.y_log,
         { scale: "y", across: acrossNames(panel.y_ticks), space: 20 }),
-      ...right,
     ],
     series: [{ label: panel.x_name || panel.x_label || "x", value: (chart, value) => (value === null ? "–" : Number(value.toPrecision(6)).toString()) },
              ...drawn],
@@ -151,7 +146,6 @@ function chartGroup(height) {
     const own = charts.find((one) => one.chart === chart);
     chart.setScale("x", limits(own.panel.x_range));
     chart.setScale("y", limits(own.panel.y_range));
-    if (own.panel.right) { chart.setScale("right", limits(own.panel.right.range)); }
   }
   function clear() {
     charts.forEach(({ chart, watch }) => { watch.disconnect(); chart.destroy(); });
