@@ -63,27 +63,11 @@ def _plot_speed(coefficients: CoefficientSet) -> Figure:
         )
     axes.set(xlabel="relative speed [m/s]", ylabel="normal-force (drag) coefficient $C_N$", xlim=(0.0, right))
     axes.set_ylim(0.0, 1.1 * axes.dataLim.ymax)
-    _mark_range(axes, low, high, coefficients.quasi_steady_limit)
+    axes.axvspan(0.0, low, color="0.9", zorder=0, label="not measured")
+    axes.axvspan(high, max(right, high), color="0.9", zorder=0)
+    axes.axvline(coefficients.quasi_steady_limit, color=GREY, linestyle=":", linewidth=1.0, label="quasi-steady limit")
     axes.legend(loc="lower center", fontsize=8)
     return figure
-
-
-def _mark_range(axes: Axes, low: float, high: float, limit: float) -> None:
-    left, right = axes.get_xlim()
-    for start, end in ((left, low), (high, max(right, high))):
-        axes.axvspan(start, end, color="0.9", zorder=0)
-    axes.axvline(limit, color=GREY, linestyle=":", linewidth=1.0)
-    axes.annotate(
-        "quasi-steady limit",
-        (limit, 0.02),
-        xytext=(-2, 0),
-        xycoords=axes.get_xaxis_transform(),
-        textcoords="offset points",
-        rotation=90,
-        fontsize=7,
-        ha="right",
-    )
-    axes.text(0.01, 0.98, "grey: not measured", transform=axes.transAxes, fontsize=7, va="top", color=GREY)
 
 
 def _plot_polar(coefficients: CoefficientSet) -> Figure:
@@ -109,13 +93,8 @@ def _plot_curves(axes: Axes, coefficients: PolarTable, name: str) -> None:
         axes.plot(np.degrees(measured.angle_rad), measured[name], "o", color=colour)
         axes.plot(np.degrees(seeds.angle_rad), seeds[name], "o", color=colour, fillstyle="none", alpha=0.6)
         if f"{name}_p10" in measured:
-            axes.fill_between(
-                np.degrees(measured.angle_rad),
-                measured[f"{name}_p10"],
-                measured[f"{name}_p90"],
-                color=colour,
-                alpha=0.2,
-            )
+            band = (measured[f"{name}_p10"], measured[f"{name}_p90"])
+            axes.fill_between(np.degrees(measured.angle_rad), *band, color=colour, alpha=0.2)
     edge = math.degrees(coefficients.range.angle_rad[1])
     axes.axvspan(edge, math.degrees(highest), color="0.93", zorder=0)
     axes.set(xlabel=r"angle of attack $|\gamma|$ [deg]", ylabel=_LABELS[name])

@@ -6,7 +6,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -94,16 +94,9 @@ def plot_tail(geometry: TailGeometry) -> Figure:
             _view(axes, geometry, sideways, up)
             axes.set(xlabel=f"along {_direction(sideways)} [m]", title=title, aspect="equal")
         grid[0, 0].set_ylabel(f"along {_direction(up)} [m]")
-        figure.legend(
-            handles=[
-                Line2D([], [], color=BLACK, linewidth=3.0, label="arm"),
-                Line2D([], [], color=ORANGE, label="sections and their centres", marker="o", markersize=4),
-                Line2D([], [], color=BLUE, label="normals"),
-                Line2D([], [], color=VERMILION, marker="X", linestyle="none", label="centre of pressure"),
-                Line2D([], [], color=BLACK, marker="P", linestyle="none", label="centre of mass"),
-            ],
-            loc="outside lower center", ncols=3,
-        )  # fmt: skip
+        drawn = [axes.get_legend_handles_labels() for axes in grid[0]]
+        handles = {label: handle for each in drawn for handle, label in zip(*each, strict=True)}
+        figure.legend(handles.values(), handles, loc="outside lower center", ncols=3)
         figure.suptitle(
             f"{geometry.name}: {1000 * geometry.inertial.mass:.3g} g, {1e4 * geometry.area:.3g} cm² of planform"
         )
@@ -113,7 +106,7 @@ def plot_tail(geometry: TailGeometry) -> Figure:
 def _view(axes: Axes, geometry: TailGeometry, sideways: np.ndarray, up: np.ndarray) -> None:
     plane = np.column_stack([sideways, up])
     size = float(np.ptp(geometry.points, axis=0).max())
-    axes.plot(*(geometry.arm.points @ plane).T, color=BLACK, linewidth=3.0, solid_capstyle="round")
+    axes.plot(*(geometry.arm.points @ plane).T, color=BLACK, linewidth=3.0, solid_capstyle="round", label="arm")
     for plate in geometry.plates:
         for piece in plate.pieces:
             outline = piece.corners @ plane
@@ -126,16 +119,19 @@ def _view(axes: Axes, geometry: TailGeometry, sideways: np.ndarray, up: np.ndarr
                 _crown(axes, piece, plane)
         for layout in plate.section_layouts():
             centres, normal = layout.p_BoSi_B @ plane, _ARROW * size * np.asarray(layout.normal_B) @ plane
-            axes.plot(*centres.T, color=ORANGE, marker="o", markersize=4, linestyle="none")
+            axes.plot(*centres.T, color=ORANGE, marker="o", markersize=4, linestyle="none", label="centres of sections")
             if np.linalg.norm(normal) > 1e-6:
                 across, along = np.broadcast_to(normal, centres.shape).T
-                axes.quiver(
-                    *centres.T, across, along, color=BLUE, angles="xy", scale_units="xy", scale=1.0, width=0.006
-                )
+                exact: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0}
+                axes.quiver(*centres.T, across, along, color=BLUE, width=0.006, label="normals", **exact)
                 axes.update_datalim(centres + normal)
-    axes.plot(*(geometry.centre_of_pressure() @ plane), color=VERMILION, marker="X", markersize=10)
-    axes.plot(*(np.asarray(geometry.inertial.com) @ plane), color=BLACK, marker="P", markersize=10)
-    axes.plot(*(np.zeros(3) @ plane), color=GREY, marker="o", markersize=9, fillstyle="none")
+    places: tuple[tuple[str, Any, dict[str, Any]], ...] = (
+        ("centre of pressure", geometry.centre_of_pressure(), {"color": VERMILION, "marker": "X"}),
+        ("centre of mass", np.asarray(geometry.inertial.com), {"color": BLACK, "marker": "P"}),
+        ("origin of T", np.zeros(3), {"color": GREY, "marker": "o", "fillstyle": "none"}),
+    )
+    for label, place, look in places:
+        axes.plot(*(place @ plane), markersize=10, linestyle="none", label=label, **look)
     axes.margins(x=0.2, y=0.05)
     axes.autoscale_view()
 

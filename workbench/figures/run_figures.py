@@ -31,7 +31,7 @@ from aerodima.workbench.metrics.turn_signals import turn_window
 
 _BEFORE = 0.5
 """Shown before the turn, s."""
-_DASHED, _DOTTED, _SHORT = (0, (5, 2)), (0, (1, 1)), (0, (4, 1.5))
+_DASHED, _SHORT = (0, (5, 2)), (0, (4, 1.5))
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import math
 import time as wall
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Protocol
 
@@ -169,39 +170,26 @@ def drive_by_hand(
         UserError: the scenario makes no valid car, a log exists.
     """
     written: list[Path] = []
-    while True:
-        attempt = len(written) + 1
-        path = None if log is None else log if attempt == 1 else log.with_stem(f"{log.stem}_{attempt}")
-        again = _attempt(scenario, controls, path, meshcat, length, force, say)
-        written.append(path or Path())
+    for attempt in count(1):
+        path = log if log is None or attempt == 1 else log.with_stem(f"{log.stem}_{attempt}")
+        driving = WishedDriving(throttle_line(scenario), scenario.servo.limit)
+        gains = (scenario.controller.hold_kp, scenario.controller.hold_kd)
+        if meshcat is not None:
+            meshcat.Delete(f"{WORLD}/visualizer")
+        hand = HandOrLaw(law_of_scenario(scenario), driving, gains)
+        car = assemble(scenario, meshcat=meshcat, tail_law=hand, schedule=driving)
+        extra = {**plant_facts(car.station), DRIVEN_BY: "hand (simulation)"}
+        metadata = run_metadata(scenario.resolved(), scenario.seed, extra=extra)
+        with open_log(path, recorded_columns(car.signals), metadata, force) as rows:
+            RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate, Stage.RECORD)
+            simulator = Simulator(car.builder.Build())
+            simulator.Initialize()
+            again = _drive(simulator, ChaseCamera(car.station, meshcat), controls, driving, length, say)
+        if path is not None:
+            written.append(path)
         if not again:
-            return [path for path in written if path != Path()]
-
-
-def _attempt(
-    scenario: Scenario,
-    controls: Controls,
-    log: Path | None,
-    meshcat: Meshcat | None,
-    length: float,
-    force: bool,
-    say: Callable[[str], None],
-) -> bool:
-    """One drive from standstill on; whether another one is wanted."""
-    driving = WishedDriving(throttle_line(scenario), scenario.servo.limit)
-    gains = (scenario.controller.hold_kp, scenario.controller.hold_kd)
-    hand = HandOrLaw(law_of_scenario(scenario), driving, gains)
-    if meshcat is not None:
-        meshcat.Delete(f"{WORLD}/visualizer")
-    car = assemble(scenario, meshcat=meshcat, tail_law=hand, schedule=driving)
-    metadata = run_metadata(
-        scenario.resolved(), scenario.seed, extra={**plant_facts(car.station), DRIVEN_BY: "hand (simulation)"}
-    )
-    with open_log(log, recorded_columns(car.signals), metadata, force) as rows:
-        RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate, Stage.RECORD)
-        simulator = Simulator(car.builder.Build())
-        simulator.Initialize()
-        return _drive(simulator, ChaseCamera(car.station, meshcat), controls, driving, length, say)
+            break
+    return written
 
 
 def _drive(
@@ -212,6 +200,7 @@ def _drive(
     length: float,
     say: Callable[[str], None],
 ) -> bool:
+    """One drive from standstill on; whether another one is wanted."""
     context = simulator.get_context()
     first, told = controls.wishes().attempt, False
     pace, begun, at, looked = 1.0, wall.monotonic(), 0.0, -math.inf

@@ -45,11 +45,11 @@ def five_moments(run_log: RunLog) -> list[Moment]:
         return [Moment(round(share * (time.size - 1)), label) for label, share in shares.items()]
     trigger = float(run_log.scenario["controller"]["trigger_yaw_rate"])
     if np.max(signals.tilt) > FLIP_TILT:
-        labels, times = _rollover(signals, trigger)
+        found = _rollover(signals, trigger)
     else:
-        labels, times = _kept_upright(signals, trigger, _tail_on_top(run_log, signals))
-    rows = [int(np.argmin(np.abs(time - wanted))) for wanted in _spread(times, float(time[0]), float(time[-1]))]
-    return [Moment(row, label) for row, label in zip(rows, labels, strict=True)]
+        found = _kept_upright(signals, trigger, _tail_on_top(run_log, signals))
+    times = _spread(list(found.values()), float(time[0]), float(time[-1]))
+    return [Moment(int(np.argmin(np.abs(time - wanted))), label) for label, wanted in zip(found, times, strict=True)]
 
 
 def _tail_on_top(run_log: RunLog, signals: TurnSignals) -> float | None:
@@ -59,27 +59,32 @@ def _tail_on_top(run_log: RunLog, signals: TurnSignals) -> float | None:
     return float(signals.time[passes[0] + 1]) if passes.size else None
 
 
-def _kept_upright(signals: TurnSignals, trigger: float, tail_on_top: float | None) -> tuple[list[str], list[float]]:
+def _kept_upright(signals: TurnSignals, trigger: float, tail_on_top: float | None) -> dict[str, float]:
+    """Label -> time, s."""
     start, end = signals.window
-    turning = _first(signals, signals.yaw_rate > trigger, start)
-    peak = float(signals.time[signals.from_start][np.argmax(signals.roll[signals.from_start])])
-    highest = float(np.max(signals.roll[signals.from_start]))
-    recovering = _first(signals, (signals.roll < 0.5 * highest) & (signals.time > peak), 0.5 * (peak + end))
-    middle = [(turning, "turning in"), (peak, "peak roll")]
-    middle.append((recovering, "recovering") if tail_on_top is None else (tail_on_top, "tail over the top"))
-    middle.sort()
-    after = max(end, middle[-1][0]) + _AFTER
-    labels = ["before the turn", *(label for _, label in middle), "after the turn"]
-    return labels, [start - _BEFORE, *(time for time, _ in middle), after]
+    roll = signals.roll[signals.from_start]
+    peak, highest = float(signals.time[signals.from_start][np.argmax(roll)]), float(np.max(roll))
+    middle = {"turning in": _first(signals, signals.yaw_rate > trigger, start), "peak roll": peak}
+    if tail_on_top is not None:
+        middle["tail over the top"] = tail_on_top
+    else:
+        half = (signals.roll < 0.5 * highest) & (signals.time > peak)
+        middle["recovering"] = _first(signals, half, 0.5 * (peak + end))
+    ordered = dict(sorted(middle.items(), key=lambda one: one[1]))
+    return {"before the turn": start - _BEFORE, **ordered, "after the turn": max(end, *middle.values()) + _AFTER}
 
 
-def _rollover(signals: TurnSignals, trigger: float) -> tuple[list[str], list[float]]:
+def _rollover(signals: TurnSignals, trigger: float) -> dict[str, float]:
+    """Label -> time, s."""
     start = signals.window[0]
-    turning = _first(signals, signals.yaw_rate > trigger, start)
-    tipping = _first(signals, signals.tilt > _TIPPING, start)
     over = _first(signals, signals.tilt > np.pi / 2, float(signals.time[np.argmax(signals.tilt)]))
-    labels = ["before the turn", "turning in", "tipping", "on its side", "after"]
-    return labels, [start - _BEFORE, turning, tipping, over, over + _AFTER]
+    return {
+        "before the turn": start - _BEFORE,
+        "turning in": _first(signals, signals.yaw_rate > trigger, start),
+        "tipping": _first(signals, signals.tilt > _TIPPING, start),
+        "on its side": over,
+        "after": over + _AFTER,
+    }
 
 
 def _first(signals: TurnSignals, condition: NDArray[np.bool_], otherwise: float) -> float:

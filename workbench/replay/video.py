@@ -13,7 +13,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont, features
+from PIL import Image, ImageDraw, ImageFont
 
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.errors import UserError
@@ -167,8 +167,6 @@ def _encoder(path: Path) -> Encoder:
             f"--video {path}: no encoder for MP4; install it with `pip install 'aerodima-workbench[video]'`, or write "
             ".webp or .gif"
         )
-    if ending == ".webp" and not features.check("webp"):
-        raise UserError(f"--video {path}: this Pillow has no encoder for WebP; write .gif or .mp4")
     return _ENCODERS[ending]
 
 

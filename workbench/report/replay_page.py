@@ -71,18 +71,14 @@ def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> 
 
 def _keys(logged: LoggedRun) -> list[tuple[str, str, tuple[int, ...]]]:
     """What arrows and lines mean: sign, words, colour."""
-    arrow, line = "▲", "▬"
-    keys = [(line, "path of the centre of mass", _css(COM_COLOUR))]
-    if logged.tips:
-        keys.append((line, "path of the tail tip", _css(TIP_COLOUR)))
-    if logged.run_log.kind == PLANT_RUN:
-        air = f"air on the tail ({logged.air_scale:g} m per newton)"
-    else:
-        keys.insert(0, (arrow, "ground on the wheels", _css(WHEEL_COLOUR)))
-        air = f"air on the tail ({logged.air_scale / WHEEL_SCALE:.0f} times longer)"
-    if logged.tips:
-        keys.insert(len(keys) - 2, (arrow, air, _css(AIR_COLOUR)))
-    return keys
+    own = logged.run_log.kind == PLANT_RUN
+    longer = f"{logged.air_scale:g} m per newton" if own else f"{logged.air_scale / WHEEL_SCALE:.0f} times longer"
+    wheels = [] if own else [("▲", "ground on the wheels", _css(WHEEL_COLOUR))]
+    path = ("▬", "path of the centre of mass", _css(COM_COLOUR))
+    if not logged.tips:
+        return [*wheels, path]
+    air = ("▲", f"air on the tail ({longer})", _css(AIR_COLOUR))
+    return [*wheels, air, path, ("▬", "path of the tail tip", _css(TIP_COLOUR))]
 
 
 def _frames(run_log: RunLog, rate: float) -> dict[str, Any]:

@@ -6,7 +6,6 @@ The templates escape every text once.
 """
 
 import base64
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -276,11 +275,6 @@ def metric_unit(metric: str) -> str:
 def percent(ratio: float) -> str:
     """+12 %."""
     return f"{100 * ratio:+.0f} %"
-
-
-def degrees(angle: float) -> str:
-    """An angle in rad as degrees."""
-    return f"{math.degrees(angle):.1f}°"
 
 
 def render(template: str, **values: Any) -> str:

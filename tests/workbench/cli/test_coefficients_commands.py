@@ -70,9 +70,8 @@ def test_curve_and_limit_beyond_the_measured_speeds_stand_within_the_frame(tmp_p
     figure = plot_coefficients(load_coefficients(path))
     FigureCanvasAgg(figure).draw()
     (axes,) = figure.axes
-    (label,) = [text for text in axes.texts if text.get_text() == "quasi-steady limit"]
-    extent = label.get_window_extent()
-    assert axes.bbox.x0 < extent.x0 < extent.x1 < axes.bbox.x1
+    (limit,) = [line for line in axes.lines if line.get_label() == "quasi-steady limit"]
+    assert limit.get_xdata()[0] == 15.0 < axes.get_xlim()[1]
     assert max(axes.lines[0].get_ydata()) < 0.95 * axes.get_ylim()[1]
 
 
