@@ -13,8 +13,9 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench import RunLog, observe
+from aerodima.workbench import observe
 from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay import offscreen
 from aerodima.workbench.replay.offscreen import Camera, OffscreenRun, check_renderer, floor_picture
 
