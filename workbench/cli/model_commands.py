@@ -32,7 +32,6 @@ def register(app: typer.Typer) -> None:
     models = command_group(app, "models", "Look into models, parameters, coefficients and scenarios.", CHECKS)
     models.command()(check)
     models.command()(tail)
-    models.command("range-of-motion")(range_of_motion)
     coefficients = command_group(models, "coefficients", "Look at sets of aerodynamic coefficients.")
     coefficients.command("list")(list_sets)
     coefficients.command()(plot)
@@ -126,48 +125,6 @@ def tail_lines(geometry: TailGeometry) -> list[str]:
 
 def _vector(values: Iterable[float]) -> str:
     return " ".join(map(shown_value, map(float, values)))
-
-
-def range_of_motion(
-    scenario: ScenarioArgument = "turn_swing",
-    out: Annotated[Path, typer.Option(help="The map as CSV; its picture goes beside it as PNG.")] = Path(
-        "range_of_motion.csv"
-    ),
-    pitch_nodes: Annotated[int, typer.Option(help="Nodes over the range of the pitch joint.")] = 37,
-    roll_nodes: Annotated[int, typer.Option(help="Nodes over the range of the roll joint.")] = 37,
-    margin: Annotated[float, typer.Option(help="Clearance to keep, m.", min=0.0, max=0.3)] = 0.01,
-    settings: Settings = None,
-    force: Force = False,
-) -> None:
-    """Map the clearance of rod and sail to cage, deck, wheels and ground over pitch and roll of the tail.
-
-    Example: aerodima models range-of-motion --out range.csv
-    """
-    from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.figures.figure_style import png
-    from aerodima.workbench.figures.model_figures import plot_range_of_motion
-    from aerodima.workbench.plants.clearance import PARTS, make_range_of_motion, write_range_of_motion
-
-    picture = out.with_suffix(".png")
-    if picture == out:
-        raise UserError(f"--out {out}: allowed: another ending than .png, which is the picture's")
-    for path in (out, picture):
-        refuse_existing(path, force, UserError)
-    motion = make_range_of_motion(load_scenario(scenario, settings or []), pitch_nodes, roll_nodes)
-    write_range_of_motion(motion, out, force=force)
-    write_atomically(picture, png(plot_range_of_motion(motion, margin)), force, UserError)
-    free = motion.clearance(motion.pitch[:, None], motion.roll[None, :]) >= margin
-    low, high = motion.allowed_roll(0.0, margin)
-    typer.echo(
-        f"free by {margin:g} m: {free.mean():.0%} of the range; at pitch 0 from {low:.3g} to {high:.3g} rad of roll"
-    )
-    rows = []
-    for number, part in enumerate(PARTS):
-        least = motion.clearances[:, :, number]
-        pitch, roll = divmod(int(least.argmin()), len(motion.roll))
-        rows.append([part, *map(shown_value, map(float, (least.min(), motion.pitch[pitch], motion.roll[roll])))])
-    typer.echo("\n".join(text_table(["part", "least_clearance_m", "pitch_rad", "roll_rad"], rows)))
-    typer.echo(f"map: {out}, picture: {picture}")
 
 
 def list_sets() -> None:

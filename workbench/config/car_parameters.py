@@ -28,16 +28,12 @@ class CarParameters(QuantityModel):
     gyration_pitch: float = quantity("m", "radius of gyration of the sprung body about its y axis", gt=0, le=0.5)
     gyration_yaw: float = quantity("m", "radius of gyration of the sprung body about its z axis", gt=0, le=0.5)
     wheelbase: float = quantity("m", "distance between the axles", gt=0.05, le=2)
-    track: float = quantity(
-        "m", "distance between the wheel centres of one axle, less than the width over the tyres", gt=0.05, le=2
-    )
+    track: float = quantity("m", "distance between the wheel centres of one axle", gt=0.05, le=2)
     tyre_radius: float = quantity("m", "unloaded tyre radius", gt=0.01, le=0.5)
     tyre_width: float = quantity("m", "tyre width", gt=0.005, le=0.3)
     tyre_shape: Literal["cylinder", "ellipsoid"] = quantity("1", "contact shape of a tyre of this width")
     wheel_mass: float = quantity("kg", "one wheel with its tyre", gt=0, le=2)
-    upright_mass: float = quantity(
-        "kg", "moving part of one suspension without wheel (and without knuckle)", gt=0, le=2
-    )
+    upright_mass: float = quantity("kg", "moving part of one suspension without wheel and knuckle", gt=0, le=2)
     knuckle_mass: float = quantity("kg", "one steered front knuckle", gt=0, le=2)
     tyre_stiffness_front: float = quantity("N/m", "radial stiffness of one front tyre", gt=0, le=1e7)
     tyre_stiffness_rear: float = quantity("N/m", "radial stiffness of one rear tyre", gt=0, le=1e7)
@@ -122,9 +118,7 @@ BUILT = "built"
 class TailParameters(QuantityModel):
     """The tail arm: pitch joint, roll joint, rod and sail (thesis chapters 5 and 6.3)."""
 
-    name: str = quantity(
-        "1", "which tail it is in reports: built, or the name of a design", min_length=1, max_length=40
-    )
+    name: str = quantity("1", "which tail it is: built, or the name of a design", min_length=1, max_length=40)
     mode: Literal["none", "held", "swing"] = quantity("1", "no tail arm, arm held on the inside, arm swung")
     length: float = quantity("m", "roll axis to tip", gt=0.05, le=3)
     mass: float = quantity("kg", "rod and sail together", gt=0, le=5)
@@ -135,26 +129,16 @@ class TailParameters(QuantityModel):
     mount_x: float = quantity("m", "tail joints ahead of the rear axle", ge=-0.5, le=0.5)
     mount_height: float = quantity("m", "tail joints above the ground", gt=0, le=1)
     coefficients: str = quantity("1", "of the sail: constant, an embedded set, or the path of a coefficient file")
-    normal_force_coefficient: float = quantity(
-        "1", "C_N of the sail with shape built and coefficients constant", ge=0, le=10
-    )
-    sail: Literal["facing", "free", "locked"] = quantity(
-        "1", "sail on its bearing: facing the wind at every instant, free to turn, or locked with its normal along y"
-    )
+    normal_force_coefficient: float = quantity("1", "C_N with shape built and coefficients constant", ge=0, le=10)
+    sail: Literal["facing", "free", "locked"] = quantity("1", "facing the wind, free to turn, or locked")
     sail_shape: str = quantity("1", "shape of the sail: depth, board, and with coefficients constant its C_N")
-    sail_shell_offset: float = quantity(
-        "1", "centre of pressure of a free sail's shell behind its bearing over sail_width; negative ahead", ge=-1, le=1
-    )
+    sail_shell_offset: float = quantity("1", "of a free sail's shell behind its bearing, over sail_width", ge=-1, le=1)
     sail_board_share: float = quantity("1", "backing board of a free sail, along the wind, over sail_width", gt=0, le=5)
     sail_side_coefficient: float = quantity("1", "C_N of a free sail's shell and board across the wind", ge=0, le=10)
     sail_bearing_damping: float = quantity("N m s/rad", "damping of a free sail's bearing", ge=0, le=1)
     added_mass: float = quantity("kg", "added mass of the air on each of five parts of the tail", ge=-1, le=10)
     sections: int = quantity("1", "number of equal sections of the sail", ge=1, le=100)
-    geometry: str = quantity(
-        "1",
-        "none, or the path of a tail file, whose shape and mass stand in place of length, mass, sail_mass_fraction, "
-        "sail_length, sail_width and sections; its sail is locked",
-    )
+    geometry: str = quantity("1", "none, or the path of a tail file, whose shape and mass stand in place of those here")
     roll_limit: float = quantity("rad", "tail roll range to either side", gt=0, le=3.1416)
     pitch_limit: float = quantity("rad", "tail pitch range to either side", gt=0, le=3.1416)
 
@@ -338,9 +322,7 @@ class ControllerParameters(QuantityModel):
     settle_kd: float = quantity("N m s/rad", "velocity gain at the end of the swing", ge=0, le=5)
     trigger: Literal["yaw_rate", "lateral_acceleration", "steering"] = quantity("1", "what starts the swing")
     trigger_yaw_rate: float = quantity("rad/s", "yaw rate into the planned turn that starts the swing", gt=0, le=100)
-    trigger_lateral_acceleration: float = quantity(
-        "m/s2", "acceleration of the IMU into the planned turn that starts the swing, gravity removed", gt=0, le=100
-    )
+    trigger_lateral_acceleration: float = quantity("m/s2", "of the IMU into the turn that starts it", gt=0, le=100)
     trigger_steering_angle: float = quantity("rad", "steering command into the turn that does", gt=0, le=1.2)
     delay: float = quantity("s", "wait between trigger and swing", ge=0, le=10)
     travel: float = quantity("rad", "roll travel after which position control takes over", gt=0, le=6.3)

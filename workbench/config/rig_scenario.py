@@ -118,9 +118,7 @@ class ForceSensorParameters(QuantityModel):
     ty_accuracy: float = quantity("N m", "standard deviation of the constant bias of a log", ge=0, le=100)
     tz_accuracy: float = quantity("N m", "standard deviation of the constant bias of a log", ge=0, le=100)
     noise_fraction: float = quantity("1", "standard deviation of a sample's noise over that accuracy", ge=0, le=10)
-    drift_fraction: float = quantity(
-        "1/s", "standard deviation of the drift rate of a log over that accuracy", ge=0, le=1
-    )
+    drift_fraction: float = quantity("1/s", "standard deviation of a log's drift over that accuracy", ge=0, le=1)
     force_range_xy: float = quantity("N", "largest F_x and F_y reading", gt=0, le=1e5)
     force_range_z: float = quantity("N", "largest F_z reading", gt=0, le=1e5)
     torque_range: float = quantity("N m", "largest torque reading", gt=0, le=1e4)
@@ -175,9 +173,7 @@ class RigUncertaintyParameters(QuantityModel):
 class RigAeroParameters(QuantityModel):
     """Coefficients of the tail under test (design section 5)."""
 
-    source: Literal["published", "constant"] = quantity(
-        "1", "tables of the tail in models/coefficients, or the constants here"
-    )
+    source: Literal["published", "constant"] = quantity("1", "tables in models/coefficients, or the constants here")
     drag: float = quantity("1", "C_D with source constant", ge=0, le=10)
     lift: float = quantity("1", "C_L with source constant, towards the root", ge=-10, le=10)
     normal_force: float = quantity("1", "C_N of the robot tail with source constant", ge=0, le=10)

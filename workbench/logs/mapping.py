@@ -25,20 +25,16 @@ Number = Annotated[float, Field(strict=False)]
 class ColumnSource(StrictModel):
     """Where one of our columns comes from: SI value = scale * unit * (foreign value - zero)."""
 
-    from_: str | None = Field(default=None, alias="from", description="name of the foreign column", min_length=1)
+    from_: str | None = Field(None, alias="from", description="name of the foreign column", min_length=1)
     constant: StrictFloat | StrictInt | None = Field(
-        default=None, description="instead of `from`: the same SI value in each row"
+        None, description="instead of `from`: the same SI value in each row"
     )
-    unit: str | None = Field(default=None, description="unit of the foreign column; the SI unit when left out")
-    scale: Number = Field(default=1.0, description="further factor: -1 turns a sign, 1.18e-4 makes rad of counts")
-    zero: Number = Field(default=0.0, description="foreign value that means zero, in the foreign unit")
-    time: str | None = Field(
-        default=None, description="foreign column with this column's own times (another sample rate)"
-    )
-    time_unit: str | None = Field(default=None, description="unit of `time`; that of the log's time when left out")
-    largest: Number | None = Field(
-        default=None, description="largest plausible magnitude, SI unit; a default per unit otherwise", gt=0
-    )
+    unit: str | None = Field(None, description="unit of the foreign column; the SI unit when left out")
+    scale: Number = Field(1.0, description="further factor: -1 turns a sign, 1.18e-4 makes rad of counts")
+    zero: Number = Field(0.0, description="foreign value that means zero, in the foreign unit")
+    time: str | None = Field(None, description="foreign column with this column's own times")
+    time_unit: str | None = Field(None, description="unit of `time`; that of the log's time when left out")
+    largest: Number | None = Field(None, description="largest plausible magnitude in the SI unit", gt=0)
 
     @model_validator(mode="after")
     def _has_one_source(self) -> Self:
@@ -60,8 +56,8 @@ class TimeSource(StrictModel):
     """The time of the log's rows."""
 
     from_: str = Field(alias="from", description="foreign column with the times", min_length=1)
-    unit: str = Field(default="s", description="unit of the foreign times")
-    starts_at: Number | None = Field(default=None, description="shift times so that the first row has this one, s")
+    unit: str = Field("s", description="unit of the foreign times")
+    starts_at: Number | None = Field(None, description="shift times so that the first row has this one, s")
 
 
 class MetadataValue(StrictModel):
@@ -79,7 +75,7 @@ class CsvFormat(StrictModel):
     skip_lines: int = Field(default=0, description="lines before the line with the names", ge=0)
     skip_after_names: int = Field(default=0, description="lines after it, with units for example", ge=0)
     comment: str | None = Field(
-        default=None, description="lines from this sign on are not read", min_length=1, max_length=1
+        default=None, description="lines from this sign on are left out", min_length=1, max_length=1
     )
     encoding: str = Field(default="utf-8-sig", description="text encoding")
 
@@ -88,7 +84,7 @@ class ScenarioSource(StrictModel):
     """The car and what was driven, or the rig: a name or file, and overrides such as `manoeuvre.speed=4`."""
 
     base: str = Field(description="shipped scenario or YAML file")
-    set: tuple[str, ...] = Field(default=(), description="overrides, section.key=value")
+    set: tuple[str, ...] = Field((), description="overrides, section.key=value")
 
 
 class Mapping(StrictModel):
@@ -104,13 +100,9 @@ class Mapping(StrictModel):
         default_factory=dict, description="facts about the whole log: tail, axis, wind_speed_m_per_s, ..."
     )
     csv: CsvFormat = Field(default_factory=CsvFormat, description="how a text file is written")
-    sparse: StrictBool = Field(
-        default=False, description="empty cells mean 'no sample here', not a lost one (several rates in one table)"
-    )
-    check_rates: StrictBool = Field(
-        default=True, description="compare every logged rate with the derivative of its angle"
-    )
-    scenario: ScenarioSource | None = Field(default=None, description="what was driven; for a rig log, the rig")
+    sparse: StrictBool = Field(False, description="an empty cell is no lost sample: several rates in one table")
+    check_rates: StrictBool = Field(True, description="compare every logged rate with the derivative of its angle")
+    scenario: ScenarioSource | None = Field(None, description="what was driven; for a rig log, the rig")
 
     @model_validator(mode="after")
     def _columns_and_units_are_known(self) -> Self:

@@ -7,21 +7,16 @@ is left out, as the rod ends on it and its bracket is not published. Only rod an
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.car_parameters import TailParameters
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import UserError
 
-SCHEMA = "aerodima/range-of-motion/1"
 PARTS = ("cage", "deck", "wheels", "ground")
 """What the tail may touch. Deck: chassis, rear deck, electronics and anti-ramp board."""
 
@@ -39,13 +34,11 @@ class RangeOfMotion:
         pitch: rad, increasing, shape (p,).
         roll: rad, increasing, shape (r,).
         clearances: to each of `PARTS`, m, at most 0.3, negative where the shapes overlap, shape (p, r, 4).
-        car: the sections `car` and `tail` of its scenario.
     """
 
     pitch: NDArray[np.float64]
     roll: NDArray[np.float64]
     clearances: NDArray[np.float64]
-    car: dict[str, Any]
 
     def clearance(self, pitch: ArrayLike, roll: ArrayLike, parts: tuple[str, ...] = PARTS) -> NDArray[Any]:
         """Least clearance to some parts, m: bilinear between the nodes, that of the edge beyond the map.
@@ -90,14 +83,13 @@ def make_range_of_motion(scenario: Scenario, pitch_count: int = 37, roll_count: 
     """
     for name, count in (("pitch", pitch_count), ("roll", roll_count)):
         if not 3 <= count <= 1001:
-            raise UserError(f"--{name}-nodes {count}: allowed: 3 to 1001")
+            raise UserError(f"{name} nodes: {count}; allowed: 3 to 1001")
     query = TailQuery(scenario.varied(tail={"mode": "swing"}))
     tail = scenario.tail
     pitch = np.linspace(-tail.pitch_limit, tail.pitch_limit, pitch_count)
     roll = np.linspace(-tail.roll_limit, tail.roll_limit, roll_count)
     clearances = np.array([[query.clearances(p, r) for r in roll] for p in pitch])
-    car = {"car": scenario.car.model_dump(), "tail": scenario.tail.model_dump()}
-    return RangeOfMotion(pitch, roll, clearances, car)
+    return RangeOfMotion(pitch, roll, clearances)
 
 
 def ground_clearance(scenario: Scenario, pitch: ArrayLike, roll: ArrayLike, car_roll: ArrayLike = 0.0) -> NDArray[Any]:
@@ -219,12 +211,3 @@ def _part(body: str, geometry: str) -> str | None:
     if body not in ("chassis", "board"):
         return None
     return "cage" if "bar" in geometry or "cage" in geometry else "deck"
-
-
-def write_range_of_motion(motion: RangeOfMotion, path: Path, *, force: bool = False) -> Path:
-    """Writes the map as CSV, one row per node, with the car's parameters in the first line (a comment)."""
-    p, r = np.meshgrid(motion.pitch, motion.roll, indexing="ij")
-    columns = {"pitch_rad": p.ravel(), "roll_rad": r.ravel()}
-    columns |= {f"{part}_clearance_m": motion.clearances[:, :, i].ravel() for i, part in enumerate(PARTS)}
-    text = f"# {json.dumps({'schema': SCHEMA, 'car': motion.car})}\n" + pd.DataFrame(columns).to_csv(index=False)
-    return write_atomically(path, text, force, UserError)

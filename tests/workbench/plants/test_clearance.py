@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.clearance import (
     PARTS,
     RangeOfMotion,
     ground_clearance,
     make_range_of_motion,
-    write_range_of_motion,
 )
 
 LIMIT = math.pi / 2
@@ -76,31 +73,12 @@ def test_ground_under_a_car_on_its_wheels_and_under_one_that_leans(motion: Range
 def test_between_the_nodes_it_is_linear_and_beyond_them_held() -> None:
     nodes = np.array([0.0, 1.0, 2.0])
     values = np.array([[0.0, 1.0, 2.0], [2.0, 3.0, 4.0], [4.0, 5.0, 6.0]])
-    motion = RangeOfMotion(nodes, nodes, np.repeat(values[:, :, None], len(PARTS), axis=2), {})
+    motion = RangeOfMotion(nodes, nodes, np.repeat(values[:, :, None], len(PARTS), axis=2))
     assert float(motion.clearance(0.5, 1.25)) == pytest.approx(2.25)
     assert float(motion.clearance(9.0, -9.0)) == 4.0
     assert motion.clearance(nodes[:, None], nodes[None, :]).shape == (3, 3)
 
 
-def test_file_has_a_row_per_node_and_the_car_in_its_first_line(tmp_path: Path, motion: RangeOfMotion) -> None:
-    head, *lines = write_range_of_motion(motion, tmp_path / "map.csv").read_text().splitlines()
-    assert json.loads(head.removeprefix("# ")) == {"schema": "aerodima/range-of-motion/1", "car": motion.car}
-    assert lines[0] == "pitch_rad,roll_rad," + ",".join(f"{part}_clearance_m" for part in PARTS)
-    values = np.loadtxt(lines[1:], delimiter=",")
-    np.testing.assert_array_equal(values[:, 2:], motion.clearances.reshape(-1, len(PARTS)))
-    np.testing.assert_array_equal(values[: len(motion.roll), 1], motion.roll)
-
-
-def test_command(tmp_path: Path) -> None:
-    from typer.testing import CliRunner
-
-    from aerodima.workbench.cli.program import build_app
-
-    run: Callable = lambda *words: CliRunner().invoke(build_app(), ["models", "range-of-motion", *map(str, words)])  # noqa: E731
-    out = tmp_path / "map.csv"
-    result = run("--out", out, "--pitch-nodes", 5, "--roll-nodes", 5)
-    assert result.exit_code == 0, result.output
-    assert "least_clearance_m" in result.output
-    assert out.with_suffix(".png").stat().st_size > 10_000
-    assert "exists already" in run("--out", out).stderr
-    assert "--roll-nodes 2: allowed: 3 to 1001" in run("--out", tmp_path / "b.csv", "--roll-nodes", 2).stderr
+def test_a_grid_of_too_few_nodes_is_refused() -> None:
+    with pytest.raises(UserError, match="roll nodes: 2; allowed: 3 to 1001"):
+        make_range_of_motion(load_scenario("turn_swing"), 5, 2)
