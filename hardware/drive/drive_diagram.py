@@ -1,23 +1,20 @@
-"""The real car as a Drake system with the ports of the station, and the drive as a diagram in real time."""
+"""The real car as a Drake system with the ports of the station, and a pilot whose driver and tail law are systems."""
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, DiscreteValues, EventStatus, LeafSystem, State
 
 from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.drive.car_guard import CarGuard
-from aerodima.hardware.drive.plain_loop import PERIOD, WRITE_DELAY
-from aerodima.hardware.drive.run_journal import LINK_COLUMNS, RunJournal
+from aerodima.hardware.drive.plain_loop import PERIOD, WRITE_DELAY, Pilot, PilotStep
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.controllers.tail_law import TailLaw
-from aerodima.workbench.logs.recorder import RunRecorder
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.systems.system_ports import DiscreteVector, vector_of
 
@@ -38,7 +35,7 @@ class CarInterface(LeafSystem):
         guard: of the started wiring; a run begins with its last reading on the outputs.
     """
 
-    def __init__(self, guard: CarGuard) -> None:
+    def __init__(self, guard: CarGuard | DiagramPilot) -> None:
         super().__init__()
         self.set_name("car_interface")
         self._guard = guard
@@ -50,11 +47,6 @@ class CarInterface(LeafSystem):
         self.DeclareInitializationDiscreteUpdateEvent(self._initialise)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=PERIOD, offset_sec=0.0, update=self._read)
         self.DeclarePeriodicPublishEvent(PERIOD, WRITE_DELAY, self._write)
-
-    @property
-    def start(self) -> float | None:
-        """Time 0 of the run on `time.monotonic`, s; None before the first reading."""
-        return self._start
 
     def _initialise(self, context: Context, discrete_state: DiscreteValues) -> None:
         del context
@@ -71,75 +63,50 @@ class CarInterface(LeafSystem):
             value.write(discrete_state, getattr(reading, name))
 
     def _write(self, context: Context) -> EventStatus:
-        steering, throttle, pitch, roll = (self._command(context, name) for name in STATION_INPUTS)
-        self._guard.write(CarCommand(float(steering[0]), float(throttle[0]), pitch, roll), time.monotonic())
+        self._guard.write(self.command(context), time.monotonic())
         return EventStatus.Succeeded()
 
-    def _command(self, context: Context, name: str) -> np.ndarray:
-        values = vector_of(self._ports[name], context)
-        return np.array(values)
+    def command(self, context: Context) -> CarCommand:
+        """What stands on the input ports."""
+        steering, throttle, pitch, roll = (np.array(vector_of(self._ports[name], context)) for name in STATION_INPUTS)
+        return CarCommand(float(steering[0]), float(throttle[0]), pitch, roll)
 
 
-class LinkTimes(LeafSystem):
-    """The columns of a drive that no station has: `LINK_COLUMNS` on one port.
+class DiagramPilot(Pilot):
+    """The sequence of a scenario and its tail law as the systems of a simulated run, a tick of their diagram at a time.
 
-    Output ports:
-        links (3): s, on the clock of the run.
+    Building takes a second or more, in which no loop turns: it is done before the motors are on. To the interface in
+    its diagram the pilot stands where the guard of a car would.
+
+    Attributes: reading: of the tick, as the loop has it.
     """
 
-    def __init__(self, links: Callable[[float], np.ndarray], start: Callable[[], float | None]) -> None:
-        super().__init__()
-        self.set_name("link_times")
-        self._links, self._start = links, start
-        self.DeclareVectorOutputPort("links", len(LINK_COLUMNS), self._calc, {self.time_ticket()})
-
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        start = self._start()
-        output.SetFromVector(self._links(time.monotonic() - context.get_time() if start is None else start))
-
-
-class DiagramRun:
-    """As `aerodima.hardware.drive.plain_loop.run_loop` with an `AutoPilot`, in a Drake `Simulator` at real-time rate 1.
-
-    Building takes a second or more, in which no loop turns: it is done before the motors are on.
-    """
-
-    def __init__(
-        self,
-        guard: CarGuard,
-        scenario: Scenario,
-        journal: RunJournal,
-        links: Callable[[float], np.ndarray],
-        law: TailLaw | None = None,
-        real_time_rate: float = 1.0,
-    ) -> None:
-        self._guard, self._journal = guard, journal
-        self._stopped = math.nan
-        interface = CarInterface(guard)
-        car = assemble(scenario, interface=lambda _: interface, tail_law=law)
-        times = car.builder.AddSystem(LinkTimes(links, lambda: interface.start))
-        signals = [*car.signals, (times.get_output_port(), list(LINK_COLUMNS))]
-        RunRecorder.add_to_builder(car.builder, journal, signals, 1.0 / PERIOD)
+    def __init__(self, scenario: Scenario, law: TailLaw | None = None) -> None:
+        self.reading = CarReading()
+        self._interface = CarInterface(self)
+        car = assemble(scenario, interface=lambda _: self._interface, tail_law=law, lean=True)
+        self._ports: dict[str, Any] = {names[0]: port for port, names in car.signals}
         self._simulator = Simulator(car.builder.Build())
-        self._simulator.set_target_realtime_rate(real_time_rate)
-        self._simulator.set_monitor(self._look)
-
-    def run(self, length: float) -> float:
-        """Drives for `length` s, or until the car has stopped.
-
-        Returns:
-            When the guard began to stop, s after the start; NaN if it did not.
-        """
         self._simulator.Initialize()
-        self._simulator.AdvanceTo(length)
-        return self._stopped
 
-    def _look(self, context: Context) -> EventStatus:
-        guard = self._guard
-        if self._journal.error:
-            guard.stop(self._journal.error, time.monotonic())
-        if math.isnan(self._stopped) and guard.stopping:
-            self._stopped = context.get_time()
-        if guard.finished:
-            return EventStatus.ReachedTermination(self._simulator.get_system(), guard.reason)
-        return EventStatus.DidNothing()
+    def read(self, now: float, due: float | None = None) -> CarReading:
+        """The reading of the tick, to the interface."""
+        del now, due
+        return self.reading
+
+    def write(self, command: CarCommand, now: float) -> None:
+        """Nothing: the loop takes the command and passes it on."""
+
+    def start(self) -> PilotStep:
+        """See `Pilot`."""
+        root = self._simulator.get_context()
+        command = self._interface.command(self._interface.GetMyContextFromRoot(root))
+        ports = (self._ports["planned_turn"], self._ports["controller_state"])
+        plan, state = (port.Eval(port.get_system().GetMyContextFromRoot(root))[0] for port in ports)
+        return PilotStep(command, float(plan), int(state))
+
+    def step(self, time: float, reading: CarReading) -> PilotStep:
+        """See `Pilot`."""
+        self.reading = reading
+        self._simulator.AdvanceTo(time + 0.5 * PERIOD)
+        return self.start()

@@ -32,7 +32,7 @@ from aerodima.hardware.drive.drive_checks import (
     standstill_checks,
     watchdog_check,
 )
-from aerodima.hardware.drive.plain_loop import AutoPilot, ControlPilot, ManualPilot, idle_until, run_loop
+from aerodima.hardware.drive.plain_loop import AutoPilot, ControlPilot, ManualPilot, Pilot, idle_until, run_loop
 from aerodima.hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
 from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.workbench.config.scenario import Scenario
@@ -189,7 +189,7 @@ def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
     _tell(checks, drive.say, refuse=not options.dry_run)
     journal = open_run_journal(Path(options.log), drive.scenario, drive.car.name, options.force)
     try:
-        run = _prepare(drive, journal)
+        pilot = _prepare(drive)
         mode = RadioMode.AUTO if options.dry_run else _arm_and_choose(drive)
     except BaseException:
         journal.discard()
@@ -198,7 +198,7 @@ def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
         _let_stop(guard)
         journal.discard()
         return DriveResult(guard.reason, False, None, came[0] if came else 0)
-    log = _logged_run(drive, journal, lambda: run(mode))
+    log = _logged_run(drive, journal, pilot(mode), mode)
     orderly = not guard.hard and (guard.reason == RUN_OVER or guard.left)
     return DriveResult(guard.reason, orderly, log, came[0] if came else 0)
 
@@ -295,12 +295,15 @@ def _wait_for_operator(drive: _Drive) -> RadioMode:
     return mode
 
 
-def _logged_run(drive: _Drive, journal: RunJournal, run: Callable[[], float]) -> Path:
+def _logged_run(drive: _Drive, journal: RunJournal, pilot: Pilot, mode: RadioMode) -> Path:
     """The run with its log, then the end of it; the log is closed whatever happened."""
     guard, stopped = drive.guard, math.nan
+    by_hand, scenario = mode is not RadioMode.AUTO, drive.scenario
+    if by_hand:
+        journal.add_facts({DRIVEN_BY: f"hand ({mode.name})"})
     begin, busy = time.monotonic(), time.process_time()
     try:
-        stopped = run()
+        stopped = run_loop(guard, pilot, scenario, _HOUR if by_hand else run_time(scenario), journal)
         guard.stop(RUN_OVER, time.monotonic())
         _let_stop(guard)
     except BaseException as error:
@@ -316,28 +319,23 @@ def _logged_run(drive: _Drive, journal: RunJournal, run: Callable[[], float]) ->
     return path
 
 
-def _prepare(drive: _Drive, journal: RunJournal) -> Callable[[RadioMode], float]:
-    """Builds what takes time; the returned function drives in a mode and says when the car began to stop."""
-    scenario, guard, with_drake = drive.scenario, drive.guard, drive.options.with_drake
-    links, length = guard.link_times, run_time(drive.scenario)
-    if with_drake:
-        from aerodima.hardware.drive.drive_diagram import DiagramRun
+def _prepare(drive: _Drive) -> Callable[[RadioMode], Pilot]:
+    """Builds what takes time; the returned function gives the pilot of a mode."""
+    scenario, law = drive.scenario, drive.law
+    if drive.options.with_drake:
+        from aerodima.hardware.drive.drive_diagram import DiagramPilot
 
-        diagram = DiagramRun(guard, scenario, journal, links, drive.law)
+        sequence: Pilot = DiagramPilot(scenario, law)
+    else:
+        sequence = AutoPilot(scenario, law)
 
-    def run(mode: RadioMode) -> float:
-        if mode is not RadioMode.AUTO:
-            journal.add_facts({DRIVEN_BY: f"hand ({mode.name})"})
-        if mode is RadioMode.MANUAL:
-            return run_loop(guard, ManualPilot(scenario), scenario, _HOUR, journal, links)
-        if mode is RadioMode.CONTROL:
-            return run_loop(guard, ControlPilot(scenario, drive.law), scenario, _HOUR, journal, links)
-        if with_drake:
-            return diagram.run(length)
-        return run_loop(guard, AutoPilot(scenario, drive.law), scenario, length, journal, links)
+    def pilot(mode: RadioMode) -> Pilot:
+        if mode is RadioMode.AUTO:
+            return sequence
+        return ManualPilot(scenario) if mode is RadioMode.MANUAL else ControlPilot(scenario, law)
 
     prefer_latency()
-    return run
+    return pilot
 
 
 def _let_stop(guard: CarGuard) -> None:

@@ -1,6 +1,6 @@
-"""The plain loop and who drives in it, without Drake: the same guard and log as the diagram.
+"""The loop of a drive and who drives in it: a sequence with its tail law, or the operator by radio. No Drake in here.
 
-The sequence of a scenario with its tail law, or the operator by radio.
+`aerodima.hardware.drive.drive_diagram.DiagramPilot` is the sequence as a diagram.
 """
 
 from __future__ import annotations
@@ -77,26 +77,24 @@ def run_loop(
     scenario: Scenario,
     length: float,
     journal: RunJournal,
-    links: Callable[[float], np.ndarray],
     clock: Clock = time.monotonic,
     wait: Wait = wait_until,
 ) -> float:
     """Drives for `length` s, or until the car has stopped; a guard that is armed drives from the first tick on.
 
     Args:
-        links: the values of `LINK_COLUMNS` for a run that started at the given time.
         clock, wait: of the real loop; tests turn faster.
 
     Returns:
         When the guard began to stop, s after the start; NaN if it did not.
     """
-    start, stopped = clock(), math.nan
     row = Row(scenario, journal.columns)
     step, reading = pilot.start(), guard.reading
+    start, stopped = clock(), math.nan
     for tick in range(round(length / PERIOD) + 1):
         time_now = tick * PERIOD
         wait(start + time_now)
-        journal.append(row.make(time_now, step, reading, links(start)))
+        journal.append(row.make(time_now, step, reading, guard.link_times(start)))
         if journal.error:
             guard.stop(journal.error, clock())
         if time_now + 0.5 * PERIOD > length:  # the row of the end; its tick belongs to what comes after
@@ -141,7 +139,7 @@ class PilotStep(NamedTuple):
 
 
 class Pilot:
-    """Whoever drives the car in the plain loop."""
+    """Whoever drives the car in the loop."""
 
     def start(self) -> PilotStep:
         """What stands on the outputs before the first tick."""

@@ -31,6 +31,7 @@ class FakeWiring:
         self.roll, self.roll_rate = roll, 0.0
         self.yaw_rate = yaw_rate
         self.attitude, self.speed = (0.0, 0.0), 3.0
+        self.imu_time = self.teensy_time = 0.0
         self.armed = False
         self.faults, self.ages = {}, {}
         self.fault_text = ""

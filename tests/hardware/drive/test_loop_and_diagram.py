@@ -15,9 +15,9 @@ from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.drive.car_guard import CarGuard, Stage
-from aerodima.hardware.drive.drive_diagram import CarInterface, DiagramRun
+from aerodima.hardware.drive.drive_diagram import CarInterface, DiagramPilot
 from aerodima.hardware.drive.plain_loop import PERIOD, AutoPilot, ManualPilot, idle_until, run_loop
-from aerodima.hardware.drive.run_journal import LINK_COLUMNS, RunJournal, drive_columns, open_run_journal
+from aerodima.hardware.drive.run_journal import RunJournal, drive_columns, open_run_journal
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.controllers.swing_law import SwingState
@@ -28,7 +28,6 @@ from aerodima.workbench.realtime import permitted
 from aerodima.workbench.stations.car_station import make_car_station
 from tests.hardware.drive.fake_wiring import FakeWiring, quick_turn
 
-# The diagram of these tests runs faster than its clock.
 SAFETY = load_drive_safety().model_copy(update={"overrun": 100.0, "throttle_start": 1.0})
 """Simulated time: nothing is ever late."""
 SCENARIO = quick_turn()
@@ -58,26 +57,17 @@ def armed(wiring, clock):
     return guard
 
 
-def no_links(start):
-    return np.zeros(len(LINK_COLUMNS))
-
-
 def plain(path, wiring, scenario=SCENARIO, length=2.0, pilot=None):
     clock = Time()
     guard = armed(wiring, clock)
     journal = open_run_journal(path, scenario, "watched_can")
-    stopped = run_loop(guard, pilot or AutoPilot(scenario), scenario, length, journal, no_links, clock, clock.wait)
+    stopped = run_loop(guard, pilot or AutoPilot(scenario), scenario, length, journal, clock, clock.wait)
     journal.close()
     return guard, stopped
 
 
-def diagram(path, wiring, scenario=SCENARIO, length=2.0):
-    guard = armed(wiring, Time())
-    journal = open_run_journal(path, scenario, "watched_can")
-    run = DiagramRun(guard, scenario, journal, no_links, real_time_rate=0.0)
-    stopped = run.run(length)
-    journal.close()
-    return guard, stopped
+def diagram(path, wiring):
+    return plain(path, wiring, pilot=DiagramPilot(SCENARIO))
 
 
 def test_ports_are_those_of_the_simulated_station():
@@ -138,23 +128,11 @@ def test_a_fault_ends_the_run_with_a_log_up_to_it(tmp_path, run):
     wiring.read = read
     guard, stopped = run(tmp_path / "run.parquet", wiring)
     log = read_run_log(tmp_path / "run.parquet")
-    if run is plain:  # the diagram runs faster than the wall clock by which the guard measures
-        assert guard.finished
-        assert 0.4 < stopped < 0.55
-        assert log.time[-1] == pytest.approx(stopped + SAFETY.tail_hold + SAFETY.after_exit, abs=0.03)
+    assert guard.finished
+    assert 0.4 < stopped < 0.55
+    assert log.time[-1] == pytest.approx(stopped + SAFETY.tail_hold + SAFETY.after_exit, abs=0.03)
     assert log.signal("status_imu_fault")[-1] == SourceFault.SILENT
     assert all(command.throttle == 0.0 for command in wiring.commands[51:])
-
-
-def test_the_diagram_ends_when_the_car_has_stopped(tmp_path):
-    wiring = FakeWiring()
-    guard = armed(wiring, Time())
-    guard._safety = SAFETY.model_copy(update={"tail_hold": 0.0, "after_exit": 0.0})
-    journal = open_run_journal(tmp_path / "run.parquet", SCENARIO, "watched_can")
-    wiring.faults["imu"] = SourceFault.SILENT
-    assert DiagramRun(guard, SCENARIO, journal, no_links, real_time_rate=0.0).run(2.0) < 0.05
-    journal.close()
-    assert read_run_log(tmp_path / "run.parquet").time[-1] < 0.05
 
 
 def test_the_operator_drives_by_radio(tmp_path):
@@ -167,7 +145,7 @@ def test_the_operator_drives_by_radio(tmp_path):
     idle_until(guard, lambda: guard.rested, 0.1, clock, clock.wait)
     guard.drive(RadioMode.MANUAL, clock())
     journal = open_run_journal(tmp_path / "run.parquet", SCENARIO, "watched_can")
-    run_loop(guard, ManualPilot(SCENARIO), SCENARIO, 0.5, journal, no_links, clock, clock.wait)
+    run_loop(guard, ManualPilot(SCENARIO), SCENARIO, 0.5, journal, clock, clock.wait)
     journal.close()
     command = wiring.commands[-1]
     assert (command.steering_angle, command.throttle) == (-SCENARIO.servo.limit, 0.2)
@@ -231,7 +209,7 @@ def test_a_full_disk_stops_the_car_and_keeps_what_was_written(tmp_path):
         while journal._waiting.qsize() and not journal.error:  # the thread keeps up
             pass
 
-    run_loop(guard, AutoPilot(SCENARIO), SCENARIO, 2.0, journal, no_links, clock, wait)
+    run_loop(guard, AutoPilot(SCENARIO), SCENARIO, 2.0, journal, clock, wait)
     assert "No space left" in guard.reason
     assert wiring.calls[-1] == "disarm"
     with pytest.raises(LogError, match="log recover"):

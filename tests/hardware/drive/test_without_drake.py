@@ -36,7 +36,7 @@ idle_until(guard, lambda: guard.rested, 0.1, clock, clock.wait)
 guard.drive(RadioMode.AUTO, clock())
 with tempfile.TemporaryDirectory() as folder:
     journal = open_run_journal(pathlib.Path(folder) / "run.parquet", scenario, "watched_can")
-    run_loop(guard, AutoPilot(scenario), scenario, 2.0, journal, lambda start: np.zeros(3), clock, clock.wait)
+    run_loop(guard, AutoPilot(scenario), scenario, 2.0, journal, clock, clock.wait)
     journal.close()
 print("swung" if wiring.roll > 1.3 else wiring.roll)
 """
