@@ -146,8 +146,12 @@ def _refuse_outputs(log: Path | None, replay: Path | None, force: bool) -> None:
 
 def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> RunLog:
     from aerodima.workbench.logs.journal import journal_path
+    from aerodima.workbench.simulate.car_run import turn_end
     from aerodima.workbench.simulate.simulation import simulate
 
+    duration, end = scenario.manoeuvre.duration, turn_end(scenario)
+    if scenario.manoeuvre.kind == "turn" and duration < end:  # its metrics need the whole turn
+        raise UserError(f"manoeuvre.duration: {duration:g} s; allowed: >= {end:g} s, the end of the turn")
     try:
         return simulate(
             scenario,

@@ -143,8 +143,10 @@ def test_replay_below_a_file_is_refused_before_anything_is_simulated(refused: Ca
     assert not log.exists()
 
 
-def test_run_that_ends_before_its_turn_says_so(refused: Callable) -> None:
-    assert "holds 0 to 1 s, the turn is 2 to 2.64" in refused("turn", "--set", "manoeuvre.duration=1")
+def test_run_that_ends_before_its_turn_names_the_duration(refused: Callable) -> None:
+    message = refused("turn", "--set", "manoeuvre.duration=1")
+    assert "manoeuvre.duration: 1 s" in message
+    assert ">= 2.6" in message
 
 
 def test_scenario_file_may_have_no_ending(call: Callable, tmp_path: Path) -> None:
