@@ -65,13 +65,10 @@ EXTRAS = {
 PROGRAMS = {
     "browser": (
         ("chromium", "chromium-browser", "google-chrome", "firefox"),
-        "open replays on another machine, or install chromium",
+        "install chromium, or replay elsewhere",
     ),
     "graphviz": (("dot",), "install graphviz; block diagrams of notebooks are text without it"),
-    "C++ compiler": (
-        (os.environ.get("CXX", "g++"),),
-        "install g++; the emulated car compiles the Teensy's firmware with it",
-    ),
+    "C++ compiler": ((os.environ.get("CXX", "g++"),), "install g++, which compiles the firmware of the emulated car"),
 }
 """Subject -> the programs of which one is needed, and the advice without."""
 
@@ -164,38 +161,27 @@ def _programs() -> Iterator[Finding]:
 
 
 def _can() -> Iterator[Finding]:
-    interfaces = sorted(path.parent.name for path in Path("/sys/class/net").glob("*/type") if _is_can(path))
+    types = Path("/sys/class/net").glob("*/type")
+    interfaces = sorted(path.parent.name for path in types if path.read_text().strip() == _ARPHRD_CAN)
     advice = "for a real car: docs/deployment.md; simulation and the emulated car need none"
     yield Finding("CAN interface", ", ".join(interfaces) or "none", bool(interfaces), advice)
-
-
-def _is_can(path: Path) -> bool:
-    try:
-        return path.read_text().strip() == _ARPHRD_CAN
-    except OSError:
-        return False
 
 
 def _serial() -> Iterator[Finding]:
     ports = [str(port) for port in sorted({*Path("/dev").glob("ttyACM*"), *Path("/dev").glob("ttyUSB*")})]
     closed = [port for port in ports if not os.access(port, os.R_OK | os.W_OK)]
-    if closed:
-        advice = "add yourself to the group `dialout` and log in again"
-        yield Finding("serial ports", "no permission for " + ", ".join(closed), False, advice)
-    else:
-        yield Finding("serial ports", ", ".join(ports) or "none", bool(ports), "for a real car: plug in the Teensy")
+    found = "no permission for " + ", ".join(closed) if closed else ", ".join(ports) or "none"
+    advice = "for a real car: plug in the Teensy; add yourself to the group `dialout` and log in again"
+    yield Finding("serial ports", found, bool(ports) and not closed, advice)
 
 
 def _realtime() -> Iterator[Finding]:
-    found = {
-        (True, True): "priority may be had, locked memory too",
-        (True, False): "priority may be had, locked memory not",
-        (False, True): "priority is not permitted, locked memory may be had",
-        (False, False): "priority is not permitted, nor locked memory",
-    }
+    words = {True: "permitted", False: "not permitted"}
+    priority, memory = permitted()
     advice = "for a real car: hardware/deploy/95-aerodima.conf has the limits to set"
-    there = permitted()
-    yield Finding("real time", found[there], all(there), advice)
+    yield Finding(
+        "real time", f"priority {words[priority]}, locked memory {words[memory]}", priority and memory, advice
+    )
 
 
 def _disk() -> Iterator[Finding]:

@@ -209,20 +209,9 @@ def _leaves_5(path: Path) -> Iterator[tuple[str, Any]]:
     from scipy.io.matlab import MatReadError
 
     try:
-        contents = loadmat(path, simplify_cells=True)
+        yield from _walk("", loadmat(path, simplify_cells=True))
     except (ValueError, TypeError, MatReadError, NotImplementedError, OSError, KeyError, IndexError) as cause:
         raise LogError(f"{path}: damaged or not a MAT file ({' '.join(str(cause).split())})") from cause
-    for name, value in contents.items():
-        if not name.startswith("__"):
-            yield from _walk(name, value)
-
-
-def _walk(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _walk(f"{name}.{key}", inner)
-    else:
-        yield name, value
 
 
 def _leaves_7_3(path: Path) -> Iterator[tuple[str, Any]]:
@@ -231,26 +220,29 @@ def _leaves_7_3(path: Path) -> Iterator[tuple[str, Any]]:
 
     try:
         with h5py.File(path, "r") as file:
-            yield from _walk_7_3(h5py, "", file)
+            yield from _walk("", file)
     except OSError as cause:
         raise LogError(f"{path}: damaged or not a MAT file of version 7.3") from cause
 
 
-def _walk_7_3(h5py: Any, prefix: str, group: Any) -> Iterator[tuple[str, Any]]:
-    for key in group:
-        if key in ("#refs#", "#subsystem#"):
+def _walk(prefix: str, struct: Any) -> Iterator[tuple[str, Any]]:
+    """Leaves of a struct, a dict of SciPy or a group of h5py, with their names."""
+    for key, value in struct.items():
+        if key.startswith(("__", "#")):
             continue
-        value, name = group[key], prefix + key
-        matlab_class = value.attrs.get("MATLAB_class", b"")
-        if isinstance(value, h5py.Group):
-            yield from _walk_7_3(h5py, f"{name}.", value)
-        elif matlab_class == b"char":
-            yield name, ""
-        elif value.dtype.kind in "fiub" and "MATLAB_object_decode" not in value.attrs:
-            # HDF5 keeps MATLAB's order of the numbers, so rows and columns are exchanged.
-            yield name, np.array([]) if "MATLAB_empty" in value.attrs else np.asarray(value).T
+        if hasattr(value, "items"):
+            yield from _walk(f"{prefix}{key}.", value)
         else:
-            yield name, None
+            yield prefix + key, _content(value) if hasattr(value, "attrs") else value
+
+
+def _content(dataset: Any) -> NDArray | str | None:
+    """Of an HDF5 dataset, which keeps MATLAB's order of the numbers, so that rows and columns are exchanged."""
+    if dataset.attrs.get("MATLAB_class") == b"char":
+        return ""
+    if dataset.dtype.kind not in "fiub" or "MATLAB_object_decode" in dataset.attrs:
+        return None
+    return np.array([]) if "MATLAB_empty" in dataset.attrs else np.asarray(dataset).T
 
 
 def read_mcap(path: Path) -> ForeignLog:

@@ -82,7 +82,7 @@ class RunRecorder(LeafSystem):
 
     Args:
         journal: open journal, or other sink, whose columns are `time_s` and then those of the ports, in order.
-        sources: size of each recorded port.
+        signals: the recorded ports with the names of their columns.
         rate: rows per second, Hz.
         stage: `Stage.RECORD` beside a simulated car (`aerodima.workbench.systems.system_ports`), whose row then
             has what sensors and controllers did at its instant; without, a row has what stood on the ports before
@@ -96,13 +96,13 @@ class RunRecorder(LeafSystem):
     def __init__(
         self,
         journal: RowSink,
-        columns: Sequence[str],
-        sizes: Sequence[int],
+        signals: Signals,
         rate: float,
         stage: Stage | None = None,
         with_samples: bool = False,
     ):
         super().__init__()
+        columns, sizes = recorded_columns(signals), [port.size() for port, _ in signals]
         self.set_name("run_recorder")
         self._journal, self._rate = journal, rate
         self._row = np.zeros(1 + sum(sizes))
@@ -130,8 +130,7 @@ class RunRecorder(LeafSystem):
         with_samples: bool = False,
     ) -> RunRecorder:
         """Records each output port under the given column names."""
-        columns = recorded_columns(signals)
-        recorder = cls(journal, columns, [port.size() for port, _ in signals], rate, stage, with_samples)
+        recorder = cls(journal, signals, rate, stage, with_samples)
         builder.AddSystem(recorder)
         for index, (port, _) in enumerate(signals):
             builder.Connect(port, recorder.get_input_port(index))
