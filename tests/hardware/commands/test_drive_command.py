@@ -1,9 +1,9 @@
 """What a user can get wrong with `aerodima drive`: one line, status 2, and nothing written."""
 
+import errno
 import json
 import os
 import pty
-import stat
 
 import pytest
 from typer.testing import CliRunner
@@ -98,14 +98,17 @@ def test_without_a_terminal_nothing_is_armed():
     assert refused("auto_turn", "--ports", ports(), "--watchdog-test").startswith("error: not armed: nobody said")
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")
-def test_a_device_without_permission_says_what_to_do():
+def test_a_device_without_permission_says_what_to_do(monkeypatch):
     master, slave = pty.openpty()
-    os.chmod(os.ttyname(slave), 0)
-    assert "permission denied" in refused(
-        "auto_turn", "--ports", ports(teensy={"path": os.ttyname(slave)}), "--dry-run"
-    )
-    os.chmod(os.ttyname(slave), stat.S_IRWXU)
+    name, opened = os.ttyname(slave), os.open
+
+    def denied(path, *arguments, **named):  # as for a user who is not in the device's group; root may open everything
+        if path == name:
+            raise PermissionError(errno.EACCES, "Permission denied", name)
+        return opened(path, *arguments, **named)
+
+    monkeypatch.setattr(os, "open", denied)
+    assert "permission denied" in refused("auto_turn", "--ports", ports(teensy={"path": name}), "--dry-run")
     os.close(master)
     os.close(slave)
 
