@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from aerodima.optimisation.screening.vehicles import Vehicles
+from aerodima.workbench.aero.laws import LineMotion, plate_force
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.plants.car_model import CAGE_STIFFNESS
 
@@ -234,7 +235,7 @@ def _tail(
     turn = w + pitching + joint_rates[1] * x
     alpha = cross(w, pitching) + cross(w + pitching, joint_rates[1] * x)
     a_S = cross(w, cross(w, P)) + cars.gravity * up(state[4], state[5])
-    F_air, M_air = _air(rates[V] + cross(w, P), cross(turn, e), x, y, cars)
+    F_air, M_air = _air(LineMotion(-rates[V] - cross(w, P), -cross(turn, e), e, y), x, cars)
     F = m * (a_S + cross(alpha, L) + cross(turn, cross(turn, L))) - F_air
     M = cross(L, m * a_S) + _apply(J, alpha) + cross(turn, _apply(J, turn)) - M_air
     force[V] -= F
@@ -244,19 +245,18 @@ def _tail(
     return _joints(state, commands, cars, mass, force, damping)
 
 
-def _air(v_S: FloatArray, k: FloatArray, x: FloatArray, y: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray]:
-    """Force of the air on the sail, and its moment about the joints; the law of design section 5.
+def _air(line: LineMotion, chord: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray]:
+    """Force of the air on the sail, and its moment about the joints (3, n); the law of design section 5.
 
     Args:
-        v_S: velocity of the joints (3, n); `k` what a distance along the tail adds to it, per m.
-        x, y: chord and normal of the sail.
+        line: motion of the sail against the air, in B.
+        chord: direction across it, the normal of the plate that stands for its depth.
     """
-    s = cars.section_distances
-    across, along = dot(y, v_S) + s * dot(y, k), dot(x, v_S) + s * dot(x, k)
-    pressure = -0.5 * cars.air_density * cars.section_areas * np.sqrt(across * across + along * along + TINY)
-    normal, chord = pressure * cars.force_across * across, pressure * cars.force_chord * along
-    F = np.sum(normal, axis=0) * y + np.sum(chord, axis=0) * x
-    return F, np.sum(chord * s, axis=0) * y - np.sum(normal * s, axis=0) * x
+    total = np.zeros((6, cars.count), chord.dtype)
+    for normal, coefficient in ((line.n, cars.force_across), (chord, cars.force_chord)):
+        areas, plate = tuple(coefficient * cars.section_areas), line._replace(n=normal)
+        total += plate_force(plate, tuple(cars.section_distances), areas, cars.air_density, 1.0, 1.0)
+    return total[:3], total[3:]
 
 
 def _joints(

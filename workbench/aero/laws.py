@@ -27,7 +27,7 @@ check_above_zero = partial(check_from_zero, above_low=True)
 """Refuse a number that is not finite or too small, by `check_range`."""
 
 Scalar = Any  # float or AutoDiffXd
-Vector = Sequence[Any]
+Vector = Any  # three scalars in a row
 
 # Below this squared speed (m2/s2) a section feels nothing: both laws are quadratic, so value and gradient are zero
 # there.
@@ -137,11 +137,13 @@ def plate_force(
     line: LineMotion,
     distances: Sequence[Scalar],
     areas: Sequence[Scalar],
-    density: float,
+    density: Scalar,
     along: float,
     against: float,
 ) -> tuple[Scalar, ...]:
     """F = 1/2 rho A C_N |v_p| v_n n for every section; see `SectionLaw.line_force`.
+
+    With one C_N for both sides all numbers may be arrays of one shape, for many cars at once.
 
     Args:
         line, distances, areas, density: as there.
@@ -152,15 +154,17 @@ def plate_force(
     u_n, k_n = ux * nx + uy * ny + uz * nz, kx * nx + ky * ny + kz * nz
     u_c, k_c = ux * cx + uy * cy + uz * cz, kx * cx + ky * cy + kz * cz
     scale = 0.5 * density
-    if along == against:
-        scale, along, against = scale * along, 1.0, 1.0
+    even, many = along == against, isinstance(u_n, np.ndarray)
+    if even:
+        scale, along = scale * along, 1.0
     total = moment = 0.0
     for i in range(len(distances)):
         s = distances[i]
         v_n, v_c = u_n + s * k_n, u_c + s * k_c
         squared = v_n * v_n + v_c * v_c
-        if squared > STILL:
-            f = areas[i] * (along if v_n > 0.0 else against) * squared**0.5 * v_n
+        if many or squared > STILL:
+            speed = (squared + STILL) ** 0.5 if many else squared**0.5
+            f = areas[i] * (along if even or v_n > 0.0 else against) * speed * v_n
             total += f
             moment += s * f
     total, moment = scale * total, scale * moment
