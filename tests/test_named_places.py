@@ -183,6 +183,6 @@ def test_a_name_that_is_gone_is_seen() -> None:
     assert exists("aerodima.workbench.config.scenario.load_scenario")
     assert exists("aerodima.workbench.load_scenario")
     assert stale("ports", "IMU")
-    assert stale("aero.tail_force", "add_to_builder")
+    assert stale("aero.tail_force", "make_tail_force")
     assert not stale("aero.tail_force", "add_tail_force")
     assert FILE.findall("see workbench/config/nothing.py and https://a.b/docs/x.md") == ["workbench/config/nothing.py"]

@@ -25,7 +25,7 @@ from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, earlier_shift, stated_rest
-from aerodima.workbench.sensors.encoder import MotorReply
+from aerodima.workbench.sensors.car_sensors import MotorReply
 
 CURRENT_SAMPLING = "current_sampling"
 """Key in a log's `extra`: whether a sample of the current is its value then or its mean since the sample before."""

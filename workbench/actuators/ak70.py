@@ -1,7 +1,6 @@
 """AK70-10 motors in MIT mode (design section 6): on the tail of the car, and on that of the robot on the rig."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -26,21 +25,8 @@ def torque_speed_limits(motor: TailMotorParameters) -> tuple[float, float]:
     return stall_torque, no_load_speed
 
 
-class StepAhead(NamedTuple):
-    """How a joint will move until the end of a step of the plant.
-
-    Args:
-        length: of the step, s; 0 evaluates the law at this instant.
-        inertia: of the joint with the reflected rotor, kg m2.
-        load: torque on the joint from all but its motor, N m.
-    """
-
-    length: float = 0.0
-    inertia: float = 1.0
-    load: float = 0.0
-
-
-NOW = StepAhead()
+NOW = (0.0, 1.0, 0.0)
+"""Step of a plant that has no length: a law holds at this instant."""
 
 
 def mit_torque(
@@ -67,7 +53,8 @@ def mit_torque(
         command: q_d rad, qd_d rad/s, kp N m/rad, kd N m s/rad, tau_ff N m.
         motor: limits.
         line: stall torque N m and no-load speed rad/s, from `torque_speed_limits`.
-        ahead: step of the plant, as `StepAhead`; by default the law holds at this instant.
+        ahead: length of the plant's step, s, inertia of the joint with the reflected rotor, kg m2, and torque on it
+            from all but its motor, N m; by default the law holds at this instant.
     """
     q_d, qd_d, kp, kd, feedforward = command
     scale = 1.0 + motor.torque_error
@@ -81,32 +68,6 @@ def mit_torque(
     upper = min(motor.torque_limit, max(0.0, stall * (1.0 - speed / no_load)))
     lower = max(-motor.torque_limit, min(0.0, -stall * (1.0 + speed / no_load)))
     return min(max(torque, lower), upper)
-
-
-def loaded_torque(
-    motion: tuple[float, float, float],
-    last_torque: float,
-    friction: float,
-    command: Sequence[float],
-    motor: TailMotorParameters,
-    line: tuple[float, float],
-    step: float,
-    inertia: float,
-) -> float:
-    """Torque (N m) of one motor against a load that is taken from the plant's last step; 0 for a NaN in the command.
-
-    Args:
-        motion: angle, rad, and rate, rad/s, of the joint, and its acceleration in the last step, rad/s2.
-        last_torque: motor and friction together, of the last step, N m.
-        friction: of this instant, N m.
-        command, motor, line: as for `mit_torque`.
-        step: of the plant, s.
-        inertia: of the joint with the reflected rotor, kg m2.
-    """
-    angle, rate, acceleration = motion
-    load = inertia * acceleration - last_torque + friction
-    torque = mit_torque(angle, rate, command, motor, line, (step, inertia, load))
-    return torque if torque == torque else 0.0
 
 
 class TailJoints:
@@ -154,12 +115,11 @@ class TailJoints:
         """
         torques = []
         for joint, about_joint in enumerate(self._arm.about_joints(angles[ROLL])):
-            rate, inertia = rates[joint], about_joint + self._rotor
-            friction, motion = self._friction(rate), (angles[joint], rate, accelerations[joint])
-            torque = loaded_torque(
-                motion, last_torques[joint], friction, commands[joint], self._motor, self._line, self._step, inertia
-            )
-            torques.append((torque, friction))
+            angle, rate, inertia = angles[joint], rates[joint], about_joint + self._rotor
+            friction = self._friction(rate)
+            ahead = (self._step, inertia, inertia * accelerations[joint] - last_torques[joint] + friction)
+            torque = mit_torque(angle, rate, commands[joint], self._motor, self._line, ahead)
+            torques.append((torque if torque == torque else 0.0, friction))
         return torques
 
 

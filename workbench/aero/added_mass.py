@@ -47,7 +47,7 @@ from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort
 
 from aerodima.workbench.aero.laws import dot
 from aerodima.workbench.aero.sections import SectionLayout, sampled_poses
-from aerodima.workbench.aero.tail_force import connect_spatial_forces
+from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX, connect_spatial_forces
 from aerodima.workbench.config.checked_files import check_range
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.systems.system_ports import LeafSystem_, connected, declare_spatial_forces, system_template
@@ -55,8 +55,6 @@ from aerodima.workbench.systems.system_ports import LeafSystem_, connected, decl
 _CONTINUOUS_RATE = 100.0
 _RATE_TIMES_STEP = 0.2
 _POSITION_SAMPLES = 64
-ADDED_MASS_PREFIX = "added_mass_"
-"""How the names of model instances and bodies of added mass begin."""
 
 
 @dataclass(frozen=True)

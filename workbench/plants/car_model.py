@@ -116,8 +116,7 @@ def car_sdf(scenario: Scenario) -> SdfModel:
     model.set_inertial("chassis", chassis_inertial(car, tail, gravity))
     friction = ground_partner_friction(car)
     for link in ("chassis", "gearbox", "board"):
-        for shape in model.collision_names(link):
-            model.set_contact(link, shape, CAGE_STIFFNESS, 1.0, friction)
+        model.set_contact(link, None, CAGE_STIFFNESS, 1.0, friction)
     _set_gearbox(model, car, tail)
     _set_board(model, car)
     _set_drive_shaft(model, drive, axle_statics(car, gravity, "rear").wheel_height)
@@ -215,7 +214,7 @@ def _set_tyre(model: SdfModel, link: str, car: CarParameters, stiffness: float) 
     edges = {"tyre_left": width / 2 - EDGE_HALF_WIDTH, "tyre_right": EDGE_HALF_WIDTH - width / 2}
     half_width = EDGE_HALF_WIDTH
     if car.tyre_shape == "ellipsoid":
-        model.remove_collision(link, "tyre_right")
+        model.remove_shapes(link, "tyre_right", "collision")
         edges, half_width = {"tyre_left": 0.0}, width / 2
     for shape, y in edges.items():
         model.set_shape(link, shape, (0.0, y, 0.0), radii=f"{radius:.9g} {half_width:.9g} {radius:.9g}")

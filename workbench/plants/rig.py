@@ -16,7 +16,6 @@ from pydrake.common.value import Value
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ExternallyAppliedSpatialForce, MultibodyPlant
-from pydrake.multibody.tree import RevoluteJoint, WeldJoint
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem, OutputPort, System
 from pydrake.systems.primitives import Adder
 
@@ -42,8 +41,6 @@ class RigPlant:
     Attributes:
         plant: finalised, continuous.
         scene_graph: for a viewer; None without.
-        swing: the joint of the motor axis; its angle is the rig's.
-        sensor: the weld between world and mount, where the force sensor measures.
         tail_force: aerodynamic system of the tail; None for the bare bar.
         motor_torque: input port number of the adder that takes the motor's torque (1), N m, along the joint axis.
         torques: that adder.
@@ -52,8 +49,6 @@ class RigPlant:
 
     plant: MultibodyPlant
     scene_graph: SceneGraph | None
-    swing: RevoluteJoint
-    sensor: WeldJoint
     tail_force: System | None
     torques: Adder
     wrench: OutputPort
@@ -90,8 +85,7 @@ def add_rig_plant(builder: DiagramBuilder, scenario: RigScenario, scene_graph: b
     sensor = plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("mount"))
     added = _added_mass(plant, scenario)
     plant.Finalize()
-    swing = plant.GetJointByName("swing")
-    swing.set_default_angle(scenario.experiment.angle)
+    plant.GetJointByName("swing").set_default_angle(scenario.experiment.angle)
     torques = _add_torques(builder, plant, scenario)
     tail_force = _add_air(builder, plant, scenario)
     if added is not None:
@@ -101,7 +95,7 @@ def add_rig_plant(builder: DiagramBuilder, scenario: RigScenario, scene_graph: b
         connect_spatial_forces(builder, plant, balance.get_output_port())
     reactions = plant.get_reaction_forces_output_port()
     support = connected(builder, SupportWrench(int(sensor.index())), "support", reaction_forces=reactions)
-    return RigPlant(plant, scene, swing, sensor, tail_force, torques, support.get_output_port())
+    return RigPlant(plant, scene, tail_force, torques, support.get_output_port())
 
 
 def _add_torques(builder: DiagramBuilder, plant: MultibodyPlant, scenario: RigScenario) -> Adder:

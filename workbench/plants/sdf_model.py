@@ -125,8 +125,8 @@ class SdfModel:
         for tag in _CONTACT:
             ElementTree.SubElement(properties, _drake(tag))
 
-    def set_contact(self, link: str, shape: str, stiffness: float, dissipation: float, friction: float) -> None:
-        """Sets point-contact stiffness (N/m), Hunt-Crossley dissipation (s/m) and friction of a collision shape."""
+    def set_contact(self, link: str, shape: str | None, stiffness: float, dissipation: float, friction: float) -> None:
+        """Sets point-contact stiffness (N/m), Hunt-Crossley dissipation (s/m), friction of collision shapes."""
         values = dict(zip(_CONTACT, (stiffness, dissipation, friction, friction), strict=True))
         for element in self._shapes(link, shape, "collision"):
             properties = self._child(element, _drake("proximity_properties"))
@@ -158,30 +158,16 @@ class SdfModel:
         element.set("type", "fixed")
         element.remove(self._child(element, "axis"))
 
-    def remove_shape(self, link: str, shape: str) -> None:
-        """Takes away the visuals and collision shapes of a name of a link."""
-        for element in self._shapes(link, shape):
-            self._named("link", link).remove(element)
-
-    def remove_collision(self, link: str, shape: str) -> None:
-        """Takes away a collision shape of a link."""
-        for element in self._shapes(link, shape, "collision"):
-            self._named("link", link).remove(element)
-
-    def remove_shapes(self, link: str) -> None:
-        """Takes away all visuals and collision shapes of a link."""
+    def remove_shapes(self, link: str, shape: str | None = None, kind: str = "*") -> None:
+        """Takes away the visuals and collision shapes of a link, or those of a name or of one kind alone."""
         element = self._named("link", link)
-        for shape in [*element.findall("visual"), *element.findall("collision")]:
-            element.remove(shape)
+        for found in self._shapes(link, shape, kind):
+            element.remove(found)
 
     def remove_link(self, link: str, joint: str) -> None:
         """Takes away a link with the joint that holds it."""
         self.model.remove(self._named("joint", joint))
         self.model.remove(self._named("link", link))
-
-    def collision_names(self, link: str) -> list[str]:
-        """Names of the collision shapes of a link."""
-        return [str(element.get("name")) for element in self._named("link", link).findall("collision")]
 
     def text(self) -> str:
         """The model as an SDF document."""
@@ -194,11 +180,15 @@ class SdfModel:
         known = ", ".join(str(element.get("name")) for element in self.model.findall(kind))
         raise ModelError(f"{self.path}: no {kind} {name!r}; it has {known}")
 
-    def _shapes(self, link: str, shape: str, kind: str = "*") -> list[ElementTree.Element]:
-        shapes = [e for e in self._named("link", link).findall(kind) if e.get("name") == shape]
-        if not shapes:
+    def _shapes(self, link: str, shape: str | None, kind: str = "*") -> list[ElementTree.Element]:
+        kinds = ("visual", "collision") if kind == "*" else (kind,)
+        found = [element for element in self._named("link", link) if element.tag in kinds]
+        if shape is None:
+            return found
+        named = [element for element in found if element.get("name") == shape]
+        if not named:
             raise ModelError(f"{self.path}: link {link!r} has no shape {shape!r}")
-        return shapes
+        return named
 
     def _child(self, element: ElementTree.Element, tag: str) -> ElementTree.Element:
         child = element.find(tag)

@@ -223,7 +223,7 @@ def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> list[str]:
         size = f"{BOARD_THICKNESS:.9g} {board:.9g} {tail.sail_length:.9g}"
         model.set_shape("tail_sail", "backing_board", (0, behind, middle), size=size)
     else:
-        model.remove_shape("tail_sail", "backing_board")
+        model.remove_shapes("tail_sail", "backing_board")
     for shape, side in (("tail_tip_front", 1), ("tail_tip_rear", -1)):
         corner = (side * (tail.sail_width / 2 - SAIL_TIP_MARGIN), 0, tail.length - SAIL_TIP_MARGIN)
         model.set_shape("tail_sail", shape, corner)

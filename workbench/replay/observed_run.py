@@ -15,7 +15,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType
 
-from aerodima.workbench.aero.section_watch import SectionWatch
+from aerodima.workbench.aero.tail_force import SectionWatch
 from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, sensor_columns

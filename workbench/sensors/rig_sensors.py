@@ -14,8 +14,7 @@ from pydrake.systems.framework import Context
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.rig_scenario import ForceSensorParameters, RigEncoderParameters
-from aerodima.workbench.sensors.encoder import AngleEncoder
-from aerodima.workbench.sensors.sampled import CounterNoise, SampledSensor
+from aerodima.workbench.sensors.sampled import AngleEncoder, CounterNoise, SampledSensor
 from aerodima.workbench.systems.system_ports import vector_of
 
 AXES = 6

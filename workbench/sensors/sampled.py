@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, State
 
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.systems.system_ports import DiscreteVector, Stage, period_of
+from aerodima.workbench.systems.system_ports import DiscreteVector, Stage, period_of, vector_of
 
 TOLERANCE = 1e-9
 """Relative; a rate of exactly 1/step, or a delay of whole periods, may miss by rounding."""
@@ -108,15 +108,11 @@ class SampledSensor(LeafSystem):
         """One sample (size,) of the inputs at this instant, with noise and resolution; samples are counted from 0."""
         raise NotImplementedError
 
-    def sample_index(self, context: Context) -> int:
-        """Number of the sample that is taken at this instant, from 0."""
-        return max(0, round(context.get_time() * self._rate))
-
     def _row(self, context: Context) -> np.ndarray:
         """One row of the queue: the sample, then the time at which it was taken."""
         time = context.get_time()
         row = np.empty(self._row_size)
-        row[:-1] = self.measure(context, self.sample_index(context))
+        row[:-1] = self.measure(context, max(0, round(time * self._rate)))
         row[-1] = time
         return row
 
@@ -153,6 +149,58 @@ class SampledSensor(LeafSystem):
 
     def _calc_age(self, context: Context, output: BasicVector) -> None:
         output[0] = context.get_time() - self._sample_time.read(context)[0]
+
+
+TURN = 2.0 * math.pi
+
+
+class AngleEncoder(SampledSensor):
+    """Encoder of one joint: its angle in steps, and the rate from the difference of two readings.
+
+    Subclasses say what is read. The rate is the difference between the reading and the one a window earlier, by the
+    shorter way round: it is right up to half a turn per window, resolves one step per window, lags by half the window.
+
+    Input ports:
+        joint_angle (1): rad.
+    Output ports:
+        angle (1): rad.
+        rate (1): rad/s, mean over the window; 0 until it is filled.
+        sample_time (1), age (1): s, see `SampledSensor`.
+
+    Args:
+        name, rate, delay, step, discrete: as for `SampledSensor`.
+        window: of the rate, s; rounded to whole samples, at least one.
+
+    Raises:
+        UserError: rate or delay not allowed.
+    """
+
+    def __init__(
+        self, name: str, rate: float, delay: float, window: float, step: float | None, discrete: bool = False
+    ) -> None:
+        outputs = {"angle": 1, "rate": 1}
+        super().__init__(name=name, outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete)
+        self._angle = self.DeclareVectorInputPort("joint_angle", 1)
+        samples = max(1, round(window * rate))
+        self._window = samples / rate
+        self._past = DiscreteVector(self, np.full(samples, math.nan))
+
+    def reading(self, angle: float, index: int) -> float:
+        """What sample `index` says of an angle, rad."""
+        raise NotImplementedError
+
+    def measure(self, context: Context, index: int) -> np.ndarray:
+        """One sample (2,): angle rad, rate rad/s."""
+        angle = self.reading(float(vector_of(self._angle, context)[0]), index)
+        earlier = self._past.read(context)[0]
+        return np.array([angle, 0.0 if math.isnan(earlier) else math.remainder(angle - earlier, TURN) / self._window])
+
+    def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
+        """See `SampledSensor.take`; keeps the angle for the rate of later samples."""
+        row = super().take(context, discrete_state)
+        past = self._past.read(context)
+        self._past.write(discrete_state, np.concatenate((past[1:], row[:1])))
+        return row
 
 
 BLOCK = 64

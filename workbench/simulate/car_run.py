@@ -11,7 +11,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
 
-from aerodima.workbench.aero.section_watch import SectionWatch
+from aerodima.workbench.aero.tail_force import SectionWatch
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, CAR_TRUTH, names_of, plant_position_columns
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
@@ -20,8 +20,6 @@ from aerodima.workbench.controllers.manoeuvre import Schedule, angle_to_straight
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.logs.recorder import RunRecorder, Signals, open_log, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
-from aerodima.workbench.sensors.roll_estimator import RollEstimator
-from aerodima.workbench.sensors.roll_filter import RollFilterSettings
 from aerodima.workbench.stations.car_station import InterfaceFactory, make_car_station, simulated_car
 from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
 from aerodima.workbench.systems.system_ports import LEAD, Stage, step_instant
@@ -113,6 +111,9 @@ def assemble(
     controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver, law=law, idle=idle)
     sources = [driver, controller, station]
     if not lean:
+        from aerodima.workbench.sensors.roll_estimator import RollEstimator
+        from aerodima.workbench.sensors.roll_filter import RollFilterSettings
+
         settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)
         sources.append(RollEstimator.add_to_builder(builder, settings, station=station))
     signals = signals_of(CAR_PORTS, output_ports(*sources))

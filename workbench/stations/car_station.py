@@ -18,8 +18,7 @@ from aerodima.workbench.actuators.chassis_actuators import SteeringServo
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_STATE
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
-from aerodima.workbench.sensors.chassis_sensors import GpsSpeed, Imu
-from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply, SailEncoder
+from aerodima.workbench.sensors.car_sensors import GpsSpeed, Imu, MotorEncoder, MotorReply, SailEncoder
 from aerodima.workbench.stations.car_air import add_sail_report, add_wind_source
 from aerodima.workbench.stations.car_drives import TAIL_COMMANDS, DrivenCar, add_car_drives
 from aerodima.workbench.stations.ground_truth import CarTruth

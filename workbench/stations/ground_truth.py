@@ -13,13 +13,13 @@ from pydrake.multibody.plant import ContactResults, MultibodyPlant, PointPairCon
 from pydrake.multibody.tree import BodyIndex, JointIndex, ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from aerodima.workbench.aero.added_mass import ADDED_MASS_PREFIX
-from aerodima.workbench.aero.tail_force import SECTION_COLUMNS
+from aerodima.workbench.aero.laws import cross
+from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX, SECTION_COLUMNS
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_TRUTH, GROUND_CONTACTS, WHEELS, PortFields, names_of
 from aerodima.workbench.plants.car import CarPlant
 from aerodima.workbench.plants.tail import tail_geometry
-from aerodima.workbench.sensors.chassis_sensors import motion_at_imu, motion_of
+from aerodima.workbench.sensors.car_sensors import motion_at_imu, motion_of
 from aerodima.workbench.systems.system_ports import vector_of
 
 _XYZ = ("x", "y", "z")
@@ -123,7 +123,7 @@ class PlantTruth(_Kinematics):
             X_WB = self._plant.EvalBodyPoseInWorld(self._kinematics_at(context), self._plant.get_body(body))
             R_WB = X_WB.rotation().matrix()
             ends = [X_WB.translation() + R_WB @ place for place in (root, tip)]
-            output.SetFromVector(np.concatenate([force, moment + cross(p_WBo, force), *ends]))
+            output.SetFromVector(np.concatenate([force, moment + cross(p_WBo.tolist(), force.tolist()), *ends]))
 
         self.DeclareVectorOutputPort(f"{tail.get_name()}_air", 12, calc)
 
@@ -245,7 +245,7 @@ class CarTruth(_Kinematics):
                     momentum.translational(),
                     momentum.rotational(),
                     force,
-                    moment + cross(p_WTo, force),
+                    moment + cross(p_WTo.tolist(), force.tolist()),
                     [torque[0] * rates[0] + torque[1] * rates[1]],
                 ]
             )
@@ -280,9 +280,3 @@ def contact_slots(car_plant: CarPlant) -> dict[int, str]:
                 part = body.name().removesuffix("_wheel") if shape.startswith("tyre") else shape.split("_")[0]
                 slots[geometry.get_value()] = part
     return slots
-
-
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a x b for two vectors (3,); `np.cross` costs ten times as much for one pair."""
-    (a_x, a_y, a_z), (b_x, b_y, b_z) = a.tolist(), b.tolist()
-    return np.array([a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x])

@@ -3,15 +3,27 @@
 Drake's own loggers keep the ports that are plain vectors: what the sensors hold, the state of the plant, the torques on
 the tail's joints. All else is computed from them after the run, for all rows at once: motion of the chassis, forces of
 the ground, whether and when the car has flipped.
+
+Drake's contact results cost 40 us to read at every step, as much as the laws of all actuators; what they say follows
+from the motion. A contact of Drake's lagged approximation has the penetration x at the beginning of a step of length h
+and, with the velocity at its end, the rate of that penetration x':
+
+    f = k (x + h x')_+ (1 + d x')_+        where x > 0, else 0
+
+with stiffness k and dissipation d of the pair, and x' that of the point where Drake puts the contact. Shapes that touch
+the ground are spheres and ellipsoids.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from pydrake.geometry import Ellipsoid, Sphere
+from pydrake.multibody.tree import BodyIndex, Joint, PrismaticJoint, RevoluteJoint, WeldJoint
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
@@ -22,8 +34,10 @@ from aerodima.workbench.config.signal_table import GROUND_CONTACTS, TIME, WHEELS
 from aerodima.workbench.controllers.manoeuvre import run_time
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_signals import CALM_FOR, CALM_SPIN, settled_row
+from aerodima.workbench.plants.car import GROUND_STIFFNESS, CarPlant
+from aerodima.workbench.sensors.car_sensors import ChassisMotion, felt_at, in_body
 from aerodima.workbench.stations.car_station import simulated_car
-from aerodima.workbench.stations.ground_loads import GroundLoads
+from aerodima.workbench.stations.ground_truth import contact_slots
 from aerodima.workbench.systems.system_ports import Stage, connected, nominal_time, period_of, stacked, vector_of
 
 IntArray = NDArray[np.int_]
@@ -44,6 +58,128 @@ CONTACT_COLUMNS = (
     *(f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS),
     *(f"ground_contact_{part}_truth_n" for part in GROUND_CONTACTS),
 )
+
+
+_NUDGE = 1e-3
+"""Share of a step by which the motion is varied for the rates of penetration."""
+
+_Height = tuple[FloatArray, FloatArray]
+"""The world's z axis in a body (3, n), and the height of its origin (n), m."""
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """A sphere or ellipsoid on a body: radii (3), m, rotation (3 x 3) and place (3), m, in it; k and d of its pair."""
+
+    slot: str
+    body: BodyIndex
+    radii: FloatArray
+    R_BG: FloatArray
+    p_BoGo_B: FloatArray
+    stiffness: float
+    dissipation: float
+
+    def contact(self, up: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How deep (n) it is in the ground, m, and where Drake puts the contact on its body (3, n), m."""
+        up_G = self.R_BG.T @ up
+        square = self.radii[:, None] ** 2
+        half = np.sqrt(np.sum(square * up_G**2, axis=0))
+        depth = half - height - self.p_BoGo_B @ up
+        # Half way from the deepest point to the ground, on the line to the middle of the shape.
+        p_GoC_G = -square * up_G / half * (1.0 - 0.5 * depth / half)
+        return depth, self.p_BoGo_B[:, None] + self.R_BG @ p_GoC_G
+
+
+class GroundLoads:
+    """Vertical forces of the level ground on a car.
+
+    Args:
+        car: with its ground.
+    """
+
+    def __init__(self, car: CarPlant) -> None:
+        self._plant = car.plant
+        self._shapes = list(_shapes(car))
+        plant = car.plant
+        joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+        self._inboard = {joint.child_body().index(): joint for joint in joints}
+
+    def forces(self, before: FloatArray, after: FloatArray) -> FloatArray:
+        """Forces (7, n) in the steps between two positions, N: on the wheels, then cage, board and tail.
+
+        Args:
+            before, after: positions (nq, n) of the plant at the beginning and the end of each step.
+        """
+        step, change = self._plant.time_step(), after - before
+        now, ahead, behind = (before + side * _NUDGE * change for side in (0.0, 1.0, -1.0))
+        known: list[dict[BodyIndex, _Height]] = [{}, {}, {}]
+        slots = (*WHEELS, *GROUND_CONTACTS)
+        total = np.zeros((len(slots), before.shape[1]))
+        for shape in self._shapes:
+            up, height = self._height(shape.body, now, known[0])
+            x, p_BoC_B = shape.contact(up, height)
+            later, earlier = (
+                height + np.sum(p_BoC_B * up, axis=0)
+                for up, height in (
+                    self._height(shape.body, ahead, known[1]),
+                    self._height(shape.body, behind, known[2]),
+                )
+            )
+            rate = (earlier - later) / (2.0 * _NUDGE * step)
+            force = shape.stiffness * np.maximum(x + step * rate, 0.0) * np.maximum(1.0 + shape.dissipation * rate, 0.0)
+            total[slots.index(shape.slot)] += np.where(x > 0.0, force, 0.0)
+        return total
+
+    def _height(self, body: BodyIndex, positions: FloatArray, known: dict[BodyIndex, _Height]) -> _Height:
+        if body not in known:
+            joint = self._inboard.get(body)
+            if joint is None:  # the world
+                return np.array([[0.0], [0.0], [1.0]]), np.zeros(1)
+            parent = self._height(joint.parent_body().index(), positions, known)
+            known[body] = _through(joint, *parent, positions)
+        return known[body]
+
+
+def _through(joint: Joint, up: FloatArray, height: FloatArray, positions: FloatArray) -> _Height:
+    """From the parent of a joint to its child."""
+    X_PF = joint.frame_on_parent().GetFixedPoseInBodyFrame()
+    if isinstance(joint, WeldJoint):
+        X_PF = X_PF.multiply(joint.X_FM())
+    X_MC = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
+    height, up = height + X_PF.translation() @ up, X_PF.rotation().matrix().T @ up
+    start = joint.position_start()
+    if isinstance(joint, RevoluteJoint):
+        axis = joint.revolute_axis()[:, None]
+        c, s = np.cos(positions[start]), np.sin(positions[start])
+        up = c * up - s * np.cross(axis, up, axis=0) + (1.0 - c) * axis * np.sum(axis * up, axis=0)
+    elif isinstance(joint, PrismaticJoint):
+        height = height + positions[start] * (joint.translation_axis() @ up)
+    elif joint.num_positions() == 7:
+        up = np.array(rotation_rows(positions[start : start + 4])[2])
+        height = positions[start + 6]
+    return X_MC.rotation().matrix().T @ up, height + X_MC.translation() @ up
+
+
+def _shapes(car: CarPlant) -> Iterator[_Shape]:
+    inspector, slots = car.scene_graph.model_inspector(), contact_slots(car)
+    for geometry in inspector.GetAllGeometryIds():
+        slot = slots.get(geometry.get_value())
+        if slot is None:
+            continue
+        shape: Any = inspector.GetShape(geometry)
+        if isinstance(shape, Sphere):
+            radii = np.full(3, shape.radius())
+        elif isinstance(shape, Ellipsoid):
+            radii = np.array([shape.a(), shape.b(), shape.c()])
+        else:
+            raise TypeError(f"{inspector.GetName(geometry)}: a {type(shape).__name__} meets the ground")
+        properties: Any = inspector.GetProximityProperties(geometry)
+        k = properties.GetProperty("material", "point_contact_stiffness")
+        d = properties.GetProperty("material", "hunt_crossley_dissipation")
+        share = GROUND_STIFFNESS / (GROUND_STIFFNESS + k)
+        X_BG = inspector.GetPoseInFrame(geometry)
+        body = car.plant.GetBodyFromFrameId(inspector.GetFrameId(geometry)).index()
+        yield _Shape(slot, body, radii, X_BG.rotation().matrix(), X_BG.translation(), share * k, share * d)
 
 
 class FlipWatch(LeafSystem):
@@ -200,28 +336,27 @@ class OutcomeRecord:
         return columns | self._body(state, steps) | self._tail(state, steps, context)
 
     def _body(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
-        """Motion of the chassis; the definitions of `ground_truth.CarTruth` and `chassis_sensors.motion_at_imu`."""
-        chassis = self._plant.GetBodyByName("chassis")
+        """Motion of the chassis, by the definitions of `ground_truth.CarTruth`."""
+        chassis, step = self._plant.GetBodyByName("chassis"), self._scenario.simulation.step
         q = chassis.floating_positions_start()
         v = self._plant.num_positions() + chassis.floating_velocities_start_in_v()
         state = states[:, steps]
-        acceleration = (state - states[:, np.maximum(steps - 1, 0)]) / self._scenario.simulation.step
-        R_WB: FloatArray = np.array(rotation_rows(state[q : q + 4]))
-        w_WB, v_WB = (np.einsum("jin,jn->in", R_WB, state[v + part : v + part + 3]) for part in (0, 3))
-        alpha, a_WB = (np.einsum("jin,jn->in", R_WB, acceleration[v + part : v + part + 3]) for part in (0, 3))
-        p_BoImu_B = np.array([[self._scenario.imu.x], [0.0], [self._scenario.imu.z]])
-        a_WImu = a_WB + np.cross(alpha, p_BoImu_B, axis=0) + np.cross(w_WB, np.cross(w_WB, p_BoImu_B, axis=0), axis=0)
+        velocity = state[v : v + 6]
+        change = (velocity - states[v : v + 6, np.maximum(steps - 1, 0)]) / step
+        R_WB: Any = rotation_rows(state[q : q + 4])
+        motion = ChassisMotion(R_WB, velocity[:3], change[:3], change[3:])
+        gyro, acceleration = felt_at(motion, (self._scenario.imu.x, 0.0, self._scenario.imu.z))
         named = {
-            "roll_truth_rad": np.arctan2(R_WB[2, 1], R_WB[2, 2]),
-            "pitch_truth_rad": np.arcsin(np.clip(-R_WB[2, 0], -1.0, 1.0)),
-            "yaw_truth_rad": np.unwrap(np.arctan2(R_WB[1, 0], R_WB[0, 0])),
-            "tilt_truth_rad": np.arccos(np.clip(R_WB[2, 2], -1.0, 1.0)),
+            "roll_truth_rad": np.arctan2(R_WB[2][1], R_WB[2][2]),
+            "pitch_truth_rad": np.arcsin(np.clip(-R_WB[2][0], -1.0, 1.0)),
+            "yaw_truth_rad": np.unwrap(np.arctan2(R_WB[1][0], R_WB[0][0])),
+            "tilt_truth_rad": np.arccos(np.clip(R_WB[2][2], -1.0, 1.0)),
         }
-        vectors = {
+        vectors: dict[str, Any] = {
             "position_{}_truth_m": state[q + 4 : q + 7],
-            "velocity_{}_truth_m_per_s": v_WB,
-            "gyro_{}_truth_rad_per_s": w_WB,
-            "acceleration_{}_truth_m_per_s2": a_WImu,
+            "velocity_{}_truth_m_per_s": in_body(R_WB, velocity[3:]),
+            "gyro_{}_truth_rad_per_s": gyro,
+            "acceleration_{}_truth_m_per_s2": acceleration,
         }
         for stem, values in vectors.items():
             named |= {stem.format(axis): values[index] for index, axis in enumerate("xyz")}

@@ -22,7 +22,7 @@ from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.plants.rig import Rig, add_rig_plant
 from aerodima.workbench.plants.rig_motion import rig_law
-from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply
+from aerodima.workbench.sensors.car_sensors import MotorEncoder, MotorReply
 from aerodima.workbench.sensors.rig_sensors import (
     RigEncoder,
     RigSensor,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.workbench.actuators.ak70 import StepAhead, TailJoints, mit_torque, torque_speed_limits
+from aerodima.workbench.actuators.ak70 import TailJoints, mit_torque, torque_speed_limits
 from aerodima.workbench.config.car_parameters import TailMotorParameters
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.plants.tail import ArmInertia
@@ -65,7 +65,7 @@ def test_at_the_speeds_of_the_swing_the_line_does_not_act():
 @pytest.mark.parametrize("inertia", [0.005, 0.08])
 def test_law_at_the_end_of_a_step_holds_at_the_end_of_the_step(load, inertia):
     position, speed, command, step = 0.1, -0.7, (0.4, 1.5, 17.0, 5.0, 0.3), 0.002
-    tau = mit_torque(position, speed, command, MOTOR, UNLIMITED, StepAhead(step, inertia, load))
+    tau = mit_torque(position, speed, command, MOTOR, UNLIMITED, (step, inertia, load))
     end_speed = speed + step * (tau + load) / inertia
     end_position = position + step * end_speed
     assert tau == pytest.approx(mit_torque(end_position, end_speed, command, MOTOR, UNLIMITED))
@@ -78,7 +78,7 @@ def test_damping_calms_a_light_joint_at_any_step(kd):
     for step in (0.0005, 0.002, 0.01):
         speed = 1.0
         for _ in range(50):
-            tau = mit_torque(0.0, speed, (0.0, 0.0, 0.0, kd, 0.0), MOTOR, UNLIMITED, StepAhead(step, inertia, 0.0))
+            tau = mit_torque(0.0, speed, (0.0, 0.0, 0.0, kd, 0.0), MOTOR, UNLIMITED, (step, inertia, 0.0))
             slower = speed + step * tau / inertia
             assert 0.0 <= slower < speed
             speed = slower

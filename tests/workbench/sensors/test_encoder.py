@@ -11,7 +11,7 @@ from pydrake.systems.primitives import Multiplexer
 
 from aerodima.workbench.config.signal_table import TAIL_STATE
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply, SailEncoder, quantise_symmetric
+from aerodima.workbench.sensors.car_sensors import MotorEncoder, MotorReply, SailEncoder, quantise_symmetric
 from aerodima.workbench.systems.system_ports import connected, select
 
 

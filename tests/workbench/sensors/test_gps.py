@@ -7,7 +7,7 @@ from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.sensors.chassis_sensors import GpsSpeed
+from aerodima.workbench.sensors.car_sensors import GpsSpeed
 from tests.workbench.sensors.body_motion import motion_vector
 
 

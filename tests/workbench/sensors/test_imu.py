@@ -14,7 +14,7 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.sensors.chassis_sensors import STEPS, ChassisMotion, Imu, motion_at_imu
+from aerodima.workbench.sensors.car_sensors import STEPS, ChassisMotion, Imu, motion_at_imu
 from tests.workbench.sensors.body_motion import add_sensor, motion_vector
 
 QUIET = {"gyro_noise": 0.0, "gyro_bias": 0.0, "accelerometer_noise": 0.0, "attitude_noise": 0.0}

@@ -9,7 +9,7 @@ from aerodima.workbench.metrics.turn_metrics import LOADED_FORCE
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.car_station import simulated_car
-from aerodima.workbench.stations.ground_loads import GroundLoads
+from aerodima.workbench.stations.outcome_record import GroundLoads
 
 
 @pytest.mark.parametrize(

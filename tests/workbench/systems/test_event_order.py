@@ -12,8 +12,7 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.logs.recorder import RunRecorder
-from aerodima.workbench.sensors.chassis_sensors import GpsSpeed, Imu
-from aerodima.workbench.sensors.encoder import MotorEncoder
+from aerodima.workbench.sensors.car_sensors import GpsSpeed, Imu, MotorEncoder
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.simulate.simulation import simulate
