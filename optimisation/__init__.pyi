@@ -18,8 +18,8 @@ from .identify.swing_coefficients import fit_friction_log as fit_friction_log
 from .identify.swing_coefficients import fit_robot_tail_log as fit_robot_tail_log
 from .sweep.rollover_threshold import critical_friction as critical_friction
 from .sweep.run_study import run_study as run_study
+from .sweep.runs import open_run_engine as open_run_engine
 from .sweep.study import load_study as load_study
-from .sweep.study_engine import open_run_engine as open_run_engine
 from .swing.candidate import Candidate as Candidate
 from .swing.candidate import read_candidates as read_candidates
 from .swing.judge import judge as judge

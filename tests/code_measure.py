@@ -125,7 +125,7 @@ def judged_turn(prefix: str = "aerodima.") -> str:
         f"from {prefix}optimisation.swing.judge import judge\n"
         f"from {prefix}optimisation.swing.candidate import THESIS, read_candidates\n"
         f"from {prefix}optimisation.swing.task import load_task\n"
-        f"from {prefix}optimisation.sweep.study_engine import RunTask, evaluate\n"
+        f"from {prefix}optimisation.sweep.runs import RunTask, evaluate\n"
         "load_task('short_turn'), read_candidates(['held'], 'turn_fast')\n"
         "settings = ('simulation.step=0.004', 'manoeuvre.duration=2.2', 'simulation.log_rate=250')\n"
         "evaluate(RunTask('', 'turn_fast', (*THESIS.settings, *settings)))"

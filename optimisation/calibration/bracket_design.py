@@ -20,7 +20,7 @@ from aerodima.optimisation.calibration.calibration_runs import (
 )
 from aerodima.optimisation.calibration.car_prior import Prior
 from aerodima.optimisation.calibration.surrogates import Edge, closeness
-from aerodima.optimisation.sweep.study_engine import RunEngine
+from aerodima.workbench.batch import Engine
 from aerodima.workbench.batch.row_store import ProgressLine
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
@@ -66,7 +66,7 @@ class Runner:
     """Store and engine of a calibration, and where its progress is told."""
 
     store: RunStore
-    engine: RunEngine
+    engine: Engine
     progress: ProgressLine
 
     def run(self, wanted: list[Wanted], what: str) -> pd.DataFrame:

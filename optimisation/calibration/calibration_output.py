@@ -16,7 +16,7 @@ from aerodima.optimisation.calibration.calibration_runs import RunStore
 from aerodima.optimisation.calibration.car_prior import systematic_sample
 from aerodima.optimisation.calibration.identifiability import directions, sensitivities, shrinkage
 from aerodima.optimisation.calibration.validation import Shipped, as_table, shipped_car, validate
-from aerodima.optimisation.sweep.study_engine import RunEngine
+from aerodima.workbench.batch import Engine
 from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.ensemble import ENSEMBLE_SCHEMA, load_ensemble, weighted_quantiles
 from aerodima.workbench.logs.schema import software_versions
@@ -28,7 +28,7 @@ PRIOR_SAMPLE = 4096
 
 
 def write_calibration(
-    result: Calibration, out: str | Path, store: RunStore, engine: RunEngine, progress: ProgressLine = silent
+    result: Calibration, out: str | Path, store: RunStore, engine: Engine, progress: ProgressLine = silent
 ) -> Path:
     """Writes `<plan>.yaml` (the ensemble), `members.parquet`, five tables as CSV and `index.html`; the page's path."""
     out, shipped = Path(out), shipped_car(result, Runner(store, engine, progress))

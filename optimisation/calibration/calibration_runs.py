@@ -17,7 +17,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aerodima.optimisation.calibration.calibration_plan import LIFT, SPEED_IN_TURN, CalibrationPlan, fitted_names
-from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine, RunTask, tipped_before_turn
+from aerodima.optimisation.sweep.runs import Runs, RunTask, tipped_before_turn
+from aerodima.workbench.batch import Engine
 from aerodima.workbench.batch.row_store import ProgressLine, RowStore, content_key, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Value
@@ -243,11 +244,10 @@ class RunStore(RowStore):
         return cls(folder, (*plan.car, *plan.tail), force=force)
 
     def run(
-        self, wanted: Sequence[Wanted], engine: RunEngine, progress: ProgressLine = silent, what: str = ""
+        self, wanted: Sequence[Wanted], engine: Engine, progress: ProgressLine = silent, what: str = ""
     ) -> pd.DataFrame:
         """Rows of runs, in their order; those that are not in the store are run and stored first."""
-        remembering = RememberingEngine(engine, self, progress, what)
-        return pd.DataFrame(remembering.rows([run.task() for run in wanted]))
+        return pd.DataFrame(Runs(engine, self, progress, what).rows([run.task() for run in wanted]))
 
     def __len__(self) -> int:
         return len(self.rows)

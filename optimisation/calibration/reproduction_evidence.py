@@ -30,7 +30,7 @@ from aerodima.optimisation.calibration.calibration_runs import (
     plan_data,
     survives,
 )
-from aerodima.optimisation.sweep.study_engine import RunEngine
+from aerodima.workbench.batch import Engine
 from aerodima.workbench.batch.row_store import ProgressLine
 from aerodima.workbench.config.ensemble import Member, weighted_quantiles
 from aerodima.workbench.config.scenario import load_parameter_entries
@@ -202,7 +202,7 @@ def gather(
     members: Sequence[Member],
     fitted: Collection[str],
     store: RunStore,
-    engine: RunEngine,
+    engine: Engine,
     progress: ProgressLine,
     settings: tuple[str, ...] = (),
     more: Sequence[tuple[str, float]] = (),

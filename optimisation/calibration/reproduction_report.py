@@ -24,7 +24,7 @@ from aerodima.optimisation.calibration.reproduction_evidence import (
     survival_table,
 )
 from aerodima.optimisation.calibration.validation import as_table, compare
-from aerodima.optimisation.sweep.study_engine import RunEngine
+from aerodima.workbench.batch import Engine
 from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.ensemble import BAND, Ensemble, weighted_quantiles
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
@@ -229,7 +229,7 @@ def write_reproduction_report(
     ensemble: Ensemble,
     number: int,
     out: str | Path,
-    engine: RunEngine,
+    engine: Engine,
     progress: ProgressLine = silent,
     *,
     replays: bool = True,

@@ -27,7 +27,7 @@ from aerodima.optimisation.calibration.calibration_runs import (
     survives,
 )
 from aerodima.optimisation.calibration.car_prior import Prior
-from aerodima.optimisation.sweep.study_engine import RunEngine
+from aerodima.workbench.batch import Engine
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member, weighted_quantiles
 from aerodima.workbench.metrics.published_values import flip_bracket, published_values
@@ -83,7 +83,7 @@ class ValidatedOutcome:
 
 
 def validate(
-    members: Sequence[Member], plan: CalibrationPlan, store: RunStore, engine: RunEngine
+    members: Sequence[Member], plan: CalibrationPlan, store: RunStore, engine: Engine
 ) -> tuple[list[Validated], list[ValidatedOutcome]]:
     """Runs the members as each figure was made and compares all of them."""
     weights = np.array([member.weight for member in members])

@@ -25,7 +25,7 @@ from aerodima.workbench.cli.options import (
 
 if TYPE_CHECKING:
     from aerodima.optimisation.sweep.rollover_threshold import Search, Threshold
-    from aerodima.optimisation.sweep.study_engine import RunEngine
+    from aerodima.workbench.batch import Engine
     from aerodima.workbench.batch.row_store import ProgressLine
 
 
@@ -50,9 +50,9 @@ def register(app: typer.Typer) -> None:
 @contextmanager
 def engine_for(
     out: Path | None, workers: int = 2, scheduler: str | None = None
-) -> Iterator[tuple[RunEngine, ProgressLine]]:
+) -> Iterator[tuple[Engine, ProgressLine]]:
     """An engine whose workers leave their record in a folder, and the terminal for lines of progress."""
-    from aerodima.optimisation.sweep.study_engine import open_run_engine
+    from aerodima.optimisation.sweep.runs import open_run_engine
     from aerodima.workbench.batch import WORKER_RECORD
     from aerodima.workbench.batch.row_store import terminal
 
@@ -133,12 +133,13 @@ def _print_threshold(
     scenario: str, settings: Sequence[str], search: Search, unit: str, workers: int, scheduler: str | None
 ) -> None:
     from aerodima.optimisation.sweep.rollover_threshold import Case, find_thresholds
+    from aerodima.optimisation.sweep.runs import Runs
     from aerodima.workbench.config.scenario import load_scenario
 
     load_scenario(scenario, settings)
     cases = [Case(scenario, scenario, tuple(settings))]
     with engine_for(None, workers, scheduler) as (engine, progress):
-        (found,) = find_thresholds(cases, search, engine, lambda done, known: progress(f"[{done}/{known}] runs"))
+        (found,) = find_thresholds(cases, search, Runs(engine), lambda done, known: progress(f"[{done}/{known}] runs"))
     print("\n".join(describe(found, unit)))
 
 

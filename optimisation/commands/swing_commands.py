@@ -63,8 +63,8 @@ def search(
 
     Example: aerodima swing search short_turn_designed --for motion --set training=0 --out out/motion
     """
+    from aerodima.optimisation.sweep.runs import kept_runs
     from aerodima.optimisation.swing.candidate import write_candidates
-    from aerodima.optimisation.swing.judge import remembering
     from aerodima.optimisation.swing.law_search import FAMILIES, LawSearch, search_law
     from aerodima.optimisation.swing.motion_search import MotionSearch, search_motion
     from aerodima.optimisation.swing.task import load_task
@@ -80,13 +80,13 @@ def search(
     refuse_existing(path, work.force, SwingError)
     with (
         engine_for(out, work.workers, work.scheduler) as (engine, progress),
-        remembering(out, engine, force=work.force, progress=progress) as kept,
+        kept_runs(out, engine, force=work.force, progress=progress) as runs,
     ):
         if what == "motion":
-            write_swing(search_motion(out.name, asked, motion, kept, progress=progress), path, force=work.force)
+            write_swing(search_motion(out.name, asked, motion, runs, progress=progress), path, force=work.force)
         else:
             search_for = LawSearch(laws, generations, finalists, seed)
-            found, table = search_law(asked, FAMILIES[what], search_for, kept)
+            found, table = search_law(asked, FAMILIES[what], search_for, runs)
             write_candidates(path, [found], f"aerodima swing search {task} --for {what}", force=work.force)
             table.to_csv(out / "laws.csv", index=False)
     typer.echo(f"found: {path}")
@@ -155,7 +155,7 @@ def verify(
 
     Example: aerodima swing verify thesis_8_rad_per_s --members 3 --out out/verify
     """
-    from aerodima.optimisation.sweep.study_engine import open_run_engine
+    from aerodima.optimisation.sweep.runs import open_run_engine
     from aerodima.optimisation.swing.verification import verify_swing
     from aerodima.optimisation.swing.verification_report import PAGE, RUNS, VERDICT, write_verification
     from aerodima.workbench.atomic_write import refuse_existing

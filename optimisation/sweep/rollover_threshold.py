@@ -19,7 +19,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from aerodima.optimisation.sweep.study_engine import RunEngine, RunTask, SerialRunEngine, tipped_before_turn
+from aerodima.optimisation.sweep.runs import Runs, RunTask, tipped_before_turn
+from aerodima.workbench.batch import Engine
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 
@@ -177,7 +178,7 @@ class Case:
 def critical_friction(
     scenario: str | Path,
     settings: Sequence[str] = (),
-    engine: RunEngine | None = None,
+    engine: Engine | None = None,
     **changes: Any,
 ) -> Threshold:
     """Highest tyre friction that is survived at the scenario's speed, and the lowest that is not.
@@ -189,7 +190,7 @@ def critical_friction(
         changes: of `FRICTION_SEARCH`: `low`, `high`, `scan`, `tolerance`.
     """
     case = Case("", str(scenario), tuple(settings))
-    return find_thresholds([case], replace(FRICTION_SEARCH, **changes), engine)[0]
+    return find_thresholds([case], replace(FRICTION_SEARCH, **changes), Runs(engine))[0]
 
 
 def is_clean(row: Mapping[str, Any]) -> bool:
@@ -200,7 +201,7 @@ def is_clean(row: Mapping[str, Any]) -> bool:
 def find_thresholds(
     cases: Sequence[Case],
     search: Search,
-    engine: RunEngine | None = None,
+    runs: Runs,
     done: Callable[[int, int], None] | None = None,
     starts: Sequence[float] | None = None,
 ) -> list[Threshold]:
@@ -209,14 +210,13 @@ def find_thresholds(
     Args:
         cases: what is searched.
         search: the same for all of them.
-        engine: where to run; None runs here.
+        runs: where they are made.
         done: told how many runs are finished, and how many are known to be needed so far.
         starts: where the climb of each case over clean runs begins; None scans for survival.
 
     Raises:
         SweepError: the scenario of a scan cannot be resolved at all.
     """
-    runner = engine or SerialRunEngine()
     finished = needed = 0
 
     def one_more(_place: int, _row: dict[str, Any]) -> None:
@@ -232,7 +232,7 @@ def find_thresholds(
             RunTask(f"{case.name} {value:g}", case.scenario, (*case.settings, f"{search.factor}={value!r}"))
             for case, value in ((cases[place], value) for place, value in wanted)
         ]
-        return runner.rows(tasks, one_more)
+        return runs.rows(tasks, one_more)
 
     for case in cases if starts is None else ():
         load_scenario(case.scenario, case.settings)

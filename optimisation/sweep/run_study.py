@@ -18,9 +18,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from aerodima.optimisation.sweep.runs import Runs
 from aerodima.optimisation.sweep.study import PlannedRun, Study, check_factors, plan_runs
-from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
 from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.batch import Engine
 from aerodima.workbench.batch.row_store import ProgressLine, Row, RowStore, saying_how_to_go_on, silent
 from aerodima.workbench.config.scenario import default_values, load_scenario
 from aerodima.workbench.errors import SweepError
@@ -30,7 +31,7 @@ STUDY_RUNS_SCHEMA = "aerodima/sweep/2"
 
 
 def run_study(
-    study: Study, out: str | Path, engine: RunEngine, *, force: bool = False, progress: ProgressLine = silent
+    study: Study, out: str | Path, engine: Engine, *, force: bool = False, progress: ProgressLine = silent
 ) -> pd.DataFrame:
     """The table of a study; one that was stopped goes on where it was.
 
@@ -58,7 +59,7 @@ def run_study(
         progress(f"{len(runs)} runs, {there} there already; {engine.workers} at a time, results in {out}")
         start = time.monotonic()
         with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} of {len(runs)} runs"):
-            rows = RememberingEngine(engine, store, progress).rows(tasks)
+            rows = Runs(engine, store, progress).rows(tasks)
         seconds, new = time.monotonic() - start, len(store.rows) - there
         frame = make_frame([run.place | row for run, row in zip(runs, rows, strict=True)])
         timing = {
@@ -86,7 +87,7 @@ def _identity(study: Study, runs: Sequence[PlannedRun]) -> dict[str, Any]:
     }
 
 
-def _how_it_went(frame: pd.DataFrame, number: int, seconds: float, engine: RunEngine) -> str:
+def _how_it_went(frame: pd.DataFrame, number: int, seconds: float, engine: Engine) -> str:
     failed = frame["error"].fillna("") != ""
     outcomes = frame["outcome"].value_counts()
     text = ", ".join(f"{count} {name}" for name, count in sorted(outcomes.items()))

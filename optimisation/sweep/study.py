@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.stats import norm, qmc
 
-from aerodima.optimisation.sweep.study_engine import RunTask
+from aerodima.optimisation.sweep.runs import RunTask
 from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, nearest, read_yaml
 from aerodima.workbench.config.ensemble import Member, load_ensemble
 from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_scenario

@@ -19,8 +19,8 @@ import pandas as pd
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, is_clean
 from aerodima.optimisation.sweep.run_study import make_frame
+from aerodima.optimisation.sweep.runs import Runs
 from aerodima.optimisation.sweep.study import Sample, Uniform
-from aerodima.optimisation.sweep.study_engine import RunEngine
 from aerodima.optimisation.swing.candidate import THESIS, Candidate
 from aerodima.optimisation.swing.task import Task
 from aerodima.workbench.config.array_types import FloatArray
@@ -122,16 +122,14 @@ def draw_disturbances(number: int, seed: int, car: str) -> list[Disturbance]:
     return found
 
 
-def drive_disturbed(
-    task: Task, cases: pd.DataFrame, candidates: Sequence[Candidate], engine: RunEngine
-) -> pd.DataFrame:
+def drive_disturbed(task: Task, cases: pd.DataFrame, candidates: Sequence[Candidate], runs: Runs) -> pd.DataFrame:
     """A row per disturbed run of each case whose steering was borne out; without `survived` where one came to nothing.
 
     Args:
         task: with the number of draws.
         cases: a row per candidate and turn, with its steering.
         candidates: of the cases.
-        engine: where to run.
+        runs: where they are made.
     """
     who = {one.name: one for one in candidates}
     heads, tasks = [], []
@@ -142,7 +140,7 @@ def drive_disturbed(
             head = {name: case[name] for name in ("candidate", *_CASE)} | {"draw": draw, **vars(given)}
             heads.append(head | {"missed": given.missed})
             tasks.append(replace(turn, settings=(*turn.settings, *given.settings(planned))))
-    return make_frame([head | _result(task, row) for head, row in zip(heads, engine.rows(tasks), strict=True)])
+    return make_frame([head | _result(task, row) for head, row in zip(heads, runs.rows(tasks), strict=True)])
 
 
 def _result(task: Task, row: Mapping[str, Any]) -> dict[str, Any]:

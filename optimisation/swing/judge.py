@@ -8,8 +8,7 @@ a driver would; candidates are searched (`law_search`, `motion_search`) on train
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -18,15 +17,14 @@ import numpy as np
 import pandas as pd
 
 from aerodima.optimisation.sweep.run_study import make_frame
-from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
+from aerodima.optimisation.sweep.runs import Runs, kept_runs
 from aerodima.optimisation.swing.candidate import NO_TAIL, THESIS, Candidate
 from aerodima.optimisation.swing.disturbed_turns import drive_disturbed, summarise_disturbed
 from aerodima.optimisation.swing.task import Floor, SteeredTurn, Task, best_place, find_floors, search_steering
-from aerodima.workbench.batch.row_store import ProgressLine, RowStore, saying_how_to_go_on, silent
+from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
-from aerodima.workbench.config.scenario import default_values
-from aerodima.workbench.logs.schema import software_versions
 
 STEP_BACK, MOST_BACK = 2, 8
 """Places on the grid of the search by which the steering is lowered when the fine step does not bear it out, and how
@@ -63,7 +61,7 @@ def judge(
     task: Task,
     candidates: Sequence[Candidate],
     out: Path,
-    engine: RunEngine,
+    engine: Engine,
     *,
     force: bool = False,
     progress: ProgressLine = silent,
@@ -81,31 +79,17 @@ def judge(
     Raises:
         UserError: the folder is in use, or holds the runs of other parameters or versions; no case has a floor.
     """
-    with remembering(out, engine, force=force, progress=progress) as kept:
-        courses = Courses(task, kept)
+    with kept_runs(out, engine, force=force, progress=progress) as runs:
+        courses = Courses(task, runs)
         floors, without = courses.floors(task.test_cars)
         cases = courses.cases(candidates, floors)
         disturbed = pd.DataFrame()
         if task.disturbed:
-            kept.stage = "disturbed runs"
-            disturbed = drive_disturbed(task, cases, candidates, kept)
+            runs.stage = "disturbed runs"
+            disturbed = drive_disturbed(task, cases, candidates, runs)
     survival = summarise_disturbed(disturbed, candidates) if len(disturbed) else pd.DataFrame()
     summary = summarise_cases(cases, candidates)
     return Judgement(cases, summary, tuple(candidates), tuple(without), disturbed, survival)
-
-
-@contextmanager
-def remembering(
-    out: Path, engine: RunEngine, *, force: bool = False, progress: ProgressLine = silent
-) -> Iterator[RememberingEngine]:
-    """An engine that keeps its runs in `runs.jsonl` of a folder, for runs of these parameters and versions."""
-    versions = software_versions()
-    identity = {"schema": "aerodima/judge/1", "parameters": default_values(), "versions": versions}
-    with RowStore(out / "runs.jsonl", identity, force=force) as store:
-        kept = RememberingEngine(engine, store, progress)
-        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"):
-            yield kept
-        progress(f"{kept.ran} runs made, the others were there")
 
 
 class Steering(NamedTuple):
@@ -132,15 +116,15 @@ class Proof:
 
 
 class Courses:
-    """Measures the courses of a task; all that it runs goes through an engine that remembers."""
+    """Measures the courses of a task; each run is made once."""
 
-    def __init__(self, task: Task, engine: RememberingEngine) -> None:
-        self._task, self._engine = task, engine
+    def __init__(self, task: Task, runs: Runs) -> None:
+        self._task, self._runs = task, runs
 
     def floors(self, cars: Sequence[Member]) -> tuple[list[Floor], list[str]]:
         """Floors of cars, speeds and shares, and who has none; SweepError when nobody has one."""
-        self._engine.stage = "critical friction"
-        return find_floors(self._task, cars, self._engine)
+        self._runs.stage = "critical friction"
+        return find_floors(self._task, cars, self._runs)
 
     def cases(self, candidates: Sequence[Candidate], floors: Sequence[Floor]) -> pd.DataFrame:
         """A row per floor and candidate, proved at the fine step."""
@@ -164,7 +148,7 @@ class Courses:
                 SteeredTurn(who, floor, place, shape)
                 for (who, floor, shape), place in ((searches[k], place) for k, place in wanted)
             ]
-            rows = self._engine.rows([self._task.run(turn, self._task.step) for turn in steered])
+            rows = self._runs.rows([self._task.run(turn, self._task.step) for turn in steered])
             return [self._task.course(row) for row in rows]
 
         found: list[list[Steering]] = [[] for _ in turns]
@@ -176,19 +160,19 @@ class Courses:
 
     def _prove(self, turns: Sequence[tuple[Candidate, Floor]]) -> list[Proof]:
         """The best steering of each turn, proved at the fine step."""
-        task, engine = self._task, self._engine
-        engine.stage = f"{task.pulse:g} s pulse"
+        task, runs = self._task, self._runs
+        runs.stage = f"{task.pulse:g} s pulse"
         results = [Proof(found) for found in self._search(turns, task.shapes)]
-        engine.stage += ", fine step"
+        runs.stage += ", fine step"
         trying = {
             which: SteeredTurn(*turns[which], *one.found[:2])
             for which, one in enumerate(results)
             if one.found is not None
         }
         for _ in range(MOST_BACK + 1):
-            coarse = engine.rows([task.run(turn, task.step) for turn in trying.values()])
+            coarse = runs.rows([task.run(turn, task.step) for turn in trying.values()])
             kept = [which for which, row in zip(trying, coarse, strict=True) if task.counts(row)]
-            fine = engine.rows([task.run(trying[which], task.fine_step) for which in kept])
+            fine = runs.rows([task.run(trying[which], task.fine_step) for which in kept])
             for which, row in zip(kept, fine, strict=True):
                 if task.counts(row):
                     results[which] = replace(results[which], proved=trying.pop(which).place, row=row)

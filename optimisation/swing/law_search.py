@@ -21,7 +21,7 @@ from scipy.stats import qmc
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicles import Vehicles
-from aerodima.optimisation.sweep.study_engine import RememberingEngine, scenario_content
+from aerodima.optimisation.sweep.runs import Runs, scenario_content
 from aerodima.optimisation.swing.candidate import SWINGING, THESIS, Candidate
 from aerodima.optimisation.swing.judge import Courses
 from aerodima.optimisation.swing.task import Floor, SteeringSearch, Task, search_steering
@@ -149,31 +149,29 @@ class LawsFound(NamedTuple):
     worth: FloatArray
 
 
-def search_law(
-    task: Task, family: LawFamily, search: LawSearch, engine: RememberingEngine
-) -> tuple[Candidate, pd.DataFrame]:
+def search_law(task: Task, family: LawFamily, search: LawSearch, runs: Runs) -> tuple[Candidate, pd.DataFrame]:
     """The law of a family for each speed that is best on the training cars, and a table of the finalists.
 
     Args:
         task: of the turns; its training cars and its floors for them.
         family: among which one is looked for.
         search: how much.
-        engine: where to run; it remembers, so that a search that was stopped goes on.
+        runs: where they are made.
 
     Raises:
         UserError: no training car has a floor, or no turn of the published swing counts; what reduced cars do not know.
     """
     chosen, rows = {}, []
-    family, courses = family.for_pulse(task.pulse), Courses(task, engine)
+    family, courses = family.for_pulse(task.pulse), Courses(task, runs)
     published = family.published_law(task.scenario)
     all_floors, _ = courses.floors(task.training_cars)
     for speed in task.speeds:
         floors = [floor for floor in all_floors if floor.speed == speed]
         cases = replace(screening_of(task, floors, search.steering_runs), fixed=family.fixed)
-        found = _finalists(family, search, cases, published, engine)
+        found = _finalists(family, search, cases, published, runs)
         laws = [published, *found.finalists]
         candidates = [THESIS, *(Candidate("", family.settings(law)) for law in found.finalists)]
-        engine.stage = family.name
+        runs.stage = family.name
         full = courses.best(candidates, floors)
         worth = score(full, full[0], cases.cars)
         best = int(np.argmax(worth))
@@ -349,12 +347,12 @@ def screened_courses(screening: Screening) -> list[list[float]]:
     return [best[k : k + count] for k in range(0, len(best), count)]
 
 
-def course_table(cases: Screening, laws: Sequence[Mapping[str, float]], engine: RememberingEngine) -> FloatArray:
+def course_table(cases: Screening, laws: Sequence[Mapping[str, float]], runs: Runs) -> FloatArray:
     """`screened_courses` of any number of laws (laws, cases), shared among the workers and kept."""
     chunk = max(1, CHUNK // len(cases.cases))
     parts = [replace(cases, laws=tuple(laws[k : k + chunk])) for k in range(0, len(laws), chunk)]
     keys = [content_key("screened courses", vars(part) | {"steering": vars(part.steering)}) for part in parts]
-    return np.concatenate(engine.call_once(screened_courses, parts, keys))
+    return np.concatenate(runs.call(screened_courses, parts, keys))
 
 
 def changed(scenario: Scenario, law: Mapping[str, float]) -> Scenario:
@@ -368,15 +366,15 @@ def changed(scenario: Scenario, law: Mapping[str, float]) -> Scenario:
 
 
 def _finalists(
-    family: LawFamily, search: LawSearch, cases: Screening, published: Mapping[str, float], engine: RememberingEngine
+    family: LawFamily, search: LawSearch, cases: Screening, published: Mapping[str, float], runs: Runs
 ) -> LawsFound:
     """Laws of a family that do best on reduced cars, over the published swing there."""
-    reference = course_table(replace(cases, fixed=()), [{}], engine)[0]
+    reference = course_table(replace(cases, fixed=()), [{}], runs)[0]
 
     def worth(laws: Sequence[Mapping[str, float]]) -> FloatArray:
-        return score(course_table(cases, laws, engine), reference, cases.cars)
+        return score(course_table(cases, laws, runs), reference, cases.cars)
 
-    return search_laws(family, search, [published], worth, engine.say)
+    return search_laws(family, search, [published], worth, runs.say)
 
 
 @lru_cache(maxsize=4)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.sweep.study_engine import RunEngine
+from aerodima.optimisation.sweep.runs import Runs
 from aerodima.optimisation.swing.candidate import HELD
 from aerodima.optimisation.swing.swing_construction import steered_swing
 from aerodima.optimisation.swing.task import AFTER, Floor, SteeringSearch, Task, find_floors
@@ -61,7 +61,7 @@ class MotionSearch:
 
 
 def search_motion(
-    name: str, task: Task, search: MotionSearch, engine: RunEngine, *, progress: ProgressLine = silent
+    name: str, task: Task, search: MotionSearch, runs: Runs, *, progress: ProgressLine = silent
 ) -> SwingFile:
     """The swing with which the training cars of a task turn furthest, each with its own steering.
 
@@ -69,13 +69,13 @@ def search_motion(
         name: of the swing.
         task: its training cars (the scenario's own car without any), speeds and floors.
         search: how it is searched.
-        engine: where the full car is driven for its critical friction.
+        runs: where the full car is driven for its critical friction.
         progress: told lines.
 
     Raises:
         UserError: what the reduced car does not know, no floor, no turn that keeps all limits.
     """
-    floors, without = find_floors(task, task.training_cars or (OWN_CAR,), engine)
+    floors, without = find_floors(task, task.training_cars or (OWN_CAR,), runs)
     for words in without:
         progress(f"{words}: no floor; left out")
     turns = [turn_on(task, floor) for floor in floors]

@@ -25,7 +25,7 @@ from aerodima.optimisation.sweep.rollover_threshold import (
     is_clean,
     rounded,
 )
-from aerodima.optimisation.sweep.study_engine import RunEngine, RunTask
+from aerodima.optimisation.sweep.runs import Runs, RunTask
 from aerodima.optimisation.swing.candidate import THESIS, Candidate, refuse_twice
 from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, nearest, read_yaml
 from aerodima.workbench.config.ensemble import Member, load_ensemble
@@ -297,7 +297,7 @@ def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
     return checked(Task, data, str(path), SweepError, schema=SCHEMA)
 
 
-def find_floors(task: Task, cars: Sequence[Member], engine: RunEngine) -> tuple[list[Floor], list[str]]:
+def find_floors(task: Task, cars: Sequence[Member], runs: Runs) -> tuple[list[Floor], list[str]]:
     """Floors of cars, speeds and shares, and the cars and speeds that have none.
 
     Raises:
@@ -307,7 +307,7 @@ def find_floors(task: Task, cars: Sequence[Member], engine: RunEngine) -> tuple[
     cases = [Case(THESIS.name, task.scenario, task.settings(THESIS, *key, task.step)) for key in keys]
     starts = [load_scenario(task.scenario, car.settings_on(task.scenario)).car.tyre_friction for car, _ in keys]
     floors, without = [], []
-    for (car, speed), found in zip(keys, find_thresholds(cases, FRICTION_CLIMB, engine, starts=starts), strict=True):
+    for (car, speed), found in zip(keys, find_thresholds(cases, FRICTION_CLIMB, runs, starts=starts), strict=True):
         if found.survived is None:
             without.append(f"{car.name} at {speed:g} m/s")
         else:

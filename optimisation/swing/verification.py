@@ -18,8 +18,9 @@ import pandas as pd
 
 from aerodima.optimisation.sweep.rollover_threshold import is_clean
 from aerodima.optimisation.sweep.run_study import make_frame
-from aerodima.optimisation.sweep.study_engine import RunEngine, RunTask, SerialRunEngine, measured_row
+from aerodima.optimisation.sweep.runs import Runs, RunTask, measured_row
 from aerodima.optimisation.swing.task import FINE_STEP
+from aerodima.workbench.batch import Engine
 from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.config.ensemble import Ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario
@@ -101,7 +102,7 @@ def verify_swing(
     *,
     members: int | None = None,
     step: float = FINE_STEP,
-    engine: RunEngine | None = None,
+    engine: Engine | None = None,
 ) -> Verification:
     """Does a swing keep what it promises, on the full car and on the cars of an ensemble?
 
@@ -117,28 +118,30 @@ def verify_swing(
         SwingError: the swing is never released in this turn.
         UserError: what the scenario or the file lacks.
     """
-    engine = engine or SerialRunEngine()
+    engine = engine or Engine()
+    runs = Runs(engine)
     fine = (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
     playing = ("tail.mode=swing", f"controller.swing_file={swing_path}")
     own = (*settings, *fine, *playing)
     scenario = load_scenario(scenario_name, own)
     thesis = load_scenario(scenario_name, [*settings, *fine, *REFERENCE_SETTINGS])
-    run, reference = engine.call(_logged, [scenario, thesis])
+    run, reference = engine.map(_logged, [scenario, thesis])
     summary = summarise(run, scenario.name)
     if summary.trigger_time is None:
         raise SwingError(f"swing {swing.name}: was never released in this turn ({scenario_name} {' '.join(settings)})")
     errors = _state_errors(swing, scenario, run, motion)
     chosen = ensemble.members if members is None else ensemble.drawn(members)
     laws = {"swing": playing, "8 rad/s": REFERENCE_SETTINGS}
-    runs = [(who, member) for who in laws for member in chosen]
+    pairs = [(who, member) for who in laws for member in chosen]
     tasks = [
-        RunTask(m.name, scenario_name, (*m.settings_on(scenario_name), *settings, *fine, *laws[who])) for who, m in runs
+        RunTask(m.name, scenario_name, (*m.settings_on(scenario_name), *settings, *fine, *laws[who]))
+        for who, m in pairs
     ]
-    rows = _rows(tasks, [(scenario, run), (thesis, reference)], engine)
+    rows = _rows(tasks, [(scenario, run), (thesis, reference)], runs)
     frame = make_frame(
         [
             {"who": who, "member": member.name, "weight": member.weight} | row
-            for (who, member), row in zip(runs, rows, strict=True)
+            for (who, member), row in zip(pairs, rows, strict=True)
         ]
     )
     survival = {}
@@ -146,9 +149,7 @@ def verify_swing(
         part = frame[frame["who"] == who]
         survival[who] = float(part.loc[part["clean"].fillna(False).astype(bool), "weight"].sum() / part["weight"].sum())
     pair = [summary.metrics.as_row(), summarise(reference, thesis.name).metrics.as_row()]
-    ratio, friction = heading_ratio(
-        scenario_name, (*settings, *fine), playing, scenario.car.tyre_friction, pair, engine
-    )
+    ratio, friction = heading_ratio(scenario_name, (*settings, *fine), playing, scenario.car.tyre_friction, pair, runs)
     complaints = _complaints(swing, summary, errors, ratio)
     return Verification(errors, frame, ratio, friction, survival, tuple(complaints), run, summary, reference)
 
@@ -157,11 +158,11 @@ def _logged(scenario: Scenario) -> RunLog:
     return simulate(scenario, stop_when_certain=True)
 
 
-def _rows(tasks: Sequence[RunTask], logged: Sequence[tuple[Scenario, RunLog]], engine: RunEngine) -> list[Row]:
+def _rows(tasks: Sequence[RunTask], logged: Sequence[tuple[Scenario, RunLog]], runs: Runs) -> list[Row]:
     """Rows of tasks; one whose scenario has a log is not driven again (the nominal car is a member as well)."""
     known = {place: row for place, task in enumerate(tasks) if (row := _row_of_log(task, logged)) is not None}
     left = [place for place in range(len(tasks)) if place not in known]
-    driven = dict(zip(left, engine.rows([tasks[place] for place in left]), strict=True))
+    driven = dict(zip(left, runs.rows([tasks[place] for place in left]), strict=True))
     return [(known | driven)[place] for place in range(len(tasks))]
 
 
@@ -179,7 +180,7 @@ def heading_ratio(
     playing: Sequence[str],
     friction: float,
     pair: Sequence[Row],
-    engine: RunEngine,
+    runs: Runs,
 ) -> tuple[float, float]:
     """Heading change over the reference's at the highest friction that both survive clean, and that friction.
 
@@ -191,7 +192,7 @@ def heading_ratio(
         if mu == friction:
             return pair
         here = (*settings, f"car.tyre_friction={mu:.9g}")
-        rows = engine.rows([RunTask("", scenario, (*here, *law)) for law in (playing, REFERENCE_SETTINGS)])
+        rows = runs.rows([RunTask("", scenario, (*here, *law)) for law in (playing, REFERENCE_SETTINGS)])
         for row in rows:
             if row["error"]:
                 raise SwingError(f"{scenario} {' '.join(here)}: {row['error']}")

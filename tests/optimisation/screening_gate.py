@@ -25,7 +25,7 @@ from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import drive_turns, screened_friction
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search, is_clean, search_rows
-from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine, RunTask, open_run_engine
+from aerodima.optimisation.sweep.runs import Runs, RunTask, open_run_engine
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.scenario import Scenario
@@ -87,7 +87,7 @@ def drawn_laws(number: int, seed: int = 5) -> list[Settings]:
     return [(*SWING, *(f"controller.{k}={g.uniform(*ends):.2f}" for k, ends in ranges.items())) for _ in range(number)]
 
 
-def compared_friction(engine: RunEngine, cases: Sequence[Settings]) -> Pairs:
+def compared_friction(engine: Runs, cases: Sequence[Settings]) -> Pairs:
     """Critical friction of every case."""
 
     def run(wanted: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
@@ -101,7 +101,7 @@ def compared_friction(engine: RunEngine, cases: Sequence[Settings]) -> Pairs:
     return Pairs(one, other, np.isfinite(one) == np.isfinite(other))
 
 
-def compared_heading(engine: RunEngine, cases: Sequence[Settings]) -> Pairs:
+def compared_heading(engine: Runs, cases: Sequence[Settings]) -> Pairs:
     """Heading change of every case where it is clean, degrees."""
     rows = engine.rows([RunTask(str(place), SCENARIO, case) for place, case in enumerate(cases)])
     scenarios = [load_scenario(SCENARIO, case) for case in cases]
@@ -133,7 +133,7 @@ class Searched(NamedTuple):
         return min(self.ranks) <= BEST * CANDIDATES
 
 
-def searched(engine: RunEngine, car: Settings, seed: int) -> Searched:
+def searched(engine: Runs, car: Settings, seed: int) -> Searched:
     """The laws that stay clean longest on the full car, without driving each to its limit.
 
     The limit of the law that the reduced car puts first is searched for; all others are driven one step of the grid
@@ -194,7 +194,7 @@ def main() -> None:
     others = [m for m in ensemble.drawn(len(ensemble.members)) if m.name not in tuned]
     cars: list[Settings] = [(*m.settings_on(SCENARIO), *SPEED) for m in others[:number]]
     with RowStore(folder / "runs.jsonl", {"schema": "screening gate"}) as store, open_run_engine(cores) as workers:
-        engine = RememberingEngine(workers, store)
+        engine = Runs(workers, store)
         done: list[Searched] = []
         for place, member in enumerate(others[:: max(1, len(others) // max(1, searches))][:searches]):
             begin = time.process_time()

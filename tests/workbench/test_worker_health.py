@@ -21,7 +21,6 @@ from distributed import Future
 from aerodima.workbench.batch import (
     WORKER_RECORD,
     Engine,
-    SerialEngine,
     dask_cluster,
     dask_engine,
     open_engine,
@@ -92,7 +91,7 @@ def once_running(marks: Path, number: int, act: Callable[[int], None]) -> thread
 def test_quiet_work_says_nothing_and_leaves_no_record(opened, marks, tmp_path):
     engine, said = opened()
     work = partial(leak, marks, 0, 0.0)
-    assert engine.map(work, range(20)) == SerialEngine().map(work, range(20))
+    assert engine.map(work, range(20)) == Engine().map(work, range(20))
     assert (said, engine.events, recorded(tmp_path)) == ([], {}, [])
 
 
@@ -219,7 +218,7 @@ def test_work_that_stands_still_says_so(opened, marks, monkeypatch, tmp_path, se
     monkeypatch.setattr("aerodima.workbench.batch.row_store.STILL_LEAST", 1.0)
     said: list[str] = []
     if serial:
-        engine = SerialEngine(said.append, tmp_path / WORKER_RECORD)
+        engine = Engine(said.append, tmp_path / WORKER_RECORD)
     else:
         engine, said = opened(1)
     assert engine.map(sleep_long_at_three, range(5)) == list(range(5))

@@ -14,6 +14,7 @@ from concurrent.futures import CancelledError
 from typing import TYPE_CHECKING, Any
 
 from aerodima.workbench.batch.dask_cluster import Worker, do_piece, get_ready
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import Standstill, WorkerRecord
 from aerodima.workbench.errors import UserError
 
@@ -36,17 +37,14 @@ DEATHS_AT_THE_START = 3
 """Workers, and as many for each that works, that may die before any piece is done: then it is not the pieces' fault."""
 
 
-class DaskEngine:
+class DaskEngine(Engine):
     """On the workers of a Dask client; made by `open_engine`."""
-
-    startup = 0.0
 
     def __init__(self, client: Client, record: WorkerRecord, *, is_local: bool, module: str | None) -> None:
         self._client, self._record, self._is_local, self._module = client, record, is_local, module
         self._workers: dict[str, Worker] = {}
         self._retired: dict[str, float] = {}
         """Address -> when a worker that the scheduler may still list was given up; monotonic, s."""
-        self._threads = 1
         self._looked = -LOOK_EVERY
         self._deaths, self._worked = 0, False
         self._under_way: dict[Future, tuple[str, int | None]] = {}
@@ -54,16 +52,6 @@ class DaskEngine:
         self._dead: list[int] = []
         self._again: list[int] = []
         self._still = Standstill(record, self._where)
-
-    @property
-    def workers(self) -> int:
-        """See `Engine`."""
-        return self._threads
-
-    @property
-    def events(self) -> dict[str, int]:
-        """See `Engine`."""
-        return dict(self._record.counts)
 
     def wait_until_ready(self) -> None:
         """Until every worker that is there has imported what it needs."""
@@ -242,7 +230,7 @@ class DaskEngine:
             if not self._workers[address].pid and not self._has_piece(address):
                 self._submit(address, None, get_ready, self._module)
             self._check(address, facts)
-        self._threads = max(self._threads, sum(worker.threads for worker in self._workers.values()))
+        self.workers = max(self.workers, sum(worker.threads for worker in self._workers.values()))
         self._still.look()
 
     def _check(self, address: str, facts: dict[str, Any]) -> None:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from aerodima.workbench.batch.row_store import ProgressLine, Standstill, WorkerRecord, on_stderr
 from aerodima.workbench.errors import UserError
@@ -18,20 +18,28 @@ MOST_WORKERS = 64
 """Processes on one computer."""
 
 
-class Engine(Protocol):
-    """Does pieces of work; results come in the order of the items."""
+class Engine:
+    """Does pieces of work in this process, one after the other; those of `open_engine` do them in several.
 
-    @property
-    def workers(self) -> int:
-        """How many pieces are done at a time."""
+    Attributes:
+        workers: how many pieces are done at a time.
+        startup: time from the opening until the workers were ready, s.
 
-    @property
-    def startup(self) -> float:
-        """Time from the opening until the workers were ready, s."""
+    Args:
+        progress: told what happens to workers, and when the work stands still.
+        record: file for the same.
+    """
+
+    workers = 1
+    startup = 0.0
+
+    def __init__(self, progress: ProgressLine = on_stderr, record: Path | None = None) -> None:
+        self._record = WorkerRecord(progress, record)
 
     @property
     def events(self) -> dict[str, int]:
         """Kind of event (docs/howto/studies.md) -> how often: `replaced`, `lost`, `paused`, `still` ..."""
+        return dict(self._record.counts)
 
     def map(
         self,
@@ -40,7 +48,7 @@ class Engine(Protocol):
         done: Callable[[int, Result], None] | None = None,
         lost: Callable[[Item], Result] | None = None,
     ) -> list[Result]:
-        """Results of `work(item)`.
+        """Results of `work(item)`, in the order of the items.
 
         A piece whose worker dies is done again after all others, with nothing beside it; it is given up if its worker
         dies then too.
@@ -55,30 +63,6 @@ class Engine(Protocol):
             UserError: items were given up and there is no `lost`, or workers die before anything is done.
             Exception: whatever `work` raises; what has not begun is dropped.
         """
-
-
-class SerialEngine:
-    """In this process, one after the other: for small work, and for tests. It says when it stands still."""
-
-    workers = 1
-    startup = 0.0
-
-    def __init__(self, progress: ProgressLine = on_stderr, record: Path | None = None) -> None:
-        self._record = WorkerRecord(progress, record)
-
-    @property
-    def events(self) -> dict[str, int]:
-        """See `Engine`."""
-        return dict(self._record.counts)
-
-    def map(
-        self,
-        work: Callable[[Item], Result],
-        items: Sequence[Item],
-        done: Callable[[int, Result], None] | None = None,
-        lost: Callable[[Item], Result] | None = None,
-    ) -> list[Result]:
-        """See `Engine`."""
         results = []
         with Standstill(self._record) as still:
             for place, item in enumerate(items):
@@ -156,7 +140,7 @@ def run_batch(
             done(finished, result)
 
     number = min(workers, len(items))
-    alone = nullcontext(SerialEngine(progress, record))
+    alone = nullcontext(Engine(progress, record))
     opened: Any = alone if number <= 1 else open_engine(number, progress=progress, record=record)
     with opened as engine:
         return engine.map(work, items, count, lost)

@@ -258,7 +258,7 @@ class ProgressBar:
 
     Args:
         progress: told a line per piece.
-        total: pieces of the whole work; more may come than were expected.
+        total: pieces of the whole work.
         there: of them done before.
     """
 
@@ -269,17 +269,10 @@ class ProgressBar:
     def one_more(self, what: str = "") -> None:
         """Counts a piece; `what` is said of it."""
         self.done += 1
-        self.total = max(self.total, self.done)
         left = (time.monotonic() - self._start) / (self.done - self._there) * (self.total - self.done)
         filled = BAR * self.done // self.total
         count = f"{self.done:>{len(str(self.total))}}/{self.total}"
         self._progress(f"[{'#' * filled + '.' * (BAR - filled)}] {count} {what:8} {left:5.0f} s to go")
-
-    def skip(self, number: int) -> None:
-        """Counts pieces that need not be done."""
-        self.done += number
-        self._there += number
-        self.total = max(self.total, self.done)
 
 
 @contextmanager

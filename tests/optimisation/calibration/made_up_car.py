@@ -1,10 +1,11 @@
 """An engine whose cars follow a formula, so that the truth of a calibration is known and a run costs nothing."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from aerodima.optimisation.calibration.calibration_plan import prior_ranges
+from aerodima.workbench.batch import Engine
 
 TAILLESS_GROUP = 1.05
 """Friction x height / half track at which the made-up car flips at 3.47 m/s."""
@@ -19,17 +20,15 @@ def half_track(value: Mapping[str, float]) -> float:
     return 0.5 * (value["car.track"] + value["car.tyre_width"])
 
 
-class MadeUpEngine:
+class MadeUpEngine(Engine):
     """Rows by formula: flips beyond a group that falls with the speed, and rises with the width of a swinging sail."""
-
-    workers, startup = 1, 0.0
 
     def __init__(self, stop_after: int | None = None, tail_limit: float = 0.1) -> None:
         self.runs = 0
         self.stop_after = stop_after
         self.tail_limit = tail_limit
 
-    def rows(self, tasks: Sequence[Any], done: Callable[[int, dict], None] | None = None) -> list[dict]:
+    def map(self, work: Any, tasks: Sequence[Any], done: Any = None, lost: Any = None) -> list[Any]:
         found = []
         for place, task in enumerate(tasks):
             if self.stop_after is not None and self.runs >= self.stop_after:
@@ -39,9 +38,6 @@ class MadeUpEngine:
             if done is not None:
                 done(place, found[-1])
         return found
-
-    def call(self, function: Callable, items: Sequence[Any]) -> list[Any]:
-        return [function(item) for item in items]
 
     def row(self, task: Any) -> dict:
         value = {key: float(text) for key, text in (setting.split("=") for setting in task.settings)}

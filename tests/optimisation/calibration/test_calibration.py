@@ -26,7 +26,7 @@ from aerodima.optimisation.calibration.identifiability import MU_OVER_SSF, sensi
 from aerodima.optimisation.calibration.member_draw import Draw
 from aerodima.optimisation.calibration.surrogates import Edge
 from aerodima.optimisation.calibration.validation import shipped_car, validate
-from aerodima.optimisation.sweep.study_engine import RunTask
+from aerodima.optimisation.sweep.runs import RunTask
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import load_parameter_entries, load_scenario
 from aerodima.workbench.errors import ScenarioError, UserError

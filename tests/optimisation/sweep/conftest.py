@@ -2,7 +2,7 @@
 
 import pytest
 
-from aerodima.optimisation.sweep.study_engine import open_run_engine
+from aerodima.optimisation.sweep.runs import open_run_engine
 
 
 @pytest.fixture(scope="package")

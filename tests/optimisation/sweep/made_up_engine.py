@@ -1,15 +1,15 @@
 """An engine whose runs cost nothing: survival and numbers as plain functions of the settings."""
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED
-from aerodima.optimisation.sweep.study_engine import SerialRunEngine
+from aerodima.workbench.batch import Engine
 
 LIMITS = {"turn_none": 0.62, "turn_held": 0.72, "turn_swing": 0.82}
 
 
-class MadeUpEngine(SerialRunEngine):
+class MadeUpEngine(Engine):
     """The tailless car survives to a friction of 0.62, held to 0.72, swung to 0.82; a little less at higher speed."""
 
-    def rows(self, tasks, done=None):
+    def map(self, work, tasks, done=None, lost=None):
         rows = []
         for place, task in enumerate(tasks):
             settings = dict(setting.split("=", 1) for setting in task.settings)

@@ -13,17 +13,18 @@ from aerodima.optimisation.sweep.rollover_threshold import (
     critical_friction,
     find_thresholds,
 )
-from aerodima.optimisation.sweep.study_engine import SerialRunEngine
+from aerodima.optimisation.sweep.runs import Runs
+from aerodima.workbench.batch import Engine
 from aerodima.workbench.errors import SweepError, UserError
 
 
-class MadeUp(SerialRunEngine):
+class MadeUp(Engine):
     """Survival as a function of the searched factor instead of a run."""
 
     def __init__(self, survives, factor):
         self.survives, self.factor, self.runs = survives, factor, []
 
-    def rows(self, tasks, done=None):
+    def map(self, work, tasks, done=None, lost=None):
         rows = []
         for place, task in enumerate(tasks):
             value = float(dict(setting.split("=") for setting in task.settings)[self.factor])
@@ -46,7 +47,7 @@ class MadeUp(SerialRunEngine):
 def search(survives, **changes):
     settings = {"factor": FRICTION, "low": 0.4, "high": 1.0, "scan": 0.1, "tolerance": 0.01} | changes
     engine = MadeUp(survives, settings["factor"])
-    return find_thresholds([Case("", "turn_none")], Search(**settings), engine)[0], engine
+    return find_thresholds([Case("", "turn_none")], Search(**settings), Runs(engine))[0], engine
 
 
 def test_step_is_bracketed_within_the_tolerance_with_few_runs():
@@ -91,9 +92,9 @@ def test_tipping_over_before_the_turn_is_no_flip_in_the_turn():
 def test_cases_are_searched_together_and_give_what_each_gives_alone():
     engine = MadeUp(lambda speed: speed < 3.4, SPEED)
     wanted = Search(SPEED, 3.0, 4.0, 0.25, 0.05)
-    both = find_thresholds([Case("a", "turn_none"), Case("b", "turn_held")], wanted, engine)
+    both = find_thresholds([Case("a", "turn_none"), Case("a", "turn_held")], wanted, Runs(engine))
     assert both[0] == both[1]
-    assert both[0] == find_thresholds([Case("a", "turn_none")], wanted, engine)[0]
+    assert both[0] == find_thresholds([Case("a", "turn_none")], wanted, Runs(engine))[0]
 
 
 @pytest.mark.parametrize(

@@ -19,13 +19,13 @@ from aerodima.optimisation.sweep.run_study import (
     run_study,
 )
 from aerodima.optimisation.sweep.study import load_study
-from aerodima.optimisation.sweep.study_engine import SerialRunEngine
+from aerodima.workbench.batch import Engine
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.errors import SweepError
 from tests.optimisation.sweep.tiny import tiny_study, write_study
 
 
-class Stopping(SerialRunEngine):
+class Stopping(Engine):
     """Is interrupted after so many runs, as by Ctrl-C."""
 
     def __init__(self, after):
@@ -33,7 +33,7 @@ class Stopping(SerialRunEngine):
         self.left = after
         self.names = []
 
-    def rows(self, tasks, done=None):
+    def map(self, work, tasks, done=None, lost=None):
         def count(place, row):
             done(place, row)
             self.names.append(row["settings"])
@@ -41,13 +41,13 @@ class Stopping(SerialRunEngine):
             if self.left == 0:
                 raise KeyboardInterrupt
 
-        return super().rows(tasks, count)
+        return super().map(work, tasks, count)
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("undisturbed")
-    run_study(load_study(tiny_study(folder)), folder / "out", SerialRunEngine())
+    run_study(load_study(tiny_study(folder)), folder / "out", Engine())
     return folder / "out"
 
 
@@ -76,8 +76,8 @@ sys.modules["dask"] = sys.modules["distributed"] = None
 from pathlib import Path
 from aerodima.optimisation.sweep.run_study import run_study
 from aerodima.optimisation.sweep.study import load_study
-from aerodima.optimisation.sweep.study_engine import (SerialRunEngine)
-run_study(load_study(Path({str(tiny_study(tmp_path))!r})), Path({str(tmp_path / "out")!r}), SerialRunEngine())
+from aerodima.workbench.batch import Engine
+run_study(load_study(Path({str(tiny_study(tmp_path))!r})), Path({str(tmp_path / "out")!r}), Engine())
 """
     subprocess.run([sys.executable, "-c", code], check=True)
     assert (tmp_path / "out" / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
@@ -97,7 +97,7 @@ def test_table_is_tidy_and_carries_the_study(undisturbed):
 def test_member_that_makes_no_plant_is_a_row_with_its_reason(tmp_path):
     study = load_study(write_study(tmp_path / "s.yaml", "grid:\n  car.mass: [6.0, 1.3]\n"))
     said = []
-    table = run_study(study, tmp_path / "out", SerialRunEngine(), progress=said.append)
+    table = run_study(study, tmp_path / "out", Engine(), progress=said.append)
     assert table["outcome"].tolist()[0] == "survived"
     assert pd.isna(table["outcome"].iloc[1])
     assert table["error"].iloc[1]
@@ -108,15 +108,15 @@ def test_second_client_and_another_study_are_refused(tmp_path, undisturbed):
     study, out = load_study(tiny_study(tmp_path)), tmp_path / "out"
     busy = pytest.raises(SweepError, match="another process works in it")
     with open_store(out, {"runs": "others"}), busy:
-        run_study(study, out, SerialRunEngine())
+        run_study(study, out, Engine())
     with pytest.raises(SweepError, match="holds results of other parameters"):
-        run_study(study, out, SerialRunEngine())
-    run_study(study, out, SerialRunEngine(), force=True)
+        run_study(study, out, Engine())
+    run_study(study, out, Engine(), force=True)
     assert (out / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").write_text("")
     with pytest.raises(SweepError, match=r"holds other files \(thesis\.tex\)"):
-        run_study(study, tmp_path / "mine", SerialRunEngine())
+        run_study(study, tmp_path / "mine", Engine())
 
 
 class Full:
@@ -144,7 +144,7 @@ def test_full_disk_is_one_clear_error_and_what_was_written_is_used_again(tmp_pat
     with monkeypatch.context() as patch:
         patch.setattr(RowStore, "_write", full_after_two_rows)
         with pytest.raises(SweepError, match=r"cannot be written \(No space left on device\)"):
-            run_study(study, out, SerialRunEngine())
+            run_study(study, out, Engine())
     rest = Stopping(-1)
     run_study(study, out, rest)
     assert len(rest.names) == 2

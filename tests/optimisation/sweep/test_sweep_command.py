@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from aerodima.optimisation.sweep.run_study import ROWS, TABLE, run_study
 from aerodima.optimisation.sweep.study import load_study
-from aerodima.optimisation.sweep.study_engine import SerialRunEngine
+from aerodima.workbench.batch import Engine
 from aerodima.workbench.cli.program import build_app
 from tests.optimisation.sweep.tiny import tiny_study, write_study
 
@@ -90,7 +90,7 @@ def test_killed_worker_and_ctrl_c_lose_and_double_nothing(tmp_path):
     assert not (out / TABLE).exists()
     second = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=True)
     assert " there already" in second.stderr
-    run_study(load_study(study), tmp_path / "undisturbed", SerialRunEngine())
+    run_study(load_study(study), tmp_path / "undisturbed", Engine())
     assert (out / TABLE).read_bytes() == (tmp_path / "undisturbed" / TABLE).read_bytes()
 
 
@@ -110,7 +110,7 @@ def test_scheduler_and_worker_of_the_page_give_the_same_table(tmp_path):
         command = [*AERODIMA, "sweep", "run", str(study), "--out", str(tmp_path / "out"), "--scheduler", address]
         done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
         assert done.returncode == 0, done.stderr
-    run_study(load_study(study), tmp_path / "here", SerialRunEngine())
+    run_study(load_study(study), tmp_path / "here", Engine())
     assert (tmp_path / "out" / TABLE).read_bytes() == (tmp_path / "here" / TABLE).read_bytes()
 
 

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from aerodima.optimisation.sweep.study_engine import RunTask, evaluate
+from aerodima.optimisation.sweep.runs import RunTask, evaluate
 
 POISON = "poison"
 """Name of a task that ends the process that works on it."""

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED
-from aerodima.optimisation.sweep.study_engine import RunTask
+from aerodima.optimisation.sweep.runs import RunTask
 from aerodima.optimisation.swing.candidate import HELD, NO_TAIL, THESIS
 from aerodima.optimisation.swing.disturbed_turns import (
     AIR_SHARE,

@@ -12,12 +12,13 @@ import pandas as pd
 import pytest
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION
-from aerodima.optimisation.sweep.study_engine import RunTask
+from aerodima.optimisation.sweep.runs import RunTask, evaluate, kept_runs
 from aerodima.optimisation.swing.candidate import HELD, LOW_PLACE, NO_TAIL, THESIS, low_ballast, read_candidates
-from aerodima.optimisation.swing.judge import judge, remembering
+from aerodima.optimisation.swing.judge import judge
 from aerodima.optimisation.swing.judge_page import PAGE, write_judgement
 from aerodima.optimisation.swing.law_search import FAMILIES, LawSearch, Screening, search_law
 from aerodima.optimisation.swing.task import SteeringSearch, Task, best_place, load_task, search_steering
+from aerodima.workbench.batch import Engine
 from aerodima.workbench.config.ensemble import Member, load_ensemble
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import UserError
@@ -53,22 +54,24 @@ def limit_of(mode: str, rate: float = 8.0) -> float:
     return LIMIT[mode] + (0.1 * (2.0 - abs(rate - 10.0)) if mode == "swing" else 0.0)
 
 
-class MadeUp:
+class MadeUp(Engine):
     """Course of 8 times the steering, rolled too far beyond a limit, which is 5 % lower at the fine step.
 
     The critical friction at full lock is 0.6.
     """
-
-    workers, startup = 1, 0.0
 
     def __init__(self, stop_after: int | None = None) -> None:
         self.tasks: list[RunTask] = []
         self.laws = 0
         self._stop_after = stop_after
 
-    def rows(self, tasks: Sequence[RunTask], done: Any = None) -> list[dict[str, Any]]:
+    def map(self, work: Any, items: Sequence[Any], done: Any = None, lost: Any = None) -> list[Any]:
         rows = []
-        for place, task in enumerate(tasks):
+        for place, task in enumerate(items):
+            if work is not evaluate:
+                rows.append({"result": self.courses(task)})
+                done(place, rows[-1])
+                continue
             if self._stop_after is not None and len(self.tasks) >= self._stop_after:
                 raise KeyboardInterrupt
             self.tasks.append(task)
@@ -77,11 +80,12 @@ class MadeUp:
                 done(place, rows[-1])
         return rows
 
-    def call(self, function: Any, items: Sequence[Screening]) -> list[list[list[float]]]:
+    def courses(self, cases: Screening) -> list[list[float]]:
         """Reduced cars turn as far as the full ones."""
-        self.laws += sum(len(item.laws) for item in items)
-        limits = [[limit_of("swing", law.get("swing_speed", 8.0)) for law in item.laws] for item in items]
-        return [np.radians(8.0 * np.outer(rows, np.ones(len(TASK.floors)))).tolist() for rows in limits]
+        self.laws += len(cases.laws)
+        limits = [limit_of("swing", law.get("swing_speed", 8.0)) for law in cases.laws]
+        found: list[list[float]] = np.radians(8.0 * np.outer(limits, np.ones(len(TASK.floors)))).tolist()
+        return found
 
     def row(self, given: dict[str, str]) -> dict[str, Any]:
         friction, fine = float(given[FRICTION]), given["simulation.step"] == "0.0005"
@@ -105,7 +109,7 @@ def judged(folder: Path, engine: Any = None, task: Task = TASK) -> tuple[pd.Data
 
 
 def searched_law(folder: Path, engine: Any) -> tuple[Any, pd.DataFrame]:
-    with remembering(folder, engine) as kept:
+    with kept_runs(folder, engine) as kept:
         return search_law(TASK, FAMILIES["constant"], SEARCH, kept)
 
 
@@ -146,9 +150,10 @@ def test_a_law_that_only_reduced_cars_like_is_not_taken(tmp_path: Path) -> None:
     class Misled(MadeUp):
         """Reduced cars like slow swings, which the full ones do not bear."""
 
-        def call(self, function: Any, items: Sequence[Screening]) -> list[list[list[float]]]:
-            rates = [[law.get("swing_speed", 8.0) for law in item.laws] for item in items]
-            return [(20.0 - np.outer(rows, np.ones(len(TASK.floors)))).tolist() for rows in rates]
+        def courses(self, cases: Screening) -> list[list[float]]:
+            rates = [law.get("swing_speed", 8.0) for law in cases.laws]
+            found: list[list[float]] = (20.0 - np.outer(rates, np.ones(len(TASK.floors)))).tolist()
+            return found
 
     law, laws = searched_law(tmp_path, Misled())
     assert law.at(4.5) == THESIS.settings

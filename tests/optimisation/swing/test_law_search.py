@@ -13,7 +13,7 @@ import yaml
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicles import Vehicles
-from aerodima.optimisation.sweep.study_engine import RememberingEngine, SerialRunEngine
+from aerodima.optimisation.sweep.runs import Runs
 from aerodima.optimisation.swing.law_search import (
     APART,
     FAMILIES,
@@ -86,7 +86,7 @@ def test_a_scenario_file_with_another_content_is_screened_anew(tmp_path: Path) -
     path = tmp_path / "car.yaml"
     designed, found = read_yaml(model_path("scenarios/turn_designed.yaml")), []
     with RowStore(tmp_path / "runs.jsonl", {}) as store:
-        engine = RememberingEngine(SerialRunEngine(), store)
+        engine = Runs(store=store)
         for mass in (6.5, 8.0, 6.5):
             path.write_text(yaml.safe_dump({**designed, "car": {"mass": mass}}))
             cases = screening_of(Task(scenario=str(path)), [Floor(Member("own", 1.0, {}), 4.5, 1.3, 0.6)], 7)

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from aerodima.optimisation import turn_programme
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import drive_turns
-from aerodima.optimisation.sweep.study_engine import SerialRunEngine
+from aerodima.optimisation.sweep.runs import Runs
 from aerodima.optimisation.swing.motion_search import OWN_CAR, MotionSearch, search_motion, steering_of, swing_of
 from aerodima.optimisation.swing.task import Floor, Task
 from aerodima.optimisation.swing.turn_programme import FEASIBLE, TurnProgramme
@@ -152,7 +152,7 @@ def test_the_command_refuses_before_it_drives(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_swing_is_found_from_the_floor_on() -> None:
     """Whole way: floor from the full car, programme, and the full car drives what was found as far."""
-    swing = search_motion("whole", TASK, MotionSearch(1, knots=6, length=0.6, iterations=6), SerialRunEngine())
+    swing = search_motion("whole", TASK, MotionSearch(1, knots=6, length=0.6, iterations=6), Runs())
     found, settings = swing.provenance.found, swing.provenance.settings
     assert found["car_4.5_1.3_friction"] == pytest.approx(1.3 * 0.85, rel=0.05)  # swing/README.md
     turn = load_scenario("turn_designed", (*settings, "tail.mode=swing"))

@@ -13,9 +13,10 @@ import pytest
 import yaml
 from typer.testing import CliRunner, Result
 
-from aerodima.optimisation.sweep.study_engine import RunTask, SerialRunEngine
+from aerodima.optimisation.sweep.runs import Runs, RunTask
 from aerodima.optimisation.swing import verification
 from aerodima.optimisation.swing.verification import StateErrors, _complaints, heading_ratio
+from aerodima.workbench.batch import Engine
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, read_swing, write_swing
@@ -32,45 +33,39 @@ def call(*words: object) -> Result:
     return CliRunner().invoke(build_app(), ["swing", "verify", *map(str, words)], catch_exceptions=False)
 
 
-class Told:
+class Told(Engine):
     """An engine whose runs come out as told: heading change by friction, None for a flip."""
-
-    workers, startup = 1, 0.0
 
     def __init__(self, swing: dict[float, float | None], reference: dict[float, float | None]) -> None:
         self._told = swing, reference
 
-    def rows(self, tasks: Sequence[RunTask], done: Any = None) -> list[dict[str, Any]]:
+    def map(self, work: Any, tasks: Sequence[Any], done: Any = None, lost: Any = None) -> list[Any]:
         friction = float(next(s for s in reversed(tasks[0].settings) if "friction" in s).partition("=")[2])
-        return [
-            {"error": "", "outcome": "survived", "clean": told[friction] is not None}
-            | {"heading_change_rad": told[friction]}
-            for told in self._told
-        ]
-
-    def call(self, function: Any, items: Sequence[Any]) -> list[Any]:
-        return SerialRunEngine().call(function, items)
+        for place, told in enumerate(self._told):
+            row = {"error": "", "outcome": "survived", "clean": told[friction] is not None}
+            done(place, row | {"heading_change_rad": told[friction]})
+        return []
 
 
 def test_headings_are_compared_at_the_highest_friction_that_both_survive() -> None:
     here = [{"outcome": "survived", "clean": clean, "heading_change_rad": 0.9} for clean in (True, False)]
     engine = Told({0.65: None, 0.6: 0.8}, {0.65: 1.1, 0.6: 1.0})  # knows no 0.7: what ran there is not run again
-    ratio, friction = heading_ratio("turn_swing", (), (), 0.7, here, engine)
+    ratio, friction = heading_ratio("turn_swing", (), (), 0.7, here, Runs(engine))
     assert (ratio, friction) == (pytest.approx(0.8), pytest.approx(0.6))
-    assert heading_ratio("turn_swing", (), (), 0.7, here[:1] * 2, engine) == (1.0, 0.7)
+    assert heading_ratio("turn_swing", (), (), 0.7, here[:1] * 2, Runs(engine)) == (1.0, 0.7)
     never = dict.fromkeys([round(0.7 - 0.05 * i, 9) for i in range(1, 7)])
-    assert math.isnan(heading_ratio("turn_swing", (), (), 0.7, here, Told(never, never))[0])
+    assert math.isnan(heading_ratio("turn_swing", (), (), 0.7, here, Runs(Told(never, never)))[0])
 
 
-class Drives(SerialRunEngine):
-    """An engine that notes what it is asked to run."""
+class Drives(Runs):
+    """Runs that note what is asked for."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.ran: list[str] = []
+        self.asked: list[str] = []
 
     def rows(self, tasks: Sequence[RunTask], done: Any = None) -> list[dict[str, Any]]:
-        self.ran += [task.name for task in tasks]
+        self.asked += [task.name for task in tasks]
         return [{"run": task.name} for task in tasks]
 
 
@@ -79,9 +74,9 @@ def test_pair_of_the_own_car_is_not_driven_again_where_that_car_is_a_member(monk
     slower: Any = "controller.swing_speed=7.0"
     own: Any = [(load_scenario("turn_swing"), "own"), (load_scenario("turn_swing", [slower]), "reference")]
     settings = [(), ("car.mass=7.1",), ("car.mass=none",), (slower,), ("car.mass=7.1", slower)]
-    engine = Drives()
-    rows = verification._rows([RunTask(str(k), "turn_swing", one) for k, one in enumerate(settings)], own, engine)
-    assert engine.ran == ["1", "2", "4"]
+    runs = Drives()
+    rows = verification._rows([RunTask(str(k), "turn_swing", one) for k, one in enumerate(settings)], own, runs)
+    assert runs.asked == ["1", "2", "4"]
     assert [row["run"] for row in rows] == ["0", "1", "2", "3", "4"]
     assert [row.get("from") for row in rows] == ["own", None, None, "reference", None]
 

@@ -1,4 +1,4 @@
-"""The runs of sweeps: one run as a task and its flat row, engines that run many, and one that keeps their rows.
+"""Runs as tasks with flat rows: many of them on an engine, each made once.
 
 A run that kills its worker is a row with an error. Rows are kept on the disk, so that work can be stopped and go on, or
 be widened.
@@ -9,15 +9,23 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal, TypeVar
 
 from aerodima.workbench import batch
-from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, RowStore, content_key, on_stderr, silent
-from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.batch.row_store import (
+    ProgressBar,
+    ProgressLine,
+    Row,
+    RowStore,
+    content_key,
+    saying_how_to_go_on,
+    silent,
+)
+from aerodima.workbench.config.scenario import Scenario, default_values, load_scenario
 from aerodima.workbench.controllers.law_of_scenario import NO_SWING, find_swing
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, software_versions
@@ -120,158 +128,113 @@ def _provenance(task: RunTask, scenario: Scenario | None) -> dict[str, Any]:
 
 
 Item = TypeVar("Item")
-Result = TypeVar("Result")
 Done = Callable[[int, Any], None]
-"""Told the place of a finished item and its result, in the order in which they finish."""
+"""Told the place of a new row and the row, in the order in which they finish."""
 
 WORKER_LOST_AGAIN = (
     f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or a crash in the solver)"
 )
 
 
-class RunEngine(Protocol):
-    """Runs work; results come in the order of the items."""
-
-    @property
-    def workers(self) -> int:
-        """How many pieces of work are done at a time."""
-
-    @property
-    def startup(self) -> float:
-        """Time from the opening until the workers were ready to simulate, s."""
-
-    def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[dict[str, Any]]:
-        """`evaluate` of each task; a task that kills its worker gives a row with an error."""
-
-    def call(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-        """`function` (of a module) of each item; raises what it raises, and UserError when it kills its worker."""
-
-
-class BatchRunEngine:
-    """On an engine of the workbench; see `RunEngine`, and `open_run_engine` for one with workers."""
-
-    def __init__(self, engine: batch.Engine) -> None:
-        self._engine = engine
-        self.startup = engine.startup
-
-    @property
-    def workers(self) -> int:
-        """See `RunEngine`."""
-        return self._engine.workers
-
-    def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[dict[str, Any]]:
-        """See `RunEngine`."""
-        return self._engine.map(evaluate, tasks, done, lambda task: failed_row(task, WORKER_LOST_AGAIN))
-
-    def call(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-        """See `RunEngine`."""
-        return self._engine.map(function, items)
-
-
-class SerialRunEngine(BatchRunEngine):
-    """In this process, one after the other: for small work, and for tests."""
-
-    def __init__(self) -> None:
-        super().__init__(batch.SerialEngine())
-
-
-@contextmanager
 def open_run_engine(
-    workers: int = 2,
-    scheduler: str | None = None,
-    *,
-    progress: ProgressLine = on_stderr,
-    record: str | Path | None = None,
-    memory: float | None = None,
-) -> Iterator[BatchRunEngine]:
-    """`aerodima.workbench.batch.open_engine`, ready to simulate."""
-    with batch.open_engine(
-        workers,
-        scheduler,
-        progress=progress,
-        record=record,
-        memory=memory,
-        module="aerodima.workbench.simulate.car_run",
-    ) as engine:
-        yield BatchRunEngine(engine)
+    workers: int = 2, scheduler: str | None = None, **options: Any
+) -> AbstractContextManager[batch.Engine]:
+    """`aerodima.workbench.open_engine`, whose workers are ready to simulate; the options are those of it."""
+    return batch.open_engine(workers, scheduler, module="aerodima.workbench.simulate.car_run", **options)
 
 
-class RememberingEngine:
-    """Runs a task only if its store does not hold it yet; a `RunEngine`.
+class Runs:
+    """Rows of tasks, each run once.
 
     Args:
-        engine: where new tasks are run.
-        store: open.
+        engine: where they are run; this process by default.
+        store: open; keeps them on the disk, and holds those of before. Without one this object remembers them.
         progress: told lines of progress.
         stage: what is being run, for these lines; may be changed on the way.
     """
 
-    def __init__(self, engine: RunEngine, store: RowStore, progress: ProgressLine = silent, stage: str = "") -> None:
-        self._engine, self.store, self._progress = engine, store, progress
-        self.stage = stage
+    def __init__(
+        self,
+        engine: batch.Engine | None = None,
+        store: RowStore | None = None,
+        progress: ProgressLine = silent,
+        stage: str = "",
+    ) -> None:
+        self._engine, self._store = engine or batch.Engine(), store
+        self._known: dict[str, Row] = {} if store is None else store.rows
+        self.say, self.stage = progress, stage
         self.ran = 0
-        self._whole: ProgressBar | None = None
-        self._counted: set[str] = set()
-
-    @property
-    def workers(self) -> int:
-        """See `RunEngine`."""
-        return self._engine.workers
-
-    @property
-    def startup(self) -> float:
-        """See `RunEngine`."""
-        return self._engine.startup
-
-    def expect(self, pieces: int) -> None:
-        """Runs and remembered calls count towards about so many of the whole work from now on, in lines of progress."""
-        self._whole = ProgressBar(self._progress, pieces)
-
-    def _bar(self, keys: Sequence[str], missing: Mapping[str, Any]) -> ProgressBar:
-        """Of the whole work, or where nobody knows that of this part; what is there already is counted once."""
-        wanted = set(keys)
-        if self._whole is None:
-            return ProgressBar(self._progress, len(wanted), len(wanted) - len(missing))
-        self._whole.skip(len(wanted - self._counted - missing.keys()))
-        self._counted |= wanted
-        return self._whole
 
     def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[dict[str, Any]]:
-        """See `RunEngine`; a remembered row carries the name of this task, and `done` is told of new ones."""
-        keys = [run_key(task) for task in tasks]
-        known = self.store.rows
-        missing = {key: task for key, task in zip(keys, tasks, strict=True) if key not in known}
-        places = list(missing)
-        bar = self._bar(keys, missing)
+        """`evaluate` of each task, in order, under its own name; one that kills its worker gives a row with an error.
 
-        def keep(place: int, row: dict[str, Any]) -> None:
-            self.store.add(places[place], row)
+        Args:
+            tasks: what is wanted.
+            done: told of new rows.
+        """
+
+        def told(place: int, row: Row) -> str:
             self.ran += 1
-            bar.one_more(f"{self.stage} {row['outcome'] or 'failed':8}".lstrip())
             if done is not None:
                 done(place, row)
+            return f"{self.stage} {row['outcome'] or 'failed':8}".lstrip()
 
-        self._engine.rows(list(missing.values()), keep)
-        return [known[key] | {"run": task.name} for key, task in zip(keys, tasks, strict=True)]
+        found = self._once(evaluate, tasks, [run_key(task) for task in tasks], told, _lost)
+        return [row | {"run": task.name} for task, row in zip(tasks, found, strict=True)]
 
-    def call(self, function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-        """See `RunEngine`; not remembered."""
-        return self._engine.call(function, items)
+    def call(self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str]) -> list[Any]:
+        """`function` (of a module) of each item, JSON-able; raises what it raises, and UserError for a lost worker."""
+        found = self._once(partial(_result_of, function), items, keys, None)
+        return [row["result"] for row in found]
 
-    def call_once(self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str]) -> list[Any]:
-        """`call`, JSON-able, of items whose key the store does not hold yet; of the others what it holds."""
-        known = self.store.rows
-        missing = {key: item for key, item in zip(keys, items, strict=True) if key not in known}
-        bar = self._bar(keys, missing)
-        for key, result in zip(missing, self._engine.call(function, list(missing.values())), strict=True):
-            self.store.add(key, {"result": result})
-            if bar is self._whole:
-                bar.one_more("reduced cars")
-        return [known[key]["result"] for key in keys]
+    def _once(
+        self,
+        work: Callable[[Item], Row],
+        items: Sequence[Item],
+        keys: Sequence[str],
+        told: Callable[[int, Row], str] | None,
+        lost: Callable[[Item], Row] | None = None,
+    ) -> list[Row]:
+        """Rows of items by their keys; `told` makes the words of a line of progress for each new one."""
+        missing = {key: item for key, item in zip(keys, items, strict=True) if key not in self._known}
+        places, wanted = list(missing), len(set(keys))
+        bar = ProgressBar(self.say, wanted, wanted - len(missing))
 
-    def say(self, line: str) -> None:
-        """A line of progress."""
-        self._progress(line)
+        def keep(place: int, row: Row) -> None:
+            if self._store is None:
+                self._known[places[place]] = row
+            else:
+                self._store.add(places[place], row)
+            if told is not None:
+                bar.one_more(told(place, row))
+
+        self._engine.map(work, list(missing.values()), keep, lost)
+        return [self._known[key] for key in keys]
+
+
+@contextmanager
+def kept_runs(
+    out: Path, engine: batch.Engine, *, force: bool = False, progress: ProgressLine = silent
+) -> Iterator[Runs]:
+    """Runs that are kept in `runs.jsonl` of a folder, with these parameters and versions.
+
+    Raises:
+        UserError: the folder is in use, or holds runs of other parameters or versions and `force` is not set.
+    """
+    identity = {"schema": "aerodima/judge/1", "parameters": default_values(), "versions": software_versions()}
+    with RowStore(out / "runs.jsonl", identity, force=force) as store:
+        runs = Runs(engine, store, progress)
+        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"):
+            yield runs
+        progress(f"{runs.ran} runs made, the others were there")
+
+
+def _lost(task: RunTask) -> Row:
+    return failed_row(task, WORKER_LOST_AGAIN)
+
+
+def _result_of(function: Callable[[Any], Any], item: Any) -> Row:
+    return {"result": function(item)}
 
 
 def run_key(task: RunTask) -> str:

@@ -1,15 +1,14 @@
 """Workers give what a serial loop gives; a run that kills its worker is reported and takes nothing with it."""
 
-import math
 import re
 
 import pytest
 
-from aerodima.optimisation.sweep import study_engine as engine_module
-from aerodima.optimisation.sweep.study_engine import (
+from aerodima.optimisation.sweep import runs as engine_module
+from aerodima.optimisation.sweep.runs import (
     WORKER_LOST,
+    Runs,
     RunTask,
-    SerialRunEngine,
     evaluate,
     open_run_engine,
     run_key,
@@ -57,24 +56,18 @@ def test_impossible_run_is_a_row_with_one_line_of_error(setting, said):
 def test_workers_give_the_rows_of_a_serial_loop_in_order(engine):
     work = [*tasks(4), RunTask("bad", "straight", ("car.mass=-1",))]
     finished = []
-    rows = engine.rows(work, lambda place, row: finished.append((place, row["run"])))
-    assert rows == SerialRunEngine().rows(work)
+    rows = Runs(engine).rows(work, lambda place, row: finished.append((place, row["run"])))
+    assert rows == Runs().rows(work)
     assert sorted(finished) == [(place, task.name) for place, task in enumerate(work)]
     assert engine.workers == 2
     assert engine.startup > 0.0
-
-
-def test_function_is_called_for_every_item_and_its_error_comes_out(engine):
-    assert engine.call(math.sqrt, [1.0, 4.0, 9.0]) == [1.0, 2.0, 3.0]
-    with pytest.raises(ValueError, match=r"math domain error|nonnegative"):
-        engine.call(math.sqrt, [1.0, -1.0])
 
 
 @pytest.mark.slow
 def test_run_that_kills_its_worker_is_a_row_with_an_error_and_its_neighbours_are_there(engine, monkeypatch):
     monkeypatch.setattr(engine_module, "evaluate", evaluate_or_die)
     work = tasks(6)
-    rows = engine.rows([*work[:2], RunTask(POISON, "straight"), *work[3:]])
+    rows = Runs(engine).rows([*work[:2], RunTask(POISON, "straight"), *work[3:]])
     assert [row["run"] for row in rows] == ["0", "1", POISON, "3", "4", "5"]
     assert rows[2]["outcome"] is None
     assert rows[2]["error"].startswith(WORKER_LOST)
