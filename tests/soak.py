@@ -24,7 +24,8 @@ from typing import Any
 
 import psutil
 
-from aerodima.workbench.batch import WORKER_RECORD, open_engine
+from aerodima.workbench.batch.dask_engine import open_engine
+from aerodima.workbench.batch.row_store import WORKER_RECORD
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.schema import software_versions
 

@@ -9,7 +9,7 @@ from .aero.sections import SectionLayout as SectionLayout
 from .aero.tail_force import add_tail_force as add_tail_force
 from .aero.wind import WindModel as WindModel
 from .aero.wind import add_wind as add_wind
-from .batch.engine import open_engine as open_engine
+from .batch.dask_engine import open_engine as open_engine
 from .config.ensemble import load_ensemble as load_ensemble
 from .config.rig_scenario import load_rig_scenario as load_rig_scenario
 from .config.scenario import Scenario as Scenario

@@ -20,7 +20,7 @@ from aerodima.optimisation.calibration.calibration_runs import (
 )
 from aerodima.optimisation.calibration.car_prior import Prior
 from aerodima.optimisation.calibration.surrogates import Edge, closeness
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import ProgressLine
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario

@@ -17,7 +17,7 @@ from aerodima.optimisation.calibration.calibration_runs import Datum, RunStore, 
 from aerodima.optimisation.calibration.car_prior import Prior, normalised, systematic_sample
 from aerodima.optimisation.calibration.member_draw import Draw, draw_cars
 from aerodima.optimisation.calibration.tail_draw import TailSampling, run_tails
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Value

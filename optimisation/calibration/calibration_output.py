@@ -16,7 +16,7 @@ from aerodima.optimisation.calibration.calibration_runs import RunStore
 from aerodima.optimisation.calibration.car_prior import systematic_sample
 from aerodima.optimisation.calibration.identifiability import directions, sensitivities, shrinkage
 from aerodima.optimisation.calibration.validation import Shipped, as_table, shipped_car, validate
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.ensemble import ENSEMBLE_SCHEMA, load_ensemble, weighted_quantiles
 from aerodima.workbench.logs.schema import software_versions

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from aerodima.optimisation.calibration.calibration_plan import LIFT, SPEED_IN_TURN, CalibrationPlan, fitted_names
 from aerodima.optimisation.sweep.runs import Runs, RunTask, tipped_before_turn
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import ProgressLine, RowStore, content_key, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Value

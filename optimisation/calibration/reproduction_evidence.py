@@ -30,7 +30,7 @@ from aerodima.optimisation.calibration.calibration_runs import (
     plan_data,
     survives,
 )
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import ProgressLine
 from aerodima.workbench.config.ensemble import Member, weighted_quantiles
 from aerodima.workbench.config.scenario import load_parameter_entries

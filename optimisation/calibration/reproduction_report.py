@@ -24,7 +24,7 @@ from aerodima.optimisation.calibration.reproduction_evidence import (
     survival_table,
 )
 from aerodima.optimisation.calibration.validation import as_table, compare
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.ensemble import BAND, Ensemble, weighted_quantiles
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled

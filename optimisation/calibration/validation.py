@@ -27,7 +27,7 @@ from aerodima.optimisation.calibration.calibration_runs import (
     survives,
 )
 from aerodima.optimisation.calibration.car_prior import Prior
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member, weighted_quantiles
 from aerodima.workbench.metrics.published_values import flip_bracket, published_values

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,12 +21,12 @@ from aerodima.workbench.cli.options import (
     Settings,
     Workers,
     WorkOptions,
+    command_group,
     grouped,
 )
 
 if TYPE_CHECKING:
-    from aerodima.optimisation.sweep.rollover_threshold import Search, Threshold
-    from aerodima.workbench.batch import Engine
+    from aerodima.workbench.batch.engine import Engine
     from aerodima.workbench.batch.row_store import ProgressLine
 
 
@@ -34,15 +35,9 @@ Out = Annotated[Path, typer.Option(help="Folder for the tables; a stopped study 
 
 def register(app: typer.Typer) -> None:
     """Adds the group `sweep`, `calibrate` and `report`."""
-    sweep = typer.Typer(no_args_is_help=True, help="Run studies of many runs, on this computer or a cluster.")
-    sweep.callback()(_studies)
+    sweep = command_group(app, "sweep", "Run studies of many runs, on this computer or a cluster.", SWINGS)
     sweep.command()(run)
-    threshold = typer.Typer(no_args_is_help=True, help="Find where a car begins to roll over.")
-    threshold.callback()(_thresholds)
-    threshold.command()(speed)
-    threshold.command()(friction)
-    sweep.add_typer(threshold, name="threshold")
-    app.add_typer(sweep, name="sweep", rich_help_panel=SWINGS)
+    sweep.command(no_args_is_help=True)(threshold)
     for command in (calibrate, report):
         app.command(rich_help_panel=THESIS)(command)
 
@@ -53,18 +48,13 @@ def engine_for(
 ) -> Iterator[tuple[Engine, ProgressLine]]:
     """An engine whose workers leave their record in a folder, and the terminal for lines of progress."""
     from aerodima.optimisation.sweep.runs import open_run_engine
-    from aerodima.workbench.batch import WORKER_RECORD
-    from aerodima.workbench.batch.row_store import terminal
+    from aerodima.workbench.batch.row_store import WORKER_RECORD, terminal
 
     progress = terminal()
     with open_run_engine(
         workers, scheduler, progress=progress, record=None if out is None else out / WORKER_RECORD
     ) as engine:
         yield engine, progress
-
-
-def _studies() -> None:
-    """Run studies of many runs, on this computer or a cluster; each can be stopped and goes on when asked again."""
 
 
 @grouped
@@ -87,90 +77,39 @@ def run(
     print(f"table: {out / TABLE}")
 
 
-def _thresholds() -> None:
-    """Find where a car begins to roll over: by speed, or by grip."""
-
-
-def speed(
+def threshold(
+    factor: Annotated[str, typer.Argument(help="speed (m/s), or friction of the tyres.")],
     scenario: ScenarioArgument = "turn_swing",
     settings: Settings = None,
-    low: Annotated[float, typer.Option("--from", help="Lowest speed, m/s.")] = 2.5,
-    high: Annotated[float, typer.Option("--to", help="Highest speed, m/s.")] = 6.5,
-    scan: Annotated[float, typer.Option(help="Step of the scan, m/s; narrower islands may be missed.")] = 0.25,
-    tolerance: Annotated[float, typer.Option(help="Between survived and flipped, m/s.")] = 0.05,
+    low: Annotated[float | None, typer.Option("--from", help="Lowest value; 2.5 m/s, or 0.4.")] = None,
+    high: Annotated[float | None, typer.Option("--to", help="Highest value; 6.5 m/s, or 1.1.")] = None,
+    scan: Annotated[
+        float | None, typer.Option(help="Step of the scan, 0.25 m/s or 0.05; narrower islands may be missed.")
+    ] = None,
+    tolerance: Annotated[float | None, typer.Option(help="Between survived and flipped, 0.05 m/s or 0.01.")] = None,
     workers: Workers = 2,
     scheduler: Scheduler = None,
 ) -> None:
-    """Highest speed survived at the scenario's friction, the first at which it flips, and islands beyond.
-
-    Example: aerodima sweep threshold speed turn_none --to 4.5
-    """
-    from aerodima.optimisation.sweep.rollover_threshold import SPEED, Search
-
-    _print_threshold(scenario, settings or (), Search(SPEED, low, high, scan, tolerance), "m/s", workers, scheduler)
-
-
-def friction(
-    scenario: ScenarioArgument = "turn_swing",
-    settings: Settings = None,
-    low: Annotated[float, typer.Option("--from", help="Lowest tyre friction.")] = 0.4,
-    high: Annotated[float, typer.Option("--to", help="Highest tyre friction.")] = 1.1,
-    scan: Annotated[float, typer.Option(help="Step of the scan; narrower islands may be missed.")] = 0.05,
-    tolerance: Annotated[float, typer.Option(help="Between survived and flipped.")] = 0.01,
-    workers: Workers = 2,
-    scheduler: Scheduler = None,
-) -> None:
-    """Critical friction at the scenario's speed: highest tyre friction survived, first that flips, islands beyond.
+    """Find where a car begins to roll over: highest value survived, first at which it flips, and islands beyond.
 
     Example: aerodima sweep threshold friction turn_swing --set manoeuvre.speed=4.44
     """
-    from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
-
-    _print_threshold(scenario, settings or (), Search(FRICTION, low, high, scan, tolerance), "", workers, scheduler)
-
-
-def _print_threshold(
-    scenario: str, settings: Sequence[str], search: Search, unit: str, workers: int, scheduler: str | None
-) -> None:
-    from aerodima.optimisation.sweep.rollover_threshold import Case, find_thresholds
+    from aerodima.optimisation.sweep.rollover_threshold import SEARCHES, Case, find_thresholds
     from aerodima.optimisation.sweep.runs import Runs
     from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.errors import SweepError
+    from aerodima.workbench.text_table import text_table
 
-    load_scenario(scenario, settings)
-    cases = [Case(scenario, scenario, tuple(settings))]
+    if factor not in SEARCHES:
+        raise SweepError(f"{factor}: allowed: {', '.join(SEARCHES)}")
+    given = {"low": low, "high": high, "scan": scan, "tolerance": tolerance}
+    changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    search = replace(SEARCHES[factor], **changes)
+    load_scenario(scenario, settings or ())
     with engine_for(None, workers, scheduler) as (engine, progress):
+        cases = [Case(scenario, scenario, tuple(settings or ()))]
         (found,) = find_thresholds(cases, search, Runs(engine), lambda done, known: progress(f"[{done}/{known}] runs"))
-    print("\n".join(describe(found, unit)))
-
-
-def describe(found: Threshold, unit: str) -> list[str]:
-    """Lines that say what a search came to."""
-    from aerodima.optimisation.sweep.rollover_threshold import TIPPED
-
-    search = found.search
-    suffix = f" {unit}" if unit else ""
-    name = search.factor
-    if found.lost is None and found.survived is None:
-        lines = [f"{name}: no run from {search.low:g} to {search.high:g}{suffix} came to its turn"]
-    elif found.lost is None:
-        lines = [f"{name}: no flip from {search.low:g} to {search.high:g}{suffix}; survives up to {found.survived:g}"]
-    elif found.survived is None:
-        lines = [f"{name}: flips at {found.lost:g}{suffix} already, the lowest value"]
-    else:
-        lines = [
-            f"{name}: survives up to {found.survived:g}{suffix}, flips at {found.lost:g}{suffix} "
-            f"(tolerance {search.tolerance:g}, {len(found.outcomes)} runs)"
-        ]
-        if found.lost - found.survived > search.tolerance + 1e-9:
-            lines[0] += f"; the values between them, {found.lost - found.survived:.3g} apart, told nothing"
-    if over := [value for value, outcome in found.outcomes.items() if outcome == TIPPED]:
-        lines.append(f"{len(over)} run(s) tipped over before their turn, the first at {over[0]:g}: no evidence of it")
-    for first, last in found.islands:
-        where = f"at {first:g}" if first == last else f"from {first:g} to {last:g}"
-        lines.append(f"island: survives again {where}{suffix} (scan step {search.scan:g})")
-    if failed := [value for value, outcome in found.outcomes.items() if outcome.startswith("failed")]:
-        lines.append(f"{len(failed)} run(s) failed, the first at {failed[0]:g}{suffix}: {found.outcomes[failed[0]]}")
-    return lines
+    typer.echo("\n".join(text_table(list(found.summary), [list(found.summary.values())])))
 
 
 @grouped

@@ -126,12 +126,17 @@ def judge(
     who = read_candidates(candidate or CANDIDATES, asked.scenario, other_car=other_car)
     with engine_for(out, work.workers, work.scheduler) as (engine, progress):
         found = judge_candidates(asked, who, out, engine, force=work.force, progress=progress)
-    from aerodima.optimisation.swing.judge_page import summary_cells, survival_cells, write_judgement  # Matplotlib
+    from aerodima.optimisation.swing.judge_page import (  # Matplotlib
+        SURVIVAL,
+        column_cells,
+        summary_cells,
+        write_judgement,
+    )
 
     files = write_judgement(out, asked, found, replays=replays)
     typer.echo("\n".join(text_table(*summary_cells(found.summary))))
     if len(found.disturbed):
-        typer.echo("\n".join(["disturbed runs:", *text_table(*survival_cells(found.survival))]))
+        typer.echo("\n".join(["disturbed runs:", *text_table(*column_cells(found.survival, SURVIVAL))]))
     typer.echo(f"page: {files[-1]}")
 
 
@@ -155,49 +160,21 @@ def verify(
 
     Example: aerodima swing verify thesis_8_rad_per_s --members 3 --out out/verify
     """
-    from aerodima.optimisation.sweep.runs import open_run_engine
-    from aerodima.optimisation.swing.verification import verify_swing
-    from aerodima.optimisation.swing.verification_report import PAGE, RUNS, VERDICT, write_verification
+    from aerodima.optimisation.swing.verification import PAGE, RUNS, VERDICT, verify_swing, write_verification
     from aerodima.workbench.atomic_write import refuse_existing
-    from aerodima.workbench.batch import WORKER_RECORD
-    from aerodima.workbench.config.ensemble import load_ensemble
-    from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.controllers.law_of_scenario import (
-        find_swing,
-        law_of_scenario,
-        own_turn,
-        refuse_other_car,
-        turn_words,
-    )
     from aerodima.workbench.errors import SwingError
-    from aerodima.workbench.plants.clearance import make_range_of_motion
 
     for name in (RUNS, VERDICT, PAGE):
         refuse_existing(out / name, force, SwingError)
-    played = find_swing(swing)
-    turn, own = own_turn(played, scenario)
-    wanted = [*own, *(settings or [])]
-    path = str(Path(swing).resolve()) if Path(swing).exists() else swing
-    given = ["tail.mode=swing", f"controller.swing_file={path}"]
-    resolved = load_scenario(turn, [*wanted, *given])
-    law_of_scenario(resolved)
-    if not other_car:
-        refuse_other_car(resolved)
-    cars = load_ensemble(ensemble)
-    motion = make_range_of_motion(resolved, 25, 25)
-    runs = 2 * (len(cars.members) if members is None else min(members, len(cars.members)))
-    typer.echo(f"{runs} runs of the ensemble at a step of {1000 * step:g} ms, and the car of the swing", err=True)
-
-    with open_run_engine(workers, record=out / WORKER_RECORD) as engine:
+    with engine_for(out, workers) as (engine, _):
         found = verify_swing(
-            played, path, turn, wanted, cars, motion, members=members, step=step,
-            engine=engine,
+            swing, scenario, settings or (),
+            ensemble=ensemble, members=members, step=step, other_car=other_car, engine=engine,
         )  # fmt: skip
-    for file in write_verification(out, played, found, force=force):
+    for file in write_verification(out, found, force=force):
         typer.echo(f"written: {file}")
     share = ", ".join(f"{who} {value:.0%}" for who, value in found.survival.items())
     typer.echo(f"share of the ensemble that survives clean: {share}")
-    where = turn_words(played, resolved)
     if found.complaints:
-        raise SwingError(f"swing {played.name}: not verified at {where}: {'; '.join(found.complaints)}")
-    typer.echo(f"verified: {played.name} at {where}")
+        raise SwingError(f"swing {found.swing.name}: not verified at {found.where}: {'; '.join(found.complaints)}")
+    typer.echo(f"verified: {found.swing.name} at {found.where}")

@@ -17,8 +17,9 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from aerodima.optimisation.identify.fit_pipeline import FitResult
-from aerodima.workbench.batch import WORKER_RECORD, run_batch
+from aerodima.workbench.batch.dask_engine import run_batch
 from aerodima.workbench.batch.row_store import (
+    WORKER_RECORD,
     ProgressBar,
     ProgressLine,
     RowStore,

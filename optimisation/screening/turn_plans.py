@@ -10,14 +10,11 @@ import numpy as np
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.swing_file import SwingFile, cubic
-from aerodima.workbench.controllers.law_of_scenario import swing_of_scenario
+from aerodima.workbench.config.swing_file import cubic
+from aerodima.workbench.controllers.law_of_scenario import NO_SWING
 from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE
 from aerodima.workbench.controllers.swing_law import SwingSettings
 from aerodima.workbench.errors import UserError
-
-STILL = np.array([[0.0], [1.0]])
-"""Times of the knots of a tail that follows none, s."""
 
 
 @dataclass(frozen=True)
@@ -41,14 +38,10 @@ class PlayedRoll:
     pitch_kd: FloatArray
 
     @classmethod
-    def of(cls, swings: Sequence[SwingFile | None]) -> PlayedRoll:
-        """Of swing files; None is a tail that follows none."""
-        count = max((len(swing.knots.time_s) for swing in swings if swing is not None), default=len(STILL))
-        rows = [_still() if swing is None else _played(swing) for swing in swings]
-        longer = [[_lengthened(row[0], count, 1.0), *(_lengthened(v, count, 0.0) for v in row[1:3])] for row in rows]
-        knots = [np.stack(each, axis=-1) for each in zip(*longer, strict=True)]
-        gains = np.array([row[3] for row in rows]).T
-        return cls(np.array([float(swing is not None) for swing in swings]), *knots, *gains)
+    def none(cls, number: int) -> PlayedRoll:
+        """Of so many tails that follow another law."""
+        time, still, no_gain = np.array([[0.0], [1.0]]) * np.ones(number), np.zeros((2, number)), np.zeros(number)
+        return cls(no_gain, time, still, still, *[no_gain] * 4)
 
     def take(self, places: Any) -> PlayedRoll:
         """Tails at these places, again and again if asked."""
@@ -67,42 +60,6 @@ class PlayedRoll:
         return value, np.where((time < 0.0) | (time > self.time[-1].real), 0.0, slope)
 
 
-def refuse_unknown(swing: SwingFile, scenario: Scenario) -> None:
-    """Raises UserError when the screening model would misread a swing: says what it knows."""
-    knots, name = swing.knots, f"swing {swing.name}"
-    if knots.roll_torque_n_m is not None and any((*knots.roll_torque_n_m, *(knots.pitch_torque_n_m or ()))):
-        raise UserError(f"{name}: knots.roll_torque_n_m; the screening model knows: no torques")
-    if len(set(knots.pitch_position_rad)) > 1 or any(knots.pitch_velocity_rad_per_s):
-        raise UserError(f"{name}: knots.pitch_position_rad changes; the screening model knows: one pitch")
-    if len(swing.gains.phases) > 1:
-        raise UserError(f"{name}: gains.phases: {len(swing.gains.phases)}; the screening model knows: 1")
-    if swing.trigger.kind == "time":
-        raise UserError(f"{name}: trigger.kind: time; the screening model knows: steering, yaw_rate")
-    held = scenario.controller.hold_angle
-    if abs(abs(knots.roll_position_rad[0]) - held) > 1e-6:
-        raise UserError(
-            f"{name}: knots.roll_position_rad.0: {knots.roll_position_rad[0]:g}; the screening model knows a swing "
-            f"that begins where the tail stands, at controller.hold_angle {held:g} rad"
-        )
-
-
-def _still() -> list[Any]:
-    return [STILL[:, 0], np.zeros(2), np.zeros(2), (0.0,) * 4]
-
-
-def _played(swing: SwingFile) -> list[Any]:
-    side = 1.0 if swing.direction == "left" else -1.0
-    roll, rate = swing.knots.states("roll")
-    phase = swing.gains.phases[0]
-    gains = (phase.roll.kp, phase.roll.kd, phase.pitch.kp, phase.pitch.kd)
-    return [np.array(swing.knots.time_s), side * roll, side * rate, gains]
-
-
-def _lengthened(values: FloatArray, count: int, stride: float) -> FloatArray:
-    """With the last value repeated, a stride further each time."""
-    return np.concatenate([values, values[-1] + stride * np.arange(1.0, count - len(values) + 1.0)])
-
-
 COMMON = {"start": "manoeuvre.turn_start, s", "rate": "controller.rate, Hz", "late": "imu.delay, ticks"}
 """Of `TurnPlans`: the same for all turns that are driven at once, with the words of a complaint."""
 
@@ -118,7 +75,7 @@ class TurnPlans:
         rate: of the controller, Hz; `late` how many of its ticks a yaw rate is old.
         trigger_steering: steering command that releases the swing, rad; infinite where a yaw rate does.
         swings: 1 where the tail swings; all others as `SwingSettings`, rad, s, rad/s, N m/rad, N m s/rad.
-        played: the tails that follow a swing file.
+        played: the tails that follow knots.
     """
 
     ramp: FloatArray
@@ -148,21 +105,16 @@ class TurnPlans:
     played: PlayedRoll
 
     @classmethod
-    def of(cls, scenarios: Sequence[Scenario], swings: Sequence[SwingFile | None] | None = None) -> TurnPlans:
-        """The plans of scenarios whose tail follows the thesis' law or the knots of a swing file, or is held.
-
-        Args:
-            scenarios: turns.
-            swings: played by their tails; by default those that the scenarios name.
+    def of(cls, scenarios: Sequence[Scenario]) -> TurnPlans:
+        """The plans of scenarios whose tail follows the thesis' law, or is held.
 
         Raises:
-            UserError: a swing or a trigger that the model does not know, or scenarios that differ in `COMMON`.
+            UserError: a swing file or a trigger that the model does not know, or scenarios that differ in `COMMON`.
         """
-        files = [swing_of_scenario(scenario) for scenario in scenarios] if swings is None else list(swings)
-        rows = [_row(scenario, swing) for scenario, swing in zip(scenarios, files, strict=True)]
+        rows = [_row(scenario) for scenario in scenarios]
         names = [field.name for field in fields(cls) if field.name != "played"]
         numbers = np.array([[row[name] for name in names] for row in rows], float).T
-        plans = cls(**dict(zip(names, numbers, strict=True)), played=PlayedRoll.of(files))
+        plans = cls(**dict(zip(names, numbers, strict=True)), played=PlayedRoll.none(len(rows)))
         for name, words in COMMON.items():
             if len(found := np.unique(getattr(plans, name))) > 1:
                 raise UserError(f"{words}: {found[0]:g} and {found[-1]:g}; turns that are driven at once have one")
@@ -199,7 +151,7 @@ class TurnPlans:
         return self.hold + last / self.steer_rate
 
 
-def _row(scenario: Scenario, swing: SwingFile | None) -> dict[str, float]:
+def _row(scenario: Scenario) -> dict[str, float]:
     """Fields of `TurnPlans` for one turn."""
     settings, turn, imu = SwingSettings.from_scenario(scenario), scenario.manoeuvre, scenario.imu
     row: dict[str, Any] = {name: getattr(settings, name) for name in SwingSettings.model_fields}
@@ -215,17 +167,8 @@ def _row(scenario: Scenario, swing: SwingFile | None) -> dict[str, float]:
         "trigger_steering": np.inf,
         "swings": float(settings.mode == "swing"),
     }
-    if swing is not None:
-        refuse_unknown(swing, scenario)
-        steering, yaw_rate = swing.trigger.threshold_rad, swing.trigger.threshold_rad_per_s
-        return row | {
-            "trigger_yaw_rate": np.inf if yaw_rate is None else yaw_rate,
-            "trigger_steering": np.inf if steering is None else steering,
-            "delay": swing.trigger.delay_s + settings.delay,
-            "hold_kp": swing.gains.hold.kp,
-            "hold_kd": swing.gains.hold.kd,
-            "pitch_angle": swing.knots.pitch_position_rad[0],
-        }
+    if settings.mode == "swing" and (name := scenario.controller.swing_file) != NO_SWING:
+        raise UserError(f"controller.swing_file: {name}; the screening model knows: {NO_SWING}")
     if settings.mode == "swing" and settings.trigger == "lateral_acceleration":
         raise UserError(f"controller.trigger: {settings.trigger}; the screening model knows: steering, yaw_rate")
     if settings.trigger == "steering":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,9 +21,7 @@ from aerodima.optimisation.screening.vehicle_motion import (
     up,
 )
 from aerodima.optimisation.screening.vehicles import Vehicles
-from aerodima.optimisation.sweep.rollover_threshold import FRICTION_SEARCH, Search, Start, Threshold, search_rows
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_course import velocity_over_ground
@@ -138,7 +135,6 @@ class Turns:
         peak_roll: outwards, rad.
         trigger: when the swing began after the start of the turn, s; NaN when it never did.
         lowest_tail, lowest_board: least height over the ground, m.
-        speed: at the end, m/s.
         course: change from the start of the turn to its exit (`TurnRecord`), rad; `exit_time` s since that start and
             `sideslip` rad there. NaN without an exit.
         last: states at the end (24, n).
@@ -153,7 +149,6 @@ class Turns:
     trigger: FloatArray
     lowest_tail: FloatArray
     lowest_board: FloatArray
-    speed: FloatArray
     course: FloatArray
     exit_time: FloatArray
     sideslip: FloatArray
@@ -212,7 +207,6 @@ def drive_turns(
         clean=survived & (record.lowest_tail > 0.0) & (record.lowest_board > 0.0),
         heading=record.heading(state),
         trigger=law.trigger,
-        speed=np.sqrt(state[15] ** 2 + state[16] ** 2),
         last=state,
         history=np.array([states for states, _ in kept]) if history else None,
         asked=np.array([torque for _, torque in kept]) if history else None,
@@ -227,7 +221,7 @@ def asked_torque(state: FloatArray, commands: Commands) -> FloatArray:
 
 
 class BatchLaw:
-    """The thesis' law (`workbench.controllers.swing_law`) for many cars in a turn to the left, or a swing file's."""
+    """The thesis' law (`workbench.controllers.swing_law`) for many cars in a turn to the left; or knots are played."""
 
     def __init__(self, plans: TurnPlans, cars: Vehicles) -> None:
         n = cars.count
@@ -288,26 +282,3 @@ class BatchLaw:
             self._state == SwingState.SWING, swing, np.where(self._state == SwingState.SETTLE, settle, hold)
         )
         return np.stack([pitch, roll]) * np.stack([1.0 + zero, 1.0 + zero, self._has_tail, self._has_tail])
-
-
-def screened_friction(
-    scenarios: Sequence[Scenario], search: Search = FRICTION_SEARCH, start: Start = "bisect"
-) -> list[Threshold]:
-    """The threshold of clean runs of every scenario, all of them driven at once.
-
-    Args:
-        scenarios: turns; their own friction does not matter.
-        search: range and grid of friction.
-        start: how each search begins, as for the full car (`rollover_threshold`).
-
-    Raises:
-        UserError: what `Vehicles.of` refuses.
-    """
-    cars, plans = Vehicles.of(scenarios), TurnPlans.of(scenarios)
-
-    def run(wanted: Sequence[tuple[int, float]]) -> list[bool]:
-        places, frictions = [place for place, _ in wanted], [value for _, value in wanted]
-        turns = drive_turns(cars.take(places).with_friction(frictions), plans.take(places))
-        return [bool(clean) for clean in turns.clean]
-
-    return search_rows(search, [start] * len(scenarios), run, bool)

@@ -118,15 +118,6 @@ def equations(state: FloatArray, commands: Commands, cars: Vehicles) -> Equation
     return Equations(mass, force, damping, stiffness, travel_rate, loads)
 
 
-def derivative(state: FloatArray, commands: Commands, cars: Vehicles) -> FloatArray:
-    """dx/dt (24, n)."""
-    found = equations(state, commands, cars)
-    acceleration = solve(found.mass, found.force)
-    rates = state[RATES]
-    acceleration[V] -= cross(rates[W], rates[V])
-    return np.concatenate([configuration_rate(state, rates, found.travel_rate), acceleration])
-
-
 def step(state: FloatArray, found: Equations, length: float) -> FloatArray:
     """State after a time (s): implicit in friction and damping, positions from the new rates."""
     rates = state[RATES]

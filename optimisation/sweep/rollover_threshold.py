@@ -20,7 +20,7 @@ from typing import Any, Literal
 import numpy as np
 
 from aerodima.optimisation.sweep.runs import Runs, RunTask, tipped_before_turn
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 
@@ -104,6 +104,8 @@ class Search:
 
 
 FRICTION_SEARCH = Search(FRICTION, 0.4, 1.1, 0.05, 0.01)
+SEARCHES = {"speed": Search(SPEED, 2.5, 6.5, 0.25, 0.05), "friction": FRICTION_SEARCH}
+"""Of scans that a name asks for."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,6 @@ class Threshold:
         survived: highest value below the first loss that was survived; None if the first value was lost.
         lost: first value that was lost; None if none was.
         islands: (first, last) value survived of each stretch of a scan beyond the first loss.
-        highest_survived: of all values that were run, islands included; None if none survived.
         rows: value -> what its run came to, upwards.
     """
 
@@ -123,7 +124,6 @@ class Threshold:
     survived: float | None
     lost: float | None
     islands: tuple[tuple[float, float], ...]
-    highest_survived: float | None
     rows: dict[float, Any]
 
     @property
@@ -144,25 +144,19 @@ class Threshold:
         return {value: _outcome(row) for value, row in self.rows.items()}
 
     @property
-    def tipped(self) -> int:
-        """So many cars tipped over before their turn, so that nothing is known of it."""
-        return sum(outcome == TIPPED for outcome in self.outcomes.values())
-
-    def as_row(self) -> dict[str, Any]:
-        """Flat, for a table."""
+    def summary(self) -> dict[str, str]:
+        """One row of a table, in words."""
+        outcomes = self.outcomes.items()
+        failed = [f"{value:g}: {outcome}" for value, outcome in outcomes if outcome.startswith("failed")]
         return {
             "factor": self.search.factor,
-            "survived": self.survived,
-            "first_flipped": self.lost,
-            "tolerance": self.search.tolerance,
-            "scan": self.search.scan,
-            "searched_from": self.search.low,
-            "searched_to": self.search.high,
-            "islands": "; ".join(f"{first:g} to {last:g}" for first, last in self.islands),
-            "highest_survived": self.highest_survived,
-            "runs": len(self.rows),
-            "tipped_before_turn": self.tipped,
-            "failed_runs": sum(outcome.startswith("failed") for outcome in self.outcomes.values()),
+            "survives up to": "nowhere" if self.survived is None else f"{self.survived:g}",
+            "flips at": "nowhere" if self.lost is None else f"{self.lost:g}",
+            "tolerance": f"{self.search.tolerance:g}",
+            "runs": str(len(self.rows)),
+            "survives again": "; ".join(f"{first:g} to {last:g}" for first, last in self.islands) or "nowhere",
+            TIPPED: ", ".join(f"{value:g}" for value, outcome in outcomes if outcome == TIPPED) or "never",
+            "failed": f"{len(failed)}" + "".join(f", {words}" for words in failed[:1]),
         }
 
 
@@ -286,8 +280,7 @@ def _threshold(search: Search, rows: dict[float, Any], judge: Judge) -> Threshol
         if verdicts[value]:
             islands.append((islands.pop()[0] if open_island else value, value))
         open_island = bool(verdicts[value])
-    highest = max((value for value, verdict in verdicts.items() if verdict), default=None)
-    return Threshold(search, survived, lost, tuple(islands), highest, rows)
+    return Threshold(search, survived, lost, tuple(islands), rows)
 
 
 def _outcome(row: Mapping[str, Any]) -> str:

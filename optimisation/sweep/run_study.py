@@ -11,6 +11,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,12 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from aerodima.optimisation.sweep.runs import Runs
+from aerodima.optimisation.sweep.runs import Runs, RunTask, load_any_scenario, make_frame, run_key
 from aerodima.optimisation.sweep.study import PlannedRun, Study, check_factors, plan_runs
 from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.batch import Engine
-from aerodima.workbench.batch.row_store import ProgressLine, Row, RowStore, saying_how_to_go_on, silent
-from aerodima.workbench.config.scenario import default_values, load_scenario
+from aerodima.workbench.batch.engine import Engine
+from aerodima.workbench.batch.row_store import ProgressLine, RowStore, saying_how_to_go_on, silent
+from aerodima.workbench.config.scenario import default_values
 from aerodima.workbench.errors import SweepError
 from aerodima.workbench.logs.schema import software_versions
 
@@ -50,8 +51,9 @@ def run_study(
     """
     check_factors(study, study.name)
     out, runs = Path(out), plan_runs(study)
-    tasks, identity = [run.task for run in runs], _identity(study, runs)
+    identity = _identity(study, runs)
     with open_store(out, identity, force=force) as store:
+        tasks = _with_logs(out, runs, store, force) if study.logs else [run.task for run in runs]
         there = len(store.rows)
         if there and (out / TABLE).is_file():
             progress(f"{out}: complete already, {len(runs)} runs")
@@ -76,7 +78,7 @@ def run_study(
 def _identity(study: Study, runs: Sequence[PlannedRun]) -> dict[str, Any]:
     """What must be the same for results to belong together."""
     tasks = json.dumps([[run.task.scenario, run.task.settings, run.task.signals] for run in runs])
-    bases = {name: load_scenario(name).resolved() for name in sorted({run.task.scenario for run in runs})}
+    bases = {name: load_any_scenario(name).resolved() for name in sorted({run.task.scenario for run in runs})}
     inputs = json.dumps([default_values(), bases], sort_keys=True)
     return {
         "schema": STUDY_RUNS_SCHEMA,
@@ -85,6 +87,19 @@ def _identity(study: Study, runs: Sequence[PlannedRun]) -> dict[str, Any]:
         "inputs": hashlib.sha256(inputs.encode()).hexdigest(),
         "versions": software_versions(),
     }
+
+
+def _with_logs(out: Path, runs: Sequence[PlannedRun], store: RowStore, force: bool) -> list[RunTask]:
+    """Tasks that keep their logs; a run whose log is not there any more is made again."""
+    tasks = []
+    for run in runs:
+        path = out / str(run.place["log"])
+        if force:
+            path.unlink(missing_ok=True)
+        tasks.append(replace(run.task, log=str(path)))
+        if not path.exists() and store.rows.pop(run_key(run.task), {}):
+            (out / TABLE).unlink(missing_ok=True)
+    return tasks
 
 
 def _how_it_went(frame: pd.DataFrame, number: int, seconds: float, engine: Engine) -> str:
@@ -100,24 +115,6 @@ def _how_it_went(frame: pd.DataFrame, number: int, seconds: float, engine: Engin
 
 TABLE, CSV, MARK, ROWS, TIMING = "table.parquet", "table.csv", "study.json", "rows.jsonl", "timing.json"
 METADATA_KEY = b"aerodima"
-
-TEXT_COLUMNS = frozenset(
-    [
-        "block",
-        "direction",
-        "error",
-        "member",
-        "outcome",
-        "run",
-        "scenario",
-        "scenario_sha256",
-        "settings",
-        "signals",
-        "tail_mode",
-        "touched",
-    ]
-)
-"""Columns that are texts even where no row has one."""
 
 
 def open_store(folder: Path, identity: Mapping[str, Any], *, force: bool = False) -> RowStore:
@@ -148,23 +145,3 @@ def read_table(folder: Path) -> pd.DataFrame:
     if not path.is_file():
         raise SweepError(f"{path}: no such table; `aerodima sweep run` makes it")
     return pq.read_table(path).to_pandas(ignore_metadata=True)
-
-
-def make_frame(rows: Sequence[Row]) -> pd.DataFrame:
-    """Rows with different keys as one table: numbers as float, truth values as boolean, everything else as text.
-
-    The order of the columns is that of their first appearance in a list of rows that is in order itself; the kind of a
-    column does not depend on the order of its rows.
-    """
-    names = list(dict.fromkeys(name for row in sorted(rows, key=len, reverse=True) for name in row))
-    return pd.DataFrame({name: _column(name, [row.get(name) for row in rows]) for name in names})
-
-
-def _column(name: str, values: list[Any]) -> pd.Series:
-    present = [value for value in values if value is not None]
-    if name == "clean" or (present and all(isinstance(value, bool) for value in present)):
-        return pd.Series(values, dtype="boolean")
-    is_text = name in TEXT_COLUMNS or name.startswith("version_")
-    if not is_text and all(isinstance(value, int | float) for value in present):
-        return pd.Series([None if value is None else float(value) for value in values], dtype="float64")
-    return pd.Series([None if value is None else str(value) for value in values], dtype="str")

@@ -1,4 +1,4 @@
-"""Runs as tasks with flat rows: many of them on an engine, each made once.
+"""Runs of the car and of the rigs as tasks with flat rows: many of them on an engine, each made once.
 
 A run that kills its worker is a row with an error. Rows are kept on the disk, so that work can be stopped and go on, or
 be widened.
@@ -15,7 +15,9 @@ from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from aerodima.workbench import batch
+import pandas as pd
+
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import (
     ProgressBar,
     ProgressLine,
@@ -25,10 +27,12 @@ from aerodima.workbench.batch.row_store import (
     saying_how_to_go_on,
     silent,
 )
-from aerodima.workbench.config.scenario import Scenario, default_values, load_scenario
+from aerodima.workbench.config.checked_files import read_yaml
+from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.scenario import Scenario, default_values
 from aerodima.workbench.controllers.law_of_scenario import NO_SWING, find_swing
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.logs.schema import RunLog, software_versions
+from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versions
 
 WORKER_LOST = "its worker process was lost"
 """Begins the error of a run whose worker died under it again and again."""
@@ -43,15 +47,27 @@ class RunTask:
 
     Attributes:
         name: of the run within its study.
-        scenario: name or path, as for `load_scenario`.
+        scenario: name or path, as for `load_any_scenario`.
         settings: overrides, such as `car.tyre_friction=0.7`.
         signals: `all` also gives the impulses of the tail, at twice the price.
+        log: file in which the log of the run is kept; one that is there already is that of an earlier try.
     """
 
     name: str
     scenario: str
     settings: tuple[str, ...] = ()
     signals: Literal["all", "outcome"] = "outcome"
+    log: str = ""
+
+
+def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario | RigScenario:
+    """A scenario of the car or of a rig, by its path or by the name of one that ships; ScenarioError as `load`."""
+    path = Path(name_or_path)
+    if path.is_file():
+        is_rig = read_yaml(path).get("schema") == RigScenario.model_fields["schema_"].default
+    else:
+        is_rig = name_or_path in RigScenario.names()
+    return (RigScenario if is_rig else Scenario).load(name_or_path, settings)
 
 
 def evaluate(task: RunTask) -> dict[str, Any]:
@@ -61,7 +77,7 @@ def evaluate(task: RunTask) -> dict[str, Any]:
     without outcome, with one line in `error`. Units are at the end of the names.
     """
     try:
-        scenario = load_scenario(task.scenario, task.settings)
+        scenario = load_any_scenario(task.scenario, task.settings)
     except UserError as error:
         return failed_row(task, str(error))
     try:
@@ -82,19 +98,32 @@ def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
     return float(speed) < DRIVING * float(commanded)
 
 
-def failed_row(task: RunTask, error: str, scenario: Scenario | None = None) -> dict[str, Any]:
+def failed_row(task: RunTask, error: str, scenario: Scenario | RigScenario | None = None) -> dict[str, Any]:
     """Row of a run that came to nothing; the columns of the metrics are missing in it."""
     return {"run": task.name, "outcome": None, "error": error, **_provenance(task, scenario)}
 
 
-def _measured(task: RunTask, scenario: Scenario) -> dict[str, Any]:
+def _measured(task: RunTask, scenario: Scenario | RigScenario) -> dict[str, Any]:
     from aerodima.workbench.simulate.simulation import simulate
 
-    return measured_row(task, scenario, simulate(scenario, record=task.signals, stop_when_certain=True))
+    path = Path(task.log) if task.log else None
+    if path is not None and path.exists():  # whole: its process was killed between writing it and saying so
+        return measured_row(task, scenario, read_run_log(path))
+    if isinstance(scenario, RigScenario):
+        run = simulate(scenario, path, force=True)
+    else:
+        run = simulate(scenario, path, record="all" if path else task.signals, stop_when_certain=True, force=True)
+    return measured_row(task, scenario, run)
 
 
-def measured_row(task: RunTask, scenario: Scenario, run: RunLog) -> dict[str, Any]:
+def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -> dict[str, Any]:
     """The row of a task whose scenario has been run, as `evaluate` gives it."""
+    if isinstance(scenario, RigScenario):
+        facts = {name: run.extra[name] for name in ("tail", "axis", "wind_speed_m_per_s")}
+        facts["angle_rad"] = scenario.experiment.angle
+        truth = {f"true_{name}": value for name, value in run.extra["truth"].items()}
+        row = {"run": task.name, "outcome": "measured", "kind": run.kind, **facts, **truth}
+        return row | {"error": "", **_provenance(task, scenario)}
     from aerodima.workbench.metrics.run_summary import summarise
     from aerodima.workbench.metrics.turn_course import turn_course
     from aerodima.workbench.stations.outcome_record import STOPPED
@@ -116,7 +145,7 @@ def measured_row(task: RunTask, scenario: Scenario, run: RunLog) -> dict[str, An
     return row | {"error": "", **_provenance(task, scenario)}
 
 
-def _provenance(task: RunTask, scenario: Scenario | None) -> dict[str, Any]:
+def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> dict[str, Any]:
     resolved = None if scenario is None else json.dumps(scenario.resolved(), sort_keys=True)
     return {
         "scenario": task.scenario,
@@ -136,11 +165,11 @@ WORKER_LOST_AGAIN = (
 )
 
 
-def open_run_engine(
-    workers: int = 2, scheduler: str | None = None, **options: Any
-) -> AbstractContextManager[batch.Engine]:
+def open_run_engine(workers: int = 2, scheduler: str | None = None, **options: Any) -> AbstractContextManager[Engine]:
     """`aerodima.workbench.open_engine`, whose workers are ready to simulate; the options are those of it."""
-    return batch.open_engine(workers, scheduler, module="aerodima.workbench.simulate.car_run", **options)
+    from aerodima.workbench.batch.dask_engine import open_engine
+
+    return open_engine(workers, scheduler, module="aerodima.workbench.simulate.car_run", **options)
 
 
 class Runs:
@@ -155,12 +184,12 @@ class Runs:
 
     def __init__(
         self,
-        engine: batch.Engine | None = None,
+        engine: Engine | None = None,
         store: RowStore | None = None,
         progress: ProgressLine = silent,
         stage: str = "",
     ) -> None:
-        self._engine, self._store = engine or batch.Engine(), store
+        self._engine, self._store = engine or Engine(), store
         self._known: dict[str, Row] = {} if store is None else store.rows
         self.say, self.stage = progress, stage
         self.ran = 0
@@ -213,9 +242,7 @@ class Runs:
 
 
 @contextmanager
-def kept_runs(
-    out: Path, engine: batch.Engine, *, force: bool = False, progress: ProgressLine = silent
-) -> Iterator[Runs]:
+def kept_runs(out: Path, engine: Engine, *, force: bool = False, progress: ProgressLine = silent) -> Iterator[Runs]:
     """Runs that are kept in `runs.jsonl` of a folder, with these parameters and versions.
 
     Raises:
@@ -246,8 +273,9 @@ def run_key(task: RunTask) -> str:
 def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:
     """What the files behind a scenario with overrides hold, its swing among them: for keys of what is remembered."""
     try:
-        scenario = load_scenario(name, settings)
-        return [scenario.resolved(), _swing(scenario.controller.swing_file)]
+        scenario = load_any_scenario(name, settings)
+        swing = _swing(scenario.controller.swing_file) if isinstance(scenario, Scenario) else ""
+        return [scenario.resolved(), swing]
     except UserError as error:
         return [str(error)]
 
@@ -265,3 +293,46 @@ def _swing(name: str) -> str:
 @lru_cache
 def _swing_content(name: str, _changed: int) -> str:
     return find_swing(name).model_dump_json()
+
+
+TEXT_COLUMNS = frozenset(
+    [
+        "axis",
+        "block",
+        "direction",
+        "error",
+        "kind",
+        "log",
+        "member",
+        "outcome",
+        "run",
+        "scenario",
+        "scenario_sha256",
+        "settings",
+        "signals",
+        "tail",
+        "tail_mode",
+        "touched",
+    ]
+)
+"""Columns that are texts even where no row has one."""
+
+
+def make_frame(rows: Sequence[Row]) -> pd.DataFrame:
+    """Rows with different keys as one table: numbers as float, truth values as boolean, everything else as text.
+
+    The order of the columns is that of their first appearance in a list of rows that is in order itself; the kind of a
+    column does not depend on the order of its rows.
+    """
+    names = list(dict.fromkeys(name for row in sorted(rows, key=len, reverse=True) for name in row))
+    return pd.DataFrame({name: _column(name, [row.get(name) for row in rows]) for name in names})
+
+
+def _column(name: str, values: list[Any]) -> pd.Series:
+    present = [value for value in values if value is not None]
+    if name == "clean" or (present and all(isinstance(value, bool) for value in present)):
+        return pd.Series(values, dtype="boolean")
+    is_text = name in TEXT_COLUMNS or name.startswith("version_")
+    if not is_text and all(isinstance(value, int | float) for value in present):
+        return pd.Series([None if value is None else float(value) for value in values], dtype="float64")
+    return pd.Series([None if value is None else str(value) for value in values], dtype="str")

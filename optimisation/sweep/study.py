@@ -11,10 +11,10 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.stats import norm, qmc
 
-from aerodima.optimisation.sweep.runs import RunTask
+from aerodima.optimisation.sweep.runs import RunTask, load_any_scenario
 from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, nearest, read_yaml
 from aerodima.workbench.config.ensemble import Member, load_ensemble
-from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_scenario
+from aerodima.workbench.config.scenario import Scenario, ScenarioFile
 from aerodima.workbench.errors import ScenarioError, SweepError
 
 STUDY_SCHEMA = "aerodima/study/1"
@@ -69,21 +69,22 @@ class Sample(StrictModel):
 
     method: Literal["sobol", "lhs"] = "sobol"
     number: int = Field(description="of samples; a power of 2 balances Sobol's", ge=1, le=MOST_RUNS)
+    anew: bool = Field(default=False, description="each combination of the grid has samples of its own")
     seed: int = Field(default=1, description="of the scattering", ge=0)
     factors: dict[str, Uniform | Normal] = Field(min_length=1)
     new_seeds: bool = Field(default=False, description="each sample has its own seed, so its own sensor noise")
 
-    def rows(self) -> list[dict[str, Value]]:
-        """One dict of factor -> value per sample."""
-        names = list(self.factors)
+    def rows(self, times: int = 1) -> list[dict[str, Value]]:
+        """One dict of factor -> value per sample, so many times the number of samples."""
+        names, number = list(self.factors), times * self.number
         if self.method == "sobol":
             engine = qmc.Sobol(len(names), rng=np.random.default_rng(self.seed))
-            shares = engine.random_base2(int(np.ceil(np.log2(self.number))))[: self.number]
+            shares = engine.random_base2(int(np.ceil(np.log2(number))))[:number]
         else:
-            shares = qmc.LatinHypercube(len(names), rng=np.random.default_rng(self.seed)).random(self.number)
+            shares = qmc.LatinHypercube(len(names), rng=np.random.default_rng(self.seed)).random(number)
         columns = {name: self.factors[name].at(shares[:, place]) for place, name in enumerate(names)}
         rows: list[dict[str, Value]] = [
-            {name: float(f"{column[row]:.12g}") for name, column in columns.items()} for row in range(self.number)
+            {name: float(f"{column[row]:.12g}") for name, column in columns.items()} for row in range(number)
         ]
         if self.new_seeds:
             rows = [row | {"seed": 1 + place} for place, row in enumerate(rows)]
@@ -91,7 +92,10 @@ class Sample(StrictModel):
 
 
 class Block(StrictModel):
-    """One scenario with factors: every combination of the grid, with every sample."""
+    """One scenario of the car or a rig with factors: every combination of the grid, with every sample.
+
+    A factor of both has the sum.
+    """
 
     name: str = Field(default="", description="of the block within the study", max_length=40)
     scenario: str = Field(description="name or path")
@@ -103,10 +107,13 @@ class Block(StrictModel):
         """Factor -> value of each run."""
         names = list(self.grid)
         levels = [axis.values() if isinstance(axis, Range) else list(axis) for axis in self.grid.values()]
-        samples = self.sample.rows() if self.sample is not None else [{}]
-        for combination in product(*levels):
-            for sampled in samples:
-                yield dict(zip(names, combination, strict=True)) | sampled
+        cells, sample = list(product(*levels)), self.sample
+        samples = [{}] if sample is None else sample.rows(len(cells) if sample.anew else 1)
+        own = len(samples) // len(cells) if sample is not None and sample.anew else 0
+        for number, combination in enumerate(cells):
+            point = dict(zip(names, combination, strict=True))
+            for sampled in samples[number * own : (number + 1) * own] if own else samples:
+                yield point | {name: _sum(point.get(name, 0.0), value) for name, value in sampled.items()}
 
     @property
     def size(self) -> int:
@@ -127,6 +134,7 @@ class Study(StrictModel):
     schema_: Literal["aerodima/study/1"] = Field(default="aerodima/study/1", alias="schema")
     name: str = Field(description="of the study, in its page", min_length=1, max_length=80)
     signals: Literal["all", "outcome"] = Field(default="outcome", description="all: the impulses of the tail too")
+    logs: bool = Field(default=False, description="keep the log of each run in the folder `logs`")
     ensemble: str | None = Field(default=None, description="name or path: every run for every member of it")
     members: int | None = Field(default=None, description="only that many members, drawn by weight", ge=1)
     blocks: tuple[Block, ...] = Field(min_length=1)
@@ -138,7 +146,7 @@ class PlannedRun:
 
     Attributes:
         task: what is run.
-        place: `block`, `member`, `weight` and one entry per factor.
+        place: `block`, `member`, `weight`, one entry per factor, and the `log` within the folder of the study.
     """
 
     task: RunTask
@@ -173,14 +181,21 @@ def check_factors(study: Study, where: str) -> None:
     """Raises SweepError for a factor that no scenario has, and for a scenario that is not there."""
     for block in study.blocks:
         label = f"{where}: block {block.name!r}" if block.name else where
-        for factor in block.factors:
-            _check_factor(factor, label)
-        if block.sample is not None and (twice := sorted(set(block.grid) & set(block.sample.factors))):
-            raise SweepError(f"{label}: {twice[0]}: is in the grid and in the sample; allowed: one of them")
         try:
-            load_scenario(block.scenario, block.settings)
+            scenario = load_any_scenario(block.scenario, block.settings)
         except ScenarioError as error:
             raise SweepError(f"{label}: {error}") from None
+        for factor in block.factors:
+            _check_factor(factor, type(scenario), label)
+        both = [] if block.sample is None else sorted(set(block.grid) & set(block.sample.factors))
+        for name in both:
+            values = block.grid[name]
+            if isinstance(values, list) and any(isinstance(value, str | bool) for value in values):
+                raise SweepError(
+                    f"{label}: {name}: is in the grid and in the sample; allowed: numbers, which are added"
+                )
+        if study.ensemble is not None and not isinstance(scenario, Scenario):
+            raise SweepError(f"{label}: ensemble: {study.ensemble}; allowed: none, with a scenario of a rig")
 
 
 def plan_runs(study: Study) -> list[PlannedRun]:
@@ -220,6 +235,8 @@ def _run(
     if member is not None:
         place |= {"member": member.name, "weight": member.weight}
     place |= {name: point.get(name) for name in factors}
+    if study.logs:
+        place["log"] = f"logs/{number:06d}.parquet"
     return PlannedRun(RunTask(f"{number:06d}", block.scenario, settings, study.signals), place)
 
 
@@ -241,16 +258,22 @@ def _in_blocks(data: dict[str, Any]) -> dict[str, Any]:
     return rest | {"blocks": [{key: data[key] for key in own}]}
 
 
-def _check_factor(factor: str, where: str) -> None:
+def _sum(value: Value, added: Value) -> Value:
+    """Of a number of the grid and one of the sample; a seed of the sample stays whole."""
+    return added if not value else float(value) + float(added)
+
+
+def _check_factor(factor: str, scenario: type[ScenarioFile], where: str) -> None:
     section, _, key = factor.partition(".")
+    sections = scenario.sections()
     if not key:
-        known = [name for name in Scenario.model_fields if name not in SECTIONS and name != "schema_"]
+        known = [name for name in scenario.model_fields if name not in sections and name != "schema_"]
         if factor not in known:
             raise SweepError(f"{where}: factor {factor!r}: allowed is section.key, such as car.tyre_friction, or seed")
         return
-    if section not in SECTIONS:
-        raise SweepError(f"{where}: factor {factor!r}: {section!r} is no section; {nearest(section, list(SECTIONS))}")
-    keys = list(SECTIONS[section].model_fields)
+    if section not in sections:
+        raise SweepError(f"{where}: factor {factor!r}: {section!r} is no section; {nearest(section, list(sections))}")
+    keys = list(sections[section].model_fields)
     if key not in keys:
         close = nearest(factor, [f"{section}.{name}" for name in keys])
         raise SweepError(f"{where}: factor {factor!r}: no such number; {close}")

@@ -20,7 +20,6 @@ from aerodima.workbench.controllers.law_of_scenario import find_swing, refuse_ot
 from aerodima.workbench.errors import SweepError, SwingFileError, UserError
 from aerodima.workbench.plants.car_model import gearbox_height
 from aerodima.workbench.plants.tail import tail_geometry
-from aerodima.workbench.report import short_turn
 
 SCHEMA = "aerodima/candidates/1"
 ALLOWED = ("tail.", "controller.")
@@ -178,6 +177,8 @@ def refuse_twice(names: Sequence[str], what: str) -> None:
 
 
 def _of_file(name: str) -> list[Candidate]:
+    from aerodima.workbench.report import short_turn
+
     shipped = {one.name: Candidate(one.name, tuple(one.settings)) for one in short_turn.load_entries().candidates}
     path = Path(name)
     if name in shipped:

@@ -18,8 +18,7 @@ import numpy as np
 import pandas as pd
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, is_clean
-from aerodima.optimisation.sweep.run_study import make_frame
-from aerodima.optimisation.sweep.runs import Runs
+from aerodima.optimisation.sweep.runs import Runs, make_frame
 from aerodima.optimisation.sweep.study import Sample, Uniform
 from aerodima.optimisation.swing.candidate import THESIS, Candidate
 from aerodima.optimisation.swing.task import Task

@@ -16,12 +16,10 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.sweep.run_study import make_frame
-from aerodima.optimisation.sweep.runs import Runs, kept_runs
+from aerodima.optimisation.sweep.runs import Runs, kept_runs, make_frame
 from aerodima.optimisation.swing.candidate import NO_TAIL, THESIS, Candidate
-from aerodima.optimisation.swing.disturbed_turns import drive_disturbed, summarise_disturbed
 from aerodima.optimisation.swing.task import Floor, SteeredTurn, Task, best_place, find_floors, search_steering
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
@@ -83,20 +81,21 @@ def judge(
         courses = Courses(task, runs)
         floors, without = courses.floors(task.test_cars)
         cases = courses.cases(candidates, floors)
-        disturbed = pd.DataFrame()
+        disturbed = survival = pd.DataFrame()
         if task.disturbed:
+            from aerodima.optimisation.swing.disturbed_turns import drive_disturbed, summarise_disturbed
+
             runs.stage = "disturbed runs"
             disturbed = drive_disturbed(task, cases, candidates, runs)
-    survival = summarise_disturbed(disturbed, candidates) if len(disturbed) else pd.DataFrame()
+            survival = summarise_disturbed(disturbed, candidates)
     summary = summarise_cases(cases, candidates)
     return Judgement(cases, summary, tuple(candidates), tuple(without), disturbed, survival)
 
 
 class Steering(NamedTuple):
-    """An amplitude by its place on the grid, the shape of the steering, and the course that the search found, rad."""
+    """An amplitude by its place on the grid, and the course that the search found, rad."""
 
     place: int
-    shape: tuple[float, float]
     course: float
 
 
@@ -132,40 +131,34 @@ class Courses:
         return make_frame([self._row(*turn, one) for turn, one in zip(turns, self._prove(turns), strict=True)])
 
     def best(self, candidates: Sequence[Candidate], floors: Sequence[Floor]) -> FloatArray:
-        """Courses at the ordinary step (candidates, floors), rad, with steering of one level; 0: no turn counts."""
+        """Courses at the ordinary step (candidates, floors), rad; 0: no turn counts."""
         turns = [(who, floor) for who in candidates for floor in floors]
-        found = [one.course if one else 0.0 for one in self._search(turns, self._task.shapes[:1])]
+        found = [one.course if one else 0.0 for one in self._search(turns)]
         return np.array(found).reshape(len(candidates), len(floors))
 
-    def _search(
-        self, turns: Sequence[tuple[Candidate, Floor]], shapes: Sequence[tuple[float, float]]
-    ) -> list[Steering | None]:
-        """The best steering of each turn, of all shapes."""
-        searches = [(*turn, shape) for turn in turns for shape in shapes]
+    def _search(self, turns: Sequence[tuple[Candidate, Floor]]) -> list[Steering | None]:
+        """The best steering of each turn."""
 
         def run(wanted: Sequence[tuple[int, int]]) -> list[float | None]:
-            steered = [
-                SteeredTurn(who, floor, place, shape)
-                for (who, floor, shape), place in ((searches[k], place) for k, place in wanted)
-            ]
+            steered = [SteeredTurn(*turns[which], place) for which, place in wanted]
             rows = self._runs.rows([self._task.run(turn, self._task.step) for turn in steered])
             return [self._task.course(row) for row in rows]
 
-        found: list[list[Steering]] = [[] for _ in turns]
-        for number, tried in enumerate(search_steering(self._task.search, len(searches), run)):
-            if (place := best_place(tried)) is not None:
-                course = cast(float, tried[place])
-                found[number // len(shapes)].append(Steering(place, searches[number][-1], course))
-        return [max(one, key=lambda steering: steering.course, default=None) for one in found]
+        found = search_steering(self._task.search, len(turns), run)
+        places = [best_place(tried) for tried in found]
+        return [
+            None if place is None else Steering(place, cast(float, tried[place]))
+            for place, tried in zip(places, found, strict=True)
+        ]
 
     def _prove(self, turns: Sequence[tuple[Candidate, Floor]]) -> list[Proof]:
         """The best steering of each turn, proved at the fine step."""
         task, runs = self._task, self._runs
         runs.stage = f"{task.pulse:g} s pulse"
-        results = [Proof(found) for found in self._search(turns, task.shapes)]
+        results = [Proof(found) for found in self._search(turns)]
         runs.stage += ", fine step"
         trying = {
-            which: SteeredTurn(*turns[which], *one.found[:2])
+            which: SteeredTurn(*turns[which], one.found.place)
             for which, one in enumerate(results)
             if one.found is not None
         }
@@ -192,9 +185,6 @@ class Courses:
             "steering_found_deg": math.nan if found is None else self._degrees(found.place),
             "steering_deg": math.nan if proved is None else self._degrees(proved),
         }
-        if self._task.levels > 1:
-            ratio, first = (math.nan, math.nan) if found is None else found.shape
-            row |= {"first_level": ratio, "first_level_time_s": first}
         return row | {name: _number(proof.row.get(name)) for name in SHOWN}
 
     def _degrees(self, place: int) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from aerodima.optimisation.swing.candidate import NO_TAIL, THESIS
+from aerodima.optimisation.swing.candidate import NO_TAIL
 from aerodima.optimisation.swing.judge import CASE, Judgement, gains, middle_case
 from aerodima.optimisation.swing.task import Task
 from aerodima.workbench.config.scenario import load_scenario
@@ -21,6 +21,7 @@ from aerodima.workbench.figures.run_figures import RUN_STYLES
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.report.replay_page import replays_in_step
 from aerodima.workbench.report.report_page import Finding, Folded, Page, Plot, Section, Table, write_files, zoomable
+from aerodima.workbench.text_table import shown_value
 
 PAGE = "judge.html"
 MARKS = 0.25
@@ -30,36 +31,48 @@ SHOWN_AFTER = 1.0
 MOST_SHOWN = 6
 """Candidates that are driven again: those with the largest courses, and the car without tail."""
 
-SUMMARY = {
-    "candidate": "candidate",
-    "number": "cases",
-    "without_a_turn_that_counts": "without a turn",
-    "median_steering_deg": "steering [deg]",
-    "median_course_change_rad": "course [deg]",
-    "gain_over_no_tail": "over no tail",
-    "worst_car_over_no_tail": "worst car over no tail",
-    "gain_over_published": "over published",
-    "worst_car_over_published": "worst car over published",
-    "median_exit_heading_change_rad": "heading [deg]",
-    "median_average_linear_acceleration_m_per_s2": "mean a_y [m/s2]",
-    "median_exit_time_s": "exit [s]",
-    "median_exit_speed_m_per_s": "exit speed [m/s]",
-    "median_peak_roll_rad": "peak roll [deg]",
-    "median_two_wheel_time_s": "on two wheels [s]",
+Columns = Mapping[str, tuple[str, Callable[[Any], str]]]
+"""Column of a table -> its words on page and terminal, and how a value is written."""
+PERCENT, GAIN, WHOLE, DECIMALS = "{:.0%}".format, "{:+.1%}".format, "{:.0f}".format, "{:.2f}".format
+
+
+def _degrees(value: float) -> str:
+    return f"{math.degrees(value):.1f}"
+
+
+SUMMARY: Columns = {
+    "candidate": ("candidate", str),
+    "number": ("cases", WHOLE),
+    "without_a_turn_that_counts": ("without a turn", WHOLE),
+    "median_steering_deg": ("steering [deg]", DECIMALS),
+    "median_course_change_rad": ("course [deg]", _degrees),
+    "gain_over_no_tail": ("over no tail", GAIN),
+    "worst_car_over_no_tail": ("worst car over no tail", GAIN),
+    "gain_over_published": ("over published", GAIN),
+    "worst_car_over_published": ("worst car over published", GAIN),
+    "median_exit_heading_change_rad": ("heading [deg]", _degrees),
+    "median_average_linear_acceleration_m_per_s2": ("mean a_y [m/s2]", DECIMALS),
+    "median_exit_time_s": ("exit [s]", DECIMALS),
+    "median_exit_speed_m_per_s": ("exit speed [m/s]", DECIMALS),
+    "median_peak_roll_rad": ("peak roll [deg]", _degrees),
+    "median_two_wheel_time_s": ("on two wheels [s]", DECIMALS),
 }
-SURVIVAL = {
-    "candidate": "candidate",
-    "cases": "cases",
-    "runs": "runs",
-    "survived": "survived",
-    "survived_difference": "over published [95 %]",
-    "released_survived": "where the tail swung",
-    "missed_survived": "where it missed",
-    "counted": "a turn that counts",
-    "mean_course_rad": "mean course [deg]",
-    "course_difference": "over published [deg, 95 %]",
+SURVIVAL: Columns = {
+    "candidate": ("candidate", str),
+    "cases": ("cases", WHOLE),
+    "runs": ("runs", WHOLE),
+    "survived": ("survived", PERCENT),
+    "survived_difference": ("over published", GAIN),
+    "survived_low": ("95 % from", GAIN),
+    "survived_high": ("to", GAIN),
+    "released_survived": ("where the tail swung", PERCENT),
+    "missed_survived": ("where it missed", PERCENT),
+    "counted": ("a turn that counts", PERCENT),
+    "mean_course_rad": ("mean course [deg]", _degrees),
+    "course_difference": ("over published [deg]", _degrees),
+    "course_low": ("95 % from", _degrees),
+    "course_high": ("to", _degrees),
 }
-"""Columns of the tables, with the words of page and terminal."""
 
 
 def write_judgement(out: Path, task: Task, found: Judgement, *, replays: bool = True) -> list[Path]:
@@ -84,9 +97,9 @@ def judge_page(task: Task, found: Judgement, shown: list[Section]) -> Page:
         *(Section(f"Cases of {part}", [Table(*summary_cells(found.summary, part))]) for part in parts),
     ]
     if len(found.disturbed):
-        sections.append(Section("Disturbed runs", [Table(*survival_cells(found.survival))]))
+        sections.append(Section("Disturbed runs", [Table(*column_cells(found.survival, SURVIVAL))]))
     sections.append(Section("Task", [Folded("Numbers of the task", [Table(["key", "value"], asked)])]))
-    sections.append(Section("Each case", [Folded("Table", [_whole(found.cases)])]))
+    sections.append(Section("Each case", [Folded("Table", [frame_table(found.cases)])]))
     return Page(
         "Who turns the car further", "Course turned by a short pulse of steering, each with its own best.", sections
     )
@@ -94,14 +107,15 @@ def judge_page(task: Task, found: Judgement, shown: list[Section]) -> Page:
 
 def summary_cells(summary: pd.DataFrame, cases: str = "all") -> tuple[list[str], list[list[str]]]:
     """Header and rows of the summary over some of the cases."""
-    own = summary[summary["cases"] == cases]
-    return list(SUMMARY.values()), [[_cell(name, row[name]) for name in SUMMARY] for row in own.to_dict("records")]
+    return column_cells(summary[summary["cases"] == cases], SUMMARY)
 
 
-def survival_cells(survival: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of the summary of the disturbed runs."""
-    rows = survival.to_dict("records")
-    return list(SURVIVAL.values()), [[_survival_cell(name, row) for name in SURVIVAL] for row in rows]
+def column_cells(table: pd.DataFrame, columns: Columns) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of some columns of a table."""
+    rows = table[list(columns)].itertuples(index=False)
+    forms = [form for _, form in columns.values()]
+    cells = [["-" if pd.isna(value) else form(value) for form, value in zip(forms, row, strict=True)] for row in rows]
+    return [words for words, _ in columns.values()], cells
 
 
 def plot_gains(found: Judgement) -> Figure:
@@ -171,42 +185,12 @@ def _drive_again(task: Task, found: Judgement, row: Mapping[Any, Any]) -> RunLog
     return simulate(load_scenario(run.scenario, run.settings))
 
 
-def _whole(frame: pd.DataFrame) -> Table:
+def frame_table(frame: pd.DataFrame) -> Table:
+    """All of a table, numbers to four digits."""
     rows = [[_cell_text(value) for value in row] for row in frame.itertuples(index=False)]
     return Table(list(frame.columns), rows)
 
 
 def _cell_text(value: Any) -> str:
-    """Numbers to four digits, nothing where there is none."""
-    if value is None or value is pd.NA or (isinstance(value, float) and np.isnan(value)):
-        return ""
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _cell(name: str, value: Any) -> str:
-    if isinstance(value, str):
-        return value
-    if value != value:
-        return "-"
-    if name == "number" or "without" in name:
-        return f"{value:.0f}"
-    if "_over_" in name:
-        return f"{value:+.1%}"
-    return f"{np.degrees(value):.1f}" if name.endswith("_rad") else f"{value:.2f}"
-
-
-def _survival_cell(name: str, row: Mapping[Any, Any]) -> str:
-    value = row[name]
-    if isinstance(value, str):
-        return value
-    if value != value or (name.endswith("_difference") and row["candidate"] == THESIS.name):
-        return "-"
-    if name in ("cases", "runs"):
-        return f"{value:.0f}"
-    if name.endswith("_difference"):
-        ends = [row[name.replace("_difference", end)] for end in ("_low", "_high")]
-        scale, digits = (100.0, 0) if name.startswith("survived") else (180.0 / np.pi, 1)
-        unit = " %" if name.startswith("survived") else ""
-        low, high = (f"{scale * end:+.{digits}f}" for end in ends)
-        return f"{scale * value:+.{digits}f}{unit} [{low}, {high}]"
-    return f"{np.degrees(value):.1f}" if name.endswith("_rad") else f"{value:.0%}"
+    """Nothing where there is none."""
+    return "" if pd.isna(value) else shown_value(value)

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from typing import Any, NamedTuple
+from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,8 +31,6 @@ from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.controllers.swing_law import SwingSettings
 from aerodima.workbench.errors import SweepError
 
-LATEST, GAIN = 3, 0.005
-"""A search gains if its last so many generations brought that much: of the course of the published law."""
 APART = 0.05
 """Least share of a range by which finalists differ in one number at least."""
 CHUNK = 96
@@ -141,14 +139,6 @@ class LawSearch:
             raise SweepError(f"{self.finalists} finalists: allowed: at least 1")
 
 
-class LawsFound(NamedTuple):
-    """What a search came to: `finalists`, the best first; all `laws` that were driven, with what they are `worth`."""
-
-    finalists: list[dict[str, float]]
-    laws: list[dict[str, float]]
-    worth: FloatArray
-
-
 def search_law(task: Task, family: LawFamily, search: LawSearch, runs: Runs) -> tuple[Candidate, pd.DataFrame]:
     """The law of a family for each speed that is best on the training cars, and a table of the finalists.
 
@@ -168,9 +158,10 @@ def search_law(task: Task, family: LawFamily, search: LawSearch, runs: Runs) -> 
     for speed in task.speeds:
         floors = [floor for floor in all_floors if floor.speed == speed]
         cases = replace(screening_of(task, floors, search.steering_runs), fixed=family.fixed)
-        found = _finalists(family, search, cases, published, runs)
-        laws = [published, *found.finalists]
-        candidates = [THESIS, *(Candidate("", family.settings(law)) for law in found.finalists)]
+        reference = course_table(replace(cases, fixed=()), [{}], runs)[0]
+        finalists = search_laws(family, search, published, partial(_screened_worth, cases, reference, runs), runs.say)
+        laws = [published, *finalists]
+        candidates = [THESIS, *(Candidate("", family.settings(law)) for law in finalists)]
         runs.stage = family.name
         full = courses.best(candidates, floors)
         worth = score(full, full[0], cases.cars)
@@ -185,16 +176,16 @@ def search_law(task: Task, family: LawFamily, search: LawSearch, runs: Runs) -> 
 def search_laws(
     family: LawFamily,
     search: LawSearch,
-    starts: Sequence[Mapping[str, float]],
+    start: Mapping[str, float],
     worth: Callable[[Sequence[Mapping[str, float]]], FloatArray],
     told: Callable[[str], None],
-) -> LawsFound:
-    """The best laws of a family, and all that were tried; finalists differ by `APART`.
+) -> list[dict[str, float]]:
+    """The best laws of a family, the best first, that differ by `APART`.
 
     Args:
         family: among them.
         search: how much.
-        starts: laws that the first generation has, beside those that are drawn.
+        start: a law that the first generation has, beside those that are drawn.
         worth: scores (n,) of laws; those that are not above 0 are no finalists.
         told: of the progress.
     """
@@ -204,15 +195,14 @@ def search_laws(
     def cost(shares: FloatArray) -> FloatArray:
         scores = worth(family.laws(shares.T))
         seen.extend(zip(scores.tolist(), shares.T.copy(), strict=True))
-        best = max(seen, key=_first)[0]
+        best = max(score for score, _ in seen)
         said = "none allowed yet" if best <= 0.0 else f"the best {best - 1.0:+.1%}"
         bar.one_more(f"{family.name}: {len(seen)} laws tried on reduced cars, {said}")
         return -scores
 
     numbers = len(family.ranges)
     first = qmc.LatinHypercube(numbers, rng=search.seed).random(search.laws * numbers)
-    for place, law in enumerate(starts[: len(first)]):
-        first[place] = family.shares(law)
+    first[0] = family.shares(start)
     differential_evolution(
         cost,
         [(0.0, 1.0)] * numbers,
@@ -224,22 +214,11 @@ def search_laws(
         updating="deferred",
         rng=search.seed,
     )
-    if is_gaining([value for value, _ in seen], search.laws * numbers):
-        told(f"{family.name}: stopped at {search.generations} generations while it still gained")
-    allowed = sorted((pair for pair in seen if pair[0] > 0.0), key=_first, reverse=True)
     chosen: list[FloatArray] = []
-    for _, shares in allowed:
-        if all(np.max(np.abs(shares - other)) >= APART for other in chosen):
+    for value, shares in sorted(seen, key=lambda pair: -pair[0]):
+        if value > 0.0 and all(np.max(np.abs(shares - other)) >= APART for other in chosen):
             chosen.append(shares)
-    everything = np.array([shares for _, shares in allowed]).reshape(-1, numbers)
-    finalists = np.array(chosen[: search.finalists]).reshape(-1, numbers)
-    return LawsFound(family.laws(finalists), family.laws(everything), np.array([value for value, _ in allowed]))
-
-
-def is_gaining(worths: Sequence[float], generation: int) -> bool:
-    """Whether one of the last `LATEST` generations, of that many laws, gained at least `GAIN` over those before it."""
-    before = worths[: -LATEST * generation]
-    return bool(before) and max(worths) >= max(before) + GAIN
+    return family.laws(np.array(chosen[: search.finalists]).reshape(-1, numbers))
 
 
 def score(courses: FloatArray, published: FloatArray, cars: Sequence[str]) -> FloatArray:
@@ -355,6 +334,12 @@ def course_table(cases: Screening, laws: Sequence[Mapping[str, float]], runs: Ru
     return np.concatenate(runs.call(screened_courses, parts, keys))
 
 
+def _screened_worth(
+    cases: Screening, reference: FloatArray, runs: Runs, laws: Sequence[Mapping[str, float]]
+) -> FloatArray:
+    return score(course_table(cases, laws, runs), reference, cases.cars)
+
+
 def changed(scenario: Scenario, law: Mapping[str, float]) -> Scenario:
     """A scenario with the numbers of a law that are named `section.key`."""
     sections: dict[str, dict[str, float]] = {}
@@ -365,25 +350,9 @@ def changed(scenario: Scenario, law: Mapping[str, float]) -> Scenario:
     return scenario.varied(**sections)
 
 
-def _finalists(
-    family: LawFamily, search: LawSearch, cases: Screening, published: Mapping[str, float], runs: Runs
-) -> LawsFound:
-    """Laws of a family that do best on reduced cars, over the published swing there."""
-    reference = course_table(replace(cases, fixed=()), [{}], runs)[0]
-
-    def worth(laws: Sequence[Mapping[str, float]]) -> FloatArray:
-        return score(course_table(cases, laws, runs), reference, cases.cars)
-
-    return search_laws(family, search, [published], worth, runs.say)
-
-
 @lru_cache(maxsize=4)
 def _reduced(
     scenario: str, cases: tuple[tuple[str, ...], ...], _content: str
 ) -> tuple[list[Scenario], Vehicles, TurnPlans]:
     scenarios = [load_scenario(scenario, settings) for settings in cases]
     return scenarios, Vehicles.of(scenarios), TurnPlans.of(scenarios)
-
-
-def _first(pair: tuple[float, Any]) -> float:
-    return pair[0]

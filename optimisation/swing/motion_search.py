@@ -15,19 +15,29 @@ import numpy as np
 
 from aerodima.optimisation.sweep.runs import Runs
 from aerodima.optimisation.swing.candidate import HELD
-from aerodima.optimisation.swing.swing_construction import steered_swing
 from aerodima.optimisation.swing.task import AFTER, Floor, SteeringSearch, Task, find_floors
 from aerodima.optimisation.swing.turn_programme import FEASIBLE, TurnProgramme, TurnSolution, best_of
-from aerodima.optimisation.swing.turn_shooting import TurnShooting
+from aerodima.optimisation.swing.turn_shooting import FOLLOW, HOLD, RELEASE_STEERING, TurnShooting
+from aerodima.workbench.actuators.ak70 import torque_speed_limits
 from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import Scenario, load_scenario
-from aerodima.workbench.config.swing_file import SwingFile
+from aerodima.workbench.config.swing_file import SCHEMA, SwingFile, swing_from_dict
 from aerodima.workbench.errors import SwingError
+from aerodima.workbench.logs.schema import software_versions
 
 FASTEST_TICK = 0.005
 """Longest step of the reduced cars, s; the controller's ticks must be whole steps."""
+KNOT_ROUNDING = 1e-2
+"""How far the curve between two knots on a stop may bulge beyond it, rad: the tail then rests on the stop."""
+
+CAR_KEYS = (
+    "car.mass", "car.com_height", "car.com_x", "car.gyration_roll", "car.wheelbase", "car.track", "tail.length",
+    "tail.mass", "tail.sail_length", "tail.sail_width", "tail.mount_x", "tail.mount_height",
+    "tail.normal_force_coefficient", "tail.roll_limit", "tail.pitch_limit",
+)  # fmt: skip
+"""Parameters that make it another car for a swing."""
 OWN_CAR = Member("car", 1.0, {})
 """The car of the scenario, for a task without training cars."""
 
@@ -157,6 +167,57 @@ def steering_of(shooting: TurnShooting, x: FloatArray, member: int) -> dict[str,
     steered = shooting.variables.steered(x[shooting.variables.own(member)])
     angle, first, hold = (float(f"{float(value):.9g}") for value in steered)
     return {"steer_angle": angle, "first_angle": first, "first_hold": hold}
+
+
+def steered_swing(
+    name: str, scenario: Scenario, time: FloatArray, roll: FloatArray, rate: FloatArray, *, provenance: dict[str, Any]
+) -> SwingFile:
+    """A swing that the steering releases; pitch stays at the angle of the wait, no torques.
+
+    Args:
+        name: of the swing.
+        scenario: car, turn and controller.
+        time, roll, rate: of the tail at the knots in a turn to the left, s since the steering command, rad and rad/s.
+        provenance: fields of `Provenance`.
+    """
+    stall, no_load = torque_speed_limits(scenario.tail_motor)
+    torque, angle, still = scenario.tail_motor.torque_limit, scenario.tail.roll_limit, np.zeros(len(time))
+    side = 1.0 if scenario.manoeuvre.direction == "left" else -1.0
+
+    def row(values: np.ndarray) -> tuple[float, ...]:
+        return tuple(float(value) for value in np.round(values, 9) + 0.0)
+
+    knots = {
+        "time_s": row(time),
+        "roll_position_rad": row(side * np.clip(roll, -angle, angle)),
+        "roll_velocity_rad_per_s": row(side * rate),
+        "pitch_position_rad": row(still + scenario.controller.pitch_angle),
+        "pitch_velocity_rad_per_s": row(still),
+    }
+    return swing_from_dict(
+        {
+            "schema": SCHEMA,
+            "name": name,
+            "direction": scenario.manoeuvre.direction,
+            "trigger": {"kind": "steering", "threshold_rad": RELEASE_STEERING},
+            "knots": knots,
+            "gains": {"hold": HOLD, "phases": [{"start_s": 0.0, "roll": FOLLOW, "pitch": FOLLOW}]},
+            "limits": {
+                "roll_position_rad": angle + KNOT_ROUNDING,
+                "pitch_position_rad": scenario.tail.pitch_limit + KNOT_ROUNDING,
+                "velocity_rad_per_s": no_load * (1.0 - torque / stall),
+                "torque_n_m": torque,
+            },
+            "provenance": {**provenance, "versions": software_versions()},
+            "car": _car_of(scenario),
+        },
+        name,
+    )
+
+
+def _car_of(scenario: Scenario) -> dict[str, float]:
+    resolved = scenario.resolved()
+    return {key: float(resolved[key.split(".")[0]][key.split(".")[1]]) for key in CAR_KEYS}
 
 
 def _line(number: int, found: TurnSolution) -> str:

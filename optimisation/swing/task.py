@@ -119,9 +119,6 @@ AFTER = 1.5
 """How long a run goes on after the steering, s."""
 MOST_ROLL, MOST_SIDESLIP = 0.35, 0.1
 """rad; outwards from the turn on, and to either side at the exit."""
-ONE_LEVEL = (1.0, 0.0)
-TWO_LEVELS = tuple((ratio, hold) for ratio in (0.6, 1.5, 2.5) for hold in (0.15, 0.3))
-"""Shapes of steering beside that of one level: first level over the second, and how long it lasts, s."""
 FRICTION_CLIMB = Search(FRICTION, 0.3, 1.3, 0.05, 0.0125)
 
 
@@ -135,7 +132,6 @@ class Task(StrictModel):
         speeds: m/s.
         floors: friction over the critical friction of the published swing at full lock.
         pulse: length of the steering, s.
-        levels: of the steering; with 2 every candidate also searches six shapes of two levels.
         steering: least and largest amplitude that is tried, degrees; `runs` of each search for one.
         disturbed: runs of each candidate in each case with what may be otherwise than planned; 0: none.
         most_roll, most_sideslip: of a run that counts, rad: outwards, and to either side at the exit.
@@ -151,7 +147,6 @@ class Task(StrictModel):
     speeds: list[float] = Field(default=[4.5], min_length=1)
     floors: list[float] = Field(default=[1.1, 1.3], min_length=1)
     pulse: float = Field(default=PULSE, ge=0.1, le=2.0)
-    levels: Literal[1, 2] = 1
     steering: tuple[float, float] = (2.0, 30.0)
     runs: int = Field(default=9, ge=3, le=50)
     disturbed: int = Field(default=0, ge=0, le=1000)
@@ -179,11 +174,6 @@ class Task(StrictModel):
         """For the amplitude of the steering."""
         low, high = map(math.radians, self.steering)
         return SteeringSearch(low, high, runs=self.runs)
-
-    @property
-    def shapes(self) -> tuple[tuple[float, float], ...]:
-        """Of the steering: first level over the second and its time, s."""
-        return (ONE_LEVEL, *(TWO_LEVELS if self.levels == 2 else ()))
 
     @cached_property
     def test_cars(self) -> tuple[Member, ...]:
@@ -217,21 +207,17 @@ class Task(StrictModel):
         """Settings of a candidate's turns with a car, a speed (m/s) and a step of the plant (s), but for the floor."""
         own = car.settings_on(self.scenario)
         ballast = () if who.ballast is None else who.ballast(load_scenario(self.scenario, own))
-        numerics = (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
-        return (*own, *numerics, *who.at(speed), *ballast, f"{SPEED}={speed!r}")
+        return (*own, *step_settings(step), *who.at(speed), *ballast, f"{SPEED}={speed!r}")
 
     def run(self, turn: SteeredTurn, step: float, after: float = AFTER) -> RunTask:
         """A steered turn as a run with a step of the plant (s), which goes on for some time after the steering (s)."""
-        who, floor, place, (ratio, first) = turn.who, turn.floor, turn.place, turn.shape
+        who, floor = turn.who, turn.floor
         end = load_scenario(self.scenario).manoeuvre.turn_start + self.pulse + after
-        angle = self.search.angle(place)
-        steered = [
-            *(f"manoeuvre.steer_angle={angle!r}", f"manoeuvre.turn_hold={self.pulse!r}"),
+        steered = (
+            f"manoeuvre.steer_angle={self.search.angle(turn.place)!r}",
+            f"manoeuvre.turn_hold={self.pulse!r}",
             f"manoeuvre.duration={end:.9g}",
-        ]
-        if first:
-            level = min(ratio * angle, self.search.high)
-            steered += [f"manoeuvre.first_angle={level!r}", f"manoeuvre.first_hold={min(first, self.pulse)!r}"]
+        )
         settings = (*self.settings(who, floor.car, floor.speed, step), floor.setting, *steered)
         return RunTask(f"{who.name} {floor.car.name} {floor.speed:g}", self.scenario, settings)
 
@@ -239,8 +225,7 @@ class Task(StrictModel):
         """The turn of a row of the table of cases, with the steering that was proved."""
         car = next(car for car in self.test_cars if car.name == row["car"])
         floor = Floor(car, row["speed_m_per_s"], row["floor"], row["critical_friction"])
-        shape = (row.get("first_level", ONE_LEVEL[0]), row.get("first_level_time_s", ONE_LEVEL[1]))
-        return SteeredTurn(who, floor, self.search.place(math.radians(row["steering_deg"])), shape)
+        return SteeredTurn(who, floor, self.search.place(math.radians(row["steering_deg"])))
 
 
 @dataclass(frozen=True)
@@ -265,12 +250,11 @@ class Floor:
 
 @dataclass(frozen=True)
 class SteeredTurn:
-    """A candidate on a floor, steered: the amplitude by its place on the grid, and the shape of the steering."""
+    """A candidate on a floor, steered: the amplitude by its place on the grid."""
 
     who: Candidate
     floor: Floor
     place: int
-    shape: tuple[float, float] = ONE_LEVEL
 
 
 def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
@@ -295,6 +279,11 @@ def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
         except yaml.YAMLError:
             raise SweepError(f"--set {setting}: {text!r} is not a value") from None
     return checked(Task, data, str(path), SweepError, schema=SCHEMA)
+
+
+def step_settings(step: float) -> tuple[str, ...]:
+    """Settings of a step of the plant, s."""
+    return (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
 
 
 def find_floors(task: Task, cars: Sequence[Member], runs: Runs) -> tuple[list[Floor], list[str]]:

@@ -19,8 +19,7 @@ import numpy as np
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue
 from pydrake.solvers import MathematicalProgram, SnoptSolver, SolverOptions
 
-from aerodima.optimisation.swing.turn_shooting import Found, TurnShooting
-from aerodima.optimisation.swing.turn_variables import STEERING
+from aerodima.optimisation.swing.turn_shooting import STEERING, Found, TurnShooting
 from aerodima.workbench.config.array_types import FloatArray
 
 COURSE = 0.5

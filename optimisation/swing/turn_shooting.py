@@ -4,6 +4,14 @@ A row of `ROWS` is a number per car. Peaks are taken by windows of `WINDOW`, eac
 is smooth in the variables where it stands alone, and two peaks that compete stand in two rows. The course is read at
 the instant of the exit; what has none before the end of the run has that of its end. Nothing else is rounded: a wheel
 that lifts and a joint at its torque limit remain kinks of the model.
+
+Variables are one roll of the tail for all cars, and the steering of each car:
+
+    tail:       release after the start of the steering (s), rates of the tail's roll at knots after it (rad/s)
+    each car:   angle (rad), first angle (rad) and its time (s) of the steering
+
+The rate is linear between knots, zero at the first and the last, so the roll is exactly the cubic that a swing file
+plays; after the last knot the tail is held. All variables are scaled; turns are to the left.
 """
 
 from __future__ import annotations
@@ -18,11 +26,10 @@ import numpy as np
 from aerodima.optimisation.screening.turn_plans import PlayedRoll, TurnPlans
 from aerodima.optimisation.screening.turns import Turns, course, drive_turns, heights
 from aerodima.optimisation.screening.vehicles import Vehicles
-from aerodima.optimisation.swing.swing_construction import FOLLOW, HOLD, RELEASE_STEERING
 from aerodima.optimisation.swing.task import MOST_ROLL, MOST_SIDESLIP, PULSE
-from aerodima.optimisation.swing.turn_variables import TurnVariables
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE
 from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
 
 HORIZON, WINDOW = 1.3, 0.1
@@ -39,6 +46,126 @@ TORQUE_SHARE = 0.9
 """Of the roll motor's torque limit may be asked."""
 COMPLEX_STEP = 1e-30
 """Length of the imaginary step with which slopes are taken; no digits cancel, so it may be this small."""
+HOLD = {"kp": 17.0, "kd": 5.0}
+"""Gains of the wait: those of the thesis' hold (Table 6.4)."""
+FOLLOW = {"kp": 60.0, "kd": 3.0}
+"""Gains along the knots: the tail of 0.05 kg m2 follows within 0.05 rad at 100 Hz."""
+RELEASE_STEERING = 0.01
+"""Steering command that releases a swing which goes by the steering, rad: less than any turn's."""
+RELEASE, RATE, ANGLE, TIME = 0.2, 8.0, 0.1, 0.2
+"""One unit of a release (s), a rate (rad/s), a steering angle (rad), the time of a first level (s)."""
+EARLIEST, LATEST = 0.02, 0.5
+"""Of the release, s after the start of the steering."""
+STEERING = 3
+"""Variables of one car's steering."""
+
+
+@dataclass(frozen=True)
+class TurnVariables:
+    """Where each variable stands, and what it may be.
+
+    Attributes:
+        members: number of cars.
+        rates: number of knots at which the tail's rate is free.
+        interval: between two knots, s.
+        start: roll of the tail that waits, rad.
+        most_roll, most_rate: of the tail, to either side, rad and rad/s.
+        steering: least and largest angle, rad.
+        tick: of the driver, s; a first level lasts whole ticks in the end.
+    """
+
+    members: int
+    rates: int
+    interval: float
+    start: float
+    most_roll: float
+    most_rate: float
+    steering: tuple[float, float]
+    tick: float = 0.01
+
+    @property
+    def tail(self) -> int:
+        """Number of the tail's variables, which come first."""
+        return 1 + self.rates
+
+    @property
+    def size(self) -> int:
+        """Number of all."""
+        return self.tail + STEERING * self.members
+
+    def own(self, member: int) -> FloatArray:
+        """Places of the variables that one car's turn depends on: the tail's, then its steering's."""
+        first = self.tail + STEERING * member
+        return np.concatenate([np.arange(self.tail), np.arange(first, first + STEERING)])
+
+    @cached_property
+    def units(self) -> FloatArray:
+        """One unit of every variable (size,)."""
+        return np.concatenate([[RELEASE], [RATE] * self.rates, [ANGLE, ANGLE, TIME] * self.members])
+
+    @cached_property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Least and largest scaled values (size,)."""
+        low, high = self.steering
+        ends = []
+        for side, angle, release, hold in ((-1.0, low, EARLIEST, self.tick), (1.0, high, LATEST, PULSE - self.tick)):
+            ends.append(
+                np.concatenate([[release], [side * self.most_rate] * self.rates, [angle, angle, hold] * self.members])
+            )
+        return ends[0] / self.units, ends[1] / self.units
+
+    @cached_property
+    def roll_rows(self) -> FloatArray:
+        """Matrix (rows, rates) that gives the tail's travel (rad) from its rates (rad/s): at knots and midway."""
+        count, h = self.rates + 2, self.interval
+        at_knots = np.zeros((count, count))
+        for knot in range(1, count):
+            at_knots[knot] = at_knots[knot - 1]
+            at_knots[knot, [knot - 1, knot]] += 0.5 * h
+        midway = at_knots[:-1] + h / 8.0 * (3.0 * np.eye(count)[:-1] + np.eye(count)[1:])
+        return np.concatenate([at_knots[1:], midway])[:, 1:-1]
+
+    def motion(self, own: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Knots of the tail: times since the start of the steering, rolls and rates, (knots, ...) each.
+
+        Args:
+            own: scaled variables of one car's turn (`own`), more axes behind; complex steps pass through.
+        """
+        own = own[: self.tail + STEERING]
+        release, inner = RELEASE * own[0], RATE * own[1 : self.tail]
+        still = 0.0 * inner[:1]
+        rate = np.concatenate([still, inner, still])
+        travelled = np.concatenate([still, np.cumsum(0.5 * self.interval * (rate[1:] + rate[:-1]), axis=0)])
+        after = np.arange(len(rate)).reshape(-1, *[1] * (own.ndim - 1)) * self.interval
+        time = np.concatenate([still, release + after])
+        return time, self.start + np.concatenate([still, travelled]), np.concatenate([still, rate])
+
+    def steered(self, own: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Angle, first angle (rad) and its time (s) of one car's turn, from its scaled variables."""
+        return (ANGLE * own[self.tail], ANGLE * own[self.tail + 1], TIME * own[self.tail + 2])
+
+    def on_ticks(self, x: FloatArray) -> FloatArray:
+        """All variables with first levels that last whole ticks of the driver."""
+        rounded = x.copy()
+        places = self.tail + STEERING * np.arange(self.members) + 2
+        ticks = np.floor(TIME * x[places] / self.tick + 0.5 + TICK_TOLERANCE)
+        rounded[places] = self.tick * ticks / TIME
+        return rounded
+
+    def random_start(self, generator: np.random.Generator) -> FloatArray:
+        """A swing over the top of random length and travel, and some steering."""
+        knots = self.interval * np.arange(1, self.rates + 1)
+        length = self.interval * (self.rates + 1)
+        duration = generator.uniform(0.5, 1.0) * length
+        travel = generator.uniform(0.2, 0.9) * 2.0 * abs(self.start)
+        phase = np.clip(knots / duration, 0.0, 1.0)
+        rates = np.clip(6.0 * phase * (1.0 - phase) * travel / duration, -self.most_rate, self.most_rate)
+        release = generator.uniform(EARLIEST, 0.7 * LATEST)
+        low, high = self.steering
+        size = (self.members, 1)
+        then, first = (low * (most / low) ** generator.uniform(size=size) for most in (high, min(high, 3.0 * low)))
+        cars = np.hstack([then, first, generator.uniform(0.1, 0.45, size)])
+        return np.concatenate([[release], -np.sign(self.start) * rates, cars.ravel()]) / self.units
 
 
 class Row(NamedTuple):

@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
+from aerodima.optimisation.sweep.study import load_study, plan_runs
 from aerodima.workbench.aero.laws import LineMotion, NormalForceLaw
-from aerodima.workbench.config.rig_campaign import campaign_tasks, load_campaign
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.controllers.manoeuvre import ThrottleLine
 from aerodima.workbench.errors import UserError
@@ -235,19 +235,26 @@ def speed_at_full_throttle() -> Value:
 # Tunnel tests and aerodynamic model of the robot's tail
 
 
+def _robot_grid(factor: str) -> list[float]:
+    (block,) = load_study("robot_swings").blocks
+    values = block.grid[factor]
+    assert isinstance(values, list)
+    return [float(value) for value in values]
+
+
 @check
 def swings_of_the_robot_campaign() -> Value:
-    return float(len(campaign_tasks(load_campaign("robot"), 1)))
+    return float(len(plan_runs(load_study("robot_swings"))))
 
 
 @check
 def winds_of_the_robot_campaign() -> Value:
-    return ", ".join(f"{value:g}" for value in load_campaign("robot").grid["experiment.wind_speed"].values)
+    return ", ".join(f"{value:g}" for value in _robot_grid("experiment.wind_speed"))
 
 
 @check
 def gains_of_the_robot_campaign() -> Value:
-    return ", ".join(f"{value:g}" for value in load_campaign("robot").grid["robot.kp"].values)
+    return ", ".join(f"{value:g}" for value in _robot_grid("robot.kp"))
 
 
 @check

@@ -22,9 +22,9 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from aerodima.optimisation.screening.turn_plans import TurnPlans
-from aerodima.optimisation.screening.turns import drive_turns, screened_friction
+from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicles import Vehicles
-from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search, is_clean, search_rows
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search, Threshold, is_clean, search_rows
 from aerodima.optimisation.sweep.runs import Runs, RunTask, open_run_engine
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
@@ -85,6 +85,26 @@ def drawn_laws(number: int, seed: int = 5) -> list[Settings]:
         "pitch_angle": (-0.4, 0.4),
     }
     return [(*SWING, *(f"controller.{k}={g.uniform(*ends):.2f}" for k, ends in ranges.items())) for _ in range(number)]
+
+
+def screened_friction(scenarios: Sequence[Scenario], search: Search) -> list[Threshold]:
+    """The threshold of clean runs of every scenario, all of them driven at once.
+
+    Args:
+        scenarios: turns; their own friction does not matter.
+        search: range and grid of friction.
+
+    Raises:
+        UserError: what `Vehicles.of` refuses.
+    """
+    cars, plans = Vehicles.of(scenarios), TurnPlans.of(scenarios)
+
+    def run(wanted: Sequence[tuple[int, float]]) -> list[bool]:
+        places, frictions = [place for place, _ in wanted], [value for _, value in wanted]
+        turns = drive_turns(cars.take(places).with_friction(frictions), plans.take(places))
+        return [bool(clean) for clean in turns.clean]
+
+    return search_rows(search, ["bisect"] * len(scenarios), run, bool)
 
 
 def compared_friction(engine: Runs, cases: Sequence[Settings]) -> Pairs:

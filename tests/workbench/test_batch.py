@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from aerodima.workbench.batch import check_workers, dask_cluster, run_batch
+from aerodima.workbench.batch import dask_cluster
+from aerodima.workbench.batch.dask_engine import check_workers, run_batch
 from aerodima.workbench.errors import UserError
 
 

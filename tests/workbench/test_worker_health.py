@@ -18,13 +18,10 @@ import dask
 import pytest
 from distributed import Future
 
-from aerodima.workbench.batch import (
-    WORKER_RECORD,
-    Engine,
-    dask_cluster,
-    dask_engine,
-    open_engine,
-)
+from aerodima.workbench.batch import dask_cluster, dask_engine
+from aerodima.workbench.batch.dask_engine import open_engine
+from aerodima.workbench.batch.engine import Engine
+from aerodima.workbench.batch.row_store import WORKER_RECORD
 from aerodima.workbench.errors import UserError
 
 MEGABYTE = 1_000_000
@@ -215,7 +212,7 @@ def test_workers_without_room_for_a_single_run_are_an_error(opened):
 
 @pytest.mark.parametrize("serial", [True, False])
 def test_work_that_stands_still_says_so(opened, marks, monkeypatch, tmp_path, serial):
-    monkeypatch.setattr("aerodima.workbench.batch.row_store.STILL_LEAST", 1.0)
+    monkeypatch.setattr("aerodima.workbench.batch.engine.STILL_LEAST", 1.0)
     said: list[str] = []
     if serial:
         engine = Engine(said.append, tmp_path / WORKER_RECORD)

@@ -3,8 +3,3 @@
 What happens to a worker (lost, paused, stopped, replaced because its memory is full) is handled and said in one place,
 whatever the work is: runs of a study, logs of a campaign, fits.
 """
-
-from aerodima.workbench.batch.engine import Engine, check_workers, open_engine, run_batch
-from aerodima.workbench.batch.row_store import WORKER_RECORD
-
-__all__ = ["WORKER_RECORD", "Engine", "check_workers", "open_engine", "run_batch"]

@@ -9,18 +9,29 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from aerodima.workbench.batch.dask_cluster import Worker, do_piece, get_ready
-from aerodima.workbench.batch.engine import Engine
-from aerodima.workbench.batch.row_store import Standstill, WorkerRecord
+from aerodima.workbench.batch.dask_cluster import (
+    Worker,
+    do_piece,
+    get_ready,
+    local_cluster,
+    quiet_logs,
+    remote_cluster,
+)
+from aerodima.workbench.batch.engine import Engine, Item, Result, Standstill, WorkerRecord
+from aerodima.workbench.batch.row_store import ProgressLine, on_stderr
 from aerodima.workbench.errors import UserError
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
+MOST_WORKERS = 64
+"""Processes on one computer."""
 LOOK_EVERY = 1.0
 """s, between two looks at the workers."""
 STOPPED_LOOKS = 5
@@ -35,6 +46,81 @@ ANSWER_WITHIN = 30.0
 """s, for an answer of the scheduler."""
 DEATHS_AT_THE_START = 3
 """Workers, and as many for each that works, that may die before any piece is done: then it is not the pieces' fault."""
+
+
+@contextmanager
+def open_engine(
+    workers: int = 2,
+    scheduler: str | None = None,
+    *,
+    progress: ProgressLine = on_stderr,
+    record: str | Path | None = None,
+    memory: float | None = None,
+    module: str | None = None,
+) -> Iterator[Engine]:
+    """Worker processes on this computer, or those of a Dask cluster.
+
+    Args:
+        workers: processes to start here, one BLAS thread each; not used with a scheduler.
+        scheduler: address of a running Dask scheduler, such as `tcp://127.0.0.1:8786`. Its workers need this package.
+        progress: told what happens to workers, a line each; stderr by default.
+        record: file for the same; usually `WORKER_RECORD` in the folder of the study.
+        memory: limit of each process here, bytes; by default an equal share of this computer's.
+        module: that a worker imports before its first piece.
+
+    Raises:
+        UserError: wrong number of workers; no scheduler at that address, or one without workers.
+    """
+    if scheduler is None:
+        check_workers(workers)
+    start = time.monotonic()
+    kept = WorkerRecord(progress, None if record is None else Path(record))
+    client_of = local_cluster(workers, memory) if scheduler is None else remote_cluster(scheduler)
+    with quiet_logs(), client_of as client:
+        engine = DaskEngine(client, kept, is_local=scheduler is None, module=module)
+        engine.wait_until_ready()
+        engine.startup = time.monotonic() - start
+        try:
+            yield engine
+        finally:
+            kept.close()
+
+
+def run_batch(
+    work: Callable[[Item], Result],
+    items: Sequence[Item],
+    workers: int,
+    done: Callable[[int, Result], None] | None = None,
+    lost: Callable[[Item], Result] | None = None,
+    *,
+    progress: ProgressLine = on_stderr,
+    record: Path | None = None,
+) -> list[Result]:
+    """`Engine.map` on an engine for these items alone; with one worker, or one item, in this process.
+
+    Args:
+        done: told how many items are finished and the newest result.
+    """
+    check_workers(workers)
+    finished = 0
+
+    def count(place: int, result: Result) -> None:
+        nonlocal finished
+        finished += 1
+        if done is not None:
+            done(finished, result)
+
+    number = min(workers, len(items))
+    alone = nullcontext(Engine(progress, record))
+    opened: Any = alone if number <= 1 else open_engine(number, progress=progress, record=record)
+    with opened as engine:
+        return engine.map(work, items, count, lost)
+
+
+def check_workers(workers: int) -> None:
+    """Raises UserError unless there are 1 to `MOST_WORKERS` workers."""
+    if not 1 <= workers <= MOST_WORKERS:
+        raise UserError(f"--workers {workers}: allowed: 1 to {MOST_WORKERS}")
 
 
 class DaskEngine(Engine):

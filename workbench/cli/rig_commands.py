@@ -1,8 +1,7 @@
-"""`aerodima rig run` and `campaign`: one experiment on a wind-tunnel rig, or many, with their logs."""
+"""`aerodima rig run`: one experiment on a wind-tunnel rig with its log."""
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
@@ -13,16 +12,14 @@ import typer
 from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.cli.options import (
     COEFFICIENTS,
-    Anew,
     Force,
     Key,
     Live,
-    Workers,
     command_group,
     grouped,
     settings_of,
 )
-from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.errors import LogError
 from aerodima.workbench.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
@@ -60,7 +57,6 @@ def register(app: typer.Typer) -> None:
     """Adds the command group `rig`."""
     group = command_group(app, "rig", "Work with the wind-tunnel rigs.", COEFFICIENTS)
     group.command()(run)
-    group.command()(campaign)
 
 
 @grouped
@@ -110,33 +106,3 @@ def summary_lines(log: RunLog) -> list[str]:
         [[str(name), *map(shown_value, row)] for name, row in measured.iterrows() if name != TIME],
     )
     return [*text_table(["kind", log.kind], facts), "", *signals]
-
-
-def campaign(
-    name: Annotated[str, typer.Argument(help="static, flick, bar, robot, or a campaign file (YAML).")],
-    out: Annotated[Path, typer.Option(help="Folder for the logs and campaign.csv.")],
-    seed: Annotated[int, typer.Option(help="Seed of the truth and the sensor errors of all logs.", min=0)] = 1,
-    repeats: Annotated[int | None, typer.Option(help="Logs per experiment in place of the campaign's.", min=1)] = None,
-    settings: RigSettings = None,
-    workers: Workers = 2,
-    force: Anew = False,
-) -> None:
-    """Make all the logs of a campaign, such as the 540 published static holds.
-
-    Asked for again after Ctrl-C it keeps the finished logs and goes on.
-    Example: aerodima rig campaign static --out holds
-    """
-    from aerodima.workbench.batch.row_store import terminal
-    from aerodima.workbench.config.rig_campaign import campaign_tasks, load_campaign
-    from aerodima.workbench.simulate.campaign_run import run_campaign
-
-    start = time.monotonic()
-    tasks = campaign_tasks(load_campaign(name), seed, repeats, settings or ())
-    result = run_campaign(tasks, out, workers=workers, force=force, progress=terminal())
-    if result.reused:
-        typer.echo(f"{result.reused} of {len(tasks)} logs were there before")
-    for log, reason in result.failed.items():
-        typer.echo(f"warning: {log}: {reason}", err=True)
-    typer.echo(f"{len(result.logs)} logs in {out} ({time.monotonic() - start:.0f} s)")
-    if result.failed:
-        raise UserError(f"{len(result.failed)} of {len(tasks)} logs could not be made; the reasons are above")

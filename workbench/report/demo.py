@@ -12,8 +12,15 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from aerodima.workbench.atomic_write import make_folder
-from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
-from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, RowStore, saying_how_to_go_on, silent
+from aerodima.workbench.batch.dask_engine import check_workers, run_batch
+from aerodima.workbench.batch.row_store import (
+    WORKER_RECORD,
+    ProgressBar,
+    ProgressLine,
+    RowStore,
+    saying_how_to_go_on,
+    silent,
+)
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.figures.figure_style import BLACK, BLUE, GREY, new_figure, styled

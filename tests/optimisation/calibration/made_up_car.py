@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from aerodima.optimisation.calibration.calibration_plan import prior_ranges
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 
 TAILLESS_GROUP = 1.05
 """Friction x height / half track at which the made-up car flips at 3.47 m/s."""

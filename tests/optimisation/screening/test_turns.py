@@ -1,21 +1,24 @@
 """Turns of reduced cars: the law that swings their tails, and what the full car of the same scenario survives."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from aerodima.optimisation.screening.turn_plans import TurnPlans
-from aerodima.optimisation.screening.turns import BatchLaw, drive_turns, screened_friction
+from aerodima.optimisation.screening.turn_plans import PlayedRoll, TurnPlans
+from aerodima.optimisation.screening.turns import BatchLaw, drive_turns
 from aerodima.optimisation.screening.vehicle_motion import STATES
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
-from aerodima.optimisation.swing.swing_construction import steered_swing
+from aerodima.optimisation.swing.motion_search import steered_swing
 from aerodima.workbench import Observation, UserError, load_scenario, metrics_of, simulate
-from aerodima.workbench.config.swing_file import SwingFile, swing_from_dict
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings
 from aerodima.workbench.controllers.swing_player import SwingPlayer
 from aerodima.workbench.metrics.turn_course import turn_course
+from tests.optimisation.screening_gate import screened_friction
 
 
 @pytest.mark.parametrize("changes", [(), ("controller.delay=0.03",), ("controller.travel=3.1",), ("tail.mode=held",)])
@@ -81,61 +84,52 @@ def test_what_it_does_not_know_is_refused() -> None:
         Vehicles.of([load_scenario("turn_none", ("manoeuvre.direction=right",))])
     with pytest.raises(UserError, match="turn_start, s: 2 and 3"):
         TurnPlans.of([load_scenario("turn_none", (f"manoeuvre.turn_start={start}",)) for start in (2.0, 3.0)])
+    with pytest.raises(UserError, match="swing_file: thesis_8_rad_per_s; the screening model knows: none"):
+        TurnPlans.of([load_scenario("turn_swing", ("controller.swing_file=thesis_8_rad_per_s",))])
     with pytest.raises(UserError, match="trigger: lateral_acceleration"):
         TurnPlans.of([load_scenario("turn_designed", ("controller.trigger=lateral_acceleration",))])
 
 
-def played(**changes: Any) -> SwingFile:
-    """A swing over the top that the steering releases, with other sections."""
+def played() -> SwingFile:
+    """A swing over the top that the steering releases."""
     turn = load_scenario("turn_designed")
     time = np.linspace(0.0, 0.8, 9)
     phase = np.clip(time / 0.6, 0.0, 1.0)
     travel = 2.0 * turn.controller.hold_angle
     roll = travel * (phase**2 * (3.0 - 2.0 * phase) - 0.5)
     rate = 6.0 * travel * phase * (1.0 - phase) / 0.6
-    swing = steered_swing("played", turn, time, roll, rate, provenance={"source": ""})
-    data = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
-    data["trigger"] = {"kind": "steering", "threshold_rad": 0.01, "delay_s": 0.05}
-    for section, values in changes.items():
-        data[section] |= values
-    return swing_from_dict(data, "played")
+    return steered_swing("played", turn, time, roll, rate, provenance={"source": ""})
 
 
-PHASE = {"roll": {"kp": 60.0, "kd": 3.0}, "pitch": {"kp": 60.0, "kd": 3.0}}
-
-
-@pytest.mark.parametrize(
-    ("words", "changes"),
-    [
-        ("pitch_position_rad changes", {"knots": {"pitch_position_rad": [0.0] * 8 + [0.1]}}),
-        ("roll_torque_n_m", {"knots": {"roll_torque_n_m": [1.0] * 9}}),
-        ("gains.phases: 2", {"gains": {"phases": [{"start_s": 0.0, **PHASE}, {"start_s": 0.3, **PHASE}]}}),
-        ("trigger.kind: time", {"trigger": {"kind": "time", "threshold_rad": None}}),
-        ("roll_position_rad.0: -1.2", {"knots": {"roll_position_rad": [-1.2] * 8 + [1.5]}}),
-    ],
-)
-def test_swings_that_it_would_misread_are_refused(words: str, changes: dict[str, Any]) -> None:
-    with pytest.raises(UserError, match=words):
-        TurnPlans.of([load_scenario("turn_designed")], [played(**changes)])
+def plans_of(scenario: Scenario, swing: SwingFile) -> TurnPlans:
+    """Of a car that plays a swing file, which the steering releases in a turn to the left."""
+    (phase,), threshold = swing.gains.phases, swing.trigger.threshold_rad
+    plans = TurnPlans.of([scenario.varied(controller={"swing_file": "none"})])
+    knots = [values[:, None] for values in (np.array(swing.knots.time_s), *swing.knots.states("roll"))]
+    gains = [np.array([gain]) for joint in (phase.roll, phase.pitch) for gain in (joint.kp, joint.kd)]
+    numbers: dict[str, Any] = {"trigger_yaw_rate": np.inf, "trigger_steering": threshold, "delay": 0.0}
+    numbers |= {"hold_kp": swing.gains.hold.kp, "hold_kd": swing.gains.hold.kd}
+    numbers = {name: np.array([value]) for name, value in numbers.items()}
+    return replace(plans, **numbers, played=PlayedRoll(np.ones(1), *knots, *gains))
 
 
 def test_two_levels_and_a_played_swing_take_the_car_where_the_full_car_goes() -> None:
     levels = ("manoeuvre.steer_angle=0.05", "manoeuvre.first_angle=0.08", "manoeuvre.first_hold=0.15")
     levels += ("manoeuvre.duration=3.2",)
-    scenarios = [
-        load_scenario("turn_designed", (*levels, "tail.mode=none", "car.tyre_friction=0.6")),
-        load_scenario("turn_designed", (*levels, "car.tyre_friction=0.9")),
-    ]
-    swings = [None, played()]
-    reduced = drive_turns(Vehicles.of(scenarios), TurnPlans.of(scenarios, swings), duration=1.2)
-    for place, (scenario, swing) in enumerate(zip(scenarios, swings, strict=True)):
-        law = None if swing is None else SwingPlayer.from_scenario(swing, scenario)
+    tailless = load_scenario("turn_designed", (*levels, "tail.mode=none", "car.tyre_friction=0.6"))
+    tailed, swing = load_scenario("turn_designed", (*levels, "car.tyre_friction=0.9")), played()
+    player = SwingPlayer.from_scenario(swing, tailed)
+    for scenario, plans, law in (
+        (tailless, TurnPlans.of([tailless]), None),
+        (tailed, plans_of(tailed, swing), player),
+    ):
+        reduced = drive_turns(Vehicles.of([scenario]), plans, duration=1.2)
         run = simulate(scenario.varied(controller={"swing_file": "none"}), record="outcome", law=law)
         full, peak_roll = turn_course(run), metrics_of(run).peak_roll_rad
-        assert reduced.course[place] == pytest.approx(full.course_change_rad, rel=0.04)  # runs differ by 2 %
-        assert reduced.exit_time[place] == pytest.approx(full.exit_time_s, abs=0.02)
-        assert reduced.peak_roll[place] == pytest.approx(peak_roll, abs=0.02)
-    assert reduced.trigger[1] == pytest.approx(0.05, abs=0.011)
+        assert reduced.course[0] == pytest.approx(full.course_change_rad, rel=0.04)  # runs differ by 2 %
+        assert reduced.exit_time[0] == pytest.approx(full.exit_time_s, abs=0.02)
+        assert reduced.peak_roll[0] == pytest.approx(peak_roll, abs=0.02)
+    assert reduced.trigger[0] == pytest.approx(0.01, abs=0.011)
 
 
 def test_the_wheels_follow_two_levels_at_the_rate_of_the_servo() -> None:

@@ -8,13 +8,32 @@ import pytest
 
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import drive_turns
-from aerodima.optimisation.screening.vehicle_motion import RATES, STATES, Commands, derivative, equations, solve, up
+from aerodima.optimisation.screening.vehicle_motion import (
+    RATES,
+    STATES,
+    Commands,
+    V,
+    W,
+    configuration_rate,
+    cross,
+    equations,
+    solve,
+    up,
+)
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench import load_scenario
 from aerodima.workbench.plants.car_model import axle_statics
 
 GRAVITY = 9.81
 FREE = np.zeros((2, 4, 1))
+
+
+def derivative(state: np.ndarray, commands: Commands, cars: Vehicles) -> np.ndarray:
+    """dx/dt (24, n)."""
+    found = equations(state, commands, cars)
+    acceleration, rates = solve(found.mass, found.force), state[RATES]
+    acceleration[V] -= cross(rates[W], rates[V])
+    return np.concatenate([configuration_rate(state, rates, found.travel_rate), acceleration])
 
 
 def cars_of(*settings: str, scenario: str = "turn_designed") -> Vehicles:

@@ -1,7 +1,7 @@
 """An engine whose runs cost nothing: survival and numbers as plain functions of the settings."""
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 
 LIMITS = {"turn_none": 0.62, "turn_held": 0.72, "turn_swing": 0.82}
 

@@ -14,7 +14,7 @@ from aerodima.optimisation.sweep.rollover_threshold import (
     find_thresholds,
 )
 from aerodima.optimisation.sweep.runs import Runs
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.errors import SweepError, UserError
 
 
@@ -58,15 +58,13 @@ def test_step_is_bracketed_within_the_tolerance_with_few_runs():
     assert abs(found.value - 0.6537) <= 0.01
     assert len(engine.runs) == len(set(engine.runs)) == 7 + 3 * 2
     assert found.islands == ()
-    assert found.highest_survived == found.survived
 
 
 def test_island_of_survivors_is_reported_and_not_taken_for_the_threshold():
     found, _ = search(lambda friction: friction < 0.55 or 0.75 < friction < 0.95)
     assert found.survived < 0.55 <= found.lost
     assert found.islands == ((0.8, 0.9),)
-    assert found.highest_survived == 0.9
-    assert found.as_row()["islands"] == "0.8 to 0.9"
+    assert found.summary["survives again"] == "0.8 to 0.9"
 
 
 def test_threshold_outside_the_range_is_said_so():
@@ -79,14 +77,14 @@ def test_threshold_outside_the_range_is_said_so():
 def test_failed_runs_are_counted_and_passed_over():
     found, _ = search(lambda friction: "error" if abs(friction - 0.5) < 1e-6 else friction < 0.72)
     assert found.survived < 0.72 <= found.lost
-    assert found.as_row()["failed_runs"] == 1
+    assert found.summary["failed"] == "1, 0.5: failed: broken"
 
 
 def test_tipping_over_before_the_turn_is_no_flip_in_the_turn():
     found, _ = search(lambda friction: "tipped" if abs(friction - 0.5) < 1e-6 else friction < 0.72)
     assert found.survived < 0.72 <= found.lost
     assert found.outcomes[0.5] == TIPPED
-    assert (found.as_row()["tipped_before_turn"], found.as_row()["failed_runs"]) == (1, 0)
+    assert (found.summary[TIPPED], found.summary["failed"]) == ("0.5", "0")
 
 
 def test_cases_are_searched_together_and_give_what_each_gives_alone():

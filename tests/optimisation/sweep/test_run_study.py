@@ -13,15 +13,16 @@ from aerodima.optimisation.sweep.run_study import (
     METADATA_KEY,
     ROWS,
     TABLE,
-    make_frame,
     open_store,
     read_table,
     run_study,
 )
+from aerodima.optimisation.sweep.runs import make_frame
 from aerodima.optimisation.sweep.study import load_study
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.errors import SweepError
+from aerodima.workbench.logs.schema import read_run_log, signals_equal
 from tests.optimisation.sweep.tiny import tiny_study, write_study
 
 
@@ -75,8 +76,9 @@ import sys
 sys.modules["dask"] = sys.modules["distributed"] = None
 from pathlib import Path
 from aerodima.optimisation.sweep.run_study import run_study
+from aerodima.optimisation.sweep.runs import make_frame
 from aerodima.optimisation.sweep.study import load_study
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 run_study(load_study(Path({str(tiny_study(tmp_path))!r})), Path({str(tmp_path / "out")!r}), Engine())
 """
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -166,3 +168,43 @@ def test_kind_of_a_column_does_not_depend_on_the_order_of_the_rows():
     there, back = make_frame(rows), make_frame(rows[::-1])
     assert there.dtypes.to_dict() == back.dtypes.to_dict()
     assert [str(kind) for kind in there.dtypes] == ["boolean", "float64", "float64", str(pd.Series(["x"]).dtype)]
+
+
+def test_study_of_a_rig_keeps_its_logs_and_makes_only_those_that_are_missing(tmp_path):
+    path = tmp_path / "rig.yaml"
+    path.write_text(
+        """
+scenario: static
+logs: true
+settings: [experiment.duration=0.3, experiment.wind_off=0.1, aero.source=constant]
+grid: {experiment.tail: [1, 3], experiment.angle: [0.0, 1.3]}
+sample:
+  number: 2
+  anew: true
+  new_seeds: true
+  factors: {tunnel.psi3: {low: -0.1, high: 0.1}, experiment.angle: {low: 0.001, high: 0.003}}
+"""
+    )
+    study, out, first, second = load_study(path), tmp_path / "out", Stopping(-1), Stopping(-1)
+    table = run_study(study, out, first)
+    assert len(first.names) == len(set(table["seed"])) == len(set(table["tunnel.psi3"])) == 8
+    angles = table["angle_rad"] - [0.0, 0.0, 1.3, 1.3] * 2
+    assert angles.between(0.001, 0.003).all()
+    assert table["tail"].tolist() == ["1"] * 4 + ["3"] * 4
+    log = read_run_log(out / table["log"][5])
+    assert log.extra["truth"]["psi3"] == table["true_psi3"][5] == table["tunnel.psi3"][5]
+    (out / table["log"][5]).unlink()
+    pd.testing.assert_frame_equal(run_study(study, out, second), table)
+    assert second.names == [table["settings"][5]]
+    assert signals_equal(read_run_log(out / table["log"][5]), log)
+
+
+def test_log_of_a_rig_that_cannot_be_made_is_a_row_with_its_reason(tmp_path):
+    path = tmp_path / "rig.yaml"
+    path.write_text(
+        "scenario: static\nlogs: true\nsettings: [experiment.duration=0.3, maxon.current_limit=2.3]\n"
+        "grid: {experiment.angle: [0.0, 1.3]}\n"
+    )
+    table = run_study(load_study(path), tmp_path / "out", Engine())
+    assert "A; allowed: within +-2.3 A" in table["error"][0]
+    assert [(tmp_path / "out" / name).exists() for name in table["log"]] == [False, True]

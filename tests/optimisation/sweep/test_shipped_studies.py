@@ -2,12 +2,15 @@
 
 import pytest
 
+from aerodima.optimisation.sweep.runs import load_any_scenario
 from aerodima.optimisation.sweep.study import load_study, plan_runs
 from aerodima.workbench.config.checked_files import shipped_names
 from aerodima.workbench.config.scenario import load_scenario
 
 RUNS = {"turn": 68, "tail": 13 * 10, "mount": 10 * 3, "trigger": 13 * 10, "shapes": 10 * 10, "monte_carlo": 3 * 32}
 RUNS |= {"survival": 7 * 9}
+# 3 tails x 2 axes x 6 angles x 3 speeds x 5; 30 swings of the robot's tail
+RUNS |= {"static_holds": 540, "robot_swings": 30, "bar_swings": 120, "flicks": 120}
 
 
 def test_every_shipped_study_is_held_here() -> None:
@@ -19,7 +22,9 @@ def test_every_run_has_a_scenario_that_can_be_made(name: str) -> None:
     runs = plan_runs(load_study(name))
     assert len(runs) == RUNS[name]
     for run in runs[:: max(1, len(runs) // 26)]:
-        load_scenario(run.task.scenario, list(run.task.settings))
+        load_any_scenario(run.task.scenario, run.task.settings)
+    seeds = [setting for run in runs for setting in run.task.settings if setting.startswith("seed=")]
+    assert len(set(seeds)) == (len(runs) if load_study(name).logs else len({*seeds})), "a log has noise of its own"
 
 
 @pytest.mark.parametrize("mass", [0.5, 1.0])

@@ -61,7 +61,10 @@ def test_small_and_large_numbers_reach_the_scenario_as_numbers(tmp_path):
         ("grid:\n  car.mass: [.nan]\n", "nan"),
         ("sample: {number: 4, factors: {}}\n", "factors"),
         ("sample: {number: 4, factors: {car.mass: {low: 6.0, high: 5.0}}}\n", "allowed: above low"),
-        ("grid: {car.mass: [5.0]}\nsample: {number: 2, factors: {car.mass: {low: 5.0, high: 6.0}}}\n", "one of them"),
+        (
+            "grid: {seed: [x]}\nsample: {number: 2, factors: {seed: {low: 5.0, high: 6.0}}}\n",
+            "grid and in the sample; allowed: numbers, which are added",
+        ),
         ("samples: {number: 4}\n", "samples: unknown key"),
         (
             "grid: {car.mass: {first: 5, last: 6, number: 9999}, car.track: {first: 0.2, last: 0.3, number: 99}}",

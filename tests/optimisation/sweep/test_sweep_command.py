@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from aerodima.optimisation.sweep.run_study import ROWS, TABLE, run_study
 from aerodima.optimisation.sweep.study import load_study
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.cli.program import build_app
 from tests.optimisation.sweep.tiny import tiny_study, write_study
 

@@ -18,7 +18,7 @@ from aerodima.optimisation.swing.judge import judge
 from aerodima.optimisation.swing.judge_page import PAGE, write_judgement
 from aerodima.optimisation.swing.law_search import FAMILIES, LawSearch, Screening, search_law
 from aerodima.optimisation.swing.task import SteeringSearch, Task, best_place, load_task, search_steering
-from aerodima.workbench.batch import Engine
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.config.ensemble import Member, load_ensemble
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import UserError
@@ -248,29 +248,6 @@ def test_a_car_without_a_floor_is_named_and_left_out(tmp_path: Path) -> None:
     assert found.without_floor == ("light at 4.5 m/s",)
     with pytest.raises(UserError, match=r"light at 4\.5 m/s: the published swing at full lock is clean on no floor"):
         judge(TASK, [NO_TAIL, HELD], tmp_path / "alone", Touching())
-
-
-def test_two_levels_are_tried_and_the_better_shape_is_kept(tmp_path: Path) -> None:
-    class Late(MadeUp):
-        """What comes after a first level of 0.15 s counts double."""
-
-        def row(self, given: dict[str, str]) -> dict[str, Any]:
-            late = given.get("manoeuvre.first_hold") == "0.15"
-            row = super().row(given)
-            return row | ({"course_change_rad": 2.0 * row["course_change_rad"]} if late else {})
-
-    engine = Late()
-    cases, _ = judged(tmp_path, engine, MadeUpTask(levels=2))
-    row = cases.loc[(HELD.name, 1.1)]
-    assert row["first_level_time_s"] == 0.15
-    assert row["course_change_rad"] == pytest.approx(math.radians(16.0 * row["steering_deg"]))
-    (proof,) = [t for t in engine.tasks if "simulation.step=0.0005" in t.settings and "tail.mode=held" in t.settings][
-        :1
-    ]
-    given = dict(setting.partition("=")[::2] for setting in proof.settings)
-    assert float(given["manoeuvre.first_angle"]) == pytest.approx(
-        row["first_level"] * float(given["manoeuvre.steer_angle"])
-    )
 
 
 def test_stopped_it_goes_on(tmp_path: Path) -> None:

@@ -10,13 +10,12 @@ from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from typer.testing import CliRunner
 
 from aerodima.optimisation import turn_programme
-from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.sweep.runs import Runs
 from aerodima.optimisation.swing.motion_search import OWN_CAR, MotionSearch, search_motion, steering_of, swing_of
 from aerodima.optimisation.swing.task import Floor, Task
 from aerodima.optimisation.swing.turn_programme import FEASIBLE, TurnProgramme
-from aerodima.optimisation.swing.turn_variables import TurnVariables
+from aerodima.optimisation.swing.turn_shooting import TurnVariables
 from aerodima.workbench import load_scenario
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.swing_file import read_swing, swing_at, write_swing
@@ -24,6 +23,7 @@ from aerodima.workbench.controllers.swing_player import SwingPlayer
 from aerodima.workbench.errors import SwingError
 from aerodima.workbench.metrics.turn_course import turn_course
 from aerodima.workbench.simulate.simulation import simulate
+from tests.optimisation.screening.test_turns import plans_of
 
 FEW = MotionSearch(starts=1, knots=6, length=0.6, iterations=5)
 TASK = Task(scenario="turn_designed", training=0, floors=[1.3])
@@ -64,7 +64,7 @@ def test_a_car_shares_the_tail_and_has_its_own_steering() -> None:
     assert np.array_equal(first[: chosen.tail], second[: chosen.tail])
     assert not set(first[chosen.tail :]) & set(second[chosen.tail :])
     rounded = chosen.on_ticks(np.full(chosen.size, 0.7123))
-    assert chosen.steered(rounded[chosen.own(1)]).first_hold == pytest.approx(0.14)
+    assert chosen.steered(rounded[chosen.own(1)])[2] == pytest.approx(0.14)
 
 
 def test_slopes_are_those_of_differences(programme: TurnProgramme, start: np.ndarray) -> None:
@@ -100,7 +100,7 @@ def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path: Path)
     swing, steering = read_swing(path), steering_of(alone.shooting, solution.x, 0)
     assert f"manoeuvre.first_hold={steering['first_hold']!r}" in swing.provenance.settings
     driven = turn.varied(manoeuvre={**steering, "turn_hold": TASK.pulse})
-    plans = TurnPlans.of([driven], [swing])
+    plans = plans_of(driven, swing)
     again = drive_turns(alone.shooting.cars, plans, duration=1.3, length=alone.shooting.length)
     assert again.course[0] == pytest.approx(solution.course[0], abs=1e-4)
     assert abs(swing_at(swing, 5.0).roll_velocity) == 0.0

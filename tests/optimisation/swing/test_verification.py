@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +12,16 @@ import pytest
 import yaml
 from typer.testing import CliRunner, Result
 
-from aerodima.optimisation.sweep.runs import Runs, RunTask
-from aerodima.optimisation.swing import verification
-from aerodima.optimisation.swing.verification import StateErrors, _complaints, heading_ratio
-from aerodima.workbench.batch import Engine
+from aerodima.optimisation.sweep.runs import Runs
+from aerodima.optimisation.swing.candidate import HELD, THESIS
+from aerodima.optimisation.swing.verification import Check, Verification, heading_ratio
+from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, read_swing, write_swing
 from aerodima.workbench.resources import model_path
 
-FINE = StateErrors(0.1, 0.0, 0.05, 1.57, 0.0, 10.0, 0.03, 0.1, False)
+BOTH = (HELD, THESIS)
 
 
 def thesis() -> SwingFile:
@@ -50,55 +49,30 @@ class Told(Engine):
 def test_headings_are_compared_at_the_highest_friction_that_both_survive() -> None:
     here = [{"outcome": "survived", "clean": clean, "heading_change_rad": 0.9} for clean in (True, False)]
     engine = Told({0.65: None, 0.6: 0.8}, {0.65: 1.1, 0.6: 1.0})  # knows no 0.7: what ran there is not run again
-    ratio, friction = heading_ratio("turn_swing", (), (), 0.7, here, Runs(engine))
+    ratio, friction = heading_ratio(Runs(engine), "turn_swing", (), BOTH, 0.7, here)
     assert (ratio, friction) == (pytest.approx(0.8), pytest.approx(0.6))
-    assert heading_ratio("turn_swing", (), (), 0.7, here[:1] * 2, Runs(engine)) == (1.0, 0.7)
+    assert heading_ratio(Runs(engine), "turn_swing", (), BOTH, 0.7, here[:1] * 2) == (1.0, 0.7)
     never = dict.fromkeys([round(0.7 - 0.05 * i, 9) for i in range(1, 7)])
-    assert math.isnan(heading_ratio("turn_swing", (), (), 0.7, here, Runs(Told(never, never)))[0])
-
-
-class Drives(Runs):
-    """Runs that note what is asked for."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.asked: list[str] = []
-
-    def rows(self, tasks: Sequence[RunTask], done: Any = None) -> list[dict[str, Any]]:
-        self.asked += [task.name for task in tasks]
-        return [{"run": task.name} for task in tasks]
-
-
-def test_pair_of_the_own_car_is_not_driven_again_where_that_car_is_a_member(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(verification, "measured_row", lambda task, _scenario, log: {"run": task.name, "from": log})
-    slower: Any = "controller.swing_speed=7.0"
-    own: Any = [(load_scenario("turn_swing"), "own"), (load_scenario("turn_swing", [slower]), "reference")]
-    settings = [(), ("car.mass=7.1",), ("car.mass=none",), (slower,), ("car.mass=7.1", slower)]
-    runs = Drives()
-    rows = verification._rows([RunTask(str(k), "turn_swing", one) for k, one in enumerate(settings)], own, runs)
-    assert runs.asked == ["1", "2", "4"]
-    assert [row["run"] for row in rows] == ["0", "1", "2", "3", "4"]
-    assert [row.get("from") for row in rows] == ["own", None, None, "reference", None]
-
-
-class _Upright:
-    survived, clean = True, True
+    assert math.isnan(heading_ratio(Runs(Told(never, never)), "turn_swing", (), BOTH, 0.7, here)[0])
 
 
 def test_each_limit_that_is_broken_is_named_with_value_and_limit() -> None:
-    swing, summary = thesis(), _Upright()
-    assert _complaints(swing, summary, FINE, 1.0) == []  # type: ignore[arg-type]
-    for errors, ratio, words in (
-        (replace(FINE, largest_torque=25.0), 1.0, "motor torque reaches 25 N m; allowed: 24.8 N m"),
-        (replace(FINE, largest_roll=1.7), 1.0, "tail roll reaches 1.7 rad; allowed: 1.571 rad"),
-        (replace(FINE, clearance=-0.004), 1.0, "the tail overlaps with the car by 4 mm"),
-        (replace(FINE, ground=-0.1), 1.0, "the tail overlaps with the ground by 100 mm"),
-        (replace(FINE, fell_back=True), 1.0, "the tail did not follow its knots"),
-        (FINE, 0.949, "heading change is 94.9% of that with 8 rad/s; allowed: >= 95%"),
-        (FINE, math.nan, "headings do not compare"),
-    ):
-        (complaint,) = _complaints(swing, summary, errors, ratio)  # type: ignore[arg-type]
-        assert words in complaint
+    good = [
+        Check("tail roll", 1.5, "rad", high=1.571),
+        Check("distance", 0.01, "m", low=0.0),
+        Check("friction at which headings compare", math.nan, ""),
+    ]
+    bad = [
+        Check("motor torque", 25.0, "N m", high=24.8),
+        Check("heading", math.nan, "", low=0.95),
+        Check("height", -0.1, "m", low=0.0),
+    ]
+    found = Verification(thesis(), "", (*good, *bad), *[None] * 4)  # type: ignore[arg-type]
+    assert found.complaints == [
+        "motor torque: 25 N m; allowed: at most 24.8",
+        "heading: nan; allowed: at least 0.95",
+        "height: -0.1 m; allowed: at least 0",
+    ]
 
 
 @pytest.mark.slow
@@ -107,12 +81,12 @@ def test_the_published_swing_is_measured_and_a_report_is_left(tmp_path: Path) ->
     result = call("thesis_8_rad_per_s", "--members", 1, "--out", tmp_path / "a", *words)
     verdict = yaml.safe_load((tmp_path / "a" / "verification.yaml").read_text())
     assert result.exit_code == (0 if verdict["verified"] else 2)
-    own = verdict["own_car"]
-    assert own["clean"] is True
-    assert 0.0 < own["state_error_tail_roll"] < 0.6
-    assert own["state_error_largest_torque"] < 24.8
-    assert own["state_error_largest_roll"] == pytest.approx(math.pi / 2, abs=0.01)
-    assert verdict["heading_over_8_rad_per_s"] == pytest.approx(1.0, abs=0.2)
+    own = {one["name"]: one["value"] for one in verdict["checks"]}
+    assert own["survives and touches nothing"] == 1.0
+    assert 0.0 < own["tail roll off the knots"] < 0.6
+    assert own["motor torque"] < 24.8
+    assert own["tail roll"] == pytest.approx(math.pi / 2, abs=0.01)
+    assert own["heading change over that with 8 rad/s"] == pytest.approx(1.0, abs=0.2)
     page = (tmp_path / "a" / "report.html").read_text()
     assert "data:image/png;base64," in page
     rows = (tmp_path / "a" / "verification.csv").read_text().splitlines()
