@@ -87,7 +87,7 @@ def fit_logs(
         missing = [name for name in names if name not in done]
         reused, bar = len(done), ProgressBar(progress, len(names), len(done))
 
-        def keep(_count: int, line: dict[str, Any]) -> None:
+        def keep(_place: int, line: dict[str, Any]) -> None:
             if line["error"] != WORKER_KILLED:  # a second call tries it again
                 store.add(keys[line["log"]], line)
             done[line["log"]] = line

@@ -96,25 +96,12 @@ def run_batch(
     progress: ProgressLine = on_stderr,
     record: Path | None = None,
 ) -> list[Result]:
-    """`Engine.map` on an engine for these items alone; with one worker, or one item, in this process.
-
-    Args:
-        done: told how many items are finished and the newest result.
-    """
+    """`Engine.map` on an engine for these items alone; with one worker, or one item, in this process."""
     check_workers(workers)
-    finished = 0
-
-    def count(place: int, result: Result) -> None:
-        nonlocal finished
-        finished += 1
-        if done is not None:
-            done(finished, result)
-
     number = min(workers, len(items))
     alone = nullcontext(Engine(progress, record))
-    opened: Any = alone if number <= 1 else open_engine(number, progress=progress, record=record)
-    with opened as engine:
-        return engine.map(work, items, count, lost)
+    with alone if number <= 1 else open_engine(number, progress=progress, record=record) as engine:
+        return engine.map(work, items, done, lost)
 
 
 def check_workers(workers: int) -> None:

@@ -125,7 +125,7 @@ def make_demo(
     runs = demo_runs(out, plan)
     bar = ProgressBar(progress, len(runs))
 
-    def done(_count: int, summary: RunSummary) -> None:
+    def done(_place: int, summary: RunSummary) -> None:
         bar.one_more(f"{summary.name}: {summary.metrics.outcome.result}")
 
     kept = lambda: f"{sum(run.log.exists() for run in runs)} of {len(runs)} logs"  # noqa: E731
