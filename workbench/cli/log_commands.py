@@ -74,9 +74,7 @@ def import_(
         typer.Argument(help="Foreign log: CSV, Parquet, MAT or MCAP; several files when they share a clock."),
     ],
     out: LogOut,
-    mapping: Annotated[
-        Path | None, typer.Option(help="Mapping file (YAML): foreign names and units. Not needed for our own exports.")
-    ] = None,
+    mapping: Annotated[Path, typer.Option(help="Mapping file (YAML): foreign names and units.")],
     force: Force = False,
 ) -> None:
     """Make a run log of a foreign log; gaps, NaN and whatever else is odd are printed, and kept in its metadata.
@@ -88,7 +86,7 @@ def import_(
     from aerodima.workbench.logs.schema import write_run_log
 
     refuse_existing(out, force, LogError)
-    imported = import_log(files, None if mapping is None else load_mapping(mapping))
+    imported = import_log(files, load_mapping(mapping))
     write_run_log(imported.run_log, out, force)
     run_log = imported.run_log
     typer.echo(
@@ -105,7 +103,7 @@ def export(
     out: Annotated[Path | None, typer.Option(help="File to write; beside the log by default.")] = None,
     force: Force = False,
 ) -> None:
-    """Write a run log for other programs. `aerodima log import` reads it back bit for bit.
+    """Write a run log for other programs, with its metadata, every number to the last bit.
 
     MCAP has the signals and, of a car, the scene that Foxglove draws: bodies, poses and forces.
     """

@@ -1,8 +1,7 @@
 """Run logs written for other programs, as CSV and MCAP (https://mcap.dev).
 
-A file keeps every bit of every number, and the metadata, so that `aerodima log import` gives back the same log: a CSV
-has its metadata in a file beside it, `run.csv.json`; MCAP has them inside. The packages for MCAP are those of the extra
-`logs`.
+A file keeps every bit of every number, and the metadata: a CSV has them in a file beside it, `run.csv.json`, MCAP has
+them inside. The packages for MCAP are those of the extra `logs`.
 """
 
 import json
@@ -17,7 +16,7 @@ import pandas as pd
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX, TIME
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.foreign_files import METADATA_RECORD, NANOSECOND, require_packages, sidecar
+from aerodima.workbench.logs.foreign_files import NANOSECOND, require_packages
 from aerodima.workbench.logs.schema import RunLog
 
 Format = Literal["csv", "mcap"]
@@ -57,11 +56,9 @@ def export_log(
         LogError: a file exists and `force` is not set; MCAP without the package, or with negative times.
     """
     path = Path(path)
-    facts = run_log.metadata()
-    facts["extra"] = {**facts["extra"], "exported_columns": list(run_log.table.columns)}
-    metadata = json.dumps(facts, sort_keys=True, indent=1, allow_nan=False)
+    metadata = json.dumps(run_log.metadata(), sort_keys=True, indent=1, allow_nan=False)
     if form == "csv":
-        beside = sidecar(path)
+        beside = path.with_name(path.name + ".json")
         refuse_existing(beside, force, LogError)
         write_atomically(path, run_log.table.to_csv(index=False), force, LogError)
         write_atomically(beside, metadata + "\n", force, LogError)
@@ -107,7 +104,7 @@ def _write_mcap(path: Path, table: pd.DataFrame, metadata: str, scene: Iterable[
         ]
         for stamp, channel, data in merge(*signals, _drawn(writer, scene), key=lambda item: item[0]):
             writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
-        writer.add_metadata(METADATA_RECORD, {"json": metadata})
+        writer.add_metadata("aerodima", {"json": metadata})
         writer.finish()
 
 

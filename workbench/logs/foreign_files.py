@@ -27,10 +27,6 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.checked_files import nearest
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import CsvFormat
-from aerodima.workbench.logs.schema import METADATA_KEY, decode_metadata
-
-SIDECAR_SUFFIX = ".json"
-"""An exported `run.csv` has its metadata in `run.csv.json`."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +38,12 @@ class ForeignLog:
         columns: name to values; lengths may differ between columns of different rates.
         time_of: name of the column with the times of a column, where the format knows it (MCAP).
         unreadable: columns or topics that are there but cannot be read, with the reason.
-        metadata: of a file that this project exported; None otherwise.
     """
 
     path: str
     columns: Mapping[str, pd.Series]
     time_of: Mapping[str, str] = field(default_factory=dict)
     unreadable: Mapping[str, str] = field(default_factory=dict)
-    metadata: dict[str, Any] | None = None
 
     def numbers(self, name: str) -> FloatArray:
         """A column as float64, empty cells as NaN.
@@ -103,13 +97,8 @@ def joined(logs: list[ForeignLog]) -> ForeignLog:
     return ForeignLog(" + ".join(log.path for log in logs), columns, time_of, unreadable)
 
 
-def sidecar(path: Path) -> Path:
-    """The file with the metadata of an exported CSV."""
-    return path.with_name(path.name + SIDECAR_SUFFIX)
-
-
 def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
-    """Columns of a CSV, with the metadata beside it; LogError when it is not a table that can be read."""
+    """Columns of a CSV; LogError when it is not a table that can be read."""
     first = form.skip_lines + 1
     skipped = [*range(form.skip_lines), *range(first, first + form.skip_after_names)]
     try:
@@ -137,29 +126,22 @@ def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
         raise LogError(
             f"{path}: one column only, {str(table.columns[0])!r}; is `csv.delimiter` {form.delimiter!r} right?"
         )
-    metadata = None
-    if sidecar(path).is_file():
-        metadata = decode_metadata({METADATA_KEY: sidecar(path).read_bytes()}, str(sidecar(path)))
-    return ForeignLog(str(path), {str(name).strip(): table[name] for name in table.columns}, metadata=metadata)
+    return ForeignLog(str(path), {str(name).strip(): table[name] for name in table.columns})
 
 
 def read_parquet(path: Path) -> ForeignLog:
-    """Columns of a Parquet file, with the metadata inside; LogError when it is damaged."""
+    """Columns of a Parquet file; LogError when it is damaged."""
     try:
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as cause:
         raise LogError(f"{path}: cut off, damaged or not a Parquet file") from cause
-    stored = table.schema.metadata or {}
-    metadata = decode_metadata(stored, str(path)) if METADATA_KEY in stored else None
     frame = table.to_pandas(ignore_metadata=True)
-    return ForeignLog(str(path), {str(name): frame[name] for name in frame.columns}, metadata=metadata)
+    return ForeignLog(str(path), {str(name): frame[name] for name in frame.columns})
 
 
 MOST_COLUMNS = 64
 """A matrix with more columns than this (and than rows) is a picture or a table of something else, not a log; so is a
 list with more numbers."""
-METADATA_RECORD = "aerodima"
-"""Name of the metadata record of an MCAP file that carries the metadata of an exported run log, as JSON."""
 NANOSECOND = 1e-9
 """s."""
 
@@ -255,17 +237,11 @@ def read_mcap(path: Path) -> ForeignLog:
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
 
-    metadata = None
     unreadable: dict[str, str] = {}
     messages: dict[str, list[dict[str, Any]]] = {}
     try:
         with open(path, "rb") as stream:
-            reader = make_reader(stream)
-            for record in reader.iter_metadata():
-                if record.name == METADATA_RECORD:
-                    stored = {METADATA_KEY: record.metadata.get("json", "").encode()}
-                    metadata = decode_metadata(stored, str(path))
-            for _, channel, message in reader.iter_messages():
+            for _, channel, message in make_reader(stream).iter_messages():
                 if channel.message_encoding != "json":
                     unreadable[channel.topic] = f"its messages are {channel.message_encoding!r}; read are 'json'"
                     continue
@@ -283,7 +259,7 @@ def read_mcap(path: Path) -> ForeignLog:
         found = dict(_numbers(pd.json_normalize(rows)))
         columns |= found
         time_of |= dict.fromkeys(found, f"{topic}@log_time")
-    return ForeignLog(str(path), columns, time_of, unreadable, metadata)
+    return ForeignLog(str(path), columns, time_of, unreadable)
 
 
 def _numbers(table: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:

@@ -32,7 +32,7 @@ from aerodima.workbench.logs.mapping import ColumnSource, CsvFormat, Mapping, kn
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.logs.signals import GAP_FACTOR, check_time, hold_last
 
-_TEXT_FILES = {".csv": ",", ".txt": ",", ".tsv": "\t"}
+_TEXT_FILES = (".csv", ".txt", ".tsv")
 _READERS = {".parquet": read_parquet, ".mat": read_mat, ".mcap": read_mcap}
 
 CONTINUOUS = ("imu_yaw_rad",)
@@ -47,21 +47,19 @@ class Imported:
     findings: tuple[LogFinding, ...]
 
 
-def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping | None = None) -> Imported:
+def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping) -> Imported:
     """Reads foreign files of one run.
 
     Args:
         paths: one file, or several that share a clock; the columns of the second are called `2:<name>` in the mapping.
-        mapping: which column is which; not needed for a file that this project exported.
+        mapping: which column is which.
 
     Raises:
         LogError: a file cannot be read, the times are not increasing, a needed column is missing, a value betrays a
             wrong unit; names file, column and time.
     """
     paths = [paths] if isinstance(paths, str | Path) else list(paths)
-    foreign = joined([read_foreign_log(path, None if mapping is None else mapping.csv) for path in paths])
-    if mapping is None:
-        return _import_own(foreign)
+    foreign = joined([read_foreign_log(Path(path), mapping.csv) for path in paths])
     table, findings = mapped_table(foreign, mapping)
     units = {name: column.unit for name, column in known_columns().items()}
     largest = {name: source.largest for name, source in mapping.columns.items()}
@@ -73,18 +71,17 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping | None
     return Imported(run_log_from_metadata(table, metadata, source=foreign.path), tuple(findings))
 
 
-def read_foreign_log(path: Path | str, csv: CsvFormat | None = None) -> ForeignLog:
+def read_foreign_log(path: Path, csv: CsvFormat) -> ForeignLog:
     """Reads a file by its ending: .csv, .txt, .tsv, .parquet, .mat, .mcap.
 
     Raises:
         LogError: missing, of another kind, damaged, or an optional package is not installed (names the extra).
     """
-    path = Path(path)
     suffix = path.suffix.lower()
     if not path.is_file():
         raise LogError(f"{path}: no such file")
     if suffix in _TEXT_FILES:
-        return read_csv(path, csv or CsvFormat(delimiter=_TEXT_FILES[suffix]))
+        return read_csv(path, csv)
     if suffix in _READERS:
         return _READERS[suffix](path)
     allowed = " ".join((*_TEXT_FILES, *_READERS))
@@ -228,19 +225,3 @@ def _scenario(mapping: Mapping) -> dict[str, Any]:
         return load_scenario(base, settings).resolved()
     resolved = load_rig_scenario(base, settings).resolved()
     return {key: value for key, value in resolved.items() if key not in ("experiment", "schema", "name", "seed")}
-
-
-def _import_own(foreign: ForeignLog) -> Imported:
-    """A file that this project exported."""
-    if foreign.metadata is None:
-        raise LogError(f"{foreign.path}: needs a mapping file (--mapping); only an exported run log goes without")
-    columns: dict[str, FloatArray] = {}
-    for name in foreign.columns:
-        ours = TIME if name.endswith(f".{TIME}") else name.rpartition(".")[2]
-        if "@" not in name and ours not in columns:
-            columns[ours] = foreign.numbers(name)
-    order = foreign.metadata.get("extra", {}).get("exported_columns", list(columns))
-    table = pd.DataFrame({name: columns[name] for name in order if name in columns})
-    metadata = {**foreign.metadata, "extra": dict(foreign.metadata.get("extra", {}))}
-    metadata["extra"].pop("exported_columns", None)
-    return Imported(run_log_from_metadata(table, metadata, source=foreign.path), tuple(table_findings(table)))

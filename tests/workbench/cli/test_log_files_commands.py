@@ -37,9 +37,9 @@ def test_import_refuses_an_existing_log_before_it_reads_anything(
 
 def test_import_names_the_file_that_is_missing(refused: Callable, folder: Path) -> None:
     out = folder / "out.parquet"
-    assert "none.csv: no such file" in refused("log", "import", folder / "none.csv", "--out", out)
+    mapping = ("--mapping", folder / "m.yaml", "--out", out)
+    assert "none.csv: no such file" in refused("log", "import", folder / "none.csv", *mapping)
     assert "none.yaml" in refused("log", "import", folder / "log.csv", "--mapping", folder / "none.yaml", "--out", out)
-    assert "--mapping" in refused("log", "import", folder / "log.csv", "--out", out)
     assert not out.exists()
 
 
@@ -64,9 +64,8 @@ def test_export_goes_beside_the_log_and_names_a_wrong_format(call: Callable, ref
     result = call("log", "export", folder / "run.parquet", "--to", "csv")
     assert result.stdout.split() == [str(folder / "run.csv"), str(folder / "run.csv.json")]
     assert "--force" in refused("log", "export", folder / "run.parquet", "--to", "csv")
-    again = call("log", "import", folder / "run.csv", "--out", folder / "again.parquet")
-    assert again.exit_code == 0, again.output
-    assert read_run_log(folder / "again.parquet").table.equals(read_run_log(folder / "run.parquet").table)
+    again = pd.read_csv(folder / "run.csv")
+    assert again.equals(read_run_log(folder / "run.parquet").table)
 
 
 def test_export_keeps_the_log_and_what_is_there_until_the_run_is_found(

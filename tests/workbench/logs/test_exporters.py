@@ -1,15 +1,29 @@
+import dataclasses
 import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from mcap.reader import make_reader
 
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.exporters import export_log, topics_of
-from aerodima.workbench.logs.importers import import_log
+from aerodima.workbench.logs.foreign_files import read_mcap
 from aerodima.workbench.logs.schema import RunLog, signals_equal
 from tests.workbench.made_up_runs import made_up_run
+
+
+def mcap_table(path: Path) -> pd.DataFrame:
+    """The signals of an exported run."""
+    columns = read_mcap(path).columns
+    return pd.DataFrame({name.split(".", 1)[1]: values for name, values in columns.items() if "@" not in name})
+
+
+def mcap_metadata(path: Path) -> str:
+    with open(path, "rb") as stream:
+        (record,) = make_reader(stream).iter_metadata()
+    return str(record.metadata["json"])
 
 
 def awkward_run() -> RunLog:
@@ -25,9 +39,12 @@ def awkward_run() -> RunLog:
 def test_an_export_comes_back_bit_for_bit_with_its_metadata(tmp_path: Path, form: str) -> None:
     run = awkward_run()
     written = export_log(run, tmp_path / f"run.{form}", form)
-    back = import_log(written[0]).run_log
-    assert signals_equal(run, back)
-    assert back.metadata() == run.metadata()
+    if form == "csv":
+        table, metadata = pd.read_csv(written[0]), written[1].read_text()
+    else:
+        table, metadata = mcap_table(written[0]), mcap_metadata(written[0])
+    assert signals_equal(run, dataclasses.replace(run, table=table[list(run.table.columns)]))
+    assert json.loads(metadata) == run.metadata()
 
 
 @pytest.mark.parametrize("form", ["csv", "mcap"])

@@ -310,11 +310,6 @@ def test_scale_and_zero_are_in_foreign_units(tmp_path: Path) -> None:
     assert np.allclose(table["angle_rad"], ANGLE, atol=1e-12)
 
 
-def test_without_mapping_only_an_export_is_read(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"log\.csv: needs a mapping file"):
-        import_log(write_csv(tmp_path, foreign()))
-
-
 def test_the_laboratory_log_keeps_its_signs(tmp_path: Path) -> None:
     """The file's Fy and My are those of axes that point the other way."""
     readings = swing_readings()
