@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.checked_files import unit_factor
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import RIG_KINDS, TIME
@@ -28,7 +27,7 @@ from aerodima.workbench.logs.log_findings import (
     refuse_inconsistent_rates,
     table_findings,
 )
-from aerodima.workbench.logs.mapping import ColumnSource, CsvFormat, Mapping, known_columns
+from aerodima.workbench.logs.mapping import ColumnSource, CsvFormat, Mapping, known_columns, unit_factor
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.logs.signals import GAP_FACTOR, check_time, hold_last
 

@@ -3,12 +3,13 @@
 Schema `aerodima/log-mapping/1`, YAML, strict; `workbench/logs/README.md` explains it with an example that runs.
 """
 
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, field_validator, model_validator
 
-from aerodima.workbench.config.checked_files import StrictModel, checked, nearest, read_yaml, unit_factor, unit_in_name
+from aerodima.workbench.config.checked_files import STANDARD_GRAVITY, StrictModel, checked, nearest, read_yaml
 from aerodima.workbench.config.signal_table import (
     RIG_KINDS,
     TIME,
@@ -20,6 +21,64 @@ from aerodima.workbench.config.signal_table import (
 from aerodima.workbench.errors import LogError
 
 Number = Annotated[float, Field(strict=False)]
+
+_DEGREE, _KMH, _MPH, _KNOT = math.pi / 180.0, 1.0 / 3.6, 1609.344 / 3600, 1852.0 / 3600
+_FACTORS: dict[str, dict[str, float]] = {
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "rev": 2.0 * math.pi},
+    "rad/s": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": _DEGREE, "rev/s": 2.0 * math.pi, "rpm": 2.0 * math.pi / 60.0},
+    "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
+    "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": STANDARD_GRAVITY, "gf": STANDARD_GRAVITY * 1e-3},
+    "N m": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2, "N mm": 1e-3, "kgf cm": STANDARD_GRAVITY * 1e-2},
+    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "km/h": _KMH, "mph": _MPH, "kn": _KNOT},
+    "m/s2": {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3},
+    "W": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
+    "kg": {"kg": 1.0, "g": 1e-3},
+    "1": {"1": 1.0, "%": 1e-2},
+}
+_SPELLINGS = {
+    "°": "deg", "degree": "deg", "degrees": "deg", "°/s": "deg/s", "dps": "deg/s", "radians": "rad",
+    "sec": "s", "seconds": "s", "µs": "us", "kph": "km/h", "kmh": "km/h", "knots": "kn", "mps": "m/s",
+    "m/s^2": "m/s2", "m/s²": "m/s2", "Nm": "N m", "N*m": "N m", "N·m": "N m", "mNm": "mN m", "Nmm": "N mm",
+    "Ncm": "N cm", "percent": "%", "": "1", "-": "1", "amp": "A", "kgf*cm": "kgf cm",
+}  # fmt: skip
+
+_SUFFIXES = {
+    "_rad_per_s": "rad/s", "_m_per_s2": "m/s2", "_m_per_s": "m/s", "_n_m_s": "N m s", "_n_m": "N m", "_n_s": "N s",
+    "_rad": "rad", "_kg": "kg", "_n": "N", "_m": "m", "_w": "W", "_a": "A", "_s": "s",
+}  # fmt: skip
+
+
+def unit_factor(name: str, si: str, where: str) -> float:
+    """SI value of one unit called `name`, which measures the quantity whose SI unit is `si`.
+
+    Args:
+        name: as written in a mapping file, `deg/s`; `Nm`, `°` and the like are understood too.
+        si: `Column.unit`; "" counts as `1`.
+        where: place named in the message.
+
+    Raises:
+        LogError: no such unit, or one of another quantity (`g` is an acceleration or a mass, as `si` says).
+    """
+    wanted = si or "1"
+    name = _SPELLINGS.get(name.strip(), name.strip())
+    units = _FACTORS.get(wanted, {wanted: 1.0})
+    if name in units:
+        return units[name]
+    allowed = ", ".join(units)
+    others = [other for other, table in _FACTORS.items() if name in table]
+    if others:
+        raise LogError(f"{where}: unit {name!r} does not measure what is in {wanted}; allowed: {allowed}")
+    raise LogError(f"{where}: unknown unit {name!r}; {nearest(name, units)}")
+
+
+def unit_in_name(name: str) -> str:
+    """SI unit at the end of a column or metadata name, `wind_speed_m_per_s` -> `m/s`; `1` when there is none."""
+    for suffix, unit in _SUFFIXES.items():
+        if name.endswith(suffix):
+            return unit
+    return "1"
 
 
 class ColumnSource(StrictModel):

@@ -4,9 +4,8 @@ from typing import Any
 
 import pytest
 
-from aerodima.workbench.config.checked_files import unit_factor, unit_in_name
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.mapping import load_mapping, mapping_from
+from aerodima.workbench.logs.mapping import load_mapping, mapping_from, unit_factor, unit_in_name
 
 MAPPING: dict[str, Any] = {
     "schema": "aerodima/log-mapping/1",
