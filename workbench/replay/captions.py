@@ -124,3 +124,8 @@ def readings(run_log: RunLog) -> list[Reading]:
     if (air := plant_air(run_log)) is not None:
         found.append(Reading("air", " N", air, 2, 5))
     return found
+
+
+def now_text(run_log: RunLog, row: int) -> str:
+    """Time and readings of one row of the log, in one line."""
+    return "    ".join([f"t = {run_log.time[row]:.2f} s", *(reading.text(row) for reading in readings(run_log))])

@@ -77,16 +77,20 @@ def _bodies(logged: LoggedRun, scene: list[dict[str, Any]], time: float) -> Any:
     for shape in scene:
         name = shape["body"] or WORLD_FRAME
         if name not in entities:
-            entities[name] = update.entities.add(id=name, frame_id=name, frame_locked=True)
-            entities[name].timestamp.FromNanoseconds(stamp_of(time))
+            entities[name] = _entity(update, name, name, time)
         _add_shape(entities[name], shape)
     x0, x1, y0, y1 = area_around(logged.path)
-    floor = update.entities.add(id="floor", frame_id=WORLD_FRAME)
-    floor.timestamp.FromNanoseconds(stamp_of(time))
-    slab = floor.cubes.add()
+    slab = _entity(update, "floor", WORLD_FRAME, time).cubes.add()
     _place(slab, RigidTransform(np.array([(x0 + x1) / 2, (y0 + y1) / 2, logged.floor - 0.012])), _FLOOR)
     _set_vector(slab.size, (x1 - x0, y1 - y0, 0.01))
     return update
+
+
+def _entity(update: Any, name: str, frame: str, time: float) -> Any:
+    """A new entity that moves with its frame."""
+    entity = update.entities.add(id=name, frame_id=frame, frame_locked=True)
+    entity.timestamp.FromNanoseconds(stamp_of(time))
+    return entity
 
 
 def _add_shape(entity: Any, shape: dict[str, Any]) -> None:
@@ -132,10 +136,8 @@ def _forces(arrows: list[ForceArrow], row: int, time: float) -> Any:
             gone = update.deletions.add(id=arrow.name, type=SceneEntityDeletion.MATCHING_ID)
             gone.timestamp.FromNanoseconds(stamp_of(time))
             continue
-        entity = update.entities.add(id=arrow.name, frame_id=WORLD_FRAME)
-        entity.timestamp.FromNanoseconds(stamp_of(time))
         length = float(np.linalg.norm(arrow.lengths[row]))
-        drawn = entity.arrows.add(
+        drawn = _entity(update, arrow.name, WORLD_FRAME, time).arrows.add(
             shaft_length=max(length - _HEAD_LENGTH, 1e-3),
             shaft_diameter=_SHAFT,
             head_length=_HEAD_LENGTH,

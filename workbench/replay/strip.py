@@ -17,7 +17,7 @@ from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
-from aerodima.workbench.replay.captions import RESULT_COLOURS, caption_of, readings
+from aerodima.workbench.replay.captions import RESULT_COLOURS, caption_of, now_text
 from aerodima.workbench.replay.offscreen import OffscreenRun
 
 _BEFORE, _AFTER = 0.25, 0.75
@@ -143,16 +143,11 @@ def strip_figure(run_log: RunLog) -> Figure:
         camera = shown.camera(moment.row, logged.camera_azimuth, logged.camera_place, FRAME)
         axes.imshow(shown.picture(moment.row, camera), interpolation="nearest")
         axes.set_axis_off()
-        _label(figure, logged.run_log, moment, (left + FRAME[0] / 2) / STRIP[0])
+        middle, now = (left + FRAME[0] / 2) / STRIP[0], now_text(logged.run_log, moment.row)
+        figure.text(middle, 58 / STRIP[1], moment.label, ha="center", va="center", fontsize=13, weight="bold")
+        figure.text(middle, 26 / STRIP[1], now, ha="center", va="center", fontsize=13)
     _title(figure, logged.run_log)
     return figure
-
-
-def _label(figure: Figure, run_log: RunLog, moment: Moment, x: float) -> None:
-    row = moment.row
-    text = "    ".join([f"t = {run_log.time[row]:.2f} s", *(reading.text(row) for reading in readings(run_log))])
-    figure.text(x, 58 / STRIP[1], moment.label, ha="center", va="center", fontsize=13, weight="bold")
-    figure.text(x, 26 / STRIP[1], text.replace("-", "\u2212"), ha="center", va="center", fontsize=13)
 
 
 def _title(figure: Figure, run_log: RunLog) -> None:

@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.replay.captions import RESULT_COLOURS, caption_of, readings
+from aerodima.workbench.replay.captions import RESULT_COLOURS, caption_of, now_text
 from aerodima.workbench.replay.offscreen import OffscreenRun
 from aerodima.workbench.replay.recording import check_rate, nearest_rows
 
@@ -94,7 +94,6 @@ class Film:
         self._columns = len(runs) if len(runs) <= 3 else math.ceil(len(runs) / 2)
         self._azimuth = float(np.median([one.logged.camera_azimuth for one in self._pictures]))
         self._place = max(one.logged.camera_place for one in self._pictures)
-        self._readings = [readings(one.logged.run_log) for one in self._pictures]
         self._headers = [
             _header(name, one.logged.run_log, self._panel[0]) for name, one in zip(runs, self._pictures, strict=True)
         ]
@@ -129,10 +128,8 @@ class Film:
     def _panel_picture(self, which: int, number: int) -> Image.Image:
         row, shown = int(self._rows[which][number]), self._pictures[which]
         picture = shown.picture(row, shown.camera(row, self._azimuth, self._place, self._panel))
-        now = f"t = {shown.logged.run_log.time[row]:.2f} s"
-        words = "   ".join([now, *(reading.text(row) for reading in self._readings[which])])
         draw = ImageDraw.Draw(picture)
-        draw.text((10, self._panel[1] - 26), words, fill=_INK, font=_font(14))
+        draw.text((10, self._panel[1] - 26), now_text(shown.logged.run_log, row), fill=_INK, font=_font(14))
         return picture
 
 

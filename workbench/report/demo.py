@@ -241,7 +241,7 @@ def short_turn_chapter(table: ShortTurn, run_logs: Mapping[str, RunLog]) -> tupl
             replays_in_step(
                 [run_logs[one.name] for one in who], [f"{one.words}: {_ending(run_logs[one.name])}" for one in who]
             ),
-            Table(list(case), [list(case.values())]),
+            Table(("the case that is shown", ""), list(case.items())),
         ],
     )
     bars = Plot(
