@@ -104,6 +104,7 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             self._layout, self._air, self._jet = layout, air or Air(), jet
             self._law = NormalForceLaw(law) if isinstance(law, int | float) else law
             self._quasi_steady_limit = quasi_steady_limit
+            self._settings = (layout, self._law, self._air, jet, quasi_steady_limit)
             self._kinematics = plant.CreateDefaultContext()
             self._p_BoRo_B = layout.p_BoRo_B
             self._force = ExternallyAppliedSpatialForce_[T]()
@@ -124,23 +125,12 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             plant = other._plant.ToScalarType[T]()
-            body = plant.get_body(other._body)
-            Impl._construct(
-                self,
-                plant,
-                body,
-                other._layout,
-                other._law,
-                other._air,
-                other._jet,
-                other._quasi_steady_limit,
-                converter,
-            )
+            args = (plant, plant.get_body(other._body), *other._settings, converter)
+            Impl._construct(self, *args)
 
         def reporter(self) -> Any:
             """The same system once more, to be watched beside a diagram that does not show its ports."""
-            args = (self._layout, self._law, self._air, self._jet, self._quasi_steady_limit)
-            return Impl(self._plant, self.body, *args)
+            return Impl(self._plant, self.body, *self._settings)
 
         @property
         def law(self) -> SectionLaw:
@@ -211,10 +201,8 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             output.SetFromVector(values)
 
         def _calc_validity(self, context: Any, output: Any) -> None:
-            values = []
-            for _, area, speed, angle, _, _ in self._section_rows(context):
-                values.append(self._validity(float_of(area), float_of(speed), float_of(angle)))
-            output.SetFromVector(values)
+            rows = [[float_of(value) for value in row[1:4]] for row in self._section_rows(context)]
+            output.SetFromVector([self._validity(*row) for row in rows])
 
         def _calc_wind_direction(self, context: Any, output: Any) -> None:
             X_WB, line = self._motion(context)

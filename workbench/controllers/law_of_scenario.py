@@ -20,6 +20,7 @@ from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.errors import ScenarioError, SwingFileError, UserError
 
 NO_SWING = "none"
+_SWING = "swing"
 
 
 def find_swing(name_or_path: str | Path) -> SwingFile:
@@ -40,7 +41,7 @@ def swing_of_scenario(scenario: Any) -> SwingFile | None:
 def swing_facts(scenario: Any) -> dict[str, Any]:
     """The whole swing that a scenario names, for `extra` of a run log, which must suffice to repeat the run."""
     swing = swing_of_scenario(scenario)
-    return {} if swing is None else {"swing": swing.model_dump(mode="json", by_alias=True, exclude_none=True)}
+    return {} if swing is None else {_SWING: swing.model_dump(mode="json", by_alias=True, exclude_none=True)}
 
 
 def refuse_other_car(scenario: Any, swing: SwingFile | None = None, *, way_out: str = ", or --other-car") -> None:
@@ -120,19 +121,13 @@ def law_of_scenario(scenario: Any) -> TailLaw:
     return SwingPlayer.from_scenario(swing, scenario)
 
 
-_SWING = "swing"
-
-
 def make_bundle(scenario: Scenario) -> dict[str, Any]:
     """The scenario as plain data, with the swing that it names, if any, under `swing`.
 
     Raises:
         SwingFileError: the swing is missing or malformed.
     """
-    data, swing = scenario.resolved(), swing_of_scenario(scenario)
-    if swing is not None:
-        data[_SWING] = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
-    return data
+    return scenario.resolved() | swing_facts(scenario)
 
 
 def load_drive(name_or_path: str, settings: Sequence[str] = ()) -> tuple[Scenario, TailLaw]:
