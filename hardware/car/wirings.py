@@ -87,7 +87,7 @@ def wire_car(
     def open_devices() -> Devices:
         with ExitStack() as closers:  # what was opened is closed again when a later one fails
             adapter = [] if can is None else [can_address(can)]
-            closers.enter_context(closing(lock_devices([*adapter, *ports.serial_paths.values()], "a drive")))
+            closers.enter_context(lock_devices([*adapter, *ports.serial_paths.values()], "a drive"))
             bus = None
             if can is not None:
                 bus = CanBus.open(can, traffic_log, listen={0, ANSWER_ID, *ports.motor_ids})

@@ -116,7 +116,7 @@ def _serve(
     from aerodima.hardware.transport.serial_link import SerialLink
 
     limits = Limits(scenario.servo.limit, scenario.tail.pitch_limit, scenario.tail.roll_limit)
-    with closing(lock_devices([device.path], "a console")), closing(SerialLink.open(device)) as link:
+    with lock_devices([device.path], "a console"), closing(SerialLink.open(device)) as link:
         served = Console(OperatorRadio(link, device.receiver, number), recording, limits, car)
         access = Access(listener.getsockname()[1])
         typer.echo(f"open once: {access.url}")
@@ -148,7 +148,7 @@ def emulate(
     from aerodima.hardware.car.car_ports import PORTS_FILE
     from aerodima.hardware.car.wiring import wiring_name
     from aerodima.hardware.emulator.emulator import EmulatorSettings, run_emulator
-    from aerodima.hardware.emulator.fault_script import no_faults, read_script
+    from aerodima.hardware.emulator.fault_script import Script, read_script
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.errors import HardwareError
 
@@ -159,7 +159,7 @@ def emulate(
         scenario=load_scenario(scenario, settings or []),
         wiring=chosen,
         folder=out,
-        script=no_faults() if faults is None else read_script(faults),
+        script=Script.model_validate({}) if faults is None else read_script(faults),
         duration=duration,
         console=console,
         view=view,

@@ -69,8 +69,8 @@ class RadioLink:
         """Why the operator cannot be relied on at present, and the same in words."""
         if self.stopped:
             return SourceFault.STOPPED, "the operator asked for an emergency stop"
-        if not self._link.healthy:
-            return SourceFault.LOST, f"the radio's port is lost: {self._link.error}"
+        if self._link.fault:
+            return SourceFault.LOST, f"the radio's port is lost: {self._link.fault}"
         age = self.age(now)
         if math.isinf(age):
             rejected = f" ({self.rejected} frames rejected: {self.last_error})" if self.rejected else ""

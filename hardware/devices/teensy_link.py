@@ -245,8 +245,8 @@ class TeensyLink:
             self.fault, self.fault_text = SourceFault.NONE, ""
 
     def _check_silence(self, now: float) -> None:
-        if not self._link.healthy:
-            self.fault, self.fault_text = SourceFault.LOST, f"the Teensy's port is lost: {self._link.error}"
+        if self._link.fault:
+            self.fault, self.fault_text = SourceFault.LOST, f"the Teensy's port is lost: {self._link.fault}"
         elif self._reply_time is not None and now - self._reply_time > _SILENT:
             self.fault = SourceFault.SILENT
             self.fault_text = f"the Teensy is silent for {now - self._reply_time:.2f} s"

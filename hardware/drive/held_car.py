@@ -9,7 +9,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
 from aerodima.hardware.drive.watchdog_test import WatchdogTest, new_record, require_watchdog_test, write_record
-from aerodima.hardware.protocol.ak70 import MitReply, decode_reply, make_enter, make_exit, make_neutral
+from aerodima.hardware.protocol.ak70 import decode_reply, make_enter, make_exit, make_neutral
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.teensy import TeensyStatus
 from aerodima.hardware.transport.can_bus import CanBus
@@ -258,7 +258,7 @@ def read_motor_angles(ports: CarPorts, wiring: WiringName) -> dict[Joint, float]
     """
     can = None if wiring == "teensy_bridge" else ports.adapter(wiring)
     device = ports.teensy.path if can is None else can_address(can)
-    with closing(lock_devices([device], "the setting of the zero")):
+    with lock_devices([device], "the setting of the zero"):
         if can is None:
             with closing(SerialLink.open(ports.teensy)) as serial:
                 teensy = TeensyLink(serial, ports.motor_ids, ports.profile)
@@ -318,9 +318,10 @@ def _angles(ports: CarPorts, port: FramePort, commit: Callable[[], None]) -> dic
             commit()
             time.sleep(PERIOD)
             for _, frame in port.poll():
-                reply = _reply(frame, ports)
-                if reply is not None and reply.motor_id in ids and cycle > 30:
-                    heard[ids[reply.motor_id]].append(reply.position)
+                with suppress(FrameError):
+                    reply = decode_reply(frame, ports.profile)
+                    if reply.motor_id in ids and cycle > 30:
+                        heard[ids[reply.motor_id]].append(reply.position)
     finally:
         for _ in range(5):
             for motor_id in ids:
@@ -329,13 +330,6 @@ def _angles(ports: CarPorts, port: FramePort, commit: Callable[[], None]) -> dic
             time.sleep(PERIOD)
         port.flush()
     return {joint: _steady(joint, values) for joint, values in heard.items()}
-
-
-def _reply(frame: object, ports: CarPorts) -> MitReply | None:
-    try:
-        return decode_reply(frame, ports.profile)  # type: ignore[arg-type]
-    except FrameError:
-        return None
 
 
 def _steady(joint: Joint, values: list[float]) -> float:

@@ -71,14 +71,6 @@ class RunJournal(JournalWriter):
             raise LogError(f"{self.error}; what was written can be rescued: aerodima log recover {self.journal}")
         return super().close()
 
-    def abandon(self) -> Path:
-        """Writes what waits and leaves the journal."""
-        self._finish()
-        if self.error:
-            self._give_up()
-            return self.journal
-        return super().abandon()
-
     def discard(self) -> None:
         """Ends a log of a drive that did not begin: nothing is left of it."""
         self._finish()

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import os
 import pty
-import random
 import time
 import tty
 from collections.abc import Callable, Sequence
@@ -185,35 +184,26 @@ class EmulatedMotor:
 
     def _reply(self) -> CanFrame:
         board = self._board
-        fault = board.entry(Fault.MOTOR_FAULT, self.joint)
-        hot = board.entry(Fault.OVER_TEMPERATURE, self.joint)
-        if board.entry(Fault.BLOCKED, self.joint):
-            return self._blocked_reply()
-        self._blocked_at = self._angle
-        angle = self._angle
+        angle, speed, torque = self._angle, self._speed, self._torque
+        if board.entry(Fault.BLOCKED, self.joint):  # all of the torque works against what holds it where it was
+            angle, speed, held = self._blocked_at, 0.0, self._command if self.entered else NEUTRAL
+            torque = held.kp * (held.position - angle) + held.kd * held.velocity + held.torque
+        else:
+            self._blocked_at = angle
         if board.entry(Fault.ENCODER_JUMP, self.joint):
             angle += ENCODER_JUMP
-        drift = board.entry(Fault.OUT_OF_RANGE, self.joint)
-        if drift:
+        if drift := board.entry(Fault.OUT_OF_RANGE, self.joint):
             angle += DRIFT_RATE * (board.time - drift.time)
-        return make_reply(
-            MitReply(
-                self.motor_id,
-                math.remainder(angle, 2.0 * _PROFILE.position),
-                min(max(self._speed, -_PROFILE.speed), _PROFILE.speed),
-                min(max(self._torque, -_PROFILE.torque), _PROFILE.torque),
-                HOT if hot else WARM,
-                fault.code if fault else 0,
-            ),
-            _PROFILE,
+        fault = board.entry(Fault.MOTOR_FAULT, self.joint)
+        reply = MitReply(
+            self.motor_id,
+            math.remainder(angle, 2.0 * _PROFILE.position),
+            min(max(speed, -_PROFILE.speed), _PROFILE.speed),
+            min(max(torque, -_PROFILE.torque), _PROFILE.torque),
+            HOT if board.entry(Fault.OVER_TEMPERATURE, self.joint) else WARM,
+            fault.code if fault else 0,
         )
-
-    def _blocked_reply(self) -> CanFrame:
-        """Of a joint that is held where it was when the fault came: all of the torque works against what holds it."""
-        command = self._command if self.entered else NEUTRAL
-        torque = command.kp * (command.position - self._blocked_at) + command.kd * command.velocity + command.torque
-        torque = min(max(torque, -_PROFILE.torque), _PROFILE.torque)
-        return make_reply(MitReply(self.motor_id, self._blocked_at, 0.0, torque, WARM, 0), _PROFILE)
+        return make_reply(reply, _PROFILE)
 
     def _answers(self) -> list[CanFrame]:
         frame, board, joint = self._reply(), self._board, self.joint
@@ -245,9 +235,8 @@ class SlcanAdapter:
     Frames pass only while the channel is open; a refused line is answered by the bell.
     """
 
-    def __init__(self, bus: EmulatedBus, board: FaultBoard, seed: int = 0) -> None:
+    def __init__(self, bus: EmulatedBus, board: FaultBoard) -> None:
         self._bus, self._board = bus, board
-        self._random = random.Random(seed)
         self._line = b""
         self._open = False
         self._heard = b""
@@ -260,7 +249,7 @@ class SlcanAdapter:
     def take(self) -> bytes:
         """What other nodes have sent since the last call, for the computer."""
         heard, self._heard = self._heard, b""
-        return b"" if self._board.meets(Fault.SILENT, "can") else heard
+        return self._board.through("can", heard)
 
     def feed(self, data: bytes) -> bytes:
         """What the adapter sends back for these bytes."""
@@ -288,11 +277,7 @@ class SlcanAdapter:
         if frame is None or not self._open or self._bus.off:
             return _ERROR
         answers = b"".join(write_frame(answer) for answer in self._bus.carry(frame))
-        if self._board.meets(Fault.SILENT, "can"):
-            return b""
-        if self._board.meets(Fault.SERIAL_NOISE, "can"):
-            return self._random.randbytes(8) + answers[3:]
-        return answers
+        return self._board.through("can", answers)
 
 
 def read_frame(line: bytes) -> CanFrame | None:

@@ -6,7 +6,6 @@ The Teensy is the firmware's own core between a serial port, the bus, the pins a
 from __future__ import annotations
 
 import math
-import random
 import time
 from collections.abc import Sequence
 
@@ -16,7 +15,7 @@ from aerodima.hardware.car.mounting import Mounting
 from aerodima.hardware.devices.bno055 import Bno055Chip
 from aerodima.hardware.devices.ublox import GpsSample, make_nav_pvt
 from aerodima.hardware.emulator.emulated_bus import EmulatedBus
-from aerodima.hardware.emulator.fault_script import Device, EventLog, Fault, FaultBoard, OperatorEntry
+from aerodima.hardware.emulator.fault_script import EventLog, Fault, FaultBoard, OperatorEntry
 from aerodima.hardware.firmware.teensy_firmware import CoreState, FirmwareSettings, TeensyCore
 from aerodima.hardware.protocol import radio
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
@@ -54,7 +53,6 @@ class EmulatedTeensy:
         self._settings, self._bus, self._board, self._events = settings, bus, board, events
         self._core = TeensyCore(settings, now)
         self._hung_since: float | None = None
-        self._random = random.Random(0)
         self._last = CoreState(0, 0, TeensyStatus.WATCHDOG_ACTED, 0)
         self.turn(now)
 
@@ -93,12 +91,7 @@ class EmulatedTeensy:
                 self._core.receive(answer)
         self._core.step(now)  # a reply that waited for the motors goes out at once
         self._note()
-        reply = self._core.reply()
-        if self._board.meets(Fault.SILENT, "teensy"):
-            return b""
-        if reply and self._board.meets(Fault.SERIAL_NOISE, "teensy"):
-            return self._random.randbytes(12) + reply[7:]
-        return reply
+        return self._board.through("teensy", self._core.reply())
 
     def _hear(self, frame: CanFrame) -> None:
         runs = self._hung_since is None or math.isinf(self._hung_since)
@@ -139,26 +132,11 @@ _FOREIGN = CAR + 1
 """From whom the reports come while the fault `foreign_module` is on."""
 
 
-class _Line:
-    """What faults leave of a device's bytes."""
-
-    def __init__(self, device: Device, board: FaultBoard) -> None:
-        self._device, self._board = device, board
-        self._random = random.Random(0)
-
-    def through(self, data: bytes) -> bytes:
-        if self._board.meets(Fault.SILENT, self._device):
-            return b""
-        if data and self._board.meets(Fault.SERIAL_NOISE, self._device):
-            return self._random.randbytes(9) + data[4:]
-        return data
-
-
 class EmulatedImu:
     """A BNO055 on its UART."""
 
     def __init__(self, mounting: Mounting, board: FaultBoard) -> None:
-        self._mounting, self._line, self._chip = mounting, _Line("imu", board), Bno055Chip()
+        self._mounting, self._chip = mounting, Bno055Chip()
         self._board, self._sampled = board, False
 
     def set_reading(self, reading: np.ndarray) -> None:
@@ -172,14 +150,14 @@ class EmulatedImu:
 
     def feed(self, data: bytes) -> bytes:
         """Answers to requests."""
-        return self._line.through(self._chip.feed(data))
+        return self._board.through("imu", self._chip.feed(data))
 
 
 class EmulatedGps:
     """A u-blox receiver that sends NAV-PVT at its own rate."""
 
     def __init__(self, rate: float, board: FaultBoard) -> None:
-        self._period, self._next, self._line = 1.0 / rate, 0.0, _Line("gps", board)
+        self._period, self._next = 1.0 / rate, 0.0
         self._board = board
 
     def turn(self, speed: float, now: float) -> bytes:
@@ -190,7 +168,7 @@ class EmulatedGps:
         if self._board.entry(Fault.OVER_SPEED):
             speed = _TOO_FAST
         sample = GpsSample(max(0.0, speed), True, time.time() % _DAY)
-        return self._line.through(make_nav_pvt(sample, tow=now))
+        return self._board.through("gps", make_nav_pvt(sample, tow=now))
 
 
 class EmulatedOperator:
@@ -202,7 +180,7 @@ class EmulatedOperator:
 
     def __init__(self, entries: Sequence[OperatorEntry], board: FaultBoard) -> None:
         self._entries = sorted(entries, key=lambda entry: entry.time)
-        self._next, self._line = 0.0, _Line("radio", board)
+        self._next = 0.0
         self._board = board
         self._counter = self._stops = 0
         self._of_car = ApiStream()
@@ -234,14 +212,16 @@ class EmulatedOperator:
                 frames.append(radio.make_emergency_stop())
         else:
             frames.append(radio.make_command(passed[-1].command(self.asked)))
-        return self._line.through(b"".join(make_received(ReceivedPacket(OPERATOR, frame)) for frame in frames))
+        return self._board.through(
+            "radio", b"".join(make_received(ReceivedPacket(OPERATOR, frame)) for frame in frames)
+        )
 
 
 class EmulatedAir:
     """Two XBee modules and the air between them: what one computer hands to its module, the other module hands out."""
 
     def __init__(self, board: FaultBoard) -> None:
-        self._board, self._line = board, _Line("radio", board)
+        self._board = board
         self._of_operator, self._of_car = ApiStream(), ApiStream()
 
     def to_car(self, data: bytes) -> bytes:
@@ -255,4 +235,6 @@ class EmulatedAir:
 
     def _carry(self, stream: ApiStream, data: bytes, sender: int, receiver: int) -> bytes:
         packets = [packet for packet in stream.feed_transmits(data) if packet.receiver in (receiver, BROADCAST)]
-        return self._line.through(b"".join(make_received(ReceivedPacket(sender, packet.data)) for packet in packets))
+        return self._board.through(
+            "radio", b"".join(make_received(ReceivedPacket(sender, packet.data)) for packet in packets)
+        )

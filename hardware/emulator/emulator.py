@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydrake.geometry import Meshcat
 
 from aerodima.hardware.car.car_ports import (
     EVENTS_FILE,
@@ -50,13 +51,13 @@ from aerodima.hardware.emulator.fault_script import (
     Fault,
     FaultBoard,
     Script,
-    no_faults,
 )
 from aerodima.hardware.firmware.teensy_firmware import firmware_settings
 from aerodima.hardware.transport.can_adapter import TrafficLog
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.realtime import EMULATOR_PRIORITY, prefer_latency, prefer_realtime
+from aerodima.workbench.replay.viewer import open_meshcat
 
 _TURN = 0.001
 """The firmware's loop and the script are looked at that often at least, s."""
@@ -85,7 +86,7 @@ class EmulatorSettings:
     scenario: Scenario
     wiring: WiringName
     folder: Path
-    script: Script = field(default_factory=no_faults)
+    script: Script = field(default_factory=lambda: Script.model_validate({}))
     duration: float | None = None
     console: bool = False
     view: bool = False
@@ -111,7 +112,7 @@ class Emulator:
         self.latest = self._lag = 0.0
         self._make_devices()
         truth, facts = self._folder / TRUTH_FILE, {"emulated": settings.wiring}
-        self._view = _open_view() if settings.view else None
+        self._view: Meshcat | None = open_meshcat() if settings.view else None
         self._car = EmulatedCar(settings.scenario, truth, _TRUTH_RATE, facts, self._view)
         self._sample_due = 0.0
         self._tipped, self._tipping_angle = False, load_drive_safety().attitude_limit
@@ -315,12 +316,6 @@ def _serial_ports(plugs: Path) -> dict[str, Any]:
     """The ports file of the emulated car, but for what some have only."""
     motors: dict[str, Any] = {joint: {"motor_id": number} for number, joint in enumerate(JOINTS, start=1)}
     return {"schema": SCHEMA, **{name: {"path": str(plugs / name)} for name in SERIAL_DEVICES}, **motors}
-
-
-def _open_view() -> Any:
-    from aerodima.workbench.replay.viewer import open_meshcat
-
-    return open_meshcat()
 
 
 def _claim(folder: Path) -> None:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import json
 import math
+import random
 import time
 from enum import StrEnum
 from pathlib import Path
@@ -132,11 +133,6 @@ class Script(StrictModel):
     operator: tuple[OperatorEntry, ...] = (OperatorEntry(time=0.0),)
 
 
-def no_faults() -> Script:
-    """The script without a fault."""
-    return Script.model_validate({})
-
-
 def read_script(path: Path) -> Script:
     """Reads a script. Raises `ScenarioError` or `HardwareError` that names file, key, value and what is allowed."""
     return checked(Script, read_yaml(path), str(path), HardwareError, schema=SCHEMA)
@@ -155,6 +151,7 @@ class FaultBoard:
         self._begin: float | None = None
         self._met = dict.fromkeys(range(len(script.faults)), 0)
         self._on: set[int] = set()
+        self._random = random.Random(0)
         self.time = -math.inf
 
     def begin(self, clock: Clock, now: float) -> None:
@@ -180,23 +177,32 @@ class FaultBoard:
 
     def entry(self, fault: Fault, part: str | None = None) -> FaultEntry | None:
         """The entry of a fault that is on; None while it is not."""
-        for index in self._on:
-            entry = self._script.faults[index]
-            if entry.fault is fault and entry.part == part:
-                return entry
-        return None
+        index = self._index(fault, part)
+        return None if index is None else self._script.faults[index]
 
     def meets(self, fault: Fault, part: str | None = None) -> bool:
         """Whether a fault is on; counts as one of its times."""
-        for index in self._on:
-            entry = self._script.faults[index]
-            if entry.fault is fault and entry.part == part:
-                self._met[index] += 1
-                if entry.count is not None and self._met[index] >= entry.count:
-                    self._on.remove(index)
-                    self._note("fault_off", entry)
-                return True
-        return False
+        index = self._index(fault, part)
+        if index is None:
+            return False
+        entry = self._script.faults[index]
+        self._met[index] += 1
+        if self._met[index] == entry.count:
+            self._on.remove(index)
+            self._note("fault_off", entry)
+        return True
+
+    def _index(self, fault: Fault, part: str | None) -> int | None:
+        faults = self._script.faults
+        return next((index for index in self._on if (faults[index].fault, faults[index].part) == (fault, part)), None)
+
+    def through(self, device: Device, data: bytes) -> bytes:
+        """What silence and noise leave of the bytes that a device sends."""
+        if self.meets(Fault.SILENT, device):
+            return b""
+        if data and self.meets(Fault.SERIAL_NOISE, device):
+            return self._random.randbytes(9) + data[4:]
+        return data
 
     def _note(self, event: str, entry: FaultEntry) -> None:
         self._events.add(event, fault=entry.fault.value, part=entry.part, script_time_s=entry.time)

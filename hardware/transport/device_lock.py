@@ -40,24 +40,8 @@ def can_address(settings: CanSettings) -> str:
     return f"{settings.interface}:{place}{settings.channel}"
 
 
-class DeviceLock:
-    """Locks of some devices, held by this process until `close` or its death; `lock_devices` takes them."""
-
-    def __init__(self, files: list[int]) -> None:
-        self._files = files
-
-    def close(self) -> None:
-        """Gives the devices back. May be called twice, never raises."""
-        for file in self._files:
-            with contextlib.suppress(OSError):
-                os.ftruncate(file, 0)
-            with contextlib.suppress(OSError):
-                os.close(file)
-        self._files = []
-
-
-def lock_devices(devices: Iterable[str], holder: str) -> DeviceLock:
-    """Takes the locks of devices, all or none.
+def lock_devices(devices: Iterable[str], holder: str) -> contextlib.ExitStack:
+    """Takes the locks of devices, all or none; they are held until the stack is closed or this process dies.
 
     Args:
         devices: paths and addresses, as the ports file names them.
@@ -68,20 +52,19 @@ def lock_devices(devices: Iterable[str], holder: str) -> DeviceLock:
     """
     note = json.dumps({"holder": holder, "pid": os.getpid(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}).encode()
     named = {name: device for device in devices for name in _names(device)}
-    files: list[int] = []
     try:
-        for name in sorted(named):
-            files.append(_take(_lock_file(name), named[name]))
-        for file in files:
-            os.ftruncate(file, 0)
-            os.pwrite(file, note, 0)
-    except (OSError, HardwareError) as error:
-        for file in files:
-            os.close(file)
-        if isinstance(error, HardwareError):
-            raise
+        with contextlib.ExitStack() as locks:
+            files = []
+            for name in sorted(named):
+                files.append(_take(_lock_file(name), named[name]))
+                locks.callback(os.close, files[-1])
+            for file in files:
+                os.ftruncate(file, 0)
+                os.pwrite(file, note, 0)
+                locks.callback(os.ftruncate, file, 0)
+            return locks.pop_all()
+    except OSError as error:
         raise HardwareError(f"the locks of {', '.join(named.values())} cannot be taken: {error.strerror}") from None
-    return DeviceLock(files)
 
 
 def _names(device: str) -> set[str]:

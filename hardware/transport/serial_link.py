@@ -100,12 +100,6 @@ class SerialLink:
         return cls(lambda: open_serial(settings))
 
     @property
-    def healthy(self) -> bool:
-        """Whether the device is open and both threads live."""
-        threads = all(thread.is_alive() for thread in self._threads)
-        return self.connected and threads and time.monotonic() - self._alive < _THREAD_SILENT
-
-    @property
     def fault(self) -> str:
         """Why bytes do not go through now, in words; empty while they do."""
         dead = next((thread.name for thread in self._threads if not thread.is_alive()), "")

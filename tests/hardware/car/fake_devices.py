@@ -86,7 +86,7 @@ class FakeRadio(RadioLink):
 
     def __init__(self):
         self.car = None
-        super().__init__(SimpleNamespace(healthy=True, error=""), load_drive_safety().operator_silence)
+        super().__init__(SimpleNamespace(fault=""), load_drive_safety().operator_silence)
         self.command, self.silence = OperatorCommand(RadioMode.AUTO), 0.05
         self.reports = []
 

@@ -10,7 +10,6 @@ from aerodima.hardware.emulator.fault_script import (
     Fault,
     FaultBoard,
     Script,
-    no_faults,
     read_events,
     read_script,
 )
@@ -49,7 +48,7 @@ def test_a_script_is_read(tmp_path):
     assert (read.clock, read.faults[0].fault, read.faults[0].duration) == ("start", Fault.REPLY_LOST, 0.1)
     command = read.operator[0].command(asked=False)
     assert (command.mode, command.throttle) == (RadioMode.MANUAL, 0.2)
-    usual = no_faults().operator[0]
+    usual = Script.model_validate({}).operator[0]
     assert (usual.command(asked=False).mode, usual.command(asked=True).mode) == (RadioMode.IDLE, RadioMode.AUTO)
 
 
