@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import Literal
 
 import numpy as np
-from pydantic import field_validator
 
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.teensy_link import pulse
@@ -24,29 +24,21 @@ AXES = {
     f"{sign}{axis}": factor * np.eye(3)["xyz".index(axis)] for axis in "xyz" for sign, factor in (("+", 1), ("-", -1))
 }
 _TURN = 2.0 * math.pi
+Sign = Literal[1, -1]
 
 
 class Mounting(QuantityModel):
     """Directions (+1 or -1) and zeros of what is bolted to the car."""
 
-    tail_pitch_direction: int = quantity("1", "sign of the pitch motor's angle", ge=-1, le=1)
-    tail_roll_direction: int = quantity("1", "sign of the roll motor's angle", ge=-1, le=1)
-    sail_direction: int = quantity("1", "sign of the sail encoder", ge=-1, le=1)
+    tail_pitch_direction: Sign = quantity("1", "sign of the pitch motor's angle")
+    tail_roll_direction: Sign = quantity("1", "sign of the roll motor's angle")
+    sail_direction: Sign = quantity("1", "sign of the sail encoder")
     sail_zero: float = quantity("rad", "encoder angle at sail angle 0", ge=-7, le=7)
-    steering_direction: int = quantity("1", "+1: a longer pulse steers to the left", ge=-1, le=1)
+    steering_direction: Sign = quantity("1", "+1: a longer pulse steers to the left")
     steering_range: float = quantity("rad", "steering angle at the least and most pulse", gt=0, le=1.2)
-    throttle_direction: int = quantity("1", "+1: a longer pulse drives forward", ge=-1, le=1)
+    throttle_direction: Sign = quantity("1", "+1: a longer pulse drives forward")
     imu_x: str = quantity("1", "chip axis along B's x, such as +x or -y")
     imu_y: str = quantity("1", "chip axis along B's y")
-
-    @field_validator(
-        "tail_pitch_direction", "tail_roll_direction", "sail_direction", "steering_direction", "throttle_direction"
-    )
-    @classmethod
-    def _is_a_sign(cls, value: int) -> int:
-        if value not in (1, -1):
-            raise ValueError(f"{value}; allowed is 1 or -1")
-        return value
 
     @property
     def chip_to_body(self) -> np.ndarray:

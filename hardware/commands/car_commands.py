@@ -15,12 +15,8 @@ import typer
 from aerodima.workbench.cli.options import Force, Law, LogOut, OtherCar, ScenarioArgument, Settings, SwingOption
 
 if TYPE_CHECKING:
-    import socket
-
     from aerodima.hardware.car.car_ports import CarPorts, ConsoleDevice
     from aerodima.hardware.car.wiring import WiringName
-    from aerodima.hardware.console.console import ConsoleRecord
-    from aerodima.hardware.console.emulated_car import EmulatedCarProcess
     from aerodima.workbench.config.scenario import Scenario
 
 
@@ -59,14 +55,19 @@ def console(
         raise HardwareError(f"console: {missing[0]} is missing: pip install 'aerodima-workbench[console,hardware]'")
     from aerodima.hardware.car.car_ports import ConsoleDevice
     from aerodima.hardware.car.wiring import wiring_name
-    from aerodima.hardware.console.console import ConsoleRecord
-    from aerodima.hardware.console.console_server import open_socket
+    from aerodima.hardware.console.console import Console, ConsoleRecord, Limits
+    from aerodima.hardware.console.console_server import open_socket, run_server
     from aerodima.hardware.console.emulated_car import EmulatedCarProcess
+    from aerodima.hardware.console.operator_radio import OperatorRadio
+    from aerodima.hardware.console.page_access import Access
+    from aerodima.hardware.transport.device_lock import lock_devices
+    from aerodima.hardware.transport.serial_link import SerialLink
     from aerodima.workbench.config.scenario import load_scenario
 
     chosen = wiring_name(wiring)
     words = settings or []
     scenario = load_scenario(emulate or "auto_turn", words)
+    limits = Limits(scenario.servo.limit, scenario.tail.pitch_limit, scenario.tail.roll_limit)
     listener, recording, car = open_socket(port), ConsoleRecord(record or _next_record()), None
     if emulate is not None:
         car = EmulatedCarProcess(emulate, words, scenario.tail.mode != "none", chosen, out, view)
@@ -77,7 +78,11 @@ def console(
                 car.start(typer.echo)
                 ports = car.ports
             device, number = _device(ports) if ports else (ConsoleDevice.model_validate({"path": radio}), 0)
-            _serve(listener, device, recording, car, scenario, number)
+            with lock_devices([device.path], "a console"), closing(SerialLink.open(device)) as link:
+                served = Console(OperatorRadio(link, device.receiver, number), recording, limits, car)
+                access = Access(listener.getsockname()[1])
+                typer.echo(f"open once: {access.url}")
+                run_server(listener, served, access, typer.echo)
         finally:
             if car is not None:
                 car.close()
@@ -98,29 +103,6 @@ def _device(ports: Path) -> tuple[ConsoleDevice, int]:
     if read.console is None:
         raise HardwareError(f"{ports}: console: missing; an emulator writes it with `aerodima emulate --console`")
     return read.console, read.car
-
-
-def _serve(
-    listener: socket.socket,
-    device: ConsoleDevice,
-    recording: ConsoleRecord,
-    car: EmulatedCarProcess | None,
-    scenario: Scenario,
-    number: int,
-) -> None:
-    from aerodima.hardware.console.console import Console, Limits
-    from aerodima.hardware.console.console_server import run_server
-    from aerodima.hardware.console.operator_radio import OperatorRadio
-    from aerodima.hardware.console.page_access import Access
-    from aerodima.hardware.transport.device_lock import lock_devices
-    from aerodima.hardware.transport.serial_link import SerialLink
-
-    limits = Limits(scenario.servo.limit, scenario.tail.pitch_limit, scenario.tail.roll_limit)
-    with lock_devices([device.path], "a console"), closing(SerialLink.open(device)) as link:
-        served = Console(OperatorRadio(link, device.receiver, number), recording, limits, car)
-        access = Access(listener.getsockname()[1])
-        typer.echo(f"open once: {access.url}")
-        run_server(listener, served, access, typer.echo)
 
 
 def emulate(

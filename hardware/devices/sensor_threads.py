@@ -165,17 +165,12 @@ _MOST_MISSED = 20
 
 
 class Bno055Session(Session[Bno055Sample]):
-    """Requests one sample per period; asks once a second what the chip says of itself.
-
-    Attributes: missed: requests without a usable answer. last_error: of the last of them.
-    """
+    """Requests one sample per period; asks once a second what the chip says of itself."""
 
     def __init__(self) -> None:
         self._stream = AnswerStream()
         self._next = self._due = 0.0
         self._requests = self._missed_in_a_row = 0
-        self.missed = 0
-        self.last_error = ""
 
     def begin(self, port: Serial) -> None:
         """Checks the chip and switches its fusion on. Raises `HardwareError` if it is no BNO055 that answers."""
@@ -228,9 +223,7 @@ class Bno055Session(Session[Bno055Sample]):
             self.fault_text = f"the IMU reports system error {data[1]}" if data[0] == 1 else ""
 
     def _miss(self, reason: str) -> None:
-        self.missed += 1
         self._missed_in_a_row += 1
-        self.last_error = reason
         if self._missed_in_a_row >= _MOST_MISSED:
             raise HardwareError(f"{self._missed_in_a_row} requests in a row without a sample: {reason}")
 

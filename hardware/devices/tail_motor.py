@@ -121,12 +121,12 @@ class Motor:
             self._command_time = now
         try:
             check_command(command)
-            limited = self._limited(self._towards(command, now), now)
+            self._ramp = self._ramped(command, now)
+            limited = self._limited(command if self._ramp is None else replace(command, position=self._ramp), now)
             frame = self._frame(limited)
         except HardwareError as error:
             self.set_fault(MotorFault.BAD_COMMAND, str(error), now)
             return False
-        self._ramp = self._ramped(command, now)
         self._command_time = now
         self._asked = limited
         self._send(frame)
@@ -183,11 +183,6 @@ class Motor:
 
     def _hold_command(self) -> MitCommand:
         return MitCommand(self._hold_position, 0.0, self.settings.hold_kp, self.settings.hold_kd, 0.0)
-
-    def _towards(self, command: MitCommand, now: float) -> MitCommand:
-        """The command with the place where the ramp towards it is, while there is one."""
-        ramp = self._ramped(command, now)
-        return command if ramp is None else replace(command, position=ramp)
 
     def _limited(self, command: MitCommand, now: float) -> MitCommand:
         share = min(1.0, max(0.0, now - self._gain_time) / self.settings.safety.gain_ramp)

@@ -144,11 +144,6 @@ class TeensyLink:
         self.fault = SourceFault.NO_SAMPLE_YET
         self.fault_text = "the Teensy has not answered yet"
 
-    @property
-    def rejected(self) -> int:
-        """Strings that were damaged."""
-        return self._stream.rejected
-
     def age(self, now: float) -> float:
         """Seconds since the last valid reply string; infinite before the first."""
         return math.inf if self._reply_time is None else now - self._reply_time

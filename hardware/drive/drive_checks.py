@@ -77,15 +77,9 @@ def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafe
         fault, age = status[f"{source}_fault"], status[f"{source}_age"]
         text = f"answers, {age * 1000:.0f} ms old" if fault == 0.0 else reading.fault_text or f"fault {fault:g}"
         checks.append(Check(source, fault == 0.0 or (None if source == "speed" else False), text))
-    checks.append(
-        Check(
-            "battery",
-            None,
-            f"replies of the MIT mode carry no voltage; measure {safety.least_voltage:g} to {safety.most_voltage:g} V, "
-            f"fuse {safety.fuse:g} A",
-        )
-    )
-    return [*checks, _gps_clock(gps_time)]
+    pack = f"measure {safety.least_voltage:g} to {safety.most_voltage:g} V, fuse {safety.fuse:g} A"
+    battery = Check("battery", None, f"replies of the MIT mode carry no voltage; {pack}")
+    return [*checks, battery, _gps_clock(gps_time)]
 
 
 _WATCHES = {
@@ -144,18 +138,16 @@ def _sleep() -> Check:
 
 
 def _calendar() -> Check:
-    year = time.gmtime().tm_year
-    return Check(
-        "calendar", True if year >= _FIRST_YEAR else None, time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime())
-    )
+    now = time.gmtime()
+    return Check("calendar", now.tm_year >= _FIRST_YEAR or None, time.strftime("%Y-%m-%d %H:%M:%S UTC", now))
 
 
 def _gps_clock(gps_time: float | None) -> Check:
     if gps_time is None:
         return Check("GPS clock", None, "the receiver does not know the time yet")
     difference = (time.time() - gps_time + 43_200) % 86_400 - 43_200
-    close = abs(difference) <= _CLOCK_DIFFERENCE
-    return Check("GPS clock", True if close else None, f"this computer is {difference:+.1f} s off the receiver's time")
+    close = abs(difference) <= _CLOCK_DIFFERENCE or None
+    return Check("GPS clock", close, f"this computer is {difference:+.1f} s off the receiver's time")
 
 
 def _zeros(reading: CarReading, scenario: Scenario, safety: DriveSafety) -> list[Check]:

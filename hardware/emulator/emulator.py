@@ -54,6 +54,7 @@ from aerodima.hardware.emulator.fault_script import (
 )
 from aerodima.hardware.firmware.teensy_firmware import firmware_settings
 from aerodima.hardware.transport.can_adapter import TrafficLog
+from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.realtime import EMULATOR_PRIORITY, prefer_latency, prefer_realtime
@@ -330,6 +331,4 @@ def _claim(folder: Path) -> None:
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
     """Whole or not at all: others wait for the file."""
-    temporary = path.with_name(f".{path.name}.new")
-    temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    os.replace(temporary, path)
+    write_atomically(path, json.dumps(content, indent=1) + "\n", False, HardwareError)

@@ -62,10 +62,6 @@ def open_bus(settings: CanSettings) -> can.BusABC:
         _reach(settings)
     elif settings.interface not in ("socketcan", "virtual"):
         arguments.setdefault("bitrate", settings.bitrate)
-    return _open(settings, arguments)
-
-
-def _open(settings: CanSettings, arguments: dict[str, Any]) -> can.BusABC:
     try:
         return can.Bus(**arguments)
     except can.CanInterfaceNotImplementedError as error:

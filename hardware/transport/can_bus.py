@@ -170,7 +170,7 @@ class CanBus:
     Attributes:
         fault: first reason not to trust the bus; stays.
         fault_text: the same in words, with what the driver said.
-        sent, received, echoes, foreign, garbage, superseded: counters since the start.
+        sent, received, echoes, foreign, garbage: counters since the start.
     """
 
     def __init__(
@@ -216,11 +216,6 @@ class CanBus:
             if log is not None:
                 log.close()
             raise
-
-    @property
-    def superseded(self) -> int:
-        """Commands that were never sent since a newer one for the same motor came, or since they had grown old."""
-        return self._outbox.superseded
 
     @property
     def log_error(self) -> str:

@@ -2,6 +2,7 @@
 
 import os
 import pty
+import re
 import threading
 import time
 import tty
@@ -65,8 +66,8 @@ class FakeTeensy:
                 continue
             except OSError:
                 return
-            for byte in data:
-                found, command = stream.feed(bytes([byte]))
+            for part in re.split(rb"(?<=\|)", data):  # at most one command ends with a part
+                found, command = stream.feed(part)
                 if found:
                     self._obey(command)
 

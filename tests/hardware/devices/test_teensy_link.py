@@ -179,7 +179,7 @@ def test_noise_between_the_strings_does_not_matter(car):
         car.teensy.write(b"\xff;;7|")
         car.turn(2, hold(0.0))
     assert car.group.ready, car.group.fault_text
-    assert car.link.rejected > 10
+    assert car.link._stream.rejected > 10
 
 
 def test_cable_pulled_and_put_back_reconnects_and_re_arms_nothing(car):

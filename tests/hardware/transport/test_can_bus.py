@@ -131,7 +131,7 @@ def test_full_buffer_is_retried_and_the_newest_command_wins(bus, adapter):
     adapter.send_error = None
     assert bus.flush()
     assert [bytes(message.data) for message in adapter.outgoing] == [LATER.data]
-    assert bus.superseded == 1
+    assert bus._outbox.superseded == 1
     assert bus.fault is BusFault.NONE
 
 
