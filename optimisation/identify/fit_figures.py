@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult, parameter_names, short_name
+from aerodima.optimisation.identify.fit_pipeline import FitResult, short_name
 from aerodima.workbench.figures.figure_style import BLUE, GREY, SKY, VERMILION, new_figure, styled
 
 _MOST_CURVES = 12
@@ -29,10 +29,9 @@ def figures_of(results: Sequence[FitResult]) -> dict[str, Figure]:
 def plot_estimates(results: Sequence[FitResult]) -> Figure:
     """Every free parameter over the fits, with its interval; what is not determined is left out."""
     free = {e.name: e.unit for result in results for e in result.free if not e.name.startswith("start_")}
-    names = [name for name in parameter_names(results) if name in free]
-    figure, grid = new_figure(10.0, 1.9 * len(names) + 1.2, len(names), sharex=True)
+    figure, grid = new_figure(10.0, 1.9 * len(free) + 1.2, len(free), sharex=True)
     axes = grid[:, 0]
-    for ax, name in zip(axes, names, strict=True):
+    for ax, name in zip(axes, free, strict=True):
         found = [(i, e) for i, result in enumerate(results) for e in result.free if e.name == name and e.identifiable]
         if found:
             values = np.array([e.value for _, e in found])

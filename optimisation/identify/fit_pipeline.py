@@ -30,8 +30,7 @@ from aerodima.optimisation.identify.least_squares import (
     solve_huber,
 )
 from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
-from aerodima.optimisation.identify.residual_noise import Noise
-from aerodima.optimisation.identify.uncertainty import Uncertainty, uncertainty
+from aerodima.optimisation.identify.uncertainty import Noise, Uncertainty, uncertainty
 
 
 @dataclass(frozen=True)
@@ -144,22 +143,6 @@ def short_name(fit: str) -> str:
     return path.stem if path.suffix in (".parquet", ".csv") else path.name
 
 
-def parameter_names(results: Sequence[FitResult]) -> list[str]:
-    """Names of all parameters of some fits in order; those that end in a number (`cn_at_10`) in the order of it."""
-    names = list(dict.fromkeys(e.name for result in results for e in result.estimates))
-    families: dict[str, int] = {}
-
-    def place(name: str) -> tuple[int, float]:
-        family, _, number = name.rpartition("_")
-        try:
-            value = float(number)
-        except ValueError:
-            family, value = name, 0.0
-        return families.setdefault(family, len(families)), value
-
-    return sorted(names, key=place)
-
-
 def unit_suffix(unit: str) -> str:
     """A unit as the end of a column name: `N m s/rad` becomes `n_m_s_per_rad`, `A` becomes `a`."""
     return unit.lower().replace("/", "_per_").replace(" ", "_").replace("^", "")
@@ -177,6 +160,24 @@ _LEAST_SHARE = 1e-3
 NoiseModel = Callable[[Solution], Noise]
 
 
+@dataclass(frozen=True)
+class UncertainRig:
+    """The constants of a rig as unknowns of a fit.
+
+    Attributes:
+        constants: with their deviation; those with an infinite one are free and become parameters of the result.
+        problem: of the data's residual in some parameters, the constants among them.
+        noise: of the data's residual, from a solution in all parameters.
+        least_noise: what it would be if the model were right: with it the constants are first let go, since an error of
+            theirs must not be taken for noise.
+    """
+
+    constants: Sequence[Parameter]
+    problem: Callable[[Parameters], Problem]
+    noise: NoiseModel
+    least_noise: NoiseModel
+
+
 def fit(
     problem: Problem,
     method: Solver,
@@ -187,26 +188,34 @@ def fit(
     facts: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
     loss: Loss = "squares",
+    rig: UncertainRig | None = None,
 ) -> FitResult:
     """Solves a problem from all starts and says how sure the answer is.
 
     Args:
+        problem: with the constants of the rig at their seeds.
         noise: makes the noise of the residual from the solution, see `uncertainty`.
         channels: per channel where it stands in the residual and the weight that its residual was divided by.
         warnings: of the data, kept before those of the fit.
         loss: `huber` goes on from the least-squares solution with Huber's loss
-        (`aerodima.optimisation.identify.least_squares`).
+            (`aerodima.optimisation.identify.least_squares`).
+        rig: goes on from there with its constants, if there are any, as unknowns too.
 
     Raises:
         FitError: no start could be solved.
     """
+    channels = channels or {}
     solution = solve(problem, method, starts)
     if loss == "squares":
-        return result_of(solution, uncertainty(solution, noise(solution)), channels or {}, facts or {}, warnings)
-    robust = solve_huber(problem, method, solution)
-    sure = uncertainty(robust.influence, noise(robust.influence))
-    told = {**(facts or {}), "loss": loss, "outliers": robust.beyond}
-    return result_of(robust.solution, sure, channels or {}, told, warnings)
+        result = result_of(solution, uncertainty(solution, noise(solution)), channels, facts or {}, warnings)
+    else:
+        robust = solve_huber(problem, method, solution)
+        sure = uncertainty(robust.influence, noise(robust.influence))
+        told = {**(facts or {}), "loss": loss, "outliers": robust.beyond}
+        result = result_of(robust.solution, sure, channels, told, warnings)
+    if rig is None or not rig.constants:
+        return result
+    return _with_constants(result, problem.parameters.all, rig, channels, warnings, loss)
 
 
 def result_of(
@@ -280,58 +289,38 @@ def _warnings(
     return found
 
 
-def fit_with_constants(
-    make: Callable[[Parameters], Problem],
-    parameters: Sequence[Parameter],
-    constants: Sequence[Parameter],
+def _with_constants(
     first: FitResult,
-    noise: NoiseModel,
-    *,
-    least_noise: NoiseModel | None = None,
+    parameters: Sequence[Parameter],
+    rig: UncertainRig,
     channels: Mapping[str, tuple[slice, float]],
-    warnings: Sequence[str] = (),
-    loss: Loss = "squares",
+    warnings: Sequence[str],
+    loss: Loss,
 ) -> FitResult:
-    """Goes on from a fit with exact constants.
-
-    Args:
-        make: the problem of the data's residual in some parameters, the constants among them.
-        parameters: of the fit.
-        constants: with their deviation; those with an infinite one are free and become parameters of the result.
-        first: result of the fit with the constants at their seeds.
-        noise: of the data's residual, from a solution in all parameters.
-        least_noise: what it would be if the model were right: with it the constants are first let go, since an error of
-            theirs must not be taken for noise. That of `noise` by default.
-        channels, warnings: see `fit`.
-        loss: `huber` bends the whitened residual beyond 1.345.
-
-    Raises:
-        FitError: no finite residual on the way.
-    """
+    """Goes on from a fit with exact constants; `huber` bends the whitened residual beyond 1.345."""
     start = {e.name: e.value for e in first.estimates}
     given = [p if p.frozen else replace(p, seed=min(max(start[p.name], p.lower), p.upper)) for p in parameters]
-    problem = make(Parameters.of([*given, *constants]))
+    problem = rig.problem(Parameters.of([*given, *rig.constants]))
     x = problem.parameters.seed
     raw = _at(problem, x, problem.central_differences(x))
-    found = (least_noise or noise)(raw)
+    found = rig.least_noise(raw)
     sizes = [p.deviation if _has_prior(p) else 1.0 for p in problem.parameters.free]
     effect = np.linalg.norm(_Whitening.of(found.covariance)(raw.jacobian), axis=0) * sizes
     moving = dict(zip(problem.parameters.names, effect >= _NEGLIGIBLE, strict=True))
-    problem = make(
-        Parameters.of([*given, *(replace(c, frozen=_has_prior(c) and not moving[c.name]) for c in constants)])
-    )
+    kept = [replace(c, frozen=_has_prior(c) and not moving[c.name]) for c in rig.constants]
+    problem = rig.problem(Parameters.of([*given, *kept]))
     raw = _at(problem, problem.parameters.seed, np.empty(0))
     for _ in range(_ROUNDS):
         whiten = _Whitening.of(found.covariance)
         solution = solve(_weighed(problem, whiten, loss), solve_rollout, [raw.x])
         rows = len(raw.residual)
         raw = _at(problem, solution.x, whiten.back(solution.jacobian[:rows]))
-        before, found = found, noise(raw)
+        before, found = found, rig.noise(raw)
         if abs(math.log(_size(found) / _size(before))) < _SETTLED:
             break
     ones = Noise(np.ones(len(solution.residual)), found.degrees_of_freedom, found.effective_samples)
     best = replace(solution.best, cost=0.5 * float(raw.residual @ raw.residual))
-    known = {c.name for c in constants if _has_prior(c)}
+    known = {c.name for c in rig.constants if _has_prior(c)}
     sure = uncertainty(solution, ones)
     result = result_of(replace(raw, best=best), sure, channels, first.facts, warnings, known)
     return replace(

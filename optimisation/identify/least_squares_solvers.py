@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
@@ -207,20 +206,8 @@ def solve_algebraic(problem: Problem, start: np.ndarray) -> Attempt:
         if not broken:
             raise
         return Attempt(start, start, np.inf, False, broken, evaluations)
-    details: Any = result.get_solver_details()
-    info = details.info
-    status = f"SNOPT info {info}: {_SNOPT_WORDS.get(info, 'see its manual')}"
+    status = f"SNOPT: {result.get_solution_result().name}"
     return Attempt(start, x, cost, bool(result.is_success()), status, evaluations)
-
-
-_SNOPT_WORDS = {
-    1: "optimality conditions satisfied",
-    3: "requested accuracy could not be achieved",
-    13: "nonlinear infeasibilities minimised",
-    31: "iteration limit",
-    32: "major iteration limit",
-    41: "current point cannot be improved",
-}
 
 
 def _options() -> SolverOptions:

@@ -210,53 +210,38 @@ def differences(scenario: RigScenario) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True)
-class Constant:
-    """One of them.
-
-    Attributes:
-        keys: `section.key` of the scenario that it shifts, with a sign each; none for an error of an instrument.
-        reach: bound to either side when it is free.
-    """
-
-    keys: tuple[tuple[str, float], ...] = ()
-    reach: float = 0.0
-
-
-def _of(key: str, reach: float) -> Constant:
-    return Constant(((key, 1.0),), reach)
-
-
-CONSTANTS: dict[str, Constant] = {
-    "mount_mass": _of("mount.mass", 0.5),
-    "mount_com_x": Constant((("mount.com_x", 1.0), ("mount.pivot_x", -1.0)), 0.1),
-    "mount_com_y": Constant((("mount.com_y", 1.0), ("mount.pivot_y", -1.0)), 0.1),
-    "pivot_x": _of("mount.pivot_x", 0.1),
-    "pivot_y": _of("mount.pivot_y", 0.1),
-    "pivot_z": _of("mount.pivot_z", 0.1),
-    "bar_mass": _of("bar.mass", 0.2),
-    "bar_com": _of("bar.com_distance", 0.08),
-    "bar_inertia": _of("bar.inertia_xx", 1e-3),
-    "bar_width": _of("bar.width", 0.015),
-    "bar_drag": _of("bar.drag_coefficient", 1.5),
-    "tail_mass": _of("tail.mass", 0.05),
-    "tail_com": _of("tail.com_distance", 0.1),
-    "tail_gap": _of("tail.gap", 0.05),
-    "tail_length": _of("tail.length", 0.1),
-    "tail_width": _of("tail.major_axis", 0.03),
-    "rotor_inertia": _of("maxon.reflected_inertia", 5e-3),
-    "torque_constant": _of("maxon.torque_constant", 0.2),
-    "jet_edge_depth": _of("tunnel.jet_edge_depth", 0.15),
-    "wind_speed": Constant((), 0.3),
-    "air_density": _of("environment.air_density", 0.5),
-    "coulomb": _of("friction.coulomb", 0.04),
-    "viscous": _of("friction.viscous", 0.03),
-    "encoder_zero": Constant((), 0.2),
-    "encoder_gain": Constant((), 0.3),
-    "current_bias": Constant((), 2.0),
-    "current_delay": Constant((), 0.05),
-    "force_gain": Constant((), 0.5),
+CONSTANTS: dict[str, tuple[float, dict[str, float]]] = {
+    "mount_mass": (0.5, {"mount.mass": 1.0}),
+    "mount_com_x": (0.1, {"mount.com_x": 1.0, "mount.pivot_x": -1.0}),
+    "mount_com_y": (0.1, {"mount.com_y": 1.0, "mount.pivot_y": -1.0}),
+    "pivot_x": (0.1, {"mount.pivot_x": 1.0}),
+    "pivot_y": (0.1, {"mount.pivot_y": 1.0}),
+    "pivot_z": (0.1, {"mount.pivot_z": 1.0}),
+    "bar_mass": (0.2, {"bar.mass": 1.0}),
+    "bar_com": (0.08, {"bar.com_distance": 1.0}),
+    "bar_inertia": (1e-3, {"bar.inertia_xx": 1.0}),
+    "bar_width": (0.015, {"bar.width": 1.0}),
+    "bar_drag": (1.5, {"bar.drag_coefficient": 1.0}),
+    "tail_mass": (0.05, {"tail.mass": 1.0}),
+    "tail_com": (0.1, {"tail.com_distance": 1.0}),
+    "tail_gap": (0.05, {"tail.gap": 1.0}),
+    "tail_length": (0.1, {"tail.length": 1.0}),
+    "tail_width": (0.03, {"tail.major_axis": 1.0}),
+    "rotor_inertia": (5e-3, {"maxon.reflected_inertia": 1.0}),
+    "torque_constant": (0.2, {"maxon.torque_constant": 1.0}),
+    "jet_edge_depth": (0.15, {"tunnel.jet_edge_depth": 1.0}),
+    "wind_speed": (0.3, {}),
+    "air_density": (0.5, {"environment.air_density": 1.0}),
+    "coulomb": (0.04, {"friction.coulomb": 1.0}),
+    "viscous": (0.03, {"friction.viscous": 1.0}),
+    "encoder_zero": (0.2, {}),
+    "encoder_gain": (0.3, {}),
+    "current_bias": (2.0, {}),
+    "current_delay": (0.05, {}),
+    "force_gain": (0.5, {}),
 }
+"""Name -> bound to either side where it is free, and keys of the scenario that it shifts, each with a sign; none for an
+error of an instrument."""
 BIASES = ("fx_bias", "fy_bias", "fz_bias", "tx_bias", "ty_bias", "tz_bias")
 """What is left in the readings of the force sensor, N and N m."""
 _BIAS_REACH = 500.0
@@ -317,7 +302,7 @@ def constant_parameters(
 def _parameter(name: str, free: bool, deviation: float) -> Parameter:
     unit = ("N" if name[0] == "f" else "N m") if name in BIASES else unit_of(RigUncertaintyParameters, name)
     if free:
-        reach = _BIAS_REACH if name in BIASES else CONSTANTS[name].reach
+        reach = _BIAS_REACH if name in BIASES else CONSTANTS[name][0]
         return Parameter(name, unit, 0.0, -reach, reach, scale=_SCALE * reach)
     reach = _FAR * deviation
     return Parameter(name, unit, 0.0, -reach, reach, scale=deviation, deviation=deviation)
@@ -327,7 +312,7 @@ def shifted(scenario: RigScenario, values: Mapping[str, float]) -> RigScenario:
     """The rig with its constants shifted; ranges are not checked again, trials of a fit stay near the scenario."""
     changes: dict[str, dict[str, float]] = {}
     for name, shift in values.items():
-        for key, sign in CONSTANTS[name].keys if name in CONSTANTS else ():
+        for key, sign in CONSTANTS[name][1].items() if name in CONSTANTS else ():
             section, entry = key.split(".")
             section = f"tail_{scenario.experiment.tail}" if section == "tail" else section
             changed = changes.setdefault(section, {})

@@ -91,6 +91,12 @@ def friction_torque(coulomb: float, viscous: float, tanh_gain: float) -> Torque:
     return lambda angle, rate: friction(rate)
 
 
+def known_friction(scenario: RigScenario) -> Torque:
+    """The friction that the scenario states for its bar, or its robot's tail."""
+    known = scenario.robot_friction if scenario.is_robot else scenario.friction
+    return friction_torque(known.coulomb, known.viscous, known.tanh_gain)
+
+
 def runge_kutta_step(
     acceleration: Callable[[Any, Any, float], Any],
     q: Any,

@@ -1,16 +1,15 @@
-"""What the published tables allow to recompute, and what is odd in them (`aerodima fit published`).
+"""What the published tables allow to recompute (`aerodima fit published`); what is odd in them: ERRATA.md.
 
 The rig constants that the thesis does not give are fitted jointly to its 200 published holding currents. Given C_D,
 C_L and psi3 of a test, the current that holds the tail still follows from the motor's torque constant k_t N, the jet's
 edge h0, and per tail its centre of mass and the gap in its mount. Errors are relative to the current; beyond 2 % they
-count by the Huber loss, because some published tests are broken (no wind, wrong wind speed). What is odd is found by
-rules; the ERRATA number says what a find is called.
+count by the Huber loss, because some published tests are broken (no wind, wrong wind speed).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,8 +20,8 @@ from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
 from aerodima.optimisation.identify.least_squares import Loss, Parameter, Parameters, Problem, huber
 from aerodima.optimisation.identify.least_squares_solvers import solve_formula, solve_rollout
 from aerodima.optimisation.identify.log_rig import with_values
-from aerodima.optimisation.identify.residual_noise import Noise, independent_noise
-from aerodima.optimisation.identify.static_balance import StaticBalance
+from aerodima.optimisation.identify.static_fit import StaticBalance
+from aerodima.optimisation.identify.uncertainty import Noise, independent_noise
 from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
 from aerodima.workbench.resources import published_rows, published_table
 
@@ -31,8 +30,6 @@ OUTLIER = 0.03
 _TOLERANCE = 0.02
 _LEAST_CURRENT = 0.5
 """The fit takes errors of smaller currents relative to this, A: the tests without wind held almost nothing."""
-_LEAST_RATIO = 0.85
-"""Of the lowest to the highest C_D of tests at one angle and wind speed, without a marked outlier."""
 _TAILS = (1, 2, 3)
 _CELL = ["tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s"]
 
@@ -40,7 +37,6 @@ _CELL = ["tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s"]
 def check_published() -> tuple[list[FitResult], dict[str, pd.DataFrame]]:
     """Recomputes everything: the fits of the rig constants and of the robot tail's line, and all tables by name."""
     constants, line, table = fit_rig_constants(), robot_tail_line(), recompute_averages()
-    flags = [*flag_static(), *flag_added_mass(), *flag_averages(table), *flag_robot_tail()]
     currents = constants.rows
     summary = {
         "holding currents: median of |error|": constants.median_error,
@@ -49,7 +45,6 @@ def check_published() -> tuple[list[FitResult], dict[str, pd.DataFrame]]:
         "weighted averages that agree": int(table.agrees.sum()),
         "weighted averages": len(table),
         "robot tail: mean C_N": float(robot_tail_rows().cd.mean()),
-        "places that are flagged": len(flags),
     }
     cells = currents.assign(absolute=np.abs(currents.relative_error)).groupby(_CELL[:3])["absolute"]
     return [constants.fit, line], {
@@ -58,25 +53,7 @@ def check_published() -> tuple[list[FitResult], dict[str, pd.DataFrame]]:
         "current_outliers": constants.outliers,
         "weighted_averages": table,
         "static_cells": static_cells(),
-        "flags": pd.DataFrame([asdict(flag) for flag in flags]),
     }
-
-
-@dataclass(frozen=True)
-class Flag:
-    """Something in the published tables that a reader should know.
-
-    Attributes:
-        table: as in the thesis.
-        rows: which rows, in words.
-        finding: what is wrong, with numbers.
-        erratum: number in ERRATA.md.
-    """
-
-    table: str
-    rows: str
-    finding: str
-    erratum: str
 
 
 def static_rows() -> pd.DataFrame:
@@ -91,64 +68,6 @@ def repeated_speed(rows: pd.DataFrame) -> pd.Series:
     numbers = ["cd", "cl", "psi3_rad", "current_a", "resnorm"]
     ordered = rows.sort_values("wind_speed_m_per_s", kind="stable")
     return ordered.duplicated(cell + numbers, keep="first").reindex(rows.index)
-
-
-def flag_static() -> list[Flag]:
-    """Copied, identical, scattered, large, out-of-bounds and saturated rows of Tables 4.11 and 10.6-10.18."""
-    rows = published_table("static_fits")
-    copied, found = repeated_speed(rows), []
-    for (table, speed), cell in rows.groupby(["source_table", "wind_speed_m_per_s"]):
-        again = copied[cell.index]
-        if again.any():
-            finding = f"{again.sum()} rows equal those of a lower wind speed in every number"
-            found.append(Flag(str(table), f"{speed:g} m/s", finding, "E1"))
-        same = all(cell[name].nunique() == 1 for name in ("cd", "cl", "current_a"))
-        if same and len(cell) > 1 and cell.resnorm.nunique() > 1:
-            found.append(Flag(str(table), f"{speed:g} m/s", f"all {len(cell)} tests give the same values", "E7"))
-        drag = cell.cd[(cell.cd > 0.1) & (cell.current_a > 0.1) & ~again]
-        if drag.min() < _LEAST_RATIO * drag.max():
-            finding = f"lowest / highest C_D {drag.min() / drag.max():.2f}, no outlier is marked"
-            found.append(Flag(str(table), f"{speed:g} m/s", finding, "E3"))
-    checks = [
-        ("resnorm", (rows.resnorm > 1000.0) & ~rows.published_bold_outlier.eq(True), "not marked", "E4"),
-        ("cl", (rows.cl < 0.0) & ~copied, "below its printed bound 0", "E5"),
-        ("cd", (rows.cd < 0.0) & ~copied, "below its printed bound 0", "E5"),
-        ("psi3_rad", rows.psi3_rad.abs().isin((0.12, 0.15)) & ~copied, "at its printed bound", "E6"),
-    ]
-    for column, odd, finding, erratum in checks:
-        row: Any
-        for row in rows[odd].itertuples():
-            where = f"{row.wind_speed_m_per_s:g} m/s, test {row.test_no}"
-            found.append(Flag(row.source_table, where, f"{column} {getattr(row, column):g}: {finding}", erratum))
-    return found
-
-
-def flag_added_mass() -> list[Flag]:
-    """Added-mass constants that stopped at a bound of Table 4.12."""
-    bounds = published_table("added_mass_seeds").set_index("wind_speed_m_per_s")
-    found = []
-    row: Any
-    for row in published_table("added_mass").itertuples():
-        low, high = bounds.lb_kg[row.wind_speed_m_per_s], bounds.ub_kg[row.wind_speed_m_per_s]
-        if not low < row.added_mass_kg < high:
-            where = f"tail {row.tail} {row.axis} {row.wind_speed_m_per_s:g} m/s, swing {row.swing}"
-            found.append(Flag(row.source_table, where, f"{row.added_mass_kg:g} kg is the bound of Table 4.12", "E23"))
-    return found
-
-
-def flag_robot_tail() -> list[Flag]:
-    """Tables of the robot tail that repeat another, and headers that contradict the caption."""
-    rows = published_table("robot_tail_drag")
-    found = []
-    for table in duplicated_robot_tables():
-        finding = f"coefficients and resnorms equal those of {published_twin(rows, table)}; it is left out"
-        found.append(Flag(table, "all", finding, "E24"))
-    for row in rows.drop_duplicates("source_table").to_dict("records"):
-        header, caption = ([row[f"{place}{key}"] for key in ("wind_speed_m_per_s", "kp")] for place in ("header_", ""))
-        if header != caption:
-            finding = f"wind speed and Kp are {header} in the header and {caption} in the caption"
-            found.append(Flag(row["source_table"], "header", finding, "E25"))
-    return found
 
 
 def _robot_values(rows: pd.DataFrame, table: str) -> np.ndarray:
@@ -203,14 +122,6 @@ def recompute_averages() -> pd.DataFrame:
         agrees = math.isclose(published, found["weighted"], abs_tol=half * (1.0 + 1e-9), rel_tol=0.0)
         rows.append({"table": table, "quantity": quantity, "published": published, **found, "agrees": agrees})
     return pd.DataFrame(rows)
-
-
-def flag_averages(table: pd.DataFrame) -> list[Flag]:
-    """Those of `recompute_averages` that disagree."""
-    return [
-        Flag(row["table"], row["quantity"], f"published {row['published']:g}, recomputed {row['weighted']:.4g}", "E23")
-        for row in table[~table.agrees].to_dict("records")
-    ]
 
 
 def fit_line(

@@ -7,15 +7,15 @@ would creep against its friction if the current did not hold it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult, fit, fit_with_constants
+from aerodima.optimisation.identify.fit_pipeline import FitResult, UncertainRig, fit
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
 from aerodima.optimisation.identify.least_squares_solvers import solve_formula
 from aerodima.optimisation.identify.log_rig import (
@@ -27,10 +27,14 @@ from aerodima.optimisation.identify.log_rig import (
     shifted,
     speed_accuracy,
 )
-from aerodima.optimisation.identify.residual_noise import Noise
-from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
-from aerodima.optimisation.identify.static_log import StaticData, static_data
+from aerodima.optimisation.identify.static_log import REACTIONS, StaticData, static_data
+from aerodima.optimisation.identify.uncertainty import Noise
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.sections import Jet, SectionLayout
+from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.plants.rig_layout import bar_layout, pivot_position, tail_layout
 from aerodima.workbench.resources import published_table
 
 UNKNOWNS = {
@@ -69,16 +73,16 @@ class StaticResidual:
     """
 
     def __init__(self, data: StaticData) -> None:
-        self._data = data
+        self._data, self._balance = data, StaticBalance.of(data.scenario)
         self._rows = [i for i in range(6) if data.present[i]]
         self._weights = accuracies()[self._rows]
         speed = speed_accuracy()
-        creep = 1.0 / (data.balance.creep_resistance * speed)
+        creep = 1.0 / (self._balance.creep_resistance * speed)
         self._scale = np.append(1.0 / self._weights, creep)
-        self._constant = self._scaled(*_weight(data, data.angle))
+        self._constant = self._scaled(*self._weight(data.angle))
         self._constant -= np.append(data.wrench[self._rows] / self._weights, data.speed / speed)
         self._motor = np.zeros(len(self._scale))
-        self._motor[-1] = -creep * data.balance.torque_constant
+        self._motor[-1] = -creep * self._balance.torque_constant
         self._last: tuple[float, np.ndarray] = (math.nan, np.empty(0))
 
     def _scaled(self, wrench: np.ndarray, torque: float) -> np.ndarray:
@@ -95,7 +99,7 @@ class StaticResidual:
         """Weighted rows of bar, unit C_D and unit C_L (3 x m)."""
         if self._last[0] != psi:
             data = self._data
-            effect = data.balance.wind_effect(data.angle, data.wind_speed, psi)
+            effect = self._balance.wind_effect(data.angle, data.wind_speed, psi)
             self._last = (psi, effect[:, [*self._rows, 6]] * self._scale)
         return self._last[1]
 
@@ -125,26 +129,25 @@ class StaticResidual:
         rounding = math.sqrt(3.0) * data.angle_deviation * self._angle_slope(solution.x)
         return Noise(covariance + np.outer(rounding, rounding) / 3.0, np.inf, data.effective_samples, rounding)
 
+    def _weight(self, angle: float) -> tuple[np.ndarray, float]:
+        """Reactions of the weight that are in the readings (6) and torque of the weight about the motor axis."""
+        reactions, torque = self._balance.hanging(angle)
+        if self._data.tare is None:
+            return reactions, torque
+        # A tare at the angle of the hold errs by as much as the angle does.
+        tare = angle if self._data.tare == self._data.angle else self._data.tare
+        return reactions - self._balance.hanging(tare)[0], torque
+
     def _angle_slope(self, x: np.ndarray) -> np.ndarray:
         """d residual / d angle."""
         cd, cl, psi, _ = x.tolist()
         shares, data = np.array([1.0, cd, cl]), self._data
         ends = []
         for angle in (data.angle + _TURN, data.angle - _TURN):
-            weight, torque = _weight(data, angle)
-            total = shares @ data.balance.wind_effect(angle, data.wind_speed, psi)
+            weight, torque = self._weight(angle)
+            total = shares @ self._balance.wind_effect(angle, data.wind_speed, psi)
             ends.append(self._scaled(weight + total[:6], torque + total[6]))
         return (ends[0] - ends[1]) / (2.0 * _TURN)
-
-
-def _weight(data: StaticData, angle: float) -> tuple[np.ndarray, float]:
-    """Reactions of the weight that are in the readings (6) and torque of the weight about the motor axis."""
-    reactions, torque = data.balance.hanging(angle)
-    if data.tare is None:
-        return reactions, torque
-    # A tare at the angle of the hold errs by as much as the angle does.
-    tare = angle if data.tare == data.angle else data.tare
-    return reactions - data.balance.hanging(tare)[0], torque
 
 
 def static_problem(data: StaticData, options: FitOptions = FREE) -> Problem:
@@ -163,37 +166,43 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     facts: dict[str, Any] = dict(data.facts)
     if math.isfinite(data.current):
         facts["logged_current_a"] = data.current
-    facts["exposed_length_m"] = data.balance.exposed_length(data.angle)
+    facts["exposed_length_m"] = exposed = StaticBalance.of(data.scenario).exposed_length(data.angle)
     result = fit(
-        problem, solve_formula, residual.noise, channels=residual.channels, facts=facts, warnings=data.warnings
+        problem,
+        solve_formula,
+        residual.noise,
+        channels=residual.channels,
+        facts=facts,
+        warnings=data.warnings,
+        rig=_uncertain_rig(data),
     )
-    if data.constants:
-        result = _with_constants(result, data, problem.parameters)
-    warnings = (*result.warnings, *_against_logged_current(result, data))
-    return replace(result, rig=differences(data.scenario), warnings=warnings)
+    warnings = [*result.warnings, *_against_logged_current(result, data)]
+    if data.still and exposed > 0.0:
+        warnings.append(
+            "the readings change after the rest phase by no more than noise and drift can do, although the wind of "
+            f"{data.wind_speed:g} m/s meets the tail: is the wind off in it?"
+        )
+    return replace(result, rig=differences(data.scenario), warnings=tuple(warnings))
 
 
-def _with_constants(first: FitResult, data: StaticData, parameters: Parameters) -> FitResult:
-    """The fit with the rig's constants as unknowns with priors, or free."""
-    exact = replace(data, covariance=data.covariance - np.diag(np.square(data.offset_deviation)))
-    if not any(p.name in BIASES for p in data.constants):
-        exact = data
+def _uncertain_rig(data: StaticData) -> UncertainRig:
+    """The hold with the rig's constants as unknowns; the biases of the readings are then no noise."""
+    exact = data
+    if any(p.name in BIASES for p in data.constants):
+        exact = replace(data, covariance=data.covariance - np.diag(np.square(data.offset_deviation)))
 
-    def make(everything: Parameters) -> Problem:
+    def problem(parameters: Parameters) -> Problem:
         def residual(x: np.ndarray) -> np.ndarray:
-            values = everything.values(x)
+            values = parameters.values(x)
             return StaticResidual(shifted_data(exact, values))(np.array([values[name] for name in UNKNOWNS]))
 
-        return Problem(everything, residual, name=data.name)
-
-    here = StaticResidual(exact)
+        return Problem(parameters, residual, name=data.name)
 
     def noise(solution: Solution) -> Noise:
-        return replace(here.noise(replace(solution, x=solution.x[: len(UNKNOWNS)])), rounding=None)
+        here = StaticResidual(exact).noise(replace(solution, x=solution.x[: len(UNKNOWNS)]))
+        return replace(here, rounding=None)
 
-    return fit_with_constants(
-        make, parameters.all, data.constants, first, noise, channels=here.channels, warnings=data.warnings
-    )
+    return UncertainRig(data.constants, problem, noise, noise)
 
 
 def shifted_data(data: StaticData, values: Mapping[str, float]) -> StaticData:
@@ -202,7 +211,7 @@ def shifted_data(data: StaticData, values: Mapping[str, float]) -> StaticData:
     bias = np.array([values.get(name, 0.0) for name in BIASES])
     return replace(
         data,
-        balance=StaticBalance.of(shifted(data.scenario, values)),
+        scenario=shifted(data.scenario, values),
         angle=data.angle + zero,
         tare=None if data.tare is None else data.tare + zero,
         wind_speed=data.wind_speed * (1.0 + values.get("wind_speed", 0.0)),
@@ -245,3 +254,135 @@ def fit_static_log(
     """
     options.require_known(list(UNKNOWNS))
     return fit_static(static_data(read_run_log(path), rest, options), options)
+
+
+Vector3 = tuple[float, float, float]
+UPRIGHT_MARGIN = math.radians(0.5)
+"""A tail that hangs straight within this has its lift to the root, on whichever side of 0 an encoder reads it."""
+
+_DRAG = PolarLaw(1.0, 0.0)
+_LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
+
+
+@dataclass(frozen=True)
+class StaticBalance:
+    """A held rig.
+
+    Attributes:
+        scenario: masses, places, air.
+        pivot: p_WP (3), m.
+        tail, bar: sections, each in its own frame with the axis hanging down.
+    """
+
+    scenario: RigScenario
+    pivot: Vector3
+    tail: SectionLayout
+    bar: SectionLayout
+
+    @classmethod
+    def of(cls, scenario: RigScenario) -> StaticBalance:
+        """The balance of a scenario with a cheetah tail."""
+        if not scenario.has_cheetah_tail:
+            raise FitError(f"static fit: experiment {scenario.experiment.kind!r} has no cheetah tail on the rig")
+        x, y, z = pivot_position(scenario.mount).tolist()
+        return cls(scenario, (x, y, z), tail_layout(scenario), bar_layout(scenario))
+
+    @property
+    def torque_constant(self) -> float:
+        """Of the motor at the bar, N m/A."""
+        return self.scenario.maxon.torque_constant
+
+    @property
+    def creep_resistance(self) -> float:
+        """Torque per speed at rest, N m s/rad: viscous friction + tanh gain x Coulomb friction."""
+        friction = self.scenario.friction
+        return friction.viscous + friction.tanh_gain * friction.coulomb
+
+    @property
+    def root_distance(self) -> float:
+        """From the pivot to the root of the tail, m."""
+        return self.scenario.bar.tail_distance + self.scenario.cheetah_tail.gap
+
+    def tail_axis(self, angle: float) -> Vector3:
+        """Unit vector from root to tip in W (3): that of the bar and the misalignment."""
+        return hanging_axis(angle + self.scenario.tunnel.misalignment)
+
+    def jet(self, psi: float) -> Jet:
+        """The jet below the pivot, turned by psi (rad) about z."""
+        tunnel = self.scenario.tunnel
+        return Jet.below_pivot(self.pivot, tunnel.jet_edge_depth, psi, tunnel.jet_slope)
+
+    def hanging(self, angle: float) -> tuple[np.ndarray, float]:
+        """Reactions (6: N, N m) and the torque about the motor axis (positive downstream, N m) of the weight alone."""
+        a = np.array(hanging_axis(angle))
+        root, pivot = self.root_distance * a, np.asarray(self.pivot)
+        mount, bar, tail = self.scenario.mount, self.scenario.bar, self.scenario.cheetah_tail
+        bodies = [
+            (mount.mass, np.array([mount.com_x, mount.com_y, mount.com_z])),
+            (bar.mass, pivot + bar.com_distance * a),
+            (tail.mass, pivot + root + tail.com_distance * np.array(self.tail_axis(angle))),
+        ]
+        mass = sum(m for m, _ in bodies)
+        first = np.sum([m * p for m, p in bodies], axis=0)
+        g = self.scenario.environment.gravity
+        swinging = sum(m * (p[1] - pivot[1]) for m, p in bodies[1:])
+        return np.array([0.0, 0.0, mass * g, g * first[1], -g * first[0], 0.0]), float(g * swinging)
+
+    def wind_effect(self, angle: float, wind_speed: float, psi: float) -> np.ndarray:
+        """What the wind adds: rows bar, unit C_D and unit C_L of the tail; columns reactions (6) and axis torque.
+
+        Args:
+            angle: rad; a tail that hangs within half a degree of straight down has its lift to the root.
+            wind_speed: m/s.
+            psi: rad.
+        """
+        wind = (wind_speed * math.sin(psi), -wind_speed * math.cos(psi), 0.0)
+        jet, misalignment = self.jet(psi), self.scenario.tunnel.misalignment
+        a, b = hanging_axis(angle), self.tail_axis(angle)
+        bar = self._forces((_DRAG,), self.bar, 0.0, a, a, wind, jet)[0]
+        tail = self._forces((_DRAG, _LIFT), self.tail, self.root_distance, a, b, wind, jet)
+        if -UPRIGHT_MARGIN < angle < 0.0 <= misalignment and angle + misalignment < 0.0:
+            tail[1] = [-value for value in tail[1]]
+        return np.array([[self.scenario.bar.drag_coefficient * value for value in bar], *tail])
+
+    def _forces(
+        self,
+        laws: Sequence[PolarLaw],
+        layout: SectionLayout,
+        root: float,
+        a: Vector3,
+        b: Vector3,
+        wind: Vector3,
+        jet: Jet,
+    ) -> list[list[float]]:
+        """Rows of reactions and axis torque per law, for sections along b that begin at the distance `root` along a."""
+        p_WR = tuple(p + root * d for p, d in zip(self.pivot, a, strict=True))
+        interval = jet.exposed_interval(layout, p_WR, b)
+        if interval is None:
+            return [[0.0] * 7] * len(laws)
+        area, middle = (interval[1] - interval[0]) * layout.chord, 0.5 * (interval[0] + interval[1])
+        x, y, z = (p + middle * d for p, d in zip(p_WR, b, strict=True))
+        arm_y, arm_z = y - self.pivot[1], z - self.pivot[2]
+        rows = []
+        for law in laws:
+            f, g, h = law.section_force(wind, b, layout.normal_B, area, self.scenario.environment.air_density)
+            moment = (z * g - y * h, x * h - z * f, y * f - x * g)
+            rows.append([-f, -g, -h, *moment, arm_z * g - arm_y * h])
+        return rows
+
+    def exposed_length(self, angle: float, psi: float = 0.0) -> float:
+        """How much of the tail is in the jet, m."""
+        root = np.asarray(self.pivot) + self.root_distance * np.array(hanging_axis(angle))
+        interval = self.jet(psi).exposed_interval(self.tail, root.tolist(), self.tail_axis(angle))
+        return 0.0 if interval is None else float(interval[1] - interval[0])
+
+    def holding_current(self, angle: float, wind_speed: float, cd: float, cl: float, psi: float) -> float:
+        """The current that holds the tail still, A."""
+        effect = self.wind_effect(angle, wind_speed, psi)
+        torque = self.hanging(angle)[1] + float(np.array([1.0, cd, cl]) @ effect[:, 6])
+        return torque / self.torque_constant
+
+
+def hanging_axis(angle: float) -> Vector3:
+    """Unit vector from the pivot to the tip in W (3): down at 0, downstream (-y) at 90 degrees."""
+    return (0.0, -math.sin(angle), -math.cos(angle))

@@ -28,7 +28,7 @@ from aerodima.optimisation.identify.log_rig import (
     rig_of,
     wind_speed,
 )
-from aerodima.optimisation.identify.residual_noise import (
+from aerodima.optimisation.identify.uncertainty import (
     CHANCE,
     FAR_OFF,
     FEW_FAR_OFF,
@@ -37,12 +37,12 @@ from aerodima.optimisation.identify.residual_noise import (
     check_residual,
     correlation_time,
 )
-from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, stated_rest
 
+REACTIONS = ("fx", "fy", "fz", "tx", "ty", "tz")
 COLUMNS = {c: f"force_{c[1]}_n" if c[0] == "f" else f"torque_{c[1]}_n_m" for c in REACTIONS}
 RATE = "angular_velocity_rad_per_s"
 OFFSETS = "offsets_to_add"
@@ -70,7 +70,7 @@ class StaticData:
 
     Attributes:
         name: of the log.
-        balance: of the rig it was made on.
+        scenario: of the rig it was made on.
         angle, wind_speed: rad, m/s.
         wrench: mean reading plus offset (6), without the weight at `tare`; NaN for an axis that is missing.
         tare: angle at which the weight was taken out, rad: that of the hold after a rest; None: the weight is in it.
@@ -84,11 +84,12 @@ class StaticData:
         facts: tail, axis, angle_deg, wind_speed_m_per_s for reports.
         offset_deviation: standard deviation of what is left of the offsets (6), in `covariance` too.
         constants: of the rig that are not exact, see `constant_parameters`.
+        still: whether the readings change after a rest phase by no more than noise and drift can do.
         warnings: of the log.
     """
 
     name: str
-    balance: StaticBalance
+    scenario: RigScenario
     angle: float
     wind_speed: float
     wrench: np.ndarray
@@ -104,12 +105,8 @@ class StaticData:
     facts: Mapping[str, Any]
     offset_deviation: np.ndarray
     constants: tuple[Parameter, ...]
+    still: bool
     warnings: tuple[str, ...]
-
-    @property
-    def scenario(self) -> RigScenario:
-        """Of the rig it was made on."""
-        return self.balance.scenario
 
 
 def static_data(log: RunLog, rest: tuple[float, float] | None = None, options: FitOptions = FREE) -> StaticData:
@@ -134,7 +131,7 @@ def static_data(log: RunLog, rest: tuple[float, float] | None = None, options: F
 def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str, options: FitOptions) -> StaticData:
     time, angle = checked_angle(log, "static", LEAST_SAMPLES)
     scenario = rig_of(log, "static", options)
-    balance, speed = StaticBalance.of(scenario), wind_speed(log, 1e-3, LARGEST_SPEED)
+    speed = wind_speed(log, 1e-3, LARGEST_SPEED)
     if np.ptp(angle) > _LARGEST_WANDER:
         raise FitError(
             f"the angle moves by {math.degrees(float(np.ptp(angle))):.2f} degrees; a static log holds it "
@@ -154,17 +151,12 @@ def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str, optio
     wrench[channels] = mean.value + added[channels]
     variance[channels] = mean.variance + np.square(deviation[channels])
     warnings += _residual_warnings(mean, list(columns), time[used])
-    if rest is not None and balance.exposed_length(held) > 0.0 and _is_still(mean, scenario, channels, time, hold):
-        warnings.append(
-            f"the readings change after the rest phase {rest[0]:g} to {rest[1]:g} s by no more than noise and drift "
-            f"can do, although the wind of {speed:g} m/s meets the tail: is the wind off in it?"
-        )
     rate, rate_deviation = _mean_rate(log, time, hold, scenario.count_angle)
     current, current_deviation = _mean_current(log, hold, scenario, warnings)
     biases = {name: value for name, value in zip(BIASES, deviation.tolist(), strict=True) if value > 0.0}
     return StaticData(
         name=name,
-        balance=balance,
+        scenario=scenario,
         angle=held,
         wind_speed=speed,
         wrench=wrench,
@@ -185,6 +177,7 @@ def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str, optio
         },
         offset_deviation=deviation,
         constants=constant_parameters(log, scenario, "static", options, biases),
+        still=rest is not None and _is_still(mean, scenario, channels, time, hold),
         warnings=tuple(warnings),
     )
 

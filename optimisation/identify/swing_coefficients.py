@@ -18,14 +18,13 @@ import numpy as np
 from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.log_rig import FREE, FitOptions
-from aerodima.optimisation.identify.pendulum import Pendulum, Torque, air_torque, friction_torque
+from aerodima.optimisation.identify.pendulum import Pendulum, Torque, air_torque, friction_torque, known_friction
 from aerodima.optimisation.identify.swing_fit import SwingModel, Values
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
 from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.plants.rig_motion import rig_law
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, LEAST_INERTIA_LEFT
 from aerodima.workbench.resources import published_table
 
@@ -121,10 +120,8 @@ def potential_flow_mass(data: SwingData) -> float:
 
 def still_tail_law(data: SwingData) -> Callable[[Values], list[Torque]]:
     """The quasi-steady coefficients of the tail and the published friction; values change nothing of them."""
-    friction = data.scenario.friction
-    air = air_torque(data.scenario, rig_law(data.scenario)[0])
-    torques = [friction_torque(friction.coulomb, friction.viscous, friction.tanh_gain)]
-    torques += [air] if air is not None else []
+    air = air_torque(data.scenario)
+    torques = [known_friction(data.scenario), *([air] if air is not None else [])]
     return lambda values: torques
 
 
@@ -232,8 +229,7 @@ def normal_force_law(shape: Shape, values: Values, speeds: tuple[float, float]) 
 def robot_tail_law(shape: Shape, data: SwingData) -> Callable[[Values], list[Torque]]:
     """Air with C_N of a shape; friction and motor as in the scenario."""
     scenario = data.scenario
-    friction = scenario.robot_friction
-    fixed = [friction_torque(friction.coulomb, friction.viscous, friction.tanh_gain), motor_of(scenario)]
+    fixed = [known_friction(scenario), motor_of(scenario)]
     low, high = speed_range(data)
 
     def torques(values: Values) -> list[Torque]:

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult, fit, fit_with_constants
+from aerodima.optimisation.identify.fit_pipeline import FitResult, UncertainRig, fit
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
 from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
 from aerodima.optimisation.identify.log_rig import FREE, FitOptions, differences, shifted, speed_accuracy
 from aerodima.optimisation.identify.pendulum import Pendulum, Torque, roll_out, torque_response
-from aerodima.optimisation.identify.residual_noise import Noise, serial_noise
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
+from aerodima.optimisation.identify.uncertainty import Noise, serial_noise
 
 Values = Mapping[str, float]
 _START_ANGLE, _START_RATE = 0.02, 1.0
@@ -118,29 +118,17 @@ class SwingModel:
         constants = [] if exact else [c for c in self.data.constants if c.name not in fitted]
         model = replace(self, data=replace(self.data, constants=tuple(constants)))
         problem = model.problem(options.bounded(parameters))
-        channels = {"angle": (slice(None), speed_accuracy())}
         result = fit(
             problem,
             solve_rollout,
             model.noise,
             starts=problem.parameters.starts(seeds),
-            channels=channels,
+            channels={"angle": (slice(None), speed_accuracy())},
             facts={**self.data.facts, **(facts or {})},
             warnings=self.data.warnings,
             loss=options.loss,
+            rig=UncertainRig(constants, model.problem_in, model.noise, model.least_noise),
         )
-        if constants:
-            result = fit_with_constants(
-                model.problem_in,
-                problem.parameters.all,
-                constants,
-                result,
-                model.noise,
-                least_noise=model.least_noise,
-                channels=channels,
-                warnings=self.data.warnings,
-                loss=options.loss,
-            )
         values = {e.name: e.value for e in result.estimates} | {n: c["shift"] for n, c in result.constants.items()}
         curve = {
             "x": self.data.time.tolist(),

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from aerodima.optimisation.identify.coefficient_averages import write_sets
 from aerodima.optimisation.identify.fit_figures import figures_of, plot_curves
-from aerodima.optimisation.identify.fit_pipeline import Estimate, FitResult, parameter_names
+from aerodima.optimisation.identify.fit_pipeline import Estimate, FitResult
 from aerodima.optimisation.identify.fit_report import format_estimate, write_report
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.errors import ModelError
@@ -46,11 +46,6 @@ def test_what_is_not_determined_or_frozen_has_no_interval() -> None:
     unseen = Estimate("mass", "kg", 1.0, math.inf, -math.inf, math.inf, identifiable=False)
     assert format_estimate(unseen, unit=True) == "not determined"
     assert format_estimate(Estimate("mass", "kg", 1.5, 0.0, 1.5, 1.5, frozen=True), unit=True) == "1.5 kg (frozen)"
-
-
-def test_nodes_of_a_table_stand_in_the_order_of_their_speed() -> None:
-    fits = [result("a", "cn_at_8", "cn_at_10", "start_angle"), result("b", "cn_at_4", "cn_at_12", "cn_at_8", "psi3")]
-    assert parameter_names(fits) == ["cn_at_4", "cn_at_8", "cn_at_10", "cn_at_12", "start_angle", "psi3"]
 
 
 def test_curves_have_their_residual_below() -> None:

@@ -14,12 +14,12 @@ from scipy.signal import butter, sosfiltfilt
 from typer.testing import CliRunner
 
 from aerodima.optimisation.identify.log_rig import FitOptions
-from aerodima.optimisation.identify.residual_noise import chance_of, check_residual
 from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.optimisation.identify.swing_coefficients import added_mass_parameter, fit_friction, still_tail_law
 from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.optimisation.identify.swing_log import swing_data
+from aerodima.optimisation.identify.uncertainty import chance_of, check_residual
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import FitError

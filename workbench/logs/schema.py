@@ -23,7 +23,6 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, field_validator
 
-from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.checked_files import checked
 from aerodima.workbench.config.signal_table import CAR_TRUTH, RIG_KINDS, TIME, names_of, sensor_columns, truth_columns
 from aerodima.workbench.errors import LogError
@@ -210,6 +209,8 @@ def write_run_log(run_log: RunLog, path: Path | str, force: bool = False) -> Pat
 
 def write_table(table: pa.Table, metadata: Mapping[str, Any], path: Path, force: bool) -> Path:
     """Write an Arrow table of float64 columns with this metadata object; see `write_run_log`."""
+    from aerodima.workbench.atomic_write import write_atomically  # who reads a log writes none
+
     refuse_missing(table.column_names, metadata, str(path))
     table = table.replace_schema_metadata({METADATA_KEY: encode_metadata(metadata)})
 

@@ -11,7 +11,7 @@ from aerodima.optimisation.identify.published_check import (
     predicted_currents,
     static_rows,
 )
-from aerodima.optimisation.identify.static_balance import StaticBalance
+from aerodima.optimisation.identify.static_fit import StaticBalance
 
 
 def test_constants_of_the_models_predict_tail_1_as_the_design_says() -> None:

@@ -11,8 +11,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from aerodima.optimisation.identify.log_rig import FitOptions
-from aerodima.optimisation.identify.static_balance import StaticBalance
-from aerodima.optimisation.identify.static_fit import fit_static, static_problem
+from aerodima.optimisation.identify.static_fit import StaticBalance, fit_static, static_problem
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.schema import RunLog

@@ -13,8 +13,14 @@ from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
 from aerodima.optimisation.identify.fit_report import format_estimate
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution, solve
 from aerodima.optimisation.identify.least_squares_solvers import solve_algebraic, solve_rollout
-from aerodima.optimisation.identify.residual_noise import Noise, correlation_time, independent_noise, serial_noise
-from aerodima.optimisation.identify.uncertainty import reach_inside, uncertainty
+from aerodima.optimisation.identify.uncertainty import (
+    Noise,
+    correlation_time,
+    independent_noise,
+    reach_inside,
+    serial_noise,
+    uncertainty,
+)
 
 
 def line(y: np.ndarray, t: np.ndarray, *more: Parameter) -> Problem:
