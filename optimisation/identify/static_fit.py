@@ -76,8 +76,9 @@ class StaticResidual:
         self._data, self._balance = data, StaticBalance.of(data.scenario)
         self._rows = [i for i in range(6) if data.present[i]]
         self._weights = accuracies()[self._rows]
-        speed = speed_accuracy()
-        creep = 1.0 / (self._balance.creep_resistance * speed)
+        speed, friction = speed_accuracy(), data.scenario.friction
+        # Torque per speed at rest: viscous friction + tanh gain x Coulomb friction.
+        creep = 1.0 / ((friction.viscous + friction.tanh_gain * friction.coulomb) * speed)
         self._scale = np.append(1.0 / self._weights, creep)
         self._constant = self._scaled(*self._weight(data.angle))
         self._constant -= np.append(data.wrench[self._rows] / self._weights, data.speed / speed)
@@ -291,12 +292,6 @@ class StaticBalance:
     def torque_constant(self) -> float:
         """Of the motor at the bar, N m/A."""
         return self.scenario.maxon.torque_constant
-
-    @property
-    def creep_resistance(self) -> float:
-        """Torque per speed at rest, N m s/rad: viscous friction + tanh gain x Coulomb friction."""
-        friction = self.scenario.friction
-        return friction.viscous + friction.tanh_gain * friction.coulomb
 
     @property
     def root_distance(self) -> float:

@@ -165,12 +165,12 @@ def coarse_scan(model: SwingModel, low: float, high: float) -> float:
     inertia = np.array([pendulum.total_inertia(low), pendulum.total_inertia(high)])
     frequencies = np.linspace(inertia[1] ** -0.5, inertia[0] ** -0.5, _SCANNED)
     masses = np.clip((frequencies**-2.0 - pendulum.inertia) / arms, low, high)
-    early = model.shortened(_SCANNED_LENGTH)
+    count = min(int(_SCANNED_LENGTH / data.step) + 1, len(data.time))
     start = {"start_angle": data.angle[0], "start_rate": data.start_rate}
 
     def cost(mass: float) -> float:
         try:
-            return float(np.sum(np.square(early.motion({"added_mass": mass, **start})[0] - early.data.angle)))
+            return float(np.sum(np.square(model.motion({"added_mass": mass, **start}, count)[0] - data.angle[:count])))
         except FitError:
             return math.inf
 

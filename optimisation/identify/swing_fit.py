@@ -48,31 +48,19 @@ class SwingModel:
         """Values to torques of air, friction and motor."""
         return self.law(self.data)
 
-    def motion(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
-        """Angles (rad) and rates (rad/s) on the grid of the data (n each)."""
+    def motion(self, values: Values, count: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Angles (rad) and rates (rad/s) on the grid of the data, or on its first `count` times (n each)."""
+        data = self.data
         return roll_out(
             self.pendulum,
             self.torques(values),
             (values["start_angle"], values["start_rate"]),
-            self.data.step,
-            len(self.data.time),
-            motor=self.data.motor.tolist(),
-            ramp=self.data.ramp.tolist(),
+            data.step,
+            count or len(data.time),
+            motor=data.motor.tolist(),
+            ramp=data.ramp.tolist(),
             added_mass=values.get("added_mass", 0.0),
         )
-
-    def shortened(self, longest: float) -> SwingModel:
-        """The same over the first part of the swing, s."""
-        data = self.data
-        count = min(int(longest / data.step) + 1, len(data.time))
-        part = replace(
-            data,
-            time=data.time[:count],
-            angle=data.angle[:count],
-            motor=data.motor[: count - 1],
-            ramp=data.ramp[: count - 1],
-        )
-        return replace(self, data=part)
 
     def problem(self, parameters: Sequence[Parameter]) -> Problem:
         """The least-squares problem in these parameters and the start."""

@@ -187,7 +187,6 @@ class Uncertainty:
             stopped; NaN for one that is not at a bound.
         identifiable: (p) flags.
         unidentifiable: the directions that the data do not determine, in words; empty when there are none.
-        condition: of the scaled Jacobian.
         effective_samples: see `Noise`.
     """
 
@@ -198,7 +197,6 @@ class Uncertainty:
     beyond: np.ndarray
     identifiable: np.ndarray
     unidentifiable: tuple[str, ...]
-    condition: float
     effective_samples: float
 
 
@@ -212,7 +210,7 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     """
     parameters = solution.problem.parameters
     scales, names, x = parameters.scales, parameters.names, solution.x
-    inverse, hidden, condition = _pseudo_inverse(solution.jacobian, scales)
+    inverse, hidden = _pseudo_inverse(solution.jacobian, scales)
     seen = np.all(np.abs(hidden) <= _SHARE, axis=0) if len(hidden) else np.ones(len(scales), bool)
     alone = np.sqrt(np.maximum(np.diag(_covariance(inverse, noise, scales)), 0.0))
     freedom = max(noise.degrees_of_freedom, 1.0)
@@ -251,7 +249,6 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
         beyond=np.where(determined, given.beyond, np.nan),
         identifiable=determined,
         unidentifiable=tuple(unidentifiable),
-        condition=condition,
         effective_samples=noise.effective_samples,
     )
 
@@ -285,12 +282,12 @@ def _rounded_factor(share: float) -> float:
     return float(brentq(missing, 1.0, 3.0))
 
 
-def _pseudo_inverse(jacobian: np.ndarray, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """J^+ in scaled unknowns (p x m), the unidentifiable directions (k x p), the condition number."""
+def _pseudo_inverse(jacobian: np.ndarray, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """J^+ in scaled unknowns (p x m), the unidentifiable directions (k x p)."""
     U, s, Vt = np.linalg.svd(jacobian * scales, full_matrices=False)
     seen = s > _RANK_TOLERANCE * max(float(s[0]), 1e-300)
     inverse = (Vt[seen].T / s[seen]) @ U[:, seen].T
-    return inverse, _hidden_directions(Vt, seen), float(s[0] / s[-1]) if s[-1] > 0.0 else np.inf
+    return inverse, _hidden_directions(Vt, seen)
 
 
 def _covariance(inverse: np.ndarray, noise: Noise, scales: np.ndarray) -> np.ndarray:
@@ -316,7 +313,7 @@ def _curved(solution: Solution, noise: Noise, deviation: np.ndarray, factor: np.
             x = solution.x.copy()
             x[i] = end
             try:
-                inverse, _, _ = _pseudo_inverse(problem.central_differences(x), scales)
+                inverse, _ = _pseudo_inverse(problem.central_differences(x), scales)
             except FitError:  # the model ends within the interval
                 changed[i] = True
                 continue
