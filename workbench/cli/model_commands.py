@@ -35,6 +35,8 @@ def register(app: typer.Typer) -> None:
     coefficients = command_group(models, "coefficients", "Look at sets of aerodynamic coefficients.")
     coefficients.command("list")(list_sets)
     coefficients.command()(plot)
+    models.command()(diagram)
+    models.command("range-of-motion")(range_of_motion)
     models.command()(export)
 
 
@@ -158,6 +160,40 @@ def plot(
     target = out or Path(f"{Path(file).stem}.png")
     _refuse_other_ending(target)
     _write_picture(plot_coefficients(coefficients), target, force)
+
+
+def diagram(
+    scenario: ScenarioArgument,
+    out: Annotated[Path, typer.Option(help="Picture (.svg, .png, .pdf); Graphviz draws it.")] = Path("diagram.svg"),
+    depth: Annotated[int, typer.Option(help="How many levels of nested diagrams are drawn.", min=1)] = 2,
+    settings: Settings = None,
+    force: Force = False,
+) -> None:
+    """Draw the block diagram of a scenario."""
+    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.figures.model_figures import draw_diagram
+    from aerodima.workbench.simulate.car_run import assemble
+
+    _refuse_other_ending(out)
+    picture = draw_diagram(assemble(load_scenario(scenario, settings or ())).builder.Build(), depth)
+    write_atomically(out, picture.render(out.suffix[1:].lower()), force, UserError)
+    typer.echo(f"diagram: {out}")
+
+
+def range_of_motion(
+    scenario: ScenarioArgument = "turn_swing",
+    out: Annotated[Path, typer.Option(help="Picture (.png, .svg, .pdf).")] = Path("range_of_motion.png"),
+    settings: Settings = None,
+    force: Force = False,
+) -> None:
+    """Draw where the tail's rod and sail are clear of cage, deck, wheels and ground, over pitch and roll."""
+    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.figures.model_figures import plot_range_of_motion
+    from aerodima.workbench.plants.clearance import make_range_of_motion
+
+    _refuse_other_ending(out)
+    motion = make_range_of_motion(load_scenario(scenario, settings or ()))
+    _write_picture(plot_range_of_motion(motion), out, force)
 
 
 def export(

@@ -1,4 +1,4 @@
-"""`aerodima models export`."""
+"""`aerodima models export`, `diagram` and `range-of-motion`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.figures.model_figures import DiagramPicture
 
 
 def test_export_is_the_whole_scenario(call: Callable) -> None:
@@ -23,6 +26,31 @@ def test_export_to_a_file_is_not_overwritten(call: Callable, refused: Callable, 
     before = out.read_text()
     assert "--force" in refused("models", "export", "turn_swing", "--out", out)
     assert out.read_text() == before
+
+
+def test_diagram_is_a_picture(call: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[DiagramPicture] = []
+    monkeypatch.setattr(DiagramPicture, "render", lambda picture, kind: drawn.append(picture) or kind.encode())
+    out = tmp_path / "car.svg"
+    assert call("models", "diagram", "turn_swing", "--out", out).exit_code == 0
+    assert out.read_text() == "svg"
+    for part in ("car_station", "tail_controller", "driver", "roll_estimator"):
+        assert part in drawn[0].text
+
+
+def test_diagram_without_graphviz_is_refused(
+    refused: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert "Graphviz is not installed" in refused("models", "diagram", "turn_none", "--out", tmp_path / "car.svg")
+    assert ".jpeg" in refused("models", "diagram", "turn_none", "--out", tmp_path / "car.jpeg")
+
+
+def test_range_of_motion_is_a_picture(call: Callable, refused: Callable, tmp_path: Path) -> None:
+    out = tmp_path / "range.png"
+    assert call("models", "range-of-motion", "--out", out).exit_code == 0
+    assert out.stat().st_size > 10_000
+    assert "exists already" in refused("models", "range-of-motion", "--out", out)
 
 
 def test_unknown_scenario_names_the_nearest(refused: Callable) -> None:
