@@ -145,6 +145,9 @@ def run_watchdog_test(
     cut, answer = _CUTS[wiring]
     with held(wire_car(scenario, ports, wiring, lambda: None)) as car:
         run_cycles(car, CarCommand(), _HOLDING)
+        until = time.monotonic() + 3.0  # the radio and the receiver speak later than the motors
+        while car.reading.fault_text and time.monotonic() < until:
+            run_cycles(car, CarCommand(), _HOLDING)
         last = time.monotonic()
         car.read(last)
         car.write(CarCommand(), last)
