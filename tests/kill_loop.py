@@ -34,21 +34,27 @@ def piece(number: int) -> int:
     return number * number
 
 
+def kill_one(draw: random.Random, killed: list[int]) -> None:
+    """Kills one of the workers that are there."""
+    victim = draw.choice(sorted(workers()))
+    os.kill(victim, signal.SIGKILL)
+    killed.append(victim)
+
+
 def main() -> int:
     """Run from the command line; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m tests.kill_loop", description=__doc__)
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    draw, wrong, longest = random.Random(arguments.seed), 0, 0.0
+    draw, wrong, longest, killed = random.Random(arguments.seed), 0, 0.0, list[int]()
     busy = [subprocess.Popen(["nice", sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
     try:
         with TemporaryDirectory() as folder, open_engine(2, progress=lambda _line: None) as engine:
             for number in range(arguments.kills):
                 begun = time.monotonic()
                 path = Path(folder) / f"{number}.jsonl"
-                victim = draw.choice(sorted(workers()))
-                killer = threading.Timer(draw.uniform(0.0, 0.8 * PIECES * SECONDS), os.kill, (victim, signal.SIGKILL))
+                killer = threading.Timer(draw.uniform(0.0, 0.8 * PIECES * SECONDS), kill_one, (draw, killed))
                 with RowStore(path, {"study": number}) as store:
                     killer.start()
                     results = engine.map(
@@ -64,8 +70,8 @@ def main() -> int:
     finally:
         for process in busy:
             process.kill()
-    print(f"studies with a run lost or repeated: {wrong}, longest study {longest:.1f} s, events {events}")
-    return 0 if not wrong and longest < MOST_SECONDS else 1
+    print(f"killed: {len(killed)}, studies with a run lost or repeated: {wrong}, longest {longest:.1f} s, {events}")
+    return 0 if not wrong and longest < MOST_SECONDS and len(killed) == arguments.kills else 1
 
 
 if __name__ == "__main__":

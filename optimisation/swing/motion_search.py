@@ -15,7 +15,7 @@ import numpy as np
 
 from aerodima.optimisation.sweep.runs import Runs
 from aerodima.optimisation.swing.candidate import HELD
-from aerodima.optimisation.swing.task import AFTER, Floor, SteeringSearch, Task, find_floors
+from aerodima.optimisation.swing.task import AFTER, Floor, Task, find_floors
 from aerodima.optimisation.swing.turn_programme import FEASIBLE, TurnProgramme, TurnSolution, best_of
 from aerodima.optimisation.swing.turn_shooting import FOLLOW, HOLD, RELEASE_STEERING, TurnShooting
 from aerodima.workbench.actuators.ak70 import torque_speed_limits
@@ -89,7 +89,7 @@ def search_motion(
     for words in without:
         progress(f"{words}: no floor; left out")
     turns = [turn_on(task, floor) for floor in floors]
-    programme = turn_programme(turns, search, task.search)
+    programme = turn_programme(turns, search, task)
     solutions = []
     for number in range(search.starts):
         start = programme.shooting.random_start(np.random.default_rng([search.seed, number]))
@@ -102,26 +102,25 @@ def search_motion(
 
 
 def turn_programme(
-    turns: Sequence[Scenario], search: MotionSearch | None = None, steering: SteeringSearch | None = None
+    turns: Sequence[Scenario], search: MotionSearch | None = None, task: Task | None = None
 ) -> TurnProgramme:
     """The programme of turns, not solved yet: costs and constraints may be added to its `prog` over its `x`.
 
     Args:
         turns: cars on their floors, with a tail.
         search: knots and length of the motion.
-        steering: ends of the steering.
+        task: its pulse, range of the steering, and limits of a turn that counts; by default those of any task.
 
     Raises:
         UserError: a car without tail; what the reduced cars do not know.
     """
-    search, steering = search or MotionSearch(), steering or SteeringSearch()
+    search, task = search or MotionSearch(), task or Task()
     if any(turn.tail.mode == "none" for turn in turns):
         raise SwingError("tail.mode: none; allowed: a tail that can swing")
     rate = turns[0].controller.rate
     length = 1.0 / (rate * math.ceil(1.0 / (rate * FASTEST_TICK) - 1e-9))
-    high = min(steering.high, *(turn.servo.limit for turn in turns))
     interval = search.length / (search.knots - 1)
-    return TurnProgramme(TurnShooting.of(turns, search.knots - 2, interval, (steering.low, high), length))
+    return TurnProgramme(TurnShooting.of(turns, search.knots - 2, interval, task, length))
 
 
 def turn_on(task: Task, floor: Floor) -> Scenario:

@@ -32,6 +32,8 @@ OPTIMAL = 1e-2
 """Tolerance of the solver for scaled slopes; lifting wheels and saturated joints are kinks, where it creeps."""
 LINE_SEARCH = 0.99
 """Of the solver: an inexact one, since each of its points costs a batch of turns (README.md)."""
+ROWS = "rows of the turns"
+"""Description of the constraint on the rows of all cars."""
 ROUGH = 10
 """Most iterations before first levels are rounded to ticks of the driver."""
 
@@ -43,7 +45,7 @@ class TurnSolution:
     Attributes:
         x: scaled variables.
         course: of every car on the reduced model (members,), rad.
-        violation: largest scaled one, and `worst` whose it is.
+        violation: largest of any constraint of the programme, scaled, and `worst` whose it is.
         converged: the solver says so, and nothing is violated by more than `FEASIBLE`.
         evaluations: batches of turns; `wall_time` s.
     """
@@ -74,7 +76,7 @@ class TurnProgramme:
         self._best: tuple[float, FloatArray] | None = None
         self._sizes = np.array([row.size for row in shooting.rows])
         rows, variables = shooting.rows, shooting.variables
-        self._low, self._high = (
+        low, high = (
             np.tile([getattr(row, end) / row.size for row in rows], variables.members) for end in ("lower", "upper")
         )
         prog: Any = MathematicalProgram()
@@ -83,11 +85,11 @@ class TurnProgramme:
         prog.AddBoundingBoxConstraint(*variables.bounds, self.x)
         prog.AddQuadraticCost(2.0 * self._weights(), np.zeros(variables.size), self.x, is_convex=True)
         prog.AddCost(self._course_cost, self.x)
-        prog.AddConstraint(self._scaled_rows, self._low, self._high, self.x)
+        prog.AddConstraint(self._scaled_rows, low, high, self.x, description=ROWS)
         rates = slice(1, variables.tail)
         travel = variables.roll_rows * variables.units[rates]
         ends = [np.full(len(travel), side * variables.most_roll - variables.start) for side in (-1.0, 1.0)]
-        prog.AddLinearConstraint(travel, *ends, self.x[rates])
+        prog.AddLinearConstraint(travel, *ends, self.x[rates]).evaluator().set_description("travel of the tail")
 
     def solve(self, start: FloatArray, iterations: int = 30) -> TurnSolution:
         """The turn that is best near a start.
@@ -107,7 +109,7 @@ class TurnProgramme:
         finally:
             self.prog.RemoveConstraint(binding)
         found = self.at(x)
-        violation, worst = self._violation(found)
+        violation, worst = self._violation(x)
         spent = self.evaluations - before
         good = converged and violation <= FEASIBLE
         return TurnSolution(x, found.course, violation, worst, good, spent, time.perf_counter() - begun)
@@ -169,13 +171,22 @@ class TurnProgramme:
             weights[angle : angle + 2, angle : angle + 2] = uneven
         return weights
 
-    def _violation(self, found: Found) -> tuple[float, str]:
-        """Largest scaled violation of the rows, and its row."""
-        scaled, rows = (found.rows / self._sizes).ravel(), self.shooting.rows
-        beyond = np.maximum(np.maximum(self._low - scaled, scaled - self._high), 0.0)
-        worst = int(np.argmax(beyond))
-        row = rows[worst % len(rows)]
-        return float(beyond[worst]), f"{row.name} by {beyond[worst] * row.size:.3g} {row.unit}"
+    def _violation(self, x: FloatArray) -> tuple[float, str]:
+        """Largest violation of any constraint at scaled variables, those that were added included, and whose it is."""
+        most, name = 0.0, "nothing"
+        for binding in self.prog.GetAllConstraints():
+            one: Any = binding.evaluator()
+            value = np.asarray(self.prog.EvalBinding(binding, x), dtype=float)
+            beyond = np.maximum(np.maximum(one.lower_bound() - value, value - one.upper_bound()), 0.0)
+            place = int(np.argmax(beyond))
+            if beyond[place] <= most:
+                continue
+            most = float(beyond[place])
+            name = f"{one.get_description() or 'a constraint'}, entry {place}, by {most:.3g}"
+            if one.get_description() == ROWS:
+                row = self.shooting.rows[place % len(self.shooting.rows)]
+                name = f"{row.name} by {most * row.size:.3g} {row.unit}"
+        return most, name
 
 
 def best_of(solutions: list[TurnSolution]) -> TurnSolution:

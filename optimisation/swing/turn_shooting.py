@@ -16,6 +16,7 @@ plays; after the last knot the tail is held. All variables are scaled; turns are
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,14 +27,14 @@ import numpy as np
 from aerodima.optimisation.screening.turn_plans import PlayedRoll, TurnPlans
 from aerodima.optimisation.screening.turns import Turns, course, drive_turns, heights
 from aerodima.optimisation.screening.vehicles import Vehicles
-from aerodima.optimisation.swing.task import MOST_ROLL, MOST_SIDESLIP, PULSE
+from aerodima.optimisation.swing.task import Task
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE
 from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
 
-HORIZON, WINDOW = 1.3, 0.1
-"""s: how long turns are driven, and in which parts of it peaks are limited one by one."""
+AFTER, WINDOW = 0.8, 0.1
+"""s: how long turns are driven after the steering at least, and in which parts of it peaks are limited one by one."""
 END_ROLL = 0.1
 """Largest roll of a car at the end, to either side, rad."""
 ROLL_MARGIN = 0.05
@@ -71,6 +72,7 @@ class TurnVariables:
         start: roll of the tail that waits, rad.
         most_roll, most_rate: of the tail, to either side, rad and rad/s.
         steering: least and largest angle, rad.
+        pulse: length of the steering, s.
         tick: of the driver, s; a first level lasts whole ticks in the end.
     """
 
@@ -81,6 +83,7 @@ class TurnVariables:
     most_roll: float
     most_rate: float
     steering: tuple[float, float]
+    pulse: float = 0.5
     tick: float = 0.01
 
     @property
@@ -108,7 +111,8 @@ class TurnVariables:
         """Least and largest scaled values (size,)."""
         low, high = self.steering
         ends = []
-        for side, angle, release, hold in ((-1.0, low, EARLIEST, self.tick), (1.0, high, LATEST, PULSE - self.tick)):
+        latest = self.pulse - self.tick
+        for side, angle, release, hold in ((-1.0, low, EARLIEST, self.tick), (1.0, high, LATEST, latest)):
             ends.append(
                 np.concatenate([[release], [side * self.most_rate] * self.rates, [angle, angle, hold] * self.members])
             )
@@ -164,7 +168,7 @@ class TurnVariables:
         low, high = self.steering
         size = (self.members, 1)
         then, first = (low * (most / low) ** generator.uniform(size=size) for most in (high, min(high, 3.0 * low)))
-        cars = np.hstack([then, first, generator.uniform(0.1, 0.45, size)])
+        cars = np.hstack([then, first, generator.uniform(0.2 * self.pulse, 0.9 * self.pulse, size)])
         return np.concatenate([[release], -np.sign(self.start) * rates, cars.ravel()]) / self.units
 
 
@@ -201,6 +205,7 @@ class TurnShooting:
         begun: states at the start of the turns (24, members).
         variables: of the search.
         torque: most that the roll motor may be asked for, N m.
+        most_roll, most_sideslip: of a turn that counts, rad: to either side, and at the exit.
         length: of a step, s.
     """
 
@@ -209,17 +214,18 @@ class TurnShooting:
     begun: FloatArray
     variables: TurnVariables
     torque: float
+    most_roll: float
+    most_sideslip: float
     length: float
 
     @classmethod
-    def of(
-        cls, scenarios: Sequence[Scenario], rates: int, interval: float, steering: tuple[float, float], length: float
-    ) -> TurnShooting:
+    def of(cls, scenarios: Sequence[Scenario], rates: int, interval: float, task: Task, length: float) -> TurnShooting:
         """Of turns with a tail.
 
         Args:
             scenarios: cars on their floors; their steering and law do not matter.
-            rates, interval, steering: as `TurnVariables`.
+            rates, interval: as `TurnVariables`.
+            task: its pulse, range of the steering, and limits of a turn that counts.
             length: of a step, s.
 
         Raises:
@@ -230,31 +236,36 @@ class TurnShooting:
         limit = TORQUE_SHARE * first.tail_motor.torque_limit
         most_rate = float(np.min(cars.no_load_speed * (1.0 - limit / cars.stall_torque)))
         hold = first.controller.hold_angle
+        most_angle = min(task.search.high, *(s.servo.limit for s in scenarios))
         variables = TurnVariables(
-            len(scenarios), rates, interval, -hold, min(s.tail.roll_limit for s in scenarios), most_rate, steering,
-            1.0 / first.controller.rate,
+            len(scenarios), rates, interval, -hold, min(s.tail.roll_limit for s in scenarios), most_rate,
+            (task.search.low, most_angle), task.pulse, 1.0 / first.controller.rate,
         )  # fmt: skip
         swinging = [s.varied(tail={"mode": "swing"}, controller={"swing_file": "none"}) for s in scenarios]
         count = len(scenarios)
-        chosen = {"hold_kp": HOLD["kp"], "hold_kd": HOLD["kd"], "delay": 0.0, "hold": PULSE}
+        chosen = {"hold_kp": HOLD["kp"], "hold_kd": HOLD["kd"], "delay": 0.0, "hold": task.pulse}
         chosen |= {"trigger_yaw_rate": np.inf, "trigger_steering": RELEASE_STEERING}
         numbers: dict[str, Any] = {name: np.full(count, value) for name, value in chosen.items()}
         plans = replace(TurnPlans.of(swinging), **numbers)
         begun = drive_turns(cars, plans, duration=0.0, length=length).last
-        return cls(cars, plans, begun, variables, limit, length)
+        return cls(cars, plans, begun, variables, limit, task.most_roll, task.most_sideslip, length)
+
+    @cached_property
+    def windows(self) -> int:
+        """Number of windows of a turn, which fill the time that it is driven."""
+        return math.ceil((self.variables.pulse + AFTER) / WINDOW - TICK_TOLERANCE)
 
     @cached_property
     def rows(self) -> tuple[Row, ...]:
         """What is limited, for every car."""
-        windows = range(round(HORIZON / WINDOW))
-        most = MOST_ROLL - ROLL_MARGIN
-        when = [f" from {WINDOW * k:.1f} s on" for k in windows]
+        most = self.most_roll - ROLL_MARGIN
+        when = [f" from {WINDOW * k:.1f} s on" for k in range(self.windows)]
         return (
             *(Row(f"roll{words}", "rad", 0.1, -most, most) for words in when),
             *(Row(f"height of the tail{words}", "m", 0.1, CLEARANCE, np.inf) for words in when),
             *(Row(f"torque asked for{words}", "N m", 10.0, -self.torque, self.torque) for words in when),
             Row("height of the board", "m", 0.1, BOARD_CLEARANCE, np.inf),
-            Row("sideslip at the exit", "rad", 0.1, -MOST_SIDESLIP, MOST_SIDESLIP),
+            Row("sideslip at the exit", "rad", 0.1, -self.most_sideslip, self.most_sideslip),
             Row("roll at the end", "rad", 0.1, -END_ROLL, END_ROLL),
             Row("yaw rate at the end", "rad/s", 1.0, -EXIT_YAW_RATE, EXIT_YAW_RATE),
         )
@@ -269,7 +280,7 @@ class TurnShooting:
         played = PlayedRoll(one, time, roll, rate, *gains)
         plans = replace(plans, steer_angle=angle, first_angle=first_angle, first_hold=first_hold, played=played)
         return drive_turns(
-            self.cars.take(members), plans, duration=HORIZON, length=self.length, history=True,
+            self.cars.take(members), plans, duration=WINDOW * self.windows, length=self.length, history=True,
             begun=self.begun[:, members].astype(own.dtype),
         )  # fmt: skip
 
@@ -279,7 +290,7 @@ class TurnShooting:
         count = self.variables.members
         own = np.concatenate([draws[:, self.variables.own(member)].T for member in range(count)], axis=1)
         turns = self.drive(own, np.repeat(np.arange(count), DRAWS))
-        good = turns.clean & (turns.peak_roll <= MOST_ROLL) & (np.abs(turns.sideslip) <= MOST_SIDESLIP)
+        good = turns.clean & (turns.peak_roll <= self.most_roll) & (np.abs(turns.sideslip) <= self.most_sideslip)
         worth = np.where(good, turns.course, -turns.peak_roll).reshape(count, DRAWS)
         return np.asarray(draws[int(np.argmax(np.mean(worth, axis=0)))])
 
@@ -328,7 +339,7 @@ class TurnShooting:
 
     def _peaks(self, values: FloatArray, lowest: bool = False) -> FloatArray:
         """Of values (steps, n): per window the one of the largest magnitude, or the least one, (windows, n)."""
-        windows = np.split(values, round(HORIZON / WINDOW))
+        windows = np.split(values, self.windows)
         return np.array([-_peak(-window) if lowest else _peak(window, np.abs(window.real)) for window in windows])
 
 

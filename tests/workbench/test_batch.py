@@ -51,7 +51,7 @@ def test_a_piece_that_kills_its_worker_is_found_and_the_others_are_done(tmp_path
     tries = Counter(int(mark.name.split("_")[0]) for mark in tmp_path.iterdir())
     assert tries[2] == 2  # beside another piece, then alone
     assert max(tries[number] for number in (0, 1, 3, 4, 5)) <= 2
-    with pytest.raises(UserError, match=r"^1 of 4 pieces killed .*first is 2; the others are done"):
+    with pytest.raises(UserError, match=r"^1 of 4 pieces were lost twice .*first is 2; the others are done"):
         run_batch(partial(die_of_two, tmp_path), [1, 2, 3, 4], 2)
 
 

@@ -1,5 +1,6 @@
 """Workers that are lost, paused, stopped, full or idle: said, kept in the record, and no run lost or made twice."""
 
+import asyncio
 import gc
 import itertools
 import json
@@ -16,7 +17,7 @@ from pathlib import Path
 
 import dask
 import pytest
-from distributed import Future
+from distributed import Client
 
 from aerodima.workbench.batch import dask_cluster, dask_engine
 from aerodima.workbench.batch.dask_engine import open_engine
@@ -148,25 +149,61 @@ def test_result_that_dies_with_its_worker_is_made_again(opened, marks, tmp_path,
     assert re.match(r"worker [01] \(process \d+\) was lost", said[0])
 
 
-def test_result_that_does_not_arrive_is_made_again(opened, marks, tmp_path, monkeypatch):
-    monkeypatch.setattr(dask_engine, "RESULT_WITHIN", 0.0)
+def late_transfers(monkeypatch, delays: list[float]) -> None:
+    """Lets the first results that are fetched travel so long (s) each."""
+    gather = Client.gather
+
+    async def late(client, delay, futures):
+        await asyncio.sleep(delay)
+        return await gather(client, futures, asynchronous=True)
+
+    def patched(self, futures, **options):
+        return late(self, delays.pop(0), futures) if delays else gather(self, futures, **options)
+
+    monkeypatch.setattr(Client, "gather", patched)
+
+
+def test_result_that_does_not_arrive_is_made_again(opened, marks, monkeypatch):
+    monkeypatch.setattr(dask_engine, "RESULT_WITHIN", 0.4)
     monkeypatch.setattr(dask_engine, "LOOK_EVERY", 0.2)
     engine, said = opened(1)
-    result, refused = Future.result, list[Future]()
-
-    def late(self, timeout=None):
-        if not refused:
-            refused.append(self)
-        if self is refused[0]:
-            time.sleep(timeout)
-            raise TimeoutError
-        return result(self, timeout)
-
-    monkeypatch.setattr(Future, "result", late)
+    late_transfers(monkeypatch, [60.0])
     assert engine.map(partial(leak, marks, 0, 0.0), range(3)) == [0, 1, 4]
     assert [len(pids) for _, pids in sorted(processes(marks).items())].count(2) == 1
-    assert said == ["the result of a run did not arrive within 0 s: the run is made again"]
+    assert said == ["the result of a run did not arrive within 0.4 s: the run is made once more"]
     assert engine.events == {"taken_back": 1}
+
+
+def test_result_that_never_arrives_is_given_up_after_two_runs(opened, marks, monkeypatch):
+    monkeypatch.setattr(dask_engine, "RESULT_WITHIN", 0.4)
+    monkeypatch.setattr(dask_engine, "LOOK_EVERY", 0.2)
+    engine, _ = opened(1)
+    late_transfers(monkeypatch, [60.0, 60.0])
+    with pytest.raises(UserError, match="1 of 1 pieces"):
+        engine.map(partial(leak, marks, 0, 0.0), range(1))
+    assert len(processes(marks)[0]) == 2
+    assert engine.events == {"taken_back": 2, "given_up": 1}
+
+
+def test_result_may_travel_longer_than_the_time_between_two_looks(opened, marks, monkeypatch):
+    monkeypatch.setattr(dask_engine, "LOOK_EVERY", 0.2)
+    engine, said = opened(1)
+    late_transfers(monkeypatch, [1.0])
+    assert engine.map(partial(leak, marks, 0, 0.0), range(2)) == [0, 1]
+    assert [len(pids) for pids in processes(marks).values()] == [1, 1]
+    assert said == []
+
+
+def test_study_ends_when_no_worker_is_there_for_long(opened, marks, monkeypatch):
+    monkeypatch.setattr(dask_engine, "LOOK_EVERY", 0.1)
+    monkeypatch.setattr(dask_engine, "WORKER_WITHIN", 0.3)
+    engine, _ = opened(1)
+    asked = type(engine)._asked
+    monkeypatch.setattr(
+        type(engine), "_asked", lambda self, *args, **options: asked(self, *args, **options) | {"workers": {}}
+    )
+    with pytest.raises(UserError, match=r"no worker process for 0\.3 s"):
+        engine.map(partial(leak, marks, 0, 0.0), range(3))
 
 
 def refuse_in_time(number: int) -> int:

@@ -7,10 +7,12 @@ between two pieces, before it is so full that Dask would pause it.
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
+from concurrent.futures import wait as wait_for
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,7 +43,9 @@ PAUSED_LOOKS = 5
 RETIRED_FOR = 60.0
 """s; a worker that is still there so long after it was given up is a worker again."""
 RESULT_WITHIN = 30.0
-"""s; a result that a worker does not hand over in this time is lost, and its piece is made again."""
+"""s; a result that a worker does not hand over in this time is lost, and its piece is made once more."""
+WORKER_WITHIN = 300.0
+"""s; without any worker for so long the study ends."""
 ANSWER_WITHIN = 30.0
 """s, for an answer of the scheduler."""
 DEATHS_AT_THE_START = 3
@@ -118,7 +122,7 @@ class DaskEngine(Engine):
         self._workers: dict[str, Worker] = {}
         self._retired: dict[str, float] = {}
         """Address -> when a worker that the scheduler may still list was given up; monotonic, s."""
-        self._looked = -LOOK_EVERY
+        self._looked, self._staffed = -LOOK_EVERY, time.monotonic()
         self._deaths, self._worked = 0, False
         self._under_way: dict[Future, tuple[str, int | None]] = {}
         """Address of the worker, and the place of the piece; None while the worker gets ready."""
@@ -165,7 +169,7 @@ class DaskEngine(Engine):
                         died.add(place)
                         suspects.append(place)
                         continue
-                    self._record.event("given_up", f"given up, its worker died twice: {str(items[place])[:200]}")
+                    self._record.event("given_up", f"given up, lost twice with its worker: {str(items[place])[:200]}")
                     if lost is None:
                         given_up.append(place)
                     else:
@@ -175,8 +179,8 @@ class DaskEngine(Engine):
             self._drop()
         if given_up:
             raise UserError(
-                f"{len(given_up)} of {len(items)} pieces killed their worker process (out of memory?), the first is "
-                f"{items[min(given_up)]!r}; the others are done"
+                f"{len(given_up)} of {len(items)} pieces were lost twice with their worker process (out of memory?), "
+                f"the first is {items[min(given_up)]!r}; the others are done"
             )
         return [results[place] for place in range(len(items))]
 
@@ -261,34 +265,32 @@ class DaskEngine(Engine):
         A worker that dies between the end of a piece and this call takes the result with it. The scheduler then keeps
         the piece for that worker alone, so the future would wait forever.
         """
+        loop: Any = self._client.loop
+        gather: Any = self._client.gather([future], asynchronous=True)  # one for all looks: it may need several
+        gathering = asyncio.run_coroutine_threadsafe(gather, loop.asyncio_loop)
         until = time.monotonic() + RESULT_WITHIN
-        while True:
-            try:
-                fetched: tuple[Any, float, int, int] = future.result(timeout=LOOK_EVERY)
-                return fetched
-            except TimeoutError:
-                if future.status == "error":  # the piece itself raised it
-                    raise
-            self._look()
-            if future not in self._under_way:
-                return None
-            if time.monotonic() > until:
-                text = f"the result of a run did not arrive within {RESULT_WITHIN:g} s: the run is made again"
-                self._record.event("taken_back", text)
-                self._forget_future(future, self._again)
-                return None
+        try:
+            while future in self._under_way:
+                if wait_for([gathering], timeout=LOOK_EVERY).done:
+                    fetched: tuple[Any, float, int, int] = gathering.result()[0]
+                    return fetched
+                self._look()
+                if future in self._under_way and time.monotonic() > until:
+                    text = f"the result of a run did not arrive within {RESULT_WITHIN:g} s: the run is made once more"
+                    self._record.event("taken_back", text)
+                    self._forget_future(future, self._dead)
+            return None
+        finally:
+            gathering.cancel()
 
     def _look(self) -> None:
         """Finds out which workers are new, gone, paused or stopped, and acts on it; at most every `LOOK_EVERY`."""
         if time.monotonic() - self._looked < LOOK_EVERY:
             return
         self._looked = time.monotonic()
-        try:
-            # Not `scheduler_info`: the client's own refresh may put an answer without workers in its place.
-            ask: Any = self._client.scheduler.identity
-            present: dict[str, Any] = self._client.sync(ask, n_workers=-1, callback_timeout=ANSWER_WITHIN)["workers"]
-        except (OSError, TimeoutError) as error:
-            raise UserError(f"the Dask scheduler does not answer any more ({error})") from None
+        # Not `scheduler_info`: the client's own refresh may put an answer without workers in its place.
+        ask: Any = self._client.scheduler.identity
+        present: dict[str, Any] = self._asked(ask, n_workers=-1, callback_timeout=ANSWER_WITHIN)["workers"]
         oldest = self._looked - RETIRED_FOR  # a new worker may get the port of an old one
         self._retired = {where: at for where, at in self._retired.items() if where in present and at > oldest}
         for address in [address for address in self._workers if address not in present]:
@@ -303,6 +305,10 @@ class DaskEngine(Engine):
             if not self._workers[address].pid and not self._has_piece(address):
                 self._submit(address, None, get_ready, self._module)
             self._check(address, facts)
+        if self._workers:
+            self._staffed = self._looked
+        elif self._looked - self._staffed > WORKER_WITHIN:
+            raise UserError(f"no worker process for {WORKER_WITHIN:g} s; what was done is kept")
         self.workers = max(self.workers, sum(worker.threads for worker in self._workers.values()))
         self._still.look()
 
@@ -346,7 +352,7 @@ class DaskEngine(Engine):
         self._tell(kind, worker, text)
         self._forget(address, self._again)
         restart: Any = self._client.scheduler.restart_workers
-        self._client.sync(
+        self._asked(
             restart,
             workers=[address],
             timeout=30.0,
@@ -355,6 +361,13 @@ class DaskEngine(Engine):
             stimulus_id=f"workbench-replaces-{time.time()}",
             callback_timeout=2.0 * ANSWER_WITHIN,
         )
+
+    def _asked(self, question: Any, **arguments: Any) -> Any:
+        """The scheduler's answer; UserError without one."""
+        try:
+            return self._client.sync(question, **arguments)
+        except (OSError, TimeoutError) as error:
+            raise UserError(f"the Dask scheduler does not answer any more ({error})") from None
 
     def _lost(self, address: str) -> None:
         worker = self._workers.pop(address)

@@ -147,7 +147,7 @@ CASES: tuple[ProcessCase, ...] = (
 
 @dataclass(frozen=True)
 class RefusedCase:
-    """A car that must not be armed. fault: entry of the script, on from the start. reason: what the drive says."""
+    """A car that must not be armed. fault: entry of the script, on before the drive. reason: what the drive says."""
 
     name: str
     wiring: str
@@ -165,13 +165,21 @@ REFUSED: tuple[RefusedCase, ...] = tuple(
 )
 
 
+_TESTED_WITHIN = 8.0
+"""s after the start of the emulator, at which the fault comes on: the watchdog test needs a car that is well."""
+
+
 def run_refused_case(case: RefusedCase, folder: Path) -> None:
     """Tries to drive; neither motors nor throttle may come on."""
     car = load_scenario("turn_swing", list(SETTINGS))
-    script = {"clock": "start", "faults": [{"time": 0.5, **case.fault}]}
+    script = {"clock": "start", "faults": [{"time": _TESTED_WITHIN, **case.fault}]}
     with EmulatorProcess(folder, car, case.wiring, script) as emulator:
         records = folder / "state" / "aerodima" / "watchdog_tests"
+        begun = time.monotonic()
         run_watchdog_test(car, emulator.ports, emulator.wiring, lambda _: True, "emulator", records)
+        rest = begun + _TESTED_WITHIN - time.monotonic()
+        assert rest > 0.0, "the watchdog test met the fault"
+        time.sleep(rest)
         before = len(emulator.named("entered"))
         process = _start(emulator, folder, "turn_swing", SETTINGS)
         said = process.communicate(timeout=60.0)[0]

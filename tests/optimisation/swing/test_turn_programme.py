@@ -119,6 +119,33 @@ def test_a_constraint_of_the_user_is_kept() -> None:
     assert fastest[1] <= 4.0 + 1e-6
 
 
+def test_a_constraint_that_is_not_kept_is_named() -> None:
+    turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
+    late = turn_programme([turn], FEW)
+    unit, (_, high) = late.shooting.variables.units[0], late.shooting.variables.bounds
+    added = late.prog.AddBoundingBoxConstraint(high[0] + 0.5, high[0] + 1.0, late.x[0])
+    added.evaluator().set_description("release in time")
+    solution = late.solve(late.shooting.random_start(np.random.default_rng([1, 0])), 1)
+    assert solution.x[0] * unit <= 0.5 + 1e-6
+    assert solution.violation >= 0.5 - 1e-3
+    assert "release in time" in solution.worst
+
+
+def test_pulse_and_limits_are_those_of_the_task() -> None:
+    turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
+    long = turn_programme([turn], FEW, Task(scenario="turn_designed", pulse=1.0, most_roll=0.2, most_sideslip=0.3))
+    shooting = long.shooting
+    assert shooting.plans.hold == pytest.approx([1.0])
+    _, first, time = shooting.variables.steered(shooting.variables.bounds[1][shooting.variables.own(0)])
+    assert first <= turn.servo.limit
+    assert time == pytest.approx(0.99)
+    rows = {row.name: row for row in shooting.rows}
+    assert "roll from 1.7 s on" in rows
+    assert "roll from 1.8 s on" not in rows
+    assert rows["roll from 0.0 s on"].upper == pytest.approx(0.15)
+    assert rows["sideslip at the exit"].upper == 0.3
+
+
 @pytest.mark.parametrize(
     ("words", "change"),
     [
