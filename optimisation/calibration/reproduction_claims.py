@@ -34,9 +34,9 @@ MISSING = (
     (
         "Fig. 7.8, 7.10 to 7.13",
         "metrics over speed and tail speed",
-        "no data of the figures; ours: `aerodima sweep turn`",
+        "no data of the figures; ours: `aerodima sweep run turn`",
     ),
-    ("Fig. 7.9", "yaw penalty of the tail", "no data of the figure; ours: `aerodima sweep mount`"),
+    ("Fig. 7.9", "yaw penalty of the tail", "no data of the figure; ours: `aerodima sweep run mount`"),
     ("Table 2.1, chapter 5", "drag and lift of eight sail shapes", "CFD goals of the shapes are not in the text"),
     ("Tables 4.9 to 4.11, 10.x", "coefficients of the cheetah tails", "the wind-tunnel logs are not published"),
     ("Table 4.3", "positions of the rig", "printed as an image only"),

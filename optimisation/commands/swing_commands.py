@@ -48,6 +48,12 @@ def search(
         str, typer.Option("--for", help="motion, or a family of laws: constant, trained, trained-by-yaw.")
     ] = "trained",
     settings: TaskSettings = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A number of the tail that is free with the law, such as tail.length=0.6:1.0; may be repeated."
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of all draws.", min=0)] = 1,
     laws: Annotated[int, typer.Option(help="Of a generation, for each number that is free.", min=3)] = 6,
     generations: Annotated[int, typer.Option(help="Of laws beside the first one, on reduced cars.", min=0)] = 15,
@@ -75,6 +81,9 @@ def search(
     if what != "motion" and what not in FAMILIES:
         raise SwingError(f"--for {what}: allowed: motion, {', '.join(FAMILIES)}")
     asked = load_task(task, settings or ())
+    if what == "motion" and free:
+        raise SwingError("--free: allowed with a family of laws")
+    family = None if what == "motion" else FAMILIES[what].with_free(free or (), asked.scenario)
     motion = MotionSearch(starts, seed, knots, length, iterations)
     path = out / ("swing.yaml" if what == "motion" else "candidates.yaml")
     refuse_existing(path, work.force, SwingError)
@@ -82,11 +91,11 @@ def search(
         engine_for(out, work.workers, work.scheduler) as (engine, progress),
         kept_runs(out, engine, force=work.force, progress=progress) as runs,
     ):
-        if what == "motion":
+        if family is None:
             write_swing(search_motion(out.name, asked, motion, runs, progress=progress), path, force=work.force)
         else:
             search_for = LawSearch(laws, generations, finalists, seed)
-            found, table = search_law(asked, FAMILIES[what], search_for, runs)
+            found, table = search_law(asked, family, search_for, runs)
             write_candidates(path, [found], f"aerodima swing search {task} --for {what}", force=work.force)
             table.to_csv(out / "laws.csv", index=False)
     typer.echo(f"found: {path}")

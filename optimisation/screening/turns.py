@@ -95,7 +95,7 @@ class TurnRecord:
         self._settled = np.where(first, state[3], self._settled)
 
     def heading(self, state: FloatArray) -> FloatArray:
-        """Change of it from the start until the car settled (`workbench.metrics.settling`), else to these states."""
+        """Change of it from the start until the car settled, else to these states."""
         return np.where(np.isnan(self._settled), state[3], self._settled) - self._begun[3]
 
 

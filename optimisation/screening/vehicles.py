@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -135,10 +135,6 @@ class Vehicles:
     def take(self, places: Any) -> Vehicles:
         """Cars at these places, again and again if asked."""
         return Vehicles(**{field.name: getattr(self, field.name)[..., places] for field in fields(self)})
-
-    def with_friction(self, friction: Any) -> Vehicles:
-        """The same cars on other floors (n)."""
-        return replace(self, friction=np.broadcast_to(np.asarray(friction, float), self.mass.shape))
 
 
 def _car(scenario: Scenario) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, is_c
 from aerodima.optimisation.sweep.runs import Runs, make_frame
 from aerodima.optimisation.sweep.study import Sample, Uniform
 from aerodima.optimisation.swing.candidate import THESIS, Candidate
-from aerodima.optimisation.swing.task import Task
+from aerodima.optimisation.swing.task import CASE, Task
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 
@@ -41,7 +41,6 @@ NEVER = 10.0
 RESAMPLES = 4000
 """Draws of the bootstrap, of cars and of their runs."""
 _SEED = 1
-_CASE = ["car", "speed_m_per_s", "floor", "pulse_s"]
 
 
 @dataclass(frozen=True)
@@ -136,7 +135,7 @@ def drive_disturbed(task: Task, cases: pd.DataFrame, candidates: Sequence[Candid
         turn = task.run(task.steered_turn(who[case["candidate"]], case), task.step)
         planned = load_scenario(turn.scenario, turn.settings)
         for draw, given in enumerate(draw_disturbances(task.disturbed, task.seed, case["car"]), 1):
-            head = {name: case[name] for name in ("candidate", *_CASE)} | {"draw": draw, **vars(given)}
+            head = {name: case[name] for name in ("candidate", *CASE)} | {"draw": draw, **vars(given)}
             heads.append(head | {"missed": given.missed})
             tasks.append(replace(turn, settings=(*turn.settings, *given.settings(planned))))
     return make_frame([head | _result(task, row) for head, row in zip(heads, runs.rows(tasks), strict=True)])
@@ -163,7 +162,7 @@ def summarise_disturbed(runs: pd.DataFrame, candidates: Sequence[Candidate]) -> 
         own = runs[runs["candidate"] == who.name]
         ran = own[own["survived"].notna()]
         released, missed = (ran[ran["missed"].astype(bool) == one] for one in (False, True))
-        row: dict[str, Any] = {"candidate": who.name, "cases": len(own.groupby(_CASE)), "runs": len(ran)}
+        row: dict[str, Any] = {"candidate": who.name, "cases": len(own.groupby(CASE)), "runs": len(ran)}
         row |= {"failed": len(own) - len(ran), "survived": ran["survived"].mean(), "counted": ran["counts"].mean()}
         row |= {"released_survived": released["survived"].mean(), "missed_survived": missed["survived"].mean()}
         row["mean_course_rad"] = ran["course_change_rad"].mean()
@@ -179,7 +178,7 @@ def paired_by_car(runs: pd.DataFrame, one: str, other: str, value: str) -> list[
 
     Cases in which one of them has no steering make no pair.
     """
-    tables = [runs[runs["candidate"] == name].set_index([*_CASE, "draw"])[value].astype(float) for name in (one, other)]
+    tables = [runs[runs["candidate"] == name].set_index([*CASE, "draw"])[value].astype(float) for name in (one, other)]
     gap = (tables[0] - tables[1]).dropna()
     draws = gap.groupby(level=["car", "draw"]).mean()
     return [np.asarray(part, dtype=np.float64) for _, part in draws.groupby(level="car")]

@@ -18,7 +18,7 @@ import pandas as pd
 
 from aerodima.optimisation.sweep.runs import Runs, kept_runs, make_frame
 from aerodima.optimisation.swing.candidate import NO_TAIL, THESIS, Candidate
-from aerodima.optimisation.swing.task import Floor, SteeredTurn, Task, best_place, find_floors, search_steering
+from aerodima.optimisation.swing.task import CASE, Floor, SteeredTurn, Task, best_place, find_floors, search_steering
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray
@@ -27,7 +27,6 @@ from aerodima.workbench.config.ensemble import Member
 STEP_BACK, MOST_BACK = 2, 8
 """Places on the grid of the search by which the steering is lowered when the fine step does not bear it out, and how
 often at most."""
-CASE = ["car", "speed_m_per_s", "floor", "pulse_s"]
 SHOWN = (
     *("course_change_rad", "exit_heading_change_rad", "exit_time_s", "exit_speed_m_per_s", "exit_sideslip_rad"),
     *("average_linear_acceleration_m_per_s2", "peak_roll_rad", "two_wheel_time_s", "swing_trigger_time_s"),

@@ -13,8 +13,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from aerodima.optimisation.swing.candidate import NO_TAIL
-from aerodima.optimisation.swing.judge import CASE, Judgement, gains, middle_case
-from aerodima.optimisation.swing.task import Task
+from aerodima.optimisation.swing.judge import Judgement, gains, middle_case
+from aerodima.optimisation.swing.task import CASE, Task
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.figures.figure_style import BLUE, GREY, new_figure, styled
 from aerodima.workbench.figures.run_figures import RUN_STYLES

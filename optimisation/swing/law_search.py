@@ -67,6 +67,29 @@ class LawFamily:
             found.append(law)
         return found
 
+    def with_free(self, words: Sequence[str], scenario: str) -> LawFamily:
+        """The family with more free numbers, such as `tail.length=0.6:1.0` for a search of tail and law together.
+
+        Raises:
+            SweepError: another form, no number of the scenario, or no range.
+        """
+        ranges, turn = dict(self.ranges), load_scenario(scenario)
+        for word in words:
+            name, _, ends = word.partition("=")
+            section, _, key = name.partition(".")
+            try:
+                low, high = map(float, ends.split(":"))
+            except ValueError:
+                raise SweepError(f"--free {word}: allowed: section.key=low:high, such as tail.length=0.6:1.0") from None
+            if not isinstance(getattr(getattr(turn, section, None), key, None), float):
+                raise SweepError(f"--free {word}: {name} is no number of the scenario {scenario}")
+            if not low < high:
+                raise SweepError(f"--free {word}: allowed: the lower end first")
+            for end in (low, high):
+                load_scenario(scenario, [f"{name}={end!r}"])
+            ranges[name] = (low, high)
+        return replace(self, ranges=ranges)
+
     def for_pulse(self, pulse: float) -> LawFamily:
         """For steering of that length, s: where it is longer, the swing may wait and last as much longer."""
         longer = max(1.0, pulse / LONGEST_DELAY)

@@ -111,6 +111,8 @@ def search_steering(
 
 
 SCHEMA = "aerodima/task/1"
+CASE = ["car", "speed_m_per_s", "floor", "pulse_s"]
+"""Columns of a table that name a case."""
 FINE_STEP = 0.0005
 """Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
 PULSE = 0.5
@@ -128,7 +130,8 @@ class Task(StrictModel):
     Attributes:
         scenario: of the turn; its tail is the one that all candidates have unless they bring another.
         ensemble: of cars, split by `seed` into test cars, training cars and reserved ones.
-        cars: test cars, so many or these by name; `training` so many of the training cars.
+        judged_on: the test cars, or the reserved ones, which nobody has looked at while a law was chosen.
+        cars: of these so many, or these by name; `training` so many of the training cars.
         speeds: m/s.
         floors: friction over the critical friction of the published swing at full lock.
         pulse: length of the steering, s.
@@ -142,6 +145,7 @@ class Task(StrictModel):
     scenario: str = "turn_fast"
     ensemble: str = "car"
     seed: int = Field(default=1, ge=0)
+    judged_on: Literal["test", "reserved"] = "test"
     cars: int | list[str] = 4
     training: int = Field(default=4, ge=0)
     speeds: list[float] = Field(default=[4.5], min_length=1)
@@ -177,15 +181,17 @@ class Task(StrictModel):
 
     @cached_property
     def test_cars(self) -> tuple[Member, ...]:
-        """Cars that are judged on; SweepError for more than there are, or one that is no test car."""
-        there = load_ensemble(self.ensemble).split(self.seed).test
+        """Cars that are judged on; SweepError for more than there are, or one that is none of them."""
+        there: tuple[Member, ...] = getattr(load_ensemble(self.ensemble).split(self.seed), self.judged_on)
         if isinstance(self.cars, int):
             return _first(there, self.cars, "cars")
         known = {car.name: car for car in there}
         refuse_twice(self.cars, "car")
         for name in self.cars:
             if name not in known:
-                raise SweepError(f"car {name!r}: is no test car with this seed; allowed: {', '.join(sorted(known))}")
+                raise SweepError(
+                    f"car {name!r}: is no {self.judged_on} car with this seed; allowed: {', '.join(sorted(known))}"
+                )
         return tuple(known[name] for name in self.cars)
 
     @property

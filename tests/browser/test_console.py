@@ -99,7 +99,7 @@ def test_an_unplugged_gamepad_leaves_the_car_at_rest(operator: OperatorPage, ses
     operator.drive(steer)
     page.evaluate("() => { fakePads = []; }")
     operator.until("mode === 'rest' && !document.getElementById('use-gamepad').checked")
-    assert "unplugged" in page.inner_text("#banner")
+    operator.until("document.getElementById('banner').textContent.includes('unplugged')")  # with the next report
     operator.until("!state.car.driving")
     assert "left MANUAL for IDLE" in page.evaluate("state.car.said")
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -101,7 +102,7 @@ def screened_friction(scenarios: Sequence[Scenario], search: Search) -> list[Thr
 
     def run(wanted: Sequence[tuple[int, float]]) -> list[bool]:
         places, frictions = [place for place, _ in wanted], [value for _, value in wanted]
-        turns = drive_turns(cars.take(places).with_friction(frictions), plans.take(places))
+        turns = drive_turns(replace(cars.take(places), friction=np.array(frictions)), plans.take(places))
         return [bool(clean) for clean in turns.clean]
 
     return search_rows(search, ["bisect"] * len(scenarios), run, bool)

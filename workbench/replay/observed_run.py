@@ -135,9 +135,9 @@ def observe(
     Meshcat gets the plant, if nothing shows it yet, a camera that follows it, and the force of every `TailForce` on it
     as an arrow. The log has the state of the plant, the motion of its centre of mass and its base, the poses of its
     bodies with their shapes, per `TailForce` wrench and sections, the wind, and `signals`; `plant_metrics`, `aerodima
-    metrics`, `replay` and `compare` read it, with the outcome where it is defined (`plant_outcome`). A car's station
-    with driver, tail controller and roll estimator in the same builder gives the log of a car if `settings` is its
-    scenario.
+    log metrics`, `replay` and `log compare` read it, with the outcome where it is defined (`plant_outcome`). A car's
+    station with driver, tail controller and roll estimator in the same builder gives the log of a car if `settings` is
+    its scenario.
 
     Args:
         builder: that owns the plant.

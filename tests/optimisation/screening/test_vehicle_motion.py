@@ -138,7 +138,7 @@ def test_a_car_tips_where_friction_passes_the_static_stability_factor() -> None:
     scenario = load_scenario("turn_designed", words)
     car = scenario.car
     friction = np.arange(0.3, 1.2, 0.02)
-    cars = Vehicles.of([scenario]).take(np.zeros(len(friction), int)).with_friction(friction)
+    cars = replace(Vehicles.of([scenario]).take(np.zeros(len(friction), int)), friction=np.array(friction))
     stiff = np.full((4, len(friction)), 1e5)
     cars = replace(cars, spring=stiff, tyre_stiffness=stiff, damper=0.02 * stiff)
     turns = drive_turns(cars, TurnPlans.of([scenario]).take(np.zeros(len(friction), int)), duration=3.0)

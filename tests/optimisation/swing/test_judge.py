@@ -323,6 +323,8 @@ def test_no_car_is_in_two_parts_of_the_split() -> None:
     assert sorted(names) == sorted(m.name for m in ensemble.members if m.name != ensemble.best.name)
     assert split == ensemble.split(1)
     assert split != ensemble.split(2)
+    reserved = Task(seed=1, cars=3, judged_on="reserved").test_cars
+    assert reserved == ensemble.split(1).reserved[:3]
     # The first cars of all parts are drawn by weight: over many seeds the likeliest car is among them most often.
     first = [part[0] for seed in range(400) for part in ensemble.split(seed)[:1]]
     heavy = max((m for m in ensemble.members if m.name != ensemble.best.name), key=lambda m: m.weight)
@@ -336,6 +338,10 @@ def test_no_car_is_in_two_parts_of_the_split() -> None:
     [
         (lambda: Task(cars=["car072", "car072"]).test_cars, "car 'car072': named twice"),
         (lambda: Task(cars=["other"]).test_cars, "car 'other': is no test car with this seed; allowed: car"),
+        (
+            lambda: Task(cars=["other"], judged_on="reserved").test_cars,
+            "car 'other': is no reserved car with this seed",
+        ),
         (lambda: Task(cars=999).test_cars, "cars: 999; the ensemble has"),
         (lambda: Task(speeds=[4.5, 4.5]), "speed '4.5': named twice; allowed: once"),
         (lambda: Task(floors=[1.3, 1.1, 1.3]), "floor '1.3': named twice"),
