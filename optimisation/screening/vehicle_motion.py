@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aerodima.optimisation.screening.vehicles import Vehicles
+from aerodima.optimisation.screening.vehicles import SLIDING, Vehicles
 from aerodima.workbench.aero.laws import LineMotion, plate_force
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.plants.car_model import CAGE_STIFFNESS
@@ -37,8 +37,6 @@ POSITION, ANGLES, TAIL, TRAVEL, RATES = slice(0, 3), slice(3, 6), slice(6, 8), s
 W, V, SPIN, TAIL_RATE = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 12)
 """Of the twelve rates."""
 DEGREES = 12
-SLIDING = 0.01
-"""Slip below which Coulomb friction is rounded off, m/s."""
 STOP_RATE = 150.0
 """Natural frequency of a joint on its stop, rad/s."""
 BOARD_DISSIPATION = 1.0
@@ -312,7 +310,7 @@ def _tyres(
     # Suspension: its rate and the loads follow from one balance per wheel.
     slip_ahead = dot(ahead[:, None], velocity) + dot(ahead[:, None], spinning) * spin
     slip_left = dot(left[:, None], velocity)
-    slip = np.sqrt(slip_ahead**2 + slip_left**2 + SLIDING**2)
+    slip = np.sqrt(slip_ahead**2 + slip_left**2 + cars.slip_speed**2)
     lean = n[2] - cars.friction * (slip_ahead * ahead[2] + slip_left * left[2]) / slip
     spring = cars.tyre_stiffness * sunk
     closing = -dot(n_e, velocity)

@@ -18,10 +18,12 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import AXLES, SIDES
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.car import add_car_plant
-from aerodima.workbench.plants.car_model import EDGE_HALF_WIDTH, axle_statics, unsprung_mass, wheel_rates
+from aerodima.workbench.plants.car_model import EDGE_HALF_WIDTH, axle_statics, slip_speed, unsprung_mass, wheel_rates
 from aerodima.workbench.plants.tail import SAIL_TIP_MARGIN
 from aerodima.workbench.stations.car_air import sail_law, sail_layout
 
+SLIDING = 0.01
+"""Least slip over which friction is spread, m/s."""
 WHEELS = tuple((axle, side) for axle in AXLES for side in SIDES)
 """Front left, front right, rear left, rear right."""
 
@@ -32,7 +34,7 @@ class Vehicles:
 
     Attributes:
         speed: m/s, of the straight before the turn.
-        friction: of the tyres.
+        friction: of the tyres; `slip_speed` over which it is spread, m/s.
         gravity: m/s2; `air_density` kg/m3.
         mass: of all that does not move with the tail, kg.
         centre: its centre of mass in B (3, n), m; `inertia` about the origin of B (3, 3, n), kg m2.
@@ -62,6 +64,7 @@ class Vehicles:
 
     speed: FloatArray
     friction: FloatArray
+    slip_speed: FloatArray
     gravity: FloatArray
     air_density: FloatArray
     mass: FloatArray
@@ -149,6 +152,7 @@ def _car(scenario: Scenario) -> dict[str, Any]:
     return {
         "speed": scenario.manoeuvre.speed,
         "friction": car.tyre_friction,
+        "slip_speed": max(SLIDING, slip_speed(car, scenario.manoeuvre.speed)),
         "gravity": gravity,
         "air_density": scenario.environment.air_density,
         "com_x": car.com_x,

@@ -39,6 +39,7 @@ class CarParameters(QuantityModel):
     tyre_stiffness_rear: float = quantity("N/m", "radial stiffness of one rear tyre", gt=0, le=1e7)
     tyre_dissipation: float = quantity("s/m", "Hunt-Crossley dissipation of the tyres", ge=0, le=10)
     tyre_friction: float = quantity("1", "Coulomb friction coefficient between tyre and ground", gt=0, le=2)
+    tyre_slip_angle: float = quantity("rad", "friction over cornering stiffness per load; 0: rigid", ge=0, le=0.5)
     suspension_stiffness_front: float = quantity("N/m", "spring rate of one front suspension unit", gt=0, le=1e6)
     suspension_stiffness_rear: float = quantity("N/m", "spring rate of one rear suspension unit", gt=0, le=1e6)
     suspension_damping_front: float = quantity("N s/m", "damping of one front suspension unit", ge=0, le=1e5)

@@ -33,7 +33,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.plants.car_model import car_sdf
+from aerodima.workbench.plants.car_model import car_sdf, slip_speed
 from aerodima.workbench.plants.sdf_model import SdfModel
 from aerodima.workbench.plants.tail import LEAST_INERTIA_LEFT, added_mass_layout, tail_sdf
 from aerodima.workbench.resources import models_dir
@@ -112,6 +112,7 @@ def add_car_plant(
         plant.GetJointByName("tail_roll").set_default_angle(resting_roll(scenario))
         plant.GetJointByName("tail_pitch").set_default_angle(scenario.controller.pitch_angle)
         added = _added_mass(plant, scenario)
+    plant.set_stiction_tolerance(slip_speed(scenario.car, scenario.manoeuvre.speed))
     plant.set_contact_model(ContactModel.kPoint)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     plant.SetUseSampledOutputPorts(sampled_outputs)
