@@ -95,8 +95,9 @@ def search(
             write_swing(search_motion(out.name, asked, motion, runs, progress=progress), path, force=work.force)
         else:
             search_for = LawSearch(laws, generations, finalists, seed)
+            chosen = ["aerodima swing search", task, "--for", what, *(f"--free {word}" for word in free or ())]
             found, table = search_law(asked, family, search_for, runs)
-            write_candidates(path, [found], f"aerodima swing search {task} --for {what}", force=work.force)
+            write_candidates(path, [found], " ".join(chosen), force=work.force)
             table.to_csv(out / "laws.csv", index=False)
     typer.echo(f"found: {path}")
     typer.echo(f"judge it: aerodima swing judge {task} --candidate {path} --out {out / 'judge'}")
