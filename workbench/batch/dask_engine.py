@@ -148,7 +148,7 @@ class DaskEngine(Engine):
         waiting, suspects = deque(range(len(items))), deque[int]()
         results: dict[int, Any] = {}
         given_up, died = list[int](), set[int]()
-        self._still = Standstill(self._record, self._where)
+        self._still, self._staffed = Standstill(self._record, self._where), time.monotonic()
 
         def keep(place: int, result: Any) -> None:
             results[place] = result
