@@ -70,6 +70,7 @@ class TurnPlans:
 
     Attributes:
         ramp, start: the car gathers speed for so long and goes straight until then, s.
+        lead: s by which a drive without governor is asked for its speed ahead of the ramp (`SpeedRamp`).
         steer_angle: rad; `hold` s, length of the steering step; `steer_rate` of the servo, rad/s.
         first_angle, first_hold: another angle at the beginning of the step, rad, and how much of it, s.
         rate: of the controller, Hz; `late` how many of its ticks a yaw rate is old.
@@ -80,6 +81,7 @@ class TurnPlans:
 
     ramp: FloatArray
     start: FloatArray
+    lead: FloatArray
     steer_angle: FloatArray
     hold: FloatArray
     first_angle: FloatArray
@@ -158,6 +160,7 @@ def _row(scenario: Scenario) -> dict[str, float]:
     row |= {
         "ramp": turn.speed_ramp,
         "start": turn.turn_start,
+        "lead": 0.0 if scenario.drive.governor else scenario.drive.time_constant,
         "steer_angle": turn.steer_angle,
         "hold": turn.turn_hold,
         "first_angle": turn.first_angle,

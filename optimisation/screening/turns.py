@@ -139,7 +139,7 @@ class Turns:
             `sideslip` rad there. NaN without an exit.
         last: states at the end (24, n).
         history: every state (steps, 24, n), when asked for; `asked` the torque of the roll motor by its own law at the
-            beginning of each of these steps (steps, n), N m.
+            beginning of each of these steps (steps, n), N m; `loads` of the wheels in them (steps, 4, n), N.
     """
 
     survived: np.ndarray
@@ -155,6 +155,11 @@ class Turns:
     last: FloatArray
     history: FloatArray | None = None
     asked: FloatArray | None = None
+    loads: FloatArray | None = None
+
+
+HISTORY = ("history", "asked", "loads")
+"""What `Turns` keeps of every step."""
 
 
 def drive_turns(
@@ -172,7 +177,7 @@ def drive_turns(
         cars, plans: n of each.
         duration: s from the start of the steering; 0 ends with the straight, whose `last` begins other turns.
         length: of a step, s.
-        history: keep every state (steps, 24, n) and the torques that were asked of the roll motor.
+        history: keep every state, the torques that were asked of the roll motor, and the loads.
         begun: states (24, n) when the steering begins, of cars whose tail still waits; the straight is not driven.
     """
     n, law = cars.count, BatchLaw(plans, cars)
@@ -182,14 +187,15 @@ def drive_turns(
     begin = round(float(plans.start[0]) / length)
     state, first = (state, 0) if begun is None else (begun, begin)
     gone, loads, record = np.zeros(n, bool), np.zeros((4, n)), TurnRecord(cars, state, plans.straight)
-    kept: list[tuple[FloatArray, FloatArray]] = []
+    kept: list[tuple[FloatArray, ...]] = []
     for index in range(first, begin + round(duration / length)):
         time = (index - begin) * length
         if index % ticks == 0 or index == first:
             law.tick(time, state)
         if index == begin:
             record = TurnRecord(cars, state, plans.straight)
-        speed = cars.speed * np.minimum(1.0, (time + plans.start) / plans.ramp)
+        gathered = (time + plans.start) / plans.ramp
+        speed = cars.speed * np.where(gathered < 1.0, gathered + plans.lead / plans.ramp, 1.0)
         steered = np.mean(plans.steering(time + length * WITHIN), axis=0)
         commands = Commands(np.stack([steered, steered]), speed / cars.rolling_radius, law.commands())
         found, asked = equations(state, commands, cars), asked_torque(state, commands)
@@ -199,7 +205,7 @@ def drive_turns(
             record.see(time + length, state)
             record.settle(time + length, state, loads, law.busy)
         if history:
-            kept.append((state, asked))
+            kept.append((state, asked, loads))
     leaning = (np.arccos(np.clip(up(state[4], state[5])[2].real, -1.0, 1.0)) > END_TILT) & (loads <= 0.0).any(axis=0)
     survived = ~(gone | leaning)
     return Turns(
@@ -208,8 +214,7 @@ def drive_turns(
         heading=record.heading(state),
         trigger=law.trigger,
         last=state,
-        history=np.array([states for states, _ in kept]) if history else None,
-        asked=np.array([torque for _, torque in kept]) if history else None,
+        **{name: np.array(values) for name, values in zip(HISTORY, zip(*kept, strict=True), strict=False)},
         **{name: getattr(record, name) for name in RECORDED},
     )
 

@@ -250,7 +250,7 @@ def _refuse_unknown(scenario: Scenario) -> None:
         raise UserError(f"tail.added_mass: {tail.added_mass:g} kg; the screening model knows: 0 kg")
     if not scenario.wind.is_still:
         raise UserError("wind: blows in this scenario; the screening model knows still air")
-    if scenario.servo.linkage != "parallel" or not scenario.drive.governor:
-        raise UserError("servo.linkage, drive.governor: the screening model knows: parallel, true")
+    if scenario.servo.linkage != "parallel":
+        raise UserError(f"servo.linkage: {scenario.servo.linkage!r}; the screening model knows: parallel")
     if scenario.manoeuvre.kind != "turn" or scenario.manoeuvre.direction != "left":
         raise UserError("manoeuvre: the screening model knows: kind turn, direction left")
