@@ -23,7 +23,7 @@ import numpy as np
 from aerodima.optimisation.screening.vehicles import SLIDING, Vehicles
 from aerodima.workbench.aero.laws import LineMotion, plate_force
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.plants.car_model import CAGE_STIFFNESS
+from aerodima.workbench.plants.car_model import CAGE_STIFFNESS, ROLLING_RATE
 
 STATES = (
     *("x", "y", "z", "yaw", "pitch", "roll", "tail_pitch", "tail_roll"),
@@ -253,7 +253,7 @@ def _joints(
 ) -> FloatArray:
     """Adds motors (design section 6), friction and stops of the tail's joints."""
     found = []
-    for joint, limit in enumerate((cars.pitch_limit, cars.roll_limit)):
+    for joint, limit in enumerate((cars.pitch_limit, cars.roll_stop)):
         place = 10 + joint
         angle, rate = state[6 + joint], state[RATES][place]
         target, speed, kp, kd = commands.tail[joint]
@@ -334,13 +334,16 @@ def _tyres(
     own = np.sum(grip * turned * turned, axis=(0, 1))
 
     # Wheels and drive: the shaft turns at the mean of the rear wheels.
-    share = cars.shaft_gain * (commands.shaft_speed - 0.5 * (spin[2] + spin[3]))
+    rounded = np.tanh(spin / ROLLING_RATE)
+    resisting, slope = cars.rolling * rounded, cars.rolling * (1.0 - rounded * rounded) / ROLLING_RATE
+    force[SPIN] -= resisting
+    share = cars.shaft_gain * (commands.shaft_speed - 0.5 * (spin[2] + spin[3])) + np.sum(resisting, axis=0)
     torque = np.clip(share, -cars.shaft_limit, cars.shaft_limit)
     governed = 0.25 * cars.shaft_gain * (np.abs(share) < cars.shaft_limit)
     for wheel in range(4):
         mass[6 + wheel, 6 + wheel] = cars.wheel_inertia
         mass[W, 6 + wheel] = mass[6 + wheel, W] = cars.wheel_inertia * axle[:, wheel]
-        damping[6 + wheel, 6 + wheel] += own[wheel]
+        damping[6 + wheel, 6 + wheel] += own[wheel] + slope[wheel]
     mass[8:10, 8:10] += 0.25 * cars.shaft_inertia
     damping[8:10, 8:10] += governed
     force[8:10] += 0.5 * torque

@@ -18,7 +18,14 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import AXLES, SIDES
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.car import add_car_plant
-from aerodima.workbench.plants.car_model import EDGE_HALF_WIDTH, axle_statics, slip_speed, unsprung_mass, wheel_rates
+from aerodima.workbench.plants.car_model import (
+    EDGE_HALF_WIDTH,
+    axle_statics,
+    rolling_torques,
+    slip_speed,
+    unsprung_mass,
+    wheel_rates,
+)
 from aerodima.workbench.plants.tail import SAIL_TIP_MARGIN
 from aerodima.workbench.stations.car_air import sail_law, sail_layout
 
@@ -45,6 +52,7 @@ class Vehicles:
         tyre_stiffness: of one edge (4, n), N/m; `tyre_dissipation` s/m.
         spring, damper, preload: of one wheel's suspension (4, n), N/m, N s/m, N.
         unsprung: mass that hangs on it (4, n), kg.
+        rolling: torque against its rolling (4, n), N m.
         wheel_inertia: of one wheel about its axle; `shaft_inertia` of the drive, kg m2.
         shaft_gain: torque per speed error, N m s/rad; `shaft_limit` N m; `rolling_radius` m.
         board: rear corners of the anti-ramp board in B (3, 2, n), m, radius included; far above without a board.
@@ -56,7 +64,7 @@ class Vehicles:
         hub_inertia, rotor_inertia: about the pitch axis, and of a motor at its joint, kg m2.
         coulomb, viscous, tanh_gain: friction of a joint, N m, N m s/rad, s/rad.
         torque_limit, stall_torque: N m; `no_load_speed` rad/s; `torque_scale` true over nominal torque.
-        roll_limit, pitch_limit: rad.
+        roll_stop, pitch_limit: of the joints, rad.
         tip: distance of the sail's corners from the joints, and from the tail's axis (2, n), m.
         section_distances, section_areas: of the sail (sections, n), m and m2.
         force_across, force_chord: C_N along the sail's normal and its chord.
@@ -81,6 +89,7 @@ class Vehicles:
     damper: FloatArray
     preload: FloatArray
     unsprung: FloatArray
+    rolling: FloatArray
     wheel_inertia: FloatArray
     shaft_inertia: FloatArray
     shaft_gain: FloatArray
@@ -102,7 +111,7 @@ class Vehicles:
     stall_torque: FloatArray
     no_load_speed: FloatArray
     torque_scale: FloatArray
-    roll_limit: FloatArray
+    roll_stop: FloatArray
     pitch_limit: FloatArray
     tip: FloatArray
     section_distances: FloatArray
@@ -170,6 +179,7 @@ def _car(scenario: Scenario) -> dict[str, Any]:
         "damper": [rates[axle][1] for axle, _ in WHEELS],
         "preload": [-rates[axle][0] * statics[axle].spring_reference for axle, _ in WHEELS],
         "unsprung": [unsprung[axle] for axle, _ in WHEELS],
+        "rolling": [rolling_torques(car, gravity)[axle] for axle, _ in WHEELS],
         "wheel_inertia": 0.5 * car.wheel_mass * car.tyre_radius**2,
         "shaft_inertia": drive.rotor_inertia,
         "shaft_gain": shaft_gain(drive, car),
@@ -224,7 +234,7 @@ def _tail(scenario: Scenario) -> dict[str, Any]:
         "stall_torque": stall,
         "no_load_speed": no_load,
         "torque_scale": 1.0 + motor.torque_error,
-        "roll_limit": tail.roll_limit,
+        "roll_stop": tail.roll_stop,
         "pitch_limit": tail.pitch_limit,
         "tip": (tail.length - SAIL_TIP_MARGIN, tail.sail_width / 2 - SAIL_TIP_MARGIN),
         "section_distances": layout.distances,

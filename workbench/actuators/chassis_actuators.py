@@ -27,12 +27,15 @@ def shaft_gain(drive: DriveParameters, car: CarParameters) -> float:
     return (car.mass * car.tyre_radius**2 + drive.rotor_inertia) / drive.time_constant
 
 
-def shaft_torque(throttle: float, shaft_speed: float, drive: DriveParameters, gain: float, radius: float) -> float:
-    """Torque (N m) on the differential's shaft: clip(k (w_target - w), +-limit).
+def shaft_torque(
+    throttle: float, shaft_speed: float, drive: DriveParameters, gain: float, radius: float, loss: float = 0.0
+) -> float:
+    """Torque (N m) on the differential's shaft: clip(k (w_target - w) + loss, +-limit).
 
     The throttle sets the target through the line of section 6.2. With governor k is stiff, so the wheel speed is held
-    through the turn; without, k is the slope of the motor's torque-speed line and the speed droops with load. At
-    throttle 0 the drive is off and rolls freely. NaN counts as throttle 0; beyond +-1 is clipped.
+    through the turn; without, k is the slope of the motor's torque-speed line and the speed droops with load. The line
+    is that of the rolling car, so the drive carries its rolling resistance; at throttle 0 it is off. NaN counts as
+    throttle 0; beyond +-1 is clipped.
 
     Args:
         throttle: -1..1.
@@ -40,12 +43,13 @@ def shaft_torque(throttle: float, shaft_speed: float, drive: DriveParameters, ga
         drive: line, torque limit.
         gain: k, N m s/rad, from `shaft_gain`.
         radius: m, of the loaded rear tyres as they roll.
+        loss: rolling resistance of all wheels, N m.
     """
     if throttle != throttle or throttle == 0.0:
         return 0.0
     target = steady_speed(min(max(throttle, -1.0), 1.0), drive) / radius
     limit = drive.torque_limit
-    return min(max(gain * (target - shaft_speed), -limit), limit)
+    return min(max(gain * (target - shaft_speed) + loss, -limit), limit)
 
 
 def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[float, float]:

@@ -45,6 +45,7 @@ class CarParameters(QuantityModel):
     suspension_damping_front: float = quantity("N s/m", "damping of one front suspension unit", ge=0, le=1e5)
     suspension_damping_rear: float = quantity("N s/m", "damping of one rear suspension unit", ge=0, le=1e5)
     suspension_motion_ratio: float = quantity("1", "travel of a suspension unit over that of its wheel", gt=0.1, le=1)
+    rolling_resistance: float = quantity("1", "force against rolling over load, at every wheel", ge=0, le=0.3)
     suspension_travel: float = quantity("m", "travel to either side of the nominal ride height", gt=0, le=0.2)
     cage_friction: float = quantity("1", "friction coefficient of cage, board and tail on the ground", ge=0, le=2)
     gearbox_x: float = quantity("m", "middle of the gearbox ahead of the rear axle", ge=-0.5, le=0.5)
@@ -140,7 +141,8 @@ class TailParameters(QuantityModel):
     added_mass: float = quantity("kg", "added mass of the air on each of five parts of the tail", ge=-1, le=10)
     sections: int = quantity("1", "number of equal sections of the sail", ge=1, le=100)
     geometry: str = quantity("1", "none, or the path of a tail file, whose shape and mass stand in place of those here")
-    roll_limit: float = quantity("rad", "tail roll range to either side", gt=0, le=3.1416)
+    roll_limit: float = quantity("rad", "tail roll that may be commanded, to either side", gt=0, le=3.1416)
+    roll_stop: float = quantity("rad", "mechanical stop of the roll joint; 3.1416: none", gt=0, le=3.1416)
     pitch_limit: float = quantity("rad", "tail pitch range to either side", gt=0, le=3.1416)
 
     @property

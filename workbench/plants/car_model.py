@@ -28,6 +28,8 @@ EDGE_HALF_WIDTH = 0.002
 """Half the width (m) of each edge of a tyre: narrow against any tyre, so that its contact point stays on it."""
 
 
+ROLLING_RATE = 1.0
+"""Rate (rad/s) of a wheel over which its rolling resistance is rounded off."""
 RIGID_SLIP = 1e-4
 """Slip (m/s) over which Drake spreads friction by default, that of rigid tyres."""
 
@@ -70,6 +72,12 @@ def wheel_rates(car: CarParameters, axle: str) -> tuple[float, float]:
     stiffness = car.suspension_stiffness_front if front else car.suspension_stiffness_rear
     damping = car.suspension_damping_front if front else car.suspension_damping_rear
     return squared * stiffness, squared * damping
+
+
+def rolling_torques(car: CarParameters, gravity: float) -> dict[str, float]:
+    """Torque (N m) against the rolling of one wheel of each axle, at its standing load without tail arm."""
+    statics = {axle: axle_statics(car, gravity, axle) for axle in AXLES}
+    return {axle: car.rolling_resistance * one.wheel_load * one.wheel_height for axle, one in statics.items()}
 
 
 def unsprung_mass(car: CarParameters, axle: str) -> float:

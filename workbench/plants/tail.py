@@ -196,7 +196,7 @@ def tail_sdf(
         corners = _set_sail_shapes(model, tail)
     for shape in corners:
         model.set_contact("tail_sail", shape, TAIL_CONTACT_STIFFNESS, 1.0, ground_partner_friction(car))
-    for joint, limit in (("tail_pitch", tail.pitch_limit), ("tail_roll", tail.roll_limit)):
+    for joint, limit in (("tail_pitch", tail.pitch_limit), ("tail_roll", tail.roll_stop)):
         model.set_joint(joint, lower=-limit, upper=limit, effort=motor.torque_limit)
         model.set_rotor(joint, motor.rotor_inertia, motor.gear_ratio)
     model.set_joint("tail_sail_turn", damping=tail.sail_bearing_damping)

@@ -5,6 +5,7 @@ one home each: `shaft_torque`, `steering_motion` and `knuckle_motion` (actuators
 (actuators/ak70.py), `SectionLaw.line_force` (aero/laws.py).
 """
 
+import math
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -19,9 +20,9 @@ from aerodima.workbench.actuators.chassis_actuators import knuckle_motion, shaft
 from aerodima.workbench.aero.laws import cross, wind_direction
 from aerodima.workbench.aero.sail import SailMotion, generalised_force, sail_motion
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import TAIL_COMMAND
+from aerodima.workbench.config.signal_table import TAIL_COMMAND, WHEELS
 from aerodima.workbench.plants.car import CarPlant
-from aerodima.workbench.plants.car_model import axle_statics
+from aerodima.workbench.plants.car_model import ROLLING_RATE, axle_statics, rolling_torques
 from aerodima.workbench.stations.car_air import sail_strips
 from aerodima.workbench.systems.system_ports import constant, select, stacked, transformed, vector_of
 
@@ -35,17 +36,19 @@ def _ranges(**sizes: int) -> dict[str, range]:
     return {name: range(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
 
-MOTION = _ranges(quaternion=4, position=3, velocity=6, angles=3, rates=3, shaft_rate=1)
+MOTION = _ranges(quaternion=4, position=3, velocity=6, angles=3, rates=3, shaft_rate=1, wheel_rates=4)
 """Motion of a car as one vector: of the chassis its quaternion w, x, y, z, position, m, and angular velocity, rad/s,
 and velocity, m/s, in W; angles, rad, and rates, rad/s, of pitch, roll and sail joint (0 where there are none); rate of
-the drive's shaft, rad/s."""
-MOTION_SIZE = MOTION["shaft_rate"].stop
+the drive's shaft and of the `WHEELS`, rad/s."""
+MOTION_SIZE = MOTION["wheel_rates"].stop
 
-DRIVES = _ranges(shaft_torque=1, knuckles=4, joint_torques=2, air_on_chassis=6, air_on_joints=3, motor_torques=2)
+DRIVES = _ranges(
+    shaft_torque=1, knuckles=4, rolling=4, joint_torques=2, air_on_chassis=6, air_on_joints=3, motor_torques=2
+)
 """What drives the plant as one vector: torque on the shaft, N m; angles, rad, then rates, rad/s, of left and right
-knuckle; torques of motor and friction together on pitch and roll joint, N m; of the air its moment on the chassis about
-its origin, N m, and its force, N, in W, and its torques on pitch, roll and sail joint, N m; torques of the tail motors
-alone, N m. Without a tail all behind the knuckles is 0."""
+knuckle; rolling resistance of the `WHEELS`, N m; torques of motor and friction together on pitch and roll joint, N m;
+of the air its moment on the chassis about its origin, N m, and its force, N, in W, and its torques on pitch, roll and
+sail joint, N m; torques of the tail motors alone, N m. Without a tail all behind the wheels is 0."""
 DRIVES_SIZE = DRIVES["motor_torques"].stop
 
 
@@ -58,11 +61,12 @@ class CarMotion(NamedTuple):
     angles: list[float]
     rates: list[float]
     shaft_rate: float
+    wheel_rates: list[float]
 
     @classmethod
     def of(cls, x: list[float]) -> "CarMotion":
         """Of a vector that begins with `MOTION`."""
-        return cls(x[:4], x[4:7], x[7:13], x[13:16], x[16:19], x[19])
+        return cls(x[:4], x[4:7], x[7:13], x[13:16], x[16:19], x[19], x[20:24])
 
 
 class CarDrives(LeafSystem):
@@ -74,7 +78,7 @@ class CarDrives(LeafSystem):
             tail_pitch_command, tail_roll_command: position rad, velocity rad/s, kp N m/rad, kd N m s/rad, torque N m,
             a NaN gives no torque; wind_velocity: v_WA in W, m/s.
     Output ports:
-        drives (18): see `DRIVES`.
+        drives (22): see `DRIVES`.
         wind_direction (1): with a tail, of the sail's first line of sections, as `TailForce.wind_direction`, rad.
 
     Args:
@@ -88,6 +92,8 @@ class CarDrives(LeafSystem):
         self._scenario = scenario
         self._gain = shaft_gain(scenario.drive, scenario.car)
         self._radius = axle_statics(scenario.car, scenario.environment.gravity, "rear").wheel_height
+        rolling = rolling_torques(scenario.car, scenario.environment.gravity)
+        self._rolling = [rolling[wheel.split("_")[0]] for wheel in WHEELS]
         sizes = {"motion": MOTION_SIZE, "throttle": 1, "frame": 3}
         if p_BoSo_B is not None:
             sizes["last"] = 1 + MOTION_SIZE + DRIVES_SIZE
@@ -106,9 +112,10 @@ class CarDrives(LeafSystem):
     def _calc(self, context: Context, output: BasicVector) -> None:
         x, scenario = vector_of(self._inputs, context).tolist(), self._scenario
         now, (throttle,), frame = CarMotion.of(x), x[self._parts["throttle"]], x[self._parts["frame"]]
-        torque = shaft_torque(throttle, now.shaft_rate, scenario.drive, self._gain, self._radius)
+        rolling = [-most * math.tanh(w / ROLLING_RATE) for most, w in zip(self._rolling, now.wheel_rates, strict=True)]
+        torque = shaft_torque(throttle, now.shaft_rate, scenario.drive, self._gain, self._radius, -sum(rolling))
         angle, rate = steering_motion(frame, context.get_time(), scenario.servo.rate)
-        drives = [torque, *knuckle_motion(angle, rate, scenario.servo, scenario.car)]
+        drives = [torque, *knuckle_motion(angle, rate, scenario.servo, scenario.car), *rolling]
         if self._p_BoSo_B is None:
             drives += [0.0] * (DRIVES_SIZE - len(drives))
         else:
@@ -248,7 +255,13 @@ def _motion_of_state(plant: MultibodyPlant) -> np.ndarray:
         place[MOTION["angles"][index], joint.position_start()] = 1.0
         place[MOTION["rates"][index], nq + joint.velocity_start()] = 1.0
     place[MOTION["shaft_rate"][0], nq + plant.GetJointByName("drive_shaft_spin").velocity_start()] = 1.0
+    for index, start in enumerate(_wheel_starts(plant)):
+        place[MOTION["wheel_rates"][index], nq + start] = 1.0
     return place
+
+
+def _wheel_starts(plant: MultibodyPlant) -> list[int]:
+    return [plant.GetJointByName(f"{wheel}_spin").velocity_start() for wheel in WHEELS]
 
 
 def _tail_joints(plant: MultibodyPlant) -> list[Joint]:
@@ -264,19 +277,19 @@ def _driven_ports(car: CarPlant) -> list[tuple[str, InputPort, np.ndarray]]:
     torques, knuckles = np.zeros((plant.num_actuators(), DRIVES_SIZE)), np.zeros((2 * count, DRIVES_SIZE))
     torques[_actuation_start(plant, "drive_shaft_spin"), DRIVES["shaft_torque"]] = 1.0
     knuckles[[*steered, *(count + index for index in steered)], DRIVES["knuckles"]] = 1.0
-    ports = [
+    forces = np.zeros((plant.num_velocities(), DRIVES_SIZE))
+    forces[_wheel_starts(plant), DRIVES["rolling"]] = 1.0
+    if car.tail is not None:
+        torques[[_actuation_start(plant, name) for name in TAIL_JOINTS[:2]], DRIVES["joint_torques"]] = 1.0
+        v = plant.GetBodyByName("chassis").floating_velocities_start_in_v()
+        forces[range(v, v + 6), DRIVES["air_on_chassis"]] = 1.0
+        for index, joint in enumerate(_tail_joints(plant)):
+            forces[joint.velocity_start(), DRIVES["air_on_joints"][index]] = 1.0
+    return [
         ("actuation", plant.get_actuation_input_port(), torques),
         ("desired_steering", plant.get_desired_state_input_port(car.car), knuckles),
+        ("applied_force", plant.get_applied_generalized_force_input_port(), forces),
     ]
-    if car.tail is None:
-        return ports
-    torques[[_actuation_start(plant, name) for name in TAIL_JOINTS[:2]], DRIVES["joint_torques"]] = 1.0
-    air = np.zeros((plant.num_velocities(), DRIVES_SIZE))
-    v = plant.GetBodyByName("chassis").floating_velocities_start_in_v()
-    air[range(v, v + 6), DRIVES["air_on_chassis"]] = 1.0
-    for index, joint in enumerate(_tail_joints(plant)):
-        air[joint.velocity_start(), DRIVES["air_on_joints"][index]] = 1.0
-    return [*ports, ("air_force", plant.get_applied_generalized_force_input_port(), air)]
 
 
 def _actuation_start(plant: MultibodyPlant, joint: str) -> int:
