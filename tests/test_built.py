@@ -2,7 +2,7 @@
 
 import pytest
 
-from aerodima.optimisation.calibration.calibration_plan import load_plan
+from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.metrics.published_values import published_values
 from tests.built.found import CHECKS, RUNS, SLOW
@@ -88,17 +88,11 @@ def test_the_page_has_every_row_with_its_verdict() -> None:
 
 
 def test_what_the_cars_are_calibrated_to_is_no_evidence() -> None:
-    plan = load_plan("car")
     platforms = {figures.source: f"{figures.platform}_{figures.configuration}_" for figures in published_values()}
-    fitted = {
-        platforms.get(place, "") + name
-        for place, figures in plan.figures.items()
-        for name, figure in figures.items()
-        if figure.use == "fitted"
-    }
+    names = (name.rpartition(" ") for name in load_ensemble("car").provenance["fitted"])
+    fitted = {platforms.get(place, "") + name for place, _, name in names}
     ours = {s.source: s for s in FILE.statements if s.kind == "run"}
-    named = {"speed_in_the_turn": "simulated_tailless_speed_in_turn_m_per_s"}
-    named["yaw_rate_when_an_inner_wheel_lifts"] = "lift_yaw_rate_rad_per_s"
+    named = {"yaw_rate_when_an_inner_wheel_lifts": "lift_yaw_rate_rad_per_s"}
     rows = {source for source in ours if named.get(source, source) in fitted}
     assert len(rows) >= 10
     rows |= {"outcome_none_12_km_per_h", "outcome_none_13_km_per_h"}

@@ -10,13 +10,15 @@ from pydrake.systems.framework import DiagramBuilder
 from aerodima.optimisation.sweep.study import load_study, plan_runs
 from aerodima.workbench.aero.laws import LineMotion, NormalForceLaw
 from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.signal_table import AXLES
 from aerodima.workbench.controllers.manoeuvre import ThrottleLine
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, RIG_FILTER
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
+from aerodima.workbench.plants.car_model import wheel_rates
 from aerodima.workbench.resources import model_path
 from aerodima.workbench.stations.car_air import free_sail, sail_law
-from tests.built.registry import check
+from tests.built.registry import CHECKS, check
 from tests.built.statements import Value, parameter_entry
 from tests.workbench.aero import vanes
 
@@ -169,6 +171,11 @@ def front_tyre_damping() -> Value:
     values = scenario.car
     rear = 1.0 - values.com_x / values.wheelbase
     return values.tyre_dissipation * 0.5 * (1.0 - rear) * values.mass * scenario.environment.gravity
+
+
+for axle in AXLES:
+    for place, what in enumerate(("stiffness", "damping")):
+        CHECKS[f"{axle}_wheel_{what}"] = lambda axle=axle, place=place: wheel_rates(car()[0].car, axle)[place]
 
 
 @check

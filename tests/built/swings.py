@@ -4,11 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from aerodima.optimisation.calibration.reproduction_evidence import NO_FLICK_THROTTLE, throttle_speed
 from aerodima.workbench.controllers.swing_law import SwingState
 from tests.built.registry import run
 from tests.built.statements import Value
-from tests.built.turns import TAILED, Trial, column, signals_of, trial
+from tests.built.turns import TAILED, Trial, column, signals_of, throttle_speed, trial
 
 
 @run
@@ -85,7 +84,7 @@ def air_turns_the_car_out_of_the_turn() -> Value:
 
 
 def held_at_55_percent() -> Trial:
-    return trial("held", throttle_speed(NO_FLICK_THROTTLE))
+    return trial("held", throttle_speed(0.55))
 
 
 @run

@@ -6,13 +6,12 @@ from functools import cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from aerodima.optimisation.calibration.reproduction_evidence import throttle_speed
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.metrics.published_values import TurnMetrics
 from aerodima.workbench.metrics.run_summary import KM_PER_H
 from tests.built.registry import RUNS, SLOW, slow
 from tests.built.statements import Value
-from tests.built.turns import ROUNDING, TAILED, TAILLESS, Trial, run_trial, trial
+from tests.built.turns import ROUNDING, TAILED, TAILLESS, Trial, run_trial, throttle_speed, trial
 
 WITHOUT = tuple(whole / KM_PER_H for whole in range(2, 22) if whole / KM_PER_H < TAILLESS + ROUNDING)
 WITH = tuple(whole / KM_PER_H for whole in range(12, 18) if whole / KM_PER_H < TAILED + ROUNDING)

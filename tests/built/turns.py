@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from aerodima.workbench.actuators.chassis_actuators import steady_speed
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.signal_table import AXLES
 from aerodima.workbench.logs.schema import RunLog
@@ -51,6 +52,11 @@ def trial(tail: str, speed: float, *settings: str) -> Trial:
     overrides = [f"manoeuvre.speed={speed!r}", *(AFTER_A_LONGER_START if speed > FAST else ()), *settings]
     everything = speed in (TAILLESS, TAILED) and not settings
     return run_trial(load_scenario(f"turn_{tail}", overrides), "all" if everything else "outcome")
+
+
+def throttle_speed(throttle: float) -> float:
+    """Steady speed (m/s) by the assumed line of the parameters: Fig. 6.8 is not in the text."""
+    return steady_speed(throttle, load_scenario("turn_none").drive)
 
 
 def signals_of(one: Trial) -> TurnSignals:
@@ -148,12 +154,6 @@ def speed_at_2_s() -> Value:
 
 
 @run
-def speed_in_the_turn() -> Value:
-    """Mean over the window, weighted by the yaw rate, no tail, 3.33 m/s (ERRATA E36)."""
-    return trial("none", TAILLESS).summary.metrics.speed_in_turn_m_per_s
-
-
-@run
 def yaw_rate_when_an_inner_wheel_lifts() -> Value:
     """No tail, 3.33 m/s: the first of the two inner wheels."""
     found = trial("none", TAILLESS).summary.metrics.lift_yaw_rate_rad_per_s
@@ -236,4 +236,5 @@ def board_touches_in_the_turn() -> Value:
 
 @run
 def slalom() -> Value:
-    return run_trial(load_scenario("slalom")).summary.metrics.outcome.result
+    """Driven on at its speed."""
+    return run_trial(load_scenario("slalom", ["manoeuvre.duration=4.0"])).summary.metrics.outcome.result

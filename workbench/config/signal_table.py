@@ -232,7 +232,7 @@ CAR_TRUTH: Mapping[str, list[Column]] = {
         Column("tail_power_truth_w", "W", "mechanical power of the tail motors"),
     ],
     "contact_truth": [
-        *_of_wheels("wheel_force", "truth_n", "N", "force of the ground on the {} wheel, W axes"),
+        *_of_wheels("wheel_force", "truth_n", "N", "force of the ground on the {} wheel in the last step, W axes"),
         *_of_wheels("wheel_contact", "truth_m", "m", "contact point of the {} wheel in W, weighted by load"),
         *(
             Column(f"ground_contact_{part}_truth_n", "N", f"magnitude of the ground's force on the {part}")

@@ -83,15 +83,16 @@ def bicycle(scenario: Scenario, time: float) -> float:
     return float(state[1])
 
 
-@pytest.mark.parametrize("slip_angle", [0.0, SLIP_ANGLE])
-def test_friction_stays_within_its_circle_on_every_row(slip_angle: float) -> None:
+@pytest.mark.parametrize(("name", "slip_angle"), [("", 0.0), ("", SLIP_ANGLE), ("turn_swing", 0.0)])
+def test_friction_stays_within_its_circle_on_every_row(name: str, slip_angle: float) -> None:
     """The lagged approximation bounds the friction of a step by the load at its start, one row before."""
-    scenario = circle(4.0, f"car.tyre_slip_angle={slip_angle}", "manoeuvre.duration=3.0", angle=0.5)
+    settings = (f"car.tyre_slip_angle={slip_angle}", "manoeuvre.duration=3.0")
+    scenario = load_scenario(name, settings) if name else circle(4.0, *settings, angle=0.5)
     log = simulate(scenario)
     most = 0.0
     for wheel in WHEELS:
         x, y, load = (log.signal(f"wheel_force_{wheel}_{axis}_truth_n") for axis in "xyz")
-        allowed = FRICTION * np.maximum(load[1:], load[:-1])
+        allowed = scenario.car.tyre_friction * np.maximum(load[1:], load[:-1])
         friction = np.hypot(x, y)[1:]
         assert np.all(friction <= allowed * 1.001 + 0.01), wheel
         most = max(most, float(np.max(friction[load[1:] > 5.0] / allowed[load[1:] > 5.0])))
