@@ -1,6 +1,5 @@
 """What `aerodima.optimisation` promises; the modules behind it may move."""
 
-from .calibration.reproduction_report import write_reproduction_report as write_reproduction_report
 from .identify.fit_figures import plot_curves as plot_curves
 from .identify.fit_pipeline import fit as fit
 from .identify.fit_report import format_estimate as format_estimate

@@ -25,6 +25,7 @@ DISTRIBUTION_OF_MODULE = {
     "mcap_protobuf": "mcap-protobuf-support",
     "pydrake": "drake",
     "serial": "pyserial",
+    "sklearn": "scikit-learn",
     "yaml": "pyyaml",
 }
 """Import names that differ from the name of the distribution that brings them."""

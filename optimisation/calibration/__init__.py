@@ -1,1 +1,1 @@
-"""Calibration of the car to what is published: priors, targets, surrogates, weighted ensemble."""
+"""Cars that the published figures leave possible, what they predict, and what to measure next."""

@@ -1,176 +1,222 @@
-"""The whole calibration: cars with tails, weighed by the fitted figures of the plan, and a check at a fine step.
+"""The calibration: runs of reduced and full cars through the engine, posteriors of the cars, and what tests them."""
 
-Figures and outcomes that the plan holds out take no part: they are the test
-(`aerodima.optimisation.calibration.validation`).
-"""
+from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from typing import Any
 
 import numpy as np
-import pandas as pd
-from numpy.typing import NDArray
+from scipy.special import expit, log_expit, logit
+from scipy.stats import norm
 
-from aerodima.optimisation.calibration.bracket_design import Runner, Target, run_cars
-from aerodima.optimisation.calibration.calibration_plan import CalibrationPlan
-from aerodima.optimisation.calibration.calibration_runs import Datum, RunStore, car_values, fitted, plan_data
-from aerodima.optimisation.calibration.car_prior import Prior, normalised, systematic_sample
-from aerodima.optimisation.calibration.member_draw import Draw, draw_cars
-from aerodima.optimisation.calibration.tail_draw import TailSampling, run_tails
-from aerodima.workbench.batch.engine import Engine
-from aerodima.workbench.batch.row_store import ProgressLine, silent
+from aerodima.optimisation.calibration.emulator import METRICS, Emulator
+from aerodima.optimisation.calibration.turn_runs import Piece, prior_of, run_full, run_reduced
+from aerodima.optimisation.calibration.two_systems import (
+    DISCREPANCY,
+    FRICTION,
+    KEPT,
+    LIFT,
+    CalibrationPlan,
+    CarPrior,
+    Figure,
+    figures_of,
+    lift_of,
+)
+from aerodima.optimisation.sweep.runs import Runs
+from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.ensemble import Value
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import UserError
-from aerodima.workbench.metrics.published_values import flip_bracket
 
-BASE_SCENARIO = "turn_swing"
-SHIPPED_DIGITS = 3
-"""Of the car of an ensemble that `models/parameters` holds."""
+REDUCED_AT_ONCE, FULL_AT_ONCE = 300, 4
+"""Cars in one piece of work."""
+MIDDLE, WIDE, NARROW = 0.67, 0.8, 0.4
+"""Friction in the middle of the first search for a flip, and the reach of both searches in its logarithm."""
+LIFT_WIDTH = 0.1
+"""rad/s."""
+STARTS = 20_000
+"""Cars of the prior of which the likeliest start the sampler."""
 
 
-@dataclass(frozen=True)
-class FineCheck:
-    """Members simulated again at the fine step.
+def emulate(plan: CalibrationPlan, runs: Runs) -> Emulator:
+    """Runs the reduced cars and the full cars of a plan, and fits the emulator to them.
 
-    Attributes:
-        step: s.
-        places: of the members (m).
-        counts: how often each was drawn for the check, by its weight (m).
-        meet: which of them meet the tailless bracket there (m).
+    The first wave of reduced cars is spread over the prior; a rough posterior says where the second wave and the full
+    cars are needed.
     """
+    prior, figures = prior_of(plan), figures_of(plan)
+    first = prior.spread(plan.size.cars // 2, plan.seed)
+    wide = _reduced(plan, runs, first, WIDE)
+    emulator = Emulator.of_reduced(prior, first, wide)
+    rough = sample(emulator, figures, plan.seed, steps=2 * plan.size.steps).cars  # wide, so it settles later
+    rng = np.random.default_rng(plan.seed)
+    chosen = rough[rng.choice(len(rough), plan.size.cars + plan.size.full, replace=False)]
+    second, full = chosen[: plan.size.cars], chosen[plan.size.cars :]
+    narrow = _reduced(plan, runs, second, NARROW)
+    both = {turn: {name: wide[turn][name] + narrow[turn][name] for name in narrow[turn]} for turn in narrow}
+    emulator = Emulator.of_reduced(prior, np.vstack([first, second]), both)
+    tried = {turn.name: full[place :: len(plan.turns)] for place, turn in enumerate(plan.turns)}
+    return emulator.corrected(tried, _full(plan, runs, tried))
 
-    step: float
-    places: NDArray[np.int64]
-    counts: NDArray[np.int64]
-    meet: NDArray[np.bool_]
 
-    @property
-    def share(self) -> float:
-        """Share of the weight that meets the tailless bracket."""
-        return float(np.average(self.meet, weights=self.counts))
+def _reduced(plan: CalibrationPlan, runs: Runs, cars: FloatArray, reach: float) -> dict[str, dict[str, Any]]:
+    """`run_reduced` of cars (m, n) by name of the turn; the flip is searched around the friction of each car.
 
-
-@dataclass(frozen=True)
-class Calibration:
-    """Outcome of a calibration.
-
-    Attributes:
-        plan: that was carried out.
-        draw: its members, each with its tail, and their weights are the ensemble.
-        check: at the fine step.
-        best: place of the most central member that meets the tailless bracket at both steps.
-        runs: how many runs it took.
+    The wide search is around the middle of what friction may be.
     """
-
-    plan: CalibrationPlan
-    draw: Draw
-    check: FineCheck
-    best: int
-    runs: int
-
-    @property
-    def kept(self) -> NDArray[np.int64]:
-        """Places of the members with weight."""
-        return np.flatnonzero(self.draw.weights)
-
-    @property
-    def values(self) -> list[dict[str, Value]]:
-        """Cars of the members, with the digits that were run."""
-        return car_values(self.draw.prior.keys, self.draw.prior.values(self.draw.coordinates))
+    around = {turn.name: cars.copy() for turn in plan.turns}
+    if reach == WIDE:
+        for turn in plan.turns:
+            around[turn.name][:, prior_of(plan).column(f"{turn.system} {FRICTION}")] = MIDDLE
+    runs.stage = "reduced cars"
+    found = _by_turn(run_reduced, plan, runs, around, REDUCED_AT_ONCE, reach=reach)
+    return {
+        turn: {name: list(chain.from_iterable(part[name] for part in parts)) for name in parts[0]}
+        for turn, parts in found.items()
+    }
 
 
-def calibrate(
+def _full(
+    plan: CalibrationPlan, runs: Runs, cars: Mapping[str, FloatArray], step: float | None = None
+) -> dict[str, list[dict[str, Any]]]:
+    runs.stage = "full cars"
+    found = _by_turn(run_full, plan, runs, cars, FULL_AT_ONCE, step=step)
+    return {turn: list(chain.from_iterable(parts)) for turn, parts in found.items()}
+
+
+def _by_turn(
+    work: Callable[[Piece], Any],
     plan: CalibrationPlan,
-    store: RunStore,
-    engine: Engine,
-    progress: ProgressLine = silent,
-    data: Sequence[Datum] | None = None,
-) -> Calibration:
-    """Carries out a plan; what the store holds already is not run again. `write_calibration` writes the ensemble.
+    runs: Runs,
+    cars: Mapping[str, FloatArray],
+    at_once: int,
+    **options: Any,
+) -> dict[str, list[Any]]:
+    """What work comes to, in pieces of so many cars, by name of the turn; all pieces are handed out together."""
+    pieces = [
+        Piece(plan, turn, tuple(map(tuple, cars[turn.name][first : first + at_once].tolist())), **options)
+        for turn in plan.turns
+        for first in range(0, len(cars[turn.name]), at_once)
+    ]
+    found: dict[str, list[Any]] = {turn.name: [] for turn in plan.turns}
+    for piece, result in zip(pieces, runs.call(work, pieces, _keys(work.__name__[4:], pieces)), strict=True):
+        found[piece.turn.name].append(result)
+    return found
 
-    With other numbers of BLAS threads the last digits differ, so that other cars are drawn: `OMP_NUM_THREADS=1`.
+
+def _keys(kind: str, pieces: Sequence[Piece]) -> list[str]:
+    return [
+        content_key(kind, p.turn.model_dump(), p.cars, p.reach, p.step, p.plan.size.rounds, p.plan.settings)
+        for p in pieces
+    ]
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Cars that the figures of some tables leave possible.
+
+    Attributes:
+        cars: drawn with equal weights (m, n).
+        size: effective sample size, that of the worst coordinate.
+        acceptance: share of the steps that were taken.
+    """
+
+    cars: FloatArray
+    size: float
+    acceptance: float
+
+
+def log_likelihood(emulator: Emulator, figures: Sequence[Figure], cars: FloatArray) -> FloatArray:
+    """Logarithm of the probability (m) of figures and of all outcomes, given cars (m, n).
+
+    The trigger of the thesis' law is the yaw rate up to which the inner wheels stay on the ground: a car whose wheel
+    lifts below it is unlikely, with a width of `LIFT_WIDTH`.
+    """
+    plan, total = emulator.prior.plan, np.zeros(len(cars))
+    for turn in plan.turns:
+        own = [figure for figure in figures if figure.turn.name == turn.name]
+        if turn.table:
+            values = emulator.values(cars, turn)
+            for figure in own:
+                total += log_density(emulator, figure, cars, values[:, METRICS.index(figure.metric)])
+            if turn == (lift := lift_of(plan)).turn:
+                total += norm.logcdf((values[:, METRICS.index(LIFT)] - lift.published) / LIFT_WIDTH)
+        survival = emulator.survival(cars, turn)
+        total += np.log(np.maximum(survival if turn.ends == "survived" else 1.0 - survival, 1e-12))
+    return total
+
+
+def log_density(emulator: Emulator, figure: Figure, cars: FloatArray, values: FloatArray | None = None) -> FloatArray:
+    """Logarithm of the density of a published figure given cars (m, n), per share of the figure (m).
+
+    The model is off by a share of what it predicts.
 
     Args:
-        plan: to be carried out.
-        store: of its runs, `RunStore.for_plan`.
-        engine: that runs them.
-        progress: told how it goes.
-        data: figures instead of the published ones.
-
-    Raises:
-        UserError: no plausible car meets the tailless bracket, or too few do for an ensemble.
+        values: of the figure (m), where they are known already.
     """
-    base, runner = load_scenario(BASE_SCENARIO), Runner(store, engine, progress)
-    used = fitted(plan_data(plan) if data is None else data)
-    slow = Target(flip_bracket("tailless"), ()).turns[0]
-    target = Target(flip_bracket("tailless"), tuple(datum for datum in used if datum.turn == slow))
-    both = Prior((*plan.car, *plan.tail), plan.plausible, base)
-    sampling = TailSampling(both, tuple(datum for datum in used if datum.turn != slow), plan.size.tails)
-    cars = Prior(plan.car, plan.plausible, base)
-    draw = draw_cars(target, cars, sampling, plan.size, plan.seed, runner)
-    progress(
-        f"{np.count_nonzero(draw.weights)} of {draw.drawn} cars meet the tailless bracket, effective sample size "
-        f"{draw.effective_size:.0f}"
-    )
-    if draw.effective_size < plan.size.enough:
-        raise UserError(
-            f"the cars that meet the target have an effective sample size of {draw.effective_size:.0f}; needed is "
-            f"{plan.size.enough:g}: more cars in the rounds of the plan, or another seed"
-        )
-    check = _fine_check(plan, draw, runner)
-    best = _best(draw, runner, plan.check.step)
-    return Calibration(plan, draw, check, best, len(store))
+    values = emulator.value(cars, figure) if values is None else values
+    spread = np.hypot(cars[:, emulator.prior.column(DISCREPANCY)] * values, emulator.deviation(figure))
+    return norm.logpdf(figure.published, values, spread) + np.log(abs(figure.published))
 
 
-def _fine_check(plan: CalibrationPlan, draw: Draw, runner: Runner) -> FineCheck:
-    """Runs the members with weight at the fine step; all of them, or as many as the plan allows, drawn by weight."""
-    drawn = systematic_sample(draw.weights, plan.check.members, plan.seed)
-    places, counts = np.unique(drawn, return_counts=True)
-    found = run_cars(draw.coordinates[places], draw.prior, draw.target, runner, plan.check.step)
-    check = FineCheck(plan.check.step, places, counts, found.meet)
-    runner.progress(f"at {check.step:g} s the tailless bracket holds in {check.share:.0%} of the weight")
-    return check
+def sample(
+    emulator: Emulator,
+    figures: Sequence[Figure],
+    seed: int,
+    prior: CarPrior | None = None,
+    steps: int | None = None,
+) -> Posterior:
+    """Draws from the posterior given some figures and all outcomes, with an ensemble sampler (emcee).
 
+    It walks in the logit of each range, so that no step leaves it.
 
-def _best(draw: Draw, runner: Runner, step: float) -> int:
-    """The most central member that holds at both steps even when its car is rounded, as the parameter files have it.
-
-    Central: it is near the mean member, in the standard deviations of the ensemble. Not the likeliest: the largest
-    density of some thirty parameters that the data hardly determine lies in a corner of the prior (a car of 7.97 kg
-    of at most 8.0 kg, its tail mounted at the lowest height), where few members are.
+    Args:
+        prior: another one than that of the emulator, inside its ranges.
+        steps: in place of those of the plan.
     """
-    values = draw.prior.values(draw.coordinates)
-    mean = draw.weights @ values
-    deviations = np.sqrt(draw.weights @ (values - mean) ** 2)
-    distance = np.sum(((values - mean) / deviations) ** 2, axis=1)
-    for place in sorted(np.flatnonzero(draw.weights).tolist(), key=lambda member: float(distance[member])):
-        rounded = np.array([[float(f"{value:.{SHIPPED_DIGITS}g}") for value in values[place]]])
-        coordinates = draw.prior.coordinates(rounded)
-        if all(run_cars(coordinates, draw.prior, draw.target, runner, each).meet[0] for each in (None, step)):
-            return int(place)
-    raise UserError(f"no member meets the tailless bracket at {step:g} s with {SHIPPED_DIGITS} digits")
+    import emcee
+
+    prior, size = prior or emulator.prior, emulator.prior.plan.size
+    steps = steps or size.steps
+
+    low, high = prior.ranges.T
+
+    def cars_at(points: FloatArray) -> FloatArray:
+        return low + (high - low) * expit(points)
+
+    def log_posterior(points: FloatArray) -> FloatArray:
+        cars = cars_at(points)
+        found = prior.log_density(cars) + np.sum(log_expit(points) + log_expit(-points), axis=1)
+        can_be = np.isfinite(found)
+        found[can_be] += log_likelihood(emulator, figures, cars[can_be])
+        return found
+
+    spread = prior.spread(STARTS, seed)
+    starts = logit(np.clip((spread - low) / (high - low), 1e-6, 1.0 - 1e-6))
+    best = np.argsort(log_posterior(starts))[::-1][: size.walkers]
+    moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.1), (emcee.moves.StretchMove(), 0.1)]
+    sampler = emcee.EnsembleSampler(size.walkers, starts.shape[1], log_posterior, moves=moves, vectorize=True)
+    sampler.random_state = np.random.RandomState(seed).get_state()
+    sampler.run_mcmc(starts[best], steps, skip_initial_state_check=True)
+    burn = steps // 3
+    chain = cars_at(sampler.get_chain(discard=burn))
+    with np.errstate(invalid="ignore"):  # a chain too short to move
+        times = emcee.autocorr.integrated_time(chain, tol=0)
+    flat = chain.reshape(-1, chain.shape[2])
+    kept = flat[np.random.default_rng(seed).choice(len(flat), min(KEPT, len(flat)), replace=False)]
+    return Posterior(kept, float(len(flat) / np.nanmax(times)), float(np.mean(sampler.acceptance_fraction)))
 
 
-def log_posterior(draw: Draw, coordinates: FloatArray, runner: Runner) -> FloatArray:
-    """Log posterior density of cars with tails (m, n) in coordinates, from their own runs, up to a constant (m)."""
-    runs = run_cars(coordinates, draw.prior, draw.target, runner)
-    _, tailed = run_tails(draw.sampling, coordinates, runner)
-    return runs.log_likelihood(draw.target) + tailed + draw.prior.log_density(draw.prior.values(coordinates))
+@dataclass(frozen=True)
+class FineRuns:
+    """Cars (m, n) of a posterior, and the rows of `run_full` (m) of every turn at the fine step, by its name."""
+
+    cars: FloatArray
+    rows: dict[str, list[dict[str, Any]]]
 
 
-def member_frame(calibration: Calibration) -> pd.DataFrame:
-    """Members with weight as a table: name, weight, and the value of each parameter."""
-    places = calibration.kept
-    columns = {
-        "member": [member_name(place) for place in places],
-        "weight": normalised(np.log(calibration.draw.weights[places])),
-    }
-    cars = calibration.values
-    return pd.concat([pd.DataFrame(columns), pd.DataFrame([cars[place] for place in places])], axis=1)
-
-
-def member_name(place: int) -> str:
-    """Name of a member by its place in the draw."""
-    return f"car{place:03d}"
+def run_fine(plan: CalibrationPlan, posterior: Posterior, runs: Runs) -> FineRuns:
+    """Runs cars of a posterior through every turn with the full car at the fine step of the plan."""
+    places = np.random.default_rng(plan.seed).choice(len(posterior.cars), plan.size.ensemble, replace=False)
+    cars = posterior.cars[places]
+    return FineRuns(cars, _full(plan, runs, {turn.name: cars for turn in plan.turns}, plan.size.fine_step))

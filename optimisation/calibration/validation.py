@@ -1,179 +1,247 @@
-"""Every published figure and outcome beside the ensemble, and where the car of `models/parameters` lies in it.
+"""What tests a calibration: each table predicted from the others, posterior cars that play the thesis, information."""
 
-Each row is compared with metrics from the signals that the thesis took for it
-(`aerodima.workbench.metrics.published_values.SIGNALS`). The turns are those of the simulation at the speed of the row,
-not the car's AUTO sequence: the thesis gives throttle, not speed, for those.
-"""
+from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from functools import cache
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
+from scipy.linalg import eigh
+from scipy.special import logsumexp
+from scipy.stats import norm, t
 
-from aerodima.optimisation.calibration.bracket_design import Runner
-from aerodima.optimisation.calibration.calibration import Calibration, log_posterior
-from aerodima.optimisation.calibration.calibration_plan import CalibrationPlan
-from aerodima.optimisation.calibration.calibration_runs import (
-    Datum,
-    RunStore,
-    Turn,
-    Use,
-    flips_in_the_turn,
-    plan_data,
-    survives,
+from aerodima.optimisation.calibration.calibration import Posterior, log_density, sample
+from aerodima.optimisation.calibration.emulator import Emulator
+from aerodima.optimisation.calibration.two_systems import (
+    DISCREPANCY,
+    FRICTION,
+    SLIP,
+    CarPrior,
+    Figure,
+    figures_of,
 )
-from aerodima.optimisation.calibration.car_prior import Prior
-from aerodima.workbench.batch.engine import Engine
+from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.ensemble import Member, weighted_quantiles
-from aerodima.workbench.metrics.published_values import flip_bracket, published_values
+from aerodima.workbench.config.scenario import load_scenario
+
+BAND = (0.05, 0.5, 0.95)
+"""Quantiles of a 90 % interval and its median."""
 
 
 @dataclass(frozen=True)
-class Validated:
-    """One published metric beside the ensemble.
+class LeftOut:
+    """One table predicted without its own figures.
 
     Attributes:
-        source: its table or section.
-        use: what the calibration did with it.
-        metric: name with unit.
-        published: figure.
-        low, median, high: quantiles of the ensemble at `BAND`.
-        z: (published - mean) / standard deviation of the ensemble.
-        z_with_discrepancy: the same with the model discrepancy of the plan added to the variance.
-        survived: share of the weight that survived these runs; only these have figures here.
+        table: name.
+        rows: per figure: `figure`, `published`, `low`, `median`, `high`, `prior_low`, `prior_high`, `inside`.
+        density, prior_density, constant_density: logarithm of the joint density of its figures, per share of each:
+            of the cars that the other tables leave, of the prior, and of a model that says of each figure what the
+            other tables say of it.
     """
 
-    source: str
-    use: Use
-    metric: str
-    published: float
-    low: float
-    median: float
-    high: float
-    z: float
-    z_with_discrepancy: float
-    survived: float
+    table: str
+    rows: pd.DataFrame
+    density: float
+    prior_density: float
+    constant_density: float
 
-    @property
-    def is_test(self) -> bool:
-        """Whether agreement is evidence."""
-        return self.use == "held out"
+
+def leave_out(emulator: Emulator, figures: Sequence[Figure], table: str, seed: int) -> LeftOut:
+    """Predicts a table from the figures of the others."""
+    own = [figure for figure in figures if figure.turn.table == table]
+    others = [figure for figure in figures if figure not in own]
+    cars = sample(emulator, others, seed).cars
+    prior = _survivors(emulator, emulator.prior.draw(len(cars), seed), own[0], seed)
+    rng, rows = np.random.default_rng(seed), []
+    for figure in own:
+        low, median, high = np.quantile(predicted(emulator, figure, cars, rng), BAND)
+        prior_low, _, prior_high = np.quantile(predicted(emulator, figure, prior, rng), BAND)
+        inside = low <= figure.published <= high
+        rows.append((figure.name, figure.published, low, median, high, prior_low, prior_high, inside))
+    names = ["figure", "published", "low", "median", "high", "prior_low", "prior_high", "inside"]
+    known, guessed = (joint_density(emulator, own, drawn) for drawn in (cars, prior))
+    return LeftOut(table, pd.DataFrame(rows, columns=names), known, guessed, _constant(own, figures))
+
+
+def predicted(emulator: Emulator, figure: Figure, cars: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Draws (m) of what the thesis would have printed for cars (m, n)."""
+    values = emulator.value(cars, figure)
+    spread = np.hypot(cars[:, emulator.prior.column(DISCREPANCY)] * values, emulator.deviation(figure))
+    return values + spread * rng.standard_normal(len(cars))
+
+
+def joint_density(emulator: Emulator, figures: Sequence[Figure], cars: FloatArray) -> float:
+    """Logarithm of the density of figures together, averaged over cars (m, n)."""
+    logs = np.sum([log_density(emulator, figure, cars) for figure in figures], axis=0)
+    return float(logsumexp(logs) - np.log(len(cars)))
+
+
+def _survivors(emulator: Emulator, cars: FloatArray, figure: Figure, seed: int) -> FloatArray:
+    """Cars of the prior that are drawn by their probability to survive the turn, as the printed one did."""
+    weight = emulator.survival(cars, figure.turn)
+    return cars[np.random.default_rng(seed).choice(len(cars), len(cars), p=weight / weight.sum())]
+
+
+def _constant(own: Sequence[Figure], figures: Sequence[Figure]) -> float:
+    """What the other tables say of the same metrics, with Student's t for so few; nan where only one other does."""
+    total = 0.0
+    for figure in own:
+        others = np.array([f.published for f in figures if f.metric == figure.metric and f not in own])
+        if len(others) < 2:
+            return math.nan
+        spread = np.std(others, ddof=1) * np.sqrt(1.0 + 1.0 / len(others)) / abs(figure.published)
+        off = (figure.published - np.mean(others)) / abs(figure.published)
+        total += float(t.logpdf(off, len(others) - 1, 0.0, spread))
+    return total
+
+
+def rigid(prior: CarPrior) -> CarPrior:
+    """The stiffest tyres of the prior, no latency, no bias, zero phase, no delay of the swing."""
+    plan, low = prior.plan, dict(zip(prior.names, prior.ranges[:, 0], strict=True))
+    slip, delay = float(low[f"physical {SLIP}"]), float(low.get("controller.delay", 0.0))
+    ranges = plan.ranges | {SLIP: (slip, slip + 1e-3)}
+    if "controller.delay" in plan.body:
+        ranges["controller.delay"] = (delay, delay + 1e-3)
+    nuisances = {"window": (0.639, 0.641), "latency": (0.0, 1e-3), "gyro_bias": (-1e-3, 1e-3), "forward": (0.0, 0.1)}
+    return CarPrior(plan.model_copy(update={"ranges": ranges, "nuisances": nuisances}))
+
+
+def perfect_model(
+    emulator: Emulator,
+    posterior: Posterior,
+    tables: Sequence[str],
+    number: int,
+    seed: int,
+    progress: ProgressLine = silent,
+) -> float:
+    """Share of the figures of tables that lie in their 90 % interval when posterior cars play the thesis."""
+    rng, plan = np.random.default_rng(seed), emulator.prior.plan
+    inside: list[bool] = []
+    for place in range(number):
+        car = posterior.cars[rng.integers(len(posterior.cars))][None]
+        ends = {turn.name: rng.random() < emulator.survival(car, turn)[0] for turn in plan.turns}
+        turns = tuple(
+            turn.model_copy(update={"ends": "survived" if ends[turn.name] else "flipped"}) for turn in plan.turns
+        )
+        played = replace(emulator, prior=CarPrior(plan.model_copy(update={"turns": turns})))
+        figures = [replace(f, published=float(predicted(emulator, f, car, rng)[0])) for f in figures_of(plan)]
+        for table in tables:
+            inside += leave_out(played, figures, table, seed + place).rows["inside"].tolist()
+        progress(f"posterior cars that play the thesis: {place + 1} of {number}, {np.mean(inside):.0%} inside")
+    return float(np.mean(inside))
 
 
 @dataclass(frozen=True)
-class ValidatedOutcome:
-    """One published outcome beside the ensemble.
+class Measurement:
+    """Something that the lab can measure of its car.
 
     Attributes:
-        claim: in words.
-        use: what the calibration did with it.
-        share: of the weight that shows it.
-        tipped: share of the weight that tipped over before its turn, which says nothing about the claim.
+        name: what.
+        how: the procedure in a sentence.
+        deviation: of one measurement, in the unit of the value.
+        value: cars (m, n) -> what would be measured (m).
     """
 
-    claim: str
-    use: Use
-    share: float
-    tipped: float
+    name: str
+    how: str
+    deviation: float
+    value: Callable[[FloatArray], FloatArray]
 
 
-def validate(
-    members: Sequence[Member], plan: CalibrationPlan, store: RunStore, engine: Engine
-) -> tuple[list[Validated], list[ValidatedOutcome]]:
-    """Runs the members as each figure was made and compares all of them."""
-    weights = np.array([member.weight for member in members])
-
-    @cache
-    def run(turn: Turn) -> pd.DataFrame:
-        return store.run([turn.wanted(member.values) for member in members], engine)
-
-    figures = [compare(datum, run(datum.turn), weights) for datum in plan_data(plan)]
-    none, swing = flip_bracket("tailless"), flip_bracket("tailed")
-    real = next(r for r in published_values() if (r.platform, r.configuration) == ("physical", "tailed"))
-    fastest = real.metrics.speed_m_per_s
-    outcomes = []
-    claims: tuple[tuple[str, str, float, Use], ...] = (
-        ("survives", "none", none.survived, plan.outcomes.tailless_bracket),
-        ("flips", "none", none.flipped, plan.outcomes.tailless_bracket),
-        ("survives", "swing", swing.survived, plan.outcomes.tailed_bracket),
-        ("flips", "swing", swing.flipped, plan.outcomes.tailed_bracket),
-        ("survives", "swing", fastest, plan.outcomes.real_car_with_tail),
-    )
-    for verb, mode, speed, use in claims:
-        rows = run(Turn(mode, speed))
-        shown = survives(rows) if verb == "survives" else flips_in_the_turn(rows)
-        tipped = ~survives(rows) & ~flips_in_the_turn(rows)
-        claim = f"{'no tail' if mode == 'none' else 'tail'}: {verb} {speed:g} m/s"
-        outcomes.append(ValidatedOutcome(claim, use, float(weights @ shown), float(weights @ tipped)))
-    return figures, outcomes
+def information(measurement: Measurement, cars: FloatArray, seed: int, draws: int = 400) -> float:
+    """Expected gain of a measurement over what posterior cars (m, n) know: mutual information, nats."""
+    truth, rng = measurement.value(cars), np.random.default_rng(seed)
+    seen = rng.choice(truth, draws) + measurement.deviation * rng.standard_normal(draws)
+    logs = logsumexp(norm.logpdf(seen[:, None], truth, measurement.deviation), axis=1) - np.log(len(truth))
+    own = -0.5 - np.log(measurement.deviation * np.sqrt(2.0 * np.pi))
+    return float(own - np.mean(logs))
 
 
-def compare(datum: Datum, rows: pd.DataFrame, weights: FloatArray) -> Validated:
-    """A figure beside runs, one row per member; a run that was not survived loses its weight."""
-    upright = survives(rows)
-    values = np.where(upright, datum.values(rows), np.nan)
-    there = np.isfinite(values)
-    shares = weights[there] / weights[there].sum()
-    mean = float(shares @ values[there]) if np.any(there) else np.nan
-    variance = float(shares @ (values[there] - mean) ** 2)
-    low, median, high = weighted_quantiles(values, weights)
-    return Validated(
-        source=datum.source,
-        use=datum.use,
-        metric=datum.metric,
-        published=datum.figure,
-        low=float(low),
-        median=float(median),
-        high=float(high),
-        z=_ratio(datum.figure - mean, variance),
-        z_with_discrepancy=_ratio(datum.figure - mean, variance + datum.discrepancy**2),
-        survived=float(weights[upright].sum()),
-    )
+def narrowed(measurement: Measurement, cars: FloatArray, seen: float) -> FloatArray:
+    """Weights (m) of posterior cars (m, n) once a measurement has shown a value; they sum to 1."""
+    logs = norm.logpdf(seen, measurement.value(cars), measurement.deviation)
+    weights = np.exp(logs - np.max(logs))
+    return weights / weights.sum()
 
 
-def as_table(found: Sequence[Any]) -> pd.DataFrame:
-    """Figures or outcomes, a row each."""
-    return pd.DataFrame([asdict(each) for each in found])
+MEASUREMENTS = (
+    (
+        "angle of balance",
+        "Block the suspension, tilt the car without its tail about two wheels, read where it balances.",
+        1.0,
+        "",
+    ),
+    (
+        "tyre friction",
+        "Pull the car sideways over the ground of the runs, divide by the weight; ten times.",
+        0.03,
+        FRICTION,
+    ),
+    (
+        "slip angle at the limit",
+        "Drive circles of 1 m at rising speed; fit steering over lateral acceleration.",
+        0.02,
+        SLIP,
+    ),
+    ("tail mass", "Weigh the tail arm.", 0.001, "tail.mass"),
+    ("tail length", "Measure from the joints to the tip.", 0.005, "tail.length"),
+    ("sail width", "Measure the sail.", 0.001, "tail.sail_width"),
+    ("track", "Measure between the middles of the tyres.", 0.003, "car.track"),
+    ("car mass", "Weigh the car without its tail arm.", 0.01, "car.mass"),
+    ("place of the centre of mass", "Weigh both axles.", 0.003, "car.com_x"),
+    ("yaw inertia", "Hang the car on two strings and time ten swings.", 0.003, "car.gyration_yaw"),
+    ("place of the IMU", "Measure from the rear axle to the chip.", 0.003, "imu.x"),
+    ("latency of the steering", "Take the time from the command to the first yaw from a log.", 0.01, "latency"),
+    ("bias of the gyro", "Log ten seconds at rest.", 0.002, "gyro_bias"),
+    (
+        "delay of the swing",
+        "Take the time from the trigger to the motor's current from a log.",
+        0.005,
+        "controller.delay",
+    ),
+)
+"""Name, procedure, deviation in the unit of the parameter, and the parameter; "" is an angle in degrees."""
 
 
-def _ratio(difference: float, variance: float) -> float:
-    if variance > 0.0:
-        return difference / float(np.sqrt(variance))
-    return math.copysign(math.inf, difference) if math.isfinite(difference) else math.nan
+def measurements(prior: CarPrior) -> tuple[Measurement, ...]:
+    """What a lab with a scale, a ruler and a flat floor can measure of the real car."""
+
+    def value(key: str) -> Callable[[FloatArray], FloatArray]:
+        if not key:
+            return partial(_angle_of_balance, prior)
+        column = prior.column(f"physical {key}" if key in prior.plan.each else key)
+        return lambda cars: cars[:, column]
+
+    return tuple(Measurement(name, how, deviation, value(key)) for name, how, deviation, key in MEASUREMENTS)
 
 
-@dataclass(frozen=True)
-class Shipped:
-    """The shipped car with its tail.
-
-    Attributes:
-        values: of its parameters (n), in the order of the keys of car and tail.
-        z: (value - mean of the ensemble) / standard deviation of the ensemble (n).
-        relative_density: posterior density over that of the best member; 0 when it misses the tailless bracket.
-    """
-
-    values: FloatArray
-    z: FloatArray
-    relative_density: float
+def _angle_of_balance(prior: CarPrior, cars: FloatArray) -> FloatArray:
+    """Of a car about the outer edges of its tyres (m), degrees."""
+    width = load_scenario("turn_none").car.tyre_width
+    track, height = (cars[:, prior.column(key)] for key in ("car.track", "car.com_height"))
+    return np.degrees(np.arctan2(0.5 * (track + width), height))
 
 
-def shipped_car(result: Calibration, runner: Runner) -> Shipped:
-    """Runs the shipped car as each member was run and compares it with the ensemble."""
-    prior, weights = result.draw.prior, result.draw.weights
-    members = prior.values(result.draw.coordinates)
-    mean = weights @ members
-    deviation = np.sqrt(weights @ (members - mean) ** 2)
-    own = _values(prior)
-    cars = np.vstack([prior.coordinates(own[None])[0], result.draw.coordinates[result.best]])
-    shipped, best = log_posterior(result.draw, cars, runner)
-    return Shipped(own, (own - mean) / deviation, float(np.exp(shipped - best)))
+def combinations(prior: CarPrior, cars: FloatArray, seed: int) -> list[tuple[float, dict[str, float]]]:
+    """What the data determine best: variance over that of the prior, and its largest coordinates, five of them."""
+    physical = [place for place, name in enumerate(prior.names) if name not in ("forward", DISCREPANCY)]
+    before, after = (prior.scaled(c)[:, physical] for c in (prior.draw(4000, seed), cars))
+    ratios, vectors = eigh(np.cov(after.T), np.cov(before.T))
+    found = []
+    for ratio, vector in list(zip(ratios, vectors.T, strict=True))[:5]:
+        share = vector * np.std(before, axis=0)
+        largest = np.argsort(-np.abs(share))[:4]
+        scale = np.linalg.norm(share)
+        found.append((float(ratio), {prior.names[physical[i]]: float(share[i] / scale) for i in largest}))
+    return found
 
 
-def _values(prior: Prior) -> FloatArray:
-    sections = (key.split(".") for key in prior.keys)
-    return np.array([float(getattr(getattr(prior.base, section), name)) for section, name in sections])
+def brier(emulator: Emulator, cars: FloatArray) -> tuple[float, Mapping[str, float]]:
+    """Brier score of the published outcomes, and the probability of surviving each turn."""
+    chances = {turn.name: float(np.mean(emulator.survival(cars, turn))) for turn in emulator.prior.plan.turns}
+    misses = [chances[turn.name] - (turn.ends == "survived") for turn in emulator.prior.plan.turns]
+    return float(np.mean(np.square(misses))), chances

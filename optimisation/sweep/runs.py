@@ -203,7 +203,6 @@ class Runs:
         """
 
         def told(place: int, row: Row) -> str:
-            self.ran += 1
             if done is not None:
                 done(place, row)
             return f"{self.stage} {row['outcome'] or 'failed':8}".lstrip()
@@ -213,7 +212,8 @@ class Runs:
 
     def call(self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str]) -> list[Any]:
         """`function` (of a module) of each item, JSON-able; raises what it raises, and UserError for a lost worker."""
-        found = self._once(partial(_result_of, function), items, keys, None)
+        told = (lambda _place, _row: self.stage) if self.stage else None
+        found = self._once(partial(_result_of, function), items, keys, told)
         return [row["result"] for row in found]
 
     def _once(
@@ -230,6 +230,7 @@ class Runs:
         bar = ProgressBar(self.say, wanted, wanted - len(missing))
 
         def keep(place: int, row: Row) -> None:
+            self.ran += 1
             if self._store is None:
                 self._known[places[place]] = row
             else:

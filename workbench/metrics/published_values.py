@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, fields
+from functools import cache
 from typing import Literal
 
 from aerodima.workbench.resources import published_rows
@@ -92,6 +93,7 @@ def flip_bracket(configuration: Literal["tailless", "tailed"]) -> FlipBracket:
     return FlipBracket(constants[survived[configuration]], constants[f"simulated_{configuration}_flip_speed"])
 
 
+@cache
 def inner_lift_yaw_rate() -> float:
     """Yaw rate up to which both inner wheels of the thesis' simulated car stay on the ground, rad/s (thesis 6.3.4)."""
     return _constants("rad/s")["tail_trigger_yaw_rate"]

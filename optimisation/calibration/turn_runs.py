@@ -1,0 +1,210 @@
+"""The turns of a calibration on reduced cars and on full cars, and the figures that the thesis would have printed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid, trapezoid
+from scipy.signal import butter, lfilter
+
+from aerodima.optimisation.calibration.two_systems import (
+    FIGURES,
+    FRICTION,
+    LIFT,
+    CalibrationPlan,
+    CarPrior,
+    Turn,
+)
+from aerodima.optimisation.screening.turn_plans import TurnPlans
+from aerodima.optimisation.screening.turns import Turns, drive_turns
+from aerodima.optimisation.screening.vehicle_motion import RATES, V, W
+from aerodima.optimisation.screening.vehicles import Vehicles
+from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.signal_table import WHEELS
+from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
+from aerodima.workbench.metrics.published_values import SAMPLE_TIMES
+from aerodima.workbench.metrics.turn_metrics import outcome_of
+from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, turn_signals
+
+BEFORE, AFTER = 0.4, 1.6
+"""Seconds before and after the start of the steering that figures are made of."""
+STEP = 0.002
+"""Of the reduced cars, s."""
+LEFT = [place for place, wheel in enumerate(WHEELS) if wheel.endswith("left")]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What figures are made of, every `STEP` from `BEFORE` the steering on.
+
+    Attributes:
+        yaw_rate, acceleration, roll_rate: rad/s, lateral m/s2, outwards rad/s, (k) each.
+        both_inner: whether both inner wheels bear load (k).
+    """
+
+    yaw_rate: FloatArray
+    acceleration: FloatArray
+    roll_rate: FloatArray
+    both_inner: NDArray[np.bool_]
+
+
+def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -> dict[str, float]:
+    """`FIGURES` of one run that survived, as the thesis took them for the system, and the yaw rate of the lift.
+
+    Args:
+        motion: of the run.
+        turn: whose system decides over filter and sample time.
+        nuisances: window and latency in s, gyro_bias in rad/s, forward above 0.5 for a filter of one direction.
+    """
+    of_the_field = turn.system == "physical"
+    stride = round(SAMPLE_TIMES["physical"] / STEP) if of_the_field else 1
+    time: FloatArray = STEP * np.arange(len(motion.yaw_rate), dtype=float)[::stride]
+    signals = [values[::stride] for values in (motion.yaw_rate, motion.acceleration, motion.roll_rate)]
+    start = BEFORE
+    if of_the_field:
+        start -= nuisances["latency"]
+        signals[0] = signals[0] + nuisances["gyro_bias"]
+        if nuisances["forward"] > 0.5:
+            b, a = butter(IMU_FILTER.order, IMU_FILTER.cutoff_hz, fs=1.0 / SAMPLE_TIMES["physical"])
+            signals = [lfilter(b, a, values - values[0]) + values[0] for values in signals]
+        else:
+            signals = [low_pass(time, values, IMU_FILTER) for values in signals]
+    window = (time >= start - 1e-9) & (time <= start + nuisances["window"] + 1e-9)
+    found: list[float] = []
+    for values in signals[:2]:
+        inside = values[window]
+        found += [np.max(np.abs(inside)), trapezoid(inside, time[window]) / (time[window][-1] - time[window][0])]
+    found.append(np.max(cumulative_trapezoid(signals[2], time, initial=0.0)))
+    lifted = np.flatnonzero(~motion.both_inner & (np.arange(len(motion.both_inner)) * STEP >= BEFORE))
+    until = motion.yaw_rate[: lifted[0] + 1] if lifted.size else motion.yaw_rate
+    return dict(zip((*FIGURES, LIFT), [*map(float, found), float(np.max(until))], strict=True))
+
+
+def nuisances_of(prior: CarPrior, car: FloatArray) -> dict[str, float]:
+    """Name -> value of a car (n)."""
+    return {name: float(car[prior.column(name)]) for name in prior.plan.nuisances}
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Work for the engine: cars (m, n) in one turn.
+
+    Attributes:
+        reach: of the search for the flip around the friction of a car, to either side, in its logarithm.
+        step: of the full car, s; None for the default.
+    """
+
+    plan: CalibrationPlan
+    turn: Turn
+    cars: tuple[tuple[float, ...], ...]
+    reach: float = 0.0
+    step: float | None = None
+
+
+@lru_cache(maxsize=4)
+def _prior(plan: str) -> CarPrior:
+    return CarPrior(CalibrationPlan.model_validate_json(plan))
+
+
+def prior_of(plan: CalibrationPlan) -> CarPrior:
+    """The prior of a plan, made once in each process."""
+    return _prior(plan.model_dump_json(by_alias=True))
+
+
+def run_reduced(piece: Piece) -> dict[str, Any]:
+    """Searches the friction at which each reduced car flips; figures of every run of the search that survived.
+
+    Returns:
+        `flips` (m): logarithm of the friction at the flip, None where the search did not find it; and of the survived
+        runs `inputs` (k, n), cars with their friction, and `figures` (k, 6).
+    """
+    prior, turn, plan = prior_of(piece.plan), piece.turn, piece.plan
+    cars, column = np.array(piece.cars), prior.column(f"{turn.system} {FRICTION}")
+    scenarios = [load_scenario(f"turn_{turn.tail}", prior.settings(car, turn)) for car in cars]
+    vehicles, plans = Vehicles.of(scenarios), TurnPlans.of(scenarios)
+    begun = drive_turns(vehicles, plans, duration=0.0, length=STEP).last
+    rng = np.random.default_rng([plan.seed, crc32(turn.name.encode()), crc32(cars.tobytes())])
+    centre = np.log(cars[:, column])
+    low, high = centre - piece.reach, centre + piece.reach
+    inputs, figures = [], []
+    for _ in range(plan.size.rounds):
+        tried = np.exp(0.5 * (low + high))
+        driven = drive_turns(
+            replace(vehicles, friction=tried), plans, duration=AFTER, length=STEP, history=True, begun=begun
+        )
+        low = np.where(driven.survived, np.log(tried), low)
+        high = np.where(driven.survived, high, np.log(tried))
+        motions = _motions(driven, cars[:, prior.column("imu.x")], cars[:, prior.column("imu.z")])
+        for place in np.flatnonzero(driven.survived):
+            # Other nuisances for every run: they cost nothing.
+            car = cars[place].copy()
+            names = list(plan.nuisances)
+            car[[prior.column(n) for n in names]] = [rng.uniform(*plan.nuisances[n]) for n in names]
+            car[prior.column("gyro_bias")] = cars[place, prior.column("gyro_bias")]
+            car[column] = tried[place]
+            inputs.append(car.tolist())
+            figures.append(list(figures_of_motion(motions[place], turn, nuisances_of(prior, car)).values()))
+    found = (low > centre - piece.reach) & (high < centre + piece.reach)
+    flips = [float(flip) if known else None for flip, known in zip(0.5 * (low + high), found, strict=True)]
+    return {"flips": flips, "inputs": inputs, "figures": figures}
+
+
+def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
+    """Motion of each reduced car at its IMU, x and z (m) in B; at rest before the steering."""
+    assert driven.history is not None
+    assert driven.loads is not None
+    w, v = driven.history[:, RATES][:, W], driven.history[:, RATES][:, V]
+    rate = [np.gradient(values, STEP, axis=0) for values in (w, v)]
+    ahead = w[:, 0] * x + w[:, 2] * z
+    acceleration = rate[1][:, 1] + w[:, 2] * v[:, 0] - w[:, 0] * v[:, 2]
+    acceleration = acceleration + rate[0][:, 2] * x - rate[0][:, 0] * z + w[:, 1] * ahead
+    loaded = (driven.loads[:, LEFT] > LOADED_FORCE).all(axis=1)
+    # States are those behind a step, loads those at its beginning.
+    before = np.zeros((round(BEFORE / STEP) + 1, len(x)))
+    yaw, lateral, roll = (np.concatenate([before, values[:-1]]) for values in (w[:, 2], acceleration, w[:, 0]))
+    both = np.concatenate([before[1:] == 0.0, loaded])
+    return [Motion(yaw[:, i], lateral[:, i], roll[:, i], both[:, i]) for i in range(len(x))]
+
+
+def run_full(piece: Piece) -> list[dict[str, Any]]:
+    """Runs full cars (m) in a turn, each at its own friction.
+
+    Returns:
+        A row per car: `survived` and `clean`, `trigger` s after the steering or None, and the figures of a survived
+        run; or `error` of a car that could not be run.
+    """
+    from aerodima.workbench.simulate.simulation import simulate
+
+    prior, turn, rows = prior_of(piece.plan), piece.turn, []
+    for numbers in piece.cars:
+        car = np.array(numbers)
+        settings = prior.settings(car, turn)
+        if piece.step is not None:
+            settings += [f"simulation.step={piece.step!r}"]
+        try:
+            run = simulate(load_scenario(f"turn_{turn.tail}", settings), record="outcome")
+            signals, outcome = turn_signals(run, "truth"), outcome_of(run)
+            start = signals.window[0]
+            row: dict[str, Any] = {"survived": outcome.result == "survived", "clean": outcome.clean, "trigger": None}
+            if run.has_tail:
+                swings = np.isin(run.signal("controller_state"), (SwingState.DELAY, SwingState.SWING))
+                row["trigger"] = float(signals.time[np.argmax(swings)] - start) if swings.any() else None
+            if row["survived"]:
+                grid = start - BEFORE + STEP * np.arange(round((BEFORE + AFTER) / STEP))
+                values = [signals.yaw_rate, signals.lateral_acceleration, signals.roll_rate]
+                both = (signals.wheel_loads[:, LEFT] > LOADED_FORCE).all(axis=1)  # type: ignore[index]
+                even = [np.interp(grid, signals.time, column) for column in (*values, 1.0 * both)]
+                motion = Motion(even[0], even[1], even[2], even[3] > 0.5)
+                row |= figures_of_motion(motion, turn, nuisances_of(prior, car))
+        except (UserError, ArithmeticError, RuntimeError, ValueError) as error:
+            row = {"error": " ".join(str(error).split())}
+        rows.append(row)
+    return rows

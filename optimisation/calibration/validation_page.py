@@ -1,0 +1,303 @@
+"""The page of a calibration, the page of what to measure next, and the ensembles; sentences are made of the result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+from matplotlib.figure import Figure as Drawing
+
+from aerodima.optimisation.calibration.calibration import FineRuns, Posterior, emulate, run_fine, sample
+from aerodima.optimisation.calibration.emulator import Emulator
+from aerodima.optimisation.calibration.two_systems import DISCREPANCY, CalibrationPlan, CarPrior, Turn, figures_of
+from aerodima.optimisation.calibration.validation import (
+    BAND,
+    LeftOut,
+    brier,
+    combinations,
+    information,
+    joint_density,
+    leave_out,
+    measurements,
+    perfect_model,
+    rigid,
+)
+from aerodima.optimisation.sweep.runs import Runs
+from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.config.ensemble import ENSEMBLE_SCHEMA
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.figures.figure_style import BLUE, GREY, VERMILION, new_figure, styled
+from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.metrics.published_values import Platform
+from aerodima.workbench.report.report_page import Finding, Link, Page, Plot, Section, Table, write_files
+
+PAGE, MEASURE = "index.html", "measure_next.html"
+OF_THE_FIELD = ("Table 7.3", "Table 7.4")
+OF_A_CAR = ("controller.trigger_yaw_rate", "tail.roll_stop")
+"""Settings of a run that belong to the car, not to its drive."""
+SOON = 0.3
+"""s after the steering command."""
+NEAR_A_BOUND = 0.05
+"""Share of a prior's range: a median nearer to its end says that the prior decides."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """Everything that the pages say.
+
+    Attributes:
+        posterior: given every figure.
+        left_out: every table, predicted from the others.
+        rigid_density: logarithm of the density of the last table for the model before, given the others.
+        perfect: share inside the intervals when posterior cars play the thesis.
+        fine: cars of the ensemble, run with the full car at the fine step.
+    """
+
+    emulator: Emulator
+    posterior: Posterior
+    left_out: Sequence[LeftOut]
+    rigid_density: float
+    perfect: float
+    fine: FineRuns
+
+
+def require_extra() -> None:
+    """UserError when a library of the extra `calibration` is missing."""
+    for library in ("emcee", "sklearn"):
+        if find_spec(library) is None:
+            raise UserError(f"{library} is not installed; pip install 'aerodima-workbench[calibration]'")
+
+
+def calibrate(plan: CalibrationPlan, runs: Runs, out: Path, played: int) -> Path:
+    """Carries out a plan and writes its pages; runs that are kept are not made again. Returns the path of the page.
+
+    Args:
+        plan: to be carried out.
+        runs: through which everything is run; they keep what is finished.
+        out: folder.
+        played: how many posterior cars play the thesis.
+
+    Raises:
+        UserError: too few cars flip or survive in a turn of the plan.
+    """
+    emulator, seed, say = emulate(plan, runs), plan.seed, runs.say
+    figures = figures_of(plan)
+    tables = tuple(turn.table for turn in plan.turns if turn.table)
+    say("posterior of the cars ...")
+    posterior = sample(emulator, figures, seed)
+    say(f"effective sample size {posterior.size:.0f}")
+    left_out = []
+    for table in tables:
+        left_out.append(leave_out(emulator, figures, table, seed))
+        say(f"{table} from the others: {int(left_out[-1].rows.inside.sum())} of {len(left_out[-1].rows)} inside")
+    last = [figure for figure in figures if figure.turn.table == tables[-1]]
+    others = [figure for figure in figures if figure not in last]
+    before = joint_density(emulator, last, sample(emulator, others, seed, rigid(emulator.prior)).cars)
+    perfect = perfect_model(emulator, posterior, tables[-2:], played, seed, say) if played else np.nan
+    fine = run_fine(plan, posterior, runs)
+    return write_pages(Result(emulator, posterior, left_out, before, perfect, fine), out)
+
+
+def write_pages(result: Result, out: Path) -> Path:
+    """Writes both pages, their tables and an ensemble per system into a folder; the path of the first page."""
+    plan, prior = result.emulator.prior.plan, result.emulator.prior
+    figures = pd.concat([left.rows for left in result.left_out], ignore_index=True)
+    ensembles = {
+        f"{system}.yaml": ensemble_text(result, system) for system in dict.fromkeys(turn.system for turn in plan.turns)
+    }
+    tables = {"figures.csv": figures, "parameters.csv": parameter_table(prior, result.posterior.cars)}
+    measured = measure_table(prior, result.posterior.cars)
+    posterior = pd.DataFrame(result.posterior.cars, columns=prior.names)
+    pages = {PAGE: validation_page(result, figures, tables["parameters.csv"]), MEASURE: measure_page(measured)}
+    write_files(out, {**ensembles, **tables, "measure_next.csv": measured, "posterior.parquet": posterior, **pages})
+    return out / PAGE
+
+
+def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFrame) -> Page:
+    """What the calibration predicts, and how far to trust it."""
+    plan, left_out = result.emulator.prior.plan, result.left_out
+    score, chances = brier(result.emulator, result.posterior.cars)
+    outcomes = [
+        (turn.system, turn.tail, f"{turn.speed:g}", turn.ends, f"{chances[turn.name]:.2f}", *_fine_cells(result, turn))
+        for turn in plan.turns
+    ]
+    densities = [
+        (left.table, *(f"{value:.1f}" for value in (left.density, left.prior_density, left.constant_density)))
+        for left in left_out
+    ]
+    known = [
+        (f"{ratio:.3f}", ", ".join(f"{weight:+.2f} {name}" for name, weight in weights.items()))
+        for ratio, weights in combinations(result.emulator.prior, result.posterior.cars, plan.seed)
+    ]
+    drawn = Plot(
+        _forest(figures),
+        "Bars: 90 % intervals and medians, over the published figure (red line). Grey: those of the prior's survivors.",
+        "Predicted over published figures",
+        "figures",
+    )
+    missing = "; ".join(f"{name.replace('_', ' ')} ({why})" for name, why in plan.left_out.items()) or "none"
+    before = (
+        f"With the stiffest tyres of the prior and without latency, bias and delay, {left_out[-1].table} has "
+        f"{result.rigid_density:.1f}; now it has {left_out[-1].density:.1f}."
+    )
+    of_outcomes = ("system", "tail", "m/s", "published", "probability to survive", "survived at the fine step")
+    of_parameters = ("parameter", "prior", "5 %", "median", "95 %", "deviation over the prior's")
+    rows = [_parameter_cells(row) for row in parameters.to_dict("records")]
+    return Page(
+        "What the calibrated cars predict",
+        "The simulated car of the thesis and its car on the field are two systems that share a body. Every figure is "
+        "predicted by cars that have not seen its table.",
+        [
+            Section("Result", [Finding(_findings(result, figures, parameters, score)), drawn]),
+            Section("Published figures", [_figure_table(figures), f"No car of the prior reaches these: {missing}."]),
+            Section(
+                "Logarithm of the density of each table",
+                [Table(("table", "from the others", "of the prior", "of constant values"), densities), before],
+            ),
+            Section("Outcomes", [Table((*of_outcomes, "trigger [s]", "within 0.3 s"), outcomes)]),
+            Section("Parameters", [Table(of_parameters, rows, np.flatnonzero(parameters.near_a_bound).tolist())]),
+            Section("What the data determine best", [Table(("variance over the prior's", "combination"), known)]),
+            Section("What to measure next", [Link(MEASURE, "Measurements in the order of their information")]),
+        ],
+    )
+
+
+def _findings(result: Result, figures: pd.DataFrame, parameters: pd.DataFrame, score: float) -> list[str]:
+    plan, prior = result.emulator.prior.plan, result.emulator.prior
+    of_the_field = figures[figures.figure.str.startswith(OF_THE_FIELD)]
+    missing = sum(name.startswith(OF_THE_FIELD) for name in plan.left_out)
+    off = np.quantile(result.posterior.cars[:, prior.column(DISCREPANCY)], BAND)
+    inside = f"When posterior cars play the thesis, {result.perfect:.0%} of the figures lie in their intervals."
+    played = [] if np.isnan(result.perfect) else [inside]
+    widths = (of_the_field.high - of_the_field.low) / (of_the_field.prior_high - of_the_field.prior_low)
+    held = ", ".join(parameters[parameters.near_a_bound].parameter)
+    return [
+        f"Of {len(of_the_field) + missing} figures of the car on the field {int(of_the_field.inside.sum())} lie in "
+        f"their 90 % interval, each predicted without its own table; {missing} that no car reaches counts as a miss.",
+        f"The discrepancy of the model is {off[1]:.0%} of a figure (90 %: {off[0]:.0%} to {off[2]:.0%}).",
+        f"The Brier score of the {len(plan.turns)} outcomes, to which the cars are held, is {score:.3f}.",
+        *played,
+        f"These intervals are {np.median(widths):.0%} as wide as those of the prior alone (median).",
+        f"The effective sample size is {result.posterior.size:.0f}.",
+        f"These medians lie near the end of their prior: {held}."
+        if held
+        else "No median lies near the end of its prior.",
+    ]
+
+
+def _figure_table(figures: pd.DataFrame) -> Table:
+    names = ("figure", "published", "median", "90 % interval", "of the prior", "inside")
+    marked = [place for place, inside in enumerate(figures.inside) if not inside]
+    return Table(names, [_figure_cells(row) for row in figures.to_dict("records")], marked)
+
+
+def measure_page(measured: pd.DataFrame) -> Page:
+    """Measurements of the real car, most informative first, with their procedures."""
+    rows = [(row["quantity"], row["procedure"], f"{row['gain_nats']:.2f}") for row in measured.to_dict("records")]
+    lead = f"Measure the {rows[0][0]} first: it is expected to tell {rows[0][2]} nats beyond the published figures."
+    table = Table(("quantity", "procedure", "expected gain [nats]"), rows)
+    return Page("What to measure next", lead, [Section("Measurements", [table])])
+
+
+def measure_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
+    """Gain of every measurement in nats, largest first."""
+    names = ["quantity", "procedure", "deviation", "gain_nats"]
+    rows = [(m.name, m.how, m.deviation, information(m, cars, prior.plan.seed)) for m in measurements(prior)]
+    return pd.DataFrame(rows, columns=names).sort_values("gain_nats", ascending=False, ignore_index=True)
+
+
+def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
+    """Per coordinate: prior, quantiles, deviation over that of the prior, and whether its median is near an end."""
+    reference, rows = prior.draw(2000, prior.plan.seed), []
+    for place, name in enumerate(prior.names):
+        low, median, high = np.quantile(cars[:, place], BAND)
+        first, last = prior.ranges[place]
+        share = (median - first) / (last - first)
+        near = name != "forward" and min(share, 1.0 - share) < NEAR_A_BOUND
+        learnt = float(np.std(cars[:, place]) / np.std(reference[:, place]))
+        rows.append((name, first, last, low, median, high, learnt, near))
+    names = ["parameter", "prior_low", "prior_high", "low", "median", "high", "deviation_ratio", "near_a_bound"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def ensemble_text(result: Result, system: Platform) -> str:
+    """The cars of the fine runs in one system as the text of an ensemble file, equally likely."""
+    prior, plan = result.emulator.prior, result.emulator.prior.plan
+    cars, keys = result.fine.cars, {*plan.body, *plan.each}
+    first = next(turn for turn in plan.turns if turn.system == system)
+    scaled = prior.scaled(cars)
+    middle = int(np.argmin(np.sum(((scaled - scaled.mean(axis=0)) / (scaled.std(axis=0) + 1e-9)) ** 2, axis=1)))
+    content: dict[str, Any] = {
+        "schema": ENSEMBLE_SCHEMA,
+        "name": system,
+        "provenance": {
+            "method": f"posterior cars of the {system} system, given Tables 7.1 to 7.4 and the published outcomes",
+            "plan": plan.name,
+            "seed": plan.seed,
+            "effective_sample_size": round(result.posterior.size, 1),
+            "fine_step_s": plan.size.fine_step,
+            "versions": software_versions(),
+        },
+        "best": f"car{middle:03d}",
+    }
+    lines = [
+        f"# Cars that the published figures leave possible, made by `aerodima calibrate --plan {plan.name}`.",
+        yaml.safe_dump(content, sort_keys=False, width=116).rstrip(),
+        "members:",
+    ]
+    for place, car in enumerate(cars):
+        settings = dict(setting.split("=") for setting in prior.settings(car, first))
+        values = ", ".join(f"{key}: {value}" for key, value in settings.items() if key in OF_A_CAR or key in keys)
+        lines.append(f"- {{name: car{place:03d}, weight: {1 / len(cars):.6g}, values: {{{values}}}}}")
+    return "\n".join(lines) + "\n"
+
+
+def _fine_cells(result: Result, turn: Turn) -> tuple[str, str, str]:
+    """How many of the fine runs survived, when the swing of the median begins, and the share of early swings."""
+    rows = [row for row in result.fine.rows[turn.name] if "error" not in row]
+    survived = f"{sum(row['survived'] for row in rows)} of {len(rows)}"
+    started = np.array([np.inf if row["trigger"] is None else row["trigger"] for row in rows])
+    if turn.tail != "swing":
+        return survived, "-", "-"
+    middle = np.median(started)
+    return survived, f"{middle:.2f}" if np.isfinite(middle) else "never", f"{np.mean(started <= SOON):.0%}"
+
+
+def _figure_cells(row: Mapping[Any, Any]) -> tuple[str, ...]:
+    return (
+        row["figure"].replace("_", " "),
+        f"{row['published']:.3g}",
+        f"{row['median']:.3g}",
+        f"{row['low']:.3g} to {row['high']:.3g}",
+        f"{row['prior_low']:.3g} to {row['prior_high']:.3g}",
+        "yes" if row["inside"] else "no",
+    )
+
+
+def _parameter_cells(row: Mapping[Any, Any]) -> tuple[str, ...]:
+    return (
+        row["parameter"],
+        f"{row['prior_low']:.3g} to {row['prior_high']:.3g}",
+        *(f"{row[name]:.3g}" for name in ("low", "median", "high", "deviation_ratio")),
+    )
+
+
+def _forest(figures: pd.DataFrame) -> Drawing:
+    with styled():
+        drawing, axes = new_figure(9.0, 5.2)
+        axis, places = axes[0, 0], np.arange(len(figures))[::-1]
+        scale = figures.published.to_numpy()
+        axis.hlines(places, figures.prior_low / scale, figures.prior_high / scale, color=GREY, linewidth=1)
+        axis.hlines(places, figures.low / scale, figures.high / scale, color=BLUE, linewidth=5)
+        axis.plot(figures["median"] / scale, places, "|", color="white", markersize=8)
+        axis.axvline(1.0, color=VERMILION)
+        axis.set_yticks(places, [name.replace("_", " ") for name in figures.figure], fontsize=8)
+        axis.set_xlim(0.0, 3.0)
+        axis.set_xlabel("predicted over published")
+    return drawing

@@ -1,0 +1,132 @@
+"""Runs of the calibration: figures of a known motion, reduced against full cars, and the whole job, which goes on."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aerodima.optimisation.calibration.calibration import emulate
+from aerodima.optimisation.calibration.turn_runs import (
+    AFTER,
+    BEFORE,
+    STEP,
+    Motion,
+    Piece,
+    figures_of_motion,
+    run_full,
+    run_reduced,
+)
+from aerodima.optimisation.calibration.two_systems import FIGURES, LIFT, CarPrior, load_plan
+from aerodima.optimisation.calibration.validation_page import calibrate
+from aerodima.optimisation.sweep.runs import Runs
+from aerodima.workbench.cli.program import main
+from aerodima.workbench.config.ensemble import load_ensemble
+
+PLAN = load_plan()
+PRIOR = CarPrior(PLAN)
+SLOW = {turn.system: turn for turn in reversed(PLAN.turns) if turn.table and turn.tail == "none"}
+STILL = {"window": 0.6, "latency": 0.0, "gyro_bias": 0.0, "forward": 0.0}
+
+
+def motion(begin: float = 0.0, end: float = 2.0) -> Motion:
+    """Yaws at 2 rad/s and rolls at 0.5 rad/s between two times after the steering; the inner wheels lift at 0.3 s."""
+    time = STEP * np.arange(round((BEFORE + AFTER) / STEP)) - BEFORE
+    turning = 1.0 * ((time >= begin - 1e-9) & (time < end - 1e-9))
+    return Motion(2.0 * turning, 6.0 * turning, 0.5 * turning, time < 0.3)
+
+
+def test_figures_of_a_steady_turn_in_the_simulated_system() -> None:
+    found = figures_of_motion(motion(), SLOW["simulated"], STILL)
+    assert [found[name] for name in FIGURES[:4]] == pytest.approx([2.0, 2.0, 6.0, 6.0])
+    assert found["roll_integral_rad"] == pytest.approx(0.5 * AFTER, abs=0.01)
+    assert found[LIFT] == 2.0
+
+
+def test_latency_moves_the_window_back_and_bias_adds() -> None:
+    late = figures_of_motion(motion(0.0, 0.5), SLOW["physical"], STILL | {"latency": 0.1, "gyro_bias": 0.03})
+    assert late["average_yaw_rate_rad_per_s"] == pytest.approx(2.0 * 0.5 / 0.6 + 0.03, rel=0.02)
+    short = STILL | {"window": 0.5}
+    ended = figures_of_motion(motion(0.0, 0.25), SLOW["physical"], short)
+    shifted = figures_of_motion(motion(0.0, 0.25), SLOW["physical"], short | {"latency": 0.25})
+    for found in (ended, shifted):
+        assert found["average_yaw_rate_rad_per_s"] == pytest.approx(1.0, rel=0.1)
+    missed = figures_of_motion(motion(0.3, 0.5), SLOW["physical"], short | {"latency": 0.25})
+    assert missed["average_yaw_rate_rad_per_s"] < 0.1
+
+
+def test_filter_that_runs_forwards_only_is_late() -> None:
+    both, forwards = (
+        figures_of_motion(motion(), SLOW["physical"], STILL | {"forward": forward}) for forward in (0.0, 1.0)
+    )
+    name = "average_yaw_rate_rad_per_s"
+    delay = np.sqrt(2.0) / (2.0 * np.pi * 5.0)  # s, of a second-order Butterworth of 5 Hz
+    assert forwards[name] == pytest.approx(2.0 * (1.0 - delay / 0.6), rel=0.01)
+    assert both[name] > 1.03 * forwards[name]
+
+
+@pytest.mark.parametrize("system", ["simulated", "physical"])
+def test_reduced_cars_show_the_figures_of_full_ones(system) -> None:
+    turn, cars = SLOW[system], PRIOR.draw(2, seed=3)
+    friction = PRIOR.column(f"{system} car.tyre_friction")
+    cars[:, friction] = 0.5
+    plan = PLAN.model_copy(update={"size": PLAN.size.model_copy(update={"rounds": 2})})
+    reduced = run_reduced(Piece(plan, turn, tuple(map(tuple, cars.tolist())), reach=0.02))
+    middle = [place for place, car in enumerate(reduced["inputs"]) if car[friction] == pytest.approx(0.5)]
+    inputs = [reduced["inputs"][place] for place in middle]
+    assert len(inputs) == 2
+    for full, figures in zip(run_full(Piece(plan, turn, tuple(map(tuple, inputs)))), middle, strict=True):
+        assert full["survived"]
+        assert [full[name] for name in FIGURES[:2]] == pytest.approx(reduced["figures"][figures][:2], rel=0.05)
+        assert [full[name] for name in FIGURES[2:4]] == pytest.approx(reduced["figures"][figures][2:4], rel=0.15)
+        assert full[FIGURES[4]] == pytest.approx(reduced["figures"][figures][4], rel=0.2, abs=0.01)
+        assert full[LIFT] == pytest.approx(reduced["figures"][figures][5], rel=0.1)
+
+
+def test_car_that_cannot_be_run_is_a_row_with_its_error() -> None:
+    car = PRIOR.draw(1, seed=4)[0]
+    car[PRIOR.column("car.mass")] = 1.0
+    (row,) = run_full(Piece(PLAN, SLOW["simulated"], (tuple(car.tolist()),)))
+    assert "car.mass: 1 kg" in row["error"]
+
+
+def small_plan():
+    """Two short turns of few cars: what the whole job takes is the job, not the cars."""
+    size = {"cars": 40, "rounds": 2, "full": 16, "walkers": 60, "steps": 40, "ensemble": 2, "fine_step": 0.002}
+    settings = {system: (*given[:2], *SHORT) for system, given in PLAN.settings.items()}
+    turns = tuple(SLOW.values())
+    changed = {"turns": turns, "size": PLAN.size.model_copy(update=size), "settings": settings}
+    return PLAN.model_copy(update=changed)
+
+
+SHORT = ("manoeuvre.speed_ramp=0.6", "manoeuvre.turn_start=0.8", "manoeuvre.duration=2.8")
+
+
+def test_whole_job_writes_pages_and_ensembles_and_goes_on_with_its_runs(tmp_path) -> None:
+    plan, runs = small_plan(), Runs()
+    page = calibrate(plan, runs, tmp_path, played=1)
+    html = page.read_text(encoding="utf-8")
+    assert "of the car on the field" in html
+    assert "The discrepancy of the model is" in html
+    figures = pd.read_csv(tmp_path / "figures.csv")
+    assert set(figures.figure.str[:9]) == {"Table 7.1", "Table 7.3"}
+    assert (figures.low <= figures["median"]).all()
+    assert (figures["median"] <= figures.high).all()
+    measured = pd.read_csv(tmp_path / "measure_next.csv")
+    assert measured.gain_nats.is_monotonic_decreasing
+    assert "Measure the " in (tmp_path / "measure_next.html").read_text(encoding="utf-8")
+    for system in SLOW:
+        ensemble = load_ensemble(tmp_path / f"{system}.yaml")
+        assert len(ensemble.members) == 2
+        for member in ensemble.members:
+            ensemble.scenario(member, "turn_swing")
+    before = dict(runs._known)
+    again = emulate(plan, runs)
+    assert runs._known == before
+    assert set(again.figures) == {turn.name for turn in plan.turns}
+
+
+def test_wrong_plan_is_one_line(tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("sys.argv", ["aerodima", "calibrate", "--plan", "no_such", "--out", str(tmp_path)])
+    with pytest.raises(SystemExit):
+        main()
+    assert "no_such" in capsys.readouterr().err
+    assert not (tmp_path / "index.html").exists()

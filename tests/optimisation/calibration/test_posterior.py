@@ -1,0 +1,191 @@
+"""Emulator, sampler, intervals and information, on cars whose answer is known in closed form."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from aerodima.optimisation.calibration import validation
+from aerodima.optimisation.calibration.calibration import Posterior, log_density, log_likelihood, sample
+from aerodima.optimisation.calibration.emulator import METRICS, Emulator, Surface
+from aerodima.optimisation.calibration.two_systems import DISCREPANCY, LIFT, CarPrior, figures_of, load_plan
+
+SHIPPED = load_plan()
+PLAN = SHIPPED.model_copy(
+    update={"size": SHIPPED.size.model_copy(update={"walkers": 60, "steps": 600}), "discrepancy": (0.049, 0.051)}
+)
+PRIOR = CarPrior(PLAN)
+RNG = np.random.default_rng(0)
+
+
+def constant(value: float) -> Surface:
+    return Surface((0,), lambda inputs: np.full((len(inputs), 1), value), np.array([1e-6]))
+
+
+def emulator(slope: tuple[str, str, float] | None = None, level: float = 0.0) -> Emulator:
+    """All figures as published, whatever the car, but one that is a line in one coordinate; all outcomes certain.
+
+    Args:
+        slope: name of the figure, of the coordinate, and the figure's change over half of the coordinate's range.
+        level: added to that figure.
+    """
+    figures = {}
+    for turn in PLAN.turns:
+        if turn.table:
+            row = np.array([3.0] * len(METRICS))
+            line = np.zeros((len(PRIOR.names), len(METRICS)))
+            for figure in (f for f in figures_of(PLAN) if f.turn == turn):
+                place = METRICS.index(figure.metric)
+                row[place] = figure.published
+                if slope is not None and figure.name == slope[0]:
+                    row[place] += level
+                    line[PRIOR.column(slope[1]), place] = slope[2]
+            columns = tuple(range(len(PRIOR.names)))
+            model = partial(_line, row, line)
+            figures[turn.name] = Surface(columns, model, np.full(len(METRICS), 1e-6))
+    flips = {turn.name: constant(9.0 if turn.ends == "survived" else -9.0) for turn in PLAN.turns}
+    return Emulator(PRIOR, flips, figures)
+
+
+def _line(row, line, inputs):
+    return row + inputs @ line
+
+
+def test_curved_figures_are_learnt_and_what_is_missed_is_said() -> None:
+    cars = PRIOR.spread(900, seed=1)
+    scaled = PRIOR.scaled(cars)
+    bent = 2.0 + scaled[:, 0] - 0.5 * scaled[:, 0] * scaled[:, 2] + 0.3 * np.tanh(2.0 * scaled[:, 1])
+    values = np.column_stack([bent, 1.0 - bent]) + 0.05 * RNG.standard_normal((len(cars), 1))
+    fitted = Surface.network([0, 1, 2], scaled, values)
+    assert np.std(fitted(scaled)[:, 0] - bent) < 0.04
+    assert fitted.deviation == pytest.approx([0.05, 0.05], rel=0.35)
+    far = fitted(4.0 * scaled)
+    assert np.abs(far).max() < 20.0
+
+
+def test_full_cars_shift_figures_and_flips() -> None:
+    turn = PLAN.turns[0]
+    first = replace(emulator(), flips={turn.name: constant(np.log(0.6)) for turn in PLAN.turns})
+    cars = {t.name: PRIOR.spread(160, seed=2) for t in PLAN.turns}
+    found = {}
+    for t in PLAN.turns:
+        friction = cars[t.name][:, PRIOR.column(f"{t.system} car.tyre_friction")]
+        values = dict.fromkeys(METRICS, 3.0)
+        found[t.name] = [{"survived": bool(mu < 0.66), "clean": True, "trigger": None, **values} for mu in friction]
+    found[turn.name][0] = {"error": "solver"}
+    corrected = first.corrected(cars, found)
+    car = PRIOR.draw(1, seed=3)
+    figure = next(f for f in figures_of(PLAN) if f.turn == turn)
+    assert corrected.value(car, figure)[0] == pytest.approx(3.0, rel=1e-3)
+    assert np.exp(np.log(0.6) + corrected.shift[turn.name][0]) == pytest.approx(0.66, rel=0.03)
+    assert corrected.shift[turn.name][1] < 0.03
+
+
+def test_outcomes_count_on_the_right_side() -> None:
+    first = replace(emulator(), flips={turn.name: constant(np.log(0.6)) for turn in PLAN.turns})
+    low, high = PRIOR.draw(1, seed=4), PRIOR.draw(1, seed=4)
+    for name in ("simulated car.tyre_friction", "physical car.tyre_friction"):
+        low[0, PRIOR.column(name)], high[0, PRIOR.column(name)] = 0.5, 0.7
+    assert first.survival(low, PLAN.turns[0])[0] > 0.999
+    assert first.survival(high, PLAN.turns[0])[0] < 0.001
+
+
+def test_likelihood_knows_who_survived_and_whose_wheel_lifted() -> None:
+    """Friction 0.5 or 0.7 at a flip of 0.6; the inner wheel lifts at 0.8 or 1.2 rad/s, published 1."""
+    first, turn = emulator(), PLAN.turns[0]
+    others = {name: constant(9.0) for name in first.flips}
+    low, high = PRIOR.draw(1, seed=4), PRIOR.draw(1, seed=4)
+    column = PRIOR.column(f"{turn.system} car.tyre_friction")
+    low[0, column], high[0, column] = 0.5, 0.7
+    made = replace(first, flips=others | {turn.name: constant(np.log(0.6))})
+    assert log_likelihood(made, (), low)[0] > log_likelihood(made, (), high)[0] + 5.0
+    ends = tuple(one.model_copy(update={"ends": "flipped"}) if one == turn else one for one in PLAN.turns)
+    flipped = replace(made, prior=CarPrior(PLAN.model_copy(update={"turns": ends})))
+    assert log_likelihood(flipped, (), low)[0] < log_likelihood(flipped, (), high)[0] - 5.0
+    place = METRICS.index(LIFT)
+    early, late = (
+        replace(first, figures=first.figures | {turn.name: Surface((0,), partial(_lifting, place, at), np.ones(6))})
+        for at in (0.8, 1.2)
+    )
+    assert log_likelihood(late, (), low)[0] > log_likelihood(early, (), low)[0] + 2.0
+
+
+def _lifting(place, at, inputs):
+    values = np.full((len(inputs), len(METRICS)), 3.0)
+    values[:, place] = at
+    return values
+
+
+def test_posterior_is_that_of_the_closed_form() -> None:
+    """A figure that is linear in one coordinate leaves a normal of known mean and deviation."""
+    figure = next(f for f in figures_of(PLAN) if f.name == "Table 7.3 max_yaw_rate_rad_per_s")
+    slope = 4.0 * 0.05 * figure.published
+    found = sample(emulator((figure.name, "imu.x", slope), -0.2 * slope), figures_of(PLAN), seed=1)
+    scaled = PRIOR.scaled(found.cars)[:, PRIOR.column("imu.x")]
+    assert found.size > 100
+    assert np.mean(scaled) == pytest.approx(0.2, abs=0.04)
+    assert np.std(scaled) == pytest.approx(0.25, rel=0.15)
+    free = PRIOR.scaled(found.cars)[:, PRIOR.column("imu.z")]
+    assert np.std(free) == pytest.approx(1 / np.sqrt(3), rel=0.1)
+
+
+def test_density_of_a_figure_is_a_normal_of_its_share() -> None:
+    figure, car = figures_of(PLAN)[0], PRIOR.draw(1, seed=5)
+    made = emulator((figure.name, "imu.x", 0.0), 0.1 * figure.published)
+    spread = car[0, PRIOR.column(DISCREPANCY)]
+    spread *= 1.1  # a share of what is predicted
+    expected = -0.5 * (0.1 / spread) ** 2 - np.log(spread * np.sqrt(2 * np.pi))
+    assert log_density(made, figure, car)[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_intervals_hold_what_they_promise_when_the_model_is_perfect() -> None:
+    posterior = Posterior(PRIOR.draw(400, seed=6), 400.0, 0.3)
+    inside = validation.perfect_model(emulator(), posterior, ("Table 7.3", "Table 7.4"), 2, seed=7)
+    assert 0.75 <= inside <= 1.0
+
+
+def test_left_out_table_is_predicted_without_its_figures() -> None:
+    """Its own figures, however far off, leave the prediction where the other tables put it."""
+    table = "Table 7.4"
+    moved = [replace(f, published=9.0 * f.published) if f.turn.table == table else f for f in figures_of(PLAN)]
+    honest, far = (validation.leave_out(emulator(), figures, table, 8) for figures in (figures_of(PLAN), moved))
+    assert honest.rows.inside.all()
+    assert not far.rows.inside.any()
+    assert honest.density > far.density + 20.0
+    for name in ("low", "median", "high"):
+        assert honest.rows[name].to_numpy() == pytest.approx(far.rows[name].to_numpy(), rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["tail mass", "angle of balance", "slip angle at the limit"])
+def test_simulated_measurement_narrows_the_posterior_as_promised(name: str) -> None:
+    """The mean of the divergence of the narrowed cars from all of them is the promised gain."""
+    cars = PRIOR.draw(1500, seed=9)
+    measured = next(m for m in validation.measurements(PRIOR) if m.name == name)
+    promised = validation.information(measured, cars, seed=10)
+    rng, gains = np.random.default_rng(11), []
+    for truth in rng.choice(measured.value(cars), 300):
+        weights = validation.narrowed(measured, cars, truth + measured.deviation * rng.standard_normal())
+        gains.append(np.sum(weights * np.log(np.maximum(weights * len(cars), 1e-300))))
+    assert promised > 0.3
+    assert np.mean(gains) == pytest.approx(promised, abs=0.12)
+
+
+def test_information_of_a_normal_is_half_the_logarithm_of_the_narrowing() -> None:
+    cars = PRIOR.draw(3000, seed=12)
+    cars[:, PRIOR.column("tail.mass")] = 0.15 + 0.02 * RNG.standard_normal(len(cars))
+    measured = next(m for m in validation.measurements(PRIOR) if m.name == "tail mass")
+    wide = replace(measured, deviation=0.01)
+    assert validation.information(wide, cars, 13, draws=3000) == pytest.approx(0.5 * np.log(5.0), abs=0.05)
+
+
+def test_best_determined_combination_is_the_one_that_was_measured() -> None:
+    cars = PRIOR.draw(3000, seed=14)
+    friction, height = PRIOR.column("physical car.tyre_friction"), PRIOR.column("car.com_height")
+    product = cars[:, friction] * cars[:, height]
+    kept = cars[np.abs(product / np.median(product) - 1.0) < 0.05]
+    ratio, weights = validation.combinations(PRIOR, kept, 15)[0]
+    assert ratio < 0.1
+    first = list(weights)[:2]
+    assert set(first) == {"physical car.tyre_friction", "car.com_height"}
+    assert weights[first[0]] * weights[first[1]] > 0.0
