@@ -55,10 +55,10 @@ REFUSED: dict[str, tuple[Callable[[], RunLog], str]] = {
         lambda: still_log(imu_acceleration_y_m_per_s2=math.nan),
         "column 'imu_acc.* not finite, first nan",
     ),
-    "coasting": (lambda: still_log(throttle_command=0.0), "column 'throttle_command' asks for 0 m/s at the turn"),
+    "coasting": (lambda: still_log(throttle_command=0.0), "column 'throttle_command' drives the car at 0 m/s into the turn"),
     "cut": (
         lambda: replace(still_log(), table=still_log().table.query("time_s > 1.9 and time_s < 2.1")),
-        "holds 1.902 to 2.098 s, steered from 2 s on; a fit needs 0.8 s to either side",
+        "holds 1.9 to 2.098 s, steered from 2 s on; a fit needs 0.8 s to either side",
     ),
 }
 
