@@ -74,7 +74,6 @@ class LogFit:
         work: Callable[..., FitResult],
         options: FitOptions,
         tables: Callable[[list[FitResult], Path], Extra],
-        shown: Callable[[list[FitResult]], None] | None = None,
         **more: str,
     ) -> None:
         """Fits all logs, writes the report, shows a summary; exit status 2 when a log failed or something was left out.
@@ -84,7 +83,6 @@ class LogFit:
             work: fits the log of a path, with `options` and what is in `more`.
             options: of all fits.
             tables: makes further tables of the report from the results; may write files into the folder.
-            shown: prints the results; `show` by default.
             more: settings of this fit alone.
         """
         from aerodima.optimisation.identify.fit_batch import fit_logs
@@ -106,7 +104,7 @@ class LogFit:
         write_report(self.out, title, fitted.results, failed=fitted.failed, tables=extra, left_out=left_out)
         for name, reason in fitted.failed.items():
             typer.echo(f"error: {name}: {reason.removeprefix(f'{name}: ')}", err=True)
-        (shown or show)(fitted.results)
+        show(fitted.results)
         typer.echo(f"wrote {self.out / 'report.html'}")
         if fitted.failed:
             others = "; the others are done" if fitted.results else ""
@@ -195,7 +193,6 @@ def register(app: typer.Typer) -> None:
     group.command()(friction)
     group.command("added-mass")(added_mass)
     group.command("robot-tail")(robot_tail)
-    group.command()(car)
     group.command()(published)
     app.add_typer(group, name="fit", rich_help_panel=COEFFICIENTS)
 
@@ -259,59 +256,6 @@ def robot_tail(
 
     options = batch.options("robot_swing")
     batch.run("Robot tail", fit_robot_tail_log, options, robot_tables, shape=choice("--shape", shape, SHAPES))
-
-
-def car(
-    logs: Annotated[list[Path], typer.Argument(help="Logs of drives of the car, or of its simulation (Parquet).")],
-    out: Out,
-    workers: Workers = 2,
-    force: Anew = False,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", help="section.key=value over the scenario of the log; may be repeated.")
-    ] = None,
-) -> None:
-    """Friction, slip, centre of mass, delay of the steering and biases of one car, from its own turn.
-
-    What differs in the scenario of a log, with the car that was found, goes into LOG_car.yaml of the folder.
-
-    Example: aerodima fit car run.parquet --out fits --set car.mass=6.4
-    """
-    from aerodima.optimisation.identify.car_fit import fit_car_log
-    from aerodima.optimisation.identify.log_rig import FitOptions
-    from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
-
-    given: dict[str, Any] = {}
-    for setting in settings or ():
-        Scenario.apply_setting(given, setting)
-    scenario_from_dict(given)
-    options = FitOptions(settings=tuple(settings or ()))
-    LogFit(logs, out, workers, force).run("Cars", fit_car_log, options, car_tables, show_cars)
-
-
-def car_tables(results: list[FitResult], out: Path) -> Extra:
-    """A scenario of every car that was found, and the table that is shown."""
-    from aerodima.optimisation.identify.car_fit import car_table, write_fitted_car
-
-    for result in results:
-        typer.echo(f"wrote {write_fitted_car(out, result)}")
-    return {"cars": car_table(results)}, []
-
-
-def show_cars(results: list[FitResult]) -> None:
-    """A table of all unknowns, with the warnings of each log."""
-    from aerodima.optimisation.identify.car_fit import car_table
-    from aerodima.optimisation.identify.fit_report import format_estimate
-    from aerodima.workbench.text_table import text_table
-
-    table = car_table(results)
-    values = [format_estimate(estimate) for result in results for estimate in result.free]
-    rows = list(zip(table.log, table["name"], values, table.unit, table.prior, strict=True))
-    head = ("log", "name", "value (95 % interval)", "unit", "prior")
-    for line in text_table(head, rows) if rows else ():
-        typer.echo(line)
-    for result in results:
-        for warning in result.warnings:
-            typer.echo(f"warning: {Path(result.name).name}: {warning}")
 
 
 def published(out: Out) -> None:

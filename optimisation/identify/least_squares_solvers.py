@@ -44,12 +44,9 @@ the model (jet edge, node of a table)."""
 _STEP_TOLERANCE, _COST_TOLERANCE, _GRADIENT_TOLERANCE = 1e-8, 1e-10, 1e-9
 
 
-def solve_rollout(
-    problem: Problem, start: np.ndarray, most_steps: int = 100, cost_tolerance: float = _COST_TOLERANCE
-) -> Attempt:
+def solve_rollout(problem: Problem, start: np.ndarray, most_steps: int = 100) -> Attempt:
     """Levenberg-Marquardt from one start; each step is a bounded least-squares QP.
 
-    It ends with a step that lowers the cost, or is refused and promises to lower it, by no more than this part of it.
     A step to where the residual is not finite, or the model does not exist, is shortened like one that raises the cost.
     """
     parameters = problem.parameters
@@ -80,7 +77,7 @@ def solve_rollout(
             if tried is not None and new_cost <= cost:
                 break
             damping = max(10.0 * damping, _DAMPING_FIRST)
-            if promised <= max(_PROMISE_TOLERANCE, cost_tolerance) * cost:
+            if promised <= _PROMISE_TOLERANCE * cost:
                 return Attempt(start, z * scales, cost, True, "the next step promises nothing", step)
             if np.linalg.norm(dz) <= _STEP_TOLERANCE * (1.0 + np.linalg.norm(z)):
                 settled = not refused and promised <= _KINK_TOLERANCE * cost
@@ -89,7 +86,7 @@ def solve_rollout(
                 return Attempt(start, z * scales, cost, False, refused or "no step lowers the cost", step)
         drop, z, r, cost = cost - new_cost, z + dz, tried, new_cost
         damping = max(0.01 * damping, _DAMPING_LEAST)
-        if drop <= cost_tolerance * cost or np.linalg.norm(dz) <= _STEP_TOLERANCE * (1.0 + np.linalg.norm(z)):
+        if drop <= _COST_TOLERANCE * cost or np.linalg.norm(dz) <= _STEP_TOLERANCE * (1.0 + np.linalg.norm(z)):
             return Attempt(start, z * scales, cost, True, "cost and step have settled", step)
     return Attempt(start, z * scales, cost, False, f"{most_steps} steps were not enough", most_steps)
 

@@ -19,7 +19,6 @@ import numpy as np
 from aerodima.optimisation.identify.least_squares import Loss, Parameter
 from aerodima.workbench.config.checked_files import find_file, nearest, read_yaml, unit_of
 from aerodima.workbench.config.rig_scenario import RigScenario, RigUncertaintyParameters, rig_scenario_from_dict
-from aerodima.workbench.config.scenario import ScenarioFile
 from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
@@ -201,11 +200,11 @@ def speed_accuracy() -> float:
     return float(published_table("residual_weights").uncertainty_factor.iloc[6])
 
 
-def differences(scenario: ScenarioFile) -> dict[str, Any]:
-    """What of a rig, or of a car, differs from `models/`, as `section.key`; the experiment is left out."""
+def differences(scenario: RigScenario) -> dict[str, Any]:
+    """What of a rig differs from `models/`, as `section.key`; the experiment is left out."""
     return {
         f"{section}.{key}": value
-        for section, known in scenario.defaults().items()
+        for section, known in RigScenario.defaults().items()
         for key, value in getattr(scenario, section).model_dump(mode="json").items()
         if section != "experiment" and value != known[key]
     }
