@@ -52,9 +52,10 @@ class Result:
     """Everything that the pages say.
 
     Attributes:
+        emulator: what every turn shows, for any car.
         posterior: given every figure.
         left_out: every table, predicted from the others.
-        rigid_density: logarithm of the density of the last table for the model before, given the others.
+        rigid_density: logarithm of the density of the last table with the stiffest tyres, given the others.
         perfect: share inside the intervals when posterior cars play the thesis.
         fine: cars of the ensemble, run with the full car at the fine step.
     """

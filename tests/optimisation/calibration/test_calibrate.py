@@ -1,8 +1,11 @@
 """Runs of the calibration: figures of a known motion, reduced against full cars, and the whole job, which goes on."""
 
+from dataclasses import fields
+
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from aerodima.optimisation.calibration.calibration import emulate
 from aerodima.optimisation.calibration.turn_runs import (
@@ -11,12 +14,15 @@ from aerodima.optimisation.calibration.turn_runs import (
     STEP,
     Motion,
     Piece,
+    _motions,
     figures_of_motion,
     run_full,
     run_reduced,
 )
 from aerodima.optimisation.calibration.two_systems import FIGURES, LIFT, CarPrior, load_plan
 from aerodima.optimisation.calibration.validation_page import calibrate
+from aerodima.optimisation.screening.turns import Turns
+from aerodima.optimisation.screening.vehicle_motion import RATES, STATES, V, W
 from aerodima.optimisation.sweep.runs import Runs
 from aerodima.workbench.cli.program import main
 from aerodima.workbench.config.ensemble import load_ensemble
@@ -61,6 +67,29 @@ def test_filter_that_runs_forwards_only_is_late() -> None:
     delay = np.sqrt(2.0) / (2.0 * np.pi * 5.0)  # s, of a second-order Butterworth of 5 Hz
     assert forwards[name] == pytest.approx(2.0 * (1.0 - delay / 0.6), rel=0.01)
     assert both[name] > 1.03 * forwards[name]
+
+
+def test_acceleration_at_the_imu_is_that_of_its_path() -> None:
+    """A body that turns about all axes while its origin moves on a curve: second differences of the path of the IMU."""
+    turning, imu = np.array([0.4, -0.5, 0.9]), np.array([0.13, 0.0, 0.21])
+    time = STEP * np.arange(-1, round(AFTER / STEP) + 1)
+    turned = Rotation.from_rotvec((time + 0.8 * time**2)[:, None] * turning)
+    rates = (1.0 + 1.6 * time[1:-1])[:, None] * turning
+    place = np.stack([2.0 * time + time**2, 0.4 * np.sin(3.0 * time), 0.1 * np.cos(2.0 * time)], axis=1)
+    path = place + turned.apply(imu)
+    expected = turned[1:-1].inv().apply((path[2:] - 2.0 * path[1:-1] + path[:-2]) / STEP**2)[:, 1]
+    moved = np.stack([2.0 + 2.0 * time, 1.2 * np.cos(3.0 * time), -0.2 * np.sin(2.0 * time)], axis=1)
+    history = np.zeros((len(time) - 2, len(STATES), 1))
+    history[:, RATES][:, W, 0] = rates
+    history[:, RATES][:, V, 0] = turned[1:-1].inv().apply(moved[1:-1])
+    loads = np.ones((len(history), 4, 1))
+    nothing = dict.fromkeys((field.name for field in fields(Turns)), np.zeros(1))
+    driven = Turns(**nothing | {"history": history, "loads": loads})
+    (found,) = _motions(driven, imu[:1], imu[2:])
+    first = round(BEFORE / STEP) + 1
+    assert found.acceleration[first + 2 :] == pytest.approx(expected[2:-1], abs=5e-3)
+    assert found.yaw_rate[first:] == pytest.approx(rates[:-1, 2])
+    assert found.roll_rate[first:] == pytest.approx(rates[:-1, 0])
 
 
 @pytest.mark.parametrize("system", ["simulated", "physical"])
