@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,13 @@ from scipy.special import expit, log_expit, logit
 from scipy.stats import norm
 
 from aerodima.optimisation.calibration.emulator import METRICS, Emulator
-from aerodima.optimisation.calibration.turn_runs import Piece, prior_of, run_full, run_reduced
+from aerodima.optimisation.calibration.turn_runs import Piece, prior_of, run_full, run_reduced, search_full
 from aerodima.optimisation.calibration.two_systems import (
-    DISCREPANCY,
     FRICTION,
     KEPT,
     LIFT,
+    OFF,
+    OFF_ROLL,
     CalibrationPlan,
     CarPrior,
     Figure,
@@ -32,6 +34,8 @@ REDUCED_AT_ONCE, FULL_AT_ONCE = 300, 4
 """Cars in one piece of work."""
 MIDDLE, WIDE, NARROW = 0.67, 0.8, 0.4
 """Friction in the middle of the first search for a flip, and the reach of both searches in its logarithm."""
+FULL_REACH = {"none": 0.05, "held": 0.05, "swing": 0.15}
+"""Steps of the search for the flip of a full car from that of the reduced one."""
 LIFT_WIDTH = 0.1
 """rad/s."""
 STARTS = 20_000
@@ -41,22 +45,20 @@ STARTS = 20_000
 def emulate(plan: CalibrationPlan, runs: Runs) -> Emulator:
     """Runs the reduced cars and the full cars of a plan, and fits the emulator to them.
 
-    The first wave of reduced cars is spread over the prior; a rough posterior says where the second wave and the full
-    cars are needed.
+    The first wave of reduced cars is spread over the prior; a rough posterior says where the second wave, and one of
+    both waves where the full cars are needed.
     """
     prior, figures = prior_of(plan), figures_of(plan)
     first = prior.spread(plan.size.cars // 2, plan.seed)
     wide = _reduced(plan, runs, first, WIDE)
     emulator = Emulator.of_reduced(prior, first, wide)
     rough = sample(emulator, figures, plan.seed, steps=2 * plan.size.steps).cars  # wide, so it settles later
-    rng = np.random.default_rng(plan.seed)
-    chosen = rough[rng.choice(len(rough), plan.size.cars + plan.size.full, replace=False)]
-    second, full = chosen[: plan.size.cars], chosen[plan.size.cars :]
+    second = _different(rough, plan.size.cars, plan.seed)
     narrow = _reduced(plan, runs, second, NARROW)
     both = {turn: {name: wide[turn][name] + narrow[turn][name] for name in narrow[turn]} for turn in narrow}
     emulator = Emulator.of_reduced(prior, np.vstack([first, second]), both)
-    tried = {turn.name: full[place :: len(plan.turns)] for place, turn in enumerate(plan.turns)}
-    return emulator.corrected(tried, _full(plan, runs, tried))
+    full = _different(sample(emulator, figures, plan.seed).cars, plan.size.full, plan.seed)
+    return emulator.corrected(full, _full_flips(plan, runs, full, emulator))
 
 
 def _reduced(plan: CalibrationPlan, runs: Runs, cars: FloatArray, reach: float) -> dict[str, dict[str, Any]]:
@@ -69,19 +71,29 @@ def _reduced(plan: CalibrationPlan, runs: Runs, cars: FloatArray, reach: float) 
         for turn in plan.turns:
             around[turn.name][:, prior_of(plan).column(f"{turn.system} {FRICTION}")] = MIDDLE
     runs.stage = "reduced cars"
-    found = _by_turn(run_reduced, plan, runs, around, REDUCED_AT_ONCE, reach=reach)
+    reaches = {turn.tail: reach for turn in plan.turns}
+    return _joined(_by_turn(run_reduced, plan, runs, around, REDUCED_AT_ONCE, reaches))
+
+
+def _full_flips(plan: CalibrationPlan, runs: Runs, cars: FloatArray, emulator: Emulator) -> dict[str, dict[str, Any]]:
+    """`search_full` of cars (m, n) by name of the turn, around the friction at which the emulator has them flip."""
+    around = {turn.name: cars.copy() for turn in plan.turns}
+    for turn in plan.turns:
+        around[turn.name][:, prior_of(plan).column(f"{turn.system} {FRICTION}")] *= np.exp(emulator.margin(cars, turn))
+    runs.stage = "full cars"
+    return _joined(_by_turn(search_full, plan, runs, around, 1, FULL_REACH))
+
+
+def _joined(found: Mapping[str, list[Any]]) -> dict[str, dict[str, Any]]:
     return {
         turn: {name: list(chain.from_iterable(part[name] for part in parts)) for name in parts[0]}
         for turn, parts in found.items()
     }
 
 
-def _full(
-    plan: CalibrationPlan, runs: Runs, cars: Mapping[str, FloatArray], step: float | None = None
-) -> dict[str, list[dict[str, Any]]]:
-    runs.stage = "full cars"
-    found = _by_turn(run_full, plan, runs, cars, FULL_AT_ONCE, step=step)
-    return {turn: list(chain.from_iterable(parts)) for turn, parts in found.items()}
+def _different(cars: FloatArray, number: int, seed: int) -> FloatArray:
+    """So many of the drawn cars (m, n), no two alike: a sampler that stays where it is draws a car again."""
+    return np.random.default_rng(seed).permutation(np.unique(cars, axis=0))[:number]
 
 
 def _by_turn(
@@ -90,25 +102,29 @@ def _by_turn(
     runs: Runs,
     cars: Mapping[str, FloatArray],
     at_once: int,
-    **options: Any,
+    reaches: Mapping[str, float] = MappingProxyType({}),
+    step: float | None = None,
 ) -> dict[str, list[Any]]:
     """What work comes to, in pieces of so many cars, by name of the turn; all pieces are handed out together."""
     pieces = [
-        Piece(plan, turn, tuple(map(tuple, cars[turn.name][first : first + at_once].tolist())), **options)
+        Piece(
+            plan,
+            turn,
+            tuple(map(tuple, cars[turn.name][first : first + at_once].tolist())),
+            reaches.get(turn.tail, 0.0),
+            step,
+        )
         for turn in plan.turns
         for first in range(0, len(cars[turn.name]), at_once)
     ]
+    rounds = (plan.size.rounds, plan.size.full_rounds)
+    keys = [
+        content_key(work.__name__, p.turn.model_dump(), p.cars, p.reach, p.step, rounds, plan.settings) for p in pieces
+    ]
     found: dict[str, list[Any]] = {turn.name: [] for turn in plan.turns}
-    for piece, result in zip(pieces, runs.call(work, pieces, _keys(work.__name__[4:], pieces)), strict=True):
+    for piece, result in zip(pieces, runs.call(work, pieces, keys), strict=True):
         found[piece.turn.name].append(result)
     return found
-
-
-def _keys(kind: str, pieces: Sequence[Piece]) -> list[str]:
-    return [
-        content_key(kind, p.turn.model_dump(), p.cars, p.reach, p.step, p.plan.size.rounds, p.plan.settings)
-        for p in pieces
-    ]
 
 
 @dataclass(frozen=True)
@@ -141,9 +157,7 @@ def log_likelihood(emulator: Emulator, figures: Sequence[Figure], cars: FloatArr
                 total += log_density(emulator, figure, cars, values[:, METRICS.index(figure.metric)])
             if turn == (lift := lift_of(plan)).turn:
                 total += norm.logcdf((values[:, METRICS.index(LIFT)] - lift.published) / LIFT_WIDTH)
-        survival = emulator.survival(cars, turn)
-        total += np.log(np.maximum(survival if turn.ends == "survived" else 1.0 - survival, 1e-12))
-    return total
+    return total + emulator.log_outcomes(cars)
 
 
 def log_density(emulator: Emulator, figure: Figure, cars: FloatArray, values: FloatArray | None = None) -> FloatArray:
@@ -155,8 +169,18 @@ def log_density(emulator: Emulator, figure: Figure, cars: FloatArray, values: Fl
         values: of the figure (m), where they are known already.
     """
     values = emulator.value(cars, figure) if values is None else values
-    spread = np.hypot(cars[:, emulator.prior.column(DISCREPANCY)] * values, emulator.deviation(figure))
+    spread = spread_of(emulator, figure, cars, values)
     return norm.logpdf(figure.published, values, spread) + np.log(abs(figure.published))
+
+
+def spread_of(emulator: Emulator, figure: Figure, cars: FloatArray, values: FloatArray) -> FloatArray:
+    """How far (m) the published figure may lie from what cars (m, n) show (m): one standard deviation, in its unit.
+
+    A rate and its integral are off by different shares; the integral of a gyro gathers what the rate averages out.
+    """
+    share = cars[:, emulator.prior.column(OFF_ROLL if figure.metric == "roll_integral_rad" else OFF)]
+    found: FloatArray = np.hypot(share * values, emulator.deviation(figure))
+    return found
 
 
 def sample(
@@ -217,6 +241,8 @@ class FineRuns:
 
 def run_fine(plan: CalibrationPlan, posterior: Posterior, runs: Runs) -> FineRuns:
     """Runs cars of a posterior through every turn with the full car at the fine step of the plan."""
-    places = np.random.default_rng(plan.seed).choice(len(posterior.cars), plan.size.ensemble, replace=False)
-    cars = posterior.cars[places]
-    return FineRuns(cars, _full(plan, runs, {turn.name: cars for turn in plan.turns}, plan.size.fine_step))
+    cars = _different(posterior.cars, plan.size.ensemble, plan.seed)
+    runs.stage = "full cars"
+    everywhere = {turn.name: cars for turn in plan.turns}
+    found = _by_turn(run_full, plan, runs, everywhere, FULL_AT_ONCE, step=plan.size.fine_step)
+    return FineRuns(cars, {turn: list(chain.from_iterable(parts)) for turn, parts in found.items()})

@@ -1,29 +1,35 @@
-"""Figures and flips of any car of the prior in a millisecond: networks of reduced cars, corrected by full ones."""
+"""Figures and flips of any car of the prior: Gaussian processes of reduced cars, corrected by full ones."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.linalg import cho_solve
+from scipy.special import logsumexp
 from scipy.stats import norm
 
-from aerodima.optimisation.calibration.two_systems import FIGURES, LIFT, OF_THE_FIELD, CarPrior, Figure, Turn
-from aerodima.workbench.config.array_types import FloatArray
+from aerodima.optimisation.calibration.two_systems import FIGURES, FRICTION, LIFT, OF_THE_FIELD, CarPrior, Figure, Turn
+from aerodima.workbench.config.array_types import FloatArray, IntArray
 from aerodima.workbench.errors import UserError
 
 METRICS = (*FIGURES, LIFT)
-NEURONS, DECAY = (40, 40), 0.01
-"""Of the networks; a quadratic of the same runs misses a fifth more, and far from them it predicts anything."""
-HELD_BACK = 0.15
-"""Share of the runs that a network is not fitted to, and that says what it misses."""
+SIZES, LENGTHS, NOISES = (1e-2, 1e3), (0.3, 100.0), (1e-5, 1.0)
+"""Bounds of what a process is tuned in: variance, lengths over scaled columns, variance of the noise."""
+TUNED, FITTED = 400, 1200
+"""Most rows by which it is tuned, and to which it is fitted."""
 LEAST, LEAST_FULL = 8, 3
-"""Runs that a network, and survivors that a correction needs."""
+"""Cars that a process, and full cars that a correction needs."""
 RIDGES = np.logspace(0.0, 4.0, 9)
-"""Ridges of a correction that are tried, by leaving one run out."""
+"""Ridges of a correction that are tried."""
+CLOSEST = 0.005
+"""Margin that is not told from none."""
+NODES = norm.ppf((np.arange(32) + 0.5) / 32)
+"""Equally likely values of what the emulator misses of a car, over its deviation."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +39,7 @@ class Surface:
     Attributes:
         columns: of the cars.
         model: scaled columns (m, c) -> values (m, k).
-        deviation: of what it misses in runs that it was not fitted to (k), in the unit of its values.
+        deviation: of what it misses in cars that it was not fitted to (k), in the unit of its values.
     """
 
     columns: tuple[int, ...]
@@ -41,40 +47,51 @@ class Surface:
     deviation: FloatArray
 
     @classmethod
-    def network(cls, columns: list[int], scaled: FloatArray, values: FloatArray) -> Surface:
-        """Fitted to values (m, k) at scaled cars (m, n)."""
-        from sklearn.neural_network import MLPRegressor
+    def process(cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray) -> Surface:
+        """A Gaussian process with a length for every column, fitted to values (m, k) at scaled cars (m, n).
 
+        Args:
+            cars: which car a row is of (m); what the process misses of a car is found without all rows of that car.
+        """
+        from sklearn.gaussian_process import GaussianProcessRegressor
+        from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+        rows = np.random.default_rng(len(values)).permutation(len(values))[:FITTED]
         middle, spread = values.mean(axis=0), values.std(axis=0) + 1e-9
-        held = np.random.default_rng(len(values)).random(len(values)) < HELD_BACK
-        chosen, target = scaled[:, columns], (values - middle) / spread
-        net = MLPRegressor(
-            hidden_layer_sizes=NEURONS, activation="tanh", solver="lbfgs", alpha=DECAY, max_iter=400, random_state=0
-        )
+        chosen, target = scaled[rows][:, columns], (values[rows] - middle) / spread
+        kernel = ConstantKernel(1.0, SIZES) * RBF(np.full(len(columns), 2.0), LENGTHS) + WhiteKernel(0.01, NOISES)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the limit of the iterations is meant: it keeps the network smooth
-            net.fit(chosen[~held], target[~held])
+            warnings.simplefilter("ignore")  # the length of a column without influence is at its bound
+            tuned = GaussianProcessRegressor(kernel).fit(chosen[:TUNED], target[:TUNED]).kernel_
+        fitted = GaussianProcessRegressor(tuned, optimizer=None).fit(chosen, target)
+        size, lengths = tuned.k1.k1.constant_value, tuned.k1.k2.length_scale
+        weights, places = fitted.alpha_.reshape(target.shape), chosen / lengths
+        halves = 0.5 * np.sum(places**2, axis=1)
 
         def model(inputs: FloatArray) -> FloatArray:
-            # As `net.predict`, without its checks, which take most of the time of a posterior.
-            layer = inputs
-            for weights, offsets in zip(net.coefs_[:-1], net.intercepts_[:-1], strict=True):
-                layer = np.tanh(layer @ weights + offsets)
-            return middle + spread * (layer @ net.coefs_[-1] + net.intercepts_[-1])
+            # As `fitted.predict`, without its checks, which take most of the time of a posterior.
+            at = inputs / lengths
+            alike = at @ places.T
+            alike -= halves
+            alike -= 0.5 * np.sum(at**2, axis=1)[:, None]
+            return middle + (np.exp(alike, out=alike) @ weights) * (size * spread)
 
-        return cls(tuple(columns), model, np.std(values[held] - model(chosen[held]), axis=0))
+        inverse = cho_solve((fitted.L_, True), np.eye(len(rows)))
+        missed = [np.linalg.solve(inverse[np.ix_(own, own)], weights[own]) for own in _rows_by(cars[rows])]
+        return cls(tuple(columns), model, spread * _deviation(np.concatenate(missed)))
 
     @classmethod
-    def line(cls, columns: list[int], scaled: FloatArray, values: FloatArray) -> Surface:
-        """Fitted to values (m, k) at scaled cars (m, n) with a ridge, for few runs."""
+    def line(cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray) -> Surface:
+        """A plane with a ridge, for rows of few cars; arguments as those of `process`."""
         from sklearn.linear_model import RidgeCV
-        from sklearn.model_selection import cross_val_predict
+        from sklearn.model_selection import GroupKFold, cross_val_predict
 
         ridge, chosen = RidgeCV(alphas=RIDGES), scaled[:, columns]
-        missed = values - cross_val_predict(ridge, chosen, values, cv=min(8, len(values)))
+        folds = GroupKFold(min(8, len(np.unique(cars))))
+        missed = values - cross_val_predict(ridge, chosen, values, groups=cars, cv=folds).reshape(values.shape)
         ridge.fit(chosen, values)
-        deviation = np.sqrt(np.mean(missed**2, axis=0))
-        return cls(tuple(columns), lambda inputs: inputs @ ridge.coef_.T + ridge.intercept_, deviation)
+        slopes, offset = np.atleast_2d(ridge.coef_), np.atleast_1d(ridge.intercept_)
+        return cls(tuple(columns), lambda inputs: inputs @ slopes.T + offset, _deviation(missed))
 
     def __call__(self, scaled: FloatArray) -> FloatArray:
         """Values (m, k) at scaled cars (m, n)."""
@@ -89,70 +106,82 @@ class Emulator:
         prior: whose coordinates the cars have.
         flips: name of the turn -> logarithm of the friction at the flip.
         figures: name of the turn -> `METRICS`.
-        shift: name of the turn -> correction of the logarithm of the friction at the flip, and its deviation.
-        corrections: name of the turn -> `METRICS` of full less reduced cars; its deviation is that of the emulator.
+        shifts: name of the turn -> full less reduced cars in that logarithm; its deviation is that of the emulator.
+        corrections: name of the turn -> full less reduced cars in `METRICS`, likewise.
     """
 
     prior: CarPrior
     flips: dict[str, Surface]
     figures: dict[str, Surface]
-    shift: dict[str, tuple[float, float]] = field(default_factory=dict)
+    shifts: dict[str, Surface] = field(default_factory=dict)
     corrections: dict[str, Surface] = field(default_factory=dict)
 
     @classmethod
     def of_reduced(cls, prior: CarPrior, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]) -> Emulator:
         """From `run_reduced` of all cars (m, n), by name of the turn."""
-        flips, figures, scaled = {}, {}, prior.scaled(cars)
+        flips, figures = {}, {}
         for turn in prior.plan.turns:
-            rows, flip = found[turn.name], np.array(found[turn.name]["flips"], float)
-            known = np.isfinite(flip)
-            if np.count_nonzero(known) < LEAST or len(rows["figures"]) < LEAST:
-                raise UserError(
-                    f"{turn.name} m/s: {np.count_nonzero(known)} of {len(flip)} reduced cars flip at a friction that "
-                    f"was tried, {len(rows['figures'])} runs survive; needed are {LEAST} of each"
-                )
-            flips[turn.name] = Surface.network(_of_the_flip(prior, turn), scaled[known], flip[known, None])
+            known, flip, tried, shown, whose = _search(turn, cars, found[turn.name], LEAST)
+            scaled = prior.scaled(cars[known])
+            flips[turn.name] = Surface.process(_of_the_flip(prior, turn), scaled, flip[known, None], known)
             if turn.table:
-                inputs, values = prior.scaled(np.array(rows["inputs"])), np.array(rows["figures"])
-                figures[turn.name] = Surface.network(prior.inputs(turn.system), inputs, values)
+                margin = flip[whose] - np.log(tried[:, prior.column(f"{turn.system} {FRICTION}")])
+                inputs = _with_margin(prior.scaled(tried), margin)
+                figures[turn.name] = Surface.process(_of_a_figure(prior, turn), inputs, shown, whose)
         return cls(prior, flips, figures)
 
-    def corrected(self, cars: Mapping[str, FloatArray], found: Mapping[str, list[dict[str, Any]]]) -> Emulator:
-        """By runs of the full car: cars (m, n) and rows of `run_full` (m), by name of the turn."""
-        shift, corrections = {}, {}
-        for turn in self.prior.plan.turns:
-            good = [place for place, row in enumerate(found[turn.name]) if "error" not in row]
-            rows, tried = [found[turn.name][place] for place in good], cars[turn.name][good]
-            survived = np.array([row["survived"] for row in rows], bool)
-            if turn.table and (upright := np.count_nonzero(survived)) < LEAST_FULL:
-                raise UserError(
-                    f"{turn.name} m/s: {upright} of {len(found[turn.name])} full cars survive, {len(rows)} could be "
-                    f"run; needed are {LEAST_FULL} survivors"
-                )
-            shift[turn.name] = _shift(self.margin(tried, turn), survived)
+    def corrected(self, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]) -> Emulator:
+        """By `search_full` of all cars (m, n), by name of the turn."""
+        prior, shifts, corrections = self.prior, {}, {}
+        for turn in prior.plan.turns:
+            known, flip, tried, shown, whose = _search(turn, cars, found[turn.name], LEAST_FULL)
+            scaled = prior.scaled(cars[known])
+            missed = flip[known, None] - self.flips[turn.name](scaled)
+            shifts[turn.name] = Surface.line(_of_the_flip(prior, turn), scaled, missed, known)
             if turn.table:
-                scaled = self.prior.scaled(tried[survived])
-                shown = np.array([[row[metric] for metric in METRICS] for row in rows if row["survived"]])
-                missed = shown - self.figures[turn.name](scaled)
-                corrections[turn.name] = Surface.line(self.prior.inputs(turn.system), scaled, missed)
-        return replace(self, shift=shift, corrections=corrections)
+                moved = replace(self, shifts=shifts)
+                inputs = _with_margin(prior.scaled(tried), moved.margin(tried, turn))
+                missed = shown - self.figures[turn.name](inputs)
+                corrections[turn.name] = Surface.line(_of_a_figure(prior, turn), inputs, missed, whose)
+        return replace(self, shifts=shifts, corrections=corrections)
 
     def margin(self, cars: FloatArray, turn: Turn) -> FloatArray:
         """Logarithm of the friction at the flip over that of the car (m); above 0 it survives."""
-        friction = cars[:, self.prior.column(f"{turn.system} {self.prior.plan.each[0]}")]
-        found: FloatArray = self.flips[turn.name](self.prior.scaled(cars))[:, 0] - np.log(friction)
-        return found + self.shift.get(turn.name, (0.0, 0.0))[0]
+        scaled, shift = self.prior.scaled(cars), self.shifts.get(turn.name)
+        found = self.flips[turn.name](scaled) + (0.0 if shift is None else shift(scaled))
+        margin: FloatArray = found[:, 0] - np.log(cars[:, self.prior.column(f"{turn.system} {FRICTION}")])
+        return margin
+
+    def flip_deviation(self, turn: Turn) -> float:
+        """What the emulator misses of the margin, one standard deviation."""
+        return float(self.shifts.get(turn.name, self.flips[turn.name]).deviation[0])
 
     def survival(self, cars: FloatArray, turn: Turn) -> FloatArray:
         """Probability (m) that a car survives a turn, with the width of the plan and what the emulator misses."""
-        width = np.hypot(self.prior.plan.outcome_width, self.shift.get(turn.name, (0.0, 0.0))[1])
+        width = np.hypot(self.prior.plan.outcome_width[turn.tail], self.flip_deviation(turn))
         found: FloatArray = norm.cdf(self.margin(cars, turn) / width)
         return found
 
+    def log_outcomes(self, cars: FloatArray) -> FloatArray:
+        """Logarithm of the probability (m) of how all turns of the plan ended.
+
+        What the emulator misses is one number for the turns of a car that differ in their speed alone.
+        """
+        total = np.zeros(len(cars))
+        for (_, tail), turns in groupby(self.prior.plan.turns, key=lambda turn: (turn.system, turn.tail)):
+            joint = np.zeros((len(NODES), len(cars)))
+            for turn in turns:
+                missed = self.flip_deviation(turn) * NODES[:, None]
+                z = (self.margin(cars, turn) + missed) / self.prior.plan.outcome_width[tail]
+                joint += norm.logcdf(z if turn.ends == "survived" else -z)
+            total += logsumexp(joint, axis=0) - np.log(len(NODES))
+        return total
+
     def values(self, cars: FloatArray, turn: Turn) -> FloatArray:
         """`METRICS` of cars (m, n) in a turn (m, 6), each in its unit."""
-        scaled, correction = self.prior.scaled(cars), self.corrections.get(turn.name)
-        return self.figures[turn.name](scaled) + (0.0 if correction is None else correction(scaled))
+        inputs = _with_margin(self.prior.scaled(cars), self.margin(cars, turn))
+        correction = self.corrections.get(turn.name)
+        return self.figures[turn.name](inputs) + (0.0 if correction is None else correction(inputs))
 
     def value(self, cars: FloatArray, figure: Figure) -> FloatArray:
         """A figure of cars (m, n), in its unit (m)."""
@@ -170,13 +199,39 @@ def _of_the_flip(prior: CarPrior, turn: Turn) -> list[int]:
     return [column for column in columns if column not in left]
 
 
-def _shift(margins: FloatArray, survived: FloatArray) -> tuple[float, float]:
-    """Shift and deviation of margins (m) that make outcomes (m) likeliest; weakly held to 0 and 0.03."""
+def _of_a_figure(prior: CarPrior, turn: Turn) -> list[int]:
+    return [*prior.inputs(turn.system), len(prior.names)]
 
-    def cost(guess: FloatArray) -> float:
-        z = (margins + guess[0]) / np.exp(guess[1])
-        misfit = -np.sum(norm.logcdf(np.where(survived, z, -z)))
-        return float(misfit + 0.5 * (guess[0] / 0.1) ** 2 + 0.5 * ((guess[1] - np.log(0.03)) / 0.7) ** 2)
 
-    best = minimize(cost, [0.0, np.log(0.03)], method="Nelder-Mead").x
-    return float(best[0]), float(np.exp(best[1]))
+def _with_margin(scaled: FloatArray, margin: FloatArray) -> FloatArray:
+    """Scaled cars (m, n) and the logarithm of their margin (m): a car leans ever further as the margin goes to 0."""
+    return np.column_stack([scaled, np.log(0.5 * (margin + np.hypot(margin, 2.0 * CLOSEST)))])
+
+
+def _search(
+    turn: Turn, cars: FloatArray, found: Mapping[str, Any], least: int
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray]:
+    """Which of the cars flip, the flip of each, cars (k, n) that survived, their figures (k, 6), and whose they are."""
+    flip = np.array(found["flips"], float)
+    known = np.flatnonzero(np.isfinite(flip))
+    if min(len(known), len(found["figures"])) < least:
+        raise UserError(
+            f"{turn.name} m/s: {len(known)} of {len(flip)} cars flip at a friction that was tried, "
+            f"{len(found['figures'])} runs survive; needed are {least} of each"
+        )
+    tried, order = np.array(found["inputs"]), np.argsort(cars[:, 0])
+    whose = order[np.searchsorted(cars[order, 0], tried[:, 0])]  # no two cars share their first number
+    own = np.isfinite(flip[whose])
+    return known, flip, tried[own], np.array(found["figures"])[own], whose[own]
+
+
+def _deviation(missed: FloatArray) -> FloatArray:
+    """Of (m, k) from zero: what 68 % of the rows do not exceed; a car at the edge of a flip may miss by any amount."""
+    found: FloatArray = np.quantile(np.abs(missed), 0.6827, axis=0)
+    return found
+
+
+def _rows_by(cars: IntArray) -> list[IntArray]:
+    """Rows of each car."""
+    order = np.argsort(cars, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(cars[order])) + 1)

@@ -174,6 +174,38 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
     return [Motion(yaw[:, i], lateral[:, i], roll[:, i], both[:, i]) for i in range(len(x))]
 
 
+def search_full(piece: Piece) -> dict[str, Any]:
+    """Searches the friction at which each full car flips; returns what `run_reduced` does.
+
+    From the friction of a car it goes up or down by the reach of the piece until the outcome changes, then bisects.
+    """
+    prior, turn = prior_of(piece.plan), piece.turn
+    column = prior.column(f"{turn.system} {FRICTION}")
+    flips: list[float | None] = []
+    inputs, figures = [], []
+    for numbers in piece.cars:
+        car = np.array(numbers)
+        tried, low, high = np.log(car[column]), -np.inf, np.inf
+        for _ in range(piece.plan.size.full_rounds):
+            car[column] = np.exp(tried)
+            row = _full_row(prior, turn, car, piece.step)
+            if "error" in row:
+                low = np.inf
+                break
+            if row["survived"]:
+                low = tried
+                inputs.append(car.tolist())
+                figures.append([row[metric] for metric in (*FIGURES, LIFT)])
+            else:
+                high = tried
+            if np.isfinite(low + high):
+                tried = 0.5 * (low + high)
+            else:
+                tried += piece.reach if row["survived"] else -piece.reach
+        flips.append(tried if np.isfinite(low + high) else None)
+    return {"flips": flips, "inputs": inputs, "figures": figures}
+
+
 def run_full(piece: Piece) -> list[dict[str, Any]]:
     """Runs full cars (m) in a turn, each at its own friction.
 
@@ -181,30 +213,30 @@ def run_full(piece: Piece) -> list[dict[str, Any]]:
         A row per car: `survived` and `clean`, `trigger` s after the steering or None, and the figures of a survived
         run; or `error` of a car that could not be run.
     """
+    return [_full_row(prior_of(piece.plan), piece.turn, np.array(car), piece.step) for car in piece.cars]
+
+
+def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) -> dict[str, Any]:
     from aerodima.workbench.simulate.simulation import simulate
 
-    prior, turn, rows = prior_of(piece.plan), piece.turn, []
-    for numbers in piece.cars:
-        car = np.array(numbers)
-        settings = prior.settings(car, turn)
-        if piece.step is not None:
-            settings += [f"simulation.step={piece.step!r}"]
-        try:
-            run = simulate(load_scenario(f"turn_{turn.tail}", settings), record="outcome")
-            signals, outcome = turn_signals(run, "truth"), outcome_of(run)
-            start = signals.window[0]
-            row: dict[str, Any] = {"survived": outcome.result == "survived", "clean": outcome.clean, "trigger": None}
-            if run.has_tail:
-                swings = np.isin(run.signal("controller_state"), (SwingState.DELAY, SwingState.SWING))
-                row["trigger"] = float(signals.time[np.argmax(swings)] - start) if swings.any() else None
-            if row["survived"]:
-                grid = start - BEFORE + STEP * np.arange(round((BEFORE + AFTER) / STEP))
-                values = [signals.yaw_rate, signals.lateral_acceleration, signals.roll_rate]
-                both = (signals.wheel_loads[:, LEFT] > LOADED_FORCE).all(axis=1)  # type: ignore[index]
-                even = [np.interp(grid, signals.time, column) for column in (*values, 1.0 * both)]
-                motion = Motion(even[0], even[1], even[2], even[3] > 0.5)
-                row |= figures_of_motion(motion, turn, nuisances_of(prior, car))
-        except (UserError, ArithmeticError, RuntimeError, ValueError) as error:
-            row = {"error": " ".join(str(error).split())}
-        rows.append(row)
-    return rows
+    settings = prior.settings(car, turn)
+    if step is not None:
+        settings += [f"simulation.step={step!r}"]
+    try:
+        run = simulate(load_scenario(f"turn_{turn.tail}", settings), record="outcome")
+        signals, outcome = turn_signals(run, "truth"), outcome_of(run)
+        start = signals.window[0]
+        row: dict[str, Any] = {"survived": outcome.result == "survived", "clean": outcome.clean, "trigger": None}
+        if run.has_tail:
+            swings = np.isin(run.signal("controller_state"), (SwingState.DELAY, SwingState.SWING))
+            row["trigger"] = float(signals.time[np.argmax(swings)] - start) if swings.any() else None
+        if row["survived"]:
+            grid = start - BEFORE + STEP * np.arange(round((BEFORE + AFTER) / STEP))
+            values = [signals.yaw_rate, signals.lateral_acceleration, signals.roll_rate]
+            both = (signals.wheel_loads[:, LEFT] > LOADED_FORCE).all(axis=1)  # type: ignore[index]
+            even = [np.interp(grid, signals.time, column) for column in (*values, 1.0 * both)]
+            motion = Motion(even[0], even[1], even[2], even[3] > 0.5)
+            row |= figures_of_motion(motion, turn, nuisances_of(prior, car))
+        return row
+    except (UserError, ArithmeticError, RuntimeError, ValueError) as error:
+        return {"error": " ".join(str(error).split())}

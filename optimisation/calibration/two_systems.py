@@ -1,7 +1,7 @@
 """The plan of a calibration and its prior: a simulated and a real car that share a body, each with tyres of its own.
 
 A plan is a file of `models/calibration/plans` (schema `aerodima/calibration-plan/3`). A car of the prior is a point of
-`CarPrior.names`: the body, the tyres of both systems, what stands between motion and print, and the discrepancy.
+`CarPrior.names`: the body, the tyres of both systems, what stands between motion and print, and the discrepancies.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ LONGEST = {"window": 1.2, "latency": 0.3}
 """s; what is recorded around the steering allows no more."""
 KEPT = 2000
 """Cars of a posterior that are kept."""
-DISCREPANCY = "discrepancy"
+OFF, OFF_ROLL = "discrepancy", "discrepancy of roll"
 LIFT = "lift_yaw_rate_rad_per_s"
 FIGURES = (
     "max_yaw_rate_rad_per_s",
@@ -43,13 +43,14 @@ FIGURES = (
 
 Range = tuple[float, float]
 Ends = Literal["survived", "flipped"]
+Tail = Literal["none", "held", "swing"]
 
 
 class Turn(StrictModel):
     """One published turn: system, tail mode, speed (m/s), how it ended, and the table that has its figures."""
 
     system: Platform
-    tail: Literal["none", "held", "swing"]
+    tail: Tail
     speed: float = Field(gt=0)
     ends: Ends
     table: str = ""
@@ -74,7 +75,8 @@ class Size(StrictModel):
     Attributes:
         cars: reduced cars of the prior that drive every turn.
         rounds: of the search for the friction at which each of them flips.
-        full: runs of the full car that correct the reduced ones.
+        full: full cars that drive every turn and correct the reduced ones.
+        full_rounds: runs of the search for the friction at which each of them flips.
         walkers, steps: of the sampler, for each posterior; the first third of the steps is dropped.
         ensemble: posterior cars that are run again with the full car.
         fine_step: of these runs, s.
@@ -82,7 +84,8 @@ class Size(StrictModel):
 
     cars: Annotated[int, Field(ge=40, le=20_000)]
     rounds: Annotated[int, Field(ge=2, le=10)]
-    full: Annotated[int, Field(ge=16, le=10_000)]
+    full: Annotated[int, Field(ge=4, le=1000)]
+    full_rounds: Annotated[int, Field(ge=2, le=10)]
     walkers: Annotated[int, Field(ge=60, le=2000)]
     steps: Annotated[int, Field(ge=10, le=1_000_000)]
     ensemble: Annotated[int, Field(ge=1, le=1000)]
@@ -101,7 +104,8 @@ class CalibrationPlan(StrictModel):
     density: dict[str, Density]
     nuisances: dict[str, Range]
     discrepancy: Range
-    outcome_width: float = Field(gt=0, le=1)
+    discrepancy_of_roll: Range
+    outcome_width: dict[Tail, Annotated[float, Field(gt=0, le=1)]]
     turns: tuple[Turn, ...] = Field(min_length=1)
     settings: dict[Platform, tuple[str, ...]]
     left_out: dict[str, str]
@@ -111,7 +115,7 @@ class CalibrationPlan(StrictModel):
     def _names_are_known(self) -> Self:
         keys, tables = {*self.body, *self.each}, {published.source for published in published_values()}
         for place, names, allowed in (
-            ("ranges", set(self.ranges), keys),
+            ("ranges", set(self.ranges), keys | {f"{turn.system} {key}" for turn in self.turns for key in self.each}),
             ("density", set(self.density), keys),
             ("nuisances", set(self.nuisances), set(NUISANCES)),
             ("left_out", set(self.left_out), {f"{table} {metric}" for table in tables for metric in FIGURES}),
@@ -121,7 +125,10 @@ class CalibrationPlan(StrictModel):
                 raise ValueError(f"{place}: {unknown[0]!r}; {nearest(unknown[0], sorted(allowed))}")
         if missing := [name for name in NUISANCES if name not in self.nuisances]:
             raise ValueError(f"nuisances: {missing[0]!r} is missing; needed are {', '.join(NUISANCES)}")
-        ranges = [*self.ranges.items(), *self.nuisances.items(), (DISCREPANCY, self.discrepancy)]
+        if missing := sorted({turn.tail for turn in self.turns} - set(self.outcome_width)):
+            raise ValueError(f"outcome_width: {missing[0]!r} is missing; needed is one for the tail of every turn")
+        off = ((OFF, self.discrepancy), (OFF_ROLL, self.discrepancy_of_roll))
+        ranges = [*self.ranges.items(), *self.nuisances.items(), *off]
         for name, (low, high) in ranges:
             if not low < high:
                 raise ValueError(f"{name}: {low:g} to {high:g}; allowed: the lower end first")
@@ -139,7 +146,7 @@ class CalibrationPlan(StrictModel):
             raise ValueError(
                 f"turns: tables {', '.join(shown) or 'none'}; needed are two with figures that are not left out"
             )
-        size, cars = self.size, len(self.body) + 2 * len(self.each) + len(NUISANCES) + 1
+        size, cars = self.size, len(self.body) + 2 * len(self.each) + len(NUISANCES) + 2
         if size.walkers < 2 * cars:
             raise ValueError(f"size: walkers: {size.walkers}; allowed: at least {2 * cars}, twice the unknowns")
         if size.cars + size.full > (most := min(KEPT, size.walkers * size.steps)):
@@ -156,11 +163,11 @@ def load_plan(name_or_path: str | Path = "two_systems") -> CalibrationPlan:
     path = find_file(name_or_path, "calibration/plans", "calibration plan")
     plan = checked(CalibrationPlan, read_yaml(path), str(path), schema="aerodima/calibration-plan/3")
     for key in (*plan.body, *plan.each):
-        _prior_of(key, str(path))
+        _prior_range(key, str(path))
     return plan
 
 
-def _prior_of(key: str, where: str = "prior") -> Range:
+def _prior_range(key: str, where: str = "prior") -> Range:
     section, _, name = key.partition(".")
     if section not in SECTIONS:
         raise ScenarioError(f"{where}: {key}: {section!r} is no section; {nearest(section, list(SECTIONS))}")
@@ -226,9 +233,11 @@ class CarPrior:
     def __post_init__(self) -> None:
         plan, systems = self.plan, tuple(dict.fromkeys(turn.system for turn in self.plan.turns))
         keys = [*plan.body, *(f"{system} {key}" for system in systems for key in plan.each)]
-        ranges = [plan.ranges.get(key.split()[-1]) or _prior_of(key.split()[-1]) for key in keys]
-        ranges += [plan.nuisances[name] for name in NUISANCES] + [plan.discrepancy]
-        object.__setattr__(self, "names", (*keys, *NUISANCES, DISCREPANCY))
+        ranges = [
+            plan.ranges.get(key) or plan.ranges.get(key.split()[-1]) or _prior_range(key.split()[-1]) for key in keys
+        ]
+        ranges += [plan.nuisances[name] for name in NUISANCES] + [plan.discrepancy, plan.discrepancy_of_roll]
+        object.__setattr__(self, "names", (*keys, *NUISANCES, OFF, OFF_ROLL))
         object.__setattr__(self, "ranges", np.array(ranges))
         object.__setattr__(self, "_base", load_scenario("turn_swing"))
 
@@ -251,7 +260,8 @@ class CarPrior:
         """Logarithm of the density (m), up to a constant; -inf where a car cannot be."""
         low, high = self.ranges.T
         inside = np.all((cars >= low) & (cars <= high), axis=1)
-        total = -np.log(np.maximum(cars[:, self.column(DISCREPANCY)], 1e-9))
+        off = cars[:, [self.column(OFF), self.column(OFF_ROLL)]]
+        total = -np.sum(np.log(np.maximum(off, 1e-9)), axis=1)
         for key, density in self.plan.density.items():
             for place in (place for place, name in enumerate(self.names) if name.endswith(key)):
                 total = total + norm.logpdf(cars[:, place], density.mean, density.deviation)

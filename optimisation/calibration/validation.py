@@ -13,11 +13,12 @@ from scipy.linalg import eigh
 from scipy.special import logsumexp
 from scipy.stats import norm, t
 
-from aerodima.optimisation.calibration.calibration import Posterior, log_density, sample
+from aerodima.optimisation.calibration.calibration import Posterior, log_density, sample, spread_of
 from aerodima.optimisation.calibration.emulator import Emulator
 from aerodima.optimisation.calibration.two_systems import (
-    DISCREPANCY,
     FRICTION,
+    OFF,
+    OFF_ROLL,
     SLIP,
     CarPrior,
     Figure,
@@ -70,8 +71,7 @@ def leave_out(emulator: Emulator, figures: Sequence[Figure], table: str, seed: i
 def predicted(emulator: Emulator, figure: Figure, cars: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Draws (m) of what the thesis would have printed for cars (m, n)."""
     values = emulator.value(cars, figure)
-    spread = np.hypot(cars[:, emulator.prior.column(DISCREPANCY)] * values, emulator.deviation(figure))
-    return values + spread * rng.standard_normal(len(cars))
+    return values + spread_of(emulator, figure, cars, values) * rng.standard_normal(len(cars))
 
 
 def joint_density(emulator: Emulator, figures: Sequence[Figure], cars: FloatArray) -> float:
@@ -102,8 +102,9 @@ def _constant(own: Sequence[Figure], figures: Sequence[Figure]) -> float:
 def rigid(prior: CarPrior) -> CarPrior:
     """The stiffest tyres of the prior, no latency, no bias, zero phase, no delay of the swing."""
     plan, low = prior.plan, dict(zip(prior.names, prior.ranges[:, 0], strict=True))
-    slip, delay = float(low[f"physical {SLIP}"]), float(low.get("controller.delay", 0.0))
-    ranges = plan.ranges | {SLIP: (slip, slip + 1e-3)}
+    delay = float(low.get("controller.delay", 0.0))
+    slips = {name: float(value) for name, value in low.items() if name.endswith(SLIP)}
+    ranges = plan.ranges | {name: (slip, slip + 1e-3) for name, slip in slips.items()}
     if "controller.delay" in plan.body:
         ranges["controller.delay"] = (delay, delay + 1e-3)
     nuisances = {"window": (0.639, 0.641), "latency": (0.0, 1e-3), "gyro_bias": (-1e-3, 1e-3), "forward": (0.0, 0.1)}
@@ -228,7 +229,7 @@ def _angle_of_balance(prior: CarPrior, cars: FloatArray) -> FloatArray:
 
 def combinations(prior: CarPrior, cars: FloatArray, seed: int) -> list[tuple[float, dict[str, float]]]:
     """What the data determine best: variance over that of the prior, and its largest coordinates, five of them."""
-    physical = [place for place, name in enumerate(prior.names) if name not in ("forward", DISCREPANCY)]
+    physical = [place for place, name in enumerate(prior.names) if name not in ("forward", OFF, OFF_ROLL)]
     before, after = (prior.scaled(c)[:, physical] for c in (prior.draw(4000, seed), cars))
     ratios, vectors = eigh(np.cov(after.T), np.cov(before.T))
     found = []

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure as Drawing
 
 from aerodima.optimisation.calibration.calibration import FineRuns, Posterior, emulate, run_fine, sample
 from aerodima.optimisation.calibration.emulator import Emulator
-from aerodima.optimisation.calibration.two_systems import DISCREPANCY, CalibrationPlan, CarPrior, Turn, figures_of
+from aerodima.optimisation.calibration.two_systems import OFF, OFF_ROLL, CalibrationPlan, CarPrior, Turn, figures_of
 from aerodima.optimisation.calibration.validation import (
     BAND,
     LeftOut,
@@ -38,7 +38,7 @@ from aerodima.workbench.metrics.published_values import Platform
 from aerodima.workbench.report.report_page import Finding, Link, Page, Plot, Section, Table, write_files
 
 PAGE, MEASURE = "index.html", "measure_next.html"
-OF_THE_FIELD = ("Table 7.3", "Table 7.4")
+FIELD_TABLES = ("Table 7.3", "Table 7.4")
 OF_A_CAR = ("controller.trigger_yaw_rate", "tail.roll_stop")
 """Settings of a run that belong to the car, not to its drive."""
 SOON = 0.3
@@ -171,9 +171,9 @@ def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFr
 
 def _findings(result: Result, figures: pd.DataFrame, parameters: pd.DataFrame, score: float) -> list[str]:
     plan, prior = result.emulator.prior.plan, result.emulator.prior
-    of_the_field = figures[figures.figure.str.startswith(OF_THE_FIELD)]
-    missing = sum(name.startswith(OF_THE_FIELD) for name in plan.left_out)
-    off = np.quantile(result.posterior.cars[:, prior.column(DISCREPANCY)], BAND)
+    of_the_field = figures[figures.figure.str.startswith(FIELD_TABLES)]
+    missing = sum(name.startswith(FIELD_TABLES) for name in plan.left_out)
+    off, off_roll = (np.quantile(result.posterior.cars[:, prior.column(name)], BAND) for name in (OFF, OFF_ROLL))
     inside = f"When posterior cars play the thesis, {result.perfect:.0%} of the figures lie in their intervals."
     played = [] if np.isnan(result.perfect) else [inside]
     widths = (of_the_field.high - of_the_field.low) / (of_the_field.prior_high - of_the_field.prior_low)
@@ -181,7 +181,8 @@ def _findings(result: Result, figures: pd.DataFrame, parameters: pd.DataFrame, s
     return [
         f"Of {len(of_the_field) + missing} figures of the car on the field {int(of_the_field.inside.sum())} lie in "
         f"their 90 % interval, each predicted without its own table; {missing} that no car reaches counts as a miss.",
-        f"The discrepancy of the model is {off[1]:.0%} of a figure (90 %: {off[0]:.0%} to {off[2]:.0%}).",
+        f"The discrepancy of the model is {off[1]:.0%} of a rate or an acceleration (90 %: {off[0]:.0%} to "
+        f"{off[2]:.0%}) and {off_roll[1]:.0%} of a roll integral ({off_roll[0]:.0%} to {off_roll[2]:.0%}).",
         f"The Brier score of the {len(plan.turns)} outcomes, to which the cars are held, is {score:.3f}.",
         *played,
         f"These intervals are {np.median(widths):.0%} as wide as those of the prior alone (median).",

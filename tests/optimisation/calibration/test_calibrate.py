@@ -18,6 +18,7 @@ from aerodima.optimisation.calibration.turn_runs import (
     figures_of_motion,
     run_full,
     run_reduced,
+    search_full,
 )
 from aerodima.optimisation.calibration.two_systems import FIGURES, LIFT, CarPrior, load_plan
 from aerodima.optimisation.calibration.validation_page import calibrate
@@ -119,7 +120,16 @@ def test_car_that_cannot_be_run_is_a_row_with_its_error() -> None:
 
 def small_plan():
     """Two short turns of few cars: what the whole job takes is the job, not the cars."""
-    size = {"cars": 40, "rounds": 2, "full": 16, "walkers": 60, "steps": 40, "ensemble": 2, "fine_step": 0.002}
+    size = {
+        "cars": 40,
+        "rounds": 2,
+        "full": 4,
+        "full_rounds": 2,
+        "walkers": 60,
+        "steps": 40,
+        "ensemble": 2,
+        "fine_step": 0.002,
+    }
     settings = {system: (*given[:2], *SHORT) for system, given in PLAN.settings.items()}
     turns = tuple(SLOW.values())
     changed = {"turns": turns, "size": PLAN.size.model_copy(update=size), "settings": settings}
@@ -127,6 +137,20 @@ def small_plan():
 
 
 SHORT = ("manoeuvre.speed_ramp=0.6", "manoeuvre.turn_start=0.8", "manoeuvre.duration=2.8")
+
+
+def test_full_car_flips_at_the_friction_of_the_reduced_one() -> None:
+    """Without a tail within 5 %, which is three times what the calibration found them apart."""
+    plan, turn, car = small_plan(), SLOW["physical"], PRIOR.ranges.mean(axis=1)[None]
+    plan = plan.model_copy(update={"size": plan.size.model_copy(update={"rounds": 6, "full_rounds": 3})})
+    (flip,) = run_reduced(Piece(plan, turn, tuple(map(tuple, car.tolist())), reach=0.8))["flips"]
+    column = PRIOR.column("physical car.tyre_friction")
+    car[0, column] = np.exp(flip)
+    found = search_full(Piece(plan, turn, tuple(map(tuple, car.tolist())), reach=0.05))
+    assert found["flips"][0] == pytest.approx(flip, abs=0.05)
+    for tried, shown in zip(found["inputs"], found["figures"], strict=True):
+        assert tried[column] < np.exp(found["flips"][0])
+        assert shown[1] > 0.3  # rad/s, to the left
 
 
 def test_whole_job_writes_pages_and_ensembles_and_goes_on_with_its_runs(tmp_path) -> None:
