@@ -177,7 +177,8 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
 def search_full(piece: Piece) -> dict[str, Any]:
     """Searches the friction at which each full car flips; returns what `run_reduced` does.
 
-    From the friction of a car it goes up or down by the reach of the piece until the outcome changes, then bisects.
+    From the friction of a car it goes up or down, by the reach of the piece and then by twice as much as the step
+    before, until the outcome changes; then it bisects.
     """
     prior, turn = prior_of(piece.plan), piece.turn
     column = prior.column(f"{turn.system} {FRICTION}")
@@ -185,7 +186,7 @@ def search_full(piece: Piece) -> dict[str, Any]:
     inputs, figures = [], []
     for numbers in piece.cars:
         car = np.array(numbers)
-        tried, low, high = np.log(car[column]), -np.inf, np.inf
+        tried, low, high, ahead = np.log(car[column]), -np.inf, np.inf, piece.reach
         for _ in range(piece.plan.size.full_rounds):
             car[column] = np.exp(tried)
             row = _full_row(prior, turn, car, piece.step)
@@ -201,7 +202,8 @@ def search_full(piece: Piece) -> dict[str, Any]:
             if np.isfinite(low + high):
                 tried = 0.5 * (low + high)
             else:
-                tried += piece.reach if row["survived"] else -piece.reach
+                tried += ahead if row["survived"] else -ahead
+                ahead *= 2.0
         flips.append(tried if np.isfinite(low + high) else None)
     return {"flips": flips, "inputs": inputs, "figures": figures}
 
