@@ -193,6 +193,7 @@ def register(app: typer.Typer) -> None:
     group.command()(friction)
     group.command("added-mass")(added_mass)
     group.command("robot-tail")(robot_tail)
+    group.command()(car)
     group.command()(published)
     app.add_typer(group, name="fit", rich_help_panel=COEFFICIENTS)
 
@@ -256,6 +257,31 @@ def robot_tail(
 
     options = batch.options("robot_swing")
     batch.run("Robot tail", fit_robot_tail_log, options, robot_tables, shape=choice("--shape", shape, SHAPES))
+
+
+def car(
+    logs: Annotated[list[Path], typer.Argument(help="Logs of drives of the car, or of its simulation (Parquet).")],
+    out: Out,
+    workers: Workers = 2,
+    force: Anew = False,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="section.key=value over the scenario of the log; may be repeated.")
+    ] = None,
+) -> None:
+    """Friction, slip, centre of mass, delay of the steering and biases of one car, from its own turn.
+
+    Example: aerodima fit car run.parquet --out fits --set car.mass=6.4
+    """
+    from aerodima.optimisation.identify.car_fit import fit_car_log
+    from aerodima.optimisation.identify.log_rig import FitOptions
+    from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
+
+    given: dict[str, Any] = {}
+    for setting in settings or ():
+        Scenario.apply_setting(given, setting)
+    scenario_from_dict(given)
+    options = FitOptions(settings=tuple(settings or ()))
+    LogFit(logs, out, workers, force).run("Cars", fit_car_log, options, averages)
 
 
 def published(out: Out) -> None:

@@ -8,18 +8,20 @@ from typing import Any
 
 import numpy as np
 from pydrake.geometry import Meshcat
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
 
 from aerodima.workbench.aero.tail_force import SectionWatch
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import CAR_PORTS, CAR_TRUTH, names_of, plant_position_columns
+from aerodima.workbench.config.signal_table import CAR_PORTS, CAR_TRUTH, WHEELS, names_of, plant_position_columns
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, swing_facts
 from aerodima.workbench.controllers.manoeuvre import Schedule, angle_to_straighten, make_schedule, run_time
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.logs.recorder import RunRecorder, Signals, open_log, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.plants.car_model import axle_statics
 from aerodima.workbench.stations.car_station import InterfaceFactory, make_car_station, simulated_car
 from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
 from aerodima.workbench.systems.system_ports import LEAD, Stage, step_instant
@@ -165,15 +167,20 @@ def run_outcome(
     stop_when_certain: bool,
     law: TailLaw | None,
     view: LiveView,
+    schedule: Schedule | None = None,
+    speed: float = 0.0,
 ) -> RunLog:
     """Records what outcome and metrics need, as cheaply as it can be: for studies, which need thousands of runs.
 
-    Nothing is recorded in Python, and most of the truth and the roll estimator are left out.
+    Nothing is recorded in Python, and most of the truth and the roll estimator are left out. The driver follows
+    `schedule`, or by default the manoeuvre of the scenario; the car begins at `speed`, m/s, straight ahead.
     """
-    car = assemble(scenario, meshcat=view.meshcat, tail_law=law, lean=True)
+    car = assemble(scenario, meshcat=view.meshcat, tail_law=law, lean=True, schedule=schedule)
     outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
     metadata = _metadata(car, scenario, law)
     simulator = Simulator(car.builder.Build())
+    if speed:
+        _set_rolling(simulated_car(car.station).plant, simulator.get_mutable_context(), scenario, speed)
     view.begin(simulator, run_time(scenario))
     stop_after = turn_end(scenario) if stop_when_certain else math.inf
     for time in _looks(scenario, stop_after):
@@ -185,6 +192,17 @@ def run_outcome(
     table, ended = outcome.table(simulator.get_context(), stop_after)
     metadata["extra"] |= ended
     return run_log_from_metadata(table, metadata)
+
+
+def _set_rolling(plant: MultibodyPlant, context: Context, scenario: Scenario, speed: float) -> None:
+    """Lets the car roll straight ahead at `speed`, m/s, without slip."""
+    own = plant.GetMyMutableContextFromRoot(context)
+    velocities = plant.GetVelocities(own)
+    velocities[plant.GetBodyByName("chassis").floating_velocities_start_in_v() + 3] = speed
+    for name in ("drive_shaft", *WHEELS):
+        axle = axle_statics(scenario.car, scenario.environment.gravity, "front" if name in WHEELS[:2] else "rear")
+        velocities[plant.GetJointByName(f"{name}_spin").velocity_start()] = speed / axle.wheel_height
+    plant.SetVelocities(own, velocities)
 
 
 def _looks(scenario: Scenario, first: float) -> Iterator[float]:

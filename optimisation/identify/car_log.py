@@ -1,0 +1,249 @@
+"""A drive of the car as data of a fit: what its sensors said around the turn, and its commands, played to a model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from aerodima.optimisation.identify.log_rig import named
+from aerodima.workbench.actuators.chassis_actuators import steady_speed
+from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.signal_table import IMU
+from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE, DriverInput
+from aerodima.workbench.controllers.tail_law import Observation
+from aerodima.workbench.errors import FitError, UserError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.logs.signals import check_signals
+from aerodima.workbench.metrics.turn_signals import STEERED
+from aerodima.workbench.sensors.car_sensors import STEPS
+
+LEAD, SETTLING, REACH = 0.6, 0.1, 0.5
+"""The car of a model rolls from so long before the first steering command on, s; its motion is compared once pitch and
+tail have settled, so much later, until so long after the last command."""
+LARGEST_TILT = 0.8
+"""rad; what a car does that leans more is decided by what no model knows. Samples behind it are not fitted."""
+STOP_MARGIN = 0.03
+"""rad; a tail so near to the stop that it swings to has struck it or may, in an instant that decides all behind it."""
+MODEL_SHARE, MODEL_TIME = 0.005, 0.1
+"""Least error of the model: share of the signal, by which the largest yaw rate at the plant's step is off, and how long
+one such error lasts, s."""
+LEAST_SPAN, LEAST_SAMPLES, LEAST_NOISE = 0.5, {"imu": 40, "speed": 5}, 1e-4
+"""s before and after the first steering command; samples by source; of a signal whose unit is in rad/s or m/s2."""
+DRIVER = ("steering_command_rad", "throttle_command", "planned_turn")
+TAIL = {
+    joint: [f"tail_{joint}_command_{name}" for name in ("position_rad", "velocity_rad_per_s", "kp", "kd", "torque_n_m")]
+    for joint in ("pitch", "roll")
+}
+CHANNELS = {
+    "yaw_rate": ("imu", "imu_gyro_z_rad_per_s", "gyro_z_truth_rad_per_s"),
+    "roll_rate": ("imu", "imu_gyro_x_rad_per_s", "gyro_x_truth_rad_per_s"),
+    "lateral_acceleration": ("imu", "imu_acceleration_y_m_per_s2", "acceleration_y_truth_m_per_s2"),
+    "speed": ("speed", "speed_m_per_s", ""),
+}
+"""Channel -> source of its `status`, column of the log, column of the model's run."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Samples of one sensor: when they were taken (n), s, what they say (n), and how far a model may be off (n).
+
+    `deviation` is the noise of the sensor, and the least error of the model, spread over the samples of its duration.
+    """
+
+    time: FloatArray
+    value: FloatArray
+    deviation: FloatArray
+
+
+@dataclass(frozen=True)
+class LoggedCommands:
+    """Commands of a log, held between its rows: the schedule of a driver and, for the tail, its law.
+
+    Attributes:
+        time: of the rows (n), s.
+        driver: steering angle, rad, throttle and planned turn (3, n).
+        tail: commands to pitch and roll (2, n, 5).
+        rate: ticks of the tail's controller per second, Hz.
+        begin: time of the log at which they are played from, s.
+        latency: by how much the car is steered later than commanded, s.
+    """
+
+    time: FloatArray
+    driver: FloatArray
+    tail: FloatArray
+    rate: float
+    begin: float
+    latency: float = 0.0
+    memory_size: int = 0
+
+    def at(self, time: float) -> DriverInput:
+        """Inputs at `time` s since the start."""
+        steering = self.driver[0, self._row(time - self.latency)]
+        return DriverInput(float(steering), *self.driver[1:, self._row(time)].tolist())
+
+    def start(self) -> FloatArray:
+        """Of a law without memory."""
+        return np.zeros(0)
+
+    def step(self, memory: FloatArray, observation: Observation) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+        """What the log commands at this time."""
+        pitch, roll = self.tail[:, self._row(observation.time)]
+        return memory, pitch, roll, 0
+
+    def _row(self, time: float) -> int:
+        return max(int(np.searchsorted(self.time, time + self.begin + TICK_TOLERANCE, side="right")) - 1, 0)
+
+
+@dataclass(frozen=True)
+class CarDrive:
+    """A drive to be fitted.
+
+    Attributes:
+        name: of the log.
+        scenario: of the log; its car is where a fit starts.
+        commands: of driver and controllers.
+        channels: by name, as `CHANNELS`.
+        turn: time of the first steering command, s.
+        line_speed: that the scenario's drive has for the throttle of the log then, m/s.
+        warnings: why samples at the end are not used.
+    """
+
+    name: str
+    scenario: Scenario
+    commands: LoggedCommands
+    channels: Mapping[str, Channel]
+    turn: float
+    line_speed: float
+    warnings: tuple[str, ...]
+
+    @property
+    def tailed(self) -> bool:
+        """Whether the car has a tail."""
+        return self.scenario.tail.mode != "none"
+
+    def run(self, changes: Mapping[str, Mapping[str, float]], latency: float, speed: float) -> Mapping[str, FloatArray]:
+        """Channels of a run, and `time`, s of the log: what sensors without noise and bias would say.
+
+        Args:
+            changes: to the scenario, by section and key.
+            latency: of the steering, whole steps, s.
+            speed: with which the car rolls straight ahead where the commands begin, m/s.
+
+        Raises:
+            FitError: there is no such car.
+        """
+        from aerodima.workbench.simulate.car_run import LiveView, run_outcome
+
+        scenario, played = self.scenario, replace(self.commands, latency=latency)
+        step = changes["simulation"]["step"]
+        end = max(float(channel.time[-1]) for channel in self.channels.values()) + 2.0 * step - played.begin
+        fixed: dict[str, dict[str, Any]] = {"manoeuvre": {"kind": "straight", "duration": end}}
+        fixed |= {"servo": {"frame_rate": 1.0 / step}, "controller": {"rate": 1.0 / step}}
+        sections = {key: {**fixed.get(key, {}), **changes.get(key, {})} for key in {*fixed, *changes}}
+        tail = played if self.tailed else None
+        try:
+            changed = scenario.varied(**sections)
+            table = run_outcome(changed, False, tail, LiveView(), played, speed).table
+        except (UserError, RuntimeError) as error:
+            raise FitError(str(error)) from error
+        columns = {name: table[column].to_numpy() for name, (_, _, column) in CHANNELS.items() if column}
+        columns["speed"] = np.hypot(*(table[f"velocity_{axis}_truth_m_per_s"].to_numpy() for axis in "xy"))
+        return columns | {"time": table["time_s"].to_numpy() + played.begin}
+
+    def sampled(self, run: Mapping[str, FloatArray], late: float) -> dict[str, FloatArray]:
+        """At the times of the samples, all of it so much later, s."""
+        return {name: np.interp(channel.time - late, run["time"], run[name]) for name, channel in self.channels.items()}
+
+
+def car_drive(log: RunLog, settings: tuple[str, ...] = ()) -> CarDrive:
+    """Takes from a log of a drive what a fit needs; no truth.
+
+    Args:
+        log: of the car or of its simulation.
+        settings: `section.key=value` over its scenario, such as a mass that was weighed.
+
+    Raises:
+        LogError: a column is missing, unsorted time, a gap, NaN; names the column and the time.
+        FitError: a log of something else, without a turn, too short.
+        ScenarioError: its scenario or a setting is wrong.
+    """
+    with named(log.name):
+        return _car_drive(log, settings)
+
+
+def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
+    if log.kind != "car_run":
+        raise FitError(f"is a log of kind {log.kind!r}; this fit needs a drive of the car, 'car_run'")
+    content: dict[str, Any] = {
+        key: dict(value) if isinstance(value, dict) else value for key, value in log.scenario.items()
+    }
+    for setting in settings:
+        Scenario.apply_setting(content, setting)
+    scenario, time = Scenario.from_dict(content, "its scenario"), log.time
+    tailed = scenario.tail.mode != "none"
+    names = [*DRIVER, *(TAIL["pitch"] + TAIL["roll"] if tailed else ()), "imu_roll_rad", "imu_pitch_rad"]
+    names += ["tail_roll_angle_rad"] if tailed else []
+    check_signals(time, {name: log.signal(name) for name in names})
+    steered = np.flatnonzero(np.abs(log.signal(DRIVER[0])) > STEERED)
+    if not steered.size:
+        raise FitError(f"column {DRIVER[0]!r} stays within {STEERED:g} rad; a fit needs a turn")
+    turn, end = float(time[steered[0]]), float(time[steered[-1]]) + REACH
+    pitch, roll = log.signal("imu_pitch_rad"), log.signal("imu_roll_rad")
+    lost = {f"the car leans beyond {LARGEST_TILT:g} rad": np.cos(roll) * np.cos(pitch) < math.cos(LARGEST_TILT)}
+    if tailed:
+        angle = log.signal("tail_roll_angle_rad")
+        across = -np.sign(angle[steered[0]]) * angle
+        lost["the tail strikes its stop"] = across > scenario.tail.roll_limit - STOP_MARGIN
+    warnings = []
+    for what, where in lost.items():
+        if (over := time[where & (time >= turn)]).size and over[0] < end:
+            end = float(over[0])
+            warnings.append(f"{what} at {end:g} s; samples until then are used")
+    rate = scenario.controller.rate
+    begin = max(math.floor((turn - LEAD) * rate) / rate, float(time[0]))
+    if min(turn - begin, float(time[-1]) - turn) < LEAST_SPAN:
+        span = f"{time[0]:g} to {time[-1]:g} s, steered from {turn:g} s on"
+        raise FitError(f"holds {span}; a fit needs {LEAST_SPAN:g} s to either side")
+    channels = {name: _channel(log, name, scenario, (begin + SETTLING, end)) for name in CHANNELS}
+    tail = [[log.signal(name) for name in TAIL[joint]] for joint in TAIL if tailed]
+    commands = LoggedCommands(
+        time=time,
+        driver=np.array([log.signal(name) for name in DRIVER]),
+        tail=np.array(tail).swapaxes(1, 2) if tailed else np.zeros((2, time.size, 5)),
+        rate=rate,
+        begin=begin,
+    )
+    line_speed = steady_speed(commands.at(turn - begin).throttle, scenario.drive)
+    if line_speed <= 0.0:
+        raise FitError(
+            f"column {DRIVER[1]!r} drives the car at {line_speed:g} m/s into the turn; a fit needs a driven one"
+        )
+    return CarDrive(log.name, scenario, commands, channels, turn, line_speed, tuple(warnings))
+
+
+def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, float]) -> Channel:
+    """The samples of a sensor within a span, s: a row of the log for each, at the time when it was taken."""
+    source, column, _ = CHANNELS[name]
+    age, values = log.signal(f"status_{source}_age_s"), log.signal(column)
+    used = (log.time >= span[0]) & (log.time <= span[1])
+    check_signals(log.time[used], {column: values[used], f"status_{source}_age_s": age[used]})
+    taken = log.time[used] - age[used]
+    sensor = scenario.imu if source == "imu" else scenario.gps
+    new = np.diff(taken, prepend=-np.inf) > 0.5 / sensor.rate
+    if (count := np.count_nonzero(new)) < (least := LEAST_SAMPLES[source]):
+        raise FitError(f"only {count} samples of {column!r} around the turn; a fit needs {least}")
+    noise, step = {
+        "speed": (scenario.gps.noise, 0.0),
+        "lateral_acceleration": (scenario.imu.accelerometer_noise, STEPS[IMU.index("acceleration_y")]),
+    }.get(name, (scenario.imu.gyro_noise, STEPS[IMU.index("gyro_z")]))
+    time, value = taken[new], values[used][new]
+    alike = max(MODEL_TIME * (time.size - 1) / float(np.ptp(time)), 1.0)
+    size = maximum_filter1d(np.abs(value), 2 * round(alike) + 1)
+    squares = noise**2 + step**2 / 12.0 + alike * np.square(MODEL_SHARE * size)  # rounding is evenly spread
+    return Channel(time, value, np.sqrt(np.maximum(squares, LEAST_NOISE**2)))
