@@ -71,7 +71,7 @@ def _reduced(plan: CalibrationPlan, runs: Runs, cars: FloatArray, reach: float) 
         for turn in plan.turns:
             around[turn.name][:, prior_of(plan).column(f"{turn.system} {FRICTION}")] = MIDDLE
     runs.stage = "reduced cars"
-    reaches = {turn.tail: reach for turn in plan.turns}
+    reaches: dict[str, float] = {turn.tail: reach for turn in plan.turns}
     return _joined(_by_turn(run_reduced, plan, runs, around, REDUCED_AT_ONCE, reaches))
 
 

@@ -168,11 +168,11 @@ class Emulator:
         What the emulator misses is one number for the turns of a car that differ in their speed alone.
         """
         total = np.zeros(len(cars))
-        for (_, tail), turns in groupby(self.prior.plan.turns, key=lambda turn: (turn.system, turn.tail)):
+        for _, turns in groupby(sorted(self.prior.plan.turns, key=_kind), key=_kind):
             joint = np.zeros((len(NODES), len(cars)))
             for turn in turns:
                 missed = self.flip_deviation(turn) * NODES[:, None]
-                z = (self.margin(cars, turn) + missed) / self.prior.plan.outcome_width[tail]
+                z = (self.margin(cars, turn) + missed) / self.prior.plan.outcome_width[turn.tail]
                 joint += norm.logcdf(z if turn.ends == "survived" else -z)
             total += logsumexp(joint, axis=0) - np.log(len(NODES))
         return total
@@ -191,6 +191,10 @@ class Emulator:
         """What the emulator misses of a figure, one standard deviation."""
         surface = self.corrections.get(figure.turn.name, self.figures[figure.turn.name])
         return float(surface.deviation[METRICS.index(figure.metric)])
+
+
+def _kind(turn: Turn) -> tuple[str, str]:
+    return turn.system, turn.tail
 
 
 def _of_the_flip(prior: CarPrior, turn: Turn) -> list[int]:
@@ -214,14 +218,15 @@ def _search(
     """Which of the cars flip, the flip of each, cars (k, n) that survived, their figures (k, 6), and whose they are."""
     flip = np.array(found["flips"], float)
     known = np.flatnonzero(np.isfinite(flip))
-    if min(len(known), len(found["figures"])) < least:
-        raise UserError(
-            f"{turn.name} m/s: {len(known)} of {len(flip)} cars flip at a friction that was tried, "
-            f"{len(found['figures'])} runs survive; needed are {least} of each"
-        )
-    tried, order = np.array(found["inputs"]), np.argsort(cars[:, 0])
+    tried, order = np.array(found["inputs"]).reshape(-1, cars.shape[1]), np.argsort(cars[:, 0])
     whose = order[np.searchsorted(cars[order, 0], tried[:, 0])]  # no two cars share their first number
     own = np.isfinite(flip[whose])
+    shown = len(np.unique(whose[own]))
+    if min(len(known), shown) < least:
+        raise UserError(
+            f"{turn.name} m/s: {len(known)} of {len(flip)} cars flip at a friction that was tried, "
+            f"{shown} of these have runs that survive; needed are {least} of each"
+        )
     return known, flip, tried[own], np.array(found["figures"])[own], whose[own]
 
 

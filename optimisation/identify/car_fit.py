@@ -38,8 +38,8 @@ BIASES = {"gyro_bias_z": "yaw_rate", "gyro_bias_x": "roll_rate", "acceleration_b
 """Unknown -> channel that it is added to."""
 UNITS = {"tyre_friction": "1", "tyre_slip_angle": "rad", "com_height": "m", DELAY: "s"}
 UNITS |= {name: "rad/s" if "gyro" in name else "m/s2" for name in BIASES}
-PRIORS = {"tyre_slip_angle": (0.03, 0.30), DELAY: (0.0, 0.15)}
-"""Ranges where no file of `models/parameters` has one, rad and s."""
+PRIORS = {DELAY: (0.0, 0.15)}
+"""Ranges where no file of `models/parameters` has one, s."""
 STEPS = {"tyre_friction": 2e-3, "tyre_slip_angle": 2e-3, "com_height": 5e-4, SPEED: 1e-2, DRIVEN: 1e-2}
 """Of the differences for the derivatives, about a standard deviation of each: within it contacts that come a step
 earlier or later do not count."""

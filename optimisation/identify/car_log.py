@@ -199,7 +199,7 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
     if tailed:
         angle = log.signal("tail_roll_angle_rad")
         across = -np.sign(angle[steered[0]]) * angle
-        lost["the tail strikes its stop"] = across > scenario.tail.roll_limit - STOP_MARGIN
+        lost["the tail strikes its stop"] = across > scenario.tail.roll_stop - STOP_MARGIN
     warnings = []
     for what, where in lost.items():
         if (over := time[where & (time >= turn)]).size and over[0] < end:
