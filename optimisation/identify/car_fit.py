@@ -19,11 +19,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from aerodima.optimisation.identify.car_log import CarDrive, car_drive
 from aerodima.optimisation.identify.fit_pipeline import FitResult, result_of
 from aerodima.optimisation.identify.least_squares import Attempt, Parameter, Parameters, Problem, Solution
+from aerodima.optimisation.identify.least_squares_solvers import bounded_step, triangle
 from aerodima.optimisation.identify.log_rig import FREE, FitOptions
 from aerodima.optimisation.identify.uncertainty import Noise, serial_noise, uncertainty
 from aerodima.workbench.config.array_types import FloatArray
@@ -59,8 +59,6 @@ MISFIT, OPEN = 1.5, 0.8
 from which a log is said not to determine a number."""
 _MOST_STEPS, _SHARES = 25, (1.0, 0.5, 0.25, 0.1, 0.03)
 """Of a fit, and of a Gauss-Newton step that are tried in turn."""
-_INSIDE = 1e-9
-"""Of a scale, by which a bound is widened for a solver that wants to start between bounds."""
 _FAR, _NEAR, _SETTLED, _ROUGH = 3.0, 25.0, 0.01, 2.0
 """A mean square of the residual above the first is far from what noise leaves. Of the cost, in halves of a squared
 standard deviation: a next step that promises less than the second is near, channels are weighed and derivatives kept
@@ -251,8 +249,8 @@ class Descent:
         r, J = here / model.divisors, self.slopes / model.divisors[:, None]
         cost = 0.5 * float(r @ r)
         size = 1.0 if self.near else max(2.0 * cost / r.size, 1.0)
-        low, high = p.lower - _INSIDE * p.scales, p.upper + _INSIDE * p.scales
-        step = p.scales * lsq_linear(J * p.scales, -r, ((low - x) / p.scales, (high - x) / p.scales)).x
+        low, high = (p.lower - x) / p.scales, (p.upper - x) / p.scales
+        step = p.scales * bounded_step(*triangle(J * p.scales, r), 0.0, low, high)
         promised = cost - 0.5 * float(np.sum(np.square(r + J @ step)))
         if not self.near and self.kept and size > _FAR and promised < 0.5 * cost:
             self.kept = False

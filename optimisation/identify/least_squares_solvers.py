@@ -65,10 +65,10 @@ def solve_rollout(problem: Problem, start: np.ndarray, most_steps: int = 100) ->
             return Attempt(start, z * scales, cost, False, f"no derivative: {error}", step)
         if _projected_gradient(J.T @ r, z, low, high) <= _GRADIENT_TOLERANCE * max(cost, 1e-300) ** 0.5:
             return Attempt(start, z * scales, cost, True, "the gradient vanishes", step)
-        R, c = _triangle(J, r)
+        R, c = triangle(J, r)
         promised = None
         while True:
-            dz = _bounded_step(R, c, damping, low - z, high - z)
+            dz = bounded_step(R, c, damping, low - z, high - z)
             if promised is None:
                 promised = 0.5 * float(c @ c) - 0.5 * float(np.sum(np.square(R @ dz + c)))
             tried, status = _try(problem, (z + dz) * scales)
@@ -98,13 +98,13 @@ def _try(problem: Problem, x: np.ndarray) -> tuple[np.ndarray | None, str]:
         return None, str(error)
 
 
-def _triangle(J: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def triangle(J: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """R and c with |J d + r|^2 = |R d + c|^2 + constant, R square: the QP does not grow with the data."""
     Q, R = np.linalg.qr(J)
     return R, Q.T @ r
 
 
-def _bounded_step(R: np.ndarray, c: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def bounded_step(R: np.ndarray, c: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The step that minimises |R d + c|^2 + damping s^2 |d|^2 within low <= d <= high, s the least singular value of R.
 
     The QP is posed in e = T d / size with T'T the Hessian and `size` the length of the free step: its own Hessian is
