@@ -73,7 +73,7 @@ class Size(StrictModel):
     """How much is run.
 
     Attributes:
-        cars: reduced cars of the prior that drive every turn.
+        cars: reduced cars of a rough posterior that drive every turn, after half as many of the prior.
         rounds: of the search for the friction at which each of them flips.
         full: full cars that drive every turn and correct the reduced ones.
         full_rounds: runs of the search for the friction at which each of them flips.

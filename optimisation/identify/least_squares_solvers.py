@@ -99,13 +99,15 @@ def _try(problem: Problem, x: np.ndarray) -> tuple[np.ndarray | None, str]:
 
 
 def triangle(J: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """R and c with |J d + r|^2 = |R d + c|^2 + constant, R square: the QP does not grow with the data."""
+    """R (n, n) and c (n) of J (m, n) and r (m): |J d + r|^2 is |R d + c|^2 and a constant. The QP stays small."""
     Q, R = np.linalg.qr(J)
     return R, Q.T @ r
 
 
 def bounded_step(R: np.ndarray, c: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The step that minimises |R d + c|^2 + damping s^2 |d|^2 within low <= d <= high, s the least singular value of R.
+    """The step d (n) that minimises |R d + c|^2 + damping s^2 |d|^2 within low <= d <= high.
+
+    R is (n, n), c, low and high are (n), and s is the least singular value of R.
 
     The QP is posed in e = T d / size with T'T the Hessian and `size` the length of the free step: its own Hessian is
     then the identity, however differently the rows are weighted and however small the last steps are. Only where a
