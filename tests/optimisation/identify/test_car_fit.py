@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from aerodima.optimisation.identify.car_fit import fit_car
-from aerodima.optimisation.identify.car_log import CarDrive, LoggedCommands, car_drive
+from aerodima.optimisation.identify.car_log import TAIL, CarDrive, LoggedCommands, car_drive
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import UserError
@@ -74,6 +74,15 @@ def test_of_a_flipped_run_what_is_before_the_flip_is_used() -> None:
     drive = car_drive(changed(imu_roll_rad=lambda table: np.where(table.time_s < 2.4, 0.0, 1.2)))
     assert drive.warnings == ("the car leans beyond 0.8 rad at 2.4 s; samples until then are used",)
     assert max(channel.time[-1] for channel in drive.channels.values()) <= 2.4
+
+
+@pytest.mark.parametrize(("stop", "cut"), [(math.pi / 2, True), (3.1416, False)])
+def test_a_swung_log_ends_at_the_stop_of_the_tail_not_at_the_limit_of_its_command(stop: float, cut: bool) -> None:
+    log, scenario = still_log(), load_scenario("turn_swing", [f"tail.roll_stop={stop}"])
+    angle = np.interp(log.table["time_s"], [2.0, 2.3], [-math.pi / 2, math.pi / 2])
+    columns = dict.fromkeys((name for joint in TAIL.values() for name in joint), 0.0) | {"tail_roll_angle_rad": angle}
+    found = car_drive(replace(log, table=log.table.assign(**columns), scenario=scenario.resolved()))
+    assert any("strikes its stop" in warning for warning in found.warnings) == cut
 
 
 def test_commands_are_held_and_steering_alone_is_late() -> None:
