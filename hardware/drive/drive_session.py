@@ -38,7 +38,7 @@ from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import STATUS, UNARMED_SOURCES
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
-from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
+from aerodima.workbench.controllers.manoeuvre import refuse_simulated_only, run_time
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.logs.schema import DRIVEN_BY, TAIL_LAW
@@ -125,7 +125,7 @@ def run_drive(
         UserError: a check failed, a device is missing, the log cannot be written; the motors are off by then.
     """
     safety, law = load_drive_safety(), law or law_of_scenario(scenario)
-    make_schedule(scenario)
+    refuse_simulated_only(scenario)
     _tell(desk_checks(scenario, Path(options.log).parent, safety), say)
     if not options.dry_run:
         car.authorise()

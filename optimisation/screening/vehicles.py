@@ -264,3 +264,5 @@ def _refuse_unknown(scenario: Scenario) -> None:
         raise UserError(f"servo.linkage: {scenario.servo.linkage!r}; the screening model knows: parallel")
     if scenario.manoeuvre.kind != "turn" or scenario.manoeuvre.direction != "left":
         raise UserError("manoeuvre: the screening model knows: kind turn, direction left")
+    if scenario.manoeuvre.rolling_start or scenario.manoeuvre.turns != 1:
+        raise UserError("manoeuvre: the screening model knows: rolling_start false, turns 1")

@@ -337,16 +337,29 @@ class ControllerParameters(QuantityModel):
 class ManoeuvreParameters(QuantityModel):
     """What the car is asked to do (design section 10)."""
 
-    kind: Literal["turn", "auto_turn", "straight", "slalom"] = quantity("1", "simulated turn, AUTO sequence, ...")
+    kind: Literal["turn", "auto_turn", "straight", "slalom", "fishhook", "path", "rising"] = quantity(
+        "1", "simulated turn, AUTO sequence, ..."
+    )
     speed: float = quantity("m/s", "commanded speed", ge=0, le=30)
+    rolling_start: bool = quantity("1", "true: the car begins at that speed, straight ahead; false: at rest")
     direction: Literal["left", "right"] = quantity("1", "side of the turn")
     steer_angle: float = quantity("rad", "commanded steering angle of the turn", ge=0, le=1.2)
     first_angle: float = quantity("rad", "another angle at the beginning of a simulated turn", ge=0, le=1.2)
     first_hold: float = quantity("s", "how much of turn_hold has that angle; 0: none", ge=0, le=60)
     speed_ramp: float = quantity("s", "time in which the commanded speed is ramped up", gt=0, le=60)
     turn_start: float = quantity("s", "time of the steering command in a simulated turn", ge=0, le=600)
-    turn_hold: float = quantity("s", "how long the steering command lasts", gt=0, le=60)
-    duration: float = quantity("s", "length of a simulated turn, straight or slalom run", gt=0, le=600)
+    turn_hold: float = quantity("s", "how long the steering command lasts; in a fishhook the second angle", gt=0, le=60)
+    turns: int = quantity("1", "how many steps of steering a simulated turn has, all to one side", ge=1, le=20)
+    turn_gap: float = quantity("s", "straight driving between two of them", ge=0, le=60)
+    counter_roll_rate: float = quantity("rad/s", "outward roll below which a fishhook is counter-steered", gt=0, le=10)
+    steer_rate: float = quantity("rad/s", "growth of a rising steering angle", gt=0, le=10)
+    path: Literal["lane_change", "corner"] = quantity("1", "what is driven by kind path")
+    corner_radius: float = quantity("m", "of the centre line of a corner", gt=0.05, le=100)
+    corner_width: float = quantity("m", "of the lane of a corner", gt=0.05, le=20)
+    driver_preview: float = quantity("s", "how far ahead the driver of a path looks", gt=0, le=10)
+    driver_delay: float = quantity("s", "reaction time of that driver", ge=0, le=1)
+    driver_rate: float = quantity("rad/s", "steering rate of that driver's hands, at the wheels", gt=0, le=100)
+    duration: float = quantity("s", "length of a run other than the AUTO sequence", gt=0, le=600)
     slalom_period: float = quantity("s", "period of the sinusoidal steering", gt=0, le=60)
     straight_time: float = quantity("s", "straight driving before the turn of the AUTO sequence", ge=0, le=600)
     wait_after_turn: float = quantity("s", "straight driving after that turn before throttle 0", ge=0, le=60)

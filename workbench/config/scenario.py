@@ -330,12 +330,20 @@ class Scenario(ScenarioFile):
         tail, turn, steering, cage = self.tail, self.manoeuvre, self.servo.limit, 2 * self.car.tyre_friction
         roll, pitch, tailless = tail.roll_limit + 1e-9, tail.pitch_limit + 1e-9, tail.mode == "none"
         hold, held_pitch = self.controller.hold_angle, abs(self.controller.pitch_angle)
-        ramped = turn.kind != "turn" or turn.speed_ramp <= turn.turn_start
+        ramped = (
+            turn.rolling_start or turn.kind not in ("turn", "fishhook", "path") or turn.speed_ramp <= turn.turn_start
+        )
+        corner, inside = turn.kind == "path" and turn.path == "corner", 0.5 * turn.corner_width
         rules = (
             (tail.sail_length <= tail.length, "tail.sail_length", f"<= tail.length {tail.length:g} m"),
             (turn.steer_angle <= steering + 1e-9, "manoeuvre.steer_angle", f"<= servo.limit {steering:.9g} rad"),
             (turn.first_angle <= steering + 1e-9, "manoeuvre.first_angle", f"<= servo.limit {steering:.9g} rad"),
             (turn.first_hold <= turn.turn_hold, "manoeuvre.first_hold", f"<= turn_hold {turn.turn_hold:g} s"),
+            (
+                not corner or turn.corner_radius > inside,
+                "manoeuvre.corner_radius",
+                f"> half of corner_width, {inside:g} m",
+            ),
             (ramped, "manoeuvre.speed_ramp", f"<= turn_start {turn.turn_start:g} s"),
             (tailless or hold <= roll, "controller.hold_angle", f"<= tail.roll_limit {roll:.9g} rad"),
             (tail.roll_limit <= tail.roll_stop, "tail.roll_limit", f"<= tail.roll_stop {tail.roll_stop:.9g} rad"),

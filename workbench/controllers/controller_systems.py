@@ -1,14 +1,14 @@
 """What drives a station, as Drake systems: tail controller and driver of the car, the experiments of the rig.
 
-The tail controller samples the station's signals at its rate and runs a law on them; the driver plays the schedule of a
-manoeuvre. A rig rests at the start angle and swings (thesis sections 4.4, 4.7, 6.3).
+The tail controller samples the station's signals at its rate and runs a law on them; so does the driver, whose law is a
+schedule in most manoeuvres. A rig rests at the start angle and swings (thesis sections 4.4, 4.7, 6.3).
 """
 
 import math
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem, OutputPort, System
 
 from aerodima.workbench.config.checked_files import check_range
 from aerodima.workbench.config.rig_scenario import RigScenario
@@ -20,19 +20,29 @@ from aerodima.workbench.config.signal_table import (
     STEERING_ANGLE,
     TAIL_COMMAND,
     TAIL_STATE,
+    PortFields,
 )
+from aerodima.workbench.controllers.driver_law import DriverLaw, ScheduledDriver, Seen
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.manoeuvre import DriverInput, Schedule
 from aerodima.workbench.controllers.tail_law import AGE_LIMIT, Observation, TailLaw, observe
+from aerodima.workbench.errors import UserError
 from aerodima.workbench.systems.system_ports import (
     DiscreteVector,
     Stage,
     connected,
     declare_ticks,
     nominal_time,
+    select,
     stage_before,
     vector_of,
 )
+
+
+POSE = PortFields("DriverPose", ("qw", "qx", "qy", "qz", "x", "y", "vx", "vy"))
+"""What a driver of a path sees: rotation of the car in W, place of Bo and its velocity in W; m and m/s."""
+NO_MEMORY = np.zeros(0)
+"""Of a driver that has none."""
 
 
 class TailController(LeafSystem):
@@ -132,18 +142,21 @@ class TailController(LeafSystem):
 
 
 class TurnDriver(LeafSystem):
-    """Steering, throttle and announced turn of a schedule, sampled at a fixed rate and held in between.
+    """Steering, throttle and announced turn of a driver, sampled at a fixed rate and held in between.
 
-    Drives every manoeuvre of `aerodima.workbench.controllers.manoeuvre`: the simulated turn, the car's AUTO sequence,
-    straight line and slalom. Open loop: it looks at nothing but the time.
+    Drives every manoeuvre of `aerodima.workbench.controllers.manoeuvre` and `driver_law`. A schedule looks at nothing
+    but the time, and the system has no input ports then. All memory is discrete state.
 
+    Input ports, each only if the law names it among its `sources`:
+        imu (9): as the station gives it.
+        pose (8): `POSE`, of a simulated car.
     Output ports:
         steering_angle (1): rad, positive to the left.
         throttle (1): -1 to 1.
         planned_turn (1): +1 left, -1 right, 0 none.
 
     Args:
-        schedule: from `make_schedule(scenario)`.
+        driver: a `DriverLaw`, such as `make_driver(scenario)`, or a schedule, such as `make_schedule(scenario)`.
         rate: Hz.
         stage: of its ticks, where it drives a simulated car (`aerodima.workbench.systems.system_ports`).
 
@@ -151,44 +164,78 @@ class TurnDriver(LeafSystem):
         UserError: rate out of range.
     """
 
-    def __init__(self, schedule: Schedule, rate: float = 100.0, stage: Stage | None = None) -> None:
+    def __init__(self, driver: DriverLaw | Schedule, rate: float = 100.0, stage: Stage | None = None) -> None:
         super().__init__()
         check_range("controller.rate", rate, 0.0, math.inf, "Hz", above_low=True)
         self.set_name("driver")
-        self._schedule, self._rate = schedule, rate
+        self._law: DriverLaw = ScheduledDriver(driver) if hasattr(driver, "at") else driver
+        self._rate = rate
+        sizes = {"imu": IMU.size, "pose": POSE.size}
+        self._sources = {name: self.DeclareVectorInputPort(name, sizes[name]) for name in self._law.sources}
+        memory, inputs = self._law.step(self._law.start(), Seen(0.0))
         self._outputs = [
-            DiscreteVector(self, [value], output=name)
-            for name, value in zip(DriverInput._fields, schedule.at(0.0), strict=True)
+            DiscreteVector(self, [value], output=name) for name, value in zip(DriverInput._fields, inputs, strict=True)
         ]
+        self._memory = DiscreteVector(self, self._law.start()) if memory.size else None
         declare_ticks(self, rate, stage, self._tick)
 
     @classmethod
     def add_to_builder(
         cls,
         builder: DiagramBuilder,
-        schedule: Schedule,
+        driver: DriverLaw | Schedule,
         rate: float = 100.0,
         *,
         station: System,
         controller_rate: float | None = None,
     ) -> "TurnDriver":
-        """Adds a driver and connects steering and throttle to the station.
+        """Adds a driver and connects steering, throttle, and what it looks at, to the station.
 
         Beside a tail controller of the same rate, Hz, it ticks at the controller's instant: that sees the driver as it
         was before, and one instant is cheaper than two.
+
+        Raises:
+            UserError: the driver needs the pose, which only the station of a simulated car has.
         """
-        driver = cls(
-            schedule, rate, stage_before(station, Stage.CONTROLLER if controller_rate == rate else Stage.DRIVER)
-        )
-        builder.AddSystem(driver)
+        system = cls(driver, rate, stage_before(station, Stage.CONTROLLER if controller_rate == rate else Stage.DRIVER))
+        builder.AddSystem(system)
         for port in ("steering_angle", "throttle"):
-            builder.Connect(driver.GetOutputPort(port), station.GetInputPort(port))
-        return driver
+            builder.Connect(system.GetOutputPort(port), station.GetInputPort(port))
+        for name, port in system._sources.items():
+            builder.Connect(_pose(builder, station) if name == "pose" else station.GetOutputPort(name), port)
+        return system
+
+    def seen(self, context: Context) -> Seen:
+        """What the law is given at this instant."""
+        seen = Seen(nominal_time(context.get_time(), self._rate))
+        if "imu" in self._sources:
+            imu = IMU.read(vector_of(self._sources["imu"], context))
+            seen = seen._replace(yaw_rate=imu.gyro_z, roll_rate=imu.gyro_x)
+        if "pose" in self._sources:
+            pose = POSE.read(vector_of(self._sources["pose"], context))
+            heading = math.atan2(2.0 * (pose.qw * pose.qz + pose.qx * pose.qy), 1.0 - 2.0 * (pose.qy**2 + pose.qz**2))
+            seen = seen._replace(position=(pose.x, pose.y), heading=heading, speed=math.hypot(pose.vx, pose.vy))
+        return seen
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
-        inputs = self._schedule.at(nominal_time(context.get_time(), self._rate))
+        before = NO_MEMORY if self._memory is None else self._memory.read(context)
+        memory, inputs = self._law.step(before, self.seen(context))
+        if self._memory is not None:
+            self._memory.write(discrete_state, memory)
         for output, value in zip(self._outputs, inputs, strict=True):
             output.write(discrete_state, [value])
+
+
+def _pose(builder: DiagramBuilder, station: System) -> OutputPort:
+    """`POSE` of a simulated car, in C++; adds one system."""
+    if not (isinstance(station, Diagram) and station.HasSubsystemNamed("plant")):
+        raise UserError("driver: follows a path by the pose of the car; allowed with a simulated car only")
+    plant: Any = station.GetSubsystemByName("plant")
+    chassis = plant.GetBodyByName("chassis")
+    q = chassis.floating_positions_start()
+    v = plant.num_positions() + chassis.floating_velocities_start_in_v()
+    places = [*range(q, q + 6), v + 3, v + 4]
+    return select(builder, "driver_pose", station.GetOutputPort("plant_state_truth"), places)
 
 
 class CurrentController(LeafSystem):

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
-from aerodima.workbench.config.checked_files import check_range
+from aerodima.workbench.config.checked_files import NO_UNIT, check_range
 from aerodima.workbench.errors import UserError
 
 TICK_TOLERANCE = 1e-9
@@ -103,9 +103,16 @@ def angle_to_straighten(
     return max(steer_angle, first_angle - rate * (hold - first_hold)) if first_hold > 0.0 else steer_angle
 
 
+def steering_time(hold: float, repeats: int = 1, gap: float = 0.0) -> float:
+    """From the start of the first step to the end of the last one, s; arguments as for `TurnSchedule`."""
+    return repeats * hold + (repeats - 1) * gap
+
+
 @dataclass(frozen=True)
 class TurnSchedule:
     """Straight, then a steering step of `steer_angle` for `hold`, then straight again; of two levels if asked for.
+
+    The step may come several times to the same side, straight in between.
 
     The simulated turn of the thesis (7.1.1: 30 degrees from 2.0 to 2.5 s; the servo adds its 0.14 s), and with
     `throttle_off` the AUTO sequence of the car (7.2.1). The turn is announced from the first tick to the end.
@@ -118,6 +125,11 @@ class TurnSchedule:
         hold: s, length of the steering step.
         throttle_off: s, from which the throttle is 0; never by default.
         first_angle, first_hold: another angle (rad, at least 0) at the beginning of the step, and how much of it (s).
+        repeats: how many steps, at least 1.
+        gap: straight from the end of one step to the start of the next, s.
+
+    Raises:
+        UserError: the ramp ends after the start, or the first level after the step.
     """
 
     ramp: SpeedRamp
@@ -128,17 +140,55 @@ class TurnSchedule:
     throttle_off: float = math.inf
     first_angle: float = 0.0
     first_hold: float = 0.0
+    repeats: int = 1
+    gap: float = 0.0
 
     def __post_init__(self) -> None:
         check_range("manoeuvre.speed_ramp", self.ramp.duration, 0.0, self.start, "s")
         check_range("manoeuvre.first_hold", self.first_hold, 0.0, self.hold, "s")
+        check_range("manoeuvre.turns", self.repeats, 1, math.inf, NO_UNIT)
+        check_range("manoeuvre.turn_gap", self.gap, 0.0, math.inf, "s")
 
     def at(self, time: float) -> DriverInput:
         """Inputs at `time` s since the start."""
-        turning = self.start <= time + TICK_TOLERANCE < self.start + self.hold
-        angle = self.first_angle if time + TICK_TOLERANCE < self.start + self.first_hold else self.steer_angle
+        start = self._step_start(time + TICK_TOLERANCE)
+        turning = start <= time + TICK_TOLERANCE < start + self.hold
+        angle = self.first_angle if time + TICK_TOLERANCE < start + self.first_hold else self.steer_angle
         throttle = 0.0 if time + TICK_TOLERANCE >= self.throttle_off else self.ramp.throttle(time)
         return DriverInput(self.side * angle if turning else 0.0, throttle, self.side)
+
+    def _step_start(self, time: float) -> float:
+        """Of the last step that has begun, s, or of the first one."""
+        done = 0
+        while done + 1 < self.repeats and time >= self.start + (done + 1) * (self.hold + self.gap):
+            done += 1
+        return self.start + done * (self.hold + self.gap)
+
+
+@dataclass(frozen=True)
+class RisingSchedule:
+    """Steering that grows by `rate` from `start` on up to `steer_angle`, and stays there.
+
+    Slowly increasing steer, as NHTSA drives it before a fishhook and SAE J266 for the understeer gradient.
+
+    Args:
+        ramp: of the speed.
+        side: +1 left, -1 right; announced from the first tick.
+        steer_angle: largest, rad.
+        start: s.
+        rate: rad/s.
+    """
+
+    ramp: SpeedRamp
+    side: float
+    steer_angle: float
+    start: float
+    rate: float
+
+    def at(self, time: float) -> DriverInput:
+        """Inputs at `time` s since the start."""
+        angle = min(self.steer_angle, self.rate * max(0.0, time - self.start))
+        return DriverInput(self.side * angle, self.ramp.throttle(time), self.side)
 
 
 @dataclass(frozen=True)
@@ -180,29 +230,63 @@ class SlalomSchedule:
         )
 
 
+CLOSED_LOOP = ("fishhook", "path")
+"""Kinds of manoeuvre in which the driver looks at the car: no function of time."""
+
+
 def make_schedule(scenario: Any) -> Schedule:
     """Schedule of `scenario.manoeuvre` with the throttle line of `scenario.drive` (any object with these attributes).
 
     Raises:
-        UserError: speed out of reach, times that do not fit together.
+        UserError: speed out of reach, times that do not fit together, a manoeuvre that is no function of time.
     """
-    manoeuvre, drive = scenario.manoeuvre, scenario.drive
-    side = 1.0 if manoeuvre.direction == "left" else -1.0
-    line = throttle_line(scenario)
-    ramp = SpeedRamp(manoeuvre.speed, manoeuvre.speed_ramp, line)
+    manoeuvre = scenario.manoeuvre
+    if manoeuvre.kind in CLOSED_LOOP:
+        raise UserError(
+            f"manoeuvre.kind: {manoeuvre.kind}, whose driver looks at the car; allowed as a function of time: "
+            "turn, auto_turn, straight, slalom, rising"
+        )
+    side, ramp, angle = side_of(manoeuvre), speed_ramp(scenario), manoeuvre.steer_angle
     if manoeuvre.kind == "turn":
         first = {"first_angle": manoeuvre.first_angle, "first_hold": manoeuvre.first_hold}
-        return TurnSchedule(ramp, side, manoeuvre.steer_angle, manoeuvre.turn_start, manoeuvre.turn_hold, **first)
+        several = {"repeats": manoeuvre.turns, "gap": manoeuvre.turn_gap}
+        return TurnSchedule(ramp, side, angle, manoeuvre.turn_start, manoeuvre.turn_hold, **first, **several)
     if manoeuvre.kind == "auto_turn":
         start = manoeuvre.straight_time
         throttle_off = start + manoeuvre.turn_hold + manoeuvre.wait_after_turn
         check_range("manoeuvre.log_end", manoeuvre.log_end, throttle_off, math.inf, "s")
-        if not drive.governor:  # the car's sequence sets its throttle and waits (thesis 7.2.1)
-            ramp = SpeedRamp(manoeuvre.speed, 0.0, line)
-        return TurnSchedule(ramp, side, manoeuvre.steer_angle, start, manoeuvre.turn_hold, throttle_off)
+        if not scenario.drive.governor:  # the car's sequence sets its throttle and waits (thesis 7.2.1)
+            ramp = SpeedRamp(manoeuvre.speed, 0.0, ramp.line)
+        return TurnSchedule(ramp, side, angle, start, manoeuvre.turn_hold, throttle_off)
     if manoeuvre.kind == "straight":
         return StraightSchedule(ramp)
-    return SlalomSchedule(ramp, side, manoeuvre.steer_angle, manoeuvre.turn_start, manoeuvre.slalom_period)
+    if manoeuvre.kind == "rising":
+        return RisingSchedule(ramp, side, angle, manoeuvre.turn_start, manoeuvre.steer_rate)
+    return SlalomSchedule(ramp, side, angle, manoeuvre.turn_start, manoeuvre.slalom_period)
+
+
+def side_of(manoeuvre: Any) -> float:
+    """Side of its (first) turn: +1 left, -1 right."""
+    return 1.0 if manoeuvre.direction == "left" else -1.0
+
+
+def speed_ramp(scenario: Any) -> SpeedRamp:
+    """How `scenario` comes to its speed; a rolling start has the throttle of that speed from time 0.
+
+    Raises:
+        UserError: speed out of reach.
+    """
+    manoeuvre = scenario.manoeuvre
+    duration = 0.0 if manoeuvre.rolling_start else manoeuvre.speed_ramp
+    return SpeedRamp(manoeuvre.speed, duration, throttle_line(scenario))
+
+
+def refuse_simulated_only(scenario: Any) -> None:
+    """Raises UserError for a manoeuvre that a real car cannot begin, or whose driver looks at what only we know."""
+    manoeuvre = scenario.manoeuvre
+    if manoeuvre.rolling_start:
+        raise UserError("manoeuvre.rolling_start: true; allowed on a car: false, since it begins at rest")
+    make_schedule(scenario)
 
 
 def throttle_line(scenario: Any) -> ThrottleLine:

@@ -6,10 +6,11 @@ positive into the turn, roll and roll rate are positive outwards (to the right i
 x of B).
 """
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, TIME, WHEELS
-from aerodima.workbench.controllers.manoeuvre import angle_to_straighten
+from aerodima.workbench.controllers.manoeuvre import angle_to_straighten, steering_time
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, RunLog
@@ -25,6 +26,8 @@ from aerodima.workbench.logs.signals import check_signals, check_time
 
 STEERED = 0.01
 """A command above this (rad) is steering by hand, not the middle of a stick."""
+_STRAIGHT = 1e-6
+"""rad; below it the wheels are straight but for rounding."""
 _TIME_MARGIN = 1e-6
 """Log times are sums of steps: a sample this close to the edge of the window (s) belongs to it."""
 LOADED_FORCE = 0.1
@@ -127,7 +130,7 @@ def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = N
 
 
 def turn_sign(run_log: RunLog) -> float:
-    """+1 for a left turn, -1 for a right one; +1 for runs that are straight or a slalom."""
+    """+1 for a left turn, -1 for a right one, the side of the first steering; +1 for a straight run or a slalom."""
     if DRIVEN_BY in run_log.extra:
         return -1.0 if np.sum(run_log.signal("steering_command_rad")) < 0.0 else 1.0
     if run_log.setting("manoeuvre", "kind") in ("straight", "slalom"):
@@ -138,25 +141,21 @@ def turn_sign(run_log: RunLog) -> float:
 def turn_window(run_log: RunLog) -> tuple[float, float]:
     """Start and end of the turn, s: from the steering command to straight wheels after it.
 
-    The end is start + hold + the time in which the servo brings the wheels back. A turn starts when the scenario says,
-    the turn of the AUTO sequence at the first steering command in the log. For a straight run or a slalom the window is
-    the run from `turn_start` on, or the whole run if it is shorter than that. That of a car that somebody steered is
-    from the first to the last steering command, all of it without any.
+    The end is that of the last step of steering + the time in which the servo brings the wheels back. A turn starts
+    when the scenario says, the turn of the AUTO sequence at the first steering command in the log. A fishhook ends
+    after the last steering command in the log, or with the log. For other kinds the window is the run from `turn_start`
+    on, or the whole run if it is shorter than that. That of a car that somebody steered is from the first to the last
+    steering command, all of it without any.
     """
     if DRIVEN_BY in run_log.extra:
         steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
         first, last = (steered[0], steered[-1]) if steered.size else (0, -1)
         return float(run_log.time[first]), float(run_log.time[last])
     kind = run_log.setting("manoeuvre", "kind")
-    if kind in ("straight", "slalom"):
-        first, start, last = (
-            float(run_log.time[0]),
-            run_log.number("manoeuvre", "turn_start"),
-            float(run_log.time[-1]),
-        )
+    first, start, last = float(run_log.time[0]), run_log.number("manoeuvre", "turn_start"), float(run_log.time[-1])
+    if kind not in ("turn", "auto_turn", "fishhook"):
         return (start if first < start < last else first), last
     steer_angle = run_log.number("manoeuvre", "steer_angle")
-    start = run_log.number("manoeuvre", "turn_start")
     if kind == "auto_turn":
         steering = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > 0.5 * steer_angle)
         if steering.size == 0:
@@ -166,9 +165,51 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
     if rate <= 0.0:
         raise LogError(f"{run_log.name}: its scenario has servo.rate {rate:g}, but it must be above 0")
     hold, settings = run_log.number("manoeuvre", "turn_hold"), run_log.scenario["manoeuvre"]
-    # A log of before has one level of steering and does not name another.
+    if kind == "fishhook":
+        steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
+        steered_until = float(run_log.time[steered[-1]]) if steered.size else start
+        return start, min(steered_until + steer_angle / rate, last)
+    # A log of before has one level and one step of steering and does not name others.
     first_level = [run_log.number("manoeuvre", key) for key in ("first_angle", "first_hold") if key in settings]
-    return start, start + hold + angle_to_straighten(steer_angle, hold, rate, *first_level) / rate
+    steps = (int(settings.get("turns", 1)), float(settings.get("turn_gap", 0.0))) if kind == "turn" else ()
+    return start, start + steering_time(hold, *steps) + angle_to_straighten(
+        steer_angle, hold, rate, *first_level
+    ) / rate
+
+
+class SteeredWindow(NamedTuple):
+    """A time in which a car is steered to one side.
+
+    Attributes:
+        start, end: s; the end is the first instant at which the command is that side's no more, or the end of the log.
+        side: +1 left, -1 right.
+    """
+
+    start: float
+    end: float
+    side: float
+
+
+def steered_windows(run_log: RunLog) -> list[SteeredWindow]:
+    """When a run was steered to which side, from the logged steering command, in the order of time; none if never.
+
+    The pulses of a turn, both halves of a fishhook, the half waves of a slalom, what the driver of a path did.
+
+    Raises:
+        LogError: the log has no steering command.
+    """
+    return windows_of_steering(run_log.time, run_log.signal("steering_command_rad"))
+
+
+def windows_of_steering(time: FloatArray, angle: FloatArray) -> list[SteeredWindow]:
+    """As `steered_windows`, of angles (n), rad, at times (n), s; a window whose angles stay below `STEERED` is none."""
+    side = np.sign(np.where(np.abs(angle) > _STRAIGHT, angle, 0.0))
+    edges = [0, *(np.flatnonzero(np.diff(side)) + 1), side.size]
+    return [
+        SteeredWindow(float(time[first]), float(time[min(end, side.size - 1)]), float(side[first]))
+        for first, end in itertools.pairwise(edges)
+        if np.max(np.abs(angle[first:end]), initial=0.0) > STEERED
+    ]
 
 
 def _from_truth(run_log: RunLog) -> dict[str, FloatArray]:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
 
@@ -16,8 +15,9 @@ from aerodima.workbench.aero.tail_force import SectionWatch
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, CAR_TRUTH, WHEELS, names_of, plant_position_columns
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
+from aerodima.workbench.controllers.driver_law import DriverLaw, make_driver
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, swing_facts
-from aerodima.workbench.controllers.manoeuvre import Schedule, angle_to_straighten, make_schedule, run_time
+from aerodima.workbench.controllers.manoeuvre import Schedule, angle_to_straighten, run_time, steering_time
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.logs.recorder import RunRecorder, Signals, open_log, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
@@ -94,20 +94,20 @@ def assemble(
     meshcat: Meshcat | None = None,
     tail_law: TailLaw | None = None,
     lean: bool = False,
-    schedule: Schedule | None = None,
+    schedule: DriverLaw | Schedule | None = None,
 ) -> CarDiagram:
     """Connects station, driver, controller and estimator; the controllers stand outside the station.
 
-    The tail follows `tail_law`, the driver `schedule`, or by default what the scenario names. With `lean`, what no
-    metric of a run needs is left out: most of the truth, the estimator of roll and, without tail, the ticks of its
-    controller.
+    The tail follows `tail_law`, the driver `schedule`, which may be a law, or by default what the scenario names. With
+    `lean`, what no metric of a run needs is left out: most of the truth, the estimator of roll and, without tail, the
+    ticks of its controller.
     """
     builder = DiagramBuilder()
     station = make_car_station(scenario, interface, meshcat, with_truth=not lean)
     builder.AddSystem(station)
     law, rate = tail_law or law_of_scenario(scenario), scenario.controller.rate
     driver = TurnDriver.add_to_builder(
-        builder, schedule or make_schedule(scenario), rate, station=station, controller_rate=law.rate
+        builder, schedule or make_driver(scenario), rate, station=station, controller_rate=law.rate
     )
     idle = lean and tail_law is None and scenario.tail.mode == "none"
     controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver, law=law, idle=idle)
@@ -154,7 +154,9 @@ def run_car(
         if car.station.HasOutputPort("tail_sections_truth"):
             seen, valid = (car.station.GetOutputPort(f"tail_{name}_truth") for name in ("sections", "validity"))
             sections = SectionWatch.add_to_builder(car.builder, "section_watch", seen, valid, scenario.controller.rate)
-        view.run(Simulator(car.builder.Build()), run_time(scenario))
+        simulator = Simulator(car.builder.Build())
+        _set_rolling(car, simulator.get_mutable_context(), scenario, start_speed(scenario))
+        view.run(simulator, run_time(scenario))
         if watch is not None:
             rows.add_facts(watch.facts())
         if sections is not None:
@@ -167,20 +169,21 @@ def run_outcome(
     stop_when_certain: bool,
     law: TailLaw | None,
     view: LiveView,
-    schedule: Schedule | None = None,
-    speed: float = 0.0,
+    schedule: DriverLaw | Schedule | None = None,
+    speed: float | None = None,
 ) -> RunLog:
     """Records what outcome and metrics need, as cheaply as it can be: for studies, which need thousands of runs.
 
     Nothing is recorded in Python, and most of the truth and the roll estimator are left out. The driver follows
-    `schedule`, or by default the manoeuvre of the scenario; the car begins at `speed`, m/s, straight ahead.
+    `schedule`, or by default the manoeuvre of the scenario; the car begins at `speed`, m/s, straight ahead,
+    or by default as the manoeuvre says.
     """
     car = assemble(scenario, meshcat=view.meshcat, tail_law=law, lean=True, schedule=schedule)
     outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
     metadata = _metadata(car, scenario, law)
     simulator = Simulator(car.builder.Build())
-    if speed:
-        _set_rolling(simulated_car(car.station).plant, simulator.get_mutable_context(), scenario, speed)
+    begin = start_speed(scenario) if speed is None else speed
+    _set_rolling(car, simulator.get_mutable_context(), scenario, begin)
     view.begin(simulator, run_time(scenario))
     stop_after = turn_end(scenario) if stop_when_certain else math.inf
     for time in _looks(scenario, stop_after):
@@ -194,8 +197,16 @@ def run_outcome(
     return run_log_from_metadata(table, metadata)
 
 
-def _set_rolling(plant: MultibodyPlant, context: Context, scenario: Scenario, speed: float) -> None:
-    """Lets the car roll straight ahead at `speed`, m/s, without slip."""
+def start_speed(scenario: Scenario) -> float:
+    """Speed of the car at time 0, m/s: that of the manoeuvre with a rolling start, else 0."""
+    return scenario.manoeuvre.speed if scenario.manoeuvre.rolling_start else 0.0
+
+
+def _set_rolling(car: CarDiagram, context: Context, scenario: Scenario, speed: float) -> None:
+    """Lets the car roll straight ahead at `speed`, m/s, without slip; at 0 it stays as it is."""
+    if not speed:
+        return
+    plant = simulated_car(car.station).plant
     own = plant.GetMyMutableContextFromRoot(context)
     velocities = plant.GetVelocities(own)
     velocities[plant.GetBodyByName("chassis").floating_velocities_start_in_v() + 3] = speed
@@ -230,7 +241,7 @@ def turn_start(scenario: Scenario) -> float:
 
 
 def turn_end(scenario: Scenario) -> float:
-    """When the wheels are straight again after the turn, s; the end of a run that is no single turn."""
+    """When the wheels are straight again after the (last) turn, s; the end of the run where no schedule says that."""
     manoeuvre = scenario.manoeuvre
     if manoeuvre.kind not in ("turn", "auto_turn"):
         return run_time(scenario)
@@ -239,7 +250,8 @@ def turn_end(scenario: Scenario) -> float:
     angle = angle_to_straighten(
         manoeuvre.steer_angle, manoeuvre.turn_hold, servo.rate, manoeuvre.first_angle, manoeuvre.first_hold
     )
-    return turn_start(scenario) + manoeuvre.turn_hold + angle / servo.rate + slack
+    steps = (manoeuvre.turns, manoeuvre.turn_gap) if manoeuvre.kind == "turn" else ()
+    return turn_start(scenario) + steering_time(manoeuvre.turn_hold, *steps) + angle / servo.rate + slack
 
 
 def plant_facts(station: Diagram) -> dict[str, float]:

@@ -1,0 +1,206 @@
+"""What every law for the driver sees and gives: schedules of time, and drivers that look at the car. No Drake."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from aerodima.workbench.controllers.manoeuvre import (
+    TICK_TOLERANCE,
+    DriverInput,
+    Schedule,
+    SpeedRamp,
+    make_schedule,
+    side_of,
+    speed_ramp,
+)
+from aerodima.workbench.controllers.paths import Path, path_of
+
+Source = Literal["imu", "pose"]
+"""What a driver may look at: the IMU of the station, and the pose and speed of a simulated car."""
+
+
+class Seen(NamedTuple):
+    """What a driver sees at one tick; NaN where it is not known, as all of it is before the first tick.
+
+    Attributes:
+        time: s.
+        position: of the ground under the rear axle in W, m.
+        heading: rad, positive to the left.
+        speed: over ground, m/s.
+        yaw_rate: rad/s, positive to the left.
+        roll_rate: rad/s, positive to the right.
+    """
+
+    time: float
+    position: tuple[float, float] = (math.nan, math.nan)
+    heading: float = math.nan
+    speed: float = math.nan
+    yaw_rate: float = math.nan
+    roll_rate: float = math.nan
+
+
+class DriverLaw(Protocol):
+    """A law for steering, throttle and announced turn."""
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """What it looks at beside the time; the rest is NaN. Each source costs time at every tick."""
+
+    def start(self) -> np.ndarray:
+        """Memory (n,) before the first tick."""
+
+    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+        """One tick: new memory, and what the driver gives. Must not change its arguments."""
+
+
+@dataclass(frozen=True)
+class ScheduledDriver:
+    """Plays a schedule, a function of time; looks at nothing."""
+
+    schedule: Schedule
+    sources: tuple[Source, ...] = ()
+
+    def start(self) -> np.ndarray:
+        """See `DriverLaw`; without memory."""
+        return np.zeros(0)
+
+    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+        """See `DriverLaw`."""
+        return memory, self.schedule.at(seen.time)
+
+
+@dataclass(frozen=True)
+class FishhookDriver:
+    """Fishhook with roll-rate feedback of NHTSA (49 CFR 575, Federal Register 68, 14 October 2003, p. 59250).
+
+    Steers to one side, waits until the car does not roll outwards any more, steers to the other side, holds that, and
+    goes straight. While the roll rate is not known it waits.
+
+    Args:
+        ramp: reaches the speed before `start`.
+        side: of the first steering, +1 left, -1 right.
+        steer_angle: to either side, rad.
+        start_time: of the first steering, s.
+        hold: how long the wheels stay at the second angle, s.
+        roll_rate: the counter-steer begins when the roll rate outwards falls below this, rad/s.
+        servo_rate: rate of the wheels, rad/s: the driver waits for them, since before they arrive the car hardly rolls.
+    """
+
+    ramp: SpeedRamp
+    side: float
+    steer_angle: float
+    start_time: float
+    hold: float
+    roll_rate: float
+    servo_rate: float
+    sources: tuple[Source, ...] = ("imu",)
+
+    def start(self) -> np.ndarray:
+        """See `DriverLaw`: the time of the counter-steer (1), NaN before."""
+        return np.array([math.nan])
+
+    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+        """See `DriverLaw`."""
+        now, reach, counter = seen.time + TICK_TOLERANCE, self.steer_angle / self.servo_rate, float(memory[0])
+        if math.isnan(counter) and now >= self.start_time + reach and self.side * seen.roll_rate < self.roll_rate:
+            counter = seen.time
+        if now < self.start_time or now >= counter + 2.0 * reach + self.hold:
+            angle = 0.0
+        else:
+            angle = self.steer_angle if math.isnan(counter) else -self.steer_angle
+        side = self.side if math.isnan(counter) else -self.side
+        driven = DriverInput(self.side * angle, self.ramp.throttle(seen.time), side)
+        return np.array([counter]), driven
+
+
+@dataclass(frozen=True)
+class PathDriver:
+    """Follows a path by pure pursuit (Coulter, CMU-RI-TR-92-01) with preview, reaction delay and slow hands.
+
+    The driver knows its delay: it takes the pose that the car will have when the steering acts, at the present speed
+    and yaw rate, and steers the circle of the kinematic bicycle from there to the point of the centre line that is
+    `preview` ahead. Without a pose the wheels stay straight.
+
+    Args:
+        path: to follow.
+        ramp: of the speed.
+        wheelbase: m.
+        limit: largest steering angle, rad.
+        preview: s.
+        delay: s, rounded to ticks.
+        steering_rate: of the hands, as an angle of the wheels, rad/s.
+        rate: ticks per second, Hz.
+    """
+
+    path: Path
+    ramp: SpeedRamp
+    wheelbase: float
+    limit: float
+    preview: float
+    delay: float
+    steering_rate: float
+    rate: float
+    sources: tuple[Source, ...] = ("imu", "pose")
+
+    def start(self) -> np.ndarray:
+        """See `DriverLaw`: the angle that was given last, then those that are still to act, oldest first, rad."""
+        return np.zeros(1 + round(self.delay * self.rate))
+
+    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+        """See `DriverLaw`."""
+        x, y = seen.position
+        known = math.isfinite(x)
+        wanted = np.append(memory[1:], self.wanted_angle(seen) if known else 0.0)
+        most = self.steering_rate / self.rate
+        angle = min(max(float(wanted[0]), float(memory[0]) - most), float(memory[0]) + most)
+        station = float(self.path.station(x, y)) if known else -math.inf
+        driven = DriverInput(angle, self.ramp.throttle(seen.time), self.path.next_side(station))
+        return np.concatenate([[angle], wanted[1:]]), driven
+
+    def wanted_angle(self, seen: Seen) -> float:
+        """Steering angle (rad) for a known pose, before delay and rate limit."""
+        yaw_rate = seen.yaw_rate if math.isfinite(seen.yaw_rate) else 0.0
+        turned = yaw_rate * self.delay
+        way, course = seen.speed * self.delay, seen.heading + 0.5 * turned
+        x, y = seen.position[0] + way * math.cos(course), seen.position[1] + way * math.sin(course)
+        heading = seen.heading + turned
+        x_ahead, y_ahead = self.path.centre(self.path.station(x, y) + seen.speed * self.preview)
+        dx, dy = float(x_ahead) - x, float(y_ahead) - y
+        across, squared = math.cos(heading) * dy - math.sin(heading) * dx, dx * dx + dy * dy
+        if squared == 0.0:
+            return 0.0
+        angle = math.atan(2.0 * self.wheelbase * across / squared)
+        return min(max(angle, -self.limit), self.limit)
+
+
+def make_driver(scenario: Any) -> DriverLaw:
+    """Driver of `scenario.manoeuvre`: a schedule where the manoeuvre is a function of time, else a law of its own.
+
+    Raises:
+        UserError: speed out of reach, times that do not fit together.
+    """
+    manoeuvre, servo = scenario.manoeuvre, scenario.servo
+    if manoeuvre.kind == "fishhook":
+        return FishhookDriver(
+            speed_ramp(scenario),
+            side_of(manoeuvre),
+            manoeuvre.steer_angle,
+            manoeuvre.turn_start,
+            manoeuvre.turn_hold,
+            manoeuvre.counter_roll_rate,
+            servo.rate,
+        )
+    if manoeuvre.kind == "path":
+        return PathDriver(
+            path_of(scenario),
+            speed_ramp(scenario),
+            scenario.car.wheelbase,
+            manoeuvre.steer_angle,
+            manoeuvre.driver_preview,
+            manoeuvre.driver_delay,
+            manoeuvre.driver_rate,
+            scenario.controller.rate,
+        )
+    return ScheduledDriver(make_schedule(scenario))
