@@ -38,9 +38,10 @@ from aerodima.workbench.systems.system_ports import (
     vector_of,
 )
 
-
 POSE = PortFields("DriverPose", ("qw", "qx", "qy", "qz", "x", "y", "vx", "vy"))
 """What a driver of a path sees: rotation of the car in W, place of Bo and its velocity in W; m and m/s."""
+STANDING = 0.1
+"""m/s; a slower car has no course of its own."""
 NO_MEMORY = np.zeros(0)
 """Of a driver that has none."""
 
@@ -214,7 +215,9 @@ class TurnDriver(LeafSystem):
         if "pose" in self._sources:
             pose = POSE.read(vector_of(self._sources["pose"], context))
             heading = math.atan2(2.0 * (pose.qw * pose.qz + pose.qx * pose.qy), 1.0 - 2.0 * (pose.qy**2 + pose.qz**2))
-            seen = seen._replace(position=(pose.x, pose.y), heading=heading, speed=math.hypot(pose.vx, pose.vy))
+            speed = math.hypot(pose.vx, pose.vy)
+            course = math.atan2(pose.vy, pose.vx) if speed > STANDING else heading
+            seen = seen._replace(position=(pose.x, pose.y), heading=heading, course=course, speed=speed)
         return seen
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:

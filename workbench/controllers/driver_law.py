@@ -28,6 +28,7 @@ class Seen(NamedTuple):
         time: s.
         position: of the ground under the rear axle in W, m.
         heading: rad, positive to the left.
+        course: direction in which that point moves, rad, positive to the left; the heading of a car that stands.
         speed: over ground, m/s.
         yaw_rate: rad/s, positive to the left.
         roll_rate: rad/s, positive to the right.
@@ -36,6 +37,7 @@ class Seen(NamedTuple):
     time: float
     position: tuple[float, float] = (math.nan, math.nan)
     heading: float = math.nan
+    course: float = math.nan
     speed: float = math.nan
     yaw_rate: float = math.nan
     roll_rate: float = math.nan
@@ -115,13 +117,19 @@ class FishhookDriver:
         return np.array([counter]), driven
 
 
+CORRECTION = 1.0
+"""Share of the difference between wanted and present curvature that the driver of a path adds to the wanted one."""
+
+
 @dataclass(frozen=True)
 class PathDriver:
     """Follows a path by pure pursuit (Coulter, CMU-RI-TR-92-01) with preview, reaction delay and slow hands.
 
-    The driver knows its delay: it takes the pose that the car will have when the steering acts, at the present speed
-    and yaw rate, and steers the circle of the kinematic bicycle from there to the point of the centre line that is
-    `preview` ahead. Without a pose the wheels stay straight.
+    The driver knows its delay: it takes the place and course that the car will have when the steering acts, at the
+    present speed and yaw rate, and wants the circle from there to the point of the centre line that is `preview` ahead.
+    It steers the kinematic bicycle onto that circle, and more by `CORRECTION` of the curvature that it lacks, since
+    tyres that slip go along a wider one. Course and yaw rate are those of a car that slides, too, but past the grip of
+    its front tyres more steering does not help. Without a pose the wheels stay straight.
 
     Args:
         path: to follow.
@@ -160,18 +168,21 @@ class PathDriver:
         return np.concatenate([[angle], wanted[1:]]), driven
 
     def wanted_angle(self, seen: Seen) -> float:
-        """Steering angle (rad) for a known pose, before delay and rate limit."""
-        yaw_rate = seen.yaw_rate if math.isfinite(seen.yaw_rate) else 0.0
-        turned = yaw_rate * self.delay
-        way, course = seen.speed * self.delay, seen.heading + 0.5 * turned
+        """Steering angle (rad) for a known pose, before delay and rate limit; an unknown yaw rate counts as none."""
+        speed, bent = seen.speed, 0.0
+        if speed > 0.0 and math.isfinite(seen.yaw_rate):
+            bent = seen.yaw_rate / speed
+        way = speed * self.delay
+        course = seen.course + 0.5 * bent * way
         x, y = seen.position[0] + way * math.cos(course), seen.position[1] + way * math.sin(course)
-        heading = seen.heading + turned
-        x_ahead, y_ahead = self.path.centre(self.path.station(x, y) + seen.speed * self.preview)
+        course = seen.course + bent * way
+        x_ahead, y_ahead = self.path.centre(self.path.station(x, y) + speed * self.preview)
         dx, dy = float(x_ahead) - x, float(y_ahead) - y
-        across, squared = math.cos(heading) * dy - math.sin(heading) * dx, dx * dx + dy * dy
+        squared = dx * dx + dy * dy
         if squared == 0.0:
             return 0.0
-        angle = math.atan(2.0 * self.wheelbase * across / squared)
+        curvature = 2.0 * (math.cos(course) * dy - math.sin(course) * dx) / squared
+        angle = math.atan(self.wheelbase * (curvature + CORRECTION * (curvature - bent)))
         return min(max(angle, -self.limit), self.limit)
 
 

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.config.checked_files import check_range
+from aerodima.workbench.errors import UserError
 
 SCALE = 0.1
 """Length of the model over that of the full-size car."""
@@ -135,7 +137,7 @@ class Corner:
         side: +1 left, -1 right.
 
     Raises:
-        ValueError: the inner edge of the bend has no radius left.
+        UserError: the inner edge of the bend has no radius left.
     """
 
     radius: float
@@ -144,8 +146,7 @@ class Corner:
     side: float
 
     def __post_init__(self) -> None:
-        if self.radius <= 0.5 * self.width:
-            raise ValueError(f"radius {self.radius:g} m; allowed: more than half the width, {0.5 * self.width:g} m")
+        check_range("manoeuvre.corner_radius", self.radius, 0.5 * self.width, math.inf, "m", above_low=True)
 
     @property
     def bend(self) -> float:
@@ -211,15 +212,22 @@ def off_path(path: Path, x: Any, y: Any, heading: Any, half_width: float, wheelb
 
     Returns:
         Shape (n,).
+
+    Raises:
+        UserError: a place or heading is not finite, or their shapes differ.
     """
+    given = {"x": x, "y": y, "heading": heading}
+    x, y, heading = (np.asarray(values, dtype=float) for values in given.values())
+    for name, values in zip(given, (x, y, heading), strict=True):
+        if values.shape != x.shape or not np.isfinite(values).all():
+            raise UserError(f"off_path: {name}: shape {values.shape}; allowed: finite numbers, shape {x.shape} as x")
     share = np.linspace(0.0, 1.0, OUTLINE)
     side, end = np.full(OUTLINE, half_width), half_width * (2.0 * share - 1.0)
     ahead = wheelbase * np.concatenate([share, share, np.zeros(OUTLINE), np.ones(OUTLINE)])
     across = np.concatenate([side, -side, end, end])
     cosine, sine = np.cos(heading)[..., None], np.sin(heading)[..., None]
-    x = np.asarray(x, dtype=float)[..., None] + cosine * ahead - sine * across
-    y = np.asarray(y, dtype=float)[..., None] + sine * ahead + cosine * across
-    farthest: FloatArray = np.max(path.outside(x, y), axis=-1)
+    outline = x[..., None] + cosine * ahead - sine * across, y[..., None] + sine * ahead + cosine * across
+    farthest: FloatArray = np.max(path.outside(*outline), axis=-1)
     return farthest
 
 

@@ -5,12 +5,15 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.controllers.manoeuvre import (
+    RisingSchedule,
     SlalomSchedule,
     SpeedRamp,
     ThrottleLine,
     angle_to_straighten,
     make_schedule,
+    refuse_simulated_only,
     run_time,
+    steering_time,
 )
 from aerodima.workbench.errors import UserError
 
@@ -27,6 +30,10 @@ def scenario(governor=True, **changes):
         "turn_hold": 0.5,
         "first_angle": 0.0,
         "first_hold": 0.0,
+        "rolling_start": False,
+        "turns": 1,
+        "turn_gap": 1.0,
+        "steer_rate": 0.05,
         "duration": 4.0,
         "speed_ramp": 1.2,
         "slalom_period": 2.0,
@@ -198,3 +205,61 @@ def test_wheels_are_straightened_from_what_is_left_of_a_larger_first_level() -> 
     left = [angle_to_straighten(0.1, 0.5, 2.0, 0.5, first_hold) for first_hold in (0.2, 0.4, 0.5)]
     assert left == pytest.approx([0.1, 0.3, 0.5])
     assert angle_to_straighten(0.1, 0.5, 2.0, 0.5, 0.0) == 0.1, "no time at the first level"
+
+
+def test_two_turns_are_the_same_pulse_twice_with_straight_wheels_in_between():
+    """0.5 s of 30 degrees from 2.0 s and again 1 s after its end, from 3.5 s; sampled at ticks of 10 ms."""
+    twice, ticks = make_schedule(scenario(turns=2, turn_gap=1.0)), 0.01 * np.arange(500)
+    angles = steering(twice, ticks)
+    np.testing.assert_array_equal(ticks[angles > 0.0], np.concatenate([ticks[200:250], ticks[350:400]]))
+    once = steering(make_schedule(scenario()), ticks)
+    np.testing.assert_array_equal(angles[150:300], once[150:300])
+    np.testing.assert_array_equal(angles[300:450], once[150:300])
+    assert steering_time(0.5, 2, 1.0) == 2.0
+    assert {twice.at(time).planned_turn for time in ticks} == {1.0}
+
+
+def test_both_turns_have_two_levels_if_one_has():
+    schedule = make_schedule(scenario(turns=2, turn_gap=0.5, first_angle=0.1, first_hold=0.2))
+    assert steering(schedule, [2.1, 2.3, 2.6, 3.1, 3.3, 3.6]) == pytest.approx([0.1, STEER, 0.0, 0.1, STEER, 0.0])
+
+
+@pytest.mark.parametrize("changes", [{"turns": 2}, {"kind": "rising"}, {"kind": "slalom"}])
+def test_right_is_the_mirror_image_of_left(changes):
+    left, right = (make_schedule(scenario(direction=side, **changes)) for side in ("left", "right"))
+    for time in 0.05 * np.arange(100):
+        one, other = left.at(time), right.at(time)
+        assert (one.steering_angle, one.throttle, one.planned_turn) == (
+            -other.steering_angle,
+            other.throttle,
+            -other.planned_turn,
+        )
+
+
+def test_rising_steering_grows_in_proportion_to_time_up_to_its_angle():
+    schedule = make_schedule(scenario(kind="rising"))
+    assert isinstance(schedule, RisingSchedule)
+    assert steering(schedule, [0.0, 2.0, 3.0, 6.0, 12.0, 60.0]) == pytest.approx([0.0, 0.0, 0.05, 0.2, 0.5, STEER])
+
+
+@pytest.mark.parametrize("governor", [True, False])
+def test_a_rolling_start_has_the_throttle_of_its_speed_from_time_0(governor):
+    schedule = make_schedule(scenario(governor, rolling_start=True, turn_start=0.3))
+    assert {schedule.at(time).throttle for time in (0.0, 0.1, 0.3, 2.0)} == {0.5}, "(4 + 1) / 10 of the throttle line"
+
+
+@pytest.mark.parametrize("kind", ["fishhook", "path"])
+def test_a_driver_that_looks_at_the_car_is_no_schedule(kind):
+    with pytest.raises(UserError, match=rf"manoeuvre.kind: {kind}.*allowed as a function of time: turn, auto_turn"):
+        make_schedule(scenario(kind=kind))
+
+
+def test_a_real_car_does_not_start_rolling():
+    with pytest.raises(UserError, match=r"manoeuvre.rolling_start: true; allowed on a car: false"):
+        refuse_simulated_only(scenario(rolling_start=True))
+    refuse_simulated_only(scenario())
+
+
+def test_no_turn_at_all_is_refused():
+    with pytest.raises(UserError, match=r"manoeuvre.turns: 0; allowed: >= 1"):
+        make_schedule(scenario(turns=0))

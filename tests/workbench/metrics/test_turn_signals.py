@@ -1,0 +1,78 @@
+import math
+
+import numpy as np
+import pytest
+
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.controllers.manoeuvre import make_schedule
+from aerodima.workbench.metrics.turn_signals import steered_windows, turn_sign, turn_window, windows_of_steering
+from tests.workbench.made_up_runs import made_up_run, times
+
+STEER = math.radians(30.0)
+
+
+def commanded(name, *settings):
+    """Steering commands of a schedule at the rows of a made-up run."""
+    schedule = make_schedule(load_scenario(name, settings))
+    return np.array([schedule.at(time).steering_angle for time in times()])
+
+
+def fishhook(side=1.0):
+    t = times()
+    return side * np.select([t < 0.3, t < 0.8, t < 2.0], [0.0, STEER, -STEER], 0.0)
+
+
+def test_two_turns_are_two_windows_of_one_side():
+    run = made_up_run({"steering_command_rad": commanded("entry_twice")})
+    expected = [(0.3, 0.8, 1.0), (1.8, 2.3, 1.0)]
+    np.testing.assert_allclose(steered_windows(run), expected, atol=1e-9)
+
+
+def test_both_halves_of_a_fishhook_are_windows_of_opposite_sides():
+    windows = steered_windows(made_up_run({"steering_command_rad": fishhook()}))
+    np.testing.assert_allclose(windows, [(0.3, 0.8, 1.0), (0.8, 2.0, -1.0)], atol=1e-9)
+
+
+def test_the_half_waves_of_a_slalom_are_windows_of_changing_sides():
+    """Half waves of 1 s from 0.3 s on; a row of 2 ms may belong to either side of a zero, and the log ends at 4 s."""
+    windows = steered_windows(made_up_run({"steering_command_rad": commanded("entry_slalom")}))
+    expected = [(0.3, 1.3, 1.0), (1.3, 2.3, -1.0), (2.3, 3.3, 1.0), (3.3, 4.0, -1.0)]
+    np.testing.assert_allclose(windows, expected, atol=0.0021)
+
+
+def test_a_trembling_hand_is_no_steering_and_a_straight_run_has_no_window():
+    time = np.arange(100) * 0.01
+    assert windows_of_steering(time, 0.009 * np.sin(20.0 * time)) == []
+    assert windows_of_steering(time, np.zeros(100)) == []
+    assert windows_of_steering(np.zeros(0), np.zeros(0)) == []
+
+
+def test_a_car_that_is_steered_all_the_time_has_one_window():
+    time = np.arange(101) * 0.01
+    assert windows_of_steering(time, np.full(101, -0.2)) == [(0.0, 1.0, -1.0)]
+
+
+def test_window_of_two_turns_reaches_until_the_wheels_are_straight_after_the_second():
+    """0.5 s twice with 1 s in between from 2.0 s on would end behind the log, from 0.3 s on at 2.3 s + 0.14 s."""
+    run = made_up_run({"steering_command_rad": commanded("entry_twice")}, turn_start=0.3, turns=2, turn_gap=1.0)
+    assert turn_window(run) == pytest.approx((0.3, 2.44))
+
+
+def test_window_of_a_fishhook_ends_with_straight_wheels_after_the_logged_command():
+    """The last steered row is 2 ms before 2.0 s; the servo needs 0.14 s."""
+    run = made_up_run({"steering_command_rad": fishhook()}, kind="fishhook", turn_start=0.3)
+    assert turn_window(run) == pytest.approx((0.3, 1.998 + 0.14))
+    held = np.where(times() >= 0.3, STEER, 0.0)
+    run = made_up_run({"steering_command_rad": held}, kind="fishhook", turn_start=0.3)
+    assert turn_window(run) == pytest.approx((0.3, 4.0)), "never counter-steered: to the end of the log"
+
+
+@pytest.mark.parametrize("kind", ["path", "rising"])
+def test_window_of_a_path_or_a_rising_angle_is_the_run_from_its_start(kind):
+    assert turn_window(made_up_run(kind=kind, turn_start=0.3)) == pytest.approx((0.3, 4.0))
+
+
+@pytest.mark.parametrize("kind", ["turn", "fishhook", "path", "rising"])
+def test_sign_is_that_of_the_first_steering(kind):
+    assert turn_sign(made_up_run(kind=kind)) == 1.0
+    assert turn_sign(made_up_run(kind=kind, direction="right")) == -1.0
