@@ -7,6 +7,7 @@ import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.driver_law import (
+    CORRECTION,
     FishhookDriver,
     PathDriver,
     ScheduledDriver,
@@ -159,15 +160,40 @@ def test_path_driver_reacts_late_and_turns_the_wheel_no_faster_than_hands_do():
 
 def test_path_driver_steers_no_further_than_the_angle_of_the_manoeuvre():
     law = make_driver(load_scenario("entry_corner", ["manoeuvre.steer_angle=0.2"]))
-    assert isinstance(law, PathDriver)
-    assert law.wanted_angle(Seen(0.0, (0.0, 0.3), 0.5, 0.5, 2.0, 0.0)) == -0.2
+    memory, given = law.start(), []
+    for tick in range(50):
+        memory, inputs = law.step(memory, Seen(0.01 * tick, (0.0, 0.3), 0.5, 0.5, 2.0, 0.0))
+        given.append(inputs.steering_angle)
+    assert min(given) == given[-1] == -0.2
 
 
 def test_path_driver_without_yaw_rate_takes_it_for_none():
-    law = make_driver(load_scenario("entry_corner"))
-    assert isinstance(law, PathDriver)
+    law = make_driver(load_scenario("entry_corner", ["manoeuvre.driver_delay=0"]))
     seen = Seen(0.0, (1.0, 0.05), 0.1, 0.1, 2.0, 0.0)
-    assert law.wanted_angle(seen._replace(yaw_rate=math.nan)) == law.wanted_angle(seen)
+    assert law.step(law.start(), seen._replace(yaw_rate=math.nan))[1] == law.step(law.start(), seen)[1]
+
+
+def test_path_driver_steers_more_when_the_car_lacks_curvature():
+    """Soft tyres: the same place and course at half the yaw rate of the kinematic car."""
+    law = make_driver(load_scenario("entry_corner", ["manoeuvre.driver_delay=0", "manoeuvre.driver_rate=100"]))
+    x, y = law.path.centre(law.path.bend + 0.8)
+    heading = 0.8 / law.path.radius
+    steered = {}
+    for share in (1.0, 0.5):
+        memory = law.start()
+        for tick in range(100):
+            seen = Seen(0.01 * tick, (float(x), float(y)), heading, heading, 2.0, share * 2.0 / law.path.radius)
+            memory, given = law.step(memory, seen)
+        steered[share] = math.tan(given.steering_angle) * law.path.radius / 0.27
+    assert steered[1.0] == pytest.approx(1.0, abs=1e-3), "the angle of the kinematic car on this circle"
+    assert steered[0.5] == pytest.approx(1.0 + 0.5 * CORRECTION, abs=1e-3), "after ten time constants"
+
+
+def test_a_car_on_rigid_tyres_is_not_steered_from_side_to_side():
+    """The kinematic car goes round the corner with one movement of the wheel there and one back."""
+    _, _, (_, _, _, steering, _) = follow("entry_corner", "manoeuvre.speed=2")
+    there_and_back = 2.0 * np.max(steering)
+    assert np.sum(np.abs(np.diff(steering))) < 1.2 * there_and_back
 
 
 def test_a_speed_out_of_reach_is_refused_for_every_kind():

@@ -17,7 +17,8 @@ POSE = ("position_x_truth_m", "position_y_truth_m", "yaw_truth_rad")
 
 @pytest.mark.parametrize("name", ["entry_lane_change", "entry_corner"])
 def test_full_car_without_tail_keeps_the_path_at_2_m_per_s(name: str) -> None:
-    """With tyres that slip; a bicycle with the same tyres keeps it by 10 and 22 mm, this car by 8 and 22 mm."""
+    """With tyres that slip. Measured: by 10 mm in the lane change, which leaves the car 27 mm to either side, and by 26
+    in the corner."""
     scenario = load_scenario(name, SLIPPING)
     run = simulate(scenario, record="outcome")
     assert outcome_of(run).result == "survived"
@@ -30,16 +31,19 @@ def test_full_car_without_tail_keeps_the_path_at_2_m_per_s(name: str) -> None:
 
 
 @pytest.mark.parametrize("record", ["all", "outcome"])
-def test_a_rolling_start_has_its_speed_at_time_0_and_no_jolt(record: str) -> None:
-    """Both kinds of run begin so. The car stands on its springs as at rest and its wheels do not slip, so that forward
-    acceleration stays below a hundredth of 1 m/s2; at rest with this throttle the governor would give 5 m/s2."""
-    scenario = load_scenario("entry_turn", ["tail.mode=held", "manoeuvre.duration=0.25"])
+@pytest.mark.parametrize(("mode", "jolt"), [("none", 1e-4), ("held", 0.2)])
+def test_a_rolling_start_has_its_speed_at_time_0_and_no_jolt(record: str, mode: str, jolt: float) -> None:
+    """Springs stand as at rest and no wheel slips, so that a car without tail is in equilibrium (measured: 3e-6 m/s2).
+
+    The tail's motors take up its weight in the first steps, as in a run from rest (measured: 0.11 m/s2). A start at
+    rest with this throttle would accelerate by several m/s2.
+    """
+    scenario = load_scenario("entry_turn", [f"tail.mode={mode}", "manoeuvre.duration=0.25"])
     run = simulate(scenario, record=record)
     speed = run.signal("velocity_x_truth_m_per_s")
     assert speed[0] == scenario.manoeuvre.speed
-    rows = run.time < 0.25
-    assert np.max(np.abs(speed[rows] - speed[0])) < 0.01 * speed[0]
-    assert np.max(np.abs(run.signal("acceleration_x_truth_m_per_s2")[rows])) < 0.3
+    assert np.max(np.abs(speed - speed[0])) < 0.01 * speed[0]
+    assert np.max(np.abs(run.signal("acceleration_x_truth_m_per_s2"))) < jolt
 
 
 def test_the_tail_waits_where_it_does_before_a_turn_from_rest() -> None:
