@@ -169,7 +169,7 @@ class TurnDriver(LeafSystem):
         super().__init__()
         check_range("controller.rate", rate, 0.0, math.inf, "Hz", above_low=True)
         self.set_name("driver")
-        self._law: DriverLaw = ScheduledDriver(driver) if hasattr(driver, "at") else driver
+        self._law: DriverLaw = ScheduledDriver(driver) if isinstance(driver, Schedule) else driver
         self._rate = rate
         sizes = {"imu": IMU.size, "pose": POSE.size}
         self._sources = {name: self.DeclareVectorInputPort(name, sizes[name]) for name in self._law.sources}
@@ -202,8 +202,8 @@ class TurnDriver(LeafSystem):
         builder.AddSystem(system)
         for port in ("steering_angle", "throttle"):
             builder.Connect(system.GetOutputPort(port), station.GetInputPort(port))
-        for name, port in system._sources.items():
-            builder.Connect(_pose(builder, station) if name == "pose" else station.GetOutputPort(name), port)
+        for name, source in system._sources.items():
+            builder.Connect(_pose(builder, station) if name == "pose" else station.GetOutputPort(name), source)
         return system
 
     def seen(self, context: Context) -> Seen:

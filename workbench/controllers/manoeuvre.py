@@ -6,7 +6,7 @@ Steering angles in rad, positive to the left; throttle -1 to 1; planned turn +1 
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from aerodima.workbench.config.checked_files import NO_UNIT, check_range
 from aerodima.workbench.errors import UserError
@@ -23,6 +23,7 @@ class DriverInput(NamedTuple):
     planned_turn: float
 
 
+@runtime_checkable
 class Schedule(Protocol):
     """A manoeuvre: driver inputs as a function of time."""
 
