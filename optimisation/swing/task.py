@@ -172,6 +172,8 @@ class Task(StrictModel):
             raise SweepError(f"task: {error}") from None
         if turn.kind != "turn":
             raise SweepError(f"{self.scenario}: manoeuvre.kind {turn.kind}; allowed: turn")
+        if turn.turns != 1:
+            raise SweepError(f"{self.scenario}: manoeuvre.turns {turn.turns}; allowed: 1")
 
     @cached_property
     def search(self) -> SteeringSearch:

@@ -81,7 +81,7 @@ class FishhookDriver:
     goes straight. While the roll rate is not known it waits.
 
     Args:
-        ramp: reaches the speed before `start`.
+        ramp: reaches the speed before `start_time`.
         side: of the first steering, +1 left, -1 right.
         steer_angle: to either side, rad.
         start_time: of the first steering, s.
@@ -121,6 +121,9 @@ CORRECTION, LAG = 1.2, 0.1
 """Share of the curvature that the car lacks by which the driver of a path steers more, and the time constant with which
 that is noticed, s. Without the lag the steering of a car on rigid tyres, which does at once what its wheels do, swings
 from side to side; without the share a car whose tyres slip leaves both paths at 2 m/s."""
+
+SLOW = 0.5
+"""m/s; of a slower car yaw rate over speed is noise of the gyro."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +167,7 @@ class PathDriver:
         known, (missing, before) = math.isfinite(x), memory[:2].tolist()
         wanted, station = 0.0, -math.inf
         if known:
-            bent = seen.yaw_rate / seen.speed if seen.speed > 0.0 and math.isfinite(seen.yaw_rate) else 0.0
+            bent = seen.yaw_rate / seen.speed if seen.speed > SLOW and math.isfinite(seen.yaw_rate) else 0.0
             curvature = self.wanted_curvature(seen, bent)
             missing += (curvature - bent - missing) / (1.0 + LAG * self.rate)
             wanted = math.atan(self.wheelbase * (curvature + CORRECTION * missing))

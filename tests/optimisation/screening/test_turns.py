@@ -82,6 +82,9 @@ def test_what_it_does_not_know_is_refused() -> None:
         Vehicles.of([load_scenario("turn_swing_free_sail")])
     with pytest.raises(UserError, match="direction left"):
         Vehicles.of([load_scenario("turn_none", ("manoeuvre.direction=right",))])
+    for name in ("entry_turn", "entry_twice"):
+        with pytest.raises(UserError, match="rolling_start false, turns 1"):
+            Vehicles.of([load_scenario(name)])
     with pytest.raises(UserError, match="turn_start, s: 2 and 3"):
         TurnPlans.of([load_scenario("turn_none", (f"manoeuvre.turn_start={start}",)) for start in (2.0, 3.0)])
     with pytest.raises(UserError, match="swing_file: thesis_8_rad_per_s; the screening model knows: none"):

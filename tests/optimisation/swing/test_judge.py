@@ -350,6 +350,7 @@ def test_no_car_is_in_two_parts_of_the_split() -> None:
         (lambda: LawSearch(laws=2), "2 laws for each number: allowed: at least 3"),
         (lambda: LawSearch(finalists=0), "0 finalists: allowed: at least 1"),
         (lambda: Task(scenario="slalom"), "slalom: manoeuvre.kind slalom; allowed: turn"),
+        (lambda: Task(scenario="entry_twice"), "entry_twice: manoeuvre.turns 2; allowed: 1"),
         (lambda: Task(steering=(2.0, 40.0)), "manoeuvre.steer_angle"),
         (lambda: load_task("short_turns"), "task 'short_turns': models/tasks has none of this name"),
         (lambda: load_task("short_turn", ["pulse=5"]), "pulse: 5"),
