@@ -326,7 +326,7 @@ def climb(
 
 
 def _drive(climbs: Sequence[_Climb], runs: Runs, stage: str) -> None:
-    """Drives climbs to their end, then their proofs: one run of each at a time, so that many climbs fill the workers."""
+    """Drives climbs to their end, then their proofs: one run of each at a time; many climbs keep all workers busy."""
 
     def rounds(following: Callable[[_Climb], float | None], step: float, kept: Literal["coarse", "fine"]) -> None:
         while wanted := [(one, speed) for one in climbs if (speed := following(one)) is not None]:
