@@ -14,7 +14,7 @@ LAYERS = {
         *("config", "systems", "aero", "sensors", "plants", "actuators", "controllers", "logs", "metrics", "stations"),
         *("batch", "simulate", "figures", "replay", "report", "cli"),
     ),
-    "optimisation": ("identify", "sweep", "screening", "calibration", "swing", "commands"),
+    "optimisation": ("identify", "sweep", "screening", "calibration", "swing", "entry", "commands"),
     "hardware": (
         *("protocol", "transport", "devices", "car", "firmware", "drive", "emulator", "console"),
         *("examples", "commands"),

@@ -125,6 +125,7 @@ def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -
         row = {"run": task.name, "outcome": "measured", "kind": run.kind, **facts, **truth}
         return row | {"error": "", **_provenance(task, scenario)}
     from aerodima.workbench.metrics.run_summary import summarise
+    from aerodima.workbench.metrics.tip_up import tip_up
     from aerodima.workbench.metrics.turn_course import turn_course
     from aerodima.workbench.stations.outcome_record import STOPPED
 
@@ -133,6 +134,7 @@ def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -
         "run": task.name,
         **summary.as_row(),
         **turn_course(run).as_row(),
+        **tip_up(run).as_row(),
         "stopped_at_flip_s": run.extra.get(STOPPED),
     }
     if task.signals == "all":

@@ -33,6 +33,7 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, TIME, WHEELS
 from aerodima.workbench.controllers.manoeuvre import run_time
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
+from aerodima.workbench.metrics.tip_up import LIFT_COLUMNS
 from aerodima.workbench.metrics.turn_signals import CALM_FOR, CALM_SPIN, settled_row
 from aerodima.workbench.plants.car import GROUND_STIFFNESS, CarPlant
 from aerodima.workbench.sensors.car_sensors import ChassisMotion, felt_at, in_body
@@ -91,7 +92,7 @@ class _Shape:
 
 
 class GroundLoads:
-    """Vertical forces of the level ground on a car.
+    """Vertical forces of the level ground on a car, and how high its tyres are above it.
 
     Args:
         car: with its ground.
@@ -129,6 +130,21 @@ class GroundLoads:
             force = shape.stiffness * np.maximum(x + step * rate, 0.0) * np.maximum(1.0 + shape.dissipation * rate, 0.0)
             total[slots.index(shape.slot)] += np.where(x > 0.0, force, 0.0)
         return total
+
+    def lifts(self, positions: FloatArray) -> FloatArray:
+        """Heights (4, n) of the lowest point of each tyre above the ground, m; not above 0 where it presses into it.
+
+        Args:
+            positions: of the plant (nq, n).
+        """
+        known: dict[BodyIndex, _Height] = {}
+        lowest = np.full((len(WHEELS), positions.shape[1]), math.inf)
+        for shape in self._shapes:
+            if shape.slot in WHEELS:
+                depth, _ = shape.contact(*self._height(shape.body, positions, known))
+                wheel = WHEELS.index(shape.slot)
+                lowest[wheel] = np.minimum(lowest[wheel], -depth)
+        return lowest
 
     def _height(self, body: BodyIndex, positions: FloatArray, known: dict[BodyIndex, _Height]) -> _Height:
         if body not in known:
@@ -304,7 +320,10 @@ class OutcomeRecord:
         state, time = self._states(context), self._times(context)
         over = self._over(state, time, stop_after)
         rows = slice(0, int(np.argmax(over)) + 1 if over.any() else time.size)
-        table = pd.DataFrame(self._motion(context, state, rows) | self._contacts(state, self._steps(time[rows])))
+        steps = self._steps(time[rows])
+        lifts = self._loads.lifts(state[: self._plant.num_positions(), steps])
+        columns = self._motion(context, state, rows) | self._contacts(state, steps)
+        table = pd.DataFrame(columns | dict(zip(LIFT_COLUMNS, lifts, strict=True)))
         end = float(table[TIME].iloc[-1])
         if over.any():
             return table, {STOPPED: end}

@@ -1,10 +1,11 @@
-"""Forces of the ground that follow from the motion are those that Drake's solver found."""
+"""Forces of the ground that follow from the motion are those that Drake's solver found; lifts are those of a pose."""
 
 import numpy as np
 import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
+from aerodima.workbench.metrics.tip_up import LIFT_COLUMNS, TWO_WHEELS, side_lift
 from aerodima.workbench.metrics.turn_metrics import LOADED_FORCE
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.simulate.simulation import simulate
@@ -54,3 +55,40 @@ def test_heights_are_those_of_the_plant_wherever_it_stands(sail):
             X_WB = plant.EvalBodyPoseInWorld(context, plant.get_body(body))
             np.testing.assert_allclose(height[column], X_WB.translation()[2], rtol=0.0, atol=1e-12)
             np.testing.assert_allclose(up[:, column], X_WB.rotation().matrix()[2], rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", ["cylinder", "ellipsoid"])
+@pytest.mark.parametrize(("angle", "inner"), [(0.1, "left"), (-0.4, "right")])
+def test_a_car_that_leans_on_its_outer_wheels_lifts_the_inner_ones(shape, angle, inner):
+    scenario = load_scenario("turn_none", [f"car.tyre_shape={shape}"])
+    car = simulated_car(assemble(scenario).station)
+    plant, loads, width = car.plant, GroundLoads(car), scenario.car.tyre_width
+    level = plant.GetPositions(plant.CreateDefaultContext())[:, None]
+    # It rolls about a line on the ground below the outer edges of its tyres; an ellipsoid has no edge.
+    outwards = -np.sign(angle) * (0.5 * scenario.car.track + (0.5 * width if shape == "cylinder" else 0.0))
+    start = plant.GetBodyByName("chassis").floating_positions_start()
+    rolled = level.copy()
+    rolled[start : start + 4, 0] = np.cos(0.5 * angle), np.sin(0.5 * angle), 0.0, 0.0
+    rolled[start + 5 : start + 7, 0] += outwards * (1.0 - np.cos(angle)), -outwards * np.sin(angle)
+    risen = dict(zip(WHEELS, (loads.lifts(rolled) - loads.lifts(level))[:, 0], strict=True))
+    for axle in ("front", "rear"):
+        outer = "right" if inner == "left" else "left"
+        difference = risen[f"{axle}_{inner}"] - risen[f"{axle}_{outer}"]
+        assert difference == pytest.approx(scenario.car.track * abs(np.sin(angle)), abs=1e-3)
+        if shape == "cylinder":
+            assert risen[f"{axle}_{outer}"] == pytest.approx(0.0, abs=2e-3), "half the rounding of an edge"
+
+
+def test_wheels_without_load_are_those_in_the_air():
+    """A load is that of the step before its row: of a wheel that was pressed when the step began."""
+    short = ["manoeuvre.speed_ramp=0.8", "manoeuvre.turn_start=1.0", "manoeuvre.duration=2.1", "manoeuvre.speed=3.4"]
+    log = simulate(load_scenario("turn_none", short), record="outcome")
+    lifts = np.column_stack([log.signal(name) for name in LIFT_COLUMNS])
+    loads = np.column_stack([log.signal(f"wheel_force_{wheel}_z_truth_n") for wheel in WHEELS])
+    in_air, without_load = lifts > 0.0, loads == 0.0
+    assert in_air.any(axis=0).sum() >= 2
+    assert side_lift(lifts) > TWO_WHEELS
+    assert without_load[1:][in_air[:-1]].all()
+    leaving = without_load[1:] & ~in_air[:-1]
+    assert leaving.any()
+    assert (lifts[1:][leaving] > -1e-5).all(), "they leave the ground within the step"

@@ -1,0 +1,344 @@
+"""Entry speed: the highest speed at which a car, on a floor and with a tail, completes a manoeuvre.
+
+A manoeuvre is completed where no two wheels of one side are more than `TWO_WHEELS` above the ground at a time, nothing
+but wheels touches it from the start of the steering on, and the car survives. On a path, the path is kept to its end.
+Elsewhere speed times mean yaw rate into the steered windows is at least `LEAST_SHARE` of what the candidate without
+tail reaches at its own entry speed there, so that a tail gains nothing by keeping the car from turning.
+
+A climb begins at a low speed and goes up in steps to the first failure, goes down first if the start itself fails, and
+halves its last step. The lateral acceleration that speed times yaw rate stands for grows with the speed, so that every
+climb begins with too little of it. A lack of yaw is therefore a failure only above a speed at which the manoeuvre was
+completed; below that the climb passes it, as neither completed nor failed.
+
+Climbs are driven at the ordinary step of the plant; the speed that is found is proved at the fine one, and lowered
+until it is borne out. What is run depends on neither the engine nor the other climbs, but for the reference.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal, NamedTuple
+
+import pandas as pd
+
+from aerodima.optimisation.sweep.rollover_threshold import SPEED, rounded
+from aerodima.optimisation.sweep.runs import Runs, RunTask, make_frame
+from aerodima.optimisation.swing.candidate import NO_TAIL, Candidate, refuse_twice
+from aerodima.optimisation.swing.task import FINE_STEP, step_settings
+from aerodima.workbench.actuators.chassis_actuators import steady_speed
+from aerodima.workbench.config.ensemble import Member
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import SweepError
+from aerodima.workbench.metrics.tip_up import TWO_WHEELS
+
+LEAST_SHARE = 0.9
+"""Of the figure of the car without tail that a candidate must reach."""
+STEP = 0.002
+"""Step of the plant in a climb, s."""
+MOST_BACK = 8
+"""How often a speed is lowered at most when the fine step does not bear it out."""
+OFF_PATH, PATH_END = "off_path_m", "path_end_reached"
+"""Columns of a run on a path: how far it leaves its lane, m, not above 0 where it keeps to it; whether it gets to the
+end."""
+ERROR = "error: "
+"""Begins what failed in a run that came to nothing."""
+NO_REFERENCE = "no reference"
+"""Ends a climb that has nothing to be compared with: the car without tail has no entry speed there."""
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """What is driven.
+
+    Attributes:
+        name: in tables.
+        scenario: name or path.
+        settings: overrides of it.
+        rule: what the manoeuvre asks beside staying upright: enough yaw, or a path that is kept.
+    """
+
+    name: str
+    scenario: str
+    settings: tuple[str, ...] = ()
+    rule: Literal["yaw", "path"] = "yaw"
+
+
+@dataclass(frozen=True)
+class EntryFloor:
+    """A floor: its name in tables, and the settings that make it; none of them leaves the friction to the car."""
+
+    name: str
+    settings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class EntrySearch:
+    """How an entry speed is searched for; all in m/s, and all but `fine` multiples of `fine`.
+
+    Attributes:
+        start: first speed of a climb.
+        step: between two speeds on the way.
+        fine: to which the entry speed is found.
+        ceiling: highest speed that is tried.
+        lowest: that is tried.
+
+    Raises:
+        SweepError: a speed that is no multiple, or speeds out of order.
+    """
+
+    start: float = 2.0
+    step: float = 0.1
+    fine: float = 0.05
+    ceiling: float = 8.0
+    lowest: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.fine <= self.step or not 0.0 < self.lowest <= self.start <= self.ceiling:
+            raise SweepError(f"{self}: allowed: 0 < fine <= step, 0 < lowest <= start <= ceiling")
+        for name in ("start", "step", "ceiling", "lowest"):
+            value = getattr(self, name)
+            if not math.isclose(value, rounded(self.fine * round(value / self.fine)), rel_tol=1e-9):
+                raise SweepError(f"entry speed: {name} {value:g}; allowed: multiples of fine, {self.fine:g}")
+
+    def following(self, found: Mapping[float, str]) -> float | None:
+        """Next speed of a climb, m/s; None at its end.
+
+        Args:
+            found: speed, m/s -> what failed there (`failed_rule`), empty where the manoeuvre was completed.
+        """
+        passed, lost = self.bracket(found)
+        if not found:
+            speed = self.start
+        elif lost is None:
+            speed = min(max(found) + self.step, self.ceiling)
+        elif passed is None:
+            speed = max(lost - self.step, self.lowest)
+        else:
+            speed = passed + self.fine * (round((lost - passed) / self.fine) // 2)
+        return None if rounded(speed) in found else rounded(speed)
+
+    def bracket(self, found: Mapping[float, str]) -> tuple[float | None, float | None]:
+        """Last speed before the first failure, and that of the failure, m/s; a lack of yaw fails above a completion."""
+        passed = None
+        completed = False
+        for speed in sorted(found):
+            if found[speed] and (completed or found[speed] != "yaw"):
+                return passed, speed
+            passed, completed = speed, completed or not found[speed]
+        return passed, None
+
+    def entry(self, found: Mapping[float, str]) -> float | None:
+        """Entry speed of a climb that has ended, m/s; None where the manoeuvre was completed at no speed."""
+        passed, _ = self.bracket(found)
+        return passed if passed is not None and not found[passed] else None
+
+    def ended_by(self, found: Mapping[float, str]) -> str:
+        """What ended a climb; `yaw` where there was never enough of it, empty where the climb came to the ceiling."""
+        passed, lost = self.bracket(found)
+        failed = "" if lost is None else found[lost]
+        never_enough = passed is not None and found[passed] and not failed.startswith(ERROR)
+        return "yaw" if never_enough else failed
+
+    def proving(self, entry: float | None, found: Mapping[float, str]) -> float | None:
+        """Next speed that is tried at the fine step, m/s; None at the end.
+
+        Args:
+            entry: that the climb found, m/s, if any.
+            found: what failed at the fine step, as in `following`.
+        """
+        if entry is None or len(found) > MOST_BACK or "" in found.values():
+            return None
+        speed = rounded(entry - self.fine * len(found))
+        return speed if speed >= self.lowest else None
+
+
+def failed_rule(row: Mapping[str, Any], rule: Literal["yaw", "path"], figure: float, least: float) -> str:
+    """First of the rules that a run breaks: `two wheels`, `ground`, `flipped`, `path`, `yaw`, `error: ...`, or empty.
+
+    Args:
+        row: of the run.
+        rule: of its manoeuvre.
+        figure: speed times mean yaw rate of the run, m/s2; NaN where it has none.
+        least: that is enough, m/s2; -inf for the candidate without tail.
+    """
+    if row["outcome"] is None:
+        return f"{ERROR}{row['error']}"
+    lacking = [name for name in ("side_lift_m", "touched_when_steered") if row.get(name) is None]
+    if rule == "path":
+        lacking += [name for name in (OFF_PATH, PATH_END) if name not in row]
+    if lacking:
+        return f"{ERROR}the row has no {', '.join(lacking)}"
+    broken = {
+        "two wheels": row["side_lift_m"] > TWO_WHEELS,
+        "ground": row["touched_when_steered"],
+        "flipped": row["outcome"] != "survived",
+    }
+    if rule == "path":
+        off = row[OFF_PATH]
+        broken["path"] = off is None or not off <= 0.0 or not row[PATH_END]
+    else:
+        broken["yaw"] = not figure >= least
+    return next((name for name, is_broken in broken.items() if is_broken), "")
+
+
+class _Run(NamedTuple):
+    """What failed in a run, and its speed times mean yaw rate, m/s2, NaN where it has none."""
+
+    failed: str
+    figure: float
+
+
+@dataclass
+class _Climb:
+    """One climb: who drives what and where, and its runs by speed, m/s, at the ordinary and at the fine step."""
+
+    manoeuvre: Manoeuvre
+    who: Candidate
+    car: Member
+    floor: EntryFloor
+    search: EntrySearch
+    least: float = -math.inf
+    coarse: dict[float, _Run] = field(default_factory=dict)
+    fine: dict[float, _Run] = field(default_factory=dict)
+
+    @cached_property
+    def without_tail(self) -> tuple[str, ...]:
+        """Settings of car, manoeuvre and floor."""
+        return (*self.car.settings_on(self.manoeuvre.scenario), *self.manoeuvre.settings, *self.floor.settings)
+
+    @cached_property
+    def ballast(self) -> tuple[str, ...]:
+        """Settings that the candidate has for this car."""
+        if self.who.ballast is None:
+            return ()
+        return self.who.ballast(load_scenario(self.manoeuvre.scenario, self.without_tail))
+
+    def below_top_speed(self) -> _Climb:
+        """The same, its ceiling no higher than the drive gets."""
+        drive, fine = load_scenario(self.manoeuvre.scenario, self.without_tail).drive, self.search.fine
+        top = rounded(fine * math.floor(steady_speed(1.0, drive) / fine + 1e-9))
+        return replace(self, search=replace(self.search, ceiling=min(self.search.ceiling, top)))
+
+    def task(self, speed: float, step: float) -> RunTask:
+        """A run at a speed, m/s, with a step of the plant, s."""
+        tail = (*self.who.at(speed), *self.ballast)
+        settings = (*self.without_tail, *step_settings(step), *tail, f"{SPEED}={speed!r}")
+        name = f"{self.manoeuvre.name} {self.who.name} {self.car.name} {self.floor.name} {speed:g}"
+        return RunTask(name, self.manoeuvre.scenario, settings)
+
+    def run_of(self, speed: float, row: Mapping[str, Any]) -> _Run:
+        """What the row of a run at a speed, m/s, comes to."""
+        yaw_rate = row.get("steered_yaw_rate_rad_per_s")
+        figure = math.nan if yaw_rate is None else speed * float(yaw_rate)
+        return _Run(failed_rule(row, self.manoeuvre.rule, figure, self.least), figure)
+
+    def climbing(self) -> float | None:
+        """Next speed at the ordinary step, m/s."""
+        return None if math.isnan(self.least) else self.search.following(_failures(self.coarse))
+
+    def proving(self) -> float | None:
+        """Next speed at the fine step, m/s."""
+        return self.search.proving(self.found, _failures(self.fine))
+
+    @property
+    def found(self) -> float | None:
+        """Entry speed at the ordinary step, m/s."""
+        return self.search.entry(_failures(self.coarse))
+
+    @property
+    def proved(self) -> float | None:
+        """Entry speed that the fine step bears out, m/s."""
+        return next((speed for speed, run in self.fine.items() if not run.failed), None)
+
+    @property
+    def figure(self) -> float:
+        """Speed times mean yaw rate at the entry speed, m/s2; NaN without one."""
+        return math.nan if self.proved is None else self.fine[self.proved].figure
+
+    def as_row(self) -> dict[str, Any]:
+        """The row of the table, see `climb`."""
+        failures = [run.failed for run in self.fine.values() if run.failed]
+        ended_by = failures[-1] if failures else self.search.ended_by(_failures(self.coarse))
+        return {
+            "manoeuvre": self.manoeuvre.name,
+            "candidate": self.who.name,
+            "car": self.car.name,
+            "floor": self.floor.name,
+            "entry_speed_m_per_s": math.nan if self.proved is None else self.proved,
+            "at_ceiling": self.proved == self.search.ceiling,
+            "ended_by": NO_REFERENCE if math.isnan(self.least) else ended_by,
+            "figure_m_per_s2": self.figure,
+            "proved": self.proved is not None,
+            "found_m_per_s": math.nan if self.found is None else self.found,
+            "runs": len(self.coarse) + len(self.fine),
+        }
+
+
+def climb(
+    manoeuvres: Sequence[Manoeuvre],
+    candidates: Sequence[Candidate],
+    cases: Sequence[tuple[Member, EntryFloor]],
+    runs: Runs,
+    search: EntrySearch | None = None,
+) -> pd.DataFrame:
+    """Entry speeds of every candidate in every manoeuvre, car and floor; the car without tail is always among them.
+
+    It climbs first, since its figure at its proved entry speed is what the others are held to; they climb together.
+
+    Args:
+        manoeuvres: what is driven.
+        candidates: tails.
+        cases: cars with their floors.
+        runs: where they are made; each run is made once.
+        search: of all of them, by default `EntrySearch()`.
+
+    Returns:
+        A row per climb: manoeuvre, candidate, car, floor; `entry_speed_m_per_s` as the fine step bears it out, NaN
+        without; `at_ceiling`; `ended_by`, what failed first (`failed_rule`), or, where the fine step lowered the speed,
+        what failed last there; `figure_m_per_s2`, speed times mean yaw rate at the entry speed; `proved`;
+        `found_m_per_s` at the ordinary step; number of `runs`. A run that comes to nothing fails and is named.
+
+    Raises:
+        UserError: a name twice, or a car that a scenario does not load.
+    """
+    refuse_twice([one.name for one in manoeuvres], "manoeuvre")
+    refuse_twice([one.name for one in candidates], "candidate")
+    refuse_twice([f"{car.name} on {floor.name}" for car, floor in cases], "case")
+    search = search or EntrySearch()
+    places = [(manoeuvre, car, floor) for manoeuvre in manoeuvres for car, floor in cases]
+    references = [_Climb(what, NO_TAIL, car, floor, search).below_top_speed() for what, car, floor in places]
+    _drive(references, runs, NO_TAIL.name)
+    climbs, others = [], []
+    for reference in references:
+        share = LEAST_SHARE * reference.figure if reference.manoeuvre.rule == "yaw" else -math.inf
+        own = [
+            replace(reference, who=who, least=share, coarse={}, fine={})
+            for who in candidates
+            if who.name != NO_TAIL.name
+        ]
+        climbs += [reference, *own]
+        others += own
+    _drive(others, runs, "tails")
+    return make_frame([one.as_row() for one in climbs])
+
+
+def _drive(climbs: Sequence[_Climb], runs: Runs, stage: str) -> None:
+    """Drives climbs to their end, then their proofs: one run of each at a time; many climbs keep all workers busy."""
+
+    def rounds(following: Callable[[_Climb], float | None], step: float, kept: Literal["coarse", "fine"]) -> None:
+        while wanted := [(one, speed) for one in climbs if (speed := following(one)) is not None]:
+            rows = runs.rows([one.task(speed, step) for one, speed in wanted])
+            for (one, speed), row in zip(wanted, rows, strict=True):
+                getattr(one, kept)[speed] = one.run_of(speed, row)
+
+    runs.stage = stage
+    rounds(_Climb.climbing, STEP, "coarse")
+    runs.stage = f"{stage}, fine step"
+    rounds(_Climb.proving, FINE_STEP, "fine")
+
+
+def _failures(found: Mapping[float, _Run]) -> dict[float, str]:
+    return {speed: run.failed for speed, run in found.items()}

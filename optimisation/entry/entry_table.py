@@ -1,0 +1,117 @@
+"""What entry speeds of many cars come to: medians, gains over other candidates, and how sure they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from aerodima.optimisation.entry.entry_speed import ERROR, NO_REFERENCE
+from aerodima.optimisation.sweep.runs import make_frame
+from aerodima.optimisation.swing.candidate import HELD, LOW_BALLAST, NO_TAIL, THESIS
+from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.text_table import text_table
+
+SPEED = "entry_speed_m_per_s"
+CASE = ["manoeuvre", "car", "floor"]
+"""Columns that name a case; every candidate has one row in each."""
+REFERENCES: Mapping[str, tuple[str, ...]] = {
+    "no_tail": (NO_TAIL.name,),
+    "low_mass": (LOW_BALLAST.name,),
+    "better_tail": (HELD.name, THESIS.name),
+}
+"""What gains are over, each time the fastest of these candidates in the same case."""
+RESAMPLES = 4000
+"""Draws of cars in a bootstrap."""
+_HEADER = (
+    *("candidate", "m/s", "none", "ceiling", "over no tail", "95 % of cars drawn again", "worst car", "over low mass"),
+    "over held or published",
+)
+
+
+def entry_gains(table: pd.DataFrame, over: tuple[str, ...]) -> pd.Series:
+    """Gain in entry speed of each row over the fastest of other candidates in the same case; index as the table's.
+
+    A candidate that completes the manoeuvre at no speed has the gain -1. NaN where the others have no entry speed, or
+    where a run came to nothing or there was no reference, so that the entry speed is not known.
+
+    Args:
+        table: of `climb`.
+        over: names of the other candidates; those that the table lacks are left out.
+    """
+    other = table[table["candidate"].isin(over)].groupby(CASE)[SPEED].max().rename("other")
+    unknown = table["ended_by"].astype(str).str.startswith((ERROR, NO_REFERENCE)) & table[SPEED].isna()
+    ratio = table[SPEED].fillna(0.0).mask(unknown) / table.join(other, on=CASE)["other"]
+    return (ratio - 1.0).rename("gain")
+
+
+def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
+    """A row per manoeuvre and candidate, in the order of the table.
+
+    A car's gain is its median over the floors. For each reference of `REFERENCES`: `gain_over_...`, the median over the
+    cars; `worst_over_...`, that of the worst car; `low_over_...` and `high_over_...`, the ends of the 95 % interval of
+    the median, from a bootstrap over the cars; `cars_over_...`, how many cars have a gain. NaN where none has.
+
+    Args:
+        table: of `climb`.
+        seed: of the bootstrap.
+    """
+    gains = {label: entry_gains(table, over) for label, over in REFERENCES.items()}
+    rows = []
+    for (manoeuvre, who), own in table.groupby(["manoeuvre", "candidate"], sort=False):
+        row: dict[str, Any] = {"manoeuvre": manoeuvre, "candidate": who, "number": len(own)}
+        row |= {"without_entry": int(own[SPEED].isna().sum()), "at_ceiling": int(own["at_ceiling"].sum())}
+        row["errors"] = int(own["ended_by"].astype(str).str.startswith(ERROR).sum())
+        row["median_m_per_s"] = float(own[SPEED].median())
+        for label, gain in gains.items():
+            cars = gain[own.index].groupby(own["car"]).median().dropna().to_numpy(dtype=np.float64)
+            low, high = median_interval(cars, seed)
+            row |= {f"gain_over_{label}": float(np.median(cars)) if cars.size else math.nan}
+            row |= {f"worst_over_{label}": float(cars.min()) if cars.size else math.nan}
+            row |= {f"low_over_{label}": low, f"high_over_{label}": high, f"cars_over_{label}": int(cars.size)}
+        rows.append(row)
+    return make_frame(rows)
+
+
+def median_interval(cars: FloatArray, seed: int) -> tuple[float, float]:
+    """Ends of the 95 % interval of the median over cars, which are drawn again with replacement; NaN without a car.
+
+    Args:
+        cars: a value of each (n,).
+        seed: of the draws.
+    """
+    if not cars.size:
+        return math.nan, math.nan
+    drawn = np.random.default_rng(seed).integers(cars.size, size=(RESAMPLES, cars.size))
+    low, high = np.quantile(np.median(cars[drawn], axis=1), [0.025, 0.975])
+    return float(low), float(high)
+
+
+def entry_lines(summary: pd.DataFrame) -> list[str]:
+    """Lines of a table for the terminal: each manoeuvre is a heading, and every candidate has a line below it."""
+    rows: list[tuple[str, ...]] = []
+    for manoeuvre, own in summary.groupby("manoeuvre", sort=False):
+        rows.append((str(manoeuvre),))
+        for row in own.to_dict("records"):
+            between = f"{_percent(row['low_over_no_tail'])} to {_percent(row['high_over_no_tail'])}"
+            rows.append(
+                (
+                    str(row["candidate"]),
+                    "–" if math.isnan(row["median_m_per_s"]) else f"{row['median_m_per_s']:.2f}",
+                    f"{row['without_entry']:.0f} of {row['number']:.0f}",
+                    f"{row['at_ceiling']:.0f}",
+                    _percent(row["gain_over_no_tail"]),
+                    "–" if math.isnan(row["low_over_no_tail"]) else between,
+                    _percent(row["worst_over_no_tail"]),
+                    _percent(row["gain_over_low_mass"]),
+                    _percent(row["gain_over_better_tail"]),
+                )
+            )
+    return text_table(_HEADER, rows)
+
+
+def _percent(share: float) -> str:
+    return "–" if math.isnan(share) else f"{100.0 * share:+.1f} %"

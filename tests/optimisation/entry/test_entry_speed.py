@@ -1,0 +1,248 @@
+"""Climbs on made-up cars, whose failures are known; and one on a real car."""
+
+import math
+
+import pandas as pd
+import pytest
+
+from aerodima.optimisation.entry.entry_speed import (
+    MOST_BACK,
+    NO_REFERENCE,
+    EntryFloor,
+    EntrySearch,
+    Manoeuvre,
+    climb,
+    failed_rule,
+)
+from aerodima.optimisation.sweep.rollover_threshold import SPEED
+from aerodima.optimisation.sweep.runs import Runs
+from aerodima.optimisation.swing.candidate import HELD, LOW_BALLAST, NO_TAIL, Candidate
+from aerodima.workbench.batch.engine import Engine
+from aerodima.workbench.config.ensemble import Member
+from aerodima.workbench.errors import SweepError
+
+SEARCH = EntrySearch(start=2.0, ceiling=4.0)
+
+
+def climbed(fails, search=SEARCH):
+    """What failed at each speed of a climb, in the order in which they were run; none is run twice."""
+    found = {}
+    while (speed := search.following(found)) is not None:
+        assert speed not in found
+        found[speed] = fails(speed)
+    return found
+
+
+def above(limit, failure="two wheels"):
+    return lambda speed: failure if speed > limit else ""
+
+
+@pytest.mark.parametrize(("limit", "entry"), [(2.57, 2.55), (2.55, 2.55), (2.53, 2.5), (2.0, 2.0), (2.05, 2.05)])
+def test_entry_speed_is_the_highest_twentieth_below_the_limit(limit, entry):
+    found = climbed(above(limit))
+    assert SEARCH.entry(found) == entry
+    assert SEARCH.ended_by(found) == "two wheels"
+
+
+def test_a_climb_goes_up_in_tenths_and_halves_the_last():
+    assert list(climbed(above(2.27))) == [2.0, 2.1, 2.2, 2.3, 2.25]
+
+
+def test_the_first_failure_ends_a_climb_though_the_car_survives_beyond_it():
+    found = climbed(lambda speed: "ground" if 2.28 < speed < 2.35 else "")
+    assert max(found) == 2.3
+    assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (2.25, "ground")
+
+
+def test_a_climb_whose_start_fails_goes_down():
+    found = climbed(above(1.72, "flipped"))
+    assert list(found) == [2.0, 1.9, 1.8, 1.7, 1.75]
+    assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (1.7, "flipped")
+
+
+def test_a_car_that_fails_at_the_lowest_speed_has_no_entry_speed():
+    found = climbed(above(0.9, "ground"))
+    assert min(found) == 1.0
+    assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (None, "ground")
+
+
+def test_a_climb_that_nothing_ends_comes_to_the_ceiling():
+    search = EntrySearch(start=2.0, ceiling=2.25)
+    found = climbed(above(9.0), search)
+    assert list(found) == [2.0, 2.1, 2.2, 2.25]
+    assert (search.entry(found), search.ended_by(found)) == (2.25, "")
+
+
+def test_a_lack_of_yaw_is_passed_on_the_way_up_and_ends_a_climb_beyond():
+    found = climbed(lambda speed: "" if 2.35 < speed < 2.72 else "yaw")
+    assert (SEARCH.entry(found), SEARCH.ended_by(found), max(found)) == (2.7, "yaw", 2.8)
+    found = climbed(lambda speed: "two wheels" if speed > 2.42 else "" if speed > 2.35 else "yaw")
+    assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (2.4, "two wheels")
+
+
+@pytest.mark.parametrize("limit", [2.3, 9.0])
+def test_a_car_that_never_yaws_enough_has_no_entry_speed(limit):
+    found = climbed(lambda speed: "two wheels" if speed > limit else "yaw")
+    assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (None, "yaw")
+
+
+def test_speeds_off_the_grid_or_out_of_order_are_refused():
+    with pytest.raises(SweepError, match=r"start 2\.03.*multiples of fine, 0\.05"):
+        EntrySearch(start=2.03)
+    with pytest.raises(SweepError, match="lowest <= start <= ceiling"):
+        EntrySearch(start=2.0, ceiling=1.5)
+
+
+def test_a_proof_lowers_the_speed_until_it_is_borne_out_but_not_for_ever():
+    found = {}
+    while (speed := SEARCH.proving(2.0, found)) is not None:
+        found[speed] = "" if speed < 1.87 else "ground"
+    assert list(found) == [2.0, 1.95, 1.9, 1.85]
+    lost = {}
+    while (speed := SEARCH.proving(3.0, lost)) is not None:
+        lost[speed] = "ground"
+    assert len(lost) == MOST_BACK + 1
+    assert min(lost) == pytest.approx(3.0 - MOST_BACK * 0.05)
+    assert SEARCH.proving(1.0, {1.0: "ground"}) is None, "below the lowest speed"
+    assert SEARCH.proving(None, {}) is None
+
+
+CLEAN = {"outcome": "survived", "error": "", "side_lift_m": 0.004, "touched_when_steered": False}
+
+
+@pytest.mark.parametrize(
+    ("row", "failure"),
+    [
+        ({}, ""),
+        ({"side_lift_m": 0.006}, "two wheels"),
+        ({"side_lift_m": 0.006, "touched_when_steered": True, "outcome": "flipped"}, "two wheels"),
+        ({"touched_when_steered": True}, "ground"),
+        ({"outcome": "flipped"}, "flipped"),
+        ({"outcome": None, "error": "NaN"}, "error: NaN"),
+        ({"side_lift_m": None}, "error: the row has no side_lift_m"),
+    ],
+)
+@pytest.mark.parametrize("rule", ["yaw", "path"])
+def test_each_rule_has_its_name(row, failure, rule):
+    kept = {"off_path_m": -0.01, "path_end_reached": True}
+    assert failed_rule(CLEAN | kept | row, rule, 5.0, 4.5) == failure
+
+
+def test_yaw_counts_beside_paths_alone():
+    assert failed_rule(CLEAN, "yaw", 4.51, 4.5) == ""
+    assert failed_rule(CLEAN, "yaw", 4.49, 4.5) == "yaw"
+    assert failed_rule(CLEAN, "yaw", math.nan, 4.5) == "yaw"
+    assert failed_rule(CLEAN | {"off_path_m": 0.0, "path_end_reached": True}, "path", 0.0, 4.5) == ""
+
+
+@pytest.mark.parametrize(("off", "end"), [(0.01, True), (-0.01, False), (None, True), (math.nan, True)])
+def test_a_path_is_kept_to_its_end(off, end):
+    assert failed_rule(CLEAN | {"off_path_m": off, "path_end_reached": end}, "path", 0.0, 0.0) == "path"
+    assert "no off_path_m" in failed_rule(CLEAN, "path", 0.0, 0.0)
+
+
+LIMIT = {"none": 2.3, "held": 2.83, "swing": 2.62}
+"""Speed above which two wheels lift, m/s; 0.1 lower at the fine step with a held tail."""
+YAW = {"none": 1.0, "held": 1.0, "swing": 0.82}
+"""Yaw rate, rad/s."""
+SWING = Candidate("swings", ("tail.mode=swing", "controller.swing_file=none"))
+BROKEN = Candidate("broken", ("tail.mode=swing", "controller.swing_file=none", "controller.swing_speed=7.0"))
+TURN = Manoeuvre("turn", "turn_none")
+CASE = (Member("light", 1.0, {"car.mass": 6.5}), EntryFloor("own"))
+
+
+class MadeUp(Engine):
+    """Survival and yaw rate by tail and speed; the heavy car lifts its wheels at any speed."""
+
+    def __init__(self):
+        self.tasks = []
+
+    def map(self, work, tasks, done=None, lost=None):
+        rows = []
+        for index, task in enumerate(tasks):
+            self.tasks.append(task)
+            settings = dict(setting.partition("=")[::2] for setting in task.settings)
+            speed, mode = float(settings[SPEED]), settings["tail.mode"]
+            limit = 0.0 if settings["car.mass"] == "7.5" else LIMIT[mode]
+            limit -= 0.1 if (mode, settings["simulation.step"]) == ("held", "0.0005") else 0.0
+            row = CLEAN | {"side_lift_m": 0.02 if speed > limit else -0.001}
+            row |= {"steered_yaw_rate_rad_per_s": YAW[mode]}
+            if "controller.swing_speed" in settings and speed > 2.35:
+                row = {"outcome": None, "error": "it broke"}
+            rows.append(row)
+            if done is not None:
+                done(index, row)
+        return rows
+
+
+def entries(candidates, cases=(CASE,), manoeuvres=(TURN,)):
+    engine = MadeUp()
+    table = climb(manoeuvres, candidates, cases, Runs(engine), SEARCH)
+    names = [(task.scenario, task.settings) for task in engine.tasks]
+    assert len(names) == len(set(names)), "a run is made once"
+    return table.set_index("candidate"), engine
+
+
+def test_entry_speeds_are_those_that_the_fine_step_bears_out():
+    table, _ = entries([NO_TAIL, HELD])
+    assert list(table.index) == ["no tail", "held"]
+    assert table.loc["no tail", "entry_speed_m_per_s"] == 2.3
+    assert table.loc["no tail", "figure_m_per_s2"] == pytest.approx(2.3)
+    held = table.loc["held"]
+    assert (held["found_m_per_s"], held["entry_speed_m_per_s"]) == (2.8, 2.7)
+    assert (held["ended_by"], held["proved"], held["at_ceiling"]) == ("two wheels", True, False)
+    assert (held["car"], held["floor"], held["manoeuvre"]) == ("light", "own", "turn")
+
+
+def test_a_tail_that_yaws_less_needs_as_much_speed_more():
+    """0.82 of the yaw rate makes 0.9 of the figure of 2.3 m/s from 2.52 m/s on."""
+    table, engine = entries([SWING])
+    assert table.loc["swings", "entry_speed_m_per_s"] == 2.6
+    speeds = [float(task.settings[-1].partition("=")[2]) for task in engine.tasks if "swings" in task.name]
+    assert speeds[:8] == [2.0, 2.1, 2.2, 2.3, 2.4, 2.5, 2.6, 2.7]
+
+
+def test_a_tail_that_merely_keeps_the_car_from_turning_has_no_entry_speed(monkeypatch):
+    monkeypatch.setitem(YAW, "swing", 0.5)
+    row = entries([SWING])[0].loc["swings"]
+    assert math.isnan(row["entry_speed_m_per_s"])
+    assert (row["ended_by"], row["proved"]) == ("yaw", False)
+
+
+def test_a_run_that_comes_to_nothing_is_named_and_stops_no_other_climb():
+    table, _ = entries([BROKEN, HELD])
+    assert table.loc["held", "entry_speed_m_per_s"] == 2.7
+    assert table.loc["broken", "ended_by"] == "error: it broke"
+
+
+def test_without_an_entry_speed_of_the_car_without_tail_there_is_no_reference():
+    heavy = (Member("heavy", 1.0, {"car.mass": 7.5}), EntryFloor("own"))
+    table, engine = entries([HELD], [heavy, CASE])
+    assert list(table[table["car"] == "heavy"]["ended_by"]) == ["two wheels", NO_REFERENCE]
+    assert not [task for task in engine.tasks if "held heavy" in task.name]
+    assert table[table["car"] == "light"].loc["held", "entry_speed_m_per_s"] == 2.7
+
+
+def test_the_ceiling_is_no_higher_than_the_drive_gets():
+    slow = (CASE[0], EntryFloor("own", ("drive.throttle_gain=4.37",)))
+    row = entries([], [slow])[0].loc["no tail"]
+    assert (row["entry_speed_m_per_s"], row["at_ceiling"], row["ended_by"]) == (2.15, True, "")
+
+
+def test_ballast_is_that_of_the_car_and_comes_after_its_settings():
+    _, engine = entries([LOW_BALLAST])
+    task = next(task for task in engine.tasks if LOW_BALLAST.name in task.name)
+    masses = [setting for setting in task.settings if setting.startswith("car.mass=")]
+    assert masses[0] == "car.mass=6.5"
+    assert float(masses[-1].partition("=")[2]) > 6.5
+
+
+def test_a_slow_real_car_completes_its_turn_and_yaws_into_it():
+    short = ("speed_ramp=0.4", "turn_start=0.6", "turn_hold=0.1", "duration=0.9", "direction=right")
+    turn = Manoeuvre("turn", "turn_none", tuple(f"manoeuvre.{setting}" for setting in short))
+    search = EntrySearch(start=1.0, lowest=1.0, ceiling=1.0)
+    table = climb([turn], [], [(Member("own", 1.0, {}), EntryFloor("own"))], Runs(), search)
+    row = table.iloc[0]
+    assert isinstance(table, pd.DataFrame)
+    assert (row["entry_speed_m_per_s"], row["at_ceiling"], row["runs"]) == (1.0, True, 2)
+    assert 0.2 < row["figure_m_per_s2"] < 2.5, "v2 / R of 0.28 m wheelbase at 30 degrees, on the way to it, is 2"

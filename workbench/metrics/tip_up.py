@@ -1,0 +1,95 @@
+"""Whether a car tips up while it is steered: how high two wheels of one side are lifted, and what touches the ground.
+
+NHTSA calls two wheels of one side two inches (51 mm) above the ground a tip-up, on cars of full size. At the size of
+this car, a tenth, it is `TWO_WHEELS`. Everything is from the ground truth and counts from the start of the steering on.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from scipy.integrate import trapezoid
+
+from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.config.signal_table import SIDES, WHEELS
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, turn_signals
+
+LIFT_COLUMNS = tuple(f"wheel_lift_{wheel}_truth_m" for wheel in WHEELS)
+"""Height of the lowest point of each tyre over the level ground, m; not above 0 where it presses into the ground."""
+
+TWO_WHEELS = 0.005
+"""Two wheels of one side that are both higher than this have tipped up, m."""
+
+Windows = Sequence[tuple[float, float, float]]
+"""Start and end, s, and side, +1 left or -1 right, of each part of a run in which the car is steered to that side."""
+
+_TIME_MARGIN = 1e-6
+"""A sample this close to the edge of a window (s) belongs to it."""
+
+
+@dataclass(frozen=True)
+class TipUp:
+    """How near a steered car came to tipping up, and how it yawed.
+
+    Attributes:
+        side_lift_m: largest value over time of the smaller lift of the two wheels of one side, m; None where the log
+            lacks the lifts.
+        touched_when_steered: whether cage, board or tail touched the ground; None where the log cannot tell.
+        steered_yaw_rate_rad_per_s: see `steered_yaw_rate`; None where the log ends before the steering.
+    """
+
+    side_lift_m: float | None
+    touched_when_steered: bool | None
+    steered_yaw_rate_rad_per_s: float | None
+
+    def as_row(self) -> dict[str, float | bool | None]:
+        """One flat row for a table."""
+        return asdict(self)
+
+
+def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
+    """Measures a run; LogError as for `turn_signals`, or where there is no ground truth.
+
+    Args:
+        run_log: of the car.
+        windows: in which it is steered; None takes the window of its turn.
+    """
+    signals = turn_signals(run_log, "truth")
+    contact, steered = signals.ground_contact, signals.from_start
+    lifts = [run_log.signal(name)[steered] for name in LIFT_COLUMNS if name in run_log.table]
+    windows = [(*signals.window, signals.sign)] if windows is None else windows
+    return TipUp(
+        side_lift_m=side_lift(np.column_stack(lifts)) if len(lifts) == len(WHEELS) else None,
+        touched_when_steered=None if contact is None else bool(np.any(contact[steered] > LOADED_FORCE)),
+        steered_yaw_rate_rad_per_s=steered_yaw_rate(signals.time, signals.sign * signals.yaw_rate, windows),
+    )
+
+
+def side_lift(lifts: FloatArray) -> float:
+    """Largest value over time of the smaller lift of the two wheels of one side, m.
+
+    Args:
+        lifts: of the wheels, in the order of `WHEELS` (n, 4), m.
+    """
+    sides = [[index for index, wheel in enumerate(WHEELS) if wheel.endswith(side)] for side in SIDES]
+    return float(max(np.max(np.min(lifts[:, side], axis=1)) for side in sides))
+
+
+def steered_yaw_rate(time: FloatArray, yaw_rate: FloatArray, windows: Windows) -> float | None:
+    """Mean over all windows, and over time, of side times yaw rate, rad/s; None where no window has two samples.
+
+    A window that reaches beyond the samples counts as far as they go.
+
+    Args:
+        time: (n,), s.
+        yaw_rate: (n,), rad/s, positive to the left.
+        windows: in which the car is steered.
+    """
+    turned = length = 0.0
+    for start, end, side in windows:
+        inside = (time >= start - _TIME_MARGIN) & (time <= end + _TIME_MARGIN)
+        if np.count_nonzero(inside) > 1:
+            turned += side * float(trapezoid(yaw_rate[inside], time[inside]))
+            length += float(np.ptp(time[inside]))
+    return turned / length if length else None
