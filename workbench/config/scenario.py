@@ -18,6 +18,7 @@ from aerodima.workbench.config.car_parameters import (
     ControllerParameters,
     DriveParameters,
     EnvironmentParameters,
+    FeedbackParameters,
     FrictionParameters,
     GpsParameters,
     ImuParameters,
@@ -322,6 +323,7 @@ class Scenario(ScenarioFile):
     environment: EnvironmentParameters
     wind: WindParameters
     controller: ControllerParameters
+    feedback: FeedbackParameters
     manoeuvre: ManoeuvreParameters
     simulation: SimulationParameters
 
@@ -346,6 +348,7 @@ class Scenario(ScenarioFile):
             ),
             (ramped, "manoeuvre.speed_ramp", f"<= turn_start {turn.turn_start:g} s"),
             (tailless or hold <= roll, "controller.hold_angle", f"<= tail.roll_limit {roll:.9g} rad"),
+            (tailless or self.feedback.most_roll <= roll, "feedback.most_roll", f"<= tail.roll_limit {roll:.9g} rad"),
             (tail.roll_limit <= tail.roll_stop, "tail.roll_limit", f"<= tail.roll_stop {tail.roll_stop:.9g} rad"),
             (tailless or held_pitch <= pitch, "controller.pitch_angle", f"within tail.pitch_limit, +-{pitch:.9g} rad"),
             # Drake's 2 mu1 mu2 / (mu1 + mu2) stays below 2 mu1, and the ground carries the tyre friction.

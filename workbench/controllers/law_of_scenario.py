@@ -14,6 +14,7 @@ from typing import Any
 from aerodima.workbench.config.checked_files import find_file
 from aerodima.workbench.config.scenario import Scenario, load_scenario, scenario_from_dict
 from aerodima.workbench.config.swing_file import SwingFile, car_mismatches, read_swing, swing_from_dict
+from aerodima.workbench.controllers.feedback_law import FeedbackLaw
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings
 from aerodima.workbench.controllers.swing_player import SwingPlayer
 from aerodima.workbench.controllers.tail_law import TailLaw
@@ -34,8 +35,8 @@ def find_swing(name_or_path: str | Path) -> SwingFile:
 
 def swing_of_scenario(scenario: Any) -> SwingFile | None:
     """The swing that `scenario.controller.swing_file` names; None for the thesis' law, or when no tail swings."""
-    name = scenario.controller.swing_file
-    return None if name == NO_SWING or scenario.tail.mode != "swing" else find_swing(name)
+    name, mode, law = scenario.controller.swing_file, scenario.tail.mode, scenario.controller.law
+    return None if name == NO_SWING or (mode, law) != ("swing", "swing") else find_swing(name)
 
 
 def swing_facts(scenario: Any) -> dict[str, Any]:
@@ -115,6 +116,8 @@ def law_of_scenario(scenario: Any) -> TailLaw:
     Raises:
         UserError: a setting out of range, a swing file that is missing or malformed.
     """
+    if scenario.controller.law == "feedback" and scenario.tail.mode == "swing":
+        return FeedbackLaw.from_scenario(scenario)
     swing = swing_of_scenario(scenario)
     if swing is None:
         return SwingLaw(SwingSettings.from_scenario(scenario))
