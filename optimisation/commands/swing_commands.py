@@ -1,9 +1,10 @@
-"""`aerodima swing search`, `judge` and `verify`: find a law or a motion of the tail, and judge candidates."""
+"""`aerodima swing search`, `judge`, `entry`, `train` and `verify`: find laws and motions of the tail, judge them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,6 +24,9 @@ from aerodima.workbench.cli.options import (
     grouped,
 )
 
+if TYPE_CHECKING:
+    from aerodima.workbench.config.ensemble import Member
+
 TaskArgument = Annotated[
     str, typer.Argument(help="Task file (YAML), or one that ships: short_turn, short_turn_designed.")
 ]
@@ -35,7 +39,7 @@ TaskSettings = Annotated[
 def register(app: typer.Typer) -> None:
     """Adds the group `swing`."""
     group = command_group(app, "swing", "Search laws and motions of the tail, and judge what they gain.", SWINGS)
-    for command in (search, judge, verify):
+    for command in (search, judge, entry, train, verify):
         group.command()(command)
 
 
@@ -148,6 +152,109 @@ def judge(
     if len(found.disturbed):
         typer.echo("\n".join(["disturbed runs:", *text_table(*column_cells(found.survival, SURVIVAL))]))
     typer.echo(f"page: {files[-1]}")
+
+
+EnsembleName = Annotated[str, typer.Option(help="Ensemble of cars, split into training and test cars.")]
+TailName = Annotated[str, typer.Option(help="built: that of each car; or designed.")]
+
+
+@grouped
+def entry(
+    out: Annotated[Path, typer.Option(help="Folder for table, summary and runs; stopped climbs go on in it.")],
+    work: WorkOptions,
+    manoeuvre: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="turn, held-turn, twice, twice-late, fishhook, lane-change, slalom, corner, rising-steer; may be "
+            "repeated; by default the first, second and fifth."
+        ),
+    ] = None,
+    candidate: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="none, low-ballast, held, upright, published, feedback, best_swing, a swing, or a file of candidates; "
+            "may be repeated; by default the first six. The car without tail always takes part."
+        ),
+    ] = None,
+    ensemble: EnsembleName = "physical",
+    cars: Annotated[int, typer.Option(help="So many of the test cars.", min=1)] = 4,
+    floor: Annotated[
+        list[float] | None, typer.Option(help="Friction over that of the car; may be repeated; by default 1.")
+    ] = None,
+    tail: TailName = "designed",
+    seed: Annotated[int, typer.Option(help="Of the split of the cars.", min=0)] = 1,
+) -> None:
+    """Judge candidates by their entry speed: the highest speed at which a manoeuvre is completed without tip-up.
+
+    Asked for again after Ctrl-C, or with more cars or manoeuvres, it keeps the runs that are there.
+
+    Example: aerodima swing entry --manoeuvre turn --cars 1 --candidate published --out out/entry
+    """
+    from aerodima.optimisation.entry import suite
+    from aerodima.optimisation.entry.entry_speed import climb
+    from aerodima.optimisation.entry.entry_table import entry_lines, summarise_entries
+    from aerodima.optimisation.sweep.runs import kept_runs
+    from aerodima.workbench.atomic_write import write_atomically
+    from aerodima.workbench.config.ensemble import load_ensemble
+    from aerodima.workbench.errors import SweepError
+
+    driven = suite.manoeuvres(manoeuvre or suite.TRAINED_ON, tail)
+    who = suite.candidates(candidate or list(suite.CANDIDATES))
+    cases = suite.floors(_first(load_ensemble(ensemble).split(seed).test, cars), floor or [1.0])
+    with (
+        engine_for(out, work.workers, work.scheduler) as (engine, progress),
+        kept_runs(out, engine, force=work.force, progress=progress) as runs,
+    ):
+        table = climb(driven, who, cases, runs)
+    summary = summarise_entries(table)
+    for name, frame in (("entries.csv", table), ("summary.csv", summary)):
+        write_atomically(out / name, frame.to_csv(index=False), True, SweepError)
+    typer.echo("\n".join(entry_lines(summary)))
+    typer.echo(f"written: {out / 'entries.csv'}, {out / 'summary.csv'}")
+
+
+@grouped
+def train(
+    out: Annotated[Path, typer.Option(help="Folder for candidates.yaml and the runs; a stopped search goes on in it.")],
+    work: WorkOptions,
+    ensemble: EnsembleName = "physical",
+    cars: Annotated[int, typer.Option(help="So many of the training cars.", min=1)] = 6,
+    tail: TailName = "designed",
+    seed: Annotated[int, typer.Option(help="Of the split of the cars, and of all draws.", min=0)] = 1,
+    laws: Annotated[int, typer.Option(help="Of a generation, for each number that is free.", min=3)] = 4,
+    generations: Annotated[int, typer.Option(help="Beside the first one.", min=0)] = 15,
+) -> None:
+    """Search the numbers of the feedback law for the entry speeds of reduced training cars; writes candidates.yaml.
+
+    Example: aerodima swing train --cars 2 --laws 3 --generations 1 --out out/train
+    """
+    from aerodima.optimisation.entry.law_search import search_feedback
+    from aerodima.optimisation.sweep.runs import kept_runs
+    from aerodima.optimisation.swing.candidate import write_candidates
+    from aerodima.optimisation.swing.law_search import LawSearch
+    from aerodima.workbench.atomic_write import refuse_existing
+    from aerodima.workbench.config.ensemble import load_ensemble
+    from aerodima.workbench.errors import SwingError
+
+    path = out / "candidates.yaml"
+    refuse_existing(path, work.force, SwingError)
+    chosen = _first(load_ensemble(ensemble).split(seed).training, cars)
+    with (
+        engine_for(out, work.workers, work.scheduler) as (engine, progress),
+        kept_runs(out, engine, force=work.force, progress=progress) as runs,
+    ):
+        found = search_feedback(chosen, tail, LawSearch(laws=laws, generations=generations, seed=seed), runs)
+    write_candidates(path, [found], f"aerodima swing train --tail {tail} --cars {cars}", force=work.force)
+    typer.echo(f"found: {path}")
+    typer.echo(f"judge it: aerodima swing entry --tail {tail} --candidate {path} --out {out / 'entry'}")
+
+
+def _first(there: Sequence[Member], number: int) -> tuple[Member, ...]:
+    from aerodima.workbench.errors import SweepError
+
+    if number > len(there):
+        raise SweepError(f"--cars {number}: the part of the ensemble has {len(there)}: allowed: 1 to {len(there)}")
+    return tuple(there[:number])
 
 
 def verify(

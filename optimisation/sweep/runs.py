@@ -125,8 +125,9 @@ def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -
         row = {"run": task.name, "outcome": "measured", "kind": run.kind, **facts, **truth}
         return row | {"error": "", **_provenance(task, scenario)}
     from aerodima.workbench.metrics.run_summary import summarise
-    from aerodima.workbench.metrics.tip_up import tip_up
+    from aerodima.workbench.metrics.tip_up import path_row, tip_up
     from aerodima.workbench.metrics.turn_course import turn_course
+    from aerodima.workbench.metrics.turn_signals import steered_windows
     from aerodima.workbench.stations.outcome_record import STOPPED
 
     summary = summarise(run, scenario.name)
@@ -134,7 +135,8 @@ def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -
         "run": task.name,
         **summary.as_row(),
         **turn_course(run).as_row(),
-        **tip_up(run).as_row(),
+        **tip_up(run, steered_windows(run)).as_row(),
+        **path_row(run, scenario),
         "stopped_at_flip_s": run.extra.get(STOPPED),
     }
     if task.signals == "all":

@@ -22,7 +22,7 @@ from aerodima.workbench.plants.car_model import gearbox_height
 from aerodima.workbench.plants.tail import tail_geometry
 
 SCHEMA = "aerodima/candidates/1"
-ALLOWED = ("tail.", "controller.")
+ALLOWED = ("tail.", "controller.", "feedback.")
 """A setting of a candidate begins with one of these."""
 
 
@@ -107,7 +107,9 @@ class ListedCandidate(StrictModel):
         lists = value.values() if isinstance(value, dict) else [value]
         for setting in (one for settings in lists for one in settings):
             if not setting.split("=")[0].strip().startswith(ALLOWED) or "=" not in setting:
-                raise ValueError(f"{setting!r} is no setting of a candidate; allowed: tail.KEY=..., controller.KEY=...")
+                raise ValueError(
+                    f"{setting!r} is no setting of a candidate; allowed: KEY=... of tail, controller, feedback"
+                )
         return value
 
 

@@ -7,7 +7,7 @@ IMU measures:
 
 with speed v, steering command delta, wheelbase L, the lateral acceleration a_grip that a floor gives, and roll phi. The
 first term is the lateral acceleration of the kinematic bicycle, limited by the floor. In a turn to the left the car
-rolls to the right, so the tail swings to the right: the reaction of its motor and the air on its sail push the car back.
+rolls to the right, so a positive demand swings the tail to the right: reaction and air push the car back.
 A demand below `threshold` lets the tail go: it returns at `return_speed`, which disturbs little, and may swing again at
 any time, to either side. Without a valid IMU the tail is held still.
 

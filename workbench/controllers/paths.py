@@ -229,9 +229,3 @@ def off_path(path: Path, x: Any, y: Any, heading: Any, half_width: float, wheelb
     outline = x[..., None] + cosine * ahead - sine * across, y[..., None] + sine * ahead + cosine * across
     farthest: FloatArray = np.max(path.outside(*outline), axis=-1)
     return farthest
-
-
-def keeps_path(path: Path, x: Any, y: Any, heading: Any, half_width: float, wheelbase: float) -> bool:
-    """Whether a run (arguments as `off_path`, n rows) comes to the end of the last lane and is never outside of one."""
-    arrived = path.station(np.asarray(x)[-1], np.asarray(y)[-1]) >= path.end
-    return bool(arrived and np.max(off_path(path, x, y, heading, half_width, wheelbase)) <= 0.0)

@@ -11,7 +11,9 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import SIDES, WHEELS
+from aerodima.workbench.controllers.paths import off_path, path_of
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, turn_signals
 
@@ -93,3 +95,16 @@ def steered_yaw_rate(time: FloatArray, yaw_rate: FloatArray, windows: Windows) -
             turned += side * float(trapezoid(yaw_rate[inside], time[inside]))
             length += float(np.ptp(time[inside]))
     return turned / length if length else None
+
+
+def path_row(run_log: RunLog, scenario: Scenario) -> dict[str, float | bool]:
+    """How far a run leaves its lane at most, m (negative: it keeps it), and whether it gets to the end of the path.
+
+    Nothing for a manoeuvre that follows no path. LogError where there is no ground truth.
+    """
+    if scenario.manoeuvre.kind != "path":
+        return {}
+    path, car = path_of(scenario), scenario.car
+    x, y = (run_log.signal(f"position_{axis}_truth_m") for axis in "xy")
+    outside = off_path(path, x, y, run_log.signal("yaw_truth_rad"), 0.5 * (car.track + car.tyre_width), car.wheelbase)
+    return {"off_path_m": float(np.max(outside)), "path_end_reached": bool(np.max(path.station(x, y)) >= path.end)}

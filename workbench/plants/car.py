@@ -128,7 +128,7 @@ def add_car_plant(
 
 
 def resting_roll(scenario: Scenario) -> float:
-    """Tail roll (rad) before the turn: on its inside, to the left (negative) for a left turn; upright for `feedback`."""
+    """Tail roll (rad) before the turn: on its inside, left (negative) for a left turn; upright for `feedback`."""
     if scenario.controller.law == "feedback" and scenario.tail.mode == "swing":
         return 0.0
     angle = scenario.controller.hold_angle

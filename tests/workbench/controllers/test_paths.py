@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.controllers.paths import Corner, LaneChange, keeps_path, off_path, path_of
+from aerodima.workbench.controllers.paths import Corner, LaneChange, off_path, path_of
 from aerodima.workbench.errors import ScenarioError, UserError
 
 WIDTH, WHEELBASE = 0.18, 0.26
@@ -113,14 +113,13 @@ def test_mirrored_paths_judge_mirrored_cars_alike():
         np.testing.assert_allclose(left, right, atol=1e-12)
 
 
-def test_a_path_is_kept_only_to_its_end():
+def test_a_car_along_the_centre_line_keeps_the_path_to_its_end_and_a_wide_one_does_not():
     path = Corner(1.2, 0.4, 0.0, 1.0)
     stations = np.linspace(0.0, path.end, 300)
     x, y = path.centre(stations)
     heading = np.clip((stations - path.bend) / 1.2, 0.0, 0.5 * math.pi)
-    assert keeps_path(path, x, y, heading, 0.05, 0.1)
-    assert not keeps_path(path, x[:-1], y[:-1], heading[:-1], 0.05, 0.1)
-    assert not keeps_path(path, x, y, heading, 0.3, 0.1)
+    assert path.station(x[-1], y[-1]) == pytest.approx(path.end)
+    assert np.max(off_path(path, x, y, heading, 0.05, 0.1)) < 0.0 < np.max(off_path(path, x, y, heading, 0.3, 0.1))
 
 
 def test_the_announced_side_is_that_of_the_next_shift():

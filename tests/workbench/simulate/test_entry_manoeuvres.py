@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.controllers.paths import keeps_path, off_path, path_of
+from aerodima.workbench.metrics.tip_up import path_row
 from aerodima.workbench.metrics.turn_metrics import outcome_of
 from aerodima.workbench.metrics.turn_signals import steered_windows, turn_window
 from aerodima.workbench.simulate.car_run import turn_end
@@ -12,7 +12,6 @@ from aerodima.workbench.simulate.simulation import simulate
 
 SLIPPING = ("tail.mode=none", "car.tyre_slip_angle=0.2")
 """Tyres of a published 1:10 car (cornering stiffness of 5 per rad and load)."""
-POSE = ("position_x_truth_m", "position_y_truth_m", "yaw_truth_rad")
 
 
 @pytest.mark.parametrize("name", ["entry_lane_change", "entry_corner"])
@@ -22,10 +21,9 @@ def test_full_car_without_tail_keeps_the_path_at_2_m_per_s(name: str) -> None:
     scenario = load_scenario(name, SLIPPING)
     run = simulate(scenario, record="outcome")
     assert outcome_of(run).result == "survived"
-    path, car, pose = path_of(scenario), scenario.car, [run.signal(column) for column in POSE]
-    half_width = 0.5 * (car.track + car.tyre_width)
-    assert keeps_path(path, *pose, half_width, car.wheelbase)
-    assert -0.04 < np.max(off_path(path, *pose, half_width, car.wheelbase)) < 0.0
+    row = path_row(run, scenario)
+    assert row["path_end_reached"]
+    assert -0.04 < row["off_path_m"] < 0.0
     assert turn_window(run) == pytest.approx((0.3, scenario.manoeuvre.duration))
     assert steered_windows(run)[0].side == 1.0
 

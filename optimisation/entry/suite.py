@@ -1,0 +1,99 @@
+"""The suite of manoeuvres by name, the two tails, and the candidates, which are never mixed with another tail's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from aerodima.optimisation.entry.entry_speed import EntryFloor, Manoeuvre
+from aerodima.optimisation.swing.candidate import (
+    HELD,
+    LOW_BALLAST,
+    NO_TAIL,
+    THESIS,
+    Candidate,
+    read_candidates,
+    refuse_twice,
+)
+from aerodima.workbench.config.checked_files import nearest
+from aerodima.workbench.config.ensemble import Member
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import SweepError
+
+MANOEUVRES = {
+    "turn": Manoeuvre("turn", "entry_turn"),
+    "held-turn": Manoeuvre("held turn", "entry_held_turn"),
+    "twice": Manoeuvre("twice", "entry_twice"),
+    "twice-late": Manoeuvre("twice, 2 s apart", "entry_twice", ("manoeuvre.turn_gap=2.0", "manoeuvre.duration=6.5")),
+    "fishhook": Manoeuvre("fishhook", "entry_fishhook"),
+    "lane-change": Manoeuvre("lane change", "entry_lane_change", rule="path"),
+    "slalom": Manoeuvre("slalom", "entry_slalom"),
+    "corner": Manoeuvre("corner", "entry_corner", rule="path"),
+    "rising-steer": Manoeuvre("rising steer", "entry_rising_steer"),
+}
+"""By the name that asks for one."""
+TRAINED_ON = ("turn", "held-turn", "fishhook")
+"""Manoeuvres that a search of a law sees; all others, and the test cars, are never seen by one."""
+FEEDBACK = Candidate("feedback", ("tail.mode=swing", "controller.law=feedback"))
+UPRIGHT = Candidate(
+    "upright and still",
+    (*FEEDBACK.settings, *(f"feedback.{term}_gain=0" for term in ("steering", "roll", "roll_rate"))),
+)
+CANDIDATES = {
+    "none": NO_TAIL,
+    "low-ballast": LOW_BALLAST,
+    "held": HELD,
+    "upright": UPRIGHT,
+    "published": THESIS,
+    "feedback": FEEDBACK,
+}
+"""By the name that asks for one; all of them unless somebody asks for others."""
+AT_ONCE = ("controller.delay=0.0",)
+"""Laws are compared without the delay of the published one, which belongs to that law and not to the car."""
+TAILS = {"built": None, "designed": "turn_designed"}
+"""Scenario that a tail is taken from; the built one is that of each car."""
+OF_THE_MOUNT = ("mode", "roll_stop")
+"""Of a tail, what stays as the manoeuvre and the car have it."""
+
+
+def manoeuvres(names: Sequence[str], tail: str) -> list[Manoeuvre]:
+    """Manoeuvres by name with one of the `TAILS`.
+
+    Raises:
+        SweepError: no such manoeuvre or tail; one named twice.
+    """
+    for what, name, known in (("tail", tail, TAILS), *(("manoeuvre", name, MANOEUVRES) for name in names)):
+        if name not in known:
+            raise SweepError(f"{what} {name!r}: {nearest(name, list(known))}")
+    refuse_twice(list(names), "manoeuvre")
+    source = TAILS[tail]
+    own: tuple[str, ...] = ()
+    if source is not None:
+        values = dict(load_scenario(source).tail)
+        own = tuple(f"tail.{key}={value}" for key, value in values.items() if key not in OF_THE_MOUNT)
+    found = [MANOEUVRES[name] for name in names]
+    return [replace(one, settings=(*one.settings, *AT_ONCE, *own)) for one in found]
+
+
+def candidates(names: Sequence[str]) -> list[Candidate]:
+    """Candidates by name of `CANDIDATES`, or as `read_candidates` has them; the car without tail is the first one."""
+    own = [CANDIDATES[name] for name in names if name in CANDIDATES and CANDIDATES[name] is not NO_TAIL]
+    others = read_candidates([name for name in names if name not in CANDIDATES], MANOEUVRES["turn"].scenario)
+    return [NO_TAIL, *own, *others[1:]]
+
+
+def floors(cars: Sequence[Member], shares: Sequence[float]) -> list[tuple[Member, EntryFloor]]:
+    """Cars on floors whose friction is a share of the car's own.
+
+    Raises:
+        SweepError: a share out of range, or one that is named twice.
+    """
+    refuse_twice([f"{share:g}" for share in shares], "floor")
+    found = []
+    for share in shares:
+        if not 0.2 <= share <= 2.0:
+            raise SweepError(f"floor {share:g}: allowed: 0.2 to 2 times the friction of the car")
+        for car in cars:
+            friction = load_scenario("turn_none", car.settings_on("turn_none")).car.tyre_friction
+            found.append((car, EntryFloor(f"x {share:g}", (f"car.tyre_friction={share * friction:.6g}",))))
+    return found
