@@ -47,7 +47,7 @@ FAMILY = LawFamily(
 SPEEDS = np.array([2.8, 3.6, 4.4, 5.2, 6.0])
 """m/s, of the climb of a law; that of the car without tail is finer."""
 SPEEDS_WITHOUT = np.arange(1.8, 4.7, 0.2)
-AT_ONCE = 8
+AT_ONCE = 16
 """Laws in one piece of work."""
 WORST = 0.2
 """Share of cases that the second half of the score is made of."""
