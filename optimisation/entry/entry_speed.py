@@ -185,10 +185,11 @@ def failed_rule(row: Mapping[str, Any], rule: Literal["yaw", "path"], figure: fl
 
 
 class _Run(NamedTuple):
-    """What failed in a run, and its speed times mean yaw rate, m/s2, NaN where it has none."""
+    """What failed in a run, its speed times mean yaw rate, m/s2, and its change of course, rad; NaN without."""
 
     failed: str
     figure: float
+    course: float = math.nan
 
 
 @dataclass
@@ -233,7 +234,9 @@ class _Climb:
         """What the row of a run at a speed, m/s, comes to."""
         yaw_rate = row.get("steered_yaw_rate_rad_per_s")
         figure = math.nan if yaw_rate is None else speed * float(yaw_rate)
-        return _Run(failed_rule(row, self.manoeuvre.rule, figure, self.least), figure)
+        course = row.get("course_change_rad")
+        failed = failed_rule(row, self.manoeuvre.rule, figure, self.least)
+        return _Run(failed, figure, math.nan if course is None else float(course))
 
     def climbing(self) -> float | None:
         """Next speed at the ordinary step, m/s."""
@@ -271,6 +274,7 @@ class _Climb:
             "at_ceiling": self.proved == self.search.ceiling,
             "ended_by": NO_REFERENCE if math.isnan(self.least) else ended_by,
             "figure_m_per_s2": self.figure,
+            "course_change_rad": math.nan if self.proved is None else self.fine[self.proved].course,
             "proved": self.proved is not None,
             "found_m_per_s": math.nan if self.found is None else self.found,
             "runs": len(self.coarse) + len(self.fine),
@@ -298,8 +302,9 @@ def climb(
     Returns:
         A row per climb: manoeuvre, candidate, car, floor; `entry_speed_m_per_s` as the fine step bears it out, NaN
         without; `at_ceiling`; `ended_by`, what failed first (`failed_rule`), or, where the fine step lowered the speed,
-        what failed last there; `figure_m_per_s2`, speed times mean yaw rate at the entry speed; `proved`;
-        `found_m_per_s` at the ordinary step; number of `runs`. A run that comes to nothing fails and is named.
+        what failed last there; at the entry speed `figure_m_per_s2`, speed times mean yaw rate, and
+        `course_change_rad` of a turn; `proved`; `found_m_per_s` at the ordinary step; number of `runs`. A run that
+        comes to nothing fails and is named.
 
     Raises:
         UserError: a name twice, or a car that a scenario does not load.

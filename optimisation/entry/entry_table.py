@@ -27,7 +27,17 @@ REFERENCES: Mapping[str, tuple[str, ...]] = {
 RESAMPLES = 4000
 """Draws of cars in a bootstrap."""
 _HEADER = (
-    *("candidate", "m/s", "none", "ceiling", "over no tail", "95 % of cars drawn again", "worst car", "over low mass"),
+    *(
+        "candidate",
+        "m/s",
+        "course [deg]",
+        "none",
+        "ceiling",
+        "over no tail",
+        "95 % of cars drawn again",
+        "worst car",
+        "over low mass",
+    ),
     "over held or published",
 )
 
@@ -66,6 +76,7 @@ def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
         row |= {"without_entry": int(own[SPEED].isna().sum()), "at_ceiling": int(own["at_ceiling"].sum())}
         row["errors"] = int(own["ended_by"].astype(str).str.startswith(ERROR).sum())
         row["median_m_per_s"] = float(own[SPEED].median())
+        row["median_course_rad"] = float(own["course_change_rad"].median())
         for label, gain in gains.items():
             cars = gain[own.index].groupby(own["car"]).median().dropna().to_numpy(dtype=np.float64)
             low, high = median_interval(cars, seed)
@@ -101,6 +112,7 @@ def entry_lines(summary: pd.DataFrame) -> list[str]:
                 (
                     str(row["candidate"]),
                     "–" if math.isnan(row["median_m_per_s"]) else f"{row['median_m_per_s']:.2f}",
+                    "–" if math.isnan(row["median_course_rad"]) else f"{math.degrees(row['median_course_rad']):.0f}",
                     f"{row['without_entry']:.0f} of {row['number']:.0f}",
                     f"{row['at_ceiling']:.0f}",
                     _percent(row["gain_over_no_tail"]),

@@ -27,6 +27,7 @@ def rows(candidate, speeds, ended_by="two wheels", floor="own", manoeuvre="turn"
             "floor": floor,
             "entry_speed_m_per_s": speed,
             "at_ceiling": speed == 8.0,
+            "course_change_rad": 0.5,
             "ended_by": ended_by,
         }
         for car, speed in zip(CARS, speeds, strict=True)
@@ -115,4 +116,4 @@ def test_lines_have_a_heading_per_manoeuvre_and_a_dash_for_what_is_not_known():
     table = made_up(NONE, rows("new", [2.1, 2.2, 2.3, 2.4, 1.9]))
     lines = entry_lines(summarise_entries(table))
     assert lines[1] == "turn"
-    assert " ".join(lines[-1].split()) == "new 2.20 0 of 5 0 +10.0 % -5.0 % to +20.0 % -5.0 % – –"
+    assert " ".join(lines[-1].split()) == "new 2.20 29 0 of 5 0 +10.0 % -5.0 % to +20.0 % -5.0 % – –"

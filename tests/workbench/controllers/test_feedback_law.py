@@ -48,9 +48,9 @@ def test_a_rolling_car_swings_the_tail_to_the_side_to_which_it_rolls() -> None:
 
 
 def test_demand_is_the_sum_of_prediction_roll_and_roll_rate() -> None:
-    _, _, command, _ = step(seen(0.3, 0.5, steering=0.1))
+    _, _, command, _ = step(seen(0.5, 0.5, steering=0.1))
     predicted = math.tanh(16.0 * math.tan(0.1) / (SCENARIO.car.wheelbase * GAINS.grip))
-    demand = GAINS.steering_gain * predicted + GAINS.roll_gain * 0.3 + GAINS.roll_rate_gain * 0.5
+    demand = GAINS.steering_gain * predicted + GAINS.roll_gain * 0.5 + GAINS.roll_rate_gain * 0.5
     assert GAINS.threshold < abs(demand) < GAINS.most_speed
     assert command[1] == pytest.approx(demand)
 
