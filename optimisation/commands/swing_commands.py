@@ -228,7 +228,7 @@ def train(
 
     Example: aerodima swing train --cars 2 --laws 3 --generations 1 --out out/train
     """
-    from aerodima.optimisation.entry.law_search import search_feedback
+    from aerodima.optimisation.entry.feedback_search import search_feedback
     from aerodima.optimisation.sweep.runs import kept_runs
     from aerodima.optimisation.swing.candidate import write_candidates
     from aerodima.optimisation.swing.law_search import LawSearch

@@ -62,9 +62,11 @@ def manoeuvres(names: Sequence[str], tail: str) -> list[Manoeuvre]:
     Raises:
         SweepError: no such manoeuvre or tail; one named twice.
     """
-    for what, name, known in (("tail", tail, TAILS), *(("manoeuvre", name, MANOEUVRES) for name in names)):
-        if name not in known:
-            raise SweepError(f"{what} {name!r}: {nearest(name, list(known))}")
+    if tail not in TAILS:
+        raise SweepError(f"tail {tail!r}: {nearest(tail, list(TAILS))}")
+    for name in names:
+        if name not in MANOEUVRES:
+            raise SweepError(f"manoeuvre {name!r}: {nearest(name, list(MANOEUVRES))}")
     refuse_twice(list(names), "manoeuvre")
     source = TAILS[tail]
     own: tuple[str, ...] = ()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aerodima.optimisation.entry.law_search import FAMILY, Screened, score, screened_entries, search_feedback
+from aerodima.optimisation.entry.feedback_search import FAMILY, Screened, score, screened_entries, search_feedback
 from aerodima.optimisation.entry.suite import FEEDBACK, candidates, manoeuvres
 from aerodima.optimisation.screening.entry_runs import climb, wheel_lifts
 from aerodima.optimisation.screening.vehicle_motion import STATES
@@ -23,7 +23,7 @@ def test_score_is_half_the_mean_and_half_that_of_the_worst_fifth() -> None:
 
 
 def test_a_rolled_car_lifts_its_inner_wheels_by_the_sine_of_its_roll() -> None:
-    from aerodima.optimisation.entry.law_search import _reference
+    from aerodima.optimisation.entry.feedback_search import _reference
 
     _, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
     state = np.zeros((len(STATES), 1))
@@ -38,7 +38,7 @@ def test_a_rolled_car_lifts_its_inner_wheels_by_the_sine_of_its_roll() -> None:
 
 def test_reduced_cars_turn_as_full_ones_with_the_feedback_law() -> None:
     """Measured: 1 to 2 %."""
-    from aerodima.optimisation.entry.law_search import _reference, gains_of
+    from aerodima.optimisation.entry.feedback_search import _reference, gains_of
 
     (chosen,) = manoeuvres(["turn"], "designed")
     scenario, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
