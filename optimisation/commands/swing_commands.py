@@ -222,7 +222,10 @@ def train(
     tail: TailName = "designed",
     seed: Annotated[int, typer.Option(help="Of the split of the cars, and of all draws.", min=0)] = 1,
     laws: Annotated[int, typer.Option(help="Of a generation, for each number that is free.", min=3)] = 4,
-    generations: Annotated[int, typer.Option(help="Beside the first one.", min=0)] = 15,
+    generations: Annotated[int, typer.Option(help="Beside the first one.", min=0)] = 8,
+    around: Annotated[
+        float, typer.Option(help="Share of the ranges around the present law that the first generation covers.")
+    ] = 0.3,
 ) -> None:
     """Search the numbers of the feedback law for the entry speeds of reduced training cars; writes candidates.yaml.
 
@@ -243,7 +246,9 @@ def train(
         engine_for(out, work.workers, work.scheduler) as (engine, progress),
         kept_runs(out, engine, force=work.force, progress=progress) as runs,
     ):
-        found = search_feedback(chosen, tail, LawSearch(laws=laws, generations=generations, seed=seed), runs)
+        found = search_feedback(
+            chosen, tail, LawSearch(laws=laws, generations=generations, seed=seed, around=around), runs
+        )
     write_candidates(path, [found], f"aerodima swing train --tail {tail} --cars {cars}", force=work.force)
     typer.echo(f"found: {path}")
     typer.echo(f"judge it: aerodima swing entry --tail {tail} --candidate {path} --out {out / 'entry'}")

@@ -144,9 +144,10 @@ class LawSearch:
         finalists: laws that go to the full car.
         seed: of the first generation and of all later draws.
         steering_runs: of each search for an amplitude on a reduced car.
+        around: share of the ranges, around the law that it starts from, over which the first generation is drawn.
 
     Raises:
-        UserError: fewer than 3 laws, or no finalist.
+        UserError: fewer than 3 laws, no finalist, or a share out of range.
     """
 
     laws: int = 6
@@ -154,12 +155,15 @@ class LawSearch:
     finalists: int = 5
     seed: int = 1
     steering_runs: int = 7
+    around: float = 1.0
 
     def __post_init__(self) -> None:
         if self.laws < 3:
             raise SweepError(f"{self.laws} laws for each number: allowed: at least 3")
         if self.finalists < 1:
             raise SweepError(f"{self.finalists} finalists: allowed: at least 1")
+        if not 0.0 < self.around <= 1.0:
+            raise SweepError(f"around {self.around:g}: allowed: above 0, at most 1")
 
 
 def search_law(task: Task, family: LawFamily, search: LawSearch, runs: Runs) -> tuple[Candidate, pd.DataFrame]:
@@ -225,7 +229,9 @@ def search_laws(
 
     numbers = len(family.ranges)
     first = qmc.LatinHypercube(numbers, rng=search.seed).random(search.laws * numbers)
-    first[0] = family.shares(start)
+    first[0] = shares = family.shares(start)
+    if search.around < 1.0:
+        first = np.clip(shares + search.around * (first - shares[None]), 0.0, 1.0)
     differential_evolution(
         cost,
         [(0.0, 1.0)] * numbers,
