@@ -140,17 +140,10 @@ def judge(
     who = read_candidates(candidate or CANDIDATES, asked.scenario, other_car=other_car)
     with engine_for(out, work.workers, work.scheduler) as (engine, progress):
         found = judge_candidates(asked, who, out, engine, force=work.force, progress=progress)
-    from aerodima.optimisation.swing.judge_page import (  # Matplotlib
-        SURVIVAL,
-        column_cells,
-        summary_cells,
-        write_judgement,
-    )
+    from aerodima.optimisation.swing.judge_page import summary_cells, write_judgement  # Matplotlib
 
     files = write_judgement(out, asked, found, replays=replays)
     typer.echo("\n".join(text_table(*summary_cells(found.summary))))
-    if len(found.disturbed):
-        typer.echo("\n".join(["disturbed runs:", *text_table(*column_cells(found.survival, SURVIVAL))]))
     typer.echo(f"page: {files[-1]}")
 
 

@@ -354,7 +354,6 @@ def test_no_car_is_in_two_parts_of_the_split() -> None:
         (lambda: Task(steering=(2.0, 40.0)), "manoeuvre.steer_angle"),
         (lambda: load_task("short_turns"), "task 'short_turns': models/tasks has none of this name"),
         (lambda: load_task("short_turn", ["pulse=5"]), "pulse: 5"),
-        (lambda: load_task("short_turn", ["disturbed=-1"]), "disturbed: -1"),
         (lambda: load_task("short_turn", ["car=3"]), "--set car=3: allowed is KEY=VALUE; .*cars"),
     ],
 )
