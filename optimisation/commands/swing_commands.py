@@ -48,16 +48,8 @@ def search(
     task: TaskArgument,
     out: Annotated[Path, typer.Option(help="Folder for what is found and its runs; a stopped search goes on in it.")],
     work: WorkOptions,
-    what: Annotated[
-        str, typer.Option("--for", help="motion, or a family of laws: constant, trained, trained-by-yaw.")
-    ] = "trained",
+    what: Annotated[str, typer.Option("--for", help="trained: numbers of the law; or motion.")] = "trained",
     settings: TaskSettings = None,
-    free: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A number of the tail that is free with the law, such as tail.length=0.6:1.0; may be repeated."
-        ),
-    ] = None,
     seed: Annotated[int, typer.Option(help="Of all draws.", min=0)] = 1,
     laws: Annotated[int, typer.Option(help="Of a generation, for each number that is free.", min=3)] = 6,
     generations: Annotated[int, typer.Option(help="Of laws beside the first one, on reduced cars.", min=0)] = 15,
@@ -75,19 +67,16 @@ def search(
     """
     from aerodima.optimisation.sweep.runs import kept_runs
     from aerodima.optimisation.swing.candidate import write_candidates
-    from aerodima.optimisation.swing.law_search import FAMILIES, LawSearch, search_law
+    from aerodima.optimisation.swing.law_search import TRAINED, LawSearch, search_law
     from aerodima.optimisation.swing.motion_search import MotionSearch, search_motion
     from aerodima.optimisation.swing.task import load_task
     from aerodima.workbench.atomic_write import refuse_existing
     from aerodima.workbench.config.swing_file import write_swing
     from aerodima.workbench.errors import SwingError
 
-    if what != "motion" and what not in FAMILIES:
-        raise SwingError(f"--for {what}: allowed: motion, {', '.join(FAMILIES)}")
+    if what not in ("trained", "motion"):
+        raise SwingError(f"--for {what}: allowed: trained, motion")
     asked = load_task(task, settings or ())
-    if what == "motion" and free:
-        raise SwingError("--free: allowed with a family of laws")
-    family = None if what == "motion" else FAMILIES[what].with_free(free or (), asked.scenario)
     motion = MotionSearch(starts, seed, knots, length, iterations)
     path = out / ("swing.yaml" if what == "motion" else "candidates.yaml")
     refuse_existing(path, work.force, SwingError)
@@ -95,13 +84,12 @@ def search(
         engine_for(out, work.workers, work.scheduler) as (engine, progress),
         kept_runs(out, engine, force=work.force, progress=progress) as runs,
     ):
-        if family is None:
+        if what == "motion":
             write_swing(search_motion(out.name, asked, motion, runs, progress=progress), path, force=work.force)
         else:
             search_for = LawSearch(laws, generations, finalists, seed)
-            chosen = ["aerodima swing search", task, "--for", what, *(f"--free {word}" for word in free or ())]
-            found, table = search_law(asked, family, search_for, runs)
-            write_candidates(path, [found], " ".join(chosen), force=work.force)
+            found, table = search_law(asked, TRAINED, search_for, runs)
+            write_candidates(path, [found], f"aerodima swing search {task} --for trained", force=work.force)
             table.to_csv(out / "laws.csv", index=False)
     typer.echo(f"found: {path}")
     typer.echo(f"judge it: aerodima swing judge {task} --candidate {path} --out {out / 'judge'}")
@@ -140,17 +128,10 @@ def judge(
     who = read_candidates(candidate or CANDIDATES, asked.scenario, other_car=other_car)
     with engine_for(out, work.workers, work.scheduler) as (engine, progress):
         found = judge_candidates(asked, who, out, engine, force=work.force, progress=progress)
-    from aerodima.optimisation.swing.judge_page import (  # Matplotlib
-        SURVIVAL,
-        column_cells,
-        summary_cells,
-        write_judgement,
-    )
+    from aerodima.optimisation.swing.judge_page import summary_cells, write_judgement  # Matplotlib
 
     files = write_judgement(out, asked, found, replays=replays)
     typer.echo("\n".join(text_table(*summary_cells(found.summary))))
-    if len(found.disturbed):
-        typer.echo("\n".join(["disturbed runs:", *text_table(*column_cells(found.survival, SURVIVAL))]))
     typer.echo(f"page: {files[-1]}")
 
 

@@ -43,15 +43,12 @@ class Judgement:
         summary: medians and gains, a row per candidate over all cases, then over those of each speed and floor.
         candidates: in order.
         without_floor: cars and speeds that have no floor, since the published swing at full lock is clean on none.
-        disturbed: a row per disturbed run, `survival` its summary, a row per candidate; empty without.
     """
 
     cases: pd.DataFrame
     summary: pd.DataFrame
     candidates: tuple[Candidate, ...]
     without_floor: tuple[str, ...]
-    disturbed: pd.DataFrame
-    survival: pd.DataFrame
 
 
 def judge(
@@ -80,15 +77,7 @@ def judge(
         courses = Courses(task, runs)
         floors, without = courses.floors(task.test_cars)
         cases = courses.cases(candidates, floors)
-        disturbed = survival = pd.DataFrame()
-        if task.disturbed:
-            from aerodima.optimisation.swing.disturbed_turns import drive_disturbed, summarise_disturbed
-
-            runs.stage = "disturbed runs"
-            disturbed = drive_disturbed(task, cases, candidates, runs)
-            survival = summarise_disturbed(disturbed, candidates)
-    summary = summarise_cases(cases, candidates)
-    return Judgement(cases, summary, tuple(candidates), tuple(without), disturbed, survival)
+    return Judgement(cases, summarise_cases(cases, candidates), tuple(candidates), tuple(without))
 
 
 class Steering(NamedTuple):

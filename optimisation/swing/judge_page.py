@@ -31,16 +31,14 @@ SHOWN_AFTER = 1.0
 MOST_SHOWN = 6
 """Candidates that are driven again: those with the largest courses, and the car without tail."""
 
-Columns = Mapping[str, tuple[str, Callable[[Any], str]]]
-"""Column of a table -> its words on page and terminal, and how a value is written."""
-PERCENT, GAIN, WHOLE, DECIMALS = "{:.0%}".format, "{:+.1%}".format, "{:.0f}".format, "{:.2f}".format
+GAIN, WHOLE, DECIMALS = "{:+.1%}".format, "{:.0f}".format, "{:.2f}".format
 
 
 def _degrees(value: float) -> str:
     return f"{math.degrees(value):.1f}"
 
 
-SUMMARY: Columns = {
+SUMMARY: dict[str, tuple[str, Callable[[Any], str]]] = {
     "candidate": ("candidate", str),
     "number": ("cases", WHOLE),
     "without_a_turn_that_counts": ("without a turn", WHOLE),
@@ -57,28 +55,12 @@ SUMMARY: Columns = {
     "median_peak_roll_rad": ("peak roll [deg]", _degrees),
     "median_two_wheel_time_s": ("on two wheels [s]", DECIMALS),
 }
-SURVIVAL: Columns = {
-    "candidate": ("candidate", str),
-    "cases": ("cases", WHOLE),
-    "runs": ("runs", WHOLE),
-    "survived": ("survived", PERCENT),
-    "survived_difference": ("over published", GAIN),
-    "survived_low": ("95 % from", GAIN),
-    "survived_high": ("to", GAIN),
-    "released_survived": ("where the tail swung", PERCENT),
-    "missed_survived": ("where it missed", PERCENT),
-    "counted": ("a turn that counts", PERCENT),
-    "mean_course_rad": ("mean course [deg]", _degrees),
-    "course_difference": ("over published [deg]", _degrees),
-    "course_low": ("95 % from", _degrees),
-    "course_high": ("to", _degrees),
-}
+"""Column of the summary -> its words on page and terminal, and how a value is written."""
 
 
 def write_judgement(out: Path, task: Task, found: Judgement, *, replays: bool = True) -> list[Path]:
-    """Writes `cases.csv`, `summary.csv`, of disturbed runs two tables more, and the page; returns the files."""
+    """Writes `cases.csv`, `summary.csv` and the page; returns the files."""
     tables = {"cases.csv": found.cases, "summary.csv": found.summary}
-    tables |= {"disturbed.csv": found.disturbed, "survival.csv": found.survival} if len(found.disturbed) else {}
     sections = _case_sections(task, found) if replays else []
     return write_files(out, {**tables, PAGE: judge_page(task, found, sections)}, force=True)
 
@@ -95,11 +77,9 @@ def judge_page(task: Task, found: Judgement, shown: list[Section]) -> Page:
         Section("All cases", [Finding([Table(*summary_cells(found.summary))]), plot]),
         *shown,
         *(Section(f"Cases of {part}", [Table(*summary_cells(found.summary, part))]) for part in parts),
+        Section("Task", [Folded("Numbers of the task", [Table(["key", "value"], asked)])]),
+        Section("Each case", [Folded("Table", [frame_table(found.cases)])]),
     ]
-    if len(found.disturbed):
-        sections.append(Section("Disturbed runs", [Table(*column_cells(found.survival, SURVIVAL))]))
-    sections.append(Section("Task", [Folded("Numbers of the task", [Table(["key", "value"], asked)])]))
-    sections.append(Section("Each case", [Folded("Table", [frame_table(found.cases)])]))
     return Page(
         "Who turns the car further", "Course turned by a short pulse of steering, each with its own best.", sections
     )
@@ -107,15 +87,10 @@ def judge_page(task: Task, found: Judgement, shown: list[Section]) -> Page:
 
 def summary_cells(summary: pd.DataFrame, cases: str = "all") -> tuple[list[str], list[list[str]]]:
     """Header and rows of the summary over some of the cases."""
-    return column_cells(summary[summary["cases"] == cases], SUMMARY)
-
-
-def column_cells(table: pd.DataFrame, columns: Columns) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of some columns of a table."""
-    rows = table[list(columns)].itertuples(index=False)
-    forms = [form for _, form in columns.values()]
+    rows = summary.loc[summary["cases"] == cases, list(SUMMARY)].itertuples(index=False)
+    forms = [form for _, form in SUMMARY.values()]
     cells = [["-" if pd.isna(value) else form(value) for form, value in zip(forms, row, strict=True)] for row in rows]
-    return [words for words, _ in columns.values()], cells
+    return [words for words, _ in SUMMARY.values()], cells
 
 
 def plot_gains(found: Judgement) -> Figure:

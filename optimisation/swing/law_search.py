@@ -1,9 +1,8 @@
 """Search among laws: the thesis' law with other numbers, the best of which are looked for on training cars alone.
 
-A family may also change numbers of the tail, such as its length: one search for both. Whole generations of laws are
-driven on reduced cars (`optimisation.screening`), each law with the best steering of each case: differential evolution
-(Storn and Price 1997, doi 10.1023/A:1008202821328; `scipy.optimize.differential_evolution`). The best of those that
-differ then go to the full car, and the best one there is the law.
+Whole generations of laws are driven on reduced cars (`optimisation.screening`), each law with the best steering of
+each case: differential evolution (Storn and Price 1997, doi 10.1023/A:1008202821328). The best of those that differ
+then go to the full car, and the best one there is the law.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from aerodima.optimisation.swing.judge import Courses
 from aerodima.optimisation.swing.task import Floor, SteeringSearch, Task, search_steering
 from aerodima.workbench.batch.row_store import ProgressBar, content_key
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.swing_law import SwingSettings
 from aerodima.workbench.errors import SweepError
 
@@ -47,8 +46,7 @@ class LawFamily:
 
     Attributes:
         name: of the candidate that is found.
-        ranges: least and largest value by name in the section `controller` of a scenario, or by `section.key` of
-            another one, in its units.
+        ranges: least and largest value by name, in the units of the scenario.
         fixed: settings that all of them have.
     """
 
@@ -67,29 +65,6 @@ class LawFamily:
             found.append(law)
         return found
 
-    def with_free(self, words: Sequence[str], scenario: str) -> LawFamily:
-        """The family with more free numbers, such as `tail.length=0.6:1.0` for a search of tail and law together.
-
-        Raises:
-            SweepError: another form, no number of the scenario, or no range.
-        """
-        ranges, turn = dict(self.ranges), load_scenario(scenario)
-        for word in words:
-            name, _, ends = word.partition("=")
-            section, _, key = name.partition(".")
-            try:
-                low, high = map(float, ends.split(":"))
-            except ValueError:
-                raise SweepError(f"--free {word}: allowed: section.key=low:high, such as tail.length=0.6:1.0") from None
-            if not isinstance(getattr(getattr(turn, section, None), key, None), float):
-                raise SweepError(f"--free {word}: {name} is no number of the scenario {scenario}")
-            if not low < high:
-                raise SweepError(f"--free {word}: allowed: the lower end first")
-            for end in (low, high):
-                load_scenario(scenario, [f"{name}={end!r}"])
-            ranges[name] = (low, high)
-        return replace(self, ranges=ranges)
-
     def for_pulse(self, pulse: float) -> LawFamily:
         """For steering of that length, s: where it is longer, the swing may wait and last as much longer."""
         longer = max(1.0, pulse / LONGEST_DELAY)
@@ -101,37 +76,32 @@ class LawFamily:
         """Where a law lies in the ranges (ranges,), its ends where it lies beyond."""
         return np.array([np.clip((law[k] - low) / (high - low), 0.0, 1.0) for k, (low, high) in self.ranges.items()])
 
-    def published_law(self, scenario: str) -> dict[str, float]:
-        """The free numbers as the thesis and the scenario's tail have them."""
-        published, turn = SwingSettings.published(), load_scenario(scenario)
-        own = {name: name.partition(".")[::2] for name in self.ranges if "." in name}
-        numbers = {name: getattr(getattr(turn, section), key) for name, (section, key) in own.items()}
-        return {name: float(numbers[name] if name in own else getattr(published, name)) for name in self.ranges}
+    def published_law(self) -> dict[str, float]:
+        """The free numbers as the thesis has them."""
+        published = SwingSettings.published()
+        return {name: float(getattr(published, name)) for name in self.ranges}
 
     def settings(self, law: Mapping[str, float]) -> tuple[str, ...]:
-        """Of the law with these numbers."""
-        numbers = (f"{name if '.' in name else f'controller.{name}'}={value!r}" for name, value in law.items())
-        return (*SWINGING, *self.fixed, *numbers)
+        """Of the law with these numbers of the section `controller`."""
+        return (*SWINGING, *self.fixed, *(f"controller.{name}={value!r}" for name, value in law.items()))
 
 
-_MOTION = {
-    "delay": (0.0, LONGEST_DELAY),
-    "swing_speed": (2.0, 14.0),
-    "swing_kd": (0.5, 5.0),
-    "travel": (0.6, 3.14),
-    "settle_kp": (0.5, 20.0),
-    "settle_kd": (0.2, 5.0),
-    "hold_angle": (0.9, 1.57),
-    "pitch_angle": (-0.6, 0.6),
-}
-FAMILIES = {
-    "constant": LawFamily("best constant rate", {"swing_speed": (1.0, 14.0), "trigger_yaw_rate": (0.2, 2.0)}),
-    "trained": LawFamily("trained", _MOTION, ("controller.trigger=steering", "controller.trigger_steering_angle=0.03")),
-    "trained-by-yaw": LawFamily("trained, released by yaw rate", {"trigger_yaw_rate": (0.2, 2.0), **_MOTION}),
-}
-"""By the name that asks for one. `trained`: release after the steering command, rate, how hard it is reached
-(`swing_kd` times the rate is the torque at the release), travel, braking, and where the tail waits. A yaw rate that
-says as early that the car turns is reached on the straight already, by the drag of the held tail."""
+TRAINED = LawFamily(
+    "trained",
+    {
+        "delay": (0.0, LONGEST_DELAY),
+        "swing_speed": (2.0, 14.0),
+        "swing_kd": (0.5, 5.0),
+        "travel": (0.6, 3.14),
+        "settle_kp": (0.5, 20.0),
+        "settle_kd": (0.2, 5.0),
+        "hold_angle": (0.9, 1.57),
+        "pitch_angle": (-0.6, 0.6),
+    },
+    ("controller.trigger=steering", "controller.trigger_steering_angle=0.03"),
+)
+"""Release after the steering command, rate, how hard it is reached (`swing_kd` times the rate is the torque at the
+release), travel, braking, and where the tail waits."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +150,7 @@ def search_law(task: Task, family: LawFamily, search: LawSearch, runs: Runs) -> 
     """
     chosen, rows = {}, []
     family, courses = family.for_pulse(task.pulse), Courses(task, runs)
-    published = family.published_law(task.scenario)
+    published = family.published_law()
     all_floors, _ = courses.floors(task.training_cars)
     for speed in task.speeds:
         floors = [floor for floor in all_floors if floor.speed == speed]
@@ -327,13 +297,9 @@ def screened_courses(screening: Screening) -> list[list[float]]:
     count, laws = len(screening.cases), screening.laws
     which = np.tile(np.arange(count), len(laws))
     cases = tuple((*case, *screening.fixed) for case in screening.cases)
-    scenarios, all_cars, all_plans = _reduced(screening.scenario, cases, screening.content)
-    numbers: dict[str, Any] = {
-        name: np.repeat([law[name] for law in laws], count) for name in laws[0] if "." not in name
-    }
+    all_cars, all_plans = _reduced(screening.scenario, cases, screening.content)
+    numbers: dict[str, Any] = {name: np.repeat([law[name] for law in laws], count) for name in laws[0]}
     cars, plans = all_cars.take(which), replace(all_plans.take(which), **numbers)
-    if len(numbers) < len(laws[0]):
-        cars = Vehicles.of([changed(scenario, law) for law in laws for scenario in scenarios])
     straight = drive_turns(cars, plans, duration=0.0)
     waits = np.isnan(straight.trigger)
 
@@ -369,19 +335,7 @@ def _screened_worth(
     return score(course_table(cases, laws, runs), reference, cases.cars)
 
 
-def changed(scenario: Scenario, law: Mapping[str, float]) -> Scenario:
-    """A scenario with the numbers of a law that are named `section.key`."""
-    sections: dict[str, dict[str, float]] = {}
-    for name, value in law.items():
-        section, _, key = name.rpartition(".")
-        if section:
-            sections.setdefault(section, {})[key] = value
-    return scenario.varied(**sections)
-
-
 @lru_cache(maxsize=4)
-def _reduced(
-    scenario: str, cases: tuple[tuple[str, ...], ...], _content: str
-) -> tuple[list[Scenario], Vehicles, TurnPlans]:
+def _reduced(scenario: str, cases: tuple[tuple[str, ...], ...], _content: str) -> tuple[Vehicles, TurnPlans]:
     scenarios = [load_scenario(scenario, settings) for settings in cases]
-    return scenarios, Vehicles.of(scenarios), TurnPlans.of(scenarios)
+    return Vehicles.of(scenarios), TurnPlans.of(scenarios)

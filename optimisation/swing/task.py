@@ -1,4 +1,4 @@
-"""Task: the question that candidates are judged by: manoeuvre, cars, floors, disturbances, measure, and limits.
+"""Task: the question that candidates are judged by: manoeuvre, cars, floors, measure, and limits.
 
 A case is a car, a speed and a floor: a multiple of the critical friction of the published swing at full lock there.
 Measured is the course that a pulse of steering turns, with the steering that is best for each candidate. A run counts
@@ -136,9 +136,8 @@ class Task(StrictModel):
         floors: friction over the critical friction of the published swing at full lock.
         pulse: length of the steering, s.
         steering: least and largest amplitude that is tried, degrees; `runs` of each search for one.
-        disturbed: runs of each candidate in each case with what may be otherwise than planned; 0: none.
         most_roll, most_sideslip: of a run that counts, rad: outwards, and to either side at the exit.
-        step, fine_step: of the plant, s: of searches and disturbed runs, and of claims.
+        step, fine_step: of the plant, s: of searches, and of claims.
     """
 
     schema_: Literal["aerodima/task/1"] = Field(default="aerodima/task/1", alias="schema")
@@ -153,7 +152,6 @@ class Task(StrictModel):
     pulse: float = Field(default=PULSE, ge=0.1, le=2.0)
     steering: tuple[float, float] = (2.0, 30.0)
     runs: int = Field(default=9, ge=3, le=50)
-    disturbed: int = Field(default=0, ge=0, le=1000)
     most_roll: float = Field(default=MOST_ROLL, gt=0.0, le=1.5)
     most_sideslip: float = Field(default=MOST_SIDESLIP, gt=0.0, le=1.5)
     step: float = Field(default=0.002, gt=0.0, le=0.005)

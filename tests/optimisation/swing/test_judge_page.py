@@ -55,8 +55,7 @@ def test_a_candidate_without_a_turn_is_not_shown_and_a_study_without_gains_shows
 def test_the_page_has_paths_and_replays_of_the_case() -> None:
     cases = table_of({NO_TAIL.name: [25], HELD.name: [28]})
     task = OneCar(scenario="turn_designed", fine_step=0.004)
-    nothing = pd.DataFrame()
-    found = Judgement(cases, nothing, (NO_TAIL, HELD), (), nothing, nothing)
+    found = Judgement(cases, pd.DataFrame(), (NO_TAIL, HELD), ())
     (section,) = _case_sections(task, found)
     which, paths, replays = section.parts
     assert which == Table(["car", "speed_m_per_s", "floor", "pulse_s", "friction"], [["a", "4.5", "1", "0.5", "0.9"]])

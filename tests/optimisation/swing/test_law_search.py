@@ -16,7 +16,7 @@ from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.sweep.runs import Runs
 from aerodima.optimisation.swing.law_search import (
     APART,
-    FAMILIES,
+    TRAINED,
     LawSearch,
     Screening,
     course_table,
@@ -35,8 +35,7 @@ from aerodima.workbench.controllers.swing_law import SwingSettings
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.resources import model_path
 
-TRAINED = FAMILIES["trained"]
-PUBLISHED = TRAINED.published_law("turn_fast")
+PUBLISHED = TRAINED.published_law()
 ONE_AMPLITUDE = SteeringSearch(math.radians(2.0), math.radians(8.0), runs=1, spread=1)
 
 
@@ -87,10 +86,9 @@ def test_a_scenario_file_with_another_content_is_screened_anew(tmp_path: Path) -
     assert len(store.rows) == 2
 
 
-@pytest.mark.parametrize("tail", [{}, {"tail.length": 0.95, "tail.mount_x": 0.02}])
-def test_a_law_is_screened_as_its_scenario_would_be(tail: dict[str, float]) -> None:
+def test_a_law_is_screened_as_its_scenario_would_be() -> None:
     """With 4 degrees, as if driven from standstill. A swing that begins on the straight counts for nothing."""
-    law = PUBLISHED | {"swing_speed": 9.0, "delay": 0.1} | tail
+    law = PUBLISHED | {"swing_speed": 9.0, "delay": 0.1}
     case = ("car.tyre_friction=0.9", "manoeuvre.turn_hold=0.5")
     task = Screening("turn_designed", (case,), ("",), ONE_AMPLITUDE, 1.0, 0.5, laws=(law,), fixed=TRAINED.fixed)
     (course,) = screened_courses(task)
@@ -102,27 +100,3 @@ def test_a_law_is_screened_as_its_scenario_would_be(tail: dict[str, float]) -> N
     assert course == pytest.approx(turns.course, abs=1e-9)
     early = replace(task, laws=({"trigger_yaw_rate": 1e-5},), fixed=())
     assert screened_courses(early) == [[0.0]]
-
-
-def test_numbers_of_the_tail_may_be_free_with_the_law() -> None:
-    family = FAMILIES["constant"].with_free(["tail.length=0.6:1.0", "tail.mass=0.1:0.2"], "turn_designed")
-    (law,) = family.laws(np.array([[0.0, 1.0, 1.0, 0.5]]))
-    assert law == {"swing_speed": 1.0, "trigger_yaw_rate": 2.0, "tail.length": 1.0, "tail.mass": 0.15}
-    assert {"tail.length=1.0", "controller.swing_speed=1.0"} <= set(family.settings(law))
-    assert family.published_law("turn_designed")["tail.length"] == load_scenario("turn_designed").tail.length
-
-
-@pytest.mark.parametrize(
-    ("word", "said"),
-    [
-        ("tail.length", "allowed: section.key=low:high"),
-        ("tail.length=1", "allowed: section.key=low:high"),
-        ("tail.length=1:0.5", "the lower end first"),
-        ("tail.lenght=0.5:1", "tail.lenght is no number of the scenario turn_designed"),
-        ("tail.mode=0:1", "tail.mode is no number"),
-        ("tail.length=0.5:100", "length"),
-    ],
-)
-def test_a_free_number_that_cannot_be_is_refused(word: str, said: str) -> None:
-    with pytest.raises(UserError, match=said):
-        FAMILIES["constant"].with_free([word], "turn_designed")
