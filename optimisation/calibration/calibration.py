@@ -136,12 +136,12 @@ class Posterior:
     Attributes:
         cars: drawn with equal weights (m, n).
         size: effective sample size, that of the worst coordinate.
-        acceptance: share of the steps that were taken.
+        length: steps that were kept over the longest autocorrelation time.
     """
 
     cars: FloatArray
     size: float
-    acceptance: float
+    length: float
 
 
 def log_likelihood(emulator: Emulator, figures: Sequence[Figure], cars: FloatArray) -> FloatArray:
@@ -228,10 +228,10 @@ def sample(
     burn = steps // 3
     chain = cars_at(sampler.get_chain(discard=burn))
     with np.errstate(invalid="ignore"):  # a chain too short to move
-        times = emcee.autocorr.integrated_time(chain, tol=0)
+        longest = float(np.nanmax(emcee.autocorr.integrated_time(chain, tol=0)))
     flat = chain.reshape(-1, chain.shape[2])
     kept = flat[np.random.default_rng(seed).choice(len(flat), min(KEPT, len(flat)), replace=False)]
-    return Posterior(kept, float(len(flat) / np.nanmax(times)), float(np.mean(sampler.acceptance_fraction)))
+    return Posterior(kept, len(flat) / longest, len(chain) / longest)
 
 
 @dataclass(frozen=True)

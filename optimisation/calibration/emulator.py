@@ -88,13 +88,13 @@ class Surface:
     @classmethod
     def line(cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray) -> Surface:
         """A plane with a ridge, for rows of few cars; arguments as those of `process`."""
-        from sklearn.linear_model import RidgeCV
-        from sklearn.model_selection import GroupKFold, cross_val_predict
+        from sklearn.linear_model import Ridge
+        from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_predict
 
-        ridge, chosen = RidgeCV(alphas=RIDGES), scaled[:, columns]
-        folds = GroupKFold(min(8, len(np.unique(cars))))
+        chosen, folds = scaled[:, columns], GroupKFold(min(8, len(np.unique(cars))))
+        tried = GridSearchCV(Ridge(), {"alpha": RIDGES}, cv=folds, scoring="neg_mean_squared_error")
+        ridge = tried.fit(chosen, values, groups=cars).best_estimator_
         missed = values - cross_val_predict(ridge, chosen, values, groups=cars, cv=folds).reshape(values.shape)
-        ridge.fit(chosen, values)
         slopes, offset = np.atleast_2d(ridge.coef_), np.atleast_1d(ridge.intercept_)
         return cls(tuple(columns), lambda inputs: inputs @ slopes.T + offset, _deviation(missed), missed)
 

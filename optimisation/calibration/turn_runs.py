@@ -14,6 +14,7 @@ from scipy.signal import butter, lfilter
 
 from aerodima.optimisation.calibration.two_systems import (
     FIGURES,
+    FORWARD,
     FRICTION,
     LIFT,
     CalibrationPlan,
@@ -72,7 +73,7 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
     if of_the_field:
         start -= nuisances["latency"]
         signals[0] = signals[0] + nuisances["gyro_bias"]
-        if nuisances["forward"] > 0.5:
+        if nuisances["forward"] > FORWARD:
             b, a = butter(IMU_FILTER.order, IMU_FILTER.cutoff_hz, fs=1.0 / SAMPLE_TIMES["physical"])
             signals = [lfilter(b, a, values - values[0]) + values[0] for values in signals]
         else:
@@ -180,8 +181,8 @@ def search_full(piece: Piece) -> dict[str, Any]:
     """Searches the friction at which each full car flips; returns what `run_reduced` does.
 
     The search begins at the margin of each car and goes up or down, by the reach of the piece and then by twice as much
-    as the step before, until the outcome changes; then it bisects. The last run has the friction of the car. A flip that
-    is known no better than to the reach is not known. `errors` names the cars that could not be run.
+    as the step before, until the outcome changes; then it bisects. The last run has the friction of the car. A bracket
+    wider than the reach gives no flip. `errors` says why cars could not be run.
     """
     prior, turn = prior_of(piece.plan), piece.turn
     column = prior.column(f"{turn.system} {FRICTION}")
