@@ -77,11 +77,10 @@ def _reduced(plan: CalibrationPlan, runs: Runs, cars: FloatArray, reach: float) 
 
 def _full_flips(plan: CalibrationPlan, runs: Runs, cars: FloatArray, emulator: Emulator) -> dict[str, dict[str, Any]]:
     """`search_full` of cars (m, n) by name of the turn, around the friction at which the emulator has them flip."""
-    around = {turn.name: cars.copy() for turn in plan.turns}
-    for turn in plan.turns:
-        around[turn.name][:, prior_of(plan).column(f"{turn.system} {FRICTION}")] *= np.exp(emulator.margin(cars, turn))
     runs.stage = "full cars"
-    return _joined(_by_turn(search_full, plan, runs, around, 1, FULL_REACH))
+    margins = {turn.name: emulator.margin(cars, turn) for turn in plan.turns}
+    everywhere = {turn.name: cars for turn in plan.turns}
+    return _joined(_by_turn(search_full, plan, runs, everywhere, 1, FULL_REACH, margins=margins))
 
 
 def _joined(found: Mapping[str, list[Any]]) -> dict[str, dict[str, Any]]:
@@ -104,6 +103,7 @@ def _by_turn(
     at_once: int,
     reaches: Mapping[str, float] = MappingProxyType({}),
     step: float | None = None,
+    margins: Mapping[str, FloatArray] = MappingProxyType({}),
 ) -> dict[str, list[Any]]:
     """What work comes to, in pieces of so many cars, by name of the turn; all pieces are handed out together."""
     pieces = [
@@ -113,13 +113,15 @@ def _by_turn(
             tuple(map(tuple, cars[turn.name][first : first + at_once].tolist())),
             reaches.get(turn.tail, 0.0),
             step,
+            tuple(margins[turn.name][first : first + at_once].tolist()) if margins else (),
         )
         for turn in plan.turns
         for first in range(0, len(cars[turn.name]), at_once)
     ]
     rounds = (plan.size.rounds, plan.size.full_rounds)
     keys = [
-        content_key(work.__name__, p.turn.model_dump(), p.cars, p.reach, p.step, rounds, plan.settings) for p in pieces
+        content_key(work.__name__, p.turn.model_dump(), p.cars, p.margins, p.reach, p.step, rounds, plan.settings)
+        for p in pieces
     ]
     found: dict[str, list[Any]] = {turn.name: [] for turn in plan.turns}
     for piece, result in zip(pieces, runs.call(work, pieces, keys), strict=True):
@@ -134,12 +136,12 @@ class Posterior:
     Attributes:
         cars: drawn with equal weights (m, n).
         size: effective sample size, that of the worst coordinate.
-        acceptance: share of the steps that were taken.
+        length: steps that were kept over the longest autocorrelation time.
     """
 
     cars: FloatArray
     size: float
-    acceptance: float
+    length: float
 
 
 def log_likelihood(emulator: Emulator, figures: Sequence[Figure], cars: FloatArray) -> FloatArray:
@@ -156,7 +158,8 @@ def log_likelihood(emulator: Emulator, figures: Sequence[Figure], cars: FloatArr
             for figure in own:
                 total += log_density(emulator, figure, cars, values[:, METRICS.index(figure.metric)])
             if turn == (lift := lift_of(plan)).turn:
-                total += norm.logcdf((values[:, METRICS.index(LIFT)] - lift.published) / LIFT_WIDTH)
+                width = np.hypot(LIFT_WIDTH, emulator.deviation(lift))
+                total += norm.logcdf((values[:, METRICS.index(LIFT)] - lift.published) / width)
     return total + emulator.log_outcomes(cars)
 
 
@@ -225,10 +228,10 @@ def sample(
     burn = steps // 3
     chain = cars_at(sampler.get_chain(discard=burn))
     with np.errstate(invalid="ignore"):  # a chain too short to move
-        times = emcee.autocorr.integrated_time(chain, tol=0)
+        longest = float(np.nanmax(emcee.autocorr.integrated_time(chain, tol=0)))
     flat = chain.reshape(-1, chain.shape[2])
     kept = flat[np.random.default_rng(seed).choice(len(flat), min(KEPT, len(flat)), replace=False)]
-    return Posterior(kept, float(len(flat) / np.nanmax(times)), float(np.mean(sampler.acceptance_fraction)))
+    return Posterior(kept, len(flat) / longest, len(chain) / longest)
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,9 @@ RIDGES = np.logspace(0.0, 4.0, 9)
 """Ridges of a correction that are tried."""
 CLOSEST = 0.005
 """Margin that is not told from none."""
-NODES = norm.ppf((np.arange(32) + 0.5) / 32)
-"""Equally likely values of what the emulator misses of a car, over its deviation."""
+NODES = np.linspace(-6.0, 6.0, 121)
+WEIGHTS = norm.logpdf(NODES) - logsumexp(norm.logpdf(NODES))
+"""Values of what the emulator misses of a car, over its deviation, and the logarithms of their weights."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +41,13 @@ class Surface:
         columns: of the cars.
         model: scaled columns (m, c) -> values (m, k).
         deviation: of what it misses in cars that it was not fitted to (k), in the unit of its values.
+        missed: what it misses of each row once it was fitted without that row's car (m, k).
     """
 
     columns: tuple[int, ...]
     model: Callable[[FloatArray], FloatArray]
     deviation: FloatArray
+    missed: FloatArray = field(default_factory=lambda: np.zeros((0, 1)))
 
     @classmethod
     def process(cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray) -> Surface:
@@ -77,21 +80,23 @@ class Surface:
             return middle + (np.exp(alike, out=alike) @ weights) * (size * spread)
 
         inverse = cho_solve((fitted.L_, True), np.eye(len(rows)))
-        missed = [np.linalg.solve(inverse[np.ix_(own, own)], weights[own]) for own in _rows_by(cars[rows])]
-        return cls(tuple(columns), model, spread * _deviation(np.concatenate(missed)))
+        missed = np.full(values.shape, np.nan)
+        for own in _rows_by(cars[rows]):
+            missed[rows[own]] = spread * np.linalg.solve(inverse[np.ix_(own, own)], weights[own])
+        return cls(tuple(columns), model, _deviation(missed[rows]), missed)
 
     @classmethod
     def line(cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray) -> Surface:
         """A plane with a ridge, for rows of few cars; arguments as those of `process`."""
-        from sklearn.linear_model import RidgeCV
-        from sklearn.model_selection import GroupKFold, cross_val_predict
+        from sklearn.linear_model import Ridge
+        from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_predict
 
-        ridge, chosen = RidgeCV(alphas=RIDGES), scaled[:, columns]
-        folds = GroupKFold(min(8, len(np.unique(cars))))
+        chosen, folds = scaled[:, columns], GroupKFold(min(8, len(np.unique(cars))))
+        tried = GridSearchCV(Ridge(), {"alpha": RIDGES}, cv=folds, scoring="neg_mean_squared_error")
+        ridge = tried.fit(chosen, values, groups=cars).best_estimator_
         missed = values - cross_val_predict(ridge, chosen, values, groups=cars, cv=folds).reshape(values.shape)
-        ridge.fit(chosen, values)
         slopes, offset = np.atleast_2d(ridge.coef_), np.atleast_1d(ridge.intercept_)
-        return cls(tuple(columns), lambda inputs: inputs @ slopes.T + offset, _deviation(missed))
+        return cls(tuple(columns), lambda inputs: inputs @ slopes.T + offset, _deviation(missed), missed)
 
     def __call__(self, scaled: FloatArray) -> FloatArray:
         """Values (m, k) at scaled cars (m, n)."""
@@ -125,8 +130,7 @@ class Emulator:
             scaled = prior.scaled(cars[known])
             flips[turn.name] = Surface.process(_of_the_flip(prior, turn), scaled, flip[known, None], known)
             if turn.table:
-                margin = flip[whose] - np.log(tried[:, prior.column(f"{turn.system} {FRICTION}")])
-                inputs = _with_margin(prior.scaled(tried), margin)
+                inputs = _with_margin(prior.scaled(tried), _unseen(prior, turn, flip, flips[turn.name], tried, whose))
                 figures[turn.name] = Surface.process(_of_a_figure(prior, turn), inputs, shown, whose)
         return cls(prior, flips, figures)
 
@@ -139,8 +143,7 @@ class Emulator:
             missed = flip[known, None] - self.flips[turn.name](scaled)
             shifts[turn.name] = Surface.line(_of_the_flip(prior, turn), scaled, missed, known)
             if turn.table:
-                moved = replace(self, shifts=shifts)
-                inputs = _with_margin(prior.scaled(tried), moved.margin(tried, turn))
+                inputs = _with_margin(prior.scaled(tried), _unseen(prior, turn, flip, shifts[turn.name], tried, whose))
                 missed = shown - self.figures[turn.name](inputs)
                 corrections[turn.name] = Surface.line(_of_a_figure(prior, turn), inputs, missed, whose)
         return replace(self, shifts=shifts, corrections=corrections)
@@ -162,6 +165,15 @@ class Emulator:
         found: FloatArray = norm.cdf(self.margin(cars, turn) / width)
         return found
 
+    def draw_outcomes(self, car: FloatArray, rng: np.random.Generator) -> dict[str, bool]:
+        """Which turns a car (1, n) survives, drawn as `log_outcomes` has it."""
+        missed = {_kind(turn): rng.standard_normal() for turn in self.prior.plan.turns}
+        found = {}
+        for turn in self.prior.plan.turns:
+            margin = self.margin(car, turn)[0] + self.flip_deviation(turn) * missed[_kind(turn)]
+            found[turn.name] = bool(margin > self.prior.plan.outcome_width[turn.tail] * rng.standard_normal())
+        return found
+
     def log_outcomes(self, cars: FloatArray) -> FloatArray:
         """Logarithm of the probability (m) of how all turns of the plan ended.
 
@@ -174,7 +186,7 @@ class Emulator:
                 missed = self.flip_deviation(turn) * NODES[:, None]
                 z = (self.margin(cars, turn) + missed) / self.prior.plan.outcome_width[turn.tail]
                 joint += norm.logcdf(z if turn.ends == "survived" else -z)
-            total += logsumexp(joint, axis=0) - np.log(len(NODES))
+            total += logsumexp(joint + WEIGHTS[:, None], axis=0)
         return total
 
     def values(self, cars: FloatArray, turn: Turn) -> FloatArray:
@@ -203,6 +215,16 @@ def _of_the_flip(prior: CarPrior, turn: Turn) -> list[int]:
     return [column for column in columns if column not in left]
 
 
+def _unseen(
+    prior: CarPrior, turn: Turn, flip: FloatArray, surface: Surface, tried: FloatArray, whose: IntArray
+) -> FloatArray:
+    """Margin of cars that were tried (k), as the emulator has it for cars that it was not fitted to."""
+    without = flip.copy()
+    without[np.isfinite(flip)] -= surface.missed[:, 0]
+    margin: FloatArray = without[whose] - np.log(tried[:, prior.column(f"{turn.system} {FRICTION}")])
+    return margin
+
+
 def _of_a_figure(prior: CarPrior, turn: Turn) -> list[int]:
     return [*prior.inputs(turn.system), len(prior.names)]
 
@@ -225,7 +247,7 @@ def _search(
     if min(len(known), shown) < least:
         raise UserError(
             f"{turn.name} m/s: {len(known)} of {len(flip)} cars flip at a friction that was tried, "
-            f"{shown} of these have runs that survive; needed are {least} of each"
+            f"{shown} of these have runs that survive; needed are {least} of each{''.join(found.get('errors', [])[:1])}"
         )
     return known, flip, tried[own], np.array(found["figures"])[own], whose[own]
 

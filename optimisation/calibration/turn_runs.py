@@ -14,6 +14,7 @@ from scipy.signal import butter, lfilter
 
 from aerodima.optimisation.calibration.two_systems import (
     FIGURES,
+    FORWARD,
     FRICTION,
     LIFT,
     CalibrationPlan,
@@ -72,7 +73,7 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
     if of_the_field:
         start -= nuisances["latency"]
         signals[0] = signals[0] + nuisances["gyro_bias"]
-        if nuisances["forward"] > 0.5:
+        if nuisances["forward"] > FORWARD:
             b, a = butter(IMU_FILTER.order, IMU_FILTER.cutoff_hz, fs=1.0 / SAMPLE_TIMES["physical"])
             signals = [lfilter(b, a, values - values[0]) + values[0] for values in signals]
         else:
@@ -100,6 +101,7 @@ class Piece:
     Attributes:
         reach: of the search for the flip around the friction of a car, to either side, in its logarithm.
         step: of the full car, s; None for the default.
+        margins: logarithm of the friction at which a search begins over that of each car.
     """
 
     plan: CalibrationPlan
@@ -107,6 +109,7 @@ class Piece:
     cars: tuple[tuple[float, ...], ...]
     reach: float = 0.0
     step: float | None = None
+    margins: tuple[float, ...] = ()
 
 
 @lru_cache(maxsize=4)
@@ -177,35 +180,46 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
 def search_full(piece: Piece) -> dict[str, Any]:
     """Searches the friction at which each full car flips; returns what `run_reduced` does.
 
-    From the friction of a car it goes up or down, by the reach of the piece and then by twice as much as the step
-    before, until the outcome changes; then it bisects.
+    The search begins at the margin of each car and goes up or down, by the reach of the piece and then by twice as much
+    as the step before, until the outcome changes; then it bisects. The last run has the friction of the car. A bracket
+    wider than the reach gives no flip. `errors` says why cars could not be run.
     """
     prior, turn = prior_of(piece.plan), piece.turn
     column = prior.column(f"{turn.system} {FRICTION}")
     flips: list[float | None] = []
-    inputs, figures = [], []
-    for numbers in piece.cars:
+    found: dict[str, list[Any]] = {"flips": flips, "inputs": [], "figures": [], "errors": []}
+
+    def survives(car: FloatArray, friction: float) -> bool:
+        tried = car.copy()
+        tried[column] = np.exp(friction)
+        row = _full_row(prior, turn, tried, piece.step)
+        if "error" in row:
+            raise UserError(row["error"])
+        if row["survived"]:
+            found["inputs"].append(tried.tolist())
+            found["figures"].append([row[metric] for metric in (*FIGURES, LIFT)])
+        return bool(row["survived"])
+
+    for numbers, margin in zip(piece.cars, piece.margins, strict=True):
         car = np.array(numbers)
-        tried, low, high, ahead = np.log(car[column]), -np.inf, np.inf, piece.reach
-        for _ in range(piece.plan.size.full_rounds):
-            car[column] = np.exp(tried)
-            row = _full_row(prior, turn, car, piece.step)
-            if "error" in row:
-                low = np.inf
-                break
-            if row["survived"]:
-                low = tried
-                inputs.append(car.tolist())
-                figures.append([row[metric] for metric in (*FIGURES, LIFT)])
-            else:
-                high = tried
-            if np.isfinite(low + high):
-                tried = 0.5 * (low + high)
-            else:
-                tried += ahead if row["survived"] else -ahead
-                ahead *= 2.0
-        flips.append(tried if np.isfinite(low + high) else None)
-    return {"flips": flips, "inputs": inputs, "figures": figures}
+        own = float(np.log(car[column]))
+        tried, low, high, ahead = own + margin, -np.inf, np.inf, piece.reach
+        try:
+            for _ in range(piece.plan.size.full_rounds):
+                if survives(car, tried):
+                    low = tried
+                else:
+                    high = tried
+                if np.isfinite(high - low):
+                    tried = 0.5 * (low + high)
+                else:
+                    tried += ahead if np.isfinite(low) else -ahead
+                    ahead *= 2.0
+            survives(car, own)
+        except UserError as error:
+            found["errors"].append(f"; {error}")
+        flips.append(tried if high - low <= piece.reach else None)
+    return found
 
 
 def run_full(piece: Piece) -> list[dict[str, Any]]:

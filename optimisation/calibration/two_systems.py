@@ -26,6 +26,8 @@ from aerodima.workbench.plants.car_model import chassis_centre
 FRICTION, SLIP = "car.tyre_friction", "car.tyre_slip_angle"
 NUISANCES = ("window", "latency", "gyro_bias", "forward")
 OF_THE_FIELD = NUISANCES[1:]
+FORWARD = 0.5
+"""Value of `forward` above which the filter runs in one direction."""
 LONGEST = {"window": 1.2, "latency": 0.3}
 """s; what is recorded around the steering allows no more."""
 KEPT = 2000
@@ -252,9 +254,11 @@ class CarPrior:
         return [self.column(name) for name in names]
 
     def scaled(self, cars: FloatArray) -> FloatArray:
-        """Cars (m, n) with -1 to 1 from end to end of each range."""
+        """Cars (m, n) with -1 to 1 from end to end of each range; `forward` is a switch and has -1 or 1 alone."""
         low, high = self.ranges.T
-        return 2.0 * (cars - low) / (high - low) - 1.0
+        scaled: FloatArray = 2.0 * (cars - low) / (high - low) - 1.0
+        scaled[:, self.column("forward")] = np.where(cars[:, self.column("forward")] > FORWARD, 1.0, -1.0)
+        return scaled
 
     def log_density(self, cars: FloatArray) -> FloatArray:
         """Logarithm of the density (m), up to a constant; -inf where a car cannot be."""

@@ -27,7 +27,9 @@ from aerodima.optimisation.calibration.two_systems import (
 from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import UserError
 
+TRIES = 10_000
 BAND = (0.05, 0.5, 0.95)
 """Quantiles of a 90 % interval and its median."""
 
@@ -111,6 +113,16 @@ def rigid(prior: CarPrior) -> CarPrior:
     return CarPrior(plan.model_copy(update={"ranges": ranges, "nuisances": nuisances}))
 
 
+def _playing(emulator: Emulator, posterior: Posterior, rng: np.random.Generator) -> tuple[FloatArray, dict[str, bool]]:
+    """A posterior car (1, n) and how its turns end, one that survives every turn with a table."""
+    for _ in range(TRIES):
+        car = posterior.cars[rng.integers(len(posterior.cars))][None]
+        ends = emulator.draw_outcomes(car, rng)
+        if all(ends[turn.name] for turn in emulator.prior.plan.turns if turn.table):
+            return car, ends
+    raise UserError(f"none of {TRIES} posterior cars survives every turn with a table")
+
+
 def perfect_model(
     emulator: Emulator,
     posterior: Posterior,
@@ -123,8 +135,7 @@ def perfect_model(
     rng, plan = np.random.default_rng(seed), emulator.prior.plan
     inside: list[bool] = []
     for place in range(number):
-        car = posterior.cars[rng.integers(len(posterior.cars))][None]
-        ends = {turn.name: rng.random() < emulator.survival(car, turn)[0] for turn in plan.turns}
+        car, ends = _playing(emulator, posterior, rng)
         turns = tuple(
             turn.model_copy(update={"ends": "survived" if ends[turn.name] else "flipped"}) for turn in plan.turns
         )

@@ -41,6 +41,8 @@ PAGE, MEASURE = "index.html", "measure_next.html"
 FIELD_TABLES = ("Table 7.3", "Table 7.4")
 OF_A_CAR = ("controller.trigger_yaw_rate", "tail.roll_stop")
 """Settings of a run that belong to the car, not to its drive."""
+FINAL = 3
+"""How many times as long as for a table that is left out the sampler runs for the posterior of all figures."""
 SOON = 0.3
 """s after the steering command."""
 NEAR_A_BOUND = 0.05
@@ -91,7 +93,7 @@ def calibrate(plan: CalibrationPlan, runs: Runs, out: Path, played: int) -> Path
     figures = figures_of(plan)
     tables = tuple(turn.table for turn in plan.turns if turn.table)
     say("posterior of the cars ...")
-    posterior = sample(emulator, figures, seed)
+    posterior = sample(emulator, figures, seed, steps=FINAL * plan.size.steps)
     say(f"effective sample size {posterior.size:.0f}")
     left_out = []
     for table in tables:
@@ -186,7 +188,8 @@ def _findings(result: Result, figures: pd.DataFrame, parameters: pd.DataFrame, s
         f"The Brier score of the {len(plan.turns)} outcomes, to which the cars are held, is {score:.3f}.",
         *played,
         f"These intervals are {np.median(widths):.0%} as wide as those of the prior alone (median).",
-        f"The effective sample size is {result.posterior.size:.0f}.",
+        f"The effective sample size is {result.posterior.size:.0f}; the chains are {result.posterior.length:.0f} "
+        "autocorrelation times long.",
         f"These medians lie near the end of their prior: {held}."
         if held
         else "No median lies near the end of its prior.",

@@ -146,7 +146,7 @@ def test_full_car_flips_at_the_friction_of_the_reduced_one() -> None:
     (flip,) = run_reduced(Piece(plan, turn, tuple(map(tuple, car.tolist())), reach=0.8))["flips"]
     column = CarPrior(plan).column("physical car.tyre_friction")
     car[0, column] = np.exp(flip)
-    found = search_full(Piece(plan, turn, tuple(map(tuple, car.tolist())), reach=0.05))
+    found = search_full(Piece(plan, turn, tuple(map(tuple, car.tolist())), reach=0.05, margins=(0.0,)))
     assert found["flips"][0] == pytest.approx(flip, abs=0.05)
     for tried, shown in zip(found["inputs"], found["figures"], strict=True):
         assert tried[column] < np.exp(found["flips"][0])

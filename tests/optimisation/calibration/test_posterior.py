@@ -89,19 +89,23 @@ def test_full_cars_shift_flips_and_figures_go_with_the_margin() -> None:
     assert corrected.value(car, figure)[0] == pytest.approx(3.0 - np.log(0.05), abs=0.02)
 
 
-def test_what_is_missed_of_a_car_is_one_number_for_all_speeds() -> None:
-    """A car that survives the slower turn by a hair and flips in the faster one, against the integral."""
+@pytest.mark.parametrize("margin", [0.0, -0.15])
+def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin: float) -> None:
+    """A car that survives the slower turn by a hair, or against three deviations, and flips in the faster one."""
     slow, fast = PLAN.turns[:2]
     car, missed, width = PRIOR.draw(1, seed=4), 0.05, PLAN.outcome_width["none"]
-    car[0, PRIOR.column(f"{slow.system} car.tyre_friction")] = 0.6
+    car[0, PRIOR.column(f"{slow.system} car.tyre_friction")] = 0.6 * np.exp(-margin)
     one = Surface((0,), lambda inputs: np.full((len(inputs), 1), np.log(0.6)), np.array([missed]))
     made = replace(emulator(), flips=emulator().flips | {slow.name: one, fast.name: one})
     errors = np.linspace(-6.0, 6.0, 20_001) * missed
-    expected = np.trapezoid(
-        norm.pdf(errors, 0.0, missed) * norm.cdf(errors / width) * norm.cdf(-errors / width), errors
-    )
-    assert np.exp(made.log_outcomes(car)[0]) == pytest.approx(expected, rel=0.05)
-    assert expected < 0.1 < made.survival(car, slow)[0] * (1.0 - made.survival(car, fast)[0])
+    z = (errors + margin) / width
+    expected = np.trapezoid(norm.pdf(errors, 0.0, missed) * norm.cdf(z) * norm.cdf(-z), errors)
+    assert np.exp(made.log_outcomes(car)[0]) == pytest.approx(expected, rel=0.01)
+    rng = np.random.default_rng(5)
+    drawn = [made.draw_outcomes(car, rng) for _ in range(4000)]
+    assert np.mean([ends[slow.name] and not ends[fast.name] for ends in drawn]) == pytest.approx(expected, abs=0.015)
+    if margin == 0.0:
+        assert expected < 0.1 < made.survival(car, slow)[0] * (1.0 - made.survival(car, fast)[0])
 
 
 def test_outcomes_count_on_the_right_side() -> None:
@@ -126,7 +130,9 @@ def test_likelihood_knows_who_survived_and_whose_wheel_lifted() -> None:
     assert log_likelihood(flipped, (), low)[0] < log_likelihood(flipped, (), high)[0] - 5.0
     place = METRICS.index(LIFT)
     early, late = (
-        replace(first, figures=first.figures | {turn.name: Surface((0,), partial(_lifting, place, at), np.ones(6))})
+        replace(
+            first, figures=first.figures | {turn.name: Surface((0,), partial(_lifting, place, at), np.full(6, 1e-6))}
+        )
         for at in (0.8, 1.2)
     )
     assert log_likelihood(late, (), low)[0] > log_likelihood(early, (), low)[0] + 2.0
