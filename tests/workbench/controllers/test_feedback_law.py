@@ -13,7 +13,17 @@ from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingState
 from aerodima.workbench.controllers.tail_law import Observation
 
-SCENARIO = load_scenario("entry_turn", ["controller.law=feedback"])
+NUMBERS = {
+    "steering_gain": -5.2,
+    "roll_gain": 14,
+    "roll_rate_gain": 3.3,
+    "threshold": 1.9,
+    "most_speed": 6.7,
+    "most_roll": 1.4,
+}
+SCENARIO = load_scenario(
+    "entry_turn", ["controller.law=feedback", *(f"feedback.{name}={value}" for name, value in NUMBERS.items())]
+)
 LAW = law_of_scenario(SCENARIO)
 assert isinstance(LAW, FeedbackLaw)
 GAINS = LAW.gains
