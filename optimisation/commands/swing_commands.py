@@ -173,11 +173,12 @@ def entry(
     """
     from aerodima.optimisation.entry import suite
     from aerodima.optimisation.entry.entry_speed import climb
-    from aerodima.optimisation.entry.entry_table import entry_lines, summarise_entries
+    from aerodima.optimisation.entry.entry_table import entry_figure, entry_lines, summarise_entries
     from aerodima.optimisation.sweep.runs import kept_runs
     from aerodima.workbench.atomic_write import write_atomically
     from aerodima.workbench.config.ensemble import load_ensemble
     from aerodima.workbench.errors import SweepError
+    from aerodima.workbench.figures.figure_style import png
 
     driven = suite.manoeuvres(manoeuvre or suite.TRAINED_ON, tail)
     who = suite.candidates(candidate or list(suite.CANDIDATES))
@@ -190,8 +191,9 @@ def entry(
     summary = summarise_entries(table)
     for name, frame in (("entries.csv", table), ("summary.csv", summary)):
         write_atomically(out / name, frame.to_csv(index=False), True, SweepError)
+    write_atomically(out / "entries.png", png(entry_figure(table)), True, SweepError)
     typer.echo("\n".join(entry_lines(summary)))
-    typer.echo(f"written: {out / 'entries.csv'}, {out / 'summary.csv'}")
+    typer.echo(f"written: entries.csv, summary.csv and entries.png in {out}")
 
 
 @grouped

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from aerodima.optimisation.entry.entry_speed import ERROR, NO_REFERENCE
 from aerodima.optimisation.sweep.runs import make_frame
 from aerodima.optimisation.swing.candidate import HELD, LOW_BALLAST, NO_TAIL, THESIS
 from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.figures.figure_style import BLUE, SKY, new_figure, styled
 from aerodima.workbench.text_table import text_table
 
 SPEED = "entry_speed_m_per_s"
@@ -123,6 +125,25 @@ def entry_lines(summary: pd.DataFrame) -> list[str]:
                 )
             )
     return text_table(_HEADER, rows)
+
+
+@styled()
+def entry_figure(table: pd.DataFrame) -> Figure:
+    """Entry speeds of all cars, a panel per manoeuvre and a row per candidate, with the median as a bar."""
+    names = list(dict.fromkeys(table["manoeuvre"]))
+    who = list(dict.fromkeys(table["candidate"]))[::-1]
+    figure, axes = new_figure(9.0, 0.9 + 0.34 * len(who), columns=len(names), sharey=True)
+    for axis, name in zip(axes[0], names, strict=True):
+        own = table[table["manoeuvre"] == name]
+        speeds = [own.loc[own["candidate"] == one, SPEED].to_numpy(dtype=np.float64) for one in who]
+        for index, values in enumerate(speeds):
+            if np.isfinite(values).any():
+                axis.barh(index, np.nanmedian(values), height=0.6, color=SKY)
+            axis.plot(values, np.full(len(values), index), "o", color=BLUE, markersize=3)
+        axis.set_title(name)
+        axis.set_xlabel("m/s")
+    axes[0, 0].set_yticks(range(len(who)), who)
+    return figure
 
 
 def _percent(share: float) -> str:

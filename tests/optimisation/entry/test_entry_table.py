@@ -8,6 +8,7 @@ import pytest
 
 from aerodima.optimisation.entry.entry_speed import NO_REFERENCE
 from aerodima.optimisation.entry.entry_table import (
+    entry_figure,
     entry_gains,
     entry_lines,
     median_interval,
@@ -117,3 +118,11 @@ def test_lines_have_a_heading_per_manoeuvre_and_a_dash_for_what_is_not_known():
     lines = entry_lines(summarise_entries(table))
     assert lines[1] == "turn"
     assert " ".join(lines[-1].split()) == "new 2.20 29 0 of 5 0 +10.0 % -5.0 % to +20.0 % -5.0 % – –"
+
+
+def test_the_picture_has_a_bar_at_every_median_and_a_dot_for_every_car():
+    table = made_up(NONE, rows("new", [2.1, 2.2, 2.3, 2.4, 1.9]))
+    (axis,) = entry_figure(table).axes
+    assert [label.get_text() for label in axis.get_yticklabels()] == ["new", "no tail"]
+    assert axis.patches[0].get_width() == 2.2
+    assert sum(len(line.get_xdata()) for line in axis.lines) == len(table)
