@@ -83,6 +83,8 @@ class Surface:
         missed = np.full(values.shape, np.nan)
         for own in _rows_by(cars[rows]):
             missed[rows[own]] = spread * np.linalg.solve(inverse[np.ix_(own, own)], weights[own])
+        rest = np.isnan(missed[:, 0])  # not fitted, so that the process has not seen them
+        missed[rest] = values[rest] - model(scaled[rest][:, columns])
         return cls(tuple(columns), model, _deviation(missed[rows]), missed)
 
     @classmethod

@@ -232,7 +232,10 @@ def train(
         found = search_feedback(
             chosen, tail, LawSearch(laws=laws, generations=generations, seed=seed, around=around), runs
         )
-    write_candidates(path, [found], f"aerodima swing train --tail {tail} --cars {cars}", force=work.force)
+    options = {"ensemble": ensemble, "tail": tail, "cars": cars, "laws": laws, "generations": generations}
+    options |= {"around": around, "seed": seed}
+    how = " ".join(["aerodima swing train", *(f"--{name} {value}" for name, value in options.items())])
+    write_candidates(path, [found], how, force=work.force)
     typer.echo(f"found: {path}")
     typer.echo(f"judge it: aerodima swing entry --tail {tail} --candidate {path} --out {out / 'entry'}")
 

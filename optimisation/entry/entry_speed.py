@@ -2,13 +2,13 @@
 
 A manoeuvre is completed where no two wheels of one side are more than `TWO_WHEELS` above the ground at a time, nothing
 but wheels touches it from the start of the steering on, and the car survives. On a path, the path is kept to its end.
-Elsewhere speed times mean yaw rate into the steered windows is at least `LEAST_SHARE` of what the candidate without
-tail reaches at its own entry speed there, so that a tail gains nothing by keeping the car from turning.
+Elsewhere speed times mean yaw rate into the steered windows is at least `LEAST_SHARE` of the most that the candidate
+without tail reaches there up to its own entry speed, so that a tail gains nothing by keeping the car from turning.
 
 A climb begins at a low speed and goes up in steps to the first failure, goes down first if the start itself fails, and
-halves its last step. The lateral acceleration that speed times yaw rate stands for grows with the speed, so that every
-climb begins with too little of it. A lack of yaw is therefore a failure only above a speed at which the manoeuvre was
-completed; below that the climb passes it, as neither completed nor failed.
+halves its last step. Speed times yaw rate is small at low speeds, so that every climb begins with too little of it. A
+lack of yaw is therefore a failure only above a speed at which the manoeuvre was completed; below that the climb passes
+it, as neither completed nor failed.
 
 Climbs are driven at the ordinary step of the plant; the speed that is found is proved at the fine one, and lowered
 until it is borne out. What is run depends on neither the engine nor the other climbs, but for the reference.
@@ -45,6 +45,8 @@ OFF_PATH, PATH_END = "off_path_m", "path_end_reached"
 end."""
 ERROR = "error: "
 """Begins what failed in a run that came to nothing."""
+NOT_PROVED = "not proved"
+"""Begins what ended a climb whose speed the fine step bore out nowhere in `MOST_BACK` tries."""
 NO_REFERENCE = "no reference"
 """Ends a climb that has nothing to be compared with: the car without tail has no entry speed there."""
 
@@ -156,7 +158,7 @@ class EntrySearch:
 
 
 def failed_rule(row: Mapping[str, Any], rule: Literal["yaw", "path"], figure: float, least: float) -> str:
-    """First of the rules that a run breaks: `two wheels`, `ground`, `flipped`, `path`, `yaw`, `error: ...`, or empty.
+    """First rule that a run breaks: `two wheels`, `ground: PART`, `flipped`, `path`, `yaw`, `error: ...`; else "".
 
     Args:
         row: of the run.
@@ -173,7 +175,7 @@ def failed_rule(row: Mapping[str, Any], rule: Literal["yaw", "path"], figure: fl
         return f"{ERROR}the row has no {', '.join(lacking)}"
     broken = {
         "two wheels": row["side_lift_m"] > TWO_WHEELS,
-        "ground": row["touched_when_steered"],
+        f"ground: {row['touched_when_steered']}": bool(row["touched_when_steered"]),
         "flipped": row["outcome"] != "survived",
     }
     if rule == "path":
@@ -261,10 +263,20 @@ class _Climb:
         """Speed times mean yaw rate at the entry speed, m/s2; NaN without one."""
         return math.nan if self.proved is None else self.fine[self.proved].figure
 
+    @property
+    def most(self) -> float:
+        """Largest speed times mean yaw rate at the completed speeds up to the entry speed, m/s2; NaN without one."""
+        if self.proved is None:
+            return math.nan
+        completed = [run.figure for speed, run in self.coarse.items() if speed <= self.proved and not run.failed]
+        return max(self.figure, *completed)
+
     def as_row(self) -> dict[str, Any]:
         """The row of the table, see `climb`."""
         failures = [run.failed for run in self.fine.values() if run.failed]
         ended_by = failures[-1] if failures else self.search.ended_by(_failures(self.coarse))
+        if self.found is not None and self.proved is None:
+            ended_by = f"{NOT_PROVED}: {ended_by}"
         return {
             "manoeuvre": self.manoeuvre.name,
             "candidate": self.who.name,
@@ -290,7 +302,7 @@ def climb(
 ) -> pd.DataFrame:
     """Entry speeds of every candidate in every manoeuvre, car and floor; the car without tail is always among them.
 
-    It climbs first, since its figure at its proved entry speed is what the others are held to; they climb together.
+    It climbs first, since its figures are what the others are held to; they climb together.
 
     Args:
         manoeuvres: what is driven.
@@ -318,7 +330,7 @@ def climb(
     _drive(references, runs, NO_TAIL.name)
     climbs, others = [], []
     for reference in references:
-        share = LEAST_SHARE * reference.figure if reference.manoeuvre.rule == "yaw" else -math.inf
+        share = LEAST_SHARE * reference.most if reference.manoeuvre.rule == "yaw" else -math.inf
         own = [
             replace(reference, who=who, least=share, coarse={}, fine={})
             for who in candidates

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from aerodima.optimisation.entry.entry_speed import ERROR, NO_REFERENCE
+from aerodima.optimisation.entry.entry_speed import ERROR, NO_REFERENCE, NOT_PROVED
 from aerodima.optimisation.sweep.runs import make_frame
 from aerodima.optimisation.swing.candidate import HELD, LOW_BALLAST, NO_TAIL, THESIS
 from aerodima.workbench.config.array_types import FloatArray
@@ -26,6 +26,8 @@ REFERENCES: Mapping[str, tuple[str, ...]] = {
     "better_tail": (HELD.name, THESIS.name),
 }
 """What gains are over, each time the fastest of these candidates in the same case."""
+UNKNOWN = (ERROR, NO_REFERENCE, NOT_PROVED)
+"""How `ended_by` begins where an entry speed is not known."""
 RESAMPLES = 4000
 """Draws of cars in a bootstrap."""
 _HEADER = (
@@ -34,6 +36,7 @@ _HEADER = (
         "m/s",
         "course [deg]",
         "none",
+        "unknown",
         "ceiling",
         "over no tail",
         "95 % of cars drawn again",
@@ -44,19 +47,25 @@ _HEADER = (
 )
 
 
+def known_speeds(table: pd.DataFrame) -> pd.Series:
+    """Entry speeds (rows of the table), m/s; NaN where there is none or it is not known."""
+    return table[SPEED].mask(table["ended_by"].astype(str).str.startswith(UNKNOWN))
+
+
 def entry_gains(table: pd.DataFrame, over: tuple[str, ...]) -> pd.Series:
     """Gain in entry speed of each row over the fastest of other candidates in the same case; index as the table's.
 
-    A candidate that completes the manoeuvre at no speed has the gain -1. NaN where the others have no entry speed, or
-    where a run came to nothing or there was no reference, so that the entry speed is not known.
+    A candidate that completes the manoeuvre at no speed has the gain -1. NaN where the entry speed of either is not
+    known: a run came to nothing, the fine step bore no speed out, or there was no reference.
 
     Args:
         table: of `climb`.
         over: names of the other candidates; those that the table lacks are left out.
     """
-    other = table[table["candidate"].isin(over)].groupby(CASE)[SPEED].max().rename("other")
-    unknown = table["ended_by"].astype(str).str.startswith((ERROR, NO_REFERENCE)) & table[SPEED].isna()
-    ratio = table[SPEED].fillna(0.0).mask(unknown) / table.join(other, on=CASE)["other"]
+    speeds = known_speeds(table)
+    other = table.assign(known=speeds)[table["candidate"].isin(over)].groupby(CASE)["known"].max().rename("other")
+    never = table[SPEED].isna() & ~table["ended_by"].astype(str).str.startswith(UNKNOWN)
+    ratio = speeds.mask(never, 0.0) / table.join(other, on=CASE)["other"]
     return (ratio - 1.0).rename("gain")
 
 
@@ -76,8 +85,8 @@ def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
     for (manoeuvre, who), own in table.groupby(["manoeuvre", "candidate"], sort=False):
         row: dict[str, Any] = {"manoeuvre": manoeuvre, "candidate": who, "number": len(own)}
         row |= {"without_entry": int(own[SPEED].isna().sum()), "at_ceiling": int(own["at_ceiling"].sum())}
-        row["errors"] = int(own["ended_by"].astype(str).str.startswith(ERROR).sum())
-        row["median_m_per_s"] = float(own[SPEED].median())
+        row["unknown"] = int(own["ended_by"].astype(str).str.startswith(UNKNOWN).sum())
+        row["median_m_per_s"] = float(known_speeds(own).median())
         row["median_course_rad"] = float(own["course_change_rad"].median())
         for label, gain in gains.items():
             cars = gain[own.index].groupby(own["car"]).median().dropna().to_numpy(dtype=np.float64)
@@ -116,6 +125,7 @@ def entry_lines(summary: pd.DataFrame) -> list[str]:
                     "–" if math.isnan(row["median_m_per_s"]) else f"{row['median_m_per_s']:.2f}",
                     "–" if math.isnan(row["median_course_rad"]) else f"{math.degrees(row['median_course_rad']):.0f}",
                     f"{row['without_entry']:.0f} of {row['number']:.0f}",
+                    f"{row['unknown']:.0f}",
                     f"{row['at_ceiling']:.0f}",
                     _percent(row["gain_over_no_tail"]),
                     "–" if math.isnan(row["low_over_no_tail"]) else between,

@@ -19,13 +19,14 @@ from aerodima.optimisation.entry.entry_speed import LEAST_SHARE
 from aerodima.optimisation.entry.suite import FEEDBACK, TRAINED_ON, manoeuvres
 from aerodima.optimisation.screening.entry_runs import climb
 from aerodima.optimisation.screening.vehicles import Vehicles
-from aerodima.optimisation.sweep.runs import Runs
+from aerodima.optimisation.sweep.runs import Runs, scenario_content
 from aerodima.optimisation.swing.candidate import NO_TAIL, Candidate
 from aerodima.optimisation.swing.law_search import LawFamily, LawSearch, search_laws
 from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.errors import SweepError
 
 FAMILY = LawFamily(
     FEEDBACK.name,
@@ -84,6 +85,8 @@ def search_feedback(cars: Sequence[Member], tail: str, search: LawSearch, runs: 
         UserError: no law keeps a car upright.
     """
     runs.stage = "feedback law"
+    chosen = {name: manoeuvres([name], tail)[0] for name in TRAINED_ON}
+    contents = {name: scenario_content(one.scenario, one.settings) for name, one in chosen.items()}
 
     def worth(laws: Sequence[Mapping[str, float]]) -> FloatArray:
         parts = [
@@ -91,15 +94,20 @@ def search_feedback(cars: Sequence[Member], tail: str, search: LawSearch, runs: 
             for k in range(0, len(laws), AT_ONCE)
             for name in TRAINED_ON
         ]
-        keys = [content_key("screened entries", vars(part)) for part in parts]
+        keys = [content_key("screened entries", vars(part), *contents[part.manoeuvre]) for part in parts]
         found = runs.call(screened_entries, parts, keys)
         by_manoeuvre = [np.concatenate(found[k :: len(TRAINED_ON)]) for k in range(len(TRAINED_ON))]
         return score(np.concatenate(by_manoeuvre, axis=1))
 
-    scenario = manoeuvres(TRAINED_ON[:1], tail)[0].scenario
-    start = {name: float(getattr(load_scenario(scenario).feedback, name.split(".")[1])) for name in FAMILY.ranges}
-    best = search_laws(FAMILY, search, start, worth, runs.say)[0]
-    return Candidate(FEEDBACK.name, (*FEEDBACK.settings, *(f"{name}={value!r}" for name, value in best.items())))
+    shipped = load_scenario(chosen[TRAINED_ON[0]].scenario).feedback
+    start = {name: float(getattr(shipped, name.split(".")[1])) for name in FAMILY.ranges}
+    found = search_laws(FAMILY, search, start, worth, runs.say)
+    if not found:
+        raise SweepError("no law that was tried keeps a training car upright at any speed")
+    best = found[0]
+    return Candidate(
+        f"trained {FEEDBACK.name}", (*FEEDBACK.settings, *(f"{name}={value!r}" for name, value in best.items()))
+    )
 
 
 def score(ratios: FloatArray) -> FloatArray:

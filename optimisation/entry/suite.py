@@ -52,7 +52,7 @@ AT_ONCE = ("controller.delay=0.0",)
 """Laws are compared without the delay of the published one, which belongs to that law and not to the car."""
 TAILS = {"built": None, "designed": "turn_designed"}
 """Scenario that a tail is taken from; the built one is that of each car."""
-OF_THE_MOUNT = ("mode", "roll_stop")
+OF_THE_MOUNT = ("mode", "roll_stop", "mount_height", "mount_x")
 """Of a tail, what stays as the manoeuvre and the car have it."""
 
 
@@ -81,7 +81,9 @@ def candidates(names: Sequence[str]) -> list[Candidate]:
     """Candidates by name of `CANDIDATES`, or as `read_candidates` has them; the car without tail is the first one."""
     own = [CANDIDATES[name] for name in names if name in CANDIDATES and CANDIDATES[name] is not NO_TAIL]
     others = read_candidates([name for name in names if name not in CANDIDATES], MANOEUVRES["turn"].scenario)
-    return [NO_TAIL, *own, *others[1:]]
+    found = [NO_TAIL, *own, *others[1:]]
+    refuse_twice([one.name for one in found], "candidate")
+    return found
 
 
 def floors(cars: Sequence[Member], shares: Sequence[float]) -> list[tuple[Member, EntryFloor]]:

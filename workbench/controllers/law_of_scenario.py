@@ -117,6 +117,10 @@ def law_of_scenario(scenario: Any) -> TailLaw:
         UserError: a setting out of range, a swing file that is missing or malformed.
     """
     if scenario.controller.law == "feedback" and scenario.tail.mode == "swing":
+        if scenario.controller.swing_file != NO_SWING:
+            raise UserError(
+                f"controller.swing_file: {scenario.controller.swing_file}; allowed with law feedback: {NO_SWING}"
+            )
         return FeedbackLaw.from_scenario(scenario)
     swing = swing_of_scenario(scenario)
     if swing is None:

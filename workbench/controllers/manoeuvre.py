@@ -109,11 +109,16 @@ def steering_time(hold: float, repeats: int = 1, gap: float = 0.0) -> float:
     return repeats * hold + (repeats - 1) * gap
 
 
+WITHDRAWN = (0.3, 0.4)
+"""s after a step: from when until when its announcement is withdrawn; a law that swings late has swung by then."""
+
+
 @dataclass(frozen=True)
 class TurnSchedule:
     """Straight, then a steering step of `steer_angle` for `hold`, then straight again; of two levels if asked for.
 
-    The step may come several times to the same side, straight in between.
+    The step may come several times to the same side, straight in between. The announcement is then withdrawn for a
+    moment after each step but the last, so that a law which waits for a new announcement hears of the next turn.
 
     The simulated turn of the thesis (7.1.1: 30 degrees from 2.0 to 2.5 s; the servo adds its 0.14 s), and with
     `throttle_off` the AUTO sequence of the car (7.2.1). The turn is announced from the first tick to the end.
@@ -156,7 +161,16 @@ class TurnSchedule:
         turning = start <= time + TICK_TOLERANCE < start + self.hold
         angle = self.first_angle if time + TICK_TOLERANCE < start + self.first_hold else self.steer_angle
         throttle = 0.0 if time + TICK_TOLERANCE >= self.throttle_off else self.ramp.throttle(time)
-        return DriverInput(self.side * angle if turning else 0.0, throttle, self.side)
+        since, more = (
+            time + TICK_TOLERANCE - (start + self.hold),
+            start + self.gap + self.hold < self._last_start + 1e-9,
+        )
+        announced = 0.0 if more and WITHDRAWN[0] <= since < WITHDRAWN[1] else self.side
+        return DriverInput(self.side * angle if turning else 0.0, throttle, announced)
+
+    @property
+    def _last_start(self) -> float:
+        return self.start + (self.repeats - 1) * (self.hold + self.gap)
 
     def _step_start(self, time: float) -> float:
         """Of the last step that has begun, s, or of the first one."""

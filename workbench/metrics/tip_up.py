@@ -12,7 +12,7 @@ from scipy.integrate import trapezoid
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import SIDES, WHEELS
+from aerodima.workbench.config.signal_table import GROUND_CONTACTS, SIDES, WHEELS
 from aerodima.workbench.controllers.paths import off_path, path_of
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, turn_signals
@@ -37,15 +37,15 @@ class TipUp:
     Attributes:
         side_lift_m: largest value over time of the smaller lift of the two wheels of one side, m; None where the log
             lacks the lifts.
-        touched_when_steered: whether cage, board or tail touched the ground; None where the log cannot tell.
+        touched_when_steered: which of cage, board and tail touched the ground; None where the log cannot tell.
         steered_yaw_rate_rad_per_s: see `steered_yaw_rate`; None where the log ends before the steering.
     """
 
     side_lift_m: float | None
-    touched_when_steered: bool | None
+    touched_when_steered: str | None
     steered_yaw_rate_rad_per_s: float | None
 
-    def as_row(self) -> dict[str, float | bool | None]:
+    def as_row(self) -> dict[str, float | str | None]:
         """One flat row for a table."""
         return asdict(self)
 
@@ -63,9 +63,13 @@ def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
     windows = [(*signals.window, signals.sign)] if windows is None else windows
     return TipUp(
         side_lift_m=side_lift(np.column_stack(lifts)) if len(lifts) == len(WHEELS) else None,
-        touched_when_steered=None if contact is None else bool(np.any(contact[steered] > LOADED_FORCE)),
+        touched_when_steered=None if contact is None else " ".join(_touched(contact[steered])),
         steered_yaw_rate_rad_per_s=steered_yaw_rate(signals.time, signals.sign * signals.yaw_rate, windows),
     )
+
+
+def _touched(contact: FloatArray) -> list[str]:
+    return [part for part, force in zip(GROUND_CONTACTS, contact.T, strict=True) if np.any(force > LOADED_FORCE)]
 
 
 def side_lift(lifts: FloatArray) -> float:

@@ -107,7 +107,7 @@ def test_a_proof_lowers_the_speed_until_it_is_borne_out_but_not_for_ever():
     assert SEARCH.proving(None, {}) is None
 
 
-CLEAN = {"outcome": "survived", "error": "", "side_lift_m": 0.004, "touched_when_steered": False}
+CLEAN = {"outcome": "survived", "error": "", "side_lift_m": 0.004, "touched_when_steered": ""}
 
 
 @pytest.mark.parametrize(
@@ -115,8 +115,8 @@ CLEAN = {"outcome": "survived", "error": "", "side_lift_m": 0.004, "touched_when
     [
         ({}, ""),
         ({"side_lift_m": 0.006}, "two wheels"),
-        ({"side_lift_m": 0.006, "touched_when_steered": True, "outcome": "flipped"}, "two wheels"),
-        ({"touched_when_steered": True}, "ground"),
+        ({"side_lift_m": 0.006, "touched_when_steered": "board", "outcome": "flipped"}, "two wheels"),
+        ({"touched_when_steered": "board"}, "ground: board"),
         ({"outcome": "flipped"}, "flipped"),
         ({"outcome": None, "error": "NaN"}, "error: NaN"),
         ({"side_lift_m": None}, "error: the row has no side_lift_m"),

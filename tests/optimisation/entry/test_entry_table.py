@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.entry.entry_speed import NO_REFERENCE
+from aerodima.optimisation.entry.entry_speed import NO_REFERENCE, NOT_PROVED
 from aerodima.optimisation.entry.entry_table import (
     entry_figure,
     entry_gains,
@@ -73,10 +73,12 @@ def test_no_entry_speed_is_the_worst_gain_but_an_error_is_none():
     failed = rows("new", [nan, 2.2, 2.2, 2.2, 2.2], "yaw")
     row = summarise_entries(made_up(NONE, failed)).set_index("candidate").loc["new"]
     assert (row["worst_over_no_tail"], row["cars_over_no_tail"], row["without_entry"]) == (-1.0, 5, 1)
-    for ended_by in ("error: NaN", NO_REFERENCE):
-        unknown = rows("new", [nan, 2.2, 2.2, 2.2, 2.2], ended_by)
+    for ended_by, speed in (("error: NaN", 9.0), (NO_REFERENCE, nan), (f"{NOT_PROVED}: yaw", nan)):
+        unknown = rows("new", [speed, 2.2, 2.2, 2.2, 2.2])
+        unknown[0]["ended_by"] = ended_by
         row = summarise_entries(made_up(NONE, unknown)).set_index("candidate").loc["new"]
         assert (row["worst_over_no_tail"], row["cars_over_no_tail"]) == (pytest.approx(0.1), 4)
+        assert (row["unknown"], row["median_m_per_s"]) == (1, 2.2)
     without = made_up(rows(NO_TAIL.name, [nan, 2.0, 2.0, 2.0, 2.0]), rows("new", [2.2] * 5))
     assert summarise_entries(without).set_index("candidate").loc["new", "cars_over_no_tail"] == 4
 
@@ -117,7 +119,7 @@ def test_lines_have_a_heading_per_manoeuvre_and_a_dash_for_what_is_not_known():
     table = made_up(NONE, rows("new", [2.1, 2.2, 2.3, 2.4, 1.9]))
     lines = entry_lines(summarise_entries(table))
     assert lines[1] == "turn"
-    assert " ".join(lines[-1].split()) == "new 2.20 29 0 of 5 0 +10.0 % -5.0 % to +20.0 % -5.0 % – –"
+    assert " ".join(lines[-1].split()) == "new 2.20 29 0 of 5 0 0 +10.0 % -5.0 % to +20.0 % -5.0 % – –"
 
 
 def test_the_picture_has_a_bar_at_every_median_and_a_dot_for_every_car():

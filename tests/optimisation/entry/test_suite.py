@@ -20,7 +20,8 @@ def test_every_manoeuvre_is_a_scenario_with_either_tail_and_the_mount_of_the_car
         assert (scenario.manoeuvre.kind == "path") == (one.rule == "path")
         assert (scenario.tail.name == "designed") == (tail == "designed")
         own = load_scenario(one.scenario, CARS[0].settings_on(one.scenario))
-        assert scenario.tail.roll_stop == own.tail.roll_stop
+        for key in ("roll_stop", "mount_height", "mount_x"):
+            assert getattr(scenario.tail, key) == getattr(own.tail, key)
 
 
 def test_a_search_sees_some_manoeuvres_alone() -> None:

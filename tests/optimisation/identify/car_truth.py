@@ -14,7 +14,7 @@ from aerodima.workbench.simulate.simulation import simulate
 
 RANGES = {
     "tyre_friction": (0.35, 0.9),
-    "tyre_slip_angle": (0.03, 0.30),
+    "tyre_slip_angle": (0.03, 0.24),
     "com_height": (0.15, 0.25),
     "delay": (0.0, 0.1),
     "gyro_bias_z": (-0.03, 0.03),

@@ -15,6 +15,8 @@ from aerodima.workbench.controllers.manoeuvre import (
     run_time,
     steering_time,
 )
+from aerodima.workbench.controllers.swing_law import SwingLaw, SwingState
+from aerodima.workbench.controllers.tail_law import Observation
 from aerodima.workbench.errors import UserError
 
 STEER = math.radians(30.0)
@@ -216,7 +218,24 @@ def test_two_turns_are_the_same_pulse_twice_with_straight_wheels_in_between():
     np.testing.assert_array_equal(angles[150:300], once[150:300])
     np.testing.assert_array_equal(angles[300:450], once[150:300])
     assert steering_time(0.5, 2, 1.0) == 2.0
-    assert {twice.at(time).planned_turn for time in ticks} == {1.0}
+    withdrawn = [float(tick) for tick in ticks if twice.at(tick).planned_turn == 0.0]
+    assert withdrawn == pytest.approx(0.01 * np.arange(280, 290))
+    single = make_schedule(scenario())
+    assert {single.at(time).planned_turn for time in ticks} == {1.0}
+
+
+def test_the_published_law_brings_the_tail_back_for_the_second_turn():
+    twice, law = make_schedule(scenario(turns=2, turn_gap=4.0)), SwingLaw()
+    memory, roll, states = law.start(), -0.5 * math.pi, []
+    for tick in range(730):
+        time = 0.01 * tick
+        planned, turning = twice.at(time).planned_turn, 2.0 <= time < 2.5 or 6.5 <= time < 7.0
+        memory, _, command, state = law.step(memory, Observation(time, 3.0 * turning, roll, 0.0, planned, True))
+        roll = roll + 0.01 * command[1] if command[2] == 0.0 else float(command[0])
+        states.append(state)
+    order = [state for state, before in zip(states, [None, *states], strict=False) if state != before]
+    swing = [SwingState.HOLD, SwingState.SWING, SwingState.SETTLE]
+    assert order == [*swing, SwingState.RECOCK, *swing]
 
 
 def test_both_turns_have_two_levels_if_one_has():

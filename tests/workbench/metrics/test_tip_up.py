@@ -41,15 +41,15 @@ def test_a_run_counts_from_the_start_of_its_steering(direction, side):
     yaw_rate = side * np.where((times() >= 2.0) & (times() <= 2.64), 1.5, -7.0)
     run = made_up_run({"gyro_z_truth_rad_per_s": yaw_rate}, direction)
     assert tip_up(run).side_lift_m is None
-    assert tip_up(run).touched_when_steered is False
+    assert tip_up(run).touched_when_steered == ""
     for column in LIFT_COLUMNS:
         run.table[column] = np.where(steered, 0.003, 0.5)
     run.table["ground_contact_tail_truth_n"] = np.where(steered, 0.0, 5.0)
     found = tip_up(run)
-    assert (found.side_lift_m, found.touched_when_steered) == (0.003, False)
+    assert (found.side_lift_m, found.touched_when_steered) == (0.003, "")
     assert found.steered_yaw_rate_rad_per_s == pytest.approx(1.5)
     run.table["ground_contact_tail_truth_n"] = 5.0
-    assert tip_up(run).touched_when_steered is True
+    assert tip_up(run).touched_when_steered == "tail"
 
 
 def test_columns_of_the_lifts_are_in_the_order_of_the_wheels():
