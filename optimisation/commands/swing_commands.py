@@ -48,49 +48,33 @@ def search(
     task: TaskArgument,
     out: Annotated[Path, typer.Option(help="Folder for what is found and its runs; a stopped search goes on in it.")],
     work: WorkOptions,
-    what: Annotated[str, typer.Option("--for", help="trained: numbers of the law; or motion.")] = "trained",
     settings: TaskSettings = None,
     seed: Annotated[int, typer.Option(help="Of all draws.", min=0)] = 1,
-    laws: Annotated[int, typer.Option(help="Of a generation, for each number that is free.", min=3)] = 6,
-    generations: Annotated[int, typer.Option(help="Of laws beside the first one, on reduced cars.", min=0)] = 15,
-    finalists: Annotated[int, typer.Option(help="Of the laws, driven by the full training cars.", min=1)] = 5,
     starts: Annotated[int, typer.Option(help="Random starts of a motion.", min=1, max=1000)] = 7,
     knots: Annotated[int, typer.Option(help="Of the motion's rate.")] = 11,
     length: Annotated[float, typer.Option(help="Of the motion, s.")] = 0.8,
     iterations: Annotated[int, typer.Option(help="Most iterations of the motion from a start.")] = 30,
 ) -> None:
-    """Search on the training cars of a task: the numbers of a law, or motion and steering as one programme.
+    """Search motion and steering as one programme on the training cars of a task; writes swing.yaml.
 
-    Writes candidates.yaml (a law) or swing.yaml (a motion), for `aerodima swing judge --candidate FILE`.
-
-    Example: aerodima swing search short_turn_designed --for motion --set training=0 --out out/motion
+    Example: aerodima swing search short_turn_designed --set training=0 --out out/motion
     """
     from aerodima.optimisation.sweep.runs import kept_runs
-    from aerodima.optimisation.swing.candidate import write_candidates
-    from aerodima.optimisation.swing.law_search import TRAINED, LawSearch, search_law
     from aerodima.optimisation.swing.motion_search import MotionSearch, search_motion
     from aerodima.optimisation.swing.task import load_task
     from aerodima.workbench.atomic_write import refuse_existing
     from aerodima.workbench.config.swing_file import write_swing
     from aerodima.workbench.errors import SwingError
 
-    if what not in ("trained", "motion"):
-        raise SwingError(f"--for {what}: allowed: trained, motion")
     asked = load_task(task, settings or ())
     motion = MotionSearch(starts, seed, knots, length, iterations)
-    path = out / ("swing.yaml" if what == "motion" else "candidates.yaml")
+    path = out / "swing.yaml"
     refuse_existing(path, work.force, SwingError)
     with (
         engine_for(out, work.workers, work.scheduler) as (engine, progress),
         kept_runs(out, engine, force=work.force, progress=progress) as runs,
     ):
-        if what == "motion":
-            write_swing(search_motion(out.name, asked, motion, runs, progress=progress), path, force=work.force)
-        else:
-            search_for = LawSearch(laws, generations, finalists, seed)
-            found, table = search_law(asked, TRAINED, search_for, runs)
-            write_candidates(path, [found], f"aerodima swing search {task} --for trained", force=work.force)
-            table.to_csv(out / "laws.csv", index=False)
+        write_swing(search_motion(out.name, asked, motion, runs, progress=progress), path, force=work.force)
     typer.echo(f"found: {path}")
     typer.echo(f"judge it: aerodima swing judge {task} --candidate {path} --out {out / 'judge'}")
 
@@ -214,10 +198,9 @@ def train(
 
     Example: aerodima swing train --cars 2 --laws 3 --generations 1 --out out/train
     """
-    from aerodima.optimisation.entry.feedback_search import search_feedback
+    from aerodima.optimisation.entry.feedback_search import LawSearch, search_feedback
     from aerodima.optimisation.sweep.runs import kept_runs
     from aerodima.optimisation.swing.candidate import write_candidates
-    from aerodima.optimisation.swing.law_search import LawSearch
     from aerodima.workbench.atomic_write import refuse_existing
     from aerodima.workbench.config.ensemble import load_ensemble
     from aerodima.workbench.errors import SwingError

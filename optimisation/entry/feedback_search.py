@@ -3,17 +3,20 @@
 A law is scored by the speeds at which cars stay upright, over the entry speed of the car without tail. A car that
 turns less than `LEAST_SHARE` of it counts less, by the third power of what is missing, so that the search is led to
 laws that turn enough. The score is half the mean over cars and manoeuvres and half the mean of the worst fifth.
+Generations of laws follow differential evolution (Storn and Price 1997, doi 10.1023/A:1008202821328).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import differential_evolution
+from scipy.stats import qmc
 
 from aerodima.optimisation.entry.entry_speed import LEAST_SHARE
 from aerodima.optimisation.entry.suite import FEEDBACK, TRAINED_ON, manoeuvres
@@ -21,29 +24,25 @@ from aerodima.optimisation.screening.entry_runs import climb
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.sweep.runs import Runs, scenario_content
 from aerodima.optimisation.swing.candidate import NO_TAIL, Candidate
-from aerodima.optimisation.swing.law_search import LawFamily, LawSearch, search_laws
-from aerodima.workbench.batch.row_store import content_key
+from aerodima.workbench.batch.row_store import ProgressBar, content_key
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.errors import SweepError
 
-FAMILY = LawFamily(
-    FEEDBACK.name,
-    {
-        "feedback.steering_gain": (-12.0, 12.0),
-        "feedback.roll_gain": (-20.0, 60.0),
-        "feedback.roll_rate_gain": (-2.0, 6.0),
-        "feedback.threshold": (0.5, 6.0),
-        "feedback.most_speed": (3.0, 16.0),
-        "feedback.most_roll": (1.0, 1.57),
-        "feedback.brake_time": (0.0, 0.1),
-        "feedback.swing_kd": (0.5, 5.0),
-        "feedback.end_kp": (1.0, 20.0),
-        "feedback.end_kd": (0.3, 5.0),
-        "feedback.return_speed": (0.5, 6.0),
-    },
-)
+RANGES = {
+    "feedback.steering_gain": (-12.0, 12.0),
+    "feedback.roll_gain": (-20.0, 60.0),
+    "feedback.roll_rate_gain": (-2.0, 6.0),
+    "feedback.threshold": (0.5, 6.0),
+    "feedback.most_speed": (3.0, 16.0),
+    "feedback.most_roll": (1.0, 1.57),
+    "feedback.brake_time": (0.0, 0.1),
+    "feedback.swing_kd": (0.5, 5.0),
+    "feedback.end_kp": (1.0, 20.0),
+    "feedback.end_kd": (0.3, 5.0),
+    "feedback.return_speed": (0.5, 6.0),
+}
 """Numbers that are free, in the units of `FeedbackParameters`."""
 SPEEDS = np.array([2.8, 3.6, 4.4, 5.2, 6.0])
 """m/s, of the climb of a law; that of the car without tail is finer."""
@@ -54,6 +53,32 @@ WORST = 0.2
 """Share of cases that the second half of the score is made of."""
 CASE_SPEED = 4.0
 """m/s, at which the cars are built; each run has its own."""
+
+
+@dataclass(frozen=True)
+class LawSearch:
+    """How much is searched.
+
+    Attributes:
+        laws: of a generation, for each free number.
+        generations: beside the first one.
+        seed: of the first generation and of all later draws.
+        around: share of the ranges, around the law that it starts from, over which the first generation is drawn.
+
+    Raises:
+        UserError: fewer than 3 laws, or a share out of range.
+    """
+
+    laws: int = 4
+    generations: int = 8
+    seed: int = 1
+    around: float = 0.3
+
+    def __post_init__(self) -> None:
+        if self.laws < 3:
+            raise SweepError(f"{self.laws} laws for each number: allowed: at least 3")
+        if not 0.0 < self.around <= 1.0:
+            raise SweepError(f"around {self.around:g}: allowed: above 0, at most 1")
 
 
 @dataclass(frozen=True)
@@ -78,7 +103,7 @@ def search_feedback(cars: Sequence[Member], tail: str, search: LawSearch, runs: 
     Args:
         cars: training cars.
         tail: of `suite.TAILS`.
-        search: how much; finalists are not driven by full cars.
+        search: how much.
         runs: where the runs are made.
 
     Raises:
@@ -100,14 +125,70 @@ def search_feedback(cars: Sequence[Member], tail: str, search: LawSearch, runs: 
         return score(np.concatenate(by_manoeuvre, axis=1))
 
     shipped = load_scenario(chosen[TRAINED_ON[0]].scenario).feedback
-    start = {name: float(getattr(shipped, name.split(".")[1])) for name in FAMILY.ranges}
-    found = search_laws(FAMILY, search, start, worth, runs.say)
-    if not found:
-        raise SweepError("no law that was tried keeps a training car upright at any speed")
-    best = found[0]
+    start = {name: float(getattr(shipped, name.split(".")[1])) for name in RANGES}
+    best = search_laws(search, start, worth, runs.say)
     return Candidate(
         f"trained {FEEDBACK.name}", (*FEEDBACK.settings, *(f"{name}={value!r}" for name, value in best.items()))
     )
+
+
+def search_laws(
+    search: LawSearch,
+    start: Mapping[str, float],
+    worth: Callable[[Sequence[Mapping[str, float]]], FloatArray],
+    told: Callable[[str], None],
+) -> dict[str, float]:
+    """The law of the largest score.
+
+    Args:
+        search: how much.
+        start: a law that the first generation has, beside those that are drawn.
+        worth: scores (n,) of laws.
+        told: of the progress.
+
+    Raises:
+        UserError: no score is above 0.
+    """
+    best, bar, tried = (0.0, dict(start)), ProgressBar(told, search.generations + 1), 0
+
+    def cost(shares: FloatArray) -> FloatArray:
+        nonlocal best, tried
+        laws = laws_at(shares.T)
+        scores = worth(laws)
+        best, tried = max([best, *zip(scores.tolist(), laws, strict=True)], key=lambda pair: pair[0]), tried + len(laws)
+        bar.one_more(f"{tried} laws tried on reduced cars, the best {best[0] - 1.0:+.1%}")
+        return -scores
+
+    numbers = len(RANGES)
+    own, drawn = shares_of(start), qmc.LatinHypercube(numbers, rng=search.seed).random(search.laws * numbers)
+    first = np.clip(own + search.around * (drawn - own), 0.0, 1.0)
+    first[0] = own
+    differential_evolution(
+        cost,
+        [(0.0, 1.0)] * numbers,
+        init=first,
+        maxiter=search.generations,
+        tol=0.0,
+        polish=False,
+        vectorized=True,
+        updating="deferred",
+        rng=search.seed,
+    )
+    if best[0] <= 0.0:
+        raise SweepError("no law that was tried keeps a training car upright at any speed")
+    return best[1]
+
+
+def laws_at(shares: FloatArray) -> list[dict[str, float]]:
+    """Laws at shares (n, numbers) of the `RANGES`, to four digits."""
+    low, high = np.array(list(RANGES.values())).T
+    rows = (low + shares * (high - low)).tolist()
+    return [{name: float(f"{value:.4g}") for name, value in zip(RANGES, row, strict=True)} for row in rows]
+
+
+def shares_of(law: Mapping[str, float]) -> FloatArray:
+    """Where a law lies in the `RANGES` (numbers,), its ends where it lies beyond."""
+    return np.array([np.clip((law[name] - low) / (high - low), 0.0, 1.0) for name, (low, high) in RANGES.items()])
 
 
 def score(ratios: FloatArray) -> FloatArray:

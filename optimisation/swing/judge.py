@@ -2,7 +2,7 @@
 
 The amplitude that turns the course furthest among the runs that count is searched at the ordinary step, proved at the
 fine one, and lowered by a stated share until it counts there too. The steering is found on the car that is judged, as
-a driver would; candidates are searched (`law_search`, `motion_search`) on training cars alone.
+a driver would; a motion is searched (`motion_search`) on training cars alone.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from aerodima.optimisation.swing.candidate import NO_TAIL, THESIS, Candidate
 from aerodima.optimisation.swing.task import CASE, Floor, SteeredTurn, Task, best_place, find_floors, search_steering
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import ProgressLine, silent
-from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
 
 STEP_BACK, MOST_BACK = 2, 8
@@ -117,12 +116,6 @@ class Courses:
         """A row per floor and candidate, proved at the fine step."""
         turns = [(who, floor) for floor in floors for who in candidates]
         return make_frame([self._row(*turn, one) for turn, one in zip(turns, self._prove(turns), strict=True)])
-
-    def best(self, candidates: Sequence[Candidate], floors: Sequence[Floor]) -> FloatArray:
-        """Courses at the ordinary step (candidates, floors), rad; 0: no turn counts."""
-        turns = [(who, floor) for who in candidates for floor in floors]
-        found = [one.course if one else 0.0 for one in self._search(turns)]
-        return np.array(found).reshape(len(candidates), len(floors))
 
     def _search(self, turns: Sequence[tuple[Candidate, Floor]]) -> list[Steering | None]:
         """The best steering of each turn."""

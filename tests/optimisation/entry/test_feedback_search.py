@@ -3,13 +3,22 @@
 import numpy as np
 import pytest
 
-from aerodima.optimisation.entry.feedback_search import FAMILY, Screened, score, screened_entries, search_feedback
+from aerodima.optimisation.entry.feedback_search import (
+    RANGES,
+    LawSearch,
+    Screened,
+    laws_at,
+    score,
+    screened_entries,
+    search_feedback,
+    search_laws,
+    shares_of,
+)
 from aerodima.optimisation.entry.suite import FEEDBACK, candidates, manoeuvres
 from aerodima.optimisation.screening.entry_runs import climb, wheel_lifts
 from aerodima.optimisation.screening.vehicle_motion import STATES
 from aerodima.optimisation.sweep.runs import Runs, RunTask, evaluate
 from aerodima.optimisation.swing.candidate import write_candidates
-from aerodima.optimisation.swing.law_search import LawSearch
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.errors import UserError
 
@@ -58,6 +67,33 @@ def test_a_manoeuvre_on_a_path_is_refused() -> None:
 @pytest.mark.slow
 def test_search_finds_a_law_that_a_file_of_candidates_brings_back(tmp_path) -> None:
     found = search_feedback(CARS, "designed", LawSearch(laws=3, generations=0), Runs())
-    assert {setting.split("=")[0] for setting in found.settings} >= set(FAMILY.ranges)
+    assert {setting.split("=")[0] for setting in found.settings} >= set(RANGES)
     path = write_candidates(tmp_path / "laws.yaml", [found], "test")
     assert candidates([str(path)])[1].settings == found.settings
+
+
+def test_the_search_comes_to_the_best_law_and_begins_with_the_present_one() -> None:
+    tried: list[dict[str, float]] = []
+
+    def worth(laws):
+        tried.extend(map(dict, laws))
+        return np.array([2.0 - np.linalg.norm(shares_of(law) - 0.3) for law in laws])
+
+    (start,) = laws_at(np.full((1, len(RANGES)), 0.5))
+    search = LawSearch(laws=5, generations=60, seed=1, around=1.0)
+    best = search_laws(search, start, worth, [].append)
+    assert tried[0] == start
+    assert shares_of(best) == pytest.approx(0.3, abs=0.12)
+    assert search_laws(search, start, worth, [].append) == best
+
+
+def test_laws_that_keep_no_car_upright_are_one_error() -> None:
+    (start,) = laws_at(np.full((1, len(RANGES)), 0.5))
+    with pytest.raises(UserError, match="no law that was tried"):
+        search_laws(LawSearch(laws=3, generations=0), start, lambda laws: np.zeros(len(laws)), [].append)
+
+
+@pytest.mark.parametrize(("wrong", "words"), [({"laws": 2}, "at least 3"), ({"around": 0.0}, "around 0")])
+def test_wrong_sizes_of_a_search_name_what_is_allowed(wrong, words) -> None:
+    with pytest.raises(UserError, match=words):
+        LawSearch(**wrong)

@@ -1,4 +1,4 @@
-"""Judge of candidates and search among laws on made-up cars: course and roll follow from the steering by a formula."""
+"""Judge of candidates on made-up cars: course and roll follow from the steering by a formula."""
 
 from __future__ import annotations
 
@@ -7,16 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION
-from aerodima.optimisation.sweep.runs import RunTask, evaluate, kept_runs
+from aerodima.optimisation.sweep.runs import RunTask, evaluate
 from aerodima.optimisation.swing.candidate import HELD, LOW_PLACE, NO_TAIL, THESIS, low_ballast, read_candidates
 from aerodima.optimisation.swing.judge import judge
 from aerodima.optimisation.swing.judge_page import PAGE, write_judgement
-from aerodima.optimisation.swing.law_search import TRAINED, LawFamily, LawSearch, Screening, search_law
 from aerodima.optimisation.swing.task import SteeringSearch, Task, best_place, load_task, search_steering
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.config.ensemble import Member, load_ensemble
@@ -30,8 +28,6 @@ LIMIT = {"none": 5.0, "held": 6.0, "swing": 7.0}
 """Steering at which a car rolls too far, degrees, with the published swing; see `limit_of`."""
 GRID = SteeringSearch()
 ONE_STEP = GRID.angle(1) / GRID.angle(0)
-SEARCH = LawSearch(laws=4, generations=4, finalists=2)
-CONSTANT_RATE = LawFamily("constant rate", {"swing_speed": (1.0, 14.0), "trigger_yaw_rate": (0.2, 2.0)})
 
 
 class MadeUpTask(Task):
@@ -63,16 +59,12 @@ class MadeUp(Engine):
 
     def __init__(self, stop_after: int | None = None) -> None:
         self.tasks: list[RunTask] = []
-        self.laws = 0
         self._stop_after = stop_after
 
     def map(self, work: Any, items: Sequence[Any], done: Any = None, lost: Any = None) -> list[Any]:
         rows = []
         for place, task in enumerate(items):
-            if work is not evaluate:
-                rows.append({"result": self.courses(task)})
-                done(place, rows[-1])
-                continue
+            assert work is evaluate
             if self._stop_after is not None and len(self.tasks) >= self._stop_after:
                 raise KeyboardInterrupt
             self.tasks.append(task)
@@ -80,13 +72,6 @@ class MadeUp(Engine):
             if done is not None:
                 done(place, rows[-1])
         return rows
-
-    def courses(self, cases: Screening) -> list[list[float]]:
-        """Reduced cars turn as far as the full ones."""
-        self.laws += len(cases.laws)
-        limits = [limit_of("swing", law.get("swing_speed", 8.0)) for law in cases.laws]
-        found: list[list[float]] = np.radians(8.0 * np.outer(limits, np.ones(len(TASK.floors)))).tolist()
-        return found
 
     def row(self, given: dict[str, str]) -> dict[str, Any]:
         friction, fine = float(given[FRICTION]), given["simulation.step"] == "0.0005"
@@ -109,16 +94,6 @@ def judged(folder: Path, engine: Any = None, task: Task = TASK) -> tuple[pd.Data
     return found.cases.set_index(["candidate", "floor"]), found.summary.set_index(["cases", "candidate"])
 
 
-def searched_law(folder: Path, engine: Any) -> tuple[Any, pd.DataFrame]:
-    with kept_runs(folder, engine) as kept:
-        return search_law(TASK, CONSTANT_RATE, SEARCH, kept)
-
-
-def rate_of(law: Any) -> float:
-    """rad/s, of a candidate's law at the speed of the task."""
-    return float(dict(setting.partition("=")[::2] for setting in law.at(4.5))["controller.swing_speed"])
-
-
 def test_each_candidate_gets_the_steering_that_the_fine_step_bears_out(tmp_path: Path) -> None:
     cases, summary = judged(tmp_path)
     for (name, floor), row in cases.iterrows():
@@ -136,37 +111,6 @@ def test_tables_and_page_are_written(tmp_path: Path) -> None:
     files = write_judgement(tmp_path, TASK, found, replays=False)
     assert {file.name for file in files} == {"cases.csv", "summary.csv", "gains.png", PAGE}
     assert len(pd.read_csv(tmp_path / "cases.csv")) == 2 * len(TASK.floors)
-
-
-def test_laws_are_found_on_training_cars_alone(tmp_path: Path) -> None:
-    engine = MadeUp()
-    law, laws = searched_law(tmp_path, engine)
-    assert rate_of(law) == pytest.approx(10.0, abs=0.5)
-    assert list(laws["law"]) == ["published", 1, 2]
-    assert engine.tasks
-    assert all("car.mass=6.0" in task.settings for task in engine.tasks)
-
-
-def test_a_law_that_only_reduced_cars_like_is_not_taken(tmp_path: Path) -> None:
-    class Misled(MadeUp):
-        """Reduced cars like slow swings, which the full ones do not bear."""
-
-        def courses(self, cases: Screening) -> list[list[float]]:
-            rates = [law.get("swing_speed", 8.0) for law in cases.laws]
-            found: list[list[float]] = (20.0 - np.outer(rates, np.ones(len(TASK.floors)))).tolist()
-            return found
-
-    law, laws = searched_law(tmp_path, Misled())
-    assert law.at(4.5) == THESIS.settings
-    assert laws["swing_speed"][1] < 4.0
-
-
-def test_longer_pulses_may_be_waited_for_and_swung_through() -> None:
-    assert TRAINED.for_pulse(0.3) == TRAINED == TRAINED.for_pulse(0.5)
-    longer = TRAINED.for_pulse(1.0).ranges
-    assert longer["delay"] == (0.0, 1.0)
-    assert longer["swing_speed"] == (1.0, 14.0)
-    assert longer["travel"] == TRAINED.ranges["travel"]
 
 
 LAWS = """
@@ -257,15 +201,6 @@ def test_stopped_it_goes_on(tmp_path: Path) -> None:
     assert len(second.tasks) == len(whole.tasks) - 40
 
 
-def test_a_search_that_was_stopped_goes_on(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt):
-        searched_law(tmp_path, MadeUp(stop_after=20))
-    second, whole = MadeUp(), MadeUp()
-    assert searched_law(tmp_path, second)[1].equals(searched_law(tmp_path / "other", whole)[1])
-    assert len(second.tasks) == len(whole.tasks) - 20
-    assert second.laws == 0 < whole.laws
-
-
 @pytest.mark.parametrize(
     ("change", "counted"),
     [({}, True), ({"clean": False}, False), ({"outcome": "flipped"}, False), ({"peak_roll_rad": 0.36}, False),
@@ -346,8 +281,6 @@ def test_no_car_is_in_two_parts_of_the_split() -> None:
         (lambda: Task(floors=[1.3, 1.1, 1.3]), "floor '1.3': named twice"),
         (lambda: Task(floors=[9.0]), "floor 9: allowed: 0.2 to 3"),
         (lambda: SteeringSearch(math.radians(-2.0), 0.5), "steering -2 to 28.6479 degrees: allowed: from above 0"),
-        (lambda: LawSearch(laws=2), "2 laws for each number: allowed: at least 3"),
-        (lambda: LawSearch(finalists=0), "0 finalists: allowed: at least 1"),
         (lambda: Task(scenario="slalom"), "slalom: manoeuvre.kind slalom; allowed: turn"),
         (lambda: Task(scenario="entry_twice"), "entry_twice: manoeuvre.turns 2; allowed: 1"),
         (lambda: Task(steering=(2.0, 40.0)), "manoeuvre.steer_angle"),

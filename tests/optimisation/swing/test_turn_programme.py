@@ -168,8 +168,7 @@ def test_the_command_refuses_before_it_drives(tmp_path: Path) -> None:
     for flags, words in (
         (["--set", "floors=[9]"], "floor 9: allowed"),
         (["--set", "training=9999"], "training: 9999"),
-        (["--for", "fastest"], "--for fastest: allowed: trained, motion"),
-        (["--for", "motion", "--knots", "3"], "knots: 3"),
+        (["--knots", "3"], "knots: 3"),
     ):
         result = CliRunner().invoke(build_app(), ["swing", "search", "short_turn", "--out", str(tmp_path), *flags])
         assert words in result.output + str(result.exception), flags
