@@ -153,7 +153,7 @@ def entry(
 
     Asked for again after Ctrl-C, or with more cars or manoeuvres, it keeps the runs that are there.
 
-    Example: aerodima swing entry --manoeuvre turn --cars 1 --candidate published --out out/entry
+    Example: aerodima swing entry --manoeuvre fishhook --cars 1 --candidate published --out out/entry
     """
     from aerodima.optimisation.entry import suite
     from aerodima.optimisation.entry.entry_speed import climb
