@@ -208,13 +208,12 @@ def train(
     path = out / "candidates.yaml"
     refuse_existing(path, work.force, SwingError)
     chosen = _first(load_ensemble(ensemble).split(seed).training, cars)
+    asked = LawSearch(laws=laws, generations=generations, seed=seed, around=around)
     with (
         engine_for(out, work.workers, work.scheduler) as (engine, progress),
         kept_runs(out, engine, force=work.force, progress=progress) as runs,
     ):
-        found = search_feedback(
-            chosen, tail, LawSearch(laws=laws, generations=generations, seed=seed, around=around), runs
-        )
+        found = search_feedback(chosen, tail, asked, runs)
     options = {"ensemble": ensemble, "tail": tail, "cars": cars, "laws": laws, "generations": generations}
     options |= {"around": around, "seed": seed}
     how = " ".join(["aerodima swing train", *(f"--{name} {value}" for name, value in options.items())])
