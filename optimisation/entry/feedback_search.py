@@ -24,7 +24,7 @@ from aerodima.optimisation.screening.entry_runs import climb
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.sweep.runs import Runs, scenario_content
 from aerodima.optimisation.swing.candidate import NO_TAIL, Candidate
-from aerodima.workbench.batch.row_store import ProgressBar, content_key
+from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, content_key
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import Scenario, load_scenario
@@ -140,7 +140,7 @@ def search_laws(
     search: LawSearch,
     start: Mapping[str, float],
     worth: Callable[[Sequence[Mapping[str, float]]], FloatArray],
-    told: Callable[[str], None],
+    progress: ProgressLine,
 ) -> dict[str, float]:
     """The law of the largest score.
 
@@ -148,12 +148,12 @@ def search_laws(
         search: how much.
         start: a law that the first generation has, beside those that are drawn.
         worth: scores (n,) of laws.
-        told: of the progress.
+        progress: receives a line for each generation.
 
     Raises:
         UserError: no score is above 0.
     """
-    best, bar, tried = (0.0, dict(start)), ProgressBar(told, search.generations + 1), 0
+    best, bar, tried = (0.0, dict(start)), ProgressBar(progress, search.generations + 1), 0
 
     def cost(shares: FloatArray) -> FloatArray:
         nonlocal best, tried

@@ -47,15 +47,13 @@ class Entries:
     Attributes:
         upright: no two wheels of a side in the air, neither tail nor board on the ground, not flipped.
         figure: speed times mean yaw rate to the side that is steered to, m/s2.
-        history: states (steps, 24, n), when asked for.
     """
 
     upright: np.ndarray
     figure: FloatArray
-    history: FloatArray | None = None
 
 
-def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArray, *, history: bool = False) -> Entries:
+def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArray) -> Entries:
     """Drives n cars that begin rolling at their speeds through the manoeuvre of a scenario, to the left.
 
     Args:
@@ -63,7 +61,6 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
         scenario: of manoeuvre, servo, controller and IMU; wheelbase of all.
         gains: fields of `FeedbackParameters` as arrays (n).
         steers_tail: 1 where the law moves the tail, 0 where it is held upright (n).
-        history: keep every state.
 
     Raises:
         UserError: a manoeuvre that follows a path.
@@ -81,7 +78,7 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
     angle, reference, counter = np.zeros(n), np.zeros(n), np.full(n, np.inf)
     upright, gone, total, steered = np.ones(n, bool), np.zeros(n, bool), np.zeros(n), np.zeros(n)
     held = np.outer([0.0, 0.0, scenario.controller.hold_kp, scenario.controller.hold_kd], np.ones(n))
-    tail, command, seen, kept = np.stack([held, held]), np.zeros(n), [], []
+    tail, command, seen = np.stack([held, held]), np.zeros(n), []
     for index in range(round((run_time(scenario) - start) / STEP)):
         time = start + index * STEP
         if index % ticks == 0:
@@ -111,9 +108,7 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
             upright &= (side <= TWO_WHEELS) & (sail > 0.0) & (board > 0.0) & ~gone
             steers = np.abs(command) > STRAIGHT
             total, steered = total + steers * np.sign(command) * state[14], steered + steers
-        if history:
-            kept.append(state)
-    return Entries(upright, speed * total / np.maximum(steered, 1.0), np.array(kept) if history else None)
+    return Entries(upright, speed * total / np.maximum(steered, 1.0))
 
 
 def wheel_lifts(state: FloatArray, cars: Vehicles, steering: FloatArray) -> FloatArray:
