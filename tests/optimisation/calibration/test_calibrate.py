@@ -118,6 +118,14 @@ def test_car_that_cannot_be_run_is_a_row_with_its_error() -> None:
     assert "car.mass: 1 kg" in row["error"]
 
 
+def test_full_car_that_cannot_be_run_has_no_flip_and_its_error_is_kept() -> None:
+    car = PRIOR.draw(1, seed=4)[0]
+    car[PRIOR.column("car.mass")] = 1.0
+    found = search_full(Piece(PLAN, SLOW["simulated"], (tuple(car.tolist()),), reach=0.05, margins=(0.0,)))
+    assert (found["flips"], found["inputs"]) == ([None], [])
+    assert "car.mass: 1 kg" in found["errors"][0]
+
+
 def small_plan():
     """Two short turns of few cars: what the whole job takes is the job, not the cars."""
     size = {

@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from aerodima.optimisation.calibration import validation
 from aerodima.optimisation.calibration.calibration import Posterior, log_density, log_likelihood, sample
-from aerodima.optimisation.calibration.emulator import METRICS, Emulator, Surface
+from aerodima.optimisation.calibration.emulator import METRICS, Emulator, Surface, _unseen
 from aerodima.optimisation.calibration.two_systems import LIFT, OFF, CarPrior, figures_of, load_plan
 
 SHIPPED = load_plan()
@@ -65,6 +65,24 @@ def test_curved_figures_are_learnt_and_what_is_missed_is_said() -> None:
         [0, 1, 2], np.vstack([scaled, scaled]), np.vstack([values, values]), np.tile(np.arange(900), 2)
     )
     assert repeated.deviation == pytest.approx([0.05, 0.05], rel=0.35)  # a car does not vouch for itself
+
+
+def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_car() -> None:
+    cars = PRIOR.spread(60, seed=16)
+    scaled = PRIOR.scaled(cars)
+    values = scaled[:, :1] + 0.01 * RNG.standard_normal((len(cars), 1))
+    values[7] += 1.0
+    for fit in (Surface.process, Surface.line):
+        assert fit([0], scaled, values, np.arange(len(cars))).missed[7, 0] == pytest.approx(1.0, abs=0.15)
+
+
+def test_margin_of_a_car_that_was_not_seen_lacks_what_is_missed_of_its_flip() -> None:
+    turn, tried = PLAN.turns[0], PRIOR.draw(2, seed=17)
+    tried[:, PRIOR.column(f"{turn.system} car.tyre_friction")] = 0.5
+    surface = replace(constant(0.0), missed=np.array([[0.1], [-0.05]]))
+    flip = np.array([np.log(0.6), np.nan, np.log(0.7)])
+    margin = _unseen(PRIOR, turn, flip, surface, tried, np.array([0, 2]))
+    assert margin == pytest.approx([np.log(0.6 / 0.5) - 0.1, np.log(0.7 / 0.5) + 0.05])
 
 
 def test_full_cars_shift_flips_and_figures_go_with_the_margin() -> None:

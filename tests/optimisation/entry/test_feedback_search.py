@@ -45,12 +45,13 @@ def test_a_rolled_car_lifts_its_inner_wheels_by_the_sine_of_its_roll() -> None:
     assert rolled[2, 0] - rolled[3, 0] == pytest.approx(track * np.sin(0.1), abs=1e-4)
 
 
-def test_reduced_cars_turn_as_full_ones_with_the_feedback_law() -> None:
-    """Measured: 1 to 2 %."""
+@pytest.mark.parametrize("manoeuvre", ["turn", "fishhook"])
+def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre) -> None:
+    """Measured: 1 to 2 %. The fishhook is steered to both sides, the second time by its roll rate."""
     from aerodima.optimisation.entry.feedback_search import _reference, gains_of
 
-    (chosen,) = manoeuvres(["turn"], "designed")
-    scenario, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
+    (chosen,) = manoeuvres([manoeuvre], "designed")
+    scenario, cars, _, _ = _reference(manoeuvre, "designed", (SETTINGS,))
     upright, figure = climb(cars, np.array([3.2]), scenario, gains_of([{}], scenario), np.ones(1))
     task = (*SETTINGS, *chosen.settings, *FEEDBACK.settings, "manoeuvre.speed=3.2")
     full = evaluate(RunTask("full", chosen.scenario, task))
