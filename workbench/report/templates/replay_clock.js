@@ -1,7 +1,8 @@
-// A clock of its own: `show` is told the seconds since the beginning, for ever anew from 0 to `duration`.
-function replayClock(bar, duration, show) {
+// A clock of its own: `show` is told the seconds since the beginning, for ever anew from 0 to `duration`. The clock waits
+// until `loaded()`: Meshcat loads its animation late, and starts it from 0 by itself.
+function replayClock(bar, duration, show, loaded = () => true) {
   const [button, slider, rate, output] = ["button", "input", "select", "output"].map((tag) => bar.querySelector(tag));
-  let time = 0, playing = true, last = performance.now();
+  let time = 0, playing = true, waiting = true, last = performance.now();
   slider.max = duration;
   function draw() {
     slider.value = time;
@@ -19,8 +20,11 @@ function replayClock(bar, duration, show) {
     draw();
   }
   function tick(now) {
-    if (playing) {
+    if (playing && !waiting) {
       time = (time + Math.max(0, now - last) / 1000 * Number(rate.value)) % duration;
+      draw();
+    } else if (waiting && loaded()) {
+      waiting = false;
       draw();
     }
     last = now;
