@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
+from aerodima.optimisation.screening.compiled import for_cars
 from aerodima.optimisation.screening.turns import heights
 from aerodima.optimisation.screening.vehicle_motion import (
+    COMMANDED,
     RATES,
     SPIN,
     STATES,
     TINY,
     TRAVEL,
-    Commands,
     V,
     W,
+    advance,
     dot,
-    equations,
-    step,
     up,
 )
 from aerodima.optimisation.screening.vehicles import Vehicles
@@ -79,6 +79,7 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
     upright, gone, total, steered = np.ones(n, bool), np.zeros(n, bool), np.zeros(n), np.zeros(n)
     held = np.outer([0.0, 0.0, scenario.controller.hold_kp, scenario.controller.hold_kd], np.ones(n))
     tail, command, seen = np.stack([held, held]), np.zeros(n), []
+    moved_by = for_cars(driven, cars, *COMMANDED)
     for index in range(round((run_time(scenario) - start) / STEP)):
         time = start + index * STEP
         if index % ticks == 0:
@@ -99,16 +100,24 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
                 )
                 command = np.where(time >= counter + 2.0 * reach + plan.turn_hold, 0.0, command)
         angle = angle + np.clip(command - angle, -most, most)
-        commands = Commands(np.stack([angle, angle]), speed / cars.rolling_radius, tail * cars.has_tail)
-        state = np.where(gone, state, step(state, equations(state, commands, cars), STEP))
-        gone = gone | (up(state[4], state[5])[2] < np.cos(FLIP_TILT))
+        new, clear, level = moved_by(state, np.stack([angle, angle]), speed / cars.rolling_radius, tail * cars.has_tail)
+        state = np.where(gone, state, new)
+        gone |= level < np.cos(FLIP_TILT)
         if time >= plan.turn_start:
-            lift, (sail, board) = wheel_lifts(state, cars, angle), heights(state, cars)
-            side = np.maximum(np.minimum(lift[0], lift[2]), np.minimum(lift[1], lift[3]))
-            upright &= (side <= TWO_WHEELS) & (sail > 0.0) & (board > 0.0) & ~gone
+            upright &= (clear > 0.0) & ~gone
             steers = np.abs(command) > STRAIGHT
             total, steered = total + steers * np.sign(command) * state[14], steered + steers
     return Entries(upright, speed * total / np.maximum(steered, 1.0))
+
+
+def driven(
+    cars: Vehicles, state: FloatArray, steering: FloatArray, shaft_speed: FloatArray, tail: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """State after `STEP`; 1 where no side lifts and neither tail nor board touches the ground; cosine of the tilt."""
+    state, _ = advance(STEP, cars, state, steering, shaft_speed, tail)
+    lift, (sail, board) = wheel_lifts(state, cars, steering[0]), heights(state, cars)
+    side = np.maximum(np.minimum(lift[0], lift[2]), np.minimum(lift[1], lift[3]))
+    return state, (side <= TWO_WHEELS) & (sail > 0.0) & (board > 0.0), up(state[4], state[5])[2]
 
 
 def wheel_lifts(state: FloatArray, cars: Vehicles, steering: FloatArray) -> FloatArray:

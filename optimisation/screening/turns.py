@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
+from aerodima.optimisation.screening.compiled import for_cars
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.vehicle_motion import (
+    COMMANDED,
     RATES,
     STATES,
     TAIL_RATE,
     TINY,
-    Commands,
     V,
     W,
-    equations,
-    step,
+    advance,
     tail_axes,
     up,
 )
@@ -188,6 +190,7 @@ def drive_turns(
     state, first = (state, 0) if begun is None else (begun, begin)
     gone, loads, record = np.zeros(n, bool), np.zeros((4, n)), TurnRecord(cars, state, plans.straight)
     kept: list[tuple[FloatArray, ...]] = []
+    driven = _driver(length, cars)
     for index in range(first, begin + round(duration / length)):
         time = (index - begin) * length
         if index % ticks == 0 or index == first:
@@ -197,9 +200,9 @@ def drive_turns(
         gathered = (time + plans.start) / plans.ramp
         speed = cars.speed * np.where(gathered < 1.0, gathered + plans.lead / plans.ramp, 1.0)
         steered = np.mean(plans.steering(time + length * WITHIN), axis=0)
-        commands = Commands(np.stack([steered, steered]), speed / cars.rolling_radius, law.commands())
-        found, asked = equations(state, commands, cars), asked_torque(state, commands)
-        state, loads = np.where(gone, state, step(state, found, length)), found.loads
+        asked = asked_torque(state, law.commands())
+        new, loads = driven(state, np.stack([steered, steered]), speed / cars.rolling_radius, law.commands())
+        state = np.where(gone, state, new)
         gone |= up(state[4], state[5])[2] < np.cos(FLIP_TILT)
         if index >= begin:
             record.see(time + length, state)
@@ -219,9 +222,28 @@ def drive_turns(
     )
 
 
-def asked_torque(state: FloatArray, commands: Commands) -> FloatArray:
-    """Of the roll motor by its own law (n), before its limits, N m."""
-    target, speed, kp, kd = commands.tail[1]
+@cache
+def _advance_over(length: float) -> Any:
+    return partial(advance, length)
+
+
+def _driver(length: float, cars: Vehicles) -> Any:
+    """`advance` for these cars: compiled, and in NumPy where complex steps pass through."""
+    compiled = None
+
+    def driven(*arrays: FloatArray) -> Any:
+        nonlocal compiled
+        if any(np.iscomplexobj(one) for one in arrays):
+            return advance(length, cars, *arrays)
+        compiled = compiled or for_cars(_advance_over(length), cars, *COMMANDED)
+        return compiled(*arrays)
+
+    return driven
+
+
+def asked_torque(state: FloatArray, tail: FloatArray) -> FloatArray:
+    """Of the roll motor by its own law (n), before its limits, N m; `tail` of `Commands`."""
+    target, speed, kp, kd = tail[1]
     return kp * (target - state[7]) + kd * (speed - state[RATES][TAIL_RATE][1])
 
 

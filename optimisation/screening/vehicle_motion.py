@@ -82,7 +82,7 @@ class Equations(NamedTuple):
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Vector product along the first axis."""
     x = a[1] * b[2] - a[2] * b[1]
-    found = np.empty((3, *x.shape), x.dtype)
+    found = np.empty_like(x, shape=(3, *x.shape))
     found[0], found[1], found[2] = x, a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     return found
 
@@ -133,6 +133,18 @@ def step(state: FloatArray, found: Equations, length: float) -> FloatArray:
     return np.concatenate([moved, new])
 
 
+def advance(
+    length: float, cars: Vehicles, state: FloatArray, steering: FloatArray, shaft_speed: FloatArray, tail: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """State (24, n) after a time (s), with `Commands`, and the loads (4, n) before it; what is compiled."""
+    found = equations(state, Commands(steering, shaft_speed, tail), cars)
+    return step(state, found, length), found.loads
+
+
+COMMANDED = ((len(STATES),), (2,), (), (2, 4))
+"""Shapes of state and commands of `advance`, without the last axis."""
+
+
 def configuration_rate(state: FloatArray, rates: FloatArray, travel_rate: FloatArray) -> FloatArray:
     """Of the first twelve states (12, n)."""
     yaw, pitch, roll = state[ANGLES]
@@ -174,9 +186,8 @@ def _apply(matrix: FloatArray, a: FloatArray) -> FloatArray:
 
 def _body(state: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Inertia and weight of all that does not move with the tail."""
-    n, kind = cars.count, state.dtype
-    mass, damping = np.zeros((2, DEGREES, DEGREES, n), kind)
-    force = np.zeros((DEGREES, n), kind)
+    mass, damping = np.zeros_like(state, shape=(2, DEGREES, DEGREES, cars.count))
+    force = np.zeros_like(state, shape=(DEGREES, cars.count))
     w = state[RATES][W]
     moment = cars.mass * cars.centre
     mass[W, W] = cars.inertia
@@ -241,7 +252,7 @@ def _air(line: LineMotion, chord: FloatArray, cars: Vehicles) -> tuple[FloatArra
         line: motion of the sail against the air, in B.
         chord: direction across it, the normal of the plate that stands for its depth.
     """
-    total = np.zeros((6, cars.count), chord.dtype)
+    total = np.zeros_like(chord, shape=(6, cars.count))
     for normal, coefficient in ((line.n, cars.force_across), (chord, cars.force_chord)):
         areas, plate = tuple(coefficient * cars.section_areas), line._replace(n=normal)
         total += plate_force(plate, tuple(cars.section_distances), areas, cars.air_density, 1.0, 1.0)
