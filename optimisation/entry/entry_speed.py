@@ -2,7 +2,8 @@
 
 A manoeuvre is completed where no two wheels of one side are more than `TWO_WHEELS` above the ground at a time, nothing
 but wheels touches it from the start of the steering on, and the car survives. On a path, the path is kept to its end.
-Elsewhere speed times mean yaw rate into the steered windows is at least `LEAST_SHARE` of the most that the candidate
+Elsewhere the car goes straight again: it yaws at most `EXIT_YAW_RATE` at the end of the run, unless it is steered
+there. And speed times mean yaw rate into the steered windows is at least `LEAST_SHARE` of the most that the candidate
 without tail reaches there up to its own entry speed, so that a tail gains nothing by keeping the car from turning.
 
 A climb begins at a low speed and goes up in steps to the first failure, goes down first if the start itself fails, and
@@ -33,6 +34,7 @@ from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 from aerodima.workbench.metrics.tip_up import TWO_WHEELS
+from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
 
 LEAST_SHARE = 0.9
 """Of the figure of the car without tail that a candidate must reach."""
@@ -158,7 +160,9 @@ class EntrySearch:
 
 
 def failed_rule(row: Mapping[str, Any], rule: Literal["yaw", "path"], figure: float, least: float) -> str:
-    """First rule that a run breaks: `two wheels`, `ground: PART`, `flipped`, `path`, `yaw`, `error: ...`; else "".
+    """First rule that a run breaks; empty where it breaks none.
+
+    It is `two wheels`, `ground: PART`, `flipped`, `path`, `exit`, `yaw` or `error: ...`.
 
     Args:
         row: of the run.
@@ -182,6 +186,8 @@ def failed_rule(row: Mapping[str, Any], rule: Literal["yaw", "path"], figure: fl
         off = row[OFF_PATH]
         broken["path"] = off is None or not off <= 0.0 or not row[PATH_END]
     else:
+        last = row.get("last_yaw_rate_rad_per_s")
+        broken["exit"] = last is not None and not abs(last) <= EXIT_YAW_RATE
         broken["yaw"] = not figure >= least
     return next((name for name, is_broken in broken.items() if is_broken), "")
 

@@ -31,26 +31,29 @@ from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.errors import SweepError
 
 RANGES = {
-    "feedback.steering_gain": (-12.0, 12.0),
-    "feedback.roll_gain": (-20.0, 60.0),
-    "feedback.roll_rate_gain": (-2.0, 6.0),
+    "feedback.steering_gain": (-30.0, 10.0),
+    "feedback.roll_gain": (-60.0, 60.0),
+    "feedback.roll_rate_gain": (-2.0, 10.0),
     "feedback.threshold": (0.5, 6.0),
-    "feedback.most_speed": (3.0, 16.0),
+    "feedback.most_speed": (3.0, 24.0),
     "feedback.most_roll": (1.0, 1.57),
-    "feedback.brake_time": (0.0, 0.1),
+    "feedback.brake_time": (0.0, 0.25),
     "feedback.swing_kd": (0.5, 5.0),
     "feedback.end_kp": (1.0, 20.0),
     "feedback.end_kd": (0.3, 5.0),
     "feedback.return_speed": (0.5, 6.0),
 }
 """Numbers that are free, in the units of `FeedbackParameters`."""
-SPEEDS = np.array([2.8, 3.2, 3.6, 4.0, 4.5, 5.0])
-"""m/s, of the climb of a law; that of the car without tail is finer."""
-SPEEDS_WITHOUT = np.arange(1.8, 4.7, 0.2)
-AT_ONCE = 16
+RATIOS = np.arange(0.84, 2.0, 0.08)
+"""Speeds of the climb of a law, over the entry speed of the car without tail."""
+SPEEDS_WITHOUT = np.arange(1.8, 4.7, 0.1)
+"""m/s, of the climb of a car without tail."""
+AT_ONCE = 22
 """Laws in one piece of work."""
 LACK = 12
 """Power of what is turned over what must be; with 3 the search found laws that stay upright and turn too little."""
+MARGIN = 1.02
+"""What must be turned here over what must be turned by the full car, whose figure is up to 2 % smaller."""
 WORST = 0.2
 """Share of cases that the second half of the score is made of."""
 MIN_FIGURE = 1.0
@@ -212,10 +215,11 @@ def screened_entries(screened: Screened) -> list[list[float]]:
     count, laws = vehicles.count, screened.laws
     which = np.tile(np.arange(count), len(laws))
     gains = gains_of([law for law in laws for _ in range(count)], scenario)
-    upright, figure = climb(vehicles.take(which), SPEEDS, scenario, gains, np.ones(len(which)))
+    speeds = RATIOS[:, None] * without[which]
+    upright, figure = climb(vehicles.take(which), speeds, scenario, gains, np.ones(len(which)))
     held = np.cumprod(upright, axis=0) > 0
-    turned = np.minimum(1.0, np.maximum(figure, 0.0) / least[which]) ** LACK
-    worth = np.max(np.where(held, SPEEDS[:, None] * turned, 0.0), axis=0) / without[which]
+    turned = np.minimum(1.0, np.maximum(figure, 0.0) / (MARGIN * least[which])) ** LACK
+    worth = np.max(np.where(held, RATIOS[:, None] * turned, 0.0), axis=0)
     found: list[list[float]] = worth.reshape(len(laws), count).tolist()
     return found
 
@@ -235,7 +239,8 @@ def _reference(
 
     scenario = load_scenario(chosen.scenario, (*chosen.settings, *FEEDBACK.settings))
     none = vehicles(NO_TAIL)
-    upright, figure = climb(none, SPEEDS_WITHOUT, scenario, gains_of([{}] * none.count, scenario), np.zeros(none.count))
+    speeds = np.outer(SPEEDS_WITHOUT, np.ones(none.count))
+    upright, figure = climb(none, speeds, scenario, gains_of([{}] * none.count, scenario), np.zeros(none.count))
     held = np.cumprod(upright, axis=0) > 0
     last = np.maximum(np.sum(held, axis=0) - 1, 0)
     least = LEAST_SHARE * np.max(np.where(held, figure, 0.0), axis=0, initial=MIN_FIGURE)

@@ -30,7 +30,8 @@ from aerodima.workbench.controllers.feedback_law import Seen, respond
 from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
-from aerodima.workbench.metrics.tip_up import TWO_WHEELS
+from aerodima.workbench.metrics.tip_up import LAST, TWO_WHEELS
+from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
 
 STEP = 0.002
 """s."""
@@ -45,7 +46,8 @@ class Entries:
     """What came of n runs.
 
     Attributes:
-        upright: no two wheels of a side in the air, neither tail nor board on the ground, not flipped.
+        upright: no two wheels of a side in the air, neither tail nor board on the ground, not flipped; and straight
+            again at the end, as `optimisation.entry.entry_speed` asks.
         figure: speed times mean yaw rate to the side that is steered to, m/s2.
     """
 
@@ -80,7 +82,8 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
     held = np.outer([0.0, 0.0, scenario.controller.hold_kp, scenario.controller.hold_kd], np.ones(n))
     tail, command, seen = np.stack([held, held]), np.zeros(n), []
     moved_by = for_cars(driven, cars, *COMMANDED)
-    for index in range(round((run_time(scenario) - start) / STEP)):
+    steps, last, ending = round((run_time(scenario) - start) / STEP), round(LAST / STEP), np.zeros(n)
+    for index in range(steps):
         time = start + index * STEP
         if index % ticks == 0:
             seen.append((state[5], state[RATES][W][0]))
@@ -106,8 +109,11 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
         if time >= plan.turn_start:
             upright &= (clear > 0.0) & ~gone
             steers = np.abs(command) > STRAIGHT
+            if index >= steps - last:
+                ending += np.where(steers, np.nan, state[14] / last)
             total, steered = total + steers * np.sign(command) * state[14], steered + steers
-    return Entries(upright, speed * total / np.maximum(steered, 1.0))
+    straight = np.isnan(ending) | (np.abs(ending) <= EXIT_YAW_RATE)  # NaN: it is steered to the end
+    return Entries(upright & straight, speed * total / np.maximum(steered, 1.0))
 
 
 def driven(
@@ -140,11 +146,10 @@ def wheel_lifts(state: FloatArray, cars: Vehicles, steering: FloatArray) -> Floa
 def climb(
     cars: Vehicles, speeds: FloatArray, scenario: Scenario, gains: Any, steers_tail: FloatArray
 ) -> tuple[np.ndarray, FloatArray]:
-    """Whether n cars stay upright at speeds (m), m/s, and their figures, (m, n) each; all runs at once."""
-    n, m = cars.count, len(speeds)
-    which, speed = np.tile(np.arange(n), m), np.repeat(speeds, n)
+    """Whether n cars stay upright at speeds (m, n), m/s, and their figures, (m, n) each; all runs at once."""
+    which, speed = np.tile(np.arange(cars.count), len(speeds)), speeds.ravel()
     tried = cars.take(which)
     tried = replace(tried, speed=speed, slip_speed=tried.slip_speed * speed / tried.speed)  # of a slip angle
     own = SimpleNamespace(**{name: values[which] for name, values in vars(gains).items()})
     found = enter(tried, scenario, own, steers_tail[which])
-    return found.upright.reshape(m, n), found.figure.reshape(m, n)
+    return found.upright.reshape(speeds.shape), found.figure.reshape(speeds.shape)

@@ -23,6 +23,9 @@ LIFT_COLUMNS = tuple(f"wheel_lift_{wheel}_truth_m" for wheel in WHEELS)
 TWO_WHEELS = 0.005
 """Two wheels of one side that are both higher than this have tipped up, m."""
 
+LAST = 0.2
+"""How much of the end of a run says whether the car goes straight again, s."""
+
 Windows = Sequence[tuple[float, float, float]]
 """Start and end, s, and side, +1 left or -1 right, of each part of a run in which the car is steered to that side."""
 
@@ -39,11 +42,13 @@ class TipUp:
             lacks the lifts.
         touched_when_steered: which of cage, board and tail touched the ground; None where the log cannot tell.
         steered_yaw_rate_rad_per_s: see `steered_yaw_rate`; None where the log ends before the steering.
+        last_yaw_rate_rad_per_s: mean of the last `LAST` seconds; None where the car is steered in them.
     """
 
     side_lift_m: float | None
     touched_when_steered: str | None
     steered_yaw_rate_rad_per_s: float | None
+    last_yaw_rate_rad_per_s: float | None
 
     def as_row(self) -> dict[str, float | str | None]:
         """One flat row for a table."""
@@ -61,10 +66,13 @@ def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
     contact, steered = signals.ground_contact, signals.from_start
     lifts = [run_log.signal(name)[steered] for name in LIFT_COLUMNS if name in run_log.table]
     windows = [(*signals.window, signals.sign)] if windows is None else windows
+    last = signals.time[-1] - LAST
+    still_steered = any(end > last for _, end, _ in windows)
     return TipUp(
         side_lift_m=side_lift(np.column_stack(lifts)) if len(lifts) == len(WHEELS) else None,
         touched_when_steered=None if contact is None else " ".join(_touched(contact[steered])),
         steered_yaw_rate_rad_per_s=steered_yaw_rate(signals.time, signals.sign * signals.yaw_rate, windows),
+        last_yaw_rate_rad_per_s=None if still_steered else float(np.mean(signals.yaw_rate[signals.time >= last])),
     )
 
 

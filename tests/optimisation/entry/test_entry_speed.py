@@ -128,6 +128,13 @@ def test_each_rule_has_its_name(row, failure, rule):
     assert failed_rule(CLEAN | kept | row, rule, 5.0, 4.5) == failure
 
 
+@pytest.mark.parametrize(("last", "failure"), [(0.11, "exit"), (-0.11, "exit"), (-0.09, ""), (None, "")])
+def test_a_car_goes_straight_again_unless_it_is_steered_to_the_end(last, failure):
+    row = CLEAN | {"last_yaw_rate_rad_per_s": last, "off_path_m": 0.0, "path_end_reached": True}
+    assert failed_rule(row, "yaw", 5.0, 4.5) == failure
+    assert failed_rule(row, "path", 5.0, 4.5) == ""
+
+
 def test_yaw_counts_beside_paths_alone():
     assert failed_rule(CLEAN, "yaw", 4.51, 4.5) == ""
     assert failed_rule(CLEAN, "yaw", 4.49, 4.5) == "yaw"
@@ -238,7 +245,7 @@ def test_ballast_is_that_of_the_car_and_comes_after_its_settings():
 
 
 def test_a_slow_real_car_completes_its_turn_and_yaws_into_it():
-    short = ("speed_ramp=0.4", "turn_start=0.6", "turn_hold=0.1", "duration=0.9", "direction=right")
+    short = ("speed_ramp=0.4", "turn_start=0.6", "turn_hold=0.1", "duration=1.3", "direction=right")
     turn = Manoeuvre("turn", "turn_none", tuple(f"manoeuvre.{setting}" for setting in short))
     search = EntrySearch(start=1.0, lowest=1.0, ceiling=1.0)
     table = climb([turn], [], [(Member("own", 1.0, {}), EntryFloor("own"))], Runs(), search)

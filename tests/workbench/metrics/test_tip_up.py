@@ -52,5 +52,12 @@ def test_a_run_counts_from_the_start_of_its_steering(direction, side):
     assert tip_up(run).touched_when_steered == "tail"
 
 
+def test_the_last_yaw_rate_is_that_of_the_end_where_nothing_is_steered():
+    end = times()[-1]
+    run = made_up_run({"gyro_z_truth_rad_per_s": np.where(times() > end - 0.201, -0.3, 2.0)}, "left")
+    assert tip_up(run).last_yaw_rate_rad_per_s == pytest.approx(-0.3)
+    assert tip_up(run, [(end - 0.5, end - 0.1, 1)]).last_yaw_rate_rad_per_s is None
+
+
 def test_columns_of_the_lifts_are_in_the_order_of_the_wheels():
     assert [name.removeprefix("wheel_lift_").removesuffix("_truth_m") for name in LIFT_COLUMNS] == list(WHEELS)
