@@ -1,7 +1,8 @@
 """Entry speed: the highest speed at which a car, on a floor and with a tail, completes a manoeuvre.
 
 A manoeuvre is completed where no two wheels of one side are more than `TWO_WHEELS` above the ground at a time, nothing
-but wheels touches it from the start of the steering on, and the car survives. On a path, the path is kept to its end.
+but wheels touches it from the start of the steering on (the anti-ramp board: while the car is steered; it catches a
+car that gathers speed again), and the car survives. On a path, the path is kept to its end.
 Elsewhere the car goes straight again: it yaws at most `EXIT_YAW_RATE` at the end of the run, unless it is steered
 there. And speed times mean yaw rate into the steered windows is at least `LEAST_SHARE` of the most that the candidate
 without tail reaches there up to its own entry speed, so that a tail gains nothing by keeping the car from turning.

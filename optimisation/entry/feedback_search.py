@@ -31,23 +31,23 @@ from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.errors import SweepError
 
 RANGES = {
-    "feedback.steering_gain": (-30.0, 10.0),
-    "feedback.roll_gain": (-60.0, 60.0),
-    "feedback.roll_rate_gain": (-2.0, 10.0),
-    "feedback.threshold": (0.5, 6.0),
-    "feedback.most_speed": (3.0, 24.0),
-    "feedback.most_roll": (1.0, 1.57),
-    "feedback.brake_time": (0.0, 0.25),
-    "feedback.swing_kd": (0.5, 5.0),
-    "feedback.end_kp": (1.0, 20.0),
-    "feedback.end_kd": (0.3, 5.0),
-    "feedback.return_speed": (0.5, 6.0),
+    "feedback.lean_gain": (-5.0, 1.0),
+    "feedback.roll_gain": (-12.0, 12.0),
+    "feedback.roll_rate_gain": (-1.0, 4.0),
+    "feedback.yaw_rate_gain": (-1.0, 1.0),
+    "feedback.grip": (2.0, 12.0),
+    "feedback.most_roll": (0.8, 1.45),
+    "feedback.out_speed": (2.0, 24.0),
+    "feedback.return_speed": (0.7, 12.0),
+    "feedback.kp": (2.0, 60.0),
+    "feedback.kd": (0.3, 5.0),
+    "feedback.pitch_angle": (-1.3, 0.6),
 }
 """Numbers that are free, in the units of `FeedbackParameters`."""
 RATIOS = np.arange(0.84, 2.0, 0.08)
 """Speeds of the climb of a law, over the entry speed of the car without tail."""
-SPEEDS_WITHOUT = np.arange(1.8, 4.7, 0.1)
-"""m/s, of the climb of a car without tail."""
+SPEEDS_WITHOUT = np.arange(1.4, 6.05, 0.1)
+"""m/s, of the climb of a car without tail; on a car that comes to its end a tail can gain nothing."""
 AT_ONCE = 22
 """Laws in one piece of work."""
 LACK = 12
@@ -220,6 +220,7 @@ def screened_entries(screened: Screened) -> list[list[float]]:
     held = np.cumprod(upright, axis=0) > 0
     turned = np.minimum(1.0, np.maximum(figure, 0.0) / (MARGIN * least[which])) ** LACK
     worth = np.max(np.where(held, RATIOS[:, None] * turned, 0.0), axis=0)
+    worth = np.where(without[which] >= SPEEDS_WITHOUT[-1], np.minimum(worth, 1.0), worth)
     found: list[list[float]] = worth.reshape(len(laws), count).tolist()
     return found
 

@@ -37,7 +37,13 @@ TRAINED_ON = ("turn", "held-turn", "fishhook")
 FEEDBACK = Candidate("feedback", ("tail.mode=swing", "controller.law=feedback"))
 UPRIGHT = Candidate(
     "upright and still",
-    (*FEEDBACK.settings, *(f"feedback.{term}_gain=0" for term in ("steering", "roll", "roll_rate"))),
+    (
+        *FEEDBACK.settings,
+        *(
+            f"feedback.{term}=0"
+            for term in ("lean_gain", "roll_gain", "roll_rate_gain", "yaw_rate_gain", "pitch_angle")
+        ),
+    ),
 )
 CANDIDATES = {
     "none": NO_TAIL,

@@ -79,20 +79,20 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
     late = round(np.ceil(scenario.imu.delay * rate - 1e-9))
     angle, reference, counter = np.zeros(n), np.zeros(n), np.full(n, np.inf)
     upright, gone, total, steered = np.ones(n, bool), np.zeros(n, bool), np.zeros(n), np.zeros(n)
-    held = np.outer([0.0, 0.0, scenario.controller.hold_kp, scenario.controller.hold_kd], np.ones(n))
-    tail, command, seen = np.stack([held, held]), np.zeros(n), []
+    hold, command, seen = (scenario.controller.hold_kp, scenario.controller.hold_kd), np.zeros(n), []
+    pitch = np.stack([gains.pitch_angle, *np.outer([0.0, *hold], np.ones(n))])
+    state[6] = gains.pitch_angle
     moved_by = for_cars(driven, cars, *COMMANDED)
     steps, last, ending = round((run_time(scenario) - start) / STEP), round(LAST / STEP), np.zeros(n)
     for index in range(steps):
         time = start + index * STEP
         if index % ticks == 0:
-            seen.append((state[5], state[RATES][W][0]))
-            roll, roll_rate = seen[max(0, index // ticks - late)]
-            signals = Seen(roll, roll_rate, state[RATES][V][0], command, state[7], np.ones(n, bool))
+            seen.append((state[5], state[RATES][W][0], state[RATES][W][2]))
+            roll, roll_rate, yaw_rate = seen[max(0, index // ticks - late)]
+            signals = Seen(roll, roll_rate, yaw_rate, state[RATES][V][0], command, np.ones(n, bool))
             found = respond(gains, scenario.car.wheelbase, rate, reference, signals)
-            reference = np.where(steers_tail > 0.0, found.reference, 0.0)
-            moved = np.stack([found.position, found.velocity, found.kp, found.kd])
-            tail = np.stack([held, np.where(steers_tail > 0.0, moved, held)])
+            reference = steers_tail * found.reference
+            tail = np.stack([pitch, np.stack([reference, np.zeros(n), gains.kp, gains.kd])])
             if schedule is not None:
                 command = np.full(n, schedule.at(time).steering_angle)
             else:
@@ -103,12 +103,14 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
                 )
                 command = np.where(time >= counter + 2.0 * reach + plan.turn_hold, 0.0, command)
         angle = angle + np.clip(command - angle, -most, most)
-        new, clear, level = moved_by(state, np.stack([angle, angle]), speed / cars.rolling_radius, tail * cars.has_tail)
+        new, clear, board, level = moved_by(
+            state, np.stack([angle, angle]), speed / cars.rolling_radius, tail * cars.has_tail
+        )
         state = np.where(gone, state, new)
         gone |= level < np.cos(FLIP_TILT)
         if time >= plan.turn_start:
-            upright &= (clear > 0.0) & ~gone
             steers = np.abs(command) > STRAIGHT
+            upright &= (clear > 0.0) & ((board > 0.0) | ~steers) & ~gone
             if index >= steps - last:
                 ending += np.where(steers, np.nan, state[14] / last)
             total, steered = total + steers * np.sign(command) * state[14], steered + steers
@@ -118,12 +120,12 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
 
 def driven(
     cars: Vehicles, state: FloatArray, steering: FloatArray, shaft_speed: FloatArray, tail: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """State after `STEP`; 1 where no side lifts and neither tail nor board touches the ground; cosine of the tilt."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """State after `STEP`; 1 where no side lifts and no tail touches the ground; height of the board; cosine of tilt."""
     state, _ = advance(STEP, cars, state, steering, shaft_speed, tail)
     lift, (sail, board) = wheel_lifts(state, cars, steering[0]), heights(state, cars)
     side = np.maximum(np.minimum(lift[0], lift[2]), np.minimum(lift[1], lift[3]))
-    return state, (side <= TWO_WHEELS) & (sail > 0.0) & (board > 0.0), up(state[4], state[5])[2]
+    return state, (side <= TWO_WHEELS) & (sail > 0.0), board, up(state[4], state[5])[2]
 
 
 def wheel_lifts(state: FloatArray, cars: Vehicles, steering: FloatArray) -> FloatArray:

@@ -338,20 +338,17 @@ class ControllerParameters(QuantityModel):
 class FeedbackParameters(QuantityModel):
     """Tail law that follows the state of the car (`controllers.feedback_law`, design section 8)."""
 
-    steering_gain: float = quantity("rad/s", "roll rate of the tail at the limit of the floor", ge=-50, le=50)
-    roll_gain: float = quantity("1/s", "roll rate of the tail per roll of the car", ge=-500, le=500)
-    roll_rate_gain: float = quantity("1", "roll rate of the tail per roll rate of the car", ge=-50, le=50)
+    lean_gain: float = quantity("rad", "roll of the tail at the limit of the floor", ge=-10, le=10)
+    roll_gain: float = quantity("1", "roll of the tail per roll of the car", ge=-100, le=100)
+    roll_rate_gain: float = quantity("s", "roll of the tail per roll rate of the car", ge=-10, le=10)
+    yaw_rate_gain: float = quantity("s", "roll of the tail per yaw rate beyond that of the steering", ge=-10, le=10)
     grip: float = quantity("m/s2", "lateral acceleration at which the prediction saturates", gt=0, le=30)
-    threshold: float = quantity("rad/s", "demand below which the tail returns", ge=0, le=50)
-    most_speed: float = quantity("rad/s", "largest commanded roll rate", gt=0, le=50)
     most_roll: float = quantity("rad", "largest roll of the tail to either side", gt=0, le=3.1416)
-    brake_time: float = quantity("s", "swing ends so long before most_roll at its rate", ge=0, le=1)
-    swing_kd: float = quantity("N m s/rad", "velocity gain of the swing", ge=0, le=5)
-    end_kp: float = quantity("N m/rad", "position gain at the end of the swing", ge=0, le=500)
-    end_kd: float = quantity("N m s/rad", "velocity gain at the end of the swing", ge=0, le=5)
-    return_speed: float = quantity("rad/s", "roll rate of the return", gt=0, le=50)
-    return_kp: float = quantity("N m/rad", "position gain of return and wait", ge=0, le=500)
-    return_kd: float = quantity("N m s/rad", "velocity gain of return and wait", ge=0, le=5)
+    out_speed: float = quantity("rad/s", "largest roll rate of the reference away from upright", gt=0, le=50)
+    return_speed: float = quantity("rad/s", "largest roll rate of the reference towards upright", gt=0, le=50)
+    kp: float = quantity("N m/rad", "position gain of the roll motor", ge=0, le=500)
+    kd: float = quantity("N m s/rad", "velocity gain of the roll motor", ge=0, le=5)
+    pitch_angle: float = quantity("rad", "pitch at which the tail is held", ge=-1.5708, le=1.5708)
 
 
 class ManoeuvreParameters(QuantityModel):

@@ -40,7 +40,8 @@ class TipUp:
     Attributes:
         side_lift_m: largest value over time of the smaller lift of the two wheels of one side, m; None where the log
             lacks the lifts.
-        touched_when_steered: which of cage, board and tail touched the ground; None where the log cannot tell.
+        touched_when_steered: which of cage, board and tail touched the ground, the anti-ramp board while the car is
+            steered alone: it is there to catch a car that gathers speed after a turn; None where the log cannot tell.
         steered_yaw_rate_rad_per_s: see `steered_yaw_rate`; None where the log ends before the steering.
         last_yaw_rate_rad_per_s: mean of the last `LAST` seconds; None where the car is steered in them.
     """
@@ -66,18 +67,21 @@ def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
     contact, steered = signals.ground_contact, signals.from_start
     lifts = [run_log.signal(name)[steered] for name in LIFT_COLUMNS if name in run_log.table]
     windows = [(*signals.window, signals.sign)] if windows is None else windows
-    last = signals.time[-1] - LAST
+    last, time = signals.time[-1] - LAST, run_log.time
+    turning = np.any([(time >= start) & (time <= end) for start, end, _ in windows], axis=0)
     still_steered = any(end > last for _, end, _ in windows)
     return TipUp(
         side_lift_m=side_lift(np.column_stack(lifts)) if len(lifts) == len(WHEELS) else None,
-        touched_when_steered=None if contact is None else " ".join(_touched(contact[steered])),
+        touched_when_steered=None if contact is None else " ".join(_touched(contact[steered], turning[steered])),
         steered_yaw_rate_rad_per_s=steered_yaw_rate(signals.time, signals.sign * signals.yaw_rate, windows),
         last_yaw_rate_rad_per_s=None if still_steered else float(np.mean(signals.yaw_rate[signals.time >= last])),
     )
 
 
-def _touched(contact: FloatArray) -> list[str]:
-    return [part for part, force in zip(GROUND_CONTACTS, contact.T, strict=True) if np.any(force > LOADED_FORCE)]
+def _touched(contact: FloatArray, turning: np.ndarray) -> list[str]:
+    counted = {part: turning if part == "board" else True for part in GROUND_CONTACTS}
+    loaded = dict(zip(GROUND_CONTACTS, contact.T > LOADED_FORCE, strict=True))
+    return [part for part in GROUND_CONTACTS if np.any(loaded[part] & counted[part])]
 
 
 def side_lift(lifts: FloatArray) -> float:

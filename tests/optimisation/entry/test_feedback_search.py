@@ -52,7 +52,7 @@ def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre) -> None
 
     (chosen,) = manoeuvres([manoeuvre], "designed")
     scenario, cars, _, _ = _reference(manoeuvre, "designed", (SETTINGS,))
-    upright, figure = climb(cars, np.array([3.2]), scenario, gains_of([{}], scenario), np.ones(1))
+    upright, figure = climb(cars, np.array([[3.2]]), scenario, gains_of([{}], scenario), np.ones(1))
     task = (*SETTINGS, *chosen.settings, *FEEDBACK.settings, "manoeuvre.speed=3.2")
     full = evaluate(RunTask("full", chosen.scenario, task))
     assert upright[0, 0]
