@@ -230,7 +230,7 @@ class _Climb:
         tail = (*self.who.at(speed), *self.ballast)
         settings = (*self.without_tail, *step_settings(step), *tail, f"{SPEED}={speed!r}")
         name = f"{self.manoeuvre.name} {self.who.name} {self.car.name} {self.floor.name} {speed:g}"
-        return RunTask(name, self.manoeuvre.scenario, settings)
+        return RunTask(name, self.manoeuvre.scenario, settings, law=self.who.law)
 
     def run_of(self, speed: float, row: Mapping[str, Any]) -> _Run:
         """What the row of a run at a speed, m/s, comes to."""
