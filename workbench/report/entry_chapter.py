@@ -10,7 +10,7 @@ from aerodima.workbench.config.checked_files import StrictModel, checked, read_y
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.tip_up import TWO_WHEELS, tip_up
+from aerodima.workbench.metrics.tip_up import tip_up
 from aerodima.workbench.metrics.turn_metrics import outcome_of
 from aerodima.workbench.metrics.turn_signals import steered_windows
 from aerodima.workbench.report.replay_page import replays_in_step
@@ -55,13 +55,18 @@ def load_shown_entry() -> ShownEntry:
     return checked(ShownEntry, read_yaml(path), str(path), schema=SCHEMA)
 
 
+def _entries() -> pd.DataFrame:
+    """The shipped table; a run that came to nothing leaves the entry speed unknown, NaN."""
+    table = pd.read_csv(model_path(ENTRIES))
+    return table.assign(**{SPEED: table[SPEED].mask(table["ended_by"].fillna("").str.startswith("error"))})
+
+
 def entry_medians() -> pd.DataFrame:
     """Median entry speeds of the shipped table as texts: a row per candidate, a column per manoeuvre.
 
-    In brackets: how many cars complete the manoeuvre. A run that came to nothing leaves the entry speed unknown.
+    In brackets: how many cars complete the manoeuvre.
     """
-    table = pd.read_csv(model_path(ENTRIES))
-    table[SPEED] = table[SPEED].mask(table["ended_by"].fillna("").str.startswith("error"))
+    table = _entries()
     cells = {case: _median(own) for case, own in table.groupby(["candidate", "manoeuvre"], sort=False)}
     return pd.Series(cells).unstack()[table["manoeuvre"].unique()].loc[table["candidate"].unique()]
 
@@ -82,7 +87,10 @@ def entry_chapter(shown: ShownEntry, run_logs: Mapping[str, RunLog]) -> list[Sec
         run_logs: name of a candidate -> its run.
     """
     who = {one.name: one.words for one in shown.candidates}
-    names = [f"{words}: {_ending(run_logs[name])}" for name, words in who.items()]
+    table = _entries()
+    there = table[(table["manoeuvre"] == shown.manoeuvre) & (table["car"] == shown.car)].set_index("candidate")[SPEED]
+    speeds = there.map("{:.2f} m/s".format).mask(there.isna(), "none")
+    names = [f"{words}: {_ending(run_logs[name])} (entry speed {speeds[name]})" for name, words in who.items()]
     case = f"{shown.manoeuvre} at {shown.speed_m_per_s:g} m/s, {shown.car} of the ensemble {shown.ensemble}"
     medians = entry_medians()
     rows = [[who.get(name, name), *row] for name, row in zip(medians.index, medians.to_numpy(), strict=True)]
@@ -102,8 +110,5 @@ def _ending(run_log: RunLog) -> str:
     found = tip_up(run_log, steered_windows(run_log))
     if outcome_of(run_log).result == "flipped":
         return "rolls over"
-    if found.side_lift_m is not None and found.side_lift_m > TWO_WHEELS:
-        said = "lifts two wheels"
-    else:
-        said = f"{found.touched_when_steered} on the ground" if found.touched_when_steered else "keeps its wheels down"
+    said = f"{found.touched_when_steered} on the ground" if found.touched_when_steered else "stays upright"
     return f"{said}, yaws {found.steered_yaw_rate_rad_per_s or math.nan:.2f} rad/s"
