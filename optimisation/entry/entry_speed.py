@@ -25,9 +25,8 @@ from typing import Any, Literal, NamedTuple
 import pandas as pd
 
 from aerodima.optimisation.sweep.rollover_threshold import SPEED, rounded
-from aerodima.optimisation.sweep.runs import Runs, RunTask, make_frame
+from aerodima.optimisation.sweep.runs import FINE_STEP, Runs, RunTask, make_frame, step_settings
 from aerodima.optimisation.swing.candidate import NO_TAIL, Candidate, refuse_twice
-from aerodima.optimisation.swing.task import FINE_STEP, step_settings
 from aerodima.workbench.actuators.chassis_actuators import steady_speed
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario

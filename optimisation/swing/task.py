@@ -14,7 +14,7 @@ import yaml
 from pydantic import Field
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case, Search, find_thresholds
-from aerodima.optimisation.sweep.runs import Runs
+from aerodima.optimisation.sweep.runs import Runs, step_settings
 from aerodima.optimisation.swing.candidate import THESIS, Candidate, refuse_twice
 from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, nearest, read_yaml
 from aerodima.workbench.config.ensemble import Member, load_ensemble
@@ -22,8 +22,6 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError, UserError
 
 SCHEMA = "aerodima/task/1"
-FINE_STEP = 0.0005
-"""Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
 PULSE = 0.5
 """Length of the steering unless another is asked for, s."""
 AFTER = 1.5
@@ -135,11 +133,6 @@ def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
         except yaml.YAMLError:
             raise SweepError(f"--set {setting}: {text!r} is not a value") from None
     return checked(Task, data, str(path), SweepError, schema=SCHEMA)
-
-
-def step_settings(step: float) -> tuple[str, ...]:
-    """Settings of a step of the plant, s."""
-    return (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
 
 
 def find_floors(task: Task, cars: Sequence[Member], runs: Runs) -> tuple[list[Floor], list[str]]:

@@ -20,9 +20,8 @@ import yaml
 from matplotlib.figure import Figure
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, is_clean
-from aerodima.optimisation.sweep.runs import Runs, RunTask, make_frame, measured_row
+from aerodima.optimisation.sweep.runs import FINE_STEP, Runs, RunTask, make_frame, measured_row, step_settings
 from aerodima.optimisation.swing.candidate import THESIS, Candidate, swing_player
-from aerodima.optimisation.swing.task import FINE_STEP, step_settings
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario

@@ -11,8 +11,7 @@ import pytest
 
 from aerodima.optimisation.entry.entry_speed import EntryFloor, EntrySearch, climb
 from aerodima.optimisation.entry.suite import MANOEUVRES, NAMED, manoeuvres
-from aerodima.optimisation.sweep.runs import Runs
-from aerodima.optimisation.swing.task import FINE_STEP, step_settings
+from aerodima.optimisation.sweep.runs import FINE_STEP, Runs, step_settings
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.config.ensemble import Member, load_ensemble
 from aerodima.workbench.config.scenario import load_scenario
