@@ -250,7 +250,7 @@ def write_verification(folder: Path, found: Verification, *, force: bool = False
     cells = [["" if pd.isna(value) else shown_value(value) for value in row] for row in members.itertuples(index=False)]
     sections = [
         Section("The car of the swing", [Table(["check", "value", "unit", "allowed"], rows, broken), motion]),
-        Section("Ensemble", [Table(["controller", "survives clean"], shares), Table(list(members), cells)]),
+        Section("Ensemble", [Table(["controller", "survives clean"], shares), Table(list(members.columns), cells)]),
         Section("Provenance", [Preformatted(verdict)]),
     ]
     page = Page(f"Verification of {swing.name}", found.where, sections)
