@@ -93,7 +93,7 @@ class Failing(Upright):
 class Half:
     rate = 100.0
 """
-SHORT = ("speed_ramp=0.4", "turn_start=0.6", "turn_hold=0.1", "duration=0.9")
+SHORT = ("speed_ramp=0.4", "turn_start=0.6", "turn_hold=0.1", "duration=1.6")
 
 
 @pytest.fixture
