@@ -19,9 +19,6 @@ from .sweep.rollover_threshold import critical_friction as critical_friction
 from .sweep.run_study import run_study as run_study
 from .sweep.runs import open_run_engine as open_run_engine
 from .sweep.study import load_study as load_study
-from .swing.candidate import Candidate as Candidate
-from .swing.candidate import read_candidates as read_candidates
-from .swing.judge import judge as judge
 from .swing.motion_search import MotionSearch as MotionSearch
 from .swing.motion_search import turn_programme as turn_programme
 from .swing.task import Task as Task

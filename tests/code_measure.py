@@ -120,15 +120,14 @@ def built_station(module: str, prefix: str = "aerodima.") -> str:
 
 
 def judged_turn(prefix: str = "aerodima.") -> str:
-    """Statements that load a task, its judge, and what drives one of its turns."""
+    """Statements that load manoeuvres, candidates and their judge, and what drives one of the runs."""
     return (
-        f"from {prefix}optimisation.swing.judge import judge\n"
-        f"from {prefix}optimisation.swing.candidate import THESIS, read_candidates\n"
-        f"from {prefix}optimisation.swing.task import load_task\n"
+        f"from {prefix}optimisation.entry.entry_speed import climb\n"
+        f"from {prefix}optimisation.entry.suite import candidates, manoeuvres\n"
         f"from {prefix}optimisation.sweep.runs import RunTask, evaluate\n"
-        "load_task('short_turn'), read_candidates(['held'], 'turn_fast')\n"
-        "settings = ('simulation.step=0.004', 'manoeuvre.duration=2.2', 'simulation.log_rate=250')\n"
-        "evaluate(RunTask('', 'turn_fast', (*THESIS.settings, *settings)))"
+        "who, (turn,) = candidates(['published'])[-1], manoeuvres(['turn'], 'designed')\n"
+        "settings = ('simulation.step=0.004', 'manoeuvre.duration=1.2', 'simulation.log_rate=250')\n"
+        "evaluate(RunTask('', turn.scenario, (*turn.settings, *who.settings, *settings)))"
     )
 
 

@@ -42,10 +42,10 @@ from .plants.tail_geometry import TailArm as TailArm
 from .plants.tail_geometry import TailGeometry as TailGeometry
 from .replay.observed_run import observe as observe
 from .replay.strip import strip_figure as strip_figure
-from .report.demo import plot_courses as plot_courses
+from .report.entry_chapter import entry_medians as entry_medians
+from .report.entry_chapter import load_shown_entry as load_shown_entry
 from .report.notebook_cells import live_frame as live_frame
 from .report.notebook_cells import sliders as sliders
-from .report.short_turn import load_short_turn as load_short_turn
 from .sensors.roll_estimator import RollEstimator as RollEstimator
 from .simulate.car_run import assemble as assemble
 from .simulate.simulation import simulate as simulate

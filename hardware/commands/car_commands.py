@@ -228,7 +228,7 @@ def drive(
         raise HardwareError("--law: allowed without --swing; each says what the tail does")
     chosen, tail_law = load_drive(scenario, overrides)
     if law is not None:
-        tail_law = load_law(law)
+        tail_law = load_law(law, chosen)
     elif not other_car:
         from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
 

@@ -1,4 +1,4 @@
-"""`aerodima swing search`, `judge`, `entry`, `train` and `verify`: find laws and motions of the tail, judge them."""
+"""`aerodima swing search`, `judge`, `train` and `verify`: find laws and motions of the tail, judge them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from aerodima.workbench.cli.options import (
     Ensemble,
     Force,
     Members,
-    OtherCar,
     Settings,
     SwingArgument,
     SwingScenarioOption,
@@ -39,7 +38,7 @@ TaskSettings = Annotated[
 def register(app: typer.Typer) -> None:
     """Adds the group `swing`."""
     group = command_group(app, "swing", "Search laws and motions of the tail, and judge what they gain.", SWINGS)
-    for command in (search, judge, entry, train, verify):
+    for command in (search, judge, train, verify):
         group.command()(command)
 
 
@@ -63,6 +62,7 @@ def search(
     from aerodima.optimisation.swing.motion_search import MotionSearch, search_motion
     from aerodima.optimisation.swing.task import load_task
     from aerodima.workbench.atomic_write import refuse_existing
+    from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.config.swing_file import write_swing
     from aerodima.workbench.errors import SwingError
 
@@ -76,47 +76,8 @@ def search(
     ):
         write_swing(search_motion(out.name, asked, motion, runs, progress=progress), path, force=work.force)
     typer.echo(f"found: {path}")
-    typer.echo(f"judge it: aerodima swing judge {task} --candidate {path} --out {out / 'judge'}")
-
-
-@grouped
-def judge(
-    task: TaskArgument,
-    out: Annotated[Path, typer.Option(help="Folder for tables, page and runs; a stopped judgement goes on in it.")],
-    work: WorkOptions,
-    candidate: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="none, low-ballast, low-centre, held, published, best_swing, a swing, or a file of candidates; may be "
-            "repeated; by default the first five. The car without tail always takes part."
-        ),
-    ] = None,
-    settings: TaskSettings = None,
-    other_car: OtherCar = False,
-    replays: Annotated[
-        bool, typer.Option(help="Show the case with the median gain: paths, and replays in step.")
-    ] = True,
-) -> None:
-    """Judge how far candidates turn the cars of a task on the same floors, each with its own best steering.
-
-    Asked for again after Ctrl-C, or with more cars, speeds or floors, it keeps the runs that are there.
-
-    Example: aerodima swing judge short_turn --set cars=1 --candidate held --out out/judge
-    """
-    from aerodima.optimisation.swing.candidate import CANDIDATES, read_candidates
-    from aerodima.optimisation.swing.judge import judge as judge_candidates
-    from aerodima.optimisation.swing.task import load_task
-    from aerodima.workbench.text_table import text_table
-
-    asked = load_task(task, settings or ())
-    who = read_candidates(candidate or CANDIDATES, asked.scenario, other_car=other_car)
-    with engine_for(out, work.workers, work.scheduler) as (engine, progress):
-        found = judge_candidates(asked, who, out, engine, force=work.force, progress=progress)
-    from aerodima.optimisation.swing.judge_page import summary_cells, write_judgement  # Matplotlib
-
-    files = write_judgement(out, asked, found, replays=replays)
-    typer.echo("\n".join(text_table(*summary_cells(found.summary))))
-    typer.echo(f"page: {files[-1]}")
+    tail = load_scenario(asked.scenario).tail.name
+    typer.echo(f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}")
 
 
 EnsembleName = Annotated[str, typer.Option(help="Ensemble of cars, split into training and test cars.")]
@@ -124,7 +85,7 @@ TailName = Annotated[str, typer.Option(help="built: that of each car; or designe
 
 
 @grouped
-def entry(
+def judge(
     out: Annotated[Path, typer.Option(help="Folder for table, summary and runs; stopped climbs go on in it.")],
     work: WorkOptions,
     manoeuvre: Annotated[
@@ -141,6 +102,12 @@ def entry(
             "may be repeated; by default the first six. The car without tail always takes part."
         ),
     ] = None,
+    law: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FILE:CLASS", help="Tail law of your own, such as my_law.py:MyLaw, beside them; may be repeated."
+        ),
+    ] = None,
     ensemble: EnsembleName = "physical",
     cars: Annotated[int, typer.Option(help="So many of the test cars.", min=1)] = 4,
     floor: Annotated[
@@ -153,7 +120,7 @@ def entry(
 
     Asked for again after Ctrl-C, or with more cars or manoeuvres, it keeps the runs that are there.
 
-    Example: aerodima swing entry --manoeuvre fishhook --cars 1 --candidate published --out out/entry
+    Example: aerodima swing judge --manoeuvre fishhook --cars 1 --candidate published --out out/judge
     """
     from aerodima.optimisation.entry import suite
     from aerodima.optimisation.entry.entry_speed import climb
@@ -165,7 +132,7 @@ def entry(
     from aerodima.workbench.figures.figure_style import png
 
     driven = suite.manoeuvres(manoeuvre or suite.TRAINED_ON, tail)
-    who = suite.candidates(candidate or list(suite.CANDIDATES))
+    who = suite.candidates(candidate or list(suite.CANDIDATES), law or ())
     cases = suite.floors(_first(load_ensemble(ensemble).split(seed).test, cars), floor or [1.0])
     with (
         engine_for(out, work.workers, work.scheduler) as (engine, progress),
@@ -219,7 +186,7 @@ def train(
     how = " ".join(["aerodima swing train", *(f"--{name} {value}" for name, value in options.items())])
     write_candidates(path, [found], how, force=work.force)
     typer.echo(f"found: {path}")
-    typer.echo(f"judge it: aerodima swing entry --tail {tail} --candidate {path} --out {out / 'entry'}")
+    typer.echo(f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}")
 
 
 def _first(there: Sequence[Member], number: int) -> tuple[Member, ...]:

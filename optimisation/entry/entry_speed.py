@@ -27,9 +27,8 @@ from typing import Any, Literal, NamedTuple
 import pandas as pd
 
 from aerodima.optimisation.sweep.rollover_threshold import SPEED, rounded
-from aerodima.optimisation.sweep.runs import Runs, RunTask, make_frame
+from aerodima.optimisation.sweep.runs import FINE_STEP, Runs, RunTask, make_frame, step_settings
 from aerodima.optimisation.swing.candidate import NO_TAIL, Candidate, refuse_twice
-from aerodima.optimisation.swing.task import FINE_STEP, step_settings
 from aerodima.workbench.actuators.chassis_actuators import steady_speed
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
@@ -237,7 +236,7 @@ class _Climb:
         tail = (*self.who.at(speed), *self.ballast)
         settings = (*self.without_tail, *step_settings(step), *tail, f"{SPEED}={speed!r}")
         name = f"{self.manoeuvre.name} {self.who.name} {self.car.name} {self.floor.name} {speed:g}"
-        return RunTask(name, self.manoeuvre.scenario, settings)
+        return RunTask(name, self.manoeuvre.scenario, settings, law=self.who.law)
 
     def run_of(self, speed: float, row: Mapping[str, Any]) -> _Run:
         """What the row of a run at a speed, m/s, comes to."""

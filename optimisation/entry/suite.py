@@ -7,11 +7,13 @@ from dataclasses import replace
 
 from aerodima.optimisation.entry.entry_speed import EntryFloor, Manoeuvre
 from aerodima.optimisation.swing.candidate import (
+    BEST_SWING,
     HELD,
     LOW_BALLAST,
     NO_TAIL,
     THESIS,
     Candidate,
+    own_law,
     read_candidates,
     refuse_twice,
 )
@@ -54,6 +56,7 @@ CANDIDATES = {
     "feedback": FEEDBACK,
 }
 """By the name that asks for one; all of them unless somebody asks for others."""
+NAMED = {**CANDIDATES, "best_swing": BEST_SWING}
 AT_ONCE = ("controller.delay=0.0",)
 """Laws are compared without the delay of the published one, which belongs to that law and not to the car."""
 TAILS = {"built": None, "designed": "turn_designed"}
@@ -83,11 +86,10 @@ def manoeuvres(names: Sequence[str], tail: str) -> list[Manoeuvre]:
     return [replace(one, settings=(*one.settings, *AT_ONCE, *own)) for one in found]
 
 
-def candidates(names: Sequence[str]) -> list[Candidate]:
-    """Candidates by name of `CANDIDATES`, or as `read_candidates` has them; the car without tail is the first one."""
-    own = [CANDIDATES[name] for name in names if name in CANDIDATES and CANDIDATES[name] is not NO_TAIL]
-    others = read_candidates([name for name in names if name not in CANDIDATES], MANOEUVRES["turn"].scenario)
-    found = [NO_TAIL, *own, *others[1:]]
+def candidates(names: Sequence[str], laws: Sequence[str] = ()) -> list[Candidate]:
+    """Candidates as `read_candidates` and `own_law` have them; the car without tail is the first one."""
+    scenario = MANOEUVRES["turn"].scenario
+    found = [*read_candidates(names, NAMED, scenario), *(own_law(place, scenario) for place in laws)]
     refuse_twice([one.name for one in found], "candidate")
     return found
 

@@ -30,7 +30,7 @@ from aerodima.workbench.batch.row_store import (
 from aerodima.workbench.config.checked_files import read_yaml
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.config.scenario import Scenario, default_values
-from aerodima.workbench.controllers.law_of_scenario import NO_SWING, find_swing
+from aerodima.workbench.controllers.law_of_scenario import NO_SWING, find_swing, in_words, load_law
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versions
 
@@ -39,6 +39,9 @@ WORKER_LOST = "its worker process was lost"
 
 DRIVING = 0.9
 """Share of the commanded speed that a car must have reached when its turn begins."""
+
+FINE_STEP = 0.0005
+"""Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,7 @@ class RunTask:
         settings: overrides, such as `car.tyre_friction=0.7`.
         signals: `all` also gives the impulses of the tail, at twice the price.
         log: file in which the log of the run is kept; one that is there already is that of an earlier try.
+        law: `FILE:CLASS` of the law that drives the tail instead of the scenario's, as `load_law` takes it.
     """
 
     name: str
@@ -58,6 +62,7 @@ class RunTask:
     settings: tuple[str, ...] = ()
     signals: Literal["all", "outcome"] = "outcome"
     log: str = ""
+    law: str = ""
 
 
 def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario | RigScenario:
@@ -70,11 +75,16 @@ def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenar
     return (RigScenario if is_rig else Scenario).load(name_or_path, settings)
 
 
+def step_settings(step: float) -> tuple[str, ...]:
+    """Settings of a step of the plant, s."""
+    return (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
+
+
 def evaluate(task: RunTask) -> dict[str, Any]:
     """Runs a task; one row of outcome, metrics and provenance, without anything that differs from time to time.
 
-    A run that cannot be made (impossible scenario, plant that does not load, solver that gives up, NaN) gives a row
-    without outcome, with one line in `error`. Units are at the end of the names.
+    A run that cannot be made (impossible scenario, plant that does not load, solver that gives up, NaN, any error in a
+    law of the task) gives a row without outcome, with one line in `error`. Units are at the end of the names.
     """
     try:
         scenario = load_any_scenario(task.scenario, task.settings)
@@ -82,8 +92,11 @@ def evaluate(task: RunTask) -> dict[str, Any]:
         return failed_row(task, str(error))
     try:
         return _measured(task, scenario)
-    except (UserError, ArithmeticError, RuntimeError, ValueError) as error:
-        return failed_row(task, " ".join(str(error).split()) or type(error).__name__, scenario)
+    except Exception as error:
+        if not task.law and not isinstance(error, (UserError, ArithmeticError, RuntimeError, ValueError)):
+            raise
+        words = in_words(error) if task.law else " ".join(str(error).split()) or type(error).__name__
+        return failed_row(task, words, scenario)
 
 
 def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
@@ -112,7 +125,9 @@ def _measured(task: RunTask, scenario: Scenario | RigScenario) -> dict[str, Any]
     if isinstance(scenario, RigScenario):
         run = simulate(scenario, path, force=True)
     else:
-        run = simulate(scenario, path, record="all" if path else task.signals, stop_when_certain=True, force=True)
+        law = load_law(task.law, scenario) if task.law else None
+        record = "all" if path else task.signals
+        run = simulate(scenario, path, record=record, stop_when_certain=True, law=law, force=True)
     return measured_row(task, scenario, run)
 
 
@@ -270,8 +285,14 @@ def _result_of(function: Callable[[Any], Any], item: Any) -> Row:
 
 
 def run_key(task: RunTask) -> str:
-    """The same for the same run, whatever it is called: of everything that determines its row, swing file included."""
+    """The same for the same run, whatever it is called: of all that determines its row, swing and law included.
+
+    Of what a law's file imports nothing is looked at.
+    """
     content = scenario_content(task.scenario, task.settings)
+    if task.law:
+        path, _, name = task.law.rpartition(":")
+        content += [name, Path(path).read_text(encoding="utf-8")]
     return content_key(task.scenario, task.settings, task.signals, _versions(), content)
 
 

@@ -1,4 +1,4 @@
-"""Candidates: a controller of the tail with its numbers, by name, from a list in a file, or a swing file.
+"""Candidates: a controller of the tail with its numbers, from a list in a file, a swing file, or a class of one's own.
 
 A list (schema `aerodima/candidates/1`) names settings as `aerodima turn --set` takes them, of tail and controller
 alone: a candidate may not bring another car, floor or driver.
@@ -16,7 +16,7 @@ from pydantic import Field, field_validator
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.checked_files import StrictModel, checked, nearest, read_yaml, shipped_names
 from aerodima.workbench.config.scenario import Scenario, load_scenario
-from aerodima.workbench.controllers.law_of_scenario import find_swing, refuse_other_car
+from aerodima.workbench.controllers.law_of_scenario import find_swing, load_law
 from aerodima.workbench.errors import SweepError, SwingFileError, UserError
 from aerodima.workbench.plants.car_model import gearbox_height
 from aerodima.workbench.plants.tail import tail_geometry
@@ -35,12 +35,14 @@ class Candidate:
         settings: overrides of any turn.
         by_speed: further settings by speed of the turn, m/s; those of the nearest speed are taken.
         ballast: further settings of a car, from its scenario; None changes nothing.
+        law: `FILE:CLASS` of the law that drives the tail instead of the scenario's; empty for that.
     """
 
     name: str
     settings: tuple[str, ...]
     by_speed: Mapping[float, tuple[str, ...]] = field(default_factory=dict, hash=False)
     ballast: Callable[[Scenario], tuple[str, ...]] | None = None
+    law: str = ""
 
     def at(self, speed: float) -> tuple[str, ...]:
         """Settings for a turn at a speed, m/s."""
@@ -53,8 +55,6 @@ class Candidate:
 SWINGING = ("tail.mode=swing", "controller.swing_file=none")
 LOW_PLACE = 0.07
 """Height at which a mass is low in the car, m: about that of the axles."""
-LOW_CENTRE_HEIGHT = 0.20
-"""m; of a car without tail, 4 cm lower than the nominal one."""
 
 
 def low_ballast(scenario: Scenario) -> tuple[str, ...]:
@@ -73,15 +73,17 @@ NO_TAIL = Candidate("no tail", ("tail.mode=none",))
 HELD = Candidate("held", ("tail.mode=held",))
 THESIS = Candidate("thesis, 8 rad/s", (*SWINGING, "controller.swing_speed=8.0"))
 LOW_BALLAST = Candidate("no tail, its mass low", NO_TAIL.settings, ballast=low_ballast)
-LOW_CENTRE = Candidate("no tail, centre of mass at 0.2 m", (*NO_TAIL.settings, f"car.com_height={LOW_CENTRE_HEIGHT!r}"))
-CANDIDATES = {
-    "none": NO_TAIL,
-    "low-ballast": LOW_BALLAST,
-    "low-centre": LOW_CENTRE,
-    "held": HELD,
-    "published": THESIS,
-}
-"""By the name that asks for one; all of them are judged unless somebody asks for others."""
+BEST_SWING = Candidate(
+    "best_swing",
+    (
+        *SWINGING,
+        *("controller.trigger=steering", "controller.trigger_steering_angle=0.03", "controller.delay=0.489"),
+        *("controller.swing_speed=13.68", "controller.swing_kd=3.415", "controller.travel=2.259"),
+        *("controller.settle_kp=18.19", "controller.settle_kd=0.6648", "controller.hold_angle=1.566"),
+        "controller.pitch_angle=0.593",
+    ),
+)
+"""Trained once to turn cars with rigid tyres by a pulse of steering of 0.5 s."""
 
 
 class ListedCandidate(StrictModel):
@@ -120,34 +122,40 @@ class CandidateList(StrictModel):
     candidates: list[ListedCandidate] = Field(min_length=1)
 
 
-def read_candidates(names: Iterable[str], scenario: str, *, other_car: bool = False) -> list[Candidate]:
+def read_candidates(names: Iterable[str], known: Mapping[str, Candidate], scenario: str) -> list[Candidate]:
     """Candidates by name or file; the car without tail is always the first one.
 
     Args:
-        names: of `CANDIDATES`, of the shipped list `models/short_turn/candidates.yaml`, of shipped swings, or paths of
-            lists or swing files.
+        names: of `known`, of shipped swings, or paths of lists or swing files. A swing plays on whatever car is judged.
+        known: by the name that asks for one.
         scenario: that they are to drive.
-        other_car: also a swing that was made for another car than the scenario's.
 
     Raises:
         UserError: no such file or name; malformed; a setting that a candidate may not bring, or that the scenario
-            refuses; a swing for another car; two candidates of one name.
+            refuses; two candidates of one name.
     """
     found = [NO_TAIL]
     for name in names:
-        for one in [CANDIDATES[name]] if name in CANDIDATES else _of_file(name):
-            if one is NO_TAIL:
-                continue
+        for one in [known[name]] if name in known else _of_file(name, known):
             try:
                 for settings in (one.settings, *((*one.settings, *own) for own in one.by_speed.values())):
-                    turn = load_scenario(scenario, settings)
-                if not other_car:
-                    refuse_other_car(turn)
+                    load_scenario(scenario, settings)
             except UserError as error:
                 raise SweepError(f"{name}: candidate {one.name!r}: {error}") from None
-            found.append(one)
+            found += [] if one is NO_TAIL else [one]
     refuse_twice([one.name for one in found], "candidate")
     return found
+
+
+def own_law(place: str, scenario: str) -> Candidate:
+    """A tail law of the reader's, `my_law.py:MyLaw`, named after its class.
+
+    Raises:
+        UserError: no such file or class, the file fails, or what it holds is no tail law.
+    """
+    path, _, name = place.rpartition(":")
+    load_law(place, load_scenario(scenario, SWINGING))
+    return Candidate(name, SWINGING, law=f"{Path(path).resolve()}:{name}")
 
 
 def write_candidates(path: Path, candidates: Sequence[Candidate], chosen: str, *, force: bool = False) -> Path:
@@ -178,22 +186,15 @@ def refuse_twice(names: Sequence[str], what: str) -> None:
             raise SweepError(f"{what} {name!r}: named twice; allowed: once")
 
 
-def _of_file(name: str) -> list[Candidate]:
-    from aerodima.workbench.report import short_turn
-
-    shipped = {one.name: Candidate(one.name, tuple(one.settings)) for one in short_turn.load_entries().candidates}
+def _of_file(name: str, known: Iterable[str]) -> list[Candidate]:
     path = Path(name)
-    if name in shipped:
-        return [shipped[name]]
     if not path.suffix and not path.exists() and name not in shipped_names("swings"):
-        known = [*CANDIDATES, *shipped, *shipped_names("swings")]
-        raise SweepError(f"candidate {name!r}: no such file, and none ships by this name; {nearest(name, known)}")
-    if path.exists() and "candidates" in (data := read_yaml(path, SwingFileError)):
-        if data.get("schema") == short_turn.SCHEMA:  # the list of the demo has more keys
-            data = {"schema": SCHEMA, "candidates": data["candidates"]}
-        listed = checked(CandidateList, data, str(path), SweepError, schema=SCHEMA).candidates
+        close = nearest(name, [*known, *shipped_names("swings")])
+        raise SweepError(f"candidate {name!r}: no such file, and none ships by this name; {close}")
+    if path.exists() and "candidates" in read_yaml(path, SwingFileError):
+        listed = checked(CandidateList, read_yaml(path, SwingFileError), str(path), SweepError, schema=SCHEMA)
         return [
             Candidate(one.name, tuple(one.settings), {v: tuple(own) for v, own in one.by_speed.items()})
-            for one in listed
+            for one in listed.candidates
         ]
     return [swing_player(name)]

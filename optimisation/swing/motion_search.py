@@ -125,7 +125,7 @@ def turn_programme(
 
 def turn_on(task: Task, floor: Floor) -> Scenario:
     """The turn of a task's car on its floor, with the tail of the scenario."""
-    turn = load_scenario(task.scenario, (*task.settings(HELD, floor.car, floor.speed, task.step), floor.setting))
+    turn = load_scenario(task.scenario, (*task.settings(HELD, floor.car, floor.speed), floor.setting))
     duration = turn.manoeuvre.turn_start + task.pulse + AFTER
     return turn.varied(manoeuvre={"turn_hold": task.pulse, "duration": duration})
 

@@ -236,10 +236,10 @@ class TurnShooting:
         limit = TORQUE_SHARE * first.tail_motor.torque_limit
         most_rate = float(np.min(cars.no_load_speed * (1.0 - limit / cars.stall_torque)))
         hold = first.controller.hold_angle
-        most_angle = min(task.search.high, *(s.servo.limit for s in scenarios))
+        least, largest = map(math.radians, task.steering)
         variables = TurnVariables(
             len(scenarios), rates, interval, -hold, min(s.tail.roll_limit for s in scenarios), most_rate,
-            (task.search.low, most_angle), task.pulse, 1.0 / first.controller.rate,
+            (least, min(largest, *(s.servo.limit for s in scenarios))), task.pulse, 1.0 / first.controller.rate,
         )  # fmt: skip
         swinging = [s.varied(tail={"mode": "swing"}, controller={"swing_file": "none"}) for s in scenarios]
         count = len(scenarios)

@@ -20,10 +20,8 @@ import yaml
 from matplotlib.figure import Figure
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, is_clean
-from aerodima.optimisation.sweep.runs import Runs, RunTask, make_frame, measured_row
+from aerodima.optimisation.sweep.runs import FINE_STEP, Runs, RunTask, make_frame, measured_row, step_settings
 from aerodima.optimisation.swing.candidate import THESIS, Candidate, swing_player
-from aerodima.optimisation.swing.judge_page import frame_table
-from aerodima.optimisation.swing.task import FINE_STEP, step_settings
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario
@@ -38,6 +36,7 @@ from aerodima.workbench.metrics.turn_signals import turn_window
 from aerodima.workbench.plants.clearance import ground_clearance, make_range_of_motion
 from aerodima.workbench.report.report_page import Page, Preformatted, Section, Table, write_files, zoomable
 from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.text_table import shown_value
 
 LOWER_FRICTION, MOST_LOWER = 0.05, 6
 """Where one of both flips, headings are compared at a friction lower by this, at most so many times."""
@@ -248,9 +247,10 @@ def write_verification(folder: Path, found: Verification, *, force: bool = False
     motion = zoomable(drawn, "Dotted: knots, and limit of the torque.", "Tail roll, car roll and torque over time")
     shares = [[who, f"{share:.0%}"] for who, share in found.survival.items()]
     members = found.rows[[name for name in SHOWN if name in found.rows]]
+    cells = [["" if pd.isna(value) else shown_value(value) for value in row] for row in members.itertuples(index=False)]
     sections = [
         Section("The car of the swing", [Table(["check", "value", "unit", "allowed"], rows, broken), motion]),
-        Section("Ensemble", [Table(["controller", "survives clean"], shares), frame_table(members)]),
+        Section("Ensemble", [Table(["controller", "survives clean"], shares), Table(list(members.columns), cells)]),
         Section("Provenance", [Preformatted(verdict)]),
     ]
     page = Page(f"Verification of {swing.name}", found.where, sections)

@@ -77,7 +77,7 @@ def demo(
     seed: Annotated[int, typer.Option(help="Seed of the sensor noise.")] = 1,
     force: Anew = False,
 ) -> None:
-    """One short turn of four cars in step, then the thesis' own turn at four speeds, and a page on both.
+    """A manoeuvre of four cars in step, then the thesis' own turn at four speeds, and a page on both.
 
     Asked for again after Ctrl-C it keeps the finished runs and goes on. Example: aerodima demo --out out/demo
     """
@@ -173,7 +173,7 @@ def _own_law(place: str, scenario: Scenario) -> TailLaw:
 
     if scenario.tail.mode == "none":
         raise UserError(f"--law {place}: this car has no tail; allowed with --tail held or --tail swing")
-    return load_law(place)
+    return load_law(place, scenario)
 
 
 def live_view(port: int | None = None) -> Meshcat:

@@ -171,10 +171,11 @@ def load_drive(name_or_path: str, settings: Sequence[str] = ()) -> tuple[Scenari
 _MEMBERS = ("rate", "memory_size", "start", "step")
 
 
-def load_law(place: str) -> TailLaw:
-    """Makes the law that a flag names: a class without arguments in a Python file, `my_law.py:MyLaw`.
+def load_law(place: str, scenario: Scenario) -> TailLaw:
+    """Makes the law that a flag names: a class in a Python file, `my_law.py:MyLaw`.
 
-    The file is run, as a script would be.
+    The file is run, as a script would be. The class is made by its `from_scenario` where it has one, without arguments
+    otherwise.
 
     Raises:
         UserError: no such file or class, the file fails, or what it holds is no `TailLaw`; names the place.
@@ -186,9 +187,9 @@ def load_law(place: str) -> TailLaw:
     if not isinstance(maker, type):
         raise UserError(f"--law {place}: {path} has no class {name}")
     try:
-        law: Any = maker()
+        law: Any = maker.from_scenario(scenario) if hasattr(maker, "from_scenario") else maker()
     except Exception as error:
-        raise UserError(f"--law {place}: {name}() failed: {_in_words(error)}") from error
+        raise UserError(f"--law {place}: {name}() failed: {in_words(error)}") from error
     missing = [member for member in _MEMBERS if not hasattr(law, member)]
     if missing:
         raise UserError(f"--law {place}: {name} has no {', '.join(missing)}; a tail law has {', '.join(_MEMBERS)}")
@@ -208,9 +209,10 @@ def _run_file(path: Path) -> Any:
     try:
         specification.loader.exec_module(module)
     except Exception as error:
-        raise UserError(f"--law {path}: running it failed: {_in_words(error)}") from error
+        raise UserError(f"--law {path}: running it failed: {in_words(error)}") from error
     return module
 
 
-def _in_words(error: Exception) -> str:
+def in_words(error: Exception) -> str:
+    """Kind and message of an error in one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -1,15 +1,14 @@
-"""The demo: the short turn of four cars and the thesis' own turn, with logs, table, replays and page in one folder."""
+"""The demo: a manoeuvre of four cars in step and the thesis' own turn: logs, table, replays and page in one folder."""
 
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from aerodima.workbench.atomic_write import make_folder
 from aerodima.workbench.batch.dask_engine import check_workers, run_batch
@@ -23,21 +22,18 @@ from aerodima.workbench.batch.row_store import (
 )
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import LogError, UserError
-from aerodima.workbench.figures.figure_style import BLACK, BLUE, GREY, new_figure, styled
 from aerodima.workbench.logs.journal import journal_path
-from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versions
+from aerodima.workbench.logs.schema import read_run_log, software_versions
 from aerodima.workbench.metrics.published_values import TurnMetrics, flip_bracket
 from aerodima.workbench.metrics.run_summary import MODE_WORDS, RunSummary, published_for, summarise
-from aerodima.workbench.metrics.turn_course import turn_course
-from aerodima.workbench.metrics.turn_metrics import outcome_of
 from aerodima.workbench.replay.captions import outcome_in_words
-from aerodima.workbench.report.replay_page import replays_in_step, write_replay_html
+from aerodima.workbench.report.entry_chapter import entry_chapter, load_shown_entry
+from aerodima.workbench.report.replay_page import write_replay_html
 from aerodima.workbench.report.report_page import (
     Folded,
     Link,
     Page,
     Part,
-    Plot,
     Preformatted,
     Section,
     Table,
@@ -46,9 +42,8 @@ from aerodima.workbench.report.report_page import (
     percent,
     write_files,
 )
-from aerodima.workbench.report.short_turn import PULSE, Entry, ShortTurn, load_short_turn
 
-DEMO_SCHEMA = "aerodima/demo/2"
+DEMO_SCHEMA = "aerodima/demo/3"
 PAGE, SUMMARY, MARK, FINISHED = "index.html", "summary.csv", "demo.json", "finished"
 """`MARK` says of which scenarios a folder's logs are, and whether the demo is finished."""
 
@@ -62,7 +57,7 @@ class DemoPlan:
         tail_modes: of `none`, `held`, `swing`, `designed`; scenarios `turn_<mode>`.
         shown: (tail mode, speed) of the runs with a replay.
         seed: of every run.
-        opening: whether the page begins with the short turn of the shipped table, four runs more.
+        opening: whether the page begins with the four cars of `models/entry/shown.yaml`, four runs more.
     """
 
     speeds: tuple[float, ...] = tuple(whole / 3.6 for whole in (12, 13, 16, 17))
@@ -81,14 +76,14 @@ class DemoRun:
         scenario: resolved.
         log: Parquet file.
         replay: HTML file; None for a run that has none of its own.
-        opening: whether it is of the short turn, not of the published one.
+        opening: the candidate that it shows at the beginning of the page; empty for a run of the published turn.
     """
 
     name: str
     scenario: dict[str, Any]
     log: Path
     replay: Path | None = None
-    opening: bool = False
+    opening: str = ""
 
     @property
     def files(self) -> list[Path]:
@@ -111,7 +106,7 @@ def make_demo(
 
     Args:
         out: folder; made when it is not there.
-        plan: what to run; the short turn, and the thesis' turn on both sides of its two flips, by default.
+        plan: what to run; the four cars, and the thesis' turn on both sides of its two flips, by default.
         workers: processes.
         force: make a finished demo again, or write among other files.
         progress: told lines of progress.
@@ -149,18 +144,17 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
             replay = out / f"replay_{name}.html" if (mode, speed) in plan.shown else None
             runs.append(DemoRun(name, scenario, out / "logs" / f"turn_{name}.parquet", replay))
     runs.sort(key=lambda run: run.replay is None)  # the longest pieces of work first
-    return [*_short_turn_runs(out, plan.seed), *runs] if plan.opening else runs
-
-
-def _short_turn_runs(out: Path, seed: int) -> list[DemoRun]:
-    """All candidates of the short turn in the case that is shown, steered alike."""
-    table = load_short_turn()
-    runs = []
-    for one in table.entries.candidates:
-        scenario = table.scenario(one.name, table.steering_deg).resolved() | {"seed": seed}
-        log = out / "logs" / f"{one.name}.parquet"
-        runs.append(DemoRun(f"short turn, {one.name}", scenario, log, opening=True))
-    return runs
+    shown = load_shown_entry()
+    opening = [
+        DemoRun(
+            f"{shown.manoeuvre}, {one.name}",
+            shown.run(one).resolved() | {"seed": plan.seed},
+            out / "logs" / f"{re.sub(r'[^a-z0-9]+', '_', one.name)}.parquet",
+            opening=one.name,
+        )
+        for one in shown.candidates
+    ]
+    return [*opening, *runs] if plan.opening else runs
 
 
 def do_run(run: DemoRun) -> RunSummary:
@@ -200,7 +194,7 @@ def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
 
 
 def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSummary]) -> None:
-    first = {run.log.stem: read_run_log(run.log) for run in runs if run.opening}
+    first = {run.opening: read_run_log(run.log) for run in runs if run.opening}
     thesis = {run.name: run for run in runs if not run.opening}
     modes = list(MODE_WORDS)
     ordered = sorted(
@@ -211,100 +205,9 @@ def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSumma
     if not first:
         page = Page("The car turns, with and without its tail", "", sections)
     else:
-        lead = "Same car, floor, speed and steering; the tail is a larger one than was built."
-        page = Page("One turn, four cars", lead, [*short_turn_chapter(load_short_turn(), first), *sections])
+        lead = "Same car, floor, speed and manoeuvre; the tail is a larger one than was built."
+        page = Page("One manoeuvre, four cars", lead, [*entry_chapter(load_shown_entry(), first), *sections])
     write_files(out, {SUMMARY: numbers, PAGE: page})
-
-
-def short_turn_chapter(table: ShortTurn, run_logs: Mapping[str, RunLog]) -> tuple[Section, Section]:
-    """The replays with the case that they show, and how far each candidate turns in all cases.
-
-    Args:
-        table: what was measured.
-        run_logs: name of a candidate -> its run in the case that is shown, steered as the last one.
-    """
-    who = table.entries.candidates
-    car, speed, _ = table.shown
-    case = {
-        "car of the ensemble": car,
-        "speed [m/s]": f"{speed:g}",
-        "steered for [s]": f"{PULSE:g}",
-        "steering [deg]": f"{table.steering_deg:.1f}",
-        "friction of the floor": f"{table.row(who[0].name)['friction']:.2f}",
-        "gain of the last over the first": percent(table.gains[table.shown]),
-        "place of this gain": f"{list(table.gains.index).index(table.shown) + 1} of {len(table.gains)}",
-        "gains of all cases": f"{percent(table.gains.iloc[0])} to {percent(table.gains.iloc[-1])}",
-    }
-    shown = Section(
-        "Same car, same floor, same steering",
-        [
-            replays_in_step(
-                [run_logs[one.name] for one in who], [f"{one.words}: {_ending(run_logs[one.name])}" for one in who]
-            ),
-            Table(("the case that is shown", ""), list(case.items())),
-        ],
-    )
-    bars = Plot(
-        plot_courses(table),
-        "Each with the steering that is best for it. Bar: median; band: least and largest; a dot per case, that of the "
-        "replay in black.",
-        "Course turned by a pulse of steering by each candidate, with its spread over the cases",
-    )
-    said = (
-        "The cases are in models/short_turn/cases.csv, made again by python -m tests.short_turn_table; "
-        "docs/short_turn.md says which runs count, and what the tail gains as it was built."
-    )
-    return shown, Section("How far each turns with its own best steering", [bars, _gain_table(table), said])
-
-
-def _ending(run_log: RunLog) -> str:
-    course = turn_course(run_log).course_change_rad
-    if outcome_of(run_log).result == "flipped":
-        return "rolls over"
-    return "stays upright" if course is None else f"turns {np.degrees(course):.0f}°"
-
-
-def _gain_table(table: ShortTurn) -> Table:
-    """Steering and course of each candidate in the case of the replay, and its gain over the first one in all cases."""
-    course = table.cases.pivot_table(
-        index=["car", "speed_m_per_s", "floor"], columns="candidate", values="course_change_rad"
-    )
-    gains = course.div(course[table.entries.candidates[0].name], axis=0) - 1.0
-    worst = gains.groupby(level="car").median().min()
-    rows = [
-        (one.words, f"{float(table.row(one.name)['steering_deg']):.1f}", f"{_course(table, one):.1f}",
-         percent(gains[one.name].median()), percent(worst[one.name]))
-        for one in table.entries.candidates
-    ]  # fmt: skip
-    return Table(
-        ("candidate", "best steering of this case [deg]", "course [deg]", "gain, median of the cases",
-         "gain, worst car"), rows,
-    )  # fmt: skip
-
-
-def _course(table: ShortTurn, one: Entry) -> float:
-    """With its own best steering in the case that is shown, degrees."""
-    return float(np.degrees(table.row(one.name)["course_change_rad"]))
-
-
-def plot_courses(table: ShortTurn) -> Figure:
-    """Course of each candidate: median, band over the cases, a dot for each."""
-    who = table.entries.candidates
-    with styled():
-        image, grid = new_figure(9.0, 1.0 + 0.55 * len(who))
-        axes = grid[0, 0]
-        for place, one in enumerate(reversed(who)):
-            own = table.cases[table.cases["candidate"] == one.name]
-            values = np.degrees(own["course_change_rad"].to_numpy(float))
-            median = float(np.median(values))
-            axes.barh(place, median, color=BLUE, height=0.5)
-            axes.barh(place, np.ptp(values), left=values.min(), color=BLUE, alpha=0.25, height=0.8)
-            axes.plot(values, np.full(values.size, place), ".", color=GREY)
-            axes.plot(_course(table, one), place, ".", color=BLACK, markersize=10)
-            axes.text(values.max() + 0.5, place, f"{median:.1f}°", va="center")
-        axes.set_yticks(range(len(who)), [one.words for one in reversed(who)])
-        axes.set_xlabel("course turned [deg]")
-    return image
 
 
 def thesis_turn_chapter(summaries: Sequence[RunSummary]) -> Section:

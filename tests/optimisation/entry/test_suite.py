@@ -3,8 +3,10 @@
 import pytest
 
 from aerodima.optimisation.entry import suite
+from aerodima.optimisation.entry.entry_speed import EntryFloor, EntrySearch, Manoeuvre, climb
+from aerodima.optimisation.sweep.runs import Runs, RunTask, run_key
 from aerodima.workbench.cli.program import main
-from aerodima.workbench.config.ensemble import load_ensemble
+from aerodima.workbench.config.ensemble import Member, load_ensemble
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 
@@ -60,8 +62,83 @@ def test_what_is_not_there_is_refused(make, words) -> None:
 
 @pytest.mark.parametrize(("flags", "words"), [(["--cars", "99"], "--cars 99"), (["--tail", "long"], "tail 'long'")])
 def test_wrong_flags_are_one_line(tmp_path, capsys, monkeypatch, flags, words) -> None:
-    monkeypatch.setattr("sys.argv", ["aerodima", "swing", "entry", "--out", str(tmp_path / "out"), *flags])
+    monkeypatch.setattr("sys.argv", ["aerodima", "swing", "judge", "--out", str(tmp_path / "out"), *flags])
     with pytest.raises(SystemExit):
         main()
     assert words in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+LAW = """
+import numpy as np
+
+
+class Upright:
+    rate = 100.0
+    memory_size = 0
+
+    def start(self):
+        return np.zeros(0)
+
+    def step(self, memory, observation):
+        upright = np.array([0.0, 0.0, 17.0, 5.0, 0.0])
+        return memory, upright, upright, 1
+
+
+class Failing(Upright):
+    def step(self, memory, observation):
+        raise KeyError("gain")
+
+
+class Half:
+    rate = 100.0
+"""
+SHORT = ("speed_ramp=0.4", "turn_start=0.6", "turn_hold=0.1", "duration=1.6")
+
+
+@pytest.fixture
+def law_file(tmp_path):
+    path = tmp_path / "my_law.py"
+    path.write_text(LAW)
+    return path
+
+
+def test_a_law_of_ones_own_climbs_and_one_that_fails_is_named(law_file) -> None:
+    who = suite.candidates([], [f"{law_file}:Upright", f"{law_file}:Failing"])
+    turn = Manoeuvre("turn", "turn_swing", tuple(f"manoeuvre.{setting}" for setting in SHORT))
+    search, case = EntrySearch(start=1.0, lowest=1.0, ceiling=1.0), (Member("own", 1.0, {}), EntryFloor("own"))
+    table = climb([turn], who, [case], Runs(), search).set_index("candidate")
+    assert list(table.index) == ["no tail", "Upright", "Failing"]
+    assert table.loc["Upright", "entry_speed_m_per_s"] == 1.0
+    assert table.loc["Failing", "ended_by"] == "error: KeyError: 'gain'"
+
+
+def test_a_law_is_run_again_when_its_file_has_changed(law_file) -> None:
+    law, other = (RunTask("", "turn_swing", law=f"{law_file}:{name}") for name in ("Upright", "Failing"))
+    before = run_key(law)
+    assert before not in (run_key(other), run_key(RunTask("", "turn_swing")))
+    law_file.write_text(LAW.replace("17.0", "18.0"))
+    assert run_key(law) != before
+    law_file.write_text(LAW)
+    assert run_key(law) == before
+
+
+@pytest.mark.parametrize(
+    ("laws", "words"),
+    [
+        (["{folder}/other.py:Upright"], "no such Python file"),
+        (["{folder}/my_law.py:Other"], "no class Other"),
+        (["{folder}/my_law.py:Half"], "Half has no memory_size, start, step"),
+        (["{folder}/my_law.py:Upright"] * 2, "candidate 'Upright': named twice"),
+    ],
+)
+def test_what_is_no_law_is_one_line_before_any_run(law_file, capsys, monkeypatch, laws, words) -> None:
+    out = law_file.parent / "out"
+    flags = [part for law in laws for part in ("--law", law.format(folder=law_file.parent))]
+    monkeypatch.setattr("sys.argv", ["aerodima", "swing", "judge", "--out", str(out), *flags])
+    with pytest.raises(SystemExit):
+        main()
+    told = capsys.readouterr().err.strip()
+    assert words in told
+    assert "\n" not in told
+    assert not out.exists()

@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -107,3 +108,18 @@ def test_another_tail_than_the_built_one_keeps_its_size_on_the_car_of_a_member()
     assert designed.tail.sail_width == load_scenario("turn_designed").tail.sail_width != built.tail.sail_width
     assert designed.tail.mount_height == built.tail.mount_height
     assert designed.car == built.car
+
+
+def test_no_car_is_in_two_parts_of_the_split() -> None:
+    ensemble = load_ensemble()
+    split = ensemble.split(1)
+    names = [member.name for part in split for member in part]
+    assert sorted(names) == sorted(m.name for m in ensemble.members if m.name != ensemble.best.name)
+    assert split == ensemble.split(1)
+    assert split != ensemble.split(2)
+    # The first cars of all parts are drawn by weight: over many seeds the likeliest car is among them most often.
+    first = [part[0] for seed in range(400) for part in ensemble.split(seed)[:1]]
+    heavy = max((m for m in ensemble.members if m.name != ensemble.best.name), key=lambda m: m.weight)
+    share = heavy.weight / (1.0 - ensemble.best.weight)
+    drawn = sum(member.name == heavy.name for member in first) / len(first)
+    assert drawn == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / len(first)))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.law_of_scenario import load_law
 from aerodima.workbench.errors import UserError
 
@@ -31,15 +32,23 @@ class Half:
     rate = 100.0
 
 
+class Tuned(Held):
+    @classmethod
+    def from_scenario(cls, scenario):
+        return cls(rate=scenario.controller.rate)
+
+
 class Broken:
     def __init__(self):
         raise ValueError("no gains\\nat all")
 """
 
+SCENARIO = load_scenario("turn_swing", ["controller.rate=50"])
+
 
 def refusal(place: str) -> str:
     with pytest.raises(UserError) as caught:
-        load_law(place)
+        load_law(place, SCENARIO)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -47,9 +56,10 @@ def refusal(place: str) -> str:
 def test_class_of_a_file_becomes_a_law(tmp_path: Path) -> None:
     path = tmp_path / "my_law.py"
     path.write_text(LAW)
-    law = load_law(f"{path}:Held")
+    law = load_law(f"{path}:Held", SCENARIO)
     assert (type(law).__name__, law.rate, law.memory_size) == ("Held", 100.0, 0)
     assert law.start().shape == (0,)
+    assert load_law(f"{path}:Tuned", SCENARIO).rate == 50.0, "from the scenario"
 
 
 def test_what_is_no_law_is_refused_by_name(tmp_path: Path) -> None:

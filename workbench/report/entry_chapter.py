@@ -1,0 +1,114 @@
+"""Entry speeds (`models/entry`): a table of `aerodima swing judge`, and the cars of it that are shown in step."""
+
+import math
+from collections.abc import Mapping
+
+import pandas as pd
+from pydantic import Field
+
+from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
+from aerodima.workbench.config.ensemble import load_ensemble
+from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics.tip_up import tip_up
+from aerodima.workbench.metrics.turn_metrics import outcome_of
+from aerodima.workbench.metrics.turn_signals import steered_windows
+from aerodima.workbench.report.replay_page import replays_in_step
+from aerodima.workbench.report.report_page import Section, Table
+from aerodima.workbench.resources import model_path
+
+SCHEMA = "aerodima/shown_entry/1"
+SHOWN, ENTRIES = "entry/shown.yaml", "entry/entries.csv"
+SPEED = "entry_speed_m_per_s"
+
+
+class ShownCandidate(StrictModel):
+    """A candidate by its name in the table, its words on the page, and its settings of the scenario."""
+
+    name: str
+    words: str
+    settings: list[str]
+
+
+class ShownEntry(StrictModel):
+    """What is shown: a manoeuvre of the table by its name there, with scenario and settings, a car and a speed."""
+
+    schema_: str = Field(alias="schema")
+    manoeuvre: str
+    scenario: str
+    ensemble: str
+    car: str
+    speed_m_per_s: float
+    settings: list[str]
+    candidates: list[ShownCandidate]
+
+    def run(self, who: ShownCandidate) -> Scenario:
+        """The run of a candidate."""
+        car = next(member for member in load_ensemble(self.ensemble).members if member.name == self.car)
+        own = [*car.settings_on(self.scenario), *self.settings, *who.settings]
+        return load_scenario(self.scenario, [*own, f"manoeuvre.speed={self.speed_m_per_s!r}"])
+
+
+def load_shown_entry() -> ShownEntry:
+    """The shipped choice. ScenarioError where a key is missing, unknown or of another kind."""
+    path = model_path(SHOWN)
+    return checked(ShownEntry, read_yaml(path), str(path), schema=SCHEMA)
+
+
+def _entries() -> pd.DataFrame:
+    """The shipped table; a run that came to nothing leaves the entry speed unknown, NaN."""
+    table = pd.read_csv(model_path(ENTRIES))
+    return table.assign(**{SPEED: table[SPEED].mask(table["ended_by"].fillna("").str.startswith("error"))})
+
+
+def entry_medians() -> pd.DataFrame:
+    """Median entry speeds of the shipped table as texts: a row per candidate, a column per manoeuvre.
+
+    In brackets: how many cars complete the manoeuvre.
+    """
+    table = _entries()
+    cells = {case: _median(own) for case, own in table.groupby(["candidate", "manoeuvre"], sort=False)}
+    return pd.Series(cells).unstack()[table["manoeuvre"].unique()].loc[table["candidate"].unique()]
+
+
+def _median(own: pd.DataFrame) -> str:
+    speeds = own.dropna(subset=SPEED)
+    if speeds.empty:
+        return "none"
+    median, unbounded = speeds[SPEED].median(), speeds[SPEED].mask(speeds["at_ceiling"], math.inf).median()
+    return f"{'≥ ' if unbounded > median else ''}{median:.2f} ({len(speeds)} of {len(own)})"
+
+
+def entry_chapter(shown: ShownEntry, run_logs: Mapping[str, RunLog]) -> list[Section]:
+    """The replays in step, and the medians of all manoeuvres.
+
+    Args:
+        shown: what is shown.
+        run_logs: name of a candidate -> its run.
+    """
+    who = {one.name: one.words for one in shown.candidates}
+    table = _entries()
+    there = table[(table["manoeuvre"] == shown.manoeuvre) & (table["car"] == shown.car)].set_index("candidate")[SPEED]
+    speeds = there.map("{:.2f} m/s".format).mask(there.isna(), "none")
+    names = [f"{words}: {_ending(run_logs[name])} (entry speed {speeds[name]})" for name, words in who.items()]
+    case = f"{shown.manoeuvre} at {shown.speed_m_per_s:g} m/s, {shown.car} of the ensemble {shown.ensemble}"
+    medians = entry_medians()
+    rows = [[who.get(name, name), *row] for name, row in zip(medians.index, medians.to_numpy(), strict=True)]
+    said = (
+        "Medians in m/s over the cars that complete a manoeuvre, and how many do: two wheels of one side never lift by "
+        "5 mm, only wheels touch the ground, and the car yaws nearly as much as without a tail (docs/entry_speed.md). "
+        "The cars are few, each on its own floor, with a larger tail than was built, and ≥ says that climbs ended at "
+        "their ceiling."
+    )
+    return [
+        Section(f"In step: {case}", [replays_in_step([run_logs[name] for name in who], names)]),
+        Section("How fast they may enter", [Table(["candidate", *medians], rows), said]),
+    ]
+
+
+def _ending(run_log: RunLog) -> str:
+    found = tip_up(run_log, steered_windows(run_log))
+    if outcome_of(run_log).result == "flipped":
+        return "rolls over"
+    said = f"{found.touched_when_steered} on the ground" if found.touched_when_steered else "stays upright"
+    return f"{said}, yaws {found.steered_yaw_rate_rad_per_s or math.nan:.2f} rad/s"
