@@ -215,7 +215,8 @@ class Compiled:
     """
 
     def __init__(self, function: Callable[..., Sequence[Any]], shapes: Sequence[tuple[int, ...]]) -> None:
-        record, arguments = Recording(), []
+        record = Recording()
+        arguments: list[Any] = []
         symbols = type("RecordedSymbols", (Symbols,), {"recording": record})
         for shape in shapes:
             rows = [record.add("in", len(record.operations)) for _ in range(int(np.prod(shape, dtype=int)))]
