@@ -115,6 +115,9 @@ def judge(
     ] = None,
     tail: TailName = "designed",
     seed: Annotated[int, typer.Option(help="Of the split of the cars.", min=0)] = 1,
+    start: Annotated[float, typer.Option(help="First speed of a climb, m/s.")] = 2.0,
+    step: Annotated[float, typer.Option(help="Between two speeds of a climb, m/s; its last step is refined.")] = 0.1,
+    ceiling: Annotated[float, typer.Option(help="Highest speed that is tried, m/s.")] = 8.0,
 ) -> None:
     """Judge candidates by their entry speed: the highest speed at which a manoeuvre is completed without tip-up.
 
@@ -123,7 +126,7 @@ def judge(
     Example: aerodima swing judge --manoeuvre fishhook --cars 1 --candidate published --out out/judge
     """
     from aerodima.optimisation.entry import suite
-    from aerodima.optimisation.entry.entry_speed import climb
+    from aerodima.optimisation.entry.entry_speed import EntrySearch, climb
     from aerodima.optimisation.entry.entry_table import entry_figure, entry_lines, summarise_entries
     from aerodima.optimisation.sweep.runs import kept_runs
     from aerodima.workbench.atomic_write import write_atomically
@@ -131,6 +134,7 @@ def judge(
     from aerodima.workbench.errors import SweepError
     from aerodima.workbench.figures.figure_style import png
 
+    search = EntrySearch(start=start, step=step, ceiling=ceiling)
     driven = suite.manoeuvres(manoeuvre or suite.TRAINED_ON, tail)
     who = suite.candidates(candidate or list(suite.CANDIDATES), law or ())
     cases = suite.floors(_first(load_ensemble(ensemble).split(seed).test, cars), floor or [1.0])
@@ -138,7 +142,7 @@ def judge(
         engine_for(out, work.workers, work.scheduler) as (engine, progress),
         kept_runs(out, engine, force=work.force, progress=progress) as runs,
     ):
-        table = climb(driven, who, cases, runs)
+        table = climb(driven, who, cases, runs, search)
     summary = summarise_entries(table)
     for name, frame in (("entries.csv", table), ("summary.csv", summary)):
         write_atomically(out / name, frame.to_csv(index=False), True, SweepError)
