@@ -37,21 +37,15 @@ MANOEUVRES = {
 TRAINED_ON = ("turn", "held-turn", "fishhook")
 """Manoeuvres that a search of a law sees; all others, and the test cars, are never seen by one."""
 FEEDBACK = Candidate("feedback", ("tail.mode=swing", "controller.law=feedback"))
-UPRIGHT = Candidate(
-    "upright and still",
-    (
-        *FEEDBACK.settings,
-        *(
-            f"feedback.{term}=0"
-            for term in ("lean_gain", "roll_gain", "roll_rate_gain", "yaw_rate_gain", "pitch_angle")
-        ),
-    ),
-)
+_STILL = tuple(f"feedback.{gain}_gain=0" for gain in ("lean", "roll", "roll_rate", "yaw_rate"))
+UPRIGHT = Candidate("upright and still", (*FEEDBACK.settings, *_STILL, "feedback.pitch_angle=0"))
+LYING = Candidate("lying back and still", (*FEEDBACK.settings, *_STILL))
 CANDIDATES = {
     "none": NO_TAIL,
     "low-ballast": LOW_BALLAST,
     "held": HELD,
     "upright": UPRIGHT,
+    "lying": LYING,
     "published": THESIS,
     "feedback": FEEDBACK,
 }
