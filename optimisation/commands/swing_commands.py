@@ -98,8 +98,8 @@ def judge(
     candidate: Annotated[
         list[str] | None,
         typer.Option(
-            help="none, low-ballast, held, upright, lying, published, feedback, best_swing, a swing, or a file of candidates; "
-            "may be repeated; by default the first seven. The car without tail always takes part."
+            help="none, low-ballast, held, upright, lying, published, feedback, best_swing, a swing, or a file of "
+            "candidates; may be repeated; by default the first seven. The car without tail always takes part."
         ),
     ] = None,
     law: Annotated[

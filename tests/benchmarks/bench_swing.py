@@ -18,4 +18,5 @@ def bench_screening() -> list[BenchRow]:
     for _ in range(3):
         simulate(scenario, record="outcome")
     full = 3 / (time.process_time() - begun)
+    reduced_seconds([scenario], 8)  # compiles the step
     return [BenchRow("screening, reduced runs", 1.0 / reduced_seconds([scenario]), "1/s", ">= 20", full)]
