@@ -1,16 +1,16 @@
 """A law that leans the tail by the state of the car, without an announced turn. No Drake.
 
-The tail waits upright. Steering and IMU ask for a roll of the tail:
+The tail waits at `pitch_angle`, its roll in the middle. Steering and IMU ask for a roll of the tail:
 
     lean = lean_gain tanh(v^2 tan(delta) / (L a_grip))
            + roll_gain phi + roll_rate_gain dphi/dt + yaw_rate_gain (r - r_d)
 
 with speed v, steering command delta, wheelbase L, the lateral acceleration a_grip that a floor gives, roll phi and yaw
 rate r. The first term is the lateral acceleration of the kinematic bicycle, limited by the floor, and r_d is its yaw
-rate under the same limit. A negative `lean_gain` leans the tail to the inside of the turn: its weight then stands
-against the roll. The reference follows the lean, limited to `most_roll`, at `out_speed` away from upright and at
-`return_speed` towards it. When the wheels are straight again, the tail comes back by itself, to be there for the next
-turn to either side. Without a valid IMU the tail is held still.
+rate under the same limit. A negative `lean_gain` leans the tail to the inside of the turn. The reference follows the
+lean, limited to `most_roll`: at `out_speed` where the lean is larger than the reference, to either side, else at
+`return_speed`. When the wheels are straight again, the tail comes back by itself, to be there for the next turn to
+either side. Without a valid IMU the tail is held still.
 
 The law is one function of arrays, `respond`, so that a batch of cars and the car itself run the same lines.
 """
@@ -27,8 +27,8 @@ from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.controllers.tail_law import NO_COMMAND, Observation
 
 ROLL, GYRO_X, GYRO_Z = IMU.index("roll"), IMU.index("gyro_x"), IMU.index("gyro_z")
-STILL = 0.05
-"""rad/s; a reference that moves less counts as at rest in the log."""
+MIDDLE = 0.1
+"""rad; a reference nearer to the middle counts as waiting in the log."""
 
 
 class Seen(NamedTuple):
@@ -83,7 +83,7 @@ def respond(gains: Any, wheelbase: Any, rate: float, reference: Any, seen: Seen)
     most = np.where(outwards, gains.out_speed, gains.return_speed) / rate
     moved = np.where(seen.valid, np.clip(lean - reference, -most, most), 0.0)
     moving = np.where(outwards, SwingState.SWING, SwingState.RECOCK)
-    state = np.where(np.abs(moved) * rate > STILL, moving, SwingState.HOLD)
+    state = np.where(np.abs(reference + moved) > MIDDLE, moving, SwingState.HOLD)
     return Response(reference + moved, state)
 
 
@@ -116,17 +116,21 @@ class FeedbackLaw:
         return np.array([math.nan])
 
     def step(self, memory: np.ndarray, observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        """One tick, see `TailLaw`. Without a speed nothing is predicted; a tail of unknown angle is not moved."""
+        """One tick, see `TailLaw`.
+
+        Without speed or steering, roll and roll rate decide alone. A tail of unknown angle is not moved.
+        """
         reference = float(memory[0]) if math.isfinite(memory[0]) else observation.roll_angle
         if not math.isfinite(reference):
             return memory, NO_COMMAND, NO_COMMAND, int(SwingState.OFF)
         steering, valid = observation.steering_angle, observation.imu_valid
+        predicts = math.isfinite(observation.speed) and math.isfinite(steering)
         seen = Seen(
             roll=observation.imu[ROLL] if valid else 0.0,
             roll_rate=observation.imu[GYRO_X] if valid else 0.0,
-            yaw_rate=observation.imu[GYRO_Z] if valid else 0.0,
-            speed=observation.speed if math.isfinite(observation.speed) else 0.0,
-            steering_angle=steering if math.isfinite(steering) else 0.0,
+            yaw_rate=observation.imu[GYRO_Z] if valid and predicts else 0.0,
+            speed=observation.speed if predicts else 0.0,
+            steering_angle=steering if predicts else 0.0,
             valid=valid,
         )
         gains = self.gains

@@ -68,7 +68,9 @@ def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
     lifts = [run_log.signal(name)[steered] for name in LIFT_COLUMNS if name in run_log.table]
     windows = [(*signals.window, signals.sign)] if windows is None else windows
     last, time = signals.time[-1] - LAST, run_log.time
-    turning = np.any([(time >= start) & (time <= end) for start, end, _ in windows], axis=0)
+    turning = np.zeros(time.shape, bool)
+    for start, end, _ in windows:
+        turning |= (time >= start) & (time <= end)
     still_steered = any(end > last for _, end, _ in windows)
     return TipUp(
         side_lift_m=side_lift(np.column_stack(lifts)) if len(lifts) == len(WHEELS) else None,

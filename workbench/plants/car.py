@@ -110,7 +110,7 @@ def add_car_plant(
         X_GT = RigidTransform(np.array([reach, 0.0, scenario.car.gearbox_height / 2]))
         plant.WeldFrames(plant.GetFrameByName("gearbox"), plant.GetFrameByName("tail_anchor"), X_GT)
         plant.GetJointByName("tail_roll").set_default_angle(resting_roll(scenario))
-        plant.GetJointByName("tail_pitch").set_default_angle(scenario.controller.pitch_angle)
+        plant.GetJointByName("tail_pitch").set_default_angle(resting_pitch(scenario))
         added = _added_mass(plant, scenario)
     plant.set_stiction_tolerance(slip_speed(scenario.car, scenario.manoeuvre.speed))
     plant.set_contact_model(ContactModel.kPoint)
@@ -127,9 +127,18 @@ def add_car_plant(
     return result
 
 
+def resting_pitch(scenario: Scenario) -> float:
+    """Tail pitch (rad) at which the scenario's law waits."""
+    return scenario.feedback.pitch_angle if _follows_the_state(scenario) else scenario.controller.pitch_angle
+
+
+def _follows_the_state(scenario: Scenario) -> bool:
+    return scenario.controller.law == "feedback" and scenario.tail.mode == "swing"
+
+
 def resting_roll(scenario: Scenario) -> float:
-    """Tail roll (rad) before the turn: on its inside, left (negative) for a left turn; upright for `feedback`."""
-    if scenario.controller.law == "feedback" and scenario.tail.mode == "swing":
+    """Tail roll (rad) before the turn: on its inside, left (negative) for a left turn; the middle for `feedback`."""
+    if _follows_the_state(scenario):
         return 0.0
     angle = scenario.controller.hold_angle
     return -angle if scenario.manoeuvre.direction == "left" else angle

@@ -91,6 +91,23 @@ def test_the_reference_goes_out_and_comes_back_at_its_speeds_and_waits_upright()
     assert state == SwingState.HOLD
 
 
+def test_a_reversed_turn_swings_through_the_middle() -> None:
+    memory, way = np.array([-0.5]), []
+    for _ in range(20):
+        memory, *_ = step(seen(steering=-0.5), memory)
+        way.append(float(memory[0]))
+    assert np.all(np.diff(way) >= 0.0)
+    assert way[-1] == pytest.approx(GAINS.most_roll)
+    assert way[5] - way[4] == pytest.approx(GAINS.out_speed / LAW.rate)
+
+
+def test_noise_of_the_imu_is_no_swing() -> None:
+    rng, memory = np.random.default_rng(1), np.zeros(1)
+    for roll, rate in rng.normal(0.0, [0.005, 0.02], (200, 2)):
+        memory, _, _, state = step(seen(roll, rate), memory)
+        assert state == SwingState.HOLD
+
+
 def test_a_frozen_or_late_imu_makes_the_law_hold_the_tail_still() -> None:
     memory = np.array([0.7])
     for _ in range(30):
@@ -106,7 +123,7 @@ def test_unknown_signals_command_nothing_wild() -> None:
     assert not pitch.any()
     memory, *_ = step(seen(roll_angle=0.2, imu_valid=False), LAW.start())
     assert memory[0] == 0.2, "the tail begins where it is"
-    assert rested(seen(0.1, steering=0.5, speed=nan)) == pytest.approx(GAINS.roll_gain * 0.1)
+    assert rested(seen(0.1, yaw=1.5, steering=0.5, speed=nan)) == pytest.approx(GAINS.roll_gain * 0.1)
 
 
 def test_arrays_of_cars_get_what_each_car_gets() -> None:
