@@ -2,7 +2,8 @@
 
 A function is called once on `Symbols`, arrays that record their operations. The record has no loops, no branches and
 no repeated parts. LLVM translates it into code that works on `LANES` cars at a time. The NumPy function stays the only
-definition of the model. Results differ by rounding only (fused multiply and add).
+definition of the model. Results differ by rounding only (fused multiply and add), but for NaN: minimum, maximum and
+choices need not carry it through.
 """
 
 from __future__ import annotations
@@ -125,8 +126,11 @@ class Symbols(np.ndarray):
         """Records an elementwise function or a sum."""
         record = self.recording
         operation = OPERATIONS.get(ufunc.__name__)
-        if operation is None or method not in ("__call__", "reduce"):
-            raise NotImplementedError(f"numpy.{ufunc.__name__} cannot be compiled")
+        axis = others.pop("axis", 0)
+        plain_sum = {"dtype": None, "keepdims": False, "initial": np._NoValue, "where": True}
+        unknown = [name for name, value in others.items() if name not in plain_sum or value is not plain_sum[name]]
+        if operation is None or method not in ("__call__", "reduce") or unknown:
+            raise NotImplementedError(f"numpy.{ufunc.__name__} {method} {unknown} cannot be compiled")
 
         def of_elements(*operands: Any) -> Any:
             if _plain(*operands):
@@ -137,7 +141,6 @@ class Symbols(np.ndarray):
         each = np.frompyfunc(of_elements, ufunc.nin, 1)
         if method == "reduce":
             found: Any = plain[0]
-            axis = others.get("axis", 0)
             axes = range(found.ndim) if axis is None else (axis,) if isinstance(axis, int) else axis
             for one in sorted((axis % found.ndim for axis in axes), reverse=True):
                 rows = np.moveaxis(found, one, 0)
@@ -174,7 +177,13 @@ def for_cars(function: Callable[..., Sequence[Any]], cars: Vehicles, *shapes: tu
         function: of `Vehicles` and arrays with these shapes and a last axis of cars; compiled once in a process.
         cars: n of them.
         shapes: of its arrays, without the last axis.
+
+    Raises:
+        ValueError: no cars.
+        NotImplementedError: as `Compiled`.
     """
+    if cars.count < 1:
+        raise ValueError("no cars: at least one is needed")
     own = [getattr(cars, field.name) for field in fields(cars)]
     kernel = _kernel(function, (*(one.shape[:-1] for one in own), *shapes))
     count = cars.count

@@ -10,9 +10,9 @@ from aerodima.workbench.config.checked_files import StrictModel, checked, read_y
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.tip_up import tip_up
+from aerodima.workbench.metrics.tip_up import TWO_WHEELS, tip_up
 from aerodima.workbench.metrics.turn_metrics import outcome_of
-from aerodima.workbench.metrics.turn_signals import steered_windows
+from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE, steered_windows
 from aerodima.workbench.report.replay_page import replays_in_step
 from aerodima.workbench.report.report_page import Section, Table
 from aerodima.workbench.resources import model_path
@@ -20,6 +20,8 @@ from aerodima.workbench.resources import model_path
 SCHEMA = "aerodima/shown_entry/1"
 SHOWN, ENTRIES = "entry/shown.yaml", "entry/entries.csv"
 SPEED = "entry_speed_m_per_s"
+UNKNOWN = ("error: ", "no reference", "not proved")
+"""Begins `ended_by` of a climb that says nothing about the candidate."""
 
 
 class ShownCandidate(StrictModel):
@@ -58,7 +60,7 @@ def load_shown_entry() -> ShownEntry:
 def _entries() -> pd.DataFrame:
     """The shipped table; a run that came to nothing leaves the entry speed unknown, NaN."""
     table = pd.read_csv(model_path(ENTRIES))
-    return table.assign(**{SPEED: table[SPEED].mask(table["ended_by"].fillna("").str.startswith("error"))})
+    return table.assign(**{SPEED: table[SPEED].mask(table["ended_by"].fillna("").str.startswith(UNKNOWN))})
 
 
 def entry_medians() -> pd.DataFrame:
@@ -96,7 +98,8 @@ def entry_chapter(shown: ShownEntry, run_logs: Mapping[str, RunLog]) -> list[Sec
     rows = [[who.get(name, name), *row] for name, row in zip(medians.index, medians.to_numpy(), strict=True)]
     said = (
         "Medians in m/s over the cars that complete a manoeuvre, and how many do: two wheels of one side never lift by "
-        "5 mm, only wheels touch the ground, and the car yaws nearly as much as without a tail (docs/entry_speed.md). "
+        "5 mm, only wheels touch the ground, the car goes straight again, and before that it yaws, times its speed, "
+        "nearly as much as without a tail (docs/entry_speed.md). "
         "The cars are few, each on its own floor, with a larger tail than was built, and ≥ says that climbs ended at "
         "their ceiling."
     )
@@ -110,5 +113,10 @@ def _ending(run_log: RunLog) -> str:
     found = tip_up(run_log, steered_windows(run_log))
     if outcome_of(run_log).result == "flipped":
         return "rolls over"
+    last = found.last_yaw_rate_rad_per_s or 0.0
     said = f"{found.touched_when_steered} on the ground" if found.touched_when_steered else "stays upright"
+    if (found.side_lift_m or 0.0) > TWO_WHEELS:
+        said = "lifts two wheels"
+    elif abs(last) > EXIT_YAW_RATE:
+        said += ", goes on turning"
     return f"{said}, yaws {found.steered_yaw_rate_rad_per_s or math.nan:.2f} rad/s"

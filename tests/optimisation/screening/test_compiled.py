@@ -49,6 +49,26 @@ def test_unknown_functions_are_refused() -> None:
         Compiled(lambda a, b: [np.arctan2(a, b)], [(), ()])
     with pytest.raises(NotImplementedError, match="power 3"):
         Compiled(lambda a: [a**3], [()])
+    for keywords in ({"keepdims": True}, {"initial": 1.0}):
+        with pytest.raises(NotImplementedError, match=r"numpy\.add"):
+            Compiled(lambda a, given=keywords: [np.sum(a, axis=0, **given)], [(3,)])
+
+
+def test_a_second_of_sliding_cars() -> None:
+    """From 3 to 6 m/s with the wheels at full lock: every step of every car, compiled and in NumPy."""
+    cars = Vehicles.of([load_scenario("turn_designed", [f"car.tyre_friction={one}"]) for one in (0.3, 0.5, 0.8)])
+    speed = np.array([3.0, 4.5, 6.0])
+    state = np.zeros((len(STATES), cars.count))
+    state[STATES.index("v_x")] = speed
+    state[[place for place, name in enumerate(STATES) if name.startswith("spin")]] = speed / cars.rolling_radius
+    tail = np.tile([[[0.0], [0.0], [17.0], [5.0]], [[-0.8], [0.0], [17.0], [5.0]]], cars.count)
+    step, given = for_cars(driven, cars, *COMMANDED), (np.full((2, 3), 0.5), speed / cars.rolling_radius, tail)
+    for _ in range(500):
+        compiled, expected = step(state, *given), driven(cars, state, *given)
+        for found, wanted in zip(compiled, expected, strict=True):
+            assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
+        state = expected[0]
+    assert np.all(np.abs(state[STATES.index("yaw")]) > 0.3)
 
 
 def test_a_step_of_a_car_on_the_ground() -> None:

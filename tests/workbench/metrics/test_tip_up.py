@@ -52,6 +52,17 @@ def test_a_run_counts_from_the_start_of_its_steering(direction, side):
     assert tip_up(run).touched_when_steered == "tail"
 
 
+def test_the_board_counts_while_the_car_is_steered_and_the_tail_always():
+    run = made_up_run({"gyro_z_truth_rad_per_s": np.zeros_like(times())}, "left")
+    after = np.where(times() > 3.0, 5.0, 0.0)
+    run.table["ground_contact_board_truth_n"] = after
+    assert tip_up(run, [(2.0, 2.6, 1)]).touched_when_steered == ""
+    assert tip_up(run, [(2.0, 3.5, 1)]).touched_when_steered == "board"
+    run.table["ground_contact_tail_truth_n"] = after
+    assert tip_up(run, [(2.0, 2.6, 1)]).touched_when_steered == "tail"
+    assert tip_up(run, []).touched_when_steered == "tail", "a car that is never steered"
+
+
 def test_the_last_yaw_rate_is_that_of_the_end_where_nothing_is_steered():
     end = times()[-1]
     run = made_up_run({"gyro_z_truth_rad_per_s": np.where(times() > end - 0.201, -0.3, 2.0)}, "left")
