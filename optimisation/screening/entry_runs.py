@@ -1,4 +1,7 @@
-"""Manoeuvres of many reduced cars that begin rolling, steered open loop or as a fishhook, with the feedback law."""
+"""Manoeuvres of many reduced cars that begin rolling, steered open loop or as a fishhook, with the feedback law.
+
+The law sees the IMU late, as on the full car, but without noise and bias, and the speed without delay.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +65,7 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
         cars: n of them.
         scenario: of manoeuvre, servo, controller and IMU; wheelbase of all.
         gains: fields of `FeedbackParameters` as arrays (n).
-        steers_tail: 1 where the law moves the tail, 0 where it is held upright (n).
+        steers_tail: 1 where the law rolls the tail, 0 where its roll is held in the middle (n).
 
     Raises:
         UserError: a manoeuvre that follows a path.

@@ -60,6 +60,18 @@ def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre) -> None
     assert figure[0, 0] == pytest.approx(3.2 * full["steered_yaw_rate_rad_per_s"], rel=0.05)
 
 
+def test_a_tail_that_stays_leant_is_no_completed_turn() -> None:
+    """It returns at 0.01 rad/s, so that the car goes on turning after its wheels are straight."""
+    from aerodima.optimisation.entry.feedback_search import _reference, gains_of
+
+    scenario, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
+    upright, _ = climb(cars, np.array([[3.2]]), scenario, gains_of([{}], scenario), np.ones(1))
+    slow = {"feedback.return_speed": 0.01, "feedback.pitch_angle": 0.0, "feedback.roll_gain": 0.0}
+    leant, _ = climb(cars, np.array([[3.2]]), scenario, gains_of([slow], scenario), np.ones(1))
+    assert upright[0, 0]
+    assert not leant[0, 0]
+
+
 def test_a_manoeuvre_on_a_path_is_refused() -> None:
     with pytest.raises(UserError, match="path; the screening model knows"):
         screened_entries(Screened("corner", "designed", (SETTINGS,), ({},)))
