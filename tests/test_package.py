@@ -22,7 +22,7 @@ PROJECT = PYPROJECT["project"]
 WHEEL = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
 PACKAGES = {"workbench", "optimisation", "hardware"}
 CORE = {
-    "dask", "drake", "jinja2", "lazy-loader", "matplotlib", "numpy", "pandas", "pillow", "psutil", "pyarrow",
+    "dask", "drake", "jinja2", "lazy-loader", "llvmlite", "matplotlib", "numpy", "pandas", "pillow", "psutil", "pyarrow",
     "pydantic", "python-can", "pyyaml", "scipy", "typer",
 }  # fmt: skip
 HEAVY = (
