@@ -51,6 +51,7 @@ CANDIDATES = {
 }
 """By the name that asks for one; all of them unless somebody asks for others."""
 NAMED = {**CANDIDATES, "best_swing": BEST_SWING}
+"""All that a name asks for."""
 AT_ONCE = ("controller.delay=0.0",)
 """Laws are compared without the delay of the published one, which belongs to that law and not to the car."""
 TAILS = {"built": None, "designed": "turn_designed"}

@@ -23,9 +23,6 @@ from aerodima.workbench.config.array_types import FloatArray
 LANES = 8
 """Cars that one pass works on: two registers of AVX2, one of AVX-512."""
 
-Operand = int | float
-"""Place in the recorded list, or a constant."""
-
 
 class Value:
     """Place of a result in the recorded list."""

@@ -49,8 +49,8 @@ class Entries:
     """What came of n runs.
 
     Attributes:
-        upright: no two wheels of a side in the air, neither tail nor board on the ground, not flipped; and straight
-            again at the end, as `optimisation.entry.entry_speed` asks.
+        upright: no two wheels of a side in the air, no tail on the ground, no board while the car is steered, not
+            flipped; and straight again at the end, as `optimisation.entry.entry_speed` asks.
         figure: speed times mean yaw rate to the side that is steered to, m/s2.
     """
 

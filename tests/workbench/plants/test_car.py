@@ -253,3 +253,19 @@ def test_warning_of_the_parser_is_an_error(tmp_path):
     )  # fmt: skip
     with pytest.raises(ModelError, match=r"warns\.sdf: does not load in Drake.*springiness"):
         parse_model(MultibodyPlant(0.002), broken)
+
+
+def test_a_tail_begins_where_its_law_waits():
+    """Backwards (pitch below 0) and in the middle for the feedback law, to the side for the others."""
+
+    def begins(**sections):
+        car = stand(tail=sections.pop("tail", "swing"), **sections)
+        angles = [car.plant.GetJointByName(name).get_angle(car.plant_context) for name in ("tail_pitch", "tail_roll")]
+        return angles, car.plant.GetFrameByName("tail_rod").CalcPoseInWorld(car.plant_context).rotation().col(2)
+
+    feedback = {"controller": {"law": "feedback"}, "feedback": {"pitch_angle": -1.2}}
+    angles, axis = begins(**feedback)
+    assert angles == [-1.2, 0.0]
+    np.testing.assert_allclose(axis, [-math.sin(1.2), 0.0, math.cos(1.2)], atol=1e-12)
+    assert begins(tail="held", **feedback)[0] == pytest.approx([0.0, -math.pi / 2])
+    assert begins(direction="right", controller={"pitch_angle": 0.1})[0] == pytest.approx([0.1, math.pi / 2])
