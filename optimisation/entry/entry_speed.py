@@ -4,12 +4,13 @@ A manoeuvre is completed where no two wheels of one side are more than `TWO_WHEE
 but wheels touches it from the start of the steering on (the anti-ramp board: while the car is steered; it catches a
 car that gathers speed again), and the car survives. On a path, the path is kept to its end.
 Elsewhere the car goes straight again: it yaws at most `EXIT_YAW_RATE` at the end of the run, unless it is steered
-there. And speed times mean yaw rate into the steered windows is at least `LEAST_SHARE` of the most that the candidate
-without tail reaches there up to its own entry speed, so that a tail gains nothing by keeping the car from turning.
+there. And the mean lateral acceleration of the course, while the car is steered, is at least `LEAST_SHARE` of the most
+that the candidate without tail reaches up to its own entry speed, so that a tail gains nothing by keeping the car from
+turning.
 
 A climb begins at a low speed and goes up in steps to the first failure, goes down first if the start itself fails, and
-halves its last step. Speed times yaw rate is small at low speeds, so that every climb begins with too little of it. A
-lack of yaw is therefore a failure only above a speed at which the manoeuvre was completed; below that the climb passes
+halves its last step. The lateral acceleration is small at low speeds, so that every climb begins with too little of it.
+A lack of it is therefore a failure only above a speed at which the manoeuvre was completed; below that the climb passes
 it, as neither completed nor failed.
 
 Climbs are driven at the ordinary step of the plant; the speed that is found is proved at the fine one, and lowered
@@ -61,13 +62,13 @@ class Manoeuvre:
         name: in tables.
         scenario: name or path.
         settings: overrides of it.
-        rule: what the manoeuvre asks beside staying upright: enough yaw, or a path that is kept.
+        rule: what the manoeuvre asks beside staying upright: enough lateral acceleration, or a path that is kept.
     """
 
     name: str
     scenario: str
     settings: tuple[str, ...] = ()
-    rule: Literal["yaw", "path"] = "yaw"
+    rule: Literal["lateral", "path"] = "lateral"
 
 
 @dataclass(frozen=True)
@@ -125,11 +126,11 @@ class EntrySearch:
         return None if rounded(speed) in found else rounded(speed)
 
     def bracket(self, found: Mapping[float, str]) -> tuple[float | None, float | None]:
-        """Last speed before the first failure, and that of the failure, m/s; a lack of yaw fails above a completion."""
+        """Last speed before the first failure, and that of the failure, m/s; `lateral` fails above a completion."""
         passed = None
         completed = False
         for speed in sorted(found):
-            if found[speed] and (completed or found[speed] != "yaw"):
+            if found[speed] and (completed or found[speed] != "lateral"):
                 return passed, speed
             passed, completed = speed, completed or not found[speed]
         return passed, None
@@ -140,11 +141,11 @@ class EntrySearch:
         return passed if passed is not None and not found[passed] else None
 
     def ended_by(self, found: Mapping[float, str]) -> str:
-        """What ended a climb; `yaw` where there was never enough of it, empty where the climb came to the ceiling."""
+        """What ended a climb; `lateral` where there was never enough of it, empty at the ceiling."""
         passed, lost = self.bracket(found)
         failed = "" if lost is None else found[lost]
         never_enough = passed is not None and found[passed] and not failed.startswith(ERROR)
-        return "yaw" if never_enough else failed
+        return "lateral" if never_enough else failed
 
     def proving(self, entry: float | None, found: Mapping[float, str]) -> float | None:
         """Next speed that is tried at the fine step, m/s; None at the end.
@@ -159,15 +160,15 @@ class EntrySearch:
         return speed if speed >= self.lowest else None
 
 
-def failed_rule(row: Mapping[str, Any], rule: Literal["yaw", "path"], figure: float, least: float) -> str:
+def failed_rule(row: Mapping[str, Any], rule: Literal["lateral", "path"], figure: float, least: float) -> str:
     """First rule that a run breaks; empty where it breaks none.
 
-    It is `two wheels`, `ground: PART`, `flipped`, `path`, `exit`, `yaw` or `error: ...`.
+    It is `two wheels`, `ground: PART`, `flipped`, `path`, `exit`, `lateral` or `error: ...`.
 
     Args:
         row: of the run.
         rule: of its manoeuvre.
-        figure: speed times mean yaw rate of the run, m/s2; NaN where it has none.
+        figure: mean lateral acceleration of the run, m/s2; NaN where it has none.
         least: that is enough, m/s2; -inf for the candidate without tail.
     """
     if row["outcome"] is None:
@@ -188,12 +189,12 @@ def failed_rule(row: Mapping[str, Any], rule: Literal["yaw", "path"], figure: fl
     else:
         last = row.get("last_yaw_rate_rad_per_s")
         broken["exit"] = last is not None and not abs(last) <= EXIT_YAW_RATE
-        broken["yaw"] = not figure >= least
+        broken["lateral"] = not figure >= least
     return next((name for name, is_broken in broken.items() if is_broken), "")
 
 
 class _Run(NamedTuple):
-    """What failed in a run, its speed times mean yaw rate, m/s2, and its change of course, rad; NaN without."""
+    """What failed in a run, its mean lateral acceleration, m/s2, and its change of course, rad; NaN without."""
 
     failed: str
     figure: float
@@ -238,13 +239,13 @@ class _Climb:
         name = f"{self.manoeuvre.name} {self.who.name} {self.car.name} {self.floor.name} {speed:g}"
         return RunTask(name, self.manoeuvre.scenario, settings, law=self.who.law)
 
-    def run_of(self, speed: float, row: Mapping[str, Any]) -> _Run:
-        """What the row of a run at a speed, m/s, comes to."""
-        yaw_rate = row.get("steered_yaw_rate_rad_per_s")
-        figure = math.nan if yaw_rate is None else speed * float(yaw_rate)
-        course = row.get("course_change_rad")
-        failed = failed_rule(row, self.manoeuvre.rule, figure, self.least)
-        return _Run(failed, figure, math.nan if course is None else float(course))
+    def run_of(self, row: Mapping[str, Any]) -> _Run:
+        """What the row of a run comes to."""
+        figure, course = (
+            math.nan if (value := row.get(name)) is None else float(value)
+            for name in ("lateral_acceleration_m_per_s2", "course_change_rad")
+        )
+        return _Run(failed_rule(row, self.manoeuvre.rule, figure, self.least), figure, course)
 
     def climbing(self) -> float | None:
         """Next speed at the ordinary step, m/s."""
@@ -266,12 +267,12 @@ class _Climb:
 
     @property
     def figure(self) -> float:
-        """Speed times mean yaw rate at the entry speed, m/s2; NaN without one."""
+        """Mean lateral acceleration at the entry speed, m/s2; NaN without one."""
         return math.nan if self.proved is None else self.fine[self.proved].figure
 
     @property
     def most(self) -> float:
-        """Largest speed times mean yaw rate at the completed speeds up to the entry speed, m/s2; NaN without one."""
+        """Largest mean lateral acceleration at the completed speeds up to the entry speed, m/s2; NaN without one."""
         if self.proved is None:
             return math.nan
         completed = [run.figure for speed, run in self.coarse.items() if speed <= self.proved and not run.failed]
@@ -320,7 +321,7 @@ def climb(
     Returns:
         A row per climb: manoeuvre, candidate, car, floor; `entry_speed_m_per_s` as the fine step bears it out, NaN
         without; `at_ceiling`; `ended_by`, what failed first (`failed_rule`), or, where the fine step lowered the speed,
-        what failed last there; at the entry speed `figure_m_per_s2`, speed times mean yaw rate, and
+        what failed last there; at the entry speed `figure_m_per_s2`, mean lateral acceleration, and
         `course_change_rad` of a turn; `proved`; `found_m_per_s` at the ordinary step; number of `runs`. A run that
         comes to nothing fails and is named.
 
@@ -336,7 +337,7 @@ def climb(
     _drive(references, runs, NO_TAIL.name)
     climbs, others = [], []
     for reference in references:
-        share = LEAST_SHARE * reference.most if reference.manoeuvre.rule == "yaw" else -math.inf
+        share = LEAST_SHARE * reference.most if reference.manoeuvre.rule == "lateral" else -math.inf
         own = [
             replace(reference, who=who, least=share, coarse={}, fine={})
             for who in candidates
@@ -355,7 +356,7 @@ def _drive(climbs: Sequence[_Climb], runs: Runs, stage: str) -> None:
         while wanted := [(one, speed) for one in climbs if (speed := following(one)) is not None]:
             rows = runs.rows([one.task(speed, step) for one, speed in wanted])
             for (one, speed), row in zip(wanted, rows, strict=True):
-                getattr(one, kept)[speed] = one.run_of(speed, row)
+                getattr(one, kept)[speed] = one.run_of(row)
 
     runs.stage = stage
     rounds(_Climb.climbing, STEP, "coarse")

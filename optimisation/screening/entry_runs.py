@@ -34,12 +34,14 @@ from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.tip_up import LAST, TWO_WHEELS
+from aerodima.workbench.metrics.turn_course import velocity_over_ground
 from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
 
 STEP = 0.002
 """s."""
 STRAIGHT = 0.01
 """rad; below it a command steers to no side."""
+TURN = 2.0 * np.pi
 LEAD = 0.1
 """s; of the straight before the steering so much is driven."""
 
@@ -51,7 +53,7 @@ class Entries:
     Attributes:
         upright: no two wheels of a side in the air, no tail on the ground, no board while the car is steered, not
             flipped; and straight again at the end, as `optimisation.entry.entry_speed` asks.
-        figure: speed times mean yaw rate to the side that is steered to, m/s2.
+        figure: mean lateral acceleration of the course to the side that is steered to, m/s2.
     """
 
     upright: np.ndarray
@@ -81,7 +83,7 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
     ticks, most = round(1.0 / (STEP * rate)), scenario.servo.rate * STEP
     late = round(np.ceil(scenario.imu.delay * rate - 1e-9))
     angle, reference, counter = np.zeros(n), np.zeros(n), np.full(n, np.inf)
-    upright, gone, total, steered = np.ones(n, bool), np.zeros(n, bool), np.zeros(n), np.zeros(n)
+    upright, gone, total, steered, course = np.ones(n, bool), np.zeros(n, bool), *np.zeros((3, n))
     hold, command, seen = (scenario.controller.hold_kp, scenario.controller.hold_kd), np.zeros(n), []
     pitch = np.stack([gains.pitch_angle, *np.outer([0.0, *hold], np.ones(n))])
     state[6] = gains.pitch_angle
@@ -116,9 +118,12 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
             upright &= (clear > 0.0) & ((board > 0.0) | ~steers) & ~gone
             if index >= steps - last:
                 ending += np.where(steers, np.nan, state[14] / last)
-            total, steered = total + steers * np.sign(command) * state[14], steered + steers
+            ahead, left = velocity_over_ground(state[RATES][V], state[RATES][W], state[5], state[4], cars.com_x)
+            turned = state[3] + np.arctan2(left, ahead) - course
+            to_side = np.sign(command) * np.hypot(ahead, left) * (turned - TURN * np.round(turned / TURN)) / STEP
+            course, total, steered = course + turned, total + steers * to_side, steered + steers
     straight = np.isnan(ending) | (np.abs(ending) <= EXIT_YAW_RATE)  # NaN: it is steered to the end
-    return Entries(upright & straight, speed * total / np.maximum(steered, 1.0))
+    return Entries(upright & straight, total / np.maximum(steered, 1.0))
 
 
 def driven(

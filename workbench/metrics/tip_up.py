@@ -15,6 +15,7 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, SIDES, WHEELS
 from aerodima.workbench.controllers.paths import off_path, path_of
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics.turn_course import ground_velocity
 from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, turn_signals
 
 LIFT_COLUMNS = tuple(f"wheel_lift_{wheel}_truth_m" for wheel in WHEELS)
@@ -35,20 +36,20 @@ _TIME_MARGIN = 1e-6
 
 @dataclass(frozen=True)
 class TipUp:
-    """How near a steered car came to tipping up, and how it yawed.
+    """How near a steered car came to tipping up, and how it turned.
 
     Attributes:
         side_lift_m: largest value over time of the smaller lift of the two wheels of one side, m; None where the log
             lacks the lifts.
         touched_when_steered: which of cage, board and tail touched the ground, the anti-ramp board while the car is
             steered alone: it is there to catch a car that gathers speed after a turn; None where the log cannot tell.
-        steered_yaw_rate_rad_per_s: see `steered_yaw_rate`; None where the log ends before the steering.
+        lateral_acceleration_m_per_s2: see `lateral_acceleration`; None where the log ends before the steering.
         last_yaw_rate_rad_per_s: mean of the last `LAST` seconds; None where the car is steered in them.
     """
 
     side_lift_m: float | None
     touched_when_steered: str | None
-    steered_yaw_rate_rad_per_s: float | None
+    lateral_acceleration_m_per_s2: float | None
     last_yaw_rate_rad_per_s: float | None
 
     def as_row(self) -> dict[str, float | str | None]:
@@ -75,7 +76,7 @@ def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
     return TipUp(
         side_lift_m=side_lift(np.column_stack(lifts)) if len(lifts) == len(WHEELS) else None,
         touched_when_steered=None if contact is None else " ".join(_touched(contact[steered], turning[steered])),
-        steered_yaw_rate_rad_per_s=steered_yaw_rate(signals.time, signals.sign * signals.yaw_rate, windows),
+        lateral_acceleration_m_per_s2=lateral_acceleration(time, *ground_velocity(run_log), windows),
         last_yaw_rate_rad_per_s=None if still_steered else float(np.mean(signals.yaw_rate[signals.time >= last])),
     )
 
@@ -96,21 +97,24 @@ def side_lift(lifts: FloatArray) -> float:
     return float(max(np.max(np.min(lifts[:, side], axis=1)) for side in sides))
 
 
-def steered_yaw_rate(time: FloatArray, yaw_rate: FloatArray, windows: Windows) -> float | None:
-    """Mean over all windows, and over time, of side times yaw rate, rad/s; None where no window has two samples.
+def lateral_acceleration(time: FloatArray, speed: FloatArray, course: FloatArray, windows: Windows) -> float | None:
+    """Mean over all windows, and over time, of side times speed times rate of the course, m/s2.
+
+    None where no window has two samples. The body's yaw rate would count a spin, which does not turn the path.
 
     A window that reaches beyond the samples counts as far as they go.
 
     Args:
         time: (n,), s.
-        yaw_rate: (n,), rad/s, positive to the left.
+        speed: over the ground (n,), m/s.
+        course: (n,), rad, unwrapped, positive to the left.
         windows: in which the car is steered.
     """
     turned = length = 0.0
     for start, end, side in windows:
         inside = (time >= start - _TIME_MARGIN) & (time <= end + _TIME_MARGIN)
         if np.count_nonzero(inside) > 1:
-            turned += side * float(trapezoid(yaw_rate[inside], time[inside]))
+            turned += side * float(trapezoid(speed[inside], course[inside]))
             length += float(np.ptp(time[inside]))
     return turned / length if length else None
 

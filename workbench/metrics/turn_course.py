@@ -50,7 +50,7 @@ def turn_course(run_log: RunLog) -> TurnCourse:
         LogError: no ground truth, or as for `metrics_of`.
     """
     signals = turn_signals(run_log, "truth")
-    speed, course = _ground_velocity(run_log)
+    speed, course = ground_velocity(run_log)
     started = np.flatnonzero(signals.from_start)
     course = signals.sign * course
     turned = course - course[started[0]]
@@ -82,8 +82,8 @@ def velocity_over_ground(
     return np.cos(pitch) * x + np.sin(pitch) * up, left
 
 
-def _ground_velocity(run_log: RunLog) -> tuple[FloatArray, FloatArray]:
-    """Ground speed (m/s) and course (rad, unwrapped) of a run, each (n,)."""
+def ground_velocity(run_log: RunLog) -> tuple[FloatArray, FloatArray]:
+    """Ground speed (m/s) and course (rad, unwrapped, positive to the left) of a run, each (n,)."""
     v_WBo_B, w_WB_B = run_log.vector("velocity", "truth_m_per_s"), run_log.vector("gyro", "truth_rad_per_s")
     roll, pitch, yaw = (run_log.signal(f"{name}_truth_rad") for name in ("roll", "pitch", "yaw"))
     ahead, left = velocity_over_ground(v_WBo_B.T, w_WB_B.T, roll, pitch, run_log.number("car", "com_x"))

@@ -98,8 +98,8 @@ def entry_chapter(shown: ShownEntry, run_logs: Mapping[str, RunLog]) -> list[Sec
     rows = [[who.get(name, name), *row] for name, row in zip(medians.index, medians.to_numpy(), strict=True)]
     said = (
         "Medians in m/s over the cars that complete a manoeuvre, and how many do: two wheels of one side never lift by "
-        "5 mm, only wheels touch the ground, the car goes straight again, and before that it yaws, times its speed, "
-        "nearly as much as without a tail (docs/entry_speed.md). "
+        "5 mm, only wheels touch the ground, the car goes straight again, and its mean lateral acceleration before that "
+        "is nearly that without a tail (docs/entry_speed.md). "
         "The cars are few, each on its own floor, with a larger tail than was built, and ≥ says that climbs ended at "
         "their ceiling."
     )
@@ -119,4 +119,4 @@ def _ending(run_log: RunLog) -> str:
         said = "lifts two wheels"
     elif abs(last) > EXIT_YAW_RATE:
         said += ", goes on turning"
-    return f"{said}, yaws {found.steered_yaw_rate_rad_per_s or math.nan:.2f} rad/s"
+    return f"{said}, {found.lateral_acceleration_m_per_s2 or math.nan:.1f} m/s² to the side"

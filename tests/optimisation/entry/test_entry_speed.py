@@ -74,16 +74,16 @@ def test_a_climb_that_nothing_ends_comes_to_the_ceiling():
 
 
 def test_a_lack_of_yaw_is_passed_on_the_way_up_and_ends_a_climb_beyond():
-    found = climbed(lambda speed: "" if 2.35 < speed < 2.72 else "yaw")
-    assert (SEARCH.entry(found), SEARCH.ended_by(found), max(found)) == (2.7, "yaw", 2.8)
-    found = climbed(lambda speed: "two wheels" if speed > 2.42 else "" if speed > 2.35 else "yaw")
+    found = climbed(lambda speed: "" if 2.35 < speed < 2.72 else "lateral")
+    assert (SEARCH.entry(found), SEARCH.ended_by(found), max(found)) == (2.7, "lateral", 2.8)
+    found = climbed(lambda speed: "two wheels" if speed > 2.42 else "" if speed > 2.35 else "lateral")
     assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (2.4, "two wheels")
 
 
 @pytest.mark.parametrize("limit", [2.3, 9.0])
 def test_a_car_that_never_yaws_enough_has_no_entry_speed(limit):
-    found = climbed(lambda speed: "two wheels" if speed > limit else "yaw")
-    assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (None, "yaw")
+    found = climbed(lambda speed: "two wheels" if speed > limit else "lateral")
+    assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (None, "lateral")
 
 
 def test_speeds_off_the_grid_or_out_of_order_are_refused():
@@ -122,7 +122,7 @@ CLEAN = {"outcome": "survived", "error": "", "side_lift_m": 0.004, "touched_when
         ({"side_lift_m": None}, "error: the row has no side_lift_m"),
     ],
 )
-@pytest.mark.parametrize("rule", ["yaw", "path"])
+@pytest.mark.parametrize("rule", ["lateral", "path"])
 def test_each_rule_has_its_name(row, failure, rule):
     kept = {"off_path_m": -0.01, "path_end_reached": True}
     assert failed_rule(CLEAN | kept | row, rule, 5.0, 4.5) == failure
@@ -131,14 +131,14 @@ def test_each_rule_has_its_name(row, failure, rule):
 @pytest.mark.parametrize(("last", "failure"), [(0.11, "exit"), (-0.11, "exit"), (-0.09, ""), (None, "")])
 def test_a_car_goes_straight_again_unless_it_is_steered_to_the_end(last, failure):
     row = CLEAN | {"last_yaw_rate_rad_per_s": last, "off_path_m": 0.0, "path_end_reached": True}
-    assert failed_rule(row, "yaw", 5.0, 4.5) == failure
+    assert failed_rule(row, "lateral", 5.0, 4.5) == failure
     assert failed_rule(row, "path", 5.0, 4.5) == ""
 
 
-def test_yaw_counts_beside_paths_alone():
-    assert failed_rule(CLEAN, "yaw", 4.51, 4.5) == ""
-    assert failed_rule(CLEAN, "yaw", 4.49, 4.5) == "yaw"
-    assert failed_rule(CLEAN, "yaw", math.nan, 4.5) == "yaw"
+def test_lateral_acceleration_counts_beside_paths_alone():
+    assert failed_rule(CLEAN, "lateral", 4.51, 4.5) == ""
+    assert failed_rule(CLEAN, "lateral", 4.49, 4.5) == "lateral"
+    assert failed_rule(CLEAN, "lateral", math.nan, 4.5) == "lateral"
     assert failed_rule(CLEAN | {"off_path_m": 0.0, "path_end_reached": True}, "path", 0.0, 4.5) == ""
 
 
@@ -150,8 +150,8 @@ def test_a_path_is_kept_to_its_end(off, end):
 
 LIMIT = {"none": 2.3, "held": 2.83, "swing": 2.62}
 """Speed above which two wheels lift, m/s; 0.1 lower at the fine step with a held tail."""
-YAW = {"none": 1.0, "held": 1.0, "swing": 0.82}
-"""Yaw rate, rad/s."""
+TURNS = {"none": 1.0, "held": 1.0, "swing": 0.82}
+"""Lateral acceleration over speed, 1/s."""
 SWING = Candidate("swings", ("tail.mode=swing", "controller.swing_file=none"))
 BROKEN = Candidate("broken", ("tail.mode=swing", "controller.swing_file=none", "controller.swing_speed=7.0"))
 TURN = Manoeuvre("turn", "turn_none")
@@ -159,7 +159,7 @@ CASE = (Member("light", 1.0, {"car.mass": 6.5}), EntryFloor("own"))
 
 
 class MadeUp(Engine):
-    """Survival and yaw rate by tail and speed; the heavy car lifts its wheels at any speed."""
+    """Survival and lateral acceleration by tail and speed; the heavy car lifts its wheels at any speed."""
 
     def __init__(self):
         self.tasks = []
@@ -173,7 +173,7 @@ class MadeUp(Engine):
             limit = 0.0 if settings["car.mass"] == "7.5" else LIMIT[mode]
             limit -= 0.1 if (mode, settings["simulation.step"]) == ("held", "0.0005") else 0.0
             row = CLEAN | {"side_lift_m": 0.02 if speed > limit else -0.001}
-            row |= {"steered_yaw_rate_rad_per_s": YAW[mode]}
+            row |= {"lateral_acceleration_m_per_s2": speed * TURNS[mode]}
             if "controller.swing_speed" in settings and speed > 2.35:
                 row = {"outcome": None, "error": "it broke"}
             rows.append(row)
@@ -201,8 +201,8 @@ def test_entry_speeds_are_those_that_the_fine_step_bears_out():
     assert (held["car"], held["floor"], held["manoeuvre"]) == ("light", "own", "turn")
 
 
-def test_a_tail_that_yaws_less_needs_as_much_speed_more():
-    """0.82 of the yaw rate makes 0.9 of the figure of 2.3 m/s from 2.52 m/s on."""
+def test_a_tail_that_turns_less_needs_as_much_speed_more():
+    """0.82 of the lateral acceleration makes 0.9 of the figure of 2.3 m/s from 2.52 m/s on."""
     table, engine = entries([SWING])
     assert table.loc["swings", "entry_speed_m_per_s"] == 2.6
     speeds = [float(task.settings[-1].partition("=")[2]) for task in engine.tasks if "swings" in task.name]
@@ -210,10 +210,10 @@ def test_a_tail_that_yaws_less_needs_as_much_speed_more():
 
 
 def test_a_tail_that_merely_keeps_the_car_from_turning_has_no_entry_speed(monkeypatch):
-    monkeypatch.setitem(YAW, "swing", 0.5)
+    monkeypatch.setitem(TURNS, "swing", 0.5)
     row = entries([SWING])[0].loc["swings"]
     assert math.isnan(row["entry_speed_m_per_s"])
-    assert (row["ended_by"], row["proved"]) == ("yaw", False)
+    assert (row["ended_by"], row["proved"]) == ("lateral", False)
 
 
 def test_a_run_that_comes_to_nothing_is_named_and_stops_no_other_climb():

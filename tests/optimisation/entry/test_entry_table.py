@@ -70,10 +70,10 @@ def test_the_better_of_held_and_published_is_chosen_car_by_car():
 
 def test_no_entry_speed_is_the_worst_gain_but_an_error_is_none():
     nan = math.nan
-    failed = rows("new", [nan, 2.2, 2.2, 2.2, 2.2], "yaw")
+    failed = rows("new", [nan, 2.2, 2.2, 2.2, 2.2], "lateral")
     row = summarise_entries(made_up(NONE, failed)).set_index("candidate").loc["new"]
     assert (row["worst_over_no_tail"], row["cars_over_no_tail"], row["without_entry"]) == (-1.0, 5, 1)
-    for ended_by, speed in (("error: NaN", 9.0), (NO_REFERENCE, nan), (f"{NOT_PROVED}: yaw", nan)):
+    for ended_by, speed in (("error: NaN", 9.0), (NO_REFERENCE, nan), (f"{NOT_PROVED}: lateral", nan)):
         unknown = rows("new", [speed, 2.2, 2.2, 2.2, 2.2])
         unknown[0]["ended_by"] = ended_by
         row = summarise_entries(made_up(NONE, unknown)).set_index("candidate").loc["new"]

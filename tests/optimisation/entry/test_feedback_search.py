@@ -57,7 +57,7 @@ def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre) -> None
     full = evaluate(RunTask("full", chosen.scenario, task))
     assert upright[0, 0]
     assert full["side_lift_m"] < 0.005
-    assert figure[0, 0] == pytest.approx(3.2 * full["steered_yaw_rate_rad_per_s"], rel=0.05)
+    assert figure[0, 0] == pytest.approx(full["lateral_acceleration_m_per_s2"], rel=0.05)
 
 
 def test_a_tail_that_stays_leant_is_no_completed_turn() -> None:

@@ -1,10 +1,10 @@
-"""Lifts and yaw rates made by hand, whose largest values and means are known."""
+"""Lifts and courses made by hand, whose largest values and means are known."""
 
 import numpy as np
 import pytest
 
 from aerodima.workbench.config.signal_table import WHEELS
-from aerodima.workbench.metrics.tip_up import LIFT_COLUMNS, side_lift, steered_yaw_rate, tip_up
+from aerodima.workbench.metrics.tip_up import LIFT_COLUMNS, lateral_acceleration, side_lift, tip_up
 from tests.workbench.made_up_runs import made_up_run, times
 
 LEFT_FRONT, RIGHT_FRONT, LEFT_REAR, RIGHT_REAR = range(4)
@@ -26,20 +26,30 @@ def test_two_wheels_of_two_sides_are_no_tip_up(axle_or_diagonal):
     assert side_lift(lifts) == -0.001
 
 
-def test_yaw_rate_counts_into_each_turn_and_by_its_length():
-    time = np.arange(0.0, 4.0, 0.01)
-    yaw_rate = np.select([time <= 1.0, (time >= 2.0) & (time <= 2.5)], [2.0, -1.0], 9.0)
-    assert steered_yaw_rate(time, yaw_rate, [(0.0, 1.0, 1), (2.0, 2.5, -1)]) == pytest.approx(2.5 / 1.5)
-    assert steered_yaw_rate(time, yaw_rate, [(0.0, 1.0, -1)]) == pytest.approx(-2.0)
-    assert steered_yaw_rate(time, yaw_rate, [(3.5, 9.0, 1)]) == pytest.approx(9.0), "as far as the samples go"
-    assert steered_yaw_rate(time, yaw_rate, [(5.0, 6.0, 1)]) is None
+def test_lateral_acceleration_is_speed_times_rate_of_the_course_into_each_turn():
+    time = np.arange(0.0, 4.001, 0.01)
+    course = np.interp(time, [0.0, 1.0, 2.0, 2.5, 4.0], [0.0, 2.0, 11.0, 10.5, 24.0])  # rad/s: 2, 9, -1, 9
+    speed = np.where(time <= 1.0, 3.0, 2.0)
+    parts = [(0.0, 1.0, 1), (2.0, 2.5, -1)]
+    assert lateral_acceleration(time, speed, course, parts) == pytest.approx((3.0 * 2.0 + 2.0 * 0.5) / 1.5)
+    assert lateral_acceleration(time, speed, course, [(0.0, 1.0, -1)]) == pytest.approx(-6.0)
+    assert lateral_acceleration(time, speed, course, [(3.5, 9.0, 1)]) == pytest.approx(18.0), "as far as samples go"
+    assert lateral_acceleration(time, speed, course, [(5.0, 6.0, 1)]) is None
 
 
 @pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
-def test_a_run_counts_from_the_start_of_its_steering(direction, side):
+def test_a_turned_path_is_lateral_acceleration_and_a_spin_is_none(direction, side):
+    yaw = side * 1.5 * np.clip(times() - 2.0, 0.0, 0.64)
+    assert tip_up(made_up_run({"yaw_truth_rad": yaw}, direction)).lateral_acceleration_m_per_s2 == pytest.approx(4.5)
+    spin = {"velocity_x_truth_m_per_s": 3.0 * np.cos(yaw), "velocity_y_truth_m_per_s": -3.0 * np.sin(yaw)}
+    found = tip_up(made_up_run({"yaw_truth_rad": yaw, **spin}, direction))
+    assert found.lateral_acceleration_m_per_s2 == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("direction", ["left", "right"])
+def test_a_run_counts_from_the_start_of_its_steering(direction):
     steered = times() >= 2.0
-    yaw_rate = side * np.where((times() >= 2.0) & (times() <= 2.64), 1.5, -7.0)
-    run = made_up_run({"gyro_z_truth_rad_per_s": yaw_rate}, direction)
+    run = made_up_run({}, direction)
     assert tip_up(run).side_lift_m is None
     assert tip_up(run).touched_when_steered == ""
     for column in LIFT_COLUMNS:
@@ -47,7 +57,6 @@ def test_a_run_counts_from_the_start_of_its_steering(direction, side):
     run.table["ground_contact_tail_truth_n"] = np.where(steered, 0.0, 5.0)
     found = tip_up(run)
     assert (found.side_lift_m, found.touched_when_steered) == (0.003, "")
-    assert found.steered_yaw_rate_rad_per_s == pytest.approx(1.5)
     run.table["ground_contact_tail_truth_n"] = 5.0
     assert tip_up(run).touched_when_steered == "tail"
 

@@ -57,7 +57,7 @@ def row(candidate: str, speed: float | None, ended_by: str = "", ceiling: bool =
 
 def test_medians_say_how_many_cars_and_what_a_ceiling_hides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = [row("b", speed, "two wheels") for speed in (3.0, 3.5, None)] + [row("b", 9.0, "error: NaN")]
-    rows += [row("a", 3.0), row("a", 4.0, ceiling=True), row("none of it", None, "yaw")]
+    rows += [row("a", 3.0), row("a", 4.0, ceiling=True), row("none of it", None, "lateral")]
     rows += [row("known", 3.0), row("known", 3.2), row("known", 5.0, ceiling=True)]
     path = tmp_path / "entries.csv"
     pd.DataFrame(rows).to_csv(path, index=False)
