@@ -98,8 +98,8 @@ def entry_chapter(shown: ShownEntry, run_logs: Mapping[str, RunLog]) -> list[Sec
     rows = [[who.get(name, name), *row] for name, row in zip(medians.index, medians.to_numpy(), strict=True)]
     said = (
         "Medians in m/s over the cars that complete a manoeuvre, and how many do: two wheels of one side never lift by "
-        "5 mm, only wheels touch the ground, the car goes straight again, and its mean lateral acceleration before that "
-        "is nearly that without a tail (docs/entry_speed.md). "
+        "5 mm, only wheels touch the ground, the car goes straight again, and before that its mean lateral "
+        "acceleration is nearly that without a tail (docs/entry_speed.md). "
         "The cars are few, each on its own floor, with a larger tail than was built, and ≥ says that climbs ended at "
         "their ceiling."
     )
