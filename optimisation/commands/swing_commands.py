@@ -82,6 +82,9 @@ def search(
 
 EnsembleName = Annotated[str, typer.Option(help="Ensemble of cars, split into training and test cars.")]
 TailName = Annotated[str, typer.Option(help="built: that of each car; or designed.")]
+Floors = Annotated[
+    list[float] | None, typer.Option("--floor", help="Friction over that of the car; may be repeated; by default 1.")
+]
 
 
 @grouped
@@ -110,9 +113,7 @@ def judge(
     ] = None,
     ensemble: EnsembleName = "physical",
     cars: Annotated[int, typer.Option(help="So many of the test cars.", min=1)] = 4,
-    floor: Annotated[
-        list[float] | None, typer.Option(help="Friction over that of the car; may be repeated; by default 1.")
-    ] = None,
+    floors: Floors = None,
     tail: TailName = "designed",
     seed: Annotated[int, typer.Option(help="Of the split of the cars.", min=0)] = 1,
     start: Annotated[float, typer.Option(help="First speed of a climb, m/s.")] = 2.0,
@@ -137,7 +138,7 @@ def judge(
     search = EntrySearch(start=start, step=step, ceiling=ceiling)
     driven = suite.manoeuvres(manoeuvre or suite.TRAINED_ON, tail)
     who = suite.candidates(candidate or list(suite.CANDIDATES), law or ())
-    cases = suite.floors(_first(load_ensemble(ensemble).split(seed).test, cars), floor or [1.0])
+    cases = suite.floors(_first(load_ensemble(ensemble).split(seed).test, cars), floors or [1.0])
     with (
         engine_for(out, work.workers, work.scheduler) as (engine, progress),
         kept_runs(out, engine, force=work.force, progress=progress) as runs,
@@ -157,6 +158,7 @@ def train(
     work: WorkOptions,
     ensemble: EnsembleName = "physical",
     cars: Annotated[int, typer.Option(help="So many of the training cars.", min=1)] = 6,
+    floors: Floors = None,
     tail: TailName = "designed",
     seed: Annotated[int, typer.Option(help="Of the split of the cars, and of all draws.", min=0)] = 1,
     laws: Annotated[int, typer.Option(help="Of a generation, for each number that is free.", min=3)] = 4,
@@ -169,6 +171,7 @@ def train(
 
     Example: aerodima swing train --cars 2 --laws 3 --generations 1 --out out/train
     """
+    from aerodima.optimisation.entry import suite
     from aerodima.optimisation.entry.feedback_search import LawSearch, search_feedback
     from aerodima.optimisation.sweep.runs import kept_runs
     from aerodima.optimisation.swing.candidate import write_candidates
@@ -178,16 +181,17 @@ def train(
 
     path = out / "candidates.yaml"
     refuse_existing(path, work.force, SwingError)
-    chosen = _first(load_ensemble(ensemble).split(seed).training, cars)
+    cases = suite.floors(_first(load_ensemble(ensemble).split(seed).training, cars), floors or [1.0])
     asked = LawSearch(laws=laws, generations=generations, seed=seed, around=around)
     with (
         engine_for(out, work.workers, work.scheduler) as (engine, progress),
         kept_runs(out, engine, force=work.force, progress=progress) as runs,
     ):
-        found = search_feedback(chosen, tail, asked, runs)
+        found = search_feedback(cases, tail, asked, runs)
     options = {"ensemble": ensemble, "tail": tail, "cars": cars, "laws": laws, "generations": generations}
     options |= {"around": around, "seed": seed}
-    how = " ".join(["aerodima swing train", *(f"--{name} {value}" for name, value in options.items())])
+    asked_for = [*options.items(), *(("floor", share) for share in floors or [])]
+    how = " ".join(["aerodima swing train", *(f"--{name} {value}" for name, value in asked_for)])
     write_candidates(path, [found], how, force=work.force)
     typer.echo(f"found: {path}")
     typer.echo(f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}")

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from aerodima.optimisation.entry.entry_speed import LEAST_SHARE
+from aerodima.optimisation.entry.entry_speed import LEAST_SHARE, EntryFloor
 from aerodima.optimisation.entry.suite import FEEDBACK, TRAINED_ON, manoeuvres
 from aerodima.optimisation.screening.entry_runs import climb
 from aerodima.optimisation.screening.vehicles import Vehicles
@@ -31,11 +31,11 @@ from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.errors import SweepError
 
 RANGES = {
-    "feedback.lean_gain": (-5.0, 1.0),
-    "feedback.roll_gain": (-12.0, 12.0),
+    "feedback.lean_gain": (-8.0, 1.0),
+    "feedback.roll_gain": (-20.0, 30.0),
     "feedback.roll_rate_gain": (-1.0, 4.0),
     "feedback.yaw_rate_gain": (-1.0, 1.0),
-    "feedback.grip": (2.0, 12.0),
+    "feedback.grip": (2.0, 25.0),
     "feedback.most_roll": (0.8, 1.45),
     "feedback.out_speed": (2.0, 24.0),
     "feedback.return_speed": (0.7, 12.0),
@@ -44,9 +44,9 @@ RANGES = {
     "feedback.pitch_angle": (-1.3, 0.6),
 }
 """Numbers that are free, in the units of `FeedbackParameters`."""
-RATIOS = np.arange(0.84, 2.0, 0.08)
+RATIOS = np.arange(0.84, 3.2, 0.12)
 """Speeds of the climb of a law, over the entry speed of the car without tail."""
-SPEEDS_WITHOUT = np.arange(1.4, 6.05, 0.1)
+SPEEDS_WITHOUT = np.arange(1.3, 6.05, 0.1)
 """m/s, of the climb of a car without tail; on a car that comes to its end a tail can gain nothing."""
 AT_ONCE = 22
 """Laws in one piece of work."""
@@ -104,11 +104,11 @@ class Screened:
     laws: tuple[Mapping[str, float], ...]
 
 
-def search_feedback(cars: Sequence[Member], tail: str, search: LawSearch, runs: Runs) -> Candidate:
+def search_feedback(cases: Sequence[tuple[Member, EntryFloor]], tail: str, search: LawSearch, runs: Runs) -> Candidate:
     """The law with the best score on training cars (`TRAINED_ON`).
 
     Args:
-        cars: training cars.
+        cases: training cars with their floors.
         tail: of `suite.TAILS`.
         search: how much.
         runs: where the runs are made.
@@ -120,9 +120,11 @@ def search_feedback(cars: Sequence[Member], tail: str, search: LawSearch, runs: 
     chosen = {name: manoeuvres([name], tail)[0] for name in TRAINED_ON}
     contents = {name: scenario_content(one.scenario, one.settings) for name, one in chosen.items()}
 
+    cars = tuple((*car.settings_on("entry_turn"), *floor.settings) for car, floor in cases)
+
     def worth(laws: Sequence[Mapping[str, float]]) -> FloatArray:
         parts = [
-            Screened(name, tail, tuple(car.settings_on("entry_turn") for car in cars), tuple(laws[k : k + AT_ONCE]))
+            Screened(name, tail, cars, tuple(laws[k : k + AT_ONCE]))
             for k in range(0, len(laws), AT_ONCE)
             for name in TRAINED_ON
         ]

@@ -14,7 +14,7 @@ from aerodima.optimisation.entry.feedback_search import (
     search_laws,
     shares_of,
 )
-from aerodima.optimisation.entry.suite import FEEDBACK, candidates, manoeuvres
+from aerodima.optimisation.entry.suite import FEEDBACK, candidates, floors, manoeuvres
 from aerodima.optimisation.screening.entry_runs import climb, wheel_lifts
 from aerodima.optimisation.screening.vehicle_motion import STATES
 from aerodima.optimisation.sweep.runs import Runs, RunTask, evaluate
@@ -79,7 +79,7 @@ def test_a_manoeuvre_on_a_path_is_refused() -> None:
 
 @pytest.mark.slow
 def test_search_finds_a_law_that_a_file_of_candidates_brings_back(tmp_path) -> None:
-    found = search_feedback(CARS, "designed", LawSearch(laws=3, generations=0), Runs())
+    found = search_feedback(floors(CARS, [1.2]), "designed", LawSearch(laws=3, generations=0), Runs())
     assert {setting.split("=")[0] for setting in found.settings} >= set(RANGES)
     path = write_candidates(tmp_path / "laws.yaml", [found], "test")
     assert candidates([str(path)])[1].settings == found.settings
