@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -139,20 +140,22 @@ def entry_lines(summary: pd.DataFrame) -> list[str]:
 
 @styled()
 def entry_figure(table: pd.DataFrame) -> Figure:
-    """Entry speeds of all cars, a panel per manoeuvre and a row per candidate, with the median as a bar."""
-    names = list(dict.fromkeys(table["manoeuvre"]))
+    """Entry speeds of all cars by floor and manoeuvre, a line per candidate, with the median as a bar."""
+    names, floors = (list(dict.fromkeys(table[key])) for key in ("manoeuvre", "floor"))
     who = list(dict.fromkeys(table["candidate"]))[::-1]
-    figure, axes = new_figure(9.0, 0.9 + 0.34 * len(who), columns=len(names), sharey=True)
-    for axis, name in zip(axes[0], names, strict=True):
-        own = table[table["manoeuvre"] == name]
+    height = 0.9 + 0.34 * len(who)
+    figure, axes = new_figure(9.0, height * len(floors), len(floors), len(names), sharex=True, sharey=True)
+    for axis, (floor, name) in zip(axes.flat, itertools.product(floors, names), strict=True):
+        own = table[(table["manoeuvre"] == name) & (table["floor"] == floor)]
         speeds = [own.loc[own["candidate"] == one, SPEED].to_numpy(dtype=np.float64) for one in who]
         for index, values in enumerate(speeds):
             if np.isfinite(values).any():
                 axis.barh(index, np.nanmedian(values), height=0.6, color=SKY)
             axis.plot(values, np.full(len(values), index), "o", color=BLUE, markersize=3)
-        axis.set_title(name)
+        axis.set_title(f"{name}, friction {floor}")
+        axis.set_yticks(range(len(who)), who)
+    for axis in axes[-1]:
         axis.set_xlabel("m/s")
-    axes[0, 0].set_yticks(range(len(who)), who)
     return figure
 
 

@@ -33,13 +33,14 @@ class ShownCandidate(StrictModel):
 
 
 class ShownEntry(StrictModel):
-    """What is shown: a manoeuvre of the table by its name there, with scenario and settings, a car and a speed."""
+    """What is shown: manoeuvre, car and floor by their names in the table, with scenario, settings and speed."""
 
     schema_: str = Field(alias="schema")
     manoeuvre: str
     scenario: str
     ensemble: str
     car: str
+    floor: str
     speed_m_per_s: float
     settings: list[str]
     candidates: list[ShownCandidate]
@@ -63,12 +64,12 @@ def _entries() -> pd.DataFrame:
     return table.assign(**{SPEED: table[SPEED].mask(table["ended_by"].fillna("").str.startswith(UNKNOWN))})
 
 
-def entry_medians() -> pd.DataFrame:
-    """Median entry speeds of the shipped table as texts: a row per candidate, a column per manoeuvre.
+def entry_medians(floor: str) -> pd.DataFrame:
+    """Median entry speeds of the shipped table on a floor as texts: a row per candidate, a column per manoeuvre.
 
     In brackets: how many cars complete the manoeuvre.
     """
-    table = _entries()
+    table = _entries().query("floor == @floor")
     cells = {case: _median(own) for case, own in table.groupby(["candidate", "manoeuvre"], sort=False)}
     return pd.Series(cells).unstack()[table["manoeuvre"].unique()].loc[table["candidate"].unique()]
 
@@ -89,12 +90,12 @@ def entry_chapter(shown: ShownEntry, run_logs: Mapping[str, RunLog]) -> list[Sec
         run_logs: name of a candidate -> its run.
     """
     who = {one.name: one.words for one in shown.candidates}
-    table = _entries()
-    there = table[(table["manoeuvre"] == shown.manoeuvre) & (table["car"] == shown.car)].set_index("candidate")[SPEED]
+    place = "manoeuvre == @shown.manoeuvre and car == @shown.car and floor == @shown.floor"
+    there = _entries().query(place).set_index("candidate")[SPEED]
     speeds = there.map("{:.2f} m/s".format).mask(there.isna(), "none")
     names = [f"{words}: {_ending(run_logs[name])} (entry speed {speeds[name]})" for name, words in who.items()]
-    case = f"{shown.manoeuvre} at {shown.speed_m_per_s:g} m/s, {shown.car} of the ensemble {shown.ensemble}"
-    medians = entry_medians()
+    case = f"{shown.manoeuvre} at {shown.speed_m_per_s:g} m/s, {shown.car} of {shown.ensemble}, friction {shown.floor}"
+    medians = entry_medians(shown.floor)
     rows = [[who.get(name, name), *row] for name, row in zip(medians.index, medians.to_numpy(), strict=True)]
     said = (
         "Medians in m/s over the cars that complete a manoeuvre, and how many do: two wheels of one side never lift by "

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from aerodima.optimisation.entry.entry_speed import EntryFloor, EntrySearch, climb
-from aerodima.optimisation.entry.suite import MANOEUVRES, NAMED, manoeuvres
+from aerodima.optimisation.entry.suite import MANOEUVRES, NAMED, floors, manoeuvres
 from aerodima.optimisation.sweep.runs import FINE_STEP, Runs, step_settings
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.config.ensemble import Member, load_ensemble
@@ -25,10 +25,12 @@ def test_what_is_shown_is_what_the_suite_drives() -> None:
     (key,) = [key for key, one in MANOEUVRES.items() if one.name == CHOSEN.manoeuvre]
     (driven,) = manoeuvres([key], "designed")
     assert CHOSEN.scenario == driven.scenario
-    assert tuple(CHOSEN.settings) == (*driven.settings, *step_settings(FINE_STEP))
+    car = next(one for one in load_ensemble(CHOSEN.ensemble).split(1).test if one.name == CHOSEN.car)
+    ((_, floor),) = floors([car], [float(CHOSEN.floor.removeprefix("x "))])
+    assert CHOSEN.floor == floor.name
+    assert tuple(CHOSEN.settings) == (*driven.settings, *floor.settings, *step_settings(FINE_STEP))
     known = {one.name: one.settings for one in NAMED.values()}
     assert all(known[one.name] == tuple(one.settings) for one in CHOSEN.candidates)
-    assert CHOSEN.car in {car.name for car in load_ensemble(CHOSEN.ensemble).split(1).test}
 
 
 def test_the_shipped_table_has_the_columns_of_a_climb_and_what_is_shown() -> None:
@@ -46,23 +48,25 @@ def test_the_shipped_table_has_the_columns_of_a_climb_and_what_is_shown() -> Non
     assert CHOSEN.manoeuvre in set(table["manoeuvre"])
     assert {one.name for one in CHOSEN.candidates} <= set(table["candidate"])
     assert CHOSEN.car in set(table["car"])
-    assert not table.duplicated(["manoeuvre", "candidate", "car"]).any(), "one floor for each car"
+    assert CHOSEN.floor in set(table["floor"])
+    assert not table.duplicated(["manoeuvre", "candidate", "car", "floor"]).any()
 
 
-def row(candidate: str, speed: float | None, ended_by: str = "", ceiling: bool = False) -> dict[str, Any]:
-    return {"manoeuvre": "turn", "candidate": candidate, "entry_speed_m_per_s": speed, "ended_by": ended_by} | {
-        "at_ceiling": ceiling
-    }
+def row(
+    candidate: str, speed: float | None, ended_by: str = "", ceiling: bool = False, floor: str = "x 1"
+) -> dict[str, Any]:
+    place = {"manoeuvre": "turn", "candidate": candidate, "floor": floor}
+    return place | {"entry_speed_m_per_s": speed, "ended_by": ended_by, "at_ceiling": ceiling}
 
 
 def test_medians_say_how_many_cars_and_what_a_ceiling_hides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = [row("b", speed, "two wheels") for speed in (3.0, 3.5, None)] + [row("b", 9.0, "error: NaN")]
     rows += [row("a", 3.0), row("a", 4.0, ceiling=True), row("none of it", None, "lateral")]
-    rows += [row("known", 3.0), row("known", 3.2), row("known", 5.0, ceiling=True)]
+    rows += [row("known", 3.0), row("known", 3.2), row("known", 5.0, ceiling=True), row("known", 1.0, floor="x 1.2")]
     path = tmp_path / "entries.csv"
     pd.DataFrame(rows).to_csv(path, index=False)
     monkeypatch.setattr(chapter, "model_path", lambda _name: path)
-    found = chapter.entry_medians()["turn"]
+    found = chapter.entry_medians("x 1")["turn"]
     said = {"b": "3.25 (2 of 4)", "a": "≥ 3.50 (2 of 2)", "none of it": "none", "known": "3.20 (3 of 3)"}
     assert found.to_dict() == said
     assert list(found.index) == list(said), "in the order of the table"
@@ -72,7 +76,8 @@ def test_a_run_is_on_the_car_and_at_the_speed_that_are_named() -> None:
     first, *others = [CHOSEN.run(one) for one in CHOSEN.candidates]
     assert first.manoeuvre.speed == CHOSEN.speed_m_per_s
     car = next(member for member in load_ensemble(CHOSEN.ensemble).members if member.name == CHOSEN.car)
-    assert first.car == load_scenario(CHOSEN.scenario, car.settings_on(CHOSEN.scenario)).car
+    own = (*car.settings_on(CHOSEN.scenario), *CHOSEN.settings)
+    assert first.car == load_scenario(CHOSEN.scenario, own).car
     assert all((one.car, one.manoeuvre) == (first.car, first.manoeuvre) for one in others)
     assert len({str((one.tail.mode, one.controller)) for one in (first, *others)}) == len(CHOSEN.candidates)
 
@@ -86,7 +91,7 @@ def test_chapter_has_the_replays_and_the_medians(standard_runs: dict[str, Any]) 
     told = [run["name"] for run in shown.parts[0].values["runs"]]
     assert [name.split(":")[0] for name in told] == [one.words for one in CHOSEN.candidates]
     assert ": rolls over (entry speed " in told[1]
-    assert all("yaws" in name for place, name in enumerate(told) if place != 1)
+    assert all("m/s² to the side" in name for place, name in enumerate(told) if place != 1)
     table = medians.parts[0]
-    assert len(table.rows) == len(chapter.entry_medians())
+    assert len(table.rows) == len(chapter.entry_medians(CHOSEN.floor))
     assert {one.words for one in CHOSEN.candidates} <= {cells[0] for cells in table.rows}
