@@ -1,8 +1,8 @@
 """Pages that are made when the documentation is built: the model card, and texts that stand elsewhere.
 
 The model card is made of `models/parameters` and `models/coefficients`, and the page on the built car of
-`models/published/statements.yaml`, so that no number is typed twice; the pages on the aerodynamic law and on the errata
-of the thesis are the texts beside the code and the tables. The reference has a module of its own, `reference_pages.py`.
+`models/published/statements.yaml`, so that no number is typed twice; explanations and the errata of the thesis are the
+texts beside the code and the tables. The reference has a module of its own, `reference_pages.py`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,13 @@ if TYPE_CHECKING:
     from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parent.parent
-TEXTS = {"aerodynamics.md": "workbench/aero/README.md", "errata.md": "models/published/ERRATA.md"}
+TEXTS = {
+    "plant.md": "workbench/plants/README.md",
+    "aerodynamics.md": "workbench/aero/README.md",
+    "optimiser.md": "optimisation/swing/README.md",
+    "reduced_cars.md": "optimisation/screening/README.md",
+    "errata.md": "models/published/ERRATA.md",
+}
 """Page -> text of the repository; what it names of the repository stays a name."""
 _ERRATUM = re.compile(r"\bERRATA ((?:E\d+)(?:(?:, | and )E\d+)*)")
 _NUMBER = re.compile(r"E(\d+)")

@@ -40,7 +40,7 @@ def test_the_law_commands_what_the_one_on_the_car_does(changes: tuple[str, ...])
 
 
 def test_critical_friction_is_that_of_the_full_car() -> None:
-    """Figures of the full car, 4.5 m/s, on the same grid: optimisation/swing/README.md."""
+    """Figures of the full car, 4.5 m/s, on the same grid: docs/reproduced.md."""
     full = {"none": 0.5375, "held": 0.4875, "swing": 0.8875}
     scenarios = [load_scenario("turn_designed", (f"tail.mode={mode}",)) for mode in full]
     found = screened_friction(scenarios, Search(FRICTION, 0.4, 1.0, 0.1, 0.0125))

@@ -180,7 +180,7 @@ def test_a_swing_is_found_from_the_floor_on() -> None:
     """Whole way: floor from the full car, programme, and the full car drives what was found as far."""
     swing = search_motion("whole", TASK, MotionSearch(1, knots=6, length=0.6, iterations=6), Runs())
     found, settings = swing.provenance.found, swing.provenance.settings
-    assert found["car_4.5_1.3_friction"] == pytest.approx(1.3 * 0.85, rel=0.05)  # swing/README.md
+    assert found["car_4.5_1.3_friction"] == pytest.approx(1.3 * 0.85, rel=0.05)  # docs/reproduced.md
     turn = load_scenario("turn_designed", (*settings, "tail.mode=swing"))
     run = simulate(turn, record="outcome", law=SwingPlayer.from_scenario(swing, turn), stop_when_certain=True)
     assert turn_course(run).course_change_rad == pytest.approx(found["car_4.5_1.3_course_rad"], rel=0.1)
