@@ -17,7 +17,8 @@ from tests.import_picture import PICTURE, Panel, draw, folder_arrows, reduced
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "concepts" / "data_flow.md").read_text(encoding="utf-8")
-STEP = re.compile(r"^\| \[`(?P<file>[\w/.]+)`\]\((?P<link>[^)]+)\) \| `(?P<name>[\w.]+)` \|", re.M)
+STEP = re.compile(r"^\| \[`(?P<file>[\w/.]+)`\]\[(?P<link>\w+)\] \| `(?P<name>[\w.]+)` \|", re.M)
+LINKS = dict(re.findall(r"^\[(\w+)\]: (\S+)$", PAGE, re.M))
 HOLD = ROOT / "tests" / "data" / "old_files" / "dd7ec6c" / "hold.parquet"
 """Any static log."""
 
@@ -25,7 +26,7 @@ HOLD = ROOT / "tests" / "data" / "old_files" / "dd7ec6c" / "hold.parquet"
 def walk(title: str) -> list[tuple[str, str, str]]:
     """File, link and function of each step of a chapter."""
     chapter = PAGE.split(f"## {title}\n", 1)[1].split("\n## ", 1)[0]
-    return [(step["file"], step["link"], step["name"]) for step in STEP.finditer(chapter)]
+    return [(step["file"], LINKS[step["link"]], step["name"]) for step in STEP.finditer(chapter)]
 
 
 WALKS = {title: walk(title) for title in re.findall(r"^## (.*)$", PAGE, re.M)}
