@@ -1,7 +1,7 @@
 #include "ak70.h"
 
-#include <cmath>
-#include <cstring>
+#include <math.h>
+#include <string.h>
 
 namespace aerodima {
 namespace {
@@ -10,7 +10,7 @@ constexpr int kPositionSteps = (1 << 16) - 1, kSteps = (1 << 12) - 1;
 
 bool encode(double value, double low, double high, int steps, uint64_t* word) {
   if (!(low <= value && value <= high)) return false;  // also catches NaN
-  *word = static_cast<uint64_t>(std::floor((value - low) * steps / (high - low) + 0.5));
+  *word = static_cast<uint64_t>(floor((value - low) * steps / (high - low) + 0.5));
   return true;
 }
 
@@ -24,9 +24,14 @@ CanFrame make_special(int motor_id, Special special) {
   CanFrame frame;
   frame.id = static_cast<uint32_t>(motor_id);
   frame.length = 8;
-  std::memset(frame.data, 0xFF, 7);
+  memset(frame.data, 0xFF, 7);
   frame.data[7] = static_cast<uint8_t>(special);
   return frame;
+}
+
+bool is_exit(const CanFrame& frame) {
+  const CanFrame exit = make_special(static_cast<int>(frame.id), Special::kExit);
+  return !frame.extended && frame.length == exit.length && !memcmp(frame.data, exit.data, sizeof exit.data);
 }
 
 bool make_command(int motor_id, const MitCommand& command, const Profile& profile, CanFrame* frame) {

@@ -29,6 +29,7 @@ enum class Special : uint8_t { kEnter = 0xFC, kExit = 0xFD };
 bool valid_id(int motor_id);
 
 CanFrame make_special(int motor_id, Special special);
+bool is_exit(const CanFrame& frame);
 
 // False, and `frame` untouched: id not allowed, a value NaN or out of range, or the bytes of a special frame.
 bool make_command(int motor_id, const MitCommand& command, const Profile& profile, CanFrame* frame);

@@ -1,8 +1,7 @@
 #include "core.h"
 
-#include <algorithm>
-#include <cmath>
-#include <cstring>
+#include <math.h>
+#include <string.h>
 
 namespace aerodima {
 namespace {
@@ -76,7 +75,7 @@ void TeensyCore::obey(const Command& command, uint32_t now) {
     return;
   }
   servo_ = command.servo;
-  throttle_target_ = std::min(std::max(command.throttle, config_.throttle_least), config_.throttle_most);
+  throttle_target_ = smaller(larger(command.throttle, config_.throttle_least), config_.throttle_most);
   move_throttle(now);
   for (int i = 0; i < 2; ++i) bridge(command.orders[i], guards_[i]);
 }
@@ -87,7 +86,7 @@ bool TeensyCore::may_drive(const Command& command, uint32_t now) {
   const Attitude& a = command.attitude;
   const bool young = a.known() && static_cast<uint32_t>(a.age) <= config_.attitude_age_ms;
   if (!young && command.throttle != kThrottle.idle) return false;
-  const bool tilted = a.known() && std::max(std::fabs(a.roll), std::fabs(a.pitch)) > config_.attitude_limit;
+  const bool tilted = a.known() && larger(fabs(a.roll), fabs(a.pitch)) > config_.attitude_limit;
   if (tilted && !tilted_) tilted_since_ = now;
   tilted_ = tilted;
   return !tilted || is_neutral(command) || now - tilted_since_ < config_.attitude_ms;
@@ -99,13 +98,13 @@ bool TeensyCore::may_be_released() const {
 }
 
 void TeensyCore::move_throttle(uint32_t now) {
-  const double most = config_.throttle_rate * static_cast<double>(std::min(now - throttle_time_, kMostSpanMs));
+  const double most = config_.throttle_rate * static_cast<double>(smaller(now - throttle_time_, kMostSpanMs));
   throttle_time_ = now;
   const double target = throttle_target_ - kThrottle.idle, side = target < 0 ? -1 : 1;
-  const double begun = std::max(0.0, side * throttle_offset_);
-  const double reached = std::max(begun + most, config_.throttle_start);
-  throttle_offset_ = side * std::min(side * target, reached);
-  throttle_ = kThrottle.idle + static_cast<int>(std::lround(throttle_offset_));
+  const double begun = larger(0.0, side * throttle_offset_);
+  const double reached = larger(begun + most, config_.throttle_start);
+  throttle_offset_ = side * smaller(side * target, reached);
+  throttle_ = kThrottle.idle + static_cast<int>(lround(throttle_offset_));
 }
 
 void TeensyCore::bridge(const Order& order, const MotorGuard& guard) {
@@ -212,8 +211,21 @@ void TeensyCore::exit_motors(uint32_t repeats) {
   }
 }
 
+bool TeensyCore::is_stale(const CanFrame& frame) const { return clock_ - frame.made > kMostWaitMs && !is_exit(frame); }
+
+void TeensyCore::drop_stale() {
+  size_t kept = 0;
+  for (size_t i = 0; i < queue_size_; ++i) {
+    const CanFrame& frame = queue_[(queue_begin_ + i) % kQueue];
+    if (!is_stale(frame)) queue_[(queue_begin_ + kept++) % kQueue] = frame;
+  }
+  queue_size_ = kept;
+}
+
 // A full queue means a bus that takes nothing: the oldest frame gives way.
-void TeensyCore::push(const CanFrame& frame) {
+void TeensyCore::push(CanFrame frame) {
+  frame.made = clock_;
+  if (queue_size_ == kQueue) drop_stale();
   if (queue_size_ == kQueue) {
     queue_begin_ = (queue_begin_ + 1) % kQueue;
     --queue_size_;
@@ -225,6 +237,7 @@ void TeensyCore::push(const CanFrame& frame) {
 }
 
 bool TeensyCore::next_frame(CanFrame* frame) {
+  drop_stale();
   if (queue_size_ == 0) return false;
   *frame = queue_[queue_begin_];
   queue_begin_ = (queue_begin_ + 1) % kQueue;
@@ -248,7 +261,7 @@ void TeensyCore::write_reply(uint32_t now) {
 
 size_t TeensyCore::take_reply(char* text, size_t size) {
   const size_t length = reply_size_ <= size ? reply_size_ : 0;
-  std::memcpy(text, reply_, length);
+  memcpy(text, reply_, length);
   reply_size_ = 0;
   return length;
 }

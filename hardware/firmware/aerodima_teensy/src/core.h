@@ -10,6 +10,9 @@
 // armed. The throttle is clipped and comes on at a limited rate; it goes back at once. The frames of the motors pass
 // their last limits here (motor_guard.h).
 //
+// A bus that takes nothing must not keep old orders: a frame that has waited for `kMostWaitMs` is dropped, unless it is
+// an exit frame. Frames leave in the order in which they were made.
+//
 // The caller passes the time, a millisecond counter that may wrap, and calls `step` about every millisecond.
 #pragma once
 #include "heartbeat.h"
@@ -38,6 +41,8 @@ struct Config {
   MotorLimits limits[2];
 };
 
+constexpr uint32_t kMostWaitMs = 15;  // 20 ms on the bus at the latest: the caller's loop and one frame come on top
+
 class TeensyCore {
  public:
   TeensyCore(const Config& config, uint32_t now);
@@ -47,7 +52,8 @@ class TeensyCore {
   void set_sail_word(uint32_t word) { sail_word_ = word; }
   void step(uint32_t now);
 
-  bool next_frame(CanFrame* frame);                           // frames for the bus, oldest first
+  bool next_frame(CanFrame* frame);                           // frames for the bus, oldest first, none that is stale
+  bool is_stale(const CanFrame& frame) const;                 // must not reach the bus any more
   size_t take_reply(char* text, size_t size);                 // string for the computer; 0: none
 
   int servo() const { return servo_; }                        // us
@@ -66,7 +72,8 @@ class TeensyCore {
   void bridge(const Order& order, const MotorGuard& guard);
   void make_safe(uint32_t now, Status cause);
   void exit_motors(uint32_t repeats);
-  void push(const CanFrame& frame);
+  void push(CanFrame frame);
+  void drop_stale();
   bool knows_motors() const { return reports_[0].motor_id != 0; }
   bool motors_answered() const;
   void write_reply(uint32_t now);

@@ -1,10 +1,9 @@
 #include "strings.h"
 
-#include <cmath>
-#include <cstdio>
-#include <cstdlib>
-#include <cstring>
-#include <initializer_list>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 
 namespace aerodima {
 namespace {
@@ -19,8 +18,8 @@ struct Text {
 };
 
 Text strip(Text text, const char* characters) {
-  while (text.begin < text.end && std::strchr(characters, *text.begin) && *text.begin) ++text.begin;
-  while (text.begin < text.end && std::strchr(characters, text.end[-1]) && text.end[-1]) --text.end;
+  while (text.begin < text.end && strchr(characters, *text.begin) && *text.begin) ++text.begin;
+  while (text.begin < text.end && strchr(characters, text.end[-1]) && text.end[-1]) --text.end;
   return text;
 }
 
@@ -57,8 +56,8 @@ bool read_integer(Text field, long low, long high, int* value) {
   if (field.size() && *field.begin == '-') ++number.begin;
   if (field.size() > kMostDigits || !digits(number)) return false;
   char copy[kMostDigits + 1] = {};
-  std::memcpy(copy, field.begin, field.size());
-  const long long read = std::strtoll(copy, nullptr, 10);
+  memcpy(copy, field.begin, field.size());
+  const long long read = strtoll(copy, nullptr, 10);
   if (read < low || read > high) return false;
   *value = static_cast<int>(read);
   return true;
@@ -71,8 +70,8 @@ bool read_number(Text field, double low, double high, double* value) {
   const Text decimals{point == number.end ? point : point + 1, number.end};
   if (field.size() > kMostDigits || !digits({number.begin, point}) || (decimals.size() && !digits(decimals))) return false;
   char copy[kMostDigits + 1] = {};
-  std::memcpy(copy, field.begin, field.size());
-  const double read = std::strtod(copy, nullptr);
+  memcpy(copy, field.begin, field.size());
+  const double read = strtod(copy, nullptr);
   if (!(low <= read && read <= high)) return false;
   *value = read;
   return true;
@@ -121,7 +120,7 @@ bool open_string(const char* text, size_t size, Text* body) {
   const char* end = body->end;
   if (body->size() < 4 || end[-4] != ';' || end[-3] != '*') return false;
   char expected[3];
-  std::snprintf(expected, sizeof expected, "%02X", crc8(body->begin, body->size() - 4));
+  snprintf(expected, sizeof expected, "%02X", crc8(body->begin, body->size() - 4));
   body->end = end - 4;
   return end[-2] == expected[0] && end[-1] == expected[1];
 }
@@ -161,20 +160,22 @@ bool decode_command(const char* text, size_t size, Command* command) {
 size_t make_reply(const Reply& reply, char* text, size_t size) {
   const Report &one = reply.reports[0], &other = reply.reports[1];
   if (!valid_id(one.motor_id) || !valid_id(other.motor_id) || one.motor_id == other.motor_id) return 0;
-  for (double value : {one.position, one.velocity, one.torque, other.position, other.velocity, other.torque, reply.sail}) {
-    if (!std::isfinite(value)) return 0;
+  const double values[] = {one.position, one.velocity, one.torque, other.position, other.velocity,
+                           other.torque, reply.sail};
+  for (double value : values) {
+    if (!isfinite(value)) return 0;
   }
-  int length = std::snprintf(text, size, "%d;%.5f;%.4f;%.4f;%d;%.5f;%.4f;%.4f;%.3f", one.motor_id, one.position,
+  int length = snprintf(text, size, "%d;%.5f;%.4f;%.4f;%d;%.5f;%.4f;%.4f;%.3f", one.motor_id, one.position,
                              one.velocity, one.torque, other.motor_id, other.position, other.velocity, other.torque,
                              reply.sail);
   size_t used = static_cast<size_t>(length);
   if (length < 0 || used + 64 > size) return 0;
-  used += static_cast<size_t>(std::snprintf(text + used, size - used, ";%d;%d;%d;%d;%d;%d;%lu;%d", one.replies,
+  used += static_cast<size_t>(snprintf(text + used, size - used, ";%d;%d;%d;%d;%d;%d;%lu;%d", one.replies,
                                             one.temperature, one.fault, other.replies, other.temperature, other.fault,
                                             static_cast<unsigned long>(reply.clock), static_cast<int>(reply.status)));
   if (used + 8 > size) return 0;
   const unsigned check = crc8(text, used);
-  used += static_cast<size_t>(std::snprintf(text + used, size - used, ";*%02X", check));
+  used += static_cast<size_t>(snprintf(text + used, size - used, ";*%02X", check));
   text[used++] = '|';
   return used;
 }
@@ -208,7 +209,7 @@ bool CommandReader::take(Command* command) {
   }
   ++rejected_;  // the string may begin with the next part
   const size_t first = ends_[0];
-  std::memmove(text_, text_ + first, ends_[2] - first);
+  memmove(text_, text_ + first, ends_[2] - first);
   ends_[0] = ends_[1] - first;
   ends_[1] = ends_[2] - first;
   waiting_ = 2;

@@ -1,6 +1,6 @@
 // Strings between the computer and the Teensy; hardware/protocol/teensy.py has the other end of them.
 #pragma once
-#include <cstddef>
+#include <stddef.h>
 
 #include "ak70.h"
 
