@@ -1,4 +1,4 @@
-"""The firmware compiled for the Teensy's processor, run by QEMU on an emulated Cortex-M7 (mps2-an500), and on this computer."""
+"""The firmware compiled for the Teensy's processor and run by QEMU on an emulated Cortex-M7 (mps2-an500), or here."""
 
 import shutil
 import subprocess

@@ -1,4 +1,4 @@
-"""The calls that the tests of the core make of it, with every result, in a file that `cortex_m7/replay.cpp` makes again.
+"""The calls that the tests make of the core, with every result, in a file that `cortex_m7/replay.cpp` repeats.
 
 `python -m tests.hardware.firmware.recorded FILE [pytest's words]`. The exit status is that of pytest.
 """

@@ -1,4 +1,4 @@
-"""Core and sketch on the instruction set of the Teensy 4.1: compiled without a warning, and the same bits as on the host."""
+"""Core and sketch on the Teensy's instruction set: compiled without a warning, and the same bits as on the host."""
 
 import sys
 

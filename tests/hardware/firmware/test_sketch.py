@@ -1,4 +1,4 @@
-"""The sketch on a model of the Teensy: what reaches a bus that is late, does not acknowledge or is off, and a clock that stands."""
+"""The sketch on a model of the Teensy: a bus that is late, does not acknowledge or is off, and a clock that stands."""
 
 import shutil
 

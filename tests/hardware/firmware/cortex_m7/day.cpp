@@ -82,7 +82,7 @@ class Bench {
 
   aerodima::TeensyCore core_;
   uint32_t now_;
-  bool stopped_ = true;
+  bool stopped_ = false;  // from 0.2 s after a drive: no command may leave any more
 };
 
 }  // namespace
