@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from aerodima.hardware.firmware.teensy_firmware import SKETCH, FirmwareSettings, export_sketch
+from aerodima.hardware.firmware.teensy_firmware import FirmwareSettings, export_sketch
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8
 
 HERE = Path(__file__).parent
@@ -77,8 +77,3 @@ def emulate(image: Path, *words: str) -> str:
     machine = ("-M", "mps2-an500", "-nographic", "-monitor", "none", "-serial", "none")
     files = ("-semihosting-config", "enable=on,target=native")
     return run("qemu-system-arm", *machine, *files, *words, "-kernel", image, folder=image.parent)
-
-
-def core_folder() -> Path:
-    """The core with its C interface, as it is in the repository."""
-    return SKETCH / "src"

@@ -28,7 +28,7 @@ def test_every_call_that_the_tests_make_of_the_core_gives_the_same_bits(sketch):
     calls = sketch / "calls.bin"
     cortex_m7.run(sys.executable, "-m", "tests.hardware.firmware.recorded", calls)
     lines = cortex_m7.emulate(
-        cortex_m7.build("replay", sketch, cortex_m7.core_folder()), "-icount", "shift=0"
+        cortex_m7.build("replay", sketch, cortex_m7.SKETCH / "src"), "-icount", "shift=0"
     ).splitlines()
     calls.unlink()
     assert numbers(lines[0])["equal"] > 100_000, lines[0]

@@ -1,6 +1,6 @@
 #include "c_interface.h"
 
-#include <cstring>
+#include <string.h>
 
 #include "core.h"
 
@@ -21,7 +21,7 @@ MitCommand to_command(const double* v) { return {v[0], v[1], v[2], v[3], v[4]}; 
 
 CanFrame to_frame(const ad_frame& f) {
   CanFrame frame{f.id, f.extended != 0, static_cast<uint8_t>(f.length), {}};
-  std::memcpy(frame.data, f.data, sizeof frame.data);
+  memcpy(frame.data, f.data, sizeof frame.data);
   return frame;
 }
 
@@ -29,7 +29,7 @@ void copy(const CanFrame& frame, ad_frame* out) {
   out->id = frame.id;
   out->extended = frame.extended;
   out->length = frame.length;
-  std::memcpy(out->data, frame.data, sizeof frame.data);
+  memcpy(out->data, frame.data, sizeof frame.data);
 }
 
 void copy(const Command& command, ad_command* out) {
@@ -141,7 +141,7 @@ int ad_limit(const ad_limits* limits, const double* replies, size_t count, const
   }
   const MitCommand limited = guard.limit(to_command(v));
   const double values[] = {limited.position, limited.velocity, limited.kp, limited.kd, limited.torque};
-  std::memcpy(out, values, sizeof values);
+  memcpy(out, values, sizeof values);
   return 1;
 }
 

@@ -1,7 +1,7 @@
 // The core behind C functions, for ctypes. Times in ms; see core.h. The sketch does not use this file.
 #pragma once
-#include <cstddef>
-#include <cstdint>
+#include <stddef.h>
+#include <stdint.h>
 
 extern "C" {
 
