@@ -260,7 +260,7 @@ def drive(
         raise typer.Exit(128 + result.signal)
     if not result.orderly:
         raise HardwareError(f"the car was stopped: {result.reason}")
-    if result.traffic_error:
+    if result.traffic_error or result.log not in (None, log):
         raise typer.Exit(2)
 
 

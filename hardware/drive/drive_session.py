@@ -68,7 +68,7 @@ class DriveResult:
     Attributes:
         reason: `RUN_OVER`, or why it was stopped.
         orderly: the run came to its end, or the operator ended it without an emergency and was heard until then.
-        log: the run log; None when none was written.
+        log: the run log, elsewhere than was asked for when that place took none; None when none was written.
         signal: number of the signal that ended it; 0 for none.
         traffic_error: why the log of the CAN traffic is not whole; empty if it is, or if there is none.
     """
@@ -187,7 +187,7 @@ def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
     checks = device_checks(guard.reading, drive.car.gps_time, drive.safety)
     checks.append(watchdog_check(drive.car.name, drive.car.unwatched))
     _tell(checks, drive.say, refuse=not options.dry_run)
-    journal = open_run_journal(Path(options.log), drive.scenario, drive.car.name, options.force)
+    journal = open_run_journal(Path(options.log), drive.scenario, drive.car.name, options.force, drive.say)
     try:
         pilot = _prepare(drive)
         mode = RadioMode.AUTO if options.dry_run else _arm_and_choose(drive)

@@ -5,19 +5,22 @@ from __future__ import annotations
 import contextlib
 import math
 import queue
+import tempfile
 import threading
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import ArrayLike
 
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import sensor_columns
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.journal import JournalWriter
-from aerodima.workbench.logs.schema import run_metadata
+from aerodima.workbench.logs.journal import JournalWriter, read_journal
+from aerodima.workbench.logs.schema import run_metadata, write_table
 
 LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s")
 """Beside the columns of every run: how late the cycle came, and when IMU and Teensy took what stands in the row, on the
@@ -25,6 +28,8 @@ clock of the run. The Teensy's clock is aligned by `aerodima.hardware.devices.te
 _MOST_WAITING = 3000
 _FLUSH = 0.08
 """s; with the period of the loop, what a killed drive loses stays below 0.1 s."""
+_LOOK = 1.0
+"""Between two looks at the journal, s."""
 _LAST_WAIT = 5.0
 """For the disk at the end of the drive, s."""
 
@@ -38,7 +43,11 @@ class RunJournal(JournalWriter):
     """A `JournalWriter` whose rows are written by a thread.
 
     The thread keeps the scheduling of the one that opens the journal. At ordinary priority another program could
-    displace it while it holds the interpreter's lock, and the loop would wait for both.
+    displace it while it holds the interpreter's lock, and the loop would wait for both. About once a second it looks
+    whether the journal is still where its name leads. Rows that the disk does not take stay in memory.
+
+    Args:
+        say: is told at once what is wrong with the log; called by the thread.
 
     Attributes:
         columns: names, in order.
@@ -46,11 +55,21 @@ class RunJournal(JournalWriter):
         lost: rows that were not written.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str], metadata: Mapping[str, Any], force: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        columns: Sequence[str],
+        metadata: Mapping[str, Any],
+        force: bool = False,
+        say: Callable[[str], None] | None = None,
+    ) -> None:
         super().__init__(path, columns, metadata, force, flush_interval=_FLUSH)
         self.columns = list(columns)
         self.error = ""
         self.lost = 0
+        self._say = say or (lambda _: None)
+        self._kept: list[np.ndarray] = []
+        self._look_due, self._gone = time.monotonic() + _LOOK, False
         self._waiting: queue.Queue[np.ndarray | None] = queue.Queue(_MOST_WAITING)
         self._thread = threading.Thread(target=self._write, name="run-journal", daemon=True)
         self._thread.start()
@@ -64,18 +83,26 @@ class RunJournal(JournalWriter):
             self.error = self.error or f"{self.journal}: the disk is too slow"
 
     def close(self) -> Path:
-        """Writes what waits and ends the log. LogError, with the journal kept, if the disk did not take it."""
+        """Writes what waits and ends the log; its path, another than was asked for where that takes no log any more.
+
+        Raises:
+            LogError: the disk still holds up the thread, with the journal kept, or no place takes the log.
+        """
+        if not self._open:
+            return self.path
         self._finish()
-        if self.error:
-            self._give_up()
+        if self._thread.is_alive():
             raise LogError(f"{self.error}; what was written can be rescued: aerodima log recover {self.journal}")
-        return super().close()
+        if not self.error:
+            with contextlib.suppress(LogError):
+                self.flush()
+        return self._write_log()
 
     def discard(self) -> None:
         """Ends a log of a drive that did not begin: nothing is left of it."""
         self._finish()
+        self._remove()
         super().abandon()
-        self.journal.unlink(missing_ok=True)
 
     def _finish(self) -> None:
         with contextlib.suppress(queue.Full):  # a disk that takes nothing must not hold up the end of the program
@@ -84,27 +111,75 @@ class RunJournal(JournalWriter):
         if self._thread.is_alive():
             self.error = self.error or f"{self.journal}: the disk is too slow"
 
-    def _give_up(self) -> None:
-        if self._thread.is_alive():  # the disk still holds it up
-            return
-        with contextlib.suppress(LogError, OSError):  # the rows of before stay readable, which is all that can be had
-            super().abandon()
+    def _write_log(self) -> Path:
+        """Writes what the open journal and the memory hold to the first place that takes it."""
+        table, _ = read_journal(self.journal, self._file.fileno())
+        unwritten = np.vstack([self._buffer[: self._filled], *self._kept])
+        rest = pa.table(list(np.ascontiguousarray(unwritten.T)), schema=self._schema)
+        table = pa.concat_tables([table.slice(0, self.rows), rest])
+        failed = ""
+        for path in self._places():
+            try:
+                write_table(table, self._metadata, path, self._force and path == self.path)
+            except LogError as error:
+                failed = failed or str(error)
+                continue
+            if self._gone or self.error or path != self.path:
+                self._say(f"log: {failed + '; ' * bool(failed)}the run of {table.num_rows} rows is in {path}")
+            self.path = path
+            self._remove()
+            with contextlib.suppress(OSError):  # of a disk that is full
+                self._release()
+            return path
+        raise LogError(f"{failed}; what was written can be rescued: aerodima log recover {self.journal}")
+
+    def _places(self) -> Iterator[Path]:
+        """Where the log may go: where it was asked for, the nearest folder above that is there, one of its own."""
+        yield self.path
+        above = self.path.absolute().parents[1:]
+        yield next(folder for folder in above if folder.is_dir()) / self.path.name
+        yield Path(tempfile.mkdtemp(prefix="aerodima_log_")) / self.path.name
 
     def _write(self) -> None:
-        while (row := self._waiting.get()) is not None:
+        while True:
+            self._look()
+            try:
+                row = self._waiting.get(timeout=_LOOK)
+            except queue.Empty:
+                continue
+            if row is None:
+                return
             if self.error:
-                self.lost += 1
+                self._keep(row)
                 continue
             try:
                 super().append(row)
             except Exception as error:  # whatever it is, the loop must hear of it and go on
                 self.error = " ".join(str(error).split())
+                self._say(f"log: {self.error}; the car stops, what comes now is kept in memory")
+
+    def _keep(self, row: np.ndarray) -> None:
+        if len(self._kept) < _MOST_WAITING:
+            self._kept.append(row)
+        else:
+            self.lost += 1
+
+    def _look(self) -> None:
+        now = time.monotonic()
+        if now < self._look_due:
+            return
+        self._look_due = now + _LOOK
+        if not self._gone and not self.in_place:
+            self._gone = True
+            self._say(f"log: {self.journal} was removed or renamed; the drive goes on, and writes its log at its end")
 
 
-def open_run_journal(path: Path, scenario: Scenario, wiring: str, force: bool = False) -> RunJournal:
+def open_run_journal(
+    path: Path, scenario: Scenario, wiring: str, force: bool = False, say: Callable[[str], None] | None = None
+) -> RunJournal:
     """The journal of a drive of a scenario; LogError as for `JournalWriter`."""
     metadata = run_metadata(scenario.resolved(), scenario.seed, extra={"platform": "physical", "wiring": wiring})
-    return RunJournal(path, drive_columns(), metadata, force)
+    return RunJournal(path, drive_columns(), metadata, force, say)
 
 
 def log_facts(reason: str, stop_time: float, cycle_times: Sequence[float], overruns: int) -> dict[str, Any]:

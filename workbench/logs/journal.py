@@ -12,7 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 import pyarrow as pa
@@ -100,7 +100,7 @@ class JournalWriter:
         self._schema = pa.schema([(name, pa.float64()) for name in columns], metadata={METADATA_KEY: encoded})
         make_folder(self.path.parent, LogError)
         try:
-            self._file = open(self.journal, "wb" if force else "xb")  # noqa: SIM115 - open for as long as the run lasts
+            self._file = open(self.journal, "w+b" if force else "x+b")  # noqa: SIM115 - open for as long as the run lasts
         except OSError as cause:
             raise LogError(f"{self.journal}: cannot be written ({cause.strerror})") from cause
         self._stream = pa.ipc.new_stream(self._file, self._schema)
@@ -138,14 +138,30 @@ class JournalWriter:
             raise LogError(f"{self.journal}: cannot be written after {self.rows} rows ({cause})") from cause
 
     def close(self) -> Path:
-        """End the journal, write the Parquet file, remove the journal; the name of the Parquet file."""
+        """End the journal, write the Parquet file, remove the journal; the name of the Parquet file.
+
+        The rows are read through the open file: it holds them also when its folder has been removed or renamed.
+        """
         if self._open:
             self.flush()
-            self._release()
-            table, _ = read_journal(self.journal)
-            write_table(table, self._metadata, self.path, self._force)
-            self.journal.unlink()
+            with self._file:
+                self._end_stream()
+                table, _ = read_journal(self.journal, self._file.fileno())
+                write_table(table, self._metadata, self.path, self._force)
+                self._remove()
         return self.path
+
+    @property
+    def in_place(self) -> bool:
+        """Whether the name of the journal still leads to the file that is being written."""
+        try:
+            return os.path.samestat(os.stat(self.journal), os.fstat(self._file.fileno()))
+        except OSError:
+            return False
+
+    def _remove(self) -> None:
+        if self.in_place:  # another run may have begun a journal of that name
+            self.journal.unlink()
 
     def run_log(self) -> RunLog:
         """The log that was written, read again."""
@@ -202,28 +218,34 @@ class JournalWriter:
         self._sync_due = time.monotonic() + self._sync_interval
 
     def _release(self) -> None:
+        with self._file:
+            self._end_stream()
+
+    def _end_stream(self) -> None:
         self._open = False
         self._syncing.shutdown(wait=True)
-        try:
-            self._stream.close()
-        finally:
-            self._file.close()
+        self._stream.close()
+        self._file.flush()
 
 
-def read_journal(path: Path | str) -> tuple[pa.Table, bool]:
+def read_journal(path: Path | str, descriptor: int | None = None) -> tuple[pa.Table, bool]:
     """The complete batches of a journal and whether it had been ended in order.
 
     The cut may be anywhere: a batch that is not whole is left out, with all that comes after it.
+
+    Args:
+        descriptor: of the open journal, read instead of the file at `path`, which may have gone.
 
     Raises:
         LogError: no such file, cut off before the end of its header, not a journal, another schema version.
     """
     path = Path(path)
-    if not path.is_file():
+    if descriptor is None and not path.is_file():
         raise LogError(f"{path}: no such journal")
-    ended = _has_end_mark(path)
     batches: list[pa.RecordBatch] = []
-    with pa.OSFile(str(path), "rb") as file:
+    with open(path if descriptor is None else os.dup(descriptor), "rb") as file:
+        ended = _has_end_mark(file)
+        file.seek(0)
         try:
             stream = pa.ipc.open_stream(file)
         except (pa.ArrowException, OSError) as cause:
@@ -240,12 +262,11 @@ def read_journal(path: Path | str) -> tuple[pa.Table, bool]:
     return pa.Table.from_batches(batches, schema=stream.schema), ended
 
 
-def _has_end_mark(path: Path) -> bool:
+def _has_end_mark(file: BinaryIO) -> bool:
     """Whether the file ends with Arrow's end-of-stream mark (continuation 0xFFFFFFFF, length 0)."""
-    with open(path, "rb") as file:
-        size = file.seek(0, os.SEEK_END)
-        file.seek(max(0, size - 8))
-        return file.read() == b"\xff\xff\xff\xff\x00\x00\x00\x00"
+    size = file.seek(0, os.SEEK_END)
+    file.seek(max(0, size - 8))
+    return file.read() == b"\xff\xff\xff\xff\x00\x00\x00\x00"
 
 
 def recover(journal: Path | str, out_path: Path | str | None = None, force: bool = False) -> Recovery:

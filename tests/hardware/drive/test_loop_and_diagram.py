@@ -2,6 +2,7 @@
 
 import math
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -14,6 +15,7 @@ from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_settings import load_motor_safety
+from aerodima.hardware.drive import run_journal
 from aerodima.hardware.drive.car_guard import CarGuard, Stage
 from aerodima.hardware.drive.drive_diagram import CarInterface, DiagramPilot
 from aerodima.hardware.drive.plain_loop import PERIOD, AutoPilot, ManualPilot, idle_until, run_loop
@@ -21,7 +23,6 @@ from aerodima.hardware.drive.run_journal import RunJournal, drive_columns, open_
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.controllers.swing_law import SwingState
-from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.journal import read_journal
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.realtime import permitted
@@ -188,7 +189,7 @@ def test_the_log_of_a_loop_with_priority_is_written_with_priority(tmp_path):
     assert found == [os.SCHED_RR]
 
 
-def test_a_full_disk_stops_the_car_and_keeps_what_was_written(tmp_path):
+def test_a_full_disk_stops_the_car_and_what_it_did_not_take_is_in_the_log_once_there_is_room(tmp_path):
     class FullDisk(RunJournal):
         def _write_batch(self):
             if self.rows + self._filled > 60:
@@ -212,11 +213,31 @@ def test_a_full_disk_stops_the_car_and_keeps_what_was_written(tmp_path):
     run_loop(guard, AutoPilot(SCENARIO), SCENARIO, 2.0, journal, clock, wait)
     assert "No space left" in guard.reason
     assert wiring.calls[-1] == "disarm"
-    with pytest.raises(LogError, match="log recover"):
-        journal.close()
-    from aerodima.workbench.logs.journal import recover
+    assert (journal.rows, journal.lost) == (60, 0)
+    log = read_run_log(journal.close())
+    assert log.table["time_s"].to_numpy() == pytest.approx(PERIOD * np.arange(len(log.table)))
+    assert len(log.table) > 90
+    assert not list(tmp_path.glob("*.journal"))
 
-    assert recover(tmp_path / "run.parquet.journal").rows == 60
+
+@pytest.mark.parametrize("taken", [False, True])
+def test_a_log_whose_folder_is_removed_is_said_at_once_and_written_all_the_same(tmp_path, monkeypatch, taken):
+    monkeypatch.setattr(run_journal, "_LOOK", 0.01)
+    said, path = [], tmp_path / "logs" / "run.parquet"
+    journal = open_run_journal(path, SCENARIO, "watched_can", say=said.append)
+    for index in range(50):
+        journal.append(np.full(len(journal.columns), PERIOD * index))
+    shutil.rmtree(path.parent)
+    while not said:
+        time.sleep(0.01)
+    assert said[0].startswith(f"log: {journal.journal} was removed")
+    if taken:  # something else is there by the end
+        path.mkdir(parents=True)
+    log = journal.close()
+    assert log == (tmp_path / "run.parquet" if taken else path)
+    assert str(log) in said[1]
+    assert len(said) == 2
+    assert read_run_log(log).table["time_s"].to_numpy() == pytest.approx(PERIOD * np.arange(50))
 
 
 KILLED = """

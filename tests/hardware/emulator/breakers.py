@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import multiprocessing
 import os
@@ -25,8 +24,8 @@ from aerodima.hardware.drive.held_car import run_watchdog_test
 from aerodima.hardware.drive.run_journal import RunJournal, open_run_journal
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import IMU
-from aerodima.workbench.errors import HardwareError, LogError
-from aerodima.workbench.logs.journal import read_journal
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.logs.schema import read_run_log
 
 
 class Breaker:
@@ -93,10 +92,8 @@ class DiskFull(Breaker):
 
     def end(self) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, self.before)
-        with contextlib.suppress(LogError):
-            self.journal.close()
-        table, _ = read_journal(self.journal.journal)
-        assert table.num_rows > 0, "the log can be read up to the last time that it was written"
+        log = read_run_log(self.journal.close())
+        assert len(log.table) > self.journal.rows > 0, "the log has what the disk took, and what it did not take"
 
 
 class SecondProgram(Breaker):
