@@ -55,6 +55,7 @@ class MotorFault(IntEnum):
     OTHER_MOTOR = 12
     OVERLOAD = 13
     NOT_FOLLOWING = 14
+    WRONG_DIRECTION = 15
 
 
 ENERGISED = (MotorState.ENTERING, MotorState.HOLDING, MotorState.RUNNING)

@@ -236,6 +236,7 @@ class MotorSafety(QuantityModel):
     )
     enter_replies: int = quantity("1", "replies to the neutral command before the motor is used", ge=1, le=100)
     enter_timeout: float = quantity("s", "for these replies", gt=0, le=5)
+    probe_torque: float = quantity("N m", "most torque with which the direction is tried", gt=0, le=5)
     command_timeout: float = quantity("s", "without a command, after which the position is held", gt=0, le=1)
     stall_time: float = quantity("s", "longest gap between two cycles", gt=0, le=1)
     exit_burst: int = quantity("1", "exit frames sent at once", ge=1, le=50)

@@ -7,9 +7,9 @@ off -- set_enter --> entering -- replies --> holding <-- command --> running
  +-- exit frames sent -- exiting <-- set_exit, from every state
 ```
 
-Entering sends zero gains, reads the position, and holds from there with gains that come on slowly: these motors are
-known to jump to their last command. A fault sends exit frames at once and goes on sending them; only `reset`, by hand,
-leads out of it. The frame that sets the zero is never sent.
+Entering sends zero gains, reads the position, tries with little torque which way the joint goes, and holds from there
+with gains that come on slowly: these motors are known to jump to their last command. A fault sends exit frames at once
+and goes on sending them; only `reset`, by hand, leads out of it. The frame that sets the zero is never sent.
 
 One thread calls `receive` for every frame of this motor and `step` once per cycle, with the same monotonic clock.
 """
@@ -20,6 +20,7 @@ import math
 from dataclasses import replace
 
 from aerodima.hardware.devices.device_states import ENERGISED, FramePort, MotorFault, MotorState
+from aerodima.hardware.devices.direction_probe import DirectionProbe
 from aerodima.hardware.devices.motor_settings import (
     Following,
     MotorLoad,
@@ -89,6 +90,7 @@ class Motor:
         self._motor_angle: float | None = None
         self._hold_position = 0.0
         self._gain_time = 0.0
+        self._probe: DirectionProbe | None = None
         self._command_time = 0.0
         self._ramp: float | None = None
 
@@ -100,7 +102,7 @@ class Motor:
             reason = f" ({self.fault_text}); reset it first" if self.fault else ""
             raise HardwareError(f"{self.settings.name}: cannot be entered while {self.state.name.lower()}{reason}")
         self._go(MotorState.ENTERING, now)
-        self._motor_angle = None
+        self._motor_angle = self._probe = None
         self.missed = self._unanswered = self._enter_replies = 0
         self._count.clear()
         self._step_time = now
@@ -316,21 +318,32 @@ class Motor:
             self.set_fault(MotorFault.LOOP_STALLED, f"{gap:.3g} s between two cycles", now)
         elif self._count.too_many:
             self.set_fault(MotorFault.DOUBLE_ID, f"two motors answer to the id {self.settings.motor_id}", now)
-        elif self.state is not MotorState.ENTERING and self.missed >= safety.missed_replies:
+        elif (self.state is not MotorState.ENTERING or self._probe) and self.missed >= safety.missed_replies:
             bad = f", {self.bad_frames} bad frames" if self.bad_frames else ""
             self.set_fault(MotorFault.NO_REPLY, f"no reply for {self.missed} cycles{bad}", now)
 
     def _enter(self, now: float) -> None:
         safety = self.settings.safety
         if self._enter_replies >= safety.enter_replies:
-            self._hold_position = self.position
-            self._gain_time = now
-            self._go(MotorState.HOLDING, now)
+            self._try_direction(now)
         elif now - self._state_time > safety.enter_timeout:
             bad = f" ({self.bad_frames} bad frames)" if self.bad_frames else ""
             self.set_fault(MotorFault.NO_REPLY, f"does not answer{bad}; is it powered, is its id right?", now)
         else:
             self._send(make_neutral(self.settings.motor_id, self.settings.profile))
+
+    def _try_direction(self, now: float) -> None:
+        probe = self._probe = self._probe or DirectionProbe(self.settings, now)
+        probe.step(self.position, self.speed, now)
+        if probe.fault:
+            self.set_fault(MotorFault.WRONG_DIRECTION, probe.fault, now)
+        elif probe.passed:
+            self._hold_position = self.position
+            self._gain_time = now
+            self._go(MotorState.HOLDING, now)
+        else:
+            push = MitCommand(self.position, 0.0, 0.0, 0.0, probe.torque)
+            self._send(self._frame(limit_command(push, self.position, self.speed, self.settings)))
 
     def _exit(self, now: float) -> None:
         if self._exits_left == 0:

@@ -17,6 +17,7 @@ import numpy as np
 
 from aerodima.hardware.car.car_ports import JOINTS, CarPorts, Joint, read_ports
 from aerodima.hardware.car.mounting import load_mounting
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand, WiringName, wiring_name
 from aerodima.hardware.car.wirings import wire_car
@@ -85,8 +86,11 @@ def held(car: WiredCar) -> Iterator[WiredCar]:
         car.start()
         run_cycles(car, CarCommand(), _HEARD)
         car.arm()
-        run_cycles(car, CarCommand(), safety.enter_timeout + safety.gain_ramp)
-        if not car.reading.status[STATUS.index("armed")]:
+        end, armed = time.monotonic() + load_drive_safety().arm_timeout, STATUS.index("armed")
+        while not (car.reading.status[armed] or car.reading.fault_text) and time.monotonic() < end:
+            run_cycles(car, CarCommand())
+        run_cycles(car, CarCommand(), safety.gain_ramp)
+        if not car.reading.status[armed]:
             raise HardwareError(f"not armed: {car.reading.fault_text or 'the motors do not answer'}")
         yield car
     finally:

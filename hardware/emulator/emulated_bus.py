@@ -10,6 +10,7 @@ import os
 import pty
 import time
 import tty
+from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -101,6 +102,8 @@ _ENTER, _EXIT, _ZERO = 0xFC, 0xFD, 0xFE
 _PROFILE = AK70_10_V1_0_8
 WARM, HOT = 30.0, 95.0
 """Degrees Celsius, of a healthy motor and of one that is beyond the limit of `motor_safety.yaml`."""
+_PAST = 1000
+"""Steps of the car that a motor remembers."""
 ENCODER_JUMP, DRIFT_RATE = 1.0, 3.0
 """rad: ten times the margin of `motor_safety.yaml`; rad/s: leaves the range within a second, slower than a jump."""
 
@@ -132,6 +135,8 @@ class EmulatedMotor:
         self._zero, self._direction = zero, direction
         self._command = NEUTRAL
         self._angle = self._speed = self._torque = self._blocked_at = 0.0
+        self._past: deque[tuple[float, float, float, float]] = deque(maxlen=_PAST)
+        self._told = (0.0, 0.0, 0.0)
         self.entered = False
 
     @property
@@ -140,6 +145,9 @@ class EmulatedMotor:
         if not self.entered:
             return NEUTRAL
         command, sign = self._command, self._direction
+        if self._board.entry(Fault.MOTOR_REVERSED, self.joint):
+            torque = command.kp * (command.position - self._angle) + command.kd * (command.velocity - self._speed)
+            return MitCommand(0.0, 0.0, 0.0, 0.0, -sign * (torque + command.torque))
         return MitCommand(
             sign * (command.position - self._zero),
             sign * command.velocity,
@@ -152,6 +160,9 @@ class EmulatedMotor:
         """State of the joint: rad, rad/s, N m."""
         self._angle = self._zero + self._direction * angle
         self._speed, self._torque = self._direction * speed, self._direction * torque
+        if self._board.entry(Fault.MOTOR_REVERSED, self.joint):  # it measures its own current, the wrong way round
+            self._torque = -self._torque
+        self._past.append((time.monotonic(), self._angle, self._speed, self._torque))
 
     def receive(self, data: bytes) -> list[CanFrame]:
         """Obeys 8 bytes that came under its id; its answer, as faults leave it."""
@@ -182,9 +193,21 @@ class EmulatedMotor:
             self.entered = entered
             self._events.add("entered" if entered else "off", joint=self.joint, reason=reason)
 
+    def _state(self) -> tuple[float, float, float]:
+        """What a reply tells: angle, speed, torque."""
+        told, board = (self._angle, self._speed, self._torque), self._board
+        if stale := board.entry(Fault.REPLY_STALE, self.joint):
+            taken = time.monotonic() - stale.delay
+            told = next(((a, v, t) for when, a, v, t in reversed(self._past) if when <= taken), told)
+        if board.entry(Fault.FEEDBACK_REVERSED, self.joint):
+            told = (2.0 * self._zero - told[0], -told[1], told[2])
+        if not board.entry(Fault.FROZEN, self.joint):
+            self._told = told
+        return self._told
+
     def _reply(self) -> CanFrame:
         board = self._board
-        angle, speed, torque = self._angle, self._speed, self._torque
+        angle, speed, torque = self._state()
         if board.entry(Fault.BLOCKED, self.joint):  # all of the torque works against what holds it where it was
             angle, speed, held = self._blocked_at, 0.0, self._command if self.entered else NEUTRAL
             torque = held.kp * (held.position - angle) + held.kd * held.velocity + held.torque
@@ -320,8 +343,9 @@ class PtyPort:
         """Of the device's end; -1 while unplugged."""
         return self._master
 
-    def plug(self) -> None:
-        """Makes a new terminal, unless there is one."""
+    def plug(self, link: Path | None = None) -> None:
+        """Makes a new terminal, unless there is one; under another name where `link` is given."""
+        self.link = link or self.link
         if self.plugged:
             return
         try:

@@ -53,6 +53,7 @@ class EmulatedTeensy:
         self._settings, self._bus, self._board, self._events = settings, bus, board, events
         self._core = TeensyCore(settings, now)
         self._hung_since: float | None = None
+        self._powered = True
         self._last = CoreState(0, 0, TeensyStatus.WATCHDOG_ACTED, 0)
         self.turn(now)
 
@@ -68,7 +69,7 @@ class EmulatedTeensy:
 
     def feed(self, data: bytes, now: float) -> None:
         """Takes bytes from the computer."""
-        if self._hung_since is None or math.isinf(self._hung_since):
+        if self._powered and (self._hung_since is None or math.isinf(self._hung_since)):
             self._core.feed(data, now)
 
     def set_sail(self, angle: float) -> None:
@@ -95,10 +96,16 @@ class EmulatedTeensy:
 
     def _hear(self, frame: CanFrame) -> None:
         runs = self._hung_since is None or math.isinf(self._hung_since)
-        if runs and self._board.entry(Fault.TEENSY_OFF_BUS) is None:
+        if runs and self._powered and self._board.entry(Fault.TEENSY_OFF_BUS) is None:
             self._core.receive(frame)
 
     def _runs(self, now: float) -> bool:
+        powered = self._board.entry(Fault.TEENSY_UNPOWERED) is None
+        if powered is not self._powered:
+            self._powered, self._core = powered, TeensyCore(self._settings, now)
+            self._note()  # servo and ESC get no pulses without power: neutral
+        if not powered:
+            return False
         if self._board.entry(Fault.TEENSY_HUNG) is None:
             self._hung_since = None
             return True
@@ -141,7 +148,7 @@ class EmulatedImu:
 
     def set_reading(self, reading: np.ndarray) -> None:
         """(9,) as `aerodima.workbench.config.signal_table.IMU`."""
-        if self._board.entry(Fault.IMU_FROZEN) and self._sampled:
+        if self._board.entry(Fault.FROZEN, "imu") and self._sampled:
             return
         self._sampled = True
         if self._board.entry(Fault.TIPPED_OVER):
@@ -158,7 +165,7 @@ class EmulatedGps:
 
     def __init__(self, rate: float, board: FaultBoard) -> None:
         self._period, self._next = 1.0 / rate, 0.0
-        self._board = board
+        self._board, self._speed = board, 0.0
 
     def turn(self, speed: float, now: float) -> bytes:
         """Bytes that are due; speed in m/s."""
@@ -167,7 +174,9 @@ class EmulatedGps:
         self._next = max(self._next + self._period, now)
         if self._board.entry(Fault.OVER_SPEED):
             speed = _TOO_FAST
-        sample = GpsSample(max(0.0, speed), True, time.time() % _DAY)
+        if not self._board.entry(Fault.FROZEN, "gps"):
+            self._speed = speed
+        sample = GpsSample(max(0.0, self._speed), True, time.time() % _DAY)
         return self._board.through("gps", make_nav_pvt(sample, tow=now))
 
 

@@ -244,8 +244,13 @@ class Emulator:
             self._board.begin("driving", now)
         self._board.look(now)
         for name, port in self._ports.items():
-            if self._board.entry(Fault.UNPLUGGED, name):
+            renamed = port.link.with_name(f"{name}_1") if self._board.entry(Fault.RENAMED, name) else None
+            unpowered = name == "teensy" and self._board.entry(Fault.TEENSY_UNPOWERED)
+            if unpowered or self._board.entry(Fault.UNPLUGGED, name):
                 port.unplug()
+            elif renamed is not None and port.link != renamed:
+                port.unplug()
+                port.plug(renamed)
             else:
                 port.plug()
 

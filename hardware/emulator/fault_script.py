@@ -67,15 +67,20 @@ class Fault(StrEnum):
     OUT_OF_RANGE = "out_of_range", JOINTS
     MOTOR_OFF = "motor_off", JOINTS
     BLOCKED = "blocked", JOINTS
+    REPLY_STALE = "reply_stale", JOINTS
+    FEEDBACK_REVERSED = "feedback_reversed", JOINTS
+    MOTOR_REVERSED = "motor_reversed", JOINTS
+    FROZEN = "frozen", ("imu", "gps", *JOINTS)
     BUS_OFF = "bus_off"
     TEENSY_HUNG = "teensy_hung"
     TEENSY_OFF_BUS = "teensy_off_bus"
+    TEENSY_UNPOWERED = "teensy_unpowered"
     TIPPED_OVER = "tipped_over"
     OVER_SPEED = "over_speed"
-    IMU_FROZEN = "imu_frozen"
     FOREIGN_MODULE = "foreign_module"
     SILENT = "silent", _PLUGS
     UNPLUGGED = "unplugged", _PLUGS
+    RENAMED = "renamed", _PLUGS
     SERIAL_NOISE = "serial_noise", _PLUGS
 
 
@@ -84,13 +89,17 @@ class _Entry(StrictModel):
 
 
 class FaultEntry(_Entry):
-    """One fault. duration: s, None for ever. count: of the replies that it meets, None all. code: of `motor_fault`."""
+    """One fault. duration: s, None for ever. count: of the replies that it meets, None all. code: of `motor_fault`.
+
+    delay: age of what the replies tell, s, of `reply_stale`.
+    """
 
     fault: Fault
     part: str | None = None
     duration: float | None = Field(default=None, gt=0.0)
     count: int | None = Field(default=None, ge=1)
     code: int = Field(default=2, ge=1, le=255)
+    delay: float = Field(default=0.05, gt=0.0, le=1.0)
 
     @model_validator(mode="after")
     def _has_its_part(self) -> FaultEntry:

@@ -47,6 +47,7 @@ class FakeMotor:
 
     Attributes:
         blocked: held by an outer force where `position` says.
+        sign: -1 for one that turns against its torque.
         respond: called with the reply frame, returns the frames that go on the bus.
     """
 
@@ -56,7 +57,7 @@ class FakeMotor:
         self.entered = self.blocked = False
         self.command = NEUTRAL
         self.temperature, self.fault, self.long_reply = 30.0, 0, True
-        self.reading_offset = 0.0
+        self.reading_offset, self.sign = 0.0, 1.0
         self.respond = lambda frame: [frame]
         self.torques = []
 
@@ -80,7 +81,7 @@ class FakeMotor:
             self.torque = max(-24.8, min(24.8, torque + command.torque)) if self.entered else 0.0
             self.torques.append(self.torque)
             if not self.blocked:
-                self.speed += step * (self.torque - _DAMPING * self.speed) / _INERTIA
+                self.speed += step * (self.sign * self.torque - _DAMPING * self.speed) / _INERTIA
                 self.position += step * self.speed
 
 
@@ -150,7 +151,8 @@ class Bench:
 
     def to_holding(self):
         self.group.set_enter(self.now)
-        self.cycle(count=5)
+        while any(motor.state is MotorState.ENTERING for motor in self.motors):
+            self.cycle()
         assert [motor.state for motor in self.motors] == [MotorState.HOLDING] * len(self.motors)
         return self
 

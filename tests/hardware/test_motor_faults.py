@@ -10,10 +10,10 @@ import math
 import pytest
 
 from aerodima.hardware.devices.device_states import MotorFault, MotorState
-from aerodima.hardware.protocol.ak70 import MitCommand, make_exit
+from aerodima.hardware.protocol.ak70 import MitCommand, decode_reply, make_exit, make_reply
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.errors import HardwareError
-from tests.hardware.fake_motors import PERIOD, Bench, hold, settings
+from tests.hardware.fake_motors import PERIOD, PROFILE, Bench, hold, settings
 
 RUN = hold(0.0)
 
@@ -438,3 +438,41 @@ def test_off_is_confirmed_by_replies_and_overdue_without_them(bench):
     bench.cycle(count=20)
     assert not roll.off_confirmed
     assert roll.off_overdue(bench.now)
+
+
+def mirrored(fake):
+    """A reply whose angle and speed have the wrong sign."""
+    reply = decode_reply(fake.reply(), PROFILE)
+    return make_reply(dataclasses.replace(reply, position=-reply.position, velocity=-reply.velocity), PROFILE)
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+@pytest.mark.parametrize("where", [-1.4, 0.0, 1.4])
+@pytest.mark.parametrize("wrong", ["feedback", "motor"])
+def test_a_direction_that_is_reversed_is_found_with_little_torque(joint, where, wrong):
+    bench = Bench(positions=[where, where])
+    fake = bench.fakes[joint]
+    if wrong == "feedback":
+        fake.respond = lambda _: [mirrored(fake)]
+    else:
+        fake.sign = -1.0
+    bench.group.set_enter(0.0)
+    bench.cycle(count=100)
+    assert bench.motors[joint].fault is MotorFault.WRONG_DIRECTION
+    assert "reversed" in bench.group.fault_text
+    assert max(abs(torque) for torque in fake.torques) < 1.5
+    assert not bench.fakes[joint].entered
+
+
+def test_a_joint_that_cannot_move_or_does_not_rest_is_not_held():
+    bench = Bench()
+    bench.fakes[1].blocked = True
+    bench.group.set_enter(0.0)
+    bench.cycle(count=150)
+    assert "does not move under 2 N m" in bench.group.fault_text
+    bench = Bench()
+    bench.fakes[1].speed = 3.0
+    bench.group.set_enter(0.0)
+    bench.cycle(count=60)
+    assert "let the tail rest" in bench.group.fault_text
+    assert max(abs(torque) for torque in bench.fakes[1].torques) < 0.01  # a step of the frame

@@ -58,9 +58,9 @@ def test_entering_ends_in_holding_at_the_measured_position():
     bench.to_holding()
     bench.cycle(count=100)
     held = bench.commands(2)[-1][1]
-    assert held.position == pytest.approx(-0.7, abs=1e-3)
+    assert held.position == pytest.approx(-0.7, abs=0.03)  # where it went while its direction was tried
     assert (held.kp, held.kd) == (pytest.approx(17.0, abs=0.1), pytest.approx(5.0, abs=0.01))
-    assert bench.fakes[0].position == pytest.approx(-0.7, abs=0.01)
+    assert bench.fakes[0].position == pytest.approx(held.position, abs=0.01)
 
 
 def test_gains_come_on_slowly_from_zero(bench):
@@ -80,11 +80,12 @@ def test_first_command_is_reached_by_a_ramp_from_the_measured_position():
     bench.cycle(hold(0.5), count=200)
     ramp = [(when, command.position) for when, command in bench.commands(2) if when > start and command.kp > 0]
     steps = [b[1] - a[1] for a, b in pairwise(ramp)]
-    assert ramp[0][1] == pytest.approx(-0.7, abs=0.02)
+    assert ramp[0][1] == pytest.approx(-0.7, abs=0.03)
     assert max(steps) <= 1.0 * PERIOD + 25 / 65535  # 1 rad/s
     assert ramp[-1][1] == pytest.approx(0.5, abs=1e-3)
     assert bench.fakes[0].position == pytest.approx(0.5, abs=0.02)
-    assert 1.2 <= next(when for when, place in ramp if place > 0.499) - start < 1.35
+    whole = 0.5 - ramp[0][1]  # rad, at 1 rad/s
+    assert whole <= next(when for when, place in ramp if place > 0.499) - start < whole + 0.15
 
 
 def test_once_caught_up_a_new_command_passes_at_once():
@@ -138,7 +139,7 @@ def test_exit_goes_out_from_every_state_without_waiting_for_replies(bench, reach
     if reach != "off":
         bench.group.set_enter(bench.now)
     if reach in ("holding", "running", "faulted", "exiting"):
-        bench.cycle(count=5)
+        bench.cycle(count=40)
     if reach == "running":
         bench.cycle(hold(0.0))
     if reach == "faulted":
@@ -213,7 +214,7 @@ def test_zero_frame_is_never_sent():
 def test_direction_and_zero_turn_the_joint_into_the_motor():
     bench = Bench(settings(direction=-1, zero=0.4), positions=[0.4 - 0.5])
     bench.to_holding()
-    assert bench.motors[0].position == pytest.approx(0.5, abs=1e-3)
+    assert bench.motors[0].position == pytest.approx(0.5, abs=0.03)
     bench.cycle(hold(-1.0), count=300)
     assert bench.fakes[0].position == pytest.approx(0.4 + 1.0, abs=0.02)
     bench.cycle(MitCommand(0.0, 3.0, 0.0, 3.0, 0.0), count=10)

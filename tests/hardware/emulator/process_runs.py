@@ -158,7 +158,7 @@ class RefusedCase:
 REFUSED: tuple[RefusedCase, ...] = tuple(
     RefusedCase(name, wiring, fault, reason)
     for name, fault, reason in (
-        ("frozen IMU before arming", {"fault": "imu_frozen"}, "it has frozen"),
+        ("frozen IMU before arming", {"fault": "frozen", "part": "imu"}, "it has frozen"),
         ("car on its side before arming", {"fault": "tipped_over"}, "car stands upright: tilted by 90 degrees"),
     )
     for wiring in WIRINGS

@@ -1,0 +1,85 @@
+"""Which way a joint goes under a little torque, found before its motor gets a position to hold.
+
+A joint that rests is held by friction, by a stop or by the balance of its weight, so torque can move it only its own
+way. Feedback with the wrong sign, or a motor that turns the other way, shows at the first hundredth of a radian; a
+position to hold would have the motor swing with all its torque. A joint that is mounted the other way round, motor and
+encoder together, looks right from here: only somebody who sees the tail can tell (`aerodima drive --motor-test`).
+"""
+
+from __future__ import annotations
+
+import math
+
+from aerodima.hardware.devices.motor_settings import MotorSettings
+
+_MOVED = 0.015
+"""rad; 40 steps of the reply's position, and less than a degree."""
+_RATE = 4.0
+"""N m/s at which the torque rises."""
+_SETTLED, _QUIET = 0.1, 3
+"""rad/s, and replies in a row, of a joint that rests; a free joint creeps on its friction."""
+_LAST_LOOK = 0.1
+"""s at the most torque."""
+
+
+class DirectionProbe:
+    """One motor, from rest: torque towards the middle of the range, then away from it where that is allowed.
+
+    Attributes:
+        fault: why the motor must not be used; empty while nothing speaks against it.
+        torque: commanded now, N m.
+        passed: it went the way it was pushed.
+    """
+
+    def __init__(self, settings: MotorSettings, now: float) -> None:
+        self._settings = settings
+        self._began = now
+        self._quiet = 0
+        self._from: tuple[float, float, float] | None = None
+        self._way = self._start = 0.0
+        self.torque, self.passed, self.fault = 0.0, False, ""
+
+    def step(self, position: float, speed: float, now: float) -> None:
+        """Takes the newest reading (rad, rad/s) at `now` (s, monotonic) and sets the torque, the end or the fault."""
+        if self._from is None:
+            self._wait_for_rest(position, speed, now)
+            return
+        since, begun, drift = self._from
+        moved = position - begun - drift * (now - since)
+        if abs(moved) >= _MOVED:
+            self.passed = moved * self._way > 0.0
+            if not self.passed:
+                self.fault = (
+                    f"goes {moved:+.3f} rad under {self.torque:+.2f} N m: its direction, or that of its feedback, is "
+                    "reversed"
+                )
+            self.torque = 0.0
+            return
+        most = self._settings.safety.probe_torque
+        wanted = _RATE * (now - since)
+        self.torque = self._way * min(wanted, most)
+        if wanted > most + _RATE * _LAST_LOOK:
+            self._turn_round(position, now)
+
+    @property
+    def _inwards(self) -> float:
+        return -math.copysign(1.0, self._start - 0.5 * (self._settings.low + self._settings.high))
+
+    def _wait_for_rest(self, position: float, speed: float, now: float) -> None:
+        self._quiet = self._quiet + 1 if abs(speed) < _SETTLED else 0
+        self._start = position
+        if self._quiet >= _QUIET:
+            self._way, self._from = self._inwards, (now, position, speed)
+        elif now - self._began > self._settings.safety.enter_timeout:
+            self.fault = f"turns at {speed:.2f} rad/s while it is to be switched on; let the tail rest"
+
+    def _turn_round(self, position: float, now: float) -> None:
+        settings = self._settings
+        if self._way == self._inwards and settings.low < position < settings.high:
+            self._way, self._from = -self._way, (now, position, 0.0)
+            return
+        self.torque = 0.0
+        self.fault = (
+            f"does not move under {settings.safety.probe_torque:g} N m: something holds the tail, it is heavier, or "
+            "its direction is reversed"
+        )
