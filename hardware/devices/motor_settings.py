@@ -128,12 +128,23 @@ class Lasting:
         return 0.0 if self._since is None else now - self._since
 
 
+_RECENT = 3
+"""Commands that a reply may answer: the newest left after it was made, the one before acted, one more for delays."""
+
+
 class Following:
-    """One motor, looked at with every reply. Joint coordinates."""
+    """One motor, looked at with every reply. Joint coordinates.
+
+    The torque of a reply must belong to one of the newest commands, at the angle and rate of the reply itself: no mass,
+    no weight and no air is needed to tell. One that belongs to none of them is old, or frozen, however punctual it is.
+    Nothing tells the age of a reply while the command does not change.
+    """
 
     def __init__(self, safety: MotorSafety) -> None:
         self._safety = safety
         self._weak, self._behind = Lasting(), Lasting()
+        self._recent: deque[MitCommand] = deque(maxlen=_RECENT)
+        self._strange = 0
 
     def look(self, asked: MitCommand | None, position: float, speed: float, torque: float, now: float) -> str:
         """Why the motor does not follow, in words; empty while it does.
@@ -145,20 +156,40 @@ class Following:
         if asked is None:
             self._weak.look(False, now)
             self._behind.look(False, now)
+            self._recent.clear()
+            self._strange = 0
             return ""
         safety = self._safety
-        wanted = pd_torque(asked, position, speed)
+        if not self._recent or asked is not self._recent[-1]:
+            self._recent.append(asked)
+        torques = [pd_torque(command, position, speed) for command in self._recent]
+        wanted = min(torques, key=abs)
         delivered = torque if wanted >= 0 else -torque
         weak = abs(wanted) > safety.follow_torque and delivered < safety.follow_share * abs(wanted)
         weak_for = self._weak.look(weak, now)
         error = asked.position - position
         behind = asked.kp > 0 and abs(error) > safety.tracking_error and error * speed <= 0.0
         behind_for = self._behind.look(behind, now)
+        least, most = self._believable(min(torques), max(torques))
+        self._strange = self._strange + 1 if not least <= torque <= most else 0
+        if self._strange >= safety.strange_replies:
+            asks = f"{min(torques):.1f} to {max(torques):.1f}"
+            why = "is it off, or are its replies old?"
+            return f"does not follow: {torque:.1f} N m reported where {asks} are commanded; {why}"
         if weak_for >= safety.follow_time:
             return f"does not follow: {torque:.1f} N m reported where {wanted:.1f} are commanded; is it off?"
         if behind_for >= safety.tracking_time:
             return f"does not follow: {error:+.2f} rad from its command; allowed is {safety.tracking_error:g}"
         return ""
+
+    def _believable(self, least: float, most: float) -> tuple[float, float]:
+        """Torques that a motor may report which is asked for `least` to `most`, N m."""
+        safety = self._safety
+        share, more = safety.torque_share, 2.0 - safety.torque_share
+        return (
+            min(share * least, more * least) - safety.torque_margin,
+            max(share * most, more * most) + safety.torque_margin,
+        )
 
 
 MOST_EXTRA = 2
@@ -221,6 +252,9 @@ class MotorSafety(QuantityModel):
     )
     follow_share: float = quantity("1", "of the commanded torque that must be reported", gt=0, le=1)
     follow_time: float = quantity("s", "with less, after which the motor counts as not following", gt=0, le=1)
+    torque_share: float = quantity("1", "of a command's torque, down or up, that belongs to it", gt=0, le=1)
+    torque_margin: float = quantity("N m", "beyond these shares, of a torque that belongs to a command", gt=0, le=5)
+    strange_replies: int = quantity("1", "replies in a row with a torque that belongs to no command", ge=1, le=100)
     tracking_error: float = quantity("rad", "between commanded and measured position", gt=0, le=3.2)
     tracking_time: float = quantity(
         "s", "beyond that error, not approaching, after which it counts as well", gt=0, le=5

@@ -59,6 +59,30 @@ class Session(Generic[T]):
         raise NotImplementedError
 
 
+class Repeats:
+    """How often a device has said the same in a row.
+
+    Args:
+        name: of the device. most: samples that may be alike; a living sensor differs in its last bits.
+
+    Attributes:
+        fault_text: that it has frozen; empty while it lives.
+    """
+
+    def __init__(self, name: str, most: int) -> None:
+        self._name, self._most = name, most
+        self._last: object = None
+        self._alike = 0
+        self.fault_text = ""
+
+    def look(self, said: object) -> None:
+        """Takes what it says; None is never a repetition."""
+        self._alike = self._alike + 1 if said is not None and said == self._last else 1
+        self._last = said
+        frozen = self._alike > self._most
+        self.fault_text = f"the {self._name} has frozen: {self._alike} samples alike" * frozen
+
+
 class SensorThread(Generic[T]):
     """Reads a sensor for ever; a device that was lost is opened and set up again.
 
@@ -160,6 +184,11 @@ _MODE_CHANGE = 0.03
 _LEAD = 0.006
 """From the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms, the chip adds to it."""
 _STATUS_EVERY = 100
+_ALIKE = 10
+"""Samples in a row, or solutions of a moving car, that may be equal to the last bit: noise of gyro and accelerometer is
+above their steps (data sheet table 0-2), and the speed of a car that moves changes by more than 1 mm/s."""
+_MOVES = 0.5
+"""m/s; a receiver at rest may go on saying 0."""
 _MOST_MISSED = 20
 """Requests in a row without an answer after which the chip is set up anew."""
 
@@ -168,9 +197,15 @@ class Bno055Session(Session[Bno055Sample]):
     """Requests one sample per period; asks once a second what the chip says of itself."""
 
     def __init__(self) -> None:
+        self._repeats, self._reported = Repeats("IMU", _ALIKE), ""
         self._stream = AnswerStream()
         self._next = self._due = 0.0
         self._requests = self._missed_in_a_row = 0
+
+    @property
+    def fault_text(self) -> str:  # type: ignore[override]
+        """What the chip reports of itself, or that it says the same for ever."""
+        return self._reported or self._repeats.fault_text
 
     def begin(self, port: Serial) -> None:
         """Checks the chip and switches its fusion on. Raises `HardwareError` if it is no BNO055 that answers."""
@@ -210,6 +245,7 @@ class Bno055Session(Session[Bno055Sample]):
             self._miss(str(error))
             return None
         self._missed_in_a_row = 0
+        self._repeats.look((sample.quaternion, sample.gyro, sample.acceleration))
         return asked, sample
 
     def _after(self, asked: float) -> float:
@@ -220,7 +256,7 @@ class Bno055Session(Session[Bno055Sample]):
     def _check_status(self, port: Serial) -> None:
         data = self._ask(port, make_read(Register.SYSTEM_STATUS, 2)).data
         if len(data) == 2:
-            self.fault_text = f"the IMU reports system error {data[1]}" if data[0] == 1 else ""
+            self._reported = f"the IMU reports system error {data[1]}" if data[0] == 1 else ""
 
     def _miss(self, reason: str) -> None:
         self._missed_in_a_row += 1
@@ -244,9 +280,17 @@ class GpsSession(Session[GpsSample]):
 
     def __init__(self) -> None:
         self.stream = GpsStream()
+        self._repeats = Repeats("GPS", _ALIKE)
+
+    @property
+    def fault_text(self) -> str:  # type: ignore[override]
+        """That the receiver gives the same speed for ever; empty while it does not."""
+        return self._repeats.fault_text
 
     def read(self, port: Serial) -> tuple[float, GpsSample] | None:
         """The newest solution of the bytes at hand, with their arrival; None if there is none."""
         data = port.read(max(1, port.in_waiting))
         samples = self.stream.feed(data) if data else []
+        for sample in samples:
+            self._repeats.look(sample.speed if sample.speed > _MOVES else None)
         return (time.monotonic(), samples[-1]) if samples else None

@@ -6,6 +6,7 @@ offending frame, at most 10 ms after it was on the bus.
 
 import dataclasses
 import math
+from collections import deque
 
 import pytest
 
@@ -203,7 +204,7 @@ def test_a_motor_that_switches_itself_off_is_noticed_once_torque_is_asked_of_it(
         bench.cycle(RUN)
     safety = bench.motors[1].settings.safety
     assert bench.motors[1].fault is MotorFault.NOT_FOLLOWING
-    assert "is it off?" in bench.motors[1].fault_text
+    assert "is it off" in bench.motors[1].fault_text
     assert bench.now - off <= safety.follow_time + 0.05
     assert bench.motors[0].fault is MotorFault.OTHER_MOTOR
 
@@ -476,3 +477,47 @@ def test_a_joint_that_cannot_move_or_does_not_rest_is_not_held():
     bench.cycle(count=60)
     assert "let the tail rest" in bench.group.fault_text
     assert max(abs(torque) for torque in bench.fakes[1].torques) < 0.01  # a step of the frame
+
+
+def aged(cycles):
+    """Replies that come in time and are of so many cycles ago."""
+    past = deque(maxlen=cycles + 1)
+
+    def respond(frame):
+        past.append(frame)
+        return [past[0]]
+
+    return respond
+
+
+def swing(bench, seconds, begin=0.0):
+    """The roll joint to and fro by 0.7 rad, 1.5 times a second; the pitch joint is held."""
+    for cycle in range(round(seconds / PERIOD)):
+        roll = 0.7 * math.sin(2.0 * math.pi * 1.5 * (begin + PERIOD * cycle))
+        bench.cycle(hold(0.0), hold(roll))
+
+
+def test_replies_of_50_ms_ago_are_found_in_motion_and_of_200_ms_ago_when_the_motion_begins(bench):
+    swing(bench, 0.66)
+    bench.fakes[1].respond = aged(5)
+    swing(bench, 0.1, 0.66)
+    assert "are its replies old" in bench.group.fault_text
+    still = Bench().to_running(RUN)
+    still.fakes[1].respond = aged(20)
+    still.cycle(RUN, count=100)
+    assert still.group.fault_text == ""
+    still.cycle(hold(0.0), hold(0.7), count=7)
+    assert "are its replies old" in still.group.fault_text
+
+
+@pytest.mark.parametrize("constant", [0.7, 1.0, 1.3])
+def test_replies_of_a_cycle_ago_and_a_torque_constant_that_is_wrong_stop_nothing(bench, constant):
+    late = aged(1)
+
+    def respond(frame):
+        reply = decode_reply(frame, PROFILE)
+        return late(make_reply(dataclasses.replace(reply, torque=constant * reply.torque), PROFILE))
+
+    bench.fakes[1].respond = respond
+    swing(bench, 2.0)
+    assert bench.group.fault_text == ""

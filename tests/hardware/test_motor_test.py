@@ -8,6 +8,7 @@ import pytest
 
 from aerodima.hardware.car import wired_car
 from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.devices.device_states import MotorState
 from aerodima.hardware.drive import held_car
 from aerodima.hardware.drive.held_car import run_motor_test
 from aerodima.workbench.errors import HardwareError
@@ -55,9 +56,9 @@ def test_a_motor_that_is_well(bench, joint):
     bench.spoil = lambda bench: most.append(abs(moved.position - 0.05))
     found, _ = bench.tried(joint)
     assert math.degrees(found.moved) == pytest.approx(5.0, abs=0.5)
-    assert max(most) == pytest.approx(math.radians(5.0), abs=0.02)
-    assert moved.position == pytest.approx(0.05, abs=0.02)  # back again
-    assert kept.position == pytest.approx(before, abs=0.01)
+    assert max(most) <= math.radians(5.0) + 0.02
+    assert moved.position == pytest.approx(0.05, abs=0.03)  # back again, as far as the trial of its direction let it
+    assert kept.position == pytest.approx(before, abs=0.03)
     assert found.temperature == 30.0
     bench.assert_off()
 
@@ -73,14 +74,19 @@ def block(motor):
     motor.blocked, motor.speed = True, 0.0
 
 
+def block_at_the_end_of_arming(bench):
+    if bench.car.motors and bench.car.motors[1].state is MotorState.HOLDING:
+        block(bench.roll)
+
+
 def mislead(motor):
-    """It reports 1.5 N m more than it makes: less than what a drive looks at."""
+    """It reports 0.9 N m more than it makes: less than what a drive looks at."""
     truth = motor.reply
 
     def reply():
-        motor.torque += 1.5
+        motor.torque += 0.9
         frame = truth()
-        motor.torque -= 1.5
+        motor.torque -= 0.9
         return frame
 
     motor.reply = reply
@@ -93,14 +99,23 @@ def heat(motor):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (block, r"moved by \+0.0 degrees; allowed is \+5, give or take 2"),
+        (lambda roll: None, r"moved by \+0.0 degrees; allowed is \+5, give or take 2"),
         (heat, "70 degC; allowed is 60"),
-        (mislead, r"reports \+1.* N m where its gains ask for [+-]0.*; is the profile right"),
+        (mislead, r"reports \+[01].* N m where its gains ask for [+-]0.*; is the profile right"),
     ],
 )
 def test_what_is_not_well_is_named_and_the_motors_are_off(bench, spoil, message):
     spoil(bench.roll)
+    if "moved" in message:
+        bench.spoil = block_at_the_end_of_arming
     with pytest.raises(HardwareError, match="motor test of tail_roll: " + message):
+        bench.tried("tail_roll")
+    bench.assert_off()
+
+
+def test_a_joint_that_cannot_move_is_not_armed(bench):
+    block(bench.roll)
+    with pytest.raises(HardwareError, match="not armed: tail roll: does not move under 2 N m"):
         bench.tried("tail_roll")
     bench.assert_off()
 

@@ -21,6 +21,7 @@ from aerodima.hardware.devices.bno055 import (
     make_sample_request,
     make_write,
 )
+from aerodima.hardware.devices.sensor_threads import Repeats
 from aerodima.hardware.protocol.can_frame import FrameError
 from tests.hardware.fuzzing import fuzz
 
@@ -117,3 +118,17 @@ def test_neither_end_stumbles_over_noise(data):
     for answer in AnswerStream().feed(data):
         assert answer.status is not None or 1 <= len(answer.data) <= 128
     assert isinstance(Bno055Chip().feed(data), bytes)
+
+
+def test_a_sensor_that_says_the_same_to_the_last_bit_has_frozen():
+    repeats = Repeats("IMU", 10)
+    for _ in range(10):
+        repeats.look((1.0, 0.5))
+    assert repeats.fault_text == ""
+    repeats.look((1.0, 0.5))
+    assert repeats.fault_text == "the IMU has frozen: 11 samples alike"
+    repeats.look((1.0, 0.5001))
+    assert repeats.fault_text == ""
+    for _ in range(20):
+        repeats.look(None)
+    assert repeats.fault_text == ""

@@ -1,5 +1,7 @@
 """The sensor threads on pseudo-terminals: setting up, silence, loss, and coming back."""
 
+import dataclasses
+import itertools
 import math
 import os
 import pty
@@ -63,10 +65,14 @@ def fault(thread):
 
 @pytest.fixture
 def imu(tmp_path):
-    chip = Bno055Chip()
-    chip.set_sample(LEVEL)
-    terminal = Terminal(tmp_path, chip.feed)
-    terminal.chip = chip
+    chip, count = Bno055Chip(), itertools.count()
+
+    def living(data):
+        chip.set_sample(dataclasses.replace(LEVEL, acceleration=(0.01 * (next(count) % 5), 0.0, 0.0)))
+        return chip.feed(data)
+
+    terminal = Terminal(tmp_path, living)
+    terminal.chip, terminal.living = chip, living
     thread = SensorThread("IMU", terminal.open, Bno055Session(), 0.1)
     yield terminal, thread
     thread.close()
@@ -97,13 +103,16 @@ def test_samples_come_in_step_with_the_loop(imu):
     assert phase == pytest.approx(-0.006 + 0.01, abs=0.0015)
 
 
-def test_a_silent_chip_is_told_and_its_return_too(imu):
+def test_a_silent_and_a_frozen_chip_are_told_and_the_return_too(imu):
     terminal, thread = imu
     assert wait_until(lambda: thread.count > 5)
     terminal.answer = lambda data: b""
     assert wait_until(lambda: fault(thread) is SourceFault.SILENT)
-    terminal.answer = terminal.chip.feed
+    terminal.answer = terminal.living
     assert wait_until(lambda: fault(thread) is SourceFault.NONE)
+    terminal.answer = terminal.chip.feed
+    assert wait_until(lambda: fault(thread) is SourceFault.REPORTED)
+    assert "the IMU has frozen" in thread.fault(time.monotonic())[1]
 
 
 def test_a_system_error_of_the_chip_is_told(imu):

@@ -6,6 +6,7 @@ import math
 import multiprocessing
 import os
 import resource
+import shutil
 import tempfile
 import time
 from collections import deque
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from aerodima.hardware.car.car_ports import PORTS_FILE, CarPorts, read_ports
 from aerodima.hardware.car.safety_settings import load_drive_safety
@@ -94,6 +96,36 @@ class DiskFull(Breaker):
         resource.setrlimit(resource.RLIMIT_FSIZE, self.before)
         log = read_run_log(self.journal.close())
         assert len(log.table) > self.journal.rows > 0, "the log has what the disk took, and what it did not take"
+
+
+class FolderRemoved(DiskFull):
+    """The folder of the log is removed; the rows go on into the open file."""
+
+    def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
+        super().begin(car, scenario, folder / "logs")
+        self.said: list[str] = []
+        self.journal._say = self.said.append
+
+    def strike(self) -> None:
+        Breaker.strike(self)
+        shutil.rmtree(self.journal.path.parent)
+
+    def end(self) -> None:
+        assert [text for text in self.said if "was removed or renamed" in text], "said while it drives"
+        super().end()
+        assert str(self.journal.path) in self.said[-1]
+
+
+class OpenedAgain(Breaker):
+    """A port that is back under another name is not taken for the one of before: the next drive is refused."""
+
+    def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
+        super().begin(car, scenario, folder)
+        self.again = wire_car(scenario, read_ports(folder / "emulated" / PORTS_FILE), car.name, lambda: None)
+
+    def end(self) -> None:
+        with pytest.raises(HardwareError, match=r"cannot be opened"):
+            self.again.start()
 
 
 class SecondProgram(Breaker):

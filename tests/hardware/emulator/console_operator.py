@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import ExitStack
 
 from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.console.operator_radio import OperatorRadio
 from aerodima.hardware.emulator.fault_script import OperatorEntry
 from aerodima.hardware.protocol.radio import Asks, make_emergency_stop
+from aerodima.hardware.transport.device_lock import lock_devices
 from aerodima.hardware.transport.serial_link import SerialLink
 from tests.hardware.fake_can import wait_until
 
@@ -30,6 +32,8 @@ class ConsoleOperator:
 
     def __init__(self, ports: CarPorts) -> None:
         assert ports.console is not None
+        self._locked = ExitStack()
+        self._locked.enter_context(lock_devices([ports.console.path], "a console"))  # as `aerodima console` does
         self._link = _CountedLink.open(ports.console)
         self._radio = OperatorRadio(self._link, ports.console.receiver, ports.car)
         self._lock, self._end = threading.Lock(), threading.Event()
@@ -75,3 +79,4 @@ class ConsoleOperator:
         self._end.set()
         self._thread.join()
         self._link.close()
+        self._locked.close()

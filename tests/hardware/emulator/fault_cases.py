@@ -16,6 +16,8 @@ from tests.hardware.emulator.breakers import (
     ClockJumps,
     ControllerRaises,
     DiskFull,
+    FolderRemoved,
+    OpenedAgain,
     ReceiverDies,
     SecondProgram,
     ThrottleSteps,
@@ -38,11 +40,12 @@ class Case:
 
     Attributes:
         name: as the table calls it.
-        fault: entry of the script without its time; None: `broken_command`, `breaker` or the operator.
+        fault: entry of the script, at `AT` unless it has a time; None: `broken_command`, `breaker` or the operator.
         stops: whether the car must stop. within: s from the fault to the motors off, as long as the cause allows.
         throttle_within: s to the neutral pulse, where that takes longer; 0: as `within`.
         reason: part of the reason that the drive gives. acts: who switches the car off, for the table.
-        breaker: what breaks in the computer itself. broken_command: what the controller commands from then on.
+        breaker: what breaks in the computer itself. broken_command: what the controller commands from `AT` on, also as
+            a function of the time since then (s).
         run_time: s, of a drive that nothing stops.
     """
 
@@ -56,7 +59,7 @@ class Case:
     acts: str = "drive"
     operator: tuple[dict, ...] = (ASKED,)
     breaker: Callable[[], Breaker] = Breaker
-    broken_command: CarCommand | None = None
+    broken_command: CarCommand | Callable[[float], CarCommand] | None = None
     run_time: float = AT + 2.5
 
     @property
@@ -67,7 +70,7 @@ class Case:
 
 def _motor(name: str, fault: str, reason: str, on_the_bridge: str | None = None, **keys) -> tuple[Case, ...]:
     """A fault of the roll motor on both wirings; `on_the_bridge`: the reason there, where it is another."""
-    extra = {key: keys.pop(key) for key in ("duration", "count") if key in keys}
+    extra = {key: keys.pop(key) for key in ("duration", "count", "code", "delay", "time") if key in keys}
     entry = {"fault": fault, "part": "tail_roll", **extra}
     reasons = (reason, reason if on_the_bridge is None else on_the_bridge)
     return tuple(Case(name, wiring, entry, reason=why, **keys) for wiring, why in zip(_BOTH, reasons, strict=True))
@@ -83,6 +86,14 @@ def _on_both(name: str, **keys) -> tuple[Case, ...]:
 
 
 _MOVING = CarCommand(0.1, 0.3, PITCH, np.array([-0.6, 0.0, 17.0, 5.0, 0.0]))
+
+
+def _swinging(since: float) -> CarCommand:
+    """The roll joint to and fro between its stop and 10 degrees from upright, 1.5 times a second."""
+    roll = -0.87 - 0.7 * math.cos(2.0 * math.pi * 1.5 * since)
+    return CarCommand(0.1, 0.3, PITCH, np.array([roll, 0.0, 17.0, 5.0, 0.0]))
+
+
 _PRESSING = CarCommand(0.1, 0.3, PITCH, np.array([-math.pi / 2 + 0.4, 0.0, 55.0, 1.0, 0.0]))
 _SILENT = "no reply"
 _STOP = (ASKED, {"time": AT, "stop": True})
@@ -197,6 +208,50 @@ CASES: tuple[Case, ...] = (
         run_time=AT + 7.0,
         acts="drive, after 2 to 4 s: torque taken back, then off",
     ),
+    *_motor(
+        "replies 50 ms old, the tail swings",
+        "reply_stale",
+        "replies old",
+        time=AT + 0.6,
+        delay=0.05,
+        broken_command=_swinging,
+        acts="drive: reported torque belongs to no command",
+    ),
+    *_motor(
+        "replies 200 ms old at rest, then told to move",
+        "reply_stale",
+        "replies old",
+        delay=0.2,
+        broken_command=_MOVING,
+        acts="drive: reported torque belongs to no command",
+    ),
+    *_motor(
+        "reply frozen, the tail swings",
+        "frozen",
+        "replies old",
+        time=AT + 0.6,
+        broken_command=_swinging,
+        acts="drive: reported torque belongs to no command",
+    ),
+    *_motor("feedback reversed while driving", "feedback_reversed", "jumped", acts="drive: position jumped"),
+    *_motor("motor reversed while driving", "motor_reversed", "tail roll"),
+    *_motor("low battery: motor reports under-voltage", "motor_fault", "under-voltage", code=4),
+    *_motor("over-temperature flag", "motor_fault", "over-temperature", code=1),
+    *_on_both(
+        "IMU frozen while driving",
+        fault={"fault": "frozen", "part": "imu"},
+        reason="IMU has frozen",
+        within=0.3 + _SOFT,
+        acts="drive, soft, after 10 equal samples",
+    ),
+    *_on_both(
+        "GPS frozen while driving",
+        fault={"fault": "frozen", "part": "gps", "time": AT + 1.0},
+        reason="GPS has frozen",
+        within=1.4 + _SOFT,
+        run_time=AT + 4.0,
+        acts="drive, soft, after 10 equal speeds",
+    ),
     *_on_both("car tips over", fault={"fault": "tipped_over"}, reason="tipped over", acts="drive"),
     *_on_both(
         "car tips over, the drive goes on commanding",
@@ -220,6 +275,33 @@ CASES: tuple[Case, ...] = (
         stops=False,
         run_time=AT + 1.0,
         acts="nothing stops: the throttle comes on at its rate",
+    ),
+    Case("Teensy loses its power", "watched_can", {"fault": "teensy_unpowered"}, acts="drive; no pulses"),
+    Case(
+        "Teensy loses its power for 0.4 s",
+        "teensy_bridge",
+        {"fault": "teensy_unpowered", "duration": 0.4},
+        within=0.7,
+        acts="firmware, when it starts again; nothing else can reach the motors",
+    ),
+    *_on_both(
+        "Teensy's port comes back under another name",
+        fault={"fault": "renamed", "part": "teensy"},
+        breaker=OpenedAgain,
+        acts="drive or firmware; the next drive is refused and names the port",
+    ),
+    Case(
+        "adapter comes back under another name",
+        "watched_can",
+        {"fault": "renamed", "part": "can"},
+        breaker=OpenedAgain,
+        acts="firmware; the next drive is refused and names the port",
+    ),
+    *_on_both(
+        "log folder removed while driving",
+        breaker=FolderRemoved,
+        stops=False,
+        acts="nothing stops: said within 1 s, the log is written at the end",
     ),
     Case(
         "Teensy off the bus",

@@ -136,7 +136,9 @@ def run_case(case: Case, folder: Path) -> Outcome:
         def command_at(since: float) -> CarCommand:
             if since >= AT and breaker.struck is None:
                 breaker.strike()
-            return good if since < AT or case.broken_command is None else case.broken_command
+            if since < AT or case.broken_command is None:
+                return good
+            return case.broken_command(since - AT) if callable(case.broken_command) else case.broken_command
 
         try:
             car.start()
@@ -220,8 +222,7 @@ def _measured_process(case: ProcessCase) -> Found:
 
 def _measured_refusal(case: RefusedCase) -> str:
     with tempfile.TemporaryDirectory() as folder:
-        undisturbed(lambda place: run_refused_case(case, place), Path(folder))
-    return refused_row(case)
+        return refused_row(case, undisturbed(lambda place: run_refused_case(case, place), Path(folder)))
 
 
 def _tried(case: Case | ProcessCase | RefusedCase, make: Callable[[], str]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,6 +18,8 @@ from aerodima.hardware.car.car_ports import JOINTS, PORTS_FILE
 from aerodima.hardware.car.safety_settings import load_teensy_timing
 from aerodima.hardware.car.wiring import WIRINGS
 from aerodima.hardware.drive.held_car import run_watchdog_test
+from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8, decode_reply
+from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from tests.hardware.emulator.emulator_process import EmulatorProcess
 from tests.hardware.fake_can import wait_until
@@ -73,6 +76,27 @@ def kill(number: int) -> Callable[[subprocess.Popen[str], EmulatorProcess], floa
     return cause
 
 
+def stop_for_a_while(process: subprocess.Popen[str], _: EmulatorProcess) -> float:
+    """SIGSTOP, and 0.3 s later SIGCONT."""
+    since = time.monotonic()
+    os.kill(process.pid, signal.SIGSTOP)
+    time.sleep(0.3)
+    os.kill(process.pid, signal.SIGCONT)
+    return since
+
+
+def second_console(process: subprocess.Popen[str], emulator: EmulatorProcess) -> float:
+    """Another console on the same module is refused; the first one goes on driving and stops the car."""
+    command = ["console", "--ports", str(emulator.folder / PORTS_FILE), "--port", "0"]
+    record = ["--record", str(emulator.folder / "second.jsonl")]
+    second = subprocess.run(
+        [sys.executable, "-m", "aerodima", *command, *record], capture_output=True, text=True, timeout=60.0, check=False
+    )
+    assert second.returncode != 0
+    assert "is in use by a console (process" in second.stderr, second.stderr
+    return presses_stop(process, emulator)
+
+
 def tips_over(process: subprocess.Popen[str], emulator: EmulatorProcess) -> float:
     """Waits until the simulated car itself has rolled beyond the limit, as its events say."""
     del process
@@ -117,6 +141,17 @@ CASES: tuple[ProcessCase, ...] = (
     ),
     *(
         ProcessCase(
+            "drive stopped for 300 ms and continued",
+            wiring,
+            stop_for_a_while,
+            _FIRMWARE + MARGIN,
+            "firmware; the drive ends when it goes on",
+            reason="between two cycles",
+        )
+        for wiring in WIRINGS
+    ),
+    *(
+        ProcessCase(
             f"rollover in {mode}",
             wiring,
             tips_over,
@@ -131,14 +166,16 @@ CASES: tuple[ProcessCase, ...] = (
         for wiring in WIRINGS
     ),
     *(
-        ProcessCase(name, wiring, presses_stop, 0.3, acts, reason="emergency stop", faults=faults, confirmed=not faults)
-        for name, acts, faults in (
-            ("emergency stop at the console", "drive; the console has it confirmed", ()),
+        ProcessCase(name, wiring, cause, 0.3, acts, reason="emergency stop", faults=faults, confirmed=not faults)
+        for name, cause, acts, faults in (
+            ("emergency stop at the console", presses_stop, "drive; the console has it confirmed", ()),
             (
                 "foreign confirmation",
+                presses_stop,
                 "drive; the console goes on sending the stop",
                 ({"time": 0.5, "fault": "foreign_module"},),
             ),
+            ("two consoles", second_console, "nothing: the second one is refused; the stop is that of the first", ()),
         )
         for wiring in WIRINGS
     ),
@@ -147,19 +184,38 @@ CASES: tuple[ProcessCase, ...] = (
 
 @dataclass(frozen=True)
 class RefusedCase:
-    """A car that must not be armed. fault: entry of the script, on before the drive. reason: what the drive says."""
+    """A car that must not be armed. fault: entry of the script, on before the drive. reason: what the drive says.
+
+    damage: done to the settings between the checks and the arming, in place of a fault. enters: the motors are switched
+    on, with little torque.
+    """
 
     name: str
     wiring: str
-    fault: dict
+    fault: dict | None
     reason: str
+    damage: Callable[[EmulatorProcess, Path], None] | None = None
+    enters: bool = False
+
+
+def cut_settings(emulator: EmulatorProcess, records: Path) -> None:
+    """The ports file and the record of the watchdog test lose their second half."""
+    for path in (emulator.folder / PORTS_FILE, records / f"{emulator.wiring}.json"):
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
 
 REFUSED: tuple[RefusedCase, ...] = tuple(
-    RefusedCase(name, wiring, fault, reason)
-    for name, fault, reason in (
+    RefusedCase(name, wiring, *rest)
+    for name, *rest in (
         ("frozen IMU before arming", {"fault": "frozen", "part": "imu"}, "it has frozen"),
         ("car on its side before arming", {"fault": "tipped_over"}, "car stands upright: tilted by 90 degrees"),
+        ("settings damaged between check and arming", None, "watched_can.json|teensy_bridge.json", cut_settings),
+        *(
+            (f"{what} of the {joint} motor reversed before arming", entry, "reversed", None, True)
+            for what, fault in (("feedback", "feedback_reversed"), ("sign", "motor_reversed"))
+            for joint in ("pitch", "roll")
+            for entry in [{"fault": fault, "part": f"tail_{joint}"}]
+        ),
     )
     for wiring in WIRINGS
 )
@@ -169,10 +225,10 @@ _TESTED_WITHIN = 8.0
 """s after the start of the emulator, at which the fault comes on: the watchdog test needs a car that is well."""
 
 
-def run_refused_case(case: RefusedCase, folder: Path) -> None:
-    """Tries to drive; neither motors nor throttle may come on."""
+def run_refused_case(case: RefusedCase, folder: Path) -> float:
+    """Tries to drive; neither motors nor throttle may come on. The most torque that the motors made, N m."""
     car = load_scenario("turn_swing", list(SETTINGS))
-    script = {"clock": "start", "faults": [{"time": _TESTED_WITHIN, **case.fault}]}
+    script = {"clock": "start", "faults": [{"time": _TESTED_WITHIN, **case.fault}] if case.fault else []}
     with EmulatorProcess(folder, car, case.wiring, script) as emulator:
         records = folder / "state" / "aerodima" / "watchdog_tests"
         begun = time.monotonic()
@@ -181,29 +237,53 @@ def run_refused_case(case: RefusedCase, folder: Path) -> None:
         assert rest > 0.0, "the watchdog test met the fault"
         time.sleep(rest)
         before = len(emulator.named("entered"))
-        process = _start(emulator, folder, "turn_swing", SETTINGS)
-        said = process.communicate(timeout=60.0)[0]
+        process = _start(emulator, folder, "turn_swing", SETTINGS, arm=case.damage is None)
+        if case.damage is not None and process.stdout is not None:
+            for line in process.stdout:
+                if "car stands upright" in line:
+                    break
+            case.damage(emulator, records)
+        said = process.communicate("arm\n" if case.damage else None, timeout=60.0)[0]
         assert process.returncode not in (0, None), said
-        assert case.reason in said, said
-        assert len(emulator.named("entered")) == before
+        assert re.search(case.reason, said), said
+        assert len(emulator.named("entered")) - before == (2 if case.enters else 0)
         assert not emulator.named("throttle_on")
+    return _largest_torque(emulator) if case.enters else 0.0
 
 
-def _start(emulator: EmulatorProcess, folder: Path, scenario: str, settings: tuple[str, ...]) -> subprocess.Popen[str]:
+def _largest_torque(emulator: EmulatorProcess) -> float:
+    """In the replies of the last arming, N m."""
+    since = max(event["time_s"] for event in emulator.named("entered")) + time.time() - time.monotonic() - 0.05
+    replies = [
+        decode_reply(CanFrame(message.arbitration_id, bytes(message.data)), AK70_10_V1_0_8)
+        for message in emulator.traffic()
+        if message.is_rx and message.timestamp >= since
+    ]
+    most = max(abs(reply.torque) for reply in replies)
+    assert most < 2.5, f"{most:.1f} N m before it was refused"
+    return most
+
+
+def _start(
+    emulator: EmulatorProcess, folder: Path, scenario: str, settings: tuple[str, ...], arm: bool = True
+) -> subprocess.Popen[str]:
     words = [word for setting in settings for word in ("--set", setting)]
     ports, log = str(emulator.folder / PORTS_FILE), str(folder / "drive.parquet")
     command = ["drive", scenario, *words, "--ports", ports, "--wiring", emulator.wiring, "--log", log]
     return subprocess.Popen(
-        [sys.executable, "-m", "aerodima", *command, "--no-drake", "--arm"],
+        [sys.executable, "-m", "aerodima", *command, "--no-drake", *(["--arm"] if arm else [])],
         env={**os.environ, "XDG_STATE_HOME": str(folder / "state")},
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
     )
 
 
-def refused_row(case: RefusedCase) -> str:
+def refused_row(case: RefusedCase, torque: float) -> str:
     """Of the table in hardware/README.md."""
+    if case.enters:
+        return f"| {case.name} | {case.wiring} | {torque:.1f} N m | never on | seen | drive: arming is refused |"
     return f"| {case.name} | {case.wiring} | never on | never on | - | drive: arming is refused |"
 
 
