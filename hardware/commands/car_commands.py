@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodima.workbench.cli.options import Force, Law, LogOut, OtherCar, ScenarioArgument, Settings, SwingOption
+from aerodima.workbench.cli.options import Build, Force, Law, LogOut, OtherCar, ScenarioArgument, Settings, SwingOption
 
 if TYPE_CHECKING:
     from aerodima.hardware.car.car_ports import CarPorts, ConsoleDevice
@@ -187,6 +187,7 @@ def drive(
     swing: SwingOption = None,
     other_car: OtherCar = False,
     law: Law = None,
+    diagram: Build = None,
     log: LogOut = Path("drive.parquet"),
     traffic: Annotated[
         Path | None, typer.Option(help="Every frame on the CAN bus into this BLF file (watched_can).")
@@ -219,17 +220,20 @@ def drive(
     from aerodima.hardware.drive.drive_session import DriveOptions, run_drive
     from aerodima.hardware.drive.held_car import connect
     from aerodima.workbench.atomic_write import make_folder, refuse_existing
-    from aerodima.workbench.controllers.law_of_scenario import load_drive, load_law
+    from aerodima.workbench.controllers.law_of_scenario import load_build, load_drive, load_law
     from aerodima.workbench.errors import HardwareError, LogError
 
     name = wiring_name(wiring)
     overrides = [*([f"controller.swing_file={swing}"] if swing else []), *(settings or [])]
     if law is not None and swing is not None:
         raise HardwareError("--law: allowed without --swing; each says what the tail does")
+    if diagram is not None and (law is not None or swing is not None or no_drake):
+        raise HardwareError("--diagram: allowed without --law, --swing and --no-drake; it says what the tail does")
     chosen, tail_law = load_drive(scenario, overrides)
+    build = None if diagram is None else load_build(diagram)
     if law is not None:
         tail_law = load_law(law, chosen)
-    elif not other_car:
+    elif not other_car and build is None:
         from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
 
         refuse_other_car(chosen)
@@ -250,7 +254,7 @@ def drive(
     law_name = "" if law is None else type(tail_law).__name__
     options = DriveOptions(log, force, dry_run, not no_drake, None if arm else _confirm, law_name=law_name)
     car = connect(car_ports, chosen, name, traffic)
-    result = run_drive(car, chosen, car_ports, options, typer.echo, law=tail_law)
+    result = run_drive(car, chosen, car_ports, options, typer.echo, law=tail_law, build=build)
     if result.log is not None:
         typer.echo(f"log: {result.log}")
     typer.echo(f"ended: {result.reason}", err=not result.orderly)

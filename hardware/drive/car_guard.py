@@ -126,7 +126,7 @@ class CarGuard:
         rested: the operator was heard in IDLE since the car took commands.
         lateness: of the last cycle, s; 0 for a cycle without a due time.
         overruns: cycles that came later than `safety.overrun`.
-        cycle_times: `time.monotonic` of every cycle since `drive`, s.
+        cycle_times: `time.monotonic` of every cycle since `drive`, s. slow_ticks: of those whose controller was slow.
     """
 
     def __init__(self, wiring: WiredCar, safety: DriveSafety | None = None, has_tail: bool = True) -> None:
@@ -140,7 +140,7 @@ class CarGuard:
         self.reading = CarReading()
         self.lateness = 0.0
         self.overruns = self._overruns_in_a_row = 0
-        self.cycle_times = array("d")
+        self.cycle_times, self.slow_ticks = array("d"), array("d")
         self._since = 0.0
         self._was_armed = False
         self.rested = False
@@ -265,6 +265,16 @@ class CarGuard:
         else:
             self._limits.rest()
             self.wiring.write(CarCommand(), now)
+
+    def note_computing(self, spent: float, now: float) -> None:
+        """How long the controller took for its tick, s; too many slow ones within a second stop the car."""
+        if spent <= self._safety.slow_tick:
+            return
+        self.slow_ticks.append(now)
+        slow = sum(time > now - 1.0 for time in self.slow_ticks[-self._safety.most_slow_ticks :])
+        if slow == self._safety.most_slow_ticks and self.stage in _LIVE:
+            most = f"{slow} ticks within a second beyond {self._safety.slow_tick * 1000:g} ms"
+            self.stop(f"the controller is too slow: {most}, the last {spent * 1000:.0f} ms", now, hard=True)
 
     def _look_at_clock(self, now: float, due: float | None) -> None:
         self.lateness = 0.0 if due is None else now - due

@@ -16,10 +16,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
+from typing import TYPE_CHECKING
 
-from aerodima.hardware.car.car_ports import CarPorts
+from aerodima.hardware.car.car_ports import CarPorts, read_ports
 from aerodima.hardware.car.safety_settings import DriveSafety, load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
+from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.drive.car_guard import CarGuard, Stage
@@ -32,16 +34,26 @@ from aerodima.hardware.drive.drive_checks import (
     standstill_checks,
     watchdog_check,
 )
-from aerodima.hardware.drive.plain_loop import AutoPilot, ControlPilot, ManualPilot, Pilot, idle_until, run_loop
+from aerodima.hardware.drive.held_car import connect
+from aerodima.hardware.drive.plain_loop import (
+    AutoPilot,
+    ControlPilot,
+    ManualPilot,
+    Pilot,
+    PilotStep,
+    idle_until,
+    run_loop,
+)
 from aerodima.hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
 from aerodima.hardware.protocol.radio import Asks, RadioMode
+from aerodima.workbench.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import STATUS, UNARMED_SOURCES
-from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
+from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, traceback_and_reason
 from aerodima.workbench.controllers.manoeuvre import refuse_simulated_only, run_time
 from aerodima.workbench.controllers.tail_law import TailLaw
-from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.logs.schema import DRIVEN_BY, TAIL_LAW
+from aerodima.workbench.errors import HardwareError, LogError, UserError
+from aerodima.workbench.logs.schema import DIAGRAM, DRIVEN_BY, TAIL_LAW
 from aerodima.workbench.realtime import (
     DRIVE_PRIORITY,
     is_realtime,
@@ -51,6 +63,9 @@ from aerodima.workbench.realtime import (
     restore_ordinary,
 )
 
+if TYPE_CHECKING:
+    from aerodima.workbench.simulate.car_run import Build
+
 _HOUR = 3600.0
 """s; the longest drive by radio."""
 _SETTLE = 0.5
@@ -58,6 +73,8 @@ _SETTLE = 0.5
 RUN_OVER = "the run is over"
 _REST_NOTICE = 0.5
 """s in which a switch that stands in IDLE is heard; after that the drive says what it waits for."""
+_REHEARSAL_TIME = 10.0
+"""s; a first tick may import what it needs."""
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -106,6 +123,52 @@ def _say_on_stderr(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
+def drive(
+    build: Build | None,
+    scenario: Scenario,
+    ports: str | Path | CarPorts,
+    log: str | Path,
+    *,
+    wiring: str = "teensy_bridge",
+    arm: bool = False,
+    dry_run: bool = False,
+    force: bool = False,
+    traffic: str | Path | None = None,
+    say: Callable[[str], None] = _say_on_stderr,
+) -> DriveResult:
+    """Drives the car with a diagram of your own: check, arm, drive, disarm, write the log.
+
+    Guard, limits, watchdogs, signals and log are those of the scenario's own driver and tail law (`build` None). Once
+    a 10 ms tick the diagram advances; a controller that is too slow, raises, or commands what is not finite stops the
+    car, with its traceback told once. AUTO runs the diagram, MANUAL and CONTROL drive by radio.
+
+    Args:
+        build: as `aerodima.workbench.simulate` takes it; called once, before the motors are on.
+        scenario: of the car; says how long the run is.
+        ports: the ports file, or what is in it; of an emulated car its `ports`.
+        log: the Parquet file to be, with a column for each number that the diagram exports or logs.
+        wiring: of `aerodima.hardware.car.wiring.WIRINGS`.
+        arm: arm without asking on the terminal.
+        dry_run: never arm; the diagram runs with the car switched off.
+        force: replace an existing log.
+        traffic: a new `.blf` file for every frame on the adapter; not with `teensy_bridge`.
+        say: is told every check, what is waited for, and the traceback of an error in the diagram.
+
+    Raises:
+        UserError: a check failed, a device or the record of a watchdog test is missing, the diagram cannot be built or
+            fails before the car is armed, the log cannot be written; the motors are off by then.
+    """
+    refuse_existing(Path(log), force, LogError)
+    make_folder(Path(log).parent, LogError)
+    there = ports if isinstance(ports, CarPorts) else read_ports(ports)
+    options = DriveOptions(log, force, dry_run, confirm=None if arm else _asked)
+    return run_drive(connect(there, scenario, wiring, traffic), scenario, there, options, say, build=build)
+
+
+def _asked() -> bool:
+    return input("keep clear of the tail; type arm to switch the motors on: ") == "arm"
+
+
 def run_drive(
     car: WiredCar,
     scenario: Scenario,
@@ -114,18 +177,20 @@ def run_drive(
     say: Callable[[str], None] = _say_on_stderr,
     *,
     law: TailLaw | None = None,
+    build: Build | None = None,
 ) -> DriveResult:
     """Drives a scenario on a car of `connect` that is not started yet.
 
     Args:
         say: is told every check and what is waited for.
         law: of the tail; by default the one that the scenario names.
+        build: see `drive`.
 
     Raises:
         UserError: a check failed, a device is missing, the log cannot be written; the motors are off by then.
     """
     safety, law = load_drive_safety(), law or law_of_scenario(scenario)
-    refuse_simulated_only(scenario)
+    refuse_simulated_only(scenario, own_driver=build is not None)
     _tell(desk_checks(scenario, Path(options.log).parent, safety), say)
     if not options.dry_run:
         car.authorise()
@@ -139,7 +204,7 @@ def run_drive(
         say(str(Check("scheduling", True if is_realtime() else None, scheduling)))
         try:
             car.start()
-            result = _on_open_devices(_Drive(car, guard, scenario, law, ports, options, safety, say), came)
+            result = _on_open_devices(_Drive(car, guard, scenario, law, ports, options, safety, say, build), came)
         except HardwareError:
             if came:  # before the run began: what follows from the signal is no error of its own
                 return DriveResult(guard.reason, False, None, came[0])
@@ -149,6 +214,32 @@ def run_drive(
             restore_latency()
             restore_ordinary()
     return replace(result, traffic_error=car.traffic_error)
+
+
+class TickTimeout(BaseException):  # noqa: N818 (no error of a kind that a controller may want to catch)
+    """Raised within a controller that takes too long."""
+
+
+@contextmanager
+def _at_most(seconds: float) -> Iterator[None]:
+    """Raises `TickTimeout` within the block, and again, once it takes longer; what no signal reaches goes on."""
+    signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+class _TimedPilot(Pilot):
+    """A pilot whose tick is interrupted when it takes too long."""
+
+    def __init__(self, pilot: Pilot, longest: float) -> None:
+        self.start, self._step, self._longest = pilot.start, pilot.step, longest  # type: ignore[method-assign]
+
+    def step(self, time: float, reading: CarReading) -> PilotStep:
+        """See `Pilot`."""
+        with _at_most(self._longest):
+            return self._step(time, reading)
 
 
 @contextmanager
@@ -161,7 +252,11 @@ def _stop_on_signals(stop: Callable[[str], None]) -> Iterator[list[int]]:
         came.append(number)
         stop(signal.Signals(number).name)
 
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise TickTimeout("the controller does not come to an end")
+
     before = {number: signal.signal(number, handle) for number in _SIGNALS}
+    before[signal.SIGALRM] = signal.signal(signal.SIGALRM, interrupt)
     try:
         yield came
     finally:
@@ -179,6 +274,7 @@ class _Drive:
     options: DriveOptions
     safety: DriveSafety
     say: Callable[[str], None]
+    build: Build | None
 
 
 def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
@@ -187,9 +283,9 @@ def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
     checks = device_checks(guard.reading, drive.car.gps_time, drive.safety)
     checks.append(watchdog_check(drive.car.name, drive.car.unwatched))
     _tell(checks, drive.say, refuse=not options.dry_run)
-    journal = open_run_journal(Path(options.log), drive.scenario, drive.car.name, options.force, drive.say)
+    pilot, own = _prepare(drive)
+    journal = open_run_journal(Path(options.log), drive.scenario, drive.car.name, options.force, own, drive.say)
     try:
-        pilot = _prepare(drive)
         mode = RadioMode.AUTO if options.dry_run else _arm_and_choose(drive)
     except BaseException:
         journal.discard()
@@ -303,31 +399,46 @@ def _logged_run(drive: _Drive, journal: RunJournal, pilot: Pilot, mode: RadioMod
         journal.add_facts({DRIVEN_BY: f"hand ({mode.name})"})
     begin, busy = time.monotonic(), time.process_time()
     try:
-        stopped = run_loop(guard, pilot, scenario, _HOUR if by_hand else run_time(scenario), journal)
+        timed = _TimedPilot(pilot, drive.safety.longest_tick)
+        stopped = run_loop(guard, timed, scenario, _HOUR if by_hand else run_time(scenario), journal)
         guard.stop(RUN_OVER, time.monotonic())
         _let_stop(guard)
     except BaseException as error:
         guard.stop(f"{type(error).__name__}: {error}", time.monotonic(), hard=True)
         drive.car.stop(guard.reason)  # before anything else: writing a log may take its time
-        raise
+        if isinstance(error, UserError) or not isinstance(error, Exception | TickTimeout):
+            raise
+        text, guard.reason = traceback_and_reason(error)
+        drive.say(text)
     finally:
         share = (time.process_time() - busy) / (time.monotonic() - begin)
         journal.add_facts({**log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns), "cpu_share": share})
+        journal.add_facts({"slow_ticks": len(guard.slow_ticks)})
+        if drive.build is not None:
+            from aerodima.workbench.simulate.car_run import name_of
+
+            journal.add_facts({DIAGRAM: name_of(drive.build)})
         if drive.options.law_name:
             journal.add_facts({TAIL_LAW: drive.options.law_name})
         path = journal.close()
     return path
 
 
-def _prepare(drive: _Drive) -> Callable[[RadioMode], Pilot]:
-    """Builds what takes time; the returned function gives the pilot of a mode."""
-    scenario, law = drive.scenario, drive.law
-    if drive.options.with_drake:
-        from aerodima.hardware.drive.drive_diagram import DiagramPilot
-
-        sequence: Pilot = DiagramPilot(scenario, law)
+def _prepare(drive: _Drive) -> tuple[Callable[[RadioMode], Pilot], list[str]]:
+    """Builds what takes time; a function that gives the pilot of a mode, and the columns of a diagram's own."""
+    scenario, law, own = drive.scenario, drive.law, list[str]()
+    if not drive.options.with_drake:
+        sequence: Pilot = AutoPilot(scenario, law)
     else:
-        sequence = AutoPilot(scenario, law)
+        try:
+            with _at_most(_REHEARSAL_TIME):
+                sequence, own = _diagram(drive)
+        except UserError:
+            raise
+        except (Exception, TickTimeout) as error:
+            text, reason = traceback_and_reason(error)
+            drive.say(text)
+            raise HardwareError(f"the diagram fails before the car is armed: {reason}") from None
 
     def pilot(mode: RadioMode) -> Pilot:
         if mode is RadioMode.AUTO:
@@ -335,7 +446,17 @@ def _prepare(drive: _Drive) -> Callable[[RadioMode], Pilot]:
         return ManualPilot(scenario) if mode is RadioMode.MANUAL else ControlPilot(scenario, law)
 
     prefer_latency()
-    return pilot
+    return pilot, own
+
+
+def _diagram(drive: _Drive) -> tuple[Pilot, list[str]]:
+    from aerodima.hardware.drive.drive_diagram import DiagramPilot
+
+    pilot = DiagramPilot(drive.scenario, drive.law, drive.build)
+    longest, slow = pilot.rehearse(drive.guard.reading), drive.safety.slow_tick
+    text = f"a tick of it takes {longest * 1000:.1f} ms; more than {slow * 1000:g} ms are slow"
+    drive.say(str(Check("diagram", True if longest <= slow else None, text)))
+    return pilot, pilot.columns
 
 
 def _let_stop(guard: CarGuard) -> None:

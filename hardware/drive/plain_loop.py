@@ -15,7 +15,7 @@ import numpy as np
 from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.drive.car_guard import CarGuard
-from aerodima.hardware.drive.run_journal import RunJournal
+from aerodima.hardware.drive.run_journal import RunJournal, drive_columns
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_OUTPUTS
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
@@ -55,16 +55,18 @@ class Row:
         self._settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)
         self._estimate = RollEstimate()
         self._unwrap = RowUnwrapper(columns)
+        self._unknown = np.full(len(columns) - len(drive_columns()), math.nan)
 
     def make(self, tick: float, step: PilotStep, reading: CarReading, links: np.ndarray) -> np.ndarray:
-        """The row (columns,) of a tick (s)."""
+        """The row (columns,) of a tick (s); what a diagram logs of its own is NaN while another pilot drives."""
         command = step.command
         values: dict[str, np.ndarray | float] = {name: getattr(reading, name) for name in STATION_OUTPUTS}
         values |= {"steering_angle": command.steering_angle, "throttle": command.throttle}
         values |= {"tail_pitch_command": command.tail_pitch, "tail_roll_command": command.tail_roll}
         values |= {"planned_turn": step.planned_turn, "state": step.state}
         values |= {"roll_estimate": self._estimate.roll, "roll_rate_estimate": self._estimate.roll_rate}
-        return self._unwrap.apply(np.hstack([tick, *(values[port] for port in CAR_PORTS), links]))
+        own = self._unknown if step.own is None else step.own
+        return self._unwrap.apply(np.hstack([tick, *(values[port] for port in CAR_PORTS), links, own]))
 
     def estimate(self, reading: CarReading) -> None:
         """One tick of the roll estimator."""
@@ -90,17 +92,20 @@ def run_loop(
     """
     row = Row(scenario, journal.columns)
     step, reading = pilot.start(), guard.reading
-    start, stopped = clock(), math.nan
+    start, stopped, spent = clock(), math.nan, 0.0
     for tick in range(round(length / PERIOD) + 1):
         time_now = tick * PERIOD
         wait(start + time_now)
-        journal.append(row.make(time_now, step, reading, guard.link_times(start)))
+        journal.append(row.make(time_now, step, reading, np.append(guard.link_times(start), spent)))
         if journal.error:
             guard.stop(journal.error, clock())
         if time_now + 0.5 * PERIOD > length:  # the row of the end; its tick belongs to what comes after
             break
         reading = guard.read(clock(), start + time_now)
+        begin = clock()
         step = pilot.step(time_now, reading)
+        spent = clock() - begin
+        guard.note_computing(spent, clock())
         row.estimate(reading)
         wait(start + time_now + WRITE_DELAY)
         guard.write(step.command, clock())
@@ -131,11 +136,15 @@ def idle_until(
 
 
 class PilotStep(NamedTuple):
-    """One tick of a pilot: the command, the announced turn (+1 left, -1 right, 0 none), the number of the state."""
+    """One tick of a pilot: the command, the announced turn (+1 left, -1 right, 0 none), the number of the state.
+
+    own: what a diagram exports or logs beside, shape (columns,).
+    """
 
     command: CarCommand
     planned_turn: float
     state: int
+    own: np.ndarray | None = None
 
 
 class Pilot:

@@ -22,9 +22,10 @@ from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.journal import JournalWriter, read_journal
 from aerodima.workbench.logs.schema import run_metadata, write_table
 
-LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s")
-"""Beside the columns of every run: how late the cycle came, and when IMU and Teensy took what stands in the row, on the
-clock of the run. The Teensy's clock is aligned by `aerodima.hardware.devices.teensy_link`."""
+LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s", "controller_time_s")
+"""Beside the columns of every run: how late the cycle came, when IMU and Teensy took what stands in the row, on the
+clock of the run, and how long the controller computed. The Teensy's clock is aligned by
+`aerodima.hardware.devices.teensy_link`."""
 _MOST_WAITING = 3000
 _FLUSH = 0.08
 """s; with the period of the loop, what a killed drive loses stays below 0.1 s."""
@@ -175,11 +176,16 @@ class RunJournal(JournalWriter):
 
 
 def open_run_journal(
-    path: Path, scenario: Scenario, wiring: str, force: bool = False, say: Callable[[str], None] | None = None
+    path: Path,
+    scenario: Scenario,
+    wiring: str,
+    force: bool = False,
+    own: Sequence[str] = (),
+    say: Callable[[str], None] | None = None,
 ) -> RunJournal:
-    """The journal of a drive of a scenario; LogError as for `JournalWriter`."""
+    """The journal of a drive of a scenario, with columns of a diagram's own; LogError as for `JournalWriter`."""
     metadata = run_metadata(scenario.resolved(), scenario.seed, extra={"platform": "physical", "wiring": wiring})
-    return RunJournal(path, drive_columns(), metadata, force, say)
+    return RunJournal(path, [*drive_columns(), *own], metadata, force, say)
 
 
 def log_facts(reason: str, stop_time: float, cycle_times: Sequence[float], overruns: int) -> dict[str, Any]:

@@ -56,6 +56,12 @@ SwingOption = Annotated[
 ]
 OtherCar = Annotated[bool, typer.Option("--other-car", help="Play a swing that was made for another car.")]
 Law = Annotated[str | None, typer.Option(metavar="FILE:CLASS", help="Tail law of your own, such as my_law.py:MyLaw.")]
+Build = Annotated[
+    str | None,
+    typer.Option(
+        "--diagram", metavar="FILE:FUNCTION", help="What drives, as a Drake diagram of your own: my.py:build."
+    ),
+]
 Html = Annotated[Path | None, typer.Option(help="Write the replay as one self-contained HTML file.")]
 Live = Annotated[bool, typer.Option("--live", help="Show the run in Meshcat, in real time, while it goes on.")]
 LogOut = Annotated[Path, typer.Option(help="Run log (Parquet) to write.")]

@@ -14,6 +14,7 @@ from aerodima.workbench.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.cli.options import (
     RUNS,
     Anew,
+    Build,
     Force,
     Html,
     Key,
@@ -58,6 +59,7 @@ class RunOptions:
     swing: Annotated[SwingOption, Key("controller.swing_file")] = None
     other_car: OtherCar = False
     law: Law = None
+    diagram: Build = None
     settings: Settings = None
     log: Annotated[Path | None, typer.Option(help="Keep the run log as this Parquet file.")] = None
     replay: Html = None
@@ -110,6 +112,8 @@ def turn(options: RunOptions) -> None:
 
     if options.law is not None and options.swing is not None:
         raise UserError("--law: allowed without --swing; each says what the tail does")
+    if options.diagram is not None and (options.law is not None or options.swing is not None):
+        raise UserError("--diagram: allowed without --law and --swing; it says what the tail does")
     if options.swing is None and options.other_car:
         raise UserError("--other-car: allowed together with --swing")
     name, own = options.scenario, tuple[str, ...]()
@@ -117,7 +121,7 @@ def turn(options: RunOptions) -> None:
         name, own = own_turn(find_swing(options.swing), name)
     scenario = load_scenario(name or "turn_swing", [*own, *settings_of(options)])
     law = None if options.law is None else _own_law(options.law, scenario)
-    if law is None and not options.other_car:
+    if law is None and options.diagram is None and not options.other_car:
         refuse_other_car(scenario)
     _refuse_outputs(options.log, options.replay, options.force)
     run_log = _simulated(scenario, options, law)
@@ -145,6 +149,7 @@ def _refuse_outputs(log: Path | None, replay: Path | None, force: bool) -> None:
 
 
 def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> RunLog:
+    from aerodima.workbench.controllers.law_of_scenario import load_build, traceback_and_reason
     from aerodima.workbench.logs.journal import journal_path
     from aerodima.workbench.simulate.car_run import turn_end
     from aerodima.workbench.simulate.simulation import simulate
@@ -152,16 +157,26 @@ def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> 
     duration, end = scenario.manoeuvre.duration, turn_end(scenario)
     if scenario.manoeuvre.kind == "turn" and duration < end:  # its metrics need the whole turn
         raise UserError(f"manoeuvre.duration: {duration:g} s; allowed: >= {end:g} s, the end of the turn")
+    build = None if options.diagram is None else load_build(options.diagram)
     try:
         return simulate(
             scenario,
             options.log,
             law=law,
+            build=build,
             force=options.force,
             meshcat=live_view() if options.live else None,
             real_time_rate=float(options.live),
             progress=show_progress(),
         )
+    except UserError:
+        raise
+    except Exception as error:
+        if build is None:
+            raise
+        text, reason = traceback_and_reason(error)
+        typer.echo(text, err=True)
+        raise UserError(f"--diagram {options.diagram}: {reason}") from None
     except KeyboardInterrupt:
         if options.log is not None:
             typer.echo(f"the rows so far are kept: aerodima log recover {journal_path(options.log)}", err=True)

@@ -7,6 +7,7 @@ it. A law of one's own is a class in a Python file, named as `my_law.py:MyLaw`. 
 import importlib.util
 import json
 import sys
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -174,18 +175,14 @@ _MEMBERS = ("rate", "memory_size", "start", "step")
 def load_law(place: str, scenario: Scenario) -> TailLaw:
     """Makes the law that a flag names: a class in a Python file, `my_law.py:MyLaw`.
 
-    The file is run, as a script would be. The class is made by its `from_scenario` where it has one, without arguments
+    The class is made by its `from_scenario` where it has one, without arguments
     otherwise.
 
     Raises:
         UserError: no such file or class, the file fails, or what it holds is no `TailLaw`; names the place.
     """
-    path, _, name = place.rpartition(":")
-    if not path or not name.isidentifier():
-        raise UserError(f"--law {place}: allowed: a Python file and a class in it, such as my_law.py:MyLaw")
-    maker = getattr(_run_file(Path(path)), name, None)
-    if not isinstance(maker, type):
-        raise UserError(f"--law {place}: {path} has no class {name}")
+    maker = _named("--law", place, "class", "my_law.py:MyLaw")
+    name = place.rpartition(":")[2]
     try:
         law: Any = maker.from_scenario(scenario) if hasattr(maker, "from_scenario") else maker()
     except Exception as error:
@@ -197,9 +194,29 @@ def load_law(place: str, scenario: Scenario) -> TailLaw:
     return found
 
 
-def _run_file(path: Path) -> Any:
+def load_build(place: str) -> Any:
+    """The function that a flag names, `my_diagram.py:build`, which adds what drives a car to its diagram.
+
+    Raises:
+        UserError: no such file or function, the file fails; names the place.
+    """
+    return _named("--diagram", place, "function", "my_diagram.py:build")
+
+
+def _named(flag: str, place: str, kind: str, example: str) -> Any:
+    """A class or function of a Python file, which is run, as a script would be."""
+    path, _, name = place.rpartition(":")
+    if not path or not name.isidentifier():
+        raise UserError(f"{flag} {place}: allowed: a Python file and a {kind} in it, such as {example}")
+    found = getattr(_run_file(flag, Path(path)), name, None)
+    if not (isinstance(found, type) if kind == "class" else callable(found)):
+        raise UserError(f"{flag} {place}: {path} has no {kind} {name}")
+    return found
+
+
+def _run_file(flag: str, path: Path) -> Any:
     if path.suffix != ".py" or not path.is_file():
-        raise UserError(f"--law {path}: no such Python file")
+        raise UserError(f"{flag} {path}: no such Python file")
     module_name = f"aerodima_law_{path.stem}"
     specification = importlib.util.spec_from_file_location(module_name, path)
     assert specification is not None  # the ending is .py
@@ -209,10 +226,24 @@ def _run_file(path: Path) -> Any:
     try:
         specification.loader.exec_module(module)
     except Exception as error:
-        raise UserError(f"--law {path}: running it failed: {in_words(error)}") from error
+        raise UserError(f"{flag} {path}: running it failed: {in_words(error)}") from error
     return module
 
 
-def in_words(error: Exception) -> str:
+_OURS = ("aerodima", "pydrake")
+
+
+def traceback_and_reason(error: BaseException) -> tuple[str, str]:
+    """The traceback of an error from the first line on that is not ours or Drake's, and the error in one line."""
+    frames = list(traceback.walk_tb(error.__traceback__))
+    theirs = [not str(frame.f_globals.get("__name__")).startswith(_OURS) for frame, _ in frames]
+    summary = traceback.StackSummary.extract(iter(frames[theirs.index(True) if any(theirs) else 0 :]))
+    lines = traceback.format_exception_only(error)
+    text = "".join(["Traceback (most recent call last):\n", *summary.format(), *lines]).rstrip()
+    last = next((place for place, own in zip(reversed(summary), reversed(theirs), strict=False) if own), None)
+    return text, in_words(error) + (f" ({Path(last.filename).name}, line {last.lineno})" if last else "")
+
+
+def in_words(error: BaseException) -> str:
     """Kind and message of an error in one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"

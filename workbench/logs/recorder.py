@@ -17,8 +17,10 @@ from pydrake.systems.framework import (
     OutputPort,
     System,
 )
+from pydrake.systems.primitives import VectorLogSink
 
 from aerodima.workbench.config.signal_table import TIME, Column, names_of
+from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
 from aerodima.workbench.logs.signals import RowUnwrapper
@@ -72,6 +74,61 @@ def open_log(path: str | Path | None, columns: Sequence[str], metadata: Mapping[
 
 Signals = list[tuple[OutputPort, list[str]]]
 """Ports with the names of the columns that they fill."""
+
+
+class OpenBuilder(DiagramBuilder):
+    """A builder that can be asked for what was exported and connected.
+
+    Attributes: exported: output ports by the names under which they were exported.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.exported: dict[str, OutputPort] = {}
+
+    def ExportOutput(self, output: OutputPort, name: Any = None) -> Any:  # noqa: N802 (Drake's)
+        """As Drake's."""
+        index = super().ExportOutput(output) if name is None else super().ExportOutput(output, name)
+        self.exported[output.get_name() if name is None else str(name)] = output
+        return index
+
+    def sources(self, system: System) -> dict[str, OutputPort]:
+        """Name of an input port of a system -> the output port that is connected to it."""
+        return {
+            system.get_input_port(int(port)).get_name(): source.get_output_port(int(output))
+            for (fed, port), (source, output) in self.connection_map().items()
+            if fed is system
+        }
+
+    def signals(self, taken: Sequence[str]) -> Signals:
+        """Ports that were exported, or logged by `LogVectorOutput`, with the columns that they fill.
+
+        The name of the export, or of the logger (`set_name`), has the columns' names with their units, such as
+        `x_m,y_m`; with one name for several elements their numbers follow it. A logger without a name takes those of
+        system and port.
+
+        Args:
+            taken: columns that are there already.
+
+        Raises:
+            UserError: a port with another number of names than elements, a column that is there already.
+        """
+        ports = list(self.exported.items())
+        for sink in self.GetSystems():
+            if isinstance(sink, VectorLogSink):
+                (source,) = self.sources(sink).values()
+                own = f"{source.get_system().get_name().rpartition('/')[2].partition('@')[0]}_{source.get_name()}"
+                ports.append((own if "@" in sink.get_name() else sink.get_name(), source))
+        signals, known = [], set(taken)
+        for name, port in ports:
+            names, size = name.replace(" ", "").split(","), port.size()
+            if len(names) == 1 < size:
+                names = [f"{name}_{index}" for index in range(size)]
+            if len(names) != size or known.intersection(names) or len(set(names)) < size:
+                raise UserError(f"port exported or logged as {name!r}: {size} elements; allowed: as many new columns")
+            known.update(names)
+            signals.append((port, names))
+        return signals
 
 
 class RunRecorder(LeafSystem):

@@ -34,6 +34,8 @@ PLANT_RUN = "plant_run"
 """Kind of a log that `observe` wrote: of any plant, with the columns of `aerodima.workbench.stations.ground_truth`."""
 TAIL_LAW = "tail_law"
 """Key in `extra` of a run whose tail followed a law that the scenario does not name: the name of its class."""
+DIAGRAM = "diagram"
+"""Key in `extra` of a run that a diagram of one's own drove, in place of driver and tail law: its function's name."""
 DRIVEN_BY = "driven_by"
 """Key in `extra` of a run that did not follow the manoeuvre of its scenario: who steered, such as `hand (MANUAL)`."""
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, TAIL_LAW, RunLog
+from aerodima.workbench.logs.schema import DIAGRAM, DRIVEN_BY, PLANT_RUN, TAIL_LAW, RunLog
 from aerodima.workbench.metrics.run_summary import (
     MODE_WORDS,
     plant_air,
@@ -58,6 +58,8 @@ def caption_of(run_log: RunLog) -> Caption:
     turn = f"{manoeuvre['direction']} turn, " if manoeuvre["kind"] not in ("straight", "slalom") else ""
     reckoned = ", path reckoned from the sensors" if RECKONED in run_log.extra else ""
     facts = f"{turn}{speed:.2f} m/s ({3.6 * speed:.1f} km/h), {tail}{reckoned}"
+    if DIAGRAM in run_log.extra:
+        facts = f"driven by the diagram {run_log.extra[DIAGRAM]}{reckoned}"
     if DRIVEN_BY in run_log.extra:
         facts = f"driven by {run_log.extra[DRIVEN_BY]}{reckoned}"
     try:

@@ -9,22 +9,39 @@ from typing import Any
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, System
 
 from aerodima.workbench.aero.tail_force import SectionWatch
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import CAR_PORTS, CAR_TRUTH, WHEELS, names_of, plant_position_columns
+from aerodima.workbench.config.signal_table import (
+    CAR_PORTS,
+    CAR_TRUTH,
+    STATION_INPUTS,
+    WHEELS,
+    names_of,
+    plant_position_columns,
+    sensor_columns,
+)
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.driver_law import DriverLaw, make_driver
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, swing_facts
 from aerodima.workbench.controllers.manoeuvre import Schedule, angle_to_straighten, run_time, steering_time
 from aerodima.workbench.controllers.tail_law import TailLaw
-from aerodima.workbench.logs.recorder import RunRecorder, Signals, open_log, output_ports, recorded_columns, signals_of
-from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.recorder import (
+    OpenBuilder,
+    RunRecorder,
+    Signals,
+    open_log,
+    output_ports,
+    recorded_columns,
+    signals_of,
+)
+from aerodima.workbench.logs.schema import DIAGRAM, TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.plants.car_model import axle_statics
 from aerodima.workbench.stations.car_station import InterfaceFactory, make_car_station, simulated_car
 from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
-from aerodima.workbench.systems.system_ports import LEAD, Stage, step_instant
+from aerodima.workbench.systems.system_ports import LEAD, Stage, constant, step_instant
 
 Progress = Callable[[float, float], None]
 """Called with the time of the run (s) and its length (s)."""
@@ -75,17 +92,52 @@ class LiveView:
 _TIME_MARGIN = 1e-9
 """s."""
 
+DRIVER_PORTS = ("planned_turn", "state")
+"""Of driver and tail controller, in the log beside what they command."""
 LOOKS = 50.0
 """Looks per second, Hz, for a certain outcome that ends a trial; its table ends at the row of the flip all the same."""
 
 
 @dataclass(frozen=True)
 class CarDiagram:
-    """A station with driver, tail controller and roll estimator around it, and the ports worth recording."""
+    """A station with what drives it and the roll estimator around it, and the ports worth recording.
+
+    Attributes: own: those of `signals` that whoever built what drives has exported or logged.
+    """
 
     builder: DiagramBuilder
     station: Diagram
     signals: Signals
+    own: Signals
+
+
+Build = Callable[[DiagramBuilder, Diagram], object]
+"""Adds what drives a station to the builder, in which the station stands, and connects every input port of it. What it
+exports or logs fills columns of the log (`OpenBuilder.signals`); exported as `planned_turn` or `state`, those of
+driver and controller."""
+
+
+def build_of(
+    scenario: Scenario,
+    tail_law: TailLaw | None = None,
+    schedule: DriverLaw | Schedule | None = None,
+    lean: bool = False,
+) -> Build:
+    """Driver and tail controller of a scenario. See `assemble`."""
+
+    def build(builder: DiagramBuilder, station: Diagram) -> None:
+        law, rate = tail_law or law_of_scenario(scenario), scenario.controller.rate
+        driver = TurnDriver.add_to_builder(
+            builder, schedule or make_driver(scenario), rate, station=station, controller_rate=law.rate
+        )
+        idle = lean and tail_law is None and scenario.tail.mode == "none"
+        controller = TailController.add_to_builder(
+            builder, scenario, station=station, driver=driver, law=law, idle=idle
+        )
+        for port, system in zip(DRIVER_PORTS, (driver, controller), strict=True):
+            builder.ExportOutput(system.GetOutputPort(port), port)
+
+    return build
 
 
 def assemble(
@@ -95,31 +147,41 @@ def assemble(
     tail_law: TailLaw | None = None,
     lean: bool = False,
     schedule: DriverLaw | Schedule | None = None,
+    build: Build | None = None,
 ) -> CarDiagram:
-    """Connects station, driver, controller and estimator; the controllers stand outside the station.
+    """Connects station, what drives it, and estimator; the controllers stand outside the station.
 
-    The tail follows `tail_law`, the driver `schedule`, which may be a law, or by default what the scenario names. With
-    `lean`, what no metric of a run needs is left out: most of the truth, the estimator of roll and, without tail, the
-    ticks of its controller.
+    The tail follows `tail_law`, the driver `schedule`, which may be a law, or by default what the scenario names;
+    `build` adds something else in place of both. With `lean`, what no metric of a run needs is left out: most of the
+    truth, the estimator of roll and, without tail, the ticks of its controller.
+
+    Raises:
+        UserError: `build` leaves an input port of the station without connection, or names columns that are there.
     """
-    builder = DiagramBuilder()
+    builder = OpenBuilder()
     station = make_car_station(scenario, interface, meshcat, with_truth=not lean)
     builder.AddSystem(station)
-    law, rate = tail_law or law_of_scenario(scenario), scenario.controller.rate
-    driver = TurnDriver.add_to_builder(
-        builder, schedule or make_driver(scenario), rate, station=station, controller_rate=law.rate
-    )
-    idle = lean and tail_law is None and scenario.tail.mode == "none"
-    controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver, law=law, idle=idle)
-    sources = [driver, controller, station]
+    (build or build_of(scenario, tail_law, schedule, lean))(builder, station)
+    ports = builder.sources(station)
+    if missing := [name for name in STATION_INPUTS if name not in ports]:
+        raise UserError(f"build: station port {', '.join(missing)}: not connected; each of them commands the car")
+    for name in DRIVER_PORTS:
+        ports[name] = builder.exported.pop(name, None) or constant(builder, f"no_{name}", [0.0])
+    sources: list[System] = [station]
     if not lean:
         from aerodima.workbench.sensors.roll_estimator import RollEstimator
         from aerodima.workbench.sensors.roll_filter import RollFilterSettings
 
         settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)
         sources.append(RollEstimator.add_to_builder(builder, settings, station=station))
-    signals = signals_of(CAR_PORTS, output_ports(*sources))
-    return CarDiagram(builder, station, signals + truth_signals(station))
+    signals = signals_of(CAR_PORTS, ports | output_ports(*sources)) + truth_signals(station)
+    own = builder.signals(names_of(sensor_columns()) + [name for _, names in signals for name in names])
+    return CarDiagram(builder, station, signals + own, own)
+
+
+def name_of(build: Build) -> str:
+    """What a log calls it."""
+    return str(getattr(build, "__name__", type(build).__name__))
 
 
 def truth_signals(station: Diagram) -> Signals:
@@ -142,13 +204,14 @@ def run_car(
     law: TailLaw | None,
     force: bool,
     view: LiveView,
+    build: Build | None = None,
 ) -> RunLog:
     """Records every column of a run log; see `simulate`."""
-    car = assemble(scenario, meshcat=view.meshcat, tail_law=law)
+    car = assemble(scenario, meshcat=view.meshcat, tail_law=law, build=build)
     watch: FlipWatch | None = None
     if stop_when_certain:
         watch = FlipWatch.add_to_builder(car.builder, car.station, scenario.simulation.log_rate, turn_end(scenario))
-    with open_log(log, recorded_columns(car.signals), _metadata(car, scenario, law), force) as rows:
+    with open_log(log, recorded_columns(car.signals), _metadata(car, scenario, law, build), force) as rows:
         RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate, Stage.RECORD)
         sections: SectionWatch | None = None
         if car.station.HasOutputPort("tail_sections_truth"):
@@ -171,6 +234,7 @@ def run_outcome(
     view: LiveView,
     schedule: DriverLaw | Schedule | None = None,
     speed: float | None = None,
+    build: Build | None = None,
 ) -> RunLog:
     """Records what outcome and metrics need, as cheaply as it can be: for studies, which need thousands of runs.
 
@@ -178,9 +242,9 @@ def run_outcome(
     `schedule`, or by default the manoeuvre of the scenario; the car begins at `speed`, m/s, straight ahead,
     or by default as the manoeuvre says.
     """
-    car = assemble(scenario, meshcat=view.meshcat, tail_law=law, lean=True, schedule=schedule)
+    car = assemble(scenario, meshcat=view.meshcat, tail_law=law, lean=True, schedule=schedule, build=build)
     outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
-    metadata = _metadata(car, scenario, law)
+    metadata = _metadata(car, scenario, law, build)
     simulator = Simulator(car.builder.Build())
     begin = start_speed(scenario) if speed is None else speed
     _set_rolling(car, simulator.get_mutable_context(), scenario, begin)
@@ -229,8 +293,10 @@ def _behind_rows(scenario: Scenario, time: float) -> float:
     return time * (1.0 - 0.5 * LEAD) if instant is None else instant
 
 
-def _metadata(car: CarDiagram, scenario: Scenario, law: TailLaw | None) -> dict[str, Any]:
+def _metadata(car: CarDiagram, scenario: Scenario, law: TailLaw | None, build: Build | None) -> dict[str, Any]:
     facts = swing_facts(scenario) if law is None else {TAIL_LAW: type(law).__name__}
+    if build is not None:
+        facts = {DIAGRAM: name_of(build)}
     return run_metadata(scenario.resolved(), scenario.seed, extra=plant_facts(car.station) | facts)
 
 

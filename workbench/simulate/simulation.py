@@ -14,7 +14,7 @@ from aerodima.workbench.logs.schema import RunLog
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
-    from aerodima.workbench.simulate.car_run import Progress
+    from aerodima.workbench.simulate.car_run import Build, Progress
 
 
 def simulate(
@@ -24,6 +24,7 @@ def simulate(
     record: Literal["all", "outcome"] = "all",
     stop_when_certain: bool | None = None,
     law: TailLaw | None = None,
+    build: Build | None = None,
     force: bool = False,
     meshcat: Meshcat | None = None,
     real_time_rate: float = 0.0,
@@ -47,6 +48,10 @@ def simulate(
             heading change, time on two wheels, tail energy) is that until the stop.
         law: drives the tail of a car instead of the law that the scenario names; the log has the name of its class as
             `tail_law` in its `extra`.
+        build: drives the car in place of driver and tail law, and not together with `law`: `build(builder, station)`
+            adds systems of your own, with discrete or continuous state, and connects every input port of the station.
+            What it exports, or logs by `LogVectorOutput`, fills columns of the log, named by the export or the logger,
+            such as `x_m,y_m`. `aerodima.hardware.drive` takes the same function.
         force: replace an existing log.
         meshcat: shows the run live.
         real_time_rate: 0 runs as fast as possible, 1 in real time.
@@ -63,15 +68,17 @@ def simulate(
     if isinstance(scenario, RigScenario):
         from aerodima.workbench.simulate.rig_run import run_rig
 
-        if law is not None or stop_when_certain or record != "all":
+        if law is not None or build is not None or stop_when_certain or record != "all":
             raise UserError(
-                f"{scenario.name}: law, stop_when_certain and record='outcome' are for scenarios of the car"
+                f"{scenario.name}: law, build, stop_when_certain and record='outcome' are for scenarios of the car"
             )
         return run_rig(scenario, log, force=force, view=view)
     from aerodima.workbench.simulate.car_run import run_car, run_outcome
 
+    if law is not None and build is not None:
+        raise UserError("law: allowed without build; each says what the tail does")
     if record == "all":
-        return run_car(scenario, log, bool(stop_when_certain), law, force, view)
+        return run_car(scenario, log, bool(stop_when_certain), law, force, view, build)
     if log is not None:
         raise UserError(f"{log}: record='outcome' leaves out columns of a log file; allowed: record='all'")
-    return run_outcome(scenario, stop_when_certain is not False, law, view)
+    return run_outcome(scenario, stop_when_certain is not False, law, view, build=build)

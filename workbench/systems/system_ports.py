@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce_
-from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import (
     Context,
     Diagram,
@@ -26,8 +25,9 @@ from pydrake.systems.framework import (
     OutputPort,
     System,
 )
-from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer, SymbolicVectorSystem
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer, TrajectorySource
 from pydrake.systems.scalar_conversion import TemplateSystem
+from pydrake.trajectories import PiecewisePolynomial
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import PortFields
@@ -139,6 +139,10 @@ def constant(builder: DiagramBuilder, name: str, value: ArrayLike) -> OutputPort
     return builder.AddNamedSystem(name, ConstantVectorSource(np.array(value, dtype=float))).get_output_port()
 
 
+_LONG = 1e9
+"""s; until then the clock of `add_status` runs."""
+
+
 def add_status(
     builder: DiagramBuilder,
     fields: PortFields,
@@ -150,8 +154,6 @@ def add_status(
 ) -> OutputPort:
     """The port `status` of a simulated station, computed in C++: armed, what follows, and 0 for the `healthy` fields.
 
-    With `samples` it does not run in a diagram that has continuous state, where a `SymbolicVectorSystem` fails.
-
     Args:
         sources: ports (1) with the value of a field.
         samples: fields that are the time since an instant, s, each with the port (1) of that instant, s.
@@ -160,23 +162,20 @@ def add_status(
     Raises:
         ValueError: a field of the port is in none of these, or in two; names it.
     """
-    samples, faults = samples or {}, faults or {}
-    known = ["armed", *sources, *samples, *faults, *healthy]
+    samples, faults = samples or {}, {"armed": 1.0, **(faults or {})}
+    known = [*faults, *sources, *samples, *healthy]
     if wrong := [name for name in {*fields.fields, *known} if known.count(name) != 1 or name not in fields.fields]:
         raise ValueError(f"status: {', '.join(sorted(wrong))}; needed once each: {', '.join(fields.fields)}")
     ports = {**sources, **samples}
-    if not samples:
-        fixed = {"armed": 1.0, **faults}
-        levels = {value: constant(builder, f"status_{value:g}", [value]) for value in {0.0, *fixed.values()}}
-        return stacked(builder, "status", [ports.get(name, levels[fixed.get(name, 0.0)]) for name in fields.fields])
-    time, values = Variable("time"), {name: Variable(name) for name in ports}
-    terms: dict[str, Any] = {"armed": 1.0, **faults, **values, **{name: time - values[name] for name in samples}}
-    outputs = np.array([Expression(0.0) + terms.get(name, 0.0) for name in fields.fields])
-    inputs = np.array([*values.values()])
-    system = SymbolicVectorSystem(time=time, input=inputs, output=outputs)
-    return connected(
-        builder, system, "status", u0=stacked(builder, "status_inputs", [*ports.values()])
-    ).get_output_port()
+    gains = np.zeros((fields.size, 2 + len(ports)))  # of one, time, and the ports
+    for name, level in faults.items():
+        gains[fields.index(name), 0] = level
+    for place, name in enumerate(ports, start=2):
+        gains[fields.index(name), place] = -1.0 if name in samples else 1.0
+        gains[fields.index(name), 1] = float(name in samples)
+    line = PiecewisePolynomial.FirstOrderHold([0.0, _LONG], np.array([[1.0, 1.0], [0.0, _LONG]]))
+    clock = builder.AddNamedSystem("status_clock", TrajectorySource(line)).get_output_port()
+    return transformed(builder, "status", stacked(builder, "status_inputs", [clock, *ports.values()]), gains)
 
 
 def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> None:
