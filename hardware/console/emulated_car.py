@@ -1,4 +1,4 @@
-"""An emulated car with its drive, started for the console as processes of their own."""
+"""An emulated car, and for the console its drive, started as processes of their own."""
 
 from __future__ import annotations
 
@@ -9,11 +9,16 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
-from aerodima.hardware.car.car_ports import PORTS_FILE, READY_FILE
-from aerodima.hardware.car.wiring import WiringName
+from aerodima.hardware.car.car_ports import EVENTS_FILE, PORTS_FILE, READY_FILE
+from aerodima.hardware.car.wiring import WiringName, wiring_name
+from aerodima.hardware.emulator.fault_script import read_events
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 
 _START_TIME, _END_TIME = 120.0, 20.0
@@ -25,14 +30,16 @@ _TESTS = 3
 class EmulatedCarProcess:
     """`aerodima emulate` and, when it is armed, `aerodima drive`.
 
-    The watchdog test that arming asks for is recorded in the folder, so that the user's own records stay as they are.
-
     Args:
         scenario, settings: as the two commands take them.
         has_tail: the scenario's car has tail motors, whose watchdog is to be tested.
         folder: gets the emulator's files and `drive_N.parquet`; where an earlier car has left its own, they go into a
             numbered folder in it.
         view: show the car in Meshcat.
+        console: whether `aerodima console` drives it; otherwise its operator chooses AUTO when the car asks.
+        faults: script of `aerodima emulate --faults`.
+
+    Attributes: folder: with its files. wiring: of the car. view: where Meshcat shows it.
     """
 
     def __init__(
@@ -43,10 +50,14 @@ class EmulatedCarProcess:
         wiring: WiringName,
         folder: Path,
         view: bool = True,
+        *,
+        console: bool = True,
+        faults: str | Path | None = None,
     ) -> None:
         self._scenario = [scenario, *(word for setting in settings for word in ("--set", setting))]
-        self._has_tail, self._wiring, self._folder, self._show = has_tail, wiring, _own_folder(folder), view
-        self._environment = {**os.environ, "XDG_STATE_HOME": str(self._folder / "state")}
+        self._has_tail, self.wiring, self.folder = has_tail, wiring, _own_folder(folder)
+        self._flags = [*(["--view"] if view else []), *(["--console"] if console else [])]
+        self._flags += [] if faults is None else ["--faults", str(faults)]
         self._emulator: subprocess.Popen[str] | None = None
         self._drive: subprocess.Popen[str] | None = None
         self._lines: list[str] = []
@@ -56,15 +67,19 @@ class EmulatedCarProcess:
     @property
     def ports(self) -> Path:
         """The ports file."""
-        return self._folder / PORTS_FILE
+        return self.folder / PORTS_FILE
+
+    def events(self, *names: str) -> list[dict[str, Any]]:
+        """What happened so far, or that of these names: each with its time, s on `time.monotonic`."""
+        return [event for event in read_events(self.folder / EVENTS_FILE) if not names or event["event"] in names]
 
     def start(self, say: Callable[[str], None]) -> None:
         """Starts the emulator and records the watchdog test (some seconds); `HardwareError` with what they said."""
-        say(f"starting the emulated car in {self._folder}")
-        command = ["emulate", *self._scenario, "--out", str(self._folder), "--wiring", self._wiring, "--console"]
+        say(f"starting the emulated car in {self.folder}")
+        command = ["emulate", *self._scenario, "--out", str(self.folder), "--wiring", self.wiring]
         command += ["--parent", str(os.getpid())]  # killed or not, it does not leave an emulator behind
-        self._emulator = self._run([*command, *(["--view"] if self._show else [])])
-        ready, end = self._folder / READY_FILE, time.monotonic() + _START_TIME
+        self._emulator = self._run([*command, *self._flags])
+        ready, end = self.folder / READY_FILE, time.monotonic() + _START_TIME
         while not _is_ready(ready, self._emulator.pid):
             if self._emulator.poll() is not None:
                 out = self._emulator.stdout.read() if self._emulator.stdout else ""
@@ -105,7 +120,7 @@ class EmulatedCarProcess:
             out = self._emulator.stdout.read() if self._emulator and self._emulator.stdout else ""
             raise HardwareError(f"the emulated car has ended ({_last_line(out)}); start the console again")
         self._drives += 1
-        log = self._folder / f"drive_{self._drives}.parquet"
+        log = self.folder / f"drive_{self._drives}.parquet"
         self._lines = ["starting"]
         self._drive = self._run([*self._drive_command(), "--no-drake", "--arm", "--log", str(log)])
         threading.Thread(target=self._listen, args=(self._drive,), name="drive-lines", daemon=True).start()
@@ -127,12 +142,11 @@ class EmulatedCarProcess:
                 process.kill()
 
     def _drive_command(self) -> list[str]:
-        return ["drive", *self._scenario, "--ports", str(self.ports), "--wiring", self._wiring]
+        return ["drive", *self._scenario, "--ports", str(self.ports), "--wiring", self.wiring]
 
     def _run(self, words: list[str]) -> subprocess.Popen[str]:
         return subprocess.Popen(
             [sys.executable, "-P", "-m", "aerodima", *words],
-            env=self._environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -144,6 +158,45 @@ class EmulatedCarProcess:
         for line in drive.stdout or ():
             if line.strip():
                 self._lines = [*self._lines[-20:], line.strip()]
+
+
+@contextmanager
+def emulated_car(
+    scenario: Scenario,
+    wiring: str = "teensy_bridge",
+    folder: str | Path | None = None,
+    *,
+    view: bool = False,
+    faults: str | Path | None = None,
+    say: Callable[[str], None] = print,
+) -> Iterator[EmulatedCarProcess]:
+    """The simulated car in real time behind ports, its watchdog tested: what `drive` drives in place of a real one.
+
+    It is a process of its own, which ends with the block, or with the program.
+
+    Args:
+        scenario: of the car.
+        wiring: of `aerodima.hardware.car.wiring.WIRINGS`.
+        folder: gets ports, events, traffic and truth; None: one that is removed at the end.
+        view: show the car in Meshcat; its address is `view` of the car.
+        faults: script of `aerodima emulate --faults`.
+        say: is told what is waited for.
+
+    Raises:
+        HardwareError: unknown wiring, a folder that cannot be used, no compiler for the firmware.
+    """
+    chosen = wiring_name(wiring)
+    with TemporaryDirectory() as temporary:
+        settled = Path(temporary) / "scenario.yaml"
+        settled.write_text(json.dumps(scenario.resolved()), encoding="utf-8")
+        place = Path(folder or Path(temporary) / "car")
+        has_tail = scenario.tail.mode != "none"
+        car = EmulatedCarProcess(str(settled), [], has_tail, chosen, place, view, console=False, faults=faults)
+        try:
+            car.start(say)
+            yield car
+        finally:
+            car.close()
 
 
 def _own_folder(folder: Path) -> Path:

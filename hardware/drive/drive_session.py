@@ -216,8 +216,8 @@ def run_drive(
     return replace(result, traffic_error=car.traffic_error)
 
 
-class TickTimeout(BaseException):  # noqa: N818 (no error of a kind that a controller may want to catch)
-    """Raised within a controller that takes too long."""
+class TickTimeout(BaseException):
+    """Raised within a controller that takes too long; no error of a kind that it may want to catch."""
 
 
 @contextmanager

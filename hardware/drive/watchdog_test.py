@@ -76,8 +76,13 @@ def new_record(wiring: WiringName, ports: CarPorts, cut: str, time_to_exit: floa
     )
 
 
-def record_path(wiring: WiringName, folder: Path | None = None) -> Path:
-    """Where the record of a wiring is; `folder` None: in the user's state folder (`XDG_STATE_HOME`)."""
+def record_path(wiring: WiringName, folder: Path | None = None, ports: CarPorts | None = None) -> Path:
+    """Where the record of a wiring is; `folder` None: in the user's state folder (`XDG_STATE_HOME`).
+
+    With the `ports` of an emulated car it is beside them, so that the record of the real car stays as it is.
+    """
+    if folder is None and ports is not None and is_emulated_port(ports.teensy.path):
+        folder = Path(ports.teensy.path).parent.parent
     state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
     return (folder or state / "aerodima" / "watchdog_tests") / f"{wiring}.json"
 
@@ -85,7 +90,8 @@ def record_path(wiring: WiringName, folder: Path | None = None) -> Path:
 def write_record(record: WatchdogTest, folder: Path | None = None) -> Path:
     """Writes a record in the place of an older one; `HardwareError` if it cannot be written."""
     text = json.dumps(record.model_dump(mode="json", by_alias=True), indent=1) + "\n"
-    return write_atomically(record_path(record.wiring, folder), text, True, HardwareError)
+    ports = CarPorts.model_validate(record.ports)
+    return write_atomically(record_path(record.wiring, folder, ports), text, True, HardwareError)
 
 
 def read_record(path: Path) -> WatchdogTest:
@@ -104,7 +110,7 @@ def require_watchdog_test(wiring: WiringName, ports: CarPorts, folder: Path | No
         HardwareError: there is none for the wiring, it was made on the emulator and the motors are real, or what it
             has shown has changed since: adapter or Teensy, motor ids, firmware profile, firmware, timing.
     """
-    path = record_path(wiring, folder)
+    path = record_path(wiring, folder, ports)
     again = f"make one with `aerodima drive SCENARIO --wiring {wiring} --watchdog-test`"
     if not path.exists():
         raise HardwareError(f"no watchdog test of {wiring} is recorded ({path}); {again}")

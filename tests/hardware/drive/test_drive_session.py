@@ -93,11 +93,13 @@ def test_an_exception_in_the_controller(drive):
     def fail(result):
         raise ZeroDivisionError("in the law")
 
-    with pytest.raises(Exception, match="in the law"):
-        drive.run(fail)
+    result = drive.run(fail)
+    assert not result.orderly
+    assert result.reason.startswith("ZeroDivisionError: in the law (test_drive_session.py, line")
+    assert [text for text in drive.said if "in fail" in text and 'drive_session.py", line' in text]
     drive.assert_safe()
     log = read_run_log(drive.log)
-    assert "in the law" in log.extra["stop_reason"]
+    assert log.extra["stop_reason"] == result.reason
     assert log.time[-1] > 0.25
 
 

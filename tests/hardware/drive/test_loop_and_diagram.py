@@ -73,7 +73,7 @@ def diagram(path, wiring):
 
 def test_ports_are_those_of_the_simulated_station():
     simulated = make_car_station(SCENARIO)
-    real = make_car_station(SCENARIO, interface=lambda _: CarInterface(CarGuard(FakeWiring(), SAFETY)))
+    real = make_car_station(SCENARIO, interface=lambda _: CarInterface())
 
     def ports(station):
         inputs = [station.get_input_port(index) for index in range(station.num_input_ports())]

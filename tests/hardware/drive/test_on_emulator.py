@@ -58,13 +58,12 @@ class Emulated(EmulatorProcess):
     def __init__(self, folder, wiring):
         super().__init__(folder, SCENARIO, wiring)
         self.log = folder / "drive.parquet"
-        self._state = folder / "state"
 
     def drive(self, *flags, scenario=("auto_turn", *FLAGS), program=(PROGRAM,)):
         command = [*program, "drive", *scenario, "--ports", str(self.folder / "ports.json"), "--wiring", self.wiring]
         return subprocess.Popen(
             [*command, "--log", str(self.log), "--arm", *flags],
-            env={**os.environ, "XDG_STATE_HOME": str(self._state), "OMP_NUM_THREADS": "1"},
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -72,8 +71,7 @@ class Emulated(EmulatorProcess):
 
     def record_watchdog_test(self):
         """As `aerodima drive --watchdog-test` does it."""
-        records = self._state / "aerodima" / "watchdog_tests"
-        run_watchdog_test(SCENARIO, self.ports, self.wiring, lambda _: True, "emulator", records)
+        run_watchdog_test(SCENARIO, self.ports, self.wiring, lambda _: True, "emulator")
 
 
 each_wiring = pytest.mark.parametrize("wiring", WIRINGS)

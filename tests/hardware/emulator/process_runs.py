@@ -15,12 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aerodima.hardware.car.car_ports import JOINTS, PORTS_FILE
-from aerodima.hardware.car.safety_settings import load_teensy_timing
+from aerodima.hardware.car.safety_settings import load_drive_safety, load_teensy_timing
 from aerodima.hardware.car.wiring import WIRINGS
 from aerodima.hardware.drive.held_car import run_watchdog_test
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8, decode_reply
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.config.scenario import Scenario, load_scenario
+from tests.hardware import own_diagram
 from tests.hardware.emulator.emulator_process import EmulatorProcess
 from tests.hardware.fake_can import wait_until
 
@@ -29,7 +30,7 @@ MARGIN = 0.1
 """s; for processes that share a busy computer."""
 _CONFIRMED = 1.0
 """s within which a stop is reported to the console."""
-_FIRMWARE = load_teensy_timing().watchdog_timeout
+_FIRMWARE, _LONGEST = load_teensy_timing().watchdog_timeout, load_drive_safety().longest_tick
 
 
 @dataclass
@@ -64,6 +65,8 @@ class ProcessCase:
     faults: tuple[dict, ...] = ()
     confirmed: bool | None = None
     """Given: somebody at the console drives, and its stop is confirmed or not."""
+    diagram: str = ""
+    """Function of `tests/hardware/own_diagram.py` that drives; empty: the scenario's own law, without Drake."""
 
 
 def kill(number: int) -> Callable[[subprocess.Popen[str], EmulatorProcess], float]:
@@ -110,6 +113,14 @@ def presses_stop(process: subprocess.Popen[str], emulator: EmulatorProcess) -> f
     time.sleep(1.0)
     assert emulator.operator is not None
     return emulator.operator.press_stop()
+
+
+def breaks(process: subprocess.Popen[str], emulator: EmulatorProcess) -> float:
+    """Waits until the diagram breaks by itself."""
+    del process
+    path = emulator.folder.parent / "broke"
+    assert wait_until(path.exists, 20.0), "nothing breaks"
+    return float(path.read_text())
 
 
 _FAST_TURN = (*SETTINGS, "manoeuvre.speed=3.9")
@@ -179,6 +190,23 @@ CASES: tuple[ProcessCase, ...] = (
         )
         for wiring in WIRINGS
     ),
+    *(
+        ProcessCase(name, wiring, breaks, within, acts, reason=reason, diagram=function)
+        for name, function, within, reason, acts in (
+            ("exception in a diagram", "raises", 0.3, "ZeroDivisionError: in my controller (own_diagram.py", "drive"),
+            ("NaN from a diagram", "commands_nan", 0.3, "commands NaN or infinity", "drive"),
+            ("diagram stalls for 50 ms in every tick", "stalls", 0.5, "ms", "drive: five slow ticks within a second"),
+            ("infinite loop in a diagram", "hangs", _LONGEST + MARGIN, "TickTimeout", "drive: interrupts it"),
+            (
+                "infinite loop that cannot be interrupted",
+                "hangs_for_good",
+                _FIRMWARE + MARGIN,
+                "",
+                "firmware",
+            ),
+        )
+        for wiring in WIRINGS
+    ),
 )
 
 
@@ -198,9 +226,9 @@ class RefusedCase:
     enters: bool = False
 
 
-def cut_settings(emulator: EmulatorProcess, records: Path) -> None:
+def cut_settings(emulator: EmulatorProcess, record: Path) -> None:
     """The ports file and the record of the watchdog test lose their second half."""
-    for path in (emulator.folder / PORTS_FILE, records / f"{emulator.wiring}.json"):
+    for path in (emulator.folder / PORTS_FILE, record):
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
 
@@ -230,9 +258,8 @@ def run_refused_case(case: RefusedCase, folder: Path) -> float:
     car = load_scenario("turn_swing", list(SETTINGS))
     script = {"clock": "start", "faults": [{"time": _TESTED_WITHIN, **case.fault}] if case.fault else []}
     with EmulatorProcess(folder, car, case.wiring, script) as emulator:
-        records = folder / "state" / "aerodima" / "watchdog_tests"
         begun = time.monotonic()
-        run_watchdog_test(car, emulator.ports, emulator.wiring, lambda _: True, "emulator", records)
+        _, record = run_watchdog_test(car, emulator.ports, emulator.wiring, lambda _: True, "emulator")
         rest = begun + _TESTED_WITHIN - time.monotonic()
         assert rest > 0.0, "the watchdog test met the fault"
         time.sleep(rest)
@@ -242,7 +269,7 @@ def run_refused_case(case: RefusedCase, folder: Path) -> float:
             for line in process.stdout:
                 if "car stands upright" in line:
                     break
-            case.damage(emulator, records)
+            case.damage(emulator, record)
         said = process.communicate("arm\n" if case.damage else None, timeout=60.0)[0]
         assert process.returncode not in (0, None), said
         assert re.search(case.reason, said), said
@@ -265,14 +292,20 @@ def _largest_torque(emulator: EmulatorProcess) -> float:
 
 
 def _start(
-    emulator: EmulatorProcess, folder: Path, scenario: str, settings: tuple[str, ...], arm: bool = True
+    emulator: EmulatorProcess,
+    folder: Path,
+    scenario: str,
+    settings: tuple[str, ...],
+    arm: bool = True,
+    diagram: str = "",
 ) -> subprocess.Popen[str]:
     words = [word for setting in settings for word in ("--set", setting)]
     ports, log = str(emulator.folder / PORTS_FILE), str(folder / "drive.parquet")
     command = ["drive", scenario, *words, "--ports", ports, "--wiring", emulator.wiring, "--log", log]
+    driver = ["--diagram", f"{own_diagram.__file__}:{diagram}"] if diagram else ["--no-drake"]
     return subprocess.Popen(
-        [sys.executable, "-m", "aerodima", *command, "--no-drake", *(["--arm"] if arm else [])],
-        env={**os.environ, "XDG_STATE_HOME": str(folder / "state")},
+        [sys.executable, "-m", "aerodima", *command, *driver, *(["--arm"] if arm else [])],
+        env={**os.environ, own_diagram.BROKE_FILE: str(folder / "broke")},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -292,11 +325,10 @@ def driving(
     emulator: EmulatorProcess, folder: Path, case: ProcessCase, car: Scenario
 ) -> Iterator[subprocess.Popen[str]]:
     """A drive process that drives, after a watchdog test of its wiring on this emulator."""
-    records = folder / "state" / "aerodima" / "watchdog_tests"
     if car.tail.mode != "none":
-        run_watchdog_test(car, emulator.ports, emulator.wiring, lambda _: True, "emulator", records)
+        run_watchdog_test(car, emulator.ports, emulator.wiring, lambda _: True, "emulator")
     entered = len(emulator.named("entered"))
-    process = _start(emulator, folder, case.scenario, case.settings)
+    process = _start(emulator, folder, case.scenario, case.settings, case.diagram)
     try:
         seen = []
         for line in process.stdout or ():

@@ -1,0 +1,196 @@
+"""A diagram of one's own: simulated, refused before the motors are on, broken while it drives, on the emulated car."""
+
+import math
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from aerodima.hardware.car.car_ports import ports_from_dict
+from aerodima.hardware.car.wiring import WIRINGS, CarReading
+from aerodima.hardware.console.emulated_car import emulated_car
+from aerodima.hardware.drive.drive_diagram import DiagramPilot
+from aerodima.hardware.drive.drive_session import RUN_OVER, DriveOptions, drive, run_drive
+from aerodima.hardware.drive.plain_loop import PERIOD
+from aerodima.hardware.drive.run_journal import drive_columns
+from aerodima.workbench.cli.program import build_app
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import HardwareError, UserError
+from aerodima.workbench.logs.exporters import export_log
+from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.metrics.turn_metrics import metrics_of
+from aerodima.workbench.report.replay_page import scenario_differences, write_replay_html
+from aerodima.workbench.simulate.simulation import simulate
+from tests.hardware import own_diagram
+from tests.hardware.car.fake_devices import PORTS, CarOnTheBench, ImuAtRest
+from tests.hardware.drive.fake_wiring import quick_turn
+from tests.hardware.emulator.emulator_process import undisturbed
+
+SETTINGS = ["drive.governor=true", "manoeuvre.duration=4", "simulation.step=0.004", "simulation.log_rate=250"]
+SCENARIO = load_scenario("turn_swing", SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    return simulate(SCENARIO, build=own_diagram.build)
+
+
+def test_simulation_runs_its_discrete_and_continuous_states_and_logs_them(simulated):
+    assert simulated.extra["diagram"] == "build"
+    steering, turned, way = (simulated.signal(name) for name in ("steering_command_rad", "turned_rad", "way_m"))
+    assert simulated.time[steering > 0.1][[0, -1]] == pytest.approx([2.0, 2.4], abs=0.02)
+    assert turned[-1] == pytest.approx(simulated.signal("yaw_truth_rad")[-1], abs=0.03)  # 10 ms sums of a noisy gyro
+    assert way[-1] == pytest.approx(np.trapezoid(simulated.signal("speed_m_per_s"), simulated.time), rel=0.01)
+    lifted = simulated.signal("tail_roll_command_position_rad") + math.pi / 2
+    np.testing.assert_allclose(lifted, np.clip(2.0 * turned, 0.0, 1.0), atol=1e-12)
+    assert metrics_of(simulated).outcome.result == "survived"
+
+
+def test_diagram_on_the_car_gives_the_commands_of_its_tick():
+    pilot = DiagramPilot(quick_turn(), build=own_diagram.build)
+    assert pilot.columns == own_diagram.OWN
+    reading = CarReading(imu=np.array([0, 0, 0, 0, 0, 0.5, 0, 0, 0.0]), speed=np.array([2.0]))
+    assert pilot.rehearse(reading) > 0.0
+    steps = [pilot.step(tick * PERIOD, reading) for tick in range(211)]
+    ticks, turned, rates, way = np.array([step.own for step in steps]).T
+    np.testing.assert_allclose(ticks, np.arange(211) * PERIOD, atol=1e-9)
+    np.testing.assert_allclose(turned, 0.5 * PERIOD * np.arange(1, 212), rtol=1e-9)  # the rehearsal left nothing
+    np.testing.assert_allclose(way, 2.0 * (np.arange(211) * PERIOD + 0.001), atol=1e-6)
+    assert set(rates) == {0.5}
+    assert [step.command.steering_angle for step in steps[199:202]] == [0.0, 0.2, 0.2]
+    assert steps[50].command.tail_roll[0] == pytest.approx(-math.pi / 2 + 2.0 * turned[50])
+
+
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [
+        ("no_throttle", "build: station port throttle: not connected"),
+        ("nothing", "own_diagram.py has no function nothing"),
+    ],
+)
+def test_turn_refuses_what_cannot_drive(function, said):
+    result = CliRunner().invoke(build_app(), ["turn", "--diagram", f"{own_diagram.__file__}:{function}"])
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_turn_shows_the_traceback_of_a_diagram_once_and_the_reason_in_one_line(tmp_path, monkeypatch):
+    monkeypatch.setenv(own_diagram.BROKE_FILE, str(tmp_path / "broke"))
+    result = CliRunner().invoke(build_app(), ["turn", "--diagram", f"{own_diagram.__file__}:raises"])
+    assert result.exit_code == 2
+    assert result.stderr.count("Traceback") == 1
+    assert "in _raise" in result.stderr
+    assert "car_run.py" not in result.stderr
+    assert "ZeroDivisionError: in my controller (own_diagram.py, line" in result.stderr.splitlines()[-1]
+
+
+def test_column_that_is_there_already_is_refused():
+    def build(builder, station):
+        own_diagram.build(builder, station)
+        builder.ExportOutput(station.GetOutputPort("speed"), "speed_m_per_s")
+
+    with pytest.raises(UserError, match="'speed_m_per_s': 1 elements; allowed: as many new columns"):
+        simulate(SCENARIO, build=build)
+
+
+class Bench:
+    def __init__(self, folder):
+        self.car = CarOnTheBench("manoeuvre.log_end=2.0")
+        self.car.devices.imu = ImuAtRest()
+        self.log, self.said = folder / "run.parquet", []
+
+    def drive(self, build):
+        options = DriveOptions(self.log)
+        car, scenario = self.car.car, self.car.scenario
+        return run_drive(car, scenario, ports_from_dict(PORTS), options, self.said.append, build=build)
+
+    def assert_off(self):
+        assert not any(motor.entered for motor in self.car.port.motors)
+        assert self.car.teensy.pulses[-1] == (1500, 1500)
+
+
+@pytest.fixture
+def bench(tmp_path, monkeypatch):
+    monkeypatch.setenv(own_diagram.BROKE_FILE, str(tmp_path / "broke"))
+    return Bench(tmp_path)
+
+
+@pytest.mark.realtime
+def test_drive_logs_what_the_diagram_exports_and_how_long_it_takes(bench):
+    assert bench.drive(own_diagram.build).reason == RUN_OVER
+    bench.assert_off()
+    log = read_run_log(bench.log)
+    assert list(log.table.columns) == [*drive_columns(), *own_diagram.OWN]
+    assert (log.extra["diagram"], log.extra["slow_ticks"]) == ("build", 0)
+    assert np.all(log.signal("controller_time_s")[1:] > 0.0)
+    assert log.signal("tick_s")[-1] == pytest.approx(1.99)
+    assert any(text.startswith("ok") and "diagram: a tick of it takes" in text for text in bench.said)
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("build", "reason", "tracebacks"),
+    [
+        (own_diagram.raises, "ZeroDivisionError: in my controller (own_diagram.py, line", 1),
+        (own_diagram.commands_nan, "the controller commands NaN or infinity", 0),
+        (own_diagram.stalls, "", 0),
+        (own_diagram.hangs, "TickTimeout: the controller does not come to an end (own_diagram.py, line", 1),
+    ],
+)
+def test_diagram_that_breaks_switches_the_motors_off_and_keeps_the_log(bench, build, reason, tracebacks):
+    result = bench.drive(build)
+    assert not result.orderly
+    assert result.reason.startswith(reason)
+    assert sum("Traceback" in text for text in bench.said) == tracebacks
+    bench.assert_off()
+    log = read_run_log(bench.log)
+    assert log.extra["stop_reason"] == result.reason
+    assert 1.0 <= log.signal("tick_s")[-1] < 1.6
+
+
+@pytest.mark.realtime
+def test_port_without_connection_is_found_before_the_motors_are_on(bench):
+    with pytest.raises(HardwareError, match=r"before the car is armed: RuntimeError: .*imu.* is not connected"):
+        bench.drive(own_diagram.unconnected)
+    assert not [frame for _, frame in bench.car.port.sent if frame.data.endswith(b"\xfc")]
+    assert not list(bench.log.parent.glob("run*"))
+
+
+@pytest.mark.emulated
+@pytest.mark.slow
+@pytest.mark.parametrize("wiring", WIRINGS)
+def test_same_file_drives_the_emulated_car_and_everything_reads_its_log(tmp_path, wiring, simulated):
+    def driven(folder):
+        with emulated_car(SCENARIO, wiring, folder / "car") as car:
+            result = drive(own_diagram.build, SCENARIO, car.ports, folder / "run.parquet", wiring=wiring, arm=True)
+            assert (result.reason, result.orderly) == (RUN_OVER, True)
+            assert len(car.events("off")) >= 2
+        return read_run_log(result.log)
+
+    log = undisturbed(driven, tmp_path)
+    last = {name: (run.signal(name)[-1], simulated.signal(name)[-1]) for run in [log] for name in own_diagram.OWN}
+    print(wiring, {name: f"{found:.3f} {expected:.3f}" for name, (found, expected) in last.items()}, log.extra)
+    assert last["turned_rad"][0] == pytest.approx(last["turned_rad"][1], abs=0.15)
+    assert metrics_of(log).raw.max_yaw_rate_rad_per_s > 0.2
+    assert "drive.governor" not in scenario_differences([log, simulated])
+    page = write_replay_html(log, tmp_path / "run.html")
+    assert all(name in page.read_text(encoding="utf-8") for name in own_diagram.OWN)
+    export_log(log, tmp_path / "run.mcap", "mcap")
+
+
+@pytest.mark.emulated
+@pytest.mark.slow
+@pytest.mark.parametrize("wiring", WIRINGS)
+def test_single_stall_is_counted_and_stops_nothing(tmp_path, wiring, monkeypatch):
+    def driven(folder):
+        monkeypatch.setenv(own_diagram.BROKE_FILE, str(folder / "broke"))
+        with emulated_car(SCENARIO, wiring, folder / "car") as car:
+            build, log = own_diagram.stalls_once, folder / "run.parquet"
+            result = drive(build, SCENARIO, car.ports, log, wiring=wiring, arm=True)
+        assert result.reason == RUN_OVER
+        return read_run_log(log)
+
+    log = undisturbed(driven, tmp_path)
+    assert log.extra["slow_ticks"] == 1
+    assert log.signal("controller_time_s").max() == pytest.approx(own_diagram.STALL, abs=0.02)

@@ -1,0 +1,152 @@
+"""What a stranger writes: a controller with discrete and continuous state for tail and steering; and broken ones.
+
+`build` is for `simulate`, `drive` and `--diagram`. The others break in the tick of `BREAKS_AT`, and write when that was
+(s, `time.monotonic`) into the file that the environment names.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
+from pydrake.systems.primitives import Integrator, LogVectorOutput
+
+BREAKS_AT, STALL = 1.0, 0.05
+BROKE_FILE = "AERODIMA_TEST_BROKE"
+OWN = ["tick_s", "turned_rad", "yaw_rate_rad_per_s", "way_m"]
+
+
+class LeanIn(LeafSystem):
+    """Steers to the left from 2 to 2.4 s, and lifts the tail by twice the angle that the car has turned."""
+
+    def __init__(self, broken: Callable[[], float] = lambda: 0.0) -> None:
+        super().__init__()
+        self._broken, self._throttle = broken, 0.3
+        self._imu = self.DeclareVectorInputPort("imu", 9)
+        seen = self.DeclareDiscreteState(3)
+        self.DeclareStateOutputPort("seen", seen)
+        for name, size in (("steering_angle", 1), ("throttle", 1), ("tail_pitch_command", 5), ("tail_roll_command", 5)):
+            calc = getattr(self, f"_calc_{name}")
+            self.DeclareVectorOutputPort(name, size, calc, {self.discrete_state_ticket(seen)})
+        self.DeclarePeriodicDiscreteUpdateEvent(0.01, 0.0, self._tick)
+
+    def _tick(self, context: Context, state: DiscreteValues) -> None:
+        time_now, yaw_rate = context.get_time(), float(self._imu.Eval(context)[5])
+        turned = float(context.get_discrete_state_vector().value()[1]) + 0.01 * yaw_rate
+        if time_now > BREAKS_AT:
+            turned += self._broken()
+        state.set_value(np.array([time_now, turned, yaw_rate]))
+
+    def _calc_steering_angle(self, context: Context, out: object) -> None:
+        out.set_value([0.2 if 2.0 <= context.get_discrete_state_vector().value()[0] < 2.4 else 0.0])
+
+    def _calc_throttle(self, context: Context, out: object) -> None:
+        out.set_value([self._throttle])
+
+    def _calc_tail_pitch_command(self, context: Context, out: object) -> None:
+        out.set_value([0.0, 0.0, 17.0, 5.0, 0.0])
+
+    def _calc_tail_roll_command(self, context: Context, out: object) -> None:
+        angle = -math.pi / 2 + min(1.0, max(0.0, 2.0 * context.get_discrete_state_vector().value()[1]))
+        if math.isnan(context.get_discrete_state_vector().value()[1]):
+            angle = math.nan
+        out.set_value([angle, 0.0, 17.0, 5.0, 0.0])
+
+
+def build(
+    builder: DiagramBuilder, station: Diagram, broken: Callable[[], float] = lambda: 0.0, heard: bool = True
+) -> None:
+    """Adds the controller and an integrator of the speed; what they find becomes columns of the log."""
+    controller = builder.AddNamedSystem("lean_in", LeanIn(broken))
+    if heard:
+        builder.Connect(station.GetOutputPort("imu"), controller.GetInputPort("imu"))
+    for name in ("steering_angle", "throttle", "tail_pitch_command", "tail_roll_command"):
+        builder.Connect(controller.GetOutputPort(name), station.GetInputPort(name))
+    builder.ExportOutput(controller.GetOutputPort("seen"), ", ".join(OWN[:3]))
+    way = builder.AddSystem(Integrator(1))
+    builder.Connect(station.GetOutputPort("speed"), way.get_input_port())
+    LogVectorOutput(way.get_output_port(), builder).set_name(OWN[3])
+
+
+def _note() -> None:
+    path = Path(os.environ[BROKE_FILE])
+    if not path.exists():
+        path.with_suffix(".part").write_text(str(time.monotonic()), encoding="utf-8")
+        path.with_suffix(".part").rename(path)
+
+
+def _raise() -> float:
+    _note()
+    raise ZeroDivisionError("in my controller")
+
+
+def _nan() -> float:
+    _note()
+    return math.nan
+
+
+def _stall() -> float:
+    _note()
+    time.sleep(STALL)
+    return 0.0
+
+
+def _stall_once() -> float:
+    return 0.0 if Path(os.environ[BROKE_FILE]).exists() else _stall()
+
+
+def _hang() -> float:
+    _note()
+    while True:
+        try:
+            math.sqrt(2.0)
+        except Exception:  # as who tries again would write it
+            continue
+
+
+def _hang_for_good() -> float:
+    _note()
+    while True:
+        try:
+            math.sqrt(2.0)
+        except BaseException:  # nothing reaches it
+            continue
+
+
+def raises(builder: DiagramBuilder, station: Diagram) -> None:
+    build(builder, station, _raise)
+
+
+def commands_nan(builder: DiagramBuilder, station: Diagram) -> None:
+    build(builder, station, _nan)
+
+
+def stalls(builder: DiagramBuilder, station: Diagram) -> None:
+    build(builder, station, _stall)
+
+
+def stalls_once(builder: DiagramBuilder, station: Diagram) -> None:
+    build(builder, station, _stall_once)
+
+
+def hangs(builder: DiagramBuilder, station: Diagram) -> None:
+    build(builder, station, _hang)
+
+
+def hangs_for_good(builder: DiagramBuilder, station: Diagram) -> None:
+    build(builder, station, _hang_for_good)
+
+
+def unconnected(builder: DiagramBuilder, station: Diagram) -> None:
+    build(builder, station, heard=False)
+
+
+def no_throttle(builder: DiagramBuilder, station: Diagram) -> None:
+    controller = builder.AddSystem(LeanIn())
+    for name in ("steering_angle", "tail_pitch_command", "tail_roll_command"):
+        builder.Connect(controller.GetOutputPort(name), station.GetInputPort(name))
