@@ -16,6 +16,7 @@ from .config.scenario import Scenario as Scenario
 from .config.scenario import load_scenario as load_scenario
 from .controllers.controller_systems import TailController as TailController
 from .controllers.controller_systems import TurnDriver as TurnDriver
+from .controllers.driver_law import make_driver as make_driver
 from .controllers.manoeuvre import make_schedule as make_schedule
 from .controllers.tail_law import Observation as Observation
 from .errors import UserError as UserError
