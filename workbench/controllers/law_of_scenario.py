@@ -231,12 +231,13 @@ def _run_file(flag: str, path: Path) -> Any:
 
 
 _OURS = ("aerodima", "pydrake")
+"""Packages; a file of the user's is run as a module of its own."""
 
 
 def traceback_and_reason(error: BaseException) -> tuple[str, str]:
     """The traceback of an error from the first line on that is not ours or Drake's, and the error in one line."""
     frames = list(traceback.walk_tb(error.__traceback__))
-    theirs = [not str(frame.f_globals.get("__name__")).startswith(_OURS) for frame, _ in frames]
+    theirs = [str(frame.f_globals.get("__name__")).partition(".")[0] not in _OURS for frame, _ in frames]
     summary = traceback.StackSummary.extract(iter(frames[theirs.index(True) if any(theirs) else 0 :]))
     lines = traceback.format_exception_only(error)
     text = "".join(["Traceback (most recent call last):\n", *summary.format(), *lines]).rstrip()
