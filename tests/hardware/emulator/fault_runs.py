@@ -29,6 +29,7 @@ from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.signal_table import STATUS
 from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.realtime import DRIVE_PRIORITY, prefer_realtime, restore_ordinary
 from tests.hardware.emulator.breakers import Breaker
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.emulator.fault_cases import AT, CASES, PITCH, ROLL, Case
@@ -140,6 +141,7 @@ def run_case(case: Case, folder: Path) -> Outcome:
                 return good
             return case.broken_command(since - AT) if callable(case.broken_command) else case.broken_command
 
+        prefer_realtime(DRIVE_PRIORITY)  # as the drive does
         try:
             car.start()
             breaker.begin(car, scenario, folder)
@@ -150,6 +152,7 @@ def run_case(case: Case, folder: Path) -> Outcome:
             guard.stop(f"{type(error).__name__}: {error}", time.monotonic(), hard=True)
         finally:
             car.stop("over")
+            restore_ordinary()
             gc.unfreeze()
         if case.of_the_computer and breaker.struck is None:
             raise EndedEarlyError(guard.reason)
