@@ -152,10 +152,13 @@ def entry_figure(table: pd.DataFrame) -> Figure:
             if np.isfinite(values).any():
                 axis.barh(index, np.nanmedian(values), height=0.6, color=SKY)
             axis.plot(values, np.full(len(values), index), "o", color=BLUE, markersize=3)
-        axis.set_title(f"{name}, friction {floor}")
         axis.set_yticks(range(len(who)), who)
+    for axis, name in zip(axes[0], names, strict=True):
+        axis.set_title(name)
     for axis in axes[-1]:
         axis.set_xlabel("m/s")
+    for axis, floor in zip(axes[:, 0], floors, strict=True):
+        axis.set_ylabel(f"friction {floor}")
     return figure
 
 
