@@ -51,7 +51,7 @@ def code_of(path: Path) -> list[str]:
 def test_an_import_behind_the_face_is_seen() -> None:
     assert deep("from aerodima.workbench.config.scenario import load_scenario")
     assert deep("from aerodima.workbench import resources")
-    assert deep("import aerodima.hardware.drive")
+    assert deep("import aerodima.hardware.driving")
     assert not deep("from aerodima.workbench import load_scenario, simulate\nimport numpy")
 
 

@@ -16,7 +16,7 @@ LAYERS = {
     ),
     "optimisation": ("identify", "sweep", "screening", "calibration", "swing", "entry", "commands"),
     "hardware": (
-        *("protocol", "transport", "devices", "car", "firmware", "drive", "emulator", "console"),
+        *("protocol", "transport", "devices", "car", "firmware", "driving", "emulator", "console"),
         *("examples", "commands"),
     ),
 }

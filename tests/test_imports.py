@@ -76,7 +76,7 @@ def test_package_imports_only_what_stands_below_it(package: str) -> None:
     ("package", "source"),
     [
         ("workbench", "from aerodima.optimisation.sweep import study"),
-        ("workbench", "def later():\n    import aerodima.hardware.drive"),
+        ("workbench", "def later():\n    import aerodima.hardware.driving"),
         ("optimisation", "import aerodima.hardware"),
         ("hardware", "from aerodima.optimisation import swing"),
         ("workbench", "from tests.benchmarks import rows"),

@@ -217,8 +217,8 @@ def drive(
     """
     from aerodima.hardware.car.car_ports import read_ports
     from aerodima.hardware.car.wiring import wiring_name
-    from aerodima.hardware.drive.drive_session import DriveOptions, run_drive
-    from aerodima.hardware.drive.held_car import connect
+    from aerodima.hardware.driving.drive_session import DriveOptions, run_drive
+    from aerodima.hardware.driving.held_car import connect
     from aerodima.workbench.atomic_write import make_folder, refuse_existing
     from aerodima.workbench.controllers.law_of_scenario import load_build, load_drive, load_law
     from aerodima.workbench.errors import HardwareError, LogError
@@ -270,7 +270,7 @@ def drive(
 
 def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: str, arm: bool) -> None:
     from aerodima.hardware.car.car_ports import JOINTS
-    from aerodima.hardware.drive.held_car import connect, run_motor_test
+    from aerodima.hardware.driving.held_car import connect, run_motor_test
     from aerodima.workbench.errors import HardwareError
 
     chosen = next((name for name in JOINTS if name == joint), None)
@@ -285,7 +285,7 @@ def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: 
 
 
 def _set_zero(path: Path, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
-    from aerodima.hardware.drive.held_car import joint_angles, read_motor_angles, write_zeros
+    from aerodima.hardware.driving.held_car import joint_angles, read_motor_angles, write_zeros
     from aerodima.workbench.errors import HardwareError
 
     question = "hold the tail exactly upright, it is let go; type zero to read its angles"
@@ -301,7 +301,7 @@ def _set_zero(path: Path, ports: CarPorts, wiring: WiringName, arm: bool) -> Non
 
 
 def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
-    from aerodima.hardware.drive.held_car import run_watchdog_test
+    from aerodima.hardware.driving.held_car import run_watchdog_test
 
     typer.echo("the motors are switched on and hold the tail where it is")
     confirm, seen_by = _eyes(ports, wiring)
@@ -313,7 +313,7 @@ def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm:
 
 def _eyes(ports: CarPorts, wiring: WiringName) -> tuple[Callable[[str], bool], str]:
     """Who answers what is seen of the tail: the operator, or nobody where there is nothing to be seen."""
-    from aerodima.hardware.drive.watchdog_test import is_emulated
+    from aerodima.hardware.driving.watchdog_test import is_emulated
 
     return ((lambda _: True), "emulator") if is_emulated(wiring, ports) else (typer.confirm, "operator")
 

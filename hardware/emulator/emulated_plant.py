@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from aerodima.hardware.drive.run_journal import RunJournal
+from aerodima.hardware.driving.run_journal import RunJournal
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of

@@ -5,7 +5,7 @@ bits, velocity 12, kp 12, kd 12, torque 12. A reply names its motor in the first
 torque 12 and, in the long form, temperature 8 and fault 8; its CAN id may be the motor's or 0.
 
 The frames carry no version, so the user chooses the profile, which says what numbers the fields stand for, and it is
-checked before the car is armed (`aerodima.hardware.drive.drive_checks`). Sources disagree: 25 N m is the manual
+checked before the car is armed (`aerodima.hardware.driving.drive_checks`). Sources disagree: 25 N m is the manual
 V1.0.8, 24 and 24.8 N m are printed elsewhere for the same motor, and the sample code of the manual has another
 position range. `make_*` builds a frame and touches nothing.
 """

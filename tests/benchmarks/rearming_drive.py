@@ -18,8 +18,8 @@ from aerodima.hardware.car.car_ports import read_ports
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.car.wirings import wire_car
-from aerodima.hardware.drive.car_guard import CarGuard, Stage
-from aerodima.hardware.drive.plain_loop import PERIOD, ManualPilot, wait_until
+from aerodima.hardware.driving.car_guard import CarGuard, Stage
+from aerodima.hardware.driving.plain_loop import PERIOD, ManualPilot, wait_until
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError

@@ -9,8 +9,8 @@ import pytest
 from aerodima.hardware.car import wired_car
 from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.devices.device_states import MotorState
-from aerodima.hardware.drive import held_car
-from aerodima.hardware.drive.held_car import run_motor_test
+from aerodima.hardware.driving import held_car
+from aerodima.hardware.driving.held_car import run_motor_test
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.car.fake_devices import CarOnTheBench
 

@@ -8,7 +8,7 @@ import aerodima.hardware.protocol, aerodima.hardware.transport
 for package in (aerodima.hardware.protocol, aerodima.hardware.transport):
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
         importlib.import_module(module.name)
-import aerodima.hardware.devices.motor_group, aerodima.hardware.drive.drive_checks
+import aerodima.hardware.devices.motor_group, aerodima.hardware.driving.drive_checks
 from tests.hardware.fake_motors import Bench, hold
 
 bench = Bench().to_running(hold(0.0))

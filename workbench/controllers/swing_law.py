@@ -2,7 +2,7 @@
 
 Thesis Table 6.4 read with ERRATA E28 (130 degrees is travel, the swing speed points over the top); design section 8.
 No Drake: the same law runs on a computer for which Drake has no wheel. `law_of_scenario` makes it, `TailController`
-calls it in a diagram, `aerodima.hardware.drive.plain_loop.LawPilot` without Drake.
+calls it in a diagram, `aerodima.hardware.driving.plain_loop.LawPilot` without Drake.
 
 Signs: tail roll angle 0 = straight up, positive to the right; yaw rate positive to the left. For a left turn the tail
 waits on the left (-90 degrees) and swings with positive roll rate. A right turn is the exact mirror image.

@@ -10,7 +10,7 @@ from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.devices.device_states import MotorFault, SourceFault
 from aerodima.hardware.devices.ublox import GpsSample
-from aerodima.hardware.drive.car_guard import CarGuard
+from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.protocol.radio import decode_report
 from aerodima.workbench.config.signal_table import STATUS

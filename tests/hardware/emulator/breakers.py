@@ -21,9 +21,9 @@ from aerodima.hardware.car.car_ports import PORTS_FILE, CarPorts, read_ports
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wirings import wire_car
-from aerodima.hardware.drive.car_guard import CarGuard, DriveLimits
-from aerodima.hardware.drive.held_car import run_watchdog_test
-from aerodima.hardware.drive.run_journal import RunJournal, open_run_journal
+from aerodima.hardware.driving.car_guard import CarGuard, DriveLimits
+from aerodima.hardware.driving.held_car import run_watchdog_test
+from aerodima.hardware.driving.run_journal import RunJournal, open_run_journal
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.errors import HardwareError

@@ -22,8 +22,8 @@ from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.car.wirings import wire_car
-from aerodima.hardware.drive.car_guard import CarGuard, Stage
-from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
+from aerodima.hardware.driving.car_guard import CarGuard, Stage
+from aerodima.hardware.driving.plain_loop import PERIOD, wait_until
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit
 from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.workbench.config.scenario import Scenario, load_scenario

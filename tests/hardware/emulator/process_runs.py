@@ -17,7 +17,7 @@ from pathlib import Path
 from aerodima.hardware.car.car_ports import JOINTS, PORTS_FILE
 from aerodima.hardware.car.safety_settings import load_drive_safety, load_teensy_timing
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.drive.held_car import run_watchdog_test
+from aerodima.hardware.driving.held_car import run_watchdog_test
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8, decode_reply
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.config.scenario import Scenario, load_scenario

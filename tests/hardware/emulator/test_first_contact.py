@@ -10,7 +10,7 @@ import pytest
 
 from aerodima.hardware.car.car_ports import PORTS_FILE, read_ports
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.drive.held_car import (
+from aerodima.hardware.driving.held_car import (
     joint_angles,
     read_motor_angles,
     run_motor_test,

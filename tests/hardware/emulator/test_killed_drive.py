@@ -7,8 +7,8 @@ import pytest
 from aerodima.hardware.car.car_ports import PORTS_FILE
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.drive.held_car import run_watchdog_test
-from aerodima.hardware.drive.watchdog_test import record_path, require_watchdog_test
+from aerodima.hardware.driving.held_car import run_watchdog_test
+from aerodima.hardware.driving.watchdog_test import record_path, require_watchdog_test
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed

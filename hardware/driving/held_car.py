@@ -24,8 +24,8 @@ from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.devices.device_states import FramePort
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.devices.teensy_link import TeensyLink
-from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
-from aerodima.hardware.drive.watchdog_test import WatchdogTest, new_record, require_watchdog_test, write_record
+from aerodima.hardware.driving.plain_loop import PERIOD, wait_until
+from aerodima.hardware.driving.watchdog_test import WatchdogTest, new_record, require_watchdog_test, write_record
 from aerodima.hardware.protocol.ak70 import decode_reply, make_enter, make_exit, make_neutral
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.teensy import TeensyStatus

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from aerodima.hardware.drive.drive_checks import check_profile
+from aerodima.hardware.driving.drive_checks import check_profile
 from aerodima.hardware.protocol.ak70 import AK70_10_24_N_M, AK70_10_V1_0_8, MANUAL_SAMPLE_CODE, MitReply, make_reply
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.errors import HardwareError

@@ -5,20 +5,20 @@ from tests.blocked_drake import run_without_drake
 PROGRAM = """
 import importlib, pathlib, pkgutil, tempfile
 import aerodima.hardware.commands.car_commands, aerodima.workbench.controllers.law_of_scenario
-from aerodima.hardware import car, devices, drive
-for package in (drive, devices, car):
+from aerodima.hardware import car, devices, driving
+for package in (driving, devices, car):
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
         if module.name.rpartition(".")[2] not in ("car_interface", "drive_diagram", "__main__"):
             importlib.import_module(module.name)
 
 import numpy as np
-from aerodima.hardware.drive.car_guard import CarGuard
-from aerodima.hardware.drive.plain_loop import idle_until, run_loop
-from aerodima.hardware.drive.plain_loop import AutoPilot
-from aerodima.hardware.drive.run_journal import open_run_journal
+from aerodima.hardware.driving.car_guard import CarGuard
+from aerodima.hardware.driving.plain_loop import idle_until, run_loop
+from aerodima.hardware.driving.plain_loop import AutoPilot
+from aerodima.hardware.driving.run_journal import open_run_journal
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.hardware.car.safety_settings import load_drive_safety
-from tests.hardware.drive.fake_wiring import FakeWiring, quick_turn
+from tests.hardware.driving.fake_wiring import FakeWiring, quick_turn
 
 class Time:
     now = 0.0

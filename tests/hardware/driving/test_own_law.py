@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from aerodima.hardware.car.car_ports import ports_from_dict
-from aerodima.hardware.drive.drive_session import DriveOptions, run_drive
+from aerodima.hardware.driving.drive_session import DriveOptions, run_drive
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.logs.schema import read_run_log
 from tests.hardware.car.fake_devices import PORTS, CarOnTheBench, ImuAtRest

@@ -23,7 +23,7 @@ from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.bno055 import RATE as IMU_RATE
 from aerodima.hardware.devices.bno055 import Bno055Sample
-from aerodima.hardware.drive.plain_loop import PERIOD
+from aerodima.hardware.driving.plain_loop import PERIOD
 from aerodima.hardware.protocol.ak70 import PROFILES, FirmwareProfile, decode_reply
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.config.scenario import Scenario

@@ -1,6 +1,6 @@
 """The loop of a drive and who drives in it: a sequence with its tail law, or the operator by radio. No Drake in here.
 
-`aerodima.hardware.drive.drive_diagram.DiagramPilot` is the sequence as a diagram.
+`aerodima.hardware.driving.drive_diagram.DiagramPilot` is the sequence as a diagram.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 
 from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.devices.motor_settings import load_motor_safety
-from aerodima.hardware.drive.car_guard import CarGuard
-from aerodima.hardware.drive.run_journal import RunJournal, drive_columns
+from aerodima.hardware.driving.car_guard import CarGuard
+from aerodima.hardware.driving.run_journal import RunJournal, drive_columns
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_OUTPUTS
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario

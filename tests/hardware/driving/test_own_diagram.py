@@ -9,10 +9,10 @@ from typer.testing import CliRunner
 from aerodima.hardware.car.car_ports import ports_from_dict
 from aerodima.hardware.car.wiring import WIRINGS, CarReading
 from aerodima.hardware.console.emulated_car import emulated_car
-from aerodima.hardware.drive.drive_diagram import DiagramPilot
-from aerodima.hardware.drive.drive_session import RUN_OVER, DriveOptions, drive, run_drive
-from aerodima.hardware.drive.plain_loop import PERIOD
-from aerodima.hardware.drive.run_journal import drive_columns
+from aerodima.hardware.driving.drive_diagram import DiagramPilot
+from aerodima.hardware.driving.drive_session import RUN_OVER, DriveOptions, drive, run_drive
+from aerodima.hardware.driving.plain_loop import PERIOD
+from aerodima.hardware.driving.run_journal import drive_columns
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError, UserError
@@ -23,7 +23,7 @@ from aerodima.workbench.report.replay_page import scenario_differences, write_re
 from aerodima.workbench.simulate.simulation import simulate
 from tests.hardware import own_diagram
 from tests.hardware.car.fake_devices import PORTS, CarOnTheBench, ImuAtRest
-from tests.hardware.drive.fake_wiring import quick_turn
+from tests.hardware.driving.fake_wiring import quick_turn
 from tests.hardware.emulator.emulator_process import undisturbed
 
 SETTINGS = ["drive.governor=true", "manoeuvre.duration=4", "simulation.step=0.004", "simulation.log_rate=250"]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.drive.held_car import run_watchdog_test
+from aerodima.hardware.driving.held_car import run_watchdog_test
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import sensor_columns
 from aerodima.workbench.logs.schema import read_run_log

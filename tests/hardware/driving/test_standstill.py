@@ -8,7 +8,7 @@ import pytest
 
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.devices.bno055 import Bno055Sample, decode_sample, encode_sample
-from aerodima.hardware.drive.drive_checks import standstill_checks
+from aerodima.hardware.driving.drive_checks import standstill_checks
 
 SAFETY = load_drive_safety()
 LEVEL = np.zeros(9)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from aerodima.hardware.car.wiring import CarReading
-from aerodima.hardware.drive.plain_loop import ControlPilot
+from aerodima.hardware.driving.plain_loop import ControlPilot
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.config.signal_table import IMU, STATUS
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.swing_law import SwingState
-from tests.hardware.drive.fake_wiring import quick_turn
+from tests.hardware.driving.fake_wiring import quick_turn
 
 SCENARIO = quick_turn()
 PERIOD = 0.01

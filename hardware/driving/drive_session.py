@@ -24,8 +24,8 @@ from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.device_states import SourceFault
-from aerodima.hardware.drive.car_guard import CarGuard, Stage
-from aerodima.hardware.drive.drive_checks import (
+from aerodima.hardware.driving.car_guard import CarGuard, Stage
+from aerodima.hardware.driving.drive_checks import (
     Check,
     desk_checks,
     device_checks,
@@ -34,8 +34,8 @@ from aerodima.hardware.drive.drive_checks import (
     standstill_checks,
     watchdog_check,
 )
-from aerodima.hardware.drive.held_car import connect
-from aerodima.hardware.drive.plain_loop import (
+from aerodima.hardware.driving.held_car import connect
+from aerodima.hardware.driving.plain_loop import (
     AutoPilot,
     ControlPilot,
     ManualPilot,
@@ -44,7 +44,7 @@ from aerodima.hardware.drive.plain_loop import (
     idle_until,
     run_loop,
 )
-from aerodima.hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
+from aerodima.hardware.driving.run_journal import RunJournal, log_facts, open_run_journal
 from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.workbench.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.config.scenario import Scenario
@@ -450,7 +450,7 @@ def _prepare(drive: _Drive) -> tuple[Callable[[RadioMode], Pilot], list[str]]:
 
 
 def _diagram(drive: _Drive) -> tuple[Pilot, list[str]]:
-    from aerodima.hardware.drive.drive_diagram import DiagramPilot
+    from aerodima.hardware.driving.drive_diagram import DiagramPilot
 
     pilot = DiagramPilot(drive.scenario, drive.law, drive.build)
     longest, slow = pilot.rehearse(drive.guard.reading), drive.safety.slow_tick

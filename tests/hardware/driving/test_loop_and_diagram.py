@@ -15,11 +15,11 @@ from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_settings import load_motor_safety
-from aerodima.hardware.drive import run_journal
-from aerodima.hardware.drive.car_guard import CarGuard, Stage
-from aerodima.hardware.drive.drive_diagram import CarInterface, DiagramPilot
-from aerodima.hardware.drive.plain_loop import PERIOD, AutoPilot, ManualPilot, idle_until, run_loop
-from aerodima.hardware.drive.run_journal import RunJournal, drive_columns, open_run_journal
+from aerodima.hardware.driving import run_journal
+from aerodima.hardware.driving.car_guard import CarGuard, Stage
+from aerodima.hardware.driving.drive_diagram import CarInterface, DiagramPilot
+from aerodima.hardware.driving.plain_loop import PERIOD, AutoPilot, ManualPilot, idle_until, run_loop
+from aerodima.hardware.driving.run_journal import RunJournal, drive_columns, open_run_journal
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.controllers.swing_law import SwingState
@@ -27,7 +27,7 @@ from aerodima.workbench.logs.journal import read_journal
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.realtime import permitted
 from aerodima.workbench.stations.car_station import make_car_station
-from tests.hardware.drive.fake_wiring import FakeWiring, quick_turn
+from tests.hardware.driving.fake_wiring import FakeWiring, quick_turn
 
 SAFETY = load_drive_safety().model_copy(update={"overrun": 100.0, "throttle_start": 1.0})
 """Simulated time: nothing is ever late."""
@@ -244,7 +244,7 @@ KILLED = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from aerodima.hardware.drive.run_journal import open_run_journal
+from aerodima.hardware.driving.run_journal import open_run_journal
 from aerodima.workbench.config.scenario import load_scenario
 journal = open_run_journal(Path(sys.argv[1]), load_scenario("auto_turn"), "watched_can")
 print("ready", flush=True)

@@ -1,6 +1,6 @@
 """The record of a watchdog test: what allows the motors of a wiring to be armed.
 
-`aerodima.hardware.drive.held_car.run_watchdog_test` makes one.
+`aerodima.hardware.driving.held_car.run_watchdog_test` makes one.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def record_path(wiring: WiringName, folder: Path | None = None, ports: CarPorts 
 def write_record(record: WatchdogTest, folder: Path | None = None) -> Path:
     """Writes a record in the place of an older one; `HardwareError` if it cannot be written."""
     text = json.dumps(record.model_dump(mode="json", by_alias=True), indent=1) + "\n"
-    ports = CarPorts.model_validate(record.ports)
+    ports = None if folder else CarPorts.model_validate(record.ports)
     return write_atomically(record_path(record.wiring, folder, ports), text, True, HardwareError)
 
 

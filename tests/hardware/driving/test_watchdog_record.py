@@ -5,8 +5,8 @@ import json
 import pytest
 
 from aerodima.hardware.car.car_ports import READY_FILE, READY_SCHEMA, ports_from_dict
-from aerodima.hardware.drive import watchdog_test as record
-from aerodima.hardware.drive.watchdog_test import (
+from aerodima.hardware.driving import watchdog_test as record
+from aerodima.hardware.driving.watchdog_test import (
     is_emulated,
     new_record,
     read_record,

@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
 
 from aerodima.hardware.car.wiring import CarCommand, CarReading
-from aerodima.hardware.drive.plain_loop import PERIOD, WRITE_DELAY, Pilot, PilotStep
+from aerodima.hardware.driving.plain_loop import PERIOD, WRITE_DELAY, Pilot, PilotStep
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.controllers.tail_law import TailLaw

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from aerodima.hardware.car.car_ports import ports_from_dict
-from aerodima.hardware.drive.drive_session import RUN_OVER, DriveOptions, run_drive
+from aerodima.hardware.driving.drive_session import RUN_OVER, DriveOptions, run_drive
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.errors import HardwareError

@@ -9,10 +9,10 @@ from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.radio_link import IDLE
-from aerodima.hardware.drive.car_guard import CarGuard, Stage
+from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.protocol.radio import Asks, OperatorCommand, RadioMode
 from aerodima.workbench.errors import HardwareError
-from tests.hardware.drive.fake_wiring import PERIOD, FakeWiring
+from tests.hardware.driving.fake_wiring import PERIOD, FakeWiring
 
 SAFETY = load_drive_safety()
 FORWARD = CarCommand(0.1, 0.05, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([-1.57, 0.0, 17.0, 5.0, 0.0]))
