@@ -328,7 +328,7 @@ def driving(
     if car.tail.mode != "none":
         run_watchdog_test(car, emulator.ports, emulator.wiring, lambda _: True, "emulator")
     entered = len(emulator.named("entered"))
-    process = _start(emulator, folder, case.scenario, case.settings, case.diagram)
+    process = _start(emulator, folder, case.scenario, case.settings, diagram=case.diagram)
     try:
         seen = []
         for line in process.stdout or ():
