@@ -102,7 +102,7 @@ class Motor:
             reason = f" ({self.fault_text}); reset it first" if self.fault else ""
             raise HardwareError(f"{self.settings.name}: cannot be entered while {self.state.name.lower()}{reason}")
         self._go(MotorState.ENTERING, now)
-        self._motor_angle = self._probe = None
+        self._motor_angle = self._probe = self._asked = None
         self.missed = self._unanswered = self._enter_replies = 0
         self._count.clear()
         self._step_time = now
@@ -229,7 +229,9 @@ class Motor:
         self._enter_replies += 1
         if self._off_replies is not None:
             self._off_replies += 1
-        energised = self.state in (MotorState.HOLDING, MotorState.RUNNING)
+        energised = self.state in (MotorState.HOLDING, MotorState.RUNNING) or (
+            self.state is MotorState.ENTERING and self._probe is not None
+        )
         lost = self._following.look(self._asked if energised else None, self.position, self.speed, self.torque, time)
         self._check(reply, jump, time)
         if lost:
@@ -343,7 +345,8 @@ class Motor:
             self._go(MotorState.HOLDING, now)
         else:
             push = MitCommand(self.position, 0.0, 0.0, 0.0, probe.torque)
-            self._send(self._frame(limit_command(push, self.position, self.speed, self.settings)))
+            self._asked = limit_command(push, self.position, self.speed, self.settings)
+            self._send(self._frame(self._asked))
 
     def _exit(self, now: float) -> None:
         if self._exits_left == 0:

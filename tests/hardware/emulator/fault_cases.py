@@ -234,7 +234,7 @@ CASES: tuple[Case, ...] = (
         acts="drive: reported torque belongs to no command",
     ),
     *_motor("feedback reversed while driving", "feedback_reversed", "jumped", acts="drive: position jumped"),
-    *_motor("motor reversed while driving", "motor_reversed", "tail roll"),
+    *_motor("motor reversed while driving", "motor_reversed", "tail roll", time=AT + 0.6, broken_command=_swinging),
     *_motor("low battery: motor reports under-voltage", "motor_fault", "under-voltage", code=4),
     *_motor("over-temperature flag", "motor_fault", "over-temperature", code=1),
     *_on_both(
