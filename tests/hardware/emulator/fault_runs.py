@@ -240,13 +240,13 @@ def row(case: Case, found: Outcome) -> str:
     """Of the table in hardware/README.md."""
     if not case.stops:
         return f"| {case.name} | {case.wiring} | - | - | - | {case.acts} |"
-    off, neutral = (f"{value * 1000:.0f} ms" for value in (found.motors_off, found.throttle_neutral))
+    off, neutral = (f"{value * 1000:.0f}" for value in (found.motors_off, found.throttle_neutral))
     return f"| {case.name} | {case.wiring} | {off} | {neutral} | {found.exits} | {case.acts} |"
 
 
 def main() -> None:
     """Measures the cases whose names are given, or all, once, and prints the rows of the table."""
-    print("| fault | wiring | motors off | throttle neutral | FD | what acts |")
+    print("| fault | wiring | motors off, ms | throttle neutral, ms | FD | what acts |")
     print("|---|---|---|---|---|---|", flush=True)
     for case in CASES:
         if not sys.argv[1:] or case.name in sys.argv[1:]:

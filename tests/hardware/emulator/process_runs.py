@@ -156,7 +156,7 @@ CASES: tuple[ProcessCase, ...] = (
             wiring,
             stop_for_a_while,
             _FIRMWARE + MARGIN,
-            "firmware; the drive ends when it goes on",
+            "firmware; the drive ends",
             reason="between two cycles",
         )
         for wiring in WIRINGS
@@ -179,14 +179,14 @@ CASES: tuple[ProcessCase, ...] = (
     *(
         ProcessCase(name, wiring, cause, 0.3, acts, reason="emergency stop", faults=faults, confirmed=not faults)
         for name, cause, acts, faults in (
-            ("emergency stop at the console", presses_stop, "drive; the console has it confirmed", ()),
+            ("emergency stop at the console", presses_stop, "drive; confirmed", ()),
             (
                 "foreign confirmation",
                 presses_stop,
-                "drive; the console goes on sending the stop",
+                "drive; not confirmed",
                 ({"time": 0.5, "fault": "foreign_module"},),
             ),
-            ("two consoles", second_console, "nothing: the second one is refused; the stop is that of the first", ()),
+            ("two consoles", second_console, "drive; second console refused", ()),
         )
         for wiring in WIRINGS
     ),
@@ -195,7 +195,7 @@ CASES: tuple[ProcessCase, ...] = (
         for name, function, within, reason, acts in (
             ("exception in a diagram", "raises", 0.3, "ZeroDivisionError: in my controller (own_diagram.py", "drive"),
             ("NaN from a diagram", "commands_nan", 0.3, "commands NaN or infinity", "drive"),
-            ("diagram stalls for 50 ms in every tick", "stalls", 0.5, "ms", "drive: five slow ticks within a second"),
+            ("diagram stalls for 50 ms in every tick", "stalls", 0.5, "ms", "drive: five slow ticks"),
             ("infinite loop in a diagram", "hangs", _LONGEST + MARGIN, "TickTimeout", "drive: interrupts it"),
             (
                 "infinite loop that cannot be interrupted",
@@ -316,8 +316,8 @@ def _start(
 def refused_row(case: RefusedCase, torque: float) -> str:
     """Of the table in hardware/README.md."""
     if case.enters:
-        return f"| {case.name} | {case.wiring} | {torque:.1f} N m | never on | seen | drive: arming is refused |"
-    return f"| {case.name} | {case.wiring} | never on | never on | - | drive: arming is refused |"
+        return f"| {case.name} | {case.wiring} | {torque:.1f} N m | never on | seen | drive: not armed |"
+    return f"| {case.name} | {case.wiring} | never on | never on | - | drive: not armed |"
 
 
 @contextmanager
@@ -392,5 +392,5 @@ def check(case: ProcessCase, found: Found) -> Found:
 
 def process_row(case: ProcessCase, found: Found) -> str:
     """Of the table in hardware/README.md."""
-    off, neutral = (f"{value * 1000:.0f} ms" for value in (found.motors_off, found.throttle_neutral))
+    off, neutral = (f"{value * 1000:.0f}" for value in (found.motors_off, found.throttle_neutral))
     return f"| {case.name} | {case.wiring} | {off} | {neutral} | seen | {case.acts} |"
