@@ -222,11 +222,6 @@ class Bno055Chip:
         """What is read from now on. Raises `FrameError` as `encode_sample` does."""
         self._registers[Register.GYRO : Register.GYRO + SAMPLE_BYTES] = encode_sample(sample)
 
-    def set_error(self, code: int) -> None:
-        """System status 1 with this code in the error register; 0 heals it."""
-        self._registers[Register.SYSTEM_STATUS] = 1 if code else 5
-        self._registers[Register.SYSTEM_ERROR] = code
-
     def feed(self, data: bytes) -> bytes:
         """Bytes that the chip sends in answer to these."""
         self._open += data

@@ -173,13 +173,6 @@ def information(measurement: Measurement, cars: FloatArray, seed: int, draws: in
     return float(own - np.mean(logs))
 
 
-def narrowed(measurement: Measurement, cars: FloatArray, seen: float) -> FloatArray:
-    """Weights (m) of posterior cars (m, n) once a measurement has shown a value; they sum to 1."""
-    logs = norm.logpdf(seen, measurement.value(cars), measurement.deviation)
-    weights = np.exp(logs - np.max(logs))
-    return weights / weights.sum()
-
-
 MEASUREMENTS = (
     (
         "angle of balance",

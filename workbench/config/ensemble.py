@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, nearest, read_yaml
@@ -148,31 +148,6 @@ def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
     if content.best not in named:
         raise EnsembleError(f"{path}: best: {content.best!r} is no member; {nearest(content.best, named)}")
     return Ensemble(content.name, members, named[content.best], content.provenance, path)
-
-
-BAND = (0.05, 0.5, 0.95)
-"""Levels of a band over an ensemble: its lower end, its median, its upper end."""
-
-
-def weighted_quantiles(values: ArrayLike, weights: ArrayLike, levels: Sequence[float] = BAND) -> NDArray[np.float64]:
-    """Quantiles of weighted values: the smallest value whose share of the weight up to it reaches the level.
-
-    Args:
-        values: (n); NaN are left out with their weight.
-        weights: (n), not negative.
-        levels: between 0 and 1.
-
-    Returns:
-        One value per level; NaN when nothing is left.
-    """
-    numbers, shares = np.asarray(values, float), np.asarray(weights, float)
-    kept = np.isfinite(numbers) & (shares > 0.0)
-    if not np.any(kept):
-        return np.full(len(levels), np.nan)
-    order = np.argsort(numbers[kept], kind="stable")
-    cumulative = np.cumsum(shares[kept][order])
-    places = np.searchsorted(cumulative / cumulative[-1], np.asarray(levels) - 1e-12)
-    return numbers[kept][order][np.minimum(places, len(order) - 1)]
 
 
 class _MemberEntry(StrictModel):

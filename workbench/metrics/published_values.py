@@ -1,6 +1,5 @@
 """The published manoeuvre values (thesis Tables 7.1-7.4) and how a run compares with them."""
 
-import math
 from dataclasses import dataclass, fields
 from functools import cache
 from typing import Literal
@@ -11,14 +10,6 @@ SAMPLE_TIMES = {"simulated": 0.001, "physical": 0.01}
 """Time between the samples that the printed roll sums were made of, s: inferred, not published (ERRATA E35)."""
 
 Platform = Literal["simulated", "physical"]
-
-SIGNALS: dict[Platform, str] = {
-    "simulated": "true motion at the IMU, at 1000 Hz or the log's rate if lower, unfiltered",
-    "physical": "IMU at 100 Hz and GPS at 10 Hz as the car reports them, after its zero-phase filters (5 Hz, 1 Hz)",
-}
-"""Of a run beside the published rows of a platform: what the thesis took. Its simulation logged an IMU at 1000 Hz and
-names no filter (7.1.1); the car logged its IMU at 100 Hz, its GPS at 10 Hz, and filtered both (7.2.1). The simulated
-IMU of the thesis has no noise that it mentions, so it is the truth here."""
 
 FILTERED = "filtered_"
 """How the columns of metrics from the signals of the physical rows begin; the others have no prefix."""
@@ -67,11 +58,6 @@ class PublishedValues:
     metrics: TurnMetrics
     source: str
 
-    @property
-    def implied_speed(self) -> float:
-        """Mean Kohut over mean yaw rate, m/s: the speed kept in the turn if Kohut is taken sample by sample (E36)."""
-        return self.metrics.average_kohut_deg_m_per_s2 / math.degrees(self.metrics.average_yaw_rate_rad_per_s)
-
 
 def published_values() -> tuple[PublishedValues, ...]:
     """The four published rows, as in `models/published/manoeuvre_metrics.csv`."""
@@ -97,11 +83,6 @@ def flip_bracket(configuration: Literal["tailless", "tailed"]) -> FlipBracket:
 def inner_lift_yaw_rate() -> float:
     """Yaw rate up to which both inner wheels of the thesis' simulated car stay on the ground, rad/s (thesis 6.3.4)."""
     return _constants("rad/s")["tail_trigger_yaw_rate"]
-
-
-def metric_column(metric: str, platform: str) -> str:
-    """Column of a metric in a table of runs, from the signals of a platform's published rows."""
-    return FILTERED + metric if platform == "physical" else metric
 
 
 def _figures(row: dict[str, str]) -> PublishedValues:

@@ -54,21 +54,6 @@ class RangeOfMotion:
         held = [np.clip(place, axis[0], axis[-1]) for place, axis in zip(places, nodes, strict=True)]
         return np.asarray(RegularGridInterpolator(nodes, values)(tuple(held)))
 
-    def allowed_roll(self, pitch: float, margin: float = 0.0) -> tuple[float, float]:
-        """Largest range of roll (rad) around the roll with most clearance that keeps `margin` m free at a pitch.
-
-        Raises:
-            UserError: no roll is free at this pitch.
-        """
-        fine = np.linspace(self.roll[0], self.roll[-1], 10 * len(self.roll))
-        clearance = self.clearance(pitch, fine)
-        best, blocked = int(np.argmax(clearance)), np.flatnonzero(clearance < margin)
-        if best in blocked:
-            raise UserError(f"tail pitch {pitch:g} rad: no roll keeps {margin:g} m free of the car")
-        low = blocked[blocked < best].max(initial=-1) + 1
-        high = blocked[blocked > best].min(initial=len(fine)) - 1
-        return float(fine[low]), float(fine[high])
-
 
 def make_range_of_motion(scenario: Scenario, pitch_count: int = 37, roll_count: int = 37) -> RangeOfMotion:
     """Asks Drake's proximity engine at every node of a grid over the whole range of both joints.

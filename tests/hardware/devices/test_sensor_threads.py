@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import pytest
 
-from aerodima.hardware.devices.bno055 import Bno055Chip, Bno055Sample
+from aerodima.hardware.devices.bno055 import Bno055Chip, Bno055Sample, Register, make_write
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.sensor_threads import Bno055Session, GpsSession, SensorThread
 from aerodima.hardware.devices.ublox import GpsSample, make_nav_pvt
@@ -118,7 +118,7 @@ def test_a_silent_and_a_frozen_chip_are_told_and_the_return_too(imu):
 def test_a_system_error_of_the_chip_is_told(imu):
     terminal, thread = imu
     assert wait_until(lambda: thread.count > 5)
-    terminal.chip.set_error(3)
+    terminal.chip.feed(make_write(Register.SYSTEM_STATUS, bytes([1, 3])))
     assert wait_until(lambda: fault(thread) is SourceFault.REPORTED)
     assert "system error 3" in thread.fault(time.monotonic())[1]
 

@@ -2,11 +2,10 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from aerodima.workbench.config.checked_files import shipped_names
-from aerodima.workbench.config.ensemble import Member, load_ensemble, weighted_quantiles
+from aerodima.workbench.config.ensemble import Member, load_ensemble
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import EnsembleError
 
@@ -92,12 +91,6 @@ def test_drawn_members_stand_for_all_of_the_weight(tmp_path: Path) -> None:
     assert sum(member.weight for member in ensemble.drawn(1)) == 1.0
     with pytest.raises(EnsembleError, match="0 members of"):
         ensemble.drawn(0)
-
-
-def test_weighted_quantiles_follow_the_weight_not_the_count() -> None:
-    values, weights = [3.0, 1.0, np.nan, 2.0], [0.1, 0.8, 5.0, 0.1]
-    assert list(weighted_quantiles(values, weights, (0.05, 0.5, 0.85, 1.0))) == [1.0, 1.0, 2.0, 3.0]
-    assert np.isnan(weighted_quantiles([np.nan], [1.0], (0.5,))).all()
 
 
 def test_another_tail_than_the_built_one_keeps_its_size_on_the_car_of_a_member() -> None:
