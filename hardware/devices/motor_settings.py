@@ -128,8 +128,9 @@ class Lasting:
         return 0.0 if self._since is None else now - self._since
 
 
-_RECENT = 3
-"""Commands that a reply may answer: the newest left after it was made, the one before acted, one more for delays."""
+_RECENT = 0.015
+"""s before a reply in which the command acted that its torque belongs to: at 100 Hz one of the last three. A reply is
+made before the command that it answers acts."""
 
 
 class Following:
@@ -143,7 +144,7 @@ class Following:
     def __init__(self, safety: MotorSafety) -> None:
         self._safety = safety
         self._weak, self._behind = Lasting(), Lasting()
-        self._recent: deque[MitCommand] = deque(maxlen=_RECENT)
+        self._recent: deque[tuple[float, MitCommand]] = deque()
         self._strange = 0
 
     def look(self, asked: MitCommand | None, position: float, speed: float, torque: float, now: float) -> str:
@@ -160,9 +161,11 @@ class Following:
             self._strange = 0
             return ""
         safety = self._safety
-        if not self._recent or asked is not self._recent[-1]:
-            self._recent.append(asked)
-        torques = [pd_torque(command, position, speed) for command in self._recent]
+        if not self._recent or asked is not self._recent[-1][1]:
+            self._recent.append((now, asked))
+        while len(self._recent) > 1 and self._recent[1][0] <= now - _RECENT:
+            self._recent.popleft()
+        torques = [pd_torque(command, position, speed) for _, command in self._recent]
         wanted = min(torques, key=abs)
         delivered = torque if wanted >= 0 else -torque
         weak = abs(wanted) > safety.follow_torque and delivered < safety.follow_share * abs(wanted)

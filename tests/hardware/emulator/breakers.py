@@ -77,6 +77,8 @@ class ClockJumps(Breaker):
 class DiskFull(Breaker):
     """The journal may not grow any more: a limit of the process, for want of a disk that can be filled."""
 
+    removed = False
+
     def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
         super().begin(car, scenario, folder)
         self.journal: RunJournal = open_run_journal(folder / "run.parquet", scenario, car.name)
@@ -94,12 +96,16 @@ class DiskFull(Breaker):
 
     def end(self) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, self.before)
+        lost, error = self.journal.lost, self.journal.error
         log = read_run_log(self.journal.close())
-        assert len(log.table) > self.journal.rows > 0, "the log has what the disk took, and what it did not take"
+        assert (lost, bool(error)) == (0, not self.removed)
+        assert len(log.table) >= self.journal.rows + (not self.removed) > 1, "and what the disk did not take"
 
 
 class FolderRemoved(DiskFull):
     """The folder of the log is removed; the rows go on into the open file."""
+
+    removed = True
 
     def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
         super().begin(car, scenario, folder / "logs")

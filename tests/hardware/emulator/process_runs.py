@@ -157,9 +157,9 @@ CASES: tuple[ProcessCase, ...] = (
             stop_for_a_while,
             _FIRMWARE + MARGIN,
             "firmware; the drive ends",
-            reason="between two cycles",
+            reason=reason,
         )
-        for wiring in WIRINGS
+        for wiring, reason in (("teensy_bridge", "the Teensy"), ("watched_can", "between two cycles"))
     ),
     *(
         ProcessCase(
