@@ -267,7 +267,7 @@ def run_refused_case(case: RefusedCase, folder: Path) -> float:
         process = _start(emulator, folder, "turn_swing", SETTINGS, arm=case.damage is None)
         if case.damage is not None and process.stdout is not None:
             for line in process.stdout:
-                if "car stands upright" in line:
+                if "watchdog: " in line:  # the last check before the question
                     break
             case.damage(emulator, record)
         said = process.communicate("arm\n" if case.damage else None, timeout=60.0)[0]
