@@ -16,12 +16,13 @@ from pydrake.trajectories import PiecewisePolynomial
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
-from aerodima.workbench.logs.schema import run_metadata, signals_equal
+from aerodima.workbench.logs.schema import run_metadata
 from aerodima.workbench.plants.car import add_car_plant
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.systems.system_ports import Stage
 from tests.benchmarks.rows import BenchRow
+from tests.workbench.made_up_runs import signals_equal
 
 REPEATS = 5
 """Runs of each kind, in turns so that all meet the same disturbances."""

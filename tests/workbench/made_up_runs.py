@@ -68,3 +68,10 @@ def made_up_run(
         table[name] = values
     scenario = made_up_scenario(direction, tail_mode, **manoeuvre)
     return run_log_from_metadata(table, run_metadata(scenario, seed=7, extra={"tail_mass_kg": TAIL_MASS}))
+
+
+def signals_equal(a: RunLog, b: RunLog) -> bool:
+    """Whether two runs have the same columns in the same order with the same bits (NaN equals itself, 0 is not -0)."""
+    if list(a.table.columns) != list(b.table.columns) or len(a.table) != len(b.table):
+        return False
+    return all(a.signal(name).tobytes() == b.signal(name).tobytes() for name in a.table.columns)

@@ -11,10 +11,11 @@ import pytest
 
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import LogError, ScenarioError, UserError
-from aerodima.workbench.logs.schema import read_run_log, signals_equal, write_run_log
+from aerodima.workbench.logs.schema import read_run_log, write_run_log
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.resources import model_path
 from aerodima.workbench.stations.rig_station import RIG_COLUMN_NAMES, simulate_static_log
+from tests.workbench.made_up_runs import signals_equal
 
 STATIC = load_rig_scenario("static")
 ACCURACIES = np.array([8.0067, 7.9933, 14.46, 0.4283, 0.445, 0.38])  # Table 4.8

@@ -6,11 +6,12 @@ from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import CAR_TRUTH
-from aerodima.workbench.logs.schema import read_run_log, signals_equal
+from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.replay.logged_run import add_logged_run
 from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.ground_truth import own_instances
+from tests.workbench.made_up_runs import signals_equal
 
 SHORT = ["manoeuvre.duration=0.3"]
 STANDING = ["manoeuvre.speed=0.0", "manoeuvre.duration=0.2"]

@@ -2,7 +2,7 @@
 
 Columns are float64 (`aerodima.workbench.config.signal_table`). The metadata are one JSON object under the key
 `aerodima`: schema, scenario (resolved), seed, versions, created, kind, extra. Two runs of the same scenario and seed
-have equal signals, bit for bit (`signals_equal`); `created` is all that may differ.
+have equal signals, bit for bit; `created` is all that may differ.
 """
 
 import json
@@ -271,13 +271,6 @@ def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) 
         raise LogError(f"{source}: schema {found!r} cannot be read; this version reads {SCHEMA!r}")
     checked(_Metadata, metadata, f"{source}: metadata", LogError)
     return dict(metadata)
-
-
-def signals_equal(a: RunLog, b: RunLog) -> bool:
-    """Whether two runs have the same columns in the same order with the same bits (NaN equals itself, 0 is not -0)."""
-    if list(a.table.columns) != list(b.table.columns) or len(a.table) != len(b.table):
-        return False
-    return all(a.signal(name).tobytes() == b.signal(name).tobytes() for name in a.table.columns)
 
 
 def _journal_hint(path: Path) -> str:

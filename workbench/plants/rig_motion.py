@@ -1,9 +1,8 @@
 """The rig as the pendulum that it is, in plain floats: for fits, which ask for it hundreds of times.
 
-J angle'' = weight + air + friction + motor, with the force law and the jet of `aerodima.workbench.aero`; the six
-reactions follow from the momenta of the bodies. It is the motion of `aerodima.workbench.plants.rig` to rounding (a test
-holds the two together). `dataclasses.replace` varies friction, laws, added mass;
-`aerodima.optimisation.identify.pendulum` rolls swings out.
+J angle'' = weight + air + friction + motor, with the force law and the jet of `aerodima.workbench.aero`. It is the
+motion of `aerodima.workbench.plants.rig` to rounding (a test holds the two together). `dataclasses.replace` varies
+friction, laws, added mass; `aerodima.optimisation.identify.pendulum` rolls swings out.
 """
 
 from __future__ import annotations
@@ -12,8 +11,6 @@ import math
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
-
-import numpy as np
 
 from aerodima.workbench.aero.coefficient_files import PolarTable, load_coefficients
 from aerodima.workbench.aero.laws import LineMotion, NormalForceLaw, SectionLaw
@@ -25,7 +22,6 @@ from aerodima.workbench.plants.rig_layout import bar_layout, pivot_position, tai
 from aerodima.workbench.plants.rig_model import (
     bar_properties,
     cheetah_tail_properties,
-    mount_properties,
     robot_tail_properties,
 )
 from aerodima.workbench.plants.sdf_model import Inertial
@@ -96,7 +92,6 @@ class RigMotion:
         wind_speed: in its downstream direction, m/s.
         density: of the air, kg/m3.
         gravity: m/s2.
-        mount: what stands still.
         pivot: p_WP (3), m.
     """
 
@@ -110,7 +105,6 @@ class RigMotion:
     wind_speed: float
     density: float
     gravity: float
-    mount: Inertial
     pivot: tuple[float, float, float]
 
     @classmethod
@@ -133,7 +127,6 @@ class RigMotion:
             wind_speed=scenario.experiment.wind_speed,
             density=scenario.environment.air_density,
             gravity=scenario.environment.gravity,
-            mount=mount_properties(scenario.mount),
             pivot=(x, y, z),
         )
 
@@ -179,28 +172,6 @@ class RigMotion:
     def acceleration(self, angle: float, rate: float, torque: float) -> float:
         """Of the angle, rad/s2, at a motor torque (N m)."""
         return (self.load(angle, rate) + torque) / self.inertia
-
-    def wrenches(self, angle: np.ndarray, rate: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-        """Of the support on the rig at W (n, 6), N and N m, at n states and their accelerations (each (n,))."""
-        angle, rate, acceleration = (np.atleast_1d(np.asarray(x, dtype=float)) for x in (angle, rate, acceleration))
-        px, py, pz = self.pivot
-        x, y, z, mx, my, mz = -np.array(
-            [self.air(*state) for state in zip(angle.tolist(), rate.tolist(), strict=True)]
-        ).T
-        mx, my, mz = mx + py * z - pz * y, my + pz * x - px * z, mz + px * y - py * x
-        parts = [(body.mass, body.radius, body.phase, 1.0) for body in self.bodies]
-        parts += [(self.added_mass, s, 0.0, 0.0) for s in self.added_distances]
-        for mass, radius, phase, whole in parts:  # added mass has neither weight nor spanwise inertia
-            s, c = radius * np.sin(angle + phase), radius * np.cos(angle + phase)
-            force_y = mass * (whole * s * rate**2 - c * acceleration)
-            force_z = mass * (whole * (c * rate**2 + self.gravity) + s * acceleration)
-            y, z = y + force_y, z + force_z
-            mx = mx + (py - s) * force_z - (pz - c) * force_y
-            my, mz = my - px * force_z, mz + px * force_y
-        mx = mx - acceleration * sum(body.inertia for body in self.bodies)
-        weight = self.mount.mass * self.gravity
-        mount_x, mount_y, _ = self.mount.com
-        return np.column_stack((x, y, z + weight, mx + mount_y * weight, my - mount_x * weight, mz))
 
 
 def _parts(scenario: RigScenario) -> tuple[tuple[SwingingMass, ...], tuple[Blade, ...]]:

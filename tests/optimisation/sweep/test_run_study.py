@@ -22,8 +22,9 @@ from aerodima.optimisation.sweep.study import load_study
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.errors import SweepError
-from aerodima.workbench.logs.schema import read_run_log, signals_equal
+from aerodima.workbench.logs.schema import read_run_log
 from tests.optimisation.sweep.tiny import tiny_study, write_study
+from tests.workbench.made_up_runs import signals_equal
 
 
 class Stopping(Engine):

@@ -10,8 +10,8 @@ from mcap.reader import make_reader
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.exporters import export_log, topics_of
 from aerodima.workbench.logs.foreign_files import read_mcap
-from aerodima.workbench.logs.schema import RunLog, signals_equal
-from tests.workbench.made_up_runs import made_up_run
+from aerodima.workbench.logs.schema import RunLog
+from tests.workbench.made_up_runs import made_up_run, signals_equal
 
 
 def mcap_table(path: Path) -> pd.DataFrame:

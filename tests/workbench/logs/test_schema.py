@@ -16,8 +16,8 @@ from aerodima.workbench.config.signal_table import (
     truth_columns,
 )
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.schema import METADATA_KEY, encode_metadata, read_run_log, signals_equal, write_run_log
-from tests.workbench.made_up_runs import car_run_columns, made_up_run
+from aerodima.workbench.logs.schema import METADATA_KEY, encode_metadata, read_run_log, write_run_log
+from tests.workbench.made_up_runs import car_run_columns, made_up_run, signals_equal
 
 UNIT_ENDINGS = {
     "m": "_m", "m/s": "_m_per_s", "m/s2": "_m_per_s2", "rad": "_rad", "rad/s": "_rad_per_s", "N": "_n",

@@ -11,7 +11,9 @@ import pytest
 from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.errors import ScenarioError, UserError
 from aerodima.workbench.plants.rig import Rig
+from aerodima.workbench.plants.rig_model import mount_properties
 from aerodima.workbench.plants.rig_motion import RigMotion
+from aerodima.workbench.plants.sdf_model import Inertial
 
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("flick", {}),
@@ -30,17 +32,37 @@ def scenario(name: str, changes: dict[str, Any]) -> RigScenario:
     return load_rig_scenario(name).varied(**changes)
 
 
+def wrench_on(motion: RigMotion, mount: Inertial, angle: float, rate: float, acceleration: float) -> np.ndarray:
+    """Of the support on the rig at W (6), N and N m, from the momenta of what swings and the weight of what stands."""
+    px, py, pz = motion.pivot
+    x, y, z, mx, my, mz = -np.array(motion.air(angle, rate))
+    mx, my, mz = mx + py * z - pz * y, my + pz * x - px * z, mz + px * y - py * x
+    parts = [(body.mass, body.radius, body.phase, 1.0) for body in motion.bodies]
+    parts += [(motion.added_mass, s, 0.0, 0.0) for s in motion.added_distances]
+    for mass, radius, phase, whole in parts:  # added mass has neither weight nor spanwise inertia
+        s, c = radius * np.sin(angle + phase), radius * np.cos(angle + phase)
+        force_y = mass * (whole * s * rate**2 - c * acceleration)
+        force_z = mass * (whole * (c * rate**2 + motion.gravity) + s * acceleration)
+        y, z = y + force_y, z + force_z
+        mx = mx + (py - s) * force_z - (pz - c) * force_y
+        my, mz = my - px * force_z, mz + px * force_y
+    mx = mx - acceleration * sum(body.inertia for body in motion.bodies)
+    weight, (mount_x, mount_y, _) = mount.mass * motion.gravity, mount.com
+    return np.array((x, y, z + weight, mx + mount_y * weight, my - mount_x * weight, mz))
+
+
 @pytest.mark.parametrize(("name", "changes"), VARIANTS)
 def test_it_moves_and_reacts_as_the_plant(name: str, changes: dict[str, Any]) -> None:
     """The same physics written twice: to 1e-9, with room for the rounding of two different orders of summation."""
     rig, motion = Rig(scenario(name, changes)), RigMotion.of(scenario(name, changes))
+    mount = mount_properties(scenario(name, changes).mount)
     rng = np.random.default_rng(11)
     for _ in range(40):
         angle, rate, torque = rng.uniform(-1.7, 1.7), rng.uniform(-12, 12), rng.uniform(-5, 5)
         reaction = rig.reaction(angle, rate, torque)
         acceleration = motion.acceleration(angle, rate, torque)
         assert acceleration == pytest.approx(reaction.acceleration, rel=1e-9, abs=1e-9)
-        (wrench,) = motion.wrenches(angle, rate, acceleration)
+        wrench = wrench_on(motion, mount, angle, rate, acceleration)
         np.testing.assert_allclose(wrench, reaction.wrench, rtol=1e-9, atol=1e-9)
 
 

@@ -16,10 +16,11 @@ from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.logs.exporters import export_log
 from aerodima.workbench.logs.foreign_files import read_mcap
-from aerodima.workbench.logs.schema import RunLog, signals_equal
+from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.force_arrows import force_arrows
 from aerodima.workbench.replay.foxglove_scene import BODIES, FORCES, POSES, _add_shape, foxglove_scene
 from aerodima.workbench.replay.logged_run import add_logged_run
+from tests.workbench.made_up_runs import signals_equal
 from tests.workbench.replay.cart_poles import observed_swing
 
 CLASSES = {"foxglove.FrameTransforms": FrameTransforms, "foxglove.SceneUpdate": SceneUpdate}

@@ -27,13 +27,14 @@ from aerodima.workbench import (
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.run_figures import plot_overlay
-from aerodima.workbench.logs.schema import PLANT_RUN, RunLog, signals_equal
+from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.metrics.run_summary import plant_outcome
 from aerodima.workbench.replay.captions import caption_of
 from aerodima.workbench.replay.force_arrows import force_arrows
 from aerodima.workbench.replay.logged_run import add_logged_run
 from aerodima.workbench.replay.strip import write_strip
 from aerodima.workbench.simulate.car_run import assemble
+from tests.workbench.made_up_runs import signals_equal
 from tests.workbench.replay.cart_poles import PLATE, add_cart_pole, observed_swing
 
 STEPS = {"continuous": 0.0, "discrete": 0.002}

@@ -12,9 +12,9 @@ from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.config.signal_table import sensor_columns, truth_columns
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.journal import journal_path, recover
-from aerodima.workbench.logs.schema import read_run_log, signals_equal
+from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.simulate.simulation import simulate
-from tests.workbench.made_up_runs import car_run_columns
+from tests.workbench.made_up_runs import car_run_columns, signals_equal
 
 SHORT = ["manoeuvre.duration=0.5"]
 

@@ -11,10 +11,11 @@ from scipy.integrate import solve_ivp
 
 from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.errors import LogError, UserError
-from aerodima.workbench.logs.schema import RunLog, signals_equal
+from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.rig_station import RIG_COLUMN_NAMES
+from tests.workbench.made_up_runs import signals_equal
 
 COUNT = 2 * math.pi / (512 * 4 * 26)
 ACCURACIES = np.array([8.0067, 7.9933, 14.46, 0.4283, 0.445, 0.38])  # Table 4.8
