@@ -11,13 +11,10 @@ import typer
 from aerodima.optimisation.commands.study_commands import engine_for
 from aerodima.workbench.cli.options import (
     SWINGS,
-    Ensemble,
     Force,
-    Members,
     Settings,
     SwingArgument,
     SwingScenarioOption,
-    Workers,
     WorkOptions,
     command_group,
     grouped,
@@ -207,39 +204,30 @@ def _first(there: Sequence[Member], number: int) -> tuple[Member, ...]:
 
 def verify(
     swing: SwingArgument,
-    out: Annotated[Path, typer.Option(help="Folder for verification.csv, verification.yaml and report.html.")],
+    out: Annotated[Path, typer.Option(help="Folder for verification.yaml and report.html.")],
     scenario: SwingScenarioOption = None,
     settings: Settings = None,
-    ensemble: Ensemble = "car",
-    members: Members = None,
     step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-5, max=0.005)] = 0.0005,
-    workers: Workers = 2,
     other_car: Annotated[bool, typer.Option("--other-car", help="Verify on another car than it was made for.")] = False,
     force: Force = False,
 ) -> None:
-    """Simulate a swing forward at the fine step, on its own car and over the ensemble, and judge it.
+    """Simulate a swing forward on its own car at the fine step, and check what its file promises.
 
-    Verified is what survives clean, keeps its limits and clearances, and turns at least 95 % as far as the thesis'
-    swing at the highest friction that both survive. Exits with 2 when it is not; the report is written all the same.
-    Speed and friction are those that the file claims to survive, for all cars, unless --set says otherwise.
+    Verified is what survives clean and keeps its limits and clearances. Exits with 2 when it is not; the report is
+    written all the same. Speed and friction are those that the file claims to survive, unless --set says otherwise.
+    `swing judge --candidate FILE` judges it on other cars.
 
-    Example: aerodima swing verify thesis_8_rad_per_s --members 3 --out out/verify
+    Example: aerodima swing verify thesis_8_rad_per_s --out out/verify
     """
-    from aerodima.optimisation.swing.verification import PAGE, RUNS, VERDICT, verify_swing, write_verification
+    from aerodima.optimisation.swing.verification import PAGE, VERDICT, verify_swing, write_verification
     from aerodima.workbench.atomic_write import refuse_existing
     from aerodima.workbench.errors import SwingError
 
-    for name in (RUNS, VERDICT, PAGE):
+    for name in (VERDICT, PAGE):
         refuse_existing(out / name, force, SwingError)
-    with engine_for(out, workers) as (engine, _):
-        found = verify_swing(
-            swing, scenario, settings or (),
-            ensemble=ensemble, members=members, step=step, other_car=other_car, engine=engine,
-        )  # fmt: skip
+    found = verify_swing(swing, scenario, settings or (), step=step, other_car=other_car)
     for file in write_verification(out, found, force=force):
         typer.echo(f"written: {file}")
-    share = ", ".join(f"{who} {value:.0%}" for who, value in found.survival.items())
-    typer.echo(f"share of the ensemble that survives clean: {share}")
     if found.complaints:
         raise SwingError(f"swing {found.swing.name}: not verified at {found.where}: {'; '.join(found.complaints)}")
     typer.echo(f"verified: {found.swing.name} at {found.where}")

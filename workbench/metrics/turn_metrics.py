@@ -30,8 +30,6 @@ from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, TurnSignals, s
 
 END_TILT = math.radians(20.0)
 """Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""
-LEAST_HEADING = 0.95
-"""Share of the reference's heading change that a turn must have to count as faster (design section 10)."""
 
 OF_THE_TURN = ("speed_in_turn_m_per_s", "lift_yaw_rate_rad_per_s")
 """What the thesis says of a turn beside its eight metrics."""
