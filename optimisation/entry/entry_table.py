@@ -143,8 +143,8 @@ def entry_figure(table: pd.DataFrame) -> Figure:
     """Entry speeds of all cars by floor and manoeuvre, a line per candidate, with the median as a bar."""
     names, floors = (list(dict.fromkeys(table[key])) for key in ("manoeuvre", "floor"))
     who = list(dict.fromkeys(table["candidate"]))[::-1]
-    height = 0.9 + 0.34 * len(who)
-    figure, axes = new_figure(9.0, height * len(floors), len(floors), len(names), sharex=True, sharey=True)
+    shape = (len(floors), len(names))
+    figure, axes = new_figure(9.0, (0.9 + 0.34 * len(who)) * shape[0], *shape, sharex=True, sharey=True)
     for axis, (floor, name) in zip(axes.flat, itertools.product(floors, names), strict=True):
         own = table[(table["manoeuvre"] == name) & (table["floor"] == floor)]
         speeds = [own.loc[own["candidate"] == one, SPEED].to_numpy(dtype=np.float64) for one in who]
@@ -153,10 +153,9 @@ def entry_figure(table: pd.DataFrame) -> Figure:
                 axis.barh(index, np.nanmedian(values), height=0.6, color=SKY)
             axis.plot(values, np.full(len(values), index), "o", color=BLUE, markersize=3)
         axis.set_yticks(range(len(who)), who)
-    for axis, name in zip(axes[0], names, strict=True):
-        axis.set_title(name)
-    for axis in axes[-1]:
-        axis.set_xlabel("m/s")
+    for top, bottom, name in zip(axes[0], axes[-1], names, strict=True):
+        top.set_title(name)
+        bottom.set_xlabel("m/s")
     for axis, floor in zip(axes[:, 0], floors, strict=True):
         axis.set_ylabel(f"friction {floor}")
     return figure

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from matplotlib.figure import Figure
 
 from aerodima.optimisation.sweep.rollover_threshold import is_clean
 from aerodima.optimisation.sweep.runs import FINE_STEP, RunTask, measured_row, step_settings
@@ -24,9 +23,8 @@ from aerodima.workbench.config.swing_file import SwingFile, swing_at
 from aerodima.workbench.controllers.law_of_scenario import find_swing, own_turn, refuse_other_car, turn_words
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.errors import SwingError
-from aerodima.workbench.figures.figure_style import BLACK, GREY, VERMILION, new_figure, shade_turn, styled
+from aerodima.workbench.figures.run_figures import plot_overlay
 from aerodima.workbench.logs.schema import RunLog, software_versions
-from aerodima.workbench.metrics.turn_signals import turn_window
 from aerodima.workbench.plants.clearance import ground_clearance, make_range_of_motion
 from aerodima.workbench.report.report_page import Page, Preformatted, Section, Table, write_files, zoomable
 from aerodima.workbench.simulate.simulation import simulate
@@ -174,38 +172,10 @@ def write_verification(folder: Path, found: Verification, *, force: bool = False
     )
     rows = [[one.name, f"{one.value:.4g}", one.unit, one.allowed] for one in found.checks]
     broken = [place for place, one in enumerate(found.checks) if not one.is_kept]
-    drawn = plot_verification(found)
-    motion = zoomable(drawn, "Dotted: knots, and limit of the torque.", "Tail roll, car roll and torque over time")
+    motion = zoomable(plot_overlay([found.own], [swing.name]), "", "Six signals of the run over time")
     sections = [
         Section("The car of the swing", [Table(["check", "value", "unit", "allowed"], rows, broken), motion]),
         Section("Provenance", [Preformatted(verdict)]),
     ]
     page = Page(f"Verification of {swing.name}", found.where, sections)
     return write_files(folder, {VERDICT: verdict, PAGE: page}, force=force, error=SwingError)
-
-
-def plot_verification(found: Verification) -> Figure:
-    """Tail roll, car roll and torque over time."""
-    log, swing = found.own, found.swing
-    release = log.time[np.flatnonzero(log.signal("controller_state") == SwingState.SWING)[0]]
-    end = release + swing.knots.time_s[-1]
-    with styled():
-        image, grid = new_figure(11.0, 7.5, 3, 1, sharex=True)
-        tail, car, torque = grid[:, 0]
-        for axes in grid[:, 0]:
-            shade_turn(axes, turn_window(log))
-            axes.axvline(release, color=GREY, linewidth=0.8)
-        time = np.linspace(release, end, 200)
-        knots = swing_at(swing, time - release, log.scenario["manoeuvre"]["direction"]).roll_position
-        tail.plot(time, np.degrees(knots), color=BLACK, linestyle=":")
-        tail.plot(log.time, np.degrees(log.signal("tail_roll_angle_rad")), color=VERMILION, label=swing.name)
-        car.plot(log.time, np.degrees(log.signal("roll_truth_rad")), color=VERMILION)
-        torque.plot(log.time, log.signal("tail_roll_torque_n_m"), color=VERMILION)
-        for level in (-swing.limits.torque_n_m, swing.limits.torque_n_m):
-            torque.axhline(level, color=BLACK, linestyle=":")
-        tail.set_ylabel("tail roll [deg]")
-        car.set_ylabel("car roll [deg]")
-        torque.set(ylabel="torque of the roll motor [N m]", xlabel="time [s]")
-        torque.set_xlim(release - 0.3, min(log.time[-1], end + 1.0))
-        tail.legend(loc="lower right")
-    return image

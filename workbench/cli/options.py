@@ -70,7 +70,6 @@ Anew = Annotated[bool, typer.Option("--force", help="Drop earlier results in the
 Workers = Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.")]
 Scheduler = Annotated[str | None, typer.Option(help="Dask scheduler to use instead, such as tcp://127.0.0.1:8786.")]
 Ensemble = Annotated[str, typer.Option(help="Ensemble of cars: a name of models/calibration, or a file.")]
-Members = Annotated[int | None, typer.Option(help="Only that many members of the ensemble, drawn by weight.", min=1)]
 
 
 class Key(str):

@@ -64,7 +64,7 @@ def _entries() -> pd.DataFrame:
     return table.assign(**{SPEED: table[SPEED].mask(table["ended_by"].fillna("").str.startswith(UNKNOWN))})
 
 
-def entry_medians(floor: str) -> pd.DataFrame:
+def entry_medians(floor: str = "x 1.2") -> pd.DataFrame:
     """Median entry speeds of the shipped table on a floor as texts: a row per candidate, a column per manoeuvre.
 
     In brackets: how many cars complete the manoeuvre.
