@@ -143,8 +143,7 @@ def entry_figure(table: pd.DataFrame) -> Figure:
     """Entry speeds of all cars by floor and manoeuvre, a line per candidate, with the median as a bar."""
     names, floors = (list(dict.fromkeys(table[key])) for key in ("manoeuvre", "floor"))
     who = list(dict.fromkeys(table["candidate"]))[::-1]
-    shape = (len(floors), len(names))
-    figure, axes = new_figure(9.0, (0.9 + 0.34 * len(who)) * shape[0], *shape, sharex=True, sharey=True)
+    figure, axes = new_figure(9.0, 2.9 * len(floors), len(floors), len(names), sharex=True, sharey=True)
     for axis, (floor, name) in zip(axes.flat, itertools.product(floors, names), strict=True):
         own = table[(table["manoeuvre"] == name) & (table["floor"] == floor)]
         speeds = [own.loc[own["candidate"] == one, SPEED].to_numpy(dtype=np.float64) for one in who]

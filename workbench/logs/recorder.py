@@ -117,7 +117,8 @@ class OpenBuilder(DiagramBuilder):
         for sink in self.GetSystems():
             if isinstance(sink, VectorLogSink):
                 (source,) = self.sources(sink).values()
-                own = f"{source.get_system().get_name().rpartition('/')[2].partition('@')[0]}_{source.get_name()}"
+                system: Any = source.get_system()  # an object, by Drake's stubs
+                own = f"{system.get_name().rpartition('/')[2].partition('@')[0]}_{source.get_name()}"
                 ports.append((own if "@" in sink.get_name() else sink.get_name(), source))
         signals, known = [], set(taken)
         for name, port in ports:

@@ -166,7 +166,7 @@ def assemble(
     if missing := [name for name in STATION_INPUTS if name not in ports]:
         raise UserError(f"build: station port {', '.join(missing)}: not connected; each of them commands the car")
     for name in DRIVER_PORTS:
-        ports[name] = builder.exported.pop(name, None) or constant(builder, f"no_{name}", [0.0])
+        ports[name] = builder.exported.pop(name) if name in builder.exported else constant(builder, f"no_{name}", [0.0])
     sources: list[System] = [station]
     if not lean:
         from aerodima.workbench.sensors.roll_estimator import RollEstimator

@@ -173,7 +173,7 @@ def add_status(
     for place, name in enumerate(ports, start=2):
         gains[fields.index(name), place] = -1.0 if name in samples else 1.0
         gains[fields.index(name), 1] = float(name in samples)
-    line = PiecewisePolynomial.FirstOrderHold([0.0, _LONG], np.array([[1.0, 1.0], [0.0, _LONG]]))
+    line = PiecewisePolynomial.FirstOrderHold([0.0, _LONG], [[1.0, 1.0], [0.0, _LONG]])
     clock = builder.AddNamedSystem("status_clock", TrajectorySource(line)).get_output_port()
     return transformed(builder, "status", stacked(builder, "status_inputs", [clock, *ports.values()]), gains)
 
