@@ -1,7 +1,7 @@
 """What a run comes to: the eight metrics of the thesis, raw and filtered, and whether the car stayed on its wheels.
 
 Everything is computed from the log alone. The eight metrics come twice, from the signals that the thesis took for its
-simulated car (`RunMetrics.raw`) and for the real one (`RunMetrics.filtered`), `published_values.SIGNALS`; all else
+simulated car (`RunMetrics.raw`) and for the real one (`RunMetrics.filtered`); all else
 from the ground truth if the log has it, otherwise from the sensors (`RunMetrics.source`). Signs are turned so that the
 turn is positive (`aerodima.workbench.metrics.turn_signals`), so left and right turns are measured alike. Definitions:
 design section 10, thesis section 3.3 and eqs 7.1-7.7.
