@@ -111,6 +111,7 @@ class BeatClock:
 
 _MODE_NAMES = {mode: name for name, mode in MODES.items()}
 _MOTORS = ("tail_pitch", "tail_roll")
+_OF_THE_TAIL = (*_MOTORS, "torque_pitch", "torque_roll")
 
 
 def radio_state(radio: OperatorRadio, now: float) -> dict[str, Any]:
@@ -146,13 +147,8 @@ def _report_state(report: CarReport) -> dict[str, Any]:
             if code != SourceFault.NONE and not (code == SourceFault.NOT_FITTED and _may_lack(source, report))
         ],
         "text": report.text,
-        "yaw_rate": _finite(report.yaw_rate),
-        "roll": _finite(report.roll),
-        "tail_pitch": _finite(report.tail_pitch) if report.has_tail else None,
-        "tail_roll": _finite(report.tail_roll) if report.has_tail else None,
-        "torque_pitch": _finite(report.torque_pitch) if report.has_tail else None,
-        "torque_roll": _finite(report.torque_roll) if report.has_tail else None,
-        "speed": _finite(report.speed),
+        **{name: _finite(getattr(report, name)) for name in ("yaw_rate", "roll", "speed")},
+        **{name: _finite(getattr(report, name)) if report.has_tail else None for name in _OF_THE_TAIL},
     }
 
 

@@ -183,9 +183,6 @@ class Motor:
 
     # -- frames
 
-    def _hold_command(self) -> MitCommand:
-        return MitCommand(self._hold_position, 0.0, self.settings.hold_kp, self.settings.hold_kd, 0.0)
-
     def _limited(self, command: MitCommand, now: float) -> MitCommand:
         share = min(1.0, max(0.0, now - self._gain_time) / self.settings.safety.gain_ramp)
         most = self.load.allowed(self.settings.torque_limit)
@@ -295,7 +292,8 @@ class Motor:
         if self.state is MotorState.RUNNING and now - self._command_time > self.settings.safety.command_timeout:
             self.set_hold(now)
         if self.state is MotorState.HOLDING:
-            self._asked = self._limited(self._hold_command(), now)
+            held = MitCommand(self._hold_position, 0.0, self.settings.hold_kp, self.settings.hold_kd, 0.0)
+            self._asked = self._limited(held, now)
             self._send(self._frame(self._asked))
         elif self.state is MotorState.EXITING:
             self._exit(now)

@@ -16,7 +16,6 @@ from scipy.stats import norm, t
 from aerodima.optimisation.calibration.calibration import Posterior, log_density, sample, spread_of
 from aerodima.optimisation.calibration.emulator import Emulator
 from aerodima.optimisation.calibration.two_systems import (
-    FRICTION,
     OFF,
     OFF_ROLL,
     SLIP,
@@ -28,6 +27,7 @@ from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import UserError
+from aerodima.workbench.resources import model_path
 
 TRIES = 10_000
 BAND = (0.05, 0.5, 0.95)
@@ -173,47 +173,11 @@ def information(measurement: Measurement, cars: FloatArray, seed: int, draws: in
     return float(own - np.mean(logs))
 
 
-MEASUREMENTS = (
-    (
-        "angle of balance",
-        "Block the suspension, tilt the car without its tail about two wheels, read where it balances.",
-        1.0,
-        "",
-    ),
-    (
-        "tyre friction",
-        "Pull the car sideways over the ground of the runs, divide by the weight; ten times.",
-        0.03,
-        FRICTION,
-    ),
-    (
-        "slip angle at the limit",
-        "Drive circles of 1 m at rising speed; fit steering over lateral acceleration.",
-        0.02,
-        SLIP,
-    ),
-    ("tail mass", "Weigh the tail arm.", 0.001, "tail.mass"),
-    ("tail length", "Measure from the joints to the tip.", 0.005, "tail.length"),
-    ("sail width", "Measure the sail.", 0.001, "tail.sail_width"),
-    ("track", "Measure between the middles of the tyres.", 0.003, "car.track"),
-    ("car mass", "Weigh the car without its tail arm.", 0.01, "car.mass"),
-    ("place of the centre of mass", "Weigh both axles.", 0.003, "car.com_x"),
-    ("yaw inertia", "Hang the car on two strings and time ten swings.", 0.003, "car.gyration_yaw"),
-    ("place of the IMU", "Measure from the rear axle to the chip.", 0.003, "imu.x"),
-    ("latency of the steering", "Take the time from the command to the first yaw from a log.", 0.01, "latency"),
-    ("bias of the gyro", "Log ten seconds at rest.", 0.002, "gyro_bias"),
-    (
-        "delay of the swing",
-        "Take the time from the trigger to the motor's current from a log.",
-        0.005,
-        "controller.delay",
-    ),
-)
-"""Name, procedure, deviation in the unit of the parameter, and the parameter; "" is an angle in degrees."""
-
-
 def measurements(prior: CarPrior) -> tuple[Measurement, ...]:
-    """What a lab with a scale, a ruler and a flat floor can measure of the real car."""
+    """What a lab with a scale, a ruler and a flat floor can measure of the real car: `calibration/measurements.csv`.
+
+    Its deviations are in the unit of the parameter; without a parameter it is the angle of balance, in degrees.
+    """
 
     def value(key: str) -> Callable[[FloatArray], FloatArray]:
         if not key:
@@ -221,7 +185,8 @@ def measurements(prior: CarPrior) -> tuple[Measurement, ...]:
         column = prior.column(f"physical {key}" if key in prior.plan.each else key)
         return lambda cars: cars[:, column]
 
-    return tuple(Measurement(name, how, deviation, value(key)) for name, how, deviation, key in MEASUREMENTS)
+    rows = pd.read_csv(model_path("calibration/measurements.csv"), keep_default_na=False).to_numpy()
+    return tuple(Measurement(name, how, deviation, value(key)) for name, how, deviation, key in rows)
 
 
 def _angle_of_balance(prior: CarPrior, cars: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from aerodima.workbench.cli.options import COEFFICIENTS, Anew, Workers, grouped
+from aerodima.workbench.cli.options import COEFFICIENTS, Anew, Workers, command_group, grouped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -187,19 +187,13 @@ def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
 
 def register(app: typer.Typer) -> None:
     """Adds the group `fit`."""
-    group = typer.Typer(no_args_is_help=True, help="Fit coefficients to logs and tables.")
-    group.callback()(_group)
+    group = command_group(app, "fit", "Fit coefficients to logs and tables.", COEFFICIENTS)
     group.command()(static)
     group.command()(friction)
     group.command("added-mass")(added_mass)
     group.command("robot-tail")(robot_tail)
     group.command()(car)
     group.command()(published)
-    app.add_typer(group, name="fit", rich_help_panel=COEFFICIENTS)
-
-
-def _group() -> None:
-    """Fit coefficients to logs and tables: value, 95 % interval, what the data do not determine."""
 
 
 @grouped

@@ -25,6 +25,7 @@ from aerodima.workbench.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from aerodima.optimisation.sweep.runs import Runs
     from aerodima.workbench.batch.engine import Engine
     from aerodima.workbench.batch.row_store import ProgressLine
 
@@ -53,6 +54,18 @@ def engine_for(
         workers, scheduler, progress=progress, record=None if out is None else out / WORKER_RECORD
     ) as engine:
         yield engine, progress
+
+
+@contextmanager
+def runs_in(out: Path, work: WorkOptions) -> Iterator[Runs]:
+    """Runs that are kept in a folder; its engine and who computes them are what the options say."""
+    from aerodima.optimisation.sweep.runs import kept_runs
+
+    with (
+        engine_for(out, work.workers, work.scheduler) as (engine, progress),
+        kept_runs(out, engine, force=work.force, progress=progress) as runs,
+    ):
+        yield runs
 
 
 @grouped
@@ -129,14 +142,10 @@ def calibrate(
     from aerodima.optimisation.calibration.two_systems import load_plan
     from aerodima.optimisation.calibration.validation_page import calibrate as carry_out
     from aerodima.optimisation.calibration.validation_page import require_extra
-    from aerodima.optimisation.sweep.runs import kept_runs
 
     require_extra()
     chosen = load_plan(plan)
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})
-    with (
-        engine_for(out, work.workers, work.scheduler) as (engine, progress),
-        kept_runs(out, engine, force=work.force, progress=progress) as runs,
-    ):
+    with runs_in(out, work) as runs:
         typer.echo(carry_out(chosen, runs, out, played))

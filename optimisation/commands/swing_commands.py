@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodima.optimisation.commands.study_commands import engine_for
+from aerodima.optimisation.commands.study_commands import runs_in
 from aerodima.workbench.cli.options import (
     SWINGS,
     Force,
@@ -55,7 +55,6 @@ def search(
 
     Example: aerodima swing search short_turn_designed --set training=0 --out out/motion
     """
-    from aerodima.optimisation.sweep.runs import kept_runs
     from aerodima.optimisation.swing.motion_search import MotionSearch, search_motion
     from aerodima.optimisation.swing.task import load_task
     from aerodima.workbench.atomic_write import refuse_existing
@@ -67,11 +66,8 @@ def search(
     motion = MotionSearch(starts, seed, knots, length, iterations)
     path = out / "swing.yaml"
     refuse_existing(path, work.force, SwingError)
-    with (
-        engine_for(out, work.workers, work.scheduler) as (engine, progress),
-        kept_runs(out, engine, force=work.force, progress=progress) as runs,
-    ):
-        write_swing(search_motion(out.name, asked, motion, runs, progress=progress), path, force=work.force)
+    with runs_in(out, work) as runs:
+        write_swing(search_motion(out.name, asked, motion, runs, progress=runs.say), path, force=work.force)
     typer.echo(f"found: {path}")
     tail = load_scenario(asked.scenario).tail.name
     typer.echo(f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}")
@@ -126,7 +122,6 @@ def judge(
     from aerodima.optimisation.entry import suite
     from aerodima.optimisation.entry.entry_speed import EntrySearch, climb
     from aerodima.optimisation.entry.entry_table import entry_figure, entry_lines, summarise_entries
-    from aerodima.optimisation.sweep.runs import kept_runs
     from aerodima.workbench.atomic_write import write_atomically
     from aerodima.workbench.config.ensemble import load_ensemble
     from aerodima.workbench.errors import SweepError
@@ -136,10 +131,7 @@ def judge(
     driven = suite.manoeuvres(manoeuvre or suite.TRAINED_ON, tail)
     who = suite.candidates(candidate or list(suite.CANDIDATES), law or ())
     cases = suite.floors(_first(load_ensemble(ensemble).split(seed).test, cars), floors or [1.0])
-    with (
-        engine_for(out, work.workers, work.scheduler) as (engine, progress),
-        kept_runs(out, engine, force=work.force, progress=progress) as runs,
-    ):
+    with runs_in(out, work) as runs:
         table = climb(driven, who, cases, runs, search)
     summary = summarise_entries(table)
     for name, frame in (("entries.csv", table), ("summary.csv", summary)):
@@ -170,7 +162,6 @@ def train(
     """
     from aerodima.optimisation.entry import suite
     from aerodima.optimisation.entry.feedback_search import LawSearch, search_feedback
-    from aerodima.optimisation.sweep.runs import kept_runs
     from aerodima.optimisation.swing.candidate import write_candidates
     from aerodima.workbench.atomic_write import refuse_existing
     from aerodima.workbench.config.ensemble import load_ensemble
@@ -180,10 +171,7 @@ def train(
     refuse_existing(path, work.force, SwingError)
     cases = suite.floors(_first(load_ensemble(ensemble).split(seed).training, cars), floors or [1.0])
     asked = LawSearch(laws=laws, generations=generations, seed=seed, around=around)
-    with (
-        engine_for(out, work.workers, work.scheduler) as (engine, progress),
-        kept_runs(out, engine, force=work.force, progress=progress) as runs,
-    ):
+    with runs_in(out, work) as runs:
         found = search_feedback(cases, tail, asked, runs)
     options = {"ensemble": ensemble, "tail": tail, "cars": cars, "laws": laws, "generations": generations}
     options |= {"around": around, "seed": seed}

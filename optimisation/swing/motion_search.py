@@ -181,7 +181,7 @@ def steered_swing(
     """
     stall, no_load = torque_speed_limits(scenario.tail_motor)
     torque, angle, still = scenario.tail_motor.torque_limit, scenario.tail.roll_limit, np.zeros(len(time))
-    side = 1.0 if scenario.manoeuvre.direction == "left" else -1.0
+    side, resolved = 1.0 if scenario.manoeuvre.direction == "left" else -1.0, scenario.resolved()
 
     def row(values: np.ndarray) -> tuple[float, ...]:
         return tuple(float(value) for value in np.round(values, 9) + 0.0)
@@ -208,15 +208,10 @@ def steered_swing(
                 "torque_n_m": torque,
             },
             "provenance": {**provenance, "versions": software_versions()},
-            "car": _car_of(scenario),
+            "car": {key: float(resolved[key.split(".")[0]][key.split(".")[1]]) for key in CAR_KEYS},
         },
         name,
     )
-
-
-def _car_of(scenario: Scenario) -> dict[str, float]:
-    resolved = scenario.resolved()
-    return {key: float(resolved[key.split(".")[0]][key.split(".")[1]]) for key in CAR_KEYS}
 
 
 def _line(number: int, found: TurnSolution) -> str:

@@ -309,7 +309,6 @@ class RigScenario(ScenarioFile):
         return str(self.experiment.tail) if self.has_cheetah_tail else "none"
 
 
-RIG_SECTIONS = RigScenario.sections()
 rig_scenario_from_dict = RigScenario.from_dict
 
 

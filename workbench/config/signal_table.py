@@ -124,8 +124,6 @@ STATUS = PortFields("Status", _status_fields(STATUS_SOURCES))
 PLANNED_TURN = PortFields("PlannedTurn", ("planned_turn",))
 """The turn that the driver announces, from the start of the run on: +1 left, -1 right, 0 none. Goes from the driver to
 the tail controller."""
-CURRENT_COMMAND = PortFields("CurrentCommand", ("current",))
-"""Of the rig's Maxon motor, A."""
 RIG_STATE = PortFields("RigState", ("angle", "rate"))
 """rad and rad/s, as encoder or motor report them."""
 MOTOR_CURRENT = PortFields("MotorCurrent", ("current",))
@@ -149,7 +147,6 @@ STATION_OUTPUTS: dict[str, PortFields] = {
     "status": STATUS,
 }
 ROBOT_RIG_INPUTS: dict[str, PortFields] = {"tail_command": TAIL_COMMAND}
-CHEETAH_RIG_INPUTS: dict[str, PortFields] = {"current_command": CURRENT_COMMAND}
 RIG_OUTPUTS: dict[str, PortFields] = {
     "rig_state": RIG_STATE,
     "motor_current": MOTOR_CURRENT,

@@ -161,16 +161,10 @@ class TurnSchedule:
         turning = start <= time + TICK_TOLERANCE < start + self.hold
         angle = self.first_angle if time + TICK_TOLERANCE < start + self.first_hold else self.steer_angle
         throttle = 0.0 if time + TICK_TOLERANCE >= self.throttle_off else self.ramp.throttle(time)
-        since, more = (
-            time + TICK_TOLERANCE - (start + self.hold),
-            start + self.gap + self.hold < self._last_start + 1e-9,
-        )
+        since, last = time + TICK_TOLERANCE - (start + self.hold), self._step_start(math.inf)
+        more = start + self.gap + self.hold < last + 1e-9
         announced = 0.0 if more and WITHDRAWN[0] <= since < WITHDRAWN[1] else self.side
         return DriverInput(self.side * angle if turning else 0.0, throttle, announced)
-
-    @property
-    def _last_start(self) -> float:
-        return self.start + (self.repeats - 1) * (self.hold + self.gap)
 
     def _step_start(self, time: float) -> float:
         """Of the last step that has begun, s, or of the first one."""

@@ -54,7 +54,8 @@ def body_label(plant: MultibodyPlant, index: BodyIndex) -> str:
 def shapes_of(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[dict[str, Any]]:
     """Every visible shape of a plant that is registered with this scene graph: body, kind, size, pose, colour."""
     inspector = scene_graph.model_inspector()
-    own = {geometry for index in range(plant.num_bodies()) for geometry in _shapes_of(plant, BodyIndex(index))}
+    bodies = [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
+    own = {geometry for body in bodies for geometry in plant.GetVisualGeometriesForBody(body)}
     scene = []
     for geometry in inspector.GetAllGeometryIds(Role.kIllustration):
         if geometry not in own:
@@ -68,10 +69,6 @@ def shapes_of(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[dict[str, 
             label = body_label(plant, body.index())
             scene.append({"body": label, "kind": kind, "size": size, "pose": pose, "colour": colour})
     return scene
-
-
-def _shapes_of(plant: MultibodyPlant, index: BodyIndex) -> Any:
-    return plant.GetVisualGeometriesForBody(plant.get_body(index))
 
 
 def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:

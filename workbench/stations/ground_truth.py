@@ -129,14 +129,9 @@ class PlantTruth(_Kinematics):
 
     def _calc_com(self, context: Context, output: BasicVector) -> None:
         kinematics, plant = self._kinematics_at(context), self._plant
-        output.SetFromVector(
-            np.concatenate(
-                [
-                    plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances),
-                    plant.CalcCenterOfMassTranslationalVelocityInWorld(kinematics, self._instances),
-                ]
-            )
-        )
+        place = plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances)
+        velocity = plant.CalcCenterOfMassTranslationalVelocityInWorld(kinematics, self._instances)
+        output.SetFromVector(np.concatenate([place, velocity]))
 
     def _calc_base(self, context: Context, output: BasicVector) -> None:
         assert self._base is not None

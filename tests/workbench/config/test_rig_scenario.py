@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from aerodima.workbench.config.rig_scenario import RIG_SECTIONS, RigScenario, load_rig_scenario, rig_scenario_from_dict
+from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario, rig_scenario_from_dict
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.resources import model_path
@@ -68,9 +68,9 @@ def test_the_robot_tail_is_the_one_on_the_car() -> None:
     assert RIG.environment == car.environment
 
 
-@pytest.mark.parametrize("section", sorted(RIG_SECTIONS))
+@pytest.mark.parametrize("section", sorted(RigScenario.sections()))
 def test_every_number_has_unit_and_source(section: str) -> None:
-    assert set(RigScenario.parameters(section)) == set(RIG_SECTIONS[section].model_fields)
+    assert set(RigScenario.parameters(section)) == set(RigScenario.sections()[section].model_fields)
 
 
 def test_shipped_scenarios_resolve_and_survive_a_round_trip() -> None:

@@ -6,7 +6,7 @@ import pytest
 from pydrake.systems.framework import LeafSystem
 
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.config.signal_table import CHEETAH_RIG_INPUTS, RIG_OUTPUTS, ROBOT_RIG_INPUTS
+from aerodima.workbench.config.signal_table import MOTOR_CURRENT, RIG_OUTPUTS, ROBOT_RIG_INPUTS
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.stations.rig_station import make_rig_station
 
@@ -49,7 +49,7 @@ def test_simulated_and_real_robot_rig_have_the_same_ports() -> None:
 @pytest.mark.parametrize("name", ["flick", "bar"])
 def test_cheetah_rig_takes_a_current(name: str) -> None:
     inputs, outputs = ports(make_rig_station(load_rig_scenario(name)))
-    assert inputs == {port: fields.size for port, fields in CHEETAH_RIG_INPUTS.items()}
+    assert inputs == {"current_command": 1}
     assert outputs == {port: fields.size for port, fields in RIG_OUTPUTS.items()}
 
 
@@ -64,5 +64,6 @@ def test_interface_with_other_ports_is_refused_by_name() -> None:
         make_rig_station(load_rig_scenario("robot"), interface=lambda scenario: FakeInterface(outputs=short))
     with pytest.raises(UserError, match=r"inputs .* allowed: .*tail_command"):
         make_rig_station(
-            load_rig_scenario("robot"), interface=lambda scenario: FakeInterface(inputs=CHEETAH_RIG_INPUTS)
+            load_rig_scenario("robot"),
+            interface=lambda scenario: FakeInterface(inputs={"current_command": MOTOR_CURRENT}),
         )
