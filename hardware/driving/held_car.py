@@ -87,7 +87,7 @@ def held(car: WiredCar) -> Iterator[WiredCar]:
         run_cycles(car, CarCommand(), _HEARD)
         car.arm()
         end, armed = time.monotonic() + load_drive_safety().arm_timeout, STATUS.index("armed")
-        while not (car.reading.status[armed] or car.reading.fault_text) and time.monotonic() < end:
+        while not (car.reading.status[armed] or any(motor.fault for motor in car.motors)) and time.monotonic() < end:
             run_cycles(car, CarCommand())
         run_cycles(car, CarCommand(), safety.gain_ramp)
         if not car.reading.status[armed]:

@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 import subprocess
 import sys
 
@@ -78,15 +77,13 @@ def test_the_angles_of_now_become_the_zeros_and_nothing_else_of_the_file_changes
 def test_the_example_moves_one_motor_and_leaves_it_off(tmp_path, wiring):
     def tried(folder):
         with EmulatorProcess(folder, CAR, wiring) as emulator:
-            ports, state = emulator.folder / PORTS_FILE, folder / "state"
+            ports = emulator.folder / PORTS_FILE
             command = [sys.executable, "-m", "aerodima.hardware.examples.one_motor", str(ports), wiring]
-            environment = {**os.environ, "XDG_STATE_HOME": str(state)}
-            refused = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+            refused = subprocess.run(command, capture_output=True, text=True, timeout=120)
             assert "no watchdog test" in refused.stderr
             assert not emulator.named("entered")
-            records = state / "aerodima" / "watchdog_tests"
-            run_watchdog_test(CAR, emulator.ports, wiring, lambda _: True, "emulator", records)
-            found = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+            run_watchdog_test(CAR, emulator.ports, wiring, lambda _: True, "emulator")
+            found = subprocess.run(command, capture_output=True, text=True, timeout=120)
             assert found.returncode == 0, found.stderr
             lines = found.stdout.splitlines()
             angles = [float(line.split()[0]) for line in lines]
