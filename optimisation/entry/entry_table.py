@@ -143,7 +143,8 @@ def entry_figure(table: pd.DataFrame) -> Figure:
     """Entry speeds of all cars by floor and manoeuvre, a line per candidate, with the median as a bar."""
     names, floors = (list(dict.fromkeys(table[key])) for key in ("manoeuvre", "floor"))
     who = list(dict.fromkeys(table["candidate"]))[::-1]
-    figure, axes = new_figure(9.0, 2.9 * len(floors), len(floors), len(names), sharex=True, sharey=True)
+    height = (0.9 + 0.34 * len(who)) * len(floors)
+    figure, axes = new_figure(9.0, height, len(floors), len(names), sharex=True, sharey=True)
     for axis, (floor, name) in zip(axes.flat, itertools.product(floors, names), strict=True):
         own = table[(table["manoeuvre"] == name) & (table["floor"] == floor)]
         speeds = [own.loc[own["candidate"] == one, SPEED].to_numpy(dtype=np.float64) for one in who]
