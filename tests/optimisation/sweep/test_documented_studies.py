@@ -12,7 +12,7 @@ from aerodima.optimisation.sweep.study import load_study, plan_runs
 from aerodima.workbench.cli.program import build_app
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "howto" / "studies.md").read_text(encoding="utf-8")
-SECTION = PAGE[PAGE.index("## A study is a file") : PAGE.index("## What happens to the workers")]
+SECTION = PAGE[: PAGE.index("## Workers")]
 
 
 def write_study(folder: Path) -> Path:
