@@ -12,7 +12,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from aerodima import hardware, workbench
+from aerodima.workbench.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.cli.options import Build, Force, Law, LogOut, OtherCar, ScenarioArgument, Settings, SwingOption
+from aerodima.workbench.errors import HardwareError, LogError
 
 if TYPE_CHECKING:
     from aerodima.hardware.car.car_ports import CarPorts, ConsoleDevice
@@ -46,8 +49,6 @@ def console(
 
     Example: aerodima console --emulate auto_turn --out emulated
     """
-    from aerodima.workbench.errors import HardwareError
-
     if sum(given is not None for given in (ports, emulate, radio)) != 1:
         raise HardwareError("console: give one of --ports, --emulate and --radio")
     missing = [name for name in ("starlette", "uvicorn", "websockets", "serial") if find_spec(name) is None]
@@ -62,11 +63,10 @@ def console(
     from aerodima.hardware.console.page_access import Access
     from aerodima.hardware.transport.device_lock import lock_devices
     from aerodima.hardware.transport.serial_link import SerialLink
-    from aerodima.workbench.config.scenario import load_scenario
 
     chosen = wiring_name(wiring)
     words = settings or []
-    scenario = load_scenario(emulate or "auto_turn", words)
+    scenario = workbench.load_scenario(emulate or "auto_turn", words)
     limits = Limits(scenario.servo.limit, scenario.tail.pitch_limit, scenario.tail.roll_limit)
     listener, recording, car = open_socket(port), ConsoleRecord(record or _next_record()), None
     if emulate is not None:
@@ -97,7 +97,6 @@ def _next_record() -> Path:
 def _device(ports: Path) -> tuple[ConsoleDevice, int]:
     """The console's module and the number of the car."""
     from aerodima.hardware.car.car_ports import read_ports
-    from aerodima.workbench.errors import HardwareError
 
     read = read_ports(ports)
     if read.console is None:
@@ -131,14 +130,12 @@ def emulate(
     from aerodima.hardware.car.wiring import wiring_name
     from aerodima.hardware.emulator.emulator import EmulatorSettings, run_emulator
     from aerodima.hardware.emulator.fault_script import Script, read_script
-    from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.errors import HardwareError
 
     chosen = wiring_name(wiring)
     if duration is not None and not duration > 0:
         raise HardwareError(f"--duration {duration:g} s: allowed is more than 0")
     emulated = EmulatorSettings(
-        scenario=load_scenario(scenario, settings or []),
+        scenario=workbench.load_scenario(scenario, settings or []),
         wiring=chosen,
         folder=out,
         script=Script.model_validate({}) if faults is None else read_script(faults),
@@ -167,10 +164,9 @@ def firmware(
     """
     from aerodima.hardware.car.car_ports import read_ports
     from aerodima.hardware.firmware.teensy_firmware import export_sketch, firmware_hash, firmware_settings
-    from aerodima.workbench.config.scenario import load_scenario
 
     car = read_ports(ports)
-    sketch = export_sketch(firmware_settings(wiring, car, load_scenario(scenario, settings or [])), folder)
+    sketch = export_sketch(firmware_settings(wiring, car, workbench.load_scenario(scenario, settings or [])), folder)
     typer.echo(f"sketch: {sketch}")
     typer.echo(f"firmware: {firmware_hash()[:12]}, {wiring}, {car.firmware_profile}")
 
@@ -218,10 +214,7 @@ def drive(
     from aerodima.hardware.car.car_ports import read_ports
     from aerodima.hardware.car.wiring import wiring_name
     from aerodima.hardware.driving.drive_session import DriveOptions, run_drive
-    from aerodima.hardware.driving.held_car import connect
-    from aerodima.workbench.atomic_write import make_folder, refuse_existing
     from aerodima.workbench.controllers.law_of_scenario import load_build, load_drive, load_law
-    from aerodima.workbench.errors import HardwareError, LogError
 
     name = wiring_name(wiring)
     overrides = [*([f"controller.swing_file={swing}"] if swing else []), *(settings or [])]
@@ -253,7 +246,7 @@ def drive(
     make_folder(log.parent, LogError)
     law_name = "" if law is None else type(tail_law).__name__
     options = DriveOptions(log, force, dry_run, not no_drake, None if arm else _confirm, law_name=law_name)
-    car = connect(car_ports, chosen, name, traffic)
+    car = hardware.connect(car_ports, chosen, name, traffic)
     result = run_drive(car, chosen, car_ports, options, typer.echo, law=tail_law, build=build)
     if result.log is not None:
         typer.echo(f"log: {result.log}")
@@ -270,14 +263,13 @@ def drive(
 
 def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: str, arm: bool) -> None:
     from aerodima.hardware.car.car_ports import JOINTS
-    from aerodima.hardware.driving.held_car import connect, run_motor_test
-    from aerodima.workbench.errors import HardwareError
+    from aerodima.hardware.driving.held_car import run_motor_test
 
     chosen = next((name for name in JOINTS if name == joint), None)
     if chosen is None or scenario.tail.mode == "none":
         raise HardwareError(f"--motor-test {joint}: allowed: {', '.join(JOINTS)}, with a scenario that has a tail")
     _ask_to_arm(arm)
-    car = connect(ports, scenario, wiring)
+    car = hardware.connect(ports, scenario, wiring)
     found = run_motor_test(car, chosen, typer.echo, _eyes(ports, wiring)[0])
     warm = "not reported" if found.temperature is None else f"{found.temperature:g} degC"
     torque = f"torque {found.torque:+.2f} N m where {found.wanted:+.2f} is asked for"
@@ -286,7 +278,6 @@ def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: 
 
 def _set_zero(path: Path, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
     from aerodima.hardware.driving.held_car import joint_angles, read_motor_angles, write_zeros
-    from aerodima.workbench.errors import HardwareError
 
     question = "hold the tail exactly upright, it is let go; type zero to read its angles"
     if not arm and _typed(question) != "zero":
@@ -319,7 +310,6 @@ def _eyes(ports: CarPorts, wiring: WiringName) -> tuple[Callable[[str], bool], s
 
 
 def _ask_to_arm(arm: bool) -> None:
-    from aerodima.workbench.errors import HardwareError
 
     if not arm and not _confirm():
         raise HardwareError("not armed: nobody said that the motors may be switched on")

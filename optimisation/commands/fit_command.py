@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from aerodima import optimisation, workbench
+from aerodima.workbench.atomic_write import make_folder
 from aerodima.workbench.cli.options import COEFFICIENTS, Anew, Workers, command_group, grouped
+from aerodima.workbench.errors import FitError, UserError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,20 +56,14 @@ class LogFit:
     def options(self, *kinds: str) -> FitOptions:
         """The choices for logs of some kinds; what is wrong with them is refused here, once and not for every log."""
         from aerodima.optimisation.identify.least_squares import LOSSES
-        from aerodima.optimisation.identify.log_rig import (
-            KNOWLEDGE,
-            FitOptions,
-            constant_names,
-            named_rig,
-            require_constants,
-        )
+        from aerodima.optimisation.identify.log_rig import KNOWLEDGE, constant_names, named_rig, require_constants
 
         names = tuple(dict.fromkeys(name.strip() for name in self.free.split(",") if name.strip()))
         require_constants(names, list(dict.fromkeys(name for kind in kinds for name in constant_names(kind))))
         rig = self.rig, tuple(self.settings or ())
         named_rig(*rig)
         loss, known = choice("--loss", self.loss, LOSSES), choice("--constants", self.constants, KNOWLEDGE)
-        return FitOptions(loss, bounds_of(self.bound), *rig, names, known)
+        return optimisation.FitOptions(loss, bounds_of(self.bound), *rig, names, known)
 
     def run(
         self,
@@ -88,7 +85,6 @@ class LogFit:
         from aerodima.optimisation.identify.fit_batch import fit_logs
         from aerodima.optimisation.identify.fit_report import write_report
         from aerodima.workbench.batch.row_store import terminal
-        from aerodima.workbench.errors import UserError
 
         settings = {"fit": title, **more, **asdict(options)}
         work = partial(work, options=options, **more)
@@ -117,10 +113,8 @@ class LogFit:
 
 def show(results: list[FitResult]) -> None:
     """The first results, with their warnings."""
-    from aerodima.optimisation.identify.fit_report import format_estimate
-
     for result in results[:_MOST_SHOWN]:
-        values = ", ".join(f"{e.name} {format_estimate(e, unit=True)}" for e in result.free)
+        values = ", ".join(f"{e.name} {optimisation.format_estimate(e, unit=True)}" for e in result.free)
         typer.echo(f"{Path(result.name).name}: {values}")
         for warning in result.warnings:
             typer.echo(f"  warning: {warning}")
@@ -161,8 +155,6 @@ def robot_tables(results: list[FitResult], out: Path) -> Extra:
 
 def choice(flag: str, given: str, allowed: tuple[Any, ...]) -> Any:
     """`given`, when it is one of the allowed words; FitError otherwise."""
-    from aerodima.workbench.errors import FitError
-
     if given not in allowed:
         raise FitError(f"{flag} {given}: allowed: {', '.join(allowed)}")
     return given
@@ -170,8 +162,6 @@ def choice(flag: str, given: str, allowed: tuple[Any, ...]) -> Any:
 
 def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
     """`name=low,high` as name and two numbers; FitError where that cannot be read."""
-    from aerodima.workbench.errors import FitError
-
     found = []
     for text in given or []:
         name, _, numbers = text.partition("=")
@@ -188,12 +178,8 @@ def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
 def register(app: typer.Typer) -> None:
     """Adds the group `fit`."""
     group = command_group(app, "fit", "Fit coefficients to logs and tables.", COEFFICIENTS)
-    group.command()(static)
-    group.command()(friction)
-    group.command("added-mass")(added_mass)
-    group.command("robot-tail")(robot_tail)
-    group.command()(car)
-    group.command()(published)
+    for command in (static, friction, added_mass, robot_tail, car, published):
+        group.command()(command)
 
 
 @grouped
@@ -205,11 +191,11 @@ def static(batch: LogFit) -> None:
 
     Example: aerodima fit static logs/*.parquet --out fits --set maxon.torque_constant=0.40
     """
-    from aerodima.optimisation.identify.static_fit import UNKNOWNS, fit_static_log
+    from aerodima.optimisation.identify.static_fit import UNKNOWNS
 
     options = batch.options("static")
     options.require_known(list(UNKNOWNS))
-    batch.run("Static fits", fit_static_log, options, static_tables)
+    batch.run("Static fits", optimisation.fit_static_log, options, static_tables)
 
 
 @grouped
@@ -218,11 +204,11 @@ def friction(batch: LogFit) -> None:
 
     Example: aerodima fit friction bar_*.parquet --out fits
     """
-    from aerodima.optimisation.identify.swing_coefficients import fit_friction_log, friction_parameters
+    from aerodima.optimisation.identify.swing_coefficients import friction_parameters
 
     options = batch.options("bar_swing", "robot_swing")
     options.require_known([p.name for p in friction_parameters()])
-    batch.run("Friction", fit_friction_log, options, averages)
+    batch.run("Friction", optimisation.fit_friction_log, options, averages)
 
 
 @grouped
@@ -231,11 +217,9 @@ def added_mass(batch: LogFit) -> None:
 
     Example: aerodima fit added-mass flick_*.parquet --out fits
     """
-    from aerodima.optimisation.identify.swing_coefficients import fit_added_mass_log
-
     options = batch.options("swing")
     options.require_known(["added_mass"])
-    batch.run("Added mass", fit_added_mass_log, options, averages)
+    batch.run("Added mass", optimisation.fit_added_mass_log, options, averages)
 
 
 @grouped
@@ -247,10 +231,10 @@ def robot_tail(
 
     Example: aerodima fit robot-tail swing_*.parquet --shape line --out fits
     """
-    from aerodima.optimisation.identify.swing_coefficients import SHAPES, fit_robot_tail_log
+    from aerodima.optimisation.identify.swing_coefficients import SHAPES
 
-    options = batch.options("robot_swing")
-    batch.run("Robot tail", fit_robot_tail_log, options, robot_tables, shape=choice("--shape", shape, SHAPES))
+    options, chosen = batch.options("robot_swing"), choice("--shape", shape, SHAPES)
+    batch.run("Robot tail", optimisation.fit_robot_tail_log, options, robot_tables, shape=chosen)
 
 
 def car(
@@ -267,14 +251,13 @@ def car(
     Example: aerodima fit car run.parquet --out fits --set car.mass=6.4
     """
     from aerodima.optimisation.identify.car_fit import fit_car_log
-    from aerodima.optimisation.identify.log_rig import FitOptions
-    from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
+    from aerodima.workbench.config.scenario import scenario_from_dict
 
     given: dict[str, Any] = {}
     for setting in settings or ():
-        Scenario.apply_setting(given, setting)
+        workbench.Scenario.apply_setting(given, setting)
     scenario_from_dict(given)
-    options = FitOptions(settings=tuple(settings or ()))
+    options = optimisation.FitOptions(settings=tuple(settings or ()))
     LogFit(logs, out, workers, force).run("Cars", fit_car_log, options, averages)
 
 
@@ -285,8 +268,6 @@ def published(out: Out) -> None:
     """
     from aerodima.optimisation.identify.fit_report import write_report
     from aerodima.optimisation.identify.published_check import check_published
-    from aerodima.workbench.atomic_write import make_folder
-    from aerodima.workbench.errors import FitError
 
     make_folder(out, FitError)
     fits, tables = check_published()

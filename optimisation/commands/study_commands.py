@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from aerodima import optimisation, workbench
 from aerodima.workbench.batch.dask_cluster import THREAD_VARIABLES
 from aerodima.workbench.cli.options import (
     SWINGS,
@@ -23,6 +24,8 @@ from aerodima.workbench.cli.options import (
     command_group,
     grouped,
 )
+from aerodima.workbench.errors import SweepError
+from aerodima.workbench.text_table import text_table
 
 if TYPE_CHECKING:
     from aerodima.optimisation.sweep.runs import Runs
@@ -46,11 +49,10 @@ def engine_for(
     out: Path | None, workers: int = 2, scheduler: str | None = None
 ) -> Iterator[tuple[Engine, ProgressLine]]:
     """An engine whose workers leave their record in a folder, and the terminal for lines of progress."""
-    from aerodima.optimisation.sweep.runs import open_run_engine
     from aerodima.workbench.batch.row_store import WORKER_RECORD, terminal
 
     progress = terminal()
-    with open_run_engine(
+    with optimisation.open_run_engine(
         workers, scheduler, progress=progress, record=None if out is None else out / WORKER_RECORD
     ) as engine:
         yield engine, progress
@@ -78,13 +80,13 @@ def run(
 
     Example: aerodima sweep run mount --out sweeps/mount
     """
-    from aerodima.optimisation.sweep.run_study import TABLE, run_study
-    from aerodima.optimisation.sweep.study import load_study, plan_runs
+    from aerodima.optimisation.sweep.run_study import TABLE
+    from aerodima.optimisation.sweep.study import plan_runs
 
-    loaded = load_study(study)
+    loaded = optimisation.load_study(study)
     plan_runs(loaded)
     with engine_for(out, work.workers, work.scheduler) as (engine, progress):
-        run_study(loaded, out, engine, force=work.force, progress=progress)
+        optimisation.run_study(loaded, out, engine, force=work.force, progress=progress)
     print(f"table: {out / TABLE}")
 
 
@@ -107,16 +109,13 @@ def threshold(
     """
     from aerodima.optimisation.sweep.rollover_threshold import SEARCHES, Case, find_thresholds
     from aerodima.optimisation.sweep.runs import Runs
-    from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.errors import SweepError
-    from aerodima.workbench.text_table import text_table
 
     if factor not in SEARCHES:
         raise SweepError(f"{factor}: allowed: {', '.join(SEARCHES)}")
     given = {"low": low, "high": high, "scan": scan, "tolerance": tolerance}
     changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     search = replace(SEARCHES[factor], **changes)
-    load_scenario(scenario, settings or ())
+    workbench.load_scenario(scenario, settings or ())
     with engine_for(None, workers, scheduler) as (engine, progress):
         cases = [Case(scenario, scenario, tuple(settings or ()))]
         (found,) = find_thresholds(cases, search, Runs(engine), lambda done, known: progress(f"[{done}/{known}] runs"))

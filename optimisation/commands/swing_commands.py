@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from aerodima import optimisation, workbench
 from aerodima.optimisation.commands.study_commands import runs_in
+from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.cli.options import (
     SWINGS,
     Force,
@@ -19,6 +21,7 @@ from aerodima.workbench.cli.options import (
     command_group,
     grouped,
 )
+from aerodima.workbench.errors import SweepError, SwingError
 
 if TYPE_CHECKING:
     from aerodima.workbench.config.ensemble import Member
@@ -55,21 +58,18 @@ def search(
 
     Example: aerodima swing search short_turn_designed --set training=0 --out out/motion
     """
-    from aerodima.optimisation.swing.motion_search import MotionSearch, search_motion
+    from aerodima.optimisation.swing.motion_search import search_motion
     from aerodima.optimisation.swing.task import load_task
-    from aerodima.workbench.atomic_write import refuse_existing
-    from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.config.swing_file import write_swing
-    from aerodima.workbench.errors import SwingError
 
     asked = load_task(task, settings or ())
-    motion = MotionSearch(starts, seed, knots, length, iterations)
+    motion = optimisation.MotionSearch(starts, seed, knots, length, iterations)
     path = out / "swing.yaml"
     refuse_existing(path, work.force, SwingError)
     with runs_in(out, work) as runs:
         write_swing(search_motion(out.name, asked, motion, runs, progress=runs.say), path, force=work.force)
     typer.echo(f"found: {path}")
-    tail = load_scenario(asked.scenario).tail.name
+    tail = workbench.load_scenario(asked.scenario).tail.name
     typer.echo(f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}")
 
 
@@ -122,15 +122,12 @@ def judge(
     from aerodima.optimisation.entry import suite
     from aerodima.optimisation.entry.entry_speed import EntrySearch, climb
     from aerodima.optimisation.entry.entry_table import entry_figure, entry_lines, summarise_entries
-    from aerodima.workbench.atomic_write import write_atomically
-    from aerodima.workbench.config.ensemble import load_ensemble
-    from aerodima.workbench.errors import SweepError
     from aerodima.workbench.figures.figure_style import png
 
     search = EntrySearch(start=start, step=step, ceiling=ceiling)
     driven = suite.manoeuvres(manoeuvre or suite.TRAINED_ON, tail)
     who = suite.candidates(candidate or list(suite.CANDIDATES), law or ())
-    cases = suite.floors(_first(load_ensemble(ensemble).split(seed).test, cars), floors or [1.0])
+    cases = suite.floors(_first(workbench.load_ensemble(ensemble).split(seed).test, cars), floors or [1.0])
     with runs_in(out, work) as runs:
         table = climb(driven, who, cases, runs, search)
     summary = summarise_entries(table)
@@ -163,13 +160,10 @@ def train(
     from aerodima.optimisation.entry import suite
     from aerodima.optimisation.entry.feedback_search import LawSearch, search_feedback
     from aerodima.optimisation.swing.candidate import write_candidates
-    from aerodima.workbench.atomic_write import refuse_existing
-    from aerodima.workbench.config.ensemble import load_ensemble
-    from aerodima.workbench.errors import SwingError
 
     path = out / "candidates.yaml"
     refuse_existing(path, work.force, SwingError)
-    cases = suite.floors(_first(load_ensemble(ensemble).split(seed).training, cars), floors or [1.0])
+    cases = suite.floors(_first(workbench.load_ensemble(ensemble).split(seed).training, cars), floors or [1.0])
     asked = LawSearch(laws=laws, generations=generations, seed=seed, around=around)
     with runs_in(out, work) as runs:
         found = search_feedback(cases, tail, asked, runs)
@@ -183,7 +177,6 @@ def train(
 
 
 def _first(there: Sequence[Member], number: int) -> tuple[Member, ...]:
-    from aerodima.workbench.errors import SweepError
 
     if number > len(there):
         raise SweepError(f"--cars {number}: the part of the ensemble has {len(there)}: allowed: 1 to {len(there)}")
@@ -208,8 +201,6 @@ def verify(
     Example: aerodima swing verify thesis_8_rad_per_s --out out/verify
     """
     from aerodima.optimisation.swing.verification import PAGE, VERDICT, verify_swing, write_verification
-    from aerodima.workbench.atomic_write import refuse_existing
-    from aerodima.workbench.errors import SwingError
 
     for name in (VERDICT, PAGE):
         refuse_existing(out / name, force, SwingError)

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import typer
 
+from aerodima import workbench
 from aerodima.workbench.cli.options import CHECKS
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.realtime import permitted
@@ -137,10 +138,9 @@ def _solvers() -> Iterator[Finding]:
 
 
 def _models() -> Iterator[Finding]:
-    from aerodima.workbench.config.scenario import load_scenario
 
     try:
-        load_scenario("turn_swing")
+        workbench.load_scenario("turn_swing")
         found, ok = str(models_dir()), True
     except UserError as error:
         found, ok = str(error), False

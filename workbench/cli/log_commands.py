@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from aerodima import workbench
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.cli.options import RUNS, Force, LogOut, command_group
 from aerodima.workbench.errors import LogError, UserError
@@ -21,12 +22,8 @@ if TYPE_CHECKING:
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
     group = command_group(app, "log", "Measure, compare, import, condition and export run logs.", RUNS)
-    group.command()(metrics)
-    group.command()(compare)
-    group.command()(recover)
-    group.command("import")(import_)
-    group.command()(export)
-    group.command()(condition)
+    for command in (metrics, compare, recover, import_, export, condition):
+        group.command(command.__name__.strip("_"))(command)
 
 
 def metrics(
@@ -38,10 +35,8 @@ def metrics(
 
     Of logs that `observe` wrote of another plant: its motion, the air on its tails, the outcome where it is defined.
     """
-    from aerodima.workbench.logs.schema import read_run_log
-
     _refuse_twice(runs)
-    run_logs = [read_run_log(path) for path in runs]
+    run_logs = [workbench.read_run_log(path) for path in runs]
     if csv is not None:
         refuse_existing(csv, force, LogError)
     import pandas as pd
@@ -108,7 +103,6 @@ def export(
     MCAP has the signals and, of a car, the scene that Foxglove draws: bodies, poses and forces.
     """
     from aerodima.workbench.logs.exporters import FORMATS, export_log
-    from aerodima.workbench.logs.schema import read_run_log
 
     form = next((known for known in FORMATS if known == to), None)
     if form is None:
@@ -116,7 +110,7 @@ def export(
     path = out or log.with_suffix(f".{form}")
     _refuse_raw(path, log)
     refuse_existing(path, force, LogError)
-    run_log = read_run_log(log)
+    run_log = workbench.read_run_log(log)
     written = export_log(run_log, path, form, force, _scene(run_log) if form == "mcap" else ())
     typer.echo("\n".join(map(str, written)))
 
@@ -153,22 +147,22 @@ def condition(
 
     Example: aerodima log condition swing.parquet --fill 0.05 --rest 0 2 --low-pass 20 --out ready.parquet
     """
-    from aerodima.workbench.logs.schema import read_run_log, write_run_log
-    from aerodima.workbench.logs.signals import LowPass, conditioning_notes, fill_gaps, low_pass_columns, remove_drift
+    from aerodima.workbench.logs.schema import write_run_log
+    from aerodima.workbench.logs.signals import conditioning_notes
 
     _refuse_raw(out, log)
     refuse_existing(out, force, LogError)
     if (fill, rest, low_pass) == (None, None, None):
         raise LogError("nothing to do: state --fill, --rest or --low-pass")
-    run_log = read_run_log(log)
+    run_log = workbench.read_run_log(log)
     before = len(conditioning_notes(run_log))
     chosen = columns or [name for name in run_log.table.columns if name.startswith(("force_", "torque_"))]
     if fill is not None:
-        run_log = fill_gaps(run_log, fill)
+        run_log = workbench.fill_gaps(run_log, fill)
     if rest is not None:
-        run_log = remove_drift(run_log, chosen, [rest])
+        run_log = workbench.remove_drift(run_log, chosen, [rest])
     if low_pass is not None:
-        run_log = low_pass_columns(run_log, chosen, LowPass(6, low_pass))
+        run_log = workbench.low_pass_columns(run_log, chosen, workbench.LowPass(6, low_pass))
     write_run_log(run_log, out, force)
     typer.echo(f"{out}: {len(run_log.table)} rows, {len(run_log.table.columns)} columns")
     for note in conditioning_notes(run_log)[before:]:
@@ -184,12 +178,10 @@ def compare(
 
     Example: aerodima log compare none.parquet swing.parquet --html compare.html
     """
-    from aerodima.workbench.logs.schema import read_run_log
-
     names = run_names(runs)
     if html is not None:
         refuse_existing(html, force, UserError)
-    run_logs = [read_run_log(path) for path in runs]
+    run_logs = [workbench.read_run_log(path) for path in runs]
     from aerodima.workbench.metrics.run_summary import of_plants
     from aerodima.workbench.report.replay_page import (
         comparison_page,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from aerodima import workbench
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.cli.options import (
     CHECKS,
@@ -72,24 +73,19 @@ def tail(
 
     Example: aerodima models tail --save tail.yaml --out tail.png
     """
-    from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.plants.tail import read_tail, tail_geometry, write_tail
-
     for path in (out, save):
         if path is not None:
             refuse_existing(path, force, UserError)
     if out is not None:
         _refuse_other_ending(out)
-    car = load_scenario(scenario, settings or [])
-    geometry = tail_geometry(car.tail) if file is None else read_tail(file)
+    car = workbench.load_scenario(scenario, settings or [])
+    geometry = workbench.tail_geometry(car.tail) if file is None else workbench.read_tail(file)
     for line in tail_lines(geometry):
         typer.echo(line)
     if save is not None:
-        typer.echo(f"tail: {write_tail(geometry, save, force=force)}")
+        typer.echo(f"tail: {workbench.write_tail(geometry, save, force=force)}")
     if out is not None:
-        from aerodima.workbench.figures.model_figures import plot_tail
-
-        _write_picture(plot_tail(geometry), out, force)
+        _write_picture(workbench.plot_tail(geometry), out, force)
 
 
 PICTURES = (".png", ".svg", ".pdf")
@@ -131,10 +127,8 @@ def _vector(values: Iterable[float]) -> str:
 
 def list_sets() -> None:
     """List the embedded sets with their measured range and source."""
-    from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
-
-    for name in embedded_sets():
-        coefficients = load_coefficients(name)
+    for name in workbench.embedded_sets():
+        coefficients = workbench.load_coefficients(name)
         low, high = coefficients.speed_range
         measured = f"{low:g}-{high:g} m/s"
         if coefficients.angle_range is not None:
@@ -153,13 +147,10 @@ def plot(
 
     Example: aerodima models coefficients plot cheetah_tail_1_major --out tail_1.png
     """
-    from aerodima.workbench.aero.coefficient_files import load_coefficients
-    from aerodima.workbench.figures.coefficient_figures import plot_coefficients
-
-    coefficients = load_coefficients(file)
+    coefficients = workbench.load_coefficients(file)
     target = out or Path(f"{Path(file).stem}.png")
     _refuse_other_ending(target)
-    _write_picture(plot_coefficients(coefficients), target, force)
+    _write_picture(workbench.plot_coefficients(coefficients), target, force)
 
 
 def diagram(
@@ -170,12 +161,9 @@ def diagram(
     force: Force = False,
 ) -> None:
     """Draw the block diagram of a scenario."""
-    from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.figures.model_figures import draw_diagram
-    from aerodima.workbench.simulate.car_run import assemble
-
     _refuse_other_ending(out)
-    picture = draw_diagram(assemble(load_scenario(scenario, settings or ())).builder.Build(), depth)
+    built = workbench.assemble(workbench.load_scenario(scenario, settings or ())).builder.Build()
+    picture = workbench.draw_diagram(built, depth)
     write_atomically(out, picture.render(out.suffix[1:].lower()), force, UserError)
     typer.echo(f"diagram: {out}")
 
@@ -187,13 +175,9 @@ def range_of_motion(
     force: Force = False,
 ) -> None:
     """Draw where the tail's rod and sail are clear of cage, deck, wheels and ground, over pitch and roll."""
-    from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.figures.model_figures import plot_range_of_motion
-    from aerodima.workbench.plants.clearance import make_range_of_motion
-
     _refuse_other_ending(out)
-    motion = make_range_of_motion(load_scenario(scenario, settings or ()))
-    _write_picture(plot_range_of_motion(motion), out, force)
+    motion = workbench.make_range_of_motion(workbench.load_scenario(scenario, settings or ()))
+    _write_picture(workbench.plot_range_of_motion(motion), out, force)
 
 
 def export(
@@ -203,10 +187,9 @@ def export(
     force: Force = False,
 ) -> None:
     """Write a resolved scenario, with every number and its swing in it, as one JSON bundle that needs no other file."""
-    from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.controllers.law_of_scenario import make_bundle
 
-    text = json.dumps(make_bundle(load_scenario(scenario, settings or ())), indent=2) + "\n"
+    text = json.dumps(make_bundle(workbench.load_scenario(scenario, settings or ())), indent=2) + "\n"
     if out is None:
         typer.echo(text, nl=False)
         return

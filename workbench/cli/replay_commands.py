@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from aerodima import workbench
 from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.cli.log_commands import run_names
 from aerodima.workbench.cli.options import RUNS, Force, Html, ScenarioOption, Settings
@@ -43,9 +44,8 @@ def play(
         raise UserError(f"--length: {length:g} s; allowed: > 0")
     if log is not None:
         refuse_existing(log, force, LogError)
-    from aerodima.workbench.config.scenario import load_scenario
 
-    car = load_scenario(scenario, settings or ())
+    car = workbench.load_scenario(scenario, settings or ())
     from aerodima.workbench.cli.turn_commands import live_view
     from aerodima.workbench.replay.hand_drive import HELP, MeshcatControls, drive_by_hand
 
@@ -53,10 +53,9 @@ def play(
     typer.echo(HELP, err=True)
     controls = MeshcatControls(meshcat, car, pace, typer.echo)
     for written in drive_by_hand(car, controls, log=log, meshcat=meshcat, length=length, force=force, say=typer.echo):
-        from aerodima.workbench.logs.schema import read_run_log
         from aerodima.workbench.replay.captions import caption_of
 
-        typer.echo(f"log: {written}: {caption_of(read_run_log(written)).text}")
+        typer.echo(f"log: {written}: {caption_of(workbench.read_run_log(written)).text}")
 
 
 def replay(
@@ -92,12 +91,11 @@ def replay(
 
 def _write_video(runs: list[Path], video: Path, start: float, rate: float, force: bool) -> None:
     from aerodima.workbench.cli.turn_commands import show_progress
-    from aerodima.workbench.logs.schema import read_run_log
     from aerodima.workbench.replay.video import check_video, write_video
 
     check_video(video, force)
     names = [name.replace("_", " ") for name in run_names(runs)]
-    filmed = {name: read_run_log(path) for name, path in zip(names, runs, strict=True)}
+    filmed = {name: workbench.read_run_log(path) for name, path in zip(names, runs, strict=True)}
     told = show_progress("frame", "")
     typer.echo(f"video: {write_video(filmed, video, force=force, rate=rate, progress=told, start=start)}")
 
@@ -105,9 +103,8 @@ def _write_video(runs: list[Path], video: Path, start: float, rate: float, force
 def _replay_one(
     run: Path, html: Path | None, strip: Path | None, port: int | None, rate: float, force: bool
 ) -> None:  # fmt: skip
-    from aerodima.workbench.logs.schema import read_run_log
 
-    run_log = read_run_log(run)
+    run_log = workbench.read_run_log(run)
     if html is not None:
         from aerodima.workbench.report.replay_page import write_replay_html
 

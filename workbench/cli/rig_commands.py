@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from aerodima import workbench
 from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.cli.options import (
     COEFFICIENTS,
@@ -72,13 +73,11 @@ def run(
     Example: aerodima rig run static --tail 1 --axis major --wind 10 --angle 15 --rest 2 --out hold.parquet
     """
     from aerodima.workbench.cli.turn_commands import live_view, show_progress
-    from aerodima.workbench.config.rig_scenario import load_rig_scenario
-    from aerodima.workbench.simulate.simulation import simulate
 
     refuse_existing(options.out, options.force, LogError)
     angle = [] if options.angle is None else [f"experiment.angle={radians(options.angle)!r}"]
-    scenario = load_rig_scenario(name, [*angle, *settings_of(options)])
-    log = simulate(
+    scenario = workbench.load_rig_scenario(name, [*angle, *settings_of(options)])
+    log = workbench.simulate(
         scenario,
         options.out,
         force=options.force,

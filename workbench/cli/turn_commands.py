@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from aerodima import workbench
 from aerodima.workbench.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.cli.options import (
     RUNS,
@@ -101,7 +102,6 @@ def turn(options: RunOptions) -> None:
     Example: aerodima turn --speed 4.44 --tail swing --log run.parquet --replay run.html
     """
     # What can be wrong is looked at before Drake is imported, which takes seconds.
-    from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.controllers.law_of_scenario import (
         find_swing,
         own_turn,
@@ -119,7 +119,7 @@ def turn(options: RunOptions) -> None:
     name, own = options.scenario, tuple[str, ...]()
     if options.swing is not None:
         name, own = own_turn(find_swing(options.swing), name)
-    scenario = load_scenario(name or "turn_swing", [*own, *settings_of(options)])
+    scenario = workbench.load_scenario(name or "turn_swing", [*own, *settings_of(options)])
     law = None if options.law is None else _own_law(options.law, scenario)
     if law is None and options.diagram is None and not options.other_car:
         refuse_other_car(scenario)
@@ -152,14 +152,13 @@ def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> 
     from aerodima.workbench.controllers.law_of_scenario import load_build, traceback_and_reason
     from aerodima.workbench.logs.journal import journal_path
     from aerodima.workbench.simulate.car_run import turn_end
-    from aerodima.workbench.simulate.simulation import simulate
 
     duration, end = scenario.manoeuvre.duration, turn_end(scenario)
     if scenario.manoeuvre.kind == "turn" and duration < end:  # its metrics need the whole turn
         raise UserError(f"manoeuvre.duration: {duration:g} s; allowed: >= {end:g} s, the end of the turn")
     build = None if options.diagram is None else load_build(options.diagram)
     try:
-        return simulate(
+        return workbench.simulate(
             scenario,
             options.log,
             law=law,
@@ -228,10 +227,9 @@ SHOWN_FACTS = ("largest_reynolds_number", "sections_outside_measured_range", "se
 
 def summary_lines(run_log: RunLog) -> list[str]:
     """What a run came to, for the terminal: its outcome, the first metrics, and what the sail's sections met."""
-    from aerodima.workbench.metrics.turn_metrics import metrics_of
     from aerodima.workbench.replay.captions import outcome_in_words
 
-    metrics = metrics_of(run_log)
+    metrics = workbench.metrics_of(run_log)
     row = metrics.as_row()
     shown = {name: row[name] for name in SHOWN_METRICS}
     shown |= {name: run_log.extra[name] for name in SHOWN_FACTS if name in run_log.extra}
