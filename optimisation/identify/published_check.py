@@ -143,12 +143,8 @@ def fit_line(
         loss: `huber` holds points back that lie far off.
     """
     height = float(np.std(y)) or float(np.max(np.abs(y))) or 1.0
-    parameters = Parameters.of(
-        [
-            Parameter(*slope, 0.0, scale=height / (float(np.std(x)) or 1.0)),
-            Parameter(*offset, 0.0, scale=height),
-        ]
-    )
+    steepness = height / (float(np.std(x)) or 1.0)
+    parameters = Parameters.of([Parameter(*slope, 0.0, scale=steepness), Parameter(*offset, 0.0, scale=height)])
     design = np.column_stack([x, np.ones_like(x)]) / height
     return fit(
         Problem(parameters, lambda p: design @ p - y / height, lambda p: design, name=name),

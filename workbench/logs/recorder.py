@@ -151,14 +151,7 @@ class RunRecorder(LeafSystem):
             which a simulation ends is written when it runs a little longer.
     """
 
-    def __init__(
-        self,
-        journal: RowSink,
-        signals: Signals,
-        rate: float,
-        stage: Stage | None = None,
-        with_samples: bool = False,
-    ):
+    def __init__(self, journal: RowSink, signals: Signals, rate: float, stage: Stage | None, with_samples: bool):
         super().__init__()
         columns, sizes = recorded_columns(signals), [port.size() for port, _ in signals]
         self.set_name("run_recorder")

@@ -30,12 +30,11 @@ _SHAFT, _HEAD, _HEAD_LENGTH = 0.014, 0.036, 0.05
 """Diameters and length of the parts of an arrow, m."""
 
 
-def foxglove_scene(run_log: RunLog, first_row: int = 0) -> Iterator[SceneMessage]:
+def foxglove_scene(run_log: RunLog) -> Iterator[SceneMessage]:
     """The messages of a run in the order of their times, 50 frames a second.
 
     Args:
         run_log: the run.
-        first_row: the rows from this one on are drawn: what has been added to a run that is still going on.
 
     Raises:
         LogError: the log cannot be replayed (see `replayable`), or `foxglove_schemas_protobuf` is not installed.
@@ -47,20 +46,18 @@ def foxglove_scene(run_log: RunLog, first_row: int = 0) -> Iterator[SceneMessage
     builder = DiagramBuilder()
     logged = add_logged_run(builder, run_log)
     diagram = builder.Build()
-    return _messages(logged, diagram.CreateDefaultContext(), first_row)
+    return _messages(logged, diagram.CreateDefaultContext())
 
 
-def _messages(logged: LoggedRun, context: Context, first_row: int) -> Iterator[SceneMessage]:
+def _messages(logged: LoggedRun, context: Context) -> Iterator[SceneMessage]:
     time = logged.run_log.time
-    new = time[first_row:]
-    rows = first_row + (frame_rows(new, 1.0)[0] if len(new) > 1 else np.zeros(1, dtype=np.int64))
+    rows = frame_rows(time, 1.0)[0] if len(time) > 1 else np.zeros(1, dtype=np.int64)
     arrows = force_arrows(logged)
     scene = shapes_of(logged.plant, logged.scene_graph)
     plant_context = logged.plant.GetMyMutableContextFromRoot(context)
-    drawn = scene if first_row == 0 else []  # the floor grows with the run
     labels = {body_label(logged.plant, BodyIndex(index)): index for index in range(logged.plant.num_bodies())}
     bodies = {entry["body"]: BodyIndex(labels[entry["body"]]) for entry in scene if entry["body"] != WORLD_BODY}
-    yield SceneMessage(time[rows[0]], BODIES, _bodies(logged, drawn, time[rows[0]]))
+    yield SceneMessage(time[rows[0]], BODIES, _bodies(logged, scene, time[rows[0]]))
     for row in rows:
         logged.move(plant_context, row)
         yield SceneMessage(time[row], POSES, _poses(logged, bodies, plant_context, time[row]))

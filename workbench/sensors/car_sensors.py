@@ -276,12 +276,11 @@ class MotorEncoder(SampledSensor):
     Args:
         rate: Hz, one reply per command.
         reply: ranges and word lengths.
-        delay: s.
         step: of the plant, s.
         discrete: whether the plant is discrete, see `SampledSensor`.
 
     Raises:
-        UserError: rate or delay not allowed.
+        UserError: rate not allowed.
     """
 
     def __init__(
@@ -289,12 +288,11 @@ class MotorEncoder(SampledSensor):
         rate: float,
         reply: MotorReply,
         *,
-        delay: float = 0.0,
         step: float | None = None,
         discrete: bool = False,
     ) -> None:
         outputs = {"angles": 2, "rates": 2}
-        super().__init__(name="tail_motors", outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete)
+        super().__init__(name="tail_motors", outputs=outputs, rate=rate, delay=0.0, step=step, discrete=discrete)
         self._joints = self.DeclareVectorInputPort("joints", 4)
         angle, speed = (reply.position_range, reply.position_bits), (reply.speed_range, reply.speed_bits)
         self._words = (angle, angle, speed, speed)
