@@ -15,14 +15,7 @@ from scipy.stats import norm, t
 
 from aerodima.optimisation.calibration.calibration import Posterior, log_density, sample, spread_of
 from aerodima.optimisation.calibration.emulator import Emulator
-from aerodima.optimisation.calibration.two_systems import (
-    OFF,
-    OFF_ROLL,
-    SLIP,
-    CarPrior,
-    Figure,
-    figures_of,
-)
+from aerodima.optimisation.calibration.two_systems import OFF, OFF_ROLL, SLIP, CarPrior, Figure, figures_of
 from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import load_scenario

@@ -19,11 +19,7 @@ from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.rig_layout import bar_layout, pivot_position, tail_layout
-from aerodima.workbench.plants.rig_model import (
-    bar_properties,
-    cheetah_tail_properties,
-    robot_tail_properties,
-)
+from aerodima.workbench.plants.rig_model import bar_properties, cheetah_tail_properties, robot_tail_properties
 from aerodima.workbench.plants.sdf_model import Inertial
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, FrictionLaw, smooth_friction
 
