@@ -151,9 +151,11 @@ def _gps_clock(gps_time: float | None) -> Check:
 
 
 def _zeros(reading: CarReading, scenario: Scenario, safety: DriveSafety) -> list[Check]:
-    hold, pitch = scenario.controller.hold_angle, scenario.controller.pitch_angle
+    hold, pitch = scenario.controller.hold_angle, [scenario.resting_pitch]
+    if scenario.follows_state:
+        pitch.append(-scenario.tail.pitch_limit)  # lies on its stop, as it falls without power
     checks = []
-    for name, marks in (("pitch_angle", (pitch,)), ("roll_angle", (-hold, 0.0, hold))):
+    for name, marks in (("pitch_angle", pitch), ("roll_angle", (-hold, 0.0, hold))):
         angle = float(reading.tail_state[TAIL_STATE.index(name)])
         off = min(abs(angle - mark) for mark in marks)
         allowed = " or ".join(f"{np.degrees(mark):.0f}" for mark in marks)

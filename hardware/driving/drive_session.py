@@ -49,8 +49,9 @@ from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.workbench.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import STATUS, UNARMED_SOURCES
+from aerodima.workbench.controllers.driver_law import refuse_simulated_only
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, traceback_and_reason
-from aerodima.workbench.controllers.manoeuvre import refuse_simulated_only, run_time
+from aerodima.workbench.controllers.manoeuvre import run_time
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.errors import HardwareError, LogError, UserError
 from aerodima.workbench.logs.schema import DIAGRAM, DRIVEN_BY, TAIL_LAW

@@ -327,6 +327,22 @@ class Scenario(ScenarioFile):
     manoeuvre: ManoeuvreParameters
     simulation: SimulationParameters
 
+    @property
+    def follows_state(self) -> bool:
+        """Whether the tail moves by the feedback law."""
+        return self.controller.law == "feedback" and self.tail.mode == "swing"
+
+    @property
+    def resting_pitch(self) -> float:
+        """Tail pitch (rad) at which the law waits."""
+        return self.feedback.pitch_angle if self.follows_state else self.controller.pitch_angle
+
+    @property
+    def resting_roll(self) -> float:
+        """Tail roll (rad) before the turn: inside, left (negative) for a left turn; the middle for `feedback`."""
+        inside = -1.0 if self.manoeuvre.direction == "left" else 1.0
+        return 0.0 if self.follows_state else inside * self.controller.hold_angle
+
     @model_validator(mode="after")
     def _car_is_possible(self) -> "Scenario":
         tail, turn, steering, cage = self.tail, self.manoeuvre, self.servo.limit, 2 * self.car.tyre_friction

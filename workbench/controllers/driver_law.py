@@ -16,6 +16,7 @@ from aerodima.workbench.controllers.manoeuvre import (
     speed_ramp,
 )
 from aerodima.workbench.controllers.paths import Path, path_of
+from aerodima.workbench.errors import UserError
 
 Source = Literal["imu", "pose"]
 """What a driver may look at: the IMU of the station, and the pose and speed of a simulated car."""
@@ -222,3 +223,18 @@ def make_driver(scenario: Any) -> DriverLaw:
             scenario.controller.rate,
         )
     return ScheduledDriver(make_schedule(scenario))
+
+
+def refuse_simulated_only(scenario: Any, own_driver: bool = False) -> None:
+    """Raises UserError for a manoeuvre that a real car cannot begin, or whose driver looks at what it does not know.
+
+    With `own_driver` somebody else drives than the manoeuvre says.
+    """
+    manoeuvre = scenario.manoeuvre
+    if manoeuvre.rolling_start:
+        raise UserError("manoeuvre.rolling_start: true; allowed on a car: false, since it begins at rest")
+    if not own_driver and "pose" in make_driver(scenario).sources:
+        raise UserError(
+            f"manoeuvre.kind: {manoeuvre.kind}, whose driver looks at the place of the car; allowed on a car: "
+            "turn, auto_turn, straight, slalom, rising, fishhook, or a diagram with a driver"
+        )

@@ -290,18 +290,6 @@ def speed_ramp(scenario: Any) -> SpeedRamp:
     return SpeedRamp(manoeuvre.speed, duration, throttle_line(scenario))
 
 
-def refuse_simulated_only(scenario: Any, own_driver: bool = False) -> None:
-    """Raises UserError for a manoeuvre that a real car cannot begin, or whose driver looks at what only we know.
-
-    With `own_driver` somebody else drives than the manoeuvre says.
-    """
-    manoeuvre = scenario.manoeuvre
-    if manoeuvre.rolling_start:
-        raise UserError("manoeuvre.rolling_start: true; allowed on a car: false, since it begins at rest")
-    if not own_driver:
-        make_schedule(scenario)
-
-
 def throttle_line(scenario: Any) -> ThrottleLine:
     """Throttle of a speed, of `scenario.drive`."""
     drive = scenario.drive

@@ -109,8 +109,8 @@ def add_car_plant(
         reach = scenario.tail.mount_x - scenario.car.gearbox_x
         X_GT = RigidTransform(np.array([reach, 0.0, scenario.car.gearbox_height / 2]))
         plant.WeldFrames(plant.GetFrameByName("gearbox"), plant.GetFrameByName("tail_anchor"), X_GT)
-        plant.GetJointByName("tail_roll").set_default_angle(resting_roll(scenario))
-        plant.GetJointByName("tail_pitch").set_default_angle(resting_pitch(scenario))
+        plant.GetJointByName("tail_roll").set_default_angle(scenario.resting_roll)
+        plant.GetJointByName("tail_pitch").set_default_angle(scenario.resting_pitch)
         added = _added_mass(plant, scenario)
     plant.set_stiction_tolerance(slip_speed(scenario.car, scenario.manoeuvre.speed))
     plant.set_contact_model(ContactModel.kPoint)
@@ -125,23 +125,6 @@ def add_car_plant(
         except ModelError as error:
             raise ModelError(f"tail.added_mass: {error}") from None
     return result
-
-
-def resting_pitch(scenario: Scenario) -> float:
-    """Tail pitch (rad) at which the scenario's law waits."""
-    return scenario.feedback.pitch_angle if _follows_the_state(scenario) else scenario.controller.pitch_angle
-
-
-def _follows_the_state(scenario: Scenario) -> bool:
-    return scenario.controller.law == "feedback" and scenario.tail.mode == "swing"
-
-
-def resting_roll(scenario: Scenario) -> float:
-    """Tail roll (rad) before the turn: on its inside, left (negative) for a left turn; the middle for `feedback`."""
-    if _follows_the_state(scenario):
-        return 0.0
-    angle = scenario.controller.hold_angle
-    return -angle if scenario.manoeuvre.direction == "left" else angle
 
 
 def _added_mass(plant: MultibodyPlant, scenario: Scenario) -> AddedMass | None:

@@ -13,6 +13,7 @@ from aerodima.workbench.controllers.driver_law import (
     ScheduledDriver,
     Seen,
     make_driver,
+    refuse_simulated_only,
 )
 from aerodima.workbench.controllers.manoeuvre import SpeedRamp, ThrottleLine, make_schedule
 from aerodima.workbench.controllers.paths import off_path
@@ -213,3 +214,17 @@ print(given.planned_turn)
 """
     result = run_without_drake(program)
     assert result.stdout == "1.0\n", result.stderr
+
+
+@pytest.mark.parametrize("name", ["entry_turn", "entry_fishhook", "slalom"])
+def test_a_real_car_drives_by_time_and_imu_and_starts_at_rest(name):
+    refuse_simulated_only(load_scenario(name, ["manoeuvre.rolling_start=false", "manoeuvre.turn_start=3"]))
+    with pytest.raises(UserError, match=r"manoeuvre.rolling_start: true; allowed on a car: false"):
+        refuse_simulated_only(load_scenario(name, ["manoeuvre.rolling_start=true"]))
+
+
+def test_a_real_car_follows_a_path_only_by_a_driver_of_ones_own():
+    lane_change = load_scenario("entry_lane_change", ["manoeuvre.rolling_start=false", "manoeuvre.turn_start=3"])
+    with pytest.raises(UserError, match=r"manoeuvre.kind: path.*allowed on a car: turn, .*fishhook, or a diagram"):
+        refuse_simulated_only(lane_change)
+    refuse_simulated_only(lane_change, own_driver=True)

@@ -11,7 +11,6 @@ from aerodima.workbench.controllers.manoeuvre import (
     ThrottleLine,
     angle_to_straighten,
     make_schedule,
-    refuse_simulated_only,
     run_time,
     steering_time,
 )
@@ -271,12 +270,6 @@ def test_a_rolling_start_has_the_throttle_of_its_speed_from_time_0(governor):
 def test_a_driver_that_looks_at_the_car_is_no_schedule(kind):
     with pytest.raises(UserError, match=rf"manoeuvre.kind: {kind}.*allowed as a function of time: turn, auto_turn"):
         make_schedule(scenario(kind=kind))
-
-
-def test_a_real_car_does_not_start_rolling():
-    with pytest.raises(UserError, match=r"manoeuvre.rolling_start: true; allowed on a car: false"):
-        refuse_simulated_only(scenario(rolling_start=True))
-    refuse_simulated_only(scenario())
 
 
 def test_no_turn_at_all_is_refused():
