@@ -106,7 +106,7 @@ def motor_checks(car: WiredCar, scenario: Scenario, ports: CarPorts, safety: Dri
         moved = "not turned: its ranges are not proven" if ratio is None else f"speed ratio {ratio:.2f}"
         text = f"{ports.profile.name}, {evidence.replies} replies of {evidence.reply_length} bytes, {moved}"
         checks.append(Check(f"{name} profile", None if ratio is None else True, text))
-    return [*checks, *_zeros(car.reading, scenario, safety)]
+    return [*checks, *zero_checks(car.reading, scenario, safety)]
 
 
 def _rates(scenario: Scenario) -> list[Check]:
@@ -150,10 +150,11 @@ def _gps_clock(gps_time: float | None) -> Check:
     return Check("GPS clock", close, f"this computer is {difference:+.1f} s off the receiver's time")
 
 
-def _zeros(reading: CarReading, scenario: Scenario, safety: DriveSafety) -> list[Check]:
+def zero_checks(reading: CarReading, scenario: Scenario, safety: DriveSafety) -> list[Check]:
+    """Whether the tail is held at a mark: an angle at which its law waits, or the stop it falls on without power."""
     hold, pitch = scenario.controller.hold_angle, [scenario.resting_pitch]
     if scenario.follows_state:
-        pitch.append(-scenario.tail.pitch_limit)  # lies on its stop, as it falls without power
+        pitch.append(-scenario.tail.pitch_limit)
     checks = []
     for name, marks in (("pitch_angle", pitch), ("roll_angle", (-hold, 0.0, hold))):
         angle = float(reading.tail_state[TAIL_STATE.index(name)])

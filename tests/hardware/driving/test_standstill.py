@@ -1,4 +1,4 @@
-"""A car that is moved, tilted, not calibrated, or whose IMU has frozen is not armed."""
+"""A car that is moved, tilted, not calibrated, whose IMU has frozen or whose tail is off its marks is not armed."""
 
 import dataclasses
 import math
@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from aerodima.hardware.car.safety_settings import load_drive_safety
+from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.bno055 import Bno055Sample, decode_sample, encode_sample
-from aerodima.hardware.driving.drive_checks import standstill_checks
+from aerodima.hardware.driving.drive_checks import standstill_checks, zero_checks
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.signal_table import TAIL_STATE
 
 SAFETY = load_drive_safety()
 LEVEL = np.zeros(9)
@@ -68,3 +71,23 @@ def test_a_car_that_lies_somehow_is_tilted(place, angle):
     reading = LEVEL.copy()
     reading[place] = math.radians(angle)
     assert failed(samples(), reading) == ["car stands upright"]
+
+
+@pytest.mark.parametrize(
+    ("law", "pitch", "roll", "off"),
+    [
+        ("swing", 0, -90, []),
+        ("swing", 0, 45, ["tail roll zero"]),
+        ("swing", -90, 0, ["tail pitch zero"]),
+        ("feedback", -66, 0, []),
+        ("feedback", -90, 0, []),
+        ("feedback", 90, 0, ["tail pitch zero"]),
+        ("feedback", 0, 0, ["tail pitch zero"]),
+    ],
+)
+def test_the_tail_is_held_where_its_law_waits_or_on_its_stop(law, pitch, roll, off):
+    tail = np.zeros(TAIL_STATE.size)
+    tail[TAIL_STATE.index("pitch_angle")], tail[TAIL_STATE.index("roll_angle")] = np.radians([pitch, roll])
+    scenario = load_scenario("turn_designed", ["tail.mode=swing", f"controller.law={law}"])
+    checks = zero_checks(CarReading(tail_state=tail), scenario, SAFETY)
+    assert [check.name for check in checks if not check.passed] == off
