@@ -23,7 +23,7 @@ WHEEL = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
 PACKAGES = {"workbench", "optimisation", "hardware"}
 CORE = {
     "dask", "drake", "jinja2", "lazy-loader", "llvmlite", "matplotlib", "numpy", "pandas", "pillow", "psutil",
-    "pyarrow", "pydantic", "python-can", "pyyaml", "scipy", "typer",
+    "pyarrow", "pydantic", "pyyaml", "scipy", "typer",
 }  # fmt: skip
 HEAVY = (
     "pydrake", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "dask", "can", "yaml", "rich", "jinja2",

@@ -14,8 +14,6 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import can
-
 from aerodima.hardware.car.car_ports import Joint
 from aerodima.hardware.emulator.fault_script import EventLog, Fault, FaultBoard
 from aerodima.hardware.protocol.ak70 import (
@@ -28,7 +26,7 @@ from aerodima.hardware.protocol.ak70 import (
     make_reply,
 )
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.hardware.transport.can_adapter import TrafficLog
+from aerodima.hardware.transport.can_adapter import TrafficLog, can
 from aerodima.workbench.errors import HardwareError
 
 

@@ -13,12 +13,16 @@ from io import RawIOBase
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-import can
 from pydantic import Field
 
 from aerodima.hardware.transport.serial_link import reason_of
 from aerodima.workbench.config.checked_files import StrictModel
 from aerodima.workbench.errors import HardwareError
+
+try:
+    import can as can
+except ImportError:
+    raise HardwareError("the CAN bus of the car needs python-can: pip install 'aerodima-workbench[hardware]'") from None
 
 BITRATE = 1_000_000
 """bit/s of the tail motors (manual V1.0.8)."""

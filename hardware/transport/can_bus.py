@@ -14,10 +14,8 @@ from collections.abc import Collection
 from enum import IntEnum
 from pathlib import Path
 
-import can
-
 from aerodima.hardware.protocol.can_frame import MOST_BYTES, CanFrame
-from aerodima.hardware.transport.can_adapter import CanSettings, TrafficLog, open_bus
+from aerodima.hardware.transport.can_adapter import CanSettings, TrafficLog, can, open_bus
 from aerodima.workbench.errors import HardwareError
 
 _RECEIVE_TIMEOUT = 0.05

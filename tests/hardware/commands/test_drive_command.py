@@ -4,6 +4,8 @@ import errno
 import json
 import os
 import pty
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -142,3 +144,17 @@ def test_wrong_bundles_are_told(tmp_path):
     assert "aerodima/swing/1" in refused(str(path), "--ports", ports())
     path.write_text(json.dumps(data))
     assert "set it before the export" in refused(str(path), "--ports", ports(), "--set", "manoeuvre.speed=3")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["drive", "auto_turn", "--ports", "ports.json", "--dry-run"], ["emulate", "auto_turn", "--out", "emulated"]],
+    ids=["drive", "emulate"],
+)
+def test_a_missing_can_library_is_named_with_what_to_install(words):
+    ports()
+    blocked = "import sys; sys.modules['can'] = None\nfrom aerodima.workbench.cli.program import main\nmain()"
+    done = subprocess.run([sys.executable, "-c", blocked, *words], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].endswith("needs python-can: pip install 'aerodima-workbench[hardware]'")
+    assert "Traceback" not in done.stderr
