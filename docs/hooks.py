@@ -7,6 +7,7 @@ texts beside the code and the tables. The reference has a module of its own, `re
 
 from __future__ import annotations
 
+import csv
 import io
 import re
 import sys
@@ -26,7 +27,9 @@ TEXTS = {
     "plant.md": "workbench/plants/README.md",
     "aerodynamics.md": "workbench/aero/README.md",
     "optimiser.md": "optimisation/swing/README.md",
+    "safety.md": "hardware/README.md",
     "reduced_cars.md": "optimisation/screening/README.md",
+    "contributing.md": "CONTRIBUTING.md",
     "errata.md": "models/published/ERRATA.md",
 }
 """Page -> text of the repository; what it names of the repository stays a name."""
@@ -42,6 +45,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     from tests.built.statements import statements_page
 
     texts = {name: (ROOT / path).read_text(encoding="utf-8") for name, path in TEXTS.items()}
+    texts["safety.md"] += _fault_table()
     texts["errata.md"] = re.sub(r"^### (E\d+)\. (.*)$", r"### \1. \2 { #\1 }", texts["errata.md"], flags=re.MULTILINE)
     pages = {**_model_card(), "built.md": statements_page(), **texts}
     for name, text in pages.items():
@@ -60,6 +64,26 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         lambda found: "ERRATA " + _NUMBER.sub(rf"[E\1]({up}errata.md#E\1)", found.group(1)),
         markdown,
     )
+
+
+def _fault_table() -> str:
+    """Faults of the emulated car: what acts, and motors off (ms), throttle neutral (ms), exit frames per wiring."""
+    with (ROOT / "hardware" / "emulator" / "fault_table.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    wirings = ("watched_can", "teensy_bridge")
+    numbers = {
+        (row["fault"], row["wiring"]): " / ".join(
+            row[key] for key in ("motors_off_ms", "throttle_neutral_ms", "exit_frames")
+        )
+        for row in rows
+    }
+    lines = [
+        f"| {fault} | {numbers.get((fault, wirings[0]), '')} | {numbers.get((fault, wirings[1]), '')} | {acts} |"
+        for fault, acts in dict.fromkeys((row["fault"], row["what_acts"]) for row in rows)
+    ]
+    head = [f"| fault | {wirings[0]} | {wirings[1]} | what acts |", "|---|---|---|---|"]
+    said = "Cells: motors off, ms / throttle neutral, ms / exit frames."
+    return "\n".join(["", "## Table of faults", "", said, "", *head, *lines, ""])
 
 
 def _pictures() -> dict[str, bytes]:

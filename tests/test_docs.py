@@ -44,7 +44,7 @@ def test_search_from_disk_needs_no_network() -> None:
 
 def test_pages_link_to_pages_that_exist() -> None:
     generated = {"parameters/parameters.md", "parameters/coefficients.md", "built.md", "errata.md"}
-    generated |= {"plant.md", "aerodynamics.md", "optimiser.md", "reduced_cars.md"}
+    generated |= {"plant.md", "aerodynamics.md", "optimiser.md", "reduced_cars.md", "safety.md", "contributing.md"}
     generated |= {f"notebooks/{path.stem}.md" for path in (DOCS.parent / "notebooks").glob("*.ipynb")}
     for page in DOCS.rglob("*.md"):
         for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text(encoding="utf-8")):
@@ -54,3 +54,21 @@ def test_pages_link_to_pages_that_exist() -> None:
             known = path.exists() or name.removeprefix("docs/") in generated
             known |= name.startswith("docs/reference/") and folder.is_dir()
             assert known, f"{page.relative_to(DOCS)}: {target}"
+
+
+def test_pages_are_as_short_as_they_promise() -> None:
+    pages = [*DOCS.rglob("*.md"), *DOCS.parent.glob("*.md"), *DOCS.parent.glob("models/**/*.md")]
+    pages += [
+        path for folder in ("workbench", "optimisation", "hardware") for path in DOCS.parent.glob(f"{folder}/**/*.md")
+    ]
+    long = {
+        f"{page.relative_to(DOCS.parent)}:{number}"
+        for page in pages
+        for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), start=1)
+        if len(line) > 120 and page.name != "ERRATA.md"
+    }
+    assert not long
+    readme = (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    assert len(readme.splitlines()) <= 70
+    assert len(readme.split()) <= 600
+    assert len((DOCS / "design.md").read_text(encoding="utf-8").split()) <= 4000

@@ -1,4 +1,4 @@
-"""The faults of the table in hardware/README.md, for both wirings, and what must follow of each."""
+"""The faults of hardware/emulator/fault_table.csv, for both wirings, and what must follow of each."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """A car that drives on the emulator until something goes wrong, and what was seen on its bus.
 
-`python -m tests.hardware.emulator.fault_runs` measures the fault table of hardware/README.md.
+`python -m tests.hardware.emulator.fault_runs` measures the lines of hardware/emulator/fault_table.csv.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ from tests.hardware.emulator.process_runs import (
     refused_row,
     run_process_case,
     run_refused_case,
+    table_line,
 )
 from tests.hardware.emulator.process_runs import check as check_process
 
@@ -233,21 +234,19 @@ def _tried(case: Case | ProcessCase | RefusedCase, make: Callable[[], str]) -> s
     try:
         return make()
     except (AssertionError, HardwareError) as error:
-        return f"| {case.name} | {case.wiring} | not measured: {str(error)[:200]} |"
+        return table_line(case.name, case.wiring, f"not measured: {str(error)[:200]}")
 
 
 def row(case: Case, found: Outcome) -> str:
-    """Of the table in hardware/README.md."""
+    """A line of the fault table."""
     if not case.stops:
-        return f"| {case.name} | {case.wiring} | - | - | - | {case.acts} |"
+        return table_line(case.name, case.wiring, "-", "-", "-", case.acts)
     off, neutral = (f"{value * 1000:.0f}" for value in (found.motors_off, found.throttle_neutral))
-    return f"| {case.name} | {case.wiring} | {off} | {neutral} | {found.exits} | {case.acts} |"
+    return table_line(case.name, case.wiring, off, neutral, found.exits, case.acts)
 
 
 def main() -> None:
-    """Measures the cases whose names are given, or all, once, and prints the rows of the table."""
-    print("| fault | wiring | motors off, ms | throttle neutral, ms | FD | what acts |")
-    print("|---|---|---|---|---|---|", flush=True)
+    """Measures the cases whose names are given, or all, once, and prints the lines of the table."""
     for case in CASES:
         if not sys.argv[1:] or case.name in sys.argv[1:]:
             print(_tried(case, lambda case=case: row(case, _measured(case))), flush=True)

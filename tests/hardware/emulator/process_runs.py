@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import os
 import re
@@ -313,11 +315,17 @@ def _start(
     )
 
 
+def table_line(*cells: object) -> str:
+    """A line of hardware/emulator/fault_table.csv."""
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="").writerow(cells)
+    return stream.getvalue()
+
+
 def refused_row(case: RefusedCase, torque: float) -> str:
-    """Of the table in hardware/README.md."""
-    if case.enters:
-        return f"| {case.name} | {case.wiring} | {torque:.1f} N m | never on | seen | drive: not armed |"
-    return f"| {case.name} | {case.wiring} | never on | never on | - | drive: not armed |"
+    """A line of the fault table."""
+    found = f"{torque:.1f} N m" if case.enters else "never on"
+    return table_line(case.name, case.wiring, found, "never on", "seen" if case.enters else "-", "drive: not armed")
 
 
 @contextmanager
@@ -391,6 +399,6 @@ def check(case: ProcessCase, found: Found) -> Found:
 
 
 def process_row(case: ProcessCase, found: Found) -> str:
-    """Of the table in hardware/README.md."""
+    """A line of the fault table."""
     off, neutral = (f"{value * 1000:.0f}" for value in (found.motors_off, found.throttle_neutral))
-    return f"| {case.name} | {case.wiring} | {off} | {neutral} | seen | {case.acts} |"
+    return table_line(case.name, case.wiring, off, neutral, "seen", case.acts)

@@ -1,11 +1,11 @@
 """The fault table: every fault on the emulated car, with the real drive code, until the car is safe."""
 
+import csv
 from pathlib import Path
 
 import pytest
 
 from aerodima import hardware
-from aerodima.hardware.car.wiring import WIRINGS
 from aerodima.hardware.emulator.fault_script import Fault
 from tests.hardware.emulator.breakers import ReceiverDies
 from tests.hardware.emulator.emulator_process import undisturbed
@@ -33,8 +33,8 @@ def test_every_fault_of_a_script_has_a_case():
     assert {entry["fault"] for entry in entries if entry} == set(Fault)
 
 
-def test_every_case_has_its_row_in_the_table():
-    readme = Path(hardware.__file__).with_name("README.md").read_text(encoding="utf-8")
-    rows = [[cell.strip() for cell in line.split("|")[1:3]] for line in readme.splitlines() if line[:2] == "| "]
-    told = {(name, each) for name, wiring in rows for each in (WIRINGS if wiring == "both" else [wiring])}
-    assert not {(case.name, case.wiring) for case in (*CASES, *PROCESS_CASES, *REFUSED)} - told
+def test_every_case_has_its_line_in_the_table():
+    table = Path(hardware.__file__).with_name("emulator") / "fault_table.csv"
+    with table.open(encoding="utf-8", newline="") as file:
+        measured = {(line["fault"], line["wiring"]) for line in csv.DictReader(file)}
+    assert not {(case.name, case.wiring) for case in (*CASES, *PROCESS_CASES, *REFUSED)} - measured
