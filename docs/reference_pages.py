@@ -25,9 +25,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     pages = reference()
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
-    for entry in config.nav or []:
-        if entry.get("Reference") == "reference/":
-            entry["Reference"] = _navigation(pages)
+    for entry in (sub for part in config.nav or [] for subs in part.values() for sub in subs):
+        if isinstance(entry, dict) and entry.get("Packages") == "reference/":
+            entry["Packages"] = _navigation(pages)
     return files
 
 
