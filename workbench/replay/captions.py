@@ -39,12 +39,12 @@ class Caption:
 
     @property
     def text(self) -> str:
-        """All of it in one line."""
+        """The whole caption in one line."""
         return f"{self.name}: {self.facts}: {self.outcome}"
 
 
 RESULT_COLOURS = {"survived": "#14713a", "flipped": "#b3261e", "unknown": "#6b5b00"}
-"""Of the words that tell the outcome, in pictures."""
+"""Colours of the outcome in pictures."""
 
 
 def caption_of(run_log: RunLog) -> Caption:
@@ -115,7 +115,7 @@ class Reading:
 
 
 def readings(run_log: RunLog) -> list[Reading]:
-    """Of a car speed over ground and roll, positive to the right; of another plant speed, tilt and force of the air."""
+    """For a car speed over ground and roll, positive to the right; for other plants speed, tilt, force of the air."""
     if run_log.kind != PLANT_RUN:
         speed = np.hypot(run_log.signal("velocity_x_truth_m_per_s"), run_log.signal("velocity_y_truth_m_per_s"))
         roll = np.degrees(run_log.signal("roll_truth_rad"))

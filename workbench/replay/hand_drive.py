@@ -35,7 +35,7 @@ ACCELERATION = 3.0
 TAIL_SPEED = 8.0
 """Fastest commanded roll of a tail that is moved by hand, rad/s: the published swing (Table 6.4)."""
 LATE = 0.9
-"""Below this share of the wanted pace the driver is told."""
+"""Below this share of the wanted pace a message warns the driver."""
 
 
 @dataclass
@@ -63,7 +63,7 @@ class Wishes:
 
 @dataclass(frozen=True)
 class Shown:
-    """What the driver is told of the run.
+    """What the driver sees of the run.
 
     Attributes:
         time: simulated since this attempt began, s.
@@ -82,7 +82,7 @@ class Controls(Protocol):
     """Where wishes come from, and where the driver sees what became of them."""
 
     def wishes(self) -> Wishes:
-        """As of now."""
+        """The wishes of this moment."""
 
     def show(self, now: Shown) -> None:
         """Called every `LOOK` s of the run."""
@@ -164,7 +164,7 @@ def drive_by_hand(
         meshcat: shows the car from behind.
         length: s of simulated time after which an attempt ends.
         force: replace existing logs.
-        say: told what the driver must know.
+        say: receives what the driver must know.
 
     Raises:
         UserError: the scenario makes no valid car, a log exists.
@@ -202,7 +202,7 @@ def _drive(
 ) -> bool:
     """One drive from standstill on; whether another one is wanted."""
     context = simulator.get_context()
-    first, told = controls.wishes().attempt, False
+    first, warned = controls.wishes().attempt, False
     pace, begun, at, looked = 1.0, wall.monotonic(), 0.0, -math.inf
     while context.get_time() < length:
         wishes = controls.wishes()
@@ -220,8 +220,8 @@ def _drive(
         if context.get_time() - at >= 1.0:
             now = wall.monotonic()
             pace, begun, at = (context.get_time() - at) / (now - begun), now, context.get_time()
-            if pace < LATE * wishes.pace and not told:
-                told = True
+            if pace < LATE * wishes.pace and not warned:
+                warned = True
                 say(f"this computer keeps up at {pace:.2f} of real time, not {wishes.pace:g}: the run slows down")
         if context.get_time() - looked >= LOOK - SLICE / 2:
             looked = context.get_time()
@@ -257,7 +257,7 @@ class MeshcatControls:
         meshcat: gets the sliders and buttons.
         scenario: of the car: its steering limit and top speed.
         pace: seconds of the run per second.
-        say: told when a gamepad comes and goes.
+        say: is called when a gamepad comes and goes.
     """
 
     def __init__(self, meshcat: Meshcat, scenario: Scenario, pace: float, say: Callable[[str], None] = print) -> None:
@@ -280,7 +280,7 @@ class MeshcatControls:
         self._straightened = 0
 
     def wishes(self) -> Wishes:
-        """As of now."""
+        """The wishes of this moment."""
         meshcat = self._meshcat
         if (clicks := meshcat.GetButtonClicks(STRAIGHT)) != self._straightened:
             self._straightened = clicks

@@ -155,7 +155,7 @@ def _renderer_works() -> bool:
 
 
 def try_renderer() -> None:
-    """Draws a picture of nothing; a process without EGL driver dies of it."""
+    """Draws a picture of nothing; a process without an EGL driver dies."""
     from pydrake.geometry import SceneGraph
 
     scene = SceneGraph()

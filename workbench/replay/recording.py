@@ -26,6 +26,8 @@ RATES = (0.02, 20.0)
 MOST_FRAMES = 1000
 """A replay of more than 20 s has fewer frames per second: a page of so many has 7 MB."""
 
+NEARER = 0.78
+"""Share of `LoggedRun.camera_place` for Meshcat's camera: a visitor can zoom out where a picture cannot."""
 TIP_COLOUR, COM_COLOUR = Rgba(0.93, 0.60, 0.10), Rgba(0.25, 0.30, 0.75)
 _TRACE_RADIUS = 0.006
 _TRACE_PIECES = 200
@@ -98,7 +100,8 @@ def _follow(meshcat: Meshcat, animation: MeshcatAnimation, logged: LoggedRun, ro
     for frame, row in enumerate(rows):
         animation.SetTransform(frame, WORLD, RigidTransform(-path[row]))
     meshcat.SetTransform(WORLD, RigidTransform(-path[rows[0]]))
-    meshcat.SetCameraPose(*camera_pose(logged.camera_azimuth, logged.camera_place))
+    distance, height, target = logged.camera_place
+    meshcat.SetCameraPose(*camera_pose(logged.camera_azimuth, (NEARER * distance, NEARER * height, target)))
 
 
 def camera_pose(azimuth: float, place: tuple[float, float, float]) -> tuple[FloatArray, FloatArray]:

@@ -37,7 +37,7 @@ MOST_POINTS = 200
 WORLD_BODY = ""
 """Body of a shape that stands still."""
 _GREY = Rgba(0.7, 0.7, 0.7)
-"""Of a shape whose model names no colour."""
+"""Colour of a shape whose model names none."""
 _KINDS = {"box": Box, "cylinder": Cylinder, "sphere": Sphere, "ellipsoid": Ellipsoid}
 
 

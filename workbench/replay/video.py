@@ -29,7 +29,7 @@ FRAMES_PER_SECOND = 25
 _REST = 1.0
 """How long the last frame stays, s."""
 MOST_SECONDS = 120.0
-"""Of the video: a minute of drawing for each run."""
+"""Longest video: a minute of drawing for each run."""
 MOST_RUNS = 6
 _ALONE, _TOGETHER = (640, 400), (480, 300)
 """Width and height of the picture of one run, and of each of several, pixels; even, as MP4 wants them."""

@@ -56,7 +56,7 @@ def open_meshcat(port: int | None = None) -> Meshcat:
 def _start(port: int | None) -> Meshcat:
     log = logging.getLogger("drake")
     level = log.level
-    log.setLevel(logging.WARNING)  # the address is told by whoever wants a visitor
+    log.setLevel(logging.WARNING)  # the caller prints the address where a visitor needs it
     try:
         meshcat = Meshcat(MeshcatParams(host=HOST, port=port))
     except RuntimeError as error:
@@ -132,7 +132,7 @@ def _grid_lines(
 
 
 _AREA = (-14.0, 14.0, -14.0, 14.0)
-"""Of the floor that is drawn around the car, m."""
+"""The floor that is drawn around the car, m."""
 
 
 class ChaseCamera:

@@ -40,7 +40,7 @@ _STATION_TRUTH = ("contact_truth", "wind_truth")
 
 @dataclass(frozen=True)
 class WatchedPlant:
-    """A plant in a diagram under construction, and what is to be seen of it.
+    """A plant in a diagram under construction, and what is drawn.
 
     Attributes:
         plant: finalised.

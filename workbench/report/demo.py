@@ -109,7 +109,7 @@ def make_demo(
         plan: what to run; the four cars, and the thesis' turn on both sides of its two flips, by default.
         workers: processes.
         force: make a finished demo again, or write among other files.
-        progress: told lines of progress.
+        progress: receives lines of progress.
 
     Raises:
         UserError: workers out of range; the folder holds a finished demo, another one's logs or foreign files, or
@@ -248,7 +248,7 @@ def _outcome_table(summaries: Sequence[RunSummary]) -> Table:
         )
         for s in summaries
     ]
-    return Table(header, rows, [place for place, s in enumerate(summaries) if not s.survived])
+    return Table(header, rows, [index for index, s in enumerate(summaries) if not s.survived])
 
 
 def _metric_table(summaries: Sequence[RunSummary]) -> Folded:

@@ -1,4 +1,4 @@
-"""Entry speeds (`models/entry`): a table of `aerodima swing judge`, and the cars of it that are shown in step."""
+"""Entry speeds (`models/entry`): a table of `aerodima swing judge`, and some of its cars in step."""
 
 import math
 from collections.abc import Mapping
@@ -93,7 +93,7 @@ def entry_chapter(shown: ShownEntry, run_logs: Mapping[str, RunLog]) -> list[Sec
     place = "manoeuvre == @shown.manoeuvre and car == @shown.car and floor == @shown.floor"
     there = _entries().query(place).set_index("candidate")[SPEED]
     speeds = there.map("{:.2f} m/s".format).mask(there.isna(), "none")
-    names = [f"{words}: {_ending(run_logs[name])} (entry speed {speeds[name]})" for name, words in who.items()]
+    captions = [f"{words}: {_ending(run_logs[name])} (entry speed {speeds[name]})" for name, words in who.items()]
     case = f"{shown.manoeuvre} at {shown.speed_m_per_s:g} m/s, {shown.car} of {shown.ensemble}, friction {shown.floor}"
     medians = entry_medians(shown.floor)
     rows = [[who.get(name, name), *row] for name, row in zip(medians.index, medians.to_numpy(), strict=True)]
@@ -105,7 +105,7 @@ def entry_chapter(shown: ShownEntry, run_logs: Mapping[str, RunLog]) -> list[Sec
         "their ceiling."
     )
     return [
-        Section(f"In step: {case}", [replays_in_step([run_logs[name] for name in who], names)]),
+        Section(f"In step: {case}", [replays_in_step([run_logs[name] for name in who], list(who.values()), captions)]),
         Section("How fast they may enter", [Table(["candidate", *medians], rows), said]),
     ]
 

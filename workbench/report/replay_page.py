@@ -162,7 +162,7 @@ def _flat(scenario: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def different_cars(differences: Mapping[str, Sequence[Any]]) -> list[str]:
-    """Those keys that make another car of it; how a car's tail is used (`tail.mode`) does not."""
+    """The keys that make it another car; how a car uses its tail (`tail.mode`) does not."""
     return [key for key in differences if key.split(".")[0] in _CAR_SECTIONS and key != "tail.mode"]
 
 
@@ -197,12 +197,21 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
 _LIBRARY_MARK = "<!-- Meshcat -->"
 
 
-def replays_in_step(run_logs: Sequence[RunLog], names: Sequence[str]) -> Templated:
-    """The replays with one clock, and their signals over one another; Drake's library stands once on the page."""
+def replays_in_step(
+    run_logs: Sequence[RunLog], names: Sequence[str], captions: Sequence[str] | None = None
+) -> Templated:
+    """The replays with one clock, and their signals over one another; Drake's library stands once on the page.
+
+    Args:
+        run_logs: the runs.
+        names: of the runs, beside their signals.
+        captions: above their pictures; the names by default.
+    """
     pages = [replay_page(run_log, signals=False) for run_log in run_logs]
     library = _library(pages[0])
     values = {
         "runs": [{"name": name, **look} for name, look in zip(names, line_looks(), strict=False)],
+        "captions": list(captions or names),
         "channels": channels_of(run_logs, names),
         "pages": [page.replace(library, _LIBRARY_MARK) for page in pages],
         "library": library,

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 _PIXELS_PER_INCH = 95
-"""Of figures on the page, so that their letters are equally large; one of 11 inches fills it."""
+"""Resolution of figures on the page. Their letters are equally large, and a figure of 11 inches fills the page."""
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?( ?%|°)?(\s(to\s|\().*)?|nan|[-–]?")
 """Cells that are set to the right: a number, a range, or none."""
 
@@ -184,7 +184,7 @@ class Section:
 
     @property
     def anchor(self) -> str:
-        """Of links to it."""
+        """Target of links to the section."""
         return re.sub(r"\W+", "_", self.title.lower()).strip("_")
 
 

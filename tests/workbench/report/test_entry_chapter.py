@@ -88,10 +88,11 @@ def test_chapter_has_the_replays_and_the_medians(standard_runs: dict[str, Any]) 
     logs = dict(zip(names, standard_runs.values(), strict=True))
     logs["held"] = replace(logs["held"], table=logs["held"].table.assign(tilt_truth_rad=2.0))
     shown, medians = chapter.entry_chapter(CHOSEN, logs)
-    told = [run["name"] for run in shown.parts[0].values["runs"]]
-    assert [name.split(":")[0] for name in told] == [one.words for one in CHOSEN.candidates]
-    assert ": rolls over (entry speed " in told[1]
-    assert all("m/s² to the side" in name for place, name in enumerate(told) if place != 1)
+    words, captions = [one.words for one in CHOSEN.candidates], shown.parts[0].values["captions"]
+    assert [run["name"] for run in shown.parts[0].values["runs"]] == words
+    assert [caption.split(":")[0] for caption in captions] == words
+    assert ": rolls over (entry speed " in captions[1]
+    assert all("m/s² to the side" in caption for index, caption in enumerate(captions) if index != 1)
     table = medians.parts[0]
     assert len(table.rows) == len(chapter.entry_medians(CHOSEN.floor))
     assert {one.words for one in CHOSEN.candidates} <= {cells[0] for cells in table.rows}
