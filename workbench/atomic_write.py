@@ -33,7 +33,7 @@ def write_atomically(
 
     Args:
         path: the final name; its folder is made when it is not there.
-        content: of the file, or a function that writes the whole of it to the path it is given.
+        content: of the file, or a function that writes all of it to the path.
         force: replace an existing file.
         error: the class of the errors raised: path exists, folder unusable, disk full.
     """

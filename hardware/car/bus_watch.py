@@ -1,7 +1,7 @@
 """The Teensy as the watchdog on the bus of the computer's adapter, in the wiring `watched_can`.
 
-A heartbeat leaves for the Teensy every cycle, which answers each on the same bus. A missing answer stops the car: a
-Teensy that is dead, or that cannot reach the bus, would not switch the motors off either.
+The computer sends the Teensy a heartbeat every cycle, and the Teensy answers each on the same bus. A missing answer
+stops the car: a Teensy that is dead, or that cannot reach the bus, would not switch the motors off either.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _MAGIC = 0xAD
 
 
 class BeatState(IntEnum):
-    """What the computer says. TRIP: switch the motors off, I cannot."""
+    """State that the computer reports. TRIP: the Teensy must switch the motors off, the computer cannot."""
 
     OFF = 0
     ARMED = 1
@@ -34,7 +34,7 @@ def make_beat(state: BeatState, counter: int) -> CanFrame:
 
 
 def decode_answer(frame: CanFrame) -> tuple[TeensyStatus, int]:
-    """Status of the Teensy and the counter of the beat that it answers. Raises `FrameError` for any other frame."""
+    """Status of the Teensy and counter of the heartbeat that it answers. Raises `FrameError` for any other frame."""
     data = frame.data
     if frame.extended or frame.arbitration_id != ANSWER_ID or len(data) != 4 or data[0] != _MAGIC:
         raise FrameError(f"{frame}: is no answer of id {ANSWER_ID:#x}")
@@ -66,12 +66,12 @@ class BusWatch:
 
     @property
     def fault(self) -> int:
-        """Of the port."""
+        """Fault code of the port."""
         return self._port.fault
 
     @property
     def fault_text(self) -> str:
-        """Of the port."""
+        """Fault of the port in words."""
         return self._port.fault_text
 
     def send(self, frame: CanFrame, urgent: bool = False) -> bool:
@@ -79,7 +79,7 @@ class BusWatch:
         return self._port.send(frame, urgent)
 
     def flush(self, timeout: float = 0.2) -> bool:
-        """Of the port."""
+        """Waits until the port has sent everything, at most `timeout` s."""
         return self._port.flush(timeout)
 
     def poll(self) -> list[tuple[float, CanFrame]]:
@@ -100,7 +100,7 @@ class BusWatch:
 
     @property
     def reason(self) -> str:
-        """Why it is not healthy; empty while it is."""
+        """Reason why it is not healthy; empty while it is."""
         # Until the bus was last looked at: a loop that stood still since then is no silence of the Teensy.
         waited = 0.0 if self._asked is None else self._polled - self._asked
         if waited > self._timeout:
@@ -120,7 +120,7 @@ class BusWatch:
         self._send(self._state)
 
     def disarm(self) -> None:
-        """The motors are off; heartbeats that follow say so."""
+        """Makes the following heartbeats report that the motors are off."""
         self._send(BeatState.OFF)
 
     def trip(self) -> None:

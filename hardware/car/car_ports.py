@@ -40,7 +40,7 @@ class GpsDevice(SerialSettings):
 
 
 class RadioDevice(SerialSettings):
-    """The XBee module; `operator` is the 64-bit serial number of the operator's module (None: whoever sends)."""
+    """The XBee module; `operator` is the 64-bit serial number of the operator's module (None: any module)."""
 
     operator: int | None = Field(None, ge=0, lt=2**64)
 
@@ -57,11 +57,11 @@ class MountedMotor(StrictModel):
     motor_id: int = Field(ge=LEAST_ID, le=MOST_ID)
     zero: float = 0.0
     direction: Literal[1, -1] | None = None
-    """None: as in the table of signs."""
+    """None takes the sign of `mounting.yaml`."""
 
 
 class CarPorts(StrictModel):
-    """Where everything is plugged in; a device that is None is not fitted.
+    """Ports of all devices; a device that is None is not fitted.
 
     `can` is needed by `watched_can` only, `console` by `aerodima console` only. `car` is the number of
     the car among those that share a radio channel: its reports carry it, and the console believes no other.
@@ -87,7 +87,7 @@ class CarPorts(StrictModel):
 
     @property
     def profile(self) -> FirmwareProfile:
-        """Of both motors; `HardwareError` for an unknown name."""
+        """The firmware profile of both motors; `HardwareError` for an unknown name."""
         return firmware_profile(self.firmware_profile)
 
     @property
@@ -136,7 +136,7 @@ def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
 
 
 READY_FILE = "ready.json"
-"""Is there once an emulated car answers."""
+"""File that exists once an emulated car answers."""
 PORTS_FILE = "ports.json"
 """The ports of an emulated car, for `connect` and `aerodima drive --ports`."""
 EVENTS_FILE = "events.jsonl"

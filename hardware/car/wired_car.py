@@ -1,4 +1,4 @@
-"""The car at the end of its cables, whichever way it is wired: each cycle's order of things, and the way out."""
+"""The car at the end of its cables in every wiring: the order within a cycle, and the end."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class WiredCar:
         name: of the wiring.
         has_tail: the car has tail motors.
         mounting: signs.
-        open_devices: opens every port; what it opened before a failure it closes itself.
+        open_devices: opens every port; after a failure it closes those that it opened.
         authorise: raises `HardwareError` while no watchdog test of this wiring is recorded.
         car: its number, for the operator's station.
 
@@ -44,7 +44,7 @@ class WiredCar:
         devices: open ones; None before `start` and after `stop`.
         reading: of the last cycle.
         stop_reason: of the first `stop`, empty before.
-        asks: what the operator is told to do before the car drives, with the next report; set by the guard.
+        asks: what the operator must do before the car drives, with the next report; set by the guard.
         traffic_error: what stopped the log of the CAN traffic, known after `stop`; empty if nothing did.
     """
 
@@ -128,13 +128,13 @@ class WiredCar:
 
     @property
     def unwatched(self) -> str:
-        """Why the watchdog of this wiring cannot be relied on, in words; empty while it can, or before `start`."""
+        """Reason why the watchdog of this wiring is not reliable; empty while it is, or before `start`."""
         watchdog = None if self.devices is None else self.devices.watchdog
         return "" if watchdog is None or watchdog.healthy else watchdog.reason
 
     @property
     def motors(self) -> tuple[Motor, ...]:
-        """Of the tail: pitch, roll; none while the car is not started."""
+        """The motors of the tail, pitch and roll; empty while the car is not started."""
         return () if self.devices is None else self.devices.group.motors
 
     def replies(self, motor_id: int) -> list[tuple[float, CanFrame]]:
@@ -162,7 +162,7 @@ class WiredCar:
     # -- one cycle
 
     def read(self, now: float) -> CarReading:
-        """The first half of a cycle, every 10 ms: takes in what came and lets the motors do what their state asks for.
+        """The first half of a cycle, every 10 ms: reads what came, and advances the states of the motors.
 
         Reading and writing are two calls so that a command can be made of the readings of its own cycle; one call for
         both would let every command wait a cycle, 10 ms in which the tail swings 0.08 rad. After `stop` it is the last
@@ -240,7 +240,7 @@ class WiredCar:
 
 
 def _watch(devices: Devices, now: float) -> None:
-    """Tells the watchdog how the motors are, and the motors when it cannot be relied on any more."""
+    """Reports the state of the motors to the watchdog, and an unreliable watchdog to the motors."""
     motors, watchdog = devices.group.motors, devices.watchdog
     if watchdog is None:
         return

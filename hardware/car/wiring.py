@@ -1,8 +1,8 @@
-"""What the computer tells the car and hears of it once per cycle, whichever way it is wired (design section 14).
+"""What the computer sends to the car and receives from it once per cycle, in every wiring (design section 14).
 
 In `teensy_bridge` everything goes through the strings of the Teensy. `watched_can` has the motors on a CAN adapter of
 the computer, the Teensy for servo, throttle and sail, and the Teensy on the motors' bus as watchdog. Both are a
-`WiredCar`, with the same readings, the same faults and the same way out.
+`WiredCar`, with the same readings, the same faults and the same end.
 Plain NumPy: it runs where Drake has no wheel.
 """
 
@@ -36,7 +36,7 @@ WIRINGS: tuple[WiringName, ...] = get_args(WiringName)
 
 
 def wiring_name(name: str) -> WiringName:
-    """The wiring of that name; `HardwareError` with those there are."""
+    """The wiring of that name; `HardwareError` lists the known ones."""
     for known in WIRINGS:
         if known == name:
             return known
@@ -80,7 +80,7 @@ class CarCommand:
 
     @property
     def finite(self) -> bool:
-        """Whether every number of it is."""
+        """Whether every number is finite."""
         numbers = np.concatenate(([self.steering_angle, self.throttle], self.tail_pitch, self.tail_roll))
         return bool(np.all(np.isfinite(numbers)))
 
@@ -178,7 +178,7 @@ def _sources(devices: Devices, now: float) -> dict[str, tuple[float, int, str]]:
 
 
 def _worst(devices: Devices, sources: dict[str, tuple[float, int, str]]) -> str:
-    """The fault that is told: an emergency stop before all others, then motors, Teensy, operator, IMU, GPS."""
+    """The fault that is reported: an emergency stop before all others, then motors, Teensy, operator, IMU, GPS."""
     operator, imu, speed = (sources.get(name, (0.0, 0, ""))[2] for name in ("operator", "imu", "speed"))
     stop = operator if devices.radio is not None and devices.radio.stopped else ""
     texts = (stop, devices.group.fault_text, devices.teensy.fault_text, operator, imu, speed)

@@ -125,7 +125,7 @@ def _sensor(name: str, settings: SerialSettings, session: Session[T], silence: f
 
 
 def _named(name: str, open_device: Callable[[], T]) -> T:
-    """Says which of the devices it was that cannot be opened."""
+    """Adds the name of the device that cannot be opened to the error."""
     try:
         return open_device()
     except HardwareError as error:

@@ -99,7 +99,7 @@ class Console:
             self._request(message.type)
 
     def turn(self, now: float) -> None:
-        """Every few milliseconds: hears the car, repeats a stop."""
+        """Every few milliseconds: reads the radio, repeats a stop."""
         self.radio.turn(now)
         fault = self.radio.fault(now)
         if fault != self._radio_fault:
@@ -111,7 +111,7 @@ class Console:
             self._record.add("report", **radio_state(self.radio, now))
 
     def fail(self, error: Exception) -> None:
-        """A part of the console has died: the car goes to rest if it still can be told, and the console must end."""
+        """A part of the console has died: the car goes to rest if it can still be reached, and the console must end."""
         if self.failure:
             return
         self.failure = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
@@ -231,7 +231,7 @@ class ConsoleRecord:
         return self._file is not None
 
     def switch(self, on: bool) -> None:
-        """Begins or ends; a disk that does not take it is told by `error`."""
+        """Begins or ends; `error` has the failure of the disk."""
         if on == self.on:
             return
         try:

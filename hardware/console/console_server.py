@@ -27,7 +27,7 @@ from aerodima.workbench.errors import HardwareError, UserError
 _TURN, _SHOW = 0.01, 0.05
 """s between two looks at the radio; between two states that a page gets."""
 _FAREWELL = 0.3
-"""s in which pages hear that the console has failed, before it ends."""
+"""s in which pages learn that the console has failed, before it ends."""
 _MOST_BYTES = 4096
 _BACKLOG = 16
 """Connections that are accepted in one go; more of them could take every file before the first one is looked at."""
@@ -54,7 +54,7 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
     """The pages and the WebSocket of a console.
 
     Args:
-        say: is told the next address when one has been used.
+        say: receives the next address when one has been used.
         end: of the server; called when a part of the console has died.
     """
     pages = {
@@ -109,7 +109,7 @@ def run_server(listener: socket.socket, console: Console, access: Access, say: S
     """Serves until Ctrl-C; ends in order by SIGTERM too, which then does what it did before.
 
     Raises:
-        HardwareError: a part of the console has died; pages were told, and the car was sent to rest.
+        HardwareError: a part of the console has died; pages have the reason, and the car was sent to rest.
     """
 
     def end() -> None:
@@ -200,7 +200,7 @@ async def _show_states(console: Console, websocket: WebSocket, page: int) -> Non
 
 async def _send(websocket: WebSocket, content: object) -> None:
     text = json.dumps(content, allow_nan=False)
-    with contextlib.suppress(Exception):  # the page has gone, whatever that is called; `_serve_page` hears of it
+    with contextlib.suppress(Exception):  # the page has gone, whatever that is called; `_serve_page` sees it
         await websocket.send_text(text)
 
 

@@ -180,7 +180,7 @@ def emulated_car(
         folder: gets ports, events, traffic and truth; None: one that is removed at the end.
         view: show the car in Meshcat; its address is `view` of the car.
         faults: script of `aerodima emulate --faults`.
-        say: is told what is waited for.
+        say: receives what is waited for.
 
     Raises:
         HardwareError: unknown wiring, a folder that cannot be used, no compiler for the firmware.

@@ -1,4 +1,4 @@
-"""The console's end of the operator's radio: passes on what a page sent, repeats an emergency stop, hears reports.
+"""The console's end of the operator's radio: passes on what a page sent, repeats an emergency stop, receives reports.
 
 Heartbeats are never made here: without a page that lives the radio is silent, and the car's dead-man acts. A connection
 that ends says sooner that the page has gone: the car is sent to rest at once.

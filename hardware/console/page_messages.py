@@ -31,7 +31,7 @@ class Beat(_Message):
     """The page lives and asks for this; every 50 ms.
 
     Attributes:
-        count: grows by one from beat to beat. time: of the page's clock, s.
+        count: grows by one with each heartbeat. time: of the page's clock, s.
         throttle: -1 to 1. steering: rad, positive to the left. pitch, roll: of the tail, rad.
     """
 
@@ -46,7 +46,7 @@ class Beat(_Message):
 
     @property
     def command(self) -> OperatorCommand:
-        """As a frame of the radio carries it."""
+        """The command that a frame of the radio carries."""
         return OperatorCommand(MODES[self.mode], self.throttle, self.steering, self.pitch, self.roll)
 
 
@@ -85,14 +85,14 @@ def read_message(text: str) -> Message:
 
 
 class BeatClock:
-    """Tells beats that were held up on their way from those that are new.
+    """Separates heartbeats that were held up on their way from new ones.
 
     After a stall everything that waited comes at once. The clock of a page has an unknown offset: the shortest way seen
     so far counts as none, and is forgotten slowly.
     """
 
     LATEST = 0.15
-    """s on the way after which a beat is not passed on; the car stops 0.25 s after the last one that is."""
+    """s of delay after which a heartbeat is not passed on; the car stops 0.25 s after the last one that is."""
     _FORGET = 1e-3
     """s of offset per s: far above the drift between two clocks of one computer."""
 
@@ -101,7 +101,7 @@ class BeatClock:
         self._before = -math.inf
 
     def in_time(self, sent: float, now: float) -> bool:
-        """Whether a beat of the page's time `sent` that came at `now` (both s) is passed on."""
+        """Whether a heartbeat that left at the page's time `sent` and came at `now` (both s) is passed on."""
         if math.isfinite(self._offset):
             self._offset += self._FORGET * (now - self._before)
         self._before = now

@@ -3,7 +3,7 @@
 Bosch BST-BNO055-DS000, sections 4.3 (registers), 4.7 (UART: 115200 bit/s, 8N1) and 3.6.5 (units). A request is `AA`,
 01 to read or 00 to write, the register, a length and what is written. The answer is `BB`, the length and the data, or
 `EE` and a code. There is no checksum: a sample is believed only if its quaternion and its gravity have the lengths that
-they must have; a damaged rate or acceleration of a plausible size cannot be told.
+they must have; a damaged rate or acceleration of plausible size is not recognised.
 
 The attitude is taken from the quaternion: the sign of the chip's Euler angles depends on a setting.
 """

@@ -13,7 +13,7 @@ class SourceFault(IntEnum):
 
     NONE = 0
     NOT_FITTED = 1
-    """As the simulated station says it of parts that its car does not have."""
+    """The car does not have the part; the simulated station reports it likewise."""
     NO_SAMPLE_YET = 2
     SILENT = 3
     LOST = 4

@@ -107,7 +107,7 @@ class MotorLoad:
 
     @property
     def share(self) -> float:
-        """Of the budget that is used; beyond 1 the motor does not obey."""
+        """Share of the budget that is used; beyond 1 the motor does not obey."""
         return self.used / self._budget
 
     def allowed(self, peak: float) -> float:
@@ -151,7 +151,7 @@ class Following:
         """Why the motor does not follow, in words; empty while it does.
 
         Args:
-            asked: the command that was sent last; None while nothing is asked of it.
+            asked: the command that was sent last; None before the first one.
             position, speed, torque: as measured at `now` (s, monotonic), rad, rad/s, N m.
         """
         if asked is None:

@@ -1,4 +1,4 @@
-"""Between whoever drives and the cables: what reaches the car, and when it stops.
+"""The guard between pilot and cables: it decides what reaches the car, and when the car stops.
 
 ```
  READY -- arm, by hand --> ARMED -- drive --> DRIVING        (a reason to stop before that: STOPPED)
@@ -14,8 +14,8 @@ is over. Hard: the operator's emergency stop, a fault of a motor, a bus or the T
 command that is not finite, a loop that comes too late, a signal. Every reason means throttle 0 and steering 0 in the
 same cycle, and stays until `reset`.
 
-A switch that stands on AUTO, MANUAL or CONTROL while the car is being armed moves nothing: the operator must be heard
-in IDLE once the motors hold, and only what is chosen after that is obeyed.
+A switch that is at AUTO, MANUAL or CONTROL during arming moves nothing: the operator must report IDLE once the motors
+hold, and the car obeys only what is chosen after that.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from aerodima.workbench.errors import HardwareError
 _ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
 
 _MOST_SPAN = 0.02
-"""s; a loop that stood still does not catch up with a step of the throttle."""
+"""s; after a pause of the loop the throttle does not jump."""
 
 
 class DriveLimits:
@@ -55,7 +55,7 @@ class DriveLimits:
         self._throttle, self._time = 0.0, -math.inf
 
     def throttle(self, asked: float, now: float) -> float:
-        """What is let through of a finite throttle: clipped, coming on at the limited rate, going back at once."""
+        """The permitted part of a finite throttle: clipped, rising at the limited rate, falling at once."""
         safety = self._safety
         side = math.copysign(1.0, asked)
         span = min(max(0.0, now - self._time), _MOST_SPAN) if math.isfinite(self._time) else 0.0
@@ -66,7 +66,7 @@ class DriveLimits:
         return self._throttle
 
     def tilt(self, reading: CarReading, now: float) -> str:
-        """Why the car must stop at once since it lies on its side or its end; empty while it does not."""
+        """Reason to stop at once because the car has tipped over; empty while it stands."""
         roll, pitch = float(reading.imu[_ROLL]), float(reading.imu[_PITCH])
         limit = self._safety.attitude_limit
         lasted = self._tilted.look(max(abs(roll), abs(pitch)) > limit, now)
@@ -78,7 +78,7 @@ class DriveLimits:
         )
 
     def too_fast(self, reading: CarReading, now: float) -> str:
-        """Why the car must slow down; empty while it need not, or while its speed is not known."""
+        """Reason to stop because the car is too fast; empty otherwise, and while the speed is unknown."""
         speed, limit = float(reading.speed[0]), self._safety.speed_limit
         known = reading.status[_SPEED] == SourceFault.NONE
         if self._fast.look(known and speed > limit, now) < self._safety.speed_time or not known or speed <= limit:
@@ -96,7 +96,7 @@ _UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
 
 
 class Stage(IntEnum):
-    """How far the car is."""
+    """Stage of the car between ready and stopped."""
 
     READY = 0
     ARMED = 1
@@ -119,11 +119,11 @@ class CarGuard:
 
     Attributes:
         stage: see the picture above.
-        reason: why it stopped, empty before. hard: that reason was a hard one.
-        left: the operator has left the mode, and was heard while the car was being stopped. One who falls silent then
+        reason: why the car stopped, empty before. hard: whether that reason was a hard one.
+        left: the operator has left the mode and reported while the car was being stopped. One who falls silent then
             has not chosen to end the drive: the console sends a car to rest whose page has gone.
         reading: of the last cycle.
-        rested: the operator was heard in IDLE since the car took commands.
+        rested: the operator has reported IDLE since the car took commands.
         lateness: of the last cycle, s; 0 for a cycle without a due time.
         overruns: cycles that came later than `safety.overrun`.
         cycle_times: `time.monotonic` of every cycle since `drive`, s. slow_ticks: of those whose controller was slow.
@@ -179,7 +179,7 @@ class CarGuard:
         """Switches the motors on.
 
         Raises:
-            HardwareError: something stands against it: a reason to stop that was not reset, a silent device, a missing
+            HardwareError: a reason to stop that was not reset, a silent device, a missing
                 watchdog test.
         """
         if self.stage is not Stage.READY:
@@ -197,7 +197,7 @@ class CarGuard:
         """Lets commands through from now on, for as long as the operator stays in `mode`.
 
         Raises:
-            HardwareError: the car is not ready, or the operator was not heard in IDLE since it is.
+            HardwareError: the car is not ready, or the operator has not reported IDLE since.
         """
         if not self.ready:
             raise HardwareError(f"the car cannot drive: it is not armed{f' ({self.reason})' if self.reason else ''}")
@@ -233,13 +233,13 @@ class CarGuard:
     # -- once per cycle
 
     def exchange(self, command: CarCommand, now: float, due: float | None = None) -> CarReading:
-        """A whole cycle at once, for those whose command does not depend on its reading."""
+        """A whole cycle, for commands that do not depend on its reading."""
         reading = self.read(now, due)
         self.write(command, now)
         return reading
 
     def read(self, now: float, due: float | None = None) -> CarReading:
-        """The first half of a cycle: what the car says, and what follows from it.
+        """The first half of a cycle: reads the car, and stops it where that is needed.
 
         Args:
             now: `time.monotonic()`, s.
@@ -288,7 +288,7 @@ class CarGuard:
             self.stop(text, now, hard=True)
 
     def _look_for_rest(self, now: float) -> None:
-        """A command counts that was given when the car was ready; the newest one may be from before."""
+        """Whether a command was given after the car was ready; the newest one may be older."""
         if not self.ready:
             self._ready_since = None
             return
@@ -332,7 +332,7 @@ class CarGuard:
         return too_much, f"the tail motors draw {current:.0f} A; the fuse has {self._safety.fuse:g} A" * too_much
 
     def _least_current(self, reading: CarReading) -> float:
-        """What the tail motors draw at least, A: their mechanical power at the lowest voltage allowed.
+        """Least current of the tail motors, A: their mechanical power at the lowest voltage allowed.
 
         Replies of the MIT mode carry neither voltage nor current of the pack.
         """
@@ -340,7 +340,7 @@ class CarGuard:
         return max(0.0, power) / self._safety.least_voltage
 
     def _go_unless_stopped(self, stage: Stage, now: float) -> None:
-        """Goes on by hand; a signal may have come in between."""
+        """Continues by hand; a signal may have come in between."""
         self._go(stage, now)
         if self.reason:
             self._exit(now)

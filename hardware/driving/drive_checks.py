@@ -1,8 +1,8 @@
-"""What is looked at before the car drives: on the desk, with the devices open, standing, and with the motors holding.
+"""Checks before a drive: on the desk, with the devices open, with the car at rest, and with the motors holding.
 
-Firmware profile: the frames carry no version, but their numbers betray it. The ratio between the change of position and
+Firmware profile: the frames carry no version, but their numbers reveal it. The ratio between the change of position and
 the reported velocity depends on the ranges of both: turned by hand, a motor whose profile is right reports the speed at
-which its position changes. The range of the torque cannot be told this way: 24 and 25 N m differ by 4 %, and profiles
+which its position changes. The range of the torque cannot be checked so: 24 and 25 N m differ by 4 %, and profiles
 that differ in nothing else stay undecided.
 """
 
@@ -40,11 +40,11 @@ _CLOCK_DIFFERENCE = 2.0
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the list.
+    """One check.
 
     Attributes:
-        name: what was looked at.
-        passed: True, False, or None where it could not be told.
+        name: what was checked.
+        passed: True, False, or None where it could not be checked.
         text: what was found and what is allowed.
     """
 
@@ -70,7 +70,7 @@ def desk_checks(scenario: Scenario, folder: Path, safety: DriveSafety) -> list[C
 
 
 def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafety) -> list[Check]:
-    """What every device says of itself, and what nobody says: the battery."""
+    """The state of every device, and a note on the battery, which nothing measures."""
     status = STATUS.read(reading.status)._asdict()
     checks = []
     for source in UNARMED_SOURCES:
@@ -89,7 +89,7 @@ _WATCHES = {
 
 
 def watchdog_check(wiring: str, unwatched: str) -> Check:
-    """Who switches the motors off when this program dies, and whether it answers."""
+    """The watchdog that switches the motors off when this program dies, and whether it answers."""
     return Check("watchdog", not unwatched, unwatched or _WATCHES[wiring])
 
 
@@ -171,7 +171,7 @@ _WARMEST, _COLDEST = 120.0, -30.0
 
 @dataclass(frozen=True)
 class ProfileEvidence:
-    """What the replies say about a profile.
+    """Result of a check of replies against a profile.
 
     Attributes:
         replies: how many were read.
@@ -243,7 +243,7 @@ _ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
 
 
 def standstill_checks(samples: Sequence[Bno055Sample], reading: np.ndarray, safety: DriveSafety) -> list[Check]:
-    """What the last moment says of the car.
+    """Whether the car stood still in the last moment.
 
     Args:
         samples: of the chip, all that came within the moment, in its own axes.

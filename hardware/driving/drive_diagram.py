@@ -1,4 +1,4 @@
-"""What drives the car as a Drake diagram, a tick at a time: the sequence of a scenario, or systems of one's own."""
+"""What drives the car as a Drake diagram, a tick at a time: the sequence of a scenario, or systems of the user."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _REHEARSED = 3
 
 
 class CarInterface(LeafSystem):
-    """Stands where the plant of a simulated car stands: shows readings, and has the commands on its input ports.
+    """Takes the place of the plant of a simulated car: outputs the readings, and has the commands on its input ports.
 
     A reading is shown in an unrestricted update, which Drake runs before the controllers' discrete updates of the same
     instant (as the simulated sensors do): a command is made of the readings of its own tick. The outputs are discrete
@@ -31,7 +31,7 @@ class CarInterface(LeafSystem):
 
     Input and output ports: exactly `STATION_INPUTS` and `STATION_OUTPUTS` of `aerodima.workbench.config.signal_table`.
 
-    Attributes: reading: to be shown from the next tick on.
+    Attributes: reading: output from the next tick on.
     """
 
     def __init__(self) -> None:
@@ -54,15 +54,15 @@ class CarInterface(LeafSystem):
             value.write(discrete_state, getattr(self.reading, name))
 
     def command(self, context: Context) -> CarCommand:
-        """What stands on the input ports."""
+        """The values of the input ports."""
         steering, throttle, pitch, roll = (np.array(vector_of(self._ports[name], context)) for name in STATION_INPUTS)
         return CarCommand(float(steering[0]), float(throttle[0]), pitch, roll)
 
 
 class DiagramPilot(Pilot):
-    """A diagram around the car's ports, a tick of it at a time; discrete and continuous states go on in its own time.
+    """A diagram around the car's ports that advances by one tick at a time, with discrete and continuous states.
 
-    Building takes a second or more, in which no loop turns: it is done before the motors are on. Commands are those of
+    Building takes a second or more without a loop, so it is done before the motors are on. Commands are those of
     the instant at which they leave, `WRITE_DELAY` after the tick.
 
     Args:
@@ -86,7 +86,7 @@ class DiagramPilot(Pilot):
         """Runs the first ticks on a copy of the state, so that none of them is the first one while the car drives.
 
         Returns:
-            How long the slowest of them took but for the first, s.
+            Time of the slowest tick except the first, s.
 
         Raises:
             HardwareError: a command that is not finite. Whatever the systems raise, such as a port without connection.

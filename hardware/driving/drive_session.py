@@ -1,6 +1,6 @@
 """One drive from the checks to the log: check, arm, drive by sequence or by radio, disarm, write.
 
-Whatever happens in between (a fault, an exception, a signal, a failed start), the motors' exit frames and throttle 0 go
+After anything in between (a fault, an exception, a signal, a failed start) the motors' exit frames and throttle 0 go
 out, and the log is readable up to there.
 """
 
@@ -73,7 +73,7 @@ _SETTLE = 0.5
 """s with the motors holding before their replies are judged."""
 RUN_OVER = "the run is over"
 _REST_NOTICE = 0.5
-"""s in which a switch that stands in IDLE is heard; after that the drive says what it waits for."""
+"""s in which a switch at IDLE is received; after that the drive prints what it waits for."""
 _REHEARSAL_TIME = 10.0
 """s; a first tick may import what it needs."""
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -85,7 +85,7 @@ class DriveResult:
 
     Attributes:
         reason: `RUN_OVER`, or why it was stopped.
-        orderly: the run came to its end, or the operator ended it without an emergency and was heard until then.
+        orderly: the run came to its end, or the operator ended it without an emergency and reported until then.
         log: the run log, elsewhere than was asked for when that place took none; None when none was written.
         signal: number of the signal that ended it; 0 for none.
         traffic_error: why the log of the CAN traffic is not whole; empty if it is, or if there is none.
@@ -141,7 +141,7 @@ def drive(
 
     Guard, limits, watchdogs, signals and log are those of the scenario's own driver and tail law (`build` None). Once
     a 10 ms tick the diagram advances; a controller that is too slow, raises, or commands what is not finite stops the
-    car, with its traceback told once. AUTO runs the diagram, MANUAL and CONTROL drive by radio.
+    car, and its traceback is printed once. AUTO runs the diagram, MANUAL and CONTROL drive by radio.
 
     Args:
         build: as `aerodima.workbench.simulate` takes it; called once, before the motors are on.
@@ -153,7 +153,7 @@ def drive(
         dry_run: never arm; the diagram runs with the car switched off.
         force: replace an existing log.
         traffic: a new `.blf` file for every frame on the adapter; not with `teensy_bridge`.
-        say: is told every check, what is waited for, and the traceback of an error in the diagram.
+        say: receives every check, what is waited for, and the traceback of an error in the diagram.
 
     Raises:
         UserError: a check failed, a device or the record of a watchdog test is missing, the diagram cannot be built or
@@ -183,7 +183,7 @@ def run_drive(
     """Drives a scenario on a car of `connect` that is not started yet.
 
     Args:
-        say: is told every check and what is waited for.
+        say: receives every check and what is waited for.
         law: of the tail; by default the one that the scenario names.
         build: see `drive`.
 

@@ -1,6 +1,6 @@
-"""A car whose tail is held by its motors, for first contact: armed without a guard, off on every way out.
+"""A car whose tail is held by its motors, for first tests: armed without a guard, with the motors off on every exit.
 
-And the first things to try with new motors: the watchdog test, one joint by five degrees, and where its zero is.
+It has the first tests of new motors: the watchdog test, a move of one joint by five degrees, and the zero.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.realtime import DRIVE_PRIORITY, prefer_realtime, restore_ordinary
 
 _HEARD = 0.5
-"""s in which Teensy and watchdog are heard."""
+"""s within which Teensy and watchdog must answer."""
 
 
 def connect(
@@ -119,7 +119,7 @@ _CUTS = {
     "teensy_bridge": ("strings stopped", TeensyStatus.WATCHDOG_ACTED),
     "watched_can": ("heartbeat stopped", TeensyStatus.BEATS_STOPPED),
 }
-"""What is cut, and what the Teensy says of it."""
+"""What is cut, and what the Teensy reports then."""
 
 
 def run_watchdog_test(
@@ -132,8 +132,8 @@ def run_watchdog_test(
 ) -> tuple[WatchdogTest, Path]:
     """Makes a watchdog test and records it: the motors hold, the link is cut, and somebody sees that they are off.
 
-    In the bridge nothing is sent any more; in `watched_can` the strings go on and the heartbeat stops. The Teensy
-    reports that it has acted. What the motors do no report shows, so nothing is sent before `confirm` has answered.
+    In the bridge all strings stop; in `watched_can` the strings continue and the heartbeat stops. The Teensy
+    reports that it has acted. No report shows what the motors do, so nothing is sent before `confirm` has answered.
 
     Args:
         confirm: puts `QUESTION` to somebody who sees the motors; True if they are off.
@@ -163,7 +163,7 @@ def run_watchdog_test(
 
 
 def _await_status(car: WiredCar, wanted: TeensyStatus) -> float:
-    """When the Teensy says that it has acted, s."""
+    """Time at which the Teensy reports that it has acted, s."""
     assert car.devices is not None
     teensy, end = car.devices.teensy, time.monotonic() + _ACT_TIME
     while teensy.status is not wanted:
@@ -194,7 +194,7 @@ _COOLER = 20.0
 
 @dataclass(frozen=True)
 class MotorTest:
-    """What one joint did.
+    """Result of the test of one joint.
 
     Attributes:
         moved: rad.
@@ -273,7 +273,7 @@ def read_motor_angles(ports: CarPorts, wiring: WiringName) -> dict[Joint, float]
 
 
 def write_zeros(path: Path, angles: dict[Joint, float]) -> None:
-    """Puts the motors' angles of now into a ports file as their zeros: the tail stands upright now.
+    """Writes the present angles of the motors into a ports file as their zeros; the tail must stand upright.
 
     Raises:
         HardwareError: the file cannot be read or written.
@@ -289,7 +289,7 @@ def write_zeros(path: Path, angles: dict[Joint, float]) -> None:
 
 
 def joint_angles(ports: CarPorts, angles: dict[Joint, float]) -> dict[Joint, float]:
-    """What the joints' angles are (rad) by the zeros that the ports file has."""
+    """Angles of the joints (rad) by the zeros of the ports file."""
     mounting = load_mounting()
     signs = {"tail_pitch": mounting.tail_pitch_direction, "tail_roll": mounting.tail_roll_direction}
     parts = {"tail_pitch": ports.tail_pitch, "tail_roll": ports.tail_roll}

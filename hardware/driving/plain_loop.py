@@ -1,4 +1,4 @@
-"""The loop of a drive and who drives in it: a sequence with its tail law, or the operator by radio. No Drake in here.
+"""The loop of a drive and its pilots: a sequence with its tail law, or the operator by radio. It works without Drake.
 
 `aerodima.hardware.driving.drive_diagram.DiagramPilot` is the sequence as a diagram.
 """
@@ -45,7 +45,7 @@ def wait_until(due: float) -> None:
 
 
 class Row:
-    """One row of the log: what stands on the ports when a tick begins.
+    """One row of the log: the values of the ports when a tick begins.
 
     Args:
         start: of the run on `time.monotonic`, s.
@@ -85,7 +85,7 @@ def run_loop(
     """Drives for `length` s, or until the car has stopped; a guard that is armed drives from the first tick on.
 
     Args:
-        clock, wait: of the real loop; tests turn faster.
+        clock, wait: of the real loop; tests replace them.
 
     Returns:
         When the guard began to stop, s after the start; NaN if it did not.
@@ -123,7 +123,7 @@ def idle_until(
     clock: Clock = time.monotonic,
     wait: Wait = wait_until,
 ) -> bool:
-    """Turns the loop without commands until `condition`, the end of the car, or `timeout` s; the condition's answer."""
+    """Runs the loop without commands until `condition`, the end of the car, or `timeout` s; the condition's answer."""
     start = clock()
     for tick in range(max(1, math.ceil(timeout / PERIOD)) + 1):
         wait(start + tick * PERIOD)
@@ -148,10 +148,10 @@ class PilotStep(NamedTuple):
 
 
 class Pilot:
-    """Whoever drives the car in the loop."""
+    """Drives the car in the loop."""
 
     def start(self) -> PilotStep:
-        """What stands on the outputs before the first tick."""
+        """The outputs before the first tick."""
         return PilotStep(CarCommand(), 0.0, 0)
 
     def step(self, time: float, reading: CarReading) -> PilotStep:

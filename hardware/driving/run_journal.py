@@ -23,16 +23,16 @@ from aerodima.workbench.logs.journal import JournalWriter, read_journal
 from aerodima.workbench.logs.schema import run_metadata, write_table
 
 LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s", "controller_time_s")
-"""Beside the columns of every run: how late the cycle came, when IMU and Teensy took what stands in the row, on the
+"""Columns of a drive alone: lateness of the cycle, times at which IMU and Teensy sampled the values of the row, on the
 clock of the run, and how long the controller computed. The Teensy's clock is aligned by
 `aerodima.hardware.devices.teensy_link`."""
 _MOST_WAITING = 3000
 _FLUSH = 0.08
-"""s; with the period of the loop, what a killed drive loses stays below 0.1 s."""
+"""s; with the period of the loop, a killed drive loses less than 0.1 s."""
 _LOOK = 1.0
-"""Between two looks at the journal, s."""
+"""Time between two checks of the journal, s."""
 _LAST_WAIT = 5.0
-"""For the disk at the end of the drive, s."""
+"""Time for the disk at the end of the drive, s."""
 
 
 def drive_columns() -> list[str]:
@@ -48,7 +48,7 @@ class RunJournal(JournalWriter):
     whether the journal is still where its name leads. Rows that the disk does not take stay in memory.
 
     Args:
-        say: is told at once what is wrong with the log; called by the thread.
+        say: receives errors of the log at once, in the thread.
 
     Attributes:
         columns: names, in order.
@@ -100,7 +100,7 @@ class RunJournal(JournalWriter):
         return self._write_log()
 
     def discard(self) -> None:
-        """Ends a log of a drive that did not begin: nothing is left of it."""
+        """Ends a log of a drive that did not begin: nothing stays on the disk."""
         self._finish()
         self._remove()
         super().abandon()
@@ -135,7 +135,7 @@ class RunJournal(JournalWriter):
         raise LogError(f"{failed}; what was written can be rescued: aerodima log recover {self.journal}")
 
     def _places(self) -> Iterator[Path]:
-        """Where the log may go: where it was asked for, the nearest folder above that is there, one of its own."""
+        """Places of the log, in order: the one asked for, the nearest folder above that exists, a new folder."""
         yield self.path
         above = self.path.absolute().parents[1:]
         yield next(folder for folder in above if folder.is_dir()) / self.path.name
@@ -155,7 +155,7 @@ class RunJournal(JournalWriter):
                 continue
             try:
                 super().append(row)
-            except Exception as error:  # whatever it is, the loop must hear of it and go on
+            except Exception as error:  # whatever it is, the loop must learn of it and go on
                 self.error = " ".join(str(error).split())
                 self._say(f"log: {self.error}; the car stops, what comes now is kept in memory")
 
@@ -189,7 +189,7 @@ def open_run_journal(
 
 
 def log_facts(reason: str, stop_time: float, cycle_times: Sequence[float], overruns: int) -> dict[str, Any]:
-    """What only the end of a drive knows, for the `extra` of its log."""
+    """Facts of a finished drive for the `extra` of its log."""
     facts: dict[str, Any] = {"stop_reason": reason, "overruns": overruns, "cycles": len(cycle_times)}
     if math.isfinite(stop_time):
         facts["stop_time_s"] = stop_time

@@ -28,12 +28,12 @@ SCHEMA = "aerodima/watchdog_test/2"
 
 
 class WatchdogTest(StrictModel):
-    """What a watchdog test has shown.
+    """Result of a watchdog test.
 
     Attributes:
         time_to_exit: s from the cut to the Teensy's report that it has switched the motors off.
         cut: what was cut. seen_off_by: who saw that the motors were off.
-        emulated: made on an emulator; worth nothing for real motors.
+        emulated: made on an emulator; void for real motors.
         firmware: `teensy_hash`.
         ports: as `CarPorts`.
     """
@@ -51,7 +51,7 @@ class WatchdogTest(StrictModel):
 
 
 def new_record(wiring: WiringName, ports: CarPorts, cut: str, time_to_exit: float, seen_off_by: str) -> WatchdogTest:
-    """The record of a test made now, with what the arguments say as `WatchdogTest` has it.
+    """The record of a test made now; arguments as the fields of `WatchdogTest`.
 
     Raises:
         HardwareError: the exit frames came later than `longest_watchdog_test` of the drive's limits.

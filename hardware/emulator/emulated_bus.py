@@ -31,15 +31,15 @@ from aerodima.workbench.errors import HardwareError
 
 
 class EmulatedBus:
-    """Whoever owns the bus gives it frames and gets the answers; a second node may hear all and send too.
+    """Whoever owns the bus gives it frames and gets the answers; a second node may receive all and send too.
 
     Bus-off is a state of the owner's controller: nothing goes out and nothing comes in until its channel is opened anew
     or the fault ends.
 
     Attributes:
         frames: carried so far, answers included.
-        watch: hears every frame of the owner and of the motors, when a second node is on the bus.
-        to_owner: hears what the second node sends, and what the motors answer to it.
+        watch: receives every frame of the owner and of the motors, when a second node is on the bus.
+        to_owner: receives what the second node sends, and what the motors answer to it.
     """
 
     def __init__(self, motors: Sequence[EmulatedMotor], board: FaultBoard, log: TrafficLog) -> None:
@@ -134,7 +134,7 @@ class EmulatedMotor:
         self._command = NEUTRAL
         self._angle = self._speed = self._torque = self._blocked_at = 0.0
         self._past: deque[tuple[float, float, float, float]] = deque(maxlen=_PAST)
-        self._told = (0.0, 0.0, 0.0)
+        self._reported = (0.0, 0.0, 0.0)
         self.entered = False
 
     @property
@@ -193,15 +193,15 @@ class EmulatedMotor:
 
     def _state(self) -> tuple[float, float, float]:
         """What a reply tells: angle, speed, torque."""
-        told, board = (self._angle, self._speed, self._torque), self._board
+        reported, board = (self._angle, self._speed, self._torque), self._board
         if stale := board.entry(Fault.REPLY_STALE, self.joint):
             taken = time.monotonic() - stale.delay
-            told = next(((a, v, t) for when, a, v, t in reversed(self._past) if when <= taken), told)
+            reported = next(((a, v, t) for when, a, v, t in reversed(self._past) if when <= taken), reported)
         if board.entry(Fault.FEEDBACK_REVERSED, self.joint):
-            told = (2.0 * self._zero - told[0], -told[1], told[2])
+            reported = (2.0 * self._zero - reported[0], -reported[1], reported[2])
         if not board.entry(Fault.FROZEN, self.joint):
-            self._told = told
-        return self._told
+            self._reported = reported
+        return self._reported
 
     def _reply(self) -> CanFrame:
         board = self._board
@@ -338,7 +338,7 @@ class PtyPort:
         self.plug()
 
     def fileno(self) -> int:
-        """Of the device's end; -1 while unplugged."""
+        """File number of the device's end; -1 while unplugged."""
         return self._master
 
     def plug(self, link: Path | None = None) -> None:

@@ -82,7 +82,7 @@ class EmulatedCar:
 
     @staticmethod
     def _joint_places(plant: Any) -> list[int]:
-        """Of the angles, then of the rates, of pitch and roll in the plant's state."""
+        """Indices of the angles, then of the rates, of pitch and roll in the plant's state."""
         joints = [plant.GetJointByName(name) for name in ("tail_pitch", "tail_roll")]
         rates = [plant.num_positions() + joint.velocity_start() for joint in joints]
         return [*(joint.position_start() for joint in joints), *rates]

@@ -95,7 +95,7 @@ class EmulatorSettings:
 
 
 class Emulator:
-    """Everything behind the ports, until it is told to end.
+    """Everything behind the ports, until `stop`.
 
     Raises:
         HardwareError: no compiler for the firmware, a folder that holds something or cannot be used, no

@@ -124,7 +124,7 @@ class OperatorEntry(_Entry):
     stop: bool = False
 
     def command(self, asked: bool) -> OperatorCommand:
-        """As a frame carries it; `asked`: the car asks for a choice, or did so last."""
+        """The command that a frame carries; `asked`: the car asks for a choice, or did so last."""
         chosen, waits, _ = self.mode.partition("_when_asked")
         if waits:
             mode = RadioMode[chosen.upper()] if asked else RadioMode.IDLE

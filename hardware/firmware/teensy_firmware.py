@@ -73,7 +73,7 @@ class FirmwareSettings:
 
     @property
     def last_limits(self) -> tuple[dict[str, float], ...]:
-        """Of the two motors."""
+        """Limits of the two motors in the firmware."""
         p = self.profile
         wide = {"low": -p.position, "high": p.position, "speed": p.speed, "torque": p.torque, "kp": p.kp, "kd": p.kd}
         return self.limits or (wide | {"rated_torque": p.torque, "budget": 1e9},) * 2

@@ -9,7 +9,7 @@ from aerodima.workbench.errors import HardwareError
 STANDARD_IDS, EXTENDED_IDS = 1 << 11, 1 << 29
 """How many identifiers 11 and 29 bits make (ISO 11898-1)."""
 MOST_BYTES = 8
-"""Of the data of a classic frame."""
+"""Most data bytes of a classic frame."""
 
 
 class FrameError(HardwareError, ValueError):

@@ -17,7 +17,7 @@ _RECEIVED, _TRANSMIT = 0x90, 0x10
 _RECEIVED_HEAD, _TRANSMIT_HEAD, _LONGEST = 12, 14, 128
 _UNKNOWN_NETWORK_ADDRESS = b"\xff\xfe"
 BROADCAST = 0xFFFF
-"""Address that every module hears."""
+"""Address of every module: a broadcast."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ LEAST, LEAST_FULL = 8, 3
 RIDGES = np.logspace(0.0, 4.0, 9)
 """Ridges of a correction that are tried."""
 CLOSEST = 0.005
-"""Margin that is not told from none."""
+"""Margin that counts as none."""
 NODES = np.linspace(-6.0, 6.0, 121)
 WEIGHTS = norm.logpdf(NODES) - logsumexp(norm.logpdf(NODES))
 """Values of what the emulator misses of a car, over its deviation, and the logarithms of their weights."""
@@ -255,7 +255,7 @@ def _search(
 
 
 def _deviation(missed: FloatArray) -> FloatArray:
-    """Of (m, k) from zero: what 68 % of the rows do not exceed; a car at the edge of a flip may miss by any amount."""
+    """What 68 % of the errors (m, k) do not exceed; a car at the edge of a flip may miss by any amount."""
     found: FloatArray = np.quantile(np.abs(missed), 0.6827, axis=0)
     return found
 

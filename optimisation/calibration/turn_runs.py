@@ -38,8 +38,8 @@ from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, turn_signals
 BEFORE, AFTER = 0.4, 1.6
 """Seconds before and after the start of the steering that figures are made of."""
 STEP = 0.002
-"""Of the reduced cars, s."""
-LEFT = [place for place, wheel in enumerate(WHEELS) if wheel.endswith("left")]
+"""Step of the reduced cars, s."""
+LEFT = [index for index, wheel in enumerate(WHEELS) if wheel.endswith("left")]
 
 
 @dataclass(frozen=True)

@@ -267,8 +267,8 @@ class CarPrior:
         off = cars[:, [self.column(OFF), self.column(OFF_ROLL)]]
         total = -np.sum(np.log(np.maximum(off, 1e-9)), axis=1)
         for key, density in self.plan.density.items():
-            for place in (place for place, name in enumerate(self.names) if name.endswith(key)):
-                total = total + norm.logpdf(cars[:, place], density.mean, density.deviation)
+            for index in (number for number, name in enumerate(self.names) if name.endswith(key)):
+                total = total + norm.logpdf(cars[:, index], density.mean, density.deviation)
         found = np.full(len(cars), -np.inf)
         found[inside] = np.where(self._can_be(cars[inside]), total[inside], -np.inf)
         return found

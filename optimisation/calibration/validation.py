@@ -36,7 +36,7 @@ class LeftOut:
         rows: per figure: `figure`, `published`, `low`, `median`, `high`, `prior_low`, `prior_high`, `inside`.
         density, prior_density, constant_density: logarithm of the joint density of its figures, per share of each:
             of the cars that the other tables leave, of the prior, and of a model that says of each figure what the
-            other tables say of it.
+            other tables imply.
     """
 
     table: str
@@ -183,7 +183,7 @@ def measurements(prior: CarPrior) -> tuple[Measurement, ...]:
 
 
 def _angle_of_balance(prior: CarPrior, cars: FloatArray) -> FloatArray:
-    """Of a car about the outer edges of its tyres (m), degrees."""
+    """Roll at which cars (m) balance on the outer edges of their tyres, degrees."""
     width = load_scenario("turn_none").car.tyre_width
     track, height = (cars[:, prior.column(key)] for key in ("car.track", "car.com_height"))
     return np.degrees(np.arctan2(0.5 * (track + width), height))
@@ -191,7 +191,7 @@ def _angle_of_balance(prior: CarPrior, cars: FloatArray) -> FloatArray:
 
 def combinations(prior: CarPrior, cars: FloatArray, seed: int) -> list[tuple[float, dict[str, float]]]:
     """What the data determine best: variance over that of the prior, and its largest coordinates, five of them."""
-    physical = [place for place, name in enumerate(prior.names) if name not in ("forward", OFF, OFF_ROLL)]
+    physical = [index for index, name in enumerate(prior.names) if name not in ("forward", OFF, OFF_ROLL)]
     before, after = (prior.scaled(c)[:, physical] for c in (prior.draw(4000, seed), cars))
     ratios, vectors = eigh(np.cov(after.T), np.cov(before.T))
     found = []

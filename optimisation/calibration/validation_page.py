@@ -198,7 +198,7 @@ def _findings(result: Result, figures: pd.DataFrame, parameters: pd.DataFrame, s
 
 def _figure_table(figures: pd.DataFrame) -> Table:
     names = ("figure", "published", "median", "90 % interval", "of the prior", "inside")
-    marked = [place for place, inside in enumerate(figures.inside) if not inside]
+    marked = [index for index, inside in enumerate(figures.inside) if not inside]
     return Table(names, [_figure_cells(row) for row in figures.to_dict("records")], marked)
 
 
@@ -220,12 +220,12 @@ def measure_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
 def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
     """Per coordinate: prior, quantiles, deviation over that of the prior, and whether its median is near an end."""
     reference, rows = prior.draw(2000, prior.plan.seed), []
-    for place, name in enumerate(prior.names):
-        low, median, high = np.quantile(cars[:, place], BAND)
-        first, last = prior.ranges[place]
+    for index, name in enumerate(prior.names):
+        low, median, high = np.quantile(cars[:, index], BAND)
+        first, last = prior.ranges[index]
         share = (median - first) / (last - first)
         near = name != "forward" and min(share, 1.0 - share) < NEAR_A_BOUND
-        learnt = float(np.std(cars[:, place]) / np.std(reference[:, place]))
+        learnt = float(np.std(cars[:, index]) / np.std(reference[:, index]))
         rows.append((name, first, last, low, median, high, learnt, near))
     names = ["parameter", "prior_low", "prior_high", "low", "median", "high", "deviation_ratio", "near_a_bound"]
     return pd.DataFrame(rows, columns=names)
@@ -256,10 +256,10 @@ def ensemble_text(result: Result, system: Platform) -> str:
         yaml.safe_dump(content, sort_keys=False, width=116).rstrip(),
         "members:",
     ]
-    for place, car in enumerate(cars):
+    for index, car in enumerate(cars):
         settings = dict(setting.split("=") for setting in prior.settings(car, first))
         values = ", ".join(f"{key}: {value}" for key, value in settings.items() if key in OF_A_CAR or key in keys)
-        lines.append(f"- {{name: car{place:03d}, weight: {1 / len(cars):.6g}, values: {{{values}}}}}")
+        lines.append(f"- {{name: car{index:03d}, weight: {1 / len(cars):.6g}, values: {{{values}}}}}")
     return "\n".join(lines) + "\n"
 
 

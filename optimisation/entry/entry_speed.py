@@ -9,9 +9,9 @@ that the candidate without tail reaches up to its own entry speed, so that a tai
 turning.
 
 A climb begins at a low speed and goes up in steps to the first failure, goes down first if the start itself fails, and
-halves its last step. The lateral acceleration is small at low speeds, so that every climb begins with too little of it.
-A lack of it is therefore a failure only above a speed at which the manoeuvre was completed; below that the climb passes
-it, as neither completed nor failed.
+halves its last step. The lateral acceleration is small at low speeds, so that every climb begins below the limit.
+Too low a value is therefore a failure only above a speed at which the manoeuvre was completed; below that the climb
+passes it, as neither completed nor failed.
 
 Climbs are driven at the ordinary step of the plant; the speed that is found is proved at the fine one, and lowered
 until it is borne out. What is run depends on neither the engine nor the other climbs, but for the reference.
@@ -38,7 +38,7 @@ from aerodima.workbench.metrics.tip_up import TWO_WHEELS
 from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
 
 LEAST_SHARE = 0.9
-"""Of the figure of the car without tail that a candidate must reach."""
+"""Share of the tailless car's lateral acceleration that a candidate must reach."""
 STEP = 0.002
 """Step of the plant in a climb, s."""
 MOST_BACK = 8
@@ -141,7 +141,7 @@ class EntrySearch:
         return passed if passed is not None and not found[passed] else None
 
     def ended_by(self, found: Mapping[float, str]) -> str:
-        """What ended a climb; `lateral` where there was never enough of it, empty at the ceiling."""
+        """What ended a climb; `lateral` where the lateral acceleration was always too low, empty at the ceiling."""
         passed, lost = self.bracket(found)
         failed = "" if lost is None else found[lost]
         never_enough = passed is not None and found[passed] and not failed.startswith(ERROR)

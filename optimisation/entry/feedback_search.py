@@ -202,7 +202,7 @@ def shares_of(law: Mapping[str, float]) -> FloatArray:
 
 
 def score(ratios: FloatArray) -> FloatArray:
-    """Of laws (laws,) from speeds over those without a tail (laws, cases)."""
+    """Score of laws (laws,) from their speeds divided by those without a tail (laws, cases)."""
     worst = np.sort(ratios, axis=1)[:, : max(1, round(WORST * ratios.shape[1]))]
     found: FloatArray = 0.5 * (ratios.mean(axis=1) + worst.mean(axis=1))
     return found

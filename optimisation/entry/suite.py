@@ -57,7 +57,7 @@ AT_ONCE = ("controller.delay=0.0",)
 TAILS = {"built": None, "designed": "turn_designed"}
 """Scenario that a tail is taken from; the built one is that of each car."""
 OF_THE_MOUNT = ("mode", "roll_stop", "mount_height", "mount_x")
-"""Of a tail, what stays as the manoeuvre and the car have it."""
+"""Numbers of a tail that stay those of the manoeuvre and the car."""
 
 
 def manoeuvres(names: Sequence[str], tail: str) -> list[Manoeuvre]:

@@ -41,7 +41,7 @@ UNITS |= {name: "rad/s" if "gyro" in name else "m/s2" for name in BIASES}
 PRIORS = {DELAY: (0.0, 0.15)}
 """Ranges where no file of `models/parameters` has one, s."""
 STEPS = {"tyre_friction": 2e-3, "tyre_slip_angle": 2e-3, "com_height": 5e-4, SPEED: 1e-2, DRIVEN: 1e-2}
-"""Of the differences for the derivatives, about a standard deviation of each: within it contacts that come a step
+"""Steps of the finite differences, about a standard deviation of each: within it contacts that come a step
 earlier or later do not count."""
 STEP_ERROR = (1.5, 0.5)
 """How many times the change by half the plant's step is added to its motion, and the standard deviation of that: once
@@ -55,10 +55,10 @@ _TOP, _OF_FORCE, _LATENCIES = 0.9, 1.35, np.arange(0.0, 0.1501, 0.005)
 _WILD = {"yaw_rate": 1.0, "roll_rate": 1.0, "lateral_acceleration": 4.0, "speed": 0.5}
 """Where a residual stops to count for the start, rad/s, m/s2 and m/s: what rolls over in one car and not in another."""
 MISFIT, OPEN = 1.5, 0.8
-"""Times what noise and the least error of the model allow, from which a misfit is told; share of a prior's deviation
-from which a log is said not to determine a number."""
+"""Times what noise and the least error of the model allow, from which a misfit is reported; share of a prior's
+deviation from which a log does not determine a number."""
 _MOST_STEPS, _SHARES = 25, (1.0, 0.5, 0.25, 0.1, 0.03)
-"""Of a fit, and of a Gauss-Newton step that are tried in turn."""
+"""Most steps of a fit, and the shares of a Gauss-Newton step that are tried in turn."""
 _FAR, _NEAR, _SETTLED, _ROUGH = 3.0, 25.0, 0.01, 2.0
 """A mean square of the residual above the first is far from what noise leaves. Of the cost, in halves of a squared
 standard deviation: a next step that promises less than the second is near, channels are weighed and derivatives kept
@@ -78,7 +78,7 @@ def prior_of(name: str) -> tuple[float, float]:
 
 
 def unknowns(drive: CarDrive) -> Parameters:
-    """Of a fit; seeds in the middle of their ranges, bounds half a range beyond them."""
+    """Unknowns of a fit; seeds in the middle of their ranges, bounds half a range beyond them."""
     gps = drive.channels["speed"]
     before = gps.value[gps.time < max(drive.turn, gps.time[1])]
     least = {"tyre_friction": 0.505 * drive.scenario.car.cage_friction, "tyre_slip_angle": 0.0, "com_height": 0.01}
@@ -118,7 +118,7 @@ class CarModel:
         return dict(zip(self.parameters.names, x.tolist(), strict=True))
 
     def run(self, values: dict[str, float], latency: float, step: float) -> Mapping[str, FloatArray]:
-        """Of the car of these values; what was run is kept. Another driven speed is another line of the throttle."""
+        """Signals of the car with these values, cached. Another driven speed is another line of the throttle."""
         key = (*(values[name] for name in (*CAR, SPEED, DRIVEN)), latency, step)
         if key not in self._runs:
             scenario, faster = self.drive.scenario, values[DRIVEN] - self.drive.line_speed
@@ -142,20 +142,20 @@ class CarModel:
 
     @property
     def divisors(self) -> FloatArray:
-        """Of the rows (m)."""
+        """What divides the rows of the residual (m)."""
         sizes = [self.scales[name] * channel.deviation for name, channel in self.drive.channels.items()]
         return np.concatenate([*sizes, [p.deviation for p in self._known]])
 
     def slopes(self, x: FloatArray) -> FloatArray:
-        """Of the rows (m x p): a run per unknown of the car, and of the delay where a tail is not late."""
+        """Derivatives of the rows (m x p): a run per unknown of the car, and of the delay where a tail is not late."""
         here, columns = self.rows(x), []
-        for place, p in enumerate(self.parameters.free):
+        for index, p in enumerate(self.parameters.free):
             moved, latency = x.copy(), self.latency
-            moved[place] += STEPS.get(p.name, 1e-3) * (-1.0 if x[place] > p.seed else 1.0)
+            moved[index] += STEPS.get(p.name, 1e-3) * (-1.0 if x[index] > p.seed else 1.0)
             if p.name == DELAY and self.drive.tailed:
                 latency += 2.0 * self._step
-                moved[place] = x[place] + 2.0 * self._step
-            columns.append((self.rows(moved, latency=latency) - here) / (moved[place] - x[place]))
+                moved[index] = x[index] + 2.0 * self._step
+            columns.append((self.rows(moved, latency=latency) - here) / (moved[index] - x[index]))
         return np.array(columns).T
 
     def follow(self, x: FloatArray) -> None:

@@ -88,7 +88,7 @@ class LoggedCommands:
         return DriverInput(float(steering), *self.driver[1:, self._row(time)].tolist())
 
     def start(self) -> FloatArray:
-        """Of a law without memory."""
+        """The empty memory of a law without memory."""
         return np.zeros(0)
 
     def step(self, memory: FloatArray, observation: Observation) -> tuple[FloatArray, FloatArray, FloatArray, int]:

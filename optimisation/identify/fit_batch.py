@@ -71,7 +71,7 @@ def fit_logs(
         settings: of the fit, JSON-able; results of other settings are refused unless `force`.
         workers: processes.
         force: drop earlier results.
-        progress: told lines of progress.
+        progress: receives lines of progress.
 
     Raises:
         FitError: a log is named twice, none is named, or the folder holds results of other settings.
@@ -106,7 +106,7 @@ def fit_logs(
 
 
 def _one(work: Fit, name: str) -> dict[str, Any]:
-    """The outcome of one log as plain data; errors of the log are part of it."""
+    """The outcome of one log as plain data; errors of the log included."""
     try:
         return {"log": name, "result": asdict(work(name)), "error": ""}
     except (UserError, OSError) as error:

@@ -2,7 +2,7 @@
 
 Constants of a rig that are known beforehand, but not exactly, are unknowns with a prior beside those of the fit. The
 residual is whitened by its noise, and every constant adds a row (value - seed) / deviation. The data then correct the
-constants as far as they can, and what stays open is in every interval; how much of it, is the budget.
+constants as far as they can, and what stays open is in every interval; the budget has the shares.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ class FitResult:
 
 
 def short_name(fit: str) -> str:
-    """Of a fit, for a table or a figure: without folder and suffix of a log."""
+    """Name of a fit for a table or a figure, without folder and suffix of its log."""
     path = Path(fit)
     return path.stem if path.suffix in (".parquet", ".csv") else path.name
 
@@ -152,9 +152,9 @@ _NEGLIGIBLE = 0.03
 """A constant whose standard deviation moves the whitened residual by less is left as it is."""
 _ROUNDS, _SETTLED = 4, 0.1
 _STRANGE = 3.5
-"""Prior standard deviations beyond which the shift of a constant is told."""
+"""Prior standard deviations beyond which the shift of a constant is reported."""
 _CHANCE, _FEW = 1e-4, 50
-"""Chance of a misfit below which it is told, where the data leave at most that many degrees of freedom."""
+"""Chance of a misfit below which it is reported, where the data leave at most that many degrees of freedom."""
 _LEAST_SHARE = 1e-3
 
 NoiseModel = Callable[[Solution], Noise]
@@ -211,8 +211,8 @@ def fit(
     else:
         robust = solve_huber(problem, method, solution)
         sure = uncertainty(robust.influence, noise(robust.influence))
-        told = {**(facts or {}), "loss": loss, "outliers": robust.beyond}
-        result = result_of(robust.solution, sure, channels, told, warnings)
+        reported = {**(facts or {}), "loss": loss, "outliers": robust.beyond}
+        result = result_of(robust.solution, sure, channels, reported, warnings)
     if rig is None or not rig.constants:
         return result
     return _with_constants(result, problem.parameters.all, rig, channels, warnings, loss)
@@ -267,8 +267,8 @@ def result_of(
 
 def _attempt(names: Sequence[str], attempt: Attempt) -> dict[str, Any]:
     ends = {"start": attempt.start, "found": attempt.x}
-    told = {name: getattr(attempt, name) for name in ("cost", "success", "status", "iterations")}
-    return {word: dict(zip(names, x.tolist(), strict=True)) for word, x in ends.items()} | told
+    reported = {name: getattr(attempt, name) for name in ("cost", "success", "status", "iterations")}
+    return {word: dict(zip(names, x.tolist(), strict=True)) for word, x in ends.items()} | reported
 
 
 def _warnings(
@@ -336,7 +336,7 @@ def _with_constants(
 
 @dataclass(frozen=True)
 class _Whitening:
-    """Of the data's residual: times `matrix`, or by element; `back` undoes it."""
+    """Whitens the residual of the data: times `matrix`, or by element; `back` undoes it."""
 
     matrix: np.ndarray
 
@@ -387,7 +387,7 @@ def _with_shares(result: FitResult, solution: Solution, rows: int, known: Collec
 
     Args:
         solution: of the whitened problem.
-        rows: of it that are data; the others are priors.
+        rows: how many are data; the others are priors.
         known: names of the constants that have a prior.
     """
     free = solution.problem.parameters.free

@@ -31,7 +31,7 @@ from aerodima.workbench.report.report_page import (
 SCHEMA = "aerodima/fit-report/1"
 _MOST_DECIMALS = 9
 _LEAST_SHARE = 0.01
-"""Of a variance, that is shown."""
+"""Least share of a variance that is shown."""
 
 
 def write_report(

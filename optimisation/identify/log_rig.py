@@ -38,7 +38,7 @@ class FitOptions:
         loss: `huber` holds samples back that lie far off.
         bounds: lower and upper bound by name of the parameter, in place of the model's own.
         rig: name or file of the rig scenario that the log was made on; the log's own by default, else `models/`.
-        settings: overrides on top of it, `section.key=value`.
+        settings: overrides on top of the rig, `section.key=value`.
         free: constants of the rig and errors of its instruments (`CONSTANTS`, `BIASES`) that are unknowns without a
             prior.
         constants: `uncertain`, by the scenario's section `uncertainty`; or `exact`: intervals are those of noise alone.
@@ -180,7 +180,7 @@ def _experiment(log: RunLog, kind: str) -> dict[str, Any]:
 
 
 def wind_speed(log: RunLog, least: float, most: float) -> float:
-    """Of the log's metadata, m/s; FitError when it is missing or out of range."""
+    """Wind speed in the log's metadata, m/s; FitError when it is missing or out of range."""
     value = log.extra.get("wind_speed_m_per_s")
     if isinstance(value, bool) or not isinstance(value, int | float) or not least <= float(value) <= most:
         allowed = f"{least:g} to {most:g}" if least else f"above 0 to {most:g}"
@@ -246,7 +246,7 @@ BIASES = ("fx_bias", "fy_bias", "fz_bias", "tx_bias", "ty_bias", "tz_bias")
 """What is left in the readings of the force sensor, N and N m."""
 _BIAS_REACH = 500.0
 _SCALE = 0.01
-"""Of a free constant, of its reach."""
+"""Scale of a free constant, as a share of its reach."""
 _FAR = 20.0
 """Bounds of one with a prior, in its standard deviations."""
 _SWING_ONLY = ("bar_inertia", "rotor_inertia", "coulomb", "viscous", "current_bias", "current_delay", "encoder_gain")

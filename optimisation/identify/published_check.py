@@ -82,7 +82,7 @@ def published_twin(rows: pd.DataFrame, table: str) -> str:
 
 
 def duplicated_robot_tables() -> list[str]:
-    """Of each pair of equal tables the one whose lowest relative velocity lies above the wind speed."""
+    """From each pair of equal tables, the one whose lowest relative velocity lies above the wind speed."""
     rows = published_table("robot_tail_drag")
     return [
         str(table)

@@ -290,7 +290,7 @@ class StaticBalance:
 
     @property
     def torque_constant(self) -> float:
-        """Of the motor at the bar, N m/A."""
+        """Torque constant of the motor at the bar, N m/A."""
         return self.scenario.maxon.torque_constant
 
     @property

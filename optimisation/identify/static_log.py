@@ -195,7 +195,7 @@ def _hold_mask(time: np.ndarray, rest: tuple[float, float]) -> np.ndarray:
 
 
 def _readings(log: RunLog, time: np.ndarray) -> tuple[dict[str, np.ndarray], list[str]]:
-    """The axes that are there and alive; what is left out is told."""
+    """The axes that are there and alive; a warning names what is left out."""
     columns: dict[str, np.ndarray] = {}
     warnings = []
     for channel, column in COLUMNS.items():
@@ -243,7 +243,7 @@ def _mean_rate(log: RunLog, time: np.ndarray, hold: np.ndarray, count: float) ->
 def _stated_offset(
     log: RunLog, scenario: RigScenario, warnings: list[str]
 ) -> tuple[np.ndarray, np.ndarray, float | None]:
-    """Of a hold without rest, as the log states it, else as the scenario does.
+    """Offsets of a hold without rest: those that the log states, else those of the scenario.
 
     Returns:
         What is added to the readings (6), the standard deviation of what is then left (6), and `StaticData.tare`.
@@ -275,7 +275,7 @@ def _stated_offset(
 
 @dataclass(frozen=True)
 class HoldMean:
-    """Of some readings (k).
+    """Mean of readings over a hold (k).
 
     Attributes:
         value: their step at the end of the rest; without a rest their mean (k).

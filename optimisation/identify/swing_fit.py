@@ -153,7 +153,7 @@ class SwingModel:
         return Noise(np.full(len(solution.residual), variance))
 
     def noise(self, solution: Solution, widened: bool = True) -> Noise:
-        """Of a free swing what the residual shows; of a driven one the rounding of the angle and the current's noise.
+        """Noise of a free swing from its residual; of a driven one from the rounding of the angle and the current.
 
         Noise of the current pushes the tail off its path for good, so the residual wanders: too few of its wanderings
         fit into a swing to judge them by the residual alone.

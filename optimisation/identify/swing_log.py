@@ -132,7 +132,7 @@ class SwingData:
 
     @property
     def step(self) -> float:
-        """Of the grid, s."""
+        """Step of the grid, s."""
         return float(self.time[1] - self.time[0])
 
 
@@ -140,7 +140,7 @@ def swing_data(log: RunLog, kind: str, longest: float = 20.0, options: FitOption
     """Checks a swing log and takes from it what the fits need.
 
     Args:
-        kind: `swing`, `bar_swing` or `robot_swing`; the log must be of it.
+        kind: `swing`, `bar_swing` or `robot_swing`; the log must have this kind.
         longest: use at most this long after the release, s.
         options: the rig.
 
@@ -189,13 +189,13 @@ def _swing_data(log: RunLog, kind: str, longest: float, name: str, options: FitO
 
 def _release(time: np.ndarray, angle: np.ndarray, scenario: RigScenario, log: RunLog) -> int:
     """Row of the release: the end of the rest that the metadata or the scenario tell, else the first motion."""
-    told = stated_rest(log)
-    if told is None and "rest" in log.scenario.get("experiment", {}):
-        told = (0.0, scenario.experiment.rest - earlier_shift(log))
-    if told is not None:
-        if told[1] >= time[-1]:
-            raise FitError(f"the rest ends at {told[1]:g} s, but the log at {time[-1]:g} s; there is no swing in it")
-        return int(np.searchsorted(time, told[1] - 1e-9))
+    stated = stated_rest(log)
+    if stated is None and "rest" in log.scenario.get("experiment", {}):
+        stated = (0.0, scenario.experiment.rest - earlier_shift(log))
+    if stated is not None:
+        if stated[1] >= time[-1]:
+            raise FitError(f"the rest ends at {stated[1]:g} s, but the log at {time[-1]:g} s; there is no swing in it")
+        return int(np.searchsorted(time, stated[1] - 1e-9))
     moved = np.flatnonzero(np.abs(angle - angle[0]) > _COUNTS_MOVED * reading_step(scenario))
     if not moved.size:
         raise FitError(f"the angle stays at {angle[0]:.4f} rad; there is no swing in it")
@@ -203,7 +203,7 @@ def _release(time: np.ndarray, angle: np.ndarray, scenario: RigScenario, log: Ru
 
 
 def reading_step(scenario: RigScenario) -> float:
-    """Of the angle in a log of this rig, rad: a count of the encoder, or of the position in a reply of the AK70-10."""
+    """Step of the logged angle, rad: a count of the encoder, or of the position in a reply of the AK70-10."""
     if scenario.is_robot:
         return 2.0 * scenario.robot_motor.position_range / (2**MotorReply.position_bits - 1)
     return scenario.count_angle

@@ -71,7 +71,7 @@ def check_residual(residual: np.ndarray, unknowns: int = 1) -> ResidualCheck:
         return ResidualCheck()
     beyond = np.abs(x) > FAR_OFF * scale
     first = int(np.argmax(beyond)) if np.any(beyond) else -1
-    # A few wild samples are told above; they must not look like noise or like wandering.
+    # Wild samples were reported above; they must not look like noise or like wandering.
     modes = dct(np.clip(x, -FAR_OFF * scale, FAR_OFF * scale), norm="ortho")
     freedom = (max(_SLOW - unknowns, 1), _NEXT - _SLOW)
     ratio = np.sum(np.square(modes[1:_SLOW])) / freedom[0] / np.mean(np.square(modes[_SLOW:_NEXT]))
@@ -175,7 +175,7 @@ _SHARE = 0.05
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Of the unknowns of one solution.
+    """Covariance and intervals of the unknowns of one solution.
 
     Attributes:
         covariance: (p x p), in the units of the unknowns, with what stopped at a bound kept there; infinite on the
@@ -356,7 +356,7 @@ _LEAST_TAIL = 1e-250
 
 @dataclass(frozen=True)
 class GivenBounds:
-    """Of the scaled unknowns, some of which are held at a bound.
+    """Bounds on the scaled unknowns, some of which are held at a bound.
 
     Attributes:
         inverse: pseudo-inverse of the Jacobian of the others (p x m); zero in the rows of what is held.

@@ -105,7 +105,7 @@ class Search:
 
 FRICTION_SEARCH = Search(FRICTION, 0.4, 1.1, 0.05, 0.01)
 SEARCHES = {"speed": Search(SPEED, 2.5, 6.5, 0.25, 0.05), "friction": FRICTION_SEARCH}
-"""Of scans that a name asks for."""
+"""Name -> scan."""
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ def find_thresholds(
         cases: what is searched.
         search: the same for all of them.
         runs: where they are made.
-        done: told how many runs are finished, and how many are known to be needed so far.
+        done: receives how many runs are finished, and how many are known to be needed so far.
         starts: where the climb of each case over clean runs begins; None scans for survival.
 
     Raises:

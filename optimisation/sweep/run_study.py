@@ -41,7 +41,7 @@ def run_study(
         out: folder of the results; see `aerodima.optimisation.sweep.run_study`.
         engine: where to run it.
         force: drop results that are there.
-        progress: told lines of progress.
+        progress: receives lines of progress.
 
     Returns:
         One row per run in the order of the plan: place in the study, outcome, metrics, provenance, error.

@@ -185,7 +185,7 @@ WORKER_LOST_AGAIN = (
 
 
 def open_run_engine(workers: int = 2, scheduler: str | None = None, **options: Any) -> AbstractContextManager[Engine]:
-    """`aerodima.workbench.open_engine`, whose workers are ready to simulate; the options are those of it."""
+    """`aerodima.workbench.open_engine`, whose workers are ready to simulate; with its options."""
     from aerodima.workbench.batch.dask_engine import open_engine
 
     return open_engine(workers, scheduler, module="aerodima.workbench.simulate.car_run", **options)
@@ -197,7 +197,7 @@ class Runs:
     Args:
         engine: where they are run; this process by default.
         store: open; keeps them on the disk, and holds those of before. Without one this object remembers them.
-        progress: told lines of progress.
+        progress: receives lines of progress.
         stage: what is being run, for these lines; may be changed on the way.
     """
 
@@ -218,21 +218,21 @@ class Runs:
 
         Args:
             tasks: what is wanted.
-            done: told of new rows.
+            done: receives new rows.
         """
 
-        def told(place: int, row: Row) -> str:
+        def words(place: int, row: Row) -> str:
             if done is not None:
                 done(place, row)
             return f"{self.stage} {row['outcome'] or 'failed':8}".lstrip()
 
-        found = self._once(evaluate, tasks, [run_key(task) for task in tasks], told, _lost)
+        found = self._once(evaluate, tasks, [run_key(task) for task in tasks], words, _lost)
         return [row | {"run": task.name} for task, row in zip(tasks, found, strict=True)]
 
     def call(self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str]) -> list[Any]:
         """`function` (of a module) of each item, JSON-able; raises what it raises, and UserError for a lost worker."""
-        told = (lambda _place, _row: self.stage) if self.stage else None
-        found = self._once(partial(_result_of, function), items, keys, told)
+        words = (lambda _place, _row: self.stage) if self.stage else None
+        found = self._once(partial(_result_of, function), items, keys, words)
         return [row["result"] for row in found]
 
     def _once(
@@ -240,10 +240,10 @@ class Runs:
         work: Callable[[Item], Row],
         items: Sequence[Item],
         keys: Sequence[str],
-        told: Callable[[int, Row], str] | None,
+        words: Callable[[int, Row], str] | None,
         lost: Callable[[Item], Row] | None = None,
     ) -> list[Row]:
-        """Rows of items by their keys; `told` makes the words of a line of progress for each new one."""
+        """Rows of items by their keys; `words` makes the words of a line of progress for each new one."""
         missing = {key: item for key, item in zip(keys, items, strict=True) if key not in self._known}
         places, wanted = list(missing), len(set(keys))
         bar = ProgressBar(self.say, wanted, wanted - len(missing))
@@ -254,8 +254,8 @@ class Runs:
                 self._known[places[place]] = row
             else:
                 self._store.add(places[place], row)
-            if told is not None:
-                bar.one_more(told(place, row))
+            if words is not None:
+                bar.one_more(words(place, row))
 
         self._engine.map(work, list(missing.values()), keep, lost)
         return [self._known[key] for key in keys]

@@ -82,12 +82,12 @@ class Sample(StrictModel):
             shares = engine.random_base2(int(np.ceil(np.log2(number))))[:number]
         else:
             shares = qmc.LatinHypercube(len(names), rng=np.random.default_rng(self.seed)).random(number)
-        columns = {name: self.factors[name].at(shares[:, place]) for place, name in enumerate(names)}
+        columns = {name: self.factors[name].at(shares[:, index]) for index, name in enumerate(names)}
         rows: list[dict[str, Value]] = [
             {name: float(f"{column[row]:.12g}") for name, column in columns.items()} for row in range(number)
         ]
         if self.new_seeds:
-            rows = [row | {"seed": 1 + place} for place, row in enumerate(rows)]
+            rows = [row | {"seed": 1 + index} for index, row in enumerate(rows)]
         return rows
 
 
@@ -241,7 +241,7 @@ def _run(
 
 
 def _text(value: Value) -> str:
-    """As YAML reads it back: floats in full precision (`1e-05` would be a text to YAML, `1.0e-05` is a number)."""
+    """The text that YAML reads back: floats in full precision (`1e-05` would be text, `1.0e-05` is a number)."""
     if isinstance(value, bool):
         return str(value).lower()
     text = repr(value) if isinstance(value, float) else str(value)
@@ -259,7 +259,7 @@ def _in_blocks(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _sum(value: Value, added: Value) -> Value:
-    """Of a number of the grid and one of the sample; a seed of the sample stays whole."""
+    """Sum of a number of the grid and one of the sample; a seed of the sample stays whole."""
     return added if not value else float(value) + float(added)
 
 

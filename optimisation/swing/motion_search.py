@@ -80,7 +80,7 @@ def search_motion(
         task: its training cars (the scenario's own car without any), speeds and floors.
         search: how it is searched.
         runs: where the full car is driven for its critical friction.
-        progress: told lines.
+        progress: receives lines of progress.
 
     Raises:
         UserError: what the reduced car does not know, no floor, no turn that keeps all limits.

@@ -102,7 +102,7 @@ class Floor:
 
     @property
     def friction(self) -> float:
-        """Of tyres on the floor."""
+        """Friction of tyres on the floor."""
         return float(f"{self.share * self.critical:.6g}")
 
     @property

@@ -31,7 +31,7 @@ FEASIBLE = 1e-3
 OPTIMAL = 1e-2
 """Tolerance of the solver for scaled slopes; lifting wheels and saturated joints are kinks, where it creeps."""
 LINE_SEARCH = 0.99
-"""Of the solver: an inexact one, since each of its points costs a batch of turns (README.md)."""
+"""Line search of the solver: an inexact one, since each of its points costs a batch of turns (README.md)."""
 ROWS = "rows of the turns"
 """Description of the constraint on the rows of all cars."""
 ROUGH = 10

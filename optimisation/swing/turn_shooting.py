@@ -34,7 +34,7 @@ from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE
 from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
 
 AFTER, WINDOW = 0.8, 0.1
-"""s: how long turns are driven after the steering at least, and in which parts of it peaks are limited one by one."""
+"""s: how long turns are driven after the steering at least, and the windows in which peaks are limited one by one."""
 END_ROLL = 0.1
 """Largest roll of a car at the end, to either side, rad."""
 ROLL_MARGIN = 0.05
@@ -42,9 +42,9 @@ ROLL_MARGIN = 0.05
 CLEARANCE, BOARD_CLEARANCE = 0.02, 0.003
 """Least height of the tail, and of the anti-ramp board behind the car, over the ground, m."""
 DRAWS = 32
-"""Of a random start, the best of which is taken."""
+"""Random starts that are drawn; the best one is taken."""
 TORQUE_SHARE = 0.9
-"""Of the roll motor's torque limit may be asked."""
+"""Share of the roll motor's torque limit that may be asked for."""
 COMPLEX_STEP = 1e-30
 """Length of the imaginary step with which slopes are taken; no digits cancel, so it may be this small."""
 HOLD = {"kp": 17.0, "kd": 5.0}
@@ -56,7 +56,7 @@ RELEASE_STEERING = 0.01
 RELEASE, RATE, ANGLE, TIME = 0.2, 8.0, 0.1, 0.2
 """One unit of a release (s), a rate (rad/s), a steering angle (rad), the time of a first level (s)."""
 EARLIEST, LATEST = 0.02, 0.5
-"""Of the release, s after the start of the steering."""
+"""Limits of the release, s after the start of the steering."""
 STEERING = 3
 """Variables of one car's steering."""
 
@@ -220,7 +220,7 @@ class TurnShooting:
 
     @classmethod
     def of(cls, scenarios: Sequence[Scenario], rates: int, interval: float, task: Task, length: float) -> TurnShooting:
-        """Of turns with a tail.
+        """Makes the shooting of turns with a tail.
 
         Args:
             scenarios: cars on their floors; their steering and law do not matter.
@@ -338,12 +338,12 @@ class TurnShooting:
         return turned, np.array(rows)
 
     def _peaks(self, values: FloatArray, lowest: bool = False) -> FloatArray:
-        """Of values (steps, n): per window the one of the largest magnitude, or the least one, (windows, n)."""
+        """Per window the value (steps, n) of the largest magnitude, or the least one: (windows, n)."""
         windows = np.split(values, self.windows)
         return np.array([-_peak(-window) if lowest else _peak(window, np.abs(window.real)) for window in windows])
 
 
 def _peak(values: FloatArray, size: FloatArray | None = None) -> FloatArray:
-    """Of values (steps, n) those of the largest size, by default of the largest real part, (n,)."""
+    """The values (steps, n) of the largest size, by default of the largest real part: (n,)."""
     places = np.argmax(values.real if size is None else size, axis=0)
     return np.take_along_axis(values, places[None], axis=0)[0]

@@ -171,7 +171,7 @@ def write_verification(folder: Path, found: Verification, *, force: bool = False
         width=110,
     )
     rows = [[one.name, f"{one.value:.4g}", one.unit, one.allowed] for one in found.checks]
-    broken = [place for place, one in enumerate(found.checks) if not one.is_kept]
+    broken = [index for index, one in enumerate(found.checks) if not one.is_kept]
     motion = zoomable(plot_overlay([found.own], [swing.name]), "", "Six signals of the run over time")
     sections = [
         Section("The car of the swing", [Table(["check", "value", "unit", "allowed"], rows, broken), motion]),

@@ -233,7 +233,7 @@ def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
 
         Per slide with coordinate x, mass m and direction e: F = m (e . A_bias - 2 rate xdot - rate^2 x) e on the
         sliding body, with A_bias the velocity-dependent acceleration of the tail's point under it. The slides are
-        frictionless, so nothing of it acts on the tail. Air that accelerates by A_air pushes the tail itself with
+        frictionless, so this force does not act on the tail. Air that accelerates by A_air pushes the tail itself with
         M (1 - a a^T) A_air at the middle of the parts: only the acceleration relative to the air counts.
 
         Input ports:

@@ -58,7 +58,7 @@ class PolarRange(SpeedRange):
 
 
 class SpeedNode(StrictModel):
-    """A node over the speed; what else a file says of it is kept."""
+    """A node over the speed; other keys of the file are kept."""
 
     model_config = ConfigDict(extra="allow")
 

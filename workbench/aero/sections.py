@@ -172,7 +172,7 @@ def sampled_poses(plant: Any, count: int) -> Iterator[Any]:
     context, rng = plant.CreateDefaultContext(), np.random.default_rng(0)
     limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
     default, ends = np.clip(plant.GetPositions(context), *limits), np.clip(limits, -math.pi, math.pi)
-    free = [place for joint in joints_of(plant) for place in range(joint.position_start(), _end(joint))]
+    free = [index for joint in joints_of(plant) for index in range(joint.position_start(), _end(joint))]
     for sample in range(count):
         positions = default.copy()
         if sample:

@@ -105,7 +105,7 @@ def _environment_of_workers() -> Iterator[None]:
 
 @contextmanager
 def quiet_logs() -> Iterator[None]:
-    """Dask tells of every lost worker and closed stream; what matters of it our own record says."""
+    """Dask logs every lost worker and closed stream; our own record has what matters."""
     import distributed  # noqa: F401 - sets its logger up when it is imported, so before the level below
 
     logger = logging.getLogger("distributed")

@@ -67,7 +67,7 @@ def open_engine(
     Args:
         workers: processes to start here, one BLAS thread each; not used with a scheduler.
         scheduler: address of a running Dask scheduler, such as `tcp://127.0.0.1:8786`. Its workers need this package.
-        progress: told what happens to workers, a line each; stderr by default.
+        progress: receives what happens to workers, a line each; stderr by default.
         record: file for the same; usually `WORKER_RECORD` in the folder of the study.
         memory: limit of each process here, bytes; by default an equal share of this computer's.
         module: that a worker imports before its first piece.
@@ -182,10 +182,10 @@ class DaskEngine(Engine):
                 f"{len(given_up)} of {len(items)} pieces were lost twice with their worker process (out of memory?), "
                 f"the first is {items[min(given_up)]!r}; the others are done"
             )
-        return [results[place] for place in range(len(items))]
+        return [results[index] for index in range(len(items))]
 
     def _drop(self) -> None:
-        """Nothing is under way any more, nor told."""
+        """Forgets all pending runs, without a word to the user."""
         for future in [future for future, (_, place) in self._under_way.items() if place is not None]:
             self._forget_future(future, self._again)
         self._again, self._dead = [], []

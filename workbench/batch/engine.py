@@ -33,7 +33,7 @@ class Engine:
         startup: time from the opening until the workers were ready, s.
 
     Args:
-        progress: told what happens to workers, and when the work stands still.
+        progress: receives what happens to workers, and when the work stands still.
         record: file for the same.
     """
 
@@ -63,7 +63,7 @@ class Engine:
         Args:
             work: function of a module, so that a process can import it; a `functools.partial` of one.
             items: they and the results must pickle.
-            done: told the place of each finished item and its result, once, in the order in which they finish.
+            done: receives the index and result of each finished item, once, in the order in which they finish.
             lost: makes the result of an item that was given up; without it that is an error after all others.
 
         Raises:
@@ -85,7 +85,7 @@ class WorkerRecord:
     """Says and keeps the events of one engine.
 
     Args:
-        progress: told a line per event.
+        progress: receives a line per event.
         path: of the file, made with the first event; usually `WORKER_RECORD` in the folder of the study.
     """
 
@@ -116,7 +116,7 @@ class Standstill:
     """Says when no run ends for long; again after each doubling of that time. As a context manager it looks by itself.
 
     Args:
-        record: told the event.
+        record: receives the event.
         where: names what is under way.
     """
 

@@ -172,7 +172,7 @@ class ProgressBar:
     """A bar with the time that is left, from the pace of this call.
 
     Args:
-        progress: told a line per piece.
+        progress: receives a line per piece.
         total: pieces of the whole work.
         there: of them done before.
     """
@@ -182,7 +182,7 @@ class ProgressBar:
         self._start = time.monotonic()
 
     def one_more(self, what: str = "") -> None:
-        """Counts a piece; `what` is said of it."""
+        """Counts a piece, and shows `what` beside the count."""
         self.done += 1
         left = (time.monotonic() - self._start) / (self.done - self._there) * (self.total - self.done)
         filled = BAR * self.done // self.total
@@ -192,7 +192,7 @@ class ProgressBar:
 
 @contextmanager
 def saying_how_to_go_on(progress: ProgressLine, kept: Callable[[], str]) -> Iterator[None]:
-    """Whatever stops the work (Ctrl-C, an error): says what of it is kept, `kept()`, and how to go on."""
+    """When the work stops (Ctrl-C, an error), says what is kept, `kept()`, and how to continue."""
     try:
         yield
     except BaseException:

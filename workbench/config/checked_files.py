@@ -193,7 +193,7 @@ def checked(
 def lines_of(report: ValidationError, model: type[BaseModel]) -> list[str]:
     """What is wrong with plain data that a model refused, a line each."""
     items: list[Any] = list(report.errors())
-    # A list whose entries are wrong is not told to be too short as well.
+    # A list whose entries are wrong is not called too short as well.
     outer = {item["loc"][:depth] for item in items for depth in range(len(item["loc"]))}
     return [_line(item, model) for item in items if item["type"] != "too_short" or item["loc"] not in outer]
 

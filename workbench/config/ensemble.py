@@ -173,7 +173,7 @@ class _EnsembleFile(StrictModel):
 
 
 def _checked(path: Path, member: _MemberEntry) -> dict[str, Value]:
-    """The values of a member after a look at each key; whether they go together is told when a scenario is made."""
+    """The values of a member after a look at each key; whether they go together is checked when a scenario is made."""
     for key in member.values:
         section, _, name = key.partition(".")
         where = f"{path}: member {member.name!r}: {key}"

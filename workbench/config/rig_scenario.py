@@ -125,12 +125,12 @@ class ForceSensorParameters(QuantityModel):
 
     @property
     def accuracies(self) -> tuple[float, ...]:
-        """Of F_x, F_y, F_z (N), T_x, T_y, T_z (N m)."""
+        """Accuracies of F_x, F_y, F_z (N), T_x, T_y, T_z (N m)."""
         return tuple(getattr(self, f"{axis}_accuracy") for axis in WRENCH_AXES)
 
     @property
     def ranges(self) -> tuple[float, ...]:
-        """Of F_x, F_y, F_z (N), T_x, T_y, T_z (N m), to either side."""
+        """Ranges of F_x, F_y, F_z (N), T_x, T_y, T_z (N m), to either side."""
         return (self.force_range_xy, self.force_range_xy, self.force_range_z, *(self.torque_range,) * 3)
 
 

@@ -127,13 +127,13 @@ class ScenarioFile(StrictModel):
     model_config = ConfigDict(strict=True)
 
     folder: ClassVar[str]
-    """Of `models/`, where the scenarios ship."""
+    """Folder of `models/` where the scenarios ship."""
     example: ClassVar[str]
     """A setting, for the message about a malformed one."""
     rates: ClassVar[tuple[str, ...]]
     """Keys of rates, Hz, that must not be above 1/step."""
     parameter_folder: ClassVar[str] = "parameters"
-    """Of `models/`, with one file per section."""
+    """Folder of `models/` with one file per section."""
     shared_with_car: ClassVar[Mapping[str, str]] = {}
     """Section of another scenario -> section of the car, whose file it has."""
     retired: ClassVar[Mapping[str, set[str]]] = {}

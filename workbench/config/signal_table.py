@@ -131,7 +131,7 @@ MOTOR_CURRENT = PortFields("MotorCurrent", ("current",))
 FORCE_TORQUE = PortFields("ForceTorque", tuple(f"{what}_{axis}" for what in ("force", "torque") for axis in _AXES))
 """N and N m, zeroed."""
 RIG_STATUS = PortFields("RigStatus", _status_fields(RIG_STATUS_SOURCES))
-"""As `STATUS`."""
+"""Status of the rig; its fields are like those of `STATUS`."""
 
 STATION_INPUTS: dict[str, PortFields] = {
     "steering_angle": STEERING_ANGLE,

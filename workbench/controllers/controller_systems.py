@@ -43,7 +43,7 @@ POSE = PortFields("DriverPose", ("qw", "qx", "qy", "qz", "x", "y", "vx", "vy"))
 STANDING = 0.1
 """m/s; a slower car has no course of its own."""
 NO_MEMORY = np.zeros(0)
-"""Of a driver that has none."""
+"""Memory of a driver that has none."""
 
 
 class TailController(LeafSystem):
@@ -66,7 +66,7 @@ class TailController(LeafSystem):
         law: a `TailLaw`; `law_of_scenario(scenario)` is the one that a scenario names.
         age_limit: s; beyond this a signal counts as silent.
         stage: of its ticks, where it drives a simulated car (`aerodima.workbench.systems.system_ports`).
-        idle: never ticks, and gives no command: for a car without tail, on which ticks cost and nothing hears them.
+        idle: never ticks, and gives no command: for a car without tail, on which ticks cost time and have no effect.
 
     Raises:
         UserError: rate or age limit out of range.

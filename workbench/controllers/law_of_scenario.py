@@ -91,10 +91,10 @@ def turn_words(swing: SwingFile, scenario: Any) -> str:
     here = {"manoeuvre.speed": scenario.manoeuvre.speed, "car.tyre_friction": scenario.car.tyre_friction}
     found = swing.provenance.found
     claims = {key: float(found[fact]) for fact, (key, _) in _CLAIMS.items() if fact in found}
-    told = f"{_in_claim_words(here)}; its file claims "
+    claim = f"{_in_claim_words(here)}; its file claims "
     if not claims:
-        return f"{told}nothing"
-    return told + ("that" if here | claims == here else _in_claim_words(claims))
+        return f"{claim}nothing"
+    return claim + ("that" if here | claims == here else _in_claim_words(claims))
 
 
 def _in_claim_words(values: dict[str, float]) -> str:
@@ -102,7 +102,7 @@ def _in_claim_words(values: dict[str, float]) -> str:
 
 
 DEFAULT_TURN = "turn_swing"
-"""Of a swing whose file names none."""
+"""Scenario of a swing whose file names none."""
 _PLAYED = "tail.mode=swing"
 _CLAIMS = {
     "survived_speed_m_per_s": ("manoeuvre.speed", "{:g} m/s"),

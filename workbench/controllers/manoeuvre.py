@@ -118,7 +118,7 @@ class TurnSchedule:
     """Straight, then a steering step of `steer_angle` for `hold`, then straight again; of two levels if asked for.
 
     The step may come several times to the same side, straight in between. The announcement is then withdrawn for a
-    moment after each step but the last, so that a law which waits for a new announcement hears of the next turn.
+    moment after each step but the last, so that a law which waits for a new announcement learns of the next turn.
 
     The simulated turn of the thesis (7.1.1: 30 degrees from 2.0 to 2.5 s; the servo adds its 0.14 s), and with
     `throttle_off` the AUTO sequence of the car (7.2.1). The turn is announced from the first tick to the end.
@@ -167,7 +167,7 @@ class TurnSchedule:
         return DriverInput(self.side * angle if turning else 0.0, throttle, announced)
 
     def _step_start(self, time: float) -> float:
-        """Of the last step that has begun, s, or of the first one."""
+        """Start of the last step that has begun, s, or of the first one."""
         done = 0
         while done + 1 < self.repeats and time >= self.start + (done + 1) * (self.hold + self.gap):
             done += 1

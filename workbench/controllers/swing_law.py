@@ -227,7 +227,7 @@ class SwingMachine(ABC, Generic[Memory]):
 
     @abstractmethod
     def _pitch_angle(self, memory: Memory, observation: Observation) -> float:
-        """Of the tail as the law sees it, rad."""
+        """Pitch angle of the tail that the law uses, rad."""
 
     @abstractmethod
     def _released(self, memory: Memory, observation: Observation) -> bool:

@@ -32,7 +32,7 @@ from aerodima.workbench.controllers.swing_law import (
 from aerodima.workbench.controllers.tail_law import EPSILON, Observation
 
 LARGEST_ERROR = 1.0
-"""Of a joint from its knots, rad; beyond it the swing is given up."""
+"""Largest distance of a joint from its knots, rad; beyond it the swing is given up."""
 
 
 @dataclass(frozen=True)

@@ -244,7 +244,7 @@ def _keys(legend: Legend) -> list[dict[str, Any]]:
 
 
 def _colour(colour: Any, alpha: float | None = None) -> str | None:
-    """As in CSS; None for none."""
+    """Colour as CSS text; None for none."""
     if isinstance(colour, str) and colour == "none":
         return None
     rgba = to_hex(colour, keep_alpha=True) if alpha is None else to_hex((colour, alpha), keep_alpha=True)

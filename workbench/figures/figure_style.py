@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-# Okabe and Ito's palette, made to be told apart with any colour vision.
+# Okabe and Ito's palette, made to be distinguished with any colour vision.
 BLACK, BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = (
     "#000000",
     "#0072B2",

@@ -137,7 +137,7 @@ def _view(axes: Axes, geometry: TailGeometry, sideways: np.ndarray, up: np.ndarr
 
 
 def _crown(axes: Axes, piece: Piece, plane: np.ndarray) -> None:
-    """Of the round side of a half shell."""
+    """Draws the round side of a half shell."""
     ends = np.array([piece.start, piece.start + piece.length * piece.axis])
     axes.plot(*((ends + np.outer(piece.chords, piece.normal) / 2) @ plane).T, color=ORANGE, linestyle=(0, (3, 2)))
 
@@ -177,7 +177,7 @@ class DiagramPicture:
         return done.stdout
 
     def _repr_svg_(self) -> str | None:
-        """As wide as the page, not as Graphviz's boxes are."""
+        """SVG as wide as the page, not as wide as Graphviz makes it."""
         if shutil.which("dot") is None:
             return None
         return re.sub(r'<svg width="\S*" height="\S*"', '<svg width="100%"', self.render().decode(), count=1)

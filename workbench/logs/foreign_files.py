@@ -219,7 +219,7 @@ def _walk(prefix: str, struct: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _content(dataset: Any) -> NDArray | str | None:
-    """Of an HDF5 dataset, which keeps MATLAB's order of the numbers, so that rows and columns are exchanged."""
+    """Content of an HDF5 dataset. It keeps MATLAB's order of the numbers, so that rows and columns are exchanged."""
     if dataset.attrs.get("MATLAB_class") == b"char":
         return ""
     if dataset.dtype.kind not in "fiub" or "MATLAB_object_decode" in dataset.attrs:
@@ -271,7 +271,7 @@ def _numbers(table: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:
         elif is_list.any():
             lists = pd.DataFrame([value if there else [] for value, there in zip(values, is_list, strict=True)])
             if lists.shape[1] <= MOST_COLUMNS:
-                yield from _numbers(lists.set_axis([f"{name}({place + 1})" for place in range(lists.shape[1])], axis=1))
+                yield from _numbers(lists.set_axis([f"{name}({index + 1})" for index in range(lists.shape[1])], axis=1))
 
 
 def require_packages(path: Path | str, *packages: str) -> None:

@@ -87,7 +87,7 @@ class OpenBuilder(DiagramBuilder):
         self.exported: dict[str, OutputPort] = {}
 
     def ExportOutput(self, output: OutputPort, name: Any = None) -> Any:  # noqa: N802 (Drake's)
-        """As Drake's."""
+        """Exports an output as Drake does."""
         index = super().ExportOutput(output) if name is None else super().ExportOutput(output, name)
         self.exported[output.get_name() if name is None else str(name)] = output
         return index

@@ -241,7 +241,7 @@ def _speed_in_turn(signals: TurnSignals) -> float:
 
 
 def _lift_yaw_rate(signals: TurnSignals, loads: FloatArray) -> float:
-    inner = [place for place, wheel in enumerate(WHEELS) if wheel.endswith("left" if signals.sign > 0 else "right")]
+    inner = [index for index, wheel in enumerate(WHEELS) if wheel.endswith("left" if signals.sign > 0 else "right")]
     window = signals.in_window
     lifted = np.flatnonzero(_wheels_loaded(loads[window][:, inner]) < len(inner))
     until = lifted[0] + 1 if lifted.size else None

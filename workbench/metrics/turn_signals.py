@@ -145,7 +145,7 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
     when the scenario says, the turn of the AUTO sequence at the first steering command in the log. A fishhook ends
     after the last steering command in the log, or with the log. For other kinds the window is the run from `turn_start`
     on, or the whole run if it is shorter than that. That of a car that somebody steered is from the first to the last
-    steering command, all of it without any.
+    steering command, the whole run without any.
     """
     if DRIVEN_BY in run_log.extra:
         steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
@@ -202,7 +202,7 @@ def steered_windows(run_log: RunLog) -> list[SteeredWindow]:
 
 
 def windows_of_steering(time: FloatArray, angle: FloatArray) -> list[SteeredWindow]:
-    """As `steered_windows`, of angles (n), rad, at times (n), s; a window whose angles stay below `STEERED` is none."""
+    """Windows (see `steered_windows`) of angles (n), rad, at times (n), s; an angle below `STEERED` opens none."""
     side = np.sign(np.where(np.abs(angle) > _STRAIGHT, angle, 0.0))
     edges = [0, *(np.flatnonzero(np.diff(side)) + 1), side.size]
     return [

@@ -18,7 +18,7 @@ from aerodima.workbench.resources import model_path
 CHEETAH_RIG_SDF = "rig/cheetah_rig.sdf"
 ROBOT_RIG_SDF = "rig/robot_rig.sdf"
 DIGITS = 12
-"""Of the numbers in these models: what a comparison of motions to 1e-9 needs."""
+"""Digits of the numbers in these models, which a comparison of motions to 1e-9 needs."""
 
 
 def mount_properties(mount: MountParameters) -> Inertial:

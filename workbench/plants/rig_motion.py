@@ -166,7 +166,7 @@ class RigMotion:
         return -self.gravity * weight - self.air(angle, rate)[3] + self.friction(rate)
 
     def acceleration(self, angle: float, rate: float, torque: float) -> float:
-        """Of the angle, rad/s2, at a motor torque (N m)."""
+        """Acceleration of the angle, rad/s2, at a motor torque (N m)."""
         return (self.load(angle, rate) + torque) / self.inertia
 
 

@@ -52,7 +52,7 @@ ROD_RADIUS = 0.006
 """Radius of the tail rod (m), as drawn in the SDF; used for its inertia about its own axis only."""
 
 BOARD_THICKNESS = 0.002
-"""Of the backing board as drawn, m."""
+"""Thickness of the backing board as drawn, m."""
 
 SAIL_TIP_MARGIN = 0.01
 """Radius (m) of the spheres that feel the ground at the corners of the sail's tip, as drawn in the SDF."""

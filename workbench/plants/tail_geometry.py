@@ -48,12 +48,12 @@ class MassMoments:
 
     @classmethod
     def zero(cls) -> MassMoments:
-        """Of nothing."""
+        """The moments of no mass."""
         return cls(0.0, np.zeros(3), np.zeros((3, 3)))
 
     @classmethod
     def of(cls, inertial: Inertial) -> MassMoments:
-        """Of a body whose centre of mass and inertia about it are known."""
+        """The moments of a body whose centre of mass and inertia about it are known."""
         inertia, com = inertial.matrix, np.asarray(inertial.com)
         about_com = np.trace(inertia) / 2 * np.eye(3) - inertia
         return cls(inertial.mass, inertial.mass * com, about_com + inertial.mass * np.outer(com, com))
@@ -403,22 +403,22 @@ class TailGeometry(TailPart):
 
     @property
     def arm_mass(self) -> Inertial:
-        """Of the arm in T."""
+        """Mass and inertia of the arm in T."""
         return self.arm_inertial or self.arm.moments.inertial()
 
     @property
     def sail_mass(self) -> Inertial:
-        """Of all plates in T."""
+        """Mass and inertia of all plates in T."""
         return self.sail_inertial or sum((plate.moments for plate in self.plates), MassMoments.zero()).inertial()
 
     @property
     def inertial(self) -> Inertial:
-        """Of the whole tail in T."""
+        """Mass and inertia of the whole tail in T."""
         return (MassMoments.of(self.arm_mass) + MassMoments.of(self.sail_mass)).inertial()
 
     @property
     def inertia_about_joints(self) -> np.ndarray:
-        """Of the whole tail about the origin of T (3 x 3), kg m2."""
+        """Inertia of the whole tail about the origin of T (3 x 3), kg m2."""
         second = MassMoments.of(self.inertial).second
         return np.trace(second) * np.eye(3) - second
 

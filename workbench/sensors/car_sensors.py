@@ -26,7 +26,7 @@ before the plant's last step; 0 before the first step of a run, when there is no
 
 
 class ChassisMotion(NamedTuple):
-    """Of a body: rows of R_WB (3, 3); in W angular velocity, rad/s, its change, rad/s2, and acceleration, m/s2 (3)."""
+    """Motion of a body: rows of R_WB (3, 3); in W angular velocity, rad/s, its rate, rad/s2, acceleration, m/s2 (3)."""
 
     R_WB: Any
     w_WB: Any

@@ -71,7 +71,7 @@ def force_errors(settings: ForceSensorParameters, offsets: Sequence[float], seed
 
 
 def current_errors(noise: float, seed: int) -> SensorErrors:
-    """Those of the logged current: white noise alone, A."""
+    """Errors of the logged current: white noise alone, A."""
     none, stream = np.zeros(1), CounterNoise(seed, "maxon_current", 1)
     return SensorErrors(none, none, none, np.array([noise]), np.array([math.inf]), stream)
 

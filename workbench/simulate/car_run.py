@@ -54,7 +54,7 @@ TOLD_EVERY, CHECKED_EVERY = 0.1, 0.02
 
 @dataclass(frozen=True)
 class LiveView:
-    """Meshcat that shows the run, its pace (0 as fast as possible, 1 in real time), and who is told how far it is."""
+    """Meshcat that shows the run, its pace (0 as fast as possible, 1 in real time), and what receives its progress."""
 
     meshcat: Meshcat | None = None
     real_time_rate: float = 0.0
@@ -93,7 +93,7 @@ _TIME_MARGIN = 1e-9
 """s."""
 
 DRIVER_PORTS = ("planned_turn", "state")
-"""Of driver and tail controller, in the log beside what they command."""
+"""Ports of driver and tail controller that the log has beside their commands."""
 LOOKS = 50.0
 """Looks per second, Hz, for a certain outcome that ends a trial; its table ends at the row of the flip all the same."""
 
@@ -112,7 +112,7 @@ class CarDiagram:
 
 
 Build = Callable[[DiagramBuilder, Diagram], object]
-"""Adds what drives a station to the builder, in which the station stands, and connects every input port of it. What it
+"""Adds what drives a station to the builder, in which the station stands, and connects its input ports. What it
 exports or logs fills columns of the log (`OpenBuilder.signals`); exported as `planned_turn` or `state`, those of
 driver and controller."""
 

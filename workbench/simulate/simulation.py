@@ -55,7 +55,7 @@ def simulate(
         force: replace an existing log.
         meshcat: shows the run live.
         real_time_rate: 0 runs as fast as possible, 1 in real time.
-        progress: told how far the run is, about ten times per simulated second.
+        progress: receives how far the run is, about ten times per simulated second.
 
     Raises:
         UserError: the scenario makes no valid plant, the rig's tail leaves its range or holding takes too much current,

@@ -65,7 +65,7 @@ class CarMotion(NamedTuple):
 
     @classmethod
     def of(cls, x: list[float]) -> "CarMotion":
-        """Of a vector that begins with `MOTION`."""
+        """The motion in a vector that begins with `MOTION`."""
         return cls(x[:4], x[4:7], x[7:13], x[13:16], x[16:19], x[19], x[20:24])
 
 

@@ -78,7 +78,7 @@ class MaxonMotor(LeafSystem):
 
 RIG_COLUMN_NAMES = tuple(names_of(rig_columns()))
 NO_OFFSETS = (0.0,) * 6
-"""Of the bare bar and the robot's tail, for which none are published."""
+"""Offsets of the bare bar and the robot's tail, for which none are published."""
 
 
 def sensor_offsets(scenario: RigScenario) -> tuple[float, ...]:
