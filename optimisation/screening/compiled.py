@@ -1,27 +1,86 @@
-"""Compiles NumPy functions of many cars to machine code.
+"""Steps batches of cars in machine code that is made from their NumPy functions.
 
-A function is called once on `Symbols`, arrays that record their operations. The record has no loops, no branches and
-no repeated parts. LLVM translates it into code that works on `LANES` cars at a time. The NumPy function stays the only
-definition of the model. Results differ by rounding only (fused multiply and add), but for NaN: minimum, maximum and
-choices need not carry it through.
+The functions of a batch are called once on `Symbols`, arrays that record their operations. A record has no loops, no
+branches and no repeated parts. LLVM translates it into code that works on `LANES` cars at a time, all steps of them
+before the next ones, so that their numbers stay in the cache. The NumPy functions stay the only definition of the
+model. Results differ by rounding only (fused multiply and add; series of sin, cos, tan, arctan, tanh, within 2e-15),
+but for NaN: minimum, maximum and choices need not carry it through.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
-from functools import lru_cache, partial, reduce
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import deepcopy
+from functools import partial, reduce
 from typing import Any
 
 import llvmlite.binding as llvm
 import numpy as np
 
-from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench.config.array_types import FloatArray
 
 LANES = 8
 """Cars that one pass works on: two registers of AVX2, one of AVX-512."""
+
+
+def run(batch: Any, ticks: np.ndarray, *given: FloatArray, keep: bool = False) -> list[FloatArray]:
+    """Steps the cars of a batch: compiled, and in NumPy where complex steps pass through.
+
+    Args:
+        batch: `batch.step(*numbers)` replaces arrays of the batch, or of objects that it consists of, and returns
+            arrays; `batch.tick(*numbers)` replaces arrays. The last axis of all arrays is the car. Both use the NumPy
+            functions of `OPERATIONS` and shapes only. They are compiled once in a process for each class, shapes and
+            constants.
+        ticks: whether a step begins with a tick (steps).
+        given: the numbers, of all cars (steps) each.
+        keep: what the steps returned.
+
+    Returns:
+        What the steps returned (steps, ..., n) each; nothing unless it is kept.
+
+    Raises:
+        ValueError: no cars.
+        NotImplementedError: a function that cannot be compiled.
+    """
+    values = [attributes[name] for attributes, name in _attributes(batch, set())]
+    arrays = [value for value in values if isinstance(value, np.ndarray)]
+    if len({array.shape[-1] for array in arrays}) != 1 or not arrays[0].shape[-1]:
+        raise ValueError(f"cars: {sorted({array.shape[-1] for array in arrays})}; one number, at least 1, is needed")
+    if not len(ticks):
+        return []
+    if any(np.iscomplexobj(array) for array in arrays):
+        return run_in_numpy(batch, ticks, *given, keep=keep)
+    layout = (value.shape[:-1] if isinstance(value, np.ndarray) else ("constant", value) for value in values)
+    key = (type(batch), len(given), *layout)
+    if key not in _COMPILED:
+        _COMPILED[key] = Compiled(batch, len(given))
+    return _COMPILED[key](batch, np.stack([ticks, *given], axis=-1).astype(float), keep)
+
+
+def run_in_numpy(batch: Any, ticks: np.ndarray, *given: FloatArray, keep: bool = False) -> list[FloatArray]:
+    """As `run`, what is compiled."""
+    kept = []
+    for tick, *numbers in zip(ticks, *given, strict=True):
+        if tick:
+            batch.tick(*numbers)
+        found = batch.step(*numbers)
+        if keep:
+            kept.append(found)
+    return [np.array(values) for values in zip(*kept, strict=True)]
+
+
+def _attributes(batch: Any, known: set[int]) -> Iterator[tuple[dict[str, Any], str]]:
+    """Where the arrays and constants of an object are, and those of its parts, each part once."""
+    if id(batch) in known:
+        return
+    known.add(id(batch))
+    for name, value in vars(batch).items():
+        if hasattr(value, "__dict__") and not isinstance(value, np.ndarray) and not callable(value):
+            yield from _attributes(value, known)
+        else:
+            yield vars(batch), name
 
 
 class Value:
@@ -70,7 +129,9 @@ def _difference(record: Recording, a: Any, b: Any) -> Any:
 
 
 def _quotient(record: Recording, a: Any, b: Any) -> Any:
-    return 0.0 if _is(a, 0.0) else a if _is(b, 1.0) else record.add("fdiv", a, b)
+    if not isinstance(b, Value):
+        return _product(record, a, 1.0 / b)
+    return 0.0 if _is(a, 0.0) else record.add("fdiv", a, b)
 
 
 def _power(record: Recording, a: Any, b: Any) -> Any:
@@ -89,6 +150,45 @@ def _clip(record: Recording, a: Any, low: Any, high: Any) -> Any:
     return record.add("min", record.add("max", a, low), high)
 
 
+def _series(record: Recording, x: Any, factors: Sequence[float]) -> Any:
+    """Sum of factors times powers of x, from 0 on."""
+    *others, found = factors
+    for factor in reversed(others):
+        found = record.add("fadd", record.add("fmul", found, x), factor)
+    return found
+
+
+def _sine(record: Recording, a: Any, ahead: float = 0.0) -> Any:
+    """sin(a + ahead pi) for |a| below 1e6: by its series within a quarter turn of the next multiple of pi."""
+    halves = record.add("rint", _sum(record, record.add("fmul", a, 1.0 / math.pi), ahead))
+    turns = _difference(record, halves, ahead)
+    x = record.add("fsub", a, record.add("fmul", turns, math.pi))
+    x = record.add("fsub", x, record.add("fmul", turns, 1.2246467991473532e-16))  # what the double pi lacks
+    series = _series(record, record.add("fmul", x, x), [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(10)])
+    half = record.add("fmul", halves, 0.5)
+    odd = record.add("fsub", half, record.add("rint", half))  # 0, or a half to either side
+    sign = record.add("fsub", 1.0, record.add("fmul", record.add("fmul", odd, odd), 8.0))
+    return record.add("fmul", record.add("fmul", sign, x), series)
+
+
+def _arctan(record: Recording, a: Any) -> Any:
+    """For |a| below 1e150: the angle is halved three times, to its series below 0.2."""
+    for _ in range(3):
+        root = record.add("sqrt", record.add("fadd", record.add("fmul", a, a), 1.0))
+        a = record.add("fdiv", a, record.add("fadd", root, 1.0))
+    factors = [8.0 * (-1.0) ** k / (2 * k + 1) for k in range(11)]
+    return record.add("fmul", a, _series(record, record.add("fmul", a, a), factors))
+
+
+def _tanh(record: Recording, a: Any) -> Any:
+    """E / (E + 2) with E = exp(2 a) - 1, which is doubled six times in its exponent; 1 beyond 20."""
+    x = record.add("fmul", _clip(record, a, -20.0, 20.0), 2.0**-5)
+    e = record.add("fmul", x, _series(record, x, [1.0 / math.factorial(k + 1) for k in range(16)]))
+    for _ in range(6):
+        e = record.add("fmul", e, record.add("fadd", e, 2.0))
+    return record.add("fdiv", e, record.add("fadd", e, 2.0))
+
+
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "add": _sum,
     "subtract": _difference,
@@ -97,19 +197,30 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "power": _power,
     "square": lambda record, a: _product(record, a, a),
     "negative": lambda record, a: record.add("fsub", 0.0, a),
-    "absolute": _named("fabs"),
     "maximum": _named("max"),
     "minimum": _named("min"),
     "clip": _clip,
     "less": _named("olt"),
     "less_equal": _named("ole"),
+    "equal": _named("oeq"),
     "greater": lambda record, a, b: record.add("olt", b, a),
     "greater_equal": lambda record, a, b: record.add("ole", b, a),
+    "isnan": lambda record, a: record.add("uno", a, a),
+    "invert": lambda record, a: record.add("fsub", 1.0, a),
     "bitwise_and": _product,
-    **{name: _named(name) for name in ("sin", "cos", "sqrt", "tanh")},
+    "bitwise_or": _named("max"),
+    "logical_and": _product,
+    "absolute": _named("fabs"),
+    "sqrt": _named("sqrt"),
+    "rint": _named("rint"),
+    "sin": _sine,
+    "cos": lambda record, a: _sine(record, a, 0.5),
+    "tan": lambda record, a: record.add("fdiv", _sine(record, a), _sine(record, a, 0.5)),
+    "arctan": _arctan,
+    "tanh": _tanh,
 }
 """By the name of the NumPy function; a comparison gives 1 or 0."""
-INTRINSICS = ("sin", "cos", "sqrt", "fabs", "tanh")
+INTRINSICS = ("sqrt", "fabs", "rint")
 """Operations that are functions of LLVM."""
 
 
@@ -118,6 +229,7 @@ class Symbols(np.ndarray):
 
     recording: Recording
     __array_priority__ = 1.0  # `np.concatenate` gives the class of the highest
+    real = property(lambda self: self)
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **others: Any) -> Any:
         """Records an elementwise function or a sum."""
@@ -158,6 +270,87 @@ class Symbols(np.ndarray):
         return np.asarray(choose(*(np.asarray(one) for one in arguments)), object).view(type(self))
 
 
+class Compiled:
+    """Tick and step of a batch with these shapes and constants; see `run`.
+
+    Attributes:
+        operations: number of different ones of both, the numbers that are read included.
+
+    Args:
+        batch: stays as it is.
+        given: how many numbers each step is given.
+    """
+
+    def __init__(self, batch: Any, given: int) -> None:
+        batch = deepcopy(batch)
+        places = [(own, name) for own, name in _attributes(batch, set()) if isinstance(own[name], np.ndarray)]
+        shapes = [own[name].shape[:-1] for own, name in places]
+        ends = np.cumsum([math.prod(shape) for shape in shapes]).tolist()
+        self._rows = [slice(end - math.prod(shape), end) for shape, end in zip(shapes, ends, strict=True)]
+        self._count, self.operations, self._changed = ends[-1], 0, set()
+        functions = []
+        for function in ("tick", "step"):
+            record = Recording()
+            symbols = type("RecordedSymbols", (Symbols,), {"recording": record})
+            numbers = [np.array([record.add("given", k)], object).view(symbols) for k in range(1, given + 1)]
+            before = [record.add("in", row) for row in range(self._count)]
+            for (own, name), rows, shape in zip(places, self._rows, shapes, strict=True):
+                own[name] = np.array(before[rows], object).reshape(*shape, 1).view(symbols)
+            kept = getattr(batch, function)(*numbers) or []
+            stored = {}
+            for index, ((own, name), rows) in enumerate(zip(places, self._rows, strict=True)):
+                after = np.asarray(own[name], object).view(np.ndarray).reshape(-1)
+                for row, (old, new) in enumerate(zip(before[rows], after, strict=True), rows.start):
+                    if new is not old:
+                        stored[row] = new
+                        self._changed.add(index)
+            kept = [np.asarray(one, object).view(np.ndarray) for one in kept]
+            functions.append(_function(function, record.operations, stored, [v for one in kept for v in one.ravel()]))
+            self.operations += len(record.operations)
+        self._kept = [one.shape[:-1] for one in kept]
+        self._width = sum(map(math.prod, self._kept))
+        loop = _LOOP.format(GIVEN=given + 1, KEPT=self._width)
+        module = llvm.parse_assembly("\n".join([_DECLARED, *functions, loop]))
+        module.verify()
+        self._engine = llvm.create_mcjit_compiler(module, _machine())
+        self._engine.finalize_object()
+        kinds = [ctypes.c_int64] * 2 + [ctypes.c_void_p] * 3
+        self._call = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
+
+    def __call__(self, batch: Any, given: FloatArray, keep: bool) -> list[FloatArray]:
+        """Steps the cars of a batch.
+
+        Args:
+            batch: of these shapes and constants.
+            given: whether a step begins with a tick, and its numbers (steps, 1 + numbers).
+            keep: what the steps returned.
+        """
+        places = [(own, name) for own, name in _attributes(batch, set()) if isinstance(own[name], np.ndarray)]
+        numbers = np.concatenate([own[name].reshape(-1, own[name].shape[-1]) for own, name in places], dtype=float)
+        cars = numbers.shape[1]
+        numbers = np.pad(numbers, ((0, 0), (0, -cars % LANES)), mode="edge")
+        columns = numbers.shape[1]
+        memory = np.empty(numbers.size + LANES)
+        first = -memory.ctypes.data // 8 % LANES  # aligned
+        rows = memory[first : first + numbers.size].reshape(-1, self._count, LANES)
+        rows[:] = numbers.reshape(self._count, -1, LANES).swapaxes(0, 1)
+        kept = np.empty((len(given) * keep, self._width, columns))
+        for block, own in enumerate(rows):
+            target = kept.ctypes.data + 8 * LANES * block if keep else None
+            self._call(len(given), columns, given.ctypes.data, own.ctypes.data, target)
+        numbers = rows.swapaxes(0, 1).reshape(self._count, columns)[:, :cars]
+        for index in self._changed:
+            own, name = places[index]
+            own[name] = numbers[self._rows[index]].reshape(own[name].shape).astype(own[name].dtype)
+        if not keep:
+            return []
+        parts = np.split(kept[..., :cars], np.cumsum([math.prod(shape) for shape in self._kept])[:-1], axis=1)
+        return [part.reshape(len(given), *shape, cars) for part, shape in zip(parts, self._kept, strict=True)]
+
+
+_COMPILED: dict[tuple[Any, ...], Compiled] = {}
+
+
 def _machine() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
@@ -167,160 +360,108 @@ def _machine() -> Any:
     )
 
 
-def for_cars(function: Callable[..., Sequence[Any]], cars: Vehicles, *shapes: tuple[int, ...]) -> Callable[..., Any]:
-    """The compiled function of these cars: takes the arrays after the first argument, gives a list of arrays.
-
-    Args:
-        function: of `Vehicles` and arrays with these shapes and a last axis of cars; compiled once in a process.
-        cars: n of them.
-        shapes: of its arrays, without the last axis.
-
-    Raises:
-        ValueError: no cars.
-        NotImplementedError: as `Compiled`.
-    """
-    if cars.count < 1:
-        raise ValueError("no cars: at least one is needed")
-    own = [getattr(cars, field.name) for field in fields(cars)]
-    kernel = _kernel(function, (*(one.shape[:-1] for one in own), *shapes))
-    count = cars.count
-    rows = kernel.rows_for(count)
-    first = sum(one[..., 0].size for one in own)
-    rows[:first, :count] = np.concatenate([one.reshape(-1, count) for one in own])
-
-    def call(*arrays: FloatArray) -> list[FloatArray]:
-        rows[first:, :count] = np.concatenate([one.reshape(-1, count) for one in arrays])
-        rows[:, count:] = rows[:, count - 1 : count]
-        return kernel(rows, count)
-
-    return call
-
-
-@lru_cache(maxsize=16)
-def _kernel(function: Callable[..., Sequence[Any]], shapes: tuple[tuple[int, ...], ...]) -> Compiled:
-    names = [field.name for field in fields(Vehicles)]
-
-    def of_arrays(*arrays: Any) -> Sequence[Any]:
-        return function(Vehicles(**dict(zip(names, arrays, strict=False))), *arrays[len(names) :])
-
-    return Compiled(of_arrays, shapes)
-
-
-class Compiled:
-    """A compiled function of arrays whose last axis is the car.
-
-    Attributes:
-        operations: number of different ones, the inputs included.
-
-    Args:
-        function: takes arrays, gives arrays; uses the NumPy functions of `OPERATIONS` and shapes only.
-        shapes: of its arguments, without the last axis.
-
-    Raises:
-        NotImplementedError: the function uses another function of NumPy.
-    """
-
-    def __init__(self, function: Callable[..., Sequence[Any]], shapes: Sequence[tuple[int, ...]]) -> None:
-        record = Recording()
-        arguments: list[Any] = []
-        symbols = type("RecordedSymbols", (Symbols,), {"recording": record})
-        for shape in shapes:
-            rows = [record.add("in", len(record.operations)) for _ in range(int(np.prod(shape, dtype=int)))]
-            arguments.append(np.array(rows, object).reshape(*shape, 1).view(symbols))
-        self._rows_in = len(record.operations)
-        results = [np.asarray(one, object).view(np.ndarray) for one in function(*arguments)]
-        self._shapes = [one.shape[:-1] for one in results]
-        given = [value for one in results for value in one.reshape(-1)]
-        self._rows_out, self.operations = len(given), len(record.operations)
-        module = llvm.parse_assembly(_assembly(record.operations, given))
-        module.verify()
-        self._engine = llvm.create_mcjit_compiler(module, _machine())
-        self._engine.finalize_object()
-        address = self._engine.get_function_address("batch")
-        number = ctypes.c_int64
-        self._call = ctypes.CFUNCTYPE(None, number, number, ctypes.c_void_p, ctypes.c_void_p)(address)
-
-    def __call__(self, rows: FloatArray, cars: int) -> list[FloatArray]:
-        """Results for the first of the cars.
-
-        Args:
-                rows: of `rows_for`, filled with the arguments one after another.
-            cars: how many are wanted.
-        """
-        found = np.empty((self._rows_out, rows.shape[1]))
-        self._call(rows.shape[1], rows.shape[1], rows.ctypes.data, found.ctypes.data)
-        results, place = [], 0
-        for shape in self._shapes:
-            size = int(np.prod(shape, dtype=int))
-            results.append(found[place : place + size, :cars].reshape(*shape, cars))
-            place += size
-        return results
-
-    def rows_for(self, cars: int) -> FloatArray:
-        """Rows for the arguments, the columns rounded up to `LANES`."""
-        return np.ones((self._rows_in, -(-cars // LANES) * LANES))
-
-
-def _assembly(operations: Sequence[tuple[Any, ...]], results: Sequence[Any]) -> str:
-    """LLVM assembly of `void batch(cars, stride, in, out)`."""
-    kind = f"<{LANES} x double>"
-
-    def name(operand: Any) -> str:
-        if isinstance(operand, tuple):
-            return f"%v{operand[1]}"
-        number = f"double 0x{np.float64(operand).view(np.uint64):016X}"
-        return "<" + ", ".join([number] * LANES) + ">"
-
-    needed, waiting = set(), [one.place for one in results if isinstance(one, Value)]
-    while waiting:
-        if (place := waiting.pop()) not in needed:
-            needed.add(place)
-            waiting += [one[1] for one in operations[place][1:] if isinstance(one, tuple)]
-    lines: list[str] = []
-    for place in sorted(needed):
-        what, *operands = operations[place]
-        if what == "in":
-            lines += _address("in", int(operands[0]), place)
-            lines.append(f"%v{place} = load {kind}, ptr %p_in_{place}, align 8")
-            continue
-        first, *others = (name(one) for one in operands)
-        if what in ("min", "max"):
-            lines.append(f"%c{place} = fcmp {'olt' if what == 'min' else 'ogt'} {kind} {first}, {others[0]}")
-            lines.append(f"%v{place} = select <{LANES} x i1> %c{place}, {kind} {first}, {kind} {others[0]}")
-        elif what in ("olt", "ole"):
-            lines.append(f"%c{place} = fcmp {what} {kind} {first}, {others[0]}")
-            lines.append(f"%v{place} = uitofp <{LANES} x i1> %c{place} to {kind}")
-        elif what == "select":
-            lines.append(f"%c{place} = fcmp one {kind} {first}, zeroinitializer")
-            lines.append(f"%v{place} = select <{LANES} x i1> %c{place}, {kind} {others[0]}, {kind} {others[1]}")
-        elif what in INTRINSICS:
-            lines.append(f"%v{place} = call {kind} @llvm.{what}.v{LANES}f64({kind} {first})")
-        else:
-            lines.append(f"%v{place} = {what} contract {kind} {first}, {others[0]}")
-    for row, result in enumerate(results):
-        value = name(("value", result.place) if isinstance(result, Value) else result)
-        lines += [*_address("out", row, row), f"store {kind} {value}, ptr %p_out_{row}, align 8"]
-    declared = "\n".join(f"declare {kind} @llvm.{one}.v{LANES}f64({kind})" for one in INTRINSICS)
-    body = "\n  ".join(lines)
-    return f"""{declared}
-define void @batch(i64 %cars, i64 %stride, ptr noalias %in, ptr noalias %out) {{
+_KIND = f"<{LANES} x double>"
+_DECLARED = "\n".join(f"declare {_KIND} @llvm.{name}.v{LANES}f64({_KIND})" for name in INTRINSICS)
+_LOOP = """
+define void @run(i64 %steps, i64 %columns, ptr %given, ptr %own, ptr %kept) {{
 entry:
-  br label %loop
-loop:
-  %j = phi i64 [ 0, %entry ], [ %next, %loop ]
-  {body}
-  %next = add i64 %j, {LANES}
-  %more = icmp slt i64 %next, %cars
-  br i1 %more, label %loop, label %end
+  %size = mul i64 %columns, {KEPT}
+  %forgets = icmp eq ptr %kept, null
+  br label %begin
+begin:
+  %s = phi i64 [ 0, %entry ], [ %next, %ticked ]
+  %first = mul i64 %s, {GIVEN}
+  %numbers = getelementptr double, ptr %given, i64 %first
+  %flag = load double, ptr %numbers
+  %ticks = fcmp one double %flag, 0.0
+  br i1 %ticks, label %ticking, label %ticked
+ticking:
+  call void @tick(ptr %own, ptr %numbers, ptr null, i64 0)
+  br label %ticked
+ticked:
+  %before = mul i64 %s, %size
+  %place = getelementptr double, ptr %kept, i64 %before
+  %target = select i1 %forgets, ptr null, ptr %place
+  call void @step(ptr %own, ptr %numbers, ptr %target, i64 %columns)
+  %next = add i64 %s, 1
+  %more = icmp slt i64 %next, %steps
+  br i1 %more, label %begin, label %end
 end:
   ret void
 }}
 """
 
 
-def _address(array: str, row: int, place: int) -> list[str]:
-    return [
-        f"%r_{array}_{place} = mul i64 %stride, {row}",
-        f"%o_{array}_{place} = add i64 %r_{array}_{place}, %j",
-        f"%p_{array}_{place} = getelementptr double, ptr %{array}, i64 %o_{array}_{place}",
-    ]
+def _in_order(operations: Sequence[tuple[Any, ...]], results: Sequence[Any]) -> list[int]:
+    """Places of what the results need, each as late as the results before it let it be: few stay in use at a time."""
+    waiting = [one.place for one in reversed(results) if isinstance(one, Value)]
+    found: dict[int, None] = {}
+    while waiting:
+        place = waiting[-1]
+        before = [one[1] for one in operations[place][1:] if isinstance(one, tuple) and one[1] not in found]
+        if place in found or not before:
+            found[waiting.pop()] = None
+        else:
+            waiting += reversed(before)
+    return list(found)
+
+
+def _function(name: str, operations: Sequence[tuple[Any, ...]], stored: Mapping[int, Any], kept: Sequence[Any]) -> str:
+    """LLVM assembly of a function that reads rows and numbers of a block of cars, and stores rows.
+
+    Args:
+        stored: by row, what replaces it.
+        kept: results that are stored in rows of another place, unless it is null.
+    """
+
+    def named(operand: Any) -> str:
+        if isinstance(operand, Value):
+            return f"%v{operand.place}"
+        if isinstance(operand, tuple):
+            return f"%v{operand[1]}"
+        number = f"double 0x{np.float64(operand).view(np.uint64):016X}"
+        return "<" + ", ".join([number] * LANES) + ">"
+
+    lines: list[str] = []
+    for place in _in_order(operations, [*stored.values(), *kept]):
+        what, *operands = operations[place]
+        v, p = f"%v{place} =", f"%p{place}"
+        first, *others = (named(one) for one in operands)
+        if what == "in":
+            lines.append(f"{p} = getelementptr double, ptr %own, i64 {int(operands[0]) * LANES}")
+            lines.append(f"{v} load {_KIND}, ptr {p}, align {8 * LANES}")
+        elif what == "given":
+            lines.append(f"{p} = getelementptr double, ptr %numbers, i64 {int(operands[0])}")
+            lines.append(f"%s{place} = load double, ptr {p}")
+            lines.append(f"%i{place} = insertelement {_KIND} poison, double %s{place}, i64 0")
+            lines.append(f"{v} shufflevector {_KIND} %i{place}, {_KIND} poison, <{LANES} x i32> zeroinitializer")
+        elif what in ("min", "max"):
+            lines.append(f"%c{place} = fcmp {'olt' if what == 'min' else 'ogt'} {_KIND} {first}, {others[0]}")
+            lines.append(f"{v} select <{LANES} x i1> %c{place}, {_KIND} {first}, {_KIND} {others[0]}")
+        elif what in ("olt", "ole", "oeq", "uno"):
+            lines.append(f"%c{place} = fcmp {what} {_KIND} {first}, {others[0]}")
+            lines.append(f"{v} uitofp <{LANES} x i1> %c{place} to {_KIND}")
+        elif what == "select":
+            lines.append(f"%c{place} = fcmp one {_KIND} {first}, zeroinitializer")
+            lines.append(f"{v} select <{LANES} x i1> %c{place}, {_KIND} {others[0]}, {_KIND} {others[1]}")
+        elif what in INTRINSICS:
+            lines.append(f"{v} call {_KIND} @llvm.{what}.v{LANES}f64({_KIND} {first})")
+        else:
+            lines.append(f"{v} {what} contract {_KIND} {first}, {others[0]}")
+    for row, result in stored.items():
+        lines.append(f"%o{row} = getelementptr double, ptr %own, i64 {row * LANES}")
+        lines.append(f"store {_KIND} {named(result)}, ptr %o{row}, align {8 * LANES}")
+    lines += ["%forgets = icmp eq ptr %kept, null", "br i1 %forgets, label %end, label %keep", "keep:"]
+    for row, result in enumerate(kept):
+        lines.append(f"%r{row} = mul i64 %columns, {row}")
+        lines.append(f"%k{row} = getelementptr double, ptr %kept, i64 %r{row}")
+        lines.append(f"store {_KIND} {named(result)}, ptr %k{row}, align 8")
+    body = "\n  ".join([*lines, "br label %end"])
+    return f"""
+define void @{name}(ptr noalias %own, ptr noalias %numbers, ptr noalias %kept, i64 %columns) {{
+entry:
+  {body}
+end:
+  ret void
+}}
+"""

@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.screening.compiled import for_cars
-from aerodima.optimisation.screening.turns import heights
+from aerodima.optimisation.screening.compiled import run
+from aerodima.optimisation.screening.turns import course, heights
 from aerodima.optimisation.screening.vehicle_motion import (
-    COMMANDED,
     RATES,
     SPIN,
     STATES,
@@ -72,68 +71,91 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
     Raises:
         UserError: a manoeuvre that follows a path.
     """
-    n, rate, speed, plan = cars.count, scenario.controller.rate, cars.speed, scenario.manoeuvre
+    plan, rate = scenario.manoeuvre, scenario.controller.rate
     if plan.kind == "path":
         raise UserError("manoeuvre.kind: path; the screening model knows: turn, fishhook, slalom, rising")
-    fishhook = plan.kind == "fishhook"
-    schedule = None if fishhook else make_schedule(scenario)
-    start, reach = plan.turn_start - LEAD, plan.steer_angle / scenario.servo.rate
-    state = np.zeros((len(STATES), n))
-    state[RATES][V][0], state[RATES][SPIN] = speed, speed / cars.rolling_radius
-    ticks, most = round(1.0 / (STEP * rate)), scenario.servo.rate * STEP
-    late = round(np.ceil(scenario.imu.delay * rate - 1e-9))
-    angle, reference, counter = np.zeros(n), np.zeros(n), np.full(n, np.inf)
-    upright, gone, total, steered, course = np.ones(n, bool), np.zeros(n, bool), *np.zeros((3, n))
-    hold, command, seen = (scenario.controller.hold_kp, scenario.controller.hold_kd), np.zeros(n), []
-    pitch = np.stack([gains.pitch_angle, *np.outer([0.0, *hold], np.ones(n))])
-    state[6] = gains.pitch_angle
-    moved_by = for_cars(driven, cars, *COMMANDED)
-    steps, last, ending = round((run_time(scenario) - start) / STEP), round(LAST / STEP), np.zeros(n)
-    for index in range(steps):
-        time = start + index * STEP
-        if index % ticks == 0:
-            seen.append((state[5], state[RATES][W][0], state[RATES][W][2]))
-            roll, roll_rate, yaw_rate = seen[max(0, index // ticks - late)]
-            signals = Seen(roll, roll_rate, yaw_rate, state[RATES][V][0], command, np.ones(n, bool))
-            found = respond(gains, scenario.car.wheelbase, rate, reference, signals)
-            reference = steers_tail * found.reference
-            tail = np.stack([pitch, np.stack([reference, np.zeros(n), gains.kp, gains.kd])])
-            if schedule is not None:
-                command = np.full(n, schedule.at(time).steering_angle)
-            else:
-                falls = np.isinf(counter) & (time >= plan.turn_start + reach) & (roll_rate < plan.counter_roll_rate)
-                counter = np.where(falls, time, counter)
-                command = np.where(
-                    time < counter, plan.steer_angle * (time + 1e-9 >= plan.turn_start), -plan.steer_angle
-                )
-                command = np.where(time >= counter + 2.0 * reach + plan.turn_hold, 0.0, command)
-        angle = angle + np.clip(command - angle, -most, most)
-        new, clear, board, level = moved_by(
-            state, np.stack([angle, angle]), speed / cars.rolling_radius, tail * cars.has_tail
+    entering, start = Entering(cars, scenario, gains, steers_tail), plan.turn_start - LEAD
+    steps, last, ticks = round((run_time(scenario) - start) / STEP), round(LAST / STEP), round(1.0 / (STEP * rate))
+    index = np.arange(steps)
+    ticked, time = index % ticks == 0, start + index * STEP
+    planned = np.zeros(steps)
+    if plan.kind != "fishhook":
+        schedule = make_schedule(scenario)
+        planned[ticked] = [schedule.at(one).steering_angle for one in time[ticked]]
+    run(entering, ticked, time, planned, 1.0 * (time >= plan.turn_start), (index >= steps - last) / last)
+    straight = np.isnan(entering.ending) | (np.abs(entering.ending) <= EXIT_YAW_RATE)  # NaN: it is steered to the end
+    return Entries(entering.upright & straight, entering.total / np.maximum(entering.steered, 1.0))
+
+
+class Entering:
+    """Cars (n) on the way, a batch of `run`; a step is given its time (s), the steering command (rad) that is planned
+    where a tick begins it, 1 where the course counts, and its share in the end of the run.
+
+    Attributes:
+        upright, total, steered, ending: what `Entries` is made of.
+    """
+
+    def __init__(self, cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArray) -> None:
+        plan, servo, controller, one = scenario.manoeuvre, scenario.servo, scenario.controller, np.ones(cars.count)
+        late = round(np.ceil(scenario.imu.delay * controller.rate - 1e-9))
+        self._cars, self._gains, self._steers_tail, self._fishhook = cars, gains, steers_tail, plan.kind == "fishhook"
+        self._wheelbase, self._rate, self._servo_rate = np.outer(
+            [scenario.car.wheelbase, controller.rate, servo.rate], one
         )
-        state = np.where(gone, state, new)
-        gone |= level < np.cos(FLIP_TILT)
-        if time >= plan.turn_start:
-            steers = np.abs(command) > STRAIGHT
-            upright &= (clear > 0.0) & ((board > 0.0) | ~steers) & ~gone
-            if index >= steps - last:
-                ending += np.where(steers, np.nan, state[14] / last)
-            ahead, left = velocity_over_ground(state[RATES][V], state[RATES][W], state[5], state[4], cars.com_x)
-            turned = state[3] + np.arctan2(left, ahead) - course
-            to_side = np.sign(command) * np.hypot(ahead, left) * (turned - TURN * np.round(turned / TURN)) / STEP
-            course, total, steered = course + turned, total + steers * to_side, steered + steers
-    straight = np.isnan(ending) | (np.abs(ending) <= EXIT_YAW_RATE)  # NaN: it is steered to the end
-    return Entries(upright & straight, total / np.maximum(steered, 1.0))
+        self._start, self._angle, self._hold, self._counter_roll_rate = np.outer(
+            [plan.turn_start, plan.steer_angle, plan.turn_hold, plan.counter_roll_rate], one
+        )
+        self._pitch = np.stack([gains.pitch_angle, *np.outer([0.0, controller.hold_kp, controller.hold_kd], one)])
+        self.state = np.zeros((len(STATES), cars.count))
+        self.state[RATES][V][0], self.state[RATES][SPIN] = cars.speed, cars.speed / cars.rolling_radius
+        self.state[6] = gains.pitch_angle
+        self._seen, self._tail = np.zeros((late + 1, 3, cars.count)), np.zeros((2, 4, cars.count))
+        self._steering, self._command, self._reference, self._course = np.zeros((4, cars.count))
+        self._counter, self._gone = np.full(cars.count, np.inf), np.zeros(cars.count, bool)
+        self.upright = np.ones(cars.count, bool)
+        self.total, self.steered, self.ending = np.zeros((3, cars.count))
 
+    def tick(self, time: Any, planned: Any, *_: Any) -> None:
+        """The law and the driver."""
+        state = self.state
+        self._seen = np.concatenate([self._seen[1:], np.stack([state[5], *state[RATES][W][::2]])[None]])
+        roll, roll_rate, yaw_rate = self._seen[0]
+        seen = Seen(roll, roll_rate, yaw_rate, state[RATES][V][0], self._command, True)
+        found = respond(self._gains, self._wheelbase, self._rate, self._reference, seen)
+        self._reference = self._steers_tail * found.reference
+        swung = np.stack([self._reference, 0.0 * self._reference, self._gains.kp, self._gains.kd])
+        self._tail = np.stack([self._pitch, swung]) * self._cars.has_tail
+        self._command = planned + 0.0 * self._command
+        if self._fishhook:
+            reach = self._angle / self._servo_rate
+            falls = (time >= self._start + reach) & (roll_rate < self._counter_roll_rate) & (self._counter == np.inf)
+            self._counter = np.where(falls, time, self._counter)
+            first = np.where(time + 1e-9 >= self._start, self._angle, 0.0)
+            steered = np.where(time < self._counter, first, -self._angle)
+            self._command = np.where(time >= self._counter + 2.0 * reach + self._hold, 0.0, steered)
 
-def driven(
-    cars: Vehicles, state: FloatArray, steering: FloatArray, shaft_speed: FloatArray, tail: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """State after `STEP`; 1 where no side lifts and no tail touches the ground; height of the board; cosine of tilt."""
-    state, _ = advance(STEP, cars, state, steering, shaft_speed, tail)
-    lift, (sail, board) = wheel_lifts(state, cars, steering[0]), heights(state, cars)
-    side = np.maximum(np.minimum(lift[0], lift[2]), np.minimum(lift[1], lift[3]))
-    return state, (side <= TWO_WHEELS) & (sail > 0.0), board, up(state[4], state[5])[2]
+    def step(self, time: Any, planned: Any, counts: Any, share: Any) -> None:
+        """Servo, motion and what comes of it."""
+        cars, most = self._cars, self._servo_rate * STEP
+        self._steering = self._steering + np.clip(self._command - self._steering, -most, most)
+        both = np.stack([self._steering, self._steering])
+        new, _ = advance(STEP, cars, self.state, both, cars.speed / cars.rolling_radius, self._tail)
+        self.state = state = np.where(self._gone, self.state, new)
+        lift, (sail, board) = wheel_lifts(state, cars, self._steering), heights(state, cars)
+        side = np.maximum(np.minimum(lift[0], lift[2]), np.minimum(lift[1], lift[3]))
+        self._gone = self._gone | (up(state[4], state[5])[2] < np.cos(FLIP_TILT))
+        steers = np.abs(self._command) > STRAIGHT
+        fine = (side <= TWO_WHEELS) & (sail > 0.0) & ((board > 0.0) | ~steers) & ~self._gone
+        self.upright = self.upright & (fine | (counts == 0.0))
+        self.ending = self.ending + np.where(steers & (share > 0.0), np.nan, state[14] * share)
+        ahead, left = velocity_over_ground(state[RATES][V], state[RATES][W], state[5], state[4], cars.com_x)
+        now = course(state, cars)
+        turned = now - self._course
+        turned = (turned - TURN * np.rint(turned / TURN)) / STEP
+        to_side = np.where(self._command > 0.0, turned, -turned) * np.sqrt(ahead * ahead + left * left)
+        self._course = np.where(counts > 0.0, now, 0.0)
+        self.total = self.total + counts * np.where(steers, to_side, 0.0)
+        self.steered = self.steered + counts * np.where(steers, 1.0, 0.0)
 
 
 def wheel_lifts(state: FloatArray, cars: Vehicles, steering: FloatArray) -> FloatArray:

@@ -49,12 +49,12 @@ class PlayedRoll:
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Roll (n), rad, and its rate at times (n) since the releases, s."""
-        number = np.clip(np.sum(self.time.real <= time, axis=0) - 1, 0, len(self.time) - 2)[None]
-        begin, end, roll, next_roll, rate, next_rate = (
-            np.take_along_axis(values, number + ahead, axis=0)[0]
-            for values in (self.time, self.roll, self.rate)
-            for ahead in (0, 1)
-        )
+        ends = [values[side] for values in (self.time, self.roll, self.rate) for side in (slice(-1), slice(1, None))]
+        pieces = np.stack(ends, axis=1)  # (knots - 1, 6, n)
+        piece = pieces[0]
+        for number in range(1, len(pieces)):
+            piece = np.where(self.time[number].real <= time, pieces[number], piece)
+        begin, end, roll, next_roll, rate, next_rate = piece
         share = np.clip((time - begin) / (end - begin), 0.0, 1.0)
         value, slope = cubic(share, end - begin, (roll, next_roll), (rate, next_rate))
         return value, np.where((time < 0.0) | (time > self.time[-1].real), 0.0, slope)
@@ -128,8 +128,8 @@ class TurnPlans:
         taken = {name: values[..., places] for name, values in numbers.items()}
         return TurnPlans(**taken, played=self.played.take(places))
 
-    def commanded(self, time: float) -> FloatArray:
-        """Steering command (n) of the drivers at a time since the start of the turn, rad."""
+    def commanded(self, time: Any) -> FloatArray:
+        """Steering command (n) of the drivers at a time since the start of the turn, or at times (n), rad."""
         level = np.where(time + TICK_TOLERANCE < self.first_hold, self.first_angle, self.steer_angle)
         return np.where((time + TICK_TOLERANCE >= 0.0) & (time + TICK_TOLERANCE < self.hold), level, 0.0)
 

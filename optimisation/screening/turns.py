@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.screening.compiled import for_cars
+from aerodima.optimisation.screening.compiled import run
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.vehicle_motion import (
-    COMMANDED,
     RATES,
     STATES,
     TAIL_RATE,
@@ -44,9 +42,6 @@ class TurnRecord:
     """Of n cars in a turn to the left, from the start of the steering on.
 
     Attributes:
-        exit_time: s since that start, of the first instant at which the wheels are straight again and the car yaws less
-            than `EXIT_YAW_RATE`; NaN until there is one, as the next two.
-        course: change from the start to the exit, rad; `sideslip` there, heading less course, rad.
         peak_roll: outwards, rad.
         lowest_tail, lowest_board: least height over the ground, m.
 
@@ -58,40 +53,27 @@ class TurnRecord:
 
     def __init__(self, cars: Vehicles, state: FloatArray, straight: FloatArray) -> None:
         n = cars.count
-        self._cars, self._begun, self._straight, self._course = cars, state, straight, course(state, cars)
-        self._seen = (0.0, state)
+        self._cars, self._begun, self._straight = cars, state, straight
         self._limits = np.outer(list(_CALM_STATES.values()), np.ones(n))
         self._limits[-2:, cars.has_tail == 0.0] = np.inf
         self._restless, self._settled = straight.real, np.full(n, np.nan)
-        self.exit_time, self.course, self.sideslip = np.full((3, n), np.nan)
+        self._left, self._around = np.full(n, np.nan), np.zeros((2, *state.shape))
         self.peak_roll, self.lowest_tail, self.lowest_board = np.zeros(n), np.full(n, np.inf), np.full(n, np.inf)
 
-    def see(self, time: float, state: FloatArray) -> None:
-        """Told the states (24, n) at a time since the start of the steering, s."""
+    def see(self, time: Any, before: FloatArray, state: FloatArray) -> None:
+        """Told the states (24, n) a step before a time since the start of the steering, s, and at that time."""
         self.peak_roll = np.maximum(self.peak_roll, state[5])
         tail, board = heights(state, self._cars)
         self.lowest_tail, self.lowest_board = np.minimum(self.lowest_tail, tail), np.minimum(self.lowest_board, board)
-        leaves = np.isnan(self.exit_time) & (time > self._straight.real) & (np.abs(state[14].real) < EXIT_YAW_RATE)
-        if leaves.any():
-            (earlier, before), length = self._seen, time - self._seen[0]
-            side = np.where(state[14].real < 0.0, -1.0, 1.0)
-            fall = side * (before[14] - state[14])
-            calm = np.where(
-                fall.real > 0.0, (side * before[14] - EXIT_YAW_RATE) / np.where(fall == 0.0, 1.0, fall), 0.0
-            )
-            share = np.clip(np.maximum(calm, (self._straight - earlier) / length), 0.0, 1.0)
-            then, now = course(before, self._cars), course(state, self._cars)
-            exit_course = then + share * (now - then)
-            heading = before[3] + share * (state[3] - before[3])
-            self.exit_time = np.where(leaves, earlier + share * length, self.exit_time)
-            self.course = np.where(leaves, exit_course - self._course, self.course)
-            self.sideslip = np.where(leaves, heading - exit_course, self.sideslip)
-        self._seen = (time, state)
+        leaves = np.isnan(self._left) & (time > self._straight.real) & (np.abs(state[14].real) < EXIT_YAW_RATE)
+        self._left = np.where(leaves, time, self._left)
+        self._around = np.where(leaves, np.stack([before, state]), self._around)
 
-    def settle(self, time: float, state: FloatArray, loads: FloatArray, busy: np.ndarray) -> None:
+    def settle(self, time: Any, state: FloatArray, loads: FloatArray, busy: np.ndarray) -> None:
         """Told the loads of the wheels (4, n), N, and whose law is busy: settled is who a log says has."""
-        calm = (np.abs(state[_CALM_PLACES].real) <= self._limits).all(axis=0)
-        calm &= (up(state[4], state[5])[2].real > _COS_CALM) & (loads.real > LOADED_FORCE).all(axis=0) & ~busy
+        calm = np.logical_and.reduce(np.abs(state[_CALM_PLACES].real) <= self._limits)
+        loaded = np.logical_and.reduce(loads.real > LOADED_FORCE)
+        calm = calm & (up(state[4], state[5])[2].real > _COS_CALM) & loaded & ~busy
         self._restless = np.where(calm, self._restless, np.maximum(self._restless, time))
         first = np.isnan(self._settled) & (time - self._restless >= CALM_FOR - 1e-9)
         self._settled = np.where(first, state[3], self._settled)
@@ -99,6 +81,30 @@ class TurnRecord:
     def heading(self, state: FloatArray) -> FloatArray:
         """Change of it from the start until the car settled, else to these states."""
         return np.where(np.isnan(self._settled), state[3], self._settled) - self._begun[3]
+
+    def exits(self, length: float) -> dict[str, FloatArray]:
+        """Of the first instants at which the wheels are straight again and the cars yaw less than `EXIT_YAW_RATE`.
+
+        Args:
+            length: of a step, s.
+
+        Returns:
+            `exit_time` s since the start; `course`, change of it until then, and `sideslip` then, heading less course,
+            rad. NaN without an exit.
+        """
+        (before, state), earlier = self._around, self._left - length
+        side = np.where(state[14].real < 0.0, -1.0, 1.0)
+        fall = side * (before[14] - state[14])
+        calm = np.where(fall.real > 0.0, (side * before[14] - EXIT_YAW_RATE) / np.where(fall == 0.0, 1.0, fall), 0.0)
+        share = np.clip(np.maximum(calm, (self._straight - earlier) / length), 0.0, 1.0)
+        then, now = course(before, self._cars), course(state, self._cars)
+        exit_course = then + share * (now - then)
+        found = {
+            "exit_time": earlier + share * length,
+            "course": exit_course - course(self._begun, self._cars),
+            "sideslip": before[3] + share * (state[3] - before[3]) - exit_course,
+        }
+        return {name: np.where(np.isnan(self._left), np.nan, values) for name, values in found.items()}
 
 
 def course(state: FloatArray, cars: Vehicles) -> FloatArray:
@@ -119,7 +125,7 @@ def heights(state: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray]:
     return np.where(cars.has_tail > 0.0, low, np.inf), board
 
 
-RECORDED = ("peak_roll", "lowest_tail", "lowest_board", "course", "exit_time", "sideslip")
+RECORDED = ("peak_roll", "lowest_tail", "lowest_board")
 """Of `TurnRecord`, in `Turns`."""
 WITHIN = (np.arange(8.0)[:, None] + 0.5) / 8.0
 """Instants of a step, in its length: the wheels' angle in a step is the mean over them, so that it changes smoothly
@@ -164,6 +170,34 @@ HISTORY = ("history", "asked", "loads")
 """What `Turns` keeps of every step."""
 
 
+class Driven:
+    """Cars (n) on the way, a batch of `run`; times are s since the start of the steering."""
+
+    def __init__(self, cars: Vehicles, plans: TurnPlans, state: FloatArray, length: float) -> None:
+        self._cars, self._plans, self._length = cars, plans, length
+        self.state, self.gone, self.loads = state, np.zeros(cars.count, bool), np.zeros((4, cars.count))
+        self.law, self.record = BatchLaw(plans, cars, state[14]), TurnRecord(cars, state, plans.straight)
+
+    def tick(self, time: Any) -> None:
+        """One tick of the controller."""
+        self.law.tick(time, self.state)
+
+    def step(self, time: Any) -> tuple[FloatArray, ...]:
+        """One step; gives `HISTORY`."""
+        cars, plans, before, tail = self._cars, self._plans, self.state, self.law.commands()
+        gathered = (time + plans.start) / plans.ramp
+        speed = cars.speed * np.where(gathered < 1.0, gathered + plans.lead / plans.ramp, 1.0)
+        steered = np.sum(plans.steering(time + self._length * WITHIN), axis=0) / len(WITHIN)
+        asked = asked_torque(before, tail)
+        commands = (np.stack([steered, steered]), speed / cars.rolling_radius, tail)
+        new, self.loads = advance(self._length, cars, before, *commands)
+        self.state = np.where(self.gone, before, new)
+        self.gone = self.gone | (up(self.state[4], self.state[5])[2] < np.cos(FLIP_TILT))
+        self.record.see(time + self._length, before, self.state)
+        self.record.settle(time + self._length, self.state, self.loads, self.law.busy)
+        return self.state, asked, self.loads
+
+
 def drive_turns(
     cars: Vehicles,
     plans: TurnPlans,
@@ -182,63 +216,31 @@ def drive_turns(
         history: keep every state, the torques that were asked of the roll motor, and the loads.
         begun: states (24, n) when the steering begins, of cars whose tail still waits; the straight is not driven.
     """
-    n, law = cars.count, BatchLaw(plans, cars)
-    state = np.zeros((len(STATES), n))
-    state[6], state[7] = plans.pitch_angle.real, -plans.hold_angle.real
+    state = np.zeros((len(STATES), cars.count)) if begun is None else begun
+    if begun is None:
+        state[6], state[7] = plans.pitch_angle.real, -plans.hold_angle.real
     ticks = round(1.0 / (length * float(plans.rate[0])))
     begin = round(float(plans.start[0]) / length)
-    state, first = (state, 0) if begun is None else (begun, begin)
-    gone, loads, record = np.zeros(n, bool), np.zeros((4, n)), TurnRecord(cars, state, plans.straight)
-    kept: list[tuple[FloatArray, ...]] = []
-    driven = _driver(length, cars)
-    for index in range(first, begin + round(duration / length)):
-        time = (index - begin) * length
-        if index % ticks == 0 or index == first:
-            law.tick(time, state)
-        if index == begin:
-            record = TurnRecord(cars, state, plans.straight)
-        gathered = (time + plans.start) / plans.ramp
-        speed = cars.speed * np.where(gathered < 1.0, gathered + plans.lead / plans.ramp, 1.0)
-        steered = np.mean(plans.steering(time + length * WITHIN), axis=0)
-        asked = asked_torque(state, law.commands())
-        new, loads = driven(state, np.stack([steered, steered]), speed / cars.rolling_radius, law.commands())
-        state = np.where(gone, state, new)
-        gone |= up(state[4], state[5])[2] < np.cos(FLIP_TILT)
-        if index >= begin:
-            record.see(time + length, state)
-            record.settle(time + length, state, loads, law.busy)
-        if history:
-            kept.append((state, asked, loads))
+    first, end = 0 if begun is None else begin, begin + round(duration / length)
+    driven, kept = Driven(cars, plans, state, length), []
+    for part in (np.arange(first, begin), np.arange(begin, end)):
+        if part.size:
+            driven.record = TurnRecord(cars, driven.state, plans.straight)  # that of the turn begins with the turn
+            ticked = (part % ticks == 0) | (part == first)
+            kept.append(run(driven, ticked, (part - begin) * length, keep=history))
+    state, loads, record = driven.state, driven.loads, driven.record
     leaning = (np.arccos(np.clip(up(state[4], state[5])[2].real, -1.0, 1.0)) > END_TILT) & (loads <= 0.0).any(axis=0)
-    survived = ~(gone | leaning)
+    survived = ~(driven.gone | leaning)
     return Turns(
         survived=survived,
         clean=survived & (record.lowest_tail > 0.0) & (record.lowest_board > 0.0),
         heading=record.heading(state),
-        trigger=law.trigger,
+        trigger=driven.law.trigger,
         last=state,
-        **{name: np.array(values) for name, values in zip(HISTORY, zip(*kept, strict=True), strict=False)},
+        **dict(zip(HISTORY, map(np.concatenate, zip(*kept, strict=True)), strict=False)),
         **{name: getattr(record, name) for name in RECORDED},
+        **record.exits(length),
     )
-
-
-@cache
-def _advance_over(length: float) -> Any:
-    return partial(advance, length)
-
-
-def _driver(length: float, cars: Vehicles) -> Any:
-    """`advance` for these cars: compiled, and in NumPy where complex steps pass through."""
-    compiled = None
-
-    def driven(*arrays: FloatArray) -> Any:
-        nonlocal compiled
-        if any(np.iscomplexobj(one) for one in arrays):
-            return advance(length, cars, *arrays)
-        compiled = compiled or for_cars(_advance_over(length), cars, *COMMANDED)
-        return compiled(*arrays)
-
-    return driven
 
 
 def asked_torque(state: FloatArray, tail: FloatArray) -> FloatArray:
@@ -248,31 +250,37 @@ def asked_torque(state: FloatArray, tail: FloatArray) -> FloatArray:
 
 
 class BatchLaw:
-    """The thesis' law (`workbench.controllers.swing_law`) for many cars in a turn to the left; or knots are played."""
+    """The thesis' law (`workbench.controllers.swing_law`) for many cars in a turn to the left; or knots are played.
 
-    def __init__(self, plans: TurnPlans, cars: Vehicles) -> None:
+    Attributes:
+        trigger: when each swing began, s; NaN until it does.
+
+    Args:
+        plans, cars: n of them.
+        yaw_rate: that is seen until the first one comes (n), rad/s.
+    """
+
+    def __init__(self, plans: TurnPlans, cars: Vehicles, yaw_rate: FloatArray) -> None:
         n = cars.count
         self._plans, self._has_tail = plans, cars.has_tail
-        self._state, self._since, self._start = np.full(n, int(SwingState.HOLD)), np.zeros(n), np.zeros(n)
-        self._seen: list[FloatArray] = []
+        self._state, self._since, self._start = np.full(n, float(SwingState.HOLD)), np.zeros(n), np.zeros(n)
+        self._seen = np.tile(yaw_rate, (1 + int(np.max(plans.late)), 1))
         self._commands = np.zeros((2, 4, n))
         self.trigger = np.full(n, np.nan)
-        self._late = int(np.max(plans.late))
 
     @property
     def busy(self) -> np.ndarray:
         """Whose tail swings or is about to (n)."""
         return (self._state == SwingState.DELAY) | (self._state == SwingState.SWING)
 
-    def tick(self, time: float, state: FloatArray) -> None:
+    def tick(self, time: Any, state: FloatArray) -> None:
         """One tick of the controller."""
         p, angle = self._plans, state[7]
-        self._seen.append(state[14])
-        seen = self._seen[max(0, len(self._seen) - 1 - self._late)]
-        before, elapsed = self._state.copy(), time - self._since + 1e-9
+        self._seen = np.concatenate([self._seen[1:], state[14][None]])
+        before, elapsed = self._state, time - self._since + 1e-9
         released = (before == SwingState.HOLD) & (p.swings > 0.0)
-        steered = p.commanded(time - 1.0 / float(p.rate[0]))  # a controller sees what the driver gave a tick ago
-        released &= (seen > p.trigger_yaw_rate) | (steered > p.trigger_steering)
+        steered = p.commanded(time - 1.0 / p.rate)  # a controller sees what the driver gave a tick ago
+        released = released & ((self._seen[0] > p.trigger_yaw_rate) | (steered > p.trigger_steering))
         self._enter(released, SwingState.DELAY, time, angle)
         elapsed = np.where(released, 1e-9, elapsed)
         begins = (self._state == SwingState.DELAY) & (elapsed >= p.delay)
@@ -284,7 +292,7 @@ class BatchLaw:
         self._enter((before == SwingState.SWING) & over, SwingState.SETTLE, time, angle)
         self._commands = self._commanded(time)
 
-    def _enter(self, who: np.ndarray, number: SwingState, time: float, angle: FloatArray) -> None:
+    def _enter(self, who: np.ndarray, number: SwingState, time: Any, angle: FloatArray) -> None:
         self._state = np.where(who, int(number), self._state)
         self._since = np.where(who, time, self._since)
         self._start = np.where(who, angle, self._start)
@@ -293,19 +301,16 @@ class BatchLaw:
         """To pitch and roll motor (2, 4, n) since the last tick; no gains without a tail."""
         return self._commands
 
-    def _commanded(self, time: float) -> FloatArray:
+    def _commanded(self, time: Any) -> FloatArray:
         p, zero = self._plans, np.zeros_like(self._since)
         hold = np.stack([-p.hold_angle, zero, p.hold_kp, p.hold_kd])
         swing = np.stack([zero, p.swing_speed, p.swing_kp, p.swing_kd])
         settle = np.stack([p.hold_angle, zero, p.settle_kp, p.settle_kd])
         pitch = np.stack([p.pitch_angle, zero, p.hold_kp, p.hold_kd])
-        begun = (self._state == SwingState.SWING) | (self._state == SwingState.SETTLE)
-        if (playing := begun & (p.played.plays > 0.0)).any():
-            followed = np.stack([*p.played.at(time - self.trigger + 0.5 / p.rate), p.played.kp, p.played.kd])
-            swing, settle = np.where(playing, followed, swing), np.where(playing, followed, settle)
-            gains = np.stack([p.pitch_angle, zero, p.played.pitch_kp, p.played.pitch_kd])
-            pitch = np.where(playing, gains, pitch)
-        roll = np.where(
-            self._state == SwingState.SWING, swing, np.where(self._state == SwingState.SETTLE, settle, hold)
-        )
-        return np.stack([pitch, roll]) * np.stack([1.0 + zero, 1.0 + zero, self._has_tail, self._has_tail])
+        swings, settles = self._state == SwingState.SWING, self._state == SwingState.SETTLE
+        roll = np.where(swings, swing, np.where(settles, settle, hold))
+        playing = (swings | settles) & (p.played.plays > 0.0)
+        followed = np.stack([*p.played.at(time - self.trigger + 0.5 / p.rate), p.played.kp, p.played.kd])
+        gains = np.stack([p.pitch_angle, zero, p.played.pitch_kp, p.played.pitch_kd])
+        both = np.stack([np.where(playing, gains, pitch), np.where(playing, followed, roll)])
+        return both * np.stack([1.0 + zero, 1.0 + zero, self._has_tail, self._has_tail])

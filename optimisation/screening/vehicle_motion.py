@@ -136,13 +136,10 @@ def step(state: FloatArray, found: Equations, length: float) -> FloatArray:
 def advance(
     length: float, cars: Vehicles, state: FloatArray, steering: FloatArray, shaft_speed: FloatArray, tail: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """State (24, n) after a time (s), with `Commands`, and the loads (4, n) before it; what is compiled."""
+    """State (24, n) after a time (s), with `Commands`, and the loads (4, n) before it."""
     found = equations(state, Commands(steering, shaft_speed, tail), cars)
     return step(state, found, length), found.loads
 
-
-COMMANDED = ((len(STATES),), (2,), (), (2, 4))
-"""Shapes of state and commands of `advance`, without the last axis."""
 
 
 def configuration_rate(state: FloatArray, rates: FloatArray, travel_rate: FloatArray) -> FloatArray:
@@ -157,15 +154,21 @@ def configuration_rate(state: FloatArray, rates: FloatArray, travel_rate: FloatA
 
 
 def solve(matrix: FloatArray, force: FloatArray) -> FloatArray:
-    """Solution (k, n) of n symmetric positive definite systems (k, k, n) at once."""
+    """Solution (k, n) of n symmetric positive definite systems (k, k, n) at once.
+
+    The last unknowns are eliminated first: wheels and joints hardly act on one another, so that most factors are zero.
+    """
     rows, right = matrix.copy(), force.copy()
-    size = len(right)
-    for k in range(size - 1):
-        factor = rows[k + 1 :, k] / rows[k, k]
-        rows[k + 1 :, k + 1 :] -= factor[:, None] * rows[k, k + 1 :]
-        right[k + 1 :] -= factor * right[k]
-    for k in reversed(range(size)):
-        right[k] = (right[k] - np.sum(rows[k, k + 1 :] * right[k + 1 :], axis=0)) / rows[k, k]
+    for k in reversed(range(len(right))):
+        inverse = 1.0 / rows[k, k]
+        factor = rows[k, :k] * inverse
+        for i in range(k):
+            rows[i, : i + 1] -= factor[i] * rows[k, : i + 1]
+        right[:k] -= factor * right[k]
+        right[k] *= inverse
+        rows[k, :k] = factor
+    for k in range(1, len(right)):
+        right[k] -= np.sum(rows[k, :k] * right[:k], axis=0)
     return right
 
 
@@ -301,13 +304,13 @@ def _tyres(
     n4 = n[:, None]
     tilt = dot(axle, n4)
     across = np.sqrt(1.0 - tilt * tilt + TINY)
-    ahead = cross(axle, n4) / across
+    ahead = (1.0 / across) * cross(axle, n4)
     left = cross(n4, ahead)
 
     # Lowest point of each edge, an ellipsoid, and where it meets the ground.
     R2, h2 = cars.tyre_radius**2, cars.tyre_half_width**2
     reach = np.sqrt(R2 * across * across + h2 * tilt * tilt)
-    down = -(R2 * (n4 - tilt * axle) + h2 * tilt * axle) / reach
+    down = (-1.0 / reach) * (R2 * (n4 - tilt * axle) + h2 * tilt * axle)
     centre = np.stack([cars.wheel[0], cars.wheel[1], cars.wheel[2] + state[TRAVEL]])
     sides = np.array([1.0, -1.0])[:, None, None]
     middle = centre[:, None] + cars.edge * sides * axle[:, None]  # (3, 2, 4, n)
@@ -321,8 +324,8 @@ def _tyres(
     # Suspension: its rate and the loads follow from one balance per wheel.
     slip_ahead = dot(ahead[:, None], velocity) + dot(ahead[:, None], spinning) * spin
     slip_left = dot(left[:, None], velocity)
-    slip = np.sqrt(slip_ahead**2 + slip_left**2 + cars.slip_speed**2)
-    lean = n[2] - cars.friction * (slip_ahead * ahead[2] + slip_left * left[2]) / slip
+    sliding = cars.friction / np.sqrt(slip_ahead**2 + slip_left**2 + cars.slip_speed**2)
+    lean = n[2] - sliding * (slip_ahead * ahead[2] + slip_left * left[2])
     spring = cars.tyre_stiffness * sunk
     closing = -dot(n_e, velocity)
     undamped = spring * np.maximum(1.0 + cars.tyre_dissipation * closing, 0.0)
@@ -331,7 +334,7 @@ def _tyres(
     travel_rate = (np.sum(undamped * lean, axis=0) - carried) / holding
     load = spring * np.maximum(1.0 + cars.tyre_dissipation * (closing - n[2] * travel_rate), 0.0)
 
-    grip = cars.friction * load / slip
+    grip = sliding * load
     rows = np.stack([ahead, left], axis=1)[:, :, None]  # (3, direction, 1, 4, n)
     slips = np.stack([slip_ahead, slip_left])
     turned = dot(rows, spinning[:, None])  # of a wheel's own spin (2, 2, 4, n)

@@ -1,27 +1,50 @@
-"""Compiled functions give what their NumPy functions give, for every car, and refuse what they do not know."""
+"""Compiled steps give what their NumPy functions give, for every car, and refuse what they do not know."""
 
 from collections.abc import Callable
+from copy import deepcopy
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodima.optimisation.screening.compiled import LANES, Compiled, for_cars
-from aerodima.optimisation.screening.entry_runs import driven
-from aerodima.optimisation.screening.vehicle_motion import COMMANDED, STATES
+from aerodima.optimisation.entry.feedback_search import gains_of
+from aerodima.optimisation.screening.compiled import LANES, Compiled, _attributes, run, run_in_numpy
+from aerodima.optimisation.screening.entry_runs import Entering
+from aerodima.optimisation.screening.turn_plans import TurnPlans
+from aerodima.optimisation.screening.turns import Driven, drive_turns
+from aerodima.optimisation.screening.vehicle_motion import STATES
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench import load_scenario
 
 RNG = np.random.default_rng(5)
+ONCE = np.array([False])
+FRICTIONS = tuple([f"car.tyre_friction={one}"] for one in (0.3, 0.5, 0.8, 1.1))
+
+
+class Pair(SimpleNamespace):
+    """A batch of two arrays that has no tick; its step gives what a function of them gives."""
+
+    def tick(self) -> None:
+        """Nothing."""
+
+
+def batch_of(function: Callable[..., Any], **arrays: np.ndarray) -> Any:
+    """Of a class of its own: code is made once for a class."""
+    return type("Made", (Pair,), {"step": lambda self: function(*vars(self).values())})(**arrays)
 
 
 @pytest.mark.parametrize(
     "function",
     [
         lambda a, b: [np.sin(a) * np.cos(b) - np.tanh(a) / (2.0 + np.abs(b))],
+        lambda a, b: [np.sin(300.0 * a), np.cos(300.0 * b), np.tanh(30.0 * a), np.tanh(1e-5 * b), np.arctan(100.0 * a)],
+        lambda a, b: [np.tan(0.4 * np.tanh(a)), np.arctan(b), np.rint(10.0 * b)],
         lambda a, b: [np.maximum(a, b), np.minimum(a, 0.3), np.clip(a, -0.5, b)],
         lambda a, b: [1.0 * (a > b), 1.0 * (a >= b), (a < 0.1) & (b <= a), np.where(a > b, a, np.inf)],
+        lambda a, b: [1.0 * (a == a), (a < 0.1) | ~(b <= a), np.isnan(np.where(a > b, np.nan, a))],
+        lambda a, b: [np.logical_and.reduce(np.stack([a, b]) > -0.5)],
         lambda a, b: [np.sum(np.stack([a, b, -a]) ** 2, axis=(0, 1)), np.min(np.concatenate([a, b]), axis=0)],
         lambda a, b: [(a * a + 1.0) ** 0.5, 0.0 * a + 3.0, np.zeros_like(a) + b],
     ],
@@ -29,53 +52,79 @@ RNG = np.random.default_rng(5)
 @pytest.mark.parametrize("cars", [1, LANES, 2 * LANES + 3])
 def test_functions_of_arrays(function: Callable[..., Any], cars: int) -> None:
     a, b = RNG.normal(size=(2, 3, cars))
-    compiled = Compiled(function, [(3,), (3,)])
-    rows = compiled.rows_for(cars)
-    rows[:, :cars] = np.concatenate([a, b])
-    for found, expected in zip(compiled(rows, cars), function(a, b), strict=True):
-        assert_allclose(found, expected, rtol=1e-14, atol=1e-15)
+    for found, expected in zip(run(batch_of(function, a=a, b=b), ONCE, keep=True), function(a, b), strict=True):
+        assert_allclose(found[0], expected, rtol=1e-14, atol=1e-15)
+
+
+def test_steps_change_arrays_by_what_they_are_given() -> None:
+    class Falling(Pair):
+        def tick(self, gain: Any, _: Any) -> None:
+            self.ticks = self.ticks + gain
+
+        def step(self, _: Any, force: Any) -> list[Any]:
+            self.speed = self.speed + force * self.own.mobility
+            self.fast = self.fast | (self.speed > 2.0)
+            return [np.stack([self.speed, self.ticks])]
+
+    mobility = np.linspace(0.5, 1.5, LANES + 3)
+    still = {"ticks": 0.0 * mobility, "speed": 0.0 * mobility, "fast": mobility > np.inf}
+    batch, twin = (Falling(own=SimpleNamespace(mobility=mobility), **still) for _ in range(2))
+    given = np.array([True, False, True]), np.array([1.0, 2.0, 4.0]), np.array([1.0, 0.5, 0.25])
+    assert_allclose(run(batch, *given, keep=True), run_in_numpy(twin, *given, keep=True), rtol=1e-15)
+    assert_allclose(batch.speed, 1.75 * mobility, rtol=1e-15)
+    assert np.array_equal(batch.ticks, np.full(LANES + 3, 5.0))
+    assert np.array_equal(batch.fast, 1.75 * mobility > 2.0)
+    assert batch.fast.dtype == bool
 
 
 def test_the_record_holds_an_operation_once() -> None:
-    twice = Compiled(lambda a: [np.sin(a) + np.sin(a)], [()])
-    rows = twice.rows_for(1)
-    rows[0, 0] = 0.5
-    assert twice(rows, 1)[0][0] == pytest.approx(2.0 * np.sin(0.5), abs=1e-15)
-    assert twice.operations == 3  # input, sine, sum
+    once = Compiled(batch_of(lambda a: [np.sqrt(a) + np.sqrt(a)], a=np.ones(1)), 0)
+    assert once.operations == 4  # input of the tick; input, root, sum
 
 
-def test_unknown_functions_are_refused() -> None:
+def test_what_cannot_be_compiled_is_refused() -> None:
+    arrays = {"a": np.ones((3, 2)), "b": np.ones((3, 2))}
     with pytest.raises(NotImplementedError, match=r"numpy\.arctan2"):
-        Compiled(lambda a, b: [np.arctan2(a, b)], [(), ()])
+        run(batch_of(lambda a, b: [np.arctan2(a, b)], **arrays), ONCE)
     with pytest.raises(NotImplementedError, match="power 3"):
-        Compiled(lambda a: [a**3], [()])
+        run(batch_of(lambda a, b: [a**3], **arrays), ONCE)
     for keywords in ({"keepdims": True}, {"initial": 1.0}):
         with pytest.raises(NotImplementedError, match=r"numpy\.add"):
-            Compiled(lambda a, given=keywords: [np.sum(a, axis=0, **given)], [(3,)])
+            run(batch_of(lambda a, b, given=keywords: [np.sum(a, axis=0, **given)], **arrays), ONCE)
+    for cars in (0, 3):
+        with pytest.raises(ValueError, match="cars"):
+            run(batch_of(lambda a, b: [a], a=np.ones((1, cars)), b=np.ones((1, 0))), ONCE)
 
 
-def test_a_second_of_sliding_cars() -> None:
-    """From 3 to 6 m/s with the wheels at full lock: every step of every car, compiled and in NumPy."""
-    cars = Vehicles.of([load_scenario("turn_designed", [f"car.tyre_friction={one}"]) for one in (0.3, 0.5, 0.8)])
-    speed = np.array([3.0, 4.5, 6.0])
-    state = np.zeros((len(STATES), cars.count))
-    state[STATES.index("v_x")] = speed
-    state[[place for place, name in enumerate(STATES) if name.startswith("spin")]] = speed / cars.rolling_radius
-    tail = np.tile([[[0.0], [0.0], [17.0], [5.0]], [[-0.8], [0.0], [17.0], [5.0]]], cars.count)
-    step, given = for_cars(driven, cars, *COMMANDED), (np.full((2, 3), 0.5), speed / cars.rolling_radius, tail)
-    for _ in range(500):
-        compiled, expected = step(state, *given), driven(cars, state, *given)
-        for found, wanted in zip(compiled, expected, strict=True):
-            assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
-        state = expected[0]
-    assert np.all(np.abs(state[STATES.index("yaw")]) > 0.3)
+def agree(batch: Any, ticks: np.ndarray, *given: np.ndarray) -> None:
+    """Every step of a batch, all of its arrays, compiled and in NumPy; each begins where NumPy came to."""
+    for index in range(len(ticks)):
+        now = [one[index : index + 1] for one in (ticks, *given)]
+        twin = deepcopy(batch)
+        run(twin, *now)
+        run_in_numpy(batch, *now)
+        for (found, name), (expected, _) in zip(_attributes(twin, set()), _attributes(batch, set()), strict=True):
+            assert_allclose(found[name], expected[name], rtol=1e-9, atol=1e-9, err_msg=f"{name}, step {index}")
 
 
-def test_a_step_of_a_car_on_the_ground() -> None:
-    frictions = np.linspace(0.3, 1.2, 11)
-    cars = Vehicles.of([load_scenario("turn_designed", [f"car.tyre_friction={one}"]) for one in frictions])
-    state = 0.1 * RNG.normal(size=(len(STATES), cars.count))
-    state[STATES.index("z")] = RNG.uniform(-0.02, 0.05, cars.count)
-    given = [state, *(RNG.normal(size=(*shape, cars.count)) for shape in COMMANDED[1:])]
-    for found, expected in zip(for_cars(driven, cars, *COMMANDED)(*given), driven(cars, *given), strict=True):
-        assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+def test_every_step_of_turns() -> None:
+    """The tails swing, the cars slide or tip, and some have left the turn."""
+    scenarios = [load_scenario("turn_designed", words) for words in FRICTIONS]
+    cars, plans = Vehicles.of(scenarios), TurnPlans.of(scenarios)
+    begun = drive_turns(cars, plans, duration=0.0).last
+    driven, index = Driven(cars, plans, begun, 0.002), np.arange(600)
+    agree(driven, index % 5 == 0, 0.002 * index)
+    assert np.isfinite(driven.law.trigger).all()
+    assert np.isfinite(driven.record.exits(0.002)["course"]).any()
+
+
+def test_every_step_of_entries() -> None:
+    """From 3 to 6 m/s, steered to one side and then, by the roll rate, to the other."""
+    words = ("manoeuvre.kind=turn", "manoeuvre.turns=1", "manoeuvre.rolling_start=false", "manoeuvre.turn_start=2")
+    scenarios = [load_scenario("turn_designed", (*settings, *words)) for settings in FRICTIONS]
+    cars = Vehicles.of(scenarios)
+    cars.speed[:] = np.linspace(3.0, 6.0, cars.count)
+    fishhook = scenarios[0].varied(manoeuvre={"kind": "fishhook", "steer_angle": 0.3})
+    entering, index = Entering(cars, fishhook, gains_of([{}] * cars.count, fishhook), np.ones(4)), np.arange(500)
+    agree(entering, index % 5 == 0, 1.9 + 0.002 * index, 0.0 * index, 1.0 * (index > 50), (index > 400) / 99)
+    assert np.all(np.abs(entering.state[STATES.index("yaw")]) > 0.3)

@@ -26,7 +26,7 @@ def test_the_law_commands_what_the_one_on_the_car_does(changes: tuple[str, ...])
     """Over a made-up path of yaw rate and tail: released, swung over the top, or given up where the tail is stopped."""
     scenario = load_scenario("turn_designed", changes)
     own = SwingLaw(SwingSettings.from_scenario(scenario))
-    batch = BatchLaw(TurnPlans.of([scenario]), Vehicles.of([scenario]))
+    batch = BatchLaw(TurnPlans.of([scenario]), Vehicles.of([scenario]), np.zeros(1))
     memory, seen = own.start(), 0.0
     for tick in range(200):
         time = 0.01 * tick
