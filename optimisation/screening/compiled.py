@@ -21,8 +21,8 @@ import numpy as np
 
 from aerodima.workbench.config.array_types import FloatArray
 
-LANES = 8
-"""Cars that one pass works on: two registers of AVX2, one of AVX-512."""
+LANES = 8 if llvm.get_host_cpu_features().get("avx512f") else 4
+"""Cars that one pass works on: a register of AVX-512 or of AVX2."""
 
 
 def run(batch: Any, ticks: np.ndarray, *given: FloatArray, keep: bool = False) -> list[FloatArray]:
@@ -100,6 +100,8 @@ class Recording:
     def add(self, name: str, *operands: Any) -> Value:
         """Result of an operation; the one that is known where it was recorded before."""
         key = (name, *(("value", one.place) if isinstance(one, Value) else float(one) for one in operands))
+        if name in ("fadd", "fmul"):
+            key = (name, *sorted(key[1:], key=str))
         if key not in self._known:
             self._known[key] = Value(len(self.operations))
             self.operations.append(key)
@@ -273,9 +275,6 @@ class Symbols(np.ndarray):
 class Compiled:
     """Tick and step of a batch with these shapes and constants; see `run`.
 
-    Attributes:
-        operations: number of different ones of both, the numbers that are read included.
-
     Args:
         batch: stays as it is.
         given: how many numbers each step is given.
@@ -287,7 +286,7 @@ class Compiled:
         shapes = [own[name].shape[:-1] for own, name in places]
         ends = np.cumsum([math.prod(shape) for shape in shapes]).tolist()
         self._rows = [slice(end - math.prod(shape), end) for shape, end in zip(shapes, ends, strict=True)]
-        self._count, self.operations, self._changed = ends[-1], 0, set()
+        self._count, self._changed = ends[-1], set()
         functions = []
         for function in ("tick", "step"):
             record = Recording()
@@ -306,7 +305,6 @@ class Compiled:
                         self._changed.add(index)
             kept = [np.asarray(one, object).view(np.ndarray) for one in kept]
             functions.append(_function(function, record.operations, stored, [v for one in kept for v in one.ravel()]))
-            self.operations += len(record.operations)
         self._kept = [one.shape[:-1] for one in kept]
         self._width = sum(map(math.prod, self._kept))
         loop = _LOOP.format(GIVEN=given + 1, KEPT=self._width)
@@ -392,20 +390,6 @@ end:
 """
 
 
-def _in_order(operations: Sequence[tuple[Any, ...]], results: Sequence[Any]) -> list[int]:
-    """Places of what the results need, each as late as the results before it let it be: few stay in use at a time."""
-    waiting = [one.place for one in reversed(results) if isinstance(one, Value)]
-    found: dict[int, None] = {}
-    while waiting:
-        place = waiting[-1]
-        before = [one[1] for one in operations[place][1:] if isinstance(one, tuple) and one[1] not in found]
-        if place in found or not before:
-            found[waiting.pop()] = None
-        else:
-            waiting += reversed(before)
-    return list(found)
-
-
 def _function(name: str, operations: Sequence[tuple[Any, ...]], stored: Mapping[int, Any], kept: Sequence[Any]) -> str:
     """LLVM assembly of a function that reads rows and numbers of a block of cars, and stores rows.
 
@@ -422,8 +406,13 @@ def _function(name: str, operations: Sequence[tuple[Any, ...]], stored: Mapping[
         number = f"double 0x{np.float64(operand).view(np.uint64):016X}"
         return "<" + ", ".join([number] * LANES) + ">"
 
+    needed, waiting = set(), [one.place for one in (*stored.values(), *kept) if isinstance(one, Value)]
+    while waiting:
+        if (place := waiting.pop()) not in needed:
+            needed.add(place)
+            waiting += [one[1] for one in operations[place][1:] if isinstance(one, tuple)]
     lines: list[str] = []
-    for place in _in_order(operations, [*stored.values(), *kept]):
+    for place in sorted(needed):
         what, *operands = operations[place]
         v, p = f"%v{place} =", f"%p{place}"
         first, *others = (named(one) for one in operands)

@@ -88,32 +88,33 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
 
 
 class Entering:
-    """Cars (n) on the way, a batch of `run`; a step is given its time (s), the steering command (rad) that is planned
-    where a tick begins it, 1 where the course counts, and its share in the end of the run.
+    """Cars on the way, a batch of `compiled.run`.
+
+    A step is given its time (s), the steering command (rad) that is planned where a tick begins it, 1 where the course
+    counts, and its share in the end of the run.
 
     Attributes:
-        upright, total, steered, ending: what `Entries` is made of.
+        state: (24, n).
+        upright, total, steered, ending: what `Entries` is made of (n).
+
+    Args: as of `enter`.
     """
 
     def __init__(self, cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArray) -> None:
-        plan, servo, controller, one = scenario.manoeuvre, scenario.servo, scenario.controller, np.ones(cars.count)
-        late = round(np.ceil(scenario.imu.delay * controller.rate - 1e-9))
+        plan, controller, n = scenario.manoeuvre, scenario.controller, cars.count
         self._cars, self._gains, self._steers_tail, self._fishhook = cars, gains, steers_tail, plan.kind == "fishhook"
-        self._wheelbase, self._rate, self._servo_rate = np.outer(
-            [scenario.car.wheelbase, controller.rate, servo.rate], one
-        )
-        self._start, self._angle, self._hold, self._counter_roll_rate = np.outer(
-            [plan.turn_start, plan.steer_angle, plan.turn_hold, plan.counter_roll_rate], one
-        )
-        self._pitch = np.stack([gains.pitch_angle, *np.outer([0.0, controller.hold_kp, controller.hold_kd], one)])
-        self.state = np.zeros((len(STATES), cars.count))
+        numbers = [scenario.car.wheelbase, controller.rate, scenario.servo.rate, controller.hold_kp, controller.hold_kd]
+        numbers += [plan.turn_start, plan.steer_angle, plan.turn_hold, plan.counter_roll_rate]
+        self._wheelbase, self._rate, self._servo_rate, kp, kd, *fishhook = np.outer(numbers, np.ones(n))
+        self._start, self._angle, self._hold, self._counter_roll_rate = fishhook
+        self._pitch = np.stack([gains.pitch_angle, np.zeros(n), kp, kd])
+        self.state, self._tail = np.zeros((len(STATES), n)), np.zeros((2, 4, n))
         self.state[RATES][V][0], self.state[RATES][SPIN] = cars.speed, cars.speed / cars.rolling_radius
         self.state[6] = gains.pitch_angle
-        self._seen, self._tail = np.zeros((late + 1, 3, cars.count)), np.zeros((2, 4, cars.count))
-        self._steering, self._command, self._reference, self._course = np.zeros((4, cars.count))
-        self._counter, self._gone = np.full(cars.count, np.inf), np.zeros(cars.count, bool)
-        self.upright = np.ones(cars.count, bool)
-        self.total, self.steered, self.ending = np.zeros((3, cars.count))
+        self._seen = np.zeros((1 + round(np.ceil(scenario.imu.delay * controller.rate - 1e-9)), 3, n))
+        self._steering, self._command, self._reference, self._course = np.zeros((4, n))
+        self._counter, self._gone = np.full(n, np.inf), np.zeros(n, bool)
+        self.upright, (self.total, self.steered, self.ending) = np.ones(n, bool), np.zeros((3, n))
 
     def tick(self, time: Any, planned: Any, *_: Any) -> None:
         """The law and the driver."""
@@ -125,8 +126,9 @@ class Entering:
         self._reference = self._steers_tail * found.reference
         swung = np.stack([self._reference, 0.0 * self._reference, self._gains.kp, self._gains.kd])
         self._tail = np.stack([self._pitch, swung]) * self._cars.has_tail
-        self._command = planned + 0.0 * self._command
-        if self._fishhook:
+        if not self._fishhook:
+            self._command = planned + 0.0 * self._command
+        else:
             reach = self._angle / self._servo_rate
             falls = (time >= self._start + reach) & (roll_rate < self._counter_roll_rate) & (self._counter == np.inf)
             self._counter = np.where(falls, time, self._counter)

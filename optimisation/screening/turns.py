@@ -171,7 +171,16 @@ HISTORY = ("history", "asked", "loads")
 
 
 class Driven:
-    """Cars (n) on the way, a batch of `run`; times are s since the start of the steering."""
+    """Cars on the way, a batch of `compiled.run`; times are s since the start of the steering.
+
+    Attributes:
+        state: (24, n); `gone`, who has flipped (n); `loads` of the wheels before the last step (4, n), N.
+
+    Args:
+        cars, plans: n of each.
+        state: that they begin with (24, n).
+        length: of a step, s.
+    """
 
     def __init__(self, cars: Vehicles, plans: TurnPlans, state: FloatArray, length: float) -> None:
         self._cars, self._plans, self._length = cars, plans, length

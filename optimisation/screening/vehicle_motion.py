@@ -141,7 +141,6 @@ def advance(
     return step(state, found, length), found.loads
 
 
-
 def configuration_rate(state: FloatArray, rates: FloatArray, travel_rate: FloatArray) -> FloatArray:
     """Of the first twelve states (12, n)."""
     yaw, pitch, roll = state[ANGLES]
@@ -303,13 +302,10 @@ def _tyres(
     axle = np.stack([-np.sin(steer), np.cos(steer), 0.0 * steer])  # (3, 4, n)
     n4 = n[:, None]
     tilt = dot(axle, n4)
-    across = np.sqrt(1.0 - tilt * tilt + TINY)
-    ahead = (1.0 / across) * cross(axle, n4)
-    left = cross(n4, ahead)
 
     # Lowest point of each edge, an ellipsoid, and where it meets the ground.
     R2, h2 = cars.tyre_radius**2, cars.tyre_half_width**2
-    reach = np.sqrt(R2 * across * across + h2 * tilt * tilt)
+    reach = np.sqrt(R2 * (1.0 - tilt * tilt) + h2 * tilt * tilt)
     down = (-1.0 / reach) * (R2 * (n4 - tilt * axle) + h2 * tilt * axle)
     centre = np.stack([cars.wheel[0], cars.wheel[1], cars.wheel[2] + state[TRAVEL]])
     sides = np.array([1.0, -1.0])[:, None, None]
@@ -322,12 +318,11 @@ def _tyres(
     velocity = v[:, None, None] + cross(w[:, None, None], place)
 
     # Suspension: its rate and the loads follow from one balance per wheel.
-    slip_ahead = dot(ahead[:, None], velocity) + dot(ahead[:, None], spinning) * spin
-    slip_left = dot(left[:, None], velocity)
-    sliding = cars.friction / np.sqrt(slip_ahead**2 + slip_left**2 + cars.slip_speed**2)
-    lean = n[2] - sliding * (slip_ahead * ahead[2] + slip_left * left[2])
-    spring = cars.tyre_stiffness * sunk
     closing = -dot(n_e, velocity)
+    slip = velocity + spinning * spin + closing * n_e  # along the ground, as `spinning`
+    sliding = cars.friction / np.sqrt(dot(slip, slip) + cars.slip_speed**2)
+    lean = n[2] - sliding * slip[2]
+    spring = cars.tyre_stiffness * sunk
     undamped = spring * np.maximum(1.0 + cars.tyre_dissipation * closing, 0.0)
     carried = cars.preload + cars.spring * state[TRAVEL] + cars.unsprung * cars.gravity * n[2]
     holding = cars.damper + np.sum(np.maximum(lean, 0.0) * cars.tyre_dissipation * spring * n[2], axis=0)
@@ -335,17 +330,13 @@ def _tyres(
     load = spring * np.maximum(1.0 + cars.tyre_dissipation * (closing - n[2] * travel_rate), 0.0)
 
     grip = sliding * load
-    rows = np.stack([ahead, left], axis=1)[:, :, None]  # (3, direction, 1, 4, n)
-    slips = np.stack([slip_ahead, slip_left])
-    turned = dot(rows, spinning[:, None])  # of a wheel's own spin (2, 2, 4, n)
-    weighted = _slide(place[:, None], rows, slips, grip, force, damping)
-    force[W] += np.sum(cross(place, n_e * load), axis=(1, 2))
-    force[V] += np.sum(load, axis=(0, 1)) * n
-    force[SPIN] -= np.sum(turned * grip * slips, axis=(0, 1))
-    mixed = np.sum(weighted * turned, axis=(1, 2))  # (6, 4, n)
+    _press(place, load * n_e - grip * slip, grip, n, force, damping)
+    pushed = grip * spinning
+    force[SPIN] -= np.sum(dot(pushed, slip), axis=0)
+    mixed = np.concatenate([np.sum(cross(place, pushed), axis=1), np.sum(pushed, axis=1)])  # (6, 4, n)
     damping[:6, SPIN] += mixed
     damping[SPIN, :6] += np.swapaxes(mixed, 0, 1)
-    own = np.sum(grip * turned * turned, axis=(0, 1))
+    own = np.sum(dot(pushed, spinning), axis=0)
 
     # Wheels and drive: the shaft turns at the mean of the rear wheels.
     rounded = np.tanh(spin / ROLLING_RATE)
@@ -374,33 +365,30 @@ def _board(state: FloatArray, cars: Vehicles, force: FloatArray, damping: FloatA
     sunk = np.maximum(-state[2] - dot(n_e, cars.board), 0.0)
     closing = -dot(n_e, velocity)
     load = CAGE_STIFFNESS * sunk * np.maximum(1.0 + BOARD_DISSIPATION * closing, 0.0)
-    ahead = cross(np.array([0.0, 1.0, 0.0])[:, None], n) / np.sqrt(n[0] ** 2 + n[2] ** 2 + TINY)
-    rows = np.stack([ahead, cross(n, ahead)], axis=1)[:, :, None]  # (3, direction, 1, n)
-    slips = dot(rows, velocity[:, None])
-    slip = np.sqrt(np.sum(slips**2, axis=0) + SLIDING**2)
-    _slide(cars.board[:, None], rows, slips, cars.board_friction * load / slip, force, damping)
-    force[W] += np.sum(cross(cars.board, n_e * load), axis=1)
-    force[V] += np.sum(load, axis=0) * n
+    slip = velocity + closing * n_e
+    grip = cars.board_friction * load / np.sqrt(dot(slip, slip) + SLIDING**2)
+    _press(cars.board, load * n_e - grip * slip, grip, n, force, damping)
 
 
-def _slide(
-    place: FloatArray, rows: FloatArray, slips: FloatArray, grip: FloatArray, force: FloatArray, damping: FloatArray
-) -> FloatArray:
-    """Adds forces -grip x slip at places along directions, all in B, to the body.
+def _press(
+    place: FloatArray, push: FloatArray, grip: FloatArray, n: FloatArray, force: FloatArray, damping: FloatArray
+) -> None:
+    """Adds forces of the ground on the body, all in B.
 
     Args:
-        place: (3, 1, ..., n), m; rows: unit vectors (3, directions, ..., n); slips: m/s; grip: N s/m.
-
-    Returns:
-        Slopes of the forces on the body (6, directions, ..., n) per slip.
+        place: (3, ..., n), m; push: (3, ..., n), N; grip: its slope with the slip in any direction along the ground
+            (..., n), N s/m; n: upright (3, n).
     """
-    arms = cross(place, rows)
-    jacobian = np.concatenate([arms, np.broadcast_to(rows, arms.shape)])
-    weighted = grip * jacobian
-    pushed = (weighted * slips).reshape(6, -1, slips.shape[-1])
-    force[:6] -= np.sum(pushed, axis=1)
-    flat, heavy = (part.reshape(6, -1, slips.shape[-1]) for part in (jacobian, weighted))
-    for row in range(6):
-        damping[row, row:6] += np.sum(flat[row] * heavy[row:], axis=1)
-        damping[row + 1 : 6, row] = damping[row, row + 1 : 6]
-    return weighted
+    columns = (3, -1, n.shape[-1])
+    place, push, grip = place.reshape(columns), push.reshape(columns), grip.reshape(columns[1:])
+    force[W] += np.sum(cross(place, push), axis=1)
+    force[V] += np.sum(push, axis=1)
+    flat = np.eye(3)[:, :, None] - _outer(n, n)
+    damping[V, V] += np.sum(grip, axis=0) * flat
+    heavy, arm = grip * place, cross(place, n[:, None])
+    damping[W, W] -= np.sum(heavy[:, None] * place + (grip * arm)[:, None] * arm, axis=2)
+    for axis in range(3):
+        damping[axis, axis] += np.sum(dot(heavy, place), axis=0)
+        turned = cross(np.sum(heavy, axis=1), flat[axis])
+        damping[W, 3 + axis] += turned
+        damping[3 + axis, W] += turned

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aerodima.optimisation.entry.feedback_search import gains_of
-from aerodima.optimisation.screening.compiled import LANES, Compiled, _attributes, run, run_in_numpy
+from aerodima.optimisation.screening.compiled import LANES, Recording, _attributes, run, run_in_numpy
 from aerodima.optimisation.screening.entry_runs import Entering
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import Driven, drive_turns
@@ -77,9 +77,11 @@ def test_steps_change_arrays_by_what_they_are_given() -> None:
     assert batch.fast.dtype == bool
 
 
-def test_the_record_holds_an_operation_once() -> None:
-    once = Compiled(batch_of(lambda a: [np.sqrt(a) + np.sqrt(a)], a=np.ones(1)), 0)
-    assert once.operations == 4  # input of the tick; input, root, sum
+def test_a_record_holds_an_operation_once() -> None:
+    record = Recording()
+    one = record.add("in", 0)
+    assert record.add("sqrt", one) is record.add("sqrt", one)
+    assert len(record.operations) == 2
 
 
 def test_what_cannot_be_compiled_is_refused() -> None:
@@ -97,17 +99,19 @@ def test_what_cannot_be_compiled_is_refused() -> None:
 
 
 def agree(batch: Any, ticks: np.ndarray, *given: np.ndarray) -> None:
-    """Every step of a batch, all of its arrays, compiled and in NumPy; each begins where NumPy came to."""
+    """All arrays of a batch after steps, compiled and in NumPy from the same states; 6 of 50, the others compiled."""
     for index in range(len(ticks)):
         now = [one[index : index + 1] for one in (ticks, *given)]
-        twin = deepcopy(batch)
-        run(twin, *now)
-        run_in_numpy(batch, *now)
-        for (found, name), (expected, _) in zip(_attributes(twin, set()), _attributes(batch, set()), strict=True):
-            assert_allclose(found[name], expected[name], rtol=1e-9, atol=1e-9, err_msg=f"{name}, step {index}")
+        if index % 50 < 6:
+            twin = deepcopy(batch)
+            run_in_numpy(twin, *now)
+        run(batch, *now)
+        if index % 50 < 6:
+            for (found, name), (expected, _) in zip(_attributes(batch, set()), _attributes(twin, set()), strict=True):
+                assert_allclose(found[name], expected[name], rtol=1e-9, atol=1e-9, err_msg=f"{name}, step {index}")
 
 
-def test_every_step_of_turns() -> None:
+def test_steps_of_turns() -> None:
     """The tails swing, the cars slide or tip, and some have left the turn."""
     scenarios = [load_scenario("turn_designed", words) for words in FRICTIONS]
     cars, plans = Vehicles.of(scenarios), TurnPlans.of(scenarios)
@@ -118,7 +122,7 @@ def test_every_step_of_turns() -> None:
     assert np.isfinite(driven.record.exits(0.002)["course"]).any()
 
 
-def test_every_step_of_entries() -> None:
+def test_steps_of_entries() -> None:
     """From 3 to 6 m/s, steered to one side and then, by the roll rate, to the other."""
     words = ("manoeuvre.kind=turn", "manoeuvre.turns=1", "manoeuvre.rolling_start=false", "manoeuvre.turn_start=2")
     scenarios = [load_scenario("turn_designed", (*settings, *words)) for settings in FRICTIONS]
