@@ -191,35 +191,27 @@ def _tanh(record: Recording, a: Any) -> Any:
     return record.add("fdiv", e, record.add("fadd", e, 2.0))
 
 
+_NAMED = {"maximum": "max", "minimum": "min", "bitwise_or": "max", "less": "olt", "less_equal": "ole", "equal": "oeq"}
+_NAMED |= {"absolute": "fabs", "sqrt": "sqrt", "rint": "rint"}
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "add": _sum,
     "subtract": _difference,
-    "multiply": _product,
     "divide": _quotient,
     "power": _power,
     "square": lambda record, a: _product(record, a, a),
     "negative": lambda record, a: record.add("fsub", 0.0, a),
-    "maximum": _named("max"),
-    "minimum": _named("min"),
     "clip": _clip,
-    "less": _named("olt"),
-    "less_equal": _named("ole"),
-    "equal": _named("oeq"),
     "greater": lambda record, a, b: record.add("olt", b, a),
     "greater_equal": lambda record, a, b: record.add("ole", b, a),
     "isnan": lambda record, a: record.add("uno", a, a),
     "invert": lambda record, a: record.add("fsub", 1.0, a),
-    "bitwise_and": _product,
-    "bitwise_or": _named("max"),
-    "logical_and": _product,
-    "absolute": _named("fabs"),
-    "sqrt": _named("sqrt"),
-    "rint": _named("rint"),
     "sin": _sine,
     "cos": lambda record, a: _sine(record, a, 0.5),
     "tan": lambda record, a: record.add("fdiv", _sine(record, a), _sine(record, a, 0.5)),
     "arctan": _arctan,
     "tanh": _tanh,
+    **dict.fromkeys(("multiply", "bitwise_and", "logical_and"), _product),
+    **{name: _named(kind) for name, kind in _NAMED.items()},
 }
 """By the name of the NumPy function; a comparison gives 1 or 0."""
 INTRINSICS = ("sqrt", "fabs", "rint")
@@ -292,7 +284,7 @@ class Compiled:
             record = Recording()
             symbols = type("RecordedSymbols", (Symbols,), {"recording": record})
             numbers = [np.array([record.add("given", k)], object).view(symbols) for k in range(1, given + 1)]
-            before = [record.add("in", row) for row in range(self._count)]
+            before = [record.add("own", row) for row in range(self._count)]
             for (own, name), rows, shape in zip(places, self._rows, shapes, strict=True):
                 own[name] = np.array(before[rows], object).reshape(*shape, 1).view(symbols)
             kept = getattr(batch, function)(*numbers) or []
@@ -307,7 +299,7 @@ class Compiled:
             functions.append(_function(function, record.operations, stored, [v for one in kept for v in one.ravel()]))
         self._kept = [one.shape[:-1] for one in kept]
         self._width = sum(map(math.prod, self._kept))
-        loop = _LOOP.format(GIVEN=given + 1, KEPT=self._width)
+        loop = _LOOP.format(GIVEN=LANES * (given + 1))
         module = llvm.parse_assembly("\n".join([_DECLARED, *functions, loop]))
         module.verify()
         self._engine = llvm.create_mcjit_compiler(module, _machine())
@@ -327,22 +319,23 @@ class Compiled:
         numbers = np.concatenate([own[name].reshape(-1, own[name].shape[-1]) for own, name in places], dtype=float)
         cars = numbers.shape[1]
         numbers = np.pad(numbers, ((0, 0), (0, -cars % LANES)), mode="edge")
-        columns = numbers.shape[1]
         memory = np.empty(numbers.size + LANES)
         first = -memory.ctypes.data // 8 % LANES  # aligned
         rows = memory[first : first + numbers.size].reshape(-1, self._count, LANES)
         rows[:] = numbers.reshape(self._count, -1, LANES).swapaxes(0, 1)
-        kept = np.empty((len(given) * keep, self._width, columns))
-        for block, own in enumerate(rows):
-            target = kept.ctypes.data + 8 * LANES * block if keep else None
-            self._call(len(given), columns, given.ctypes.data, own.ctypes.data, target)
-        numbers = rows.swapaxes(0, 1).reshape(self._count, columns)[:, :cars]
+        given = np.repeat(given[..., None], LANES, axis=-1)
+        kept = np.empty((len(rows), len(given) if keep else 1, self._width, LANES))
+        for own, place in zip(rows, kept, strict=True):
+            stride = LANES * self._width * keep  # what is not kept is written to one place
+            self._call(len(given), stride, given.ctypes.data, own.ctypes.data, place.ctypes.data)
+        numbers = rows.swapaxes(0, 1).reshape(self._count, -1)[:, :cars]
         for index in self._changed:
             own, name = places[index]
             own[name] = numbers[self._rows[index]].reshape(own[name].shape).astype(own[name].dtype)
         if not keep:
             return []
-        parts = np.split(kept[..., :cars], np.cumsum([math.prod(shape) for shape in self._kept])[:-1], axis=1)
+        kept = np.moveaxis(kept, 0, 2).reshape(len(given), self._width, -1)[..., :cars]
+        parts = np.split(kept, np.cumsum([math.prod(shape) for shape in self._kept])[:-1], axis=1)
         return [part.reshape(len(given), *shape, cars) for part, shape in zip(parts, self._kept, strict=True)]
 
 
@@ -361,26 +354,23 @@ def _machine() -> Any:
 _KIND = f"<{LANES} x double>"
 _DECLARED = "\n".join(f"declare {_KIND} @llvm.{name}.v{LANES}f64({_KIND})" for name in INTRINSICS)
 _LOOP = """
-define void @run(i64 %steps, i64 %columns, ptr %given, ptr %own, ptr %kept) {{
+define void @run(i64 %steps, i64 %stride, ptr %given, ptr %own, ptr %kept) {{
 entry:
-  %size = mul i64 %columns, {KEPT}
-  %forgets = icmp eq ptr %kept, null
   br label %begin
 begin:
   %s = phi i64 [ 0, %entry ], [ %next, %ticked ]
   %first = mul i64 %s, {GIVEN}
-  %numbers = getelementptr double, ptr %given, i64 %first
-  %flag = load double, ptr %numbers
+  %now = getelementptr double, ptr %given, i64 %first
+  %flag = load double, ptr %now
   %ticks = fcmp one double %flag, 0.0
   br i1 %ticks, label %ticking, label %ticked
 ticking:
-  call void @tick(ptr %own, ptr %numbers, ptr null, i64 0)
+  call void @tick(ptr %own, ptr %now, ptr %kept)
   br label %ticked
 ticked:
-  %before = mul i64 %s, %size
+  %before = mul i64 %s, %stride
   %place = getelementptr double, ptr %kept, i64 %before
-  %target = select i1 %forgets, ptr null, ptr %place
-  call void @step(ptr %own, ptr %numbers, ptr %target, i64 %columns)
+  call void @step(ptr %own, ptr %now, ptr %place)
   %next = add i64 %s, 1
   %more = icmp slt i64 %next, %steps
   br i1 %more, label %begin, label %end
@@ -391,11 +381,11 @@ end:
 
 
 def _function(name: str, operations: Sequence[tuple[Any, ...]], stored: Mapping[int, Any], kept: Sequence[Any]) -> str:
-    """LLVM assembly of a function that reads rows and numbers of a block of cars, and stores rows.
+    """LLVM assembly of a function of the rows of some cars, of numbers, and of a place for what is kept.
 
     Args:
         stored: by row, what replaces it.
-        kept: results that are stored in rows of another place, unless it is null.
+        kept: results.
     """
 
     def named(operand: Any) -> str:
@@ -416,14 +406,9 @@ def _function(name: str, operations: Sequence[tuple[Any, ...]], stored: Mapping[
         what, *operands = operations[place]
         v, p = f"%v{place} =", f"%p{place}"
         first, *others = (named(one) for one in operands)
-        if what == "in":
-            lines.append(f"{p} = getelementptr double, ptr %own, i64 {int(operands[0]) * LANES}")
-            lines.append(f"{v} load {_KIND}, ptr {p}, align {8 * LANES}")
-        elif what == "given":
-            lines.append(f"{p} = getelementptr double, ptr %numbers, i64 {int(operands[0])}")
-            lines.append(f"%s{place} = load double, ptr {p}")
-            lines.append(f"%i{place} = insertelement {_KIND} poison, double %s{place}, i64 0")
-            lines.append(f"{v} shufflevector {_KIND} %i{place}, {_KIND} poison, <{LANES} x i32> zeroinitializer")
+        if what in ("own", "given"):
+            lines.append(f"{p} = getelementptr double, ptr %{what}, i64 {int(operands[0]) * LANES}")
+            lines.append(f"{v} load {_KIND}, ptr {p}, align 8")
         elif what in ("min", "max"):
             lines.append(f"%c{place} = fcmp {'olt' if what == 'min' else 'ogt'} {_KIND} {first}, {others[0]}")
             lines.append(f"{v} select <{LANES} x i1> %c{place}, {_KIND} {first}, {_KIND} {others[0]}")
@@ -437,20 +422,9 @@ def _function(name: str, operations: Sequence[tuple[Any, ...]], stored: Mapping[
             lines.append(f"{v} call {_KIND} @llvm.{what}.v{LANES}f64({_KIND} {first})")
         else:
             lines.append(f"{v} {what} contract {_KIND} {first}, {others[0]}")
-    for row, result in stored.items():
-        lines.append(f"%o{row} = getelementptr double, ptr %own, i64 {row * LANES}")
-        lines.append(f"store {_KIND} {named(result)}, ptr %o{row}, align {8 * LANES}")
-    lines += ["%forgets = icmp eq ptr %kept, null", "br i1 %forgets, label %end, label %keep", "keep:"]
-    for row, result in enumerate(kept):
-        lines.append(f"%r{row} = mul i64 %columns, {row}")
-        lines.append(f"%k{row} = getelementptr double, ptr %kept, i64 %r{row}")
-        lines.append(f"store {_KIND} {named(result)}, ptr %k{row}, align 8")
-    body = "\n  ".join([*lines, "br label %end"])
-    return f"""
-define void @{name}(ptr noalias %own, ptr noalias %numbers, ptr noalias %kept, i64 %columns) {{
-entry:
-  {body}
-end:
-  ret void
-}}
-"""
+    for place, results in (("own", stored.items()), ("kept", enumerate(kept))):
+        for row, result in results:
+            lines.append(f"%{place}{row} = getelementptr double, ptr %{place}, i64 {row * LANES}")
+            lines.append(f"store {_KIND} {named(result)}, ptr %{place}{row}, align 8")
+    body = "\n  ".join([*lines, "ret void"])
+    return f"define void @{name}(ptr noalias %own, ptr noalias %given, ptr noalias %kept) {{\n  {body}\n}}\n"
