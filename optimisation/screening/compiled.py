@@ -25,7 +25,7 @@ LANES = 8 if llvm.get_host_cpu_features().get("avx512f") else 4
 """Cars that one pass works on: a register of AVX-512 or of AVX2."""
 
 
-def run(batch: Any, ticks: np.ndarray, *given: FloatArray, keep: bool = False) -> list[FloatArray]:
+def run(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -> list[FloatArray]:
     """Steps the cars of a batch: compiled, and in NumPy where complex steps pass through.
 
     Args:
@@ -59,8 +59,8 @@ def run(batch: Any, ticks: np.ndarray, *given: FloatArray, keep: bool = False) -
     return _COMPILED[key](batch, np.stack([ticks, *given], axis=-1).astype(float), keep)
 
 
-def run_in_numpy(batch: Any, ticks: np.ndarray, *given: FloatArray, keep: bool = False) -> list[FloatArray]:
-    """As `run`, what is compiled."""
+def run_in_numpy(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -> list[FloatArray]:
+    """Does the same as `run` in NumPy, which is what `run` compiles."""
     kept = []
     for tick, *numbers in zip(ticks, *given, strict=True):
         if tick:
@@ -154,8 +154,8 @@ def _clip(record: Recording, a: Any, low: Any, high: Any) -> Any:
 
 def _series(record: Recording, x: Any, factors: Sequence[float]) -> Any:
     """Sum of factors times powers of x, from 0 on."""
-    *others, found = factors
-    for factor in reversed(others):
+    found: Any = factors[-1]
+    for factor in reversed(factors[:-1]):
         found = record.add("fadd", record.add("fmul", found, x), factor)
     return found
 
@@ -283,7 +283,7 @@ class Compiled:
         for function in ("tick", "step"):
             record = Recording()
             symbols = type("RecordedSymbols", (Symbols,), {"recording": record})
-            numbers = [np.array([record.add("given", k)], object).view(symbols) for k in range(1, given + 1)]
+            numbers: Any = [np.array([record.add("given", k)], object).view(symbols) for k in range(1, given + 1)]
             before = [record.add("own", row) for row in range(self._count)]
             for (own, name), rows, shape in zip(places, self._rows, shapes, strict=True):
                 own[name] = np.array(before[rows], object).reshape(*shape, 1).view(symbols)
@@ -325,9 +325,9 @@ class Compiled:
         rows[:] = numbers.reshape(self._count, -1, LANES).swapaxes(0, 1)
         given = np.repeat(given[..., None], LANES, axis=-1)
         kept = np.empty((len(rows), len(given) if keep else 1, self._width, LANES))
-        for own, place in zip(rows, kept, strict=True):
-            stride = LANES * self._width * keep  # what is not kept is written to one place
-            self._call(len(given), stride, given.ctypes.data, own.ctypes.data, place.ctypes.data)
+        stride = LANES * self._width * keep  # what is not kept is written to one place
+        for block, place in zip(rows, kept, strict=True):
+            self._call(len(given), stride, given.ctypes.data, block.ctypes.data, place.ctypes.data)
         numbers = rows.swapaxes(0, 1).reshape(self._count, -1)[:, :cars]
         for index in self._changed:
             own, name = places[index]
@@ -422,9 +422,9 @@ def _function(name: str, operations: Sequence[tuple[Any, ...]], stored: Mapping[
             lines.append(f"{v} call {_KIND} @llvm.{what}.v{LANES}f64({_KIND} {first})")
         else:
             lines.append(f"{v} {what} contract {_KIND} {first}, {others[0]}")
-    for place, results in (("own", stored.items()), ("kept", enumerate(kept))):
+    for base, results in (("own", stored.items()), ("kept", enumerate(kept))):
         for row, result in results:
-            lines.append(f"%{place}{row} = getelementptr double, ptr %{place}, i64 {row * LANES}")
-            lines.append(f"store {_KIND} {named(result)}, ptr %{place}{row}, align 8")
+            lines.append(f"%{base}{row} = getelementptr double, ptr %{base}, i64 {row * LANES}")
+            lines.append(f"store {_KIND} {named(result)}, ptr %{base}{row}, align 8")
     body = "\n  ".join([*lines, "ret void"])
     return f"define void @{name}(ptr noalias %own, ptr noalias %given, ptr noalias %kept) {{\n  {body}\n}}\n"

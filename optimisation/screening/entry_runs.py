@@ -103,9 +103,10 @@ class Entering:
     def __init__(self, cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArray) -> None:
         plan, controller, n = scenario.manoeuvre, scenario.controller, cars.count
         self._cars, self._gains, self._steers_tail, self._fishhook = cars, gains, steers_tail, plan.kind == "fishhook"
-        numbers = [scenario.car.wheelbase, controller.rate, scenario.servo.rate, controller.hold_kp, controller.hold_kd]
+        numbers = [scenario.car.wheelbase, scenario.servo.rate, controller.hold_kp, controller.hold_kd]
         numbers += [plan.turn_start, plan.steer_angle, plan.turn_hold, plan.counter_roll_rate]
-        self._wheelbase, self._rate, self._servo_rate, kp, kd, *fishhook = np.outer(numbers, np.ones(n))
+        self._wheelbase, self._servo_rate, kp, kd, *fishhook = np.outer(numbers, np.ones(n))
+        self._rate = controller.rate
         self._start, self._angle, self._hold, self._counter_roll_rate = fishhook
         self._pitch = np.stack([gains.pitch_angle, np.zeros(n), kp, kd])
         self.state, self._tail = np.zeros((len(STATES), n)), np.zeros((2, 4, n))
@@ -117,7 +118,7 @@ class Entering:
         self.upright, (self.total, self.steered, self.ending) = np.ones(n, bool), np.zeros((3, n))
 
     def tick(self, time: Any, planned: Any, *_: Any) -> None:
-        """The law and the driver."""
+        """Asks the law and the driver."""
         state = self.state
         self._seen = np.concatenate([self._seen[1:], np.stack([state[5], *state[RATES][W][::2]])[None]])
         roll, roll_rate, yaw_rate = self._seen[0]
@@ -137,7 +138,7 @@ class Entering:
             self._command = np.where(time >= self._counter + 2.0 * reach + self._hold, 0.0, steered)
 
     def step(self, time: Any, planned: Any, counts: Any, share: Any) -> None:
-        """Servo, motion and what comes of it."""
+        """Drives one step and judges it."""
         cars, most = self._cars, self._servo_rate * STEP
         self._steering = self._steering + np.clip(self._command - self._steering, -most, most)
         both = np.stack([self._steering, self._steering])

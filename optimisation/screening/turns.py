@@ -61,7 +61,7 @@ class TurnRecord:
         self.peak_roll, self.lowest_tail, self.lowest_board = np.zeros(n), np.full(n, np.inf), np.full(n, np.inf)
 
     def see(self, time: Any, before: FloatArray, state: FloatArray) -> None:
-        """Told the states (24, n) a step before a time since the start of the steering, s, and at that time."""
+        """Records states (24, n): those a step before a time since the start of the steering, s, and those at it."""
         self.peak_roll = np.maximum(self.peak_roll, state[5])
         tail, board = heights(state, self._cars)
         self.lowest_tail, self.lowest_board = np.minimum(self.lowest_tail, tail), np.minimum(self.lowest_board, board)
@@ -70,7 +70,7 @@ class TurnRecord:
         self._around = np.where(leaves, np.stack([before, state]), self._around)
 
     def settle(self, time: Any, state: FloatArray, loads: FloatArray, busy: np.ndarray) -> None:
-        """Told the loads of the wheels (4, n), N, and whose law is busy: settled is who a log says has."""
+        """Decides who has settled, as in a log, by the loads of the wheels (4, n), N, and by whose law is busy."""
         calm = np.logical_and.reduce(np.abs(state[_CALM_PLACES].real) <= self._limits)
         loaded = np.logical_and.reduce(loads.real > LOADED_FORCE)
         calm = calm & (up(state[4], state[5])[2].real > _COS_CALM) & loaded & ~busy
@@ -83,7 +83,7 @@ class TurnRecord:
         return np.where(np.isnan(self._settled), state[3], self._settled) - self._begun[3]
 
     def exits(self, length: float) -> dict[str, FloatArray]:
-        """Of the first instants at which the wheels are straight again and the cars yaw less than `EXIT_YAW_RATE`.
+        """What the cars do at their exit: the wheels are straight again and the yaw rate is below `EXIT_YAW_RATE`.
 
         Args:
             length: of a step, s.
@@ -192,7 +192,7 @@ class Driven:
         self.law.tick(time, self.state)
 
     def step(self, time: Any) -> tuple[FloatArray, ...]:
-        """One step; gives `HISTORY`."""
+        """Drives one step and returns what `HISTORY` names."""
         cars, plans, before, tail = self._cars, self._plans, self.state, self.law.commands()
         gathered = (time + plans.start) / plans.ramp
         speed = cars.speed * np.where(gathered < 1.0, gathered + plans.lead / plans.ramp, 1.0)
