@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import typer
 
-from aerodima.hardware.commands.car_commands import console, drive, emulate, firmware
+from aerodima.hardware.commands.car_commands import console, drive, emulate
 from aerodima.workbench.cli.options import CAR
 
 
 def register(app: typer.Typer) -> None:
     """Adds the commands in the order of the help page (entry point of the group `aerodima.commands`)."""
-    for command in (console, drive, emulate, firmware):
+    for command in (drive, console, emulate):
         app.command(rich_help_panel=CAR)(command)

@@ -1,4 +1,4 @@
-"""`aerodima drive`, `console`, `emulate` and `firmware`: the car, its operator's page, the emulated car, the sketch."""
+"""`aerodima drive`, `console` and `emulate`: the car, its operator's page, the emulated car."""
 
 from __future__ import annotations
 
@@ -14,7 +14,22 @@ import typer
 
 from aerodima import hardware, workbench
 from aerodima.workbench.atomic_write import make_folder, refuse_existing
-from aerodima.workbench.cli.options import Build, Force, Law, LogOut, OtherCar, ScenarioArgument, Settings, SwingOption
+from aerodima.workbench.cli.options import (
+    Build,
+    CarScenario,
+    Force,
+    Law,
+    LogOut,
+    OtherCar,
+    ScenarioArgument,
+    Settings,
+    Status,
+    SwingOption,
+    chosen,
+    endings,
+    shipped,
+    written,
+)
 from aerodima.workbench.errors import HardwareError, LogError
 
 if TYPE_CHECKING:
@@ -23,34 +38,43 @@ if TYPE_CHECKING:
     from aerodima.workbench.config.scenario import Scenario
 
 
+def _wirings() -> list[str]:
+    from aerodima.hardware.car.wiring import WIRINGS
+
+    return list(WIRINGS)
+
+
+Wiring = Annotated[
+    str, typer.Option(metavar="teensy_bridge|watched_can", help="How the motors are wired.", autocompletion=_wirings)
+]
+Ports = Annotated[Path, typer.Option(help="Ports file (JSON): which device is where, ids and zeros of the motors.")]
+
+
 def console(
+    scenario: CarScenario = None,
     ports: Annotated[Path | None, typer.Option(help="Ports file (JSON) with an entry `console`.")] = None,
-    emulate: Annotated[str | None, typer.Option(help="Scenario: start an emulated car and drive that.")] = None,
     radio: Annotated[
         str | None, typer.Option(help="Serial port of the operator's XBee module; more of it in a ports file.")
     ] = None,
     port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.")] = 8470,
-    out: Annotated[Path, typer.Option(help="Folder of the emulated car; of a later one, one in it.")] = Path(
-        "console_car"
-    ),
-    wiring: Annotated[str, typer.Option(help="teensy_bridge or watched_can; with --emulate.")] = "teensy_bridge",
+    out: Annotated[Path, written("Folder of the emulated car; of a later one, one in it.")] = Path("console_car"),
+    wiring: Wiring = "teensy_bridge",
     view: Annotated[bool, typer.Option(help="Show the emulated car in Meshcat.")] = True,
     record: Annotated[
         Path | None,
         typer.Option(help="New file (JSON lines) of the record; by default the next console.jsonl."),
     ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", help="Override such as manoeuvre.speed=2; with --emulate.")
-    ] = None,
+    settings: Settings = None,
 ) -> None:
-    """Operate the car from a page on this computer: modes, sliders, gamepad, plots, emergency stop.
+    """Operate the car from a page: modes, sliders, gamepad, plots.
 
-    Open the printed address; it works once. The page must stay visible: its heartbeat keeps the car alive.
+    With a scenario an emulated car is started, and driven. Open the printed address; it works once. The page must stay
+    visible: its heartbeat keeps the car alive.
 
-    Example: aerodima console --emulate auto_turn --out emulated
+    Example: aerodima console auto_turn --out emulated
     """
-    if sum(given is not None for given in (ports, emulate, radio)) != 1:
-        raise HardwareError("console: give one of --ports, --emulate and --radio")
+    if sum(given is not None for given in (scenario, ports, radio)) != 1:
+        raise HardwareError("console: give one of SCENARIO, --ports and --radio")
     missing = [name for name in ("starlette", "uvicorn", "websockets", "serial") if find_spec(name) is None]
     if missing:
         raise HardwareError(f"console: {missing[0]} is missing: pip install 'aerodima-workbench[console,hardware]'")
@@ -66,11 +90,11 @@ def console(
 
     chosen = wiring_name(wiring)
     words = settings or []
-    scenario = workbench.load_scenario(emulate or "auto_turn", words)
-    limits = Limits(scenario.servo.limit, scenario.tail.pitch_limit, scenario.tail.roll_limit)
+    loaded = workbench.load_scenario(scenario or "auto_turn", words)
+    limits = Limits(loaded.servo.limit, loaded.tail.pitch_limit, loaded.tail.roll_limit)
     listener, recording, car = open_socket(port), ConsoleRecord(record or _next_record()), None
-    if emulate is not None:
-        car = EmulatedCarProcess(emulate, words, scenario.tail.mode != "none", chosen, out, view)
+    if scenario is not None:
+        car = EmulatedCarProcess(scenario, words, loaded.tail.mode != "none", chosen, out, view)
     with listener:
         try:
             if car is not None:
@@ -106,8 +130,8 @@ def _device(ports: Path) -> tuple[ConsoleDevice, int]:
 
 def emulate(
     scenario: ScenarioArgument,
-    out: Annotated[Path, typer.Option(help="New folder for the ports and the logs.")],
-    wiring: Annotated[str, typer.Option(help="teensy_bridge or watched_can.")] = "teensy_bridge",
+    out: Annotated[Path, written("New folder for the ports and the logs.")],
+    wiring: Wiring = "teensy_bridge",
     faults: Annotated[Path | None, typer.Option(help="Script (YAML) of faults and of what the operator does.")] = None,
     duration: Annotated[float | None, typer.Option(help="End by itself after that time, s.")] = None,
     console: Annotated[
@@ -119,10 +143,11 @@ def emulate(
     ] = None,
     settings: Settings = None,
 ) -> None:
-    """Run the simulated car in real time behind pseudo-terminals: motors, Teensy, IMU, GPS and the operator's radio.
+    """Run an emulated car in real time behind serial ports.
 
-    The folder gets ports.json for `aerodima drive --ports`, ready.json once everything answers, the CAN traffic, the
-    events and the truth. Ctrl-C ends it in order.
+    Motors, Teensy, IMU, GPS and the operator's radio are behind pseudo-terminals. The folder gets ports.json for
+    `aerodima drive --ports`, ready.json once everything answers, the CAN traffic, the events and the truth. Ctrl-C ends
+    it in order.
 
     Example: aerodima emulate turn_swing --out emulated --wiring watched_can
     """
@@ -149,44 +174,27 @@ def emulate(
     typer.echo(f"simulated {facts['simulated_s']:.1f} s, largest delay {delay:.1f} ms")
 
 
-def firmware(
-    folder: Annotated[Path, typer.Argument(help="New folder for the sketch; its last name is the sketch's.")],
-    ports: Annotated[Path, typer.Option(help="Ports file (JSON): ids, zeros and profile of the motors.")],
-    wiring: Annotated[str, typer.Option(help="teensy_bridge or watched_can.")] = "teensy_bridge",
-    scenario: Annotated[
-        str, typer.Option(help="Scenario whose tail the limits of the motors, and whose sail_encoder the bits are of.")
-    ] = "auto_turn",
-    settings: Settings = None,
-) -> None:
-    """Write the Teensy's sketch with a config.h made of the parameters, ready for the Arduino IDE.
-
-    Example: aerodima firmware aerodima_teensy --ports car.json
-    """
-    from aerodima.hardware.car.car_ports import read_ports
-    from aerodima.hardware.firmware.teensy_firmware import export_sketch, firmware_hash, firmware_settings
-
-    car = read_ports(ports)
-    sketch = export_sketch(firmware_settings(wiring, car, workbench.load_scenario(scenario, settings or [])), folder)
-    typer.echo(f"sketch: {sketch}")
-    typer.echo(f"firmware: {firmware_hash()[:12]}, {wiring}, {car.firmware_profile}")
-
-
 def drive(
     scenario: Annotated[
         str,
         typer.Argument(
-            help="Scenario file (YAML), the name of one that ships, or a bundle (.json) of `models export`."
+            help="Scenario file (YAML), a name of `aerodima scenarios list`, or a bundle (.json) of `models export`.",
+            autocompletion=shipped("scenarios"),
         ),
     ],
-    ports: Annotated[Path, typer.Option(help="Ports file (JSON): which device is where, see docs/deployment.md.")],
-    wiring: Annotated[str, typer.Option(help="teensy_bridge or watched_can.")] = "teensy_bridge",
+    ports: Ports,
+    wiring: Wiring = "teensy_bridge",
     swing: SwingOption = None,
     other_car: OtherCar = False,
     law: Law = None,
     diagram: Build = None,
-    log: LogOut = Path("drive.parquet"),
+    out: LogOut = Path("drive.parquet"),
     traffic: Annotated[
-        Path | None, typer.Option(help="Every frame on the CAN bus into this BLF file (watched_can).")
+        Path | None,
+        typer.Option(help="Every frame on the CAN bus into this file (.blf; watched_can).", callback=endings(".blf")),
+    ] = None,
+    firmware: Annotated[
+        Path | None, typer.Option(help="Write the Teensy's sketch for this car into this new folder, and end.")
     ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Never arm: checks, then the sequence switched off.")
@@ -196,7 +204,7 @@ def drive(
         bool, typer.Option("--watchdog-test", help="Cut the link, see the motors off, record it.")
     ] = False,
     motor_test: Annotated[
-        str | None, typer.Option(help="Move tail_pitch or tail_roll by 5 degrees and back, judge it, and end.")
+        str | None, chosen("Move a joint by 5 degrees and back, judge it, and end.", "tail_pitch", "tail_roll")
     ] = None,
     zero: Annotated[
         bool, typer.Option("--zero", help="Tail held upright by hand: write its angles as zeros into the ports file.")
@@ -205,11 +213,12 @@ def drive(
     settings: Settings = None,
     force: Force = False,
 ) -> None:
-    """Drive a scenario on the car: check, arm, run the sequence (AUTO) or obey the radio (MANUAL), disarm, write a log.
+    """Drive a scenario on the real or the emulated car.
 
-    The operator's radio chooses AUTO or MANUAL and must stay alive. Ctrl-C switches the motors off at once.
+    Check, arm, run the sequence (AUTO) or obey the radio (MANUAL), disarm, write a log. The operator's radio chooses
+    AUTO or MANUAL and must stay alive. Ctrl-C switches the motors off at once.
 
-    Example: aerodima drive auto_turn --ports car.json --log run.parquet
+    Example: aerodima drive auto_turn --ports car.json --out run.parquet
     """
     from aerodima.hardware.car.car_ports import read_ports
     from aerodima.hardware.car.wiring import wiring_name
@@ -233,8 +242,11 @@ def drive(
     car_ports = read_ports(ports)
     if traffic is not None and name == "teensy_bridge":
         raise HardwareError(f"--traffic {traffic}: the frames are on the Teensy's bus; allowed with watched_can")
+    if firmware is not None:
+        _write_sketch(chosen, car_ports, name, firmware)
+        return
     if zero:
-        _set_zero(ports, car_ports, name, arm)
+        _set_zero(scenario, ports, car_ports, name, arm)
         return
     if motor_test is not None:
         _motor_test(chosen, car_ports, name, motor_test, arm)
@@ -242,10 +254,10 @@ def drive(
     if watchdog_test:
         _watchdog_test(chosen, car_ports, name, arm)
         return
-    refuse_existing(log, force, LogError)
-    make_folder(log.parent, LogError)
+    refuse_existing(out, force, LogError)
+    make_folder(out.parent, LogError)
     law_name = "" if law is None else type(tail_law).__name__
-    options = DriveOptions(log, force, dry_run, not no_drake, None if arm else _confirm, law_name=law_name)
+    options = DriveOptions(out, force, dry_run, not no_drake, None if arm else _confirm, law_name=law_name)
     car = hardware.connect(car_ports, chosen, name, traffic)
     result = run_drive(car, chosen, car_ports, options, typer.echo, law=tail_law, build=build)
     if result.log is not None:
@@ -256,9 +268,17 @@ def drive(
     if result.signal:
         raise typer.Exit(128 + result.signal)
     if not result.orderly:
-        raise HardwareError(f"the car was stopped: {result.reason}")
-    if result.traffic_error or result.log not in (None, log):
-        raise typer.Exit(2)
+        typer.echo(f"error: the car was stopped: {result.reason}", err=True)
+        raise typer.Exit(Status.NO)
+    if result.traffic_error or result.log not in (None, out):
+        raise typer.Exit(Status.LEFT_OUT)
+
+
+def _write_sketch(scenario: Scenario, ports: CarPorts, wiring: WiringName, folder: Path) -> None:
+    from aerodima.hardware.firmware.teensy_firmware import export_sketch, firmware_hash, firmware_settings
+
+    typer.echo(f"sketch: {export_sketch(firmware_settings(wiring, ports, scenario), folder)}")
+    typer.echo(f"firmware: {firmware_hash()[:12]}, {wiring}, {ports.firmware_profile}")
 
 
 def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: str, arm: bool) -> None:
@@ -276,7 +296,7 @@ def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: 
     typer.echo(f"{chosen}: well: moved by {math.degrees(found.moved):+.1f} degrees, {torque}, temperature {warm}")
 
 
-def _set_zero(path: Path, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
+def _set_zero(scenario: str, path: Path, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
     from aerodima.hardware.driving.held_car import joint_angles, read_motor_angles, write_zeros
 
     question = "hold the tail exactly upright, it is let go; type zero to read its angles"
@@ -288,7 +308,8 @@ def _set_zero(path: Path, ports: CarPorts, wiring: WiringName, arm: bool) -> Non
     write_zeros(path, angles)
     typer.echo(f"zeros: {', '.join(f'{joint} {angle:.4f} rad' for joint, angle in angles.items())} in {path}")
     if wiring == "teensy_bridge":
-        typer.echo(f"the firmware limits motor angles: write it anew with `aerodima firmware FOLDER --ports {path}`")
+        again = f"aerodima drive {scenario} --ports {path} --firmware FOLDER"
+        typer.echo(f"the firmware limits motor angles: write it anew with `{again}`")
 
 
 def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm: bool) -> None:

@@ -122,7 +122,7 @@ class EmulatedCarProcess:
         self._drives += 1
         log = self.folder / f"drive_{self._drives}.parquet"
         self._lines = ["starting"]
-        self._drive = self._run([*self._drive_command(), "--no-drake", "--arm", "--log", str(log)])
+        self._drive = self._run([*self._drive_command(), "--no-drake", "--arm", "--out", str(log)])
         threading.Thread(target=self._listen, args=(self._drive,), name="drive-lines", daemon=True).start()
 
     def disarm(self) -> None:

@@ -12,7 +12,19 @@ import typer
 
 from aerodima import optimisation, workbench
 from aerodima.workbench.atomic_write import make_folder
-from aerodima.workbench.cli.options import COEFFICIENTS, Anew, Workers, command_group, grouped
+from aerodima.workbench.cli.options import (
+    COEFFICIENTS,
+    Anew,
+    RigSettings,
+    Settings,
+    Status,
+    Workers,
+    chosen,
+    command_group,
+    grouped,
+    shipped,
+    written,
+)
 from aerodima.workbench.errors import FitError, UserError
 
 if TYPE_CHECKING:
@@ -24,7 +36,7 @@ if TYPE_CHECKING:
     Extra = tuple[dict[str, pd.DataFrame], list[str]]
     """Tables by name, and a line for each that is left out."""
 
-Out = Annotated[Path, typer.Option(help="Folder for CSV, YAML, PNG and report.html.")]
+Out = Annotated[Path, written("Folder for CSV, YAML, PNG and report.html.")]
 _MOST_SHOWN = 20
 
 
@@ -37,20 +49,23 @@ class LogFit:
     workers: Workers = 2
     force: Anew = False
     rig: Annotated[
-        str, typer.Option(help="Rig scenario the logs were made on: name or YAML file; default: the log's own.")
+        str,
+        typer.Option(
+            help="Rig scenario the logs were made on: name or YAML file; default: the log's own.",
+            autocompletion=shipped("scenarios/rig"),
+        ),
     ] = ""
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", help="section.key=value of the rig, over --rig; may be repeated.")
-    ] = None
+    settings: RigSettings = None
     free: Annotated[
         str, typer.Option(help="Constants and instrument errors that are unknowns: encoder_zero,current_delay, ...")
     ] = ""
     constants: Annotated[
-        str, typer.Option(help="Of the rig: uncertain, as its section uncertainty says, or exact.")
+        str, chosen("Of the rig: as its section uncertainty says, or exact.", "uncertain", "exact")
     ] = "uncertain"
-    loss: Annotated[str, typer.Option(help="squares, or huber: samples that lie far off are held back.")] = "squares"
+    loss: Annotated[str, chosen("With huber, samples that lie far off are held back.", "squares", "huber")] = "squares"
     bound: Annotated[
-        list[str] | None, typer.Option("--bound", help="name=lowest,highest of a parameter; may be repeated.")
+        list[str] | None,
+        typer.Option("--bound", metavar="NAME=LOW,HIGH", help="Of a parameter; may be repeated."),
     ] = None
 
     def options(self, *kinds: str) -> FitOptions:
@@ -73,7 +88,9 @@ class LogFit:
         tables: Callable[[list[FitResult], Path], Extra],
         **more: str,
     ) -> None:
-        """Fits all logs, writes the report, shows a summary; exit status 2 when a log failed or something was left out.
+        """Fits all logs, writes the report, shows a summary.
+
+        Exit status: 3 when something was left out, 2 when every log failed.
 
         Args:
             title: of the report.
@@ -108,7 +125,7 @@ class LogFit:
         for line in left_out:
             typer.echo(f"error: {line}", err=True)
         if left_out:
-            raise typer.Exit(2)
+            raise typer.Exit(Status.LEFT_OUT if fitted.results else Status.WRONG)
 
 
 def show(results: list[FitResult]) -> None:
@@ -184,7 +201,7 @@ def register(app: typer.Typer) -> None:
 
 @grouped
 def static(batch: LogFit) -> None:
-    """C_D, C_L, psi3 and holding current of static holds.
+    """Fit C_D, C_L, psi3 and holding current to static holds.
 
     Drift and step of the readings go through all samples of rest and hold, by the loss; the hold is then fitted to
     seven means.
@@ -200,7 +217,7 @@ def static(batch: LogFit) -> None:
 
 @grouped
 def friction(batch: LogFit) -> None:
-    """Coulomb and viscous friction of bar swings, or of robot swings.
+    """Fit Coulomb and viscous friction to bar or robot swings.
 
     Example: aerodima fit friction bar_*.parquet --out fits
     """
@@ -213,7 +230,9 @@ def friction(batch: LogFit) -> None:
 
 @grouped
 def added_mass(batch: LogFit) -> None:
-    """Added mass of swings (thesis section 4.9), as a multiple of pi R^2 rho of potential flow too.
+    """Fit added mass to swings (thesis section 4.9).
+
+    It is stated as a multiple of pi R^2 rho of potential flow, too.
 
     Example: aerodima fit added-mass flick_*.parquet --out fits
     """
@@ -225,9 +244,9 @@ def added_mass(batch: LogFit) -> None:
 @grouped
 def robot_tail(
     batch: LogFit,
-    shape: Annotated[str, typer.Option(help="C_N as constant, line or bins over the relative speed.")] = "bins",
+    shape: Annotated[str, chosen("C_N over the relative speed.", "constant", "line", "bins")] = "bins",
 ) -> None:
-    """C_N of the robot tail from its swings.
+    """Fit C_N of the robot tail to its swings.
 
     Example: aerodima fit robot-tail swing_*.parquet --shape line --out fits
     """
@@ -242,11 +261,11 @@ def car(
     out: Out,
     workers: Workers = 2,
     force: Anew = False,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", help="section.key=value over the scenario of the log; may be repeated.")
-    ] = None,
+    settings: Settings = None,
 ) -> None:
-    """Friction, slip, centre of mass, delay of the steering and biases of one car, from its own turn.
+    """Fit tyres, centre of mass and delay of a car to its turn.
+
+    Friction, slip, height of the centre of mass, delay of the steering and biases.
 
     Example: aerodima fit car run.parquet --out fits --set car.mass=6.4
     """
@@ -262,7 +281,9 @@ def car(
 
 
 def published(out: Out) -> None:
-    """Recompute what the published tables allow: rig constants, averages, errata.
+    """Recompute what the published tables allow.
+
+    Rig constants, averages, errata.
 
     Example: aerodima fit published --out fits
     """

@@ -19,10 +19,13 @@ from aerodima.workbench.cli.options import (
     ScenarioArgument,
     Scheduler,
     Settings,
+    Status,
     Workers,
     WorkOptions,
     command_group,
     grouped,
+    shipped,
+    written,
 )
 from aerodima.workbench.errors import SweepError
 from aerodima.workbench.text_table import text_table
@@ -33,7 +36,7 @@ if TYPE_CHECKING:
     from aerodima.workbench.batch.row_store import ProgressLine
 
 
-Out = Annotated[Path, typer.Option(help="Folder for the tables; a stopped study goes on in it.")]
+Out = Annotated[Path, written("Folder for the tables; a stopped study goes on in it.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -72,11 +75,15 @@ def runs_in(out: Path, work: WorkOptions) -> Iterator[Runs]:
 
 @grouped
 def run(
-    study: Annotated[str, typer.Argument(help="Study file (YAML), or one that ships: turn, tail, mount, trigger, ...")],
+    study: Annotated[
+        str, typer.Argument(help="Study file (YAML), or the name of one that ships.", autocompletion=shipped("studies"))
+    ],
     out: Out,
     work: WorkOptions,
 ) -> None:
-    """Run a study file; one row per run in table.parquet and table.csv. `models/studies` has those that ship.
+    """Run a study file; one row per run in a table.
+
+    It is written as table.parquet and table.csv; `models/studies` has the studies that ship.
 
     Example: aerodima sweep run mount --out sweeps/mount
     """
@@ -86,12 +93,17 @@ def run(
     loaded = optimisation.load_study(study)
     plan_runs(loaded)
     with engine_for(out, work.workers, work.scheduler) as (engine, progress):
-        optimisation.run_study(loaded, out, engine, force=work.force, progress=progress)
+        table = optimisation.run_study(loaded, out, engine, force=work.force, progress=progress)
     print(f"table: {out / TABLE}")
+    if table["error"].fillna("").ne("").any():
+        raise typer.Exit(Status.LEFT_OUT)
 
 
 def threshold(
-    factor: Annotated[str, typer.Argument(help="speed (m/s), or friction of the tyres.")],
+    factor: Annotated[
+        str,
+        typer.Argument(help="speed (m/s), or friction of the tyres.", autocompletion=lambda: ["speed", "friction"]),
+    ],
     scenario: ScenarioArgument = "turn_swing",
     settings: Settings = None,
     low: Annotated[float | None, typer.Option("--from", help="Lowest value; 2.5 m/s, or 0.4.")] = None,
@@ -103,7 +115,9 @@ def threshold(
     workers: Workers = 2,
     scheduler: Scheduler = None,
 ) -> None:
-    """Find where a car begins to roll over: highest value survived, first at which it flips, and islands beyond.
+    """Find where a car begins to roll over, by speed or friction.
+
+    Highest value survived, first at which it flips, and islands beyond.
 
     Example: aerodima sweep threshold friction turn_swing --set manoeuvre.speed=4.44
     """
@@ -124,16 +138,22 @@ def threshold(
 
 @grouped
 def calibrate(
-    out: Annotated[Path, typer.Option(help="Folder for runs, ensembles and pages.")] = Path("out/calibration"),
-    plan: Annotated[str, typer.Option(help="Plan: a name of models/calibration/plans, or a file.")] = "two_systems",
+    out: Annotated[Path, written("Folder for runs, ensembles and pages.")] = Path("out/calibration"),
+    plan: Annotated[
+        str,
+        typer.Option(
+            help="Plan: a name of models/calibration/plans, or a file.", autocompletion=shipped("calibration/plans")
+        ),
+    ] = "two_systems",
     seed: Annotated[int | None, typer.Option(help="Seed; that of the plan when left out.")] = None,
-    played: Annotated[int, typer.Option(min=0, help="Posterior cars that play the thesis to test the intervals.")] = 10,
+    cars: Annotated[int, typer.Option(min=0, help="Posterior cars that play the thesis to test the intervals.")] = 10,
     *,
     work: WorkOptions,
 ) -> None:
-    """Calibrate the cars to the thesis and predict its figures; `index.html` says what holds, and what to measure next.
+    """Calibrate the cars to the thesis and predict its figures.
 
-    Needs the extra `calibration`. Ctrl-C stops it; the same command goes on.
+    `index.html` says what holds, and what to measure next. Needs the extra `calibration`. The same command goes on
+    after Ctrl-C.
     """
     # Before NumPy is loaded: with another number of BLAS threads the last digits differ, other cars are drawn, and an
     # interrupted calibration would not go on with its own runs.
@@ -147,4 +167,4 @@ def calibrate(
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})
     with runs_in(out, work) as runs:
-        typer.echo(carry_out(chosen, runs, out, played))
+        typer.echo(carry_out(chosen, runs, out, cars))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,26 +13,48 @@ from aerodima.optimisation.commands.study_commands import runs_in
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.cli.options import (
     SWINGS,
+    Ensemble,
     Force,
+    Laws,
     Settings,
+    Status,
     SwingArgument,
-    SwingScenarioOption,
+    SwingScenario,
     WorkOptions,
+    chosen,
     command_group,
     grouped,
+    setting,
+    shipped,
+    written,
 )
 from aerodima.workbench.errors import SweepError, SwingError
 
 if TYPE_CHECKING:
     from aerodima.workbench.config.ensemble import Member
 
+
+def _named(table: str) -> Callable[[], list[str]]:
+    """Completion: the names of a table of `entry/suite.py`."""
+
+    def complete() -> list[str]:
+        from aerodima.optimisation.entry import suite
+
+        return list(getattr(suite, table))
+
+    return complete
+
+
+def _task_keys() -> list[str]:
+    from aerodima.optimisation.swing.task import Task
+
+    return [f"{name}=" for name in Task.model_fields if name != "schema_"]
+
+
 TaskArgument = Annotated[
-    str, typer.Argument(help="Task file (YAML), or one that ships: short_turn, short_turn_designed.")
+    str, typer.Argument(help="Task file (YAML), or the name of one that ships.", autocompletion=shipped("tasks"))
 ]
-TaskSettings = Annotated[
-    list[str] | None,
-    typer.Option("--set", help="Override of the task such as cars=12 or speeds=[3.6,4.5]; may be repeated."),
-]
+TaskSettings = Annotated[list[str] | None, setting("training=2 or speeds=[3.6,4.5]", _task_keys)]
 
 
 def register(app: typer.Typer) -> None:
@@ -45,7 +67,7 @@ def register(app: typer.Typer) -> None:
 @grouped
 def search(
     task: TaskArgument,
-    out: Annotated[Path, typer.Option(help="Folder for what is found and its runs; a stopped search goes on in it.")],
+    out: Annotated[Path, written("Folder for what is found and its runs; a stopped search goes on in it.")],
     work: WorkOptions,
     settings: TaskSettings = None,
     seed: Annotated[int, typer.Option(help="Of all draws.", min=0)] = 1,
@@ -54,7 +76,9 @@ def search(
     length: Annotated[float, typer.Option(help="Of the motion, s.")] = 0.8,
     iterations: Annotated[int, typer.Option(help="Most iterations of the motion from a start.")] = 30,
 ) -> None:
-    """Search motion and steering as one programme on the training cars of a task; writes swing.yaml.
+    """Search motion and steering as one programme.
+
+    On the training cars of a task; the motion is written as swing.yaml.
 
     Example: aerodima swing search short_turn_designed --set training=0 --out out/motion
     """
@@ -73,8 +97,7 @@ def search(
     typer.echo(f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}")
 
 
-EnsembleName = Annotated[str, typer.Option(help="Ensemble of cars, split into training and test cars.")]
-TailName = Annotated[str, typer.Option(help="built: that of each car; or designed.")]
+TailName = Annotated[str, chosen("Tail: that of each car, or the larger one.", "built", "designed")]
 Floors = Annotated[
     list[float] | None, typer.Option("--floor", help="Friction over that of the car; may be repeated; by default 1.")
 ]
@@ -82,29 +105,26 @@ Floors = Annotated[
 
 @grouped
 def judge(
-    out: Annotated[Path, typer.Option(help="Folder for table, summary and runs; stopped climbs go on in it.")],
+    out: Annotated[Path, written("Folder for table, summary and runs; stopped climbs go on in it.")],
     work: WorkOptions,
     manoeuvre: Annotated[
         list[str] | None,
         typer.Option(
             help="turn, held-turn, twice, twice-late, fishhook, lane-change, slalom, corner, rising-steer; may be "
-            "repeated; by default the first, second and fifth."
+            "repeated; by default the first, second and fifth.",
+            autocompletion=_named("MANOEUVRES"),
         ),
     ] = None,
     candidate: Annotated[
         list[str] | None,
         typer.Option(
             help="none, low-ballast, held, upright, lying, published, feedback, best_swing, a swing, or a file of "
-            "candidates; may be repeated; by default the first seven. The car without tail always takes part."
+            "candidates; may be repeated; by default the first seven. The car without tail always takes part.",
+            autocompletion=_named("NAMED"),
         ),
     ] = None,
-    law: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FILE:CLASS", help="Tail law of your own, such as my_law.py:MyLaw, beside them; may be repeated."
-        ),
-    ] = None,
-    ensemble: EnsembleName = "physical",
+    law: Laws = None,
+    ensemble: Ensemble = "physical",
     cars: Annotated[int, typer.Option(help="So many of the test cars.", min=1)] = 4,
     floors: Floors = None,
     tail: TailName = "designed",
@@ -113,15 +133,18 @@ def judge(
     step: Annotated[float, typer.Option(help="Between two speeds of a climb, m/s; its last step is refined.")] = 0.1,
     ceiling: Annotated[float, typer.Option(help="Highest speed that is tried, m/s.")] = 8.0,
 ) -> None:
-    """Judge candidates by their entry speed: the highest speed at which a manoeuvre is completed without tip-up.
+    """Judge candidates by the speed at which a car may enter.
 
-    Asked for again after Ctrl-C, or with more cars or manoeuvres, it keeps the runs that are there.
+    It is the highest one at which a manoeuvre is completed without tip-up. Exits with 1 when no candidate with a tail
+    is faster than the car without one. Asked for again after Ctrl-C, or with more cars or manoeuvres, it keeps the runs
+    that are there.
 
     Example: aerodima swing judge --manoeuvre fishhook --cars 1 --candidate published --out out/judge
     """
     from aerodima.optimisation.entry import suite
-    from aerodima.optimisation.entry.entry_speed import EntrySearch, climb
+    from aerodima.optimisation.entry.entry_speed import ERROR, EntrySearch, climb
     from aerodima.optimisation.entry.entry_table import entry_figure, entry_lines, summarise_entries
+    from aerodima.optimisation.swing.candidate import LOW_BALLAST, NO_TAIL
     from aerodima.workbench.figures.figure_style import png
 
     search = EntrySearch(start=start, step=step, ceiling=ceiling)
@@ -136,13 +159,19 @@ def judge(
     write_atomically(out / "entries.png", png(entry_figure(table)), True, SweepError)
     typer.echo("\n".join(entry_lines(summary)))
     typer.echo(f"written: entries.csv, summary.csv and entries.png in {out}")
+    if table["ended_by"].astype(str).str.startswith(ERROR).any():
+        raise typer.Exit(Status.LEFT_OUT)
+    with_tail = summary[~summary["candidate"].isin([NO_TAIL.name, LOW_BALLAST.name])]
+    if len(with_tail) and not (with_tail["gain_over_no_tail"] > 0.0).any():
+        typer.echo("no candidate enters faster than the car without a tail", err=True)
+        raise typer.Exit(Status.NO)
 
 
 @grouped
 def train(
-    out: Annotated[Path, typer.Option(help="Folder for candidates.yaml and the runs; a stopped search goes on in it.")],
+    out: Annotated[Path, written("Folder for candidates.yaml and the runs; a stopped search goes on in it.")],
     work: WorkOptions,
-    ensemble: EnsembleName = "physical",
+    ensemble: Ensemble = "physical",
     cars: Annotated[int, typer.Option(help="So many of the training cars.", min=1)] = 6,
     floors: Floors = None,
     tail: TailName = "designed",
@@ -153,7 +182,9 @@ def train(
         float, typer.Option(help="Share of the ranges around the present law that the first generation covers.")
     ] = 0.3,
 ) -> None:
-    """Search the numbers of the feedback law for the entry speeds of reduced training cars; writes candidates.yaml.
+    """Search the numbers of the feedback law.
+
+    For the entry speeds of reduced training cars; they are written as candidates.yaml.
 
     Example: aerodima swing train --cars 2 --laws 3 --generations 1 --out out/train
     """
@@ -185,17 +216,18 @@ def _first(there: Sequence[Member], number: int) -> tuple[Member, ...]:
 
 def verify(
     swing: SwingArgument,
-    out: Annotated[Path, typer.Option(help="Folder for verification.yaml and report.html.")],
-    scenario: SwingScenarioOption = None,
+    out: Annotated[Path, written("Folder for verification.yaml and report.html.")],
+    scenario: SwingScenario = None,
     settings: Settings = None,
     step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-5, max=0.005)] = 0.0005,
     other_car: Annotated[bool, typer.Option("--other-car", help="Verify on another car than it was made for.")] = False,
     force: Force = False,
 ) -> None:
-    """Simulate a swing forward on its own car at the fine step, and check what its file promises.
+    """Check what a swing file promises, on its own car.
 
-    Verified is what survives clean and keeps its limits and clearances. Exits with 2 when it is not; the report is
-    written all the same. Speed and friction are those that the file claims to survive, unless --set says otherwise.
+    Verified is what survives clean at the fine step and keeps its limits and clearances. Exits with 1 when it is not;
+    the report is written all the same. Speed and friction are those that the file claims to survive, unless --set says
+    otherwise.
     `swing judge --candidate FILE` judges it on other cars.
 
     Example: aerodima swing verify thesis_8_rad_per_s --out out/verify
@@ -208,5 +240,6 @@ def verify(
     for file in write_verification(out, found, force=force):
         typer.echo(f"written: {file}")
     if found.complaints:
-        raise SwingError(f"swing {found.swing.name}: not verified at {found.where}: {'; '.join(found.complaints)}")
+        typer.echo(f"not verified: {found.swing.name} at {found.where}: {'; '.join(found.complaints)}", err=True)
+        raise typer.Exit(Status.NO)
     typer.echo(f"verified: {found.swing.name} at {found.where}")

@@ -1,6 +1,6 @@
 """Candidates: a controller of the tail with its numbers, from a list in a file, a swing file, or a class of one's own.
 
-A list (schema `aerodima/candidates/1`) names settings as `aerodima turn --set` takes them, of tail and controller
+A list (schema `aerodima/candidates/1`) names settings as `aerodima run --set` takes them, of tail and controller
 alone: a candidate may not bring another car, floor or driver.
 """
 

@@ -126,7 +126,7 @@ def _drive(wiring: str, flags: list[str]) -> tuple[RunLog, int | None]:
             drive = [_PROGRAM, "drive", "auto_turn", *_FLAGS, "--ports", str(car / "ports.json"), "--wiring", wiring]
             log, traffic = folder / "run.parquet", folder / "run.blf"
             frames = ["--traffic", str(traffic)] if wiring == "watched_can" else []
-            for more in (["--watchdog-test"], ["--arm", "--log", str(log), *frames, *flags]):
+            for more in (["--watchdog-test"], ["--arm", "--out", str(log), *frames, *flags]):
                 run = subprocess.run([*drive, *more], env=environment, capture_output=True, text=True)
                 if run.returncode:
                     facts = read_run_log(log).extra if log.exists() else {}

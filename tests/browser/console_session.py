@@ -34,7 +34,7 @@ class ConsoleSession:
     def __init__(self, folder: Path, *flags: str) -> None:
         self.car, self.record = folder / "car", folder / "record.jsonl"
         words = [word for setting in SETTINGS for word in ("--set", setting)]
-        command = ["console", "--emulate", "auto_turn", "--out", str(self.car), "--port", "0", *words, *flags]
+        command = ["console", "auto_turn", "--out", str(self.car), "--port", "0", *words, *flags]
         record = ["--record", str(self.record)]
         self._lines: list[str] = []
         self._process = subprocess.Popen(

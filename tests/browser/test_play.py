@@ -36,7 +36,7 @@ class Driver:
 
     def __init__(self, page: Any, folder: Path) -> None:
         self.page, self.log = page, folder / "by_hand.parquet"
-        command = [sys.executable, "-P", "-m", "aerodima", "play", *QUICK, "--log", str(self.log)]
+        command = [sys.executable, "-P", "-m", "aerodima", "play", *QUICK, "--out", str(self.log)]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def open(self) -> None:

@@ -75,7 +75,7 @@ def test_static_logs_in_two_processes(tmp_path: Path) -> None:
     ]
     (tmp_path / "cut.parquet").write_bytes(paths[0].read_bytes()[:1000])
     done = run("static", *paths, tmp_path / "cut.parquet", "--out", tmp_path / "fits", "--workers", 2)
-    assert done.exit_code == 2
+    assert done.exit_code == 3
     assert "cut off, damaged or not a Parquet file" in done.stderr
     assert "1 of 3 could not be fitted; the others are done" in done.stderr
     report = yaml.safe_load((tmp_path / "fits" / "fits.yaml").read_text())

@@ -53,7 +53,7 @@ def test_a_log_with_a_nan_costs_itself_and_the_table_but_nothing_else(tmp_path: 
     torque[1000] = math.nan
     lab.write(replace(log, table=log.table.assign(torque_x_n_m=torque)), tmp_path, "broken")
     done = run("static", *list(paths.values())[:3], tmp_path / "broken.parquet", "--out", tmp_path / "fits")
-    assert done.exit_code == 2
+    assert done.exit_code == 3
     assert "broken.parquet: column 'torque_x_n_m': 1 sample(s) not finite, first nan at 2 s" in done.stderr
     assert (
         "cheetah_tail_1_major.yaml is left out: its grid of speed and angle lacks 20 m/s at 30 degrees" in done.stderr

@@ -7,7 +7,7 @@ from importlib import import_module
 import typer
 
 COMMAND_MODULES: tuple[str, ...] = (
-    "turn_commands",
+    "run_commands",
     "replay_commands",
     "log_commands",
     "model_commands",

@@ -19,7 +19,7 @@ from pathlib import Path
 import typer
 
 from aerodima import workbench
-from aerodima.workbench.cli.options import CHECKS
+from aerodima.workbench.cli.options import CHECKS, Status
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.realtime import permitted
 from aerodima.workbench.resources import models_dir
@@ -31,7 +31,10 @@ def register(app: typer.Typer) -> None:
 
 
 def doctor() -> None:
-    """Check Python, Drake, solvers, extras, browser, CAN, serial ports and disk; says how to get what is missing."""
+    """Check what this machine has, and say how to get the rest.
+
+    Python, Drake, solvers, extras, browser, CAN, serial ports and disk. Exits with 1 when a required one is missing.
+    """
     findings = examine()
     for finding in findings:
         mark = "ok  " if finding.ok else ("FAIL" if finding.required else "none")
@@ -40,7 +43,8 @@ def doctor() -> None:
             typer.echo(f"     {'':<18} -> {finding.remedy}")
     broken = [finding.subject for finding in findings if finding.required and not finding.ok]
     if broken:
-        raise UserError(f"nothing works without: {', '.join(broken)}")
+        typer.echo(f"nothing works without: {', '.join(broken)}", err=True)
+        raise typer.Exit(Status.NO)
     typer.echo("everything needed for simulation, fits and reports is there")
 
 

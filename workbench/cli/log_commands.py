@@ -10,7 +10,7 @@ import typer
 
 from aerodima import workbench
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
-from aerodima.workbench.cli.options import RUNS, Force, LogOut, command_group
+from aerodima.workbench.cli.options import RUNS, Force, Html, LogOut, chosen, command_group, written
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.text_table import shown_value, text_table
 
@@ -28,31 +28,35 @@ def register(app: typer.Typer) -> None:
 
 def metrics(
     runs: Annotated[list[Path], typer.Argument(help="Run logs (Parquet).")],
-    csv: Annotated[Path | None, typer.Option(help="Also write the whole table, filtered figures included.")] = None,
+    out: Annotated[Path | None, written("Also write the table (.csv).", ".csv")] = None,
     force: Force = False,
 ) -> None:
-    """Outcome and metrics of runs as a table, one column per run; the eight of the thesis raw and `filtered_`.
+    """Show outcome and metrics of runs, one column per run.
 
-    Of logs that `observe` wrote of another plant: its motion, the air on its tails, the outcome where it is defined.
+    The eight metrics of the thesis are there raw and `filtered_`.
+
+    Logs that `observe` wrote of another plant have its motion, the air on its tails, and the outcome where defined.
     """
     _refuse_twice(runs)
     run_logs = [workbench.read_run_log(path) for path in runs]
-    if csv is not None:
-        refuse_existing(csv, force, LogError)
+    if out is not None:
+        refuse_existing(out, force, LogError)
     import pandas as pd
 
     from aerodima.workbench.metrics.run_summary import metrics_of_runs
 
     table = pd.DataFrame(metrics_of_runs(run_logs), index=pd.Index(map(str, runs), name="run"), dtype=object)
-    if csv is not None:
-        write_atomically(csv, table.to_csv(), force, LogError)
+    if out is not None:
+        write_atomically(out, table.to_csv(), force, LogError)
     rows = [[str(name), *map(shown_value, values)] for name, values in table.items()]
     typer.echo("\n".join(text_table(["", *table.index], rows)))
 
 
 def recover(
     journal: Annotated[Path, typer.Argument(help="Journal of a run that was cut off (*.journal).")],
-    out: Annotated[Path | None, typer.Option(help="Parquet file to write; beside the journal by default.")] = None,
+    out: Annotated[
+        Path | None, written("Run log to write (.parquet); beside the journal by default.", ".parquet")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Make a log of what a cut-off run left behind."""
@@ -72,7 +76,9 @@ def import_(
     mapping: Annotated[Path, typer.Option(help="Mapping file (YAML): foreign names and units.")],
     force: Force = False,
 ) -> None:
-    """Make a run log of a foreign log; gaps, NaN and whatever else is odd are printed, and kept in its metadata.
+    """Make a run log of the log of another program.
+
+    Gaps, NaN and whatever else is odd are printed, and kept in its metadata.
 
     Example: aerodima log import swing.csv --mapping rig.yaml --out swing.parquet
     """
@@ -94,13 +100,13 @@ def import_(
 
 def export(
     log: Annotated[Path, typer.Argument(help="Run log (Parquet).")],
-    to: Annotated[str, typer.Option("--to", help="csv or mcap.")],
-    out: Annotated[Path | None, typer.Option(help="File to write; beside the log by default.")] = None,
+    to: Annotated[str, chosen("Format.", "csv", "mcap")],
+    out: Annotated[Path | None, written("File to write; beside the log by default.", ".csv", ".mcap")] = None,
     force: Force = False,
 ) -> None:
-    """Write a run log for other programs, with its metadata, every number to the last bit.
+    """Write a run log for other programs, every number to the last bit.
 
-    MCAP has the signals and, of a car, the scene that Foxglove draws: bodies, poses and forces.
+    Metadata goes with it. MCAP has the signals and, of a car, the scene that Foxglove draws: bodies, poses and forces.
     """
     from aerodima.workbench.logs.exporters import FORMATS, export_log
 
@@ -108,6 +114,8 @@ def export(
     if form is None:
         raise LogError(f"--to: {to!r}; allowed: {', '.join(FORMATS)}")
     path = out or log.with_suffix(f".{form}")
+    if path.suffix.lower() != f".{form}":
+        raise LogError(f"--out {path}: ending {path.suffix!r}; allowed with --to {form}: .{form}")
     _refuse_raw(path, log)
     refuse_existing(path, force, LogError)
     run_log = workbench.read_run_log(log)
@@ -143,7 +151,9 @@ def condition(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Fill gaps, remove drift and filter, in this order; the log that is read stays as it is.
+    """Fill gaps, remove drift and filter, in this order.
+
+    The log that is read stays as it is.
 
     Example: aerodima log condition swing.parquet --fill 0.05 --rest 0 2 --low-pass 20 --out ready.parquet
     """
@@ -171,10 +181,12 @@ def condition(
 
 def compare(
     runs: Annotated[list[Path], typer.Argument(help="Two to twenty run logs (Parquet).")],
-    html: Annotated[Path | None, typer.Option(help="Write the page: replays and signals in step, metrics.")] = None,
+    html: Html = None,
     force: Force = False,
 ) -> None:
-    """Compare runs: what was set differently, the metrics side by side, and with --html replays and signals in step.
+    """Compare runs: what was set differently, and the metrics.
+
+    With --html replays and signals in step, too.
 
     Example: aerodima log compare none.parquet swing.parquet --html compare.html
     """

@@ -13,13 +13,17 @@ from aerodima import workbench
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.cli.options import (
     CHECKS,
+    PICTURES,
     Force,
     ScenarioArgument,
-    ScenarioOption,
     Settings,
+    Status,
     command_group,
+    endings,
+    shipped,
+    written,
 )
-from aerodima.workbench.errors import ModelError, UserError
+from aerodima.workbench.errors import UserError
 from aerodima.workbench.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
@@ -30,7 +34,7 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
-    models = command_group(app, "models", "Look into models, parameters, coefficients and scenarios.", CHECKS)
+    models = command_group(app, "models", "Look into models, tails, coefficients and diagrams.", CHECKS)
     models.command()(check)
     models.command()(tail)
     coefficients = command_group(models, "coefficients", "Look at sets of aerodynamic coefficients.")
@@ -42,14 +46,23 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    files: Annotated[list[Path] | None, typer.Argument(help="SDF or URDF files; all that ship when left out.")] = None,
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(help="SDF or URDF files; all that ship when left out.", callback=endings(".sdf", ".urdf")),
+    ] = None,
     update: Annotated[
         bool, typer.Option("--update", help="First write the numbers of models/parameters into the SDF files.")
     ] = False,
 ) -> None:
-    """Check that models load, are physical, hide nothing, name their sources and equal the parameters."""
+    """Check that models load, are physical and name their sources.
+
+    Nothing that Drake would ignore is in them, and their numbers equal the parameters. Exits with 1 where one does not.
+    """
     from aerodima.workbench.cli.model_check import check_model_file, check_shipped_models, update_model_files
 
+    for path in files or ():
+        if not path.is_file():
+            raise UserError(f"{path}: no such file")
     if update:
         for path in update_model_files():
             typer.echo(f"written {path}")
@@ -58,43 +71,35 @@ def check(
         typer.echo(f"{'ok  ' if not result.problems else 'FAIL'} {result.subject}")
     problems = [problem for result in results for problem in result.problems]
     if problems:
-        raise ModelError(f"{len(problems)} problem(s):\n  " + "\n  ".join(problems))
+        typer.echo(f"{len(problems)} problem(s):\n  " + "\n  ".join(problems), err=True)
+        raise typer.Exit(Status.NO)
 
 
 def tail(
-    file: Annotated[Path | None, typer.Argument(help="Tail file (YAML); the scenario's own tail without it.")] = None,
-    scenario: ScenarioOption = "turn_swing",
+    scenario: ScenarioArgument = "turn_swing",
+    file: Annotated[Path | None, typer.Option(help="Tail file (YAML) in place of the scenario's tail.")] = None,
     settings: Settings = None,
-    out: Annotated[Path | None, typer.Option(help="Picture (png, svg, pdf): sections, normals, axis, centres.")] = None,
-    save: Annotated[Path | None, typer.Option(help="Write the tail as a tail file.")] = None,
+    out: Annotated[
+        list[Path] | None,
+        written("Picture (.png, .svg, .pdf), or tail file (.yaml); may be repeated.", *PICTURES, ".yaml"),
+    ] = None,
     force: Force = False,
 ) -> None:
-    """Areas, centres, mass and inertia of a tail.
+    """Show areas, centres, mass and inertia of a tail.
 
-    Example: aerodima models tail --save tail.yaml --out tail.png
+    Example: aerodima models tail --out tail.yaml --out tail.png
     """
-    for path in (out, save):
-        if path is not None:
-            refuse_existing(path, force, UserError)
-    if out is not None:
-        _refuse_other_ending(out)
+    for path in out or ():
+        refuse_existing(path, force, UserError)
     car = workbench.load_scenario(scenario, settings or [])
     geometry = workbench.tail_geometry(car.tail) if file is None else workbench.read_tail(file)
     for line in tail_lines(geometry):
         typer.echo(line)
-    if save is not None:
-        typer.echo(f"tail: {workbench.write_tail(geometry, save, force=force)}")
-    if out is not None:
-        _write_picture(workbench.plot_tail(geometry), out, force)
-
-
-PICTURES = (".png", ".svg", ".pdf")
-"""Endings of a picture."""
-
-
-def _refuse_other_ending(out: Path) -> None:
-    if out.suffix.lower() not in PICTURES:
-        raise UserError(f"--out {out}: ending {out.suffix!r}; allowed: {', '.join(PICTURES)}")
+    for path in out or ():
+        if path.suffix.lower() == ".yaml":
+            typer.echo(f"tail: {workbench.write_tail(geometry, path, force=force)}")
+        else:
+            _write_picture(workbench.plot_tail(geometry), path, force)
 
 
 def _write_picture(figure: Figure, out: Path, force: bool) -> None:
@@ -137,10 +142,13 @@ def list_sets() -> None:
 
 
 def plot(
-    file: Annotated[str, typer.Argument(help="YAML or CSV file of a set, or the name of an embedded one.")],
-    out: Annotated[
-        Path | None, typer.Option(help="Picture to write (png, svg or pdf); <name>.png here when left out.")
-    ] = None,
+    file: Annotated[
+        str,
+        typer.Argument(
+            help="YAML or CSV file of a set, or the name of an embedded one.", autocompletion=shipped("coefficients")
+        ),
+    ],
+    out: Annotated[Path | None, written("Picture (.png, .svg, .pdf); NAME.png by default.", *PICTURES)] = None,
     force: Force = False,
 ) -> None:
     """Plot a set: curves with percentile bands, measured and seed nodes.
@@ -149,19 +157,17 @@ def plot(
     """
     coefficients = workbench.load_coefficients(file)
     target = out or Path(f"{Path(file).stem}.png")
-    _refuse_other_ending(target)
     _write_picture(workbench.plot_coefficients(coefficients), target, force)
 
 
 def diagram(
     scenario: ScenarioArgument,
-    out: Annotated[Path, typer.Option(help="Picture (.svg, .png, .pdf); Graphviz draws it.")] = Path("diagram.svg"),
+    out: Annotated[Path, written("Picture (.png, .svg, .pdf); Graphviz draws it.", *PICTURES)] = Path("diagram.svg"),
     depth: Annotated[int, typer.Option(help="How many levels of nested diagrams are drawn.", min=1)] = 2,
     settings: Settings = None,
     force: Force = False,
 ) -> None:
     """Draw the block diagram of a scenario."""
-    _refuse_other_ending(out)
     built = workbench.assemble(workbench.load_scenario(scenario, settings or ())).builder.Build()
     picture = workbench.draw_diagram(built, depth)
     write_atomically(out, picture.render(out.suffix[1:].lower()), force, UserError)
@@ -170,23 +176,28 @@ def diagram(
 
 def range_of_motion(
     scenario: ScenarioArgument = "turn_swing",
-    out: Annotated[Path, typer.Option(help="Picture (.png, .svg, .pdf).")] = Path("range_of_motion.png"),
+    out: Annotated[Path, written("Picture (.png, .svg, .pdf).", *PICTURES)] = Path("range_of_motion.png"),
     settings: Settings = None,
     force: Force = False,
 ) -> None:
-    """Draw where the tail's rod and sail are clear of cage, deck, wheels and ground, over pitch and roll."""
-    _refuse_other_ending(out)
+    """Draw where the tail is clear of the car and the ground.
+
+    Rod and sail, over pitch and roll, against cage, deck, wheels and ground.
+    """
     motion = workbench.make_range_of_motion(workbench.load_scenario(scenario, settings or ()))
     _write_picture(workbench.plot_range_of_motion(motion), out, force)
 
 
 def export(
     scenario: ScenarioArgument,
-    out: Annotated[Path | None, typer.Option(help="JSON file; standard output when left out.")] = None,
+    out: Annotated[Path | None, written("File (.json); standard output when left out.", ".json")] = None,
     settings: Settings = None,
     force: Force = False,
 ) -> None:
-    """Write a resolved scenario, with every number and its swing in it, as one JSON bundle that needs no other file."""
+    """Write a resolved scenario as one JSON bundle.
+
+    Every number and its swing are in it; it needs no other file.
+    """
     from aerodima.workbench.controllers.law_of_scenario import make_bundle
 
     text = json.dumps(make_bundle(workbench.load_scenario(scenario, settings or ())), indent=2) + "\n"

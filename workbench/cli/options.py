@@ -1,16 +1,20 @@
-"""Options that commands of all packages share; `grouped`: a command takes several as one value; completion."""
+"""Options that commands of all packages share, their completion, exit statuses; `grouped`: several options as one."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from enum import IntEnum
 from functools import wraps
+from glob import glob
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import typer
 
+from aerodima.workbench.errors import UserError
 from aerodima.workbench.resources import models_dir
 
 RUNS = "Run the car and look at runs"
@@ -23,53 +27,137 @@ CHECKS = "Look into models and installation"
 SECTIONS = (RUNS, SWINGS, COEFFICIENTS, THESIS, CAR, CHECKS)
 
 
-def _shipped(folder: str) -> Callable[[str], list[str]]:
-    """Completion: offers the names of the files of a folder of `models/`."""
+class Status(IntEnum):
+    """Exit statuses of the program; `docs/commands.md` says what each one means."""
+
+    DONE = 0
+    NO = 1
+    WRONG = 2
+    LEFT_OUT = 3
+    BUG = 70  # EX_SOFTWARE of sysexits.h
+    INTERRUPTED = 130  # 128 + SIGINT, as shells report it
+
+
+def shipped(folder: str) -> Callable[[], list[str]]:
+    """Completion: the names of the files of a folder of `models/`."""
+    return lambda: sorted(path.stem for path in (models_dir() / folder).glob("*.yaml"))
+
+
+def _defined(word: str) -> Callable[[str], list[str]]:
+    """Completion: FILE:NAME of what Python files define with `word`, which is class or def."""
 
     def complete(incomplete: str) -> list[str]:
-        return sorted(path.stem for path in (models_dir() / folder).glob(f"{incomplete}*.yaml"))
+        files = [Path(name) for name in sorted(glob(f"{incomplete.partition(':')[0]}*")) if name.endswith(".py")]
+        found = {path: re.findall(rf"^{word} (\w+)", path.read_text("utf-8", "replace"), re.M) for path in files}
+        return [f"{path}:{name}" for path, names in found.items() for name in names]
 
     return complete
 
 
-complete_scenario, complete_swing = _shipped("scenarios"), _shipped("swings")
-_SCENARIO = "Scenario file (YAML), or the name of one that ships."
-ScenarioArgument = Annotated[str, typer.Argument(help=_SCENARIO, autocompletion=complete_scenario)]
-ScenarioOption = Annotated[str, typer.Option(help=_SCENARIO, autocompletion=complete_scenario)]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", help="Override such as car.com_height=0.21 or manoeuvre.speed=4.5; may be repeated."),
-]
-SwingScenarioOption = Annotated[
+def _keys(kind: Literal["Scenario", "RigScenario"]) -> Callable[[], list[tuple[str, str]]]:
+    """Completion: `section.key=` of a scenario, with the value where it is one of a few words."""
+
+    def complete() -> list[tuple[str, str]]:
+        from aerodima.workbench.config import rig_scenario
+
+        return [
+            (f"{section}.{key}={word}", field.description or "")
+            for section, model in getattr(rig_scenario, kind).sections().items()
+            for key, field in model.model_fields.items()
+            for word in get_args(field.annotation) or {bool: ("true", "false")}.get(field.annotation, ("",))
+        ]
+
+    return complete
+
+
+def endings(*allowed: str) -> Callable[[typer.CallbackParam, Any], Any]:
+    """Check of an option: its files end in one of these, so that none holds what its name does not say."""
+
+    def check(param: typer.CallbackParam, value: Any) -> Any:
+        for path in value if isinstance(value, list | tuple) else [value]:
+            if path is not None and path.suffix.lower() not in allowed:
+                raise UserError(f"{param.opts[0]} {path}: ending {path.suffix!r}; allowed: {', '.join(allowed)}")
+        return value
+
+    return check
+
+
+def written(words: str, *allowed: str) -> Any:
+    """The option `--out` of a command: a folder, or a file with one of the allowed endings."""
+    return typer.Option("--out", "-o", help=words, callback=endings(*allowed) if allowed else None)
+
+
+def chosen(words: str, *allowed: str, name: str | None = None) -> Any:
+    """An option that takes one of a few words."""
+    names = (name,) if name else ()
+    return typer.Option(*names, metavar="|".join(allowed), help=words, autocompletion=lambda: list(allowed))
+
+
+def setting(example: str, completion: Callable[..., Any]) -> Any:
+    """The option `--set` of a command."""
+    words = f"Override such as {example}; may be repeated."
+    return typer.Option("--set", "-s", metavar="KEY=VALUE", help=words, autocompletion=completion)
+
+
+_scenarios, _swings, _laws = shipped("scenarios"), shipped("swings"), _defined("class")
+_SCENARIO = "Scenario: a file (YAML), or a name of `aerodima scenarios list`."
+ScenarioArgument = Annotated[str, typer.Argument(help=_SCENARIO, autocompletion=_scenarios)]
+CarScenario = Annotated[str | None, typer.Argument(help=_SCENARIO, autocompletion=_scenarios)]
+SwingScenario = Annotated[
     str | None,
-    typer.Option(
-        help="Scenario of the turn; by default that of the swing file, at the speed and grip it claims, or turn_swing.",
-        autocompletion=complete_scenario,
+    typer.Argument(
+        help=f"{_SCENARIO} By default that of the swing file, at the speed and grip it claims.",
+        autocompletion=_scenarios,
     ),
 ]
+Settings = Annotated[list[str] | None, setting("car.com_height=0.21 or manoeuvre.speed=4.5", _keys("Scenario"))]
+RigSettings = Annotated[list[str] | None, setting("maxon.torque_constant=0.35", _keys("RigScenario"))]
 SwingArgument = Annotated[
-    str, typer.Argument(help="Swing file (YAML), or the name of one that ships.", autocompletion=complete_swing)
+    str, typer.Argument(help="Swing file (YAML), or the name of one that ships.", autocompletion=_swings)
 ]
 SwingOption = Annotated[
     str | None,
-    typer.Option(help="Swing file (YAML) to play, or the name of one that ships.", autocompletion=complete_swing),
+    typer.Option(help="Swing file (YAML) to play, or the name of one that ships.", autocompletion=_swings),
 ]
 OtherCar = Annotated[bool, typer.Option("--other-car", help="Play a swing that was made for another car.")]
-Law = Annotated[str | None, typer.Option(metavar="FILE:CLASS", help="Tail law of your own, such as my_law.py:MyLaw.")]
+Law = Annotated[
+    str | None,
+    typer.Option(metavar="FILE:CLASS", help="Tail law of your own, such as my_law.py:MyLaw.", autocompletion=_laws),
+]
+Laws = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--law",
+        metavar="FILE:CLASS",
+        help="Tail law of your own, such as my_law.py:MyLaw, beside them; may be repeated.",
+        autocompletion=_laws,
+    ),
+]
 Build = Annotated[
     str | None,
     typer.Option(
-        "--diagram", metavar="FILE:FUNCTION", help="What drives, as a Drake diagram of your own: my.py:build."
+        "--diagram",
+        metavar="FILE:FUNCTION",
+        help="What drives, as a Drake diagram of your own: my.py:build.",
+        autocompletion=_defined("def"),
     ),
 ]
-Html = Annotated[Path | None, typer.Option(help="Write the replay as one self-contained HTML file.")]
+Html = Annotated[Path | None, typer.Option("--html", help="Page to write, in one file.", callback=endings(".html"))]
 Live = Annotated[bool, typer.Option("--live", help="Show the run in Meshcat, in real time, while it goes on.")]
-LogOut = Annotated[Path, typer.Option(help="Run log (Parquet) to write.")]
+LogOut = Annotated[Path, written("Run log to write (.parquet).", ".parquet")]
+KeptLog = Annotated[Path | None, written("Keep the run log as this file (.parquet).", ".parquet")]
+PICTURES = (".png", ".svg", ".pdf")
+"""Endings of a picture."""
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing output.")]
 Anew = Annotated[bool, typer.Option("--force", help="Drop earlier results in the folder.")]
 Workers = Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.")]
 Scheduler = Annotated[str | None, typer.Option(help="Dask scheduler to use instead, such as tcp://127.0.0.1:8786.")]
-Ensemble = Annotated[str, typer.Option(help="Ensemble of cars: a name of models/calibration, or a file.")]
+Ensemble = Annotated[
+    str,
+    typer.Option(
+        help="Ensemble of cars: a name of models/calibration, or a file.", autocompletion=shipped("calibration")
+    ),
+]
 
 
 class Key(str):

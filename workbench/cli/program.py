@@ -4,33 +4,61 @@ A package adds commands with an entry point in the group `aerodima.commands` tha
 `register(app: typer.Typer) -> None`. Everything a command needs beyond the standard library and Typer is imported
 inside the command, so that `aerodima --help` answers at once.
 
-Exit status: 0 done; 1 an error in the program (with its traceback); 2 wrong input or flag (`error: ...` on stderr);
-130 stopped by Ctrl-C.
+Exit statuses are those of `options.Status`.
 """
 
 from __future__ import annotations
 
 import sys
+import traceback
 from importlib.metadata import entry_points
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
-from aerodima.workbench.cli.options import SECTIONS
+from aerodima.workbench.cli.options import SECTIONS, Status
 from aerodima.workbench.errors import UserError
 
 ENTRY_POINT_GROUP = "aerodima.commands"
-EXIT_USER_ERROR = 2
-EXIT_INTERRUPTED = 130
-"""128 + SIGINT, as shells report it."""
+RENAMED = {
+    "turn": "run SCENARIO",
+    "straight": "run straight",
+    "slalom": "run slalom",
+    "run --scenario": "run SCENARIO",
+    "run --log": "run --out",
+    "run --replay": "run --html",
+    "play --scenario": "play SCENARIO",
+    "play --log": "play --out",
+    "metrics": "log metrics",
+    "compare": "log compare",
+    "log metrics --csv": "log metrics --out",
+    "rig run": "rig SCENARIO",
+    "threshold": "sweep threshold",
+    "optimise": "swing search",
+    "corner": "swing judge",
+    "verify": "swing verify",
+    "swing verify --scenario": "swing verify SWING SCENARIO",
+    "report": "calibrate",
+    "calibrate --played": "calibrate --cars",
+    "firmware": "drive SCENARIO --ports FILE --firmware FOLDER",
+    "drive --log": "drive --out",
+    "console --emulate": "console SCENARIO",
+    "coefficients": "models coefficients",
+    "range-of-motion": "models range-of-motion",
+    "diagram": "models diagram",
+    "export": "models export",
+    "models tail --scenario": "models tail SCENARIO",
+    "models tail --save": "models tail --out",
+}
+"""Commands and options of version 0.2, and what they are called now; goes with the next version."""
 
 
 class ErrorBoundary(TyperGroup):
     """The outermost group: what a user can fix becomes one line; any other exception is a bug, its traceback stays."""
 
     def invoke(self, ctx: Any) -> Any:  # Typer's own class of the context is private
-        """Run the command; raises `typer.Exit` with the statuses of the module's docstring."""
+        """Run the command; raises `typer.Exit` with a `Status`."""
         try:
             return super().invoke(ctx)
         except UserError as error:
@@ -43,9 +71,19 @@ class ErrorBoundary(TyperGroup):
             cause = error
         except KeyboardInterrupt as error:
             print("interrupted", file=sys.stderr)
-            raise typer.Exit(EXIT_INTERRUPTED) from error
+            raise typer.Exit(Status.INTERRUPTED) from error
         print(f"error: {message}", file=sys.stderr)
-        raise typer.Exit(EXIT_USER_ERROR) from cause
+        raise typer.Exit(Status.WRONG) from cause
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that is asked for; UserError with the new name where the old one is used."""
+        given = {word.partition("=")[0] for word in args}
+        for old, new in RENAMED.items():
+            names = [word for word in old.split() if not word.startswith("-")]
+            known = len(names) == 1 and self.get_command(ctx, old) is not None  # of another package
+            if args[: len(names)] == names and {*old.split()} <= given and not (known or ctx.resilient_parsing):
+                raise UserError(f"`aerodima {old}` is now `aerodima {new}`")
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Lists the commands by section, those of other packages last."""
@@ -89,6 +127,7 @@ def build_app() -> typer.Typer:
         cls=ErrorBoundary,
         no_args_is_help=True,
         add_completion=True,
+        context_settings={"help_option_names": ["-h", "--help"]},
         rich_markup_mode=None,  # importing Rich takes as long as all the rest of `--help`
         pretty_exceptions_enable=False,  # a bug report needs the plain traceback
     )
@@ -108,7 +147,10 @@ def main() -> None:
         build_app()()
     except KeyboardInterrupt:  # before a command began
         print("interrupted", file=sys.stderr)
-        sys.exit(EXIT_INTERRUPTED)
+        sys.exit(Status.INTERRUPTED)
+    except Exception:
+        traceback.print_exc()
+        sys.exit(Status.BUG)
 
 
 if __name__ == "__main__":

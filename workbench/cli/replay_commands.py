@@ -12,7 +12,7 @@ import typer
 from aerodima import workbench
 from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.cli.log_commands import run_names
-from aerodima.workbench.cli.options import RUNS, Force, Html, ScenarioOption, Settings
+from aerodima.workbench.cli.options import RUNS, Force, Html, KeptLog, ScenarioArgument, Settings, endings
 from aerodima.workbench.errors import LogError, UserError
 
 if TYPE_CHECKING:
@@ -26,33 +26,35 @@ def register(app: typer.Typer) -> None:
 
 
 def play(
-    scenario: ScenarioOption = "turn_swing",
+    scenario: ScenarioArgument = "turn_swing",
     settings: Settings = None,
     pace: Annotated[float, typer.Option(help="Seconds of the run per second, 0.1 to 1; 0.5 is half speed.")] = 1.0,
     length: Annotated[float, typer.Option(help="End after so many simulated seconds.")] = math.inf,
-    log: Annotated[Path | None, typer.Option(help="Keep the run log as this Parquet file.")] = None,
+    out: KeptLog = None,
     port: Annotated[int | None, typer.Option(help="Port of Meshcat on 127.0.0.1.")] = None,
     force: Force = False,
 ) -> None:
-    """Drive the simulated car by hand in the browser: keyboard, sliders or gamepad; no device takes part.
+    """Drive the simulated car by hand in the browser.
 
-    Example: aerodima play --log by_hand.parquet --pace 0.5
+    Keyboard, sliders or gamepad steer; no device takes part.
+
+    Example: aerodima play --out by_hand.parquet --pace 0.5
     """
     if not 0.1 <= pace <= 1.0:
         raise UserError(f"--pace: {pace:g}; allowed: 0.1 to 1")
     if not length > 0.0:
         raise UserError(f"--length: {length:g} s; allowed: > 0")
-    if log is not None:
-        refuse_existing(log, force, LogError)
+    if out is not None:
+        refuse_existing(out, force, LogError)
 
     car = workbench.load_scenario(scenario, settings or ())
-    from aerodima.workbench.cli.turn_commands import live_view
+    from aerodima.workbench.cli.run_commands import live_view
     from aerodima.workbench.replay.hand_drive import HELP, MeshcatControls, drive_by_hand
 
     meshcat = live_view(port)
     typer.echo(HELP, err=True)
     controls = MeshcatControls(meshcat, car, pace, typer.echo)
-    for written in drive_by_hand(car, controls, log=log, meshcat=meshcat, length=length, force=force, say=typer.echo):
+    for written in drive_by_hand(car, controls, log=out, meshcat=meshcat, length=length, force=force, say=typer.echo):
         from aerodima.workbench.replay.captions import caption_of
 
         typer.echo(f"log: {written}: {caption_of(workbench.read_run_log(written)).text}")
@@ -63,20 +65,20 @@ def replay(
         list[Path], typer.Argument(help="Log of a run (Parquet); with --video up to six, in step.", metavar="RUN...")
     ],
     html: Html = None,
-    strip: Annotated[Path | None, typer.Option(help="Write five pictures of the run as one PNG file.")] = None,
+    strip: Annotated[
+        Path | None, typer.Option(help="Write five pictures of the run as one PNG file.", callback=endings(".png"))
+    ] = None,
     video: Annotated[Path | None, typer.Option(help="Write a .mp4, .gif or .webp; several runs side by side.")] = None,
     port: Annotated[int | None, typer.Option(help="Show it in Meshcat on this port of 127.0.0.1.")] = None,
     start: Annotated[float, typer.Option("--from", help="Begin the video so late in the run, s.")] = 0.0,
     rate: Annotated[float, typer.Option(help="Seconds of the run per second; 0.25 is slow motion.")] = 1.0,
     force: Force = False,
 ) -> None:
-    """Replay a run: in Meshcat until Ctrl-C, or with --html, --strip and --video as files.
+    """Replay runs in Meshcat, as a page, pictures or a video.
 
-    The path of a real car is reckoned from its sensors.
+    Without --html, --strip and --video it is Meshcat, until Ctrl-C. A real car's path is reckoned from its sensors.
     Example: aerodima replay run.parquet --html run.html --strip run.png --video run.webp
     """
-    if strip is not None and strip.suffix.lower() != ".png":
-        raise UserError(f"--strip {strip}: ending {strip.suffix!r}; allowed: .png")
     others = html is not None or strip is not None or port is not None
     if len(runs) > 1 and (video is None or others):
         raise UserError(f"{len(runs)} runs: allowed with --video alone; `aerodima log compare` makes a page of them")
@@ -90,7 +92,7 @@ def replay(
 
 
 def _write_video(runs: list[Path], video: Path, start: float, rate: float, force: bool) -> None:
-    from aerodima.workbench.cli.turn_commands import show_progress
+    from aerodima.workbench.cli.run_commands import show_progress
     from aerodima.workbench.replay.video import check_video, write_video
 
     check_video(video, force)

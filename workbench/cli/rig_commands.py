@@ -1,10 +1,9 @@
-"""`aerodima rig run`: one experiment on a wind-tunnel rig with its log."""
+"""`aerodima rig`: one experiment on a wind-tunnel rig with its log."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import radians
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -16,9 +15,12 @@ from aerodima.workbench.cli.options import (
     Force,
     Key,
     Live,
-    command_group,
+    LogOut,
+    RigSettings,
+    chosen,
     grouped,
     settings_of,
+    shipped,
 )
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.text_table import shown_value, text_table
@@ -26,20 +28,16 @@ from aerodima.workbench.text_table import shown_value, text_table
 if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
 
-RigSettings = Annotated[
-    list[str] | None, typer.Option("--set", help="Override such as maxon.torque_constant=0.35; may be repeated.")
-]
-
 
 @dataclass(frozen=True)
 class ExperimentOptions:
     """What an experiment changes in its scenario, and where its log goes."""
 
-    out: Annotated[Path, typer.Option(help="The log (Parquet).")]
+    out: LogOut
     tail: Annotated[int | None, Key("experiment.tail"), typer.Option(help="Cheetah tail: 1, 2 or 3.")] = None
-    axis: Annotated[
-        str | None, Key("experiment.axis"), typer.Option(help="major or minor: the width that faces the wind.")
-    ] = None
+    axis: Annotated[str | None, Key("experiment.axis"), chosen("The width that faces the wind.", "major", "minor")] = (
+        None
+    )
     wind: Annotated[float | None, Key("experiment.wind_speed"), typer.Option(help="Wind speed, m/s.")] = None
     angle: Annotated[
         float | None, typer.Option(help="Angle held, or start of the swing, in degrees; 0 hangs straight down.")
@@ -55,30 +53,34 @@ class ExperimentOptions:
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the command group `rig`."""
-    group = command_group(app, "rig", "Work with the wind-tunnel rigs.", COEFFICIENTS)
-    group.command()(run)
+    """Adds the command."""
+    app.command(rich_help_panel=COEFFICIENTS, no_args_is_help=True)(rig)
 
 
 @grouped
-def run(
-    name: Annotated[str, typer.Argument(help="static, flick, bar, robot, or a rig scenario file (YAML).")],
+def rig(
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            help="static, flick, bar, robot, or a rig scenario file (YAML).", autocompletion=shipped("scenarios/rig")
+        ),
+    ],
     options: ExperimentOptions,
 ) -> None:
-    """Run an experiment on a rig and write its log.
+    """Run an experiment on a wind-tunnel rig and write its log.
 
     static holds a cheetah tail still in the wind (thesis 4.4), flick swings one from 90 degrees to straight down (4.7
     to 4.9), bar lets the bare bar go in still air (4.7), robot swings the robot's tail from about 50 degrees (6.3).
 
-    Example: aerodima rig run static --tail 1 --axis major --wind 10 --angle 15 --rest 2 --out hold.parquet
+    Example: aerodima rig static --tail 1 --axis major --wind 10 --angle 15 --rest 2 --out hold.parquet
     """
-    from aerodima.workbench.cli.turn_commands import live_view, show_progress
+    from aerodima.workbench.cli.run_commands import live_view, show_progress
 
     refuse_existing(options.out, options.force, LogError)
     angle = [] if options.angle is None else [f"experiment.angle={radians(options.angle)!r}"]
-    scenario = workbench.load_rig_scenario(name, [*angle, *settings_of(options)])
+    experiment = workbench.load_rig_scenario(scenario, [*angle, *settings_of(options)])
     log = workbench.simulate(
-        scenario,
+        experiment,
         options.out,
         force=options.force,
         meshcat=live_view() if options.live else None,

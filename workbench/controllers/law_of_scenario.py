@@ -82,7 +82,9 @@ def own_turn(swing: SwingFile, scenario: str | None = None) -> tuple[str, tuple[
     try:
         load_scenario(name, settings)
     except ScenarioError as error:
-        raise SwingFileError(f"swing {swing.name}: its own turn: {error}; allowed: --scenario with another") from None
+        raise SwingFileError(
+            f"swing {swing.name}: its own turn: {error}; allowed: another scenario beside it"
+        ) from None
     return name, settings
 
 

@@ -117,7 +117,7 @@ def test_a_device_without_permission_says_what_to_do(monkeypatch):
 
 def test_an_existing_log_is_kept(tmp_path):
     (tmp_path / "run.parquet").write_text("mine")
-    status, err = drive("auto_turn", "--ports", ports(), "--log", "run.parquet")
+    status, err = drive("auto_turn", "--ports", ports(), "--out", "run.parquet")
     assert status == 2
     assert "run.parquet" in err
     assert (tmp_path / "run.parquet").read_text() == "mine"
@@ -158,3 +158,12 @@ def test_a_missing_can_library_is_named_with_what_to_install(words):
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1].endswith("needs python-can: pip install 'aerodima-workbench[hardware]'")
     assert "Traceback" not in done.stderr
+
+
+def test_sketch_of_the_teensy_is_written_for_the_scenario_and_nothing_drives(tmp_path):
+    words = ("auto_turn", "--ports", ports(), "--set", "sail_encoder.bits=10", "--firmware", str(tmp_path / "sketch"))
+    status, err = drive(*words)
+    assert (status, err) == (0, "")
+    assert (tmp_path / "sketch" / "sketch.ino").is_file()
+    assert "#define AERODIMA_SAIL_BITS 10\n" in (tmp_path / "sketch" / "config.h").read_text()
+    assert not list(tmp_path.glob("drive*"))

@@ -62,7 +62,7 @@ class Emulated(EmulatorProcess):
     def drive(self, *flags, scenario=("auto_turn", *FLAGS), program=(PROGRAM,)):
         command = [*program, "drive", *scenario, "--ports", str(self.folder / "ports.json"), "--wiring", self.wiring]
         return subprocess.Popen(
-            [*command, "--log", str(self.log), "--arm", *flags],
+            [*command, "--out", str(self.log), "--arm", *flags],
             env={**os.environ, "OMP_NUM_THREADS": "1"},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -70,7 +70,7 @@ def test_diagram_on_the_car_gives_the_commands_of_its_tick():
     ],
 )
 def test_turn_refuses_what_cannot_drive(function, said):
-    result = CliRunner().invoke(build_app(), ["turn", "--diagram", f"{own_diagram.__file__}:{function}"])
+    result = CliRunner().invoke(build_app(), ["run", "turn_swing", "--diagram", f"{own_diagram.__file__}:{function}"])
     assert result.exit_code == 2
     assert said in result.stderr
     assert "Traceback" not in result.stderr
@@ -78,7 +78,7 @@ def test_turn_refuses_what_cannot_drive(function, said):
 
 def test_turn_shows_the_traceback_of_a_diagram_once_and_the_reason_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setenv(own_diagram.BROKE_FILE, str(tmp_path / "broke"))
-    result = CliRunner().invoke(build_app(), ["turn", "--diagram", f"{own_diagram.__file__}:raises"])
+    result = CliRunner().invoke(build_app(), ["run", "turn_swing", "--diagram", f"{own_diagram.__file__}:raises"])
     assert result.exit_code == 2
     assert result.stderr.count("Traceback") == 1
     assert "in _raise" in result.stderr

@@ -303,7 +303,7 @@ def _start(
 ) -> subprocess.Popen[str]:
     words = [word for setting in settings for word in ("--set", setting)]
     ports, log = str(emulator.folder / PORTS_FILE), str(folder / "drive.parquet")
-    command = ["drive", scenario, *words, "--ports", ports, "--wiring", emulator.wiring, "--log", log]
+    command = ["drive", scenario, *words, "--ports", ports, "--wiring", emulator.wiring, "--out", log]
     driver = ["--diagram", f"{own_diagram.__file__}:{diagram}"] if diagram else ["--no-drake"]
     return subprocess.Popen(
         [sys.executable, "-m", "aerodima", *command, *driver, *(["--arm"] if arm else [])],

@@ -42,6 +42,6 @@ def refused(call: Call) -> Callable[..., str]:
 @pytest.fixture
 def untouched(tmp_path: Path) -> Path:
     """A file that must keep its content."""
-    path = tmp_path / "precious.txt"
+    path = tmp_path / "precious.parquet"
     path.write_text("precious")
     return path

@@ -28,7 +28,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_metrics_prints_and_writes_the_figures_of_the_log(call: Callable, log: Path, tmp_path: Path) -> None:
     table = tmp_path / "metrics.csv"
-    result = call("log", "metrics", log, "--csv", table)
+    result = call("log", "metrics", log, "--out", table)
     assert result.exit_code == 0, result.output
     assert "max_yaw_rate_rad_per_s" in result.stdout
     written = pd.read_csv(table, index_col="run").loc[str(log)]
@@ -53,13 +53,14 @@ def test_a_folder_is_no_log(refused: Callable, tmp_path: Path) -> None:
 
 
 def test_metrics_names_the_file_that_is_no_log(refused: Callable, untouched: Path) -> None:
-    assert "precious.txt" in refused("log", "metrics", untouched)
+    assert "precious.parquet" in refused("log", "metrics", untouched)
     assert "missing.parquet" in refused("log", "metrics", "missing.parquet")
 
 
-def test_metrics_csv_is_not_overwritten(refused: Callable, log: Path, untouched: Path) -> None:
-    assert "--force" in refused("log", "metrics", log, "--csv", untouched)
-    assert untouched.read_text() == "precious"
+def test_metrics_table_is_not_overwritten(refused: Callable, log: Path, untouched: Path) -> None:
+    table = untouched.rename(untouched.with_suffix(".csv"))
+    assert "--force" in refused("log", "metrics", log, "--out", table)
+    assert table.read_text() == "precious"
 
 
 def test_truncated_log_points_to_recover(refused: Callable, log: Path, tmp_path: Path) -> None:

@@ -74,10 +74,12 @@ def test_export_keeps_the_log_and_what_is_there_until_the_run_is_found(
     run = folder / "run.parquet"
     before = run.read_bytes()
     for form in ("csv", "mcap"):
-        assert "raw logs are kept" in refused("log", "export", run, "--out", run, "--force", "--to", form)
+        assert "allowed: .csv, .mcap" in refused("log", "export", run, "--out", run, "--force", "--to", form)
+    assert "allowed with --to csv: .csv" in refused("log", "export", run, "--out", folder / "run.mcap", "--to", "csv")
     assert run.read_bytes() == before
     missing = ("log", "export", folder / "none.parquet", "--to", "mcap", "--out")
-    assert "none.parquet: no such run log" in refused(*missing, untouched, "--force")
-    assert untouched.read_text() == "precious"
+    kept = untouched.rename(untouched.with_suffix(".mcap"))
+    assert "none.parquet: no such run log" in refused(*missing, kept, "--force")
+    assert kept.read_text() == "precious"
     assert "none.parquet: no such run log" in refused(*missing, folder / "new.mcap")
     assert not (folder / "new.mcap").exists()

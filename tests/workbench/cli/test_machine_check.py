@@ -44,7 +44,7 @@ def test_old_drake_is_required_and_fails_the_command(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(doctor, "version", lambda name: "1.40.0")
     assert not finding("Drake").ok
     result = CliRunner().invoke(build_app(), ["doctor"])
-    assert result.exit_code == 2
+    assert result.exit_code == 1
     assert "FAIL Drake" in result.output
 
 

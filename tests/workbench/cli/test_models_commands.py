@@ -72,43 +72,55 @@ def test_good_model_of_a_user_passes(call: Callable, tmp_path: Path) -> None:
     assert call("models", "check", sdf(tmp_path, "<damping>0.1</damping>")).exit_code == 0
 
 
-def test_joint_friction_is_refused(refused: Callable, tmp_path: Path) -> None:
-    message = refused("models", "check", sdf(tmp_path, "<friction>0.2</friction>"))
+@pytest.fixture
+def failed(call: Callable) -> Callable[[Path], str]:
+    """Checks a file; the verdict is no, exit status 1, with the problems on stderr."""
+
+    def check(path: Path) -> str:
+        result = call("models", "check", path)
+        assert result.exit_code == 1, result.output
+        return result.stderr
+
+    return check
+
+
+def test_joint_friction_is_refused(failed: Callable, tmp_path: Path) -> None:
+    message = failed(sdf(tmp_path, "<friction>0.2</friction>"))
     assert "joint 'hinge'" in message
     assert "ignored by Drake" in message
 
 
 @pytest.mark.parametrize("attribute", ["friction", "spring_stiffness"])
-def test_urdf_attributes_that_drake_drops_are_refused(refused: Callable, tmp_path: Path, attribute: str) -> None:
+def test_urdf_attributes_that_drake_drops_are_refused(failed: Callable, tmp_path: Path, attribute: str) -> None:
     path = tmp_path / "model.urdf"
     path.write_text(URDF.format(attribute=attribute))
-    message = refused("models", "check", path)
+    message = failed(path)
     assert attribute in message
     assert "2.5" in message
 
 
-def test_unphysical_inertia_is_refused(refused: Callable, tmp_path: Path) -> None:
+def test_unphysical_inertia_is_refused(failed: Callable, tmp_path: Path) -> None:
     """Triangle inequality: no body has izz above ixx + iyy."""
-    assert "model.sdf" in refused("models", "check", sdf(tmp_path, izz=0.5))
+    assert "model.sdf" in failed(sdf(tmp_path, izz=0.5))
 
 
-def test_negative_mass_is_refused(refused: Callable, tmp_path: Path) -> None:
-    assert "model.sdf" in refused("models", "check", sdf(tmp_path, mass=-1.0))
+def test_negative_mass_is_refused(failed: Callable, tmp_path: Path) -> None:
+    assert "model.sdf" in failed(sdf(tmp_path, mass=-1.0))
 
 
 def test_missing_and_foreign_files_are_named(refused: Callable, tmp_path: Path, untouched: Path) -> None:
     assert "nothing.sdf" in refused("models", "check", tmp_path / "nothing.sdf")
-    assert ".txt" in refused("models", "check", untouched)
+    assert "allowed: .sdf, .urdf" in refused("models", "check", untouched)
 
 
 def test_tail_is_shown_saved_and_drawn(call, refused, tmp_path: Path) -> None:
     saved, picture = tmp_path / "tail.yaml", tmp_path / "tail.png"
-    shown = call("models", "tail", "--save", saved, "--out", picture)
+    shown = call("models", "tail", "--out", saved, "--out", picture)
     assert shown.exit_code == 0
     lines = [line.split() for line in shown.stdout.splitlines()]
     assert ["sail", "plate", "77.87", "0", "0", "0.694", "5"] in lines
     assert ["mass_g", "174"] in lines
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert str(saved) in refused("models", "tail", "--save", saved)
-    assert "allowed: .png, .svg, .pdf" in refused("models", "tail", "--out", "tail.jpg")
-    assert "no such file" in refused("models", "tail", tmp_path / "other.yaml")
+    assert str(saved) in refused("models", "tail", "--out", saved)
+    assert "allowed: .png, .svg, .pdf, .yaml" in refused("models", "tail", "--out", "tail.jpg")
+    assert "no such file" in refused("models", "tail", "--file", tmp_path / "other.yaml")

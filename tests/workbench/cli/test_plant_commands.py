@@ -20,7 +20,7 @@ def swings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def test_metrics_of_a_plant_are_printed_and_written(swings: list[Path], call: Callable, tmp_path: Path) -> None:
-    printed = call("log", "metrics", *swings, "--csv", tmp_path / "metrics.csv").output
+    printed = call("log", "metrics", *swings, "--out", tmp_path / "metrics.csv").output
     assert "tail_force_pole_max_n" in printed
     assert "tail_force_pole_max_n" in (tmp_path / "metrics.csv").read_text(encoding="utf-8")
 

@@ -9,10 +9,15 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.main import get_command
 
-from aerodima.workbench.cli.options import SECTIONS
+from aerodima.workbench.cli.options import SECTIONS, Status
+from aerodima.workbench.cli.program import RENAMED, build_app
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.simulate.simulation import simulate
 
 PROBE = '''
 import time
@@ -73,7 +78,7 @@ def test_help_begins_with_what_a_newcomer_runs_and_gives_every_command_a_section
     sections = re.findall(r"^(\S[^\n]*):\n((?:  .*\n)+)", aerodima("--help").stdout, re.MULTILINE)
     titles = [title for title, _ in sections]
     assert titles == ["Options", *SECTIONS, "Commands"]
-    assert re.match(r"  (\S+)", sections[1][1]).group(1) in ("demo", "turn")
+    assert re.match(r"  (\S+)", sections[1][1]).group(1) in ("demo", "run")
     (own,) = sections[-1][1].splitlines()  # only what comes from another package
     assert own.split()[0] == "probe"
 
@@ -105,9 +110,9 @@ def test_what_a_user_can_mend_is_one_line_and_status_2(aerodima: Run, kind: str,
 @pytest.mark.parametrize(
     ("kind", "last"), [("bug", "ValueError: a bug"), ("nameless", "OSError: [Errno 5] Input/output error")]
 )
-def test_bug_keeps_its_traceback_and_is_status_1(aerodima: Run, kind: str, last: str) -> None:
+def test_bug_keeps_its_traceback(aerodima: Run, kind: str, last: str) -> None:
     done = aerodima("probe", kind)
-    assert done.returncode == 1
+    assert done.returncode == 70
     assert done.stderr.startswith("Traceback (most recent call last):")
     assert done.stderr.splitlines()[-1] == last
 
@@ -160,8 +165,112 @@ def test_package_that_fails_to_register_is_named(environment: dict[str, str], tm
     assert "while registering the commands of 'probe' (probe_commands:register)" in done.stderr
 
 
-def test_shell_completes_commands(environment: dict[str, str]) -> None:
-    asked = {"_AERODIMA_COMPLETE": "complete_bash", "COMP_WORDS": "aerodima tur", "COMP_CWORD": "1"}
+LAW = "class Stop:\n    rate, memory_size = 100.0, 0\n    def step(self, memory, observation): ...\n"
+INTERRUPTED = "    def start(self):\n        raise KeyboardInterrupt\n"
+TABLE = re.findall(
+    r"^\| (\d+) \|", (Path(__file__).parents[3] / "docs" / "commands.md").read_text(encoding="utf-8"), re.MULTILINE
+)
+COMMANDS = {
+    Status.DONE: "scenarios list",
+    Status.NO: "models check {folder}/broken.sdf",
+    Status.WRONG: "run nowhere",
+    Status.LEFT_OUT: "fit friction {folder}/swing.parquet {folder}/cut.parquet --workers 1 --out {folder}/fits",
+    Status.BUG: "probe bug",
+    Status.INTERRUPTED: "run turn_swing --law {folder}/law.py:Stop",
+}
+
+
+def test_table_of_the_documentation_has_every_exit_status() -> None:
+    assert list(map(int, TABLE)) == list(Status) == list(COMMANDS)
+
+
+@pytest.mark.parametrize("status", COMMANDS, ids=lambda status: status.name)
+def test_exit_status_is_that_of_the_table(aerodima: Run, tmp_path: Path, status: Status) -> None:
+    if status == Status.LEFT_OUT:
+        simulate(load_rig_scenario("bar", ["experiment.duration=3"]), tmp_path / "swing.parquet")
+    (tmp_path / "cut.parquet").write_text("cut")
+    (tmp_path / "broken.sdf").write_text("<sdf version='1.9'><model name='m'/></sdf>")
+    (tmp_path / "law.py").write_text(LAW + INTERRUPTED)
+    done = aerodima(*COMMANDS[status].format(folder=tmp_path).split())
+    assert done.returncode == status, done.stderr
+    assert ("Traceback" in done.stderr) == (status == Status.BUG)
+
+
+Commands = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def commands() -> Commands:
+    """Every command and group by its words."""
+
+    def below(words: str, command: Any) -> Commands:
+        inner = getattr(command, "commands", {}).items()
+        return {words: command} | {
+            key: one for name, sub in inner for key, one in below(f"{words} {name}", sub).items()
+        }
+
+    return {words.strip(): command for words, command in below("", get_command(build_app())).items()}
+
+
+def options_of(command: Any) -> dict[str, Any]:
+    return {name: option for option in command.params for name in option.opts if name.startswith("-")}
+
+
+def test_help_pages_cut_nothing_at_80_columns(commands: Commands, call: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert len(commands[""].commands) <= 18
+    for words in commands:
+        page = call(*words.split(), "-h").stdout
+        assert page == call(*words.split(), "--help").stdout
+        lines = [line for line in page.splitlines() if not line.startswith("Usage:")]
+        assert [line for line in lines if line.endswith("...") or len(line) > 80] == [], words
+
+
+def test_one_thing_has_one_name(commands: Commands) -> None:
+    for words, command in commands.items():
+        options = options_of(command)
+        assert ("--out" in options) == ("-o" in options), words
+        assert ("--set" in options) == ("-s" in options), words
+        assert not {"--log", "--replay", "--csv", "--save", "--scenario", "--played"} & set(options), words
+        assert "--set" not in options or options["--set"].metavar == "KEY=VALUE", words
+
+
+@pytest.mark.parametrize("old", RENAMED)
+def test_old_name_says_the_new_one_which_exists(refused: Callable, commands: Commands, old: str) -> None:
+    new = RENAMED[old]
+    assert refused(*old.split()) == f"`aerodima {old}` is now `aerodima {new}`"
+    names = [word for word in new.split() if not word.isupper()]
+    found = max((words for words in commands if new.startswith(words)), key=len)
+    options = {name for name in names if name.startswith("-")}
+    assert options <= set(options_of(commands[found]))
+    assert found
+    assert set(names) - options - set(found.split()) <= {"straight", "slalom"}
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("ru", {"run"}),
+        ("run turn_sw", {"turn_swing", "turn_swing_free_sail", "turn_swing_wind"}),
+        ("rig fl", {"flick"}),
+        ("run turn_none --set tail.mo", {"tail.mode=none", "tail.mode=held", "tail.mode=swing", "tail.mount_x="}),
+        ("rig static -s maxon.torque", {"maxon.torque_constant="}),
+        ("swing search short_turn --set tra", {"training="}),
+        ("swing judge --candidate fe", {"feedback"}),
+        ("run turn_swing --law my_", {"my_law.py:Mine"}),
+        ("log export run.parquet --to m", {"mcap"}),
+        ("drive auto_turn --wiring t", {"teensy_bridge"}),
+    ],
+)
+def test_shell_completes(tmp_path: Path, shell: str, words: str, offered: set[str]) -> None:
+    (tmp_path / "my_law.py").write_text("import numpy\n\n\nclass Mine:\n    pass\n")
+    line = f"aerodima {words}"
+    asked = {"COMP_WORDS": line, "COMP_CWORD": str(len(words.split())), "_TYPER_COMPLETE_ARGS": line}
     program = Path(sys.executable).with_name("aerodima")
-    done = subprocess.run([program], env={**environment, **asked}, capture_output=True, text=True, timeout=60)
-    assert done.stdout.split() == ["turn"]
+    environment = {**os.environ, **asked, "_AERODIMA_COMPLETE": f"complete_{shell}"}
+    done = subprocess.run([program], env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    out = done.stdout.replace(r"\\:", ":")
+    found = set(re.findall(r"^(?:_arguments .*\(\()?\"(.*?)\"", out, re.MULTILINE) if shell == "zsh" else out.split())
+    assert found >= offered, done.stdout + done.stderr
+    assert all(word.startswith(words.split()[-1]) for word in found)

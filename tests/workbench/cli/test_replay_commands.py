@@ -57,12 +57,13 @@ def test_port_in_use_is_refused(refused: Callable, log: Path) -> None:
 def test_existing_output_is_refused_before_anything_is_written(
     refused: Callable, log: Path, untouched: Path, tmp_path: Path, option: str
 ) -> None:
-    other = {"--html": "--strip", "--strip": "--html", "--video": "--html"}[option]
-    present = untouched.rename(untouched.with_suffix(".gif" if option == "--video" else ".png"))
-    message = refused("replay", log, other, tmp_path / "other.png", option, present)
+    ending = {"--html": ".html", "--strip": ".png", "--video": ".gif"}
+    other = "--strip" if option == "--html" else "--html"
+    present, absent = untouched.rename(untouched.with_suffix(ending[option])), tmp_path / f"other{ending[other]}"
+    message = refused("replay", log, other, absent, option, present)
     assert "exists already" in message
     assert present.read_text() == "precious"
-    assert not (tmp_path / "other.png").exists()
+    assert not absent.exists()
 
 
 def test_strip_is_a_png(refused: Callable, log: Path, tmp_path: Path) -> None:

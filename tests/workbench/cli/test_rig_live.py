@@ -1,4 +1,4 @@
-"""`aerodima rig run ... --live`: the viewer is there while the swing goes on, and on this computer only."""
+"""`aerodima rig ... --live`: the viewer is there while the swing goes on, and on this computer only."""
 
 import re
 import subprocess
@@ -17,7 +17,6 @@ def test_a_live_swing_can_be_watched_on_the_local_address(tmp_path: Path) -> Non
         "-m",
         "aerodima.workbench.cli.program",
         "rig",
-        "run",
         "robot",
         "--live",
         "--duration",

@@ -220,6 +220,6 @@ def test_a_swing_brings_its_turn_along() -> None:
     assert own_turn(made_with(None)) == ("turn_swing", ("tail.mode=swing",))
     assert turn_words(made_with(None), turn).endswith("its file claims nothing")
     with pytest.raises(
-        SwingFileError, match=r"its own turn: my_car\.yaml: no such file; allowed: --scenario with another"
+        SwingFileError, match=r"its own turn: my_car\.yaml: no such file; allowed: another scenario beside it"
     ):
         own_turn(made_with("my_car.yaml"))

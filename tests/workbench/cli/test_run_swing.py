@@ -1,4 +1,4 @@
-"""`aerodima turn --swing`: a swing file on the whole car."""
+"""`aerodima run --swing`: a swing file on the whole car."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_the_published_swing_is_played_and_mirrored_for_a_right_turn(call: Calla
     logs = {}
     for side in ("left", "right"):
         log = tmp_path / f"{side}.parquet"
-        result = call("turn", "--swing", "thesis_8_rad_per_s", "--direction", side, "--log", log, *SHORT, *QUIET)
+        result = call("run", "--swing", "thesis_8_rad_per_s", "--direction", side, "--out", log, *SHORT, *QUIET)
         assert result.exit_code == 0, result.output
         logs[side] = read_run_log(log)
     assert swing_from_dict(logs["left"].extra["swing"]) == read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
@@ -59,16 +59,16 @@ def test_torque_of_a_braking_swing_steps_with_the_ticks_of_its_commands() -> Non
 def test_a_swing_for_another_car_needs_to_be_asked_for(call: Callable, refused: Callable, tmp_path: Path) -> None:
     thesis = read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
     path = write_swing(SwingFile.model_validate(thesis.model_dump() | {"car": {"car.mass": 7.0}}), tmp_path / "a.yaml")
-    message = refused("turn", "--swing", path, *SHORT)
+    message = refused("run", "--swing", path, *SHORT)
     mass = load_scenario("turn_swing").car.mass
     assert f"car.mass: made for 7, the scenario has {mass:g}; allowed: the same car, or --other-car" in message
-    assert call("turn", "--swing", path, "--other-car", *SHORT).exit_code == 0
+    assert call("run", "--swing", path, "--other-car", *SHORT).exit_code == 0
 
 
 def test_what_makes_no_sense_is_refused(refused: Callable, tmp_path: Path) -> None:
-    assert "--other-car: allowed together with --swing" in refused("turn", "--other-car")
-    unknown = refused("turn", "--swing", "nowhere")
+    assert "--other-car: allowed together with --swing" in refused("run", "turn_swing", "--other-car")
+    unknown = refused("run", "--swing", "nowhere")
     assert "models/swings has none of this name; allowed: thesis_8_rad_per_s" in unknown
     text = model_path("swings/thesis_8_rad_per_s.yaml").read_text()
     (tmp_path / "nan.yaml").write_text(text.replace("[8.0, 8.0, 0.0]", "[8.0, .nan, 0.0]"))
-    assert "knots.roll_velocity_rad_per_s.1: nan" in refused("turn", "--swing", tmp_path / "nan.yaml")
+    assert "knots.roll_velocity_rad_per_s.1: nan" in refused("run", "--swing", tmp_path / "nan.yaml")

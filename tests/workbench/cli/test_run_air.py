@@ -1,4 +1,4 @@
-"""`aerodima turn` with a free sail and with a coefficient table, from the run to its pictures."""
+"""`aerodima run` with a free sail and with a coefficient table, from the run to its pictures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SHORT = ("--set", "manoeuvre.turn_start=0.4", "--set", "manoeuvre.speed_ramp=0.3
 @pytest.mark.parametrize("scenario", ["turn_swing_free_sail", "turn_swing_wind"])
 def test_shipped_scenario_goes_from_run_to_replay_and_strip(call: Callable, tmp_path: Path, scenario: str) -> None:
     log, page, strip = (tmp_path / f"run.{ending}" for ending in ("parquet", "html", "png"))
-    words = ["turn", "--scenario", scenario, "--speed", 1.5, *SHORT, "--log", log, "--replay", page]
+    words = ["run", scenario, "--speed", 1.5, *SHORT, "--out", log, "--html", page]
     result = call(*words)
     assert result.exit_code == 0, result.output
     assert "largest_reynolds_number" in result.stdout
@@ -29,17 +29,19 @@ def test_shipped_scenario_goes_from_run_to_replay_and_strip(call: Callable, tmp_
 
 
 def test_turn_says_when_a_table_was_left(call: Callable) -> None:
-    left = call("turn", "--speed", 1.0, *SHORT, "--set", "tail.coefficients=robot_tail_line")
+    left = call("run", "turn_swing", "--speed", 1.0, *SHORT, "--set", "tail.coefficients=robot_tail_line")
     assert re.search(r"sections_outside_measured_range +0\.\d\d", left.stdout)
-    constant = call("turn", "--speed", 1.0, *SHORT)
+    constant = call("run", "turn_swing", "--speed", 1.0, *SHORT)
     assert re.search(r"sections_outside_measured_range +0$", constant.stdout, re.MULTILINE)
-    assert "sections_outside" not in call("turn", "--speed", 1.0, "--tail", "none", *SHORT).stdout
+    assert "sections_outside" not in call("run", "turn_swing", "--speed", 1.0, "--tail", "none", *SHORT).stdout
 
 
 def test_settings_of_the_air_are_refused_in_one_line(refused: Callable) -> None:
-    assert "did you mean 'robot_tail_line'?" in refused("turn", "--set", "tail.coefficients=robot_tail_lime")
-    assert "above -0.0" in refused("turn", "--set", "tail.added_mass=-0.1")
-    assert "'winds'" in refused("turn", "--set", "winds.mean_x=1")
+    assert "did you mean 'robot_tail_line'?" in refused(
+        "run", "turn_swing", "--set", "tail.coefficients=robot_tail_lime"
+    )
+    assert "above -0.0" in refused("run", "turn_swing", "--set", "tail.added_mass=-0.1")
+    assert "'winds'" in refused("run", "turn_swing", "--set", "winds.mean_x=1")
 
 
 def test_coefficients_are_a_command(call: Callable) -> None:

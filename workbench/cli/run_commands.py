@@ -1,4 +1,4 @@
-"""`aerodima demo` and `turn`: simulated runs of the car with their logs, metrics and replays."""
+"""`aerodima run` and `demo`: simulated runs of the car with their logs, metrics and replays; `scenarios list`."""
 
 from __future__ import annotations
 
@@ -18,16 +18,20 @@ from aerodima.workbench.cli.options import (
     Build,
     Force,
     Html,
+    KeptLog,
     Key,
     Law,
     Live,
     OtherCar,
     Settings,
     SwingOption,
-    SwingScenarioOption,
+    SwingScenario,
     Workers,
+    chosen,
+    command_group,
     grouped,
     settings_of,
+    written,
 )
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.text_table import shown_value, text_table
@@ -45,42 +49,35 @@ if TYPE_CHECKING:
 class RunOptions:
     """What a run changes in its scenario, and what is kept and shown of it."""
 
-    scenario: SwingScenarioOption = None
+    scenario: SwingScenario = None
     speed: Annotated[float | None, Key("manoeuvre.speed"), typer.Option(help="Commanded speed, m/s.")] = None
-    tail: Annotated[
-        str | None,
-        Key("tail.mode"),
-        typer.Option(metavar="none|held|swing", help="What the tail does."),
-    ] = None
-    direction: Annotated[
-        str | None,
-        Key("manoeuvre.direction"),
-        typer.Option(metavar="left|right", help="Side of the turn."),
-    ] = None
+    tail: Annotated[str | None, Key("tail.mode"), chosen("What the tail does.", "none", "held", "swing")] = None
+    direction: Annotated[str | None, Key("manoeuvre.direction"), chosen("Side of the turn.", "left", "right")] = None
     swing: Annotated[SwingOption, Key("controller.swing_file")] = None
     other_car: OtherCar = False
     law: Law = None
     diagram: Build = None
     settings: Settings = None
-    log: Annotated[Path | None, typer.Option(help="Keep the run log as this Parquet file.")] = None
-    replay: Html = None
+    out: KeptLog = None
+    html: Html = None
     live: Live = False
     force: Force = False
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the two commands."""
+    """Adds the commands."""
+    app.command(rich_help_panel=RUNS, no_args_is_help=True)(run)
     app.command(rich_help_panel=RUNS)(demo)
-    app.command(rich_help_panel=RUNS)(turn)
+    command_group(app, "scenarios", "List the scenarios that ship.", RUNS).command("list")(list_scenarios)
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for page, table, replays and logs.")] = Path("out/demo"),
+    out: Annotated[Path, written("Folder for page, table, replays and logs.")] = Path("out/demo"),
     workers: Workers = 2,
     seed: Annotated[int, typer.Option(help="Seed of the sensor noise.")] = 1,
     force: Anew = False,
 ) -> None:
-    """A manoeuvre of four cars in step, then the thesis' own turn at four speeds, and a page on both.
+    """Drive four cars in step and the thesis' own turn; write a page.
 
     Asked for again after Ctrl-C it keeps the finished runs and goes on. Example: aerodima demo --out out/demo
     """
@@ -93,13 +90,12 @@ def demo(
 
 
 @grouped
-def turn(options: RunOptions) -> None:
-    """Drive the published turn: up to speed in 2 s, 30 degrees of steering for 0.5 s, straight on.
+def run(options: RunOptions) -> None:
+    """Simulate a scenario: a turn, slalom, lane change or your own.
 
-    A swing file brings its own car, turn, speed and claimed grip along, unless --scenario names another turn. The
-    other manoeuvres are scenarios too: straight, slalom, auto_turn.
+    A swing file brings its own car, turn, speed and claimed grip along, unless a scenario is named with it.
 
-    Example: aerodima turn --speed 4.44 --tail swing --log run.parquet --replay run.html
+    Example: aerodima run turn_swing --speed 4.44 --out run.parquet --html run.html
     """
     # What can be wrong is looked at before Drake is imported, which takes seconds.
     from aerodima.workbench.controllers.law_of_scenario import (
@@ -114,38 +110,38 @@ def turn(options: RunOptions) -> None:
         raise UserError("--law: allowed without --swing; each says what the tail does")
     if options.diagram is not None and (options.law is not None or options.swing is not None):
         raise UserError("--diagram: allowed without --law and --swing; it says what the tail does")
+    if options.scenario is None and options.swing is None:
+        raise UserError("SCENARIO: missing; allowed: a scenario file, a name of `aerodima scenarios list`, or --swing")
     if options.swing is None and options.other_car:
         raise UserError("--other-car: allowed together with --swing")
     name, own = options.scenario, tuple[str, ...]()
     if options.swing is not None:
         name, own = own_turn(find_swing(options.swing), name)
-    scenario = workbench.load_scenario(name or "turn_swing", [*own, *settings_of(options)])
+    scenario = workbench.load_scenario(str(name), [*own, *settings_of(options)])
     law = None if options.law is None else _own_law(options.law, scenario)
     if law is None and options.diagram is None and not options.other_car:
         refuse_other_car(scenario)
-    _refuse_outputs(options.log, options.replay, options.force)
+    _refuse_outputs(options.out, options.html, options.force)
     run_log = _simulated(scenario, options, law)
     swing = swing_of_scenario(scenario) if own else None
     if swing is not None:
         typer.echo(f"turn: {scenario.name}, {turn_words(swing, scenario)}")
     for line in summary_lines(run_log):
         typer.echo(line)
-    if options.log is not None:
-        typer.echo(f"log: {options.log}")
-    if options.replay is not None:
+    if options.out is not None:
+        typer.echo(f"log: {options.out}")
+    if options.html is not None:
         from aerodima.workbench.report.replay_page import write_replay_html
 
-        typer.echo(f"replay: {write_replay_html(run_log, options.replay, force=options.force)}")
+        typer.echo(f"replay: {write_replay_html(run_log, options.html, force=options.force)}")
 
 
-def _refuse_outputs(log: Path | None, replay: Path | None, force: bool) -> None:
+def _refuse_outputs(log: Path | None, html: Path | None, force: bool) -> None:
     if log is not None:
         refuse_existing(log, force, LogError)
-    if replay is not None:
-        if log is not None and log.resolve() == replay.resolve():
-            raise UserError(f"--replay {replay}: is the file of --log too; allowed: two names")
-        refuse_existing(replay, force, UserError)
-        make_folder(replay.parent, UserError)
+    if html is not None:
+        refuse_existing(html, force, UserError)
+        make_folder(html.parent, UserError)
 
 
 def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> RunLog:
@@ -160,7 +156,7 @@ def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> 
     try:
         return workbench.simulate(
             scenario,
-            options.log,
+            options.out,
             law=law,
             build=build,
             force=options.force,
@@ -177,8 +173,8 @@ def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> 
         typer.echo(text, err=True)
         raise UserError(f"--diagram {options.diagram}: {reason}") from None
     except KeyboardInterrupt:
-        if options.log is not None:
-            typer.echo(f"the rows so far are kept: aerodima log recover {journal_path(options.log)}", err=True)
+        if options.out is not None:
+            typer.echo(f"the rows so far are kept: aerodima log recover {journal_path(options.out)}", err=True)
         raise
 
 
@@ -186,8 +182,21 @@ def _own_law(place: str, scenario: Scenario) -> TailLaw:
     from aerodima.workbench.controllers.law_of_scenario import load_law
 
     if scenario.tail.mode == "none":
-        raise UserError(f"--law {place}: this car has no tail; allowed with --tail held or --tail swing")
+        raise UserError(f"--law {place}: this car has no tail; allowed with --tail held or swing")
     return load_law(place, scenario)
+
+
+def list_scenarios() -> None:
+    """List the scenarios of the car, for `run`, and of the rigs, for `rig`."""
+    from aerodima.workbench.config.rig_scenario import RigScenario
+    from aerodima.workbench.config.scenario import Scenario
+
+    cars = [(name, Scenario.load(name)) for name in Scenario.names()]
+    rows = [[name, one.name, one.manoeuvre.kind, shown_value(one.manoeuvre.speed), one.tail.mode] for name, one in cars]
+    rigs = [(name, RigScenario.load(name)) for name in RigScenario.names()]
+    experiments = [[name, one.name, one.experiment.kind] for name, one in rigs]
+    table = text_table(["scenario", "name", "manoeuvre", "speed_m_per_s", "tail"], rows)
+    typer.echo("\n".join([*table, "", *text_table(["rig", "name", "experiment"], experiments)]))
 
 
 def live_view(port: int | None = None) -> Meshcat:

@@ -1,4 +1,4 @@
-"""`aerodima turn`: what it prints, writes and refuses."""
+"""`aerodima run`: what it prints, writes and refuses."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHORT = ("--set", "manoeuvre.turn_start=0.4", "--set", "manoeuvre.speed_ramp=0.3
 
 def test_turn_writes_the_log_it_was_asked_for(call: Callable, tmp_path: Path) -> None:
     log = tmp_path / "new folder" / "run.parquet"
-    result = call("turn", "--speed", 1.5, "--tail", "held", "--direction", "right", *SHORT, "--log", log)
+    result = call("run", "turn_swing", "--speed", 1.5, "--tail", "held", "--direction", "right", *SHORT, "--out", log)
     assert result.exit_code == 0, result.output
     assert "outcome: survived" in result.stdout
     assert f"log: {log}" in result.stdout
@@ -33,7 +33,7 @@ def test_turn_writes_the_log_it_was_asked_for(call: Callable, tmp_path: Path) ->
 @pytest.mark.parametrize("manoeuvre", ["straight", "slalom"])
 def test_other_manoeuvres_run(call: Callable, tmp_path: Path, manoeuvre: str) -> None:
     log = tmp_path / "run.parquet"
-    result = call("turn", "--scenario", manoeuvre, "--speed", 1.0, "--set", "manoeuvre.duration=0.6", "--log", log)
+    result = call("run", manoeuvre, "--speed", 1.0, "--set", "manoeuvre.duration=0.6", "--out", log)
     assert result.exit_code == 0, result.output
     assert read_run_log(log).scenario["manoeuvre"]["kind"] == manoeuvre
 
@@ -45,7 +45,7 @@ def test_law_of_a_file_drives_the_tail_and_is_named_in_log_and_caption(call: Cal
         "    def start(self):\n        return np.zeros(0)\n\n    def step(self, memory, observation):\n"
         "        return memory, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([0.3, 0.0, 17.0, 5.0, 0.0]), 1\n"
     )
-    result = call("turn", "--speed", 1.0, *SHORT, "--law", f"{own}:Upright", "--log", log)
+    result = call("run", "turn_swing", "--speed", 1.0, *SHORT, "--law", f"{own}:Upright", "--out", log)
     assert result.exit_code == 0, result.output
     run = read_run_log(log)
     assert run.extra["tail_law"] == "Upright"
@@ -66,10 +66,10 @@ except SystemExit as end:
 @pytest.mark.parametrize(
     "words",
     [
-        ("turn", "--tail", "up"),
-        ("turn", "--set", "car.com_heigth=0.2"),
-        ("turn", "--scenario", "turn_swin"),
-        ("turn", "--log", "precious.txt"),
+        ("run", "turn_swing", "--tail", "up"),
+        ("run", "turn_swing", "--set", "car.com_heigth=0.2"),
+        ("run", "turn_swin"),
+        ("run", "turn_swing", "--out", "precious.parquet"),
         ("log", "metrics", "nowhere.parquet"),
         ("replay", "nowhere.parquet"),
         ("log", "compare", "nowhere.parquet", "here.parquet"),
@@ -84,21 +84,21 @@ def test_wrong_input_is_told_before_drake_is_imported(untouched: Path, words: tu
 
 
 def test_existing_log_is_kept_without_force(call: Callable, refused: Callable, untouched: Path) -> None:
-    assert "--force" in refused("turn", *SHORT, "--log", untouched)
+    assert "--force" in refused("run", "turn_swing", *SHORT, "--out", untouched)
     assert untouched.read_text() == "precious"
-    assert call("turn", "--speed", 1.0, *SHORT, "--log", untouched, "--force").exit_code == 0
+    assert call("run", "turn_swing", "--speed", 1.0, *SHORT, "--out", untouched, "--force").exit_code == 0
     assert len(read_run_log(untouched).table) == 601  # 1.2 s at 500 Hz, both ends
 
 
-def test_existing_replay_is_refused_before_anything_is_simulated(refused: Callable, untouched: Path) -> None:
-    log = untouched.parent / "run.parquet"
-    assert "precious.txt" in refused("turn", *SHORT, "--log", log, "--replay", untouched)
-    assert untouched.read_text() == "precious"
+def test_existing_page_is_refused_before_anything_is_simulated(refused: Callable, untouched: Path) -> None:
+    log, page = untouched.parent / "run.parquet", untouched.rename(untouched.with_suffix(".html"))
+    assert "precious.html" in refused("run", "turn_swing", *SHORT, "--out", log, "--html", page)
+    assert page.read_text() == "precious"
     assert not log.exists()
 
 
 def test_log_below_a_file_is_refused(refused: Callable, untouched: Path) -> None:
-    assert str(untouched) in refused("turn", *SHORT, "--log", untouched / "run.parquet")
+    assert str(untouched) in refused("run", "turn_swing", *SHORT, "--out", untouched / "run.parquet")
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_log_below_a_file_is_refused(refused: Callable, untouched: Path) -> None
         (("--speed", "25"), ("25", "m/s")),  # beyond the throttle line
         (("--tail", "wagging"), ("with --set tail.mode=wagging", "tail.mode", "'none', 'held' or 'swing'")),
         (("--set", "com_height=0.2"), ("com_height", "did you mean car.com_height?")),
-        (("--scenario", "turn_swin"), ("turn_swin", "did you mean 'turn_swing'?")),
+        (("turn_swin",), ("turn_swin", "did you mean 'turn_swing'?")),
         (("--law", "nowhere.py:Law"), ("nowhere.py", "no such Python file")),
         (("--law", "nowhere.py:Law", "--tail", "none"), ("--law", "no tail")),
         (("--law", "nowhere.py:Law", "--swing", "thesis_8_rad_per_s"), ("--law", "--swing")),
@@ -121,30 +121,37 @@ def test_log_below_a_file_is_refused(refused: Callable, untouched: Path) -> None
         (("--set", "car.mass=2"), ("car.mass", "2 kg", "more than its parts")),
         (("--set", "nonsense"), ("nonsense", "section.key=value")),
         (("--set", "imu.rate=2000"), ("imu.rate", "2000 Hz", "1/step", "500 Hz")),
-        (("--scenario", "nowhere.yaml"), ("nowhere.yaml", "no such file")),
+        (("nowhere.yaml",), ("nowhere.yaml", "no such file")),
     ],
 )
 def test_wrong_input_is_one_clear_line(refused: Callable, words: tuple[str, ...], named: tuple[str, ...]) -> None:
-    message = refused("turn", *SHORT, *words)
+    message = refused("run", *words, *SHORT) if words[0][0] != "-" else refused("run", "turn_swing", *SHORT, *words)
     for part in named:
         assert part in message
     assert "\n" not in message
 
 
-def test_log_and_replay_cannot_be_one_file(refused: Callable, tmp_path: Path) -> None:
-    out = tmp_path / "run.parquet"
-    assert "--log" in refused("turn", *SHORT, "--log", out, "--replay", out, "--force")
-    assert not out.exists()
+@pytest.mark.parametrize(("option", "allowed"), [("--out", ".parquet"), ("--html", ".html")])
+def test_file_of_another_kind_is_refused(refused: Callable, tmp_path: Path, option: str, allowed: str) -> None:
+    message = refused("run", "turn_swing", *SHORT, option, tmp_path / "run.csv")
+    assert message == f"{option} {tmp_path}/run.csv: ending '.csv'; allowed: {allowed}"
+    assert not list(tmp_path.iterdir())
+
+
+def test_run_without_scenario_or_swing_says_what_is_missing(call: Callable, refused: Callable) -> None:
+    assert "scenarios list" in refused("run", "--speed", 3)
+    names = [line.split()[0] for line in call("scenarios", "list").stdout.splitlines() if line]
+    assert {"turn_swing", "straight", "slalom", "static"} <= set(names)
 
 
 def test_replay_below_a_file_is_refused_before_anything_is_simulated(refused: Callable, untouched: Path) -> None:
     log = untouched.parent / "run.parquet"
-    assert str(untouched) in refused("turn", *SHORT, "--log", log, "--replay", untouched / "run.html")
+    assert str(untouched) in refused("run", "turn_swing", *SHORT, "--out", log, "--html", untouched / "run.html")
     assert not log.exists()
 
 
 def test_run_that_ends_before_its_turn_names_the_duration(refused: Callable) -> None:
-    message = refused("turn", "--set", "manoeuvre.duration=1")
+    message = refused("run", "turn_swing", "--set", "manoeuvre.duration=1")
     assert "manoeuvre.duration: 1 s" in message
     assert ">= 2.6" in message
 
@@ -152,10 +159,10 @@ def test_run_that_ends_before_its_turn_names_the_duration(refused: Callable) -> 
 def test_scenario_file_may_have_no_ending(call: Callable, tmp_path: Path) -> None:
     path = tmp_path / "mine"
     path.write_text("manoeuvre: {speed: 1.0, turn_start: 0.4, speed_ramp: 0.3, duration: 1.2}\n")
-    assert call("turn", "--scenario", path).exit_code == 0
+    assert call("run", path).exit_code == 0
 
 
 def test_slalom_of_the_thesis_stays_upright_while_it_gathers_speed_and_rolls_over_at_4_m_per_s(call: Callable) -> None:
     """The thesis steers while it accelerates (6.1.3), and shows the first second of it."""
-    assert "outcome: survived, clean" in call("turn", "--scenario", "slalom").stdout
-    assert "outcome: flipped" in call("turn", "--scenario", "slalom", "--set", "manoeuvre.duration=6").stdout
+    assert "outcome: survived, clean" in call("run", "slalom").stdout
+    assert "outcome: flipped" in call("run", "slalom", "--set", "manoeuvre.duration=6").stdout
