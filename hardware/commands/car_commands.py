@@ -14,22 +14,7 @@ import typer
 
 from aerodima import hardware, workbench
 from aerodima.workbench.atomic_write import make_folder, refuse_existing
-from aerodima.workbench.cli.options import (
-    Build,
-    CarScenario,
-    Force,
-    Law,
-    LogOut,
-    OtherCar,
-    ScenarioArgument,
-    Settings,
-    Status,
-    SwingOption,
-    chosen,
-    endings,
-    shipped,
-    written,
-)
+from aerodima.workbench.cli import options as cli
 from aerodima.workbench.errors import HardwareError, LogError
 
 if TYPE_CHECKING:
@@ -51,20 +36,20 @@ Ports = Annotated[Path, typer.Option(help="Ports file (JSON): which device is wh
 
 
 def console(
-    scenario: CarScenario = None,
+    scenario: cli.OtherScenario = None,
     ports: Annotated[Path | None, typer.Option(help="Ports file (JSON) with an entry `console`.")] = None,
     radio: Annotated[
         str | None, typer.Option(help="Serial port of the operator's XBee module; more of it in a ports file.")
     ] = None,
     port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.")] = 8470,
-    out: Annotated[Path, written("Folder of the emulated car; of a later one, one in it.")] = Path("console_car"),
+    out: Annotated[Path, cli.written("Folder of the emulated car; of a later one, one in it.")] = Path("console_car"),
     wiring: Wiring = "teensy_bridge",
     view: Annotated[bool, typer.Option(help="Show the emulated car in Meshcat.")] = True,
     record: Annotated[
         Path | None,
         typer.Option(help="New file (JSON lines) of the record; by default the next console.jsonl."),
     ] = None,
-    settings: Settings = None,
+    settings: cli.Settings = None,
 ) -> None:
     """Operate the car from a page: modes, sliders, gamepad, plots.
 
@@ -129,8 +114,8 @@ def _device(ports: Path) -> tuple[ConsoleDevice, int]:
 
 
 def emulate(
-    scenario: ScenarioArgument,
-    out: Annotated[Path, written("New folder for the ports and the logs.")],
+    scenario: cli.ScenarioArgument,
+    out: Annotated[Path, cli.written("New folder for the ports and the logs.")],
     wiring: Wiring = "teensy_bridge",
     faults: Annotated[Path | None, typer.Option(help="Script (YAML) of faults and of what the operator does.")] = None,
     duration: Annotated[float | None, typer.Option(help="End by itself after that time, s.")] = None,
@@ -141,7 +126,7 @@ def emulate(
     parent: Annotated[
         int | None, typer.Option(help="End with the process of this id, which has started this one.")
     ] = None,
-    settings: Settings = None,
+    settings: cli.Settings = None,
 ) -> None:
     """Run an emulated car in real time behind serial ports.
 
@@ -175,23 +160,17 @@ def emulate(
 
 
 def drive(
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            help="Scenario file (YAML), a name of `aerodima scenarios list`, or a bundle (.json) of `models export`.",
-            autocompletion=shipped("scenarios"),
-        ),
-    ],
+    scenario: Annotated[str, cli.named("Scenario, or a bundle (.json) of `models export`", "scenarios")],
     ports: Ports,
     wiring: Wiring = "teensy_bridge",
-    swing: SwingOption = None,
-    other_car: OtherCar = False,
-    law: Law = None,
-    diagram: Build = None,
-    out: LogOut = Path("drive.parquet"),
+    swing: cli.SwingOption = None,
+    other_car: cli.OtherCar = False,
+    law: cli.Law = None,
+    diagram: cli.Build = None,
+    out: cli.LogOut = Path("drive.parquet"),
     traffic: Annotated[
         Path | None,
-        typer.Option(help="Every frame on the CAN bus into this file (.blf; watched_can).", callback=endings(".blf")),
+        typer.Option(help="Every frame on the CAN bus into this file (.blf).", callback=cli.endings(".blf")),
     ] = None,
     firmware: Annotated[
         Path | None, typer.Option(help="Write the Teensy's sketch for this car into this new folder, and end.")
@@ -204,14 +183,14 @@ def drive(
         bool, typer.Option("--watchdog-test", help="Cut the link, see the motors off, record it.")
     ] = False,
     motor_test: Annotated[
-        str | None, chosen("Move a joint by 5 degrees and back, judge it, and end.", "tail_pitch", "tail_roll")
+        str | None, cli.chosen("Move a joint by 5 degrees and back, judge it, and end.", "tail_pitch", "tail_roll")
     ] = None,
     zero: Annotated[
         bool, typer.Option("--zero", help="Tail held upright by hand: write its angles as zeros into the ports file.")
     ] = False,
     arm: Annotated[bool, typer.Option("--arm", help="Arm without asking on the terminal.")] = False,
-    settings: Settings = None,
-    force: Force = False,
+    settings: cli.Settings = None,
+    force: cli.Force = False,
 ) -> None:
     """Drive a scenario on the real or the emulated car.
 
@@ -269,9 +248,9 @@ def drive(
         raise typer.Exit(128 + result.signal)
     if not result.orderly:
         typer.echo(f"error: the car was stopped: {result.reason}", err=True)
-        raise typer.Exit(Status.NO)
+        raise typer.Exit(cli.Status.NO)
     if result.traffic_error or result.log not in (None, out):
-        raise typer.Exit(Status.LEFT_OUT)
+        raise typer.Exit(cli.Status.LEFT_OUT)
 
 
 def _write_sketch(scenario: Scenario, ports: CarPorts, wiring: WiringName, folder: Path) -> None:

@@ -12,19 +12,7 @@ import typer
 
 from aerodima import optimisation, workbench
 from aerodima.workbench.atomic_write import make_folder
-from aerodima.workbench.cli.options import (
-    COEFFICIENTS,
-    Anew,
-    RigSettings,
-    Settings,
-    Status,
-    Workers,
-    chosen,
-    command_group,
-    grouped,
-    shipped,
-    written,
-)
+from aerodima.workbench.cli import options as cli
 from aerodima.workbench.errors import FitError, UserError
 
 if TYPE_CHECKING:
@@ -36,7 +24,7 @@ if TYPE_CHECKING:
     Extra = tuple[dict[str, pd.DataFrame], list[str]]
     """Tables by name, and a line for each that is left out."""
 
-Out = Annotated[Path, written("Folder for CSV, YAML, PNG and report.html.")]
+Out = Annotated[Path, cli.written("Folder for CSV, YAML, PNG and report.html.")]
 _MOST_SHOWN = 20
 
 
@@ -46,23 +34,17 @@ class LogFit:
 
     logs: Annotated[list[Path], typer.Argument(help="Logs (Parquet).")]
     out: Out
-    workers: Workers = 2
-    force: Anew = False
-    rig: Annotated[
-        str,
-        typer.Option(
-            help="Rig scenario the logs were made on: name or YAML file; default: the log's own.",
-            autocompletion=shipped("scenarios/rig"),
-        ),
-    ] = ""
-    settings: RigSettings = None
+    workers: cli.Workers = 2
+    force: cli.Anew = False
+    rig: Annotated[str, cli.named("Rig of the logs, if not their own", "scenarios/rig", typer.Option)] = ""
+    settings: cli.RigSettings = None
     free: Annotated[
-        str, typer.Option(help="Constants and instrument errors that are unknowns: encoder_zero,current_delay, ...")
+        str, typer.Option(help="Constants and instrument errors that are unknowns, such as encoder_zero,current_delay.")
     ] = ""
     constants: Annotated[
-        str, chosen("Of the rig: as its section uncertainty says, or exact.", "uncertain", "exact")
+        str, cli.chosen("Of the rig: as its section uncertainty says, or exact.", "uncertain", "exact")
     ] = "uncertain"
-    loss: Annotated[str, chosen("With huber, samples that lie far off are held back.", "squares", "huber")] = "squares"
+    loss: Annotated[str, cli.chosen("huber holds back samples that lie far off.", "squares", "huber")] = "squares"
     bound: Annotated[
         list[str] | None,
         typer.Option("--bound", metavar="NAME=LOW,HIGH", help="Of a parameter; may be repeated."),
@@ -125,7 +107,7 @@ class LogFit:
         for line in left_out:
             typer.echo(f"error: {line}", err=True)
         if left_out:
-            raise typer.Exit(Status.LEFT_OUT if fitted.results else Status.WRONG)
+            raise typer.Exit(cli.Status.LEFT_OUT if fitted.results else cli.Status.WRONG)
 
 
 def show(results: list[FitResult]) -> None:
@@ -194,12 +176,12 @@ def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
 
 def register(app: typer.Typer) -> None:
     """Adds the group `fit`."""
-    group = command_group(app, "fit", "Fit coefficients to logs and tables.", COEFFICIENTS)
+    group = cli.command_group(app, "fit", "Fit coefficients to logs and tables.", cli.COEFFICIENTS)
     for command in (static, friction, added_mass, robot_tail, car, published):
         group.command()(command)
 
 
-@grouped
+@cli.grouped
 def static(batch: LogFit) -> None:
     """Fit C_D, C_L, psi3 and holding current to static holds.
 
@@ -215,7 +197,7 @@ def static(batch: LogFit) -> None:
     batch.run("Static fits", optimisation.fit_static_log, options, static_tables)
 
 
-@grouped
+@cli.grouped
 def friction(batch: LogFit) -> None:
     """Fit Coulomb and viscous friction to bar or robot swings.
 
@@ -228,7 +210,7 @@ def friction(batch: LogFit) -> None:
     batch.run("Friction", optimisation.fit_friction_log, options, averages)
 
 
-@grouped
+@cli.grouped
 def added_mass(batch: LogFit) -> None:
     """Fit added mass to swings (thesis section 4.9).
 
@@ -241,10 +223,10 @@ def added_mass(batch: LogFit) -> None:
     batch.run("Added mass", optimisation.fit_added_mass_log, options, averages)
 
 
-@grouped
+@cli.grouped
 def robot_tail(
     batch: LogFit,
-    shape: Annotated[str, chosen("C_N over the relative speed.", "constant", "line", "bins")] = "bins",
+    shape: Annotated[str, cli.chosen("C_N over the relative speed.", "constant", "line", "bins")] = "bins",
 ) -> None:
     """Fit C_N of the robot tail to its swings.
 
@@ -259,9 +241,9 @@ def robot_tail(
 def car(
     logs: Annotated[list[Path], typer.Argument(help="Logs of drives of the car, or of its simulation (Parquet).")],
     out: Out,
-    workers: Workers = 2,
-    force: Anew = False,
-    settings: Settings = None,
+    workers: cli.Workers = 2,
+    force: cli.Anew = False,
+    settings: cli.Settings = None,
 ) -> None:
     """Fit tyres, centre of mass and delay of a car to its turn.
 

@@ -13,20 +13,7 @@ import typer
 
 from aerodima import optimisation, workbench
 from aerodima.workbench.batch.dask_cluster import THREAD_VARIABLES
-from aerodima.workbench.cli.options import (
-    SWINGS,
-    THESIS,
-    ScenarioArgument,
-    Scheduler,
-    Settings,
-    Status,
-    Workers,
-    WorkOptions,
-    command_group,
-    grouped,
-    shipped,
-    written,
-)
+from aerodima.workbench.cli import options as cli
 from aerodima.workbench.errors import SweepError
 from aerodima.workbench.text_table import text_table
 
@@ -36,15 +23,15 @@ if TYPE_CHECKING:
     from aerodima.workbench.batch.row_store import ProgressLine
 
 
-Out = Annotated[Path, written("Folder for the tables; a stopped study goes on in it.")]
+Out = Annotated[Path, cli.written("Folder for the tables; a stopped study goes on in it.")]
 
 
 def register(app: typer.Typer) -> None:
     """Adds the group `sweep` and `calibrate`."""
-    sweep = command_group(app, "sweep", "Run studies of many runs, on this computer or a cluster.", SWINGS)
+    sweep = cli.command_group(app, "sweep", "Run studies of many runs, on this computer or a cluster.", cli.SWINGS)
     sweep.command()(run)
     sweep.command(no_args_is_help=True)(threshold)
-    app.command(rich_help_panel=THESIS)(calibrate)
+    app.command(rich_help_panel=cli.THESIS)(calibrate)
 
 
 @contextmanager
@@ -62,7 +49,7 @@ def engine_for(
 
 
 @contextmanager
-def runs_in(out: Path, work: WorkOptions) -> Iterator[Runs]:
+def runs_in(out: Path, work: cli.WorkOptions) -> Iterator[Runs]:
     """Runs that are kept in a folder; its engine and who computes them are what the options say."""
     from aerodima.optimisation.sweep.runs import kept_runs
 
@@ -73,13 +60,11 @@ def runs_in(out: Path, work: WorkOptions) -> Iterator[Runs]:
         yield runs
 
 
-@grouped
+@cli.grouped
 def run(
-    study: Annotated[
-        str, typer.Argument(help="Study file (YAML), or the name of one that ships.", autocompletion=shipped("studies"))
-    ],
+    study: Annotated[str, cli.named("Study", "studies")],
     out: Out,
-    work: WorkOptions,
+    work: cli.WorkOptions,
 ) -> None:
     """Run a study file; one row per run in a table.
 
@@ -96,24 +81,21 @@ def run(
         table = optimisation.run_study(loaded, out, engine, force=work.force, progress=progress)
     print(f"table: {out / TABLE}")
     if table["error"].fillna("").ne("").any():
-        raise typer.Exit(Status.LEFT_OUT)
+        raise typer.Exit(cli.Status.LEFT_OUT)
 
 
 def threshold(
-    factor: Annotated[
-        str,
-        typer.Argument(help="speed (m/s), or friction of the tyres.", autocompletion=lambda: ["speed", "friction"]),
-    ],
-    scenario: ScenarioArgument = "turn_swing",
-    settings: Settings = None,
+    factor: Annotated[str, typer.Argument(metavar="speed|friction", autocompletion=lambda: ["speed", "friction"])],
+    scenario: cli.ScenarioArgument = "turn_swing",
+    settings: cli.Settings = None,
     low: Annotated[float | None, typer.Option("--from", help="Lowest value; 2.5 m/s, or 0.4.")] = None,
     high: Annotated[float | None, typer.Option("--to", help="Highest value; 6.5 m/s, or 1.1.")] = None,
     scan: Annotated[
         float | None, typer.Option(help="Step of the scan, 0.25 m/s or 0.05; narrower islands may be missed.")
     ] = None,
     tolerance: Annotated[float | None, typer.Option(help="Between survived and flipped, 0.05 m/s or 0.01.")] = None,
-    workers: Workers = 2,
-    scheduler: Scheduler = None,
+    workers: cli.Workers = 2,
+    scheduler: cli.Scheduler = None,
 ) -> None:
     """Find where a car begins to roll over, by speed or friction.
 
@@ -136,19 +118,14 @@ def threshold(
     typer.echo("\n".join(text_table(list(found.summary), [list(found.summary.values())])))
 
 
-@grouped
+@cli.grouped
 def calibrate(
-    out: Annotated[Path, written("Folder for runs, ensembles and pages.")] = Path("out/calibration"),
-    plan: Annotated[
-        str,
-        typer.Option(
-            help="Plan: a name of models/calibration/plans, or a file.", autocompletion=shipped("calibration/plans")
-        ),
-    ] = "two_systems",
+    out: Annotated[Path, cli.written("Folder for runs, ensembles and pages.")] = Path("out/calibration"),
+    plan: Annotated[str, cli.named("Plan", "calibration/plans", typer.Option)] = "two_systems",
     seed: Annotated[int | None, typer.Option(help="Seed; that of the plan when left out.")] = None,
     cars: Annotated[int, typer.Option(min=0, help="Posterior cars that play the thesis to test the intervals.")] = 10,
     *,
-    work: WorkOptions,
+    work: cli.WorkOptions,
 ) -> None:
     """Calibrate the cars to the thesis and predict its figures.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,38 +11,17 @@ import typer
 from aerodima import optimisation, workbench
 from aerodima.optimisation.commands.study_commands import runs_in
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
-from aerodima.workbench.cli.options import (
-    SWINGS,
-    Ensemble,
-    Force,
-    Laws,
-    Settings,
-    Status,
-    SwingArgument,
-    SwingScenario,
-    WorkOptions,
-    chosen,
-    command_group,
-    grouped,
-    setting,
-    shipped,
-    written,
-)
+from aerodima.workbench.cli import options as cli
 from aerodima.workbench.errors import SweepError, SwingError
 
 if TYPE_CHECKING:
     from aerodima.workbench.config.ensemble import Member
 
 
-def _named(table: str) -> Callable[[], list[str]]:
-    """Completion: the names of a table of `entry/suite.py`."""
+def _suite(table: str) -> list[str]:
+    from aerodima.optimisation.entry import suite
 
-    def complete() -> list[str]:
-        from aerodima.optimisation.entry import suite
-
-        return list(getattr(suite, table))
-
-    return complete
+    return list(getattr(suite, table))
 
 
 def _task_keys() -> list[str]:
@@ -51,24 +30,22 @@ def _task_keys() -> list[str]:
     return [f"{name}=" for name in Task.model_fields if name != "schema_"]
 
 
-TaskArgument = Annotated[
-    str, typer.Argument(help="Task file (YAML), or the name of one that ships.", autocompletion=shipped("tasks"))
-]
-TaskSettings = Annotated[list[str] | None, setting("training=2 or speeds=[3.6,4.5]", _task_keys)]
+TaskArgument = Annotated[str, cli.named("Task", "tasks")]
+TaskSettings = Annotated[list[str] | None, cli.setting("training=2 or speeds=[3.6,4.5]", _task_keys)]
 
 
 def register(app: typer.Typer) -> None:
     """Adds the group `swing`."""
-    group = command_group(app, "swing", "Search laws and motions of the tail, and judge what they gain.", SWINGS)
+    group = cli.command_group(app, "swing", "Search laws and motions of the tail, and judge their gain.", cli.SWINGS)
     for command in (search, judge, train, verify):
         group.command()(command)
 
 
-@grouped
+@cli.grouped
 def search(
     task: TaskArgument,
-    out: Annotated[Path, written("Folder for what is found and its runs; a stopped search goes on in it.")],
-    work: WorkOptions,
+    out: Annotated[Path, cli.written("Folder for what is found and its runs; a stopped search goes on in it.")],
+    work: cli.WorkOptions,
     settings: TaskSettings = None,
     seed: Annotated[int, typer.Option(help="Of all draws.", min=0)] = 1,
     starts: Annotated[int, typer.Option(help="Random starts of a motion.", min=1, max=1000)] = 7,
@@ -97,22 +74,22 @@ def search(
     typer.echo(f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}")
 
 
-TailName = Annotated[str, chosen("Tail: that of each car, or the larger one.", "built", "designed")]
+TailName = Annotated[str, cli.chosen("Tail: that of each car, or the larger one.", "built", "designed")]
 Floors = Annotated[
     list[float] | None, typer.Option("--floor", help="Friction over that of the car; may be repeated; by default 1.")
 ]
 
 
-@grouped
+@cli.grouped
 def judge(
-    out: Annotated[Path, written("Folder for table, summary and runs; stopped climbs go on in it.")],
-    work: WorkOptions,
+    out: Annotated[Path, cli.written("Folder for table, summary and runs; stopped climbs go on in it.")],
+    work: cli.WorkOptions,
     manoeuvre: Annotated[
         list[str] | None,
         typer.Option(
             help="turn, held-turn, twice, twice-late, fishhook, lane-change, slalom, corner, rising-steer; may be "
             "repeated; by default the first, second and fifth.",
-            autocompletion=_named("MANOEUVRES"),
+            autocompletion=lambda: _suite("MANOEUVRES"),
         ),
     ] = None,
     candidate: Annotated[
@@ -120,11 +97,11 @@ def judge(
         typer.Option(
             help="none, low-ballast, held, upright, lying, published, feedback, best_swing, a swing, or a file of "
             "candidates; may be repeated; by default the first seven. The car without tail always takes part.",
-            autocompletion=_named("NAMED"),
+            autocompletion=lambda: _suite("NAMED"),
         ),
     ] = None,
-    law: Laws = None,
-    ensemble: Ensemble = "physical",
+    law: cli.Laws = None,
+    ensemble: cli.Ensemble = "physical",
     cars: Annotated[int, typer.Option(help="So many of the test cars.", min=1)] = 4,
     floors: Floors = None,
     tail: TailName = "designed",
@@ -160,18 +137,18 @@ def judge(
     typer.echo("\n".join(entry_lines(summary)))
     typer.echo(f"written: entries.csv, summary.csv and entries.png in {out}")
     if table["ended_by"].astype(str).str.startswith(ERROR).any():
-        raise typer.Exit(Status.LEFT_OUT)
+        raise typer.Exit(cli.Status.LEFT_OUT)
     with_tail = summary[~summary["candidate"].isin([NO_TAIL.name, LOW_BALLAST.name])]
     if len(with_tail) and not (with_tail["gain_over_no_tail"] > 0.0).any():
         typer.echo("no candidate enters faster than the car without a tail", err=True)
-        raise typer.Exit(Status.NO)
+        raise typer.Exit(cli.Status.NO)
 
 
-@grouped
+@cli.grouped
 def train(
-    out: Annotated[Path, written("Folder for candidates.yaml and the runs; a stopped search goes on in it.")],
-    work: WorkOptions,
-    ensemble: Ensemble = "physical",
+    out: Annotated[Path, cli.written("Folder for candidates.yaml and the runs; a stopped search goes on in it.")],
+    work: cli.WorkOptions,
+    ensemble: cli.Ensemble = "physical",
     cars: Annotated[int, typer.Option(help="So many of the training cars.", min=1)] = 6,
     floors: Floors = None,
     tail: TailName = "designed",
@@ -215,13 +192,13 @@ def _first(there: Sequence[Member], number: int) -> tuple[Member, ...]:
 
 
 def verify(
-    swing: SwingArgument,
-    out: Annotated[Path, written("Folder for verification.yaml and report.html.")],
-    scenario: SwingScenario = None,
-    settings: Settings = None,
+    swing: cli.SwingArgument,
+    out: Annotated[Path, cli.written("Folder for verification.yaml and report.html.")],
+    scenario: cli.OtherScenario = None,
+    settings: cli.Settings = None,
     step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-5, max=0.005)] = 0.0005,
     other_car: Annotated[bool, typer.Option("--other-car", help="Verify on another car than it was made for.")] = False,
-    force: Force = False,
+    force: cli.Force = False,
 ) -> None:
     """Check what a swing file promises, on its own car.
 
@@ -241,5 +218,5 @@ def verify(
         typer.echo(f"written: {file}")
     if found.complaints:
         typer.echo(f"not verified: {found.swing.name} at {found.where}: {'; '.join(found.complaints)}", err=True)
-        raise typer.Exit(Status.NO)
+        raise typer.Exit(cli.Status.NO)
     typer.echo(f"verified: {found.swing.name} at {found.where}")

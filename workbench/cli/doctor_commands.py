@@ -19,7 +19,7 @@ from pathlib import Path
 import typer
 
 from aerodima import workbench
-from aerodima.workbench.cli.options import CHECKS, Status
+from aerodima.workbench.cli import options as cli
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.realtime import permitted
 from aerodima.workbench.resources import models_dir
@@ -27,7 +27,7 @@ from aerodima.workbench.resources import models_dir
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
-    app.command(rich_help_panel=CHECKS)(doctor)
+    app.command(rich_help_panel=cli.CHECKS)(doctor)
 
 
 def doctor() -> None:
@@ -44,7 +44,7 @@ def doctor() -> None:
     broken = [finding.subject for finding in findings if finding.required and not finding.ok]
     if broken:
         typer.echo(f"nothing works without: {', '.join(broken)}", err=True)
-        raise typer.Exit(Status.NO)
+        raise typer.Exit(cli.Status.NO)
     typer.echo("everything needed for simulation, fits and reports is there")
 
 

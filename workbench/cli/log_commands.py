@@ -10,7 +10,7 @@ import typer
 
 from aerodima import workbench
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
-from aerodima.workbench.cli.options import RUNS, Force, Html, LogOut, chosen, command_group, written
+from aerodima.workbench.cli import options as cli
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.text_table import shown_value, text_table
 
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
-    group = command_group(app, "log", "Measure, compare, import, condition and export run logs.", RUNS)
+    group = cli.command_group(app, "log", "Measure, compare, import, condition and export run logs.", cli.RUNS)
     for command in (metrics, compare, recover, import_, export, condition):
         group.command(command.__name__.strip("_"))(command)
 
 
 def metrics(
     runs: Annotated[list[Path], typer.Argument(help="Run logs (Parquet).")],
-    out: Annotated[Path | None, written("Also write the table (.csv).", ".csv")] = None,
-    force: Force = False,
+    out: Annotated[Path | None, cli.written("Also write the table (.csv).", ".csv")] = None,
+    force: cli.Force = False,
 ) -> None:
     """Show outcome and metrics of runs, one column per run.
 
@@ -55,9 +55,9 @@ def metrics(
 def recover(
     journal: Annotated[Path, typer.Argument(help="Journal of a run that was cut off (*.journal).")],
     out: Annotated[
-        Path | None, written("Run log to write (.parquet); beside the journal by default.", ".parquet")
+        Path | None, cli.written("Run log to write (.parquet); beside the journal by default.", ".parquet")
     ] = None,
-    force: Force = False,
+    force: cli.Force = False,
 ) -> None:
     """Make a log of what a cut-off run left behind."""
     from aerodima.workbench.logs.journal import recover as recover_journal
@@ -72,9 +72,9 @@ def import_(
         list[Path],
         typer.Argument(help="Foreign log: CSV, Parquet, MAT or MCAP; several files when they share a clock."),
     ],
-    out: LogOut,
+    out: cli.LogOut,
     mapping: Annotated[Path, typer.Option(help="Mapping file (YAML): foreign names and units.")],
-    force: Force = False,
+    force: cli.Force = False,
 ) -> None:
     """Make a run log of the log of another program.
 
@@ -100,9 +100,9 @@ def import_(
 
 def export(
     log: Annotated[Path, typer.Argument(help="Run log (Parquet).")],
-    to: Annotated[str, chosen("Format.", "csv", "mcap")],
-    out: Annotated[Path | None, written("File to write; beside the log by default.", ".csv", ".mcap")] = None,
-    force: Force = False,
+    to: Annotated[str, cli.chosen("Format.", "csv", "mcap")],
+    out: Annotated[Path | None, cli.written("File to write; beside the log by default.", ".csv", ".mcap")] = None,
+    force: cli.Force = False,
 ) -> None:
     """Write a run log for other programs, every number to the last bit.
 
@@ -140,7 +140,7 @@ def _scene(run_log: RunLog) -> Iterable[SceneMessage]:
 
 def condition(
     log: Annotated[Path, typer.Argument(help="Run log (Parquet).")],
-    out: LogOut,
+    out: cli.LogOut,
     fill: Annotated[float | None, typer.Option(help="Longest gap that straight lines bridge, s.")] = None,
     rest: Annotated[
         tuple[float, float] | None, typer.Option(metavar="START END", help="The drift in this rest goes, s.")
@@ -149,7 +149,7 @@ def condition(
     columns: Annotated[
         list[str] | None, typer.Option(help="To correct and filter; by default forces and torques.")
     ] = None,
-    force: Force = False,
+    force: cli.Force = False,
 ) -> None:
     """Fill gaps, remove drift and filter, in this order.
 
@@ -181,8 +181,8 @@ def condition(
 
 def compare(
     runs: Annotated[list[Path], typer.Argument(help="Two to twenty run logs (Parquet).")],
-    html: Html = None,
-    force: Force = False,
+    html: cli.Html = None,
+    force: cli.Force = False,
 ) -> None:
     """Compare runs: what was set differently, and the metrics.
 

@@ -11,18 +11,7 @@ import typer
 
 from aerodima import workbench
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
-from aerodima.workbench.cli.options import (
-    CHECKS,
-    PICTURES,
-    Force,
-    ScenarioArgument,
-    Settings,
-    Status,
-    command_group,
-    endings,
-    shipped,
-    written,
-)
+from aerodima.workbench.cli import options as cli
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.text_table import shown_value, text_table
 
@@ -34,10 +23,10 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
-    models = command_group(app, "models", "Look into models, tails, coefficients and diagrams.", CHECKS)
+    models = cli.command_group(app, "models", "Look into models, tails, coefficients and diagrams.", cli.CHECKS)
     models.command()(check)
     models.command()(tail)
-    coefficients = command_group(models, "coefficients", "Look at sets of aerodynamic coefficients.")
+    coefficients = cli.command_group(models, "coefficients", "Look at sets of aerodynamic coefficients.")
     coefficients.command("list")(list_sets)
     coefficients.command()(plot)
     models.command()(diagram)
@@ -48,15 +37,16 @@ def register(app: typer.Typer) -> None:
 def check(
     files: Annotated[
         list[Path] | None,
-        typer.Argument(help="SDF or URDF files; all that ship when left out.", callback=endings(".sdf", ".urdf")),
+        typer.Argument(help="SDF or URDF files; all that ship when left out.", callback=cli.endings(".sdf", ".urdf")),
     ] = None,
     update: Annotated[
         bool, typer.Option("--update", help="First write the numbers of models/parameters into the SDF files.")
     ] = False,
 ) -> None:
-    """Check that models load, are physical and name their sources.
+    """Check that models are physical and name their sources.
 
-    Nothing that Drake would ignore is in them, and their numbers equal the parameters. Exits with 1 where one does not.
+    They load, nothing that Drake would ignore is in them, and their numbers equal the parameters. Exits with 1 when a
+    check fails.
     """
     from aerodima.workbench.cli.model_check import check_model_file, check_shipped_models, update_model_files
 
@@ -72,18 +62,18 @@ def check(
     problems = [problem for result in results for problem in result.problems]
     if problems:
         typer.echo(f"{len(problems)} problem(s):\n  " + "\n  ".join(problems), err=True)
-        raise typer.Exit(Status.NO)
+        raise typer.Exit(cli.Status.NO)
 
 
 def tail(
-    scenario: ScenarioArgument = "turn_swing",
+    scenario: cli.ScenarioArgument = "turn_swing",
     file: Annotated[Path | None, typer.Option(help="Tail file (YAML) in place of the scenario's tail.")] = None,
-    settings: Settings = None,
+    settings: cli.Settings = None,
     out: Annotated[
         list[Path] | None,
-        written("Picture (.png, .svg, .pdf), or tail file (.yaml); may be repeated.", *PICTURES, ".yaml"),
+        cli.written("Picture (.png, .svg, .pdf), or tail file (.yaml); may be repeated.", *cli.PICTURES, ".yaml"),
     ] = None,
-    force: Force = False,
+    force: cli.Force = False,
 ) -> None:
     """Show areas, centres, mass and inertia of a tail.
 
@@ -142,32 +132,26 @@ def list_sets() -> None:
 
 
 def plot(
-    file: Annotated[
-        str,
-        typer.Argument(
-            help="YAML or CSV file of a set, or the name of an embedded one.", autocompletion=shipped("coefficients")
-        ),
-    ],
-    out: Annotated[Path | None, written("Picture (.png, .svg, .pdf); NAME.png by default.", *PICTURES)] = None,
-    force: Force = False,
+    file: Annotated[str, cli.named("Set of coefficients", "coefficients")],
+    out: Annotated[Path | None, cli.PICTURE] = None,
+    force: cli.Force = False,
 ) -> None:
-    """Plot a set: curves with percentile bands, measured and seed nodes.
+    """Plot a set: curves with bands, measured and seed nodes.
 
     Example: aerodima models coefficients plot cheetah_tail_1_major --out tail_1.png
     """
-    coefficients = workbench.load_coefficients(file)
     target = out or Path(f"{Path(file).stem}.png")
-    _write_picture(workbench.plot_coefficients(coefficients), target, force)
+    _write_picture(workbench.plot_coefficients(workbench.load_coefficients(file)), target, force)
 
 
 def diagram(
-    scenario: ScenarioArgument,
-    out: Annotated[Path, written("Picture (.png, .svg, .pdf); Graphviz draws it.", *PICTURES)] = Path("diagram.svg"),
+    scenario: cli.ScenarioArgument,
+    out: Annotated[Path, cli.PICTURE] = Path("diagram.svg"),
     depth: Annotated[int, typer.Option(help="How many levels of nested diagrams are drawn.", min=1)] = 2,
-    settings: Settings = None,
-    force: Force = False,
+    settings: cli.Settings = None,
+    force: cli.Force = False,
 ) -> None:
-    """Draw the block diagram of a scenario."""
+    """Draw the block diagram of a scenario; needs Graphviz."""
     built = workbench.assemble(workbench.load_scenario(scenario, settings or ())).builder.Build()
     picture = workbench.draw_diagram(built, depth)
     write_atomically(out, picture.render(out.suffix[1:].lower()), force, UserError)
@@ -175,10 +159,10 @@ def diagram(
 
 
 def range_of_motion(
-    scenario: ScenarioArgument = "turn_swing",
-    out: Annotated[Path, written("Picture (.png, .svg, .pdf).", *PICTURES)] = Path("range_of_motion.png"),
-    settings: Settings = None,
-    force: Force = False,
+    scenario: cli.ScenarioArgument = "turn_swing",
+    out: Annotated[Path, cli.PICTURE] = Path("range_of_motion.png"),
+    settings: cli.Settings = None,
+    force: cli.Force = False,
 ) -> None:
     """Draw where the tail is clear of the car and the ground.
 
@@ -189,10 +173,10 @@ def range_of_motion(
 
 
 def export(
-    scenario: ScenarioArgument,
-    out: Annotated[Path | None, written("File (.json); standard output when left out.", ".json")] = None,
-    settings: Settings = None,
-    force: Force = False,
+    scenario: cli.ScenarioArgument,
+    out: Annotated[Path | None, cli.written("File (.json); standard output when left out.", ".json")] = None,
+    settings: cli.Settings = None,
+    force: cli.Force = False,
 ) -> None:
     """Write a resolved scenario as one JSON bundle.
 

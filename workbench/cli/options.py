@@ -10,7 +10,7 @@ from functools import wraps
 from glob import glob
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
@@ -25,6 +25,8 @@ CAR = "Drive the real or the emulated car"
 CHECKS = "Look into models and installation"
 
 SECTIONS = (RUNS, SWINGS, COEFFICIENTS, THESIS, CAR, CHECKS)
+PICTURES = (".png", ".svg", ".pdf")
+"""Endings of a picture."""
 
 
 class Status(IntEnum):
@@ -38,11 +40,6 @@ class Status(IntEnum):
     INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 
 
-def shipped(folder: str) -> Callable[[], list[str]]:
-    """Completion: the names of the files of a folder of `models/`."""
-    return lambda: sorted(path.stem for path in (models_dir() / folder).glob("*.yaml"))
-
-
 def _defined(word: str) -> Callable[[str], list[str]]:
     """Completion: FILE:NAME of what Python files define with `word`, which is class or def."""
 
@@ -54,20 +51,16 @@ def _defined(word: str) -> Callable[[str], list[str]]:
     return complete
 
 
-def _keys(kind: Literal["Scenario", "RigScenario"]) -> Callable[[], list[tuple[str, str]]]:
-    """Completion: `section.key=` of a scenario, with the value where it is one of a few words."""
+def _keys(kind: str) -> list[tuple[str, str]]:
+    """`section.key=` of `Scenario` or `RigScenario`, with the value where it is one of a few words; what it is."""
+    from aerodima.workbench.config import rig_scenario
 
-    def complete() -> list[tuple[str, str]]:
-        from aerodima.workbench.config import rig_scenario
-
-        return [
-            (f"{section}.{key}={word}", field.description or "")
-            for section, model in getattr(rig_scenario, kind).sections().items()
-            for key, field in model.model_fields.items()
-            for word in get_args(field.annotation) or {bool: ("true", "false")}.get(field.annotation, ("",))
-        ]
-
-    return complete
+    return [
+        (f"{section}.{key}={word}", field.description or "")
+        for section, model in getattr(rig_scenario, kind).sections().items()
+        for key, field in model.model_fields.items()
+        for word in get_args(field.annotation) or {bool: ("true", "false")}.get(field.annotation, ("",))
+    ]
 
 
 def endings(*allowed: str) -> Callable[[typer.CallbackParam, Any], Any]:
@@ -87,10 +80,18 @@ def written(words: str, *allowed: str) -> Any:
     return typer.Option("--out", "-o", help=words, callback=endings(*allowed) if allowed else None)
 
 
-def chosen(words: str, *allowed: str, name: str | None = None) -> Any:
+def chosen(words: str, *allowed: str) -> Any:
     """An option that takes one of a few words."""
-    names = (name,) if name else ()
-    return typer.Option(*names, metavar="|".join(allowed), help=words, autocompletion=lambda: list(allowed))
+    return typer.Option(metavar="|".join(allowed), help=words, autocompletion=lambda: list(allowed))
+
+
+def named(words: str, folder: str, kind: Callable[..., Any] = typer.Argument) -> Any:
+    """An argument or option that takes a file, or the name of one in a folder of `models/`."""
+
+    def complete() -> list[str]:
+        return sorted(path.stem for path in (models_dir() / folder).glob("*.yaml"))
+
+    return kind(help=f"{words}: a file (YAML), or the name of one that ships.", autocompletion=complete)
 
 
 def setting(example: str, completion: Callable[..., Any]) -> Any:
@@ -99,65 +100,36 @@ def setting(example: str, completion: Callable[..., Any]) -> Any:
     return typer.Option("--set", "-s", metavar="KEY=VALUE", help=words, autocompletion=completion)
 
 
-_scenarios, _swings, _laws = shipped("scenarios"), shipped("swings"), _defined("class")
-_SCENARIO = "Scenario: a file (YAML), or a name of `aerodima scenarios list`."
-ScenarioArgument = Annotated[str, typer.Argument(help=_SCENARIO, autocompletion=_scenarios)]
-CarScenario = Annotated[str | None, typer.Argument(help=_SCENARIO, autocompletion=_scenarios)]
-SwingScenario = Annotated[
-    str | None,
-    typer.Argument(
-        help=f"{_SCENARIO} By default that of the swing file, at the speed and grip it claims.",
-        autocompletion=_scenarios,
-    ),
-]
-Settings = Annotated[list[str] | None, setting("car.com_height=0.21 or manoeuvre.speed=4.5", _keys("Scenario"))]
-RigSettings = Annotated[list[str] | None, setting("maxon.torque_constant=0.35", _keys("RigScenario"))]
-SwingArgument = Annotated[
-    str, typer.Argument(help="Swing file (YAML), or the name of one that ships.", autocompletion=_swings)
-]
-SwingOption = Annotated[
-    str | None,
-    typer.Option(help="Swing file (YAML) to play, or the name of one that ships.", autocompletion=_swings),
-]
+_SCENARIO = named("Scenario", "scenarios")
+_LAW = typer.Option(
+    "--law",
+    metavar="FILE:CLASS",
+    help="Tail law of your own, such as my_law.py:MyLaw.",
+    autocompletion=_defined("class"),
+)
+_DIAGRAM = typer.Option(
+    "--diagram", metavar="FILE:FUNCTION", help="What drives, as your own Drake diagram.", autocompletion=_defined("def")
+)
+ScenarioArgument = Annotated[str, _SCENARIO]
+OtherScenario = Annotated[str | None, _SCENARIO]
+Settings = Annotated[list[str] | None, setting("car.com_height=0.21 or manoeuvre.speed=4.5", lambda: _keys("Scenario"))]
+RigSettings = Annotated[list[str] | None, setting("maxon.torque_constant=0.35", lambda: _keys("RigScenario"))]
+SwingArgument = Annotated[str, named("Swing", "swings")]
+SwingOption = Annotated[str | None, named("Swing to play", "swings", typer.Option)]
 OtherCar = Annotated[bool, typer.Option("--other-car", help="Play a swing that was made for another car.")]
-Law = Annotated[
-    str | None,
-    typer.Option(metavar="FILE:CLASS", help="Tail law of your own, such as my_law.py:MyLaw.", autocompletion=_laws),
-]
-Laws = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--law",
-        metavar="FILE:CLASS",
-        help="Tail law of your own, such as my_law.py:MyLaw, beside them; may be repeated.",
-        autocompletion=_laws,
-    ),
-]
-Build = Annotated[
-    str | None,
-    typer.Option(
-        "--diagram",
-        metavar="FILE:FUNCTION",
-        help="What drives, as a Drake diagram of your own: my.py:build.",
-        autocompletion=_defined("def"),
-    ),
-]
+Law = Annotated[str | None, _LAW]
+Laws = Annotated[list[str] | None, _LAW]
+Build = Annotated[str | None, _DIAGRAM]
 Html = Annotated[Path | None, typer.Option("--html", help="Page to write, in one file.", callback=endings(".html"))]
 Live = Annotated[bool, typer.Option("--live", help="Show the run in Meshcat, in real time, while it goes on.")]
+PICTURE = written("Picture (.png, .svg, .pdf).", *PICTURES)
 LogOut = Annotated[Path, written("Run log to write (.parquet).", ".parquet")]
 KeptLog = Annotated[Path | None, written("Keep the run log as this file (.parquet).", ".parquet")]
-PICTURES = (".png", ".svg", ".pdf")
-"""Endings of a picture."""
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing output.")]
 Anew = Annotated[bool, typer.Option("--force", help="Drop earlier results in the folder.")]
 Workers = Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.")]
 Scheduler = Annotated[str | None, typer.Option(help="Dask scheduler to use instead, such as tcp://127.0.0.1:8786.")]
-Ensemble = Annotated[
-    str,
-    typer.Option(
-        help="Ensemble of cars: a name of models/calibration, or a file.", autocompletion=shipped("calibration")
-    ),
-]
+Ensemble = Annotated[str, named("Ensemble of cars", "calibration", typer.Option)]
 
 
 class Key(str):

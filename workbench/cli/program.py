@@ -22,34 +22,20 @@ from aerodima.workbench.errors import UserError
 
 ENTRY_POINT_GROUP = "aerodima.commands"
 RENAMED = {
-    "turn": "run SCENARIO",
-    "straight": "run straight",
-    "slalom": "run slalom",
-    "run --scenario": "run SCENARIO",
-    "run --log": "run --out",
-    "run --replay": "run --html",
-    "play --scenario": "play SCENARIO",
-    "play --log": "play --out",
-    "metrics": "log metrics",
-    "compare": "log compare",
-    "log metrics --csv": "log metrics --out",
+    **dict.fromkeys(("turn", "straight", "slalom"), "run SCENARIO"),
+    **{old: f"log {old}" for old in ("metrics", "compare")},
+    **{old: f"models {old}" for old in ("coefficients", "diagram", "export", "range-of-motion")},
     "rig run": "rig SCENARIO",
     "threshold": "sweep threshold",
     "optimise": "swing search",
     "corner": "swing judge",
     "verify": "swing verify",
-    "swing verify --scenario": "swing verify SWING SCENARIO",
     "report": "calibrate",
-    "calibrate --played": "calibrate --cars",
     "firmware": "drive SCENARIO --ports FILE --firmware FOLDER",
-    "drive --log": "drive --out",
-    "console --emulate": "console SCENARIO",
-    "coefficients": "models coefficients",
-    "range-of-motion": "models range-of-motion",
-    "diagram": "models diagram",
-    "export": "models export",
-    "models tail --scenario": "models tail SCENARIO",
-    "models tail --save": "models tail --out",
+    **dict.fromkeys(("--log", "--csv", "--save"), "--out"),
+    **dict.fromkeys(("--scenario", "--emulate"), "the argument SCENARIO"),
+    "--replay": "--html",
+    "--played": "--cars",
 }
 """Commands and options of version 0.2, and what they are called now; goes with the next version."""
 
@@ -69,6 +55,12 @@ class ErrorBoundary(TyperGroup):
                 raise
             message = f"{error.filename}: {error.strerror}"
             cause = error
+        except Exception as error:
+            option = getattr(error, "option_name", "")  # of the error about an option that is not there
+            if option not in RENAMED:
+                raise
+            message = f"{option} is now {RENAMED[option]}"
+            cause = error
         except KeyboardInterrupt as error:
             print("interrupted", file=sys.stderr)
             raise typer.Exit(Status.INTERRUPTED) from error
@@ -77,12 +69,9 @@ class ErrorBoundary(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """The command that is asked for; UserError with the new name where the old one is used."""
-        given = {word.partition("=")[0] for word in args}
-        for old, new in RENAMED.items():
-            names = [word for word in old.split() if not word.startswith("-")]
-            known = len(names) == 1 and self.get_command(ctx, old) is not None  # of another package
-            if args[: len(names)] == names and {*old.split()} <= given and not (known or ctx.resilient_parsing):
-                raise UserError(f"`aerodima {old}` is now `aerodima {new}`")
+        for old in (args[0], " ".join(args[:2])):
+            if old in RENAMED and self.get_command(ctx, old) is None and not ctx.resilient_parsing:
+                raise UserError(f"`aerodima {old}` is now `aerodima {RENAMED[old]}`")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:

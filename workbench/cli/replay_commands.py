@@ -11,8 +11,8 @@ import typer
 
 from aerodima import workbench
 from aerodima.workbench.atomic_write import refuse_existing
+from aerodima.workbench.cli import options as cli
 from aerodima.workbench.cli.log_commands import run_names
-from aerodima.workbench.cli.options import RUNS, Force, Html, KeptLog, ScenarioArgument, Settings, endings
 from aerodima.workbench.errors import LogError, UserError
 
 if TYPE_CHECKING:
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
-    app.command(rich_help_panel=RUNS)(play)
-    app.command(rich_help_panel=RUNS)(replay)
+    app.command(rich_help_panel=cli.RUNS)(play)
+    app.command(rich_help_panel=cli.RUNS)(replay)
 
 
 def play(
-    scenario: ScenarioArgument = "turn_swing",
-    settings: Settings = None,
+    scenario: cli.ScenarioArgument = "turn_swing",
+    settings: cli.Settings = None,
     pace: Annotated[float, typer.Option(help="Seconds of the run per second, 0.1 to 1; 0.5 is half speed.")] = 1.0,
     length: Annotated[float, typer.Option(help="End after so many simulated seconds.")] = math.inf,
-    out: KeptLog = None,
+    out: cli.KeptLog = None,
     port: Annotated[int | None, typer.Option(help="Port of Meshcat on 127.0.0.1.")] = None,
-    force: Force = False,
+    force: cli.Force = False,
 ) -> None:
     """Drive the simulated car by hand in the browser.
 
@@ -64,15 +64,15 @@ def replay(
     runs: Annotated[
         list[Path], typer.Argument(help="Log of a run (Parquet); with --video up to six, in step.", metavar="RUN...")
     ],
-    html: Html = None,
+    html: cli.Html = None,
     strip: Annotated[
-        Path | None, typer.Option(help="Write five pictures of the run as one PNG file.", callback=endings(".png"))
+        Path | None, typer.Option(help="Write five pictures of the run as one PNG file.", callback=cli.endings(".png"))
     ] = None,
     video: Annotated[Path | None, typer.Option(help="Write a .mp4, .gif or .webp; several runs side by side.")] = None,
     port: Annotated[int | None, typer.Option(help="Show it in Meshcat on this port of 127.0.0.1.")] = None,
     start: Annotated[float, typer.Option("--from", help="Begin the video so late in the run, s.")] = 0.0,
     rate: Annotated[float, typer.Option(help="Seconds of the run per second; 0.25 is slow motion.")] = 1.0,
-    force: Force = False,
+    force: cli.Force = False,
 ) -> None:
     """Replay runs in Meshcat, as a page, pictures or a video.
 

@@ -10,18 +10,7 @@ import typer
 
 from aerodima import workbench
 from aerodima.workbench.atomic_write import refuse_existing
-from aerodima.workbench.cli.options import (
-    COEFFICIENTS,
-    Force,
-    Key,
-    Live,
-    LogOut,
-    RigSettings,
-    chosen,
-    grouped,
-    settings_of,
-    shipped,
-)
+from aerodima.workbench.cli import options as cli
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.text_table import shown_value, text_table
 
@@ -33,38 +22,33 @@ if TYPE_CHECKING:
 class ExperimentOptions:
     """What an experiment changes in its scenario, and where its log goes."""
 
-    out: LogOut
-    tail: Annotated[int | None, Key("experiment.tail"), typer.Option(help="Cheetah tail: 1, 2 or 3.")] = None
-    axis: Annotated[str | None, Key("experiment.axis"), chosen("The width that faces the wind.", "major", "minor")] = (
-        None
-    )
-    wind: Annotated[float | None, Key("experiment.wind_speed"), typer.Option(help="Wind speed, m/s.")] = None
+    out: cli.LogOut
+    tail: Annotated[int | None, cli.Key("experiment.tail"), typer.Option(help="Cheetah tail: 1, 2 or 3.")] = None
+    axis: Annotated[
+        str | None, cli.Key("experiment.axis"), cli.chosen("Width that faces the wind.", "major", "minor")
+    ] = None
+    wind: Annotated[float | None, cli.Key("experiment.wind_speed"), typer.Option(help="Wind speed, m/s.")] = None
     angle: Annotated[
         float | None, typer.Option(help="Angle held, or start of the swing, in degrees; 0 hangs straight down.")
     ] = None
     rest: Annotated[
-        float | None, Key("experiment.wind_off"), typer.Option(help="Static: rest without wind at the start, s.")
+        float | None, cli.Key("experiment.wind_off"), typer.Option(help="Static: rest without wind at the start, s.")
     ] = None
-    duration: Annotated[float | None, Key("experiment.duration"), typer.Option(help="Length of the log, s.")] = None
-    seed: Annotated[int | None, Key("seed"), typer.Option(help="Seed of bias, drift and noise.")] = None
-    settings: RigSettings = None
-    live: Live = False
-    force: Force = False
+    duration: Annotated[float | None, cli.Key("experiment.duration"), typer.Option(help="Length of the log, s.")] = None
+    seed: Annotated[int | None, cli.Key("seed"), typer.Option(help="Seed of bias, drift and noise.")] = None
+    settings: cli.RigSettings = None
+    live: cli.Live = False
+    force: cli.Force = False
 
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
-    app.command(rich_help_panel=COEFFICIENTS, no_args_is_help=True)(rig)
+    app.command(rich_help_panel=cli.COEFFICIENTS, no_args_is_help=True)(rig)
 
 
-@grouped
+@cli.grouped
 def rig(
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            help="static, flick, bar, robot, or a rig scenario file (YAML).", autocompletion=shipped("scenarios/rig")
-        ),
-    ],
+    scenario: Annotated[str, cli.named("Experiment", "scenarios/rig")],
     options: ExperimentOptions,
 ) -> None:
     """Run an experiment on a wind-tunnel rig and write its log.
@@ -78,7 +62,7 @@ def rig(
 
     refuse_existing(options.out, options.force, LogError)
     angle = [] if options.angle is None else [f"experiment.angle={radians(options.angle)!r}"]
-    experiment = workbench.load_rig_scenario(scenario, [*angle, *settings_of(options)])
+    experiment = workbench.load_rig_scenario(scenario, [*angle, *cli.settings_of(options)])
     log = workbench.simulate(
         experiment,
         options.out,

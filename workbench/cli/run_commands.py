@@ -12,27 +12,7 @@ import typer
 
 from aerodima import workbench
 from aerodima.workbench.atomic_write import make_folder, refuse_existing
-from aerodima.workbench.cli.options import (
-    RUNS,
-    Anew,
-    Build,
-    Force,
-    Html,
-    KeptLog,
-    Key,
-    Law,
-    Live,
-    OtherCar,
-    Settings,
-    SwingOption,
-    SwingScenario,
-    Workers,
-    chosen,
-    command_group,
-    grouped,
-    settings_of,
-    written,
-)
+from aerodima.workbench.cli import options as cli
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.text_table import shown_value, text_table
 
@@ -49,33 +29,33 @@ if TYPE_CHECKING:
 class RunOptions:
     """What a run changes in its scenario, and what is kept and shown of it."""
 
-    scenario: SwingScenario = None
-    speed: Annotated[float | None, Key("manoeuvre.speed"), typer.Option(help="Commanded speed, m/s.")] = None
-    tail: Annotated[str | None, Key("tail.mode"), chosen("What the tail does.", "none", "held", "swing")] = None
-    direction: Annotated[str | None, Key("manoeuvre.direction"), chosen("Side of the turn.", "left", "right")] = None
-    swing: Annotated[SwingOption, Key("controller.swing_file")] = None
-    other_car: OtherCar = False
-    law: Law = None
-    diagram: Build = None
-    settings: Settings = None
-    out: KeptLog = None
-    html: Html = None
-    live: Live = False
-    force: Force = False
+    scenario: cli.OtherScenario = None
+    speed: Annotated[float | None, cli.Key("manoeuvre.speed"), typer.Option(help="Commanded speed, m/s.")] = None
+    tail: Annotated[str | None, cli.Key("tail.mode"), cli.chosen("What the tail does.", "none", "held", "swing")] = None
+    direction: Annotated[str | None, cli.Key("manoeuvre.direction"), cli.chosen("Which side.", "left", "right")] = None
+    swing: Annotated[cli.SwingOption, cli.Key("controller.swing_file")] = None
+    other_car: cli.OtherCar = False
+    law: cli.Law = None
+    diagram: cli.Build = None
+    settings: cli.Settings = None
+    out: cli.KeptLog = None
+    html: cli.Html = None
+    live: cli.Live = False
+    force: cli.Force = False
 
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
-    app.command(rich_help_panel=RUNS, no_args_is_help=True)(run)
-    app.command(rich_help_panel=RUNS)(demo)
-    command_group(app, "scenarios", "List the scenarios that ship.", RUNS).command("list")(list_scenarios)
+    app.command(rich_help_panel=cli.RUNS, no_args_is_help=True)(run)
+    app.command(rich_help_panel=cli.RUNS)(demo)
+    cli.command_group(app, "scenarios", "List the scenarios that ship.", cli.RUNS).command("list")(list_scenarios)
 
 
 def demo(
-    out: Annotated[Path, written("Folder for page, table, replays and logs.")] = Path("out/demo"),
-    workers: Workers = 2,
+    out: Annotated[Path, cli.written("Folder for page, table, replays and logs.")] = Path("out/demo"),
+    workers: cli.Workers = 2,
     seed: Annotated[int, typer.Option(help="Seed of the sensor noise.")] = 1,
-    force: Anew = False,
+    force: cli.Anew = False,
 ) -> None:
     """Drive four cars in step and the thesis' own turn; write a page.
 
@@ -89,7 +69,7 @@ def demo(
     typer.echo(f"page: {page} ({time.monotonic() - start:.0f} s)")
 
 
-@grouped
+@cli.grouped
 def run(options: RunOptions) -> None:
     """Simulate a scenario: a turn, slalom, lane change or your own.
 
@@ -117,7 +97,7 @@ def run(options: RunOptions) -> None:
     name, own = options.scenario, tuple[str, ...]()
     if options.swing is not None:
         name, own = own_turn(find_swing(options.swing), name)
-    scenario = workbench.load_scenario(str(name), [*own, *settings_of(options)])
+    scenario = workbench.load_scenario(str(name), [*own, *cli.settings_of(options)])
     law = None if options.law is None else _own_law(options.law, scenario)
     if law is None and options.diagram is None and not options.other_car:
         refuse_other_car(scenario)
