@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
-
 from aerodima.workbench.config.car_parameters import CarParameters, DriveParameters, ServoParameters
-from aerodima.workbench.systems.system_ports import DiscreteVector, Stage, declare_ticks, nominal_time, vector_of
+
+FRAME_TOLERANCE = 1e-4
+"""Of a frame of the servo; a step that falls on its begin up to rounding has it begun."""
 
 
 def steady_speed(throttle: float, drive: DriveParameters) -> float:
@@ -85,6 +85,25 @@ def steering_motion(frame: Sequence[float], time: float, rate: float) -> tuple[f
     return start + side * travel, side * rate
 
 
+def servo_frame(last: Sequence[float] | None, time: float, command: float, servo: ServoParameters) -> Sequence[float]:
+    """What the servo does at `time` s, as `steering_motion` reads it.
+
+    The servo reads its command once per frame and moves towards it at its rate; 30 degrees take 0.14 s (thesis 7.1.1).
+    The command is clipped to the servo's limit; NaN holds the last angle.
+
+    Args:
+        last: the frame of a step before; None at the first step, at which the wheels stand straight.
+        time: of a step of the plant, s.
+        command: bicycle steering angle at that time, rad, positive to the left.
+        servo: rate, limit, frame rate.
+    """
+    begin = math.floor(time * servo.frame_rate + FRAME_TOLERANCE) / servo.frame_rate
+    if last is not None and begin <= last[0]:
+        return last
+    angle, _ = steering_motion(last or (0.0, 0.0, 0.0), begin, servo.rate)
+    return begin, angle, angle if math.isnan(command) else min(max(command, -servo.limit), servo.limit)
+
+
 def knuckle_motion(
     angle: float, rate: float, servo: ServoParameters, car: CarParameters
 ) -> tuple[float, float, float, float]:
@@ -97,36 +116,3 @@ def knuckle_motion(
     turning = rate * (1.0 + tangent**2)
     inner, outer = 1.0 - half * tangent, 1.0 + half * tangent
     return left, right, turning / (inner**2 + tangent**2), turning / (outer**2 + tangent**2)
-
-
-class SteeringServo(LeafSystem):
-    """Rate-limited servo that drives both front knuckles through a linkage (`knuckle_motion`).
-
-    30 degrees take 0.14 s (thesis 7.1.1). The servo reads its command once per frame and moves towards it at its rate;
-    in between, the angle is that of the moving linkage at every instant. A command that the driver gives at the instant
-    of a frame is seen in that frame, and the plant's step of that instant sees the frame
-    (`aerodima.workbench.systems.system_ports`). The command is clipped to the servo's limit; NaN holds the last angle.
-
-    Input ports:
-        steering_angle (1): commanded bicycle steering angle, rad, positive to the left.
-    Output ports:
-        frame (3): what the servo does since its last frame, see `steering_motion`.
-
-    Args:
-        servo: rate, limit, frame rate.
-    """
-
-    def __init__(self, servo: ServoParameters) -> None:
-        super().__init__()
-        self._servo = servo
-        self._command = self.DeclareVectorInputPort("steering_angle", 1)
-        self._frame = DiscreteVector(self, [0.0, 0.0, 0.0], output="frame")
-        declare_ticks(self, servo.frame_rate, Stage.SERVO, self._read_frame)
-
-    def _read_frame(self, context: Context, next_state: DiscreteValues) -> None:
-        commanded = vector_of(self._command, context)
-        command = float(commanded[0])
-        time = nominal_time(context.get_time(), self._servo.frame_rate)
-        angle, _ = steering_motion(self._frame.read(context).tolist(), time, self._servo.rate)
-        target = angle if math.isnan(command) else min(max(command, -self._servo.limit), self._servo.limit)
-        self._frame.write(next_state, [time, angle, target])

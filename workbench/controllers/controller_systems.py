@@ -33,7 +33,7 @@ from aerodima.workbench.systems.system_ports import (
     connected,
     declare_ticks,
     nominal_time,
-    select,
+    stacked,
     stage_before,
     vector_of,
 )
@@ -238,7 +238,7 @@ def _pose(builder: DiagramBuilder, station: System) -> OutputPort:
     q = chassis.floating_positions_start()
     v = plant.num_positions() + chassis.floating_velocities_start_in_v()
     places = [*range(q, q + 6), v + 3, v + 4]
-    return select(builder, "driver_pose", station.GetOutputPort("plant_state_truth"), places)
+    return stacked(builder, "driver_pose", [(station.GetOutputPort("plant_state_truth"), places)])
 
 
 class CurrentController(LeafSystem):

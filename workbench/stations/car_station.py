@@ -5,32 +5,26 @@ is. The simulated station adds ground-truth ports, whose names end in `_truth`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from pydrake.geometry import Meshcat, MeshcatVisualizer
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import MatrixGain
 
-from aerodima.workbench.actuators.chassis_actuators import SteeringServo
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_STATE
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
 from aerodima.workbench.sensors.car_sensors import GpsSpeed, Imu, MotorEncoder, MotorReply, SailEncoder
 from aerodima.workbench.stations.car_air import add_sail_report, add_wind_source
-from aerodima.workbench.stations.car_drives import TAIL_COMMANDS, DrivenCar, add_car_drives
+from aerodima.workbench.stations.car_drives import LAST, DrivenCar, add_car_drives
 from aerodima.workbench.stations.ground_truth import CarTruth
 from aerodima.workbench.systems.system_ports import (
+    Part,
+    Wires,
     add_status,
     connected,
-    constant,
     export_interface,
     export_outputs,
     refuse_other_ports,
-    select,
-    stacked,
 )
 
 NOT_FITTED = 1.0
@@ -75,70 +69,65 @@ def make_car_station(
     return station
 
 
-@dataclass
-class _TailPorts:
-    """Ports that exist with a tail arm and have constant stand-ins without; who reports, by field of its age."""
-
-    state: OutputPort
-    torque: OutputPort
-    reports: dict[str, System]
-
-
 def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None, with_truth: bool) -> None:
+    wires = Wires(builder, STATION_INPUTS)
     wind = add_wind_source(builder, scenario)
     gusts = wind is not None and scenario.wind.gust_amplitude > 0.0
     pushing = wind.GetOutputPort("wind_acceleration") if wind and gusts else None
     car = add_car_plant(builder, scenario, pushing, sampled_outputs=with_truth)
-    servo = builder.AddNamedSystem("steering_servo", SteeringServo(scenario.servo))
-    builder.ExportInput(servo.GetInputPort("steering_angle"), "steering_angle")
     blowing = None if wind is None else wind.GetOutputPort("wind_velocity")
-    driven = add_car_drives(builder, scenario, car, servo.GetOutputPort("frame"), blowing)
-    for name, command in driven.commands.items():
-        builder.ExportInput(command, name)
-    tail = _stand_in_for_tail(builder) if car.tail is None else _add_tail(builder, scenario, car.plant, driven)
-    motion, step, seed = driven.chassis_motion(builder), scenario.simulation.step, scenario.seed
-    place, gravity = (scenario.imu.x, 0.0, scenario.imu.z), scenario.environment.gravity
+    driven = add_car_drives(builder, wires, scenario, car, blowing)
+    reports: dict[str, System] = {}
+    if car.tail is None:
+        wires.feed("tail_state", *[driven.zero] * TAIL_STATE.size)
+    else:
+        reports = _add_tail(builder, wires, scenario, driven)
+    step, seed, gravity = scenario.simulation.step, scenario.seed, scenario.environment.gravity
+    place = (scenario.imu.x, 0.0, scenario.imu.z)
     imu = Imu(scenario.imu, p_BoImu_B=place, seed=seed, step=step, discrete=True, gravity=gravity)
     gps = GpsSpeed(scenario.gps, seed=seed, step=step, discrete=True)
     for sensor in (imu, gps):
-        connected(builder, sensor, chassis_motion=motion)
+        builder.AddSystem(sensor)
+        wires.feed(sensor.GetInputPort("chassis_motion"), *driven.chassis_motion)
+    wires.feed("tail_torque", driven.drive("motor_torques"))
     export_outputs(
         builder,
         {
-            "tail_state": tail.state,
-            "tail_torque": tail.torque,
             "imu": imu.GetOutputPort("imu"),
             "speed": gps.GetOutputPort("speed"),
-            "status": _add_status(builder, {"imu_age": imu, "speed_age": gps}, tail.reports),
+            "status": _add_status(builder, {"imu_age": imu, "speed_age": gps}, reports),
             "plant_state_truth": car.plant.get_state_output_port(),
-            **(_add_truth(builder, scenario, car, driven, tail, blowing) if with_truth else {}),
+            **(_add_truth(builder, wires, scenario, car, driven, blowing) if with_truth else {}),
         },
     )
     if car.tail is not None and not with_truth:
-        builder.ExportOutput(driven.last_drive(builder, "last_tail_torque", "motor_torques"), "last_tail_torque_truth")
+        wires.feed("last_tail_torque_truth", (driven.last, LAST["motor_torques"]))
     if blowing is not None:
         builder.ExportOutput(blowing, "wind_truth")
+    wires.add_to_builder()
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, car.scene_graph, meshcat)
 
 
-def _add_tail(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, driven: DrivenCar) -> _TailPorts:
-    joints = [plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")]
-    places = [joint.position_start() for joint in joints]
-    places += [plant.num_positions() + joint.velocity_start() for joint in joints]
-    reply = MotorReply(scenario.tail_motor.position_range, scenario.tail_motor.speed_range)
-    encoders = MotorEncoder(scenario.controller.rate, reply, step=plant.time_step(), discrete=True)
-    connected(builder, encoders, joints=select(builder, "tail_joints", plant.get_state_output_port(), places))
+def _add_tail(builder: DiagramBuilder, wires: Wires, scenario: Scenario, driven: DrivenCar) -> dict[str, System]:
+    """Adds the encoders; who reports, by field of its age."""
+    motor, step = scenario.tail_motor, scenario.simulation.step
+    reply = MotorReply(motor.position_range, motor.speed_range)
+    encoders = MotorEncoder(scenario.controller.rate, reply, step=step, discrete=True)
+    builder.AddSystem(encoders)
+    wires.feed(encoders.GetInputPort("joints"), *driven.moves("angles")[:2], *driven.moves("rates")[:2])
     sail: System = encoders
-    if scenario.tail.sail == "locked":
-        angle = rate = constant(builder, "sail_locked", [0.0])
-    else:
-        sail = _add_sail_encoder(builder, scenario, plant, driven.system.GetOutputPort("wind_direction"))
+    angle: Part = driven.zero
+    rate: Part = driven.zero
+    if scenario.tail.sail != "locked":
+        sail = builder.AddSystem(SailEncoder(scenario.sail_encoder, seed=scenario.seed, step=step, discrete=True))
+        # A sail that faces the wind has no joint, its angle is that of the wind.
+        free = scenario.tail.sail == "free"
+        turn = driven.moves("angles")[2] if free else driven.system.GetOutputPort("wind_direction")
+        wires.feed(sail.GetInputPort("joint_angle"), turn)
         angle, rate = map(sail.GetOutputPort, ("angle", "rate"))
-    parts = [encoders.GetOutputPort("angles"), angle, encoders.GetOutputPort("rates"), rate]
-    reports = {f"{part}_age": sail if part == "sail" else encoders for part in TAIL_PARTS}
-    torque = driven.drive(builder, "tail_torque", "motor_torques")
-    return _TailPorts(stacked(builder, "tail_state", parts), torque, reports)
+    wires.feed("tail_state", encoders.GetOutputPort("angles"), angle, encoders.GetOutputPort("rates"), rate)
+    return {f"{part}_age": sail if part == "sail" else encoders for part in TAIL_PARTS}
 
 
 def _add_status(builder: DiagramBuilder, reports: dict[str, System], tail: dict[str, System]) -> OutputPort:
@@ -153,32 +142,12 @@ def _add_status(builder: DiagramBuilder, reports: dict[str, System], tail: dict[
     )
 
 
-def _add_sail_encoder(
-    builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, wind_direction: OutputPort
-) -> System:
-    """On the joint of a free sail; a sail that faces the wind has no joint, its angle is that of the wind."""
-    angle = wind_direction
-    if scenario.tail.sail == "free":
-        place = plant.GetJointByName("tail_sail_turn").position_start()
-        angle = select(builder, "sail_turn", plant.get_state_output_port(), [place])
-    encoder = SailEncoder(scenario.sail_encoder, seed=scenario.seed, step=plant.time_step(), discrete=True)
-    return connected(builder, encoder, joint_angle=angle)
-
-
-def _stand_in_for_tail(builder: DiagramBuilder) -> _TailPorts:
-    for name in TAIL_COMMANDS:
-        ignored = builder.AddNamedSystem(f"{name}_ignored", MatrixGain(np.eye(STATION_INPUTS[name].size)))
-        builder.ExportInput(ignored.get_input_port(), name)
-    state = constant(builder, "no_tail_state", np.zeros(TAIL_STATE.size))
-    return _TailPorts(state, constant(builder, "no_tail_torque", np.zeros(2)), {})
-
-
 def _add_truth(
     builder: DiagramBuilder,
+    wires: Wires,
     scenario: Scenario,
     car: CarPlant,
     driven: DrivenCar,
-    tail: _TailPorts,
     wind: OutputPort | None,
 ) -> dict[str, OutputPort]:
     """Adds what only a simulation knows; the ports to export."""
@@ -190,8 +159,8 @@ def _add_truth(
         plant_state=plant.get_state_output_port(),
         body_spatial_accelerations=plant.get_body_spatial_accelerations_output_port(),
         contact_results=plant.get_contact_results_output_port(),
-        drive_torque=driven.drive(builder, "drive_torque", "shaft_torque"),
     )
+    wires.feed(truth.GetInputPort("drive_torque"), driven.drive("shaft_torque"))
     ports = {
         "plant_acceleration_truth": plant.GetOutputPort("generalized_acceleration"),
         "contact_results_truth": plant.get_contact_results_output_port(),
@@ -199,10 +168,10 @@ def _add_truth(
     names = ["body_truth", "contact_truth"]
     if car.tail is not None:
         sail = add_sail_report(builder, plant, scenario, wind)
-        builder.Connect(tail.torque, truth.GetInputPort("tail_torque"))
+        wires.feed(truth.GetInputPort("tail_torque"), driven.drive("motor_torques"))
+        wires.feed("tail_actuation_truth", driven.drive("joint_torques"))
         builder.Connect(sail.wrench, truth.GetInputPort("tail_wrench"))
         ports |= {"tail_sections_truth": sail.sections, "tail_validity_truth": sail.validity}
-        ports["tail_actuation_truth"] = driven.drive(builder, "tail_actuation", "joint_torques")
         names.append("tail_truth")
     return ports | {name: truth.GetOutputPort(name) for name in names}
 

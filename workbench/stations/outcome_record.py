@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import Ellipsoid, Sphere
 from pydrake.multibody.tree import BodyIndex, Joint, PrismaticJoint, RevoluteJoint, WeldJoint
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
-from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
+from pydrake.systems.primitives import VectorLogSink
 
 from aerodima.workbench.aero.sail import rotation_rows
 from aerodima.workbench.config.array_types import FloatArray
@@ -39,7 +39,7 @@ from aerodima.workbench.plants.car import GROUND_STIFFNESS, CarPlant
 from aerodima.workbench.sensors.car_sensors import ChassisMotion, felt_at, in_body
 from aerodima.workbench.stations.car_station import simulated_car
 from aerodima.workbench.stations.ground_truth import contact_slots
-from aerodima.workbench.systems.system_ports import Stage, connected, nominal_time, period_of, stacked, vector_of
+from aerodima.workbench.systems.system_ports import Stage, Wires, connected, nominal_time, period_of, vector_of
 
 IntArray = NDArray[np.int_]
 Signals = Sequence[tuple[Any, Sequence[str]]]
@@ -266,15 +266,17 @@ class OutcomeRecord:
         cheap = [(port, names) for port, names in signals if _is_cheap(names)]
         self._names = [name for _, names in cheap for name in names]
         # One logger for all ports: each has its share in every instant of the diagram.
-        rows = stacked(builder, "logged_rows", [port for port, _ in cheap])
-        self._rows: VectorLogSink = LogVectorOutput(rows, builder, publish_period=period)
-        motion = [station.GetOutputPort("plant_state_truth")]
+        self._rows = builder.AddSystem(VectorLogSink(len(self._names), publish_period=period))
+        steps = [station.GetOutputPort("plant_state_truth")]
         self._has_tail = station.HasOutputPort("last_tail_torque_truth")
         if self._has_tail:
-            motion.append(station.GetOutputPort("last_tail_torque_truth"))
-        self._steps_log: VectorLogSink = LogVectorOutput(
-            stacked(builder, "logged_steps", motion), builder, publish_period=step
-        )
+            steps.append(station.GetOutputPort("last_tail_torque_truth"))
+        size = sum(port.size() for port in steps)
+        self._steps_log = builder.AddSystem(VectorLogSink(size, publish_period=step))
+        wires = Wires(builder)
+        wires.feed(self._rows.get_input_port(), *(port for port, _ in cheap))
+        wires.feed(self._steps_log.get_input_port(), *steps)
+        wires.add_to_builder("logged")
         self._loads = GroundLoads(self._car)
         chassis = self._plant.GetBodyByName("chassis")
         q = chassis.floating_positions_start()

@@ -31,11 +31,11 @@ from aerodima.workbench.sensors.rig_sensors import (
     quantise,
 )
 from aerodima.workbench.systems.system_ports import (
+    Part,
     add_status,
     connected,
     export_interface,
     export_outputs,
-    select,
     stacked,
     vector_of,
 )
@@ -270,11 +270,11 @@ def _add_encoder(builder: DiagramBuilder, scenario: RigScenario, state: OutputPo
     """Reported angle and rate (2), and the age of that sample (1)."""
     if not scenario.is_robot:
         encoder = RigEncoder(scenario.encoder, scenario.count_angle, scenario.simulation.step)
-        connected(builder, encoder, joint_angle=select(builder, "joint_angle", state, [0]))
+        connected(builder, encoder, joint_angle=stacked(builder, "joint_angle", [(state, [0])]))
         both = stacked(builder, "rig_state", [encoder.GetOutputPort(name) for name in ("angle", "rate")])
         return both, encoder.GetOutputPort("age")
     reply = MotorReply(scenario.robot_motor.position_range, scenario.robot_motor.speed_range)
     replies = MotorEncoder(scenario.robot.command_rate, reply, step=scenario.simulation.step)
-    connected(builder, replies, joints=select(builder, "joint_twice", state, [0, 0, 1, 1]))
-    ones = [select(builder, f"one_of_{name}", replies.GetOutputPort(name), [0]) for name in ("angles", "rates")]
+    connected(builder, replies, joints=stacked(builder, "joint_twice", [(state, [0, 0, 1, 1])]))
+    ones: list[Part] = [(replies.GetOutputPort(name), [0]) for name in ("angles", "rates")]
     return stacked(builder, "rig_state", ones), replies.GetOutputPort("age")

@@ -25,7 +25,13 @@ from pydrake.systems.framework import (
     OutputPort,
     System,
 )
-from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer, TrajectorySource
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    MatrixGain,
+    Selector,
+    SelectorParams,
+    TrajectorySource,
+)
 from pydrake.systems.scalar_conversion import TemplateSystem
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -114,24 +120,67 @@ def connected(builder: DiagramBuilder, system: SystemT, name: str = "", /, **inp
     return system
 
 
-def select(builder: DiagramBuilder, name: str, source: OutputPort, indices: Sequence[int]) -> OutputPort:
-    """A vector port (len(indices)) with these elements of another one; adds one system of that name."""
-    matrix = np.zeros((len(indices), source.size()))
-    matrix[np.arange(len(indices)), list(indices)] = 1.0
-    return transformed(builder, name, source, matrix)
-
-
 def transformed(builder: DiagramBuilder, name: str, source: OutputPort, matrix: np.ndarray) -> OutputPort:
     """A vector port (m) that is a matrix (m, n) times another one (n); adds one system of that name."""
     return connected(builder, MatrixGain(matrix), name, u0=source).get_output_port()
 
 
-def stacked(builder: DiagramBuilder, name: str, sources: Sequence[OutputPort]) -> OutputPort:
-    """A vector port with the elements of several, one after the other; adds one system of that name."""
-    system = builder.AddNamedSystem(name, Multiplexer([source.size() for source in sources]))
-    for index, source in enumerate(sources):
-        builder.Connect(source, system.get_input_port(index))
-    return system.get_output_port()
+Part = OutputPort | str | tuple[OutputPort, Sequence[int]]
+"""Of what a port is made: another port, an input of the diagram by its name, or some elements of a port."""
+
+
+class Wires:
+    """Ports that are made of elements of others, all by one `Selector`: each system has its share in every instant.
+
+    Args:
+        builder: in which the ports are.
+        inputs: ports that the diagram shall have by names.
+    """
+
+    def __init__(self, builder: DiagramBuilder, inputs: Mapping[str, PortFields] | None = None) -> None:
+        self._builder = builder
+        self._sources: list[OutputPort | str] = list(inputs or {})
+        self._sizes = [fields.size for fields in (inputs or {}).values()]
+        self._targets: list[tuple[InputPort | str | None, list[Any]]] = []
+
+    def feed(self, target: InputPort | str | None, *parts: Part) -> None:
+        """Makes an input port, or a port that the diagram shall have by this name, of these one after the other."""
+        selections = []
+        for part in parts:
+            source, indices = part if isinstance(part, tuple) else (part, None)
+            if source not in self._sources:
+                self._sources.append(source)
+                self._sizes.append(source.size())
+            place = self._sources.index(source)
+            for index in range(self._sizes[place]) if indices is None else indices:
+                selections.append(SelectorParams.OutputSelection(input_port_index=place, input_offset=index))
+        self._targets.append((target, selections))
+
+    def add_to_builder(self, name: str = "wires") -> Selector:
+        """Adds the system of this name with all connections; output ports that are fed to None have none."""
+        sizes = [SelectorParams.InputPortParams(size=size) for size in self._sizes]
+        outputs = [SelectorParams.OutputPortParams(selections=selections) for _, selections in self._targets]
+        system = self._builder.AddNamedSystem(name, Selector(SelectorParams(inputs=sizes, outputs=outputs)))
+        for index, source in enumerate(self._sources):
+            port = system.get_input_port(index)
+            if isinstance(source, str):
+                self._builder.ExportInput(port, source)
+            else:
+                self._builder.Connect(source, port)
+        for index, (target, _) in enumerate(self._targets):
+            made = system.get_output_port(index)
+            if isinstance(target, str):
+                self._builder.ExportOutput(made, target)
+            elif target is not None:
+                self._builder.Connect(made, target)
+        return system
+
+
+def stacked(builder: DiagramBuilder, name: str, parts: Sequence[Part]) -> OutputPort:
+    """A vector port with these one after the other; adds one system of that name."""
+    wires = Wires(builder)
+    wires.feed(None, *parts)
+    return wires.add_to_builder(name).get_output_port()
 
 
 def constant(builder: DiagramBuilder, name: str, value: ArrayLike) -> OutputPort:
@@ -224,11 +273,10 @@ class Stage(IntEnum):
     updates of an instant from the state before it.
     """
 
-    WIND = 6
-    SENSOR = 5
-    CONTROLLER = 4
-    DRIVER = 3
-    SERVO = 2
+    WIND = 5
+    SENSOR = 4
+    CONTROLLER = 3
+    DRIVER = 2
     RECORD = 1
 
 

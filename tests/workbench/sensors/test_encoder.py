@@ -12,7 +12,7 @@ from pydrake.systems.primitives import Multiplexer
 from aerodima.workbench.config.signal_table import TAIL_STATE
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.car_sensors import MotorEncoder, MotorReply, SailEncoder, quantise_symmetric
-from aerodima.workbench.systems.system_ports import connected, select
+from aerodima.workbench.systems.system_ports import connected, stacked
 
 
 def sail_encoder(bits=12, rate=500.0, delay=0.0, noise=0.0, **arguments):
@@ -144,9 +144,9 @@ def test_encoders_of_a_plant_make_the_tail_state():
     plant.Finalize()
     state, step = plant.get_state_output_port(), plant.time_step()
     places = [joints[name].position_start() for name in ("pitch", "roll", "sail")]
-    both = select(builder, "both", state, [*places[:2], *(3 + place for place in places[:2])])
+    both = stacked(builder, "both", [(state, [*places[:2], *(3 + place for place in places[:2])])])
     motors = connected(builder, MotorEncoder(100.0, MotorReply(), step=step, discrete=True), joints=both)
-    turn = select(builder, "turn", state, places[2:])
+    turn = stacked(builder, "turn", [(state, places[2:])])
     sail = connected(builder, sail_encoder(rate=100.0, step=step, discrete=True), joint_angle=turn)
     multiplexer = builder.AddSystem(Multiplexer([2, 1, 2, 1]))
     for source, port, index in ((motors, "angles", 0), (sail, "angle", 1), (motors, "rates", 2), (sail, "rate", 3)):

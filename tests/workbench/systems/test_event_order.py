@@ -1,4 +1,4 @@
-"""Servo frames, controllers, sensors, logs and plant steps: one order at every frame, whatever the step."""
+"""Sensors, controllers, logs and plant steps: one order at every tick, whatever the step."""
 
 from itertools import pairwise
 
@@ -7,7 +7,6 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
-from aerodima.workbench.actuators.chassis_actuators import SteeringServo
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.swing_law import SwingState
@@ -19,7 +18,7 @@ from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.systems.system_ports import LEAD, Stage, nominal_time, period_of, step_instant
 
 STEPS = [0.004, 0.002, 0.001, 0.0005, 0.0003]
-"""s; the last one divides no frame, and no power of ten."""
+"""s; the last one divides no period of a tick, and no power of ten."""
 
 TRACED = [
     (Imu, "_sample", "sensor"),
@@ -28,10 +27,9 @@ TRACED = [
     (TailController, "_tick", "controller"),
     (RollEstimator, "_tick", "controller"),
     (TurnDriver, "_tick", "controller"),  # at one rate
-    (SteeringServo, "_read_frame", "servo"),
     (RunRecorder, "_record", "row"),
 ]
-ORDER = ["sensor", "controller", "servo", "row", "step"]
+ORDER = ["sensor", "controller", "row", "step"]
 
 
 class Ticker(LeafSystem):
@@ -76,11 +74,11 @@ def trace_of(step, monkeypatch):
 
 
 @pytest.mark.parametrize("step", STEPS)
-def test_all_that_happens_at_one_instant_happens_in_one_order_at_every_frame(step, monkeypatch):
+def test_all_that_happens_at_one_instant_happens_in_one_order_at_every_tick(step, monkeypatch):
     """Times apart by more than rounding are two instants; within one, stages follow each other and the step is last."""
     trace = trace_of(step, monkeypatch)
     start = [who for who, time in trace if time == 0.0]
-    assert {"controller", "servo", "row"} <= set(start[: start.index("step")])
+    assert {"controller", "row"} <= set(start[: start.index("step")])
     trace = trace[len(start) :]
     while trace[-1][0] != "step":  # the run ends before the last instant's step
         trace.pop()
@@ -98,7 +96,7 @@ def test_all_that_happens_at_one_instant_happens_in_one_order_at_every_frame(ste
         for (who, time), (other, later) in pairwise(instant):
             assert who == other or time < later, "two stages at the same Drake time"
         met.add(tuple(dict.fromkeys(who for who, _ in instant)))
-    if step in (0.002, 0.001):  # every frame falls on a step and every step has its row
+    if step in (0.002, 0.001):  # every tick falls on a step and every step has its row
         assert met == {("row", "step"), tuple(ORDER)}
 
 
