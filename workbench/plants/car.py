@@ -84,6 +84,7 @@ def add_car_plant(
     wind_acceleration: OutputPort | None = None,
     *,
     sampled_outputs: bool = True,
+    drawn: bool = True,
 ) -> CarPlant:
     """Adds the car of a scenario, standing at the origin and heading along x, to a diagram.
 
@@ -91,6 +92,7 @@ def add_car_plant(
         wind_acceleration: of the air in W (3), m/s2; it pushes the added mass. Steady wind without it.
         sampled_outputs: whether accelerations and contact forces on the plant's ports are those of the last step; if
             not, they are those of the step that begins, and a step need not keep them.
+        drawn: whether it has its visuals, each of which Drake places in every step.
 
     Raises:
         ModelError: a model file is missing or does not load with these numbers, or `tail.added_mass` is too negative.
@@ -99,13 +101,13 @@ def add_car_plant(
     plant.set_name("plant")
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -scenario.environment.gravity])
     _add_ground(plant, scenario.car.tyre_friction)
-    car = parse_model(plant, car_sdf(scenario))
+    car = parse_model(plant, car_sdf(scenario), drawn)
     tail, added = None, None
     if scenario.tail.mode != "none":
         arm = tail_sdf(scenario.tail, scenario.tail_motor, scenario.car)
         if scenario.tail.sail != "free":
             arm.fix_joint("tail_sail_turn")
-        tail = parse_model(plant, arm)
+        tail = parse_model(plant, arm, drawn)
         reach = scenario.tail.mount_x - scenario.car.gearbox_x
         X_GT = RigidTransform(np.array([reach, 0.0, scenario.car.gearbox_height / 2]))
         plant.WeldFrames(plant.GetFrameByName("gearbox"), plant.GetFrameByName("tail_anchor"), X_GT)
@@ -137,8 +139,11 @@ def _added_mass(plant: MultibodyPlant, scenario: Scenario) -> AddedMass | None:
     return add_added_mass(plant, plant.GetBodyByName("tail_rod"), added_mass_layout(tail), tail.added_mass)
 
 
-def parse_model(plant: MultibodyPlant, model: SdfModel) -> ModelInstanceIndex:
-    """Parses a model strictly: a warning of Drake's parser is an error that names the file."""
+def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> ModelInstanceIndex:
+    """Parses a model strictly, with its visuals if `drawn`: a warning of Drake's parser is an error naming the file."""
+    if not drawn:
+        for link in model.model.findall("link"):
+            model.remove_shapes(str(link.get("name")), kind="visual")
     parser = Parser(plant)
     parser.package_map().Add(MODELS_PACKAGE, str(models_dir()))
     parser.SetStrictParsing()

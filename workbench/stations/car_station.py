@@ -74,7 +74,8 @@ def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | No
     wind = add_wind_source(builder, scenario)
     gusts = wind is not None and scenario.wind.gust_amplitude > 0.0
     pushing = wind.GetOutputPort("wind_acceleration") if wind and gusts else None
-    car = add_car_plant(builder, scenario, pushing, sampled_outputs=with_truth)
+    seen = with_truth or meshcat is not None
+    car = add_car_plant(builder, scenario, pushing, sampled_outputs=with_truth, drawn=seen)
     blowing = None if wind is None else wind.GetOutputPort("wind_velocity")
     driven = add_car_drives(builder, wires, scenario, car, blowing)
     reports: dict[str, System] = {}
