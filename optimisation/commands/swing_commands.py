@@ -120,8 +120,7 @@ def judge(
     """
     from aerodima.optimisation.entry import suite
     from aerodima.optimisation.entry.entry_speed import ERROR, EntrySearch, climb
-    from aerodima.optimisation.entry.entry_table import entry_figure, entry_lines, summarise_entries
-    from aerodima.optimisation.swing.candidate import LOW_BALLAST, NO_TAIL
+    from aerodima.optimisation.entry.entry_table import entry_figure, entry_lines, has_gain, summarise_entries
     from aerodima.workbench.figures.figure_style import png
 
     search = EntrySearch(start=start, step=step, ceiling=ceiling)
@@ -138,8 +137,7 @@ def judge(
     typer.echo(f"written: entries.csv, summary.csv and entries.png in {out}")
     if table["ended_by"].astype(str).str.startswith(ERROR).any():
         raise typer.Exit(cli.Status.LEFT_OUT)
-    with_tail = summary[~summary["candidate"].isin([NO_TAIL.name, LOW_BALLAST.name])]
-    if len(with_tail) and not (with_tail["gain_over_no_tail"] > 0.0).any():
+    if not has_gain(summary):
         typer.echo("no candidate enters faster than the car without a tail", err=True)
         raise typer.Exit(cli.Status.NO)
 

@@ -99,6 +99,12 @@ def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
     return make_frame(rows)
 
 
+def has_gain(summary: pd.DataFrame) -> bool:
+    """Whether a candidate with a tail enters faster than the car without one; also when no such candidate was judged."""
+    with_tail = summary[~summary["candidate"].isin([NO_TAIL.name, LOW_BALLAST.name])]
+    return with_tail.empty or bool((with_tail["gain_over_no_tail"] > 0.0).any())
+
+
 def median_interval(cars: FloatArray, seed: int) -> tuple[float, float]:
     """Ends of the 95 % interval of the median over cars, which are drawn again with replacement; NaN without a car.
 

@@ -11,6 +11,7 @@ from aerodima.optimisation.entry.entry_table import (
     entry_figure,
     entry_gains,
     entry_lines,
+    has_gain,
     median_interval,
     summarise_entries,
 )
@@ -51,6 +52,13 @@ def test_gains_are_over_the_same_car_and_its_worst_is_named():
     assert -0.05 - 1e-12 <= row["low_over_no_tail"] < 0.10 < row["high_over_no_tail"] <= 0.20 + 1e-12
     assert math.isnan(row["gain_over_low_mass"])
     assert row["cars_over_low_mass"] == 0
+
+
+@pytest.mark.parametrize(("speed", "gained"), [(2.1, True), (2.0, False), (math.nan, False)])
+def test_verdict_is_whether_a_candidate_is_faster_than_no_tail(speed, gained):
+    low = rows(LOW_BALLAST.name, [3.0] * 5)  # a car without a tail, too
+    assert has_gain(summarise_entries(made_up(NONE, low, rows("new", [speed] * 5)))) == gained
+    assert has_gain(summarise_entries(made_up(NONE, low)))
 
 
 def test_the_better_of_held_and_published_is_chosen_car_by_car():
