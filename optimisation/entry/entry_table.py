@@ -100,7 +100,7 @@ def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
 
 
 def has_gain(summary: pd.DataFrame) -> bool:
-    """Whether a candidate with a tail enters faster than the car without one; also when no such candidate was judged."""
+    """Whether a candidate with a tail enters faster than the car without one; True when none was judged."""
     with_tail = summary[~summary["candidate"].isin([NO_TAIL.name, LOW_BALLAST.name])]
     return with_tail.empty or bool((with_tail["gain_over_no_tail"] > 0.0).any())
 
