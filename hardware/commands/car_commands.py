@@ -160,7 +160,7 @@ def emulate(
 
 
 def drive(
-    scenario: Annotated[str, cli.named("Scenario, or a bundle (.json) of `models export`", "scenarios")],
+    scenario: Annotated[str, cli.named("Scenario, or its bundle (JSON)", "scenarios")],
     ports: Ports,
     wiring: Wiring = "teensy_bridge",
     swing: cli.SwingOption = None,

@@ -32,7 +32,9 @@ class RunOptions:
     scenario: cli.OtherScenario = None
     speed: Annotated[float | None, cli.Key("manoeuvre.speed"), typer.Option(help="Commanded speed, m/s.")] = None
     tail: Annotated[str | None, cli.Key("tail.mode"), cli.chosen("What the tail does.", "none", "held", "swing")] = None
-    direction: Annotated[str | None, cli.Key("manoeuvre.direction"), cli.chosen("Which side.", "left", "right")] = None
+    direction: Annotated[
+        str | None, cli.Key("manoeuvre.direction"), cli.chosen("Side of the turn.", "left", "right")
+    ] = None
     swing: Annotated[cli.SwingOption, cli.Key("controller.swing_file")] = None
     other_car: cli.OtherCar = False
     law: cli.Law = None
