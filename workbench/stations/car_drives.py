@@ -132,8 +132,9 @@ class CarDrives(LeafSystem):
 
     def _sail(self, x: list[float]) -> SailMotion:
         assert self._p_BoSo_B is not None
-        motion = (x[self._parts[name]] for name in ("quaternion", "velocity", "angles", "rates"))
-        return sail_motion(*motion, self._p_BoSo_B)
+        part = self._parts
+        angles, rates = x[part["angles"]], x[part["rates"]]
+        return sail_motion(x[part["quaternion"]], x[part["velocity"]], angles, rates, self._p_BoSo_B)
 
     def _line(self, x: list[float], layout: SectionLayout, sail: SailMotion) -> LineMotion:
         """Motion of a line of sections against the air."""

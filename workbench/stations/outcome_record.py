@@ -266,13 +266,13 @@ class OutcomeRecord:
         cheap = [(port, names) for port, names in signals if _is_cheap(names)]
         self._names = [name for _, names in cheap for name in names]
         # One logger for all ports: each has its share in every instant of the diagram.
-        self._rows = builder.AddSystem(VectorLogSink(len(self._names), publish_period=period))
+        self._rows = connected(builder, VectorLogSink(len(self._names), publish_period=period))
         steps = [station.GetOutputPort("plant_state_truth")]
         self._has_tail = station.HasOutputPort("last_tail_torque_truth")
         if self._has_tail:
             steps.append(station.GetOutputPort("last_tail_torque_truth"))
         size = sum(port.size() for port in steps)
-        self._steps_log = builder.AddSystem(VectorLogSink(size, publish_period=step))
+        self._steps_log = connected(builder, VectorLogSink(size, publish_period=step))
         wires = Wires(builder)
         wires.feed(self._rows.get_input_port(), *(port for port, _ in cheap))
         wires.feed(self._steps_log.get_input_port(), *steps)

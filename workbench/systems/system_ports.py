@@ -148,7 +148,7 @@ class Wires:
         selections = []
         for part in parts:
             source, indices = part if isinstance(part, tuple) else (part, None)
-            if source not in self._sources:
+            if not isinstance(source, str) and source not in self._sources:
                 self._sources.append(source)
                 self._sizes.append(source.size())
             place = self._sources.index(source)
@@ -156,7 +156,7 @@ class Wires:
                 selections.append(SelectorParams.OutputSelection(input_port_index=place, input_offset=index))
         self._targets.append((target, selections))
 
-    def add_to_builder(self, name: str = "wires") -> Selector:
+    def add_to_builder(self, name: str = "wires") -> System:
         """Adds the system of this name with all connections; output ports that are fed to None have none."""
         sizes = [SelectorParams.InputPortParams(size=size) for size in self._sizes]
         outputs = [SelectorParams.OutputPortParams(selections=selections) for _, selections in self._targets]
