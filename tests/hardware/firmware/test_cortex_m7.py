@@ -4,6 +4,7 @@ import sys
 
 import pytest
 
+from aerodima.hardware.firmware.teensy_firmware import SKETCH
 from tests.hardware.firmware import cortex_m7
 from tests.hardware.firmware.recorded import FUNCTIONS
 
@@ -27,9 +28,7 @@ def numbers(line):
 def test_every_call_that_the_tests_make_of_the_core_gives_the_same_bits(sketch):
     calls = sketch / "calls.bin"
     cortex_m7.run(sys.executable, "-m", "tests.hardware.firmware.recorded", calls)
-    lines = cortex_m7.emulate(
-        cortex_m7.build("replay", sketch, cortex_m7.SKETCH / "src"), "-icount", "shift=0"
-    ).splitlines()
+    lines = cortex_m7.emulate(cortex_m7.build("replay", sketch, SKETCH / "src"), "-icount", "shift=0").splitlines()
     calls.unlink()
     assert numbers(lines[0])["equal"] > 100_000, lines[0]
     rows = {FUNCTIONS[row["function"]]: row for row in map(numbers, lines[1:])}
