@@ -115,7 +115,7 @@ def holding_moment(cd: float, cl: float, angle: float, speed: float, psi: float)
 
 
 def test_the_published_holding_currents_of_tail_1_are_predicted() -> None:
-    """Medians 0.4, 0.6 and 1.7 % with kt N = 0.346 N m/A (design section 5: 0.3, 0.7, 1.6 %).
+    """Medians 0.4, 0.6 and 1.7 % with kt N = 0.346 N m/A.
 
     Lift to the tip misses by tens of percent (ERRATA E39).
     """
