@@ -1,6 +1,7 @@
 """Tail motors that answer frames as an AK70-10 does, on a port without threads, in simulated time."""
 
 import math
+import time
 from collections import deque
 
 from aerodima.hardware.devices.device_states import MotorState
@@ -86,11 +87,11 @@ class FakeMotor:
 
 
 class FakePort:
-    """A bus in simulated time that keeps every frame with its time."""
+    """A bus that keeps every frame with its time: simulated, or real while nobody turns `now`."""
 
     def __init__(self, motors):
         self.motors = motors
-        self.now = 0.0
+        self.now, self._turned = 0.0, time.monotonic()
         self.fault, self.fault_text = 0, ""
         self.sent: list[tuple[float, CanFrame]] = []
         self.inbox: deque[tuple[float, CanFrame]] = deque()
@@ -100,6 +101,10 @@ class FakePort:
     def send(self, frame, urgent=False):
         if self.send_error is not None:
             raise self.send_error
+        if self.now == 0.0:
+            before, self._turned = self._turned, time.monotonic()
+            for motor in self.motors:
+                motor.advance(min(self._turned - before, PERIOD))
         self.sent.append((self.now, frame))
         for motor in self.motors:
             if motor.motor_id == frame.arbitration_id:
