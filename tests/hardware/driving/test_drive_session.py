@@ -222,6 +222,6 @@ def test_a_motor_that_does_not_answer_fails_the_start(drive):
 
 def test_a_tail_far_from_its_mark_fails_the_start(drive):
     drive.bench.port.motors[1].position = -0.8
-    with pytest.raises(HardwareError, match="tail roll zero: at -4[3-5]"):  # the trial of direction moves it by a degree
+    with pytest.raises(HardwareError, match=r"tail roll zero: at -4[3-5]"):  # moved by the trial of direction
         drive.run()
     drive.assert_safe()
