@@ -22,11 +22,14 @@ OWN = ["tick_s", "turned_rad", "yaw_rate_rad_per_s", "way_m"]
 
 
 class LeanIn(LeafSystem):
-    """Steers to the left from 2 to 2.4 s, and lifts the tail by twice the angle that the car has turned."""
+    """Steers to the left from 2 to 2.4 s, and lifts the tail by twice the angle that the car has turned.
+
+    The throttle rises more slowly than the guard of the car allows, so that simulated and real car accelerate alike.
+    """
 
     def __init__(self, broken: Callable[[], float] = lambda: 0.0) -> None:
         super().__init__()
-        self._broken, self._throttle = broken, 0.3
+        self._broken = broken
         self._imu = self.DeclareVectorInputPort("imu", 9)
         seen = self.DeclareDiscreteState(3)
         self.DeclareStateOutputPort("seen", seen)
@@ -46,7 +49,7 @@ class LeanIn(LeafSystem):
         out.set_value([0.2 if 2.0 <= context.get_discrete_state_vector().value()[0] < 2.4 else 0.0])
 
     def _calc_throttle(self, context: Context, out: object) -> None:
-        out.set_value([self._throttle])
+        out.set_value([min(0.3, 0.12 + 0.15 * context.get_discrete_state_vector().value()[0])])
 
     def _calc_tail_pitch_command(self, context: Context, out: object) -> None:
         out.set_value([0.0, 0.0, 17.0, 5.0, 0.0])
