@@ -49,6 +49,24 @@ def press_gamepad(page: Any) -> None:
     page.evaluate("() => { const pad = makePad('pad'); pad.buttons[1].pressed = true; fakePads = [pad]; }")
 
 
+def test_a_car_without_a_tail_is_driven_from_the_page(page: Any, tmp_path: Path) -> None:
+    # Comes first: the car of `session` would run beside this one.
+    with ConsoleSession(tmp_path, "--no-view", "--set", "tail.mode=none") as session:
+        operator = OperatorPage(page, session)
+
+        def drive() -> None:
+            page.fill("#slider-steering", "-15")
+            page.fill("#slider-throttle", "20")
+            operator.reach("state.radio.report.speed > 0.2 && state.radio.report.yaw_rate > 0.05")
+
+        operator.drive(drive)
+        assert page.is_hidden("#slider-roll")
+        assert page.inner_text("#faults") == "none"
+        page.locator("input[value=rest]").evaluate("box => box.click()")
+        operator.until("!state.car.driving")
+        assert page.evaluate("state.car.said") == "ended: the operator left MANUAL for IDLE"
+
+
 @pytest.mark.parametrize("press", [press_button, press_key, press_gamepad])
 def test_stop_reaches_the_emulated_bus_and_stays(operator: OperatorPage, session: ConsoleSession, press: Any) -> None:
     def stop() -> None:
@@ -102,23 +120,6 @@ def test_an_unplugged_gamepad_leaves_the_car_at_rest(operator: OperatorPage, ses
     operator.until("document.getElementById('banner').textContent.includes('unplugged')")  # with the next report
     operator.until("!state.car.driving")
     assert "left MANUAL for IDLE" in page.evaluate("state.car.said")
-
-
-def test_a_car_without_a_tail_is_driven_from_the_page(page: Any, tmp_path: Path) -> None:
-    with ConsoleSession(tmp_path, "--no-view", "--set", "tail.mode=none") as session:
-        operator = OperatorPage(page, session)
-
-        def drive() -> None:
-            page.fill("#slider-steering", "-15")
-            page.fill("#slider-throttle", "20")
-            operator.reach("state.radio.report.speed > 0.2 && state.radio.report.yaw_rate > 0.05")
-
-        operator.drive(drive)
-        assert page.is_hidden("#slider-roll")
-        assert page.inner_text("#faults") == "none"
-        page.locator("input[value=rest]").evaluate("box => box.click()")
-        operator.until("!state.car.driving")
-        assert page.evaluate("state.car.said") == "ended: the operator left MANUAL for IDLE"
 
 
 def test_second_page_looks_on(operator: OperatorPage, session: ConsoleSession, browser: Any) -> None:

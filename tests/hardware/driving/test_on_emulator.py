@@ -126,9 +126,15 @@ def test_same_swing_and_outcome_as_in_simulation_and_a_log_that_everything_reads
         return log, truth
 
     log, truth = undisturbed(same_swing, tmp_path)
-    outcome = metrics_of(truth).outcome
-    assert outcome.result == summarise(simulated, SCENARIO.name).metrics.outcome.result
-    assert outcome.clean == summarise(simulated, SCENARIO.name).metrics.outcome.clean
+    outcome, planned = (metrics_of(run).outcome for run in (truth, simulated))
+    tips = [run.signal("tail_tip_z_truth_m").min() for run in (truth, simulated)]
+    print(
+        f"{wiring}: {outcome.result}, {planned.result}; tip down to {tips} m, tilt {outcome.max_tilt_rad:.3f}, "
+        f"{planned.max_tilt_rad:.3f} rad"
+    )
+    assert outcome.result == planned.result
+    assert tips[0] == pytest.approx(tips[1], abs=0.02)
+    assert outcome.max_tilt_rad == pytest.approx(planned.max_tilt_rad, abs=0.05)
     assert [column.name for column in sensor_columns()] == list(log.table.columns)[: len(sensor_columns())]
     assert log.extra["stop_reason"] == "the run is over"
     assert np.all(log.signal("status_armed") == 1.0)
