@@ -27,7 +27,8 @@ $(CORE): pyproject.toml constraints.txt
 
 $(STAMP): $(CORE)
 	@echo "installing the tools of the tests into .venv: 0.5 GB more, about a minute ..."
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]' -c constraints.txt
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check 'pip>=25.1'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e . --group dev -c constraints.txt
 	@touch $@
 
 demo: $(CORE)
@@ -46,7 +47,7 @@ soak: $(STAMP)
 	@$(BIN)/python -m tests.soak --out out/soak
 
 bench: $(STAMP)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]' -c constraints.txt
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e . --group bench -c constraints.txt
 	@$(BIN)/python -m tests.benchmarks --out out/bench/bench.csv
 
 # Emulated car, drive, watchdog and browser share the machine here: nothing beside it, and two more tries as above.
@@ -55,7 +56,7 @@ emulated: $(STAMP)
 
 # Strict: a broken link or a reference that cannot be read fails it.
 docs: $(STAMP)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]' -c constraints.txt
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e . --group docs -c constraints.txt
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo "open out/docs/index.html"
 

@@ -18,7 +18,7 @@ from aerodima.workbench import resources
 
 ROOT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-PROJECT = PYPROJECT["project"]
+PROJECT, GROUPS = PYPROJECT["project"], PYPROJECT["dependency-groups"]
 WHEEL = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
 PACKAGES = {"workbench", "optimisation", "hardware"}
 CORE = {
@@ -92,7 +92,7 @@ def test_core_dependencies_are_those_of_the_contract() -> None:
 @pytest.mark.parametrize("python", ["3.11", "3.12", "3.13"])
 def test_constraints_pin_every_declared_dependency_within_its_bounds(python: str) -> None:
     pinned = pins(python)
-    for group in [PROJECT["dependencies"], *PROJECT["optional-dependencies"].values()]:
+    for group in [PROJECT["dependencies"], *PROJECT["optional-dependencies"].values(), *GROUPS.values()]:
         for name, requirement in declared(group).items():
             assert requirement.specifier.contains(pinned[name]), f"{requirement} but {pinned[name]} is pinned"
 
