@@ -10,7 +10,7 @@ import typer
 
 from aerodima import optimisation, workbench
 from aerodima.optimisation.commands.study_commands import runs_in
-from aerodima.workbench.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.errors import SweepError, SwingError
 
@@ -120,8 +120,8 @@ def judge(
     """
     from aerodima.optimisation.entry import suite
     from aerodima.optimisation.entry.entry_speed import ERROR, EntrySearch, climb
-    from aerodima.optimisation.entry.entry_table import entry_figure, entry_lines, has_gain, summarise_entries
-    from aerodima.workbench.figures.figure_style import png
+    from aerodima.optimisation.entry.entry_table import entry_lines, entry_page, has_gain, summarise_entries
+    from aerodima.workbench.report.report_page import write_files
 
     search = EntrySearch(start=start, step=step, ceiling=ceiling)
     driven = suite.manoeuvres(manoeuvre or suite.TRAINED_ON, tail)
@@ -130,11 +130,10 @@ def judge(
     with runs_in(out, work) as runs:
         table = climb(driven, who, cases, runs, search)
     summary = summarise_entries(table)
-    for name, frame in (("entries.csv", table), ("summary.csv", summary)):
-        write_atomically(out / name, frame.to_csv(index=False), True, SweepError)
-    write_atomically(out / "entries.png", png(entry_figure(table)), True, SweepError)
+    page = entry_page(table, summary)
+    write_files(out, {"entries.csv": table, "summary.csv": summary, "report.html": page}, error=SweepError)
     typer.echo("\n".join(entry_lines(summary)))
-    typer.echo(f"written: entries.csv, summary.csv and entries.png in {out}")
+    typer.echo(f"written: entries.csv, summary.csv and report.html in {out}")
     if table["ended_by"].astype(str).str.startswith(ERROR).any():
         raise typer.Exit(cli.Status.LEFT_OUT)
     if not has_gain(summary):

@@ -16,6 +16,7 @@ from aerodima.optimisation.sweep.runs import make_frame
 from aerodima.optimisation.swing.candidate import HELD, LOW_BALLAST, NO_TAIL, THESIS
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.figures.figure_style import BLUE, SKY, new_figure, styled
+from aerodima.workbench.report.report_page import Bullets, Finding, Page, Plot, Section, Table
 from aerodima.workbench.text_table import text_table
 
 SPEED = "entry_speed_m_per_s"
@@ -123,25 +124,46 @@ def entry_lines(summary: pd.DataFrame) -> list[str]:
     """Lines of a table for the terminal: each manoeuvre is a heading, and every candidate has a line below it."""
     rows: list[tuple[str, ...]] = []
     for manoeuvre, own in summary.groupby("manoeuvre", sort=False):
-        rows.append((str(manoeuvre),))
-        for row in own.to_dict("records"):
-            between = f"{_percent(row['low_over_no_tail'])} to {_percent(row['high_over_no_tail'])}"
-            rows.append(
-                (
-                    str(row["candidate"]),
-                    "–" if math.isnan(row["median_m_per_s"]) else f"{row['median_m_per_s']:.2f}",
-                    "–" if math.isnan(row["median_course_rad"]) else f"{math.degrees(row['median_course_rad']):.0f}",
-                    f"{row['without_entry']:.0f} of {row['number']:.0f}",
-                    f"{row['unknown']:.0f}",
-                    f"{row['at_ceiling']:.0f}",
-                    _percent(row["gain_over_no_tail"]),
-                    "–" if math.isnan(row["low_over_no_tail"]) else between,
-                    _percent(row["worst_over_no_tail"]),
-                    _percent(row["gain_over_low_mass"]),
-                    _percent(row["gain_over_better_tail"]),
-                )
-            )
+        rows += [(str(manoeuvre),), *_cells(own)]
     return text_table(_HEADER, rows)
+
+
+def entry_page(table: pd.DataFrame, summary: pd.DataFrame) -> Page:
+    """A page: the fastest candidate of each manoeuvre first, then a table and a picture for every manoeuvre."""
+    fastest, sections = [], []
+    for manoeuvre, own in summary.groupby("manoeuvre", sort=False):
+        best = own.sort_values("median_m_per_s", ascending=False, kind="stable").iloc[0]
+        none = math.isnan(best["median_m_per_s"])
+        fastest.append(
+            f"{manoeuvre}: " + ("none" if none else f"{best['candidate']}, {best['median_m_per_s']:.2f} m/s")
+        )
+        figure = entry_figure(table[table["manoeuvre"] == manoeuvre])
+        plot = Plot(figure, "", f"Entry speeds in the manoeuvre {manoeuvre}: a dot for every car, a bar at the median")
+        sections.append(Section(str(manoeuvre), [plot, Table(_HEADER, _cells(own))]))
+    cars, floors = (", ".join(dict.fromkeys(table[key])) for key in ("car", "floor"))
+    lead = f"Highest speeds at which manoeuvres are completed without tip-up; cars {cars} on floors {floors}"
+    return Page("Entry speeds", lead, [Section("Highest median", [Finding([Bullets(fastest)])]), *sections])
+
+
+def _cells(summary: pd.DataFrame) -> list[tuple[str, ...]]:
+    return [
+        (
+            str(row["candidate"]),
+            "–" if math.isnan(row["median_m_per_s"]) else f"{row['median_m_per_s']:.2f}",
+            "–" if math.isnan(row["median_course_rad"]) else f"{math.degrees(row['median_course_rad']):.0f}",
+            f"{row['without_entry']:.0f} of {row['number']:.0f}",
+            f"{row['unknown']:.0f}",
+            f"{row['at_ceiling']:.0f}",
+            _percent(row["gain_over_no_tail"]),
+            "–"
+            if math.isnan(row["low_over_no_tail"])
+            else f"{_percent(row['low_over_no_tail'])} to {_percent(row['high_over_no_tail'])}",
+            _percent(row["worst_over_no_tail"]),
+            _percent(row["gain_over_low_mass"]),
+            _percent(row["gain_over_better_tail"]),
+        )
+        for row in summary.to_dict("records")
+    ]
 
 
 @styled()

@@ -11,6 +11,7 @@ from aerodima.optimisation.entry.entry_table import (
     entry_figure,
     entry_gains,
     entry_lines,
+    entry_page,
     has_gain,
     median_interval,
     summarise_entries,
@@ -128,6 +129,17 @@ def test_lines_have_a_heading_per_manoeuvre_and_a_dash_for_what_is_not_known():
     lines = entry_lines(summarise_entries(table))
     assert lines[1] == "turn"
     assert " ".join(lines[-1].split()) == "new 2.20 29 0 of 5 0 0 +10.0 % -5.0 % to +20.0 % -5.0 % – –"
+
+
+def test_page_says_the_fastest_first_and_has_a_picture_for_every_manoeuvre():
+    never = rows(NO_TAIL.name, [math.nan] * 5, manoeuvre="corner")
+    table = made_up(NONE, rows("new", [2.1, 2.2, 2.3, 2.4, 1.9]), never)
+    page = entry_page(table, summarise_entries(table))
+    first, *manoeuvres = page.sections
+    assert first.parts[0].parts[0].items == ["turn: new, 2.20 m/s", "corner: none"]
+    assert [section.title for section in manoeuvres] == ["turn", "corner"]
+    assert manoeuvres[0].parts[1].rows[1][:2] == ("new", "2.20")
+    assert page.html().count("<img") == 2
 
 
 def test_the_picture_has_a_bar_at_every_median_and_a_dot_for_every_car():
