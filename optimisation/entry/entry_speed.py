@@ -163,7 +163,8 @@ class EntrySearch:
 def failed_rule(row: Mapping[str, Any], rule: Literal["lateral", "path"], figure: float, least: float) -> str:
     """First rule that a run breaks; empty where it breaks none.
 
-    It is `two wheels`, `ground: PART`, `flipped`, `path`, `exit`, `lateral` or `error: ...`.
+    It is `two wheels`, `ground: PART`, `flipped`, `path`, `end of the path` (too slow), `exit`, `lateral` or
+    `error: ...`.
 
     Args:
         row: of the run.
@@ -185,7 +186,8 @@ def failed_rule(row: Mapping[str, Any], rule: Literal["lateral", "path"], figure
     }
     if rule == "path":
         off = row[OFF_PATH]
-        broken["path"] = off is None or not off <= 0.0 or not row[PATH_END]
+        broken["path"] = off is None or not off <= 0.0
+        broken["end of the path"] = not row[PATH_END]
     else:
         last = row.get("last_yaw_rate_rad_per_s")
         broken["exit"] = last is not None and not abs(last) <= EXIT_YAW_RATE

@@ -142,9 +142,10 @@ def test_lateral_acceleration_counts_beside_paths_alone():
     assert failed_rule(CLEAN | {"off_path_m": 0.0, "path_end_reached": True}, "path", 0.0, 4.5) == ""
 
 
-@pytest.mark.parametrize(("off", "end"), [(0.01, True), (-0.01, False), (None, True), (math.nan, True)])
+@pytest.mark.parametrize(("off", "end"), [(0.01, True), (0.01, False), (-0.01, False), (None, True), (math.nan, True)])
 def test_a_path_is_kept_to_its_end(off, end):
-    assert failed_rule(CLEAN | {"off_path_m": off, "path_end_reached": end}, "path", 0.0, 0.0) == "path"
+    expected = "end of the path" if off == -0.01 else "path"
+    assert failed_rule(CLEAN | {"off_path_m": off, "path_end_reached": end}, "path", 0.0, 0.0) == expected
     assert "no off_path_m" in failed_rule(CLEAN, "path", 0.0, 0.0)
 
 

@@ -62,7 +62,7 @@ function drawShapes(chart, shapes) {
 }
 
 function axisOf(label, ticks, log, size) {
-  const axis = { ...AXIS, scale: size.scale, label, size: size.across, space: size.space };
+  const axis = { ...AXIS, scale: size.scale, label, size: size.across, space: size.space, values: (chart, splits) => splits.map((place) => (place === null ? "" : String(Number(place.toPrecision(6))))) };
   if (!label) { delete axis.label; axis.labelSize = 0; }
   if (log) { axis.space = 40; }
   if (ticks) {
