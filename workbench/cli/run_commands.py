@@ -149,11 +149,12 @@ def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> 
     except UserError:
         raise
     except Exception as error:
-        if build is None:
+        if build is None and options.law is None:
             raise
         text, reason = traceback_and_reason(error)
         typer.echo(text, err=True)
-        raise UserError(f"--diagram {options.diagram}: {reason}") from None
+        own = f"--law {options.law}" if build is None else f"--diagram {options.diagram}"
+        raise UserError(f"{own}: {reason}") from None
     except KeyboardInterrupt:
         if options.out is not None:
             typer.echo(f"the rows so far are kept: aerodima log recover {journal_path(options.out)}", err=True)
@@ -216,6 +217,10 @@ SHOWN_FACTS = ("largest_reynolds_number", "sections_outside_measured_range", "se
 """What the sections of a tail met, in `extra` of a log; the last two as shares of the time."""
 
 
+_STILL = 0.2
+"""rad; a tail that rolls less has not swung."""
+
+
 def summary_lines(run_log: RunLog) -> list[str]:
     """What a run came to, for the terminal: its outcome, the first metrics, and what the sail's sections met."""
     from aerodima.workbench.replay.captions import outcome_in_words
@@ -225,4 +230,7 @@ def summary_lines(run_log: RunLog) -> list[str]:
     shown = {name: row[name] for name in SHOWN_METRICS}
     shown |= {name: run_log.extra[name] for name in SHOWN_FACTS if name in run_log.extra}
     table = text_table(["", run_log.scenario["name"]], [[name, shown_value(value)] for name, value in shown.items()])
-    return [f"outcome: {outcome_in_words(metrics.outcome)}", *table]
+    roll = run_log.signal("tail_roll_angle_rad") if run_log.scenario["tail"]["mode"] == "swing" else None
+    rests = roll is not None and roll.max() - roll.min() < _STILL
+    still = ["note: the tail did not swing, since its law saw no reason to"] if rests else []
+    return [f"outcome: {outcome_in_words(metrics.outcome)}", *still, *table]

@@ -136,6 +136,10 @@ class TailController(LeafSystem):
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
         memory, pitch_command, roll_command, state = self._law.step(self._memory.read(context), self.observe(context))
+        for joint, command in (("pitch", pitch_command), ("roll", roll_command)):
+            if len(command) != TAIL_COMMAND.size or not math.isfinite(sum(command)):
+                place = f"{type(self._law).__name__}.step at {context.get_time():g} s: {joint} command"
+                raise UserError(f"{place}: {list(map(float, command))}; allowed: {TAIL_COMMAND.size} finite numbers")
         self._memory.write(discrete_state, memory)
         self._pitch_command.write(discrete_state, pitch_command)
         self._roll_command.write(discrete_state, roll_command)

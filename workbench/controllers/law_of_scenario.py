@@ -237,10 +237,10 @@ _OURS = ("aerodima", "pydrake")
 
 
 def traceback_and_reason(error: BaseException) -> tuple[str, str]:
-    """The traceback of an error from the first line on that is not ours or Drake's, and the error in one line."""
+    """The traceback of an error from the user's first line on, or its last line; and the error in one line."""
     frames = list(traceback.walk_tb(error.__traceback__))
     theirs = [str(frame.f_globals.get("__name__")).partition(".")[0] not in _OURS for frame, _ in frames]
-    summary = traceback.StackSummary.extract(iter(frames[theirs.index(True) if any(theirs) else 0 :]))
+    summary = traceback.StackSummary.extract(iter(frames[theirs.index(True) if any(theirs) else -1 :]))
     lines = traceback.format_exception_only(error)
     text = "".join(["Traceback (most recent call last):\n", *summary.format(), *lines]).rstrip()
     last = next((place for place, own in zip(reversed(summary), reversed(theirs), strict=False) if own), None)

@@ -53,6 +53,35 @@ def test_law_of_a_file_drives_the_tail_and_is_named_in_log_and_caption(call: Cal
     assert "tail law Upright" in caption_of(run).facts
 
 
+@pytest.mark.parametrize(
+    ("returned", "said"),
+    [
+        ("memory, command, command", "ValueError: not enough values to unpack (expected 4, got 3)"),
+        ("memory, command[:4], command, 1", "pitch command: [0.0, 0.0, 0.0, 0.0]; allowed: 5 finite numbers"),
+        ("memory, command, command * float('nan'), 1", "at 0 s: roll command: [nan, nan, nan, nan, nan]; allowed: 5"),
+        ("memory, command, observation.yawrate, 1", "no attribute 'yawrate' (my_law.py, line 9)"),
+    ],
+)
+def test_law_that_fails_is_named_in_one_line_after_its_own_traceback(call: Callable, tmp_path, returned, said) -> None:
+    own = tmp_path / "my_law.py"
+    own.write_text(
+        "import numpy as np\n\nclass Mine:\n    rate, memory_size = 100.0, 0\n    def start(self):\n"
+        "        return np.zeros(0)\n    def step(self, memory, observation):\n        command = np.zeros(5)\n"
+        f"        return {returned}\n"
+    )
+    result = call("run", "turn_swing", *SHORT, "--law", f"{own}:Mine")
+    assert result.exit_code == 2
+    assert said in result.stderr.splitlines()[-1]
+    assert "simulation.py" not in result.stderr
+
+
+def test_tail_that_never_swung_is_noted(call: Callable) -> None:
+    steered = (["--set", f"manoeuvre.steer_angle={angle}"] for angle in (0.05, 0.5))
+    little, far = (call("run", "turn_swing", "--speed", 1.5, *SHORT, *settings).stdout for settings in steered)
+    assert "note: the tail did not swing" in little
+    assert "note" not in far
+
+
 SLOW_TO_IMPORT = """
 import sys
 from aerodima.workbench.cli.program import main
