@@ -294,7 +294,7 @@ def _set_zero(scenario: str, path: Path, ports: CarPorts, wiring: WiringName, ar
 def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
     from aerodima.hardware.driving.held_car import run_watchdog_test
 
-    typer.echo("the motors are switched on and hold the tail where it is")
+    typer.echo("once you have typed arm, the motors hold the tail where it is")
     confirm, seen_by = _eyes(ports, wiring)
     _ask_to_arm(arm or seen_by == "emulator")
     record, path = run_watchdog_test(scenario, ports, wiring, confirm, seen_by)

@@ -102,7 +102,10 @@ class EntrySearch:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.fine <= self.step or not 0.0 < self.lowest <= self.start <= self.ceiling:
-            raise SweepError(f"{self}: allowed: 0 < fine <= step, 0 < lowest <= start <= ceiling")
+            raise SweepError(
+                f"--start {self.start:g}, --step {self.step:g}, --ceiling {self.ceiling:g}: allowed: "
+                f"step from {self.fine:g} m/s on, and {self.lowest:g} <= start <= ceiling"
+            )
         for name in ("start", "step", "ceiling", "lowest"):
             value = getattr(self, name)
             if not math.isclose(value, rounded(self.fine * round(value / self.fine)), rel_tol=1e-9):

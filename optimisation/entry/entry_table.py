@@ -45,7 +45,7 @@ _HEADER = (
         "worst car",
         "over low mass",
     ),
-    "over held or published",
+    *("over held or published", "most end by"),
 )
 
 
@@ -88,6 +88,7 @@ def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
         row: dict[str, Any] = {"manoeuvre": manoeuvre, "candidate": who, "number": len(own)}
         row |= {"without_entry": int(own[SPEED].isna().sum()), "at_ceiling": int(own["at_ceiling"].sum())}
         row["unknown"] = int(own["ended_by"].astype(str).str.startswith(UNKNOWN).sum())
+        row["ended_by"] = own["ended_by"].fillna("").astype(str).mode().iloc[0]
         row["median_m_per_s"] = float(known_speeds(own).median())
         row["median_course_rad"] = float(own["course_change_rad"].median())
         for label, gain in gains.items():
@@ -161,6 +162,7 @@ def _cells(summary: pd.DataFrame) -> list[tuple[str, ...]]:
             _percent(row["worst_over_no_tail"]),
             _percent(row["gain_over_low_mass"]),
             _percent(row["gain_over_better_tail"]),
+            row["ended_by"],
         )
         for row in summary.to_dict("records")
     ]

@@ -76,7 +76,8 @@ def write_report(
         shares = budget.drop(columns="fit").groupby("parameter", sort=False).median()
         shown = (100.0 * shares.loc[:, shares.max() >= _LEAST_SHARE]).round().astype(int).reset_index()
         words = (
-            "Percent of the variance, median over the fits; the rig's constants by its section uncertainty. Per fit in"
+            "Percent of the variance, median over the fits; the rig's constants by its section uncertainty. Noise "
+            "counts more than with exact constants, since the log helps to find them, too. Per fit in"
         )
         sections.append(Section("What the intervals are made of", [(words, Link("budget.csv")), _frame(shown)]))
     rig = pd.DataFrame([(key, value) for r in results for key, value in r.rig.items()], columns=["key", "value"])
@@ -139,7 +140,7 @@ def _estimates(results: Sequence[FitResult]) -> Table:
         for r in results
         for e in r.estimates
     ]
-    heads = ["fit", "quantity", "value (95 % interval)", "standard deviation", "of it by noise alone", "unit"]
+    heads = ["fit", "quantity", "value (95 % interval)", "standard deviation", "with exact constants", "unit"]
     return Table(heads, rows)
 
 

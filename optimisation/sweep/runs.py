@@ -273,7 +273,7 @@ def kept_runs(out: Path, engine: Engine, *, force: bool = False, progress: Progr
         runs = Runs(engine, store, progress)
         with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"):
             yield runs
-        progress(f"{runs.ran} runs made, the others were there")
+        progress(f"{runs.ran} runs made; {len(store.rows)} are in {out}")
 
 
 def _lost(task: RunTask) -> Row:

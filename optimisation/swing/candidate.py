@@ -188,6 +188,8 @@ def refuse_twice(names: Sequence[str], what: str) -> None:
 
 def _of_file(name: str, known: Iterable[str]) -> list[Candidate]:
     path = Path(name)
+    if ".py:" in name:
+        raise SweepError(f"candidate {name}: a class; allowed here: a name or a YAML file. Use --law {name}")
     if not path.suffix and not path.exists() and name not in shipped_names("swings"):
         close = nearest(name, [*known, *shipped_names("swings")])
         raise SweepError(f"candidate {name!r}: no such file, and none ships by this name; {close}")

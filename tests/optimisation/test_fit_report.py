@@ -60,7 +60,7 @@ def test_curves_have_their_residual_below() -> None:
 def test_every_parameter_of_every_fit_has_a_row_with_what_noise_alone_would_give(tmp_path: Path) -> None:
     write_report(tmp_path, "Robot tail", [result("logs/a.parquet", "cn"), result("Tables 11.4-11.7", "cn")])
     rows = cells((tmp_path / "report.html").read_text(encoding="utf-8"))
-    assert rows[0][3:5] == ["standard deviation", "of it by noise alone"]
+    assert rows[0][3:5] == ["standard deviation", "with exact constants"]
     assert rows[1] == ["a", "cn", "2.00 (1.80 .. 2.20)", "0.1", "0.04", "1"]
     assert rows[2][0] == "Tables 11.4-11.7"
     assert pd.read_csv(tmp_path / "fits.csv").cn_noise_std.tolist() == [0.04, 0.04]

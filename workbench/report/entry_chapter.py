@@ -92,15 +92,15 @@ def entry_chapter(shown: ShownEntry, run_logs: Mapping[str, RunLog]) -> list[Sec
     who = {one.name: one.words for one in shown.candidates}
     place = "manoeuvre == @shown.manoeuvre and car == @shown.car and floor == @shown.floor"
     there = _entries().query(place).set_index("candidate")[SPEED]
-    speeds = there.map("{:.2f} m/s".format).mask(there.isna(), "none")
-    captions = [f"{words}: {_ending(run_logs[name])} (entry speed {speeds[name]})" for name, words in who.items()]
-    case = f"{shown.manoeuvre} at {shown.speed_m_per_s:g} m/s, {shown.car} of {shown.ensemble}, friction {shown.floor}"
+    speeds = there.map("enters at {:.2f} m/s at most".format).mask(there.isna(), "completes it at no speed")
+    captions = [f"{words}: {_ending(run_logs[name])} ({speeds[name]})" for name, words in who.items()]
+    case = f"{shown.manoeuvre} at {shown.speed_m_per_s:g} m/s ({shown.car}, friction {shown.floor})"
     medians = entry_medians(shown.floor)
     rows = [[who.get(name, name), *row] for name, row in zip(medians.index, medians.to_numpy(), strict=True)]
     said = (
         "Medians in m/s over the cars that complete a manoeuvre, and how many do: two wheels of one side never lift by "
         "5 mm, only wheels touch the ground, the car goes straight again, and before that its mean lateral "
-        "acceleration is nearly that without a tail (docs/entry_speed.md). "
+        "acceleration is nearly that without a tail. "
         "The cars are few, each on its own floor, with a larger tail than was built, and ≥ says that climbs ended at "
         "their ceiling."
     )

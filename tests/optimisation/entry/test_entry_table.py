@@ -128,7 +128,7 @@ def test_lines_have_a_heading_per_manoeuvre_and_a_dash_for_what_is_not_known():
     table = made_up(NONE, rows("new", [2.1, 2.2, 2.3, 2.4, 1.9]))
     lines = entry_lines(summarise_entries(table))
     assert lines[1] == "turn"
-    assert " ".join(lines[-1].split()) == "new 2.20 29 0 of 5 0 0 +10.0 % -5.0 % to +20.0 % -5.0 % – –"
+    assert " ".join(lines[-1].split()) == "new 2.20 29 0 of 5 0 0 +10.0 % -5.0 % to +20.0 % -5.0 % – – two wheels"
 
 
 def test_page_says_the_fastest_first_and_has_a_picture_for_every_manoeuvre():
