@@ -89,7 +89,7 @@ def test_a_car_that_never_yaws_enough_has_no_entry_speed(limit):
 def test_speeds_off_the_grid_or_out_of_order_are_refused():
     with pytest.raises(SweepError, match=r"start 2\.03.*multiples of fine, 0\.05"):
         EntrySearch(start=2.03)
-    with pytest.raises(SweepError, match="allowed: step from 0.05 m.s on, and 1 <= start <= ceiling"):
+    with pytest.raises(SweepError, match=r"allowed: step from 0.05 m.s on, and 1 <= start <= ceiling"):
         EntrySearch(start=2.0, ceiling=1.5)
 
 
