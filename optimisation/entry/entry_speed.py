@@ -103,7 +103,7 @@ class EntrySearch:
     def __post_init__(self) -> None:
         if not 0.0 < self.fine <= self.step or not 0.0 < self.lowest <= self.start <= self.ceiling:
             raise SweepError(
-                f"--start {self.start:g}, --step {self.step:g}, --ceiling {self.ceiling:g}: allowed: "
+                f"start {self.start:g}, step {self.step:g}, ceiling {self.ceiling:g} m/s: allowed: "
                 f"step from {self.fine:g} m/s on, and {self.lowest:g} <= start <= ceiling"
             )
         for name in ("start", "step", "ceiling", "lowest"):

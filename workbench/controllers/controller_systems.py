@@ -69,7 +69,7 @@ class TailController(LeafSystem):
         idle: never ticks, and gives no command: for a car without tail, on which ticks cost time and have no effect.
 
     Raises:
-        UserError: rate or age limit out of range.
+        UserError: rate or age limit out of range; at a tick, a command that is not five finite numbers.
     """
 
     def __init__(
