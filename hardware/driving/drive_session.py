@@ -407,10 +407,10 @@ def _logged_run(drive: _Drive, journal: RunJournal, pilot: Pilot, mode: RadioMod
     except BaseException as error:
         guard.stop(f"{type(error).__name__}: {error}", time.monotonic(), hard=True)
         drive.car.stop(guard.reason)  # before anything else: writing a log may take its time
-        if isinstance(error, UserError) or not isinstance(error, Exception | TickTimeout):
+        if isinstance(error, HardwareError | LogError) or not isinstance(error, Exception | TickTimeout):
             raise
         text, guard.reason = traceback_and_reason(error)
-        drive.say(text)
+        drive.say(str(error) if isinstance(error, UserError) else text)
     finally:
         share = (time.process_time() - busy) / (time.monotonic() - begin)
         journal.add_facts({**log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns), "cpu_share": share})
