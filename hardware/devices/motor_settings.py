@@ -250,27 +250,21 @@ class MotorSafety(QuantityModel):
     rated_torque: float = quantity("N m", "torque that the winding bears for ever", gt=0, le=50)
     overload: float = quantity("N2 m2 s", "square of the torque above the rated one, over time", gt=0, le=1e5)
     overload_share: float = quantity("1", "of that at which the motor is switched off", gt=0, le=1)
-    follow_torque: float = quantity(
-        "N m", "commanded torque from which the reported one is compared with it", gt=0, le=25
-    )
+    follow_torque: float = quantity("N m", "commanded, from which the reported one is compared with it", gt=0, le=25)
     follow_share: float = quantity("1", "of the commanded torque that must be reported", gt=0, le=1)
     follow_time: float = quantity("s", "with less, after which the motor counts as not following", gt=0, le=1)
     torque_share: float = quantity("1", "of a command's torque, down or up, that belongs to it", gt=0, le=1)
     torque_margin: float = quantity("N m", "beyond these shares, of a torque that belongs to a command", gt=0, le=5)
     strange_replies: int = quantity("1", "replies in a row with a torque that belongs to no command", ge=1, le=100)
     tracking_error: float = quantity("rad", "between commanded and measured position", gt=0, le=3.2)
-    tracking_time: float = quantity(
-        "s", "beyond that error, not approaching, after which it counts as well", gt=0, le=5
-    )
+    tracking_time: float = quantity("s", "beyond that error, not approaching, after which it counts", gt=0, le=5)
     temperature_limit: float = quantity("degC", "warmest reading", gt=0, le=150)
     range_margin: float = quantity("rad", "how far beyond its range a joint may be measured", ge=0, le=1)
     jump_margin: float = quantity("rad", "how much more than its speed allows a reading may change", ge=0, le=1)
     ramp_speed: float = quantity("rad/s", "of the way from the measured position to the first command", gt=0, le=10)
     gain_ramp: float = quantity("s", "in which the gains come on", gt=0, le=5)
     missed_replies: int = quantity("1", "cycles in a row without a reply", ge=1, le=100)
-    reply_time: float = quantity(
-        "s", "in which a motor answers; shorter cycles are not counted as missed", ge=0, le=0.1
-    )
+    reply_time: float = quantity("s", "in which a motor answers; shorter cycles are never missed", ge=0, le=0.1)
     enter_replies: int = quantity("1", "replies to the neutral command before the motor is used", ge=1, le=100)
     enter_timeout: float = quantity("s", "for these replies", gt=0, le=5)
     probe_torque: float = quantity("N m", "most torque with which the direction is tried", gt=0, le=5)

@@ -63,12 +63,14 @@ class Manoeuvre:
         scenario: name or path.
         settings: overrides of it.
         rule: what the manoeuvre asks beside staying upright: enough lateral acceleration, or a path that is kept.
+        drivers: overrides of drivers; an entry speed is that of the best one for each candidate and car.
     """
 
     name: str
     scenario: str
     settings: tuple[str, ...] = ()
     rule: Literal["lateral", "path"] = "lateral"
+    drivers: tuple[tuple[str, ...], ...] = ((),)
 
 
 @dataclass(frozen=True)
@@ -337,7 +339,8 @@ def climb(
     refuse_twice([one.name for one in candidates], "candidate")
     refuse_twice([f"{car.name} on {floor.name}" for car, floor in cases], "case")
     search = search or EntrySearch()
-    places = [(manoeuvre, car, floor) for manoeuvre in manoeuvres for car, floor in cases]
+    driven = [replace(one, settings=(*one.settings, *driver)) for one in manoeuvres for driver in one.drivers]
+    places = [(manoeuvre, car, floor) for manoeuvre in driven for car, floor in cases]
     references = [_Climb(what, NO_TAIL, car, floor, search).below_top_speed() for what, car, floor in places]
     _drive(references, runs, NO_TAIL.name)
     climbs, others = [], []
@@ -351,7 +354,11 @@ def climb(
         climbs += [reference, *own]
         others += own
     _drive(others, runs, "tails")
-    return make_frame([one.as_row() for one in climbs])
+    best: dict[tuple[str, ...], _Climb] = {}
+    for one in climbs:
+        key = (one.manoeuvre.name, one.who.name, one.car.name, one.floor.name)
+        best[key] = max(best.get(key, one), one, key=lambda climbed: climbed.proved or 0.0)
+    return make_frame([one.as_row() for one in best.values()])
 
 
 def _drive(climbs: Sequence[_Climb], runs: Runs, stage: str) -> None:

@@ -22,15 +22,21 @@ from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 
+DRIVERS = tuple(
+    (f"manoeuvre.driver_preview={preview}", f"manoeuvre.driver_correction={correction}", f"manoeuvre.driver_lag={lag}")
+    for preview, correction, lag in ((0.28, 1.2, 0.1), (0.28, 2.4, 0.1), (0.28, 0.4, 0.15), (0.24, 0.8, 0.15))
+)
+"""Four of 90 drivers that together serve six reduced training cars best on both paths (no tail, low ballast, tail
+lying, feedback law)."""
 MANOEUVRES = {
     "turn": Manoeuvre("turn", "entry_turn"),
     "held-turn": Manoeuvre("held turn", "entry_held_turn"),
     "twice": Manoeuvre("twice", "entry_twice"),
     "twice-late": Manoeuvre("twice, 2 s apart", "entry_twice", ("manoeuvre.turn_gap=2.0", "manoeuvre.duration=6.5")),
     "fishhook": Manoeuvre("fishhook", "entry_fishhook"),
-    "lane-change": Manoeuvre("lane change", "entry_lane_change", rule="path"),
+    "lane-change": Manoeuvre("lane change", "entry_lane_change", rule="path", drivers=DRIVERS),
     "slalom": Manoeuvre("slalom", "entry_slalom"),
-    "corner": Manoeuvre("corner", "entry_corner", rule="path"),
+    "corner": Manoeuvre("corner", "entry_corner", rule="path", drivers=DRIVERS),
     "rising-steer": Manoeuvre("rising steer", "entry_rising_steer"),
 }
 """By the name that asks for one."""

@@ -13,18 +13,7 @@ import numpy as np
 
 from aerodima.optimisation.screening.compiled import run
 from aerodima.optimisation.screening.turns import course, heights
-from aerodima.optimisation.screening.vehicle_motion import (
-    RATES,
-    SPIN,
-    STATES,
-    TINY,
-    TRAVEL,
-    V,
-    W,
-    advance,
-    dot,
-    up,
-)
+from aerodima.optimisation.screening.vehicle_motion import RATES, SPIN, STATES, TINY, TRAVEL, V, W, advance, dot, up
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario

@@ -359,43 +359,32 @@ def test_published_swing_passes_without_a_fault():
     assert bench.motors[0].position == pytest.approx(math.pi / 2, abs=0.05)
 
 
-def test_replies_that_come_late_and_together_are_not_taken_for_a_second_motor(bench):
-    waiting = []
+class HeldUp:
+    """Replies that wait; of those that wait, `most` come at once."""
 
-    def held_up(frame):
-        waiting.append(frame)
-        return []
+    def __init__(self):
+        self._waiting, self.most = [], 0
 
-    def caught_up(frame):
-        waiting.append(frame)
-        answers = waiting[:2]
-        del waiting[:2]
+    def __call__(self, frame):
+        answers = [*self._waiting, frame][: self.most]
+        self._waiting = [*self._waiting, frame][self.most :]
         return answers
 
-    for respond, cycles in ((held_up, 4), (caught_up, 20)):
-        bench.fakes[1].respond = respond
-        bench.cycle(RUN, count=cycles)
+
+def test_replies_that_come_late_and_together_are_not_taken_for_a_second_motor(bench):
+    bench.fakes[1].respond = HeldUp()
+    bench.cycle(RUN, count=4)
+    bench.fakes[1].respond.most = 2
+    bench.cycle(RUN, count=20)
     assert bench.group.ready, bench.group.fault_text
 
 
 @pytest.mark.parametrize("late", [6, 12, 20])
 def test_replies_to_all_cycles_of_a_late_loop_that_come_at_once_are_not_taken_for_a_second_motor(bench, late):
-    waiting = []
-
-    def held_up(frame):
-        waiting.append(frame)
-        return []
-
-    def all_at_once(frame):
-        waiting.append(frame)
-        answers = waiting[:]
-        waiting.clear()
-        return answers
-
     bench.cycle(RUN, period=0.01 * late)
-    bench.fakes[1].respond = held_up
+    bench.fakes[1].respond = HeldUp()
     bench.cycle(RUN, count=late, period=5e-4)
-    bench.fakes[1].respond = all_at_once
+    bench.fakes[1].respond.most = late + 1
     bench.cycle(RUN, count=10)
     assert bench.group.ready, bench.group.fault_text
 

@@ -113,15 +113,25 @@ def test_full_workers_are_replaced_between_runs_none_lost_or_repeated(opened, ma
     )
 
 
-def test_worker_killed_in_the_middle_is_said_and_only_its_run_is_made_again(opened, marks, tmp_path):
+@pytest.mark.parametrize(
+    ("number", "kind", "words"),
+    [
+        (signal.SIGKILL, "lost", r"worker [01] \(process \d+\) was lost after \d runs .*; its run is made again$"),
+        (signal.SIGSTOP, "stopped", ".*has been stopped for 2 s"),
+    ],
+)
+def test_a_worker_killed_or_stopped_is_said_and_only_its_run_is_made_again(
+    opened, marks, tmp_path, monkeypatch, number, kind, words
+):
+    monkeypatch.setattr(dask_engine, "STOPPED_LOOKS", 2)
     engine, said = opened()
-    killer = once_running(marks, 4, lambda pid: os.kill(pid, signal.SIGKILL))
+    signals = once_running(marks, 4, lambda pid: os.kill(pid, number))
     assert engine.map(partial(leak, marks, 0, 0.3), range(12)) == [n * n for n in range(12)]
-    killer.join()
-    assert {number for number, pids in processes(marks).items() if len(pids) > 1} == {4}
+    signals.join()
+    assert {piece for piece, pids in processes(marks).items() if len(pids) > 1} == {4}
     (event,) = recorded(tmp_path)
-    assert (event["event"], event["process"]) == ("lost", processes(marks)[4][0])
-    assert re.match(r"worker [01] \(process \d+\) was lost after \d runs .*; its run is made again$", said[0])
+    assert (event["event"], event["process"]) == (kind, processes(marks)[4][0])
+    assert re.match(words, said[0])
 
 
 def test_result_that_dies_with_its_worker_is_made_again(opened, marks, tmp_path, monkeypatch):
@@ -214,18 +224,6 @@ def test_timeout_that_a_piece_raises_is_its_own_error(opened):
     engine, _ = opened(1)
     with pytest.raises(TimeoutError, match="piece 0 took too long"):
         engine.map(refuse_in_time, range(2))
-
-
-def test_stopped_worker_is_killed_and_its_run_made_again(opened, marks, tmp_path, monkeypatch):
-    monkeypatch.setattr(dask_engine, "STOPPED_LOOKS", 2)
-    engine, said = opened()
-    stopper = once_running(marks, 4, lambda pid: os.kill(pid, signal.SIGSTOP))
-    assert engine.map(partial(leak, marks, 0, 0.3), range(12)) == [n * n for n in range(12)]
-    stopper.join()
-    assert {number for number, pids in processes(marks).items() if len(pids) > 1} == {4}
-    (event,) = recorded(tmp_path)
-    assert (event["event"], event["process"]) == ("stopped", processes(marks)[4][0])
-    assert "has been stopped for 2 s" in said[0]
 
 
 def test_workers_that_dask_pauses_are_said_and_replaced_and_the_study_ends(opened, marks, tmp_path, monkeypatch):

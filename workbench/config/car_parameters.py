@@ -374,6 +374,8 @@ class ManoeuvreParameters(QuantityModel):
     corner_radius: float = quantity("m", "of the centre line of a corner", gt=0.05, le=100)
     corner_width: float = quantity("m", "of the lane of a corner", gt=0.05, le=20)
     driver_preview: float = quantity("s", "how far ahead the driver of a path looks", gt=0, le=10)
+    driver_correction: float = quantity("1", "share of missing curvature that driver adds", ge=0, le=10)
+    driver_lag: float = quantity("s", "time constant with which that driver notices it", ge=0, le=10)
     driver_delay: float = quantity("s", "reaction time of that driver", ge=0, le=1)
     driver_rate: float = quantity("rad/s", "steering rate of that driver's hands, at the wheels", gt=0, le=100)
     duration: float = quantity("s", "length of a run other than the AUTO sequence", gt=0, le=600)

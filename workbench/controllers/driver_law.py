@@ -118,11 +118,6 @@ class FishhookDriver:
         return np.array([counter]), driven
 
 
-CORRECTION, LAG = 1.2, 0.1
-"""Share of the curvature that the car lacks by which the driver of a path steers more, and the time constant with which
-that is noticed, s. Without the lag the steering of a car on rigid tyres, which does at once what its wheels do, swings
-from side to side; without the share a car whose tyres slip leaves both paths at 2 m/s."""
-
 SLOW = 0.5
 """m/s; of a slower car yaw rate over speed is noise of the gyro."""
 
@@ -133,7 +128,7 @@ class PathDriver:
 
     The driver knows its delay: it takes the place and course that the car will have when the steering acts, at the
     present speed and yaw rate, and wants the circle from there to the point of the centre line that is `preview` ahead.
-    It steers the kinematic bicycle onto that circle, and more by `CORRECTION` of the curvature that it lacks, since
+    It steers the kinematic bicycle onto that circle, and more by `correction` of the curvature that it lacks, since
     tyres that slip go along a wider one; past the grip of the front tyres more steering does not help. Without a pose
     the wheels stay straight.
 
@@ -143,6 +138,8 @@ class PathDriver:
         wheelbase: m.
         limit: largest steering angle, rad.
         preview: s.
+        correction: share of the curvature that the car lacks by which the driver steers more; `lag`, time constant with
+            which that is noticed, s. Without the lag the steering of a car on rigid tyres swings from side to side.
         delay: s, rounded to ticks.
         steering_rate: of the hands, as an angle of the wheels, rad/s.
         rate: ticks per second, Hz.
@@ -153,6 +150,8 @@ class PathDriver:
     wheelbase: float
     limit: float
     preview: float
+    correction: float
+    lag: float
     delay: float
     steering_rate: float
     rate: float
@@ -170,8 +169,8 @@ class PathDriver:
         if known:
             bent = seen.yaw_rate / seen.speed if seen.speed > SLOW and math.isfinite(seen.yaw_rate) else 0.0
             curvature = self.wanted_curvature(seen, bent)
-            missing += (curvature - bent - missing) / (1.0 + LAG * self.rate)
-            wanted = math.atan(self.wheelbase * (curvature + CORRECTION * missing))
+            missing += (curvature - bent - missing) / (1.0 + self.lag * self.rate)
+            wanted = math.atan(self.wheelbase * (curvature + self.correction * missing))
             station = float(self.path.station(x, y))
         queue = np.append(memory[2:], min(max(wanted, -self.limit), self.limit))
         most = self.steering_rate / self.rate
@@ -218,6 +217,8 @@ def make_driver(scenario: Any) -> DriverLaw:
             scenario.car.wheelbase,
             manoeuvre.steer_angle,
             manoeuvre.driver_preview,
+            manoeuvre.driver_correction,
+            manoeuvre.driver_lag,
             manoeuvre.driver_delay,
             manoeuvre.driver_rate,
             scenario.controller.rate,

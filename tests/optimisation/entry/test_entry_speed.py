@@ -1,6 +1,7 @@
 """Climbs on made-up cars, whose failures are known; and one on a real car."""
 
 import math
+from dataclasses import replace
 
 import pandas as pd
 import pytest
@@ -200,6 +201,14 @@ def test_entry_speeds_are_those_that_the_fine_step_bears_out():
     assert (held["found_m_per_s"], held["entry_speed_m_per_s"]) == (2.8, 2.7)
     assert (held["ended_by"], held["proved"], held["at_ceiling"]) == ("two wheels", True, False)
     assert (held["car"], held["floor"], held["manoeuvre"]) == ("light", "own", "turn")
+
+
+def test_of_several_drivers_each_candidate_has_its_best_one():
+    """Heavy steering lifts at any speed: the first driver serves no candidate, the second one all of them."""
+    poor, good = ("car.mass=7.5",), ("car.mass=6.5",)
+    table, engine = entries([HELD], manoeuvres=[replace(TURN, drivers=(poor, good))])
+    assert list(table["entry_speed_m_per_s"]) == [2.3, 2.7]
+    assert {setting for task in engine.tasks for setting in task.settings} >= {*poor, *good}
 
 
 def test_a_tail_that_turns_less_needs_as_much_speed_more():

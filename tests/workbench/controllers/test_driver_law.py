@@ -7,7 +7,6 @@ import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.driver_law import (
-    CORRECTION,
     FishhookDriver,
     PathDriver,
     ScheduledDriver,
@@ -187,7 +186,7 @@ def test_path_driver_steers_more_when_the_car_lacks_curvature():
             memory, given = law.step(memory, seen)
         steered[share] = math.tan(given.steering_angle) * law.path.radius / 0.27
     assert steered[1.0] == pytest.approx(1.0, abs=1e-3), "the angle of the kinematic car on this circle"
-    assert steered[0.5] == pytest.approx(1.0 + 0.5 * CORRECTION, abs=1e-3), "after ten time constants"
+    assert steered[0.5] == pytest.approx(1.0 + 0.5 * law.correction, abs=1e-3), "after ten time constants"
 
 
 def test_a_car_on_rigid_tyres_is_not_steered_from_side_to_side():
