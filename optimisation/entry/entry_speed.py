@@ -63,7 +63,7 @@ class Manoeuvre:
         scenario: name or path.
         settings: overrides of it.
         rule: what the manoeuvre asks beside staying upright: enough lateral acceleration, or a path that is kept.
-        drivers: overrides of drivers; an entry speed is that of the best one for each candidate and car.
+        drivers: overrides of drivers; a speed is completed where one of them completes it.
     """
 
     name: str
@@ -201,16 +201,20 @@ def failed_rule(row: Mapping[str, Any], rule: Literal["lateral", "path"], figure
 
 
 class _Run(NamedTuple):
-    """What failed in a run, its mean lateral acceleration, m/s2, and its change of course, rad; NaN without."""
+    """What failed in a run, mean lateral acceleration, m/s2, change of course, rad (NaN without), and its driver."""
 
     failed: str
     figure: float
     course: float = math.nan
+    driver: str = ""
 
 
 @dataclass
 class _Climb:
-    """One climb: who drives what and where, and its runs by speed, m/s, at the ordinary and at the fine step."""
+    """One climb: who drives what and where, and its runs by speed, m/s, at the ordinary and at the fine step.
+
+    The drivers of a manoeuvre try a speed in turn, the last one that completed a speed first.
+    """
 
     manoeuvre: Manoeuvre
     who: Candidate
@@ -220,6 +224,8 @@ class _Climb:
     least: float = -math.inf
     coarse: dict[float, _Run] = field(default_factory=dict)
     fine: dict[float, _Run] = field(default_factory=dict)
+    driver: int = 0
+    failures: int = 0
 
     @cached_property
     def without_tail(self) -> tuple[str, ...]:
@@ -242,17 +248,24 @@ class _Climb:
     def task(self, speed: float, step: float) -> RunTask:
         """A run at a speed, m/s, with a step of the plant, s."""
         tail = (*self.who.at(speed), *self.ballast)
-        settings = (*self.without_tail, *step_settings(step), *tail, f"{SPEED}={speed!r}")
+        driver = self.manoeuvre.drivers[self.driver]
+        settings = (*self.without_tail, *driver, *step_settings(step), *tail, f"{SPEED}={speed!r}")
         name = f"{self.manoeuvre.name} {self.who.name} {self.car.name} {self.floor.name} {speed:g}"
         return RunTask(name, self.manoeuvre.scenario, settings, law=self.who.law)
 
-    def run_of(self, row: Mapping[str, Any]) -> _Run:
-        """What the row of a run comes to."""
+    def note(self, kept: dict[float, _Run], speed: float, row: Mapping[str, Any]) -> None:
+        """Keeps what the row of a run comes to where it is completed, or where no driver is left."""
         figure, course = (
             math.nan if (value := row.get(name)) is None else float(value)
             for name in ("lateral_acceleration_m_per_s2", "course_change_rad")
         )
-        return _Run(failed_rule(row, self.manoeuvre.rule, figure, self.least), figure, course)
+        drivers, failed = self.manoeuvre.drivers, failed_rule(row, self.manoeuvre.rule, figure, self.least)
+        run = _Run(failed, figure, course, " ".join(drivers[self.driver]))
+        self.failures += 1
+        if failed:
+            self.driver = (self.driver + 1) % len(drivers)
+        if not failed or self.failures == len(drivers):
+            kept[speed], self.failures = run, 0
 
     def climbing(self) -> float | None:
         """Next speed at the ordinary step, m/s."""
@@ -303,6 +316,7 @@ class _Climb:
             "course_change_rad": math.nan if self.proved is None else self.fine[self.proved].course,
             "proved": self.proved is not None,
             "found_m_per_s": math.nan if self.found is None else self.found,
+            "driver": "" if self.proved is None else self.fine[self.proved].driver,
             "runs": len(self.coarse) + len(self.fine),
         }
 
@@ -339,26 +353,21 @@ def climb(
     refuse_twice([one.name for one in candidates], "candidate")
     refuse_twice([f"{car.name} on {floor.name}" for car, floor in cases], "case")
     search = search or EntrySearch()
-    driven = [replace(one, settings=(*one.settings, *driver)) for one in manoeuvres for driver in one.drivers]
-    places = [(manoeuvre, car, floor) for manoeuvre in driven for car, floor in cases]
+    places = [(manoeuvre, car, floor) for manoeuvre in manoeuvres for car, floor in cases]
     references = [_Climb(what, NO_TAIL, car, floor, search).below_top_speed() for what, car, floor in places]
     _drive(references, runs, NO_TAIL.name)
     climbs, others = [], []
     for reference in references:
         share = LEAST_SHARE * reference.most if reference.manoeuvre.rule == "lateral" else -math.inf
         own = [
-            replace(reference, who=who, least=share, coarse={}, fine={})
+            replace(reference, who=who, least=share, coarse={}, fine={}, driver=0)
             for who in candidates
             if who.name != NO_TAIL.name
         ]
         climbs += [reference, *own]
         others += own
     _drive(others, runs, "tails")
-    best: dict[tuple[str, ...], _Climb] = {}
-    for one in climbs:
-        key = (one.manoeuvre.name, one.who.name, one.car.name, one.floor.name)
-        best[key] = max(best.get(key, one), one, key=lambda climbed: climbed.proved or 0.0)
-    return make_frame([one.as_row() for one in best.values()])
+    return make_frame([one.as_row() for one in climbs])
 
 
 def _drive(climbs: Sequence[_Climb], runs: Runs, stage: str) -> None:
@@ -368,7 +377,7 @@ def _drive(climbs: Sequence[_Climb], runs: Runs, stage: str) -> None:
         while wanted := [(one, speed) for one in climbs if (speed := following(one)) is not None]:
             rows = runs.rows([one.task(speed, step) for one, speed in wanted])
             for (one, speed), row in zip(wanted, rows, strict=True):
-                getattr(one, kept)[speed] = one.run_of(row)
+                one.note(getattr(one, kept), speed, row)
 
     runs.stage = stage
     rounds(_Climb.climbing, STEP, "coarse")

@@ -26,7 +26,7 @@ LANES = 8 if llvm.get_host_cpu_features().get("avx512f") else 4
 
 
 def run(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -> list[FloatArray]:
-    """Steps the cars of a batch: compiled, and in NumPy where complex steps pass through.
+    """Steps the cars of a batch in compiled code.
 
     Args:
         batch: `batch.step(*numbers)` replaces arrays of the batch, or of objects that it consists of, and returns
@@ -50,25 +50,11 @@ def run(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -
         raise ValueError(f"cars: {sorted({array.shape[-1] for array in arrays})}; one number, at least 1, is needed")
     if not len(ticks):
         return []
-    if any(np.iscomplexobj(array) for array in arrays):
-        return run_in_numpy(batch, ticks, *given, keep=keep)
     layout = (value.shape[:-1] if isinstance(value, np.ndarray) else ("constant", value) for value in values)
     key = (type(batch), len(given), *layout)
     if key not in _COMPILED:
         _COMPILED[key] = Compiled(batch, len(given))
     return _COMPILED[key](batch, np.stack([ticks, *given], axis=-1).astype(float), keep)
-
-
-def run_in_numpy(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -> list[FloatArray]:
-    """Does the same as `run` in NumPy, which is what `run` compiles."""
-    kept = []
-    for tick, *numbers in zip(ticks, *given, strict=True):
-        if tick:
-            batch.tick(*numbers)
-        found = batch.step(*numbers)
-        if keep:
-            kept.append(found)
-    return [np.array(values) for values in zip(*kept, strict=True)]
 
 
 def _attributes(batch: Any, known: set[int]) -> Iterator[tuple[dict[str, Any], str]]:

@@ -19,7 +19,7 @@ from aerodima.workbench.errors import UserError
 
 @dataclass(frozen=True)
 class PlayedRoll:
-    """Knots of n tails in a turn to the left; the last axis of every field is the car, and complex steps pass through.
+    """Knots of n tails in a turn to the left; the last axis of every field is the car.
 
     Attributes:
         plays: 1 where a tail follows its knots, 0 where the law is another one.
@@ -53,11 +53,11 @@ class PlayedRoll:
         pieces = np.stack(ends, axis=1)  # (knots - 1, 6, n)
         piece = pieces[0]
         for number in range(1, len(pieces)):
-            piece = np.where(self.time[number].real <= time, pieces[number], piece)
+            piece = np.where(self.time[number] <= time, pieces[number], piece)
         begin, end, roll, next_roll, rate, next_rate = piece
         share = np.clip((time - begin) / (end - begin), 0.0, 1.0)
         value, slope = cubic(share, end - begin, (roll, next_roll), (rate, next_rate))
-        return value, np.where((time < 0.0) | (time > self.time[-1].real), 0.0, slope)
+        return value, np.where((time < 0.0) | (time > self.time[-1]), 0.0, slope)
 
 
 COMMON = {"start": "manoeuvre.turn_start, s", "rate": "controller.rate, Hz", "late": "imu.delay, ticks"}

@@ -56,7 +56,7 @@ class TurnRecord:
         self._cars, self._begun, self._straight = cars, state, straight
         self._limits = np.outer(list(_CALM_STATES.values()), np.ones(n))
         self._limits[-2:, cars.has_tail == 0.0] = np.inf
-        self._restless, self._settled = straight.real, np.full(n, np.nan)
+        self._restless, self._settled = straight, np.full(n, np.nan)
         self._left, self._around = np.full(n, np.nan), np.zeros((2, *state.shape))
         self.peak_roll, self.lowest_tail, self.lowest_board = np.zeros(n), np.full(n, np.inf), np.full(n, np.inf)
 
@@ -65,15 +65,15 @@ class TurnRecord:
         self.peak_roll = np.maximum(self.peak_roll, state[5])
         tail, board = heights(state, self._cars)
         self.lowest_tail, self.lowest_board = np.minimum(self.lowest_tail, tail), np.minimum(self.lowest_board, board)
-        leaves = np.isnan(self._left) & (time > self._straight.real) & (np.abs(state[14].real) < EXIT_YAW_RATE)
+        leaves = np.isnan(self._left) & (time > self._straight) & (np.abs(state[14]) < EXIT_YAW_RATE)
         self._left = np.where(leaves, time, self._left)
         self._around = np.where(leaves, np.stack([before, state]), self._around)
 
     def settle(self, time: Any, state: FloatArray, loads: FloatArray, busy: np.ndarray) -> None:
         """Decides who has settled, as in a log, by the loads of the wheels (4, n), N, and by whose law is busy."""
-        calm = np.logical_and.reduce(np.abs(state[_CALM_PLACES].real) <= self._limits)
-        loaded = np.logical_and.reduce(loads.real > LOADED_FORCE)
-        calm = calm & (up(state[4], state[5])[2].real > _COS_CALM) & loaded & ~busy
+        calm = np.logical_and.reduce(np.abs(state[_CALM_PLACES]) <= self._limits)
+        loaded = np.logical_and.reduce(loads > LOADED_FORCE)
+        calm = calm & (up(state[4], state[5])[2] > _COS_CALM) & loaded & ~busy
         self._restless = np.where(calm, self._restless, np.maximum(self._restless, time))
         first = np.isnan(self._settled) & (time - self._restless >= CALM_FOR - 1e-9)
         self._settled = np.where(first, state[3], self._settled)
@@ -93,9 +93,9 @@ class TurnRecord:
             rad. NaN without an exit.
         """
         (before, state), earlier = self._around, self._left - length
-        side = np.where(state[14].real < 0.0, -1.0, 1.0)
+        side = np.where(state[14] < 0.0, -1.0, 1.0)
         fall = side * (before[14] - state[14])
-        calm = np.where(fall.real > 0.0, (side * before[14] - EXIT_YAW_RATE) / np.where(fall == 0.0, 1.0, fall), 0.0)
+        calm = np.where(fall > 0.0, (side * before[14] - EXIT_YAW_RATE) / np.where(fall == 0.0, 1.0, fall), 0.0)
         share = np.clip(np.maximum(calm, (self._straight - earlier) / length), 0.0, 1.0)
         then, now = course(before, self._cars), course(state, self._cars)
         exit_course = then + share * (now - then)
@@ -111,7 +111,7 @@ def course(state: FloatArray, cars: Vehicles) -> FloatArray:
     """Of n cars (n), rad, less than half a turn from their heading."""
     yaw, pitch, roll = state[3:6]
     ahead, left = velocity_over_ground(state[RATES][V], state[RATES][W], roll, pitch, cars.com_x)
-    # Twice the half angle: there is no arctan2 of complex steps.
+    # Twice the half angle: `compiled.run` has no arctan2.
     return yaw + 2.0 * np.arctan(left / (np.sqrt(ahead * ahead + left * left + TINY) + ahead + TINY))
 
 
@@ -227,7 +227,7 @@ def drive_turns(
     """
     state = np.zeros((len(STATES), cars.count)) if begun is None else begun
     if begun is None:
-        state[6], state[7] = plans.pitch_angle.real, -plans.hold_angle.real
+        state[6], state[7] = plans.pitch_angle, -plans.hold_angle
     ticks = round(1.0 / (length * float(plans.rate[0])))
     begin = round(float(plans.start[0]) / length)
     first, end = 0 if begun is None else begin, begin + round(duration / length)
@@ -238,7 +238,7 @@ def drive_turns(
             ticked = (part % ticks == 0) | (part == first)
             kept.append(run(driven, ticked, (part - begin) * length, keep=history))
     state, loads, record = driven.state, driven.loads, driven.record
-    leaning = (np.arccos(np.clip(up(state[4], state[5])[2].real, -1.0, 1.0)) > END_TILT) & (loads <= 0.0).any(axis=0)
+    leaning = (np.arccos(np.clip(up(state[4], state[5])[2], -1.0, 1.0)) > END_TILT) & (loads <= 0.0).any(axis=0)
     survived = ~(driven.gone | leaning)
     return Turns(
         survived=survived,
@@ -297,7 +297,7 @@ class BatchLaw:
         self.trigger = np.where(begins, time, self.trigger)
         travelled = angle - self._start
         over = (travelled >= p.travel) | (elapsed >= p.stall_factor * p.travel / p.swing_speed)
-        over = np.where(p.played.plays > 0.0, elapsed >= p.played.time[-1].real, over)
+        over = np.where(p.played.plays > 0.0, elapsed >= p.played.time[-1], over)
         self._enter((before == SwingState.SWING) & over, SwingState.SETTLE, time, angle)
         self._commands = self._commanded(time)
 

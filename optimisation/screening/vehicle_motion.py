@@ -1,6 +1,6 @@
 """Equations of motion of many cars at once: a rigid body on four suspended wheels, with its tail on two joints.
 
-Pure functions of arrays without branches, whose last axis is the car; complex steps pass through. Body frame B and
+Pure functions of arrays without branches, whose last axis is the car. Body frame B and
 signs as everywhere (design section 4): x forward, y left, z up, roll +x, pitch +y (nose down), yaw and steering to the
 left; tail roll 0 = up, positive to the right.
 

@@ -299,7 +299,7 @@ def hermite(
 
 
 def cubic(share: NDArray, h: NDArray, positions: tuple[NDArray, NDArray], velocities: tuple[NDArray, NDArray]) -> Any:
-    """Value and derivative of the cubic between two knots; arrays of any shape, complex steps pass through.
+    """Value and derivative of the cubic between two knots; arrays of any shape.
 
     Args:
         share: of the interval that has gone by, 0 to 1.

@@ -71,7 +71,7 @@ def turn_course(run_log: RunLog) -> TurnCourse:
 def velocity_over_ground(
     v_WBo_B: FloatArray, w_WB_B: FloatArray, roll: FloatArray, pitch: FloatArray, com_x: Any
 ) -> tuple[FloatArray, FloatArray]:
-    """Velocity below the centre of mass, along the heading and to its left, m/s; complex steps pass through.
+    """Velocity below the centre of mass, along the heading and to its left, m/s.
 
     Args:
         v_WBo_B, w_WB_B: velocity of the origin of B and angular velocity, in B (3, ...), m/s and rad/s.

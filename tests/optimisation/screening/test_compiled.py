@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aerodima.optimisation.entry.feedback_search import gains_of
-from aerodima.optimisation.screening.compiled import LANES, Recording, _attributes, run, run_in_numpy
+from aerodima.optimisation.screening.compiled import LANES, Recording, _attributes, run
 from aerodima.optimisation.screening.entry_runs import Entering
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import Driven, drive_turns
@@ -96,6 +96,18 @@ def test_what_cannot_be_compiled_is_refused() -> None:
     for cars in (0, 3):
         with pytest.raises(ValueError, match="cars"):
             run(batch_of(lambda a, b: [a], a=np.ones((1, cars)), b=np.ones((1, 0))), ONCE)
+
+
+def run_in_numpy(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -> list[np.ndarray]:
+    """What `run` compiles."""
+    kept = []
+    for tick, *numbers in zip(ticks, *given, strict=True):
+        if tick:
+            batch.tick(*numbers)
+        found = batch.step(*numbers)
+        if keep:
+            kept.append(found)
+    return [np.array(values) for values in zip(*kept, strict=True)]
 
 
 def agree(batch: Any, ticks: np.ndarray, *given: np.ndarray) -> None:

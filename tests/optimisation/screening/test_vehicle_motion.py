@@ -168,17 +168,3 @@ def test_every_moment_has_its_sign() -> None:
     assert max(sail[3], sail[10]) < 0.0 < sail[2]  # drags, turns the car inwards, tail backwards
     rates = (acceleration(each, straight, tail_roll_rate=8.0, **ahead)[11] for each in (cars, still))
     assert next(rates) < next(rates)  # the air brakes a swing
-
-
-def test_complex_steps_give_the_slopes() -> None:
-    cars = cars_of()
-    state = state_of(v_x=4.5, w_z=2.0, roll=0.05, tail_roll=-0.7, tail_roll_rate=6.0, v_y=-0.3)
-    state[STATES.index("spin_front_left") : STATES.index("tail_pitch_rate")] = 66.0
-    commands = Commands(np.full((2, 1), 0.3), cars.speed / cars.rolling_radius, FREE)
-    for place in range(len(STATES)):
-        turn = np.zeros_like(state)
-        turn[place] = 1.0
-        exact = derivative(state + 1e-30j * turn, commands, cars).imag / 1e-30
-        ahead, behind = (derivative(state + side * 1e-6 * turn, commands, cars) for side in (1.0, -1.0))
-        size = 1.0 + np.abs(exact).max()
-        assert np.abs(exact - (ahead - behind) / 2e-6).max() < 1e-4 * size, STATES[place]
