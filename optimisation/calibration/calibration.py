@@ -9,8 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy.special import expit, log_expit, logit
-from scipy.stats import norm
+from scipy.special import expit, log_expit, log_ndtr, logit
 
 from aerodima.optimisation.calibration.emulator import METRICS, Emulator
 from aerodima.optimisation.calibration.turn_runs import Piece, prior_of, run_full, run_reduced, search_full
@@ -150,17 +149,19 @@ def log_likelihood(emulator: Emulator, figures: Sequence[Figure], cars: FloatArr
     The trigger of the thesis' law is the yaw rate up to which the inner wheels stay on the ground: a car whose wheel
     lifts below it is unlikely, with a width of `LIFT_WIDTH`.
     """
-    plan, total = emulator.prior.plan, np.zeros(len(cars))
+    plan = emulator.prior.plan
+    margins = {turn.name: emulator.margin(cars, turn) for turn in plan.turns}
+    total = emulator.log_outcomes(margins)
     for turn in plan.turns:
         own = [figure for figure in figures if figure.turn.name == turn.name]
         if turn.table:
-            values = emulator.values(cars, turn)
+            values = emulator.values(cars, turn, margins[turn.name])
             for figure in own:
                 total += log_density(emulator, figure, cars, values[:, METRICS.index(figure.metric)])
             if turn == (lift := lift_of(plan)).turn:
                 width = np.hypot(LIFT_WIDTH, emulator.deviation(lift))
-                total += norm.logcdf((values[:, METRICS.index(LIFT)] - lift.published) / width)
-    return total + emulator.log_outcomes(cars)
+                total += log_ndtr((values[:, METRICS.index(LIFT)] - lift.published) / width)
+    return total
 
 
 def log_density(emulator: Emulator, figure: Figure, cars: FloatArray, values: FloatArray | None = None) -> FloatArray:
@@ -173,7 +174,9 @@ def log_density(emulator: Emulator, figure: Figure, cars: FloatArray, values: Fl
     """
     values = emulator.value(cars, figure) if values is None else values
     spread = spread_of(emulator, figure, cars, values)
-    return norm.logpdf(figure.published, values, spread) + np.log(abs(figure.published))
+    off = (figure.published - values) / spread
+    found: FloatArray = -0.5 * off * off - np.log(spread * np.sqrt(2.0 * np.pi) / abs(figure.published))
+    return found
 
 
 def spread_of(emulator: Emulator, figure: Figure, cars: FloatArray, values: FloatArray) -> FloatArray:

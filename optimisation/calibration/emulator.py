@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_solve
-from scipy.special import logsumexp
+from scipy.special import log_ndtr
 from scipy.stats import norm
 
 from aerodima.optimisation.calibration.two_systems import FIGURES, FRICTION, LIFT, OF_THE_FIELD, CarPrior, Figure, Turn
@@ -29,7 +29,7 @@ RIDGES = np.logspace(0.0, 4.0, 9)
 CLOSEST = 0.005
 """Margin that counts as none."""
 NODES = np.linspace(-6.0, 6.0, 121)
-WEIGHTS = norm.logpdf(NODES) - logsumexp(norm.logpdf(NODES))
+WEIGHTS = np.log(norm.pdf(NODES) / norm.pdf(NODES).sum())[:, None]
 """Values of what the emulator misses of a car, over its deviation, and the logarithms of their weights."""
 
 
@@ -176,24 +176,24 @@ class Emulator:
             found[turn.name] = bool(margin > self.prior.plan.outcome_width[turn.tail] * rng.standard_normal())
         return found
 
-    def log_outcomes(self, cars: FloatArray) -> FloatArray:
-        """Logarithm of the probability (m) of how all turns of the plan ended.
+    def log_outcomes(self, margins: Mapping[str, FloatArray]) -> FloatArray:
+        """Logarithm of the probability (m) of how all turns of the plan ended, by their `margin` (m).
 
         What the emulator misses is one number for the turns of a car that differ in their speed alone.
         """
-        total = np.zeros(len(cars))
+        total: FloatArray = np.zeros(())
         for _, turns in groupby(sorted(self.prior.plan.turns, key=_kind), key=_kind):
-            joint = np.zeros((len(NODES), len(cars)))
+            joint: FloatArray = np.zeros(())
             for turn in turns:
                 missed = self.flip_deviation(turn) * NODES[:, None]
-                z = (self.margin(cars, turn) + missed) / self.prior.plan.outcome_width[turn.tail]
-                joint += norm.logcdf(z if turn.ends == "survived" else -z)
-            total += logsumexp(joint + WEIGHTS[:, None], axis=0)
+                z = (margins[turn.name] + missed) / self.prior.plan.outcome_width[turn.tail]
+                joint = joint + log_ndtr(z if turn.ends == "survived" else -z)
+            total = total + np.logaddexp.reduce(joint + WEIGHTS)
         return total
 
-    def values(self, cars: FloatArray, turn: Turn) -> FloatArray:
-        """`METRICS` of cars (m, n) in a turn (m, 6), each in its unit."""
-        inputs = _with_margin(self.prior.scaled(cars), self.margin(cars, turn))
+    def values(self, cars: FloatArray, turn: Turn, margin: FloatArray | None = None) -> FloatArray:
+        """`METRICS` of cars (m, n) in a turn (m, 6), each in its unit; `margin` (m) where it is known already."""
+        inputs = _with_margin(self.prior.scaled(cars), self.margin(cars, turn) if margin is None else margin)
         correction = self.corrections.get(turn.name)
         return self.figures[turn.name](inputs) + (0.0 if correction is None else correction(inputs))
 

@@ -192,7 +192,7 @@ def _car(scenario: Scenario) -> dict[str, Any]:
 
 def _bodies(scenario: Scenario) -> dict[str, Any]:
     """Mass properties of car and arm, from the full car."""
-    built = add_car_plant(DiagramBuilder(), scenario)
+    built = add_car_plant(DiagramBuilder(), scenario, drawn=False)
     plant, context = built.plant, built.plant.CreateDefaultContext()
 
     def inertia_of(frame: str, bodies: list[Any]) -> SpatialInertia:

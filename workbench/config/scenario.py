@@ -256,7 +256,7 @@ class ScenarioFile(StrictModel):
         if not separator or not all(parts) or len(parts) > 2:
             raise ScenarioError(f"--set {setting}: allowed is section.key=value, such as {cls.example}")
         try:
-            value = yaml.safe_load(text)
+            value = yaml.load(text, Loader=yaml.CSafeLoader)
         except yaml.YAMLError:
             raise ScenarioError(f"--set {setting}: {text!r} is not a value") from None
         if len(parts) == 1:

@@ -118,7 +118,8 @@ def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin: float) -> 
     errors = np.linspace(-6.0, 6.0, 20_001) * missed
     z = (errors + margin) / width
     expected = np.trapezoid(norm.pdf(errors, 0.0, missed) * norm.cdf(z) * norm.cdf(-z), errors)
-    assert np.exp(made.log_outcomes(car)[0]) == pytest.approx(expected, rel=0.01)
+    margins = {turn.name: made.margin(car, turn) for turn in made.prior.plan.turns}
+    assert np.exp(made.log_outcomes(margins)[0]) == pytest.approx(expected, rel=0.01)
     rng = np.random.default_rng(5)
     drawn = [made.draw_outcomes(car, rng) for _ in range(4000)]
     assert np.mean([ends[slow.name] and not ends[fast.name] for ends in drawn]) == pytest.approx(expected, abs=0.015)
