@@ -88,7 +88,7 @@ def judge(
         list[str] | None,
         typer.Option(
             help="turn, held-turn, twice, twice-late, fishhook, lane-change, slalom, corner, rising-steer; may be "
-            "repeated; by default the first, second and fifth.",
+            "repeated; by default the first, second, fifth and sixth.",
             autocompletion=lambda: _suite("MANOEUVRES"),
         ),
     ] = None,

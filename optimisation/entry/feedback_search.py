@@ -44,7 +44,7 @@ RANGES = {
     "feedback.pitch_angle": (-1.3, 0.6),
 }
 """Numbers that are free, in the units of `FeedbackParameters`."""
-RATIOS = np.arange(0.84, 3.2, 0.12)
+RATIOS = np.concatenate([np.arange(0.72, 1.2, 0.06), np.arange(1.2, 3.2, 0.12)])
 """Speeds of the climb of a law, over the entry speed of the car without tail."""
 SPEEDS_WITHOUT = np.arange(1.3, 6.05, 0.1)
 """m/s, of the climb of a car without tail; on a car that comes to its end a tail can gain nothing."""
@@ -119,7 +119,7 @@ def search_feedback(cases: Sequence[tuple[Member, EntryFloor]], tail: str, searc
     """
     runs.stage = "feedback law"
     chosen = {name: manoeuvres([name], tail)[0] for name in TRAINED_ON}
-    contents = {name: scenario_content(one.scenario, one.settings) for name, one in chosen.items()}
+    contents = {name: (*scenario_content(one.scenario, one.settings), one.drivers) for name, one in chosen.items()}
 
     cars = tuple((*car.settings_on("entry_turn"), *floor.settings) for car, floor in cases)
 
@@ -214,12 +214,12 @@ def screened_entries(screened: Screened) -> list[list[float]]:
     Raises:
         UserError: what the screening model does not know.
     """
-    scenario, vehicles, without, least = _reference(screened.manoeuvre, screened.tail, screened.cars)
+    drivers, vehicles, without, least = _reference(screened.manoeuvre, screened.tail, screened.cars)
     count, laws = vehicles.count, screened.laws
     which = np.tile(np.arange(count), len(laws))
-    gains = gains_of([law for law in laws for _ in range(count)], scenario)
+    gains = gains_of([law for law in laws for _ in range(count)], drivers[0])
     speeds = RATIOS[:, None] * without[which]
-    upright, figure = climb(vehicles.take(which), speeds, scenario, gains, np.ones(len(which)))
+    upright, figure = climb(vehicles.take(which), speeds, drivers, gains, np.ones(len(which)))
     held = np.cumprod(upright, axis=0) > 0
     turned = np.minimum(1.0, np.maximum(figure, 0.0) / (MARGIN * least[which])) ** LACK
     worth = np.max(np.where(held, RATIOS[:, None] * turned, 0.0), axis=0)
@@ -231,8 +231,8 @@ def screened_entries(screened: Screened) -> list[list[float]]:
 @lru_cache(maxsize=16)
 def _reference(
     manoeuvre: str, tail: str, cars: tuple[tuple[str, ...], ...]
-) -> tuple[Scenario, Vehicles, FloatArray, FloatArray]:
-    """Scenario of a manoeuvre, its cars with the tail, entry speeds without (n), m/s, and the least figures (n)."""
+) -> tuple[list[Scenario], Vehicles, FloatArray, FloatArray]:
+    """Drivers of a manoeuvre, its cars with the tail, entry speeds without (n), m/s, and the least figures (n)."""
     (chosen,) = manoeuvres([manoeuvre], tail)
     of_the_car = ("manoeuvre.kind=turn", "manoeuvre.turns=1", "manoeuvre.rolling_start=false", "manoeuvre.turn_start=2")
     still = ("manoeuvre.duration=4", f"manoeuvre.speed={CASE_SPEED!r}", *of_the_car)
@@ -241,14 +241,16 @@ def _reference(
         settings = [(*car, *chosen.settings, *who.settings, *still) for car in cars]
         return Vehicles.of([load_scenario(chosen.scenario, own) for own in settings])
 
-    scenario = load_scenario(chosen.scenario, (*chosen.settings, *FEEDBACK.settings))
+    settings = (*chosen.settings, *FEEDBACK.settings)
+    drivers = [load_scenario(chosen.scenario, (*settings, *driver)) for driver in chosen.drivers]
     none = vehicles(NO_TAIL)
     speeds = np.outer(SPEEDS_WITHOUT, np.ones(none.count))
-    upright, figure = climb(none, speeds, scenario, gains_of([{}] * none.count, scenario), np.zeros(none.count))
+    upright, figure = climb(none, speeds, drivers, gains_of([{}] * none.count, drivers[0]), np.zeros(none.count))
     held = np.cumprod(upright, axis=0) > 0
     last = np.maximum(np.sum(held, axis=0) - 1, 0)
-    least = LEAST_SHARE * np.max(np.where(held, figure, 0.0), axis=0, initial=MIN_FIGURE)
-    return scenario, vehicles(FEEDBACK), SPEEDS_WITHOUT[last], least
+    share = 1e-9 if chosen.rule == "path" else LEAST_SHARE
+    least = share * np.max(np.where(held, figure, 0.0), axis=0, initial=MIN_FIGURE)
+    return drivers, vehicles(FEEDBACK), SPEEDS_WITHOUT[last], least
 
 
 def gains_of(laws: Sequence[Mapping[str, float]], scenario: Scenario) -> Any:

@@ -40,7 +40,7 @@ MANOEUVRES = {
     "rising-steer": Manoeuvre("rising steer", "entry_rising_steer"),
 }
 """By the name that asks for one."""
-TRAINED_ON = ("turn", "held-turn", "fishhook")
+TRAINED_ON = ("turn", "held-turn", "fishhook", "lane-change")
 """Manoeuvres that a search of a law sees; all others, and the test cars, are never seen by one."""
 FEEDBACK = Candidate("feedback", ("tail.mode=swing", "controller.law=feedback"))
 _STILL = tuple(f"feedback.{gain}_gain=0" for gain in ("lean", "roll", "roll_rate", "yaw_rate"))

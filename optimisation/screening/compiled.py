@@ -209,7 +209,6 @@ class Symbols(np.ndarray):
 
     recording: Recording
     __array_priority__ = 1.0  # `np.concatenate` gives the class of the highest
-    real = property(lambda self: self)
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **others: Any) -> Any:
         """Records an elementwise function or a sum."""

@@ -1,10 +1,11 @@
-"""Manoeuvres of many reduced cars that begin rolling, steered open loop or as a fishhook, with the feedback law.
+"""Manoeuvres of many reduced cars that begin rolling, with the feedback law, steered open loop or by their driver.
 
 The law sees the IMU late, as on the full car, but without noise and bias, and the speed without delay.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
@@ -12,17 +13,18 @@ from typing import Any
 import numpy as np
 
 from aerodima.optimisation.screening.compiled import run
-from aerodima.optimisation.screening.turns import course, heights
+from aerodima.optimisation.screening.turns import heights, over_ground
 from aerodima.optimisation.screening.vehicle_motion import RATES, SPIN, STATES, TINY, TRAVEL, V, W, advance, dot, up
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.controllers.driver_law import PathDriver, ScheduledDriver, make_driver
+from aerodima.workbench.controllers.driver_law import Seen as SeenByDriver
 from aerodima.workbench.controllers.feedback_law import Seen, respond
-from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.controllers.manoeuvre import run_time
+from aerodima.workbench.controllers.paths import beyond_lane
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.tip_up import LAST, TWO_WHEELS
-from aerodima.workbench.metrics.turn_course import velocity_over_ground
 from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
 
 STEP = 0.002
@@ -32,6 +34,8 @@ STRAIGHT = 0.01
 TURN = 2.0 * np.pi
 LEAD = 0.1
 """s; of the straight before the steering so much is driven."""
+OUTLINE = 9
+"""Points along each edge of a car on a path."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class Entries:
 
     Attributes:
         upright: no two wheels of a side in the air, no tail on the ground, no board while the car is steered, not
-            flipped; and straight again at the end, as `optimisation.entry.entry_speed` asks.
+            flipped; and straight again at the end, or on its path to the end, as `optimisation.entry.entry_speed` asks.
         figure: mean lateral acceleration of the course to the side that is steered to, m/s2.
     """
 
@@ -57,23 +61,21 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
         gains: fields of `FeedbackParameters` as arrays (n).
         steers_tail: 1 where the law rolls the tail, 0 where its roll is held in the middle (n).
 
-    Raises:
-        UserError: a manoeuvre that follows a path.
     """
     plan, rate = scenario.manoeuvre, scenario.controller.rate
-    if plan.kind == "path":
-        raise UserError("manoeuvre.kind: path; the screening model knows: turn, fishhook, slalom, rising")
     entering, start = Entering(cars, scenario, gains, steers_tail), plan.turn_start - LEAD
-    steps, last, ticks = round((run_time(scenario) - start) / STEP), round(LAST / STEP), round(1.0 / (STEP * rate))
+    follows = plan.kind == "path"
+    length = 1.2 * np.max(entering.to_go / cars.speed) if follows else run_time(scenario) - start
+    steps, last, ticks = round(length / STEP), round(LAST / STEP), round(1.0 / (STEP * rate))
     index = np.arange(steps)
     ticked, time = index % ticks == 0, start + index * STEP
-    planned = np.zeros(steps)
-    if plan.kind != "fishhook":
-        schedule = make_schedule(scenario)
-        planned[ticked] = [schedule.at(one).steering_angle for one in time[ticked]]
+    planned, driver = np.zeros(steps), make_driver(scenario)
+    if isinstance(driver, ScheduledDriver):
+        planned[ticked] = [driver.schedule.at(one).steering_angle for one in time[ticked]]
     run(entering, ticked, time, planned, 1.0 * (time >= plan.turn_start), (index >= steps - last) / last)
     straight = np.isnan(entering.ending) | (np.abs(entering.ending) <= EXIT_YAW_RATE)  # NaN: it is steered to the end
-    return Entries(entering.upright & straight, entering.total / np.maximum(entering.steered, 1.0))
+    ends = entering.to_go <= 0.0 if follows else straight
+    return Entries(entering.upright & ends, entering.total / np.maximum(entering.steered, 1.0))
 
 
 class Entering:
@@ -84,26 +86,34 @@ class Entering:
 
     Attributes:
         state: (24, n).
-        upright, total, steered, ending: what `Entries` is made of (n).
+        upright, total, steered, ending, to_go: what `Entries` is made of (n).
 
     Args: as of `enter`.
     """
 
     def __init__(self, cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArray) -> None:
         plan, controller, n = scenario.manoeuvre, scenario.controller, cars.count
-        self._cars, self._gains, self._steers_tail, self._fishhook = cars, gains, steers_tail, plan.kind == "fishhook"
+        self._cars, self._gains, self._steers_tail = cars, gains, steers_tail
         numbers = [scenario.car.wheelbase, scenario.servo.rate, controller.hold_kp, controller.hold_kd]
-        numbers += [plan.turn_start, plan.steer_angle, plan.turn_hold, plan.counter_roll_rate]
-        self._wheelbase, self._servo_rate, kp, kd, *fishhook = np.outer(numbers, np.ones(n))
-        self._rate = controller.rate
-        self._start, self._angle, self._hold, self._counter_roll_rate = fishhook
+        self._wheelbase, self._servo_rate, kp, kd = np.outer(numbers, np.ones(n))
+        self._rate, self._half_width = controller.rate, cars.wheel[1, 0] + cars.edge + cars.tyre_half_width
+        driver: Any = make_driver(scenario)
+        self.to_go = np.zeros(n)
+        self._driver = None if isinstance(driver, ScheduledDriver) else driver
+        self._memory = np.repeat(driver.start()[:, None], n, axis=1)
+        if plan.kind == "path":
+            fields = {"begin": cars.speed * LEAD, "vehicle_width": 2.0 * self._half_width}
+            own = {name: fields[name] for name in fields if hasattr(driver.path, name)}
+            chosen = {name: np.full(n, getattr(driver, name)) for name in ("preview", "correction", "lag")}
+            self._driver = replace(driver, path=replace(driver.path, **own), **chosen)
+            self.to_go = self._driver.path.end + 0.0 * cars.speed
         self._pitch = np.stack([gains.pitch_angle, np.zeros(n), kp, kd])
         self.state, self._tail = np.zeros((len(STATES), n)), np.zeros((2, 4, n))
         self.state[RATES][V][0], self.state[RATES][SPIN] = cars.speed, cars.speed / cars.rolling_radius
         self.state[6] = gains.pitch_angle
         self._seen = np.zeros((1 + round(np.ceil(scenario.imu.delay * controller.rate - 1e-9)), 3, n))
         self._steering, self._command, self._reference, self._course = np.zeros((4, n))
-        self._counter, self._gone = np.full(n, np.inf), np.zeros(n, bool)
+        self._gone = np.zeros(n, bool)
         self.upright, (self.total, self.steered, self.ending) = np.ones(n, bool), np.zeros((3, n))
 
     def tick(self, time: Any, planned: Any, *_: Any) -> None:
@@ -116,15 +126,12 @@ class Entering:
         self._reference = self._steers_tail * found.reference
         swung = np.stack([self._reference, 0.0 * self._reference, self._gains.kp, self._gains.kd])
         self._tail = np.stack([self._pitch, swung]) * self._cars.has_tail
-        if not self._fishhook:
+        if self._driver is None:
             self._command = planned + 0.0 * self._command
         else:
-            reach = self._angle / self._servo_rate
-            falls = (time >= self._start + reach) & (roll_rate < self._counter_roll_rate) & (self._counter == np.inf)
-            self._counter = np.where(falls, time, self._counter)
-            first = np.where(time + 1e-9 >= self._start, self._angle, 0.0)
-            steered = np.where(time < self._counter, first, -self._angle)
-            self._command = np.where(time >= self._counter + 2.0 * reach + self._hold, 0.0, steered)
+            x, y, _, yaw = state[:4]
+            looks: Any = (time, (x, y), yaw, *over_ground(state, 0.0 * x), yaw_rate, roll_rate)
+            self._memory, self._command = self._driver.steer(self._memory, SeenByDriver(*looks))
 
     def step(self, time: Any, planned: Any, counts: Any, share: Any) -> None:
         """Drives one step and judges it."""
@@ -138,13 +145,16 @@ class Entering:
         self._gone = self._gone | (up(state[4], state[5])[2] < np.cos(FLIP_TILT))
         steers = np.abs(self._command) > STRAIGHT
         fine = (side <= TWO_WHEELS) & (sail > 0.0) & ((board > 0.0) | ~steers) & ~self._gone
+        if isinstance(self._driver, PathDriver):
+            path, pose = self._driver.path, (state[0], state[1], state[3])
+            self.to_go = np.minimum(self.to_go, path.end - path.station(*pose[:2]))
+            fine = fine & (beyond_lane(path, *pose, self._half_width, self._driver.wheelbase, OUTLINE) <= 0.0)
         self.upright = self.upright & (fine | (counts == 0.0))
         self.ending = self.ending + np.where(steers & (share > 0.0), np.nan, state[14] * share)
-        ahead, left = velocity_over_ground(state[RATES][V], state[RATES][W], state[5], state[4], cars.com_x)
-        now = course(state, cars)
+        now, speed = over_ground(state, cars.com_x)
         turned = now - self._course
         turned = (turned - TURN * np.rint(turned / TURN)) / STEP
-        to_side = np.where(self._command > 0.0, turned, -turned) * np.sqrt(ahead * ahead + left * left)
+        to_side = np.where(self._command > 0.0, turned, -turned) * speed
         self._course = np.where(counts > 0.0, now, 0.0)
         self.total = self.total + counts * np.where(steers, to_side, 0.0)
         self.steered = self.steered + counts * np.where(steers, 1.0, 0.0)
@@ -168,12 +178,13 @@ def wheel_lifts(state: FloatArray, cars: Vehicles, steering: FloatArray) -> Floa
 
 
 def climb(
-    cars: Vehicles, speeds: FloatArray, scenario: Scenario, gains: Any, steers_tail: FloatArray
+    cars: Vehicles, speeds: FloatArray, drivers: Sequence[Scenario], gains: Any, steers_tail: FloatArray
 ) -> tuple[np.ndarray, FloatArray]:
-    """Whether n cars stay upright at speeds (m, n), m/s, and their figures, (m, n) each; all runs at once."""
+    """Whether n cars stay upright at speeds (m, n), m/s, with one of the drivers, and their figures, (m, n) each."""
     which, speed = np.tile(np.arange(cars.count), len(speeds)), speeds.ravel()
     tried = cars.take(which)
     tried = replace(tried, speed=speed, slip_speed=tried.slip_speed * speed / tried.speed)  # of a slip angle
     own = SimpleNamespace(**{name: values[which] for name, values in vars(gains).items()})
-    found = enter(tried, scenario, own, steers_tail[which])
-    return found.upright.reshape(speeds.shape), found.figure.reshape(speeds.shape)
+    found = [enter(tried, driver, own, steers_tail[which]) for driver in drivers]
+    upright = np.logical_or.reduce([one.upright for one in found])
+    return upright.reshape(speeds.shape), found[0].figure.reshape(speeds.shape)

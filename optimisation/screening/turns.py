@@ -9,17 +9,7 @@ import numpy as np
 
 from aerodima.optimisation.screening.compiled import run
 from aerodima.optimisation.screening.turn_plans import TurnPlans
-from aerodima.optimisation.screening.vehicle_motion import (
-    RATES,
-    STATES,
-    TAIL_RATE,
-    TINY,
-    V,
-    W,
-    advance,
-    tail_axes,
-    up,
-)
+from aerodima.optimisation.screening.vehicle_motion import RATES, STATES, TAIL_RATE, TINY, V, W, advance, tail_axes, up
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.controllers.swing_law import SwingState
@@ -109,10 +99,15 @@ class TurnRecord:
 
 def course(state: FloatArray, cars: Vehicles) -> FloatArray:
     """Of n cars (n), rad, less than half a turn from their heading."""
+    return over_ground(state, cars.com_x)[0]
+
+
+def over_ground(state: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Course (n), rad, and speed (n), m/s, of the places x (n), m, of n cars."""
     yaw, pitch, roll = state[3:6]
-    ahead, left = velocity_over_ground(state[RATES][V], state[RATES][W], roll, pitch, cars.com_x)
-    # Twice the half angle: `compiled.run` has no arctan2.
-    return yaw + 2.0 * np.arctan(left / (np.sqrt(ahead * ahead + left * left + TINY) + ahead + TINY))
+    ahead, left = velocity_over_ground(state[RATES][V], state[RATES][W], roll, pitch, x)
+    speed = np.sqrt(ahead * ahead + left * left + TINY)
+    return yaw + 2.0 * np.arctan(left / (speed + ahead + TINY)), speed  # `compiled.run` has no arctan2
 
 
 def heights(state: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray]:

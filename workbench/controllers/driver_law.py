@@ -6,6 +6,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.controllers.manoeuvre import (
     TICK_TOLERANCE,
     DriverInput,
@@ -101,21 +102,24 @@ class FishhookDriver:
     sources: tuple[Source, ...] = ("imu",)
 
     def start(self) -> np.ndarray:
-        """See `DriverLaw`: the time of the counter-steer (1), NaN before."""
-        return np.array([math.nan])
+        """See `DriverLaw`: the time of the counter-steer (1), inf before."""
+        return np.array([math.inf])
 
     def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
         """See `DriverLaw`."""
-        now, reach, counter = seen.time + TICK_TOLERANCE, self.steer_angle / self.servo_rate, float(memory[0])
-        if math.isnan(counter) and now >= self.start_time + reach and self.side * seen.roll_rate < self.roll_rate:
-            counter = seen.time
-        if now < self.start_time or now >= counter + 2.0 * reach + self.hold:
-            angle = 0.0
-        else:
-            angle = self.steer_angle if math.isnan(counter) else -self.steer_angle
-        side = self.side if math.isnan(counter) else -self.side
-        driven = DriverInput(self.side * angle, self.ramp.throttle(seen.time), side)
-        return np.array([counter]), driven
+        memory, angle = self.steer(memory, seen)
+        side = self.side if math.isinf(memory[0]) else -self.side
+        return memory, DriverInput(float(angle), self.ramp.throttle(seen.time), side)
+
+    def steer(self, memory: FloatArray, seen: Seen) -> tuple[FloatArray, FloatArray]:
+        """New memory and angle, rad: of one car, or of many, whose last axis it is."""
+        now, reach, counter = seen.time + TICK_TOLERANCE, self.steer_angle / self.servo_rate, memory[0]
+        falls = (now >= self.start_time + reach) & (self.side * seen.roll_rate < self.roll_rate)
+        counter = np.where(falls, np.minimum(counter, seen.time), counter)
+        begun = np.where(now >= self.start_time, self.steer_angle, 0.0)
+        angle = np.where(seen.time < counter, begun, -self.steer_angle)
+        angle = np.where(now >= counter + 2.0 * reach + self.hold, 0.0, angle)
+        return np.stack([counter]), self.side * angle
 
 
 SLOW = 0.5
@@ -163,34 +167,39 @@ class PathDriver:
 
     def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
         """See `DriverLaw`."""
-        x, y = seen.position
-        known, (missing, before) = math.isfinite(x), memory[:2].tolist()
-        wanted, station = 0.0, -math.inf
-        if known:
-            bent = seen.yaw_rate / seen.speed if seen.speed > SLOW and math.isfinite(seen.yaw_rate) else 0.0
-            curvature = self.wanted_curvature(seen, bent)
-            missing += (curvature - bent - missing) / (1.0 + self.lag * self.rate)
-            wanted = math.atan(self.wheelbase * (curvature + self.correction * missing))
-            station = float(self.path.station(x, y))
-        queue = np.append(memory[2:], min(max(wanted, -self.limit), self.limit))
-        most = self.steering_rate / self.rate
-        angle = min(max(float(queue[0]), before - most), before + most)
-        driven = DriverInput(angle, self.ramp.throttle(seen.time), self.path.next_side(station))
-        return np.concatenate([[missing, angle], queue[1:]]), driven
+        if math.isfinite(seen.position[0]):
+            memory, angle = self.steer(memory, seen)
+            station = float(self.path.station(*seen.position))
+        else:
+            memory, angle = self._give(memory[0], 0.0 * memory[0], memory)
+            station = -math.inf
+        return memory, DriverInput(float(angle), self.ramp.throttle(seen.time), self.path.next_side(station))
 
-    def wanted_curvature(self, seen: Seen, bent: float) -> float:
+    def steer(self, memory: FloatArray, seen: Seen) -> tuple[FloatArray, FloatArray]:
+        """New memory and angle, rad, with a pose: of one car, or of many, whose last axis it is."""
+        moves = (seen.speed > SLOW) & ~np.isnan(seen.yaw_rate)
+        bent = np.where(moves, seen.yaw_rate, 0.0) / np.maximum(seen.speed, SLOW)
+        curvature = self.wanted_curvature(seen, bent)
+        missing = memory[0] + (curvature - bent - memory[0]) / (1.0 + self.lag * self.rate)
+        wanted = np.arctan(self.wheelbase * (curvature + self.correction * missing))
+        return self._give(missing, np.clip(wanted, -self.limit, self.limit), memory)
+
+    def _give(self, missing: Any, wanted: Any, memory: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Memory and angle, rad, once an angle is wanted."""
+        queue, most = np.concatenate([memory[2:], np.stack([wanted])]), self.steering_rate / self.rate
+        angle = np.clip(queue[0], memory[1] - most, memory[1] + most)
+        return np.concatenate([np.stack([missing, angle]), queue[1:]]), angle
+
+    def wanted_curvature(self, seen: Seen, bent: Any) -> Any:
         """Curvature (1/m) of the circle to the preview point, for a car with a pose that goes along `bent`, 1/m."""
         speed = seen.speed
         way = speed * self.delay
         course = seen.course + 0.5 * bent * way
-        x, y = seen.position[0] + way * math.cos(course), seen.position[1] + way * math.sin(course)
+        x, y = seen.position[0] + way * np.cos(course), seen.position[1] + way * np.sin(course)
         course = seen.course + bent * way
         x_ahead, y_ahead = self.path.centre(self.path.station(x, y) + speed * self.preview)
-        dx, dy = float(x_ahead) - x, float(y_ahead) - y
-        squared = dx * dx + dy * dy
-        if squared == 0.0:
-            return 0.0
-        return 2.0 * (math.cos(course) * dy - math.sin(course) * dx) / squared
+        dx, dy = x_ahead - x, y_ahead - y
+        return 2.0 * (np.cos(course) * dy - np.sin(course) * dx) / np.maximum(dx * dx + dy * dy, 1e-12)
 
 
 def make_driver(scenario: Any) -> DriverLaw:
@@ -199,30 +208,15 @@ def make_driver(scenario: Any) -> DriverLaw:
     Raises:
         UserError: speed out of reach, times that do not fit together.
     """
-    manoeuvre, servo = scenario.manoeuvre, scenario.servo
-    if manoeuvre.kind == "fishhook":
-        return FishhookDriver(
-            speed_ramp(scenario),
-            side_of(manoeuvre),
-            manoeuvre.steer_angle,
-            manoeuvre.turn_start,
-            manoeuvre.turn_hold,
-            manoeuvre.counter_roll_rate,
-            servo.rate,
-        )
-    if manoeuvre.kind == "path":
-        return PathDriver(
-            path_of(scenario),
-            speed_ramp(scenario),
-            scenario.car.wheelbase,
-            manoeuvre.steer_angle,
-            manoeuvre.driver_preview,
-            manoeuvre.driver_correction,
-            manoeuvre.driver_lag,
-            manoeuvre.driver_delay,
-            manoeuvre.driver_rate,
-            scenario.controller.rate,
-        )
+    given = scenario.manoeuvre
+    if given.kind == "fishhook":
+        times = (given.turn_start, given.turn_hold, given.counter_roll_rate, scenario.servo.rate)
+        return FishhookDriver(speed_ramp(scenario), side_of(given), given.steer_angle, *times)
+    if given.kind == "path":
+        eyes = (given.driver_preview, given.driver_correction, given.driver_lag)
+        hands = (given.driver_delay, given.driver_rate, scenario.controller.rate)
+        wheelbase = scenario.car.wheelbase
+        return PathDriver(path_of(scenario), speed_ramp(scenario), wheelbase, given.steer_angle, *eyes, *hands)
     return ScheduledDriver(make_schedule(scenario))
 
 

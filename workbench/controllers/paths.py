@@ -84,7 +84,7 @@ class LaneChange:
         """The three lanes if the first change goes to the left; mirrored otherwise."""
         ends = [self.begin + SCALE * sum(LENGTHS[:count]) for count in range(len(LENGTHS) + 1)]
         first, middle, last = (
-            max(share * self.vehicle_width + SCALE * more, SCALE * least) for share, more, least in WIDTHS
+            np.maximum(share * self.vehicle_width + SCALE * more, SCALE * least) for share, more, least in WIDTHS
         )
         edge = 0.5 * first
         beyond = edge + SCALE * OFFSET
@@ -114,8 +114,8 @@ class LaneChange:
 
     def outside(self, x: Any, y: Any) -> Any:
         """See `Path`."""
-        x, y = np.asarray(x, dtype=float), self.side * np.asarray(y, dtype=float)
-        beyond = np.full(np.broadcast(x, y).shape, -np.inf)
+        y = self.side * y
+        beyond: Any = -np.inf
         for lane in self.lanes:
             beside = (x >= lane.start) & (x <= lane.end)
             beyond = np.where(beside, np.maximum(y - lane.left, lane.right - y), beyond)
@@ -160,10 +160,10 @@ class Corner:
 
     def station(self, x: Any, y: Any) -> Any:
         """See `Path`."""
-        along, across = x - self.bend, self.side * np.asarray(y)
-        angle = np.clip(np.arctan2(along, self.radius - across), 0.0, 0.5 * math.pi)
-        straight = np.minimum(along, 0.0) + np.where(along > 0.0, np.maximum(across - self.radius, 0.0), 0.0)
-        return self.bend + np.where(along > 0.0, self.radius * angle, 0.0) + straight
+        along, left = x - self.bend, self.radius - self.side * y
+        angle = np.arctan(np.maximum(along, 0.0) / np.maximum(left, 1e-9))
+        straight = np.minimum(along, 0.0) + np.where(along > 0.0, np.maximum(-left, 0.0), 0.0)
+        return self.bend + self.radius * angle + straight
 
     def centre(self, station: Any) -> tuple[Any, Any]:
         """See `Path`."""
@@ -177,7 +177,7 @@ class Corner:
         """See `Path`; before the first and beyond the last cones there are none."""
         station = self.station(x, y)
         x_centre, y_centre = self.centre(station)
-        beyond = np.hypot(x - x_centre, y - y_centre) - 0.5 * self.width
+        beyond = np.sqrt((x - x_centre) ** 2 + (y - y_centre) ** 2) - 0.5 * self.width
         return np.where((station >= self.begin) & (station <= self.end), beyond, -np.inf)
 
     def next_side(self, station: float) -> float:
@@ -221,11 +221,15 @@ def off_path(path: Path, x: Any, y: Any, heading: Any, half_width: float, wheelb
     for name, values in zip(given, (x, y, heading), strict=True):
         if values.shape != x.shape or not np.isfinite(values).all():
             raise UserError(f"off_path: {name}: shape {values.shape}; allowed: finite numbers, shape {x.shape} as x")
-    share = np.linspace(0.0, 1.0, OUTLINE)
-    side, end = np.full(OUTLINE, half_width), half_width * (2.0 * share - 1.0)
-    ahead = wheelbase * np.concatenate([share, share, np.zeros(OUTLINE), np.ones(OUTLINE)])
-    across = np.concatenate([side, -side, end, end])
-    cosine, sine = np.cos(heading)[..., None], np.sin(heading)[..., None]
-    outline = x[..., None] + cosine * ahead - sine * across, y[..., None] + sine * ahead + cosine * across
-    farthest: FloatArray = np.max(path.outside(*outline), axis=-1)
+    return beyond_lane(path, x, y, heading, half_width, wheelbase, OUTLINE)
+
+
+def beyond_lane(path: Path, x: Any, y: Any, heading: Any, half_width: Any, wheelbase: float, points: int) -> FloatArray:
+    """As `off_path`, unchecked, with so many points along each edge."""
+    share, one = np.linspace(0.0, 1.0, points), np.ones(points)
+    ahead = wheelbase * np.concatenate([share, share, 0.0 * one, one])[:, None]
+    across = half_width * np.concatenate([one, -one, 2.0 * share - 1.0, 2.0 * share - 1.0])[:, None]
+    cosine, sine = np.cos(heading), np.sin(heading)
+    outline = x + cosine * ahead - sine * across, y + sine * ahead + cosine * across
+    farthest: FloatArray = np.maximum.reduce(path.outside(*outline))
     return farthest

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
+from aerodima.optimisation.entry.entry_speed import failed_rule
 from aerodima.optimisation.entry.feedback_search import (
     RANGES,
     LawSearch,
-    Screened,
     laws_at,
     score,
-    screened_entries,
     search_feedback,
     search_laws,
     shares_of,
@@ -51,8 +50,8 @@ def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre) -> None
     from aerodima.optimisation.entry.feedback_search import _reference, gains_of
 
     (chosen,) = manoeuvres([manoeuvre], "designed")
-    scenario, cars, _, _ = _reference(manoeuvre, "designed", (SETTINGS,))
-    upright, figure = climb(cars, np.array([[3.2]]), scenario, gains_of([{}], scenario), np.ones(1))
+    drivers, cars, _, _ = _reference(manoeuvre, "designed", (SETTINGS,))
+    upright, figure = climb(cars, np.array([[3.2]]), drivers, gains_of([{}], drivers[0]), np.ones(1))
     task = (*SETTINGS, *chosen.settings, *FEEDBACK.settings, "manoeuvre.speed=3.2")
     full = evaluate(RunTask("full", chosen.scenario, task))
     assert upright[0, 0]
@@ -64,17 +63,29 @@ def test_a_tail_that_stays_leant_is_no_completed_turn() -> None:
     """It returns at 0.01 rad/s, so that the car goes on turning after its wheels are straight."""
     from aerodima.optimisation.entry.feedback_search import _reference, gains_of
 
-    scenario, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
-    upright, _ = climb(cars, np.array([[3.2]]), scenario, gains_of([{}], scenario), np.ones(1))
+    drivers, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
+    upright, _ = climb(cars, np.array([[3.2]]), drivers, gains_of([{}], drivers[0]), np.ones(1))
     slow = {"feedback.return_speed": 0.01, "feedback.pitch_angle": 0.0, "feedback.roll_gain": 0.0}
-    leant, _ = climb(cars, np.array([[3.2]]), scenario, gains_of([slow], scenario), np.ones(1))
+    leant, _ = climb(cars, np.array([[3.2]]), drivers, gains_of([slow], drivers[0]), np.ones(1))
     assert upright[0, 0]
     assert not leant[0, 0]
 
 
-def test_a_manoeuvre_on_a_path_is_refused() -> None:
-    with pytest.raises(UserError, match="path; the screening model knows"):
-        screened_entries(Screened("corner", "designed", (SETTINGS,), ({},)))
+@pytest.mark.parametrize("manoeuvre", ["lane-change", "corner"])
+def test_reduced_cars_keep_to_a_path_up_to_the_speed_of_the_full_ones(manoeuvre) -> None:
+    """With the law and the first driver of the suite: 0.1 m/s below and above the reduced car's entry speed."""
+    from aerodima.optimisation.entry.feedback_search import _reference, gains_of
+
+    (chosen,) = manoeuvres([manoeuvre], "designed")
+    settings = (*SETTINGS, *floors(CARS, [1.2])[0][1].settings)
+    drivers, cars, _, _ = _reference(manoeuvre, "designed", (settings,))
+    speeds = np.arange(1.5, 3.5, 0.05)
+    fits, _ = climb(cars, speeds[:, None], drivers[:1], gains_of([{}], drivers[0]), np.ones(1))
+    entry = speeds[np.argmin(fits[:, 0]) - 1]
+    assert 1.8 < entry < 3.0
+    for speed, expected in ((entry - 0.1, {""}), (entry + 0.1, {"path", "two wheels"})):
+        words = (*settings, *chosen.settings, *chosen.drivers[0], *FEEDBACK.settings, f"manoeuvre.speed={speed:.2f}")
+        assert failed_rule(evaluate(RunTask("full", chosen.scenario, words)), "path", 0.0, 0.0) in expected
 
 
 @pytest.mark.slow
