@@ -1,4 +1,4 @@
-"""`aerodima swing search`, `judge`, `train` and `verify`: find laws and motions of the tail, judge them."""
+"""`aerodima swing search`, `judge`, `train`, `bound` and `verify`: find laws and motions of the tail, judge them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ TaskSettings = Annotated[list[str] | None, cli.setting("training=2 or speeds=[3.
 def register(app: typer.Typer) -> None:
     """Adds the group `swing`."""
     group = cli.command_group(app, "swing", "Search laws and motions of the tail, and judge their gain.", cli.SWINGS)
-    for command in (search, judge, train, verify):
+    for command in (search, judge, train, bound, verify):
         group.command()(command)
 
 
@@ -179,6 +179,38 @@ def train(
     write_candidates(path, [found], how, force=work.force)
     typer.echo(f"found: {path}")
     typer.echo(f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}")
+
+
+@cli.grouped
+def bound(
+    out: Annotated[Path, cli.written("Folder for bound.csv and the runs; a stopped search goes on in it.")],
+    work: cli.WorkOptions,
+    manoeuvre: Annotated[list[str] | None, typer.Option(help="lane-change or corner; by default both.")] = None,
+    ensemble: cli.Ensemble = "physical",
+    cars: Annotated[int, typer.Option(help="So many of the test cars.", min=1)] = 6,
+    floors: Floors = None,
+    tail: TailName = "designed",
+    seed: Annotated[int, typer.Option(help="Of the split of the cars.", min=0)] = 1,
+    starts: Annotated[int, typer.Option(help="Of the search of a motion.", min=1)] = 7,
+    generations: Annotated[int, typer.Option(help="Of a search, beside the first one.", min=0)] = 80,
+) -> None:
+    """Find what any motion of the tail can reach on a path.
+
+    The entry speed of reduced cars, each with its own motion and driver; other candidates have their own best driver.
+
+    Example: aerodima swing bound --manoeuvre corner --cars 1 --starts 1 --generations 3 --out out/bound
+    """
+    from aerodima.optimisation.entry import bound as bounds
+    from aerodima.optimisation.entry import suite
+    from aerodima.workbench.report.report_page import write_files
+
+    names = bounds.paths(manoeuvre or ())
+    cases = suite.floors(_first(workbench.load_ensemble(ensemble).split(seed).test, cars), floors or [1.0])
+    with runs_in(out, work) as runs:
+        table = bounds.search_bound(names, cases, tail, starts, generations, runs)
+    write_files(out, {"bound.csv": table}, error=SweepError)
+    typer.echo("\n".join(["entry speeds of reduced cars, m/s", table.to_string(index=False)]))
+    typer.echo(f"written: {out / 'bound.csv'}")
 
 
 def _first(there: Sequence[Member], number: int) -> tuple[Member, ...]:

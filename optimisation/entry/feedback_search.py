@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from aerodima.optimisation.entry.entry_speed import LEAST_SHARE, EntryFloor
+from aerodima.optimisation.entry.entry_speed import LEAST_SHARE, EntryFloor, Manoeuvre
 from aerodima.optimisation.entry.suite import FEEDBACK, TRAINED_ON, manoeuvres
 from aerodima.optimisation.screening.entry_runs import climb
 from aerodima.optimisation.screening.vehicles import Vehicles
@@ -234,23 +234,27 @@ def _reference(
 ) -> tuple[list[Scenario], Vehicles, FloatArray, FloatArray]:
     """Drivers of a manoeuvre, its cars with the tail, entry speeds without (n), m/s, and the least figures (n)."""
     (chosen,) = manoeuvres([manoeuvre], tail)
-    of_the_car = ("manoeuvre.kind=turn", "manoeuvre.turns=1", "manoeuvre.rolling_start=false", "manoeuvre.turn_start=2")
-    still = ("manoeuvre.duration=4", f"manoeuvre.speed={CASE_SPEED!r}", *of_the_car)
-
-    def vehicles(who: Candidate) -> Vehicles:
-        settings = [(*car, *chosen.settings, *who.settings, *still) for car in cars]
-        return Vehicles.of([load_scenario(chosen.scenario, own) for own in settings])
-
     settings = (*chosen.settings, *FEEDBACK.settings)
     drivers = [load_scenario(chosen.scenario, (*settings, *driver)) for driver in chosen.drivers]
-    none = vehicles(NO_TAIL)
+    none = reduced_cars(chosen, cars, NO_TAIL)
     speeds = np.outer(SPEEDS_WITHOUT, np.ones(none.count))
     upright, figure = climb(none, speeds, drivers, gains_of([{}] * none.count, drivers[0]), np.zeros(none.count))
     held = np.cumprod(upright, axis=0) > 0
     last = np.maximum(np.sum(held, axis=0) - 1, 0)
     share = 1e-9 if chosen.rule == "path" else LEAST_SHARE
     least = share * np.max(np.where(held, figure, 0.0), axis=0, initial=MIN_FIGURE)
-    return drivers, vehicles(FEEDBACK), SPEEDS_WITHOUT[last], least
+    return drivers, reduced_cars(chosen, cars, FEEDBACK), SPEEDS_WITHOUT[last], least
+
+
+def reduced_cars(chosen: Manoeuvre, cars: Sequence[tuple[str, ...]], who: Candidate) -> Vehicles:
+    """Cars by their settings with the tail of a manoeuvre and a candidate."""
+    of_the_car = ("manoeuvre.kind=turn", "manoeuvre.turns=1", "manoeuvre.rolling_start=false", "manoeuvre.turn_start=2")
+    still, scenarios = ("manoeuvre.duration=4", f"manoeuvre.speed={CASE_SPEED!r}", *of_the_car), []
+    for car in cars:
+        own = (*car, *chosen.settings)
+        ballast = () if who.ballast is None else who.ballast(load_scenario(chosen.scenario, own))
+        scenarios.append(load_scenario(chosen.scenario, (*own, *who.settings, *ballast, *still)))
+    return Vehicles.of(scenarios)
 
 
 def gains_of(laws: Sequence[Mapping[str, float]], scenario: Scenario) -> Any:

@@ -46,13 +46,33 @@ class Entries:
         upright: no two wheels of a side in the air, no tail on the ground, no board while the car is steered, not
             flipped; and straight again at the end, or on its path to the end, as `optimisation.entry.entry_speed` asks.
         figure: mean lateral acceleration of the course to the side that is steered to, m/s2.
+        driven: share of a path that lay behind the car at its first failure.
     """
 
     upright: np.ndarray
     figure: FloatArray
+    driven: FloatArray
 
 
-def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArray) -> Entries:
+@dataclass(frozen=True)
+class PathMotion:
+    """What n runs on a path know beforehand.
+
+    Attributes:
+        preview, correction, lag: of `PathDriver` (n).
+        roll, pitch: of the tail at places spread evenly over the path (k, n), rad; without any the law moves it.
+    """
+
+    preview: FloatArray
+    correction: FloatArray
+    lag: FloatArray
+    roll: FloatArray
+    pitch: FloatArray
+
+
+def enter(
+    cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArray, motion: PathMotion | None = None
+) -> Entries:
     """Drives n cars that begin rolling at their speeds through the manoeuvre of a scenario, to the left.
 
     Args:
@@ -60,10 +80,10 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
         scenario: of manoeuvre, servo, controller and IMU; wheelbase of all.
         gains: fields of `FeedbackParameters` as arrays (n).
         steers_tail: 1 where the law rolls the tail, 0 where its roll is held in the middle (n).
-
+        motion: on a path; without it the driver is that of the scenario.
     """
     plan, rate = scenario.manoeuvre, scenario.controller.rate
-    entering, start = Entering(cars, scenario, gains, steers_tail), plan.turn_start - LEAD
+    entering, start = Entering(cars, scenario, gains, steers_tail, motion), plan.turn_start - LEAD
     follows = plan.kind == "path"
     length = 1.2 * np.max(entering.to_go / cars.speed) if follows else run_time(scenario) - start
     steps, last, ticks = round(length / STEP), round(LAST / STEP), round(1.0 / (STEP * rate))
@@ -75,7 +95,8 @@ def enter(cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArra
     run(entering, ticked, time, planned, 1.0 * (time >= plan.turn_start), (index >= steps - last) / last)
     straight = np.isnan(entering.ending) | (np.abs(entering.ending) <= EXIT_YAW_RATE)  # NaN: it is steered to the end
     ends = entering.to_go <= 0.0 if follows else straight
-    return Entries(entering.upright & ends, entering.total / np.maximum(entering.steered, 1.0))
+    figure, driven = entering.total / np.maximum(entering.steered, 1.0), 1.0 - entering.left / entering.whole
+    return Entries(entering.upright & ends, figure, driven)
 
 
 class Entering:
@@ -86,27 +107,33 @@ class Entering:
 
     Attributes:
         state: (24, n).
-        upright, total, steered, ending, to_go: what `Entries` is made of (n).
+        upright, total, steered, ending, to_go, left, whole: what `Entries` is made of (n).
 
     Args: as of `enter`.
     """
 
-    def __init__(self, cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArray) -> None:
+    def __init__(
+        self, cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArray, motion: PathMotion | None = None
+    ) -> None:
         plan, controller, n = scenario.manoeuvre, scenario.controller, cars.count
         self._cars, self._gains, self._steers_tail = cars, gains, steers_tail
         numbers = [scenario.car.wheelbase, scenario.servo.rate, controller.hold_kp, controller.hold_kd]
         self._wheelbase, self._servo_rate, kp, kd = np.outer(numbers, np.ones(n))
         self._rate, self._half_width = controller.rate, cars.wheel[1, 0] + cars.edge + cars.tyre_half_width
         driver: Any = make_driver(scenario)
-        self.to_go = np.zeros(n)
+        self.to_go, self._roll, self._pitch_played = np.ones(n), np.zeros((0, n)), np.zeros((0, n))
         self._driver = None if isinstance(driver, ScheduledDriver) else driver
         self._memory = np.repeat(driver.start()[:, None], n, axis=1)
         if plan.kind == "path":
             fields = {"begin": cars.speed * LEAD, "vehicle_width": 2.0 * self._half_width}
             own = {name: fields[name] for name in fields if hasattr(driver.path, name)}
             chosen = {name: np.full(n, getattr(driver, name)) for name in ("preview", "correction", "lag")}
+            if motion is not None:
+                chosen = {name: getattr(motion, name) for name in chosen}
+                self._roll, self._pitch_played = motion.roll, motion.pitch
             self._driver = replace(driver, path=replace(driver.path, **own), **chosen)
             self.to_go = self._driver.path.end + 0.0 * cars.speed
+        self.whole = self.left = self.to_go
         self._pitch = np.stack([gains.pitch_angle, np.zeros(n), kp, kd])
         self.state, self._tail = np.zeros((len(STATES), n)), np.zeros((2, 4, n))
         self.state[RATES][V][0], self.state[RATES][SPIN] = cars.speed, cars.speed / cars.rolling_radius
@@ -125,7 +152,14 @@ class Entering:
         found = respond(self._gains, self._wheelbase, self._rate, self._reference, seen)
         self._reference = self._steers_tail * found.reference
         swung = np.stack([self._reference, 0.0 * self._reference, self._gains.kp, self._gains.kd])
-        self._tail = np.stack([self._pitch, swung]) * self._cars.has_tail
+        pitch = self._pitch
+        if len(self._roll):
+            share = np.clip(1.0 - self.to_go / self.whole, 0.0, 1.0)
+            pitch, swung = (
+                np.stack([between(share, places), *rest[1:]])
+                for places, rest in ((self._pitch_played, pitch), (self._roll, swung))
+            )
+        self._tail = np.stack([pitch, swung]) * self._cars.has_tail
         if self._driver is None:
             self._command = planned + 0.0 * self._command
         else:
@@ -150,6 +184,7 @@ class Entering:
             self.to_go = np.minimum(self.to_go, path.end - path.station(*pose[:2]))
             fine = fine & (beyond_lane(path, *pose, self._half_width, self._driver.wheelbase, OUTLINE) <= 0.0)
         self.upright = self.upright & (fine | (counts == 0.0))
+        self.left = np.where(self.upright, self.to_go, self.left)
         self.ending = self.ending + np.where(steers & (share > 0.0), np.nan, state[14] * share)
         now, speed = over_ground(state, cars.com_x)
         turned = now - self._course
@@ -158,6 +193,14 @@ class Entering:
         self._course = np.where(counts > 0.0, now, 0.0)
         self.total = self.total + counts * np.where(steers, to_side, 0.0)
         self.steered = self.steered + counts * np.where(steers, 1.0, 0.0)
+
+
+def between(share: FloatArray, places: FloatArray) -> FloatArray:
+    """Values (n) at shares (n) of the way between places (k, n) that are spread evenly over it."""
+    at = share * (len(places) - 1)
+    hats = [np.maximum(1.0 - np.abs(at - k), 0.0) * value for k, value in enumerate(places)]
+    found: FloatArray = np.sum(np.stack(hats), axis=0)
+    return found
 
 
 def wheel_lifts(state: FloatArray, cars: Vehicles, steering: FloatArray) -> FloatArray:
@@ -181,10 +224,14 @@ def climb(
     cars: Vehicles, speeds: FloatArray, drivers: Sequence[Scenario], gains: Any, steers_tail: FloatArray
 ) -> tuple[np.ndarray, FloatArray]:
     """Whether n cars stay upright at speeds (m, n), m/s, with one of the drivers, and their figures, (m, n) each."""
-    which, speed = np.tile(np.arange(cars.count), len(speeds)), speeds.ravel()
-    tried = cars.take(which)
-    tried = replace(tried, speed=speed, slip_speed=tried.slip_speed * speed / tried.speed)  # of a slip angle
+    which = np.tile(np.arange(cars.count), len(speeds))
+    tried = at_speeds(cars.take(which), speeds.ravel())
     own = SimpleNamespace(**{name: values[which] for name, values in vars(gains).items()})
     found = [enter(tried, driver, own, steers_tail[which]) for driver in drivers]
     upright = np.logical_or.reduce([one.upright for one in found])
     return upright.reshape(speeds.shape), found[0].figure.reshape(speeds.shape)
+
+
+def at_speeds(cars: Vehicles, speeds: FloatArray) -> Vehicles:
+    """The n cars at speeds (n), m/s: the slip speed of a tyre is that of its slip angle."""
+    return replace(cars, speed=speeds, slip_speed=cars.slip_speed * speeds / cars.speed)

@@ -1,0 +1,61 @@
+"""Bound of the entry speed on a path: its motion reaches the tail, and its command names what it cannot do."""
+
+import numpy as np
+import pytest
+
+from aerodima.optimisation.entry.bound import SEARCHED, paths, search_bound
+from aerodima.optimisation.entry.feedback_search import gains_of, reduced_cars
+from aerodima.optimisation.entry.suite import FEEDBACK, floors, manoeuvres
+from aerodima.optimisation.screening.entry_runs import Entering, PathMotion, at_speeds, between, enter
+from aerodima.optimisation.sweep.runs import Runs
+from aerodima.workbench.config.ensemble import load_ensemble
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import SweepError
+
+CAR = load_ensemble("physical").split(1).test[0]
+(CORNER,) = manoeuvres(["corner"], "designed")
+SCENARIO = load_scenario(CORNER.scenario, (*CORNER.settings, *FEEDBACK.settings))
+
+
+def motion_of(roll: float, pitch: float) -> PathMotion:
+    one = np.ones(1)
+    return PathMotion(0.28 * one, 1.2 * one, 0.1 * one, np.full((12, 1), roll), np.full((4, 1), pitch))
+
+
+def test_values_between_places_are_linear() -> None:
+    places = np.array([[0.0], [2.0], [1.0]])
+    assert [between(np.array([share]), places)[0] for share in (0.0, 0.25, 0.5, 0.75, 1.0)] == [0.0, 1.0, 2.0, 1.5, 1.0]
+
+
+def test_the_tail_goes_where_the_motion_says_and_the_path_is_counted_from_its_end() -> None:
+    car = at_speeds(reduced_cars(CORNER, [tuple(CAR.settings_on(CORNER.scenario))], FEEDBACK), np.array([1.6]))
+    gains = gains_of([{}], SCENARIO)
+    entering = Entering(car, SCENARIO, gains, np.ones(1), motion_of(0.5, -0.4))
+    for step in range(300):
+        if step % 5 == 0:
+            entering.tick(0.002 * step, 0.0)
+        entering.step(0.002 * step, 0.0, 1.0, 0.0)
+    assert entering.state[6:8, 0] == pytest.approx([-0.4, 0.5], abs=0.2)
+    assert entering.whole - entering.to_go == pytest.approx(1.6 * 0.6, rel=0.05)
+    slow = enter(car, SCENARIO, gains, np.ones(1), motion_of(0.0, -1.0))
+    fast = enter(at_speeds(car, np.array([4.0])), SCENARIO, gains, np.ones(1), motion_of(0.0, -1.0))
+    assert slow.upright[0]
+    assert slow.driven[0] > 0.95
+    assert not fast.upright[0]
+    assert 0.1 < fast.driven[0] < 0.9
+
+
+def test_the_bound_is_never_below_the_law_and_repeats() -> None:
+    cases = floors([CAR], [1.2])
+    table = search_bound(["corner"], cases, "designed", 1, 1, Runs())
+    assert list(table) == ["manoeuvre", "car", "floor", *SEARCHED]
+    (row,) = table.to_dict("records")
+    assert row["bound"] >= row["feedback"] > 1.5
+    assert row["low-ballast"] > 2.0
+    assert table.equals(search_bound(["corner"], cases, "designed", 1, 1, Runs()))
+
+
+def test_a_manoeuvre_without_a_path_has_no_bound() -> None:
+    assert paths() == ["lane-change", "corner"]
+    with pytest.raises(SweepError, match=r"manoeuvre 'turn': .*allowed: lane-change, corner"):
+        paths(["turn"])
