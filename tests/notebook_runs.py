@@ -25,7 +25,7 @@ SIGNATURE = "executed"
 VARIES, SOLUTION = "varies", "solution"
 """Tags of cells: output depends on the machine; answer to an exercise, folded."""
 COLOURS = 128
-SILENCE = 200
+SILENCE = 400
 """Longest time of a cell, s."""
 TOLERANCE = 0.01
 """Relative, of numbers in texts: other processors round other ways, and a run carries that on."""
