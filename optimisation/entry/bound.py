@@ -18,7 +18,7 @@ from aerodima.optimisation.entry.entry_speed import EntryFloor
 from aerodima.optimisation.entry.feedback_search import gains_of, reduced_cars
 from aerodima.optimisation.entry.suite import CANDIDATES, FEEDBACK, MANOEUVRES, manoeuvres
 from aerodima.optimisation.screening.entry_runs import PathMotion, at_speeds, enter
-from aerodima.optimisation.sweep.runs import Runs, make_frame
+from aerodima.optimisation.sweep.runs import Runs, make_frame, scenario_content
 from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
@@ -85,13 +85,13 @@ def search_bound(
     """
     runs.stage = "bound"
     wanted, places = [], []
-    for place in [(name, car, floor) for name in names for car, floor in cases]:
-        name, car, floor = place
+    for name, car, floor in [(name, *case) for name in names for case in cases]:
         settings = (*car.settings_on(MANOEUVRES[name].scenario), *floor.settings)
         for who, seed in [(one, seed) for one in SEARCHED for seed in range(starts if one == BOUND else OTHER_STARTS)]:
             wanted.append(BoundStart(name, tail, settings, who, seed, generations))
             places.append({"manoeuvre": MANOEUVRES[name].name, "car": car.name, "floor": floor.name, "who": who})
-    found = runs.call(best_speed, wanted, [content_key("bound", vars(one)) for one in wanted])
+    keys = [content_key("bound", vars(one), *scenario_content(MANOEUVRES[one.manoeuvre].scenario)) for one in wanted]
+    found = runs.call(best_speed, wanted, keys)
     table = make_frame([place | {"speed": speed} for place, speed in zip(places, found, strict=True)])
     best = table.groupby(["manoeuvre", "car", "floor", "who"], sort=False)["speed"].max().unstack(sort=False)
     best[BOUND] = best[[BOUND, "feedback"]].max(axis=1)
@@ -99,7 +99,10 @@ def search_bound(
 
 
 def best_speed(start: BoundStart) -> float:
-    """Highest speed up to which a start of the search finds the path kept, m/s; 0 where it finds none."""
+    """Highest speed at which a start of the search finds the path kept, m/s; 0 where it finds none.
+
+    A member of a generation keeps the path from 0.4 m/s below the best speed before that generation on.
+    """
     (chosen,), moves = manoeuvres([start.manoeuvre], start.tail), start.who == BOUND
     car = reduced_cars(chosen, [start.car], CANDIDATES.get(start.who, FEEDBACK))
     scenario = load_scenario(chosen.scenario, (*chosen.settings, *FEEDBACK.settings))
