@@ -1,8 +1,8 @@
 """A long study, and the memory of its workers all the while: `make soak`.
 
 Runs `turn_swing` many times on two workers with little memory, kills one worker and stops another on the way, writes
-the memory of every worker process over time to `memory.csv` (flat where Drake frees its systems, a saw-tooth where it
-keeps them for ever), and fails unless every run came to its end once and all runs came to the same.
+the memory of every worker process over time to `memory.csv`, and fails unless every run came to its end once and all
+runs came to the same.
 
 Example: python -m tests.soak --runs 60 --memory 0.5 --out out/soak
 """

@@ -10,7 +10,6 @@ import signal
 import threading
 import time
 import weakref
-from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -91,26 +90,6 @@ def test_quiet_work_says_nothing_and_leaves_no_record(opened, marks, tmp_path):
     work = partial(leak, marks, 0, 0.0)
     assert engine.map(work, range(20)) == Engine().map(work, range(20))
     assert (said, engine.events, recorded(tmp_path)) == ([], {}, [])
-
-
-def test_full_workers_are_replaced_between_runs_none_lost_or_repeated(opened, marks, tmp_path):
-    engine, said = opened()
-    told: list[int] = []
-    work = partial(leak, marks, 20 * MEGABYTE, 0.05)
-    assert engine.map(work, range(60), lambda place, result: told.append(place)) == [n * n for n in range(60)]
-    assert sorted(told) == list(range(60))
-    began = processes(marks)
-    assert all(len(pids) == 1 for pids in began.values())
-    lives = Counter(pids[0] for pids in began.values())
-    assert len(lives) >= 5
-    assert max(lives.values()) <= dask_cluster.REPLACE_AT * LIMIT / (20 * MEGABYTE)
-    events = recorded(tmp_path)
-    assert {event["event"] for event in events} == {"replaced"} == set(engine.events)
-    assert all(event["memory_bytes"] <= dask_cluster.REPLACE_AT * LIMIT for event in events)
-    assert [event["text"] for event in events] == said
-    assert re.match(
-        r"worker [01] \(process \d+\) is replaced after \d+ runs: it holds 0\.2\d of 0\.40 GB, 2\d MB", said[0]
-    )
 
 
 @pytest.mark.parametrize(

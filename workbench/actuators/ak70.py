@@ -9,7 +9,7 @@ from aerodima.workbench.config.car_parameters import TailMotorParameters
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
 from aerodima.workbench.plants.tail import ArmInertia, FrictionLaw, arm_inertia, smooth_friction
-from aerodima.workbench.systems.system_ports import vector_of
+from aerodima.workbench.systems.system_ports import vector_of, weakly
 
 ROLL = 1
 """Pitch and roll joint stand in this order."""
@@ -149,8 +149,8 @@ class MitMotor(LeafSystem):
         self._state = self.DeclareVectorInputPort("joint_state", 2)
         self._command = self.DeclareVectorInputPort("tail_command", TAIL_COMMAND.size)
         tickets = {self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("torque", 1, self._calc_torque, tickets)
-        self.DeclareVectorOutputPort("current", 1, self._calc_current, tickets)
+        self.DeclareVectorOutputPort("torque", 1, weakly(self._calc_torque), tickets)
+        self.DeclareVectorOutputPort("current", 1, weakly(self._calc_current), tickets)
 
     def _torque(self, context: Context) -> float:
         state = vector_of(self._state, context)

@@ -43,6 +43,7 @@ from aerodima.workbench.systems.system_ports import (
     period_of,
     system_template,
     vector_of,
+    weakly,
 )
 
 SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
@@ -121,7 +122,7 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
                 ("validity", layout.number, self._calc_validity),
                 ("wind_direction", 1, self._calc_wind_direction),
             ):
-                self.DeclareVectorOutputPort(name, size, calc, inputs)
+                self.DeclareVectorOutputPort(name, size, weakly(calc), inputs)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             plant = other._plant.ToScalarType[T]()

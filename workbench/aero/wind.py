@@ -13,7 +13,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from aerodima.workbench.aero.laws import check_above_zero, check_from_zero
 from aerodima.workbench.aero.sections import Jet
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.systems.system_ports import LeafSystem_, Stage, period_of, system_template
+from aerodima.workbench.systems.system_ports import LeafSystem_, Stage, period_of, system_template, weakly
 
 Vector3 = tuple[float, float, float]
 _CALM: Vector3 = (0.0, 0.0, 0.0)
@@ -91,8 +91,8 @@ def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
                 self.DeclarePeriodicDiscreteUpdateEvent(
                     period_of(1.0 / model.update_period, Stage.WIND), 0.0, self._update
                 )
-            self.DeclareVectorOutputPort("wind_velocity", 3, self._calc)
-            self.DeclareVectorOutputPort("wind_acceleration", 3, self._calc_acceleration)
+            self.DeclareVectorOutputPort("wind_velocity", 3, weakly(self._calc))
+            self.DeclareVectorOutputPort("wind_acceleration", 3, weakly(self._calc_acceleration))
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Impl._construct(self, other._model, converter)

@@ -132,10 +132,6 @@ def _ctrl_c_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-REPLACE_AT = 0.7
-"""Share of its memory limit that the next piece would fill: then a worker is replaced. Dask pauses at 0.8."""
-WORTH_REPLACING = 0.05
-"""Share of the limit that a worker's memory must have grown by; a worker that is full from the start stays."""
 ALL_GARBAGE = 100
 """So many pieces lie between two looks at everything in a worker that may be garbage; else only at what is new."""
 _pieces = itertools.count(1)
@@ -145,7 +141,7 @@ _GIGABYTE = 1.0e9
 
 @dataclass
 class Worker:
-    """What is known of one worker process; memory in bytes, `first` is that after its first piece."""
+    """What is known of one worker process; memory in bytes."""
 
     name: str
     threads: int
@@ -153,22 +149,10 @@ class Worker:
     has_nanny: bool
     pid: int = 0
     memory: float = 0.0
-    first: float = 0.0
     pieces: int = 0
     status: str = "running"
     stopped: int = 0
     idle: int = 0
-
-    @property
-    def per_piece(self) -> float:
-        """How much more memory each piece left behind, bytes."""
-        return (self.memory - self.first) / (self.pieces - 1) if self.pieces > 1 else 0.0
-
-    @property
-    def is_full(self) -> bool:
-        """Whether the next piece would fill the worker, and a new worker would have more room."""
-        grown = self.memory - self.first
-        return 0.0 < self.limit * WORTH_REPLACING < grown and self.memory + self.per_piece > REPLACE_AT * self.limit
 
     @property
     def held(self) -> str:

@@ -1,8 +1,6 @@
 """The engine on Dask workers: it hands out one piece per worker at a time, and looks after the workers meanwhile.
 
-Dask pauses a worker at 80 % of its memory, ends it at 95 %, and leaves the rest to us. On a Drake that never frees a
-Python system every run of the car adds some 4 MB, so a worker has a life of some hundreds of runs: it is replaced
-between two pieces, before it is so full that Dask would pause it.
+Dask pauses a worker at 80 % of its memory, ends it at 95 %, and leaves the rest to us: a paused worker is replaced.
 """
 
 from __future__ import annotations
@@ -17,14 +15,7 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from aerodima.workbench.batch.dask_cluster import (
-    Worker,
-    do_piece,
-    get_ready,
-    local_cluster,
-    quiet_logs,
-    remote_cluster,
-)
+from aerodima.workbench.batch.dask_cluster import Worker, do_piece, get_ready, local_cluster, quiet_logs, remote_cluster
 from aerodima.workbench.batch.engine import Engine, Item, Result, Standstill, WorkerRecord
 from aerodima.workbench.batch.row_store import ProgressLine, on_stderr
 from aerodima.workbench.errors import UserError
@@ -194,14 +185,6 @@ class DaskEngine(Engine):
         """One piece for every free thread; with `alone` one piece and nothing beside it."""
         for address, worker in list(self._workers.items()):
             busy = sum(address == where for where, _ in self._under_way.values())
-            if source and not busy and worker.is_full and worker.has_nanny:
-                self._replace(
-                    address,
-                    "replaced",
-                    f"{worker} is replaced after {worker.pieces} runs: it holds {worker.held}, "
-                    f"{worker.per_piece / 1e6:.2g} MB more with each",
-                )
-                continue
             while source and busy < worker.threads and worker.pid and worker.status == "running":
                 if alone and any(place is not None for _, place in self._under_way.values()):
                     return
@@ -253,7 +236,6 @@ class DaskEngine(Engine):
             if place is not None:
                 worker.pieces += 1
                 worker.memory = memory
-                worker.first = worker.first or memory
         if place is not None:
             self._worked = True
             self._still.ended(seconds)

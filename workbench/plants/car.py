@@ -21,13 +21,7 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import (
-    AddMultibodyPlantSceneGraph,
-    ContactModel,
-    CoulombFriction,
-    DiscreteContactApproximation,
-    MultibodyPlant,
-)
+from pydrake.multibody.plant import ContactModel, CoulombFriction, DiscreteContactApproximation, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
@@ -97,8 +91,7 @@ def add_car_plant(
     Raises:
         ModelError: a model file is missing or does not load with these numbers, or `tail.added_mass` is too negative.
     """
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, scenario.simulation.step)
-    plant.set_name("plant")
+    plant, scene_graph = add_plant(builder, scenario.simulation.step)
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -scenario.environment.gravity])
     _add_ground(plant, scenario.car.tyre_friction)
     car = parse_model(plant, car_sdf(scenario), drawn)
@@ -127,6 +120,20 @@ def add_car_plant(
         except ModelError as error:
             raise ModelError(f"tail.added_mass: {error}") from None
     return result
+
+
+def add_plant(builder: DiagramBuilder, step: float) -> tuple[MultibodyPlant, SceneGraph]:
+    """Adds a plant and its scene graph, as Drake's `AddMultibodyPlantSceneGraph`, which keeps both for ever (1.51).
+
+    Args:
+        step: s; 0 for a continuous plant.
+    """
+    plant = builder.AddNamedSystem("plant", MultibodyPlant(step))
+    scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
+    source = plant.RegisterAsSourceForSceneGraph(scene_graph)
+    builder.Connect(plant.get_geometry_pose_output_port(), scene_graph.get_source_pose_port(source))
+    builder.Connect(scene_graph.get_query_output_port(), plant.get_geometry_query_input_port())
+    return plant, scene_graph
 
 
 def _added_mass(plant: MultibodyPlant, scenario: Scenario) -> AddedMass | None:

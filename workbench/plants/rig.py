@@ -15,7 +15,7 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.math import SpatialForce
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem, OutputPort, System
 from pydrake.systems.primitives import Adder
 
@@ -26,12 +26,12 @@ from aerodima.workbench.aero.tail_force import add_tail_force, connect_spatial_f
 from aerodima.workbench.aero.wind import WindModel, add_wind
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.plants.car import parse_model
+from aerodima.workbench.plants.car import add_plant, parse_model
 from aerodima.workbench.plants.rig_layout import bar_layout, tail_layout
 from aerodima.workbench.plants.rig_model import cheetah_rig_sdf, robot_rig_sdf
 from aerodima.workbench.plants.rig_motion import rig_jet, rig_law
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, FrictionLaw, smooth_friction
-from aerodima.workbench.systems.system_ports import connected, declare_spatial_forces, vector_of
+from aerodima.workbench.systems.system_ports import connected, declare_spatial_forces, vector_of, weakly
 
 
 @dataclass(frozen=True)
@@ -76,10 +76,9 @@ def add_rig_plant(builder: DiagramBuilder, scenario: RigScenario, scene_graph: b
     """
     scene = None
     if scene_graph:
-        plant, scene = AddMultibodyPlantSceneGraph(builder, 0.0)
+        plant, scene = add_plant(builder, 0.0)
     else:
-        plant = builder.AddSystem(MultibodyPlant(0.0))
-    plant.set_name("plant")
+        plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
     plant.mutable_gravity_field().set_gravity_vector(np.array([0.0, 0.0, -scenario.environment.gravity]))
     parse_model(plant, robot_rig_sdf(scenario) if scenario.is_robot else cheetah_rig_sdf(scenario))
     sensor = plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("mount"))
@@ -252,7 +251,7 @@ class SupportWrench(LeafSystem):
         super().__init__()
         self._joint = joint
         self._reactions = self.DeclareAbstractInputPort("reaction_forces", Value[list[SpatialForce]]())
-        self.DeclareVectorOutputPort("wrench", 6, self._calc, {self._reactions.ticket()})
+        self.DeclareVectorOutputPort("wrench", 6, weakly(self._calc), {self._reactions.ticket()})
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         reactions: Any = self._reactions.Eval(context)
@@ -309,7 +308,9 @@ class JointFriction(LeafSystem):
         super().__init__()
         self._law = law
         self._state = self.DeclareVectorInputPort("joint_state", 2)
-        self.DeclareVectorOutputPort("torque", 1, self._calc_torque, prerequisites_of_calc={self._state.ticket()})
+        self.DeclareVectorOutputPort(
+            "torque", 1, weakly(self._calc_torque), prerequisites_of_calc={self._state.ticket()}
+        )
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         output[0] = self._law(float(vector_of(self._state, context)[1]))

@@ -24,7 +24,7 @@ from aerodima.workbench.logs.recorder import RunRecorder, open_log, recorded_col
 from aerodima.workbench.logs.schema import DRIVEN_BY, run_metadata
 from aerodima.workbench.replay.viewer import WORLD, ChaseCamera
 from aerodima.workbench.simulate.car_run import assemble, plant_facts
-from aerodima.workbench.systems.system_ports import Stage
+from aerodima.workbench.systems.system_ports import Stage, released
 
 SLICE = 0.02
 """s of the run between two looks at the controls."""
@@ -180,7 +180,7 @@ def drive_by_hand(
         car = assemble(scenario, meshcat=meshcat, tail_law=hand, schedule=driving)
         extra = {**plant_facts(car.station), DRIVEN_BY: "hand (simulation)"}
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=extra)
-        with open_log(path, recorded_columns(car.signals), metadata, force) as rows:
+        with released(car.builder), open_log(path, recorded_columns(car.signals), metadata, force) as rows:
             RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate, Stage.RECORD)
             simulator = Simulator(car.builder.Build())
             simulator.Initialize()

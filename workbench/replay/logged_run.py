@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import SceneGraph
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder
 from scipy.ndimage import gaussian_filter1d
 
@@ -20,7 +20,7 @@ from aerodima.workbench.errors import LogError, ScenarioError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
 from aerodima.workbench.metrics.run_summary import tails_of
-from aerodima.workbench.plants.car import add_car_plant
+from aerodima.workbench.plants.car import add_car_plant, add_plant
 from aerodima.workbench.replay.reckoned_motion import replayable, with_turning_sail
 from aerodima.workbench.replay.scene_shapes import WORLD_BODY, add_shapes, points_of
 from aerodima.workbench.stations.ground_truth import air_columns, pose_columns
@@ -176,7 +176,7 @@ def _add_plant(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     name, extra = run_log.name, run_log.extra
     if not extra.get(SCENE):
         raise LogError(f"{name}: has no shapes to be drawn; its plant was not registered with a scene graph")
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    plant, scene_graph = add_plant(builder, 0.0)
     bodies = add_shapes(plant, extra[SCENE], name)
     plant.Finalize()
     tails = [tail for tail, _ in tails_of(run_log)]

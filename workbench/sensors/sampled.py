@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, State
 
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.systems.system_ports import DiscreteVector, Stage, period_of, vector_of
+from aerodima.workbench.systems.system_ports import DiscreteVector, Stage, period_of, vector_of, weakly
 
 TOLERANCE = 1e-9
 """Relative; a rate of exactly 1/step, or a delay of whole periods, may miss by rounding."""
@@ -87,7 +87,7 @@ class SampledSensor(LeafSystem):
         self._sample_time = DiscreteVector(self, [0.0], output="sample_time")
         self._queue_length, self._row_size = whole + 1, size + 1
         self._queue = DiscreteVector(self, np.zeros(self._queue_length * self._row_size))
-        self.DeclareVectorOutputPort("age", 1, self._calc_age, {self.time_ticket(), self._sample_time.ticket})
+        self.DeclareVectorOutputPort("age", 1, weakly(self._calc_age), {self.time_ticket(), self._sample_time.ticket})
         self.DeclareInitializationUnrestrictedUpdateEvent(self._initialise)
         period = period_of(rate, Stage.SENSOR) if discrete else 1.0 / rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._sample)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,7 @@ from aerodima.workbench.logs.schema import DIAGRAM, TAIL_LAW, RunLog, run_log_fr
 from aerodima.workbench.plants.car_model import axle_statics
 from aerodima.workbench.stations.car_station import InterfaceFactory, make_car_station, simulated_car
 from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
-from aerodima.workbench.systems.system_ports import LEAD, Stage, constant, step_instant
+from aerodima.workbench.systems.system_ports import LEAD, Stage, constant, released, step_instant
 
 Progress = Callable[[float, float], None]
 """Called with the time of the run (s) and its length (s)."""
@@ -211,7 +212,8 @@ def run_car(
     watch: FlipWatch | None = None
     if stop_when_certain:
         watch = FlipWatch.add_to_builder(car.builder, car.station, scenario.simulation.log_rate, turn_end(scenario))
-    with open_log(log, recorded_columns(car.signals), _metadata(car, scenario, law, build), force) as rows:
+    columns, metadata = recorded_columns(car.signals), _metadata(car, scenario, law, build)
+    with _over(car, build), open_log(log, columns, metadata, force) as rows:
         RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate, Stage.RECORD)
         sections: SectionWatch | None = None
         if car.station.HasOutputPort("tail_sections_truth"):
@@ -243,22 +245,28 @@ def run_outcome(
     or by default as the manoeuvre says.
     """
     car = assemble(scenario, meshcat=view.meshcat, tail_law=law, lean=True, schedule=schedule, build=build)
-    outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
-    metadata = _metadata(car, scenario, law, build)
-    simulator = Simulator(car.builder.Build())
-    begin = start_speed(scenario) if speed is None else speed
-    _set_rolling(car, simulator.get_mutable_context(), scenario, begin)
-    view.begin(simulator, run_time(scenario))
-    stop_after = turn_end(scenario) if stop_when_certain else math.inf
-    for time in _looks(scenario, stop_after):
-        simulator.AdvanceTo(time)
-        if outcome.is_certain(simulator.get_context(), stop_after):
-            break
-    else:
-        simulator.AdvanceTo(_behind_rows(scenario, run_time(scenario)))
-    table, ended = outcome.table(simulator.get_context(), stop_after)
-    metadata["extra"] |= ended
+    with _over(car, build):
+        outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
+        metadata = _metadata(car, scenario, law, build)
+        simulator = Simulator(car.builder.Build())
+        begin = start_speed(scenario) if speed is None else speed
+        _set_rolling(car, simulator.get_mutable_context(), scenario, begin)
+        view.begin(simulator, run_time(scenario))
+        stop_after = turn_end(scenario) if stop_when_certain else math.inf
+        for time in _looks(scenario, stop_after):
+            simulator.AdvanceTo(time)
+            if outcome.is_certain(simulator.get_context(), stop_after):
+                break
+        else:
+            simulator.AdvanceTo(_behind_rows(scenario, run_time(scenario)))
+        table, ended = outcome.table(simulator.get_context(), stop_after)
+        metadata["extra"] |= ended
     return run_log_from_metadata(table, metadata)
+
+
+def _over(car: CarDiagram, build: Build | None) -> AbstractContextManager[None]:
+    """`released`, unless the diagram is a user's, who may still hold systems of it."""
+    return released(car.builder) if build is None else nullcontext()
 
 
 def start_speed(scenario: Scenario) -> float:

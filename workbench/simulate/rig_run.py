@@ -22,7 +22,7 @@ from aerodima.workbench.stations.rig_station import (
     sensor_offsets,
     simulate_static_log,
 )
-from aerodima.workbench.systems.system_ports import vector_of
+from aerodima.workbench.systems.system_ports import released, vector_of
 
 INTEGRATOR = "runge_kutta3"
 """With a fixed step: 7e-7 rad after a second at 1 ms, on tables with kinks."""
@@ -54,7 +54,7 @@ def run_rig(
     signals = signals_of({**RIG_PORTS, **RIG_TRUTH}, output_ports(station))
     errors = force_errors(scenario.force_sensor, sensor_offsets(scenario), scenario.seed)
     metadata = rig_log_metadata(scenario, truth=known_truth(scenario), bias=errors.bias.tolist())
-    with open_log(log, recorded_columns(signals), metadata, force) as rows:
+    with released(builder), open_log(log, recorded_columns(signals), metadata, force) as rows:
         RunRecorder.add_to_builder(builder, rows, signals, scenario.simulation.log_rate, with_samples=True)
         simulator = Simulator(builder.Build())
         ResetIntegratorFromFlags(simulator, INTEGRATOR, scenario.simulation.step)

@@ -32,7 +32,7 @@ from aerodima.workbench.config.signal_table import TAIL_COMMAND, WHEELS
 from aerodima.workbench.plants.car import CarPlant
 from aerodima.workbench.plants.car_model import ROLLING_RATE, axle_statics, rolling_torques
 from aerodima.workbench.stations.car_air import sail_strips
-from aerodima.workbench.systems.system_ports import Part, Wires, constant, vector_of
+from aerodima.workbench.systems.system_ports import Part, Wires, constant, vector_of, weakly
 
 TAIL_JOINTS = ("tail_pitch", "tail_roll", "tail_sail_turn")
 TAIL_COMMANDS = ("tail_pitch_command", "tail_roll_command")
@@ -97,12 +97,12 @@ class CarDrives(LeafSystem):
         self._parts = {name: slice(place.start, place.stop) for name, place in _ranges(**sizes).items()}
         self._inputs = self.DeclareVectorInputPort("inputs", sum(sizes.values()))
         tickets = {self.time_ticket(), self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("drives", DRIVES_SIZE, self._calc, prerequisites_of_calc=tickets)
+        self.DeclareVectorOutputPort("drives", DRIVES_SIZE, weakly(self._calc), prerequisites_of_calc=tickets)
         self._p_BoSo_B = None if p_BoSo_B is None else p_BoSo_B.tolist()
         if p_BoSo_B is not None:
             self._joints, self._lines = TailJoints.of_scenario(scenario), sail_strips(scenario.tail)
             inputs = {self.all_input_ports_ticket()}
-            self.DeclareVectorOutputPort("wind_direction", 1, self._calc_wind_direction, prerequisites_of_calc=inputs)
+            self.DeclareVectorOutputPort("wind_direction", 1, weakly(self._calc_wind_direction), inputs)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         x, scenario, part = vector_of(self._inputs, context).tolist(), self._scenario, self._parts

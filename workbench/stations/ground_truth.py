@@ -20,7 +20,7 @@ from aerodima.workbench.config.signal_table import CAR_TRUTH, GROUND_CONTACTS, W
 from aerodima.workbench.plants.car import CarPlant
 from aerodima.workbench.plants.tail import tail_geometry
 from aerodima.workbench.sensors.car_sensors import motion_at_imu, motion_of
-from aerodima.workbench.systems.system_ports import vector_of
+from aerodima.workbench.systems.system_ports import vector_of, weakly
 
 _XYZ = ("x", "y", "z")
 BASE_COLUMNS = [name for name in names_of(CAR_TRUTH["body_truth"]) if not name.startswith(("acceleration", "com"))]
@@ -105,11 +105,11 @@ class PlantTruth(_Kinematics):
         super().__init__(plant)
         self._base, self._bodies = base, list(bodies)
         self._instances = own_instances(plant)
-        self.DeclareVectorOutputPort("com", len(COM_COLUMNS), self._calc_com)
+        self.DeclareVectorOutputPort("com", len(COM_COLUMNS), weakly(self._calc_com))
         if base is not None:
-            self.DeclareVectorOutputPort("base", len(BASE_COLUMNS), self._calc_base)
+            self.DeclareVectorOutputPort("base", len(BASE_COLUMNS), weakly(self._calc_base))
         if self._bodies:
-            self.DeclareVectorOutputPort("poses", 7 * len(self._bodies), self._calc_poses)
+            self.DeclareVectorOutputPort("poses", 7 * len(self._bodies), weakly(self._calc_poses))
         for tail in tails:
             self._declare_tail(tail)
 
@@ -187,15 +187,15 @@ class CarTruth(_Kinematics):
         )
         self._contact_port = self.DeclareAbstractInputPort("contact_results", Value(ContactResults()))
         self._drive_port = self.DeclareVectorInputPort("drive_torque", 1)
-        self.DeclareVectorOutputPort("body_truth", BODY_TRUTH.size, self._calc_body)
-        self.DeclareVectorOutputPort("contact_truth", CONTACT_TRUTH.size, self._calc_contact)
+        self.DeclareVectorOutputPort("body_truth", BODY_TRUTH.size, weakly(self._calc_body))
+        self.DeclareVectorOutputPort("contact_truth", CONTACT_TRUTH.size, weakly(self._calc_contact))
         if self._tail is not None:
             self._p_ToTip_T = tail_geometry(scenario.tail).arm.points[-1]
             self._rod = plant.GetBodyByName("tail_rod").index()
             self._tail_joints = [plant.GetJointByName(name).index() for name in ("tail_pitch", "tail_roll")]
             self._torque_port = self.DeclareVectorInputPort("tail_torque", 2)
             self._wrench_port = self.DeclareVectorInputPort("tail_wrench", 9)
-            self.DeclareVectorOutputPort("tail_truth", TAIL_TRUTH.size, self._calc_tail)
+            self.DeclareVectorOutputPort("tail_truth", TAIL_TRUTH.size, weakly(self._calc_tail))
 
     def _rate(self, joint: JointIndex, kinematics: Context) -> float:
         revolute: Any = self._plant.get_joint(joint)

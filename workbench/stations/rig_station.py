@@ -38,6 +38,7 @@ from aerodima.workbench.systems.system_ports import (
     export_outputs,
     stacked,
     vector_of,
+    weakly,
 )
 
 
@@ -59,8 +60,8 @@ class MaxonMotor(LeafSystem):
         self._settings = settings
         self._command = self.DeclareVectorInputPort("current_command", 1)
         ticket = {self._command.ticket()}
-        self.DeclareVectorOutputPort("torque", 1, self._calc_torque, ticket)
-        self.DeclareVectorOutputPort("current", 1, self._calc_current, ticket)
+        self.DeclareVectorOutputPort("torque", 1, weakly(self._calc_torque), ticket)
+        self.DeclareVectorOutputPort("current", 1, weakly(self._calc_current), ticket)
 
     def current(self, command: float) -> float:
         """Current that flows at a command, A."""

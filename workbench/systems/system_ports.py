@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import sys
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from enum import IntEnum
 from typing import Any, TypeVar, cast
 
@@ -25,13 +26,7 @@ from pydrake.systems.framework import (
     OutputPort,
     System,
 )
-from pydrake.systems.primitives import (
-    ConstantVectorSource,
-    MatrixGain,
-    Selector,
-    SelectorParams,
-    TrajectorySource,
-)
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Selector, SelectorParams, TrajectorySource
 from pydrake.systems.scalar_conversion import TemplateSystem
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -57,11 +52,31 @@ def system_template(name: str, module: str) -> Callable[[Callable[[Any], Any]], 
     return decorator
 
 
+def weakly(calc: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:
+    """A bound method as the function of an output port that does not keep its system, and the whole diagram, for ever.
+
+    A port lives as long as its system. Drake 1.51 keeps the functions of all ports, 1.58 those of abstract ones.
+    """
+    method: Any = weakref.WeakMethod(calc)
+    return lambda context, output: method()(context, output)
+
+
+@contextmanager
+def released(builder: DiagramBuilder) -> Iterator[None]:
+    """Lets a diagram go from memory, which nothing may use afterwards.
+
+    The cycles between the builder, its systems and their ports are those that Python cannot collect up to Drake 1.51.
+    """
+    try:
+        yield
+    finally:
+        waiting: list[Any] = [builder]
+        while waiting:
+            waiting += getattr(waiting.pop(), "__dict__", {}).pop("_pydrake_internal_ref_cycle_peers", ())
+
+
 def declare_spatial_forces(system: Any, calc: Callable[[Any, Any], None], inputs: set[Any], T: Any = float) -> None:
     """Declares the output port `spatial_forces`, a list[ExternallyAppliedSpatialForce].
-
-    Drake 1.58 keeps the function of an abstract port for ever, unlike that of a vector port: a bound method would make
-    its system, and with it the whole diagram, immortal. So the port holds it weakly; it lives as long as its system.
 
     Args:
         system: whose method `calc` is.
@@ -69,9 +84,8 @@ def declare_spatial_forces(system: Any, calc: Callable[[Any, Any], None], inputs
         inputs: tickets of what the value depends on.
         T: scalar type.
     """
-    method: Any = weakref.WeakMethod(calc)
     make = Value[list[ExternallyAppliedSpatialForce_[T]]]
-    system.DeclareAbstractOutputPort("spatial_forces", make, lambda context, out: method()(context, out), inputs)
+    system.DeclareAbstractOutputPort("spatial_forces", make, weakly(calc), inputs)
 
 
 def vector_of(port: InputPort | OutputPort, context: Context) -> FloatArray:
