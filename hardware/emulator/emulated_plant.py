@@ -21,7 +21,6 @@ from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.sensors.roll_filter import RollFilterSettings
 from aerodima.workbench.simulate.car_run import truth_signals
 from aerodima.workbench.stations.car_station import make_car_station, simulated_car
-from aerodima.workbench.systems.system_ports import Stage
 
 _PICTURE = 1.0 / 30.0
 """Between two moves of the view's camera, s."""
@@ -68,7 +67,7 @@ class EmulatedCar:
         signals += truth_signals(station)
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=facts)
         self._journal = RunJournal(log, recorded_columns(signals), metadata)  # a disk that is asked to sync may wait
-        RunRecorder.add_to_builder(builder, self._journal, signals, log_rate, Stage.RECORD)
+        RunRecorder.add_to_builder(builder, self._journal, signals, log_rate, scenario.simulation.step)
         self._simulator = Simulator(builder.Build())
         self._context: Any = self._simulator.get_mutable_context()
         self._simulator.Initialize()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -20,7 +21,7 @@ from aerodima.workbench.errors import UserError
 METRICS = (*FIGURES, LIFT)
 SIZES, LENGTHS, NOISES = (1e-2, 1e3), (0.3, 100.0), (1e-5, 1.0)
 """Bounds of what a process is tuned in: variance, lengths over scaled columns, variance of the noise."""
-TUNED, FITTED = 400, 1200
+TUNED, FITTED = 250, 1200
 """Most rows by which it is tuned, and to which it is fitted."""
 LEAST, LEAST_FULL = 8, 3
 """Cars that a process, and full cars that a correction needs."""
@@ -69,16 +70,7 @@ class Surface:
         fitted = GaussianProcessRegressor(tuned, optimizer=None).fit(chosen, target)
         size, lengths = tuned.k1.k1.constant_value, tuned.k1.k2.length_scale
         weights, places = fitted.alpha_.reshape(target.shape), chosen / lengths
-        halves = 0.5 * np.sum(places**2, axis=1)
-
-        def model(inputs: FloatArray) -> FloatArray:
-            # As `fitted.predict`, without its checks, which take most of the time of a posterior.
-            at = inputs / lengths
-            alike = at @ places.T
-            alike -= halves
-            alike -= 0.5 * np.sum(at**2, axis=1)[:, None]
-            return middle + (np.exp(alike, out=alike) @ weights) * (size * spread)
-
+        model = partial(_process_at, lengths, places, weights * (size * spread), middle)
         inverse = cho_solve((fitted.L_, True), np.eye(len(rows)))
         missed = np.full(values.shape, np.nan)
         for own in _rows_by(cars[rows]):
@@ -98,11 +90,26 @@ class Surface:
         ridge = tried.fit(chosen, values, groups=cars).best_estimator_
         missed = values - cross_val_predict(ridge, chosen, values, groups=cars, cv=folds).reshape(values.shape)
         slopes, offset = np.atleast_2d(ridge.coef_), np.atleast_1d(ridge.intercept_)
-        return cls(tuple(columns), lambda inputs: inputs @ slopes.T + offset, _deviation(missed), missed)
+        return cls(tuple(columns), partial(_plane_at, slopes, offset), _deviation(missed), missed)
 
     def __call__(self, scaled: FloatArray) -> FloatArray:
         """Values (m, k) at scaled cars (m, n)."""
         return self.model(scaled[:, self.columns])
+
+
+def _process_at(
+    lengths: FloatArray, places: FloatArray, weights: FloatArray, middle: FloatArray, inputs: FloatArray
+) -> FloatArray:
+    """As sklearn's `predict`, without its checks, which take most of the time of a posterior."""
+    at = inputs / lengths
+    alike = at @ places.T
+    alike -= 0.5 * np.sum(places**2, axis=1)
+    alike -= 0.5 * np.sum(at**2, axis=1)[:, None]
+    return middle + np.exp(alike, out=alike) @ weights
+
+
+def _plane_at(slopes: FloatArray, offset: FloatArray, inputs: FloatArray) -> FloatArray:
+    return inputs @ slopes.T + offset
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import pickle
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -16,7 +19,8 @@ from scipy.stats import norm, t
 from aerodima.optimisation.calibration.calibration import Posterior, log_density, sample, spread_of
 from aerodima.optimisation.calibration.emulator import Emulator
 from aerodima.optimisation.calibration.two_systems import OFF, OFF_ROLL, SLIP, CarPrior, Figure, figures_of
-from aerodima.workbench.batch.row_store import ProgressLine, silent
+from aerodima.optimisation.sweep.runs import Runs
+from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import UserError
@@ -46,20 +50,43 @@ class LeftOut:
     constant_density: float
 
 
-def leave_out(emulator: Emulator, figures: Sequence[Figure], table: str, seed: int) -> LeftOut:
-    """Predicts a table from the figures of the others."""
+class Question(NamedTuple):
+    """A table that is to be predicted from the figures of the others, by cars of a prior inside the emulator's."""
+
+    emulator: Emulator
+    figures: Sequence[Figure]
+    table: str
+    seed: int
+    prior: CarPrior | None = None
+
+
+def predictions(questions: Sequence[Question], runs: Runs) -> list[LeftOut]:
+    """`leave_out` of each question, each once."""
+    keys = [content_key("leave_out", hashlib.sha256(pickle.dumps(question)).hexdigest()) for question in questions]
+    return [LeftOut(**row | {"rows": pd.DataFrame(row["rows"])}) for row in runs.call(_answer, questions, keys)]
+
+
+def _answer(question: Question) -> dict[str, Any]:
+    found = leave_out(*question)
+    return vars(found) | {"rows": found.rows.to_dict("records")}
+
+
+def leave_out(
+    emulator: Emulator, figures: Sequence[Figure], table: str, seed: int, prior: CarPrior | None = None
+) -> LeftOut:
+    """Predicts a table from the figures of the others; see `Question`."""
     own = [figure for figure in figures if figure.turn.table == table]
     others = [figure for figure in figures if figure not in own]
-    cars = sample(emulator, others, seed).cars
-    prior = _survivors(emulator, emulator.prior.draw(len(cars), seed), own[0], seed)
+    cars = sample(emulator, others, seed, prior).cars
+    survivors = _survivors(emulator, emulator.prior.draw(len(cars), seed), own[0], seed)
     rng, rows = np.random.default_rng(seed), []
     for figure in own:
         low, median, high = np.quantile(predicted(emulator, figure, cars, rng), BAND)
-        prior_low, _, prior_high = np.quantile(predicted(emulator, figure, prior, rng), BAND)
+        prior_low, _, prior_high = np.quantile(predicted(emulator, figure, survivors, rng), BAND)
         inside = low <= figure.published <= high
         rows.append((figure.name, figure.published, low, median, high, prior_low, prior_high, inside))
     names = ["figure", "published", "low", "median", "high", "prior_low", "prior_high", "inside"]
-    known, guessed = (joint_density(emulator, own, drawn) for drawn in (cars, prior))
+    known, guessed = (joint_density(emulator, own, drawn) for drawn in (cars, survivors))
     return LeftOut(table, pd.DataFrame(rows, columns=names), known, guessed, _constant(own, figures))
 
 
@@ -122,11 +149,11 @@ def perfect_model(
     tables: Sequence[str],
     number: int,
     seed: int,
-    progress: ProgressLine = silent,
+    runs: Runs,
 ) -> float:
     """Share of the figures of tables that lie in their 90 % interval when posterior cars play the thesis."""
     rng, plan = np.random.default_rng(seed), emulator.prior.plan
-    inside: list[bool] = []
+    questions = []
     for place in range(number):
         car, ends = _playing(emulator, posterior, rng)
         turns = tuple(
@@ -134,10 +161,9 @@ def perfect_model(
         )
         played = replace(emulator, prior=CarPrior(plan.model_copy(update={"turns": turns})))
         figures = [replace(f, published=float(predicted(emulator, f, car, rng)[0])) for f in figures_of(plan)]
-        for table in tables:
-            inside += leave_out(played, figures, table, seed + place).rows["inside"].tolist()
-        progress(f"posterior cars that play the thesis: {place + 1} of {number}, {np.mean(inside):.0%} inside")
-    return float(np.mean(inside))
+        questions += [Question(played, figures, table, seed + place) for table in tables]
+    runs.stage = "tables of posterior cars that play the thesis"
+    return float(np.mean(np.concatenate([left.rows["inside"] for left in predictions(questions, runs)])))
 
 
 @dataclass(frozen=True)

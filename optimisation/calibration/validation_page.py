@@ -19,13 +19,13 @@ from aerodima.optimisation.calibration.two_systems import OFF, OFF_ROLL, Calibra
 from aerodima.optimisation.calibration.validation import (
     BAND,
     LeftOut,
+    Question,
     brier,
     combinations,
     information,
-    joint_density,
-    leave_out,
     measurements,
     perfect_model,
+    predictions,
     rigid,
 )
 from aerodima.optimisation.sweep.runs import Runs
@@ -95,16 +95,12 @@ def calibrate(plan: CalibrationPlan, runs: Runs, out: Path, played: int) -> Path
     say("posterior of the cars ...")
     posterior = sample(emulator, figures, seed, steps=FINAL * plan.size.steps)
     say(f"effective sample size {posterior.size:.0f}")
-    left_out = []
-    for table in tables:
-        left_out.append(leave_out(emulator, figures, table, seed))
-        say(f"{table} from the others: {int(left_out[-1].rows.inside.sum())} of {len(left_out[-1].rows)} inside")
-    last = [figure for figure in figures if figure.turn.table == tables[-1]]
-    others = [figure for figure in figures if figure not in last]
-    before = joint_density(emulator, last, sample(emulator, others, seed, rigid(emulator.prior)).cars)
-    perfect = perfect_model(emulator, posterior, tables[-2:], played, seed, say) if played else np.nan
+    asked = [Question(emulator, figures, table, seed) for table in tables]
+    runs.stage = "tables from the others"
+    *left_out, stiff = predictions([*asked, asked[-1]._replace(prior=rigid(emulator.prior))], runs)
+    perfect = perfect_model(emulator, posterior, tables[-2:], played, seed, runs) if played else np.nan
     fine = run_fine(plan, posterior, runs)
-    return write_pages(Result(emulator, posterior, left_out, before, perfect, fine), out)
+    return write_pages(Result(emulator, posterior, left_out, stiff.density, perfect, fine), out)
 
 
 def write_pages(result: Result, out: Path) -> Path:

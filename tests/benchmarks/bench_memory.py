@@ -10,13 +10,13 @@ import psutil
 
 from tests.benchmarks.rows import BenchRow
 
-RUNS, SETTLED = 100, 10
+RUNS, SETTLED = 40, 10
 """Runs, and those at the start that are not counted: caches fill."""
 SCENARIOS = ("turn_none", "turn_swing")
 
 
 def bench_memory_per_run() -> Iterator[BenchRow]:
-    """Growth of a fresh process over 100 runs, garbage collected after each."""
+    """Growth of a fresh process over 30 runs, garbage collected after each."""
     with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
         for name, growth in pool.imap(_growth, SCENARIOS):
             yield BenchRow(f"{name}: memory left per run, {RUNS} runs", growth, "MB", "<= 0.1")

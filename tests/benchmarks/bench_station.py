@@ -20,7 +20,6 @@ from aerodima.workbench.logs.schema import run_metadata
 from aerodima.workbench.plants.car import add_car_plant
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.simulate.simulation import simulate
-from aerodima.workbench.systems.system_ports import Stage
 from tests.benchmarks.rows import BenchRow
 from tests.workbench.made_up_runs import signals_equal
 
@@ -135,7 +134,8 @@ def _recorded_step_seconds(scenario: Scenario, path: Path) -> float:
     car = assemble(scenario)
     metadata = run_metadata(scenario.resolved(), scenario.seed)
     with JournalWriter(path, recorded_columns(car.signals), metadata) as journal:
-        RunRecorder.add_to_builder(car.builder, journal, car.signals, scenario.simulation.log_rate, Stage.RECORD)
+        settings = scenario.simulation
+        RunRecorder.add_to_builder(car.builder, journal, car.signals, settings.log_rate, settings.step)
         return _timed(Simulator(car.builder.Build()), scenario)
 
 

@@ -24,7 +24,7 @@ from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
 from aerodima.workbench.logs.signals import RowUnwrapper
-from aerodima.workbench.systems.system_ports import Stage, nominal_time, period_of, vector_of
+from aerodima.workbench.systems.system_ports import nominal_time, row_period, vector_of
 
 
 class LogInMemory:
@@ -142,16 +142,15 @@ class RunRecorder(LeafSystem):
         journal: open journal, or other sink, whose columns are `time_s` and then those of the ports, in order.
         signals: the recorded ports with the names of their columns.
         rate: rows per second, Hz.
-        stage: `Stage.RECORD` beside a simulated car (`aerodima.workbench.systems.system_ports`), whose row then
-            has what sensors and controllers did at its instant; without, a row has what stood on the ports before
-            its instant.
+        step: of a discrete plant, s, as of a simulated car: a row has what sensors and controllers did at its instant
+            (`row_period`); without, a row has what stood on the ports before its instant.
         with_samples: beside a plant that moves continuously, write in the discrete update of the instant. Drake
             publishes before it updates, so a publish event sees the samples of the period before; the update sees those
             of its own instant, since sensors sample in unrestricted updates, which come first. The row of the time at
             which a simulation ends is written when it runs a little longer.
     """
 
-    def __init__(self, journal: RowSink, signals: Signals, rate: float, stage: Stage | None, with_samples: bool):
+    def __init__(self, journal: RowSink, signals: Signals, rate: float, step: float | None, with_samples: bool):
         super().__init__()
         columns, sizes = recorded_columns(signals), [port.size() for port, _ in signals]
         self.set_name("run_recorder")
@@ -163,7 +162,7 @@ class RunRecorder(LeafSystem):
             for index, size in enumerate(sizes)
         ]
         self._unwrapper = RowUnwrapper(columns)
-        period = 1.0 / rate if stage is None else period_of(rate, stage)
+        period = row_period(rate, step) if step else 1.0 / rate
         if with_samples:
             self.DeclareDiscreteState(1)
             self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._record_in_update)
@@ -177,11 +176,11 @@ class RunRecorder(LeafSystem):
         journal: RowSink,
         signals: Signals,
         rate: float,
-        stage: Stage | None = None,
+        step: float | None = None,
         with_samples: bool = False,
     ) -> RunRecorder:
         """Records each output port under the given column names."""
-        recorder = cls(journal, signals, rate, stage, with_samples)
+        recorder = cls(journal, signals, rate, step, with_samples)
         builder.AddSystem(recorder)
         for index, (port, _) in enumerate(signals):
             builder.Connect(port, recorder.get_input_port(index))

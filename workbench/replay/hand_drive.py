@@ -24,7 +24,7 @@ from aerodima.workbench.logs.recorder import RunRecorder, open_log, recorded_col
 from aerodima.workbench.logs.schema import DRIVEN_BY, run_metadata
 from aerodima.workbench.replay.viewer import WORLD, ChaseCamera
 from aerodima.workbench.simulate.car_run import assemble, plant_facts
-from aerodima.workbench.systems.system_ports import Stage, released
+from aerodima.workbench.systems.system_ports import released
 
 SLICE = 0.02
 """s of the run between two looks at the controls."""
@@ -181,7 +181,8 @@ def drive_by_hand(
         extra = {**plant_facts(car.station), DRIVEN_BY: "hand (simulation)"}
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=extra)
         with released(car.builder), open_log(path, recorded_columns(car.signals), metadata, force) as rows:
-            RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate, Stage.RECORD)
+            settings = scenario.simulation
+            RunRecorder.add_to_builder(car.builder, rows, car.signals, settings.log_rate, settings.step)
             simulator = Simulator(car.builder.Build())
             simulator.Initialize()
             again = _drive(simulator, ChaseCamera(car.station, meshcat), controls, driving, length, say)

@@ -42,7 +42,6 @@ from aerodima.workbench.replay.logged_run import AIR_SCALE, AIR_SCALE_KEY
 from aerodima.workbench.replay.watched_plant import WatchedPlant
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.simulate.car_run import plant_facts, truth_signals
-from aerodima.workbench.systems.system_ports import Stage
 
 
 class ObservedRun:
@@ -105,7 +104,7 @@ class ObservedRun:
         self._watches[tail.get_name()] = watch
 
     def record(
-        self, builder: DiagramBuilder, signals: Signals, rate: float, stage: Stage | None, metadata: dict[str, Any]
+        self, builder: DiagramBuilder, signals: Signals, rate: float, step: float, metadata: dict[str, Any]
     ) -> None:
         """Adds the recorder of these ports; LogError when two columns have one name."""
         decode_metadata({METADATA_KEY: encode_metadata(metadata)}, "observe")  # what cannot be read is not written
@@ -113,7 +112,7 @@ class ObservedRun:
         twice = sorted({name for name in self._columns if self._columns.count(name) > 1})
         if twice:
             raise LogError(f"observe: column(s) named twice: {', '.join(twice)}; give the ports other names")
-        RunRecorder.add_to_builder(builder, self, signals, rate, stage)
+        RunRecorder.add_to_builder(builder, self, signals, rate, step)
 
 
 def observe(
@@ -163,20 +162,20 @@ def observe(
     truth = watched.add_truth(builder)
     if meshcat is not None:
         watched.show(builder, truth, meshcat, air_scale)
-    stage = Stage.RECORD if watched.plant.time_step() > 0.0 else None
+    step = watched.plant.time_step()
     stated = settings.resolved() if isinstance(settings, Scenario) else dict(settings or {})
     if (
         isinstance(settings, Scenario)
         and watched.station is not None
         and (car := _car_signals(builder, watched.station))
     ):
-        run.record(builder, car, rate, stage, run_metadata(stated, settings.seed, extra=plant_facts(watched.station)))
+        run.record(builder, car, rate, step, run_metadata(stated, settings.seed, extra=plant_facts(watched.station)))
         return run
     for tail in watched.tails:
         run.watch(builder, tail, rate)
     stated = {"name": name or stated.get("name") or watched.plant.get_name()} | stated
     metadata = run_metadata(stated, seed=0, kind=PLANT_RUN, extra=watched.facts() | {AIR_SCALE_KEY: air_scale})
-    run.record(builder, watched.signals(truth) + _further(builder, signals or {}), rate, stage, metadata)
+    run.record(builder, watched.signals(truth) + _further(builder, signals or {}), rate, step, metadata)
     return run
 
 

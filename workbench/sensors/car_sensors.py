@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
 from pydrake.systems.framework import Context
 
 from aerodima.workbench.aero.sail import rotation_rows
@@ -48,13 +46,6 @@ GYRO_RANGE, FORCE_RANGE = math.radians(2000.0), 4.0 * STANDARD_GRAVITY
 """Where each axis of the BNO055 in fusion mode saturates (Bosch BST-BNO055-DS000): rad/s; m/s2, gravity included."""
 STEPS = np.repeat([1.0 / 900.0, 1.0 / 900.0, 0.01], 3)
 """Its resolution: rad of the attitude, rad/s and m/s2 per count."""
-
-
-def motion_of(X_WB: RigidTransform, V_WB: SpatialVelocity, A_WB: SpatialAcceleration) -> ChassisMotion:
-    """Motion of a body B from its pose, its spatial velocity and acceleration at Bo, W axes."""
-    R_WB: Any = X_WB.rotation().matrix()
-    w, alpha, a = (vector.tolist() for vector in (V_WB.rotational(), A_WB.rotational(), A_WB.translational()))
-    return ChassisMotion(R_WB.tolist(), w, alpha, a)
 
 
 def in_body(R_WB: Any, vector: Any) -> Vector:

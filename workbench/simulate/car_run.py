@@ -42,7 +42,7 @@ from aerodima.workbench.logs.schema import DIAGRAM, TAIL_LAW, RunLog, run_log_fr
 from aerodima.workbench.plants.car_model import axle_statics
 from aerodima.workbench.stations.car_station import InterfaceFactory, make_car_station, simulated_car
 from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
-from aerodima.workbench.systems.system_ports import LEAD, Stage, constant, released, step_instant
+from aerodima.workbench.systems.system_ports import LEAD, constant, released, step_instant
 
 Progress = Callable[[float, float], None]
 """Called with the time of the run (s) and its length (s)."""
@@ -214,7 +214,8 @@ def run_car(
         watch = FlipWatch.add_to_builder(car.builder, car.station, scenario.simulation.log_rate, turn_end(scenario))
     columns, metadata = recorded_columns(car.signals), _metadata(car, scenario, law, build)
     with _over(car, build), open_log(log, columns, metadata, force) as rows:
-        RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate, Stage.RECORD)
+        settings = scenario.simulation
+        RunRecorder.add_to_builder(car.builder, rows, car.signals, settings.log_rate, settings.step)
         sections: SectionWatch | None = None
         if car.station.HasOutputPort("tail_sections_truth"):
             seen, valid = (car.station.GetOutputPort(f"tail_{name}_truth") for name in ("sections", "validity"))

@@ -9,7 +9,6 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
@@ -22,7 +21,7 @@ from aerodima.workbench.config.checked_files import CONSTANT, SAIL_LAWS
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.tail import tail_geometry
-from aerodima.workbench.systems.system_ports import stacked, transformed
+from aerodima.workbench.systems.system_ports import stacked
 
 if TYPE_CHECKING:
     from aerodima.workbench.aero.wind import WindModel
@@ -131,11 +130,9 @@ class SailReport:
     """What the air does to the car's sail.
 
     Attributes:
-        wrench: on the whole sail with its board, as `TailForce.wrench`.
         sections, validity: of the sail's opening, or of all lines of a tail of its own geometry, as `TailForce`.
     """
 
-    wrench: OutputPort
     sections: OutputPort
     validity: OutputPort
 
@@ -160,10 +157,4 @@ def add_sail_report(
         ports = [line.GetOutputPort(name) for line in shown]
         return ports[0] if len(ports) == 1 else stacked(builder, f"sail_{name}", ports)
 
-    wrench = lines[0].GetOutputPort("wrench")
-    if len(lines) > 1:
-        both = stacked(builder, "sail_wrenches", [line.GetOutputPort("wrench") for line in lines])
-        # Forces and moments add; the origin of the body, about which all moments are, does not.
-        others = [np.diag([1.0] * 6 + [0.0] * 3)] * (len(lines) - 1)
-        wrench = transformed(builder, "sail_wrench", both, np.hstack([np.eye(9), *others]))
-    return SailReport(wrench, joined("sections"), joined("validity"))
+    return SailReport(joined("sections"), joined("validity"))

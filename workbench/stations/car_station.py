@@ -158,9 +158,9 @@ def _add_truth(
         CarTruth(car, scenario),
         "truth",
         plant_state=plant.get_state_output_port(),
-        body_spatial_accelerations=plant.get_body_spatial_accelerations_output_port(),
         contact_results=plant.get_contact_results_output_port(),
     )
+    wires.feed(truth.GetInputPort("chassis_motion"), *driven.chassis_motion)
     wires.feed(truth.GetInputPort("drive_torque"), driven.drive("shaft_torque"))
     ports = {
         "plant_acceleration_truth": plant.GetOutputPort("generalized_acceleration"),
@@ -171,7 +171,7 @@ def _add_truth(
         sail = add_sail_report(builder, plant, scenario, wind)
         wires.feed(truth.GetInputPort("tail_torque"), driven.drive("motor_torques"))
         wires.feed("tail_actuation_truth", driven.drive("joint_torques"))
-        builder.Connect(sail.wrench, truth.GetInputPort("tail_wrench"))
+        wires.feed(truth.GetInputPort("tail_air"), driven.drive("air_on_chassis"))
         ports |= {"tail_sections_truth": sail.sections, "tail_validity_truth": sail.validity}
         names.append("tail_truth")
     return ports | {name: truth.GetOutputPort(name) for name in names}

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.multibody.math import SpatialAcceleration
 from pydrake.multibody.plant import ContactResults, MultibodyPlant, PointPairContactInfo
-from pydrake.multibody.tree import BodyIndex, JointIndex, ModelInstanceIndex
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.aero.laws import cross
@@ -19,7 +18,13 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_TRUTH, GROUND_CONTACTS, WHEELS, PortFields, names_of
 from aerodima.workbench.plants.car import CarPlant
 from aerodima.workbench.plants.tail import tail_geometry
-from aerodima.workbench.sensors.car_sensors import motion_at_imu, motion_of
+from aerodima.workbench.sensors.car_sensors import (
+    CHASSIS_MOTION_SIZE,
+    ChassisMotion,
+    chassis_motion,
+    in_body,
+    motion_at_imu,
+)
 from aerodima.workbench.systems.system_ports import vector_of, weakly
 
 _XYZ = ("x", "y", "z")
@@ -62,20 +67,21 @@ class _Kinematics(LeafSystem):
         super().__init__()
         self._plant, self._kinematics = plant, plant.CreateDefaultContext()
         self._state_port = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self._known = b""
 
     def _kinematics_at(self, context: Context) -> Context:
-        self._plant.SetPositionsAndVelocities(self._kinematics, vector_of(self._state_port, context))
+        state = vector_of(self._state_port, context)
+        if (known := state.tobytes()) != self._known:  # else what was computed at this state stays
+            self._plant.SetPositionsAndVelocities(self._kinematics, state)
+            self._known = known
         return self._kinematics
 
-    def _motion(self, context: Context, body: BodyIndex, A_WB: SpatialAcceleration, p_BoImu_B: np.ndarray) -> list[Any]:
-        """Position, roll, pitch, yaw, tilt, velocity, angular velocity and acceleration at a point of a body."""
-        kinematics, carrier = self._kinematics_at(context), self._plant.get_body(body)
-        X_WB = self._plant.EvalBodyPoseInWorld(kinematics, carrier)
-        V_WB = self._plant.EvalBodySpatialVelocityInWorld(kinematics, carrier)
-        R_WB = X_WB.rotation().matrix()
-        angles, gyro, acceleration = motion_at_imu(motion_of(X_WB, V_WB, A_WB), p_BoImu_B)
-        tilt = math.acos(min(max(R_WB[2, 2], -1.0), 1.0))
-        return [X_WB.translation(), angles, [tilt], R_WB.T @ V_WB.translational(), gyro, acceleration]
+
+def _body_truth(place: Any, velocity: Any, motion: ChassisMotion, p_BoImu_B: Any) -> list[float]:
+    """Position, roll, pitch, yaw, tilt, velocity, angular velocity and acceleration at a point of a body."""
+    angles, gyro, acceleration = motion_at_imu(motion, p_BoImu_B)
+    tilt = math.acos(min(max(motion.R_WB[2][2], -1.0), 1.0))
+    return [*place, *angles, tilt, *in_body(motion.R_WB, velocity), *gyro, *acceleration]
 
 
 class PlantTruth(_Kinematics):
@@ -135,8 +141,13 @@ class PlantTruth(_Kinematics):
 
     def _calc_base(self, context: Context, output: BasicVector) -> None:
         assert self._base is not None
-        motion = self._motion(context, self._base, SpatialAcceleration.Zero(), np.zeros(3))
-        output.SetFromVector(np.concatenate(motion[:-1]))
+        kinematics, body = self._kinematics_at(context), self._plant.get_body(self._base)
+        X_WB = self._plant.EvalBodyPoseInWorld(kinematics, body)
+        V_WB = self._plant.EvalBodySpatialVelocityInWorld(kinematics, body)
+        still = np.zeros(3)
+        motion = ChassisMotion(X_WB.rotation().matrix(), V_WB.rotational(), still, still)
+        truth = _body_truth(X_WB.translation(), V_WB.translational(), motion, still)
+        output.SetFromVector(truth[: len(BASE_COLUMNS)])
 
     def _calc_poses(self, context: Context, output: BasicVector) -> None:
         kinematics = self._kinematics_at(context)
@@ -159,16 +170,16 @@ LEAST_LOAD = 1e-9
 class CarTruth(_Kinematics):
     """What the plant knows and the car does not. Evaluated only when somebody reads it, such as the run log.
 
-    Kinematics come from the plant's state through a context of its own; accelerations and contact forces are those of
-    the plant's last step (Drake's sampled output ports). Fields, units and axes:
+    Accelerations and contact forces are those of the plant's last step. Fields, units and axes:
     `aerodima.workbench.config.signal_table`.
 
     Input ports:
         plant_state: [q; v] of the plant.
-        body_spatial_accelerations: list[SpatialAcceleration], W axes, from the plant.
+        chassis_motion (20): see `CHASSIS_MOTION_SIZE`.
         contact_results: ContactResults, from the plant.
         drive_torque (1): N m on the shaft.
-        tail_torque (2), tail_wrench (9): only with a tail; motor torques N m and `TailForce`'s wrench.
+        tail_torque (2), tail_air (6): only with a tail; motor torques, N m, and of the air on it the moment about the
+            origin of the chassis, N m, and the force, N, in W.
     Output ports:
         body_truth, contact_truth, and with a tail tail_truth.
     """
@@ -180,11 +191,10 @@ class CarTruth(_Kinematics):
         self._instances = car_plant.instances
         self._chassis = plant.GetBodyByName("chassis").index()
         self._p_BoImu_B = np.array([scenario.imu.x, 0.0, scenario.imu.z])
-        self._shaft = plant.GetJointByName("drive_shaft_spin").index()
+        self._step, nq = plant.time_step(), plant.num_positions()
+        self._shaft = nq + plant.GetJointByName("drive_shaft_spin").velocity_start()
         self._contact_slots = contact_slots(car_plant)
-        self._acceleration_port = self.DeclareAbstractInputPort(
-            "body_spatial_accelerations", Value[list[SpatialAcceleration]]()
-        )
+        self._motion_port = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
         self._contact_port = self.DeclareAbstractInputPort("contact_results", Value(ContactResults()))
         self._drive_port = self.DeclareVectorInputPort("drive_torque", 1)
         self.DeclareVectorOutputPort("body_truth", BODY_TRUTH.size, weakly(self._calc_body))
@@ -192,46 +202,41 @@ class CarTruth(_Kinematics):
         if self._tail is not None:
             self._p_ToTip_T = tail_geometry(scenario.tail).arm.points[-1]
             self._rod = plant.GetBodyByName("tail_rod").index()
-            self._tail_joints = [plant.GetJointByName(name).index() for name in ("tail_pitch", "tail_roll")]
+            joints = [plant.GetJointByName(name) for name in ("tail_pitch", "tail_roll")]
+            self._tail_rates = [nq + joint.velocity_start() for joint in joints]
             self._torque_port = self.DeclareVectorInputPort("tail_torque", 2)
-            self._wrench_port = self.DeclareVectorInputPort("tail_wrench", 9)
+            self._air_port = self.DeclareVectorInputPort("tail_air", 6)
             self.DeclareVectorOutputPort("tail_truth", TAIL_TRUTH.size, weakly(self._calc_tail))
 
-    def _rate(self, joint: JointIndex, kinematics: Context) -> float:
-        revolute: Any = self._plant.get_joint(joint)
-        return revolute.get_angular_rate(kinematics)
-
     def _calc_body(self, context: Context, output: BasicVector) -> None:
-        accelerations: Any = self._acceleration_port.Eval(context)
-        motion = self._motion(context, self._chassis, accelerations[int(self._chassis)], self._p_BoImu_B)
-        com = self._plant.CalcCenterOfMassPositionInWorld(self._kinematics, self._instances)
-        output.SetFromVector(np.concatenate([*motion, com]))
+        values = vector_of(self._motion_port, context)
+        x, motion = values.tolist(), chassis_motion(values, self._step)
+        com: Any = self._plant.CalcCenterOfMassPositionInWorld(self._kinematics_at(context), self._instances)
+        output.SetFromVector([*_body_truth(x[4:7], x[10:13], motion, self._p_BoImu_B), *com.tolist()])
 
     def _calc_contact(self, context: Context, output: BasicVector) -> None:
         results: Any = self._contact_port.Eval(context)
-        forces = {name: np.zeros(3) for name in WHEELS}
-        points = {name: np.zeros(3) for name in WHEELS}
+        forces, points = np.zeros((2, len(WHEELS), 3))
         ground = dict.fromkeys(GROUND_CONTACTS, 0.0)
         for slot, force, info in ground_forces(results, self._contact_slots):
-            if slot in forces:
-                forces[slot] = forces[slot] + force
-                points[slot] = points[slot] + force[2] * info.contact_point()
-            else:
+            if slot in ground:
                 ground[slot] += float(np.linalg.norm(force))
-        points = {name: place / max(forces[name][2], LEAST_LOAD) for name, place in points.items()}
-        kinematics = self._kinematics_at(context)
-        torque = vector_of(self._drive_port, context)
-        power = float(torque[0]) * self._rate(self._shaft, kinematics)
-        output.SetFromVector(np.concatenate([*forces.values(), *points.values(), list(ground.values()), [power]]))
+            else:
+                wheel = WHEELS.index(slot)
+                forces[wheel] += force
+                points[wheel] += force[2] * info.contact_point()
+        points /= np.maximum(forces[:, 2:], LEAST_LOAD)
+        power = vector_of(self._drive_port, context)[0] * vector_of(self._state_port, context)[self._shaft]
+        output.SetFromVector([*forces.ravel(), *points.ravel(), *ground.values(), power])
 
     def _calc_tail(self, context: Context, output: BasicVector) -> None:
         kinematics, plant = self._kinematics_at(context), self._plant
         X_WT = plant.EvalBodyPoseInWorld(kinematics, plant.get_body(self._rod))
         momentum = plant.CalcSpatialMomentumInWorldAboutPoint(kinematics, self._instances[1:], np.zeros(3))
-        wrench = vector_of(self._wrench_port, context)
-        force, moment, p_WTo = wrench[:3], wrench[3:6], wrench[6:]
+        moment, force = np.split(vector_of(self._air_port, context), 2)
+        p_WBo = plant.EvalBodyPoseInWorld(kinematics, plant.get_body(self._chassis)).translation()
         torque = vector_of(self._torque_port, context)
-        rates = [self._rate(joint, kinematics) for joint in self._tail_joints]
+        rates = vector_of(self._state_port, context)[self._tail_rates]
         output.SetFromVector(
             np.concatenate(
                 [
@@ -240,8 +245,8 @@ class CarTruth(_Kinematics):
                     momentum.translational(),
                     momentum.rotational(),
                     force,
-                    moment + cross(p_WTo.tolist(), force.tolist()),
-                    [torque[0] * rates[0] + torque[1] * rates[1]],
+                    moment + cross(p_WBo.tolist(), force.tolist()),
+                    [torque @ rates],
                 ]
             )
         )

@@ -39,7 +39,7 @@ from aerodima.workbench.plants.car import GROUND_STIFFNESS, CarPlant
 from aerodima.workbench.sensors.car_sensors import ChassisMotion, felt_at, in_body
 from aerodima.workbench.stations.car_station import simulated_car
 from aerodima.workbench.stations.ground_truth import contact_slots
-from aerodima.workbench.systems.system_ports import Stage, Wires, connected, nominal_time, period_of, vector_of
+from aerodima.workbench.systems.system_ports import Wires, connected, nominal_time, row_period, vector_of
 
 IntArray = NDArray[np.int_]
 Signals = Sequence[tuple[Any, Sequence[str]]]
@@ -218,7 +218,7 @@ class FlipWatch(LeafSystem):
         self._flipped = False
         self.stopped: float | None = None
         self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
-        self.DeclarePeriodicPublishEvent(period_of(rate, Stage.RECORD), 0.0, self._look)
+        self.DeclarePeriodicPublishEvent(row_period(rate, plant.time_step()), 0.0, self._look)
 
     @classmethod
     def add_to_builder(cls, builder: DiagramBuilder, station: Diagram, rate: float, stop_after: float) -> "FlipWatch":
@@ -261,12 +261,10 @@ class OutcomeRecord:
         self._car = simulated_car(station)
         self._plant = self._car.plant
         self._rate, step = scenario.simulation.log_rate, scenario.simulation.step
-        # A row with an instant of its own makes Drake look for the next event twice a step.
-        period = step if math.isclose(self._rate * step, 1.0) else period_of(self._rate, Stage.RECORD)
         cheap = [(port, names) for port, names in signals if _is_cheap(names)]
         self._names = [name for _, names in cheap for name in names]
         # One logger for all ports: each has its share in every instant of the diagram.
-        self._rows = connected(builder, VectorLogSink(len(self._names), publish_period=period))
+        self._rows = connected(builder, VectorLogSink(len(self._names), publish_period=row_period(self._rate, step)))
         steps = [station.GetOutputPort("plant_state_truth")]
         self._has_tail = station.HasOutputPort("last_tail_torque_truth")
         if self._has_tail:

@@ -299,6 +299,15 @@ def period_of(rate: float, stage: Stage) -> float:
     return (1.0 - stage * LEAD) / rate
 
 
+def row_period(rate: float, step: float) -> float:
+    """Period (s) of rows, `rate` Hz, that show a discrete plant before its step of `step` s.
+
+    Drake publishes before it updates. With a row at every step both have one instant: another one costs a second look
+    for the next event, and what drives the plant would be calculated twice.
+    """
+    return step if math.isclose(rate * step, 1.0) else period_of(rate, Stage.RECORD)
+
+
 def nominal_time(time: float, rate: float) -> float:
     """The instant k / rate that an event at `time` s stands for, s."""
     return round(time * rate) / rate

@@ -11,6 +11,7 @@ from aerodima.optimisation.calibration import validation
 from aerodima.optimisation.calibration.calibration import Posterior, log_density, log_likelihood, sample
 from aerodima.optimisation.calibration.emulator import METRICS, Emulator, Surface, _unseen
 from aerodima.optimisation.calibration.two_systems import LIFT, OFF, CarPrior, figures_of, load_plan
+from aerodima.optimisation.sweep.runs import Runs
 
 SHIPPED = load_plan()
 PLAN = SHIPPED.model_copy(
@@ -21,7 +22,11 @@ RNG = np.random.default_rng(0)
 
 
 def constant(value: float) -> Surface:
-    return Surface((0,), lambda inputs: np.full((len(inputs), 1), value), np.array([1e-6]))
+    return Surface((0,), partial(_level, value), np.array([1e-6]))
+
+
+def _level(value, inputs):
+    return np.full((len(inputs), 1), value)
 
 
 def emulator(slope: tuple[str, str, float] | None = None, level: float = 0.0) -> Emulator:
@@ -187,7 +192,7 @@ def test_density_of_a_figure_is_a_normal_of_its_share() -> None:
 
 def test_intervals_hold_what_they_promise_when_the_model_is_perfect() -> None:
     posterior = Posterior(PRIOR.draw(400, seed=6), 400.0, 0.3)
-    inside = validation.perfect_model(emulator(), posterior, ("Table 7.3", "Table 7.4"), 2, seed=7)
+    inside = validation.perfect_model(emulator(), posterior, ("Table 7.3", "Table 7.4"), 2, 7, Runs())
     assert 0.75 <= inside <= 1.0
 
 
