@@ -68,6 +68,7 @@ def test_pages_name_what_the_face_has(path: Path) -> None:
     assert [f"{package}.{name}" for package, name in named if name.partition(".")[0] not in face(package)] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES)
 def test_every_promised_name_is_there_and_says_what_it_is_on_the_reference_page(package: str) -> None:
     spec = importlib.util.spec_from_file_location("reference_pages", ROOT / "docs" / "reference_pages.py")

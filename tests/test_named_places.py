@@ -137,6 +137,7 @@ def stale(dotted: str, name: str) -> bool:
     return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_names_of_modules_exist(folder: str) -> None:
     missing = {

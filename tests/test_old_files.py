@@ -140,6 +140,7 @@ def test_table_of_a_study_is_that_of_its_csv(old: Path) -> None:
     assert list(table["outcome"]) == list(text["outcome"])
 
 
+@pytest.mark.slow
 def test_a_study_goes_on_in_no_folder_of_an_earlier_version(old: Path) -> None:
     """Its rows were made by other versions: the folder is refused by name, and nothing in it is touched."""
     before = {path: path.read_bytes() for path in (old / "study").iterdir()}
@@ -151,6 +152,7 @@ def test_a_study_goes_on_in_no_folder_of_an_earlier_version(old: Path) -> None:
     assert {path: path.read_bytes() for path in (old / "study").iterdir()} == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FITS)
 def test_fit_of_an_old_log_is_the_one_of_its_day(old: Path, name: str) -> None:
     fit, log = FITS[name]

@@ -28,6 +28,7 @@ def test_first_commands_are_the_two_of_make() -> None:
     assert re.match(r"make demo .*\nmake test .*\n$", re.findall(r"```sh\n(.*?)```", README, re.DOTALL)[0])
 
 
+@pytest.mark.slow
 def test_commands_come_out_as_the_first_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
@@ -45,6 +46,7 @@ def test_commands_come_out_as_the_first_page_says(tmp_path: Path, monkeypatch: p
     assert all((tmp_path / name).is_file() for name in ("swing.html", "compare.html", "fits/report.html"))
 
 
+@pytest.mark.slow
 def test_tails_come_out_as_the_page_says() -> None:
     chapter = section("What the tails gain", "docs/howto/optimise.md")
     (block,) = re.findall(r"```sh\n(.*?)```", chapter, re.DOTALL)
@@ -60,6 +62,7 @@ def test_tails_come_out_as_the_page_says() -> None:
     assert all(f"{degrees} degrees)" in told for degrees in said[1::2]), said
 
 
+@pytest.mark.slow
 def test_python_example_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

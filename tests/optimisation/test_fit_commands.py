@@ -68,6 +68,7 @@ def test_results_of_other_settings_are_not_mixed(springs: list[Path], tmp_path: 
         fit_logs(fit_line_file, springs[:1] * 2, tmp_path / "twice", settings={})
 
 
+@pytest.mark.slow
 def test_static_logs_in_two_processes(tmp_path: Path) -> None:
     scenario = load_rig_scenario("static", ["experiment.duration=2", "experiment.wind_speed=20"])
     paths = [

@@ -46,6 +46,7 @@ def grid(folder: Path, **options) -> dict[tuple[float, float], Path]:
     return paths
 
 
+@pytest.mark.slow
 def test_a_log_with_a_nan_costs_itself_and_the_table_but_nothing_else(tmp_path: Path) -> None:
     paths = grid(tmp_path)
     log = lab.hold(wind=20.0, angle=math.radians(30.0))
@@ -68,12 +69,14 @@ def test_a_log_with_a_nan_costs_itself_and_the_table_but_nothing_else(tmp_path: 
     assert not (tmp_path / "fits" / "cheetah_tail_1_major.yaml").exists()
 
 
+@pytest.mark.slow
 def test_a_full_grid_is_written_and_leaves_nothing_out(tmp_path: Path) -> None:
     done = run("static", *grid(tmp_path).values(), "--out", tmp_path / "fits")
     assert done.exit_code == 0, done.stderr
     assert (tmp_path / "fits" / "cheetah_tail_1_major.yaml").is_file()
 
 
+@pytest.mark.slow
 def test_two_holds_that_hardly_differ_are_averaged(tmp_path: Path) -> None:
     log = lab.hold()
     nearly = replace(log, table=log.table.assign(force_y_n=np.nextafter(log.signal("force_y_n"), np.inf)))
@@ -122,6 +125,7 @@ def test_a_rig_scenario_is_taken_from_a_file_and_from_a_mapping(tmp_path: Path) 
     assert result.rig == {"bar.mass": 0.35}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stated", ["tare", "sheet", "scenario"])
 def test_an_offset_and_its_uncertainty_are_taken_as_stated(stated: str) -> None:
     """Of a sensor with offsets: zeroed without wind just before, known from a sheet, or better than Table 4.8."""
@@ -149,6 +153,7 @@ def test_an_offset_and_its_uncertainty_are_taken_as_stated(stated: str) -> None:
     assert plain["cl"].standard_deviation > 10.0 * found["cl"].standard_deviation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [1000.0, 100.0])
 @pytest.mark.parametrize("convention", ["instantaneous", "mean"])
 def test_what_a_sample_of_the_current_is_belongs_to_the_log(rate: float, convention: str) -> None:
@@ -173,6 +178,7 @@ def test_what_a_sample_of_the_current_is_belongs_to_the_log(rate: float, convent
         swing_data(replace(log, extra={**log.extra, "current_sampling": "often"}), "swing")
 
 
+@pytest.mark.slow
 def test_an_added_mass_far_from_every_seed_is_found(tmp_path: Path) -> None:
     """Without the scan this one ends at 0.02 kg: the phase slips by a period."""
     path = lab.write(lab.flick(added_mass=0.2, angle=0.5 * math.pi, duration=3.0, seed=2), tmp_path, "flick")
@@ -272,6 +278,7 @@ def test_a_wrong_constant_is_in_the_interval_and_the_budget(tmp_path: Path) -> N
         assert exact[name].noise_deviation == exact[name].standard_deviation
 
 
+@pytest.mark.slow
 def test_an_encoder_zero_half_a_degree_off_is_named_and_can_be_freed(tmp_path: Path) -> None:
     zero = math.radians(0.5)
     path = lab.write(lab.bar_swing(replace(lab.LAB, encoder_zero=zero)), tmp_path, "swing")
@@ -286,6 +293,7 @@ def test_an_encoder_zero_half_a_degree_off_is_named_and_can_be_freed(tmp_path: P
     assert "--free encoder_zer: this fit has no such constant; did you mean 'encoder_zero'?" in wrong.stderr
 
 
+@pytest.mark.slow
 def test_a_late_current_is_found_when_its_delay_is_free() -> None:
     rig = replace(lab.LAB, current_delay=0.004)
     log = lab.flick(rig, added_mass=0.05, seed=5)

@@ -41,6 +41,7 @@ def die_of_two(marks: Path, number: int) -> int:
     return number * 10
 
 
+@pytest.mark.slow
 def test_a_piece_that_kills_its_worker_is_found_and_the_others_are_done(tmp_path: Path) -> None:
     told: list[int] = []
     results = run_batch(
@@ -65,6 +66,7 @@ def wait_for_the_killer(folder: Path, number: int) -> int:
     return number
 
 
+@pytest.mark.slow
 def test_a_worker_killed_from_outside_costs_nothing(tmp_path: Path) -> None:
     def kill() -> None:
         while not (tmp_path / "pid").exists():
@@ -77,6 +79,7 @@ def test_a_worker_killed_from_outside_costs_nothing(tmp_path: Path) -> None:
     killer.join()
 
 
+@pytest.mark.slow
 def test_workers_that_cannot_live_at_all_are_an_error_and_not_a_hang() -> None:
     with pytest.raises(UserError, match="workers died 6 times before any run was done"):
         run_batch(os._exit, [1] * 100, 2)
@@ -91,6 +94,7 @@ def test_workers_have_one_blas_thread_and_the_caller_keeps_its_own(monkeypatch: 
     assert "MKL_NUM_THREADS" not in os.environ
 
 
+@pytest.mark.slow
 def test_workers_preload_a_fast_allocator_where_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("LD_PRELOAD", raising=False)
     monkeypatch.setattr(dask_cluster, "find_library", {"jemalloc": "libm.so.6"}.get)

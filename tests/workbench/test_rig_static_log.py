@@ -54,6 +54,7 @@ def test_reading_plus_offset_less_bias_is_the_wrench() -> None:
     np.testing.assert_allclose(readings(log).std(axis=0), 0.01 * ACCURACIES, rtol=0.03)
 
 
+@pytest.mark.slow
 def test_bias_has_the_published_accuracy_over_many_logs() -> None:
     """200 seeds: a standard deviation is known to 1 / sqrt(400) = 5 %, so 15 % is three of that."""
     short = STATIC.varied(experiment={"duration": 0.01})

@@ -75,6 +75,7 @@ def test_replay_turns_a_sail_that_faces_the_wind_as_its_encoder_saw_it(run):
     assert np.remainder(angle, 2 * np.pi) == pytest.approx(1.5 * np.pi, abs=0.1)
 
 
+@pytest.mark.slow
 def test_free_sail_follows_the_one_that_faces_the_wind_over_a_whole_swing(run):
     """Heading, peak roll and the air's impulse agree; the free sail is late by its lag, some 60 ms."""
     exact = ["sail_encoder.noise=0.0", "sail_encoder.rate=500.0", "sail_encoder.delay=0.0"]
@@ -99,6 +100,7 @@ def test_added_mass_counts_in_no_mass_of_the_log(run):
     assert log.extra["total_mass_kg"] == pytest.approx(log.scenario["car"]["mass"] + arm, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_added_mass_stays_beside_the_tail_through_a_whole_swing(run):
     log = run("tail.added_mass=0.05")
     (slide,) = [name for name in log.table.columns if name.startswith("plant_position_added_mass")]
@@ -120,6 +122,7 @@ def test_log_says_how_long_the_coefficients_were_outside_their_range(run):
     assert read_run_log(fast.source).extra == fast.extra
 
 
+@pytest.mark.slow
 def test_share_of_a_run_in_which_the_edge_value_was_held(run, standard_runs):
     log = run("tail.coefficients=robot_tail_line")
     shares = log.extra["sections_outside_measured_range"]

@@ -157,6 +157,7 @@ def drive_off(car):
         car.advance(1.5 * part)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("driving", "wind", "offset", "end"),
     [(True, 0.0, 0.25, -1), (True, 0.0, -0.9, 1), (False, -6.0, 0.25, -1), (False, 6.0, 0.25, 1)],

@@ -85,6 +85,7 @@ def once_running(marks: Path, number: int, act: Callable[[int], None]) -> thread
     return thread
 
 
+@pytest.mark.slow
 def test_quiet_work_says_nothing_and_leaves_no_record(opened, marks, tmp_path):
     engine, said = opened()
     work = partial(leak, marks, 0, 0.0)
@@ -92,6 +93,7 @@ def test_quiet_work_says_nothing_and_leaves_no_record(opened, marks, tmp_path):
     assert (said, engine.events, recorded(tmp_path)) == ([], {}, [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "kind", "words"),
     [
@@ -113,6 +115,7 @@ def test_a_worker_killed_or_stopped_is_said_and_only_its_run_is_made_again(
     assert re.match(words, said[0])
 
 
+@pytest.mark.slow
 def test_result_that_dies_with_its_worker_is_made_again(opened, marks, tmp_path, monkeypatch):
     """The worker is killed after it has ended a piece and before the result is fetched."""
     engine, said = opened(2)
@@ -174,6 +177,7 @@ def test_result_that_never_arrives_is_given_up_after_two_runs(opened, marks, mon
     assert engine.events == {"taken_back": 2, "given_up": 1}
 
 
+@pytest.mark.slow
 def test_result_may_travel_longer_than_the_time_between_two_looks(opened, marks, monkeypatch):
     monkeypatch.setattr(dask_engine, "LOOK_EVERY", 0.2)
     engine, said = opened(1)
@@ -205,6 +209,7 @@ def test_timeout_that_a_piece_raises_is_its_own_error(opened):
         engine.map(refuse_in_time, range(2))
 
 
+@pytest.mark.slow
 def test_workers_that_dask_pauses_are_said_and_replaced_and_the_study_ends(opened, marks, tmp_path, monkeypatch):
     monkeypatch.setattr(dask_engine, "PAUSED_LOOKS", 2)
     with dask.config.set({"distributed.worker.memory.pause": 0.45}):  # before our own replacement at 0.7
@@ -216,6 +221,7 @@ def test_workers_that_dask_pauses_are_said_and_replaced_and_the_study_ends(opene
     assert any(re.search(r"is paused by Dask: it holds 0\.\d\d of 0\.40 GB", line) for line in said)
 
 
+@pytest.mark.slow
 def test_workers_without_room_for_a_single_run_are_an_error(opened):
     no_room = dask.config.set(
         {"distributed.worker.memory.pause": 0.01, "distributed.worker.memory.monitor-interval": "10ms"}
@@ -224,6 +230,7 @@ def test_workers_without_room_for_a_single_run_are_an_error(opened):
         opened()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("serial", [True, False])
 def test_work_that_stands_still_says_so(opened, marks, monkeypatch, tmp_path, serial):
     monkeypatch.setattr("aerodima.workbench.batch.engine.STILL_LEAST", 1.0)

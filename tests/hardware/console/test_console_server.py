@@ -298,6 +298,7 @@ def test_a_console_that_has_failed_ends_with_its_reason(tmp_path):
             served.result(10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("between", [0.0, 0.1, 0.4], ids=["at once", "while it ends", "near the end"])
 def test_a_second_ctrl_c_ends_it_without_a_traceback(tmp_path, between):
     radio, module = pty.openpty()

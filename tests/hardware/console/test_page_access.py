@@ -35,6 +35,7 @@ def connections():
         yield lambda connection: opened.enter_context(contextlib.closing(connection))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\nHost: 127.0."], ids=["nothing", "half a request"])
 def test_a_flood_is_kept_out_and_the_operator_gets_in(tmp_path, connections, monkeypatch, sent):
     monkeypatch.setattr(waiting, "REQUEST_TIME", 60.0)

@@ -35,6 +35,7 @@ def simulated():
     return simulate(SCENARIO, build=own_diagram.build)
 
 
+@pytest.mark.slow
 def test_simulation_runs_its_discrete_and_continuous_states_and_logs_them(simulated):
     assert simulated.extra["diagram"] == "build"
     steering, turned, way = (simulated.signal(name) for name in ("steering_command_rad", "turned_rad", "way_m"))

@@ -39,6 +39,7 @@ def test_wrong_input_is_one_line_and_leaves_nothing_behind(tmp_path, arguments, 
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_a_folder_with_something_in_it_is_not_used(tmp_path):
     (tmp_path / "mine.txt").touch()
     result = _run(tmp_path, "--duration", "0.1")
@@ -46,6 +47,7 @@ def test_a_folder_with_something_in_it_is_not_used(tmp_path):
     assert result.stderr == f"error: {tmp_path}: is not empty; an emulator writes into a folder of its own\n"
 
 
+@pytest.mark.slow
 def test_a_missing_compiler_is_one_line(tmp_path):
     environment = {"PATH": str(tmp_path), "HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     result = _run(tmp_path / "out", "--duration", "0.1", environment=environment)

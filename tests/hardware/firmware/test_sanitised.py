@@ -45,6 +45,7 @@ def test_every_test_of_the_core_passes_under_the_sanitisers():
     assert status == 0, output[-3000:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("complaint", DEFECTS)
 def test_the_sanitisers_see_a_defect(tmp_path, monkeypatch, complaint):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

@@ -18,6 +18,7 @@ def runs(tmp_path_factory):
     return {name: dict(zip(words[::2], words[1::2], strict=True)) for name, *words in rows}
 
 
+@pytest.mark.slow
 def test_no_old_order_reaches_the_bus_and_no_exit_is_overtaken(runs):
     assert len(runs) == 16
     for name, row in runs.items():

@@ -93,6 +93,7 @@ def test_acceleration_at_the_imu_is_that_of_its_path() -> None:
     assert found.roll_rate[first:] == pytest.approx(rates[:-1, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("system", ["simulated", "physical"])
 def test_reduced_cars_show_the_figures_of_full_ones(system) -> None:
     turn, cars = SLOW[system], PRIOR.draw(2, seed=3)
@@ -147,6 +148,7 @@ def small_plan():
 SHORT = ("manoeuvre.speed_ramp=1.2", "manoeuvre.turn_start=1.5", "manoeuvre.duration=3.5")
 
 
+@pytest.mark.slow
 def test_full_car_flips_at_the_friction_of_the_reduced_one() -> None:
     """Without a tail within 5 %, which is three times what the calibration found them apart."""
     plan, turn, car = small_plan(), SLOW["physical"], CarPrior(small_plan()).ranges.mean(axis=1)[None]
@@ -161,6 +163,7 @@ def test_full_car_flips_at_the_friction_of_the_reduced_one() -> None:
         assert shown[1] > 0.3  # rad/s, to the left
 
 
+@pytest.mark.slow
 def test_whole_job_writes_pages_and_ensembles_and_goes_on_with_its_runs(tmp_path) -> None:
     plan, runs = small_plan(), Runs()
     page = calibrate(plan, runs, tmp_path, played=1)

@@ -90,6 +90,7 @@ def test_margin_of_a_car_that_was_not_seen_lacks_what_is_missed_of_its_flip() ->
     assert margin == pytest.approx([np.log(0.6 / 0.5) - 0.1, np.log(0.7 / 0.5) + 0.05])
 
 
+@pytest.mark.slow
 def test_full_cars_shift_flips_and_figures_go_with_the_margin() -> None:
     """Full cars flip at a tenth more friction, and show a figure that is 3 less the logarithm of their margin."""
     at_last = len(PRIOR.names)
@@ -168,6 +169,7 @@ def _lifting(place, at, inputs):
     return values
 
 
+@pytest.mark.slow
 def test_posterior_is_that_of_the_closed_form() -> None:
     """A figure that is linear in one coordinate leaves a normal of known mean and deviation."""
     figure = next(f for f in figures_of(PLAN) if f.name == "Table 7.3 max_yaw_rate_rad_per_s")
@@ -190,12 +192,14 @@ def test_density_of_a_figure_is_a_normal_of_its_share() -> None:
     assert log_density(made, figure, car)[0] == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_intervals_hold_what_they_promise_when_the_model_is_perfect() -> None:
     posterior = Posterior(PRIOR.draw(400, seed=6), 400.0, 0.3)
     inside = validation.perfect_model(emulator(), posterior, ("Table 7.3", "Table 7.4"), 2, 7, Runs())
     assert 0.75 <= inside <= 1.0
 
 
+@pytest.mark.slow
 def test_left_out_table_is_predicted_without_its_figures() -> None:
     """Its own figures, however far off, leave the prediction where the other tables put it."""
     table = "Table 7.4"

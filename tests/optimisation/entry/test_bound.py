@@ -45,6 +45,7 @@ def test_the_tail_goes_where_the_motion_says_and_the_path_is_counted_from_its_en
     assert 0.1 < fast.driven[0] < 0.9
 
 
+@pytest.mark.slow
 def test_the_bound_is_never_below_the_law_and_repeats() -> None:
     cases = floors([CAR], [1.2])
     table = search_bound(["corner"], cases, "designed", 1, 1, Runs())

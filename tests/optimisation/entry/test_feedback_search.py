@@ -71,6 +71,7 @@ def test_a_tail_that_stays_leant_is_no_completed_turn() -> None:
     assert not leant[0, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("manoeuvre", ["lane-change", "corner"])
 def test_reduced_cars_keep_to_a_path_up_to_the_speed_of_the_full_ones(manoeuvre) -> None:
     """With the law and the first driver of the suite: 0.1 m/s below and above the reduced car's entry speed."""

@@ -103,6 +103,7 @@ def law_file(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_a_law_of_ones_own_climbs_and_one_that_fails_is_named(law_file) -> None:
     who = suite.candidates([], [f"{law_file}:Upright", f"{law_file}:Failing"])
     turn = Manoeuvre("turn", "turn_swing", tuple(f"manoeuvre.{setting}" for setting in SHORT))

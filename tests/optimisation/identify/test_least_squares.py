@@ -183,6 +183,7 @@ def test_wild_points_tear_the_least_squares_line_away_and_not_the_huber_line() -
     assert len(held.attempts) == 2
 
 
+@pytest.mark.slow
 def test_intervals_under_huber_hold_the_truth_in_95_percent_with_and_without_outliers() -> None:
     rng = np.random.default_rng(3)
     x = np.linspace(0.0, 1.0, 80)

@@ -23,6 +23,7 @@ def test_constants_of_the_models_predict_tail_1_as_the_design_says() -> None:
     assert by_angle.to_dict() == pytest.approx({0: 0.003, 15: 0.007, 30: 0.016}, abs=0.002)
 
 
+@pytest.mark.slow
 def test_joint_fit_meets_the_published_currents_within_physical_bounds() -> None:
     found = fit_rig_constants()
     assert len(found.rows) == 200

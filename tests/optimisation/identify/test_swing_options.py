@@ -27,6 +27,7 @@ def short():
     return swing_data(truth.flick_log(0.02, seed=1, duration=0.5), "swing")
 
 
+@pytest.mark.slow
 def test_it_starts_from_zero_and_a_scan_and_from_the_table_where_that_leaves_inertia(short) -> None:
     result = fit_added_mass(short)
     assert result["added_mass"].value == pytest.approx(0.02, abs=0.001)
@@ -40,6 +41,7 @@ def test_it_starts_from_zero_and_a_scan_and_from_the_table_where_that_leaves_ine
     assert result.facts["times_potential_flow"] == pytest.approx(times)
 
 
+@pytest.mark.slow
 def test_bounds_leave_some_inertia_and_move_the_start_inside(short) -> None:
     least = Pendulum.of(short.scenario).least_added_mass
     free = added_mass_parameter(short)

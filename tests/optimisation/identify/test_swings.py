@@ -70,6 +70,7 @@ def test_motor_torque_moves_it_downstream_and_a_motion_without_bounds_is_refused
         roll_out(pendulum, [], (0.0, 0.0), 0.004, 251, motor=[500.0] * 250)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "settings", "kind"),
     [("bar", ["experiment.duration=4"], "bar_swing"), ("robot", ["experiment.duration=2"], "robot_swing")],
@@ -83,6 +84,7 @@ def test_friction_of_a_simulated_swing_is_found(tmp_path: Path, name: str, setti
     assert result.success
 
 
+@pytest.mark.slow
 def test_added_mass_of_a_simulated_flick_is_found_and_brings_the_motion_to_the_noise(tmp_path: Path) -> None:
     scenario = load_rig_scenario("flick", ["aero.added_mass=0.02", "experiment.duration=2.5"])
     log = simulate(scenario, tmp_path / "flick.parquet")
@@ -92,6 +94,7 @@ def test_added_mass_of_a_simulated_flick_is_found_and_brings_the_motion_to_the_n
     assert result.facts["angle_rms_with_rad"] < 0.2 * result.facts["angle_rms_without_rad"]
 
 
+@pytest.mark.slow
 def test_robot_tail_line_is_found_and_bins_lie_on_it(tmp_path: Path) -> None:
     scenario = load_rig_scenario("robot", ["experiment.wind_speed=7.5", "experiment.duration=2.5"])
     data = swing_data(simulate(scenario, tmp_path / "robot.parquet"), "robot_swing")

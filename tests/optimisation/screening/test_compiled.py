@@ -142,6 +142,7 @@ DRIVERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("manoeuvre", DRIVERS)
 def test_steps_of_entries(manoeuvre: str) -> None:
     """From 3 to 6 m/s, steered to one side and then, by the roll rate, to the other; or along a path."""

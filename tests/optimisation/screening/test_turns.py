@@ -116,6 +116,7 @@ def plans_of(scenario: Scenario, swing: SwingFile) -> TurnPlans:
     return replace(plans, **numbers, played=PlayedRoll(np.ones(1), *knots, *gains))
 
 
+@pytest.mark.slow
 def test_two_levels_and_a_played_swing_take_the_car_where_the_full_car_goes() -> None:
     levels = ("manoeuvre.steer_angle=0.05", "manoeuvre.first_angle=0.08", "manoeuvre.first_hold=0.15")
     levels += ("manoeuvre.duration=3.2",)

@@ -72,6 +72,7 @@ def energy(state: np.ndarray, cars: Vehicles) -> float:
     return float((kinetic + total * GRAVITY * height)[0])
 
 
+@pytest.mark.slow
 def test_a_thrown_car_with_a_swinging_tail_keeps_its_energy() -> None:
     cars = replace(without_air_and_friction(cars_of()), shaft_gain=np.zeros(1))
     state = state_of(

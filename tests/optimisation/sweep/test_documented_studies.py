@@ -22,6 +22,7 @@ def write_study(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_study_of_the_page_is_planned_also_with_the_lines_that_are_commented_out(tmp_path):
     path = write_study(tmp_path)
     assert len(plan_runs(load_study(path))) == 9

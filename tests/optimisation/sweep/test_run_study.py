@@ -71,6 +71,7 @@ def test_stopped_study_goes_on_without_losing_or_doubling_a_run(tmp_path, undist
     assert third.names == []
 
 
+@pytest.mark.slow
 def test_the_serial_engine_needs_no_dask(tmp_path, undisturbed):
     code = f"""
 import sys

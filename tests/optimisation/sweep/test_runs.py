@@ -53,6 +53,7 @@ def test_impossible_run_is_a_row_with_one_line_of_error(setting, said):
     assert re.search(said, row["error"]), row["error"]
 
 
+@pytest.mark.slow
 def test_workers_give_the_rows_of_a_serial_loop_in_order(engine):
     work = [*tasks(4), RunTask("bad", "straight", ("car.mass=-1",))]
     finished = []

@@ -164,6 +164,7 @@ def test_cars_without_tail_are_refused() -> None:
         turn_programme([load_scenario("turn_none")], FEW)
 
 
+@pytest.mark.slow
 def test_the_command_refuses_before_it_drives(tmp_path: Path) -> None:
     for flags, words in (
         (["--set", "floors=[9]"], "floor 9: allowed"),

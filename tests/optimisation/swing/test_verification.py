@@ -84,6 +84,7 @@ def test_bad_swings_are_refused_before_anything_runs(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_swing_that_is_never_released_is_said_to_be(tmp_path: Path) -> None:
     lazy = thesis().model_copy(update={"trigger": thesis().trigger.model_copy(update={"threshold_rad_per_s": 50.0})})
     path = write_swing(lazy, tmp_path / "lazy.yaml")

@@ -74,6 +74,7 @@ def zero_crossing_period(plant, diagram, amplitude: float, duration: float, step
     return float(np.mean(np.diff(crossings)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.1, 10.0, -0.05])
 @pytest.mark.parametrize("spanwise_free", [True, False])
 def test_a_pendulum_has_the_analytic_period(ratio, spanwise_free) -> None:

@@ -64,6 +64,7 @@ def free_tail(law, layout=LAYOUT):
     return builder.Build(), plant, force, wind
 
 
+@pytest.mark.slow
 def test_constant_coefficients_equal_an_independent_five_point_sum() -> None:
     diagram, plant, force, wind = free_tail(PolarLaw(DRAG, LIFT))
     rng = np.random.default_rng(4)

@@ -21,6 +21,7 @@ def block(language):
     return found.group(1)
 
 
+@pytest.mark.slow
 def test_example_on_the_car_runs_and_gives_what_it_says(tmp_path, monkeypatch, standard_runs):
     monkeypatch.chdir(tmp_path)
     app = build_app()

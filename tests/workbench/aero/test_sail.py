@@ -82,6 +82,7 @@ def test_it_settles_broadside_to_the_wind_with_the_most_drag(start) -> None:
     assert abs(board.GetOutputPort("wrench").Eval(board.GetMyContextFromRoot(context))[0]) < 1e-2
 
 
+@pytest.mark.slow
 def test_with_the_bearing_too_far_back_it_turns_away() -> None:
     """The first design of the thesis (Fig. 5.9): it leaves the wind and rests half a turn round."""
     vane = replace(VANE, sail=FreeSail(**SAIL | {"centre_of_pressure": -0.06}), damping=2e-2)

@@ -111,6 +111,7 @@ def test_a_plate_falls_broadside_at_terminal_velocity() -> None:
         assert velocity[2] == pytest.approx(-terminal if broadside else -9.81 * 4.0, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_energy_that_a_swing_loses_is_the_power_of_the_drag() -> None:
     """A body that turns and flies in still air: its kinetic energy falls by the integral of the wrench power."""
     builder = DiagramBuilder()

@@ -48,6 +48,7 @@ def test_every_set_can_be_drawn_with_its_bands(name) -> None:
     assert bool(bands) == (coefficients.law_kind == "polar" or coefficients.kind == "speed_table")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", embedded_sets())
 def test_legend_covers_no_node(name) -> None:
     figure = plot_coefficients(load_coefficients(name))

@@ -25,6 +25,7 @@ def test_metrics_of_a_plant_are_printed_and_written(swings: list[Path], call: Ca
     assert "tail_force_pole_max_n" in (tmp_path / "metrics.csv").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_replay_draws_the_plant(swings: list[Path], call: Callable, tmp_path: Path) -> None:
     call("replay", swings[0], "--html", tmp_path / "swing.html", "--strip", tmp_path / "swing.png")
     page = (tmp_path / "swing.html").read_text(encoding="utf-8")

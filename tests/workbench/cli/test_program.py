@@ -217,6 +217,7 @@ def options_of(command: Any) -> dict[str, Any]:
     return {name: option for option in command.params for name in option.opts if name.startswith("-")}
 
 
+@pytest.mark.slow
 def test_help_pages_cut_nothing_at_80_columns(commands: Commands, call: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     assert len(commands[""].commands) <= 18

@@ -13,6 +13,7 @@ from aerodima.workbench.logs.schema import read_run_log
 SHORT = ("--set", "manoeuvre.turn_start=0.4", "--set", "manoeuvre.speed_ramp=0.3", "--set", "manoeuvre.duration=1.2")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["turn_swing_free_sail", "turn_swing_wind"])
 def test_shipped_scenario_goes_from_run_to_replay_and_strip(call: Callable, tmp_path: Path, scenario: str) -> None:
     log, page, strip = (tmp_path / f"run.{ending}" for ending in ("parquet", "html", "png"))
@@ -28,6 +29,7 @@ def test_shipped_scenario_goes_from_run_to_replay_and_strip(call: Callable, tmp_
     assert ("wind_x_truth_m_per_s" in run.table.columns) == (scenario == "turn_swing_wind")
 
 
+@pytest.mark.slow
 def test_turn_says_when_a_table_was_left(call: Callable) -> None:
     left = call("run", "turn_swing", "--speed", 1.0, *SHORT, "--set", "tail.coefficients=robot_tail_line")
     assert re.search(r"sections_outside_measured_range +0\.\d\d", left.stdout)

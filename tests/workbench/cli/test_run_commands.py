@@ -75,6 +75,7 @@ def test_law_that_fails_is_named_in_one_line_after_its_own_traceback(call: Calla
     assert "simulation.py" not in result.stderr
 
 
+@pytest.mark.slow
 def test_tail_that_never_swung_is_noted(call: Callable) -> None:
     steered = (["--set", f"manoeuvre.steer_angle={angle}"] for angle in (0.05, 0.5))
     little, far = (call("run", "turn_swing", "--speed", 1.5, *SHORT, *settings).stdout for settings in steered)
@@ -92,6 +93,7 @@ except SystemExit as end:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [
@@ -112,6 +114,7 @@ def test_wrong_input_is_told_before_drake_is_imported(untouched: Path, words: tu
     assert result.stdout.split() == ["2", "False"]
 
 
+@pytest.mark.slow
 def test_existing_log_is_kept_without_force(call: Callable, refused: Callable, untouched: Path) -> None:
     assert "--force" in refused("run", "turn_swing", *SHORT, "--out", untouched)
     assert untouched.read_text() == "precious"
@@ -191,6 +194,7 @@ def test_scenario_file_may_have_no_ending(call: Callable, tmp_path: Path) -> Non
     assert call("run", path).exit_code == 0
 
 
+@pytest.mark.slow
 def test_slalom_of_the_thesis_stays_upright_while_it_gathers_speed_and_rolls_over_at_4_m_per_s(call: Callable) -> None:
     """The thesis steers while it accelerates (6.1.3), and shows the first second of it."""
     assert "outcome: survived, clean" in call("run", "slalom").stdout

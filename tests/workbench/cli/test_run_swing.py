@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, read_swing, swing_from_dict, write_swing
@@ -21,6 +22,7 @@ QUIET = tuple(word for noise in NOISES for word in ("--set", f"imu.{noise}=0"))
 COMMANDED = ("command_position_rad", "command_velocity_rad_per_s")
 
 
+@pytest.mark.slow
 def test_the_published_swing_is_played_and_mirrored_for_a_right_turn(call: Callable, tmp_path: Path) -> None:
     """Left and right runs are exact mirror images but for rounding, from the trigger to the end of the swing."""
     logs = {}
@@ -37,6 +39,7 @@ def test_the_published_swing_is_played_and_mirrored_for_a_right_turn(call: Calla
     assert np.max(logs["left"].signal("tail_roll_command_velocity_rad_per_s")) == 8.0
 
 
+@pytest.mark.slow
 def test_torque_of_a_braking_swing_steps_with_the_ticks_of_its_commands() -> None:
     """100 Hz: position and rate of the curve are held for 10 ms, and the motor's gains answer each new pair at once.
 
@@ -56,6 +59,7 @@ def test_torque_of_a_braking_swing_steps_with_the_ticks_of_its_commands() -> Non
     assert np.max(np.abs(rows[0][~ticks])) < 0.5 * np.min(np.abs(rows[0][ticks]))
 
 
+@pytest.mark.slow
 def test_a_swing_for_another_car_needs_to_be_asked_for(call: Callable, refused: Callable, tmp_path: Path) -> None:
     thesis = read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
     path = write_swing(SwingFile.model_validate(thesis.model_dump() | {"car": {"car.mass": 7.0}}), tmp_path / "a.yaml")

@@ -109,6 +109,7 @@ def test_panels_that_share_x_are_linked_and_others_are_not() -> None:
     assert linked == [[0, 0], [0, 1]]
 
 
+@pytest.mark.slow
 def test_figures_of_a_run_keep_every_panel(tailed: RunLog, tailless: RunLog) -> None:
     overlay = chart_panels(plot_overlay([tailed, tailless], ["with", "without"]))
     assert [key["label"] for key in overlay["keys"]] == ["with", "without"]

@@ -196,6 +196,7 @@ def test_nothing_but_the_ground_touches_the_car():
     assert len(resting.contacts()) == 8  # two edges per tyre
 
 
+@pytest.mark.slow
 def test_differential_shaft_turns_at_the_mean_of_the_rear_wheels(standard_runs):
     for run in standard_runs.values():
         spins = {
@@ -209,6 +210,7 @@ def test_differential_shaft_turns_at_the_mean_of_the_rear_wheels(standard_runs):
         np.testing.assert_allclose(spins["drive_shaft_spin"][moving], mean[moving], atol=0.03)
 
 
+@pytest.mark.slow
 def test_outer_rear_wheel_turns_faster_through_a_turn():
     scenario = load_scenario("turn_held", ["manoeuvre.speed=2.0"])
     run = simulate(scenario)

@@ -26,6 +26,7 @@ def deceleration(scenario: Scenario) -> float:
     return RESISTANCE * scenario.environment.gravity * car.mass / (car.mass + turning)
 
 
+@pytest.mark.slow
 def test_car_coasts_as_its_resistance_says_and_stops() -> None:
     settings = ("tail.mode=none", "manoeuvre.straight_time=2", "manoeuvre.speed=1.0", "manoeuvre.steer_angle=0",
                 "manoeuvre.wait_after_turn=0", "manoeuvre.log_end=5.7", "drive.governor=true")  # fmt: skip
@@ -59,6 +60,7 @@ def test_reduced_car_coasts_alike() -> None:
     assert speed - state[FORWARD, 0] == pytest.approx(0.5 * deceleration(scenario), rel=0.02)
 
 
+@pytest.mark.slow
 def test_without_a_stop_the_motor_carries_the_tail_that_is_held() -> None:
     """At rest kp (q - 90 degrees) = m g l sin q, to the motor's and the joint's friction."""
     settings = ("manoeuvre.speed=0", "manoeuvre.steer_angle=0", "manoeuvre.duration=2.6")

@@ -64,6 +64,7 @@ def drive(tmp_path):
     return run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tail", "speed_error", "heading_error"), [("none", 1e-5, 1e-9), ("held", 5e-3, 0.04)])
 def test_straight_driving_holds_speed_and_heading(drive, tail, speed_error, heading_error):
     # The governor droops by the drag of the air and of tyres that roll on two edges over its gain; under a tail on one
@@ -121,6 +122,7 @@ def test_slow_turn_follows_the_kinematic_bicycle(drive, direction):
     )
 
 
+@pytest.mark.slow
 def test_left_and_right_turns_mirror_each_other(drive):
     left = drive("turn_swing", *QUIET)
     right = drive("turn_swing", *QUIET, "manoeuvre.direction=right")
@@ -169,6 +171,7 @@ def test_tail_swings_over_the_top_to_the_outside(standard_runs):
         assert side * (-math.sin(yaw) * offset[0] + math.cos(yaw) * offset[1]) > 0.85 * tail["length"]
 
 
+@pytest.mark.slow
 def test_tailless_car_survives_the_lower_and_flips_at_the_upper_published_speed(standard_runs, drive):
     survivor = metrics_of(standard_runs["none"]).outcome
     assert (survivor.result, survivor.clean) == ("survived", True)

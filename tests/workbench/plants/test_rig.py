@@ -38,6 +38,7 @@ def without_air(tail: int = 1, friction: bool = False, **sections: dict[str, flo
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tail", "misalignment"), [(1, 0.0), (2, 0.0), (3, 0.0), (1, 0.07)])
 def test_bare_rig_moves_and_reacts_as_lagrange_derives_it(tail: int, misalignment: float) -> None:
     """Acceleration and all six reactions over 100 random states.

@@ -38,6 +38,7 @@ def circle(speed: float, *settings: str, angle: float = STEERED) -> Scenario:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [2.0, 3.0, 4.0])
 def test_steady_circle_is_that_of_the_neutral_bicycle(speed: float) -> None:
     """Front and rear slip alike, so the understeer gradient is zero; the rear axle slips as its side force asks."""
@@ -54,6 +55,7 @@ def test_steady_circle_is_that_of_the_neutral_bicycle(speed: float) -> None:
     assert left == pytest.approx(-slip, rel=0.06)
 
 
+@pytest.mark.slow
 def test_yaw_rate_after_a_step_of_the_steering_is_that_of_the_linear_bicycle() -> None:
     scenario = circle(3.0, "manoeuvre.turn_hold=0.6", "manoeuvre.duration=3.0")
     log = simulate(scenario)
@@ -83,6 +85,7 @@ def bicycle(scenario: Scenario, time: float) -> float:
     return float(state[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "slip_angle"), [("", 0.0), ("", SLIP_ANGLE), ("turn_swing", 0.0)])
 def test_friction_stays_within_its_circle_on_every_row(name: str, slip_angle: float) -> None:
     """The lagged approximation bounds the friction of a step by the load at its start, one row before."""
@@ -99,6 +102,7 @@ def test_friction_stays_within_its_circle_on_every_row(name: str, slip_angle: fl
     assert most > 0.9
 
 
+@pytest.mark.slow
 def test_reduced_car_has_the_same_tyre() -> None:
     """Yaw rate and sideslip of the full car while they build up; a row is 2 ms, as a step of the reduced car."""
     settings = ("manoeuvre.turn_hold=0.6", "manoeuvre.duration=3.0")

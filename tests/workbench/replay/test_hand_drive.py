@@ -73,6 +73,7 @@ def left(left_drive: tuple[Script, RunLog]) -> RunLog:
     return left_drive[1]
 
 
+@pytest.mark.slow
 def test_driver_is_shown_time_speed_and_heading_of_the_run(left_drive: tuple[Script, RunLog]) -> None:
     (script, log), columns = left_drive, ("velocity_x_truth_m_per_s", "velocity_y_truth_m_per_s", "yaw_truth_rad")
     time = np.array([now.time for now in script.shown])
@@ -126,6 +127,7 @@ def test_half_speed_takes_twice_as_long(tmp_path: Path) -> None:
     assert clock.slept == pytest.approx(2.4, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_slow_computer_slows_the_run_down_says_so_once_and_skips_nothing(tmp_path: Path) -> None:
     said: list[str] = []
     script, (log,) = driven(tmp_path, lambda look: Wishes(), Clock(0.02), length=2.5, say=said.append)
@@ -135,6 +137,7 @@ def test_a_slow_computer_slows_the_run_down_says_so_once_and_skips_nothing(tmp_p
     assert np.max(np.diff(read_run_log(log).time)) < 0.003, "every row is there"
 
 
+@pytest.mark.slow
 def test_driving_by_hand_knows_no_device() -> None:
     code = """
 import sys

@@ -22,6 +22,7 @@ def strip(short_runs: dict[str, RunLog], tmp_path_factory: pytest.TempPathFactor
     return write_strip(short_runs["swing"], tmp_path_factory.mktemp("strip") / "run.png")
 
 
+@pytest.mark.slow
 def test_strip_holds_five_pictures_of_the_car(strip: Path) -> None:
     pixels = matplotlib.image.imread(strip)
     assert pixels.shape[:2] == (STRIP[1], STRIP[0])

@@ -92,6 +92,7 @@ def test_outcome_stands_above_the_picture_in_its_colour(
     assert np.any(np.abs(header - colour).max(axis=-1) < 8)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("renderer")
 @pytest.mark.parametrize(("ending", "rate", "frames"), [("gif", 1.0, 6), ("webp", 1.0, 6), ("webp", 0.5, 11)])
 def test_file_has_every_frame_and_rests_at_the_end(

@@ -173,6 +173,7 @@ def test_progress_is_told_ten_times_a_second(tmp_path):
     np.testing.assert_allclose(np.diff(times), 0.1, atol=0.01)
 
 
+@pytest.mark.slow
 def test_run_that_is_killed_leaves_a_journal_that_becomes_a_log(run, tmp_path):
     path = tmp_path / "killed.parquet"
     code = (

@@ -37,6 +37,7 @@ def wrench_truth(log: RunLog) -> np.ndarray:
     return np.column_stack((log.vector("force", "truth_n"), log.vector("torque", "truth_n_m")))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind", "tail", "axis", "wind"),
     [
@@ -130,6 +131,7 @@ def test_force_readings_are_wrench_less_offset_plus_bias_and_noise(logs) -> None
     assert np.all(np.abs(rest.mean(axis=0)) < 0.002 * ACCURACIES)
 
 
+@pytest.mark.slow
 def test_robot_tail_comes_to_rest_where_spring_and_wind_balance(tmp_path: Path) -> None:
     """Held by kp (0 - angle): the same torque that holds that angle statically. Friction 0.161 N m may keep it away."""
     scenario = load_rig_scenario("robot", ["experiment.rest=0.2", "experiment.duration=2.5"])

@@ -29,6 +29,7 @@ def flat(values):
     return {key: value for key, value in values.items() if not isinstance(value, dict | tuple | str)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mode", "direction"), [("none", "left"), ("swing", "right")])
 def test_trial_of_a_surviving_car_has_the_outcome_and_metrics_of_its_logged_run(tmp_path, mode, direction):
     scenario = turn(mode, 2.5, f"manoeuvre.direction={direction}")
@@ -49,6 +50,7 @@ def test_trial_of_a_surviving_car_has_the_outcome_and_metrics_of_its_logged_run(
         np.testing.assert_allclose(run.signal(name), logged.signal(name), atol=1e-9 * scale, err_msg=name)
 
 
+@pytest.mark.slow
 def test_all_signals_give_the_table_of_the_logged_run_and_the_impulses_of_the_tail(tmp_path):
     scenario = turn("swing", 3.0)
     logged = simulate(scenario, tmp_path / "run.parquet")

@@ -41,6 +41,7 @@ def run(scenario, lean):
     return {name: sink.FindLog(simulator.get_context()).data() for name, sink in sinks.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", RUNS)
 def test_station_moves_alike_with_and_without_its_truth_over_a_whole_run(case):
     """With it the plant samples its output ports, and what drives it is kept by a `SampledHold`."""
@@ -54,6 +55,7 @@ def test_station_moves_alike_with_and_without_its_truth_over_a_whole_run(case):
         np.testing.assert_array_equal(found[port], values, err_msg=port)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [["tail.sail=free"], ["tail.sail=locked", "tail.added_mass=0.003"]])
 def test_air_in_wind_is_what_a_tail_force_says_at_every_state_of_a_run(settings):
     """`TailForce` asks Drake where the sail is and how it moves; what drives the plant has that in closed form."""

@@ -13,6 +13,7 @@ from aerodima.workbench.stations.car_station import simulated_car
 from aerodima.workbench.stations.outcome_record import GroundLoads
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "settings", "parts"),
     [

@@ -187,6 +187,7 @@ def test_tip_is_one_length_from_the_joints_and_on_the_side_of_the_roll_angle(tai
     np.testing.assert_allclose(in_body[:, 1], -length * np.sin(roll), atol=0.01)
 
 
+@pytest.mark.slow
 def test_air_pushes_on_the_sail():
     # Locked, all sections push along one normal, so that a single centre of pressure says it all.
     settings = ["manoeuvre.speed=3.33", "tail.sail=locked"]

@@ -59,6 +59,7 @@ def test_drawing_has_a_board_where_the_shape_has_one() -> None:
         assert ("backing_board" in tail_sdf(car.tail, car.tail_motor, car.car).text()) is drawn
 
 
+@pytest.mark.slow
 def test_flat_sail_turns_a_car() -> None:
     run = simulate(load_scenario("turn_designed", ["tail.sail_shape=flat", "manoeuvre.duration=3"]))
     assert np.isfinite(metrics_of(run).peak_roll_rad)

@@ -63,6 +63,7 @@ def test_built_tail_as_an_object_with_its_known_inertia_runs_as_before(files: di
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["known", "densities"])
 def test_run_of_the_built_tail_as_a_file_is_that_of_its_parameters_to_the_last_bit(runs: dict, name: str) -> None:
     assert runs[name].table.equals(runs[None].table)

@@ -73,6 +73,7 @@ def trace_of(step, monkeypatch):
     return trace
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", STEPS)
 def test_all_that_happens_at_one_instant_happens_in_one_order_at_every_tick(step, monkeypatch):
     """Times apart by more than rounding are two instants; within one, stages follow each other and the step is last."""
@@ -101,6 +102,7 @@ def test_all_that_happens_at_one_instant_happens_in_one_order_at_every_tick(step
         assert met == {("row", "step"), tuple(ORDER)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [0.002, 0.001, 0.0005])
 def test_steering_and_swing_act_on_the_step_of_the_tick_that_commands_them(step):
     """No latency but what is modelled, at any step: the row after a command has the knuckle and the tail moving."""
