@@ -302,10 +302,15 @@ def period_of(rate: float, stage: Stage) -> float:
 def row_period(rate: float, step: float) -> float:
     """Period (s) of rows, `rate` Hz, that show a discrete plant before its step of `step` s.
 
-    Drake publishes before it updates. With a row at every step both have one instant: another one costs a second look
-    for the next event, and what drives the plant would be calculated twice.
+    Drake publishes before it updates. With a row every 1, 2, 4 ... steps, whose multiples have the same bits, both have
+    one instant: another one costs a second look for the next event, and what drives the plant is calculated twice.
     """
-    return step if math.isclose(rate * step, 1.0) else period_of(rate, Stage.RECORD)
+    steps = round(1.0 / (rate * step))
+    return (
+        steps * step
+        if math.isclose(steps * rate * step, 1.0) and steps.bit_count() == 1
+        else period_of(rate, Stage.RECORD)
+    )
 
 
 def nominal_time(time: float, rate: float) -> float:
