@@ -190,11 +190,7 @@ def spread_of(emulator: Emulator, figure: Figure, cars: FloatArray, values: Floa
 
 
 def sample(
-    emulator: Emulator,
-    figures: Sequence[Figure],
-    seed: int,
-    prior: CarPrior | None = None,
-    steps: int | None = None,
+    emulator: Emulator, figures: Sequence[Figure], seed: int, prior: CarPrior | None = None, steps: int | None = None
 ) -> Posterior:
     """Draws from the posterior given some figures and all outcomes, with an ensemble sampler (emcee).
 

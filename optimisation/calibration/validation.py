@@ -144,12 +144,7 @@ def _playing(emulator: Emulator, posterior: Posterior, rng: np.random.Generator)
 
 
 def perfect_model(
-    emulator: Emulator,
-    posterior: Posterior,
-    tables: Sequence[str],
-    number: int,
-    seed: int,
-    runs: Runs,
+    emulator: Emulator, posterior: Posterior, tables: Sequence[str], number: int, seed: int, runs: Runs
 ) -> float:
     """Share of the figures of tables that lie in their 90 % interval when posterior cars play the thesis."""
     rng, plan = np.random.default_rng(seed), emulator.prior.plan

@@ -144,12 +144,7 @@ def _add_status(builder: DiagramBuilder, reports: dict[str, System], tail: dict[
 
 
 def _add_truth(
-    builder: DiagramBuilder,
-    wires: Wires,
-    scenario: Scenario,
-    car: CarPlant,
-    driven: DrivenCar,
-    wind: OutputPort | None,
+    builder: DiagramBuilder, wires: Wires, scenario: Scenario, car: CarPlant, driven: DrivenCar, wind: OutputPort | None
 ) -> dict[str, OutputPort]:
     """Adds what only a simulation knows; the ports to export."""
     plant = car.plant
