@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.geometry import (
@@ -122,14 +122,14 @@ def add_car_plant(
     return result
 
 
-def add_plant(builder: DiagramBuilder, step: float) -> tuple[MultibodyPlant, SceneGraph]:
-    """Adds a plant and its scene graph, as Drake's `AddMultibodyPlantSceneGraph`, which keeps both for ever (1.51).
+def add_plant(builder: DiagramBuilder, step: float) -> tuple[Any, SceneGraph]:
+    """Adds a plant and its scene graph, as `AddMultibodyPlantSceneGraph` of Drake, which 1.51 never frees.
 
     Args:
         step: s; 0 for a continuous plant.
     """
-    plant = builder.AddNamedSystem("plant", MultibodyPlant(step))
-    scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
+    plant: Any = builder.AddNamedSystem("plant", MultibodyPlant(step))
+    scene_graph: Any = builder.AddNamedSystem("scene_graph", SceneGraph())
     source = plant.RegisterAsSourceForSceneGraph(scene_graph)
     builder.Connect(plant.get_geometry_pose_output_port(), scene_graph.get_source_pose_port(source))
     builder.Connect(scene_graph.get_query_output_port(), plant.get_geometry_query_input_port())

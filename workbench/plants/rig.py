@@ -78,7 +78,8 @@ def add_rig_plant(builder: DiagramBuilder, scenario: RigScenario, scene_graph: b
     if scene_graph:
         plant, scene = add_plant(builder, 0.0)
     else:
-        plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
+        plant = builder.AddSystem(MultibodyPlant(0.0))
+        plant.set_name("plant")
     plant.mutable_gravity_field().set_gravity_vector(np.array([0.0, 0.0, -scenario.environment.gravity]))
     parse_model(plant, robot_rig_sdf(scenario) if scenario.is_robot else cheetah_rig_sdf(scenario))
     sensor = plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("mount"))

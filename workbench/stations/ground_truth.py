@@ -147,7 +147,7 @@ class PlantTruth(_Kinematics):
         still = np.zeros(3)
         motion = ChassisMotion(X_WB.rotation().matrix(), V_WB.rotational(), still, still)
         truth = _body_truth(X_WB.translation(), V_WB.translational(), motion, still)
-        output.SetFromVector(truth[: len(BASE_COLUMNS)])
+        output.SetFromVector(np.array(truth[: len(BASE_COLUMNS)]))
 
     def _calc_poses(self, context: Context, output: BasicVector) -> None:
         kinematics = self._kinematics_at(context)
@@ -212,7 +212,8 @@ class CarTruth(_Kinematics):
         values = vector_of(self._motion_port, context)
         x, motion = values.tolist(), chassis_motion(values, self._step)
         com: Any = self._plant.CalcCenterOfMassPositionInWorld(self._kinematics_at(context), self._instances)
-        output.SetFromVector([*_body_truth(x[4:7], x[10:13], motion, self._p_BoImu_B), *com.tolist()])
+        truth = _body_truth(x[4:7], x[10:13], motion, self._p_BoImu_B)
+        output.SetFromVector(np.array([*truth, *com.tolist()]))
 
     def _calc_contact(self, context: Context, output: BasicVector) -> None:
         results: Any = self._contact_port.Eval(context)
@@ -227,7 +228,7 @@ class CarTruth(_Kinematics):
                 points[wheel] += force[2] * info.contact_point()
         points /= np.maximum(forces[:, 2:], LEAST_LOAD)
         power = vector_of(self._drive_port, context)[0] * vector_of(self._state_port, context)[self._shaft]
-        output.SetFromVector([*forces.ravel(), *points.ravel(), *ground.values(), power])
+        output.SetFromVector(np.concatenate([forces.ravel(), points.ravel(), [*ground.values(), power]]))
 
     def _calc_tail(self, context: Context, output: BasicVector) -> None:
         kinematics, plant = self._kinematics_at(context), self._plant

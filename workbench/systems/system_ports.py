@@ -306,11 +306,8 @@ def row_period(rate: float, step: float) -> float:
     one instant: another one costs a second look for the next event, and what drives the plant is calculated twice.
     """
     steps = round(1.0 / (rate * step))
-    return (
-        steps * step
-        if math.isclose(steps * rate * step, 1.0) and steps.bit_count() == 1
-        else period_of(rate, Stage.RECORD)
-    )
+    shared = math.isclose(steps * rate * step, 1.0) and steps.bit_count() == 1
+    return steps * step if shared else period_of(rate, Stage.RECORD)
 
 
 def nominal_time(time: float, rate: float) -> float:
