@@ -7,8 +7,9 @@ import pytest
 
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.simulate.car_run import assemble
+from aerodima.workbench.simulate.car_run import assemble, build_of
 from aerodima.workbench.simulate.rig_run import assemble_rig
+from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.systems.system_ports import released
 
 
@@ -40,3 +41,18 @@ def test_diagram_and_station_of_a_rig_die(name: str, settings: list[str]) -> Non
     del builder, station
     gc.collect()
     assert (station_ref(), diagram()) == (None, None)
+
+
+@pytest.mark.parametrize("record", ["all", "outcome"])
+def test_systems_of_a_user_outlive_the_run(record: str) -> None:
+    """Who built the diagram may still ask its systems."""
+    scenario, held = load_scenario("turn_none", ["manoeuvre.duration=2.7"]), []
+
+    def build(builder, station) -> None:
+        build_of(scenario)(builder, station)
+        held.append(station)
+
+    simulate(scenario, record=record, build=build)
+    gc.collect()
+    assert held[0].GetOutputPort("imu").size() == 9
+    assert held[0].GetSubsystemByName("plant").num_bodies() > 10

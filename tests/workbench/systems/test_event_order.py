@@ -15,7 +15,7 @@ from aerodima.workbench.sensors.car_sensors import GpsSpeed, Imu, MotorEncoder
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.simulate.simulation import simulate
-from aerodima.workbench.systems.system_ports import LEAD, Stage, nominal_time, period_of, step_instant
+from aerodima.workbench.systems.system_ports import LEAD, Stage, nominal_time, period_of, row_period, step_instant
 
 STEPS = [0.004, 0.002, 0.001, 0.0005, 0.0003]
 """s; the last one divides no period of a tick, and no power of ten."""
@@ -166,3 +166,18 @@ def test_stages_are_further_apart_than_rounding_and_closer_than_anything_physica
         assert np.all(gaps > 1e5 * np.spacing(exact))
         assert np.all(exact - early[0] <= 7 * LEAD * exact)
         np.testing.assert_allclose([nominal_time(time, rate) for time in early[0][:100]], exact[:100], rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("rate", "step"), [(500.0, 0.002), (500.0, 0.0005), (250.0, 0.001), (500.0, 0.0004), (100.0, 0.003)]
+)
+def test_rows_share_the_bits_of_a_step_or_come_before_it(rate, step):
+    """Every row is at the step's instant to the bit, or between the step before and its own instant; never after."""
+    period, numbers = row_period(rate, step), np.arange(1.0, 20_001.0)
+    steps = numbers * step
+    rows, ratio = numbers * period, 1.0 / (rate * step)
+    if period == round(ratio) * step:
+        assert np.isin(rows[: int(20_000 / ratio)], steps).all()
+    else:
+        before = numbers / rate
+        assert ((rows < before) & (rows > before * (1.0 - 1e-8))).all()
