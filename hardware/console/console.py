@@ -35,7 +35,6 @@ class Console:
         car: whose drive the console starts and ends; None where the car is armed beside it.
 
     Attributes:
-        late_beats: heartbeats that were held up on their way and not passed on.
         failure: why the console must end, in words; empty while it works.
     """
 
@@ -47,7 +46,6 @@ class Console:
         self._clocks: dict[int, BeatClock] = {}
         self._recorded: object = None
         self._radio_fault = ""
-        self.late_beats = 0
         self.failure = ""
 
     @property
@@ -138,8 +136,7 @@ class Console:
         return {"type": "welcome", "limits": asdict(self._limits), "view": self.view}
 
     def _beat(self, page: int, beat: Beat, now: float) -> None:
-        if not self._clocks[page].in_time(beat.time, now):
-            self.late_beats += 1
+        if not self._clocks[page].in_time(beat.time, now):  # it was held up on its way
             return
         before = self.radio.mode
         sent = self.radio.beat(beat.count, beat.command, now)

@@ -12,6 +12,7 @@ import time
 import tty
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from aerodima.hardware.car.car_ports import Joint
@@ -327,13 +328,11 @@ class PtyPort:
     Attributes:
         link: path for the computer.
         plugged: whether there is a terminal now.
-        dropped: writes that did not fit since the computer does not read.
     """
 
     def __init__(self, link: Path) -> None:
         self.link = link
         self.plugged = False
-        self.dropped = 0
         self._master = self._slave = -1
         self.plug()
 
@@ -376,10 +375,6 @@ class PtyPort:
 
     def write(self, data: bytes) -> None:
         """Sends bytes; what does not fit is lost, as on a real line."""
-        if not self.plugged or not data:
-            return
-        try:
-            written = os.write(self._master, data)
-        except OSError:
-            written = 0
-        self.dropped += written < len(data)
+        if self.plugged and data:
+            with suppress(OSError):
+                os.write(self._master, data)

@@ -129,11 +129,7 @@ class Outbox:
             key = (frame.arbitration_id, frame.extended)
             if self._in_hand_is_urgent:
                 self._urgent.appendleft(frame)
-            elif (
-                may_have_left
-                or key in self._waiting
-                or any((item.arbitration_id, item.extended) == key for item in self._urgent)
-            ):
+            elif may_have_left or key in self._waiting or key in ((f.arbitration_id, f.extended) for f in self._urgent):
                 self.superseded += 1
             else:
                 self._waiting = {key: (since, frame), **self._waiting}
@@ -317,9 +313,6 @@ class CanBus:
             raise error
         self.garbage += 1
         self._garbage_in_a_row += 1
-        flush = getattr(self._bus, "flush", None)
-        if flush is not None:
-            flush()  # slcan keeps an undecodable line in its buffer and would stumble over it for ever
 
     def _take(self, now: float, message: can.Message) -> None:
         data = bytes(message.data)
@@ -363,13 +356,7 @@ class CanBus:
                 self._outbox.done()
 
     def _send_one(self, frame: CanFrame) -> None:
-        message = can.Message(
-            timestamp=time.time(),
-            arbitration_id=frame.arbitration_id,
-            data=frame.data,
-            is_extended_id=frame.extended,
-            is_rx=False,
-        )
+        message = can.Message(time.time(), frame.arbitration_id, frame.extended, data=frame.data, is_rx=False)
         with self._recent_lock:
             self._recent.append((time.monotonic(), frame.arbitration_id, frame.data))
         self._bus.send(message, timeout=_SEND_TIMEOUT)

@@ -350,10 +350,19 @@ def test_slcan_survives_noise(slcan, noise):
     assert bus.fault is BusFault.NONE
 
 
-def test_endless_noise_on_slcan_is_a_fault(slcan):
+def test_a_bad_line_on_slcan_takes_no_frame_of_the_same_read_with_it(slcan):
+    bus, adapter = slcan
+    adapter.write(b"\xff\r" + b"t0008" + REPLY.data.hex().upper().encode() + b"\r" + b"tZZ\rt0008")
+    adapter.write(REPLY.data.hex().upper().encode() + b"\r")
+    assert received(bus, 2) == [REPLY] * 2
+    assert bus.garbage == 2
+
+
+@pytest.mark.parametrize("noise", [b"tZZ\r", b"\x00" * 65])
+def test_endless_noise_on_slcan_is_a_fault(slcan, noise):
     bus, adapter = slcan
     for _ in range(300):
-        adapter.write(b"tZZ\r")
+        adapter.write(noise)
         time.sleep(0.002)
     assert wait_until(lambda: bus.fault is BusFault.RECEIVER_DEAD)
 
