@@ -11,7 +11,7 @@ from tests.built.statements import Value
 
 @check
 def speeds_of_the_demo_in_whole_km_per_h() -> Value:
-    return all(math.isclose(3.6 * speed, round(3.6 * speed), abs_tol=1e-9) for speed in DemoPlan().speeds)
+    return all(math.isclose(3.6 * speed, round(3.6 * speed), abs_tol=1e-9) for _, speed in DemoPlan().turns)
 
 
 def physical(configuration: str) -> TurnMetrics:

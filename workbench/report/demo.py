@@ -53,15 +53,15 @@ class DemoPlan:
     """Which turns are run and which of them are shown in full.
 
     Args:
-        speeds: commanded, m/s.
-        tail_modes: of `none`, `held`, `swing`, `designed`; scenarios `turn_<mode>`.
-        shown: (tail mode, speed) of the runs with a replay.
+        turns: tail mode, of `none`, `held`, `swing`, `designed` (scenarios `turn_<mode>`), and commanded speed, m/s.
+        shown: turns with a replay.
         seed: of every run.
         opening: whether the page begins with the four cars of `models/entry/shown.yaml`, four runs more.
     """
 
-    speeds: tuple[float, ...] = tuple(whole / 3.6 for whole in (12, 13, 16, 17))
-    tail_modes: tuple[str, ...] = ("none", "swing")
+    turns: tuple[tuple[str, float], ...] = (
+        ("none", 12 / 3.6), ("none", 13 / 3.6), ("swing", 16 / 3.6), ("swing", 17 / 3.6),
+    )  # fmt: skip
     shown: tuple[tuple[str, float], ...] = (("none", 13 / 3.6), ("swing", 16 / 3.6))
     seed: int = 1
     opening: bool = True
@@ -136,13 +136,12 @@ def make_demo(
 def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
     """The runs of a plan, with their files below `out`."""
     runs = []
-    for mode in plan.tail_modes:
-        for speed in plan.speeds:
-            settings = [f"manoeuvre.speed={speed!r}", f"seed={plan.seed}"]
-            name = f"{mode}_{speed:.2f}"
-            scenario = load_scenario(f"turn_{mode}", settings).resolved()
-            replay = out / f"replay_{name}.html" if (mode, speed) in plan.shown else None
-            runs.append(DemoRun(name, scenario, out / "logs" / f"turn_{name}.parquet", replay))
+    for mode, speed in plan.turns:
+        settings = [f"manoeuvre.speed={speed!r}", f"seed={plan.seed}"]
+        name = f"{mode}_{speed:.2f}"
+        scenario = load_scenario(f"turn_{mode}", settings).resolved()
+        replay = out / f"replay_{name}.html" if (mode, speed) in plan.shown else None
+        runs.append(DemoRun(name, scenario, out / "logs" / f"turn_{name}.parquet", replay))
     runs.sort(key=lambda run: run.replay is None)  # the longest pieces of work first
     shown = load_shown_entry()
     opening = [

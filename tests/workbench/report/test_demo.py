@@ -24,8 +24,7 @@ from aerodima.workbench.report.entry_chapter import load_shown_entry
 pytestmark = pytest.mark.slow
 
 PLAN = DemoPlan(
-    speeds=(12 / 3.6, 16 / 3.6),
-    tail_modes=("none", "swing"),
+    turns=tuple((mode, speed / 3.6) for mode in ("none", "swing") for speed in (12, 16)),
     shown=(("swing", 16 / 3.6),),
     opening=False,
 )
@@ -159,7 +158,7 @@ def test_a_finished_demo_is_kept(made: Made) -> None:
     ("changed", "message"),
     [
         (DemoPlan(**(PLAN.__dict__ | {"seed": 2})), "of other parameters, settings or versions"),
-        (DemoPlan(**(PLAN.__dict__ | {"speeds": (3.0, 4.0)})), "of other parameters, settings or versions"),
+        (DemoPlan(**(PLAN.__dict__ | {"turns": (("none", 3.0),)})), "of other parameters, settings or versions"),
     ],
 )
 def test_logs_of_another_demo_are_not_mixed_in(made: Made, tmp_path: Path, changed: DemoPlan, message: str) -> None:
@@ -190,7 +189,7 @@ def test_force_makes_again_and_leaves_foreign_files(tmp_path: Path) -> None:
         if line.startswith("1 runs"):  # before the first run: the old log is gone, the note is not
             raise KeyboardInterrupt
 
-    plan = DemoPlan(speeds=(12 / 3.6,), tail_modes=("none",), shown=(), opening=False)
+    plan = DemoPlan(turns=(("none", 12 / 3.6),), shown=(), opening=False)
     with pytest.raises(KeyboardInterrupt):
         make_demo(out, plan, workers=1, force=True, progress=interrupt)
     assert not old.exists()
@@ -235,10 +234,9 @@ def test_the_plan_of_the_command_has_both_sides_of_the_published_flips() -> None
     assert all(re.fullmatch(r"\w+", run.log.stem) for run in first)
     assert len({str(run.scenario[section]) for run in first for section in ("car", "manoeuvre")}) == 2
     runs = [run for run in everything if not run.opening]
-    speeds = {f"{run.scenario['manoeuvre']['speed']:.2f}" for run in runs}
-    brackets = (flip_bracket("tailless"), flip_bracket("tailed"))
-    assert speeds == {f"{speed:.2f}" for one in brackets for speed in (one.survived, one.flipped)}
-    assert len(runs) == 8
+    brackets = {"none": flip_bracket("tailless"), "swing": flip_bracket("tailed")}
+    both = [(mode, speed) for mode, one in brackets.items() for speed in (one.survived, one.flipped)]
+    assert sorted(run.name for run in runs) == sorted(f"{mode}_{speed:.2f}" for mode, speed in both)
     assert {run.scenario["tail"]["name"] for run in runs} == {"built"}
     assert {run.name for run in runs if run.replay is not None} == {"none_3.61", "swing_4.44"}
     assert all(run.scenario["manoeuvre"]["duration"] == 4.0 for run in runs)
