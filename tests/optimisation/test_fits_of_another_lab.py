@@ -315,14 +315,15 @@ def test_the_constants_of_a_simulated_log_are_exact() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "logs", "least", "most"),
-    [("static", 60, 0.65, 1.4), ("friction", 40, 0.65, 1.4), ("added_mass", 12, 0.5, 1.6)],
+    [("static", 60, 0.65, 1.4), ("friction", 20, 0.65, 1.4), ("added_mass", 6, 0.5, 1.6)],
 )
 def test_intervals_hold_the_truth_when_the_constants_are_off(
     kind: str, logs: int, least: float, most: float, tmp_path: Path
 ) -> None:
     """A part of `coverage_study`: constants drawn from the priors, fits at their defaults."""
     table = study(kind, logs, tmp_path)
-    # Of 60, 40 and 12 scores the deviation is known to 9, 11 and 20 %; intervals half or twice as wide give 2 or 0.5.
+    # Of 60, 20 and 6 scores the deviation is known to 9, 16 and 29 %; the draws are the same in every run, so intervals
+    # half or twice as wide give twice or half of what stands.
     assert table.score_deviation.between(least, most).all(), table
     assert (table.determined >= 0.9 * logs).all(), table
     assert (table.percent >= 83.0).all(), table
