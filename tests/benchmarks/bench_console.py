@@ -156,7 +156,10 @@ def _car() -> Iterator[ConsoleSession]:
             yield session
         finally:
             drive.send_signal(signal.SIGTERM)
-            drive.wait(20.0)
+            try:
+                drive.wait(20.0)
+            finally:
+                drive.kill()  # else it computes beside whatever is measured next
 
 
 @contextlib.contextmanager

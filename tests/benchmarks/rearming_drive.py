@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -34,12 +35,13 @@ def main() -> None:
     scenario = load_scenario("auto_turn", sys.argv[2:])
     car = wire_car(scenario, read_ports(Path(sys.argv[1])), "teensy_bridge", lambda: None)
     guard, pilot, stopped = CarGuard(car, load_drive_safety()), ManualPilot(scenario), 0.0
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    ended = threading.Event()  # an exception of the handler may be raised where Python ignores it
+    signal.signal(signal.SIGTERM, lambda *_: ended.set())
     try:
         car.start()
         prefer_latency()
         due = time.monotonic()
-        while True:
+        while not ended.is_set():
             now = time.monotonic()
             guard.read(now)
             if guard.stage is Stage.READY:
@@ -57,8 +59,6 @@ def main() -> None:
             guard.write(pilot.step(0.0, guard.reading).command if driving else CarCommand(), now)
             due = max(due + PERIOD, now - 0.05)
             wait_until(due)
-    except KeyboardInterrupt:
-        pass
     finally:
         car.stop("the benchmark is over")
 
