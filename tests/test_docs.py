@@ -35,7 +35,7 @@ def tails_come_out(folder: Path, told: Mapping[str, str], page: str) -> None:
         ["survived, clean"], ["survived, tail touched the ground"], ["survived, clean"]
     ]  # fmt: skip
     headings = [math.degrees(float(re.findall(r"heading_change_rad +(\S+)", run)[0])) for run in runs]
-    assert all(f"{degrees:.0f} degrees)" in page for degrees in headings), headings
+    assert all(f"{degrees:.0f} degrees)" in chapter for degrees in headings), headings
 
 
 def foreign_log_comes_out(folder: Path, told: Mapping[str, str], page: str) -> None:
