@@ -1,8 +1,10 @@
-"""Pages that are made when the documentation is built: the model card, and texts that stand elsewhere.
+"""Pages that are made when the documentation is built: the model card, and texts that stand
+elsewhere.
 
-The model card is made of `models/parameters` and `models/coefficients`, and the page on the built car of
-`models/published/statements.yaml`, so that no number is typed twice; explanations and the errata of the thesis are the
-texts beside the code and the tables. The reference has a module of its own, `reference_pages.py`.
+The model card is made of `models/parameters` and `models/coefficients`, and the page on the built
+car of `models/published/statements.yaml`, so that no number is typed twice; explanations and the
+errata of the thesis are the texts beside the code and the tables. The reference has a module of its
+own, `reference_pages.py`.
 """
 
 from __future__ import annotations
@@ -46,7 +48,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
     texts = {name: (ROOT / path).read_text(encoding="utf-8") for name, path in TEXTS.items()}
     texts["safety.md"] += _fault_table()
-    texts["errata.md"] = re.sub(r"^### (E\d+)\. (.*)$", r"### \1. \2 { #\1 }", texts["errata.md"], flags=re.MULTILINE)
+    texts["errata.md"] = re.sub(
+        r"^### (E\d+)\. (.*)$", r"### \1. \2 { #\1 }", texts["errata.md"], flags=re.MULTILINE
+    )
     pages = {**_model_card(), "built.md": statements_page(), **texts}
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
@@ -67,8 +71,12 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def _fault_table() -> str:
-    """Faults of the emulated car: what acts, and motors off (ms), throttle neutral (ms), exit frames per wiring."""
-    with (ROOT / "hardware" / "emulator" / "fault_table.csv").open(encoding="utf-8", newline="") as file:
+    """Faults of the emulated car: what acts, and motors off (ms), throttle neutral (ms), exit
+    frames per wiring.
+    """
+    with (ROOT / "hardware" / "emulator" / "fault_table.csv").open(
+        encoding="utf-8", newline=""
+    ) as file:
         rows = list(csv.DictReader(file))
     wirings = ("watched_can", "teensy_bridge")
     numbers = {
@@ -78,7 +86,8 @@ def _fault_table() -> str:
         for row in rows
     }
     lines = [
-        f"| {fault} | {numbers.get((fault, wirings[0]), '')} | {numbers.get((fault, wirings[1]), '')} | {acts} |"
+        f"| {fault} | {numbers.get((fault, wirings[0]), '')} | "
+        f"{numbers.get((fault, wirings[1]), '')} | {acts} |"
         for fault, acts in dict.fromkeys((row["fault"], row["what_acts"]) for row in rows)
     ]
     head = [f"| fault | {wirings[0]} | {wirings[1]} | what acts |", "|---|---|---|---|"]
@@ -104,7 +113,10 @@ def _png(figure: Figure) -> bytes:
 
 
 def _model_card() -> dict[str, str]:
-    return {"parameters/parameters.md": _parameters(), "parameters/coefficients.md": _coefficients()}
+    return {
+        "parameters/parameters.md": _parameters(),
+        "parameters/coefficients.md": _coefficients(),
+    }
 
 
 def _parameters() -> str:
@@ -112,12 +124,17 @@ def _parameters() -> str:
     lines = [
         "# Model card: every parameter",
         "",
-        "Made from `models/parameters`; each number stands there once. A *prior* is the range that an assumed number "
+        "Made from `models/parameters`; each number stands there once. A *prior* is the range "
+        "that an assumed number "
         "may have, and that the calibration searches.",
     ]
     for path in sorted(folder.rglob("*.yaml")):
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        entries = {key: entry for key, entry in content.items() if isinstance(entry, dict) and "value" in entry}
+        entries = {
+            key: entry
+            for key, entry in content.items()
+            if isinstance(entry, dict) and "value" in entry
+        }
         if not entries:
             continue
         section = path.relative_to(folder).with_suffix("").as_posix()
@@ -129,7 +146,9 @@ def _parameters() -> str:
             "|---|---|---|---|---|---|",
         ]
         for key, entry in entries.items():
-            prior = " to ".join(f"{bound:g}" for bound in entry["prior"]) if entry.get("prior") else ""
+            prior = (
+                " to ".join(f"{bound:g}" for bound in entry["prior"]) if entry.get("prior") else ""
+            )
             cells = (
                 f"`{key}`",
                 _shown(entry["value"]),
@@ -150,10 +169,14 @@ def _coefficients() -> str:
     lines = [
         "# Coefficient sets",
         "",
-        "The aerodynamic coefficient sets that ship in `models/coefficients`; `aerodima models coefficients plot NAME` "
-        "draws one. C_N is the normal-force coefficient: the drag coefficient of a surface broadside to the wind. "
-        "Formula, signs and where the laws hold: [Aerodynamic law](../aerodynamics.md). Which set the car uses is "
-        "`coefficients` and `normal_force_coefficient` of its [tail](parameters.md#tail): by default C_N = 2, constant "
+        "The aerodynamic coefficient sets that ship in `models/coefficients`; `aerodima models "
+        "coefficients plot NAME` "
+        "draws one. C_N is the normal-force coefficient: the drag coefficient of a surface "
+        "broadside to the wind. "
+        "Formula, signs and where the laws hold: [Aerodynamic law](../aerodynamics.md). Which set "
+        "the car uses is "
+        "`coefficients` and `normal_force_coefficient` of its [tail](parameters.md#tail): by "
+        "default C_N = 2, constant "
         "(thesis section 6.3.3, ERRATA E26).",
     ]
     for path in sorted((ROOT / "models" / "coefficients").glob("*.yaml")):
@@ -169,10 +192,19 @@ def _coefficients() -> str:
             "|---|---|",
         ]
         for key, value in content.items():
-            text = yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("...\n").strip()
+            text = (
+                yaml.safe_dump(value, default_flow_style=True, width=10**6)
+                .removesuffix("...\n")
+                .strip()
+            )
             lines.append(f"| `{key}` | {text if isinstance(value, list | dict) else value} |")
         if nodes:
-            lines += ["", f'??? "{len(nodes)} nodes"', "", *(f"    {line}" for line in _node_table(nodes))]
+            lines += [
+                "",
+                f'??? "{len(nodes)} nodes"',
+                "",
+                *(f"    {line}" for line in _node_table(nodes)),
+            ]
     return "\n".join(lines) + "\n"
 
 

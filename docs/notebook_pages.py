@@ -1,4 +1,6 @@
-"""The notebooks as pages, with the outputs that they are stored with; made when the documentation is built."""
+"""The notebooks as pages, with the outputs that they are stored with; made when the documentation
+is built.
+"""
 
 from __future__ import annotations
 
@@ -44,22 +46,33 @@ def page(path: Path) -> dict[str, str | bytes]:
         solution = "solution" in cell["metadata"].get("tags", ())
         block = [_fenced(text, "python")]
         for number, output in enumerate(cell["outputs"]):
-            block.append(_output(output, f"notebooks/{path.stem}_{place}_{number}", made, tables=not solution))
+            block.append(
+                _output(
+                    output, f"notebooks/{path.stem}_{place}_{number}", made, tables=not solution
+                )
+            )
         lines.append(_folded("\n\n".join(block)) if solution else "\n\n".join(block))
-    opened = f"`notebooks/{path.name}`, as it was stored; `jupyter lab notebooks` opens it, and the live parts with it."
+    opened = (
+        f"`notebooks/{path.name}`, as it was stored; `jupyter lab notebooks` opens it, and "
+        "the live parts with it."
+    )
     title, _, rest = lines[0].partition("\n")
     made[f"notebooks/{path.stem}.md"] = "\n\n".join([title, opened, rest, *lines[1:]]) + "\n"
     return made
 
 
-def _output(output: dict[str, Any], name: str, made: dict[str, str | bytes], *, tables: bool) -> str:
+def _output(
+    output: dict[str, Any], name: str, made: dict[str, str | bytes], *, tables: bool
+) -> str:
     """An output in Markdown; a picture becomes a file."""
     if output["output_type"] == "stream":
         return _fenced("".join(output["text"]).rstrip())
     data = {kind: "".join(value) for kind, value in output["data"].items()}
     for kind, ending in _PICTURES.items():
         if kind in data:
-            made[f"{name}.{ending}"] = base64.b64decode(data[kind]) if ending == "png" else data[kind]
+            made[f"{name}.{ending}"] = (
+                base64.b64decode(data[kind]) if ending == "png" else data[kind]
+            )
             return f"![What the cell above draws]({Path(name).name}.{ending})"
     if tables and "text/html" in data:
         return _STYLE.sub("", data["text/html"]).replace(_PANDAS, "<table>")

@@ -1,7 +1,9 @@
-"""The reference: what the three packages export, a page per folder, made when the documentation is built.
+"""The reference: what the three packages export, a page per folder, made when the documentation is
+built.
 
-A page has each exported name of a folder with its docstring, read from the source by mkdocstrings without importing it,
-and a line for every module of the folder: what is not exported may move, and is read in the source.
+A page has each exported name of a folder with its docstring, read from the source by mkdocstrings
+without importing it, and a line for every module of the folder: what is not exported may move, and
+is read in the source.
 """
 
 from __future__ import annotations
@@ -39,7 +41,9 @@ def reference() -> dict[str, str]:
         folders = sorted(path.parent for path in (ROOT / package).glob("*/__init__.py"))
         pages[_page(package)] = _package_page(package, folders, exported)
         for folder in folders:
-            pages[_page(package, folder.name)] = _folder_page(package, folder, exported.get(folder.name, {}))
+            pages[_page(package, folder.name)] = _folder_page(
+                package, folder, exported.get(folder.name, {})
+            )
     return pages
 
 
@@ -48,9 +52,11 @@ def _page(package: str, folder: str = "") -> str:
 
 
 def _exported(package: str) -> dict[str, dict[str, str]]:
-    """Folder -> where an exported name stands -> first line of its docstring; the folder is empty beside the folders.
+    """Folder -> where an exported name stands -> first line of its docstring; the folder is empty
+    beside the folders.
 
-    `simulate` and `fit` are folders, too, so that `aerodima.workbench.simulate` would not do as a place.
+    `simulate` and `fit` are folders, too, so that `aerodima.workbench.simulate` would not do as a
+    place.
     """
     found: dict[str, dict[str, str]] = {}
     stub = ast.parse((ROOT / package / "__init__.pyi").read_text(encoding="utf-8"))
@@ -60,14 +66,23 @@ def _exported(package: str) -> dict[str, dict[str, str]]:
         path = ROOT / package / f"{str(node.module).replace('.', '/')}.py"
         name = node.names[0].name
         place = f"aerodima.{package}.{node.module}.{name}"
-        found.setdefault(folder, {})[place] = _first_line(_parsed(path), name)
+        found.setdefault(folder, {})[place] = _summary_of(_parsed(path), name)
     return found
 
 
 def _package_page(package: str, folders: list[Path], exported: dict[str, dict[str, str]]) -> str:
-    """Tables of what the package exports, by folder, and the pages of the folders that export nothing."""
+    """Tables of what the package exports, by folder, and the pages of the folders that export
+    nothing.
+    """
     title = f"aerodima.{package}"
-    lines = [f"# {title}", "", _docstring(ROOT / package / "__init__.py"), "", f"`from {title} import ...`", ""]
+    lines = [
+        f"# {title}",
+        "",
+        _docstring(ROOT / package / "__init__.py"),
+        "",
+        f"`from {title} import ...`",
+        "",
+    ]
     for folder in folders:
         if names := exported.get(folder.name):
             lines += ["", f"## {folder.name}", "", *_table(package, folder.name, names)]
@@ -84,7 +99,10 @@ def _package_page(package: str, folders: list[Path], exported: dict[str, dict[st
 
 def _table(package: str, folder: str, names: dict[str, str]) -> list[str]:
     page = Path(_page(package, folder)).name
-    rows = [f"| [`{place.rpartition('.')[2]}`]({page}#{place}) | {text} |" for place, text in names.items()]
+    rows = [
+        f"| [`{place.rpartition('.')[2]}`]({page}#{place}) | {text} |"
+        for place, text in names.items()
+    ]
     return ["| name | what |", "|---|---|", *rows]
 
 
@@ -94,8 +112,19 @@ def _folder_page(package: str, folder: Path, names: dict[str, str]) -> str:
     lines = [f"# {title}", "", _docstring(folder / "__init__.py"), ""]
     if names:
         imported = ", ".join(place.rpartition(".")[2] for place in names)
-        lines += [f"`from aerodima.{package} import {imported}`", "", *(f"::: {place}\n" for place in names)]
-    lines += ["## Modules", "", f"Files of `{package}/{folder.name}`:", "", "| file | what |", "|---|---|"]
+        lines += [
+            f"`from aerodima.{package} import {imported}`",
+            "",
+            *(f"::: {place}\n" for place in names),
+        ]
+    lines += [
+        "## Modules",
+        "",
+        f"Files of `{package}/{folder.name}`:",
+        "",
+        "| file | what |",
+        "|---|---|",
+    ]
     for path in sorted(folder.rglob("*.py")):
         if not path.name.startswith("_"):
             name = path.relative_to(folder).as_posix()
@@ -109,7 +138,11 @@ def _navigation(pages: dict[str, str]) -> list[dict[str, Any]]:
     """One entry per package, its folders below."""
     navigation: list[dict[str, Any]] = []
     for package in PACKAGES:
-        own = [name for name in pages if name.startswith(f"reference/aerodima.{package}.") and name != _page(package)]
+        own = [
+            name
+            for name in pages
+            if name.startswith(f"reference/aerodima.{package}.") and name != _page(package)
+        ]
         entries = [{Path(name).stem.rpartition(".")[2]: name} for name in own]
         navigation.append({package: [{"what it exports": _page(package)}, *entries]})
     return navigation
@@ -123,12 +156,19 @@ def _docstring(path: Path) -> str:
     return ast.get_docstring(_parsed(path)) or ""
 
 
-def _first_line(module: ast.Module, name: str) -> str:
-    """Of the docstring of a class or function, or of the string below a constant; empty without one."""
+def _summary(docstring: str) -> str:
+    """First paragraph of a docstring, in one line."""
+    return " ".join(docstring.split("\n\n")[0].split())
+
+
+def _summary_of(module: ast.Module, name: str) -> str:
+    """Summary of a class or function, or of the string below a constant; empty without one."""
     for node, after in zip(module.body, [*module.body[1:], None], strict=True):
         if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == name:
-            return (ast.get_docstring(node) or "").split("\n")[0]
-        names = [target.id for target in getattr(node, "targets", ()) if isinstance(target, ast.Name)]
+            return _summary(ast.get_docstring(node) or "")
+        names = [
+            target.id for target in getattr(node, "targets", ()) if isinstance(target, ast.Name)
+        ]
         if name in names and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-            return str(after.value.value).split("\n")[0]
+            return _summary(str(after.value.value))
     return ""

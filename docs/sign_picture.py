@@ -22,10 +22,21 @@ PICTURE = Path(__file__).resolve().parent.parent / "workbench" / "aero" / "signs
 _TAIL: dict[str, Any] = {"color": "0.25", "linewidth": 6.0, "solid_capstyle": "round"}
 
 
-def _arrow(axes: Axes, start: tuple[float, float], step: tuple[float, float], colour: str, label: str = "") -> None:
+def _arrow(
+    axes: Axes, start: tuple[float, float], step: tuple[float, float], colour: str, label: str = ""
+) -> None:
     end = (start[0] + step[0], start[1] + step[1])
     axes.annotate(
-        "", end, start, arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0}
+        "",
+        end,
+        start,
+        arrowprops={
+            "arrowstyle": "-|>",
+            "color": colour,
+            "linewidth": 2.0,
+            "shrinkA": 0,
+            "shrinkB": 0,
+        },
     )
     if label:
         size = math.hypot(*step) or 1.0
@@ -44,7 +55,10 @@ def _polar(axes: Axes) -> None:
     angle = math.radians(30.0)
     a = (0.0, -math.sin(angle), -math.cos(angle))
     _prepare(
-        axes, "polar law: hanging tail, swung downstream\n(rig angle +30°, γ = +30°)", "−y, downstream →", "z, up →"
+        axes,
+        "polar law: hanging tail, swung downstream\n(rig angle +30°, γ = +30°)",
+        "−y, downstream →",
+        "z, up →",
     )
     axes.plot([0, math.sin(angle)], [0, -math.cos(angle)], **_TAIL)
     axes.plot([0], [0], "o", color="0.25", markersize=12)
@@ -53,12 +67,26 @@ def _polar(axes: Axes) -> None:
     middle = (0.62 * math.sin(angle), -0.62 * math.cos(angle))
     for height in (-0.15, -0.4, -0.65, -0.9):
         _arrow(axes, (-0.75, height), (0.28, 0.0), "tab:blue", "v_rel" if height == -0.15 else "")
-    _arrow(axes, (0.85 * math.sin(angle), -0.85 * math.cos(angle)), (0.3 * -a[1], 0.24 * a[2]), "0.25", "a")
-    for law, colour, label in ((PolarLaw(1.0, 0.0), "tab:red", "drag d"), (PolarLaw(0.0, 1.0), "tab:green", "lift l")):
+    _arrow(
+        axes,
+        (0.85 * math.sin(angle), -0.85 * math.cos(angle)),
+        (0.3 * -a[1], 0.24 * a[2]),
+        "0.25",
+        "a",
+    )
+    for law, colour, label in (
+        (PolarLaw(1.0, 0.0), "tab:red", "drag d"),
+        (PolarLaw(0.0, 1.0), "tab:green", "lift l"),
+    ):
         force = law.section_force((0.0, -10.0, 0.0), a, (1.0, 0.0, 0.0), 0.0065, 1.225)
         _arrow(axes, middle, (-force[1], force[2]), colour, label)
     normal = (math.cos(angle), math.sin(angle))
-    axes.plot([middle[0], middle[0] - 0.42 * normal[0]], [middle[1], middle[1] - 0.42 * normal[1]], "k:", linewidth=1)
+    axes.plot(
+        [middle[0], middle[0] - 0.42 * normal[0]],
+        [middle[1], middle[1] - 0.42 * normal[1]],
+        "k:",
+        linewidth=1,
+    )
     axes.plot([middle[0], middle[0] - 0.42], [middle[1], middle[1]], "k:", linewidth=1)
     arc = np.radians(np.linspace(180.0, 210.0, 20))
     axes.plot(middle[0] + 0.32 * np.cos(arc), middle[1] + 0.32 * np.sin(arc), "k", linewidth=1)
@@ -71,7 +99,10 @@ def _robot_tail(axes: Axes) -> None:
     angle, rate = math.radians(35.0), 8.0
     layout = SectionLayout.strip(start=0.3, length=0.65, width=0.2, normal_B=(0.0, 1.0, 0.0))
     _prepare(
-        axes, "normal-force law: robot tail from behind\n(roll +35°, rolling to the right)", "−y, right →", "z, up →"
+        axes,
+        "normal-force law: robot tail from behind\n(roll +35°, rolling to the right)",
+        "−y, right →",
+        "z, up →",
     )
     a = (0.0, -math.sin(angle), math.cos(angle))
     n = (0.0, math.cos(angle), math.sin(angle))
@@ -82,10 +113,20 @@ def _robot_tail(axes: Axes) -> None:
         start = (s * math.sin(angle), s * math.cos(angle))
         v = (0.0, -rate * s * math.cos(angle), -rate * s * math.sin(angle))
         _arrow(
-            axes, start, (-0.045 * v[1], 0.045 * v[2]), "tab:purple", "v_section" if s == layout.distances[-1] else ""
+            axes,
+            start,
+            (-0.045 * v[1], 0.045 * v[2]),
+            "tab:purple",
+            "v_section" if s == layout.distances[-1] else "",
         )
         force = NormalForceLaw(2.0).section_force((0.0, -v[1], -v[2]), a, n, 0.026, 1.225)
-        _arrow(axes, start, (-0.26 * force[1], 0.26 * force[2]), "tab:red", "F" if s == layout.distances[-1] else "")
+        _arrow(
+            axes,
+            start,
+            (-0.26 * force[1], 0.26 * force[2]),
+            "tab:red",
+            "F" if s == layout.distances[-1] else "",
+        )
     _arrow(axes, (0.06, 0.1), (-0.22 * n[1], 0.22 * n[2]), "0.4", "n")
     _arrow(axes, (math.sin(angle), math.cos(angle)), (-0.2 * a[1], 0.2 * a[2]), "0.25", "a")
     axes.set(xlim=(-0.75, 1.2), ylim=(-0.3, 1.15))
@@ -94,8 +135,16 @@ def _robot_tail(axes: Axes) -> None:
 def _vane(axes: Axes) -> None:
     """Sail seen from the tip down the tail axis: horizontal is -y, vertical x."""
     angle, e = math.radians(25.0), 0.35
-    _prepare(axes, "free sail from the tip: centre of pressure\nbehind the axis turns it into the wind", "−y →", "x →")
-    x_s, n = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
+    _prepare(
+        axes,
+        "free sail from the tip: centre of pressure\nbehind the axis turns it into the wind",
+        "−y →",
+        "x →",
+    )
+    x_s, n = (
+        np.array([math.cos(angle), math.sin(angle)]),
+        np.array([-math.sin(angle), math.cos(angle)]),
+    )
 
     def picture(point: np.ndarray) -> tuple[float, float]:
         return (-float(point[1]), float(point[0]))
@@ -107,11 +156,19 @@ def _vane(axes: Axes) -> None:
     for shift in (-0.75, -0.5, 0.55):
         _arrow(axes, (shift, 0.75), (0.0, -0.3), "tab:blue", "v_rel" if shift == -0.5 else "")
     cop = -e * x_s
-    force = NormalForceLaw(2.0).section_force((-6.0, 0.0, 0.0), (0.0, 0.0, 1.0), (n[0], n[1], 0.0), 0.022, 1.225)
+    force = NormalForceLaw(2.0).section_force(
+        (-6.0, 0.0, 0.0), (0.0, 0.0, 1.0), (n[0], n[1], 0.0), 0.022, 1.225
+    )
     _arrow(axes, picture(cop), picture(np.array(force[:2])), "tab:red", "F")
     _arrow(axes, picture(-0.6 * x_s), picture(0.22 * n), "0.4", "n")
     axes.plot(*picture(cop), "o", color="tab:red")
-    axes.text(picture(cop)[0] + 0.06, picture(cop)[1] + 0.03, "centre of\npressure", fontsize=8, color="tab:red")
+    axes.text(
+        picture(cop)[0] + 0.06,
+        picture(cop)[1] + 0.03,
+        "centre of\npressure",
+        fontsize=8,
+        color="tab:red",
+    )
     axes.set(xlim=(-1.0, 1.0), ylim=(-0.85, 0.85))
 
 

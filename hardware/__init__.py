@@ -1,4 +1,5 @@
-"""The real car behind the station's ports: CAN, serial and radio links, safety, emulators, operator console.
+"""The real car behind the station's ports: CAN, serial and radio links, safety, emulators, operator
+console.
 
 `__init__.pyi` lists what the package promises; a name is loaded when it is used.
 """

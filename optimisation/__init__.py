@@ -6,6 +6,8 @@
 from lazy_loader import attach_stub
 
 if __name__ != "aerodima.optimisation":
-    raise ImportError("this package has one name, aerodima.optimisation; `make install` installs it")
+    raise ImportError(
+        "this package has one name, aerodima.optimisation; `make install` installs it"
+    )
 
 __getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

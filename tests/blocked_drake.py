@@ -1,4 +1,6 @@
-"""Programs that run in a Python in which Drake cannot be imported, as on a computer it has no wheel for."""
+"""Programs that run in a Python in which Drake cannot be imported, as on a computer it has no wheel
+for.
+"""
 
 import subprocess
 import sys
@@ -22,4 +24,6 @@ else:
 
 
 def run_without_drake(program: str) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run([sys.executable, "-c", BLOCK + program], capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [sys.executable, "-c", BLOCK + program], capture_output=True, text=True, check=False
+    )

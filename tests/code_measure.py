@@ -1,8 +1,11 @@
-"""Size and shape of the code, as a table: `python -m tests.code_measure [FOLDER]`. `tests/size.toml` has the limits.
+"""Size and shape of the code, as a table: `python -m tests.code_measure [FOLDER]`.
 
-FOLDER is a checkout, this one if none is named; so a version is compared with another one that was cloned beside it.
-Lines of code are lines that hold a token other than a comment, a docstring or a line end. Two places repeat each other
-when at least `REPEATED` statements in a row have the same tree, names and constants left out.
+`tests/size.toml` has the limits.
+
+FOLDER is a checkout, this one if none is named; so a version is compared with another one that was
+cloned beside it. Lines of code are lines that hold a token other than a comment, a docstring or a
+line end. Two places repeat each other when at least `REPEATED` statements in a row have the same
+tree, names and constants left out.
 """
 
 from __future__ import annotations
@@ -23,15 +26,28 @@ PACKAGES = ("workbench", "optimisation", "hardware")
 LONG_FILE = 300
 LONG_FUNCTION = 40
 REPEATED = 8
-_BLANK = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
-_NAMES = re.compile(r"(id|attr|arg|name|value|module)=('[^']*'|\"[^\"]*\"|[-\d.e+]+|True|False|None)")
+_BLANK = (
+    tokenize.COMMENT,
+    tokenize.NL,
+    tokenize.NEWLINE,
+    tokenize.INDENT,
+    tokenize.DEDENT,
+    tokenize.ENDMARKER,
+)
+_NAMES = re.compile(
+    r"(id|attr|arg|name|value|module)=('[^']*'|\"[^\"]*\"|[-\d.e+]+|True|False|None)"
+)
 _Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def modules(root: Path) -> dict[Path, ast.Module]:
     """Product modules and their trees."""
     paths = sorted(path for package in PACKAGES for path in (root / package).rglob("*.py"))
-    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in paths if "_models" not in path.parts}
+    return {
+        path: ast.parse(path.read_text(encoding="utf-8"))
+        for path in paths
+        if "_models" not in path.parts
+    }
 
 
 def docstring_lines(tree: ast.Module) -> set[int]:
@@ -39,15 +55,24 @@ def docstring_lines(tree: ast.Module) -> set[int]:
     alone = [
         node
         for node in ast.walk(tree)
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        if isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
     ]
-    return {line for node in alone for line in range(node.lineno, (node.end_lineno or node.lineno) + 1)}
+    return {
+        line for node in alone for line in range(node.lineno, (node.end_lineno or node.lineno) + 1)
+    }
 
 
 def lines_of_code(path: Path, tree: ast.Module) -> int:
     """See the docstring of the module."""
     tokens = tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline)
-    lines = {line for token in tokens if token.type not in _BLANK for line in range(token.start[0], token.end[0] + 1)}
+    lines = {
+        line
+        for token in tokens
+        if token.type not in _BLANK
+        for line in range(token.start[0], token.end[0] + 1)
+    }
     return len(lines - docstring_lines(tree))
 
 
@@ -66,7 +91,9 @@ def weight(statement: ast.stmt) -> int:
 
 
 def repeated_places(trees: dict[Path, ast.Module]) -> set[tuple[str, str]]:
-    """Pairs of blocks, as `file:number of the block`, that have at least `REPEATED` statements of equal structure."""
+    """Pairs of blocks, as `file:number of the block`, that have at least `REPEATED` statements of
+    equal structure.
+    """
     places: dict[str, set[str]] = defaultdict(set)
     for path, tree in trees.items():
         for number, block in enumerate(bodies(tree)):
@@ -94,7 +121,9 @@ def functions(trees: dict[Path, ast.Module]) -> Iterator[tuple[Path, _Function]]
 
 
 def loaded_by(root: Path, statement: str) -> int:
-    """Product modules with functions or classes in them that a statement loads, in a process of its own."""
+    """Product modules with functions or classes in them that a statement loads, in a process of its
+    own.
+    """
     code = (
         f"{statement}\nimport sys\nprint(sum(1 for name, module in list(sys.modules.items()) "
         f"if name.removeprefix('aerodima.').partition('.')[0] in {PACKAGES!r} "
@@ -120,13 +149,16 @@ def built_station(module: str, prefix: str = "aerodima.") -> str:
 
 
 def judged_turn(prefix: str = "aerodima.") -> str:
-    """Statements that load manoeuvres, candidates and their judge, and what drives one of the runs."""
+    """Statements that load manoeuvres, candidates and their judge, and what drives one of the
+    runs.
+    """
     return (
         f"from {prefix}optimisation.entry.entry_speed import climb\n"
         f"from {prefix}optimisation.entry.suite import candidates, manoeuvres\n"
         f"from {prefix}optimisation.sweep.runs import RunTask, evaluate\n"
         "who, (turn,) = candidates(['published'])[-1], manoeuvres(['turn'], 'designed')\n"
-        "settings = ('simulation.step=0.004', 'manoeuvre.duration=1.2', 'simulation.log_rate=250')\n"
+        "settings = ('simulation.step=0.004', 'manoeuvre.duration=1.2', "
+        "'simulation.log_rate=250')\n"
         "evaluate(RunTask('', turn.scenario, (*turn.settings, *who.settings, *settings)))"
     )
 
@@ -137,9 +169,17 @@ def deep_imports(root: Path) -> set[str]:
     for path in (root / "notebooks").glob("*.ipynb"):
         for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
             found |= set(
-                re.findall(r"^from ((?:aerodima\.)?\w+\.[\w.]+) import", "".join(cell["source"]), re.MULTILINE)
+                re.findall(
+                    r"^from ((?:aerodima\.)?\w+\.[\w.]+) import",
+                    "".join(cell["source"]),
+                    re.MULTILINE,
+                )
             )
-    return {name for name in found if name.startswith("aerodima.") and name.removeprefix("aerodima.").count(".")}
+    return {
+        name
+        for name in found
+        if name.startswith("aerodima.") and name.removeprefix("aerodima.").count(".")
+    }
 
 
 def exported_names(root: Path) -> int:
@@ -151,7 +191,9 @@ def exported_names(root: Path) -> int:
 def words_of_documentation(root: Path) -> int:
     """Words of all pages in `docs` and of every README."""
     pages = {*(root / "docs").rglob("*.md"), root / "README.md"}
-    pages |= {path for folder in (*PACKAGES, "models") for path in (root / folder).rglob("README.md")}
+    pages |= {
+        path for folder in (*PACKAGES, "models") for path in (root / folder).rglob("README.md")
+    }
     return sum(len(path.read_text(encoding="utf-8").split()) for path in pages)
 
 
@@ -171,7 +213,8 @@ def measures(root: Path) -> dict[str, object]:
     trees = modules(root)
     lengths = [(node.end_lineno or node.lineno) - node.lineno + 1 for _, node in functions(trees)]
     names = {
-        package: Counter(path.stem for path in trees if path.is_relative_to(root / package)) for package in PACKAGES
+        package: Counter(path.stem for path in trees if path.is_relative_to(root / package))
+        for package in PACKAGES
     }
     static = "optimisation.identify.static_fit"
     prefix = "aerodima." if (root / "src").is_dir() else ""
@@ -180,13 +223,21 @@ def measures(root: Path) -> dict[str, object]:
     return {
         "lines of code": sum(lines_of_code(path, tree) for path, tree in trees.items()),
         "lines that are not blank": sum(
-            bool(line.strip()) for path in trees for line in path.read_text(encoding="utf-8").splitlines()
+            bool(line.strip())
+            for path in trees
+            for line in path.read_text(encoding="utf-8").splitlines()
         ),
-        "statements (AST)": sum(isinstance(node, ast.stmt) for tree in trees.values() for node in ast.walk(tree)),
+        "statements (AST)": sum(
+            isinstance(node, ast.stmt) for tree in trees.values() for node in ast.walk(tree)
+        ),
         "modules": len(trees),
         "files directly in workbench/": len(list((root / "workbench").glob("*.py"))),
-        "modules loaded by the fit of a static log": loaded_by(root, f"from {prefix}{static} import fit_static_log"),
-        "modules loaded by the station": loaded_by(root, built_station(f"{prefix}{'.'.join(station.parts)}", prefix)),
+        "modules loaded by the fit of a static log": loaded_by(
+            root, f"from {prefix}{static} import fit_static_log"
+        ),
+        "modules loaded by the station": loaded_by(
+            root, built_station(f"{prefix}{'.'.join(station.parts)}", prefix)
+        ),
         "modules loaded by judging a swing": loaded_by(root, judged_turn(prefix)),
         "deep modules that notebooks import": len(deep_imports(root)),
         "names that the packages export": exported_names(root),
@@ -199,7 +250,9 @@ def measures(root: Path) -> dict[str, object]:
         "words of documentation": words_of_documentation(root),
         "lines of YAML": lines_of_data(root, (".yaml",)),
         "basenames that occur twice in a package": sum(
-            count > 1 and not stem.startswith("__") for found in names.values() for stem, count in found.items()
+            count > 1 and not stem.startswith("__")
+            for found in names.values()
+            for stem, count in found.items()
         ),
     }
 

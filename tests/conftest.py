@@ -8,12 +8,16 @@ import pytest
 
 @pytest.fixture(scope="session")
 def standard_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """The published left turn at 3.33 m/s by tail: `none`, `held`, `swing` and `designed` -> RunLog."""
+    """The published left turn at 3.33 m/s by tail: `none`, `held`, `swing` and `designed` ->
+    RunLog.
+    """
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.simulate.simulation import simulate
 
     folder: Path = tmp_path_factory.mktemp("standard_runs")
     return {
-        mode: simulate(load_scenario(f"turn_{mode}", ["manoeuvre.speed=3.33"]), folder / f"turn_{mode}.parquet")
+        mode: simulate(
+            load_scenario(f"turn_{mode}", ["manoeuvre.speed=3.33"]), folder / f"turn_{mode}.parquet"
+        )
         for mode in ("none", "held", "swing", "designed")
     }

@@ -1,6 +1,8 @@
-"""Kills one worker at a random moment of each of many short studies, while the computer is busy with other work.
+"""Kills one worker at a random moment of each of many short studies, while the computer is busy
+with other work.
 
-Fails if a run is missing from a table, stands in it twice, or a study takes longer than `MOST_SECONDS`.
+Fails if a run is missing from a table, stands in it twice, or a study takes longer than
+`MOST_SECONDS`.
 
 Example: python -m tests.kill_loop --kills 100
 """
@@ -48,29 +50,44 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     draw, wrong, longest, killed = random.Random(arguments.seed), 0, 0.0, list[int]()
-    busy = [subprocess.Popen(["nice", sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
+    busy = [
+        subprocess.Popen(["nice", sys.executable, "-c", "while True: pass"])
+        for _ in range(os.cpu_count() or 1)
+    ]
     try:
         with TemporaryDirectory() as folder, open_engine(2, progress=lambda _line: None) as engine:
             for number in range(arguments.kills):
                 begun = time.monotonic()
                 path = Path(folder) / f"{number}.jsonl"
-                killer = threading.Timer(draw.uniform(0.0, 0.8 * PIECES * SECONDS), kill_one, (draw, killed))
+                killer = threading.Timer(
+                    draw.uniform(0.0, 0.8 * PIECES * SECONDS), kill_one, (draw, killed)
+                )
                 with RowStore(path, {"study": number}) as store:
                     killer.start()
                     results = engine.map(
-                        piece, range(PIECES), lambda index, result: store.add(str(index), {"square": result})
+                        piece,
+                        range(PIECES),
+                        lambda index, result: store.add(str(index), {"square": result}),
                     )
                 killer.join()
                 table = Counter(line["key"] for line in read_lines(path) if "key" in line)
-                whole = results == [n * n for n in range(PIECES)] and table == Counter(map(str, range(PIECES)))
+                whole = results == [n * n for n in range(PIECES)] and table == Counter(
+                    map(str, range(PIECES))
+                )
                 wrong += not whole
                 longest = max(longest, time.monotonic() - begun)
-                print(f"{number + 1}/{arguments.kills} {'whole' if whole else 'NOT WHOLE'}", flush=True)
+                print(
+                    f"{number + 1}/{arguments.kills} {'whole' if whole else 'NOT WHOLE'}",
+                    flush=True,
+                )
             events = engine.events
     finally:
         for process in busy:
             process.kill()
-    print(f"killed: {len(killed)}, studies with a run lost or repeated: {wrong}, longest {longest:.1f} s, {events}")
+    print(
+        f"killed: {len(killed)}, studies with a run lost or repeated: {wrong}, longest "
+        f"{longest:.1f} s, {events}"
+    )
     return 0 if not wrong and longest < MOST_SECONDS and len(killed) == arguments.kills else 1
 
 

@@ -1,8 +1,10 @@
-"""Executes notebooks and stores what they show: `python -m tests.notebook_runs [--check] NOTEBOOK ...`.
+"""Executes notebooks and stores what they show: `python -m tests.notebook_runs [--check] NOTEBOOK
+...`.
 
-What is stored is as far as possible the same each time: counters begin at 1, pictures have at most 128 colours, a
-slider stands as what it shows at its start, a live page as its line. `--check` writes nothing and
-complains where an execution gives something else than what is stored, but for cells tagged `varies`.
+What is stored is as far as possible the same each time: counters begin at 1, pictures have at most
+128 colours, a slider stands as what it shows at its start, a live page as its line. `--check`
+writes nothing and complains where an execution gives something else than what is stored, but for
+cells tagged `varies`.
 """
 
 from __future__ import annotations
@@ -33,7 +35,10 @@ _STARTUP = """import warnings
 for kind in (DeprecationWarning, FutureWarning):
     warnings.simplefilter("error", kind)
 """
-_WIDGET, _STATE = "application/vnd.jupyter.widget-view+json", "application/vnd.jupyter.widget-state+json"
+_WIDGET, _STATE = (
+    "application/vnd.jupyter.widget-view+json",
+    "application/vnd.jupyter.widget-state+json",
+)
 _NUMBER = re.compile(r"[-−+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 Cell = dict[str, Any]
@@ -51,7 +56,9 @@ def code_cells(notebook: dict[str, Any]) -> list[Cell]:
 
 def signature(notebook: dict[str, Any]) -> str:
     """Hash of the code."""
-    return hashlib.sha256("\0".join(source(cell) for cell in code_cells(notebook)).encode()).hexdigest()[:16]
+    return hashlib.sha256(
+        "\0".join(source(cell) for cell in code_cells(notebook)).encode()
+    ).hexdigest()[:16]
 
 
 def tags(cell: Cell) -> list[str]:
@@ -65,10 +72,14 @@ def text_of(value: str | list[str]) -> str:
 
 
 def execute(path: Path) -> dict[str, Any]:
-    """The notebook with fresh outputs, ready to be stored; deprecation warnings are errors from the first cell on."""
+    """The notebook with fresh outputs, ready to be stored; deprecation warnings are errors from the
+    first cell on.
+    """
     try:
         return _executed(path)
-    except TimeoutError:  # seen twice in sixteen executions on a busy machine: the kernel waits, and the client too
+    except (
+        TimeoutError
+    ):  # seen twice in sixteen executions on a busy machine: the kernel waits, and the client too
         print(f"{path.name}: nothing came from the kernel for {SILENCE} s; once more")
         return _executed(path)
 
@@ -84,7 +95,10 @@ def _executed(path: Path) -> dict[str, Any]:
         (startup / "00-deprecations.py").write_text(_STARTUP, encoding="utf-8")
         os.environ["IPYTHONDIR"] = profile
         NotebookClient(
-            notebook, timeout=SILENCE, kernel_name="python3", resources={"metadata": {"path": profile}}
+            notebook,
+            timeout=SILENCE,
+            kernel_name="python3",
+            resources={"metadata": {"path": profile}},
         ).execute()
     return cleaned(json.loads(nbformat.writes(notebook)))
 
@@ -100,11 +114,17 @@ def cleaned(notebook: dict[str, Any]) -> dict[str, Any]:
             _add(outputs, _stable(output, number))
         cell["outputs"] = outputs
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
-    notebook["metadata"] = {"kernelspec": kernel, "language_info": {"name": "python"}, SIGNATURE: signature(notebook)}
+    notebook["metadata"] = {
+        "kernelspec": kernel,
+        "language_info": {"name": "python"},
+        SIGNATURE: signature(notebook),
+    }
     return notebook
 
 
-def _without_widgets(outputs: list[dict[str, Any]], widgets: dict[str, Any]) -> list[dict[str, Any]]:
+def _without_widgets(
+    outputs: list[dict[str, Any]], widgets: dict[str, Any]
+) -> list[dict[str, Any]]:
     """What the sliders of an output show in their place."""
     found = []
     for output in outputs:
@@ -155,16 +175,24 @@ def _small(png: str) -> str:
 
     stream = io.BytesIO()
     with Image.open(io.BytesIO(base64.b64decode(png))) as picture:
-        picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(stream, "PNG", optimize=True)
+        picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(
+            stream, "PNG", optimize=True
+        )
     return base64.b64encode(stream.getvalue()).decode()
 
 
 def differences(stored: dict[str, Any], found: dict[str, Any]) -> list[str]:
-    """Cells whose execution gave something else than what is stored: kinds, words, or numbers beyond the tolerance."""
+    """Cells whose execution gave something else than what is stored: kinds, words, or numbers
+    beyond the tolerance.
+    """
     complaints = []
-    for number, (old, new) in enumerate(zip(code_cells(stored), code_cells(found), strict=True), start=1):
+    for number, (old, new) in enumerate(
+        zip(code_cells(stored), code_cells(found), strict=True), start=1
+    ):
         if VARIES not in tags(old) and not _alike(shown(old), shown(new)):
-            complaints.append(f"cell [{number}]:\n--- stored\n{shown(old)}\n--- executed\n{shown(new)}")
+            complaints.append(
+                f"cell [{number}]:\n--- stored\n{shown(old)}\n--- executed\n{shown(new)}"
+            )
     return complaints
 
 
@@ -175,22 +203,29 @@ def shown(cell: Cell) -> str:
         if output["output_type"] == "stream":
             lines.append(text_of(output["text"]))
         else:
-            lines.append(f"{' '.join(sorted(output['data']))}\n{text_of(output['data'].get('text/plain', ''))}")
+            kinds = " ".join(sorted(output["data"]))
+            lines.append(f"{kinds}\n{text_of(output['data'].get('text/plain', ''))}")
     return "\n".join(lines)
 
 
 def _alike(old: str, new: str) -> bool:
     if _NUMBER.sub("#", old).split() != _NUMBER.sub("#", new).split():
         return False
-    pairs = zip(_NUMBER.findall(old.replace("−", "-")), _NUMBER.findall(new.replace("−", "-")), strict=True)
+    pairs = zip(
+        _NUMBER.findall(old.replace("−", "-")), _NUMBER.findall(new.replace("−", "-")), strict=True
+    )
     return all(abs(float(a) - float(b)) <= TOLERANCE * max(abs(float(a)), 0.1) for a, b in pairs)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Status of the program: 1 when a stored notebook is not what an execution gives."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("notebooks", nargs="*", type=Path, help="all when none is named")
-    parser.add_argument("--check", action="store_true", help="compare with what is stored, write nothing")
+    parser.add_argument(
+        "--check", action="store_true", help="compare with what is stored, write nothing"
+    )
     asked = parser.parse_args(arguments)
     status = 0
     for path in asked.notebooks or sorted(FOLDER.glob("*.ipynb")):
@@ -200,7 +235,9 @@ def main(arguments: list[str] | None = None) -> int:
                 print(f"{path.name}: {complaint}")
                 status = 1
         else:
-            path.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+            path.write_text(
+                json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+            )
             print(f"stored {path.name}: {path.stat().st_size / 1000:.0f} kB")
     return status
 

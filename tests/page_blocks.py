@@ -1,6 +1,8 @@
-"""The blocks of a page of the documentation; `python page_blocks.py PAGE` runs them in order in the working folder.
+"""The blocks of a page of the documentation; `python page_blocks.py PAGE` runs them in order in the
+working folder.
 
-It imports nothing of ours: beside a page it runs in an environment that has the wheel and no checkout.
+It imports nothing of ours: beside a page it runs in an environment that has the wheel and no
+checkout.
 """
 
 from __future__ import annotations
@@ -12,7 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 BLOCK = re.compile(
-    r"^```(?P<language>sh|python|yaml|xml)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^```", re.M | re.S
+    r"^```(?P<language>sh|python|yaml|xml)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^```",
+    re.M | re.S,
 )
 
 
@@ -22,7 +25,8 @@ def blocks(page: Path) -> list[re.Match[str]]:
 
 
 def run_blocks(page: Path, folder: Path, command: Callable[[str, str], None]) -> None:
-    """Writes titled blocks into a folder, executes Python in one namespace, and hands each line of sh to `command`.
+    """Writes titled blocks into a folder, executes Python in one namespace, and hands each line of
+    sh to `command`.
 
     Args:
         command: called with a line and where it stands.
@@ -40,4 +44,8 @@ def run_blocks(page: Path, folder: Path, command: Callable[[str, str], None]) ->
 
 
 if __name__ == "__main__":
-    run_blocks(Path(sys.argv[1]), Path.cwd(), lambda line, where: subprocess.run(line, shell=True, check=True) and None)
+    run_blocks(
+        Path(sys.argv[1]),
+        Path.cwd(),
+        lambda line, where: subprocess.run(line, shell=True, check=True) and None,
+    )

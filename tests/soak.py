@@ -1,8 +1,8 @@
 """A long study, and the memory of its workers all the while: `make soak`.
 
-Runs `turn_swing` many times on two workers with little memory, kills one worker and stops another on the way, writes
-the memory of every worker process over time to `memory.csv`, and fails unless every run came to its end once and all
-runs came to the same.
+Runs `turn_swing` many times on two workers with little memory, kills one worker and stops another
+on the way, writes the memory of every worker process over time to `memory.csv`, and fails unless
+every run came to its end once and all runs came to the same.
 
 Example: python -m tests.soak --runs 60 --memory 0.5 --out out/soak
 """
@@ -46,7 +46,9 @@ def one_run(marks: Path, number: int) -> str:
 
 
 class MemoryLog:
-    """Writes the memory of the worker processes, in a thread of its own, independent of the engine."""
+    """Writes the memory of the worker processes, in a thread of its own, independent of the
+    engine.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path, self._over = path, threading.Event()
@@ -86,7 +88,9 @@ def workers() -> dict[int, float]:
 
 
 def soak(runs: int, number: int, memory: float, out: Path) -> dict[str, Any]:
-    """The study, with a worker killed after a third of the runs and one stopped after two thirds; what it came to."""
+    """The study, with a worker killed after a third of the runs and one stopped after two thirds;
+    what it came to.
+    """
     marks = out / "marks"
     marks.mkdir(parents=True)
     ended = 0
@@ -104,7 +108,10 @@ def soak(runs: int, number: int, memory: float, out: Path) -> dict[str, Any]:
     with (
         MemoryLog(out / "memory.csv") as log,
         open_engine(
-            number, memory=memory, record=out / WORKER_RECORD, module="aerodima.workbench.simulate.car_run"
+            number,
+            memory=memory,
+            record=out / WORKER_RECORD,
+            module="aerodima.workbench.simulate.car_run",
         ) as engine,
     ):
         results = engine.map(partial(one_run, marks), range(runs), done)
@@ -145,7 +152,11 @@ def main() -> int:
     for name, value in found.items():
         print(f"{name:32} {value}")
     # The two whose worker was taken from them; and none that anything else cost.
-    whole = found["runs"] == arguments.runs and found["different results"] == 1 and found["begun more than once"] <= 2
+    whole = (
+        found["runs"] == arguments.runs
+        and found["different results"] == 1
+        and found["begun more than once"] <= 2
+    )
     taken = found.get("workers lost") == 1 and found.get("workers stopped") == 1
     return 0 if whole and taken else 1
 

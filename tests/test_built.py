@@ -1,4 +1,6 @@
-"""What the thesis states about the built car, beside what the model has: what a row says is ours is found again."""
+"""What the thesis states about the built car, beside what the model has: what a row says is ours is
+found again.
+"""
 
 import pytest
 
@@ -21,7 +23,8 @@ FOUND = [
     if s.kind in ("check", "run")
 ]
 AGAIN = 0.01
-"""A run is found again within this share of its figure: the last digits depend on the versions of Drake and NumPy."""
+"""A run is found again within this share of its figure: the last digits depend on the versions of
+Drake and NumPy."""
 
 
 @pytest.mark.parametrize("statement", FOUND)
@@ -48,7 +51,15 @@ def test_units_of_both_sides_are_the_same() -> None:
 
 
 def row(**changes: object) -> dict[str, object]:
-    good = {"id": "a", "section": "1", "says": "x", "published": 2.0, "unit": "m", "ours": "check b", "measured": 2.0}
+    good = {
+        "id": "a",
+        "section": "1",
+        "says": "x",
+        "published": 2.0,
+        "unit": "m",
+        "ours": "check b",
+        "measured": 2.0,
+    }
     return {**good, "verdict": "agrees", **changes}
 
 
@@ -56,7 +67,9 @@ def test_a_verdict_follows_from_the_values() -> None:
     Statement.model_validate(row())
     Statement.model_validate(row(measured=3.0, compare="at least"))
     Statement.model_validate(row(measured=-2.0, verdict="differs", reason="sign"))
-    Statement.model_validate(row(ours=None, measured=None, verdict="not checkable", reason="a picture"))
+    Statement.model_validate(
+        row(ours=None, measured=None, verdict="not checkable", reason="a picture")
+    )
     for wrong, said in (
         ({"measured": -2.0}, "ours is -2.0 and published 2.0"),
         ({"measured": 2000.0}, "ours is 2000.0"),
@@ -83,12 +96,19 @@ def test_the_page_has_every_row_with_its_verdict() -> None:
     rows = [line.split(" | ") for line in statements_page().splitlines() if line.startswith("| ")]
     found = [(cells[1], cells[4]) for cells in rows]
     for statement in FILE.statements:
-        assert (statement.says.replace("|", "\\|"), f"**{statement.verdict}**") in found, statement.id
-    assert all(line.count(" | ") >= 5 for line in statements_page().splitlines() if line.startswith("| "))
+        assert (statement.says.replace("|", "\\|"), f"**{statement.verdict}**") in found, (
+            statement.id
+        )
+    assert all(
+        line.count(" | ") >= 5 for line in statements_page().splitlines() if line.startswith("| ")
+    )
 
 
 def test_what_the_cars_are_calibrated_to_is_no_evidence() -> None:
-    platforms = {figures.source: f"{figures.platform}_{figures.configuration}_" for figures in published_values()}
+    platforms = {
+        figures.source: f"{figures.platform}_{figures.configuration}_"
+        for figures in published_values()
+    }
     names = (name.rpartition(" ") for name in load_ensemble("car").provenance["fitted"])
     fitted = {platforms.get(place, "") + name for place, _, name in names}
     ours = {s.source: s for s in FILE.statements if s.kind == "run"}

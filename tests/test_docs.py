@@ -1,4 +1,6 @@
-"""Every example of the documentation runs, page by page, in an empty folder, and comes out as the page says."""
+"""Every example of the documentation runs, page by page, in an empty folder, and comes out as the
+page says.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ def index_comes_out(folder: Path, told: Mapping[str, str], page: str) -> None:
     outcomes = re.findall(r"^outcome: .*$", "".join(told.values()), re.MULTILINE)
     assert outcomes == ["outcome: flipped", "outcome: survived, tail touched the ground"]
     assert all(outcome in page for outcome in outcomes)
-    assert all((folder / name).is_file() for name in ("swing.html", "compare.html", "fits/report.html"))
+    assert all(
+        (folder / name).is_file() for name in ("swing.html", "compare.html", "fits/report.html")
+    )
 
 
 def tails_come_out(folder: Path, told: Mapping[str, str], page: str) -> None:
@@ -34,7 +38,9 @@ def tails_come_out(folder: Path, told: Mapping[str, str], page: str) -> None:
     assert [re.findall(r"outcome: (.*)", run) for run in runs] == [
         ["survived, clean"], ["survived, tail touched the ground"], ["survived, clean"]
     ]  # fmt: skip
-    headings = [math.degrees(float(re.findall(r"heading_change_rad +(\S+)", run)[0])) for run in runs]
+    headings = [
+        math.degrees(float(re.findall(r"heading_change_rad +(\S+)", run)[0])) for run in runs
+    ]
     assert all(f"{degrees:.0f} degrees)" in chapter for degrees in headings), headings
 
 
@@ -45,7 +51,11 @@ def foreign_log_comes_out(folder: Path, told: Mapping[str, str], page: str) -> N
     # The straight line across the gap and the encoder's counts cost less than one percent.
     assert mass["value"] == pytest.approx(0.02, rel=0.01)
     assert mass["lower"] < mass["upper"]
-    assert {path.name for path in (folder / "fits").iterdir()} >= {"report.html", "fits.csv", "averages.csv"}
+    assert {path.name for path in (folder / "fits").iterdir()} >= {
+        "report.html",
+        "fits.csv",
+        "averages.csv",
+    }
 
 
 OUTCOMES: dict[str, Callable[[Path, Mapping[str, str], str], None]] = {
@@ -62,7 +72,9 @@ def test_pages_with_outcomes_are_there() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.relative_to(DOCS).as_posix())
-def test_examples_of_the_page_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_examples_of_the_page_run(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     matplotlib.use("Agg")
     told: dict[str, str] = {}
@@ -90,13 +102,26 @@ def test_search_from_disk_needs_no_network() -> None:
 
 def test_pages_link_to_pages_that_exist() -> None:
     generated = {"parameters/parameters.md", "parameters/coefficients.md", "built.md", "errata.md"}
-    generated |= {"plant.md", "aerodynamics.md", "optimiser.md", "reduced_cars.md", "safety.md", "contributing.md"}
-    generated |= {f"notebooks/{path.stem}.md" for path in (DOCS.parent / "notebooks").glob("*.ipynb")}
+    generated |= {
+        "plant.md",
+        "aerodynamics.md",
+        "optimiser.md",
+        "reduced_cars.md",
+        "safety.md",
+        "contributing.md",
+    }
+    generated |= {
+        f"notebooks/{path.stem}.md" for path in (DOCS.parent / "notebooks").glob("*.ipynb")
+    }
     for page in DOCS.rglob("*.md"):
         for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text(encoding="utf-8")):
             path = (page.parent / target).resolve()
             name = path.relative_to(DOCS.parent).as_posix()
-            folder = DOCS.parent / "src" / name.removeprefix("docs/reference/").removesuffix(".md").replace(".", "/")
+            folder = (
+                DOCS.parent
+                / "src"
+                / name.removeprefix("docs/reference/").removesuffix(".md").replace(".", "/")
+            )
             known = path.exists() or name.removeprefix("docs/") in generated
             known |= name.startswith("docs/reference/") and folder.is_dir()
             assert known, f"{page.relative_to(DOCS)}: {target}"
@@ -105,7 +130,9 @@ def test_pages_link_to_pages_that_exist() -> None:
 def test_pages_are_as_short_as_they_promise() -> None:
     pages = [*DOCS.rglob("*.md"), *DOCS.parent.glob("*.md"), *DOCS.parent.glob("models/**/*.md")]
     pages += [
-        path for folder in ("workbench", "optimisation", "hardware") for path in DOCS.parent.glob(f"{folder}/**/*.md")
+        path
+        for folder in ("workbench", "optimisation", "hardware")
+        for path in DOCS.parent.glob(f"{folder}/**/*.md")
     ]
     long = {
         f"{page.relative_to(DOCS.parent)}:{number}"

@@ -1,4 +1,6 @@
-"""Which folder of a package may import which: every arrow goes down the list, and no module stands in the corridor."""
+"""Which folder of a package may import which: every arrow goes down the list, and no module stands
+in the corridor.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,18 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 LAYERS = {
     "workbench": (
-        *("config", "systems", "aero", "sensors", "plants", "actuators", "controllers", "logs", "metrics", "stations"),
+        *(
+            "config",
+            "systems",
+            "aero",
+            "sensors",
+            "plants",
+            "actuators",
+            "controllers",
+            "logs",
+            "metrics",
+            "stations",
+        ),
         *("batch", "simulate", "figures", "replay", "report", "cli"),
     ),
     "optimisation": ("identify", "sweep", "screening", "calibration", "swing", "entry", "commands"),
@@ -21,7 +34,9 @@ LAYERS = {
     ),
 }
 """Folders of each package; one imports those before it."""
-CORRIDOR = {"workbench": {"__init__", "atomic_write", "errors", "realtime", "resources", "text_table"}}
+CORRIDOR = {
+    "workbench": {"__init__", "atomic_write", "errors", "realtime", "resources", "text_table"}
+}
 """Modules that stand beside the folders; every folder may import them, they import no folder."""
 
 
@@ -31,12 +46,18 @@ def module_of(path: Path) -> tuple[str, ...]:
 
 
 def imports(source: str) -> Iterator[tuple[str, ...]]:
-    """Parts of the names that a module imports from our packages, lazily or not: package, folder, module, name."""
+    """Parts of the names that a module imports from our packages, lazily or not: package, folder,
+    module, name.
+    """
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("aerodima."):
             yield from ((*node.module.split(".")[1:], alias.name) for alias in node.names)
         elif isinstance(node, ast.Import):
-            yield from (tuple(alias.name.split(".")[1:]) for alias in node.names if alias.name.startswith("aerodima."))
+            yield from (
+                tuple(alias.name.split(".")[1:])
+                for alias in node.names
+                if alias.name.startswith("aerodima.")
+            )
 
 
 def upward(package: str, folder: str, source: str) -> list[str]:
@@ -46,7 +67,10 @@ def upward(package: str, folder: str, source: str) -> list[str]:
     return [
         ".".join(name)
         for name in imports(source)
-        if name[0] == package and name[1] in order and name[1] != folder and order.index(name[1]) >= below
+        if name[0] == package
+        and name[1] in order
+        and name[1] != folder
+        and order.index(name[1]) >= below
     ]
 
 
@@ -64,7 +88,9 @@ def test_folders_import_only_what_stands_below_them(package: str) -> None:
 def test_every_folder_has_its_layer_and_the_corridor_is_empty(package: str) -> None:
     folders = {path.parent.name for path in (ROOT / package).glob("*/__init__.py")}
     assert folders == set(LAYERS[package])
-    assert {path.stem for path in (ROOT / package).glob("*.py")} == CORRIDOR.get(package, {"__init__"})
+    assert {path.stem for path in (ROOT / package).glob("*.py")} == CORRIDOR.get(
+        package, {"__init__"}
+    )
 
 
 @pytest.mark.parametrize("package", sorted(LAYERS))
@@ -80,7 +106,10 @@ def file_arrows(root: Path) -> dict[Path, set[Path]]:
         path: {
             target
             for *module, name in imports(path.read_text(encoding="utf-8"))
-            for target in (root.joinpath(*module, f"{name}.py"), root.joinpath(*module).with_suffix(".py"))
+            for target in (
+                root.joinpath(*module, f"{name}.py"),
+                root.joinpath(*module).with_suffix(".py"),
+            )
             if target in files
         }
         for path in files
@@ -120,5 +149,7 @@ def test_a_circle_of_files_is_seen(tmp_path: Path) -> None:
 def test_an_arrow_upwards_is_seen() -> None:
     assert upward("workbench", "aero", "from aerodima.workbench.plants.car import make_car_plant")
     assert upward("hardware", "devices", "def later():\n    from aerodima.hardware import car")
-    assert not upward("workbench", "plants", "from aerodima.workbench.aero.laws import NormalForceLaw")
+    assert not upward(
+        "workbench", "plants", "from aerodima.workbench.aero.laws import NormalForceLaw"
+    )
     assert not upward("optimisation", "fit", "from aerodima.workbench.cli import program")

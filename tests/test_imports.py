@@ -1,4 +1,7 @@
-"""Which package may import which: `optimisation` and `hardware` import `workbench`. And every import is declared."""
+"""Which package may import which: `optimisation` and `hardware` import `workbench`.
+
+And every import is declared.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,8 @@ DISTRIBUTION_OF_MODULE = {
 
 
 def imported_names(source: str) -> set[str]:
-    """What a module imports: the package below `aerodima`, or the top-level name of a module of others.
+    """What a module imports: the package below `aerodima`, or the top-level name of a module of
+    others.
 
     By statement, or by a call such as `import_module("name.of.module")`.
     """
@@ -43,7 +47,11 @@ def imported_names(source: str) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
             names |= {_top(f"{node.module}.{alias.name}") for alias in node.names}
         elif isinstance(node, ast.Call) and node.args:
-            called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            called = (
+                node.func.attr
+                if isinstance(node.func, ast.Attribute)
+                else getattr(node.func, "id", "")
+            )
             first = node.args[0]
             if called in {"import_module", "__import__"} and isinstance(first, ast.Constant):
                 names.add(_top(str(first.value)))
@@ -55,8 +63,12 @@ def _top(name: str) -> str:
 
 
 def arrows(package: str, source: str) -> set[tuple[str, str]]:
-    """Imports of a module of `package` that cross the border of a top-level folder and are not allowed."""
-    crossing = {(package, name) for name in imported_names(source) if name in TOP_LEVEL and name != package}
+    """Imports of a module of `package` that cross the border of a top-level folder and are not
+    allowed.
+    """
+    crossing = {
+        (package, name) for name in imported_names(source) if name in TOP_LEVEL and name != package
+    }
     return crossing - ALLOWED
 
 
@@ -100,17 +112,23 @@ def test_allowed_arrow_passes(package: str, source: str) -> None:
 
 
 def undeclared(folders: Iterable[str], extras: Iterable[str] | None = None) -> set[str]:
-    """Imports of distributions that neither the package nor these extras and groups (all extras by default) bring."""
+    """Imports of distributions that neither the package nor these extras and groups (all extras by
+    default) bring.
+    """
     content = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     project = content["project"]
     optional = project["optional-dependencies"] | (content["dependency-groups"] if extras else {})
-    lines = [line for name in extras or optional for line in optional[name]] + project["dependencies"]
+    lines = [line for name in extras or optional for line in optional[name]] + project[
+        "dependencies"
+    ]
     declared = {canonicalize_name(Requirement(line).name) for line in lines}
     return {
         f"{path.relative_to(ROOT)}: {name}"
         for folder in folders
         for path in (ROOT / folder).rglob("*.py")
-        for name in imported_names(path.read_text(encoding="utf-8")) - sys.stdlib_module_names - TOP_LEVEL
+        for name in imported_names(path.read_text(encoding="utf-8"))
+        - sys.stdlib_module_names
+        - TOP_LEVEL
         if DISTRIBUTION_OF_MODULE.get(name, canonicalize_name(name)) not in declared
     }
 
@@ -127,5 +145,9 @@ def test_make_bench_installs_what_the_benchmarks_import() -> None:
 
 
 def test_models_hold_data_only() -> None:
-    code = [path.name for suffix in ("py", "pyi", "so", "sh") for path in (ROOT / "models").rglob(f"*.{suffix}")]
+    code = [
+        path.name
+        for suffix in ("py", "pyi", "so", "sh")
+        for path in (ROOT / "models").rglob(f"*.{suffix}")
+    ]
     assert not code

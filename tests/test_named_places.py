@@ -1,4 +1,6 @@
-"""Modules, files and commands that texts name exist: in documentation, notebooks, comments, docstrings and data."""
+"""Modules, files and commands that texts name exist: in documentation, notebooks, comments,
+docstrings and data.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ KINDS = "|".join(
     ]
 )
 FILE = re.compile(
-    r"(?<![\w/.$}-])(?:workbench|optimisation|hardware|models|tests|docs|notebooks)/[\w/.-]*\w\.(?:" + KINDS + r")\b"
+    r"(?<![\w/.$}-])(?:workbench|optimisation|hardware|models|tests|docs|notebooks)/[\w/.-]*\w\.(?:"
+    + KINDS
+    + r")\b"
 )
 DOTTED = re.compile(r"`((?:\w+\.)*[a-z]\w*)\.([A-Za-z]\w*)`")
 """`module.name`, also with folders before."""
@@ -70,7 +74,9 @@ FOLDERS = ("docs", "workbench", "optimisation", "hardware", "models", "notebooks
 def texts(folder: str) -> list[Path]:
     """Texts below a folder, without this one and what earlier versions wrote."""
     paths = (ROOT / folder).glob("*") if folder == "." else (ROOT / folder).rglob("*")
-    return [p for p in paths if p.suffix in TEXTS and "old_files" not in p.parts and p != Path(__file__)]
+    return [
+        p for p in paths if p.suffix in TEXTS and "old_files" not in p.parts and p != Path(__file__)
+    ]
 
 
 @cache
@@ -125,9 +131,11 @@ def names_of_modules() -> dict[str, set[str]]:
 
 
 def stale(dotted: str, name: str) -> bool:
-    """Whether `dotted.name` names a class or constant, or a function of a module of ours, that is not there.
+    """Whether `dotted.name` names a class or constant, or a function of a module of ours, that is
+    not there.
 
-    A module of one word, such as `tail`, may also be a section of a scenario or a variable: `tail.mode` passes.
+    A module of one word, such as `tail`, may also be a section of a scenario or a variable:
+    `tail.mode` passes.
     """
     first, module = dotted.split(".")[0], dotted.split(".")[-1]
     if first in {"aerodima", *OTHERS} or re.fullmatch(KINDS, name):
@@ -161,9 +169,13 @@ def test_modules_that_are_named_without_a_folder_stand_below_the_text(folder: st
 
 
 def test_table_of_commands_has_them_all() -> None:
-    rows = re.findall(r"^\| (`aerodima .*?) \|", (ROOT / "docs" / "commands.md").read_text(encoding="utf-8"), re.M)
+    rows = re.findall(
+        r"^\| (`aerodima .*?) \|", (ROOT / "docs" / "commands.md").read_text(encoding="utf-8"), re.M
+    )
     commands = set(typer.main.get_group(build_app()).commands)
-    assert commands <= {word for row in rows for word in re.findall(r"`(?:aerodima )?([\w-]+)", row)}
+    assert commands <= {
+        word for row in rows for word in re.findall(r"`(?:aerodima )?([\w-]+)", row)
+    }
     assert {word for row in rows for word in re.findall(r"`aerodima ([\w-]+)", row)} <= commands
 
 
@@ -186,4 +198,6 @@ def test_a_name_that_is_gone_is_seen() -> None:
     assert stale("ports", "IMU")
     assert stale("aero.tail_force", "make_tail_force")
     assert not stale("aero.tail_force", "add_tail_force")
-    assert FILE.findall("see workbench/config/nothing.py and https://a.b/docs/x.md") == ["workbench/config/nothing.py"]
+    assert FILE.findall("see workbench/config/nothing.py and https://a.b/docs/x.md") == [
+        "workbench/config/nothing.py"
+    ]

@@ -1,4 +1,6 @@
-"""Notebooks as they are stored: a story with the outputs of its code, small; `.ci/run` executes them again."""
+"""Notebooks as they are stored: a story with the outputs of its code, small; `.ci/run` executes
+them again.
+"""
 
 from __future__ import annotations
 
@@ -49,10 +51,14 @@ def test_seven_notebooks_are_numbered_from_01_without_a_gap() -> None:
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_stored_outputs_are_those_of_the_code(path: Path) -> None:
     notebook = content(path)
-    assert notebook["metadata"].get(SIGNATURE) == signature(notebook), f"{path.name}: run `make notebooks`"
+    assert notebook["metadata"].get(SIGNATURE) == signature(notebook), (
+        f"{path.name}: run `make notebooks`"
+    )
     cells = code_cells(notebook)
     assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
-    assert [output for cell in cells for output in cell["outputs"] if output["output_type"] == "error"] == []
+    assert [
+        output for cell in cells for output in cell["outputs"] if output["output_type"] == "error"
+    ] == []
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -65,7 +71,12 @@ def test_stored_outputs_are_small_and_of_no_machine(path: Path) -> None:
         for output in cell["outputs"]:
             kinds = set(output.get("data", {}))
             assert kinds <= {"image/png", "image/svg+xml", "text/html", "text/plain"}, kinds
-            text = json.dumps({**output, "data": {k: v for k, v in output.get("data", {}).items() if k != "image/png"}})
+            text = json.dumps(
+                {
+                    **output,
+                    "data": {k: v for k, v in output.get("data", {}).items() if k != "image/png"},
+                }
+            )
             assert not re.search(r"<iframe|<script| at 0x|/home/|/tmp/tmp|/work/", text), cell["id"]
     assert pictures >= 3
 
@@ -96,7 +107,9 @@ def test_notebook_links_to_pages_that_exist(path: Path) -> None:
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebook_is_short_and_imports_only_public_names(path: Path) -> None:
     code = [source(cell) for cell in code_cells(content(path)) if SOLUTION not in tags_of(cell)]
-    text = "\n".join(line for cell in code for line in cell.splitlines() if not line.startswith("%"))
+    text = "\n".join(
+        line for cell in code for line in cell.splitlines() if not line.startswith("%")
+    )
     assert len(text.splitlines()) <= 130
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.ImportFrom):
@@ -119,18 +132,41 @@ def picture() -> str:
 
 
 def executed(**changes: Any) -> dict[str, Any]:
-    """A notebook as nbclient leaves it: a slider with a picture, a page, a stream in two pieces, an address."""
-    view = {"application/vnd.jupyter.widget-view+json": {"model_id": "box"}, "text/plain": "interactive()"}
-    drawn = {"output_type": "display_data", "metadata": {}, "data": {"image/png": picture(), "text/plain": "<Figure>"}}
-    pieces = [{"output_type": "stream", "name": "stdout", "text": text} for text in ("peak 1.", "50 rad\n")]
-    frame = {"text/html": "<iframe srcdoc='...'></iframe>", "text/plain": f"live at 0x7f00 in {gettempdir()}/tmpab12/x"}
+    """A notebook as nbclient leaves it: a slider with a picture, a page, a stream in two pieces, an
+    address.
+    """
+    view = {
+        "application/vnd.jupyter.widget-view+json": {"model_id": "box"},
+        "text/plain": "interactive()",
+    }
+    drawn = {
+        "output_type": "display_data",
+        "metadata": {},
+        "data": {"image/png": picture(), "text/plain": "<Figure>"},
+    }
+    pieces = [
+        {"output_type": "stream", "name": "stdout", "text": text}
+        for text in ("peak 1.", "50 rad\n")
+    ]
+    frame = {
+        "text/html": "<iframe srcdoc='...'></iframe>",
+        "text/plain": f"live at 0x7f00 in {gettempdir()}/tmpab12/x",
+    }
     outputs = [
         {"output_type": "display_data", "metadata": {}, "data": view},
         *pieces,
         {"output_type": "execute_result", "execution_count": 7, "metadata": {}, "data": frame},
     ]
-    state = {"box": {"state": {"children": ["IPY_MODEL_out"]}}, "out": {"state": {"outputs": [drawn]}}}
-    cell = {"cell_type": "code", "id": "a", "metadata": {"execution": {"x": 1}}, "execution_count": 7} | changes
+    state = {
+        "box": {"state": {"children": ["IPY_MODEL_out"]}},
+        "out": {"state": {"outputs": [drawn]}},
+    }
+    cell = {
+        "cell_type": "code",
+        "id": "a",
+        "metadata": {"execution": {"x": 1}},
+        "execution_count": 7,
+    } | changes
     return {
         "cells": [{"source": ["sliders(f)"], "outputs": outputs, **cell}],
         "metadata": {"widgets": {"application/vnd.jupyter.widget-state+json": {"state": state}}},

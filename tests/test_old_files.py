@@ -1,4 +1,6 @@
-"""Files that earlier versions wrote are read as they were meant; the README in their folder says how they were made."""
+"""Files that earlier versions wrote are read as they were meant; the README in their folder says
+how they were made.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,13 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from aerodima.optimisation import fit_added_mass_log, fit_friction_log, fit_robot_tail_log, fit_static_log, load_study
+from aerodima.optimisation import (
+    fit_added_mass_log,
+    fit_friction_log,
+    fit_robot_tail_log,
+    fit_static_log,
+    load_study,
+)
 from aerodima.workbench import (
     UserError,
     load_coefficients,
@@ -62,8 +70,15 @@ def test_log_has_its_rows_columns_and_last_values(old: Path, name: str) -> None:
 
 
 def test_outcome_of_an_old_run_is_that_of_its_day(old: Path) -> None:
-    outcome, was = outcome_of(read_run_log(old / "turn.parquet")), values(old, "turn.parquet")["outcome"]
-    assert (outcome.result, outcome.clean, list(outcome.touched)) == (was["result"], was["clean"], was["touched"])
+    outcome, was = (
+        outcome_of(read_run_log(old / "turn.parquet")),
+        values(old, "turn.parquet")["outcome"],
+    )
+    assert (outcome.result, outcome.clean, list(outcome.touched)) == (
+        was["result"],
+        was["clean"],
+        was["touched"],
+    )
     assert outcome.max_tilt_rad == pytest.approx(was["max_tilt_rad"], rel=1e-12)
 
 
@@ -73,16 +88,34 @@ def test_old_run_can_be_made_again(old: Path) -> None:
 
     was = read_run_log(old / "turn.parquet").scenario
     scenario = scenario_from_dict(was).resolved()
-    both = {(section, key) for section, keys in was.items() if isinstance(keys, dict) for key in keys}
-    both &= {(section, key) for section, keys in scenario.items() if isinstance(keys, dict) for key in keys}
+    both = {
+        (section, key) for section, keys in was.items() if isinstance(keys, dict) for key in keys
+    }
+    both &= {
+        (section, key)
+        for section, keys in scenario.items()
+        if isinstance(keys, dict)
+        for key in keys
+    }
     assert len(both) > 120
-    assert {place: scenario[place[0]][place[1]] for place in both} == {place: was[place[0]][place[1]] for place in both}
+    assert {place: scenario[place[0]][place[1]] for place in both} == {
+        place: was[place[0]][place[1]] for place in both
+    }
 
 
 def test_scenario_files_give_the_numbers_that_they_name(old: Path) -> None:
     turn, hold = load_scenario(old / "turn.yaml"), load_rig_scenario(old / "hold.yaml")
-    assert (turn.car.com_height, turn.tail.sail, turn.wind.mean_y, turn.seed) == (0.21, "free", 2.0, 7)
-    assert (hold.experiment.tail, hold.experiment.wind_speed, hold.maxon.torque_constant) == (2, 12.0, 0.40)
+    assert (turn.car.com_height, turn.tail.sail, turn.wind.mean_y, turn.seed) == (
+        0.21,
+        "free",
+        2.0,
+        7,
+    )
+    assert (hold.experiment.tail, hold.experiment.wind_speed, hold.maxon.torque_constant) == (
+        2,
+        12.0,
+        0.40,
+    )
 
 
 def test_exported_bundle_drives(old: Path) -> None:
@@ -94,9 +127,14 @@ def test_exported_bundle_drives(old: Path) -> None:
 
 
 def test_swing_with_feedback_is_refused_and_plays_what_it_played_without(old: Path) -> None:
-    with pytest.raises(UserError, match=r"swing\.yaml: gains\.feedback: unknown key; allowed: hold, phases$"):
+    with pytest.raises(
+        UserError, match=r"swing\.yaml: gains\.feedback: unknown key; allowed: hold, phases$"
+    ):
         read_swing(old / "swing.yaml")
-    data, was = yaml.safe_load((old / "swing.yaml").read_text(encoding="utf-8")), values(old, "swing.yaml")
+    data, was = (
+        yaml.safe_load((old / "swing.yaml").read_text(encoding="utf-8")),
+        values(old, "swing.yaml"),
+    )
     del data["gains"]["feedback"]
     swing = swing_from_dict(data)
     assert (swing.name, swing.trigger.threshold_rad_per_s) == (was["name"], was["threshold"])
@@ -105,7 +143,11 @@ def test_swing_with_feedback_is_refused_and_plays_what_it_played_without(old: Pa
 
 def test_ensemble_has_its_members(old: Path) -> None:
     ensemble, was = load_ensemble(old / "ensemble.yaml"), values(old, "ensemble.yaml")
-    assert (ensemble.name, len(ensemble.members), ensemble.best.name) == (was["name"], was["members"], was["best"])
+    assert (ensemble.name, len(ensemble.members), ensemble.best.name) == (
+        was["name"],
+        was["members"],
+        was["best"],
+    )
     assert ensemble.effective_size == pytest.approx(was["effective_size"])
     assert ensemble.members[0].weight == pytest.approx(was["first"]["weight"])
     assert ensemble.members[0].values == was["first"]["values"]
@@ -114,9 +156,14 @@ def test_ensemble_has_its_members(old: Path) -> None:
 
 
 def test_coefficients_give_the_same_force(old: Path) -> None:
-    found, was = load_coefficients(old / "robot_tail_bins.yaml"), values(old, "robot_tail_bins.yaml")
+    found, was = (
+        load_coefficients(old / "robot_tail_bins.yaml"),
+        values(old, "robot_tail_bins.yaml"),
+    )
     assert (found.name, found.kind) == (was["name"], was["kind"])
-    force = found.law().section_force(v=(0.0, 6.0, 0.0), a=(0.0, 0.0, 1.0), n=(0.0, 1.0, 0.0), area=0.1, density=1.2)
+    force = found.law().section_force(
+        v=(0.0, 6.0, 0.0), a=(0.0, 0.0, 1.0), n=(0.0, 1.0, 0.0), area=0.1, density=1.2
+    )
     assert force[1] == pytest.approx(was["force_y_n"], rel=1e-12)
 
 
@@ -127,7 +174,9 @@ def test_study_file_plans_the_runs_that_its_table_has(old: Path) -> None:
     runs, table = plan_runs(load_study(old / "study.yaml")), read_table(old / "study")
     assert [run.task.name for run in runs] == list(table["run"])
     for factor in ("manoeuvre.speed", "car.tyre_friction", "car.mass"):
-        planned = np.array([run.place[factor] for run in runs], float)  # NaN where a block has no such factor
+        planned = np.array(
+            [run.place[factor] for run in runs], float
+        )  # NaN where a block has no such factor
         assert np.allclose(planned, table[factor], equal_nan=True, rtol=1e-9)
 
 
@@ -136,16 +185,21 @@ def test_table_of_a_study_is_that_of_its_csv(old: Path) -> None:
 
     table, text = read_table(old / "study"), pd.read_csv(old / "study" / "table.csv")
     assert list(table.columns) == list(text.columns)
-    assert np.allclose(table["peak_roll_rad"].to_numpy(float), text["peak_roll_rad"].to_numpy(float))
+    assert np.allclose(
+        table["peak_roll_rad"].to_numpy(float), text["peak_roll_rad"].to_numpy(float)
+    )
     assert list(table["outcome"]) == list(text["outcome"])
 
 
 @pytest.mark.slow
 def test_a_study_goes_on_in_no_folder_of_an_earlier_version(old: Path) -> None:
-    """Its rows were made by other versions: the folder is refused by name, and nothing in it is touched."""
+    """Its rows were made by other versions: the folder is refused by name, and nothing in it is
+    touched.
+    """
     before = {path: path.read_bytes() for path in (old / "study").iterdir()}
     result = CliRunner().invoke(
-        build_app(), ["sweep", "run", str(old / "study.yaml"), "--out", str(old / "study"), "--workers", "1"]
+        build_app(),
+        ["sweep", "run", str(old / "study.yaml"), "--out", str(old / "study"), "--workers", "1"],
     )
     assert result.exit_code == 2
     assert "choose another folder, or --force" in result.output
@@ -163,5 +217,7 @@ def test_fit_of_an_old_log_is_the_one_of_its_day(old: Path, name: str) -> None:
     for estimate in was["estimates"]:
         # A solver of another build ends elsewhere within its tolerance, far inside the interval.
         width = estimate["upper"] - estimate["lower"]
-        assert found[estimate["name"]].value == pytest.approx(estimate["value"], abs=max(1e-3 * width, 1e-9))
+        assert found[estimate["name"]].value == pytest.approx(
+            estimate["value"], abs=max(1e-3 * width, 1e-9)
+        )
         assert found[estimate["name"]].unit == estimate["unit"]

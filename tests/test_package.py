@@ -22,11 +22,13 @@ PROJECT, GROUPS = PYPROJECT["project"], PYPROJECT["dependency-groups"]
 WHEEL = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
 PACKAGES = {"workbench", "optimisation", "hardware"}
 CORE = {
-    "dask", "drake", "jinja2", "lazy-loader", "llvmlite", "matplotlib", "numpy", "pandas", "pillow", "psutil",
+    "dask", "drake", "jinja2", "lazy-loader", "llvmlite", "matplotlib", "numpy", "pandas",
+    "pillow", "psutil",
     "pyarrow", "pydantic", "pyyaml", "scipy", "typer",
 }  # fmt: skip
 HEAVY = (
-    "pydrake", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "dask", "can", "yaml", "rich", "jinja2",
+    "pydrake", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "dask", "can",
+    "yaml", "rich", "jinja2",
 )  # fmt: skip
 
 
@@ -45,7 +47,9 @@ def pins(python: str) -> dict[str, str]:
         if requirement.marker is None or requirement.marker.evaluate({"python_version": python}):
             (specifier,) = requirement.specifier
             assert specifier.operator == "==", line
-            assert canonicalize_name(requirement.name) not in found, f"{line}: pinned twice for Python {python}"
+            assert canonicalize_name(requirement.name) not in found, (
+                f"{line}: pinned twice for Python {python}"
+            )
             found[canonicalize_name(requirement.name)] = specifier.version
     return found
 
@@ -53,14 +57,22 @@ def pins(python: str) -> dict[str, str]:
 def test_wheel_lists_every_package_and_the_models() -> None:
     folders = {path.parent.name for path in ROOT.glob("*/__init__.py")}
     assert folders == PACKAGES
-    own = {path.relative_to(ROOT).as_posix() for path in (ROOT / "src" / "aerodima").iterdir() if path.is_file()}
+    own = {
+        path.relative_to(ROOT).as_posix()
+        for path in (ROOT / "src" / "aerodima").iterdir()
+        if path.is_file()
+    }
     assert set(WHEEL["only-include"]) == PACKAGES | {"models"} | own
 
 
 def test_wheel_puts_models_where_the_package_looks_for_them() -> None:
     shipped = resources._SHIPPED.relative_to(ROOT).as_posix()
     packages = {package: f"aerodima/{package}" for package in PACKAGES}
-    assert WHEEL["sources"] == {"src/aerodima": "aerodima", **packages, "models": f"aerodima/{shipped}"}
+    assert WHEEL["sources"] == {
+        "src/aerodima": "aerodima",
+        **packages,
+        "models": f"aerodima/{shipped}",
+    }
 
 
 @pytest.mark.parametrize("package", sorted(PACKAGES))
@@ -76,8 +88,12 @@ def test_version_is_that_of_the_distribution_and_in_the_changelog() -> None:
 
 @pytest.mark.parametrize("package", sorted(PACKAGES))
 def test_package_has_one_name(package: str) -> None:
-    done = subprocess.run([sys.executable, "-c", f"import {package}"], cwd=ROOT, capture_output=True, text=True)
-    assert done.stderr.splitlines()[-1].startswith(f"ImportError: this package has one name, aerodima.{package}")
+    done = subprocess.run(
+        [sys.executable, "-c", f"import {package}"], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.stderr.splitlines()[-1].startswith(
+        f"ImportError: this package has one name, aerodima.{package}"
+    )
 
 
 def test_unknown_attribute_of_the_package_is_an_attribute_error() -> None:
@@ -92,9 +108,15 @@ def test_core_dependencies_are_those_of_the_contract() -> None:
 @pytest.mark.parametrize("python", ["3.11", "3.12", "3.13"])
 def test_constraints_pin_every_declared_dependency_within_its_bounds(python: str) -> None:
     pinned = pins(python)
-    for group in [PROJECT["dependencies"], *PROJECT["optional-dependencies"].values(), *GROUPS.values()]:
+    for group in [
+        PROJECT["dependencies"],
+        *PROJECT["optional-dependencies"].values(),
+        *GROUPS.values(),
+    ]:
         for name, requirement in declared(group).items():
-            assert requirement.specifier.contains(pinned[name]), f"{requirement} but {pinned[name]} is pinned"
+            assert requirement.specifier.contains(pinned[name]), (
+                f"{requirement} but {pinned[name]} is pinned"
+            )
 
 
 def test_constraints_name_no_download_addresses() -> None:
@@ -125,6 +147,10 @@ def test_own_commands_are_registered() -> None:
     ids=["import", "resources", "help"],
 )
 def test_nothing_heavy_is_loaded_by(statement: str) -> None:
-    script = f"{statement}\nimport sys\nprint('loaded:', *sorted(set(sys.modules) & set({HEAVY!r})))"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    script = (
+        f"{statement}\nimport sys\nprint('loaded:', *sorted(set(sys.modules) & set({HEAVY!r})))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
     assert done.stdout.splitlines()[-1].strip() == "loaded:"

@@ -14,7 +14,9 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_first_commands_are_the_two_of_make() -> None:
-    assert re.match(r"make demo .*\nmake test .*\n$", re.findall(r"```sh\n(.*?)```", README, re.DOTALL)[0])
+    assert re.match(
+        r"make demo .*\nmake test .*\n$", re.findall(r"```sh\n(.*?)```", README, re.DOTALL)[0]
+    )
 
 
 @pytest.mark.slow

@@ -1,13 +1,22 @@
 """A user's file: `.ci/run` lets mypy read it beside the wheel, with no checkout. It is never run.
 
-Where a name of the packages had no type, `mypy --strict` would find the ignored error of its line unused.
+Where a name of the packages had no type, `mypy --strict` would find the ignored error of its line
+unused.
 """
 
 from typing import assert_type
 
 from aerodima.hardware import MitCommand, make_command
 from aerodima.optimisation import fit_static_log
-from aerodima.workbench import Scenario, SectionLayout, TailGeometry, __version__, load_scenario, metrics_of, simulate
+from aerodima.workbench import (
+    Scenario,
+    SectionLayout,
+    TailGeometry,
+    __version__,
+    load_scenario,
+    metrics_of,
+    simulate,
+)
 
 scenario = load_scenario("turn_none", ["manoeuvre.speed=3.61"])
 run = simulate(scenario, record="outcome")

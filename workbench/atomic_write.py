@@ -1,6 +1,8 @@
-"""Put a finished file in place in one step: a reader sees the old file or the whole new one, never a half.
+"""Put a finished file in place in one step: a reader sees the old file or the whole new one, never
+a half.
 
-The content goes to a hidden neighbour of the target first, is forced to the disk, and then takes the name.
+The content goes to a hidden neighbour of the target first, is forced to the disk, and then takes
+the name.
 """
 
 import os
@@ -15,7 +17,9 @@ def refuse_existing(path: Path, force: bool, error: type[UserError]) -> None:
     if path.is_dir():
         raise error(f"{path}: is a folder, a file name is needed")
     if path.exists() and not force:
-        raise error(f"{path}: exists already and is not overwritten; choose another name or use --force")
+        raise error(
+            f"{path}: exists already and is not overwritten; choose another name or use --force"
+        )
 
 
 def make_folder(folder: Path, error: type[UserError]) -> None:
@@ -56,13 +60,17 @@ def write_atomically(
 
 
 def _take_name(temporary: Path, path: Path, force: bool, error: type[UserError]) -> None:
-    """Rename; without `force` by a hard link, which fails if another process took the name in the meantime."""
+    """Rename; without `force` by a hard link, which fails if another process took the name in the
+    meantime.
+    """
     if not force:
         try:
             os.link(temporary, path)
             return
         except FileExistsError:
             refuse_existing(path, force, error)
-        except OSError:  # a file system without hard links: the check and the rename are then two steps
+        except (
+            OSError
+        ):  # a file system without hard links: the check and the rename are then two steps
             refuse_existing(path, force, error)
     os.replace(temporary, path)

@@ -1,8 +1,13 @@
-"""Errors that a user can cause and fix: one line that names the place, the value and what is allowed."""
+"""Errors that a user can cause and fix: one line that names the place, the value and what is
+allowed.
+"""
 
 
 class UserError(Exception):
-    """Wrong input from outside (file, flag, frame, port). The command line prints it and exits with status 2."""
+    """Wrong input from outside (file, flag, frame, port).
+
+    The command line prints it and exits with status 2.
+    """
 
 
 class ScenarioError(UserError, ValueError):
@@ -10,7 +15,9 @@ class ScenarioError(UserError, ValueError):
 
 
 class ModelError(UserError, ValueError):
-    """A model file is missing, does not load, is unphysical, or carries an attribute that Drake would ignore."""
+    """A model file is missing, does not load, is unphysical, or carries an attribute that Drake
+    would ignore.
+    """
 
 
 class LogError(UserError, ValueError):
@@ -26,15 +33,21 @@ class HardwareError(UserError):
 
 
 class EnsembleError(UserError, ValueError):
-    """An ensemble file is missing, malformed, of another schema, or one of its members is no possible car."""
+    """An ensemble file is missing, malformed, of another schema, or one of its members is no
+    possible car.
+    """
 
 
 class FitError(UserError, ValueError):
-    """A fit cannot be set up or solved: bounds exclude the seed, a residual is not finite, too little data."""
+    """A fit cannot be set up or solved: bounds exclude the seed, a residual is not finite, too
+    little data.
+    """
 
 
 class SwingError(UserError, ValueError):
-    """A swing cannot be posed or found: no tail, a turn that needs none, limits that leave no motion, no solver."""
+    """A swing cannot be posed or found: no tail, a turn that needs none, limits that leave no
+    motion, no solver.
+    """
 
 
 class SweepError(UserError):

@@ -1,6 +1,8 @@
-"""Real time on this computer: priority over ordinary programs, memory that stays in place, and no pauses of Python.
+"""Real time on this computer: priority over ordinary programs, memory that stays in place, and no
+pauses of Python.
 
-Nothing here asks for rights: limits are set by the user (docs/deployment.md), and what is not permitted is said.
+Nothing here asks for rights: limits are set by the user (docs/deployment.md), and what is not
+permitted is said.
 """
 
 from __future__ import annotations
@@ -16,11 +18,13 @@ import threading
 _IPC_LOCK = 14
 """Capability to lock any amount of memory (linux/capability.h)."""
 _LOCK = 1 | 2 | 4
-"""MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT: pages stay once they were used; stacks that never grow cost nothing."""
+"""MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT: pages stay once they were used; stacks that never grow cost
+nothing."""
 
 
 def prefer_realtime(priority: int) -> str:
-    """Gives the calling thread, and those that it starts, SCHED_RR with `priority` (1 to 99) and locks the memory.
+    """Gives the calling thread, and those that it starts, SCHED_RR with `priority` (1 to 99) and
+    locks the memory.
 
     Returns:
         What applies now, in words.
@@ -43,7 +47,10 @@ def is_realtime() -> bool:
 
 
 def permitted() -> tuple[bool, bool]:
-    """Whether real-time priority, and locked memory without a limit, may be had here. Changes nothing."""
+    """Whether real-time priority, and locked memory without a limit, may be had here.
+
+    Changes nothing.
+    """
     answers: list[bool] = []
 
     def attempt() -> None:
@@ -64,7 +71,9 @@ def _set_priority(priority: int) -> str:
 
 
 def _may_lock() -> bool:
-    """A limit would be worse than no lock: what is asked for beyond it fails in the middle of a drive."""
+    """A limit would be worse than no lock: what is asked for beyond it fails in the middle of a
+    drive.
+    """
     if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         return True
     try:
@@ -85,15 +94,18 @@ def _lock_memory() -> str:
 
 
 DRIVE_PRIORITY, EMULATOR_PRIORITY = 40, 30
-"""SCHED_RR priorities: the emulated car below what a real computer runs, none above the kernel's own threads for
-interrupts."""
+"""SCHED_RR priorities: the emulated car below what a real computer runs, none above the kernel's
+own threads for interrupts."""
 SWITCH_INTERVAL = 0.0005
-"""s; how long a thread that computes may keep the others waiting. Python's own 5 ms are half a cycle of the loop."""
+"""s; how long a thread that computes may keep the others waiting. Python's own 5 ms are half a
+cycle of the loop."""
 _SWITCH_INTERVAL_OF_PYTHON = 0.005
 
 
 def prefer_latency() -> None:
-    """Before the loop begins: threads give way sooner, and what exists by now is never looked through for garbage."""
+    """Before the loop begins: threads give way sooner, and what exists by now is never looked
+    through for garbage.
+    """
     gc.collect()
     gc.freeze()
     sys.setswitchinterval(SWITCH_INTERVAL)

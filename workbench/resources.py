@@ -1,7 +1,7 @@
 """Where the files of `models/` are: in a checkout, an editable install and a wheel.
 
-In a wheel they are inside the package (`workbench/_models`); in a checkout and an editable install they are the folder
-`models` beside the packages.
+In a wheel they are inside the package (`workbench/_models`); in a checkout and an editable install
+they are the folder `models` beside the packages.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ def model_path(relative: str | PurePosixPath) -> Path:
         relative: path below `models/` with forward slashes, such as `parameters/car.yaml`.
 
     Raises:
-        ModelError: there is no such file (the message names the nearest that exist), or the path leaves `models/`.
+        ModelError: there is no such file (the message names the nearest that exist), or the path
+            leaves `models/`.
     """
     root = models_dir()
     wanted = PurePosixPath(relative)
@@ -52,7 +53,9 @@ def model_path(relative: str | PurePosixPath) -> Path:
     path = root / wanted
     if path.exists():
         return path
-    raise ModelError(f"model file {str(wanted)!r} does not exist in {root}; {_nearest(root, wanted)}")
+    raise ModelError(
+        f"model file {str(wanted)!r} does not exist in {root}; {_nearest(root, wanted)}"
+    )
 
 
 def published_rows(name: str) -> list[dict[str, str]]:
@@ -70,9 +73,15 @@ def published_table(name: str) -> pd.DataFrame:
 
 
 def _nearest(root: Path, wanted: PurePosixPath) -> str:
-    names = sorted(found.relative_to(root).as_posix() for found in root.rglob("*") if found.is_file())
+    names = sorted(
+        found.relative_to(root).as_posix() for found in root.rglob("*") if found.is_file()
+    )
     close = get_close_matches(str(wanted), names, n=_MOST_SUGGESTIONS)
     if close:
         return f"nearest: {', '.join(close)}"
     beside = [name for name in names if PurePosixPath(name).parent == wanted.parent]
-    return f"{wanted.parent}/ has: {', '.join(beside)}" if beside else f"there is no folder {wanted.parent}/"
+    return (
+        f"{wanted.parent}/ has: {', '.join(beside)}"
+        if beside
+        else f"there is no folder {wanted.parent}/"
+    )

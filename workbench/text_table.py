@@ -20,4 +20,7 @@ def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str
     """Lines of a table with columns as wide as they need to be; a row of one cell is a heading."""
     whole = [row for row in (header, *rows) if len(row) > 1]
     widths = [max(map(len, column)) for column in zip(*whole, strict=True)]
-    return [row[0] if len(row) == 1 else "  ".join(map(str.ljust, row, widths)).rstrip() for row in (header, *rows)]
+    return [
+        row[0] if len(row) == 1 else "  ".join(map(str.ljust, row, widths)).rstrip()
+        for row in (header, *rows)
+    ]

@@ -1,7 +1,8 @@
 """The Teensy as the watchdog on the bus of the computer's adapter, in the wiring `watched_can`.
 
-The computer sends the Teensy a heartbeat every cycle, and the Teensy answers each on the same bus. A missing answer
-stops the car: a Teensy that is dead, or that cannot reach the bus, would not switch the motors off either.
+The computer sends the Teensy a heartbeat every cycle, and the Teensy answers each on the same bus.
+A missing answer stops the car: a Teensy that is dead, or that cannot reach the bus, would not
+switch the motors off either.
 """
 
 from __future__ import annotations
@@ -20,7 +21,10 @@ _MAGIC = 0xAD
 
 
 class BeatState(IntEnum):
-    """State that the computer reports. TRIP: the Teensy must switch the motors off, the computer cannot."""
+    """State that the computer reports.
+
+    TRIP: the Teensy must switch the motors off, the computer cannot.
+    """
 
     OFF = 0
     ARMED = 1
@@ -34,17 +38,23 @@ def make_beat(state: BeatState, counter: int) -> CanFrame:
 
 
 def decode_answer(frame: CanFrame) -> tuple[TeensyStatus, int]:
-    """Status of the Teensy and counter of the heartbeat that it answers. Raises `FrameError` for any other frame."""
+    """Status of the Teensy and counter of the heartbeat that it answers.
+
+    Raises `FrameError` for any other frame.
+    """
     data = frame.data
     if frame.extended or frame.arbitration_id != ANSWER_ID or len(data) != 4 or data[0] != _MAGIC:
         raise FrameError(f"{frame}: is no answer of id {ANSWER_ID:#x}")
     if data[3] != ~(data[1] ^ data[2]) & 0xFF or data[1] not in tuple(TeensyStatus):
-        raise FrameError(f"{frame}: the check of the answer is wrong, or its status is above {max(TeensyStatus)}")
+        raise FrameError(
+            f"{frame}: the check of the answer is wrong, or its status is above {max(TeensyStatus)}"
+        )
     return TeensyStatus(data[1]), data[2]
 
 
 class BusWatch:
-    """A `FramePort` that takes the Teensy's answers out of what comes from the bus, and sends the heartbeats.
+    """A `FramePort` that takes the Teensy's answers out of what comes from the bus, and sends the
+    heartbeats.
 
     Args:
         port: the open bus.
@@ -55,8 +65,10 @@ class BusWatch:
     """
 
     def __init__(self, port: FramePort, answer_timeout: float) -> None:
-        self._port, self._timeout = port, answer_timeout
-        self._state, self._counter = BeatState.OFF, 0
+        self._port = port
+        self._timeout = answer_timeout
+        self._state = BeatState.OFF
+        self._counter = 0
         self._asked: float | None = None
         self._polled = -math.inf
         self._status: TeensyStatus | None = None
@@ -101,16 +113,23 @@ class BusWatch:
     @property
     def reason(self) -> str:
         """Reason why it is not healthy; empty while it is."""
-        # Until the bus was last looked at: a loop that stood still since then is no silence of the Teensy.
+        # Until the bus was last looked at: a loop that stood still since then is no silence of the
+        # Teensy.
         waited = 0.0 if self._asked is None else self._polled - self._asked
         if waited > self._timeout:
             return f"the Teensy does not answer on the CAN bus for {waited:.2f} s"
         if self._status is None:
-            return "the Teensy has not answered on the CAN bus yet; was it built with --wiring watched_can?"
+            return (
+                "the Teensy has not answered on the CAN bus yet; was it built with --wiring "
+                "watched_can?"
+            )
         return SWITCHED_OFF.get(self._status, "")
 
     def arm(self) -> None:
-        """From now on the Teensy waits for heartbeats. Raises `HardwareError` if it does not answer, or has acted."""
+        """From now on the Teensy waits for heartbeats.
+
+        Raises `HardwareError` if it does not answer, or has acted.
+        """
         if not self.healthy:
             raise HardwareError(self.reason)
         self._send(BeatState.ARMED)
@@ -139,6 +158,9 @@ class BusWatch:
             status, counter = decode_answer(frame)
         except FrameError:
             return
-        if (self._counter - counter) % 256 < 128:  # an answer that waited in a buffer still shows that it lives
-            self._status, self._asked = status, None
+        if (
+            self._counter - counter
+        ) % 256 < 128:  # an answer that waited in a buffer still shows that it lives
+            self._status = status
+            self._asked = None
             self.answers += 1

@@ -1,12 +1,15 @@
-"""The ports file of a car: which device is where, and how its parts are mounted (`--ports FILE.json`).
+"""The ports file of a car: which device is where, and how its parts are mounted (`--ports
+FILE.json`).
 
 ```json
 {"schema": "aerodima/ports/1", "firmware_profile": "ak70_10_v1_0_8",
  "can": {"interface": "socketcan", "channel": "can0"}, "teensy": {"path": "/dev/ttyACM0"},
- "imu": {"path": "/dev/ttyUSB0"}, "gps": {"path": "/dev/ttyACM1"}, "radio": {"path": "/dev/ttyUSB1"},
+ "imu": {"path": "/dev/ttyUSB0"}, "gps": {"path": "/dev/ttyACM1"},
+ "radio": {"path": "/dev/ttyUSB1"},
  "tail_pitch": {"motor_id": 1, "zero": 0.0}, "tail_roll": {"motor_id": 2, "zero": 0.0}}
 ```
-An emulator writes one too, beside other files; `is_emulated_port` tells its ports from those of real devices.
+An emulator writes one too, beside other files; `is_emulated_port` tells its ports from those of
+real devices.
 """
 
 from __future__ import annotations
@@ -40,19 +43,25 @@ class GpsDevice(SerialSettings):
 
 
 class RadioDevice(SerialSettings):
-    """The XBee module; `operator` is the 64-bit serial number of the operator's module (None: any module)."""
+    """The XBee module; `operator` is the 64-bit serial number of the operator's module (None: any
+    module).
+    """
 
     operator: int | None = Field(None, ge=0, lt=2**64)
 
 
 class ConsoleDevice(SerialSettings):
-    """The operator's own XBee module, where `aerodima console` runs; `receiver` is the serial number of the car's."""
+    """The operator's own XBee module, where `aerodima console` runs; `receiver` is the serial
+    number of the car's.
+    """
 
     receiver: int = Field(BROADCAST, ge=0, lt=2**64)
 
 
 class MountedMotor(StrictModel):
-    """One tail motor: id on the bus, motor angle at joint angle 0 (rad), sign of its angle against the joint's."""
+    """One tail motor: id on the bus, motor angle at joint angle 0 (rad), sign of its angle against
+    the joint's.
+    """
 
     motor_id: int = Field(ge=LEAST_ID, le=MOST_ID)
     zero: float = 0.0
@@ -63,8 +72,9 @@ class MountedMotor(StrictModel):
 class CarPorts(StrictModel):
     """Ports of all devices; a device that is None is not fitted.
 
-    `can` is needed by `watched_can` only, `console` by `aerodima console` only. `car` is the number of
-    the car among those that share a radio channel: its reports carry it, and the console believes no other.
+    `can` is needed by `watched_can` only, `console` by `aerodima console` only. `car` is the number
+    of the car among those that share a radio channel: its reports carry it, and the console
+    believes no other.
     """
 
     schema_: Literal["aerodima/ports/1"] = Field("aerodima/ports/1", alias="schema")
@@ -82,7 +92,9 @@ class CarPorts(StrictModel):
     @model_validator(mode="after")
     def _has_two_ids(self) -> CarPorts:
         if self.tail_pitch.motor_id == self.tail_roll.motor_id:
-            raise ValueError(f"both motors have the id {self.tail_pitch.motor_id}; each needs its own")
+            raise ValueError(
+                f"both motors have the id {self.tail_pitch.motor_id}; each needs its own"
+            )
         return self
 
     @property
@@ -93,7 +105,9 @@ class CarPorts(StrictModel):
     @property
     def serial_paths(self) -> dict[str, str]:
         """Name of `SERIAL_DEVICES` -> path, of those that are fitted."""
-        devices: dict[str, SerialSettings | None] = {name: getattr(self, name) for name in SERIAL_DEVICES}
+        devices: dict[str, SerialSettings | None] = {
+            name: getattr(self, name) for name in SERIAL_DEVICES
+        }
         return {name: device.path for name, device in devices.items() if device is not None}
 
     def adapter(self, wiring: str) -> CanSettings:
@@ -112,7 +126,8 @@ def read_ports(path: str | Path) -> CarPorts:
     """Reads a ports file.
 
     Raises:
-        HardwareError: no such file, not JSON, unknown key, value not allowed, one device named twice; names the place.
+        HardwareError: no such file, not JSON, unknown key, value not allowed, one device named
+            twice; names the place.
     """
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"))
@@ -127,7 +142,9 @@ def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
     """The ports in plain data; see `read_ports`."""
     ports = checked(CarPorts, data, where, HardwareError, schema=SCHEMA)
     seen: dict[str, str] = {}
-    for name, path in (ports.serial_paths | ({} if ports.console is None else {"console": ports.console.path})).items():
+    for name, path in (
+        ports.serial_paths | ({} if ports.console is None else {"console": ports.console.path})
+    ).items():
         if path in seen:
             raise HardwareError(f"{where}: {name}.path: {path} is that of {seen[path]} too")
         seen[path] = name

@@ -1,7 +1,8 @@
 """Every sign swap between the devices of the real car and the car's frame, in one table.
 
-Body frame B: x forward, y left, z up; steering and yaw positive to the left; tail roll positive to the right (design
-section 4). The functions go both ways: the car's computer reads with them, an emulator writes with them.
+Body frame B: x forward, y left, z up; steering and yaw positive to the left; tail roll positive to
+the right (design section 4). The functions go both ways: the car's computer reads with them, an
+emulator writes with them.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.resources import model_path
 
 AXES = {
-    f"{sign}{axis}": factor * np.eye(3)["xyz".index(axis)] for axis in "xyz" for sign, factor in (("+", 1), ("-", -1))
+    f"{sign}{axis}": factor * np.eye(3)["xyz".index(axis)]
+    for axis in "xyz"
+    for sign, factor in (("+", 1), ("-", -1))
 }
 _TURN = 2.0 * math.pi
 Sign = Literal[1, -1]
@@ -35,20 +38,27 @@ class Mounting(QuantityModel):
     sail_direction: Sign = quantity("1", "sign of the sail encoder")
     sail_zero: float = quantity("rad", "encoder angle at sail angle 0", ge=-7, le=7)
     steering_direction: Sign = quantity("1", "+1: a longer pulse steers to the left")
-    steering_range: float = quantity("rad", "steering angle at the least and most pulse", gt=0, le=1.2)
+    steering_range: float = quantity(
+        "rad", "steering angle at the least and most pulse", gt=0, le=1.2
+    )
     throttle_direction: Sign = quantity("1", "+1: a longer pulse drives forward")
     imu_x: str = quantity("1", "chip axis along B's x, such as +x or -y")
     imu_y: str = quantity("1", "chip axis along B's y")
 
     @property
     def chip_to_body(self) -> np.ndarray:
-        """R_BI (3, 3), turns chip axes into body axes. `HardwareError` if imu_x and imu_y are no two axes."""
+        """R_BI (3, 3), turns chip axes into body axes.
+
+        `HardwareError` if imu_x and imu_y are no two axes.
+        """
         return _chip_to_body(self.imu_x, self.imu_y)
 
     # -- read by the car's computer
 
     def imu_reading(self, sample: Bno055Sample) -> np.ndarray:
-        """(9,) as `signal_table.IMU`: roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2; in body axes."""
+        """(9,) as `signal_table.IMU`: roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2;
+        in body axes.
+        """
         R_WB = sample.rotation @ self.chip_to_body.T
         return np.array(
             [
@@ -65,7 +75,9 @@ class Mounting(QuantityModel):
         return self.sail_direction * (encoder - self.sail_zero) % _TURN
 
     def servo_pulse(self, steering_angle: float) -> int:
-        """Pulse (us) of a steering angle (rad, positive to the left), clipped to what the servo reaches."""
+        """Pulse (us) of a steering angle (rad, positive to the left), clipped to what the servo
+        reaches.
+        """
         share = min(1.0, max(-1.0, steering_angle / self.steering_range))
         return pulse(self.steering_direction * share, SERVO_PULSES)
 
@@ -80,9 +92,17 @@ class Mounting(QuantityModel):
         from pydrake.math import RollPitchYaw, RotationMatrix
 
         R_BI = self.chip_to_body
-        q = RollPitchYaw(reading[:3]).ToRotationMatrix().multiply(RotationMatrix(R_BI)).ToQuaternion()
-        gyro, acceleration = R_BI.T @ reading[3:6], R_BI.T @ reading[6:9]
-        return Bno055Sample((q.w(), q.x(), q.y(), q.z()), tuple(gyro.tolist()), tuple(acceleration.tolist()))
+        q = (
+            RollPitchYaw(reading[:3])
+            .ToRotationMatrix()
+            .multiply(RotationMatrix(R_BI))
+            .ToQuaternion()
+        )
+        gyro = R_BI.T @ reading[3:6]
+        acceleration = R_BI.T @ reading[6:9]
+        return Bno055Sample(
+            (q.w(), q.x(), q.y(), q.z()), tuple(gyro.tolist()), tuple(acceleration.tolist())
+        )
 
     def encoder_angle(self, sail_angle: float) -> float:
         """Encoder angle in [0, 2 pi) rad of a sail angle, rad."""
@@ -98,7 +118,9 @@ class Mounting(QuantityModel):
 
 
 def load_mounting() -> Mounting:
-    """The table of `models/parameters/hardware/mounting.yaml`; `UserError` names what is wrong in it."""
+    """The table of `models/parameters/hardware/mounting.yaml`; `UserError` names what is wrong in
+    it.
+    """
     mounting = load_section(model_path("parameters/hardware/mounting.yaml"), Mounting)
     mounting.chip_to_body  # noqa: B018 - raises if the axes are none
     return mounting
@@ -108,7 +130,8 @@ def load_mounting() -> Mounting:
 def _chip_to_body(imu_x: str, imu_y: str) -> np.ndarray:
     if imu_x not in AXES or imu_y not in AXES:
         raise HardwareError(f"imu_x {imu_x!r}, imu_y {imu_y!r}; allowed: {', '.join(AXES)}")
-    x, y = AXES[imu_x], AXES[imu_y]
+    x = AXES[imu_x]
+    y = AXES[imu_y]
     if x @ y != 0.0:
         raise HardwareError(f"imu_x {imu_x!r} and imu_y {imu_y!r} lie on one axis of the chip")
     return np.array([x, y, np.cross(x, y)])

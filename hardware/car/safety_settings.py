@@ -10,33 +10,59 @@ from aerodima.workbench.resources import model_path
 class DriveSafety(QuantityModel):
     """Limits of `models/parameters/hardware/drive_safety.yaml`."""
 
-    operator_silence: float = quantity("s", "age of the operator's command at which the car stops", gt=0, le=1)
+    operator_silence: float = quantity(
+        "s", "age of the operator's command at which the car stops", gt=0, le=1
+    )
     tail_hold: float = quantity("s", "from throttle 0 to the exit of the motors", ge=0, le=5)
-    after_exit: float = quantity("s", "from the exit of the motors to the end of the loop", ge=0, le=5)
-    imu_silence: float = quantity("s", "age of a sample at which the IMU counts as silent", gt=0, le=1)
-    gps_silence: float = quantity("s", "age of a sample at which the GPS counts as silent", gt=0, le=10)
+    after_exit: float = quantity(
+        "s", "from the exit of the motors to the end of the loop", ge=0, le=5
+    )
+    imu_silence: float = quantity(
+        "s", "age of a sample at which the IMU counts as silent", gt=0, le=1
+    )
+    gps_silence: float = quantity(
+        "s", "age of a sample at which the GPS counts as silent", gt=0, le=10
+    )
     attitude_limit: float = quantity("rad", "of roll and pitch", gt=0, le=3.2)
     attitude_time: float = quantity("s", "beyond that limit, after which the car stops", ge=0, le=1)
     throttle_limit: float = quantity("1", "largest throttle, forwards and backwards", gt=0, le=1)
     throttle_start: float = quantity("1", "throttle that comes on at once", ge=0, le=1)
-    throttle_rate: float = quantity("1/s", "at which the rest comes on; it goes back at once", gt=0, le=100)
+    throttle_rate: float = quantity(
+        "1/s", "at which the rest comes on; it goes back at once", gt=0, le=100
+    )
     speed_limit: float = quantity("m/s", "measured speed at which the car stops", gt=0, le=30)
     speed_time: float = quantity("s", "beyond that limit, after which the car stops", ge=0, le=2)
-    still_time: float = quantity("s", "for which the car is looked at before it is armed", gt=0, le=10)
+    still_time: float = quantity(
+        "s", "for which the car is looked at before it is armed", gt=0, le=10
+    )
     still_rate: float = quantity("rad/s", "of a car that stands still", gt=0, le=10)
-    still_acceleration: float = quantity("m/s2", "of a car that stands still, gravity removed, on average", gt=0, le=20)
+    still_acceleration: float = quantity(
+        "m/s2", "of a car that stands still, gravity removed, on average", gt=0, le=20
+    )
     upright: float = quantity("rad", "roll and pitch of a car that may be armed", gt=0, le=1.6)
     gyro_calibration: int = quantity("1", "least level of the IMU's gyro, 0 to 3", ge=0, le=3)
     overrun: float = quantity("s", "lateness of a cycle that counts as an overrun", gt=0, le=1)
     most_overruns: int = quantity("1", "overruns in a row at which the car stops", ge=1, le=1000)
-    slow_tick: float = quantity("s", "in which a controller computes; a longer tick counts as slow", gt=0, le=1)
-    most_slow_ticks: int = quantity("1", "slow ticks within a second at which the car stops", ge=1, le=1000)
-    longest_tick: float = quantity("s", "after which a controller that computes is interrupted", gt=0, le=1)
+    slow_tick: float = quantity(
+        "s", "in which a controller computes; a longer tick counts as slow", gt=0, le=1
+    )
+    most_slow_ticks: int = quantity(
+        "1", "slow ticks within a second at which the car stops", ge=1, le=1000
+    )
+    longest_tick: float = quantity(
+        "s", "after which a controller that computes is interrupted", gt=0, le=1
+    )
     arm_timeout: float = quantity("s", "in which the motors must take commands", gt=0, le=60)
     answer_timeout: float = quantity("s", "in which every device must have answered", gt=0, le=60)
-    heartbeat_answer: float = quantity("s", "without the Teensy's answer to a heartbeat; the car stops", gt=0, le=0.25)
-    longest_watchdog_test: float = quantity("s", "from the cut to the exit frames in a watchdog test", gt=0, le=1)
-    zero_tolerance: float = quantity("rad", "between the tail held at its mark and what is measured", gt=0, le=1)
+    heartbeat_answer: float = quantity(
+        "s", "without the Teensy's answer to a heartbeat; the car stops", gt=0, le=0.25
+    )
+    longest_watchdog_test: float = quantity(
+        "s", "from the cut to the exit frames in a watchdog test", gt=0, le=1
+    )
+    zero_tolerance: float = quantity(
+        "rad", "between the tail held at its mark and what is measured", gt=0, le=1
+    )
     least_disk: float = quantity("MB", "free space where the log is written", ge=0, le=1e6)
     least_voltage: float = quantity("V", "of the tail motors' pack", ge=0, le=100)
     most_voltage: float = quantity("V", "of the tail motors' pack", ge=0, le=100)
@@ -51,16 +77,22 @@ def load_drive_safety() -> DriveSafety:
 class TeensyTiming(QuantityModel):
     """When the watchdog of the Teensy acts, and what it sends then."""
 
-    watchdog_timeout: float = quantity("s", "without a valid string or heartbeat, after which it acts", ge=0.1, le=0.25)
+    watchdog_timeout: float = quantity(
+        "s", "without a valid string or heartbeat, after which it acts", ge=0.1, le=0.25
+    )
     exit_burst: int = quantity("1", "exit frames per motor at once", ge=1, le=10)
     exit_cycles: int = quantity("1", "further exit frames per motor", ge=1, le=1000)
     exit_cycle: float = quantity("s", "interval of these", gt=0, le=0.1)
     reminder: float = quantity("s", "interval of the exit frames after that", gt=0, le=1)
-    attitude_time: float = quantity("s", "beyond the attitude limit, after which it acts", ge=0, le=1)
+    attitude_time: float = quantity(
+        "s", "beyond the attitude limit, after which it acts", ge=0, le=1
+    )
     attitude_age: float = quantity("s", "oldest attitude with which the car drives", gt=0, le=1)
     reply_wait: float = quantity("s", "how long a reply string waits for the motors", gt=0, le=0.01)
 
 
 def load_teensy_timing() -> TeensyTiming:
-    """The values of `models/parameters/hardware/teensy_firmware.yaml`; `ScenarioError` names what is wrong in it."""
+    """The values of `models/parameters/hardware/teensy_firmware.yaml`; `ScenarioError` names what
+    is wrong in it.
+    """
     return load_section(model_path("parameters/hardware/teensy_firmware.yaml"), TeensyTiming)

@@ -11,7 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from aerodima.hardware.car.mounting import Mounting
-from aerodima.hardware.car.wiring import CarCommand, CarReader, CarReading, CarReporter, Devices, WiringName
+from aerodima.hardware.car.wiring import (
+    CarCommand,
+    CarReader,
+    CarReading,
+    CarReporter,
+    Devices,
+    WiringName,
+)
 from aerodima.hardware.devices.device_states import ENERGISED, MotorFault
 from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.ak70 import MitCommand
@@ -30,7 +37,8 @@ _ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
 class WiredCar:
     """A car on its cables; `wire_car` makes it.
 
-    None of the calls waits for a device, apart from `start` and `stop`. Times: `time.monotonic()`, s.
+    None of the calls waits for a device, apart from `start` and `stop`. Times: `time.monotonic()`,
+    s.
 
     Args:
         name: of the wiring.
@@ -44,8 +52,10 @@ class WiredCar:
         devices: open ones; None before `start` and after `stop`.
         reading: of the last cycle.
         stop_reason: of the first `stop`, empty before.
-        asks: what the operator must do before the car drives, with the next report; set by the guard.
-        traffic_error: what stopped the log of the CAN traffic, known after `stop`; empty if nothing did.
+        asks: what the operator must do before the car drives, with the next report; set by the
+            guard.
+        traffic_error: what stopped the log of the CAN traffic, known after `stop`; empty if nothing
+            did.
     """
 
     def __init__(
@@ -58,8 +68,10 @@ class WiredCar:
         car: int = 0,
     ) -> None:
         self.name: WiringName = name
-        self._has_tail, self._mounting = has_tail, mounting
-        self._open_devices, self._authorise = open_devices, authorise
+        self._has_tail = has_tail
+        self._mounting = mounting
+        self._open_devices = open_devices
+        self._authorise = authorise
         self.devices: Devices | None = None
         self.reading = CarReading()
         self.stop_reason = self.traffic_error = ""
@@ -71,12 +83,17 @@ class WiredCar:
     # -- from off to armed
 
     def authorise(self) -> None:
-        """Raises `HardwareError` where the tail's motors may not be switched on; a car without a tail has none."""
+        """Raises `HardwareError` where the tail's motors may not be switched on; a car without a
+        tail has none.
+        """
         if self._has_tail:
             self._authorise()
 
     def start(self) -> None:
-        """Opens the ports and starts the threads; commands nothing. `HardwareError` names the port that failed."""
+        """Opens the ports and starts the threads; commands nothing.
+
+        `HardwareError` names the port that failed.
+        """
         if self.devices is not None or self.stop_reason:
             raise HardwareError(f"{self.name}: was started already")
         self.devices = self._open_devices()
@@ -87,7 +104,8 @@ class WiredCar:
         A car without a tail is armed at once: servo and throttle take commands.
 
         Raises:
-            HardwareError: no watchdog test is recorded for this wiring, or a motor or the bus has a fault.
+            HardwareError: no watchdog test is recorded for this wiring, or a motor or the bus has a
+                fault.
         """
         devices = self._started()
         self.authorise()
@@ -101,12 +119,17 @@ class WiredCar:
         devices.group.set_enter(time.monotonic())
 
     def hold(self, now: float) -> None:
-        """Holds the tail where it is, until the next command that is not all zeros; nothing after `stop`."""
+        """Holds the tail where it is, until the next command that is not all zeros; nothing after
+        `stop`.
+        """
         if self.devices is not None:
             self.devices.group.set_hold(now)
 
     def disarm(self, now: float) -> None:
-        """Exit frames now and in the following cycles; the links stay open and `read` goes on. Nothing after `stop`."""
+        """Exit frames now and in the following cycles; the links stay open and `read` goes on.
+
+        Nothing after `stop`.
+        """
         self._released = False
         if self.devices is not None:
             self.devices.group.set_exit(now)
@@ -121,14 +144,18 @@ class WiredCar:
 
     def _started(self) -> Devices:
         if self.devices is None:
-            raise HardwareError(f"{self.name}: is not started" + (f" ({self.stop_reason})" * bool(self.stop_reason)))
+            raise HardwareError(
+                f"{self.name}: is not started" + (f" ({self.stop_reason})" * bool(self.stop_reason))
+            )
         return self.devices
 
     # -- what is known
 
     @property
     def unwatched(self) -> str:
-        """Reason why the watchdog of this wiring is not reliable; empty while it is, or before `start`."""
+        """Reason why the watchdog of this wiring is not reliable; empty while it is, or before
+        `start`.
+        """
         watchdog = None if self.devices is None else self.devices.watchdog
         return "" if watchdog is None or watchdog.healthy else watchdog.reason
 
@@ -155,18 +182,21 @@ class WiredCar:
     @property
     def gps_time(self) -> float | None:
         """UTC by the GPS receiver, s since midnight; None while it is not known."""
-        newest = None if self.devices is None or self.devices.gps is None else self.devices.gps.newest
+        newest = (
+            None if self.devices is None or self.devices.gps is None else self.devices.gps.newest
+        )
         known = None if newest is None else newest[1].time_of_day
         return None if newest is None or known is None else known + time.monotonic() - newest[0]
 
     # -- one cycle
 
     def read(self, now: float) -> CarReading:
-        """The first half of a cycle, every 10 ms: reads what came, and advances the states of the motors.
+        """The first half of a cycle, every 10 ms: reads what came, and advances the states of the
+        motors.
 
-        Reading and writing are two calls so that a command can be made of the readings of its own cycle; one call for
-        both would let every command wait a cycle, 10 ms in which the tail swings 0.08 rad. After `stop` it is the last
-        reading, not armed.
+        Reading and writing are two calls so that a command can be made of the readings of its own
+        cycle; one call for both would let every command wait a cycle, 10 ms in which the tail
+        swings 0.08 rad. After `stop` it is the last reading, not armed.
         """
         devices = self.devices
         if devices is None:
@@ -182,20 +212,28 @@ class WiredCar:
         return self.reading
 
     def write(self, command: CarCommand, now: float) -> None:
-        """The second half: sends the command. What is not finite is a fault of both motors, and throttle 0."""
+        """The second half: sends the command.
+
+        What is not finite is a fault of both motors, and throttle 0.
+        """
         devices = self.devices
         if devices is None:
             return
-        servo, throttle = SERVO_PULSES[1], THROTTLE_PULSES[1]
+        servo = SERVO_PULSES[1]
+        throttle = THROTTLE_PULSES[1]
         if command.finite:
             servo = self._mounting.servo_pulse(command.steering_angle)
             throttle = self._mounting.throttle_pulse(command.throttle)
-            for motor, values in zip(devices.group.motors, (command.tail_pitch, command.tail_roll), strict=False):
+            for motor, values in zip(
+                devices.group.motors, (command.tail_pitch, command.tail_roll), strict=False
+            ):
                 if np.any(values):
                     motor.set_command(MitCommand(*values.tolist()), now)
         else:
             for motor in devices.group.motors:
-                motor.set_fault(MotorFault.BAD_COMMAND, "the controller commands NaN or infinity", now)
+                motor.set_fault(
+                    MotorFault.BAD_COMMAND, "the controller commands NaN or infinity", now
+                )
         devices.teensy.set_pulses(servo, throttle)
         roll, pitch = self.reading.imu[[_ROLL, _PITCH]].tolist()
         devices.teensy.set_attitude(roll, pitch, self.imu_time)
@@ -206,17 +244,22 @@ class WiredCar:
     # -- the way out
 
     def stop(self, reason: str) -> None:
-        """Exit frames several times, throttle 0, steering 0, then everything is closed; from every state, at any time.
+        """Exit frames several times, throttle 0, steering 0, then everything is closed; from every
+        state, at any time.
 
         Never raises and may be called twice.
         """
-        devices, self.devices = self.devices, None
+        devices = self.devices
+        self.devices = None
         self.stop_reason = self.stop_reason or reason
         if devices is None:
             return
-        group, off = devices.group, False
+        group = devices.group
+        off = False
         for _ in range(_LAST_STRINGS):
-            with contextlib.suppress(Exception):  # whatever it is, the next exit frame must get its chance
+            with contextlib.suppress(
+                Exception
+            ):  # whatever it is, the next exit frame must get its chance
                 group.set_exit(time.monotonic())
                 group.step(time.monotonic())
             with contextlib.suppress(Exception):
@@ -230,7 +273,9 @@ class WiredCar:
                 devices.watchdog.disarm() if off else devices.watchdog.trip()
         status = self.reading.status.copy()
         status[STATUS.index("armed")] = 0.0
-        self.reading = replace(self.reading, status=status, fault_text=self.reading.fault_text or self.stop_reason)
+        self.reading = replace(
+            self.reading, status=status, fault_text=self.reading.fault_text or self.stop_reason
+        )
         if devices.radio is not None:
             with contextlib.suppress(Exception):
                 self._reporter.turn(devices.radio, self.reading, time.monotonic(), at_once=True)
@@ -241,7 +286,8 @@ class WiredCar:
 
 def _watch(devices: Devices, now: float) -> None:
     """Reports the state of the motors to the watchdog, and an unreliable watchdog to the motors."""
-    motors, watchdog = devices.group.motors, devices.watchdog
+    motors = devices.group.motors
+    watchdog = devices.watchdog
     if watchdog is None:
         return
     if any(motor.state in ENERGISED for motor in motors):
@@ -249,7 +295,10 @@ def _watch(devices: Devices, now: float) -> None:
             for motor in motors:
                 motor.set_fault(MotorFault.BUS, watchdog.reason, now)
         watchdog.beat()
-    elif any(motor.fault in (MotorFault.BUS, MotorFault.NO_REPLY) or motor.off_overdue(now) for motor in motors):
+    elif any(
+        motor.fault in (MotorFault.BUS, MotorFault.NO_REPLY) or motor.off_overdue(now)
+        for motor in motors
+    ):
         watchdog.trip()  # exit frames of our own may not have left
     elif devices.group.off_confirmed:
         watchdog.disarm()

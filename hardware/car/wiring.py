@@ -1,9 +1,10 @@
-"""What the computer sends to the car and receives from it once per cycle, in every wiring (design section 14).
+"""What the computer sends to the car and receives from it once per cycle, in every wiring (design
+section 14).
 
-In `teensy_bridge` everything goes through the strings of the Teensy. `watched_can` has the motors on a CAN adapter of
-the computer, the Teensy for servo, throttle and sail, and the Teensy on the motors' bus as watchdog. Both are a
-`WiredCar`, with the same readings, the same faults and the same end.
-Plain NumPy: it runs where Drake has no wheel.
+In `teensy_bridge` everything goes through the strings of the Teensy. `watched_can` has the motors
+on a CAN adapter of the computer, the Teensy for servo, throttle and sail, and the Teensy on the
+motors' bus as watchdog. Both are a `WiredCar`, with the same readings, the same faults and the same
+end. Plain NumPy: it runs where Drake has no wheel.
 """
 
 from __future__ import annotations
@@ -26,9 +27,22 @@ from aerodima.hardware.devices.radio_link import IDLE, RadioLink
 from aerodima.hardware.devices.sensor_threads import SensorThread
 from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.devices.ublox import GpsSample
-from aerodima.hardware.protocol.radio import REPORT_PERIOD, Asks, CarReport, OperatorCommand, make_report
+from aerodima.hardware.protocol.radio import (
+    REPORT_PERIOD,
+    Asks,
+    CarReport,
+    OperatorCommand,
+    make_report,
+)
 from aerodima.hardware.transport.can_bus import CanBus
-from aerodima.workbench.config.signal_table import IMU, STATUS, STATUS_SOURCES, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
+from aerodima.workbench.config.signal_table import (
+    IMU,
+    STATUS,
+    STATUS_SOURCES,
+    TAIL_COMMAND,
+    TAIL_STATE,
+    TAIL_TORQUE,
+)
 from aerodima.workbench.errors import HardwareError
 
 WiringName = Literal["teensy_bridge", "watched_can"]
@@ -66,7 +80,8 @@ class Devices:
 
 @dataclass(frozen=True)
 class CarCommand:
-    """One cycle's commands, in the units and signs of the station's input ports; the default asks for nothing.
+    """One cycle's commands, in the units and signs of the station's input ports; the default asks
+    for nothing.
 
     Attributes:
         steering_angle: rad, positive to the left. throttle: -1 to 1.
@@ -81,19 +96,24 @@ class CarCommand:
     @property
     def finite(self) -> bool:
         """Whether every number is finite."""
-        numbers = np.concatenate(([self.steering_angle, self.throttle], self.tail_pitch, self.tail_roll))
+        numbers = np.concatenate(
+            ([self.steering_angle, self.throttle], self.tail_pitch, self.tail_roll)
+        )
         return bool(np.all(np.isfinite(numbers)))
 
 
 @dataclass(frozen=True)
 class CarReading:
-    """What is known after a cycle, as the station's output ports give it. Values hold their last sample.
+    """What is known after a cycle, as the station's output ports give it.
+
+    Values hold their last sample.
 
     Attributes:
         tail_state: (6,) `aerodima.workbench.config.signal_table.TAIL_STATE`, rad and rad/s.
-        tail_torque: (2,) N m. imu: (9,) `aerodima.workbench.config.signal_table.IMU`. speed: (1,) m/s.
-        status: (13,) `aerodima.workbench.config.signal_table.STATUS`: ages in s (infinite before the first sample),
-            faults, armed.
+        tail_torque: (2,) N m. imu: (9,) `aerodima.workbench.config.signal_table.IMU`. speed: (1,)
+            m/s.
+        status: (13,) `aerodima.workbench.config.signal_table.STATUS`: ages in s (infinite before
+            the first sample), faults, armed.
         operator: the operator's last command, for driving by radio.
         fault_text: the worst fault in words, empty while there is none.
     """
@@ -118,18 +138,22 @@ class CarReader:
     """Makes the readings; values hold their last sample.
 
     Attributes:
-        imu_time: when the newest sample of the IMU was taken, s on `time.monotonic`; NaN before the first.
+        imu_time: when the newest sample of the IMU was taken, s on `time.monotonic`; NaN before the
+            first.
     """
 
     def __init__(self, mounting: Mounting) -> None:
         self._mounting = mounting
         self._sail = _SailRate()
         self._tail = np.zeros((2, 3))
-        self._imu, self._speed = np.zeros(IMU.size), np.zeros(1)
+        self._imu = np.zeros(IMU.size)
+        self._speed = np.zeros(1)
         self.imu_time = math.nan
 
     def read(self, devices: Devices, now: float, released: bool) -> CarReading:
-        """The reading of now (s, monotonic); `released` stands for `armed` where there are no motors."""
+        """The reading of now (s, monotonic); `released` stands for `armed` where there are no
+        motors.
+        """
         motors = devices.group.motors
         for index, motor in enumerate(motors):
             if math.isfinite(motor.position):
@@ -160,7 +184,10 @@ class CarReader:
 
 def _sources(devices: Devices, now: float) -> dict[str, tuple[float, int, str]]:
     """Age (s), fault, and the fault in words, of every source that is fitted."""
-    teensy, imu, gps, radio = devices.teensy, devices.imu, devices.gps, devices.radio
+    teensy = devices.teensy
+    imu = devices.imu
+    gps = devices.gps
+    radio = devices.radio
     found: dict[str, tuple[float, int, str]] = {
         "sail": (teensy.age(now), teensy.fault, teensy.fault_text),
         "imu": (imu.age(now), *imu.fault(now)),
@@ -170,7 +197,8 @@ def _sources(devices: Devices, now: float) -> dict[str, tuple[float, int, str]]:
     if gps is not None:
         fault, text = gps.fault(now)
         if fault is SourceFault.NONE and gps.newest is not None and not gps.newest[1].fix:
-            fault, text = SourceFault.NO_FIX, "the GPS has no fix"
+            fault = SourceFault.NO_FIX
+            text = "the GPS has no fix"
         found["speed"] = gps.age(now), fault, text
     if radio is not None:
         found["operator"] = radio.age(now), *radio.fault(now)
@@ -178,15 +206,21 @@ def _sources(devices: Devices, now: float) -> dict[str, tuple[float, int, str]]:
 
 
 def _worst(devices: Devices, sources: dict[str, tuple[float, int, str]]) -> str:
-    """The fault that is reported: an emergency stop before all others, then motors, Teensy, operator, IMU, GPS."""
-    operator, imu, speed = (sources.get(name, (0.0, 0, ""))[2] for name in ("operator", "imu", "speed"))
+    """The fault that is reported: an emergency stop before all others, then motors, Teensy,
+    operator, IMU, GPS.
+    """
+    operator, imu, speed = (
+        sources.get(name, (0.0, 0, ""))[2] for name in ("operator", "imu", "speed")
+    )
     stop = operator if devices.radio is not None and devices.radio.stopped else ""
     texts = (stop, devices.group.fault_text, devices.teensy.fault_text, operator, imu, speed)
     return next((text for text in texts if text), "")
 
 
 class _SailRate:
-    """Sail angle and its rate from the Teensy's replies, each with the time at which the Teensy sent it."""
+    """Sail angle and its rate from the Teensy's replies, each with the time at which the Teensy
+    sent it.
+    """
 
     def __init__(self) -> None:
         self._past: deque[tuple[float, float]] = deque(maxlen=64)
@@ -202,7 +236,9 @@ class _SailRate:
         while len(self._past) > 2 and sent - self._past[1][0] >= _RATE_WINDOW - 1e-3:
             self._past.popleft()
         span = sent - self._past[0][0]
-        rate = math.remainder(angle - self._past[0][1], 2.0 * math.pi) / span if span > 1e-3 else 0.0
+        rate = (
+            math.remainder(angle - self._past[0][1], 2.0 * math.pi) / span if span > 1e-3 else 0.0
+        )
         self._seen = angle, rate
         return self._seen
 
@@ -211,16 +247,23 @@ class CarReporter:
     """One car's reports.
 
     Args:
-        has_tail: the car has tail motors. car: its number, which tells it from others on the channel.
+        has_tail: the car has tail motors. car: its number, which tells it from others on the
+            channel.
     """
 
     def __init__(self, has_tail: bool = True, car: int = 0) -> None:
-        self._has_tail, self._car = has_tail, car
+        self._has_tail = has_tail
+        self._car = car
         self._due = 0.0
         self._sequence = 0
 
     def turn(
-        self, radio: RadioLink, reading: CarReading, now: float, asks: Asks = Asks.NOTHING, at_once: bool = False
+        self,
+        radio: RadioLink,
+        reading: CarReading,
+        now: float,
+        asks: Asks = Asks.NOTHING,
+        at_once: bool = False,
     ) -> None:
         """Sends a report when one is due (`now` in s, monotonic), or at once."""
         if now < self._due and not at_once:
@@ -231,8 +274,10 @@ class CarReporter:
         radio.report(make_report(report, self._sequence))
 
     def _report(self, reading: CarReading, stopped: bool, asks: Asks) -> CarReport:
-        status, tail = STATUS.read(reading.status), TAIL_STATE.read(reading.tail_state)
-        imu, torque = IMU.read(reading.imu), TAIL_TORQUE.read(reading.tail_torque)
+        status = STATUS.read(reading.status)
+        tail = TAIL_STATE.read(reading.tail_state)
+        imu = IMU.read(reading.imu)
+        torque = TAIL_TORQUE.read(reading.tail_torque)
         codes = [int(getattr(status, f"{source}_fault")) for source in STATUS_SOURCES]
         return CarReport(
             armed=status.armed == 1.0,

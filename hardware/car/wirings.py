@@ -1,8 +1,11 @@
-"""The two ways in which a car is wired, as a `WiredCar` that is not opened yet. In both the Teensy watches.
+"""The two ways in which a car is wired, as a `WiredCar` that is not opened yet.
 
-`teensy_bridge`, that of the thesis: the Teensy owns the CAN bus and the computer sends it strings. Its firmware
-switches the motors off when the strings stop. `watched_can`: the motors are on a CAN adapter of the computer, and the
-Teensy drives servo, throttle and sail. It is on the same bus and switches the motors off when the heartbeat stops.
+In both the Teensy watches.
+
+`teensy_bridge`, that of the thesis: the Teensy owns the CAN bus and the computer sends it strings.
+Its firmware switches the motors off when the strings stop. `watched_can`: the motors are on a CAN
+adapter of the computer, and the Teensy drives servo, throttle and sail. It is on the same bus and
+switches the motors off when the heartbeat stops.
 """
 
 from __future__ import annotations
@@ -20,9 +23,18 @@ from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import Devices, WiringName
 from aerodima.hardware.devices.motor_group import MotorGroup
-from aerodima.hardware.devices.motor_settings import MotorSettings, load_motor_safety, motor_settings
+from aerodima.hardware.devices.motor_settings import (
+    MotorSettings,
+    load_motor_safety,
+    motor_settings,
+)
 from aerodima.hardware.devices.radio_link import RadioLink
-from aerodima.hardware.devices.sensor_threads import Bno055Session, GpsSession, SensorThread, Session
+from aerodima.hardware.devices.sensor_threads import (
+    Bno055Session,
+    GpsSession,
+    SensorThread,
+    Session,
+)
 from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.transport.can_bus import CanBus
@@ -35,7 +47,9 @@ _SENSOR_TIMEOUT = 0.01
 T = TypeVar("T")
 
 
-def tail_motors(scenario: Scenario, ports: CarPorts, mounting: Mounting) -> tuple[MotorSettings, ...]:
+def tail_motors(
+    scenario: Scenario, ports: CarPorts, mounting: Mounting
+) -> tuple[MotorSettings, ...]:
     """Settings of the pitch and the roll motor; none for a scenario without a tail.
 
     Raises:
@@ -43,7 +57,8 @@ def tail_motors(scenario: Scenario, ports: CarPorts, mounting: Mounting) -> tupl
     """
     if scenario.tail.mode == "none":
         return ()
-    controller, tail = scenario.controller, scenario.tail
+    controller = scenario.controller
+    tail = scenario.tail
     gains = (controller.hold_kp, controller.hold_kd)
     joints = (
         ("tail pitch", ports.tail_pitch, tail.pitch_limit, mounting.tail_pitch_direction),
@@ -78,7 +93,8 @@ def wire_car(
         traffic_log: a new `.blf` file for every frame on the bus of the adapter.
 
     Raises:
-        HardwareError: the ports name no CAN adapter where one is needed, or the motors' settings do not fit.
+        HardwareError: the ports name no CAN adapter where one is needed, or the motors' settings do
+            not fit.
     """
     can = ports.adapter(wiring) if wiring == "watched_can" else None
     mounting = load_mounting()
@@ -99,7 +115,9 @@ def wire_car(
     return WiredCar(wiring, bool(motors), mounting, open_devices, authorise, ports.car)
 
 
-def _open_on(bus: CanBus | None, ports: CarPorts, motors: tuple[MotorSettings, ...], closers: ExitStack) -> Devices:
+def _open_on(
+    bus: CanBus | None, ports: CarPorts, motors: tuple[MotorSettings, ...], closers: ExitStack
+) -> Devices:
     """Teensy, IMU, GPS and radio; the motors on the bus or, without one, on the Teensy."""
     safety = load_drive_safety()
     watchdog = None if bus is None else BusWatch(bus, safety.heartbeat_answer)
@@ -116,10 +134,14 @@ def _open_on(bus: CanBus | None, ports: CarPorts, motors: tuple[MotorSettings, .
     if (module := ports.radio) is not None:
         link = closers.enter_context(closing(_named("radio", lambda: SerialLink.open(module))))
         radio = RadioLink(link, safety.operator_silence, module.operator)
-    return Devices(MotorGroup(motors, watchdog or teensy), teensy, imu, gps, radio, closers, watchdog, bus)
+    return Devices(
+        MotorGroup(motors, watchdog or teensy), teensy, imu, gps, radio, closers, watchdog, bus
+    )
 
 
-def _sensor(name: str, settings: SerialSettings, session: Session[T], silence: float) -> SensorThread[T]:
+def _sensor(
+    name: str, settings: SerialSettings, session: Session[T], silence: float
+) -> SensorThread[T]:
     open_port = partial(open_serial, settings, _SENSOR_TIMEOUT)
     return _named(name, lambda: SensorThread(name.upper(), open_port, session, silence))
 

@@ -30,39 +30,58 @@ def _wirings() -> list[str]:
 
 
 Wiring = Annotated[
-    str, typer.Option(metavar="teensy_bridge|watched_can", help="How the motors are wired.", autocompletion=_wirings)
+    str,
+    typer.Option(
+        metavar="teensy_bridge|watched_can",
+        help="How the motors are wired.",
+        autocompletion=_wirings,
+    ),
 ]
-Ports = Annotated[Path, typer.Option(help="Ports file (JSON): which device is where, ids and zeros of the motors.")]
+Ports = Annotated[
+    Path,
+    typer.Option(help="Ports file (JSON): which device is where, ids and zeros of the motors."),
+]
 
 
 def console(
     scenario: cli.OtherScenario = None,
-    ports: Annotated[Path | None, typer.Option(help="Ports file (JSON) with an entry `console`.")] = None,
+    ports: Annotated[
+        Path | None, typer.Option(help="Ports file (JSON) with an entry `console`.")
+    ] = None,
     radio: Annotated[
-        str | None, typer.Option(help="Serial port of the operator's XBee module; more of it in a ports file.")
+        str | None,
+        typer.Option(help="Serial port of the operator's XBee module; more of it in a ports file."),
     ] = None,
     port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.")] = 8470,
-    out: Annotated[Path, cli.written("Folder of the emulated car; of a later one, one in it.")] = Path("console_car"),
+    out: Annotated[
+        Path, cli.written("Folder of the emulated car; of a later one, one in it.")
+    ] = Path("console_car"),
     wiring: Wiring = "teensy_bridge",
     view: Annotated[bool, typer.Option(help="Show the emulated car in Meshcat.")] = True,
     record: Annotated[
         Path | None,
-        typer.Option(help="New file (JSON lines) of the record; by default the next console.jsonl."),
+        typer.Option(
+            help="New file (JSON lines) of the record; by default the next console.jsonl."
+        ),
     ] = None,
     settings: cli.Settings = None,
 ) -> None:
     """Operate the car from a page: modes, sliders, gamepad, plots.
 
-    With a scenario an emulated car is started, and driven. Open the printed address; it works once. The page must stay
-    visible: its heartbeat keeps the car alive.
+    With a scenario an emulated car is started, and driven. Open the printed address; it works once.
+    The page must stay visible: its heartbeat keeps the car alive.
 
     Example: aerodima console auto_turn --out emulated
     """
     if sum(given is not None for given in (scenario, ports, radio)) != 1:
         raise HardwareError("console: give one of SCENARIO, --ports and --radio")
-    missing = [name for name in ("starlette", "uvicorn", "websockets", "serial") if find_spec(name) is None]
+    missing = [
+        name for name in ("starlette", "uvicorn", "websockets", "serial") if find_spec(name) is None
+    ]
     if missing:
-        raise HardwareError(f"console: {missing[0]} is missing: pip install 'aerodima-workbench[console,hardware]'")
+        raise HardwareError(
+            f"console: {missing[0]} is missing: pip install 'aerodima-workbench[console,hardware]'"
+        )
     from aerodima.hardware.car.car_ports import ConsoleDevice
     from aerodima.hardware.car.wiring import wiring_name
     from aerodima.hardware.console.console import Console, ConsoleRecord, Limits
@@ -77,18 +96,26 @@ def console(
     words = settings or []
     loaded = workbench.load_scenario(scenario or "auto_turn", words)
     limits = Limits(loaded.servo.limit, loaded.tail.pitch_limit, loaded.tail.roll_limit)
-    listener, recording, car = open_socket(port), ConsoleRecord(record or _next_record()), None
+    listener = open_socket(port)
+    recording = ConsoleRecord(record or _next_record())
+    car = None
     if scenario is not None:
         car = EmulatedCarProcess(scenario, words, loaded.tail.mode != "none", chosen, out, view)
     with listener:
         try:
             if car is not None:
-                signal.signal(signal.SIGTERM, signal.default_int_handler)  # or nobody would end the car
+                signal.signal(
+                    signal.SIGTERM, signal.default_int_handler
+                )  # or nobody would end the car
                 car.start(typer.echo)
                 ports = car.ports
-            device, number = _device(ports) if ports else (ConsoleDevice.model_validate({"path": radio}), 0)
+            device, number = (
+                _device(ports) if ports else (ConsoleDevice.model_validate({"path": radio}), 0)
+            )
             with lock_devices([device.path], "a console"), closing(SerialLink.open(device)) as link:
-                served = Console(OperatorRadio(link, device.receiver, number), recording, limits, car)
+                served = Console(
+                    OperatorRadio(link, device.receiver, number), recording, limits, car
+                )
                 access = Access(listener.getsockname()[1])
                 typer.echo(f"open once: {access.url}")
                 run_server(listener, served, access, typer.echo)
@@ -109,7 +136,9 @@ def _device(ports: Path) -> tuple[ConsoleDevice, int]:
 
     read = read_ports(ports)
     if read.console is None:
-        raise HardwareError(f"{ports}: console: missing; an emulator writes it with `aerodima emulate --console`")
+        raise HardwareError(
+            f"{ports}: console: missing; an emulator writes it with `aerodima emulate --console`"
+        )
     return read.console, read.car
 
 
@@ -117,22 +146,30 @@ def emulate(
     scenario: cli.ScenarioArgument,
     out: Annotated[Path, cli.written("New folder for the ports and the logs.")],
     wiring: Wiring = "teensy_bridge",
-    faults: Annotated[Path | None, typer.Option(help="Script (YAML) of faults and of what the operator does.")] = None,
-    duration: Annotated[float | None, typer.Option(help="End by itself after that time, s.")] = None,
+    faults: Annotated[
+        Path | None, typer.Option(help="Script (YAML) of faults and of what the operator does.")
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="End by itself after that time, s.")
+    ] = None,
     console: Annotated[
-        bool, typer.Option("--console", help="A port for `aerodima console`; the script's operator is silent.")
+        bool,
+        typer.Option(
+            "--console", help="A port for `aerodima console`; the script's operator is silent."
+        ),
     ] = False,
     view: Annotated[bool, typer.Option("--view", help="Show the car in Meshcat.")] = False,
     parent: Annotated[
-        int | None, typer.Option(help="End with the process of this id, which has started this one.")
+        int | None,
+        typer.Option(help="End with the process of this id, which has started this one."),
     ] = None,
     settings: cli.Settings = None,
 ) -> None:
     """Run an emulated car in real time behind serial ports.
 
-    Motors, Teensy, IMU, GPS and the operator's radio are behind pseudo-terminals. The folder gets ports.json for
-    `aerodima drive --ports`, ready.json once everything answers, the CAN traffic, the events and the truth. Ctrl-C ends
-    it in order.
+    Motors, Teensy, IMU, GPS and the operator's radio are behind pseudo-terminals. The folder gets
+    ports.json for `aerodima drive --ports`, ready.json once everything answers, the CAN traffic,
+    the events and the truth. Ctrl-C ends it in order.
 
     Example: aerodima emulate turn_swing --out emulated --wiring watched_can
     """
@@ -170,23 +207,35 @@ def drive(
     out: cli.LogOut = Path("drive.parquet"),
     traffic: Annotated[
         Path | None,
-        typer.Option(help="Every frame on the CAN bus into this file (.blf).", callback=cli.endings(".blf")),
+        typer.Option(
+            help="Every frame on the CAN bus into this file (.blf).", callback=cli.endings(".blf")
+        ),
     ] = None,
     firmware: Annotated[
-        Path | None, typer.Option(help="Write the Teensy's sketch for this car into this new folder, and end.")
+        Path | None,
+        typer.Option(help="Write the Teensy's sketch for this car into this new folder, and end."),
     ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Never arm: checks, then the sequence switched off.")
     ] = False,
-    no_drake: Annotated[bool, typer.Option("--no-drake", help="Plain loop, for computers without Drake.")] = False,
+    no_drake: Annotated[
+        bool, typer.Option("--no-drake", help="Plain loop, for computers without Drake.")
+    ] = False,
     watchdog_test: Annotated[
         bool, typer.Option("--watchdog-test", help="Cut the link, see the motors off, record it.")
     ] = False,
     motor_test: Annotated[
-        str | None, cli.chosen("Move a joint by 5 degrees and back, judge it, and end.", "tail_pitch", "tail_roll")
+        str | None,
+        cli.chosen(
+            "Move a joint by 5 degrees and back, judge it, and end.", "tail_pitch", "tail_roll"
+        ),
     ] = None,
     zero: Annotated[
-        bool, typer.Option("--zero", help="Tail held upright by hand: write its angles as zeros into the ports file.")
+        bool,
+        typer.Option(
+            "--zero",
+            help="Tail held upright by hand: write its angles as zeros into the ports file.",
+        ),
     ] = False,
     arm: Annotated[bool, typer.Option("--arm", help="Arm without asking on the terminal.")] = False,
     settings: cli.Settings = None,
@@ -194,8 +243,9 @@ def drive(
 ) -> None:
     """Drive a scenario on the real or the emulated car.
 
-    Check, arm, run the sequence (AUTO) or obey the radio (MANUAL), disarm, write a log. The operator's radio chooses
-    AUTO or MANUAL and must stay alive. Ctrl-C switches the motors off at once.
+    Check, arm, run the sequence (AUTO) or obey the radio (MANUAL), disarm, write a log. The
+    operator's radio chooses AUTO or MANUAL and must stay alive. Ctrl-C switches the motors off at
+    once.
 
     Example: aerodima drive auto_turn --ports car.json --out run.parquet
     """
@@ -209,7 +259,9 @@ def drive(
     if law is not None and swing is not None:
         raise HardwareError("--law: allowed without --swing; each says what the tail does")
     if diagram is not None and (law is not None or swing is not None or no_drake):
-        raise HardwareError("--diagram: allowed without --law, --swing and --no-drake; it says what the tail does")
+        raise HardwareError(
+            "--diagram: allowed without --law, --swing and --no-drake; it says what the tail does"
+        )
     chosen, tail_law = load_drive(scenario, overrides)
     build = None if diagram is None else load_build(diagram)
     if law is not None:
@@ -220,7 +272,9 @@ def drive(
         refuse_other_car(chosen)
     car_ports = read_ports(ports)
     if traffic is not None and name == "teensy_bridge":
-        raise HardwareError(f"--traffic {traffic}: the frames are on the Teensy's bus; allowed with watched_can")
+        raise HardwareError(
+            f"--traffic {traffic}: the frames are on the Teensy's bus; allowed with watched_can"
+        )
     if firmware is not None:
         _write_sketch(chosen, car_ports, name, firmware)
         return
@@ -236,7 +290,9 @@ def drive(
     refuse_existing(out, force, LogError)
     make_folder(out.parent, LogError)
     law_name = "" if law is None else type(tail_law).__name__
-    options = DriveOptions(out, force, dry_run, not no_drake, None if arm else _confirm, law_name=law_name)
+    options = DriveOptions(
+        out, force, dry_run, not no_drake, None if arm else _confirm, law_name=law_name
+    )
     car = hardware.connect(car_ports, chosen, name, traffic)
     result = run_drive(car, chosen, car_ports, options, typer.echo, law=tail_law, build=build)
     if result.log is not None:
@@ -254,25 +310,36 @@ def drive(
 
 
 def _write_sketch(scenario: Scenario, ports: CarPorts, wiring: WiringName, folder: Path) -> None:
-    from aerodima.hardware.firmware.teensy_firmware import export_sketch, firmware_hash, firmware_settings
+    from aerodima.hardware.firmware.teensy_firmware import (
+        export_sketch,
+        firmware_hash,
+        firmware_settings,
+    )
 
     typer.echo(f"sketch: {export_sketch(firmware_settings(wiring, ports, scenario), folder)}")
     typer.echo(f"firmware: {firmware_hash()[:12]}, {wiring}, {ports.firmware_profile}")
 
 
-def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: str, arm: bool) -> None:
+def _motor_test(
+    scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: str, arm: bool
+) -> None:
     from aerodima.hardware.car.car_ports import JOINTS
     from aerodima.hardware.driving.held_car import run_motor_test
 
     chosen = next((name for name in JOINTS if name == joint), None)
     if chosen is None or scenario.tail.mode == "none":
-        raise HardwareError(f"--motor-test {joint}: allowed: {', '.join(JOINTS)}, with a scenario that has a tail")
+        raise HardwareError(
+            f"--motor-test {joint}: allowed: {', '.join(JOINTS)}, with a scenario that has a tail"
+        )
     _ask_to_arm(arm)
     car = hardware.connect(ports, scenario, wiring)
     found = run_motor_test(car, chosen, typer.echo, _eyes(ports, wiring)[0])
     warm = "not reported" if found.temperature is None else f"{found.temperature:g} degC"
     torque = f"torque {found.torque:+.2f} N m where {found.wanted:+.2f} is asked for"
-    typer.echo(f"{chosen}: well: moved by {math.degrees(found.moved):+.1f} degrees, {torque}, temperature {warm}")
+    typer.echo(
+        f"{chosen}: well: moved by {math.degrees(found.moved):+.1f} degrees, {torque}, "
+        f"temperature {warm}"
+    )
 
 
 def _set_zero(scenario: str, path: Path, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
@@ -285,7 +352,10 @@ def _set_zero(scenario: str, path: Path, ports: CarPorts, wiring: WiringName, ar
     for joint, angle in joint_angles(ports, angles).items():
         typer.echo(f"{joint}: {math.degrees(angle):+.1f} degrees by the zero of before")
     write_zeros(path, angles)
-    typer.echo(f"zeros: {', '.join(f'{joint} {angle:.4f} rad' for joint, angle in angles.items())} in {path}")
+    typer.echo(
+        f"zeros: {', '.join(f'{joint} {angle:.4f} rad' for joint, angle in angles.items())} in "
+        f"{path}"
+    )
     if wiring == "teensy_bridge":
         again = f"aerodima drive {scenario} --ports {path} --firmware FOLDER"
         typer.echo(f"the firmware limits motor angles: write it anew with `{again}`")
@@ -303,10 +373,16 @@ def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm:
 
 
 def _eyes(ports: CarPorts, wiring: WiringName) -> tuple[Callable[[str], bool], str]:
-    """Who answers what is seen of the tail: the operator, or nobody where there is nothing to be seen."""
+    """Who answers what is seen of the tail: the operator, or nobody where there is nothing to be
+    seen.
+    """
     from aerodima.hardware.driving.watchdog_test import is_emulated
 
-    return ((lambda _: True), "emulator") if is_emulated(wiring, ports) else (typer.confirm, "operator")
+    return (
+        ((lambda _: True), "emulator")
+        if is_emulated(wiring, ports)
+        else (typer.confirm, "operator")
+    )
 
 
 def _ask_to_arm(arm: bool) -> None:

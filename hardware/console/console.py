@@ -1,4 +1,5 @@
-"""What the console does with what pages say, which page controls the car, and the record; no network in here.
+"""What the console does with what pages say, which page controls the car, and the record; no
+network in here.
 
 Times in s, monotonic.
 """
@@ -14,7 +15,14 @@ from typing import Any, Final, TextIO
 
 from aerodima.hardware.console.emulated_car import EmulatedCarProcess
 from aerodima.hardware.console.operator_radio import OperatorRadio
-from aerodima.hardware.console.page_messages import Beat, BeatClock, Logging, Message, Stop, radio_state
+from aerodima.hardware.console.page_messages import (
+    Beat,
+    BeatClock,
+    Logging,
+    Message,
+    Stop,
+    radio_state,
+)
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.errors import LogError, UserError
 
@@ -39,9 +47,16 @@ class Console:
     """
 
     def __init__(
-        self, radio: OperatorRadio, record: ConsoleRecord, limits: Limits, car: EmulatedCarProcess | None = None
+        self,
+        radio: OperatorRadio,
+        record: ConsoleRecord,
+        limits: Limits,
+        car: EmulatedCarProcess | None = None,
     ) -> None:
-        self.radio, self._record, self._limits, self._car = radio, record, limits, car
+        self.radio = radio
+        self._record = record
+        self._limits = limits
+        self._car = car
         self._seats = Seats()
         self._clocks: dict[int, BeatClock] = {}
         self._recorded: object = None
@@ -70,7 +85,8 @@ class Console:
     def hear(self, page: int, message: Message, now: float) -> None:
         """Does what a page asks for.
 
-        Every page may stop the car; everything else is for the one that controls, while the console has not failed.
+        Every page may stop the car; everything else is for the one that controls, while the console
+        has not failed.
 
         Raises:
             UserError: it may not be done, in words for the operator.
@@ -109,7 +125,9 @@ class Console:
             self._record.add("report", **radio_state(self.radio, now))
 
     def fail(self, error: Exception) -> None:
-        """A part of the console has died: the car goes to rest if it can still be reached, and the console must end."""
+        """A part of the console has died: the car goes to rest if it can still be reached, and the
+        console must end.
+        """
         if self.failure:
             return
         self.failure = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
@@ -127,7 +145,11 @@ class Console:
             "controls": self._seats.controller == page,
             "can_take": self._seats.controller != page and self._seats.free(now),
             "radio": radio_state(self.radio, now),
-            "recording": {"on": self._record.on, "path": str(self._record.path), "error": self._record.error},
+            "recording": {
+                "on": self._record.on,
+                "path": str(self._record.path),
+                "error": self._record.error,
+            },
             "car": None if car is None else {"driving": car.driving, "said": car.said},
         }
 
@@ -163,11 +185,15 @@ class Console:
 
 
 GONE_AFTER: Final = 2.0
-"""s without a word after which a page counts as gone, though its connection stands: hidden, frozen, asleep."""
+"""s without a word after which a page counts as gone, though its connection stands: hidden, frozen,
+asleep."""
 
 
 class Seats:
-    """One seat to control and any number to look on. Pages are known by a number; times in s, monotonic."""
+    """One seat to control and any number to look on.
+
+    Pages are known by a number; times in s, monotonic.
+    """
 
     def __init__(self) -> None:
         self._next = 0
@@ -199,7 +225,8 @@ class Seats:
         """The page asks for control; whether it has it now."""
         if self.controller != page and not self.free(now):
             return False
-        self.controller, self._heard = page, now
+        self.controller = page
+        self._heard = now
         return True
 
 
@@ -240,7 +267,8 @@ class ConsoleRecord:
                 self._file.close()
                 self._file = None
         except OSError as error:
-            self._file, self.error = None, f"{self.path}: {error.strerror}"
+            self._file = None
+            self.error = f"{self.path}: {error.strerror}"
 
     def add(self, event: str, **facts: Any) -> None:
         """One line, if it records."""
@@ -249,4 +277,5 @@ class ConsoleRecord:
         try:
             self._file.write(json.dumps({"time_s": time.time(), "event": event, **facts}) + "\n")
         except OSError as error:
-            self._file, self.error = None, f"{self.path}: {error.strerror}"
+            self._file = None
+            self.error = f"{self.path}: {error.strerror}"

@@ -30,14 +30,26 @@ _FAREWELL = 0.3
 """s in which pages learn that the console has failed, before it ends."""
 _MOST_BYTES = 4096
 _BACKLOG = 16
-"""Connections that are accepted in one go; more of them could take every file before the first one is looked at."""
+"""Connections that are accepted in one go; more of them could take every file before the first one
+is looked at."""
 _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
-_PAGES = ("index.html", "console.css", "console.js", "gamepads.js", "inputs.js", "news.js", "plots.js")
+_PAGES = (
+    "index.html",
+    "console.css",
+    "console.js",
+    "gamepads.js",
+    "inputs.js",
+    "news.js",
+    "plots.js",
+)
 Say = Callable[[str], None]
 
 
 def open_socket(port: int) -> socket.socket:
-    """A socket that listens on a port of 127.0.0.1; 0 takes a free one. `HardwareError` if the port is in use."""
+    """A socket that listens on a port of 127.0.0.1; 0 takes a free one.
+
+    `HardwareError` if the port is in use.
+    """
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -46,7 +58,9 @@ def open_socket(port: int) -> socket.socket:
     except (OSError, OverflowError) as error:
         listener.close()
         reason = getattr(error, "strerror", None) or "allowed: 0 to 65535"
-        raise HardwareError(f"--port {port}: {reason}; choose another, or 0 for any free one") from None
+        raise HardwareError(
+            f"--port {port}: {reason}; choose another, or 0 for any free one"
+        ) from None
     return listener
 
 
@@ -58,7 +72,8 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
         end: of the server; called when a part of the console has died.
     """
     pages = {
-        name: files("aerodima.hardware.console").joinpath("page", name).read_text(encoding="utf-8") for name in _PAGES
+        name: files("aerodima.hardware.console").joinpath("page", name).read_text(encoding="utf-8")
+        for name in _PAGES
     }
     headers = _headers(console.view)
 
@@ -69,7 +84,10 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
         if token is not None:
             return enter(token)
         if not access.knows(request.headers):
-            text = "Open the address that the console's terminal shows; it works once, and not after a restart.\n"
+            text = (
+                "Open the address that the console's terminal shows; it works once, and not "
+                "after a restart.\n"
+            )
             return PlainTextResponse(text, 403, headers)
         name = request.path_params.get("name") or "index.html"
         if name not in pages:
@@ -79,7 +97,10 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
     def enter(token: str) -> Response:
         session = access.redeem(token)
         if session is None:
-            text = "This address was used or is wrong; the console's terminal shows the one that is valid.\n"
+            text = (
+                "This address was used or is wrong; the console's terminal shows the one that "
+                "is valid.\n"
+            )
             return PlainTextResponse(text, 403, headers)
         say(f"opened; for another browser: {access.url}")
         answer = RedirectResponse("/", 303, headers)
@@ -87,7 +108,9 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
         return answer
 
     async def connect(websocket: WebSocket) -> None:
-        if access.refusal(websocket.headers, origin_needed=True) or not access.knows(websocket.headers):
+        if access.refusal(websocket.headers, origin_needed=True) or not access.knows(
+            websocket.headers
+        ):
             await websocket.close(1008)  # before it is accepted: the browser gets status 403
             return
         await websocket.accept()
@@ -95,8 +118,13 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
 
     @contextlib.asynccontextmanager
     async def turning(_: Starlette) -> AsyncIterator[None]:
-        tasks = [asyncio.create_task(_watched(console, _turn(console))), asyncio.create_task(_end(console, end))]
-        with contextlib.suppress(asyncio.CancelledError):  # a second Ctrl-C ends the server without asking for an end
+        tasks = [
+            asyncio.create_task(_watched(console, _turn(console))),
+            asyncio.create_task(_end(console, end)),
+        ]
+        with contextlib.suppress(
+            asyncio.CancelledError
+        ):  # a second Ctrl-C ends the server without asking for an end
             yield
         for task in tasks:
             task.cancel()
@@ -109,7 +137,8 @@ def run_server(listener: socket.socket, console: Console, access: Access, say: S
     """Serves until Ctrl-C; ends in order by SIGTERM too, which then does what it did before.
 
     Raises:
-        HardwareError: a part of the console has died; pages have the reason, and the car was sent to rest.
+        HardwareError: a part of the console has died; pages have the reason, and the car was sent
+            to rest.
     """
 
     def end() -> None:
@@ -141,7 +170,9 @@ def make_server(app: Starlette) -> uvicorn.Server:
 
 
 async def _watched(console: Console, task: Coroutine[Any, Any, None]) -> None:
-    """Whatever dies by an exception that nobody meant ends the console: half of one is worse than none."""
+    """Whatever dies by an exception that nobody meant ends the console: half of one is worse than
+    none.
+    """
     try:
         await task
     except Exception as error:
@@ -200,19 +231,23 @@ async def _show_states(console: Console, websocket: WebSocket, page: int) -> Non
 
 async def _send(websocket: WebSocket, content: object) -> None:
     text = json.dumps(content, allow_nan=False)
-    with contextlib.suppress(Exception):  # the page has gone, whatever that is called; `_serve_page` sees it
+    with contextlib.suppress(
+        Exception
+    ):  # the page has gone, whatever that is called; `_serve_page` sees it
         await websocket.send_text(text)
 
 
 def _headers(view: str | None) -> dict[str, str]:
     frames = "'none'" if view is None else "{0.scheme}://{0.netloc}".format(urlsplit(view))
     policy = (
-        "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
+        "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src "
+        "'self' data:; "
         f"frame-src {frames}; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
     )
     return {
         "Content-Security-Policy": policy,
-        "Origin-Agent-Cluster": "?1",  # a process of its own in the browser: the view that it shows cannot hold it up
+        # a process of its own in the browser: the view that it shows cannot hold it up
+        "Origin-Agent-Cluster": "?1",
         "X-Content-Type-Options": "nosniff",
         "Referrer-Policy": "no-referrer",
         "Cross-Origin-Resource-Policy": "same-origin",

@@ -24,7 +24,8 @@ from aerodima.workbench.errors import HardwareError
 _START_TIME, _END_TIME = 120.0, 20.0
 _LOOK = 0.05
 _TESTS = 3
-"""Times that the watchdog test is tried: a computer that is busy with other work can be late for the emulated car."""
+"""Times that the watchdog test is tried: a computer that is busy with other work can be late for
+the emulated car."""
 
 
 class EmulatedCarProcess:
@@ -33,10 +34,11 @@ class EmulatedCarProcess:
     Args:
         scenario, settings: as the two commands take them.
         has_tail: the scenario's car has tail motors, whose watchdog is to be tested.
-        folder: gets the emulator's files and `drive_N.parquet`; where an earlier car has left its own, they go into a
-            numbered folder in it.
+        folder: gets the emulator's files and `drive_N.parquet`; where an earlier car has left its
+            own, they go into a numbered folder in it.
         view: show the car in Meshcat.
-        console: whether `aerodima console` drives it; otherwise its operator chooses AUTO when the car asks.
+        console: whether `aerodima console` drives it; otherwise its operator chooses AUTO when the
+            car asks.
         faults: script of `aerodima emulate --faults`.
 
     Attributes: folder: with its files. wiring: of the car. view: where Meshcat shows it.
@@ -55,7 +57,9 @@ class EmulatedCarProcess:
         faults: str | Path | None = None,
     ) -> None:
         self._scenario = [scenario, *(word for setting in settings for word in ("--set", setting))]
-        self._has_tail, self.wiring, self.folder = has_tail, wiring, _own_folder(folder)
+        self._has_tail = has_tail
+        self.wiring = wiring
+        self.folder = _own_folder(folder)
         self._flags = [*(["--view"] if view else []), *(["--console"] if console else [])]
         self._flags += [] if faults is None else ["--faults", str(faults)]
         self._emulator: subprocess.Popen[str] | None = None
@@ -70,16 +74,28 @@ class EmulatedCarProcess:
         return self.folder / PORTS_FILE
 
     def events(self, *names: str) -> list[dict[str, Any]]:
-        """What happened so far, or that of these names: each with its time, s on `time.monotonic`."""
-        return [event for event in read_events(self.folder / EVENTS_FILE) if not names or event["event"] in names]
+        """What happened so far, or that of these names: each with its time, s on
+        `time.monotonic`.
+        """
+        return [
+            event
+            for event in read_events(self.folder / EVENTS_FILE)
+            if not names or event["event"] in names
+        ]
 
     def start(self, say: Callable[[str], None]) -> None:
-        """Starts the emulator and records the watchdog test (some seconds); `HardwareError` with what they said."""
+        """Starts the emulator and records the watchdog test (some seconds); `HardwareError` with
+        what they said.
+        """
         say(f"starting the emulated car in {self.folder}")
         command = ["emulate", *self._scenario, "--out", str(self.folder), "--wiring", self.wiring]
-        command += ["--parent", str(os.getpid())]  # killed or not, it does not leave an emulator behind
+        command += [
+            "--parent",
+            str(os.getpid()),
+        ]  # killed or not, it does not leave an emulator behind
         self._emulator = self._run([*command, *self._flags])
-        ready, end = self.folder / READY_FILE, time.monotonic() + _START_TIME
+        ready = self.folder / READY_FILE
+        end = time.monotonic() + _START_TIME
         while not _is_ready(ready, self._emulator.pid):
             if self._emulator.poll() is not None:
                 out = self._emulator.stdout.read() if self._emulator.stdout else ""
@@ -118,12 +134,16 @@ class EmulatedCarProcess:
             raise HardwareError("a drive runs already")
         if self._emulator is None or self._emulator.poll() is not None:
             out = self._emulator.stdout.read() if self._emulator and self._emulator.stdout else ""
-            raise HardwareError(f"the emulated car has ended ({_last_line(out)}); start the console again")
+            raise HardwareError(
+                f"the emulated car has ended ({_last_line(out)}); start the console again"
+            )
         self._drives += 1
         log = self.folder / f"drive_{self._drives}.parquet"
         self._lines = ["starting"]
         self._drive = self._run([*self._drive_command(), "--no-drake", "--arm", "--out", str(log)])
-        threading.Thread(target=self._listen, args=(self._drive,), name="drive-lines", daemon=True).start()
+        threading.Thread(
+            target=self._listen, args=(self._drive,), name="drive-lines", daemon=True
+        ).start()
 
     def disarm(self) -> None:
         """Ends the drive in order, motors first."""
@@ -170,7 +190,8 @@ def emulated_car(
     faults: str | Path | None = None,
     say: Callable[[str], None] = print,
 ) -> Iterator[EmulatedCarProcess]:
-    """The simulated car in real time behind ports, its watchdog tested: what `drive` drives in place of a real one.
+    """The simulated car in real time behind ports, its watchdog tested: what `drive` drives in
+    place of a real one.
 
     It is a process of its own, which ends with the block, or with the program.
 
@@ -191,7 +212,9 @@ def emulated_car(
         settled.write_text(json.dumps(scenario.resolved()), encoding="utf-8")
         place = Path(folder or Path(temporary) / "car")
         has_tail = scenario.tail.mode != "none"
-        car = EmulatedCarProcess(str(settled), [], has_tail, chosen, place, view, console=False, faults=faults)
+        car = EmulatedCarProcess(
+            str(settled), [], has_tail, chosen, place, view, console=False, faults=faults
+        )
         try:
             car.start(say)
             yield car
@@ -200,8 +223,11 @@ def emulated_car(
 
 
 def _own_folder(folder: Path) -> Path:
-    """The folder; where an earlier car has left its files, one in it with the next number from 2."""
-    found, number = folder, 1
+    """The folder; where an earlier car has left its files, one in it with the next number from
+    2.
+    """
+    found = folder
+    number = 1
     while (found / READY_FILE).exists():
         number += 1
         found = folder / str(number)

@@ -1,7 +1,9 @@
-"""The console's end of the operator's radio: passes on what a page sent, repeats an emergency stop, receives reports.
+"""The console's end of the operator's radio: passes on what a page sent, repeats an emergency stop,
+receives reports.
 
-Heartbeats are never made here: without a page that lives the radio is silent, and the car's dead-man acts. A connection
-that ends says sooner that the page has gone: the car is sent to rest at once.
+Heartbeats are never made here: without a page that lives the radio is silent, and the car's
+dead-man acts. A connection that ends says sooner that the page has gone: the car is sent to rest at
+once.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ REPORT_SILENCE = 0.5
 
 
 _LOST_SHOWN = 1.0
-"""s for which a port that was lost counts as lost at least: one that comes back only to fail again is no link."""
+"""s for which a port that was lost counts as lost at least: one that comes back only to fail again
+is no link."""
 
 
 class OperatorRadio:
@@ -37,8 +40,8 @@ class OperatorRadio:
 
     Args:
         link: open; the caller closes it.
-        receiver: serial number of the car's module; reports of other modules are not believed. `BROADCAST`: the module
-            that is heard first, as long as this lives.
+        receiver: serial number of the car's module; reports of other modules are not believed.
+            `BROADCAST`: the module that is heard first, as long as this lives.
         car: its number; reports of another car are not believed.
 
     Attributes:
@@ -52,7 +55,8 @@ class OperatorRadio:
     def __init__(self, link: SerialLink, receiver: int = BROADCAST, car: int = 0) -> None:
         self._sender = None if receiver == BROADCAST else receiver
         self._car = car
-        self._link, self._receiver = link, receiver
+        self._link = link
+        self._receiver = receiver
         self._stream = ApiStream()
         self._stop_due = math.inf
         self._heard = self._lost = -math.inf
@@ -74,27 +78,38 @@ class OperatorRadio:
         return now - self._heard
 
     def fault(self, now: float) -> str:
-        """Why nothing reaches the car from here, in words; empty while the port takes what is sent."""
+        """Why nothing reaches the car from here, in words; empty while the port takes what is
+        sent.
+        """
         if fault := self._link.fault:
             return f"the radio's port is lost: {fault}"
-        return f"the radio's port was lost: {self._link.error}" if now - self._lost < _LOST_SHOWN else ""
+        return (
+            f"the radio's port was lost: {self._link.error}"
+            if now - self._lost < _LOST_SHOWN
+            else ""
+        )
 
     def armed(self, now: float) -> bool:
         """Whether the car has just said that its motors take commands, and can be reached."""
-        heard = self.report is not None and self.report.armed and self.report_age(now) <= REPORT_SILENCE
+        heard = (
+            self.report is not None and self.report.armed and self.report_age(now) <= REPORT_SILENCE
+        )
         return heard and not self.fault(now)
 
     def beat(self, count: int, command: OperatorCommand, now: float) -> bool:
-        """Passes a page's heartbeat and command on; whether the port took them, which it does not while it has a fault.
+        """Passes a page's heartbeat and command on; whether the port took them, which it does not
+        while it has a fault.
 
-        A car at rest leaves it only when it has just reported that it is armed, and only for a mode that was chosen
-        after that: the page itself must have asked for rest since the last mode that was not passed on.
+        A car at rest leaves it only when it has just reported that it is armed, and only for a mode
+        that was chosen after that: the page itself must have asked for rest since the last mode
+        that was not passed on.
 
         Raises:
             FrameError: a value that no frame carries.
         """
         if self.fault(now):
-            self.mode, self._rested = RadioMode.IDLE, False
+            self.mode = RadioMode.IDLE
+            self._rested = False
             return False
         leaves = self._rested and self.armed(now)
         allowed = not self.stopped and (self.mode is not RadioMode.IDLE or leaves)
@@ -110,13 +125,16 @@ class OperatorRadio:
 
     def stop(self, by: str, now: float) -> None:
         """Sends an emergency stop at once and until the car reports it."""
-        self.stopped_by, self.confirmed = self.stopped_by or by, False
-        self.mode, self._rested = RadioMode.IDLE, False
+        self.stopped_by = self.stopped_by or by
+        self.confirmed = False
+        self.mode = RadioMode.IDLE
+        self._rested = False
         self._stop_due = now + _REPEAT
         self._send([make_emergency_stop()])
 
     def rest(self) -> None:
-        """Sends a car that is driven back to rest, once and without a heartbeat: whoever drove it has gone.
+        """Sends a car that is driven back to rest, once and without a heartbeat: whoever drove it
+        has gone.
 
         A stop that the car has not reported yet goes out once more.
         """
@@ -127,13 +145,19 @@ class OperatorRadio:
             self._send(frames)
 
     def reset(self) -> None:
-        """Forgets the emergency stop, by hand only. The car keeps its own until it is armed anew."""
-        self.stopped_by, self.confirmed, self._stop_due = "", False, math.inf
+        """Forgets the emergency stop, by hand only.
+
+        The car keeps its own until it is armed anew.
+        """
+        self.stopped_by = ""
+        self.confirmed = False
+        self._stop_due = math.inf
 
     def turn(self, now: float) -> None:
         """Hears what came, looks at the port and repeats a stop that is due."""
         if self._link.losses != self._losses:
-            self._losses, self._lost = self._link.losses, now
+            self._losses = self._link.losses
+            self._lost = now
         for arrival, data in self._link.poll():
             for packet in self._stream.feed(data):
                 self._take(packet, arrival)
@@ -153,13 +177,18 @@ class OperatorRadio:
         if report.car != self._car:
             self.foreign += 1
             return
-        self._sender, self.report = packet.sender, report
+        self._sender = packet.sender
+        self.report = report
         self._heard = arrival
-        self.confirmed = self.stopped and self.report.stopped  # a car that is armed anew under a stop is stopped again
+        self.confirmed = (
+            self.stopped and self.report.stopped
+        )  # a car that is armed anew under a stop is stopped again
 
     def _stops(self) -> list[bytes]:
         return [make_emergency_stop()] if self.stopped and not self.confirmed else []
 
     def _send(self, frames: list[bytes]) -> None:
-        """All of a moment in one piece: the next piece may replace it, and carries a stop that is open as well."""
+        """All of a moment in one piece: the next piece may replace it, and carries a stop that is
+        open as well.
+        """
         self._link.write(b"".join(make_transmit(frame, self._receiver) for frame in frames))

@@ -1,8 +1,9 @@
 """Who may open the page, and for how long a connection may ask for nothing.
 
-A token works once, a session cookie afterwards, and only for pages of our own address. Without a limit some thousand
-connections without a request take every file that the console may open, and the operator cannot come back after a
-restart of the browser: such a connection is closed after a while, and the oldest of them when there are too many.
+A token works once, a session cookie afterwards, and only for pages of our own address. Without a
+limit some thousand connections without a request take every file that the console may open, and the
+operator cannot come back after a restart of the browser: such a connection is closed after a while,
+and the oldest of them when there are too many.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ class Access:
         return f"http://{HOST}:{self._port}/?token={self._token}"
 
     def redeem(self, token: str) -> str | None:
-        """A session for the token, which is worth nothing from now on; None for a wrong or used one."""
+        """A session for the token, which is worth nothing from now on; None for a wrong or used
+        one.
+        """
         if not secrets.compare_digest(token.encode(), self._token.encode()):
             return None
         self._token = secrets.token_urlsafe(_BYTES)
@@ -50,13 +53,15 @@ class Access:
     def refusal(self, headers: Mapping[str, str], origin_needed: bool) -> str:
         """Why a request must be refused whoever sends it, empty if it need not be.
 
-        A foreign Host is a name that was made to point here; a foreign Origin is a page of somebody else.
+        A foreign Host is a name that was made to point here; a foreign Origin is a page of somebody
+        else.
 
         Args:
             headers: with names in lower case.
             origin_needed: browsers name the origin of a WebSocket always, that of a page sometimes.
         """
-        host, origin = headers.get("host", ""), headers.get("origin")
+        host = headers.get("host", "")
+        origin = headers.get("origin")
         if host not in self._hosts:
             return f"Host {host!r}; allowed: {', '.join(self._hosts)}"
         if (origin is not None or origin_needed) and origin != f"http://{host}":
@@ -73,8 +78,8 @@ class Access:
 REQUEST_TIME = 3.0
 """s in which a connection must have made its whole request, the first one or the next."""
 MOST_WAITING = 64
-"""Connections without a request; a browser opens six. The oldest is closed for the next one: what has just been opened,
-as by the operator, has its turn."""
+"""Connections without a request; a browser opens six. The oldest is closed for the next one: what
+has just been opened, as by the operator, has its turn."""
 
 
 def impatient_http() -> type[H11Protocol]:

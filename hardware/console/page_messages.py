@@ -1,4 +1,6 @@
-"""What a page may say, checked, one JSON object per message; and the state of car and console as it shows it."""
+"""What a page may say, checked, one JSON object per message; and the state of car and console as it
+shows it.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,9 @@ class Beat(_Message):
     @property
     def command(self) -> OperatorCommand:
         """The command that a frame of the radio carries."""
-        return OperatorCommand(MODES[self.mode], self.throttle, self.steering, self.pitch, self.roll)
+        return OperatorCommand(
+            MODES[self.mode], self.throttle, self.steering, self.pitch, self.roll
+        )
 
 
 class Stop(_Message):
@@ -87,12 +91,13 @@ def read_message(text: str) -> Message:
 class BeatClock:
     """Separates heartbeats that were held up on their way from new ones.
 
-    After a stall everything that waited comes at once. The clock of a page has an unknown offset: the shortest way seen
-    so far counts as none, and is forgotten slowly.
+    After a stall everything that waited comes at once. The clock of a page has an unknown offset:
+    the shortest way seen so far counts as none, and is forgotten slowly.
     """
 
     LATEST = 0.15
-    """s of delay after which a heartbeat is not passed on; the car stops 0.25 s after the last one that is."""
+    """s of delay after which a heartbeat is not passed on; the car stops 0.25 s after the last one
+    that is."""
     _FORGET = 1e-3
     """s of offset per s: far above the drift between two clocks of one computer."""
 
@@ -101,7 +106,9 @@ class BeatClock:
         self._before = -math.inf
 
     def in_time(self, sent: float, now: float) -> bool:
-        """Whether a heartbeat that left at the page's time `sent` and came at `now` (both s) is passed on."""
+        """Whether a heartbeat that left at the page's time `sent` and came at `now` (both s) is
+        passed on.
+        """
         if math.isfinite(self._offset):
             self._offset += self._FORGET * (now - self._before)
         self._before = now
@@ -117,10 +124,11 @@ _OF_THE_TAIL = (*_MOTORS, "torque_pitch", "torque_roll")
 def radio_state(radio: OperatorRadio, now: float) -> dict[str, Any]:
     """What is known of the car, plain data without NaN or infinity (None instead).
 
-    Ages in s; angles in rad, rates in rad/s, torques in N m, speed in m/s. `link_age` is how old the car takes the
-    operator for, with the age of the report that says so.
+    Ages in s; angles in rad, rates in rad/s, torques in N m, speed in m/s. `link_age` is how old
+    the car takes the operator for, with the age of the report that says so.
     """
-    age, report = radio.report_age(now), radio.report
+    age = radio.report_age(now)
+    report = radio.report
     fault = radio.fault(now)
     current = report is not None and age <= REPORT_SILENCE and not fault
     return {
@@ -144,11 +152,15 @@ def _report_state(report: CarReport) -> dict[str, Any]:
         "faults": [
             {"source": source.replace("_", " "), "fault": _fault_name(source, code)}
             for source, code in zip(STATUS_SOURCES, report.faults, strict=True)
-            if code != SourceFault.NONE and not (code == SourceFault.NOT_FITTED and _may_lack(source, report))
+            if code != SourceFault.NONE
+            and not (code == SourceFault.NOT_FITTED and _may_lack(source, report))
         ],
         "text": report.text,
         **{name: _finite(getattr(report, name)) for name in ("yaw_rate", "roll", "speed")},
-        **{name: _finite(getattr(report, name)) if report.has_tail else None for name in _OF_THE_TAIL},
+        **{
+            name: _finite(getattr(report, name)) if report.has_tail else None
+            for name in _OF_THE_TAIL
+        },
     }
 
 

@@ -1,9 +1,10 @@
 """BNO055 over its UART: registers, requests, answers, and the chip's side of them for emulators.
 
-Bosch BST-BNO055-DS000, sections 4.3 (registers), 4.7 (UART: 115200 bit/s, 8N1) and 3.6.5 (units). A request is `AA`,
-01 to read or 00 to write, the register, a length and what is written. The answer is `BB`, the length and the data, or
-`EE` and a code. There is no checksum: a sample is believed only if its quaternion and its gravity have the lengths that
-they must have; a damaged rate or acceleration of plausible size is not recognised.
+Bosch BST-BNO055-DS000, sections 4.3 (registers), 4.7 (UART: 115200 bit/s, 8N1) and 3.6.5 (units). A
+request is `AA`, 01 to read or 00 to write, the register, a length and what is written. The answer
+is `BB`, the length and the data, or `EE` and a code. There is no checksum: a sample is believed
+only if its quaternion and its gravity have the lengths that they must have; a damaged rate or
+acceleration of plausible size is not recognised.
 
 The attitude is taken from the quaternion: the sign of the chip's Euler angles depends on a setting.
 """
@@ -43,7 +44,10 @@ class Register(IntEnum):
 
 
 class Mode(IntEnum):
-    """Operation modes that are used. IMU: fusion without magnetometer, which the motors would disturb."""
+    """Operation modes that are used.
+
+    IMU: fusion without magnetometer, which the motors would disturb.
+    """
 
     CONFIG = 0x00
     IMU = 0x08
@@ -53,10 +57,12 @@ RADIANS = 0x06
 """UNITS: m/s2, rad/s, rad, degrees Celsius."""
 WRITE_DONE = 0x01
 _STATUS_CODES = range(0x01, 0x0B)
-"""What may stand behind `EE`: write done, then nine kinds of failure (data sheet table 4-2, UART protocol)."""
+"""What may stand behind `EE`: write done, then nine kinds of failure (data sheet table 4-2, UART
+protocol)."""
 
 SAMPLE_BYTES = Register.CALIBRATION + 1 - Register.GYRO
-"""One burst: gyro, Euler angles, quaternion, linear acceleration, gravity, temperature, calibration."""
+"""One burst: gyro, Euler angles, quaternion, linear acceleration, gravity, temperature,
+calibration."""
 _SAMPLE = struct.Struct("<3h3h4h3h3hbB")
 _GYRO, _QUATERNION, _ACCELERATION = 900.0, 16384.0, 100.0
 _GRAVITY = 9.80665
@@ -96,14 +102,20 @@ class Answer:
 
 
 def make_read(register: int, length: int) -> bytes:
-    """The request for `length` bytes from a register on. Raises `FrameError` for a length that the chip refuses."""
+    """The request for `length` bytes from a register on.
+
+    Raises `FrameError` for a length that the chip refuses.
+    """
     if not 1 <= length <= _MOST_DATA:
         raise FrameError(f"BNO055: {length} bytes; allowed is 1 to {_MOST_DATA}")
     return bytes([_START, _READ, register, length])
 
 
 def make_write(register: int, data: bytes) -> bytes:
-    """The request that writes bytes from a register on. Raises `FrameError` for a length that the chip refuses."""
+    """The request that writes bytes from a register on.
+
+    Raises `FrameError` for a length that the chip refuses.
+    """
     if not 1 <= len(data) <= _MOST_DATA:
         raise FrameError(f"BNO055: {len(data)} bytes; allowed is 1 to {_MOST_DATA}")
     return bytes([_START, _WRITE, register, len(data)]) + data
@@ -126,10 +138,16 @@ def decode_sample(data: bytes) -> Bno055Sample:
     quaternion = tuple(value / _QUATERNION for value in numbers[6:10])
     norm = math.sqrt(sum(value * value for value in quaternion))
     if abs(norm - 1.0) > _NORM_TOLERANCE:
-        raise FrameError(f"BNO055 quaternion of length {norm:.3g}: the fusion does not run, or bytes were damaged")
+        raise FrameError(
+            f"BNO055 quaternion of length {norm:.3g}: the fusion does not run, or bytes were "
+            "damaged"
+        )
     gravity = math.sqrt(sum((value / _ACCELERATION) ** 2 for value in numbers[13:16]))
     if abs(gravity - _GRAVITY) > _GRAVITY_TOLERANCE:
-        raise FrameError(f"BNO055 gravity of {gravity:.3g} m/s2; allowed is {_GRAVITY:g} +- {_GRAVITY_TOLERANCE:g}")
+        raise FrameError(
+            f"BNO055 gravity of {gravity:.3g} m/s2; allowed is {_GRAVITY:g} +- "
+            f"{_GRAVITY_TOLERANCE:g}"
+        )
     calibration = numbers[17]
     return Bno055Sample(
         quaternion=(quaternion[0], quaternion[1], quaternion[2], quaternion[3]),
@@ -141,7 +159,9 @@ def decode_sample(data: bytes) -> Bno055Sample:
 
 
 def encode_sample(sample: Bno055Sample) -> bytes:
-    """The registers that hold a sample; for emulators. Values beyond their 16 bits are cut off as the chip does.
+    """The registers that hold a sample; for emulators.
+
+    Values beyond their 16 bits are cut off as the chip does.
 
     Raises:
         FrameError: NaN, infinity, or a calibration that is not 0 to 3.
@@ -182,7 +202,8 @@ class AnswerStream:
         self._open += data
         answers: list[Answer] = []
         while len(self._open) >= 2:
-            kind, second = self._open[0], self._open[1]
+            kind = self._open[0]
+            second = self._open[1]
             if kind == _STATUS and second in _STATUS_CODES:
                 answers.append(Answer(status=second))
                 self._open = self._open[2:]
@@ -233,7 +254,9 @@ class Bno055Chip:
                 continue
             if len(self._open) < 4:
                 break
-            kind, register, length = self._open[1], self._open[2], self._open[3]
+            kind = self._open[1]
+            register = self._open[2]
+            length = self._open[3]
             used = 4 + (length if kind == _WRITE else 0)
             if len(self._open) < used:
                 break

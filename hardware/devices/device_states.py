@@ -1,4 +1,6 @@
-"""States and faults of the car's devices, as codes on the port `status`, and what a motor needs to send its frames."""
+"""States and faults of the car's devices, as codes on the port `status`, and what a motor needs to
+send its frames.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,9 @@ from aerodima.hardware.protocol.can_frame import CanFrame
 
 
 class SourceFault(IntEnum):
-    """Fault codes of sail, imu, speed and operator on `status`; those of the tail motors are `MotorFault`."""
+    """Fault codes of sail, imu, speed and operator on `status`; those of the tail motors are
+    `MotorFault`.
+    """
 
     NONE = 0
     NOT_FITTED = 1
@@ -63,7 +67,10 @@ ENERGISED = (MotorState.ENTERING, MotorState.HOLDING, MotorState.RUNNING)
 
 
 class FramePort(Protocol):
-    """What motors need of a bus: `CanBus` and the Teensy's bridge have it. None of these calls blocks or raises."""
+    """What motors need of a bus: `CanBus` and the Teensy's bridge have it.
+
+    None of these calls blocks or raises.
+    """
 
     @property
     def fault(self) -> int:

@@ -1,9 +1,10 @@
 """Which way a joint goes under a little torque, found before its motor gets a position to hold.
 
-A joint that rests is held by friction, by a stop or by the balance of its weight, so torque can move it only its own
-way. Feedback with the wrong sign, or a motor that turns the other way, shows at the first hundredth of a radian; a
-position to hold would have the motor swing with all its torque. A joint that is mounted the other way round, motor and
-encoder together, looks right from here: only somebody who sees the tail can tell (`aerodima drive --motor-test`).
+A joint that rests is held by friction, by a stop or by the balance of its weight, so torque can
+move it only its own way. Feedback with the wrong sign, or a motor that turns the other way, shows
+at the first hundredth of a radian; a position to hold would have the motor swing with all its
+torque. A joint that is mounted the other way round, motor and encoder together, looks right from
+here: only somebody who sees the tail can tell (`aerodima drive --motor-test`).
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ _LAST_LOOK = 0.1
 
 
 class DirectionProbe:
-    """One motor, from rest: torque towards the middle of the range, then away from it where that is allowed.
+    """One motor, from rest: torque towards the middle of the range, then away from it where that is
+    allowed.
 
     Attributes:
         fault: why the motor must not be used; empty while nothing speaks against it.
@@ -37,10 +39,14 @@ class DirectionProbe:
         self._quiet = 0
         self._from: tuple[float, float, float] | None = None
         self._way = self._start = 0.0
-        self.torque, self.passed, self.fault = 0.0, False, ""
+        self.torque = 0.0
+        self.passed = False
+        self.fault = ""
 
     def step(self, position: float, speed: float, now: float) -> None:
-        """Takes the newest reading (rad, rad/s) at `now` (s, monotonic) and sets the torque, the end or the fault."""
+        """Takes the newest reading (rad, rad/s) at `now` (s, monotonic) and sets the torque, the
+        end or the fault.
+        """
         if self._from is None:
             self._wait_for_rest(position, speed, now)
             return
@@ -50,7 +56,8 @@ class DirectionProbe:
             self.passed = moved * self._way > 0.0
             if not self.passed:
                 self.fault = (
-                    f"goes {moved:+.3f} rad under {self.torque:+.2f} N m: its direction, or that of its feedback, is "
+                    f"goes {moved:+.3f} rad under {self.torque:+.2f} N m: its direction, or that "
+                    "of its feedback, is "
                     "reversed"
                 )
             self.torque = 0.0
@@ -69,17 +76,22 @@ class DirectionProbe:
         self._quiet = self._quiet + 1 if abs(speed) < _SETTLED else 0
         self._start = position
         if self._quiet >= _QUIET:
-            self._way, self._from = self._inwards, (now, position, speed)
+            self._way = self._inwards
+            self._from = (now, position, speed)
         elif now - self._began > self._settings.safety.enter_timeout:
-            self.fault = f"turns at {speed:.2f} rad/s while it is to be switched on; let the tail rest"
+            self.fault = (
+                f"turns at {speed:.2f} rad/s while it is to be switched on; let the tail rest"
+            )
 
     def _turn_round(self, position: float, now: float) -> None:
         settings = self._settings
         if self._way == self._inwards and settings.low < position < settings.high:
-            self._way, self._from = -self._way, (now, position, 0.0)
+            self._way = -self._way
+            self._from = (now, position, 0.0)
             return
         self.torque = 0.0
         self.fault = (
-            f"does not move under {settings.safety.probe_torque:g} N m: something holds the tail, it is heavier, or "
+            f"does not move under {settings.safety.probe_torque:g} N m: something holds the tail, "
+            "it is heavier, or "
             "its direction is reversed"
         )

@@ -1,4 +1,6 @@
-"""The motors of the tail on one bus: frames go to the motor that they name, and a fault of one switches off all."""
+"""The motors of the tail on one bus: frames go to the motor that they name, and a fault of one
+switches off all.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,11 @@ class MotorGroup:
     @property
     def fault_text(self) -> str:
         """Fault of the first motor that has one of its own, empty while there is none."""
-        texts = [(motor.fault is MotorFault.OTHER_MOTOR, motor.fault_text) for motor in self.motors if motor.fault]
+        texts = [
+            (motor.fault is MotorFault.OTHER_MOTOR, motor.fault_text)
+            for motor in self.motors
+            if motor.fault
+        ]
         return min(texts)[1] if texts else ""
 
     @property
@@ -52,7 +58,10 @@ class MotorGroup:
         return all(motor.off_confirmed for motor in self.motors)
 
     def set_enter(self, now: float) -> None:
-        """Begins to switch all motors on. Raises `HardwareError` if one is not off or the bus has a fault."""
+        """Begins to switch all motors on.
+
+        Raises `HardwareError` if one is not off or the bus has a fault.
+        """
         if self.port.fault:
             raise HardwareError(f"the bus has a fault: {self.port.fault_text}")
         for motor in self.motors:
@@ -77,7 +86,9 @@ class MotorGroup:
             motor.reset(now)
 
     def step(self, now: float) -> None:
-        """One cycle: hands out what came in, checks the bus, lets every motor send what its state asks for."""
+        """One cycle: hands out what came in, checks the bus, lets every motor send what its state
+        asks for.
+        """
         for arrival, frame in self.port.poll():
             self.heard.append((arrival, frame))
             motor = self._addressed(frame)
@@ -93,7 +104,9 @@ class MotorGroup:
         self._switch_off_together(now)
 
     def _addressed(self, frame: CanFrame) -> Motor | None:
-        """The motor of a frame: named in its first byte or as its CAN id, in the last byte of an extended one."""
+        """The motor of a frame: named in its first byte or as its CAN id, in the last byte of an
+        extended one.
+        """
         if frame.extended:
             return self._by_id.get(frame.arbitration_id & 0xFF)
         if frame.arbitration_id == 0:
@@ -105,4 +118,6 @@ class MotorGroup:
             if faulted.state is MotorState.FAULTED:
                 for motor in self.motors:
                     if motor.state in ENERGISED:
-                        motor.set_fault(MotorFault.OTHER_MOTOR, f"switched off with {faulted.fault_text}", now)
+                        motor.set_fault(
+                            MotorFault.OTHER_MOTOR, f"switched off with {faulted.fault_text}", now
+                        )

@@ -1,4 +1,6 @@
-"""Settings and limits of one tail motor: what it can, where it may go, and when it is switched off."""
+"""Settings and limits of one tail motor: what it can, where it may go, and when it is switched
+off.
+"""
 
 from __future__ import annotations
 
@@ -25,17 +27,29 @@ def check_command(command: MitCommand) -> None:
 
 
 def pd_torque(command: MitCommand, position: float, speed: float) -> float:
-    """Torque (N m) that the motor's loop makes of a command at `position` (rad) and `speed` (rad/s)."""
-    return command.kp * (command.position - position) + command.kd * (command.velocity - speed) + command.torque
+    """Torque (N m) that the motor's loop makes of a command at `position` (rad) and `speed`
+    (rad/s).
+    """
+    return (
+        command.kp * (command.position - position)
+        + command.kd * (command.velocity - speed)
+        + command.torque
+    )
 
 
 def limit_command(
-    command: MitCommand, position: float, speed: float, settings: MotorSettings, most: float | None = None
+    command: MitCommand,
+    position: float,
+    speed: float,
+    settings: MotorSettings,
+    most: float | None = None,
 ) -> MitCommand:
-    """The command within range, speed and gains, and with at most the allowed total torque at the measured state.
+    """The command within range, speed and gains, and with at most the allowed total torque at the
+    measured state.
 
-    At an end of the range, no velocity and no torque leads further out. A torque beyond the limit is reached by scaling
-    kp, kd and torque alike: the balance of the loop stays, and the torque falls as the error does.
+    At an end of the range, no velocity and no torque leads further out. A torque beyond the limit
+    is reached by scaling kp, kd and torque alike: the balance of the loop stays, and the torque
+    falls as the error does.
 
     Args:
         command: joint coordinates, checked.
@@ -46,9 +60,11 @@ def limit_command(
     velocity = _clip(command.velocity, settings.safety.speed_limit)
     torque = _clip(command.torque, most)
     if position >= settings.high:
-        velocity, torque = min(velocity, 0.0), min(torque, 0.0)
+        velocity = min(velocity, 0.0)
+        torque = min(torque, 0.0)
     elif position <= settings.low:
-        velocity, torque = max(velocity, 0.0), max(torque, 0.0)
+        velocity = max(velocity, 0.0)
+        torque = max(torque, 0.0)
     limited = MitCommand(
         position=min(max(command.position, settings.low), settings.high),
         velocity=velocity,
@@ -62,7 +78,9 @@ def limit_command(
 
 def scale_gains(command: MitCommand, factor: float) -> MitCommand:
     """The command with kp, kd and torque times `factor`."""
-    return replace(command, kp=command.kp * factor, kd=command.kd * factor, torque=command.torque * factor)
+    return replace(
+        command, kp=command.kp * factor, kd=command.kd * factor, torque=command.torque * factor
+    )
 
 
 def to_motor(command: MitCommand, settings: MotorSettings) -> MitCommand:
@@ -95,7 +113,8 @@ class MotorLoad:
     """
 
     def __init__(self, rated: float, budget: float) -> None:
-        self._rated, self._budget = rated, budget
+        self._rated = rated
+        self._budget = budget
         self._time: float | None = None
         self.used = 0.0
 
@@ -129,25 +148,29 @@ class Lasting:
 
 
 _RECENT = 0.015
-"""s before a reply in which the command acted that its torque belongs to: at 100 Hz one of the last three. A reply is
-made before the command that it answers acts."""
+"""s before a reply in which the command acted that its torque belongs to: at 100 Hz one of the last
+three. A reply is made before the command that it answers acts."""
 
 
 class Following:
     """One motor, looked at with every reply. Joint coordinates.
 
-    The torque of a reply must belong to one of the newest commands, at the angle and rate of the reply itself: no mass,
-    no weight and no air is needed to tell. One that belongs to none of them is old, or frozen, however punctual it is.
-    Nothing tells the age of a reply while the command does not change.
+    The torque of a reply must belong to one of the newest commands, at the angle and rate of the
+    reply itself: no mass, no weight and no air is needed to tell. One that belongs to none of them
+    is old, or frozen, however punctual it is. Nothing tells the age of a reply while the command
+    does not change.
     """
 
     def __init__(self, safety: MotorSafety) -> None:
         self._safety = safety
-        self._weak, self._behind = Lasting(), Lasting()
+        self._weak = Lasting()
+        self._behind = Lasting()
         self._recent: deque[tuple[float, MitCommand]] = deque()
         self._strange = 0
 
-    def look(self, asked: MitCommand | None, position: float, speed: float, torque: float, now: float) -> str:
+    def look(
+        self, asked: MitCommand | None, position: float, speed: float, torque: float, now: float
+    ) -> str:
         """Why the motor does not follow, in words; empty while it does.
 
         Args:
@@ -180,15 +203,22 @@ class Following:
             why = "is it off, or are its replies old?"
             return f"does not follow: {torque:.1f} N m reported where {asks} are commanded; {why}"
         if weak_for >= safety.follow_time:
-            return f"does not follow: {torque:.1f} N m reported where {wanted:.1f} are commanded; is it off?"
+            return (
+                f"does not follow: {torque:.1f} N m reported where {wanted:.1f} are commanded; "
+                "is it off?"
+            )
         if behind_for >= safety.tracking_time:
-            return f"does not follow: {error:+.2f} rad from its command; allowed is {safety.tracking_error:g}"
+            return (
+                f"does not follow: {error:+.2f} rad from its command; allowed is "
+                f"{safety.tracking_error:g}"
+            )
         return ""
 
     def _believable(self, least: float, most: float) -> tuple[float, float]:
         """Torques that a motor may report which is asked for `least` to `most`, N m."""
         safety = self._safety
-        share, more = safety.torque_share, 2.0 - safety.torque_share
+        share = safety.torque_share
+        more = 2.0 - safety.torque_share
         return (
             min(share * least, more * least) - safety.torque_margin,
             max(share * most, more * most) + safety.torque_margin,
@@ -202,8 +232,8 @@ MOST_EXTRA = 2
 class ReplyCount:
     """Frames to one motor that are still to be answered, and the replies that answer none of them.
 
-    A computer that is held up sends late and reads late: several replies in one cycle are none too many while as many
-    frames are owed. A frame that has no answer after `memory` was lost.
+    A computer that is held up sends late and reads late: several replies in one cycle are none too
+    many while as many frames are owed. A frame that has no answer after `memory` was lost.
 
     Args:
         memory: s.
@@ -239,36 +269,68 @@ class ReplyCount:
             self._owed[0][1] -= paid
             if not self._owed[0][1]:
                 self._owed.popleft()
-        if frames:  # without frames of its own a motor may still be asked by the Teensy, which repeats its last order
+        # without frames of its own a motor may still be asked by the Teensy, which repeats its last
+        # order
+        if frames:
             self.extra = self.extra + replies if replies else 0
 
 
 class MotorSafety(QuantityModel):
     """When a motor is switched off by the computer, and how gently it is taken over."""
 
-    speed_limit: float = quantity("rad/s", "largest speed, commanded (clipped) and measured (fault)", gt=0, le=50)
+    speed_limit: float = quantity(
+        "rad/s", "largest speed, commanded (clipped) and measured (fault)", gt=0, le=50
+    )
     rated_torque: float = quantity("N m", "torque that the winding bears for ever", gt=0, le=50)
-    overload: float = quantity("N2 m2 s", "square of the torque above the rated one, over time", gt=0, le=1e5)
+    overload: float = quantity(
+        "N2 m2 s", "square of the torque above the rated one, over time", gt=0, le=1e5
+    )
     overload_share: float = quantity("1", "of that at which the motor is switched off", gt=0, le=1)
-    follow_torque: float = quantity("N m", "commanded, from which the reported one is compared with it", gt=0, le=25)
+    follow_torque: float = quantity(
+        "N m", "commanded, from which the reported one is compared with it", gt=0, le=25
+    )
     follow_share: float = quantity("1", "of the commanded torque that must be reported", gt=0, le=1)
-    follow_time: float = quantity("s", "with less, after which the motor counts as not following", gt=0, le=1)
-    torque_share: float = quantity("1", "of a command's torque, down or up, that belongs to it", gt=0, le=1)
-    torque_margin: float = quantity("N m", "beyond these shares, of a torque that belongs to a command", gt=0, le=5)
-    strange_replies: int = quantity("1", "replies in a row with a torque that belongs to no command", ge=1, le=100)
+    follow_time: float = quantity(
+        "s", "with less, after which the motor counts as not following", gt=0, le=1
+    )
+    torque_share: float = quantity(
+        "1", "of a command's torque, down or up, that belongs to it", gt=0, le=1
+    )
+    torque_margin: float = quantity(
+        "N m", "beyond these shares, of a torque that belongs to a command", gt=0, le=5
+    )
+    strange_replies: int = quantity(
+        "1", "replies in a row with a torque that belongs to no command", ge=1, le=100
+    )
     tracking_error: float = quantity("rad", "between commanded and measured position", gt=0, le=3.2)
-    tracking_time: float = quantity("s", "beyond that error, not approaching, after which it counts", gt=0, le=5)
+    tracking_time: float = quantity(
+        "s", "beyond that error, not approaching, after which it counts", gt=0, le=5
+    )
     temperature_limit: float = quantity("degC", "warmest reading", gt=0, le=150)
-    range_margin: float = quantity("rad", "how far beyond its range a joint may be measured", ge=0, le=1)
-    jump_margin: float = quantity("rad", "how much more than its speed allows a reading may change", ge=0, le=1)
-    ramp_speed: float = quantity("rad/s", "of the way from the measured position to the first command", gt=0, le=10)
+    range_margin: float = quantity(
+        "rad", "how far beyond its range a joint may be measured", ge=0, le=1
+    )
+    jump_margin: float = quantity(
+        "rad", "how much more than its speed allows a reading may change", ge=0, le=1
+    )
+    ramp_speed: float = quantity(
+        "rad/s", "of the way from the measured position to the first command", gt=0, le=10
+    )
     gain_ramp: float = quantity("s", "in which the gains come on", gt=0, le=5)
     missed_replies: int = quantity("1", "cycles in a row without a reply", ge=1, le=100)
-    reply_time: float = quantity("s", "in which a motor answers; shorter cycles are never missed", ge=0, le=0.1)
-    enter_replies: int = quantity("1", "replies to the neutral command before the motor is used", ge=1, le=100)
+    reply_time: float = quantity(
+        "s", "in which a motor answers; shorter cycles are never missed", ge=0, le=0.1
+    )
+    enter_replies: int = quantity(
+        "1", "replies to the neutral command before the motor is used", ge=1, le=100
+    )
     enter_timeout: float = quantity("s", "for these replies", gt=0, le=5)
-    probe_torque: float = quantity("N m", "most torque with which the direction is tried", gt=0, le=5)
-    command_timeout: float = quantity("s", "without a command, after which the position is held", gt=0, le=1)
+    probe_torque: float = quantity(
+        "N m", "most torque with which the direction is tried", gt=0, le=5
+    )
+    command_timeout: float = quantity(
+        "s", "without a command, after which the position is held", gt=0, le=1
+    )
     stall_time: float = quantity("s", "longest gap between two cycles", gt=0, le=1)
     exit_burst: int = quantity("1", "exit frames sent at once", ge=1, le=50)
     exit_cycles: int = quantity("1", "cycles in which a further one is sent", ge=1, le=1000)
@@ -300,7 +362,8 @@ class MotorSettings:
         zero: motor angle at joint angle 0, rad.
 
     Raises:
-        HardwareError: a range that the profile cannot express, an id not allowed, a direction other than +1 and -1.
+        HardwareError: a range that the profile cannot express, an id not allowed, a direction other
+            than +1 and -1.
     """
 
     name: str
@@ -325,12 +388,15 @@ class MotorSettings:
         if not self.low < self.high:
             raise HardwareError(f"{self.name}: range {self.low:g} to {self.high:g} rad is empty")
         ends = (self.motor_angle(self.low), self.motor_angle(self.high))
-        # Below this a command looks like a reply of the motor, see `aerodima.hardware.protocol.ak70.MOST_ID`.
+        # Below this a command looks like a reply of the motor, see
+        # `aerodima.hardware.protocol.ak70.MOST_ID`.
         least = self.profile.position * (2 * (MOST_ID + 1) / 256 - 1)
         if not least < min(ends) or not max(ends) < self.profile.position:
             raise HardwareError(
-                f"{self.name}: motor angles {min(ends):.3g} to {max(ends):.3g} rad; firmware profile "
-                f"{self.profile.name} allows {least:.3g} to {self.profile.position:g} rad: set the zero nearer"
+                f"{self.name}: motor angles {min(ends):.3g} to {max(ends):.3g} rad; firmware "
+                "profile "
+                f"{self.profile.name} allows {least:.3g} to {self.profile.position:g} rad: set "
+                "the zero nearer"
             )
 
     def motor_angle(self, joint: float) -> float:
@@ -361,7 +427,8 @@ def motor_settings(
         hold_gains: kp and kd (`scenario.controller.hold_kp` and `hold_kd`).
         safety: `load_motor_safety()` when None.
     """
-    kp_max, kd_max = min(parameters.kp_max, profile.kp), min(parameters.kd_max, profile.kd)
+    kp_max = min(parameters.kp_max, profile.kp)
+    kd_max = min(parameters.kd_max, profile.kd)
     return MotorSettings(
         name=name,
         motor_id=motor_id,

@@ -1,7 +1,8 @@
-"""The operator's radio: commands with their age, a heartbeat that must live, and a stop that latches.
+"""The operator's radio: commands with their age, a heartbeat that must live, and a stop that
+latches.
 
-The link only reports; what follows from silence (throttle 0, tail to hold, then exit) is decided where the car is
-driven.
+The link only reports; what follows from silence (throttle 0, tail to hold, then exit) is decided
+where the car is driven.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ class RadioLink:
     Args:
         link: open serial link; the caller closes it.
         silent: age of command and heartbeat at which the operator counts as silent, s.
-        operator: 64-bit serial number of the operator's module; others are counted and ignored. None: whoever sends.
+        operator: 64-bit serial number of the operator's module; others are counted and ignored.
+            None: whoever sends.
 
     Attributes:
         command: the last one; idle before the first.
@@ -38,7 +40,8 @@ class RadioLink:
     """
 
     def __init__(self, link: SerialLink, silent: float, operator: int | None = None) -> None:
-        self._link, self._silent = link, silent
+        self._link = link
+        self._silent = silent
         self._operator = operator
         self._stream = ApiStream()
         self._sender: int | None = None
@@ -59,9 +62,11 @@ class RadioLink:
                     self._take(packet.data, arrival, packet.sender)
 
     def age(self, now: float) -> float:
-        """Seconds since the older of command and changed heartbeat: what the dead-man switch looks at.
+        """Seconds since the older of command and changed heartbeat: what the dead-man switch looks
+        at.
 
-        Both are needed: a transmitter that repeats its last command or heartbeat for ever is not an operator.
+        Both are needed: a transmitter that repeats its last command or heartbeat for ever is not an
+        operator.
         """
         return now - min(self._command_time, self._beat_time)
 
@@ -73,8 +78,13 @@ class RadioLink:
             return SourceFault.LOST, f"the radio's port is lost: {self._link.fault}"
         age = self.age(now)
         if math.isinf(age):
-            rejected = f" ({self.rejected} frames rejected: {self.last_error})" if self.rejected else ""
-            return SourceFault.NO_SAMPLE_YET, f"the operator's radio has not been heard yet{rejected}"
+            rejected = (
+                f" ({self.rejected} frames rejected: {self.last_error})" if self.rejected else ""
+            )
+            return (
+                SourceFault.NO_SAMPLE_YET,
+                f"the operator's radio has not been heard yet{rejected}",
+            )
         if age > self._silent:
             return SourceFault.SILENT, f"the operator's radio is silent for {age:.2f} s"
         return SourceFault.NONE, ""
@@ -102,6 +112,8 @@ class RadioLink:
             self.stopped = True
         elif isinstance(message, Heartbeat):
             if message != self._heartbeat:
-                self._heartbeat, self._beat_time = message, arrival
+                self._heartbeat = message
+                self._beat_time = arrival
         else:
-            self.command, self._command_time = message, arrival
+            self.command = message
+            self._command_time = arrival

@@ -1,4 +1,5 @@
-"""The two sensors of the car as threads: BNO055 at 100 Hz over its UART, u-blox GPS at its own pace.
+"""The two sensors of the car as threads: BNO055 at 100 Hz over its UART, u-blox GPS at its own
+pace.
 
 Each thread keeps one serial device open and its newest sample at hand.
 """
@@ -49,13 +50,19 @@ class Session(Generic[T]):
     fault_text = ""
 
     def begin(self, port: Serial) -> None:
-        """Sets the device up, if there is something to set up; `HardwareError` if it is not what it should be."""
+        """Sets the device up, if there is something to set up; `HardwareError` if it is not what it
+        should be.
+        """
 
     def align(self, due: float) -> None:
-        """A sample is wanted at `due` (s, monotonic) and every period after it; for devices that are asked."""
+        """A sample is wanted at `due` (s, monotonic) and every period after it; for devices that
+        are asked.
+        """
 
     def read(self, port: Serial) -> tuple[float, T] | None:
-        """The next sample and when it was taken (s, monotonic); None after a short wait without one."""
+        """The next sample and when it was taken (s, monotonic); None after a short wait without
+        one.
+        """
         raise NotImplementedError
 
 
@@ -63,14 +70,16 @@ class Repeats:
     """How often a device has said the same in a row.
 
     Args:
-        name: of the device. most: samples that may be alike; a living sensor differs in its last bits.
+        name: of the device. most: samples that may be alike; a living sensor differs in its last
+            bits.
 
     Attributes:
         fault_text: that it has frozen; empty while it lives.
     """
 
     def __init__(self, name: str, most: int) -> None:
-        self._name, self._most = name, most
+        self._name = name
+        self._most = most
         self._last: object = None
         self._alike = 0
         self.fault_text = ""
@@ -88,8 +97,8 @@ class SensorThread(Generic[T]):
 
     Args:
         name: for messages.
-        open_port: opens the device; raises `HardwareError`. The first call is made here, so that a wrong path is an
-            error at once.
+        open_port: opens the device; raises `HardwareError`. The first call is made here, so that a
+            wrong path is an error at once.
         session: of the device.
         silent: age of a sample at which the sensor counts as silent, s.
 
@@ -97,7 +106,9 @@ class SensorThread(Generic[T]):
         count: samples so far. losses: how often the device was lost. error: of the last loss.
     """
 
-    def __init__(self, name: str, open_port: Callable[[], Serial], session: Session[T], silent: float) -> None:
+    def __init__(
+        self, name: str, open_port: Callable[[], Serial], session: Session[T], silent: float
+    ) -> None:
         self.name = name
         self._open_port = open_port
         self._session = session
@@ -112,7 +123,9 @@ class SensorThread(Generic[T]):
 
     @property
     def newest(self) -> tuple[float, T] | None:
-        """When the newest sample was taken (s, monotonic), and the sample; None before the first."""
+        """When the newest sample was taken (s, monotonic), and the sample; None before the
+        first.
+        """
         return self._newest
 
     def age(self, now: float) -> float:
@@ -147,7 +160,8 @@ class SensorThread(Generic[T]):
         self._lose("closed")
 
     def _lose(self, reason: str) -> None:
-        port, self._port = self._port, None
+        port = self._port
+        self._port = None
         if port is None:
             return
         self.error = " ".join(reason.split())
@@ -170,7 +184,9 @@ class SensorThread(Generic[T]):
                 elif (found := self._session.read(port)) is not None:
                     self._newest = found
                     self.count += 1
-            except Exception as error:  # pyserial raises OSError, TypeError and others on a lost device
+            except (
+                Exception
+            ) as error:  # pyserial raises OSError, TypeError and others on a lost device
                 self.losses += port is not None
                 self._lose(str(error))
                 self.error = " ".join(str(error).split())
@@ -182,11 +198,13 @@ _ANSWER_TIME = 0.05
 _MODE_CHANGE = 0.03
 """Between operation modes, s (data sheet table 3-6: 19 ms to CONFIG, 7 ms from it)."""
 _LEAD = 0.006
-"""From the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms, the chip adds to it."""
+"""From the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms, the
+chip adds to it."""
 _STATUS_EVERY = 100
 _ALIKE = 10
-"""Samples in a row, or solutions of a moving car, that may be equal to the last bit: noise of gyro and accelerometer is
-above their steps (data sheet table 0-2), and the speed of a car that moves changes by more than 1 mm/s."""
+"""Samples in a row, or solutions of a moving car, that may be equal to the last bit: noise of gyro
+and accelerometer is above their steps (data sheet table 0-2), and the speed of a car that moves
+changes by more than 1 mm/s."""
 _MOVES = 0.5
 """m/s; a receiver at rest may go on saying 0."""
 _MOST_MISSED = 20
@@ -197,7 +215,8 @@ class Bno055Session(Session[Bno055Sample]):
     """Requests one sample per period; asks once a second what the chip says of itself."""
 
     def __init__(self) -> None:
-        self._repeats, self._reported = Repeats("IMU", _ALIKE), ""
+        self._repeats = Repeats("IMU", _ALIKE)
+        self._reported = ""
         self._stream = AnswerStream()
         self._next = self._due = 0.0
         self._requests = self._missed_in_a_row = 0
@@ -208,7 +227,10 @@ class Bno055Session(Session[Bno055Sample]):
         return self._reported or self._repeats.fault_text
 
     def begin(self, port: Serial) -> None:
-        """Checks the chip and switches its fusion on. Raises `HardwareError` if it is no BNO055 that answers."""
+        """Checks the chip and switches its fusion on.
+
+        Raises `HardwareError` if it is no BNO055 that answers.
+        """
         self._stream.forget()
         port.read(max(1, port.in_waiting))
         found = self._ask(port, make_read(Register.CHIP_ID, 1)).data
@@ -228,11 +250,15 @@ class Bno055Session(Session[Bno055Sample]):
         self._missed_in_a_row = 0
 
     def align(self, due: float) -> None:
-        """Requests are sent so that a sample is at hand at `due` (s, monotonic) and every period after it."""
+        """Requests are sent so that a sample is at hand at `due` (s, monotonic) and every period
+        after it.
+        """
         self._due = due
 
     def read(self, port: Serial) -> tuple[float, Bno055Sample] | None:
-        """Waits for the next period and reads one sample, taken at the instant of the request at the latest."""
+        """Waits for the next period and reads one sample, taken at the instant of the request at
+        the latest.
+        """
         time.sleep(max(0.0, self._next - time.monotonic()))
         asked = time.monotonic()
         self._next = self._after(asked)
@@ -249,7 +275,9 @@ class Bno055Session(Session[Bno055Sample]):
         return asked, sample
 
     def _after(self, asked: float) -> float:
-        """When the next sample is asked for: about a period later, in step with whoever wants it."""
+        """When the next sample is asked for: about a period later, in step with whoever wants
+        it.
+        """
         first = self._due - _LEAD
         return first + math.ceil((asked + 0.5 * _PERIOD - first) / _PERIOD) * _PERIOD
 
@@ -261,7 +289,9 @@ class Bno055Session(Session[Bno055Sample]):
     def _miss(self, reason: str) -> None:
         self._missed_in_a_row += 1
         if self._missed_in_a_row >= _MOST_MISSED:
-            raise HardwareError(f"{self._missed_in_a_row} requests in a row without a sample: {reason}")
+            raise HardwareError(
+                f"{self._missed_in_a_row} requests in a row without a sample: {reason}"
+            )
 
     def _ask(self, port: Serial, request: bytes) -> Answer:
         """The answer to a request; an empty one if none comes in time."""

@@ -7,11 +7,13 @@ off -- set_enter --> entering -- replies --> holding <-- command --> running
  +-- exit frames sent -- exiting <-- set_exit, from every state
 ```
 
-Entering sends zero gains, reads the position, tries with little torque which way the joint goes, and holds from there
-with gains that come on slowly: these motors are known to jump to their last command. A fault sends exit frames at once
-and goes on sending them; only `reset`, by hand, leads out of it. The frame that sets the zero is never sent.
+Entering sends zero gains, reads the position, tries with little torque which way the joint goes,
+and holds from there with gains that come on slowly: these motors are known to jump to their last
+command. A fault sends exit frames at once and goes on sending them; only `reset`, by hand, leads
+out of it. The frame that sets the zero is never sent.
 
-One thread calls `receive` for every frame of this motor and `step` once per cycle, with the same monotonic clock.
+One thread calls `receive` for every frame of this motor and `step` once per cycle, with the same
+monotonic clock.
 """
 
 from __future__ import annotations
@@ -59,7 +61,8 @@ class Motor:
 
     Attributes:
         state, fault, fault_text: see the enumerations; fault and text stay until `reset`.
-        position, speed, torque: of the joint, by the last reply: rad (unwrapped), rad/s, N m; NaN before the first.
+        position, speed, torque: of the joint, by the last reply: rad (unwrapped), rad/s, N m; NaN
+            before the first.
         temperature: degrees Celsius; None if the motor does not report it.
         missed: cycles in a row without a reply.
         load: I2t of its winding.
@@ -100,7 +103,9 @@ class Motor:
         """Begins to switch the motor on. Raises `HardwareError` unless it is off."""
         if self.state is not MotorState.OFF:
             reason = f" ({self.fault_text}); reset it first" if self.fault else ""
-            raise HardwareError(f"{self.settings.name}: cannot be entered while {self.state.name.lower()}{reason}")
+            raise HardwareError(
+                f"{self.settings.name}: cannot be entered while {self.state.name.lower()}{reason}"
+            )
         self._go(MotorState.ENTERING, now)
         self._motor_angle = self._probe = self._asked = None
         self.missed = self._unanswered = self._enter_replies = 0
@@ -111,9 +116,11 @@ class Motor:
             self._send(frame, urgent=True)
 
     def set_command(self, command: MitCommand, now: float) -> bool:
-        """Limits a command of the joint and sends it, if the motor is holding or running; whether it was sent.
+        """Limits a command of the joint and sends it, if the motor is holding or running; whether
+        it was sent.
 
-        A command with NaN, infinity or a negative gain is a fault: what sends such things is broken.
+        A command with NaN, infinity or a negative gain is a fault: what sends such things is
+        broken.
         """
         if self.state not in (MotorState.HOLDING, MotorState.RUNNING):
             return False
@@ -124,7 +131,9 @@ class Motor:
         try:
             check_command(command)
             self._ramp = self._ramped(command, now)
-            limited = self._limited(command if self._ramp is None else replace(command, position=self._ramp), now)
+            limited = self._limited(
+                command if self._ramp is None else replace(command, position=self._ramp), now
+            )
             frame = self._frame(limited)
         except HardwareError as error:
             self.set_fault(MotorFault.BAD_COMMAND, str(error), now)
@@ -141,7 +150,9 @@ class Motor:
             self._go(MotorState.HOLDING, now)
 
     def set_exit(self, now: float) -> None:
-        """Switches the motor off, from every state: exit frames at once, and again in the following cycles."""
+        """Switches the motor off, from every state: exit frames at once, and again in the following
+        cycles.
+        """
         if self.state is not MotorState.FAULTED:
             self._go(MotorState.EXITING, now)
             self._exits_left = self.settings.safety.exit_cycles
@@ -151,7 +162,8 @@ class Motor:
         """Switches the motor off for a reason that stays until `reset`. The first reason counts."""
         if self.state not in ENERGISED:
             return
-        self.fault, self.fault_text = fault, f"{self.settings.name}: {text}"
+        self.fault = fault
+        self.fault_text = f"{self.settings.name}: {text}"
         self._go(MotorState.FAULTED, now)
         self._send_exits(now)
 
@@ -159,12 +171,14 @@ class Motor:
         """Forgets the fault, by hand only; the motor is off. Nothing else if there is no fault."""
         if self.state is MotorState.FAULTED:
             self._send_exits(now)
-            self.fault, self.fault_text = MotorFault.NONE, ""
+            self.fault = MotorFault.NONE
+            self.fault_text = ""
             self._go(MotorState.OFF, now)
 
     @property
     def off_confirmed(self) -> bool:
-        """Whether it has answered since it was switched off; of one that was never on there is nothing to confirm.
+        """Whether it has answered since it was switched off; of one that was never on there is
+        nothing to confirm.
 
         One reply may be an old one; as many are needed as for switching it on.
         """
@@ -173,8 +187,13 @@ class Motor:
         return self._off_replies is None or self._off_replies >= self.settings.safety.enter_replies
 
     def off_overdue(self, now: float) -> bool:
-        """Whether it was switched off a while ago and has not answered: the exit frames may not have arrived."""
-        waited = self.state not in ENERGISED and now - self._off_time > self.settings.safety.exit_cycles * 0.01
+        """Whether it was switched off a while ago and has not answered: the exit frames may not
+        have arrived.
+        """
+        waited = (
+            self.state not in ENERGISED
+            and now - self._off_time > self.settings.safety.exit_cycles * 0.01
+        )
         return waited and not self.off_confirmed
 
     def age(self, now: float) -> float:
@@ -186,10 +205,14 @@ class Motor:
     def _limited(self, command: MitCommand, now: float) -> MitCommand:
         share = min(1.0, max(0.0, now - self._gain_time) / self.settings.safety.gain_ramp)
         most = self.load.allowed(self.settings.torque_limit)
-        return limit_command(scale_gains(command, share), self.position, self.speed, self.settings, most)
+        return limit_command(
+            scale_gains(command, share), self.position, self.speed, self.settings, most
+        )
 
     def _frame(self, limited: MitCommand) -> CanFrame:
-        return make_command(self.settings.motor_id, to_motor(limited, self.settings), self.settings.profile)
+        return make_command(
+            self.settings.motor_id, to_motor(limited, self.settings), self.settings.profile
+        )
 
     def _ramped(self, command: MitCommand, now: float) -> float | None:
         """Next place of the ramp; None once the command is reached or has no use for a position."""
@@ -204,7 +227,9 @@ class Motor:
 
     def receive(self, frame: CanFrame, time: float) -> None:
         """Takes a frame that names this motor, which arrived at `time` (s, monotonic)."""
-        if frame == make_exit(self.settings.motor_id):  # of the Teensy, or of another program: it is answered too
+        if frame == make_exit(
+            self.settings.motor_id
+        ):  # of the Teensy, or of another program: it is answered too
             self._cycle_frames += 1
             return
         try:
@@ -229,7 +254,9 @@ class Motor:
         energised = self.state in (MotorState.HOLDING, MotorState.RUNNING) or (
             self.state is MotorState.ENTERING and self._probe is not None
         )
-        lost = self._following.look(self._asked if energised else None, self.position, self.speed, self.torque, time)
+        lost = self._following.look(
+            self._asked if energised else None, self.position, self.speed, self.torque, time
+        )
         self._check(reply, jump, time)
         if lost:
             self.set_fault(MotorFault.NOT_FOLLOWING, lost, time)
@@ -247,16 +274,25 @@ class Motor:
         return change - self.settings.jump_speed * max(0.0, time - self._reply_time)
 
     def _check(self, reply: MitReply, jump: float, time: float) -> None:
-        settings, safety = self.settings, self.settings.safety
+        settings = self.settings
+        safety = self.settings.safety
         beyond = max(settings.low - self.position, self.position - settings.high)
         checks = (
-            (bool(reply.fault), MotorFault.MOTOR_REPORTED, f"reports {settings.profile.fault_name(reply.fault or 0)}"),
+            (
+                bool(reply.fault),
+                MotorFault.MOTOR_REPORTED,
+                f"reports {settings.profile.fault_name(reply.fault or 0)}",
+            ),
             (
                 (reply.temperature or 0.0) > safety.temperature_limit,
                 MotorFault.OVER_TEMPERATURE,
                 f"{reply.temperature} degC; allowed is {safety.temperature_limit:g}",
             ),
-            (jump > safety.jump_margin, MotorFault.POSITION_JUMP, f"position jumped by {jump:.3g} rad"),
+            (
+                jump > safety.jump_margin,
+                MotorFault.POSITION_JUMP,
+                f"position jumped by {jump:.3g} rad",
+            ),
             (
                 abs(self.speed) > safety.speed_limit,
                 MotorFault.OVER_SPEED,
@@ -289,10 +325,15 @@ class Motor:
         self._check_cycle(now)
         if self.state is MotorState.ENTERING:
             self._enter(now)
-        if self.state is MotorState.RUNNING and now - self._command_time > self.settings.safety.command_timeout:
+        if (
+            self.state is MotorState.RUNNING
+            and now - self._command_time > self.settings.safety.command_timeout
+        ):
             self.set_hold(now)
         if self.state is MotorState.HOLDING:
-            held = MitCommand(self._hold_position, 0.0, self.settings.hold_kp, self.settings.hold_kd, 0.0)
+            held = MitCommand(
+                self._hold_position, 0.0, self.settings.hold_kp, self.settings.hold_kd, 0.0
+            )
             self._asked = self._limited(held, now)
             self._send(self._frame(self._asked))
         elif self.state is MotorState.EXITING:
@@ -309,7 +350,9 @@ class Motor:
         self._unanswered = 0 if self._cycle_replies else self._unanswered + self._cycle_frames
         if not self._unanswered:
             self.missed = 0
-        elif gap >= self.settings.safety.reply_time:  # a late loop catches up faster than a motor can answer
+        elif (
+            gap >= self.settings.safety.reply_time
+        ):  # a late loop catches up faster than a motor can answer
             self.missed += 1
         self._count.add(self._cycle_frames, self._cycle_replies, now)
         self._cycle_frames = self._cycle_replies = 0
@@ -317,8 +360,12 @@ class Motor:
         if gap < 0 or gap > safety.stall_time:
             self.set_fault(MotorFault.LOOP_STALLED, f"{gap:.3g} s between two cycles", now)
         elif self._count.too_many:
-            self.set_fault(MotorFault.DOUBLE_ID, f"two motors answer to the id {self.settings.motor_id}", now)
-        elif (self.state is not MotorState.ENTERING or self._probe) and self.missed >= safety.missed_replies:
+            self.set_fault(
+                MotorFault.DOUBLE_ID, f"two motors answer to the id {self.settings.motor_id}", now
+            )
+        elif (
+            self.state is not MotorState.ENTERING or self._probe
+        ) and self.missed >= safety.missed_replies:
             bad = f", {self.bad_frames} bad frames" if self.bad_frames else ""
             self.set_fault(MotorFault.NO_REPLY, f"no reply for {self.missed} cycles{bad}", now)
 
@@ -328,7 +375,9 @@ class Motor:
             self._try_direction(now)
         elif now - self._state_time > safety.enter_timeout:
             bad = f" ({self.bad_frames} bad frames)" if self.bad_frames else ""
-            self.set_fault(MotorFault.NO_REPLY, f"does not answer{bad}; is it powered, is its id right?", now)
+            self.set_fault(
+                MotorFault.NO_REPLY, f"does not answer{bad}; is it powered, is its id right?", now
+            )
         else:
             self._send(make_neutral(self.settings.motor_id, self.settings.profile))
 
@@ -354,7 +403,9 @@ class Motor:
         self._send(make_exit(self.settings.motor_id), urgent=True)
 
     def _send_exits(self, now: float) -> None:
-        """The neutral command first, for the motor may jump to its last command when it is entered again."""
+        """The neutral command first, for the motor may jump to its last command when it is entered
+        again.
+        """
         self._exit_time = now
         self._send(make_neutral(self.settings.motor_id, self.settings.profile), urgent=True)
         for _ in range(self.settings.safety.exit_burst):
@@ -369,6 +420,7 @@ class Motor:
 
     def _go(self, state: MotorState, now: float) -> None:
         if self.state in ENERGISED and state not in ENERGISED:
-            self._off_time, self._off_replies = now, 0
+            self._off_time = now
+            self._off_replies = 0
         self.state = state
         self._state_time = now

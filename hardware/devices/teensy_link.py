@@ -1,9 +1,11 @@
-"""The Teensy behind its serial strings: pulses out, sail angle in and, in the bridge wiring, the tail motors too.
+"""The Teensy behind its serial strings: pulses out, sail angle in and, in the bridge wiring, the
+tail motors too.
 
-In the bridge wiring the link is a `FramePort`: the motors' frames become the fields of the string and its reply becomes
-frames again, so that the same `Motor` with the same checks works on both wirings. One string leaves per `commit`, with
-the order of each motor: exit before enter before command. Where nothing was asked for in a cycle the last command is
-repeated for a short while, then it is exit; a motor that was never asked anything is ordered to exit.
+In the bridge wiring the link is a `FramePort`: the motors' frames become the fields of the string
+and its reply becomes frames again, so that the same `Motor` with the same checks works on both
+wirings. One string leaves per `commit`, with the order of each motor: exit before enter before
+command. Where nothing was asked for in a cycle the last command is repeated for a short while, then
+it is exit; a motor that was never asked anything is ordered to exit.
 """
 
 from __future__ import annotations
@@ -13,7 +15,13 @@ import time
 from collections import deque
 
 from aerodima.hardware.devices.device_states import SourceFault
-from aerodima.hardware.protocol.ak70 import NEUTRAL, FirmwareProfile, MitReply, is_special, make_reply
+from aerodima.hardware.protocol.ak70 import (
+    NEUTRAL,
+    FirmwareProfile,
+    MitReply,
+    is_special,
+    make_reply,
+)
 from aerodima.hardware.protocol.ak70 import decode_command as decode_mit_command
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.teensy import (
@@ -38,9 +46,11 @@ _LONGEST_REPLY = 200
 
 
 class ReplyStream:
-    """Collects bytes and returns the replies in them; anything that is not a valid string is dropped and counted.
+    """Collects bytes and returns the replies in them; anything that is not a valid string is
+    dropped and counted.
 
-    What stands before the first `|` is never used: a string that was joined in its middle can look like a shorter one.
+    What stands before the first `|` is never used: a string that was joined in its middle can look
+    like a shorter one.
 
     Attributes:
         rejected: strings dropped since the start.
@@ -73,8 +83,8 @@ _BACKWARDS = 1000
 class ClockAlignment:
     """Offset between a 32-bit millisecond counter and the computer's monotonic clock.
 
-    A message can only arrive late, never early: the smallest of the last offsets is the best one, and the window lets
-    it follow a drift of the counter.
+    A message can only arrive late, never early: the smallest of the last offsets is the best one,
+    and the window lets it follow a drift of the counter.
 
     Args:
         window: number of messages over which the smallest offset is taken.
@@ -90,7 +100,9 @@ class ClockAlignment:
         self.restarts = 0
 
     def add(self, count: int, arrival: float) -> float:
-        """Takes a message with its count (ms) and arrival (s); returns when it was sent, s on the computer's clock."""
+        """Takes a message with its count (ms) and arrival (s); returns when it was sent, s on the
+        computer's clock.
+        """
         if self._last is not None:
             if self._last - count > _WRAP // 2:
                 self._turns += 1
@@ -107,7 +119,8 @@ class ClockAlignment:
 _SILENT = 0.1
 """Without a reply string for that long the Teensy counts as silent, s: ten cycles."""
 _MOST_REPEATS = 20
-"""Cycles in which an order is repeated when its motor asks for nothing; a motor that runs asks at least every tenth."""
+"""Cycles in which an order is repeated when its motor asks for nothing; a motor that runs asks at
+least every tenth."""
 _REQUESTS = {0xFC: MotorRequest.ENTER, 0xFD: MotorRequest.EXIT}
 
 
@@ -123,10 +136,13 @@ class TeensyLink:
         sail: last sail angle, rad in (-pi, pi]; NaN before the first reply.
         sent_time: when the Teensy sent the last reply, s on the computer's monotonic clock.
         status: of the last reply; None before the first.
-        fault, fault_text: at the last `poll`; they go away by themselves, the motors' faults that they caused do not.
+        fault, fault_text: at the last `poll`; they go away by themselves, the motors' faults that
+            they caused do not.
     """
 
-    def __init__(self, link: SerialLink, motor_ids: tuple[int, int], profile: FirmwareProfile) -> None:
+    def __init__(
+        self, link: SerialLink, motor_ids: tuple[int, int], profile: FirmwareProfile
+    ) -> None:
         self._link = link
         self._ids = motor_ids
         self._profile = profile
@@ -135,7 +151,8 @@ class TeensyLink:
         self._last = {motor_id: _exit_order(motor_id) for motor_id in motor_ids}
         self._repeats = dict.fromkeys(motor_ids, 0)
         self._counters = dict.fromkeys(motor_ids, 0)
-        self._servo, self._throttle = SERVO_PULSES[1], THROTTLE_PULSES[1]
+        self._servo = SERVO_PULSES[1]
+        self._throttle = THROTTLE_PULSES[1]
         self._attitude: tuple[float, float, float] | None = None
         self._reply_time: float | None = None
         self._clock = ClockAlignment()
@@ -149,22 +166,34 @@ class TeensyLink:
         return math.inf if self._reply_time is None else now - self._reply_time
 
     def set_pulses(self, servo: int, throttle: int) -> None:
-        """Pulses (us) of the next strings. Raises `FrameError` out of range, and keeps the old ones."""
-        check = TeensyCommand((_exit_order(self._ids[0]), _exit_order(self._ids[1])), servo, throttle)
+        """Pulses (us) of the next strings.
+
+        Raises `FrameError` out of range, and keeps the old ones.
+        """
+        check = TeensyCommand(
+            (_exit_order(self._ids[0]), _exit_order(self._ids[1])), servo, throttle
+        )
         make_command(check)
-        self._servo, self._throttle = servo, throttle
+        self._servo = servo
+        self._throttle = throttle
 
     def set_attitude(self, roll: float, pitch: float, taken: float) -> None:
-        """Attitude (rad) for the next strings, and when it was taken (s, monotonic); ignored while it is not finite."""
+        """Attitude (rad) for the next strings, and when it was taken (s, monotonic); ignored while
+        it is not finite.
+        """
         if math.isfinite(roll) and math.isfinite(pitch) and math.isfinite(taken):
             self._attitude = roll, pitch, taken
 
     def send(self, frame: CanFrame, urgent: bool = False) -> bool:
-        """Notes a motor's frame for the next string. A frame that sets the zero, or of another motor, is not sent."""
+        """Notes a motor's frame for the next string.
+
+        A frame that sets the zero, or of another motor, is not sent.
+        """
         del urgent
         if frame.arbitration_id not in self._ids or frame.extended:
             return False
-        request, command = MotorRequest.COMMAND, NEUTRAL
+        request = MotorRequest.COMMAND
+        command = NEUTRAL
         if is_special(frame.data):
             if frame.data[7] not in _REQUESTS:
                 return False
@@ -193,7 +222,9 @@ class TeensyLink:
         for arrival, data in self._link.poll():
             for reply in self._stream.feed(data):
                 self._take(reply, arrival)
-                frames += [(arrival, frame) for report in reply.motors if (frame := self._frame_of(report))]
+                frames += [
+                    (arrival, frame) for report in reply.motors if (frame := self._frame_of(report))
+                ]
                 self._set_fault(reply)
         self._check_silence(time.monotonic())
         return frames
@@ -208,8 +239,14 @@ class TeensyLink:
         self._repeats[motor_id] = 0 if order else self._repeats[motor_id] + 1
         if order is None:
             last = self._last[motor_id]
-            keep = last.request is not MotorRequest.EXIT and self._repeats[motor_id] <= _MOST_REPEATS
-            order = MotorOrder(motor_id, MotorRequest.COMMAND, last.command) if keep else _exit_order(motor_id)
+            keep = (
+                last.request is not MotorRequest.EXIT and self._repeats[motor_id] <= _MOST_REPEATS
+            )
+            order = (
+                MotorOrder(motor_id, MotorRequest.COMMAND, last.command)
+                if keep
+                else _exit_order(motor_id)
+            )
         self._last[motor_id] = order
         return order
 
@@ -219,7 +256,9 @@ class TeensyLink:
         self.sent_time = self._clock.add(reply.clock, arrival)
 
     def _frame_of(self, report: MotorReport) -> CanFrame | None:
-        """The frame of a report; None if the motor has not answered since the last one, or is none of ours."""
+        """The frame of a report; None if the motor has not answered since the last one, or is none
+        of ours.
+        """
         if report.motor_id not in self._counters:
             return None
         if report.replies == self._counters[report.motor_id]:
@@ -235,20 +274,24 @@ class TeensyLink:
     def _set_fault(self, reply: TeensyReply) -> None:
         self.status = reply.status
         if reply.status in SWITCHED_OFF:
-            self.fault, self.fault_text = SourceFault.REPORTED, SWITCHED_OFF[reply.status]
+            self.fault = SourceFault.REPORTED
+            self.fault_text = SWITCHED_OFF[reply.status]
         else:
-            self.fault, self.fault_text = SourceFault.NONE, ""
+            self.fault = SourceFault.NONE
+            self.fault_text = ""
 
     def _check_silence(self, now: float) -> None:
         if self._link.fault:
-            self.fault, self.fault_text = SourceFault.LOST, f"the Teensy's port is lost: {self._link.fault}"
+            self.fault = SourceFault.LOST
+            self.fault_text = f"the Teensy's port is lost: {self._link.fault}"
         elif self._reply_time is not None and now - self._reply_time > _SILENT:
             self.fault = SourceFault.SILENT
             self.fault_text = f"the Teensy is silent for {now - self._reply_time:.2f} s"
 
 
 def pulse(share: float, pulses: tuple[int, int, int]) -> int:
-    """Pulse (us) of a share from -1 to 1 of the way from idle to the least or most pulse; 0 is idle.
+    """Pulse (us) of a share from -1 to 1 of the way from idle to the least or most pulse; 0 is
+    idle.
 
     Raises:
         FrameError: NaN or beyond -1 to 1.

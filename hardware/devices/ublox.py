@@ -1,7 +1,7 @@
 """What a u-blox receiver sends: UBX NAV-PVT, out of a stream with other messages and noise.
 
-Frames are cut out and their checksums verified here; their fields are read and written by pyubx2 (NAV-PVT: u-blox 8 /
-M8 protocol specification, UBX-13003221). `make_nav_pvt` is for emulators.
+Frames are cut out and their checksums verified here; their fields are read and written by pyubx2
+(NAV-PVT: u-blox 8 / M8 protocol specification, UBX-13003221). `make_nav_pvt` is for emulators.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from aerodima.workbench.errors import HardwareError
 _UBX = b"\xb5\x62"
 _NAV_PVT, _NAV_PVT_BYTES = b"\x01\x07", 92
 _MOST_PAYLOAD = 256
-"""Longer messages are stepped over byte by byte; a false start in noise must not hold up good frames for long."""
+"""Longer messages are stepped over byte by byte; a false start in noise must not hold up good
+frames for long."""
 _FASTEST = 515.0
 """m/s; receivers stop at 1000 knots."""
 _FIXES = (2, 3, 4)
@@ -95,7 +96,10 @@ class GpsStream:
 
 
 def decode_nav_pvt(frame: bytes) -> GpsSample:
-    """The sample in a whole UBX frame. Raises `FrameError` if it is no NAV-PVT or a field cannot be."""
+    """The sample in a whole UBX frame.
+
+    Raises `FrameError` if it is no NAV-PVT or a field cannot be.
+    """
     UBXReader, _, _ = _ubx_library()
     try:
         message = UBXReader.parse(frame)
@@ -111,7 +115,10 @@ def decode_nav_pvt(frame: bytes) -> GpsSample:
 
 
 def make_nav_pvt(sample: GpsSample, tow: float = 0.0) -> bytes:
-    """The UBX frame of a sample, `tow` s into the week; for emulators. Raises `FrameError` for a speed that is none."""
+    """The UBX frame of a sample, `tow` s into the week; for emulators.
+
+    Raises `FrameError` for a speed that is none.
+    """
     _, UBXMessage, get = _ubx_library()
     if sample.fix and not 0.0 <= sample.speed <= _FASTEST:
         raise FrameError(f"GPS speed {sample.speed!r} m/s; allowed is 0 to {_FASTEST:g}")
@@ -152,5 +159,7 @@ def _ubx_library() -> tuple[Any, Any, Any]:
     try:
         from pyubx2 import GET, UBXMessage, UBXReader
     except ImportError:
-        raise HardwareError("the GPS needs pyubx2: pip install 'aerodima-workbench[hardware]'") from None
+        raise HardwareError(
+            "the GPS needs pyubx2: pip install 'aerodima-workbench[hardware]'"
+        ) from None
     return UBXReader, UBXMessage, GET

@@ -1,21 +1,21 @@
 """The guard between pilot and cables: it decides what reaches the car, and when the car stops.
 
 ```
- READY -- arm, by hand --> ARMED -- drive --> DRIVING        (a reason to stop before that: STOPPED)
+ READY -- arm, by hand --> ARMED -- drive --> DRIVING    (a reason to stop before that: STOPPED)
    ^                         |                   |
-   |                         +-- a soft reason --+--> HOLDING (throttle 0, tail held) --+
-   |                         |                                                          | after `tail_hold`
-   |                         +-- a hard reason -------------------------------------> EXITING (exit frames)
-   |                                                                                    | after `after_exit`
-   +--------------------- reset, by hand ------------------------------------------- STOPPED
+   |                         +-- a soft reason --+--> HOLDING (throttle 0, tail held)
+   |                         |                             | after `tail_hold`
+   |                         +-- a hard reason --------> EXITING (exit frames)
+   |                                                       | after `after_exit`
+   +--------------------- reset, by hand -------------- STOPPED
 ```
-Soft: the operator, the IMU or the GPS is silent, the operator takes the car out of AUTO, the car is too fast, the run
-is over. Hard: the operator's emergency stop, a fault of a motor, a bus or the Teensy, a car that has tipped over, a
-command that is not finite, a loop that comes too late, a signal. Every reason means throttle 0 and steering 0 in the
-same cycle, and stays until `reset`.
+Soft: the operator, the IMU or the GPS is silent, the operator takes the car out of AUTO, the car is
+too fast, the run is over. Hard: the operator's emergency stop, a fault of a motor, a bus or the
+Teensy, a car that has tipped over, a command that is not finite, a loop that comes too late, a
+signal. Every reason means throttle 0 and steering 0 in the same cycle, and stays until `reset`.
 
-A switch that is at AUTO, MANUAL or CONTROL during arming moves nothing: the operator must report IDLE once the motors
-hold, and the car obeys only what is chosen after that.
+A switch that is at AUTO, MANUAL or CONTROL during arming moves nothing: the operator must report
+IDLE once the motors hold, and the car obeys only what is chosen after that.
 """
 
 from __future__ import annotations
@@ -47,48 +47,66 @@ class DriveLimits:
 
     def __init__(self, safety: DriveSafety) -> None:
         self._safety = safety
-        self._tilted, self._fast = Lasting(), Lasting()
-        self._throttle, self._time = 0.0, -math.inf
+        self._tilted = Lasting()
+        self._fast = Lasting()
+        self._throttle = 0.0
+        self._time = -math.inf
 
     def rest(self) -> None:
         """The throttle is neutral."""
-        self._throttle, self._time = 0.0, -math.inf
+        self._throttle = 0.0
+        self._time = -math.inf
 
     def throttle(self, asked: float, now: float) -> float:
-        """The permitted part of a finite throttle: clipped, rising at the limited rate, falling at once."""
+        """The permitted part of a finite throttle: clipped, rising at the limited rate, falling at
+        once.
+        """
         safety = self._safety
         side = math.copysign(1.0, asked)
         span = min(max(0.0, now - self._time), _MOST_SPAN) if math.isfinite(self._time) else 0.0
         most = safety.throttle_rate * span
         begun = max(0.0, side * self._throttle)
-        self._throttle = side * min(abs(asked), safety.throttle_limit, max(begun + most, safety.throttle_start))
+        self._throttle = side * min(
+            abs(asked), safety.throttle_limit, max(begun + most, safety.throttle_start)
+        )
         self._time = now
         return self._throttle
 
     def tilt(self, reading: CarReading, now: float) -> str:
         """Reason to stop at once because the car has tipped over; empty while it stands."""
-        roll, pitch = float(reading.imu[_ROLL]), float(reading.imu[_PITCH])
+        roll = float(reading.imu[_ROLL])
+        pitch = float(reading.imu[_PITCH])
         limit = self._safety.attitude_limit
         lasted = self._tilted.look(max(abs(roll), abs(pitch)) > limit, now)
         if lasted == 0.0 or lasted < self._safety.attitude_time:
             return ""
         name, angle = ("roll", roll) if abs(roll) >= abs(pitch) else ("pitch", pitch)
         return (
-            f"the car has tipped over: {name} {math.degrees(angle):.0f} degrees; allowed is {math.degrees(limit):.0f}"
+            f"the car has tipped over: {name} {math.degrees(angle):.0f} degrees; allowed is "
+            f"{math.degrees(limit):.0f}"
         )
 
     def too_fast(self, reading: CarReading, now: float) -> str:
-        """Reason to stop because the car is too fast; empty otherwise, and while the speed is unknown."""
-        speed, limit = float(reading.speed[0]), self._safety.speed_limit
+        """Reason to stop because the car is too fast; empty otherwise, and while the speed is
+        unknown.
+        """
+        speed = float(reading.speed[0])
+        limit = self._safety.speed_limit
         known = reading.status[_SPEED] == SourceFault.NONE
-        if self._fast.look(known and speed > limit, now) < self._safety.speed_time or not known or speed <= limit:
+        if (
+            self._fast.look(known and speed > limit, now) < self._safety.speed_time
+            or not known
+            or speed <= limit
+        ):
             return ""
         return f"the car drives {speed:.1f} m/s; allowed is {limit:g}"
 
 
 _ARMED = STATUS.index("armed")
 _TAIL = (STATUS.index("tail_pitch_fault"), STATUS.index("tail_roll_fault"))
-_SAIL, _IMU, _SPEED, _OPERATOR = (STATUS.index(f"{name}_fault") for name in ("sail", "imu", "speed", "operator"))
+_SAIL, _IMU, _SPEED, _OPERATOR = (
+    STATUS.index(f"{name}_fault") for name in ("sail", "imu", "speed", "operator")
+)
 _OPERATOR_AGE = STATUS.index("operator_age")
 _RATES = (TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate"))
 _GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
@@ -120,16 +138,20 @@ class CarGuard:
     Attributes:
         stage: see the picture above.
         reason: why the car stopped, empty before. hard: whether that reason was a hard one.
-        left: the operator has left the mode and reported while the car was being stopped. One who falls silent then
+        left: the operator has left the mode and reported while the car was being stopped. One who
+            falls silent then
             has not chosen to end the drive: the console sends a car to rest whose page has gone.
         reading: of the last cycle.
         rested: the operator has reported IDLE since the car took commands.
         lateness: of the last cycle, s; 0 for a cycle without a due time.
         overruns: cycles that came later than `safety.overrun`.
-        cycle_times: `time.monotonic` of every cycle since `drive`, s. slow_ticks: of those whose controller was slow.
+        cycle_times: `time.monotonic` of every cycle since `drive`, s. slow_ticks: of those whose
+            controller was slow.
     """
 
-    def __init__(self, wiring: WiredCar, safety: DriveSafety | None = None, has_tail: bool = True) -> None:
+    def __init__(
+        self, wiring: WiredCar, safety: DriveSafety | None = None, has_tail: bool = True
+    ) -> None:
         self.wiring = wiring
         self._safety = safety or load_drive_safety()
         self._limits = DriveLimits(self._safety)
@@ -140,7 +162,8 @@ class CarGuard:
         self.reading = CarReading()
         self.lateness = 0.0
         self.overruns = self._overruns_in_a_row = 0
-        self.cycle_times, self.slow_ticks = array("d"), array("d")
+        self.cycle_times = array("d")
+        self.slow_ticks = array("d")
         self._since = 0.0
         self._was_armed = False
         self.rested = False
@@ -160,7 +183,9 @@ class CarGuard:
     @property
     def ready(self) -> bool:
         """Whether the car takes commands."""
-        return self.stage is Stage.ARMED and (not self._has_tail or self.reading.status[_ARMED] == 1.0)
+        return self.stage is Stage.ARMED and (
+            not self._has_tail or self.reading.status[_ARMED] == 1.0
+        )
 
     @property
     def asks(self) -> Asks:
@@ -170,8 +195,12 @@ class CarGuard:
         return Asks.CHOICE if self.rested else Asks.REST
 
     def link_times(self, start: float) -> np.ndarray:
-        """(3,) `LINK_COLUMNS` of the log, s on the clock of a run that started at `start` (s, monotonic)."""
-        return np.array([self.lateness, self.wiring.imu_time - start, self.wiring.teensy_time - start])
+        """(3,) `LINK_COLUMNS` of the log, s on the clock of a run that started at `start` (s,
+        monotonic).
+        """
+        return np.array(
+            [self.lateness, self.wiring.imu_time - start, self.wiring.teensy_time - start]
+        )
 
     # -- by hand
 
@@ -184,7 +213,9 @@ class CarGuard:
         """
         if self.stage is not Stage.READY:
             because = f" ({self.reason}); reset it by hand" if self.reason else ""
-            raise HardwareError(f"the car cannot be armed: it is {self.stage.name.lower()}{because}")
+            raise HardwareError(
+                f"the car cannot be armed: it is {self.stage.name.lower()}{because}"
+            )
         _, reason = self._reason(self.reading)
         if reason:
             raise HardwareError(f"the car cannot be armed: {reason}")
@@ -200,28 +231,39 @@ class CarGuard:
             HardwareError: the car is not ready, or the operator has not reported IDLE since.
         """
         if not self.ready:
-            raise HardwareError(f"the car cannot drive: it is not armed{f' ({self.reason})' if self.reason else ''}")
+            raise HardwareError(
+                f"the car cannot drive: it is not armed{f' ({self.reason})' if self.reason else ''}"
+            )
         if not self.rested:
-            raise HardwareError("the car cannot drive: the operator was not heard in IDLE since it was armed")
+            raise HardwareError(
+                "the car cannot drive: the operator was not heard in IDLE since it was armed"
+            )
         self.cycle_times = array("d")
         self._mode = mode
         self._go_unless_stopped(Stage.DRIVING, now)
 
     def reset(self, now: float) -> None:
-        """Forgets the reason and the devices' faults; the car is ready to be armed, and not armed."""
+        """Forgets the reason and the devices' faults; the car is ready to be armed, and not
+        armed.
+        """
         if self.stage not in (Stage.READY, Stage.STOPPED):
             raise HardwareError(f"the car cannot be reset: it is {self.stage.name.lower()}")
         self.wiring.reset(now)
-        self.reason, self.hard, self.left = "", False, False
+        self.reason = ""
+        self.hard = False
+        self.left = False
         self._go(Stage.READY, now)
 
     def stop(self, reason: str, now: float, hard: bool = False) -> None:
-        """Begins to stop: softly with the tail held first, hard with exit frames at once. The first reason counts.
+        """Begins to stop: softly with the tail held first, hard with exit frames at once.
+
+        The first reason counts.
 
         A car that is not armed yet is stopped at once, and cannot be armed before `reset`.
         """
         if not self.reason:
-            self.reason, self.hard = reason, hard
+            self.reason = reason
+            self.hard = hard
         if self.stage is Stage.READY:
             self._go(Stage.STOPPED, now)
         elif self.stage in _LIVE and hard:
@@ -257,24 +299,34 @@ class CarGuard:
         return self.reading
 
     def write(self, command: CarCommand, now: float) -> None:
-        """The second half: the command of driver and tail law, if the car drives; otherwise throttle 0."""
+        """The second half: the command of driver and tail law, if the car drives; otherwise
+        throttle 0.
+        """
         if self.stage is Stage.DRIVING and not command.finite:
             self.stop("the controller commands NaN or infinity", now, hard=True)
         if self.stage is Stage.DRIVING:
-            self.wiring.write(replace(command, throttle=self._limits.throttle(command.throttle, now)), now)
+            self.wiring.write(
+                replace(command, throttle=self._limits.throttle(command.throttle, now)), now
+            )
         else:
             self._limits.rest()
             self.wiring.write(CarCommand(), now)
 
     def note_computing(self, spent: float, now: float) -> None:
-        """How long the controller took for its tick, s; too many slow ones within a second stop the car."""
+        """How long the controller took for its tick, s; too many slow ones within a second stop the
+        car.
+        """
         if spent <= self._safety.slow_tick:
             return
         self.slow_ticks.append(now)
         slow = sum(time > now - 1.0 for time in self.slow_ticks[-self._safety.most_slow_ticks :])
         if slow == self._safety.most_slow_ticks and self.stage in _LIVE:
             most = f"{slow} ticks within a second beyond {self._safety.slow_tick * 1000:g} ms"
-            self.stop(f"the controller is too slow: {most}, the last {spent * 1000:.0f} ms", now, hard=True)
+            self.stop(
+                f"the controller is too slow: {most}, the last {spent * 1000:.0f} ms",
+                now,
+                hard=True,
+            )
 
     def _look_at_clock(self, now: float, due: float | None) -> None:
         self.lateness = 0.0 if due is None else now - due
@@ -284,7 +336,10 @@ class CarGuard:
         self.overruns += late
         self._overruns_in_a_row = self._overruns_in_a_row + 1 if late else 0
         if self._overruns_in_a_row >= self._safety.most_overruns and self.stage in _LIVE:
-            text = f"the loop is {self.lateness * 1000:.0f} ms late for {self._overruns_in_a_row} cycles"
+            text = (
+                f"the loop is {self.lateness * 1000:.0f} ms late for {self._overruns_in_a_row} "
+                "cycles"
+            )
             self.stop(text, now, hard=True)
 
     def _look_for_rest(self, now: float) -> None:
@@ -300,19 +355,28 @@ class CarGuard:
 
     def _judge(self, now: float) -> None:
         hard, reason = self._reason(self.reading)
-        tilt, speed = self._limits.tilt(self.reading, now), self._limits.too_fast(self.reading, now)
-        hard, reason = hard or bool(tilt), reason or tilt or speed
+        tilt = self._limits.tilt(self.reading, now)
+        speed = self._limits.too_fast(self.reading, now)
+        hard = hard or bool(tilt)
+        reason = reason or tilt or speed
         armed = self.reading.status[_ARMED] == 1.0
         if self.stage in _LIVE and self._has_tail and self._was_armed and not armed:
-            hard, reason = True, reason or "the tail motors are off"
+            hard = True
+            reason = reason or "the tail motors are off"
         self._was_armed = armed
-        if self.stage is Stage.DRIVING and not reason and self.reading.operator.mode is not self._mode:
+        if (
+            self.stage is Stage.DRIVING
+            and not reason
+            and self.reading.operator.mode is not self._mode
+        ):
             reason = f"the operator left {self._mode.name} for {self.reading.operator.mode.name}"
             self.left = True
         elif self.left and self.reading.status[_OPERATOR] in _GONE:
             self.left = False
             self.reason += " and was not heard any more"
-        stopped = self.reading.status[_OPERATOR] == SourceFault.STOPPED  # latches before the car is armed too
+        stopped = (
+            self.reading.status[_OPERATOR] == SourceFault.STOPPED
+        )  # latches before the car is armed too
         if reason and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
             self.stop(reason, now, hard)
 
@@ -329,10 +393,15 @@ class CarGuard:
             return hard, reading.fault_text or "a device has a fault"
         current = self._least_current(reading)
         too_much = current > self._safety.fuse
-        return too_much, f"the tail motors draw {current:.0f} A; the fuse has {self._safety.fuse:g} A" * too_much
+        return (
+            too_much,
+            f"the tail motors draw {current:.0f} A; the fuse has {self._safety.fuse:g} A"
+            * too_much,
+        )
 
     def _least_current(self, reading: CarReading) -> float:
-        """Least current of the tail motors, A: their mechanical power at the lowest voltage allowed.
+        """Least current of the tail motors, A: their mechanical power at the lowest voltage
+        allowed.
 
         Replies of the MIT mode carry neither voltage nor current of the pack.
         """
@@ -350,4 +419,5 @@ class CarGuard:
         self._go(Stage.EXITING, now)
 
     def _go(self, stage: Stage, now: float) -> None:
-        self.stage, self._since = stage, now
+        self.stage = stage
+        self._since = now

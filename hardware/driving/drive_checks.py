@@ -1,9 +1,11 @@
-"""Checks before a drive: on the desk, with the devices open, with the car at rest, and with the motors holding.
+"""Checks before a drive: on the desk, with the devices open, with the car at rest, and with the
+motors holding.
 
-Firmware profile: the frames carry no version, but their numbers reveal it. The ratio between the change of position and
-the reported velocity depends on the ranges of both: turned by hand, a motor whose profile is right reports the speed at
-which its position changes. The range of the torque cannot be checked so: 24 and 25 N m differ by 4 %, and profiles
-that differ in nothing else stay undecided.
+Firmware profile: the frames carry no version, but their numbers reveal it. The ratio between the
+change of position and the reported velocity depends on the ranges of both: turned by hand, a motor
+whose profile is right reports the speed at which its position changes. The range of the torque
+cannot be checked so: 24 and 25 N m differ by 4 %, and profiles that differ in nothing else stay
+undecided.
 """
 
 from __future__ import annotations
@@ -74,8 +76,13 @@ def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafe
     status = STATUS.read(reading.status)._asdict()
     checks = []
     for source in UNARMED_SOURCES:
-        fault, age = status[f"{source}_fault"], status[f"{source}_age"]
-        text = f"answers, {age * 1000:.0f} ms old" if fault == 0.0 else reading.fault_text or f"fault {fault:g}"
+        fault = status[f"{source}_fault"]
+        age = status[f"{source}_age"]
+        text = (
+            f"answers, {age * 1000:.0f} ms old"
+            if fault == 0.0
+            else reading.fault_text or f"fault {fault:g}"
+        )
         checks.append(Check(source, fault == 0.0 or (None if source == "speed" else False), text))
     pack = f"measure {safety.least_voltage:g} to {safety.most_voltage:g} V, fuse {safety.fuse:g} A"
     battery = Check("battery", None, f"replies of the MIT mode carry no voltage; {pack}")
@@ -93,8 +100,12 @@ def watchdog_check(wiring: str, unwatched: str) -> Check:
     return Check("watchdog", not unwatched, unwatched or _WATCHES[wiring])
 
 
-def motor_checks(car: WiredCar, scenario: Scenario, ports: CarPorts, safety: DriveSafety) -> list[Check]:
-    """Firmware profile by the replies, and the zero by where the tail is held; with the motors holding."""
+def motor_checks(
+    car: WiredCar, scenario: Scenario, ports: CarPorts, safety: DriveSafety
+) -> list[Check]:
+    """Firmware profile by the replies, and the zero by where the tail is held; with the motors
+    holding.
+    """
     checks = []
     for name, motor_id in zip(("tail pitch", "tail roll"), ports.motor_ids, strict=True):
         try:
@@ -103,14 +114,22 @@ def motor_checks(car: WiredCar, scenario: Scenario, ports: CarPorts, safety: Dri
             checks.append(Check(f"{name} profile", False, str(error)))
             continue
         ratio = evidence.speed_ratio
-        moved = "not turned: its ranges are not proven" if ratio is None else f"speed ratio {ratio:.2f}"
-        text = f"{ports.profile.name}, {evidence.replies} replies of {evidence.reply_length} bytes, {moved}"
+        moved = (
+            "not turned: its ranges are not proven" if ratio is None else f"speed ratio {ratio:.2f}"
+        )
+        text = (
+            f"{ports.profile.name}, {evidence.replies} replies of {evidence.reply_length} "
+            f"bytes, {moved}"
+        )
         checks.append(Check(f"{name} profile", None if ratio is None else True, text))
     return [*checks, *zero_checks(car.reading, scenario, safety)]
 
 
 def _rates(scenario: Scenario) -> list[Check]:
-    rates = {"controller.rate": (scenario.controller.rate, 1.0 / PERIOD), "imu.rate": (scenario.imu.rate, IMU_RATE)}
+    rates = {
+        "controller.rate": (scenario.controller.rate, 1.0 / PERIOD),
+        "imu.rate": (scenario.imu.rate, IMU_RATE),
+    }
     return [
         Check(key, math.isclose(rate, allowed), f"{rate:g} Hz; allowed on the car: {allowed:g} Hz")
         for key, (rate, allowed) in rates.items()
@@ -118,7 +137,9 @@ def _rates(scenario: Scenario) -> list[Check]:
 
 
 def _disk(folder: Path, safety: DriveSafety) -> Check:
-    existing = next(parent for parent in (folder.resolve(), *folder.resolve().parents) if parent.is_dir())
+    existing = next(
+        parent for parent in (folder.resolve(), *folder.resolve().parents) if parent.is_dir()
+    )
     free = shutil.disk_usage(existing).free / _MB
     text = f"{free:.0f} MB free in {existing}; needed: {safety.least_disk:g} MB"
     return Check("log disk", free >= safety.least_disk, text)
@@ -130,16 +151,20 @@ def _sleep() -> Check:
         before = time.monotonic()
         time.sleep(0.001)
         late.append(time.monotonic() - before - 0.001)
-    median, worst = float(np.median(late)), max(late)
+    median = float(np.median(late))
+    worst = max(late)
     text = (
-        f"a sleep ends {median * 1000:.2f} ms late (at most {worst * 1000:.2f}); allowed: {_COARSE_SLEEP * 1000:g} ms"
+        f"a sleep ends {median * 1000:.2f} ms late (at most {worst * 1000:.2f}); allowed: "
+        f"{_COARSE_SLEEP * 1000:g} ms"
     )
     return Check("loop clock", median <= _COARSE_SLEEP, text)
 
 
 def _calendar() -> Check:
     now = time.gmtime()
-    return Check("calendar", now.tm_year >= _FIRST_YEAR or None, time.strftime("%Y-%m-%d %H:%M:%S UTC", now))
+    return Check(
+        "calendar", now.tm_year >= _FIRST_YEAR or None, time.strftime("%Y-%m-%d %H:%M:%S UTC", now)
+    )
 
 
 def _gps_clock(gps_time: float | None) -> Check:
@@ -147,12 +172,17 @@ def _gps_clock(gps_time: float | None) -> Check:
         return Check("GPS clock", None, "the receiver does not know the time yet")
     difference = (time.time() - gps_time + 43_200) % 86_400 - 43_200
     close = abs(difference) <= _CLOCK_DIFFERENCE or None
-    return Check("GPS clock", close, f"this computer is {difference:+.1f} s off the receiver's time")
+    return Check(
+        "GPS clock", close, f"this computer is {difference:+.1f} s off the receiver's time"
+    )
 
 
 def zero_checks(reading: CarReading, scenario: Scenario, safety: DriveSafety) -> list[Check]:
-    """Whether the tail is held at a mark: an angle at which its law waits, or the stop it falls on without power."""
-    hold, pitch = scenario.controller.hold_angle, [scenario.resting_pitch]
+    """Whether the tail is held at a mark: an angle at which its law waits, or the stop it falls on
+    without power.
+    """
+    hold = scenario.controller.hold_angle
+    pitch = [scenario.resting_pitch]
     if scenario.follows_state:
         pitch.append(-scenario.tail.pitch_limit)
     checks = []
@@ -160,8 +190,13 @@ def zero_checks(reading: CarReading, scenario: Scenario, safety: DriveSafety) ->
         angle = float(reading.tail_state[TAIL_STATE.index(name)])
         off = min(abs(angle - mark) for mark in marks)
         allowed = " or ".join(f"{np.degrees(mark):.0f}" for mark in marks)
-        text = f"at {np.degrees(angle):.1f} degrees; marks: {allowed}, +-{np.degrees(safety.zero_tolerance):.0f}"
-        checks.append(Check(f"tail {name.partition('_')[0]} zero", off <= safety.zero_tolerance, text))
+        text = (
+            f"at {np.degrees(angle):.1f} degrees; marks: {allowed}, "
+            f"+-{np.degrees(safety.zero_tolerance):.0f}"
+        )
+        checks.append(
+            Check(f"tail {name.partition('_')[0]} zero", off <= safety.zero_tolerance, text)
+        )
     return checks
 
 
@@ -176,8 +211,8 @@ class ProfileEvidence:
     Attributes:
         replies: how many were read.
         reply_length: bytes of each.
-        speed_ratio: change of position over the integral of the reported velocity: 1 if the profile is right; None if
-            the motor was not turned enough to tell.
+        speed_ratio: change of position over the integral of the reported velocity: 1 if the profile
+            is right; None if the motor was not turned enough to tell.
     """
 
     replies: int
@@ -185,32 +220,42 @@ class ProfileEvidence:
     speed_ratio: float | None
 
 
-def check_profile(profile: FirmwareProfile, replies: Sequence[tuple[float, CanFrame]]) -> ProfileEvidence:
+def check_profile(
+    profile: FirmwareProfile, replies: Sequence[tuple[float, CanFrame]]
+) -> ProfileEvidence:
     """Checks a profile against replies of one motor to the neutral command.
 
     Args:
-        replies: (arrival in s, frame), in order, at 20 Hz or more; best with the motor turned by hand by half a radian.
+        replies: (arrival in s, frame), in order, at 20 Hz or more; best with the motor turned by
+            hand by half a radian.
 
     Raises:
-        HardwareError: no replies, V3 firmware, replies of another length, a temperature that cannot be, or a speed that
-            does not belong to the change of position; names the profiles that would fit.
+        HardwareError: no replies, V3 firmware, replies of another length, a temperature that cannot
+            be, or a speed that does not belong to the change of position; names the profiles that
+            would fit.
     """
     if not replies:
-        raise HardwareError(f"firmware profile {profile.name}: no reply of the motor to check it with")
+        raise HardwareError(
+            f"firmware profile {profile.name}: no reply of the motor to check it with"
+        )
     lengths = {len(frame.data) for _, frame in replies}
     decoded = [decode_reply(frame, profile) for _, frame in replies]
     if len(lengths) > 1:
         raise HardwareError(
-            f"firmware profile {profile.name}: replies of {sorted(lengths)} bytes: two motors on one id?"
+            f"firmware profile {profile.name}: replies of {sorted(lengths)} bytes: two motors on "
+            "one id?"
         )
     warm = [reply.temperature for reply in decoded if reply.temperature is not None]
     if warm and not _COLDEST <= np.median(warm) <= _WARMEST:
-        raise HardwareError(f"firmware profile {profile.name}: {np.median(warm):g} degC cannot be: wrong offset?")
+        raise HardwareError(
+            f"firmware profile {profile.name}: {np.median(warm):g} degC cannot be: wrong offset?"
+        )
     ratio = _speed_ratio(profile, replies)
     if ratio is not None and abs(ratio - 1.0) > _RATIO_TOLERANCE:
         fitting = [name for name, other in PROFILES.items() if _fits(other, replies)]
         raise HardwareError(
-            f"firmware profile {profile.name}: the position changes {ratio:.3g} times as fast as the reported speed; "
+            f"firmware profile {profile.name}: the position changes {ratio:.3g} times as fast as "
+            "the reported speed; "
             f"profiles that fit: {', '.join(fitting) or 'none that is known'}"
         )
     return ProfileEvidence(len(replies), lengths.pop(), ratio)
@@ -223,14 +268,23 @@ def _fits(profile: FirmwareProfile, replies: Sequence[tuple[float, CanFrame]]) -
     return ratio is not None and abs(ratio - 1.0) <= _RATIO_TOLERANCE
 
 
-def _speed_ratio(profile: FirmwareProfile, replies: Sequence[tuple[float, CanFrame]]) -> float | None:
-    """Least-squares slope of the position over the integral of the velocity; None with too little motion."""
+def _speed_ratio(
+    profile: FirmwareProfile, replies: Sequence[tuple[float, CanFrame]]
+) -> float | None:
+    """Least-squares slope of the position over the integral of the velocity; None with too little
+    motion.
+    """
     decoded = [decode_reply(frame, profile) for _, frame in replies]
     times = np.array([time for time, _ in replies])
     velocity = np.array([reply.velocity for reply in decoded])
-    position = np.unwrap(np.array([reply.position for reply in decoded]), period=2 * profile.position)
-    travelled = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(times))])
-    x, y = travelled - travelled.mean(), position - position.mean()
+    position = np.unwrap(
+        np.array([reply.position for reply in decoded]), period=2 * profile.position
+    )
+    travelled = np.concatenate(
+        [[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(times))]
+    )
+    x = travelled - travelled.mean()
+    y = position - position.mean()
     # A resting motor reports half a step of speed, which adds up to a slow false travel.
     false_travel = profile.speed / 4095 * (times[-1] - times[0])
     if np.ptp(x) < 4 * false_travel + 0.1 or np.ptp(y) < 1e-3:
@@ -242,7 +296,9 @@ _LEAST_SAMPLES = 10
 _ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
 
 
-def standstill_checks(samples: Sequence[Bno055Sample], reading: np.ndarray, safety: DriveSafety) -> list[Check]:
+def standstill_checks(
+    samples: Sequence[Bno055Sample], reading: np.ndarray, safety: DriveSafety
+) -> list[Check]:
     """Whether the car stood still in the last moment.
 
     Args:
@@ -252,12 +308,17 @@ def standstill_checks(samples: Sequence[Bno055Sample], reading: np.ndarray, safe
     different = {(sample.quaternion, sample.gyro, sample.acceleration) for sample in samples}
     count = len(samples)
     lives = count >= _LEAST_SAMPLES and len(different) > 1
-    found = f"{count} samples, {len(different)} different ones" + ("" if lives else "; it has frozen or is silent")
+    found = f"{count} samples, {len(different)} different ones" + (
+        "" if lives else "; it has frozen or is silent"
+    )
     checks = [Check("IMU", lives, found)]
     if not samples:
         return checks
     gyro = samples[-1].calibration[1]
-    text = f"gyro {gyro} of 3; allowed is {safety.gyro_calibration}: let the car stand for some seconds"
+    text = (
+        f"gyro {gyro} of 3; allowed is {safety.gyro_calibration}: let the car stand for some "
+        "seconds"
+    )
     checks.append(Check("IMU calibration", gyro >= safety.gyro_calibration, text))
     turning = float(np.max(np.linalg.norm([sample.gyro for sample in samples], axis=1)))
     pushed = float(np.linalg.norm(np.mean([sample.acceleration for sample in samples], axis=0)))
@@ -266,5 +327,7 @@ def standstill_checks(samples: Sequence[Bno055Sample], reading: np.ndarray, safe
     text = f"turns at {turning:.2f} rad/s, is pushed by {pushed:.2f} m/s2; allowed: {allowed}"
     checks.append(Check("car stands still", still, text))
     tilt = max(abs(float(reading[_ROLL])), abs(float(reading[_PITCH])))
-    text = f"tilted by {math.degrees(tilt):.0f} degrees; allowed is {math.degrees(safety.upright):.0f}"
+    text = (
+        f"tilted by {math.degrees(tilt):.0f} degrees; allowed is {math.degrees(safety.upright):.0f}"
+    )
     return [*checks, Check("car stands upright", tilt <= safety.upright, text)]

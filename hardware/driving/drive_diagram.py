@@ -1,4 +1,6 @@
-"""What drives the car as a Drake diagram, a tick at a time: the sequence of a scenario, or systems of the user."""
+"""What drives the car as a Drake diagram, a tick at a time: the sequence of a scenario, or systems
+of the user.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +25,16 @@ _REHEARSED = 3
 
 
 class CarInterface(LeafSystem):
-    """Takes the place of the plant of a simulated car: outputs the readings, and has the commands on its input ports.
+    """Takes the place of the plant of a simulated car: outputs the readings, and has the commands
+    on its input ports.
 
-    A reading is shown in an unrestricted update, which Drake runs before the controllers' discrete updates of the same
-    instant (as the simulated sensors do): a command is made of the readings of its own tick. The outputs are discrete
-    state, so evaluating them costs nothing and touches nothing.
+    A reading is shown in an unrestricted update, which Drake runs before the controllers' discrete
+    updates of the same instant (as the simulated sensors do): a command is made of the readings of
+    its own tick. The outputs are discrete state, so evaluating them costs nothing and touches
+    nothing.
 
-    Input and output ports: exactly `STATION_INPUTS` and `STATION_OUTPUTS` of `aerodima.workbench.config.signal_table`.
+    Input and output ports: exactly `STATION_INPUTS` and `STATION_OUTPUTS` of
+    `aerodima.workbench.config.signal_table`.
 
     Attributes: reading: output from the next tick on.
     """
@@ -38,12 +43,18 @@ class CarInterface(LeafSystem):
         super().__init__()
         self.set_name("car_interface")
         self.reading = CarReading()
-        self._ports = {name: self.DeclareVectorInputPort(name, fields.size) for name, fields in STATION_INPUTS.items()}
+        self._ports = {
+            name: self.DeclareVectorInputPort(name, fields.size)
+            for name, fields in STATION_INPUTS.items()
+        }
         self._values = {
-            name: DiscreteVector(self, np.zeros(fields.size), output=name) for name, fields in STATION_OUTPUTS.items()
+            name: DiscreteVector(self, np.zeros(fields.size), output=name)
+            for name, fields in STATION_OUTPUTS.items()
         }
         self.DeclareInitializationDiscreteUpdateEvent(self._show)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=PERIOD, offset_sec=0.0, update=self._read)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(
+            period_sec=PERIOD, offset_sec=0.0, update=self._read
+        )
 
     def _read(self, context: Context, state: State) -> None:
         self._show(context, state.get_mutable_discrete_state())
@@ -55,43 +66,58 @@ class CarInterface(LeafSystem):
 
     def command(self, context: Context) -> CarCommand:
         """The values of the input ports."""
-        steering, throttle, pitch, roll = (np.array(vector_of(self._ports[name], context)) for name in STATION_INPUTS)
+        steering, throttle, pitch, roll = (
+            np.array(vector_of(self._ports[name], context)) for name in STATION_INPUTS
+        )
         return CarCommand(float(steering[0]), float(throttle[0]), pitch, roll)
 
 
 class DiagramPilot(Pilot):
-    """A diagram around the car's ports that advances by one tick at a time, with discrete and continuous states.
+    """A diagram around the car's ports that advances by one tick at a time, with discrete and
+    continuous states.
 
-    Building takes a second or more without a loop, so it is done before the motors are on. Commands are those of
-    the instant at which they leave, `WRITE_DELAY` after the tick.
+    Building takes a second or more without a loop, so it is done before the motors are on. Commands
+    are those of the instant at which they leave, `WRITE_DELAY` after the tick.
 
     Args:
-        build: adds what drives; by default driver and tail law of the scenario, with `law` in place of the latter.
+        build: adds what drives; by default driver and tail law of the scenario, with `law` in place
+            of the latter.
 
     Attributes:
         columns: what `build` exports or logs, in the order of `PilotStep.own`.
     """
 
-    def __init__(self, scenario: Scenario, law: TailLaw | None = None, build: Build | None = None) -> None:
+    def __init__(
+        self, scenario: Scenario, law: TailLaw | None = None, build: Build | None = None
+    ) -> None:
         self._interface = CarInterface()
-        car = assemble(scenario, interface=lambda _: self._interface, tail_law=law, lean=True, build=build)
+        car = assemble(
+            scenario, interface=lambda _: self._interface, tail_law=law, lean=True, build=build
+        )
         self.columns = [name for _, names in car.own for name in names]
         named: dict[str, Any] = {names[0]: port for port, names in car.signals}
-        self._ports = [named["planned_turn"], named["controller_state"], *(port for port, _ in car.own)]
+        self._ports = [
+            named["planned_turn"],
+            named["controller_state"],
+            *(port for port, _ in car.own),
+        ]
         self._diagram = car.builder.Build()
         self._simulator = Simulator(self._diagram)
         self._simulator.Initialize()
 
     def rehearse(self, reading: CarReading) -> float:
-        """Runs the first ticks on a copy of the state, so that none of them is the first one while the car drives.
+        """Runs the first ticks on a copy of the state, so that none of them is the first one while
+        the car drives.
 
         Returns:
             Time of the slowest tick except the first, s.
 
         Raises:
-            HardwareError: a command that is not finite. Whatever the systems raise, such as a port without connection.
+            HardwareError: a command that is not finite. Whatever the systems raise, such as a port
+                without connection.
         """
-        kept, times = self._simulator, []
+        kept = self._simulator
+        times = []
         self._simulator = Simulator(self._diagram, kept.get_context().Clone())
         self._simulator.Initialize()
         for tick in range(_REHEARSED):
@@ -99,7 +125,10 @@ class DiagramPilot(Pilot):
             step = self.step(tick * PERIOD, reading)
             times.append(time.monotonic() - begin)
             if not step.command.finite:
-                raise HardwareError(f"the controller commands NaN or infinity before the car is armed: {step.command}")
+                raise HardwareError(
+                    "the controller commands NaN or infinity before the car is armed: "
+                    f"{step.command}"
+                )
         self._simulator = kept
         return max(times[1:])
 
@@ -107,8 +136,12 @@ class DiagramPilot(Pilot):
         """See `Pilot`."""
         root = self._simulator.get_context()
         command = self._interface.command(self._interface.GetMyContextFromRoot(root))
-        plan, state, *own = (port.Eval(port.get_system().GetMyContextFromRoot(root)) for port in self._ports)
-        return PilotStep(command, float(plan[0]), int(state[0]), np.concatenate(own) if own else None)
+        plan, state, *own = (
+            port.Eval(port.get_system().GetMyContextFromRoot(root)) for port in self._ports
+        )
+        return PilotStep(
+            command, float(plan[0]), int(state[0]), np.concatenate(own) if own else None
+        )
 
     def step(self, time: float, reading: CarReading) -> PilotStep:
         """See `Pilot`."""

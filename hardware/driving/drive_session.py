@@ -1,7 +1,7 @@
 """One drive from the checks to the log: check, arm, drive by sequence or by radio, disarm, write.
 
-After anything in between (a fault, an exception, a signal, a failed start) the motors' exit frames and throttle 0 go
-out, and the log is readable up to there.
+After anything in between (a fault, an exception, a signal, a failed start) the motors' exit frames
+and throttle 0 go out, and the log is readable up to there.
 """
 
 from __future__ import annotations
@@ -85,10 +85,13 @@ class DriveResult:
 
     Attributes:
         reason: `RUN_OVER`, or why it was stopped.
-        orderly: the run came to its end, or the operator ended it without an emergency and reported until then.
-        log: the run log, elsewhere than was asked for when that place took none; None when none was written.
+        orderly: the run came to its end, or the operator ended it without an emergency and reported
+            until then.
+        log: the run log, elsewhere than was asked for when that place took none; None when none was
+            written.
         signal: number of the signal that ended it; 0 for none.
-        traffic_error: why the log of the CAN traffic is not whole; empty if it is, or if there is none.
+        traffic_error: why the log of the CAN traffic is not whole; empty if it is, or if there is
+            none.
     """
 
     reason: str
@@ -108,7 +111,8 @@ class DriveOptions:
         with_drake: the diagram in Drake's simulator, otherwise the plain loop.
         confirm: asks somebody beside the car whether it may be armed; None arms without asking.
         wait_for_operator: s until the operator must have chosen AUTO or MANUAL, out of IDLE.
-        law_name: for the log, of a tail law that the scenario does not name; empty for one that it names.
+        law_name: for the log, of a tail law that the scenario does not name; empty for one that it
+            names.
     """
 
     log: str | Path
@@ -139,9 +143,10 @@ def drive(
 ) -> DriveResult:
     """Drives the car with a diagram of your own: check, arm, drive, disarm, write the log.
 
-    Guard, limits, watchdogs, signals and log are those of the scenario's own driver and tail law (`build` None). Once
-    a 10 ms tick the diagram advances; a controller that is too slow, raises, or commands what is not finite stops the
-    car, and its traceback is printed once. AUTO runs the diagram, MANUAL and CONTROL drive by radio.
+    Guard, limits, watchdogs, signals and log are those of the scenario's own driver and tail law
+    (`build` None). Once a 10 ms tick the diagram advances; a controller that is too slow, raises,
+    or commands what is not finite stops the car, and its traceback is printed once. AUTO runs the
+    diagram, MANUAL and CONTROL drive by radio.
 
     Args:
         build: as `aerodima.workbench.simulate` takes it; called once, before the motors are on.
@@ -156,14 +161,17 @@ def drive(
         say: receives every check, what is waited for, and the traceback of an error in the diagram.
 
     Raises:
-        UserError: a check failed, a device or the record of a watchdog test is missing, the diagram cannot be built or
-            fails before the car is armed, the log cannot be written; the motors are off by then.
+        UserError: a check failed, a device or the record of a watchdog test is missing, the diagram
+            cannot be built or fails before the car is armed, the log cannot be written; the motors
+            are off by then.
     """
     refuse_existing(Path(log), force, LogError)
     make_folder(Path(log).parent, LogError)
     there = ports if isinstance(ports, CarPorts) else read_ports(ports)
     options = DriveOptions(log, force, dry_run, confirm=None if arm else _asked)
-    return run_drive(connect(there, scenario, wiring, traffic), scenario, there, options, say, build=build)
+    return run_drive(
+        connect(there, scenario, wiring, traffic), scenario, there, options, say, build=build
+    )
 
 
 def _asked() -> bool:
@@ -188,9 +196,11 @@ def run_drive(
         build: see `drive`.
 
     Raises:
-        UserError: a check failed, a device is missing, the log cannot be written; the motors are off by then.
+        UserError: a check failed, a device is missing, the log cannot be written; the motors are
+            off by then.
     """
-    safety, law = load_drive_safety(), law or law_of_scenario(scenario)
+    safety = load_drive_safety()
+    law = law or law_of_scenario(scenario)
     refuse_simulated_only(scenario, own_driver=build is not None)
     _tell(desk_checks(scenario, Path(options.log).parent, safety), say)
     if not options.dry_run:
@@ -205,7 +215,9 @@ def run_drive(
         say(str(Check("scheduling", True if is_realtime() else None, scheduling)))
         try:
             car.start()
-            result = _on_open_devices(_Drive(car, guard, scenario, law, ports, options, safety, say, build), came)
+            result = _on_open_devices(
+                _Drive(car, guard, scenario, law, ports, options, safety, say, build), came
+            )
         except HardwareError:
             if came:  # before the run began: what follows from the signal is no error of its own
                 return DriveResult(guard.reason, False, None, came[0])
@@ -218,12 +230,16 @@ def run_drive(
 
 
 class TickTimeout(BaseException):
-    """Raised within a controller that takes too long; no error of a kind that it may want to catch."""
+    """Raised within a controller that takes too long; no error of a kind that it may want to
+    catch.
+    """
 
 
 @contextmanager
 def _at_most(seconds: float) -> Iterator[None]:
-    """Raises `TickTimeout` within the block, and again, once it takes longer; what no signal reaches goes on."""
+    """Raises `TickTimeout` within the block, and again, once it takes longer; what no signal
+    reaches goes on.
+    """
     signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
     try:
         yield
@@ -245,7 +261,9 @@ class _TimedPilot(Pilot):
 
 @contextmanager
 def _stop_on_signals(stop: Callable[[str], None]) -> Iterator[list[int]]:
-    """Calls `stop` with the name of a signal, which asks the loop to stop; the list holds the numbers that came."""
+    """Calls `stop` with the name of a signal, which asks the loop to stop; the list holds the
+    numbers that came.
+    """
     came: list[int] = []
 
     def handle(number: int, frame: FrameType | None) -> None:
@@ -279,13 +297,16 @@ class _Drive:
 
 
 def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
-    guard, options = drive.guard, drive.options
+    guard = drive.guard
+    options = drive.options
     _wait_for_devices(drive)
     checks = device_checks(guard.reading, drive.car.gps_time, drive.safety)
     checks.append(watchdog_check(drive.car.name, drive.car.unwatched))
     _tell(checks, drive.say, refuse=not options.dry_run)
     pilot, own = _prepare(drive)
-    journal = open_run_journal(Path(options.log), drive.scenario, drive.car.name, options.force, own, drive.say)
+    journal = open_run_journal(
+        Path(options.log), drive.scenario, drive.car.name, options.force, own, drive.say
+    )
     try:
         mode = RadioMode.AUTO if options.dry_run else _arm_and_choose(drive)
     except BaseException:
@@ -301,13 +322,26 @@ def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
 
 
 def _wait_for_devices(drive: _Drive) -> None:
-    """Until `UNARMED_SOURCES` and the watchdog are heard; what is still silent then is named by the checks."""
+    """Until `UNARMED_SOURCES` and the watchdog are heard; what is still silent then is named by the
+    checks.
+    """
     faults = [STATUS.index(f"{source}_fault") for source in UNARMED_SOURCES]
-    # A Teensy that heard nothing yet reports that its watchdog has acted; an IMU that is being set up counts as lost.
-    waiting = (SourceFault.NO_SAMPLE_YET, SourceFault.SILENT, SourceFault.REPORTED, SourceFault.LOST)
+    # A Teensy that heard nothing yet reports that its watchdog has acted; an IMU that is being set
+    # up counts as lost.
+    waiting = (
+        SourceFault.NO_SAMPLE_YET,
+        SourceFault.SILENT,
+        SourceFault.REPORTED,
+        SourceFault.LOST,
+    )
     idle_until(
         drive.guard,
-        lambda: not (any(drive.guard.reading.status[index] in waiting for index in faults) or drive.car.unwatched),
+        lambda: (
+            not (
+                any(drive.guard.reading.status[index] in waiting for index in faults)
+                or drive.car.unwatched
+            )
+        ),
         drive.safety.answer_timeout,
     )
 
@@ -343,15 +377,20 @@ def _ask(drive: _Drive) -> None:
     threading.Thread(target=lambda: answers.append(confirm()), name="confirm", daemon=True).start()
     idle_until(drive.guard, lambda: bool(answers or drive.guard.reason), _HOUR)
     if drive.guard.reason or not answers or not answers[0]:
-        raise HardwareError(f"not armed: {drive.guard.reason or 'nobody said that the car may be armed'}")
+        raise HardwareError(
+            f"not armed: {drive.guard.reason or 'nobody said that the car may be armed'}"
+        )
 
 
 def _arm(drive: _Drive) -> None:
-    guard, say = drive.guard, drive.say
+    guard = drive.guard
+    say = drive.say
     say("arming: keep clear of the tail")
     guard.arm(time.monotonic())
     if not idle_until(guard, lambda: guard.ready, drive.safety.arm_timeout):
-        reason = guard.reason or f"the motors do not take commands within {drive.safety.arm_timeout:g} s"
+        reason = (
+            guard.reason or f"the motors do not take commands within {drive.safety.arm_timeout:g} s"
+        )
         guard.stop(reason, time.monotonic(), hard=True)
         _let_stop(guard)
         raise HardwareError(f"arming failed: {reason}")
@@ -371,17 +410,32 @@ def _wait_for_operator(drive: _Drive) -> RadioMode:
     guard = drive.guard
     wanted = (RadioMode.AUTO, RadioMode.MANUAL, RadioMode.CONTROL)
     end = time.monotonic() + drive.options.wait_for_operator
-    if not idle_until(guard, lambda: guard.asks is not Asks.REST, min(_REST_NOTICE, drive.options.wait_for_operator)):
+    if not idle_until(
+        guard,
+        lambda: guard.asks is not Asks.REST,
+        min(_REST_NOTICE, drive.options.wait_for_operator),
+    ):
         stands = guard.reading.operator.mode.name
-        drive.say(f"the operator's switch stands on {stands}: put it in IDLE first; nothing is obeyed before")
+        drive.say(
+            f"the operator's switch stands on {stands}: put it in IDLE first; nothing is obeyed "
+            "before"
+        )
         idle_until(guard, lambda: guard.asks is not Asks.REST, end - time.monotonic())
     if guard.asks is Asks.CHOICE:
-        drive.say("waiting for the operator: AUTO runs the sequence, MANUAL and CONTROL drive by radio")
+        drive.say(
+            "waiting for the operator: AUTO runs the sequence, MANUAL and CONTROL drive by radio"
+        )
     chosen = idle_until(
-        guard, lambda: guard.asks is Asks.CHOICE and guard.reading.operator.mode in wanted, end - time.monotonic()
+        guard,
+        lambda: guard.asks is Asks.CHOICE and guard.reading.operator.mode in wanted,
+        end - time.monotonic(),
     )
     if not chosen and not guard.reason:
-        reason = "chose neither AUTO nor MANUAL nor CONTROL" if guard.rested else "did not put the switch in IDLE"
+        reason = (
+            "chose neither AUTO nor MANUAL nor CONTROL"
+            if guard.rested
+            else "did not put the switch in IDLE"
+        )
         guard.stop(f"the operator {reason}", time.monotonic())
     if not chosen:
         _let_stop(guard)
@@ -394,26 +448,38 @@ def _wait_for_operator(drive: _Drive) -> RadioMode:
 
 def _logged_run(drive: _Drive, journal: RunJournal, pilot: Pilot, mode: RadioMode) -> Path:
     """The run with its log, then the end of it; the log is closed whatever happened."""
-    guard, stopped = drive.guard, math.nan
-    by_hand, scenario = mode is not RadioMode.AUTO, drive.scenario
+    guard = drive.guard
+    stopped = math.nan
+    by_hand = mode is not RadioMode.AUTO
+    scenario = drive.scenario
     if by_hand:
         journal.add_facts({DRIVEN_BY: f"hand ({mode.name})"})
-    begin, busy = time.monotonic(), time.process_time()
+    begin = time.monotonic()
+    busy = time.process_time()
     try:
         timed = _TimedPilot(pilot, drive.safety.longest_tick)
-        stopped = run_loop(guard, timed, scenario, _HOUR if by_hand else run_time(scenario), journal)
+        stopped = run_loop(
+            guard, timed, scenario, _HOUR if by_hand else run_time(scenario), journal
+        )
         guard.stop(RUN_OVER, time.monotonic())
         _let_stop(guard)
     except BaseException as error:
         guard.stop(f"{type(error).__name__}: {error}", time.monotonic(), hard=True)
         drive.car.stop(guard.reason)  # before anything else: writing a log may take its time
-        if isinstance(error, HardwareError | LogError) or not isinstance(error, Exception | TickTimeout):
+        if isinstance(error, HardwareError | LogError) or not isinstance(
+            error, Exception | TickTimeout
+        ):
             raise
         text, guard.reason = traceback_and_reason(error)
         drive.say(str(error) if isinstance(error, UserError) else text)
     finally:
         share = (time.process_time() - busy) / (time.monotonic() - begin)
-        journal.add_facts({**log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns), "cpu_share": share})
+        journal.add_facts(
+            {
+                **log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns),
+                "cpu_share": share,
+            }
+        )
         journal.add_facts({"slow_ticks": len(guard.slow_ticks)})
         if drive.build is not None:
             from aerodima.workbench.simulate.car_run import name_of
@@ -426,8 +492,12 @@ def _logged_run(drive: _Drive, journal: RunJournal, pilot: Pilot, mode: RadioMod
 
 
 def _prepare(drive: _Drive) -> tuple[Callable[[RadioMode], Pilot], list[str]]:
-    """Builds what takes time; a function that gives the pilot of a mode, and the columns of a diagram's own."""
-    scenario, law, own = drive.scenario, drive.law, list[str]()
+    """Builds what takes time; a function that gives the pilot of a mode, and the columns of a
+    diagram's own.
+    """
+    scenario = drive.scenario
+    law = drive.law
+    own = list[str]()
     if not drive.options.with_drake:
         sequence: Pilot = AutoPilot(scenario, law)
     else:
@@ -454,7 +524,8 @@ def _diagram(drive: _Drive) -> tuple[Pilot, list[str]]:
     from aerodima.hardware.driving.drive_diagram import DiagramPilot
 
     pilot = DiagramPilot(drive.scenario, drive.law, drive.build)
-    longest, slow = pilot.rehearse(drive.guard.reading), drive.safety.slow_tick
+    longest = pilot.rehearse(drive.guard.reading)
+    slow = drive.safety.slow_tick
     text = f"a tick of it takes {longest * 1000:.1f} ms; more than {slow * 1000:g} ms are slow"
     drive.say(str(Check("diagram", True if longest <= slow else None, text)))
     return pilot, pilot.columns

@@ -1,6 +1,8 @@
-"""A car whose tail is held by its motors, for first tests: armed without a guard, with the motors off on every exit.
+"""A car whose tail is held by its motors, for first tests: armed without a guard, with the motors
+off on every exit.
 
-It has the first tests of new motors: the watchdog test, a move of one joint by five degrees, and the zero.
+It has the first tests of new motors: the watchdog test, a move of one joint by five degrees, and
+the zero.
 """
 
 from __future__ import annotations
@@ -25,7 +27,12 @@ from aerodima.hardware.devices.device_states import FramePort
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.driving.plain_loop import PERIOD, wait_until
-from aerodima.hardware.driving.watchdog_test import WatchdogTest, new_record, require_watchdog_test, write_record
+from aerodima.hardware.driving.watchdog_test import (
+    WatchdogTest,
+    new_record,
+    require_watchdog_test,
+    write_record,
+)
 from aerodima.hardware.protocol.ak70 import decode_reply, make_enter, make_exit, make_neutral
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.teensy import TeensyStatus
@@ -48,7 +55,8 @@ def connect(
     wiring: str = "teensy_bridge",
     traffic: str | Path | None = None,
 ) -> WiredCar:
-    """The car of a scenario with its watchdog, to be armed after a recorded watchdog test only; opens nothing yet.
+    """The car of a scenario with its watchdog, to be armed after a recorded watchdog test only;
+    opens nothing yet.
 
     Args:
         ports: the ports file, or what is in it.
@@ -71,13 +79,15 @@ def connect(
 
 @contextmanager
 def held(car: WiredCar) -> Iterator[WiredCar]:
-    """Starts and arms a car; the block begins when the tail is held where it is, and ends with the motors off.
+    """Starts and arms a car; the block begins when the tail is held where it is, and ends with the
+    motors off.
 
     Args:
         car: of `connect`, not started yet.
 
     Raises:
-        HardwareError: no watchdog test of its wiring, a port that cannot be opened, motors that do not answer.
+        HardwareError: no watchdog test of its wiring, a port that cannot be opened, motors that do
+            not answer.
     """
     safety = load_motor_safety()
     car.authorise()
@@ -86,23 +96,32 @@ def held(car: WiredCar) -> Iterator[WiredCar]:
         car.start()
         run_cycles(car, CarCommand(), _HEARD)
         car.arm()
-        end, armed = time.monotonic() + load_drive_safety().arm_timeout, STATUS.index("armed")
-        while not (car.reading.status[armed] or any(motor.fault for motor in car.motors)) and time.monotonic() < end:
+        end = time.monotonic() + load_drive_safety().arm_timeout
+        armed = STATUS.index("armed")
+        while (
+            not (car.reading.status[armed] or any(motor.fault for motor in car.motors))
+            and time.monotonic() < end
+        ):
             run_cycles(car, CarCommand())
         run_cycles(car, CarCommand(), safety.gain_ramp)
         if not car.reading.status[armed]:
-            raise HardwareError(f"not armed: {car.reading.fault_text or 'the motors do not answer'}")
+            raise HardwareError(
+                f"not armed: {car.reading.fault_text or 'the motors do not answer'}"
+            )
         yield car
     finally:
         car.stop("the tail is let go")
         restore_ordinary()
 
 
-def run_cycles(car: WiredCar, command: CarCommand | Callable[[float], CarCommand], seconds: float = PERIOD) -> None:
+def run_cycles(
+    car: WiredCar, command: CarCommand | Callable[[float], CarCommand], seconds: float = PERIOD
+) -> None:
     """Cycles of 10 ms, one at least; `car.reading` is of the last one.
 
     Args:
-        command: of every cycle, or as a function of the time since the first (s). All zeros hold a joint where it is.
+        command: of every cycle, or as a function of the time since the first (s). All zeros hold a
+            joint where it is.
     """
     begin = time.monotonic()
     for cycle in range(max(1, round(seconds / PERIOD))):
@@ -114,7 +133,8 @@ def run_cycles(car: WiredCar, command: CarCommand | Callable[[float], CarCommand
 
 QUESTION = "The link was cut. Are both motors off: does the tail move freely by hand?"
 _HOLDING, _ACT_TIME, _LOOK = 0.5, 2.0, 0.002
-"""s in which the motors hold before the cut, in which the Teensy must act after it, and between two looks at it."""
+"""s in which the motors hold before the cut, in which the Teensy must act after it, and between two
+looks at it."""
 _CUTS = {
     "teensy_bridge": ("strings stopped", TeensyStatus.WATCHDOG_ACTED),
     "watched_can": ("heartbeat stopped", TeensyStatus.BEATS_STOPPED),
@@ -130,10 +150,12 @@ def run_watchdog_test(
     seen_by: str = "operator",
     folder: Path | None = None,
 ) -> tuple[WatchdogTest, Path]:
-    """Makes a watchdog test and records it: the motors hold, the link is cut, and somebody sees that they are off.
+    """Makes a watchdog test and records it: the motors hold, the link is cut, and somebody sees
+    that they are off.
 
-    In the bridge all strings stop; in `watched_can` the strings continue and the heartbeat stops. The Teensy
-    reports that it has acted. No report shows what the motors do, so nothing is sent before `confirm` has answered.
+    In the bridge all strings stop; in `watched_can` the strings continue and the heartbeat stops.
+    The Teensy reports that it has acted. No report shows what the motors do, so nothing is sent
+    before `confirm` has answered.
 
     Args:
         confirm: puts `QUESTION` to somebody who sees the motors; True if they are off.
@@ -141,13 +163,15 @@ def run_watchdog_test(
         folder: of the record, see `record_path`.
 
     Raises:
-        HardwareError: the motors cannot be held, the watchdog did not act in time, or the motors were not seen off. No
-            record is written then.
+        HardwareError: the motors cannot be held, the watchdog did not act in time, or the motors
+            were not seen off. No record is written then.
     """
     if scenario.tail.mode == "none":
         raise HardwareError("tail.mode: none; a watchdog test needs the motors of a tail")
     cut, answer = _CUTS[wiring]
-    unheard = ports.model_copy(update={"radio": None})  # the page of an emulated car, its radio, is not there yet
+    unheard = ports.model_copy(
+        update={"radio": None}
+    )  # the page of an emulated car, its radio, is not there yet
     with held(wire_car(scenario, unheard, wiring, lambda: None)) as car:
         run_cycles(car, CarCommand(), _HOLDING)
         last = time.monotonic()
@@ -157,7 +181,9 @@ def run_watchdog_test(
             raise HardwareError(f"watchdog test: {car.reading.fault_text}")
         time_to_exit = _await_status(car, answer) - last
         if not confirm(QUESTION):
-            raise HardwareError(f"watchdog test of {wiring}: the motors were not seen off; nothing is recorded")
+            raise HardwareError(
+                f"watchdog test of {wiring}: the motors were not seen off; nothing is recorded"
+            )
     record = new_record(wiring, ports, cut, time_to_exit, seen_by)
     return record, write_record(record, folder)
 
@@ -165,10 +191,13 @@ def run_watchdog_test(
 def _await_status(car: WiredCar, wanted: TeensyStatus) -> float:
     """Time at which the Teensy reports that it has acted, s."""
     assert car.devices is not None
-    teensy, end = car.devices.teensy, time.monotonic() + _ACT_TIME
+    teensy = car.devices.teensy
+    end = time.monotonic() + _ACT_TIME
     while teensy.status is not wanted:
         if time.monotonic() > end:
-            raise HardwareError(f"watchdog test: the Teensy did not act within {_ACT_TIME:g} s; cut the power")
+            raise HardwareError(
+                f"watchdog test: the Teensy did not act within {_ACT_TIME:g} s; cut the power"
+            )
         if car.name == "watched_can":
             teensy.commit()
         time.sleep(_LOOK)
@@ -181,13 +210,15 @@ _WAYS = {"tail_pitch": ("forward", "back"), "tail_roll": ("to the right", "to th
 _STEP = math.radians(5.0)
 _MOST_WRONG = math.radians(2.0)
 _KP, _KD = 60.0, 5.0
-"""N m/rad and N m s/rad: five degrees ask for 5 N m at most, and the weight of a tail that lies on its side (1.2 N m on
-the emulated car) costs one degree; with the soft gains that hold it, it would cost four."""
+"""N m/rad and N m s/rad: five degrees ask for 5 N m at most, and the weight of a tail that lies on
+its side (1.2 N m on the emulated car) costs one degree; with the soft gains that hold it, it would
+cost four."""
 _MOVE, _SETTLE = 1.0, 0.5
 _LEAST_REPLIES = 20
 _MOST_SPREAD = math.radians(1.0)
 _TORQUE_ERROR, _TORQUE_SHARE = 0.5, 0.4
-"""N m and share of it by which the reported torque may differ: a motor reads its current, not its torque."""
+"""N m and share of it by which the reported torque may differ: a motor reads its current, not its
+torque."""
 _COOLER = 20.0
 """K below the limit of a drive, for a motor that has done nothing yet."""
 
@@ -198,7 +229,8 @@ class MotorTest:
 
     Attributes:
         moved: rad.
-        torque: that the motor reported at the end of the way, N m. wanted: that its gains ask for there, N m.
+        torque: that the motor reported at the end of the way, N m. wanted: that its gains ask for
+            there, N m.
         temperature: degrees Celsius; None if the motor does not report it.
     """
 
@@ -212,15 +244,18 @@ class MotorTest:
 def run_motor_test(
     car: WiredCar, joint: Joint, say: Callable[[str], None], confirm: Callable[[str], bool]
 ) -> MotorTest:
-    """Moves one joint by five degrees and back while the other is held, on a car that is not started yet.
+    """Moves one joint by five degrees and back while the other is held, on a car that is not
+    started yet.
 
     Args:
-        confirm: asks somebody beside the car, once the motors are off, whether it went the positive way of the joint
-            (design section 4: pitch forward, roll to the right). What the motor itself reports cannot tell.
+        confirm: asks somebody beside the car, once the motors are off, whether it went the positive
+            way of the joint (design section 4: pitch forward, roll to the right). What the motor
+            itself reports cannot tell.
 
     Raises:
-        HardwareError: the motors cannot be armed or have a fault, the joint moved by other than five
-            degrees, give or take two, the reported torque is not that of its gains, or it is too warm.
+        HardwareError: the motors cannot be armed or have a fault, the joint moved by other than
+            five degrees, give or take two, the reported torque is not that of its gains, or it is
+            too warm.
     """
     index = JOINTS.index(joint)
     place = TAIL_STATE.index(("pitch_angle", "roll_angle")[index])
@@ -232,17 +267,21 @@ def run_motor_test(
         say(f"{joint}: now 5 degrees {way}")
 
         def command(since: float) -> CarCommand:
-            row = np.array([begin + step * float(np.clip(since / _MOVE, 0.0, 1.0)), 0.0, _KP, _KD, 0.0])
+            row = np.array(
+                [begin + step * float(np.clip(since / _MOVE, 0.0, 1.0)), 0.0, _KP, _KD, 0.0]
+            )
             return CarCommand(tail_pitch=row) if index == 0 else CarCommand(tail_roll=row)
 
         run_cycles(car, command, _MOVE + _SETTLE)
-        reported, wanted = [], []
+        reported = []
+        wanted = []
         for _ in range(_LEAST_REPLIES):
             run_cycles(car, command(_MOVE))
             angle, rate = car.reading.tail_state[[place, place + 3]]
             reported.append(float(car.reading.tail_torque[index]))
             wanted.append(float(_KP * (begin + step - angle) - _KD * rate))
-        fault, moved = car.reading.fault_text, float(car.reading.tail_state[place] - begin)
+        fault = car.reading.fault_text
+        moved = float(car.reading.tail_state[place] - begin)
         temperature = car.motors[index].temperature
         run_cycles(car, lambda since: command(_MOVE - since), _MOVE + _SETTLE)
     test = MotorTest(joint, moved, float(np.mean(reported)), float(np.mean(wanted)), temperature)
@@ -256,10 +295,12 @@ def run_motor_test(
 
 
 def read_motor_angles(ports: CarPorts, wiring: WiringName) -> dict[Joint, float]:
-    """Angles of the motors (rad, of the motor itself) while somebody holds the tail: no gains, no torque.
+    """Angles of the motors (rad, of the motor itself) while somebody holds the tail: no gains, no
+    torque.
 
     Raises:
-        HardwareError: a port that cannot be opened, a motor that does not answer, or one that is moved meanwhile.
+        HardwareError: a port that cannot be opened, a motor that does not answer, or one that is
+            moved meanwhile.
     """
     can = None if wiring == "teensy_bridge" else ports.adapter(wiring)
     device = ports.teensy.path if can is None else can_address(can)
@@ -273,7 +314,8 @@ def read_motor_angles(ports: CarPorts, wiring: WiringName) -> dict[Joint, float]
 
 
 def write_zeros(path: Path, angles: dict[Joint, float]) -> None:
-    """Writes the present angles of the motors into a ports file as their zeros; the tail must stand upright.
+    """Writes the present angles of the motors into a ports file as their zeros; the tail must stand
+    upright.
 
     Raises:
         HardwareError: the file cannot be read or written.
@@ -293,19 +335,26 @@ def joint_angles(ports: CarPorts, angles: dict[Joint, float]) -> dict[Joint, flo
     mounting = load_mounting()
     signs = {"tail_pitch": mounting.tail_pitch_direction, "tail_roll": mounting.tail_roll_direction}
     parts = {"tail_pitch": ports.tail_pitch, "tail_roll": ports.tail_roll}
-    return {j: (parts[j].direction or signs[j]) * (angle - parts[j].zero) for j, angle in angles.items()}
+    return {
+        j: (parts[j].direction or signs[j]) * (angle - parts[j].zero) for j, angle in angles.items()
+    }
 
 
 def _refuse_wrong(test: MotorTest, step: float, fault: str, warmest: float) -> None:
-    name, degrees = f"motor test of {test.joint}", math.degrees(test.moved)
+    name = f"motor test of {test.joint}"
+    degrees = math.degrees(test.moved)
     if fault:
         raise HardwareError(f"{name}: {fault}")
     if abs(test.moved - step) > _MOST_WRONG:
-        asked, most = math.degrees(step), math.degrees(_MOST_WRONG)
-        raise HardwareError(f"{name}: moved by {degrees:+.1f} degrees; allowed is {asked:+g}, give or take {most:g}")
+        asked = math.degrees(step)
+        most = math.degrees(_MOST_WRONG)
+        raise HardwareError(
+            f"{name}: moved by {degrees:+.1f} degrees; allowed is {asked:+g}, give or take {most:g}"
+        )
     if abs(test.torque - test.wanted) > _TORQUE_ERROR + _TORQUE_SHARE * abs(test.wanted):
         raise HardwareError(
-            f"{name}: reports {test.torque:+.2f} N m where its gains ask for {test.wanted:+.2f}; is the profile right?"
+            f"{name}: reports {test.torque:+.2f} N m where its gains ask for {test.wanted:+.2f}; "
+            "is the profile right?"
         )
     if test.temperature is not None and test.temperature > warmest - _COOLER:
         raise HardwareError(f"{name}: {test.temperature:g} degC; allowed is {warmest - _COOLER:g}")
@@ -339,8 +388,12 @@ def _angles(ports: CarPorts, port: FramePort, commit: Callable[[], None]) -> dic
 
 def _steady(joint: Joint, values: list[float]) -> float:
     if len(values) < _LEAST_REPLIES:
-        raise HardwareError(f"{joint}: {len(values)} replies; is the motor powered, is its id right?")
+        raise HardwareError(
+            f"{joint}: {len(values)} replies; is the motor powered, is its id right?"
+        )
     if max(values) - min(values) > _MOST_SPREAD:
         spread = math.degrees(max(values) - min(values))
-        raise HardwareError(f"{joint}: moved by {spread:.1f} degrees meanwhile; hold the tail still")
+        raise HardwareError(
+            f"{joint}: moved by {spread:.1f} degrees meanwhile; hold the tail still"
+        )
     return float(np.median(values))

@@ -1,4 +1,6 @@
-"""The loop of a drive and its pilots: a sequence with its tail law, or the operator by radio. It works without Drake.
+"""The loop of a drive and its pilots: a sequence with its tail law, or the operator by radio.
+
+It works without Drake.
 
 `aerodima.hardware.driving.drive_diagram.DiagramPilot` is the sequence as a diagram.
 """
@@ -28,7 +30,8 @@ from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSetti
 PERIOD = 0.01
 """s; of every loop that talks to the car."""
 WRITE_DELAY = 0.001
-"""s after a tick, at which its commands leave: the same instant in the plain loop and in the diagram."""
+"""s after a tick, at which its commands leave: the same instant in the plain loop and in the
+diagram."""
 Clock = Callable[[], float]
 Wait = Callable[[float], None]
 
@@ -36,8 +39,8 @@ Wait = Callable[[float], None]
 def wait_until(due: float) -> None:
     """Sleeps until `time.monotonic()` is `due`; returns at once when it is later.
 
-    A thread that wakes up must wait for the interpreter until a thread that computes lets go of it, `SWITCH_INTERVAL`
-    at most: it wakes up that much earlier and looks at the clock for the rest.
+    A thread that wakes up must wait for the interpreter until a thread that computes lets go of it,
+    `SWITCH_INTERVAL` at most: it wakes up that much earlier and looks at the clock for the rest.
     """
     time.sleep(max(0.0, due - time.monotonic() - SWITCH_INTERVAL))
     while time.monotonic() < due:
@@ -52,25 +55,40 @@ class Row:
     """
 
     def __init__(self, scenario: Scenario, columns: list[str]) -> None:
-        self._settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)
+        self._settings = RollFilterSettings(
+            rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81
+        )
         self._estimate = RollEstimate()
         self._unwrap = RowUnwrapper(columns)
         self._unknown = np.full(len(columns) - len(drive_columns()), math.nan)
 
-    def make(self, tick: float, step: PilotStep, reading: CarReading, links: np.ndarray) -> np.ndarray:
-        """The row (columns,) of a tick (s); what a diagram logs of its own is NaN while another pilot drives."""
+    def make(
+        self, tick: float, step: PilotStep, reading: CarReading, links: np.ndarray
+    ) -> np.ndarray:
+        """The row (columns,) of a tick (s); what a diagram logs of its own is NaN while another
+        pilot drives.
+        """
         command = step.command
-        values: dict[str, np.ndarray | float] = {name: getattr(reading, name) for name in STATION_OUTPUTS}
+        values: dict[str, np.ndarray | float] = {
+            name: getattr(reading, name) for name in STATION_OUTPUTS
+        }
         values |= {"steering_angle": command.steering_angle, "throttle": command.throttle}
         values |= {"tail_pitch_command": command.tail_pitch, "tail_roll_command": command.tail_roll}
         values |= {"planned_turn": step.planned_turn, "state": step.state}
-        values |= {"roll_estimate": self._estimate.roll, "roll_rate_estimate": self._estimate.roll_rate}
+        values |= {
+            "roll_estimate": self._estimate.roll,
+            "roll_rate_estimate": self._estimate.roll_rate,
+        }
         own = self._unknown if step.own is None else step.own
-        return self._unwrap.apply(np.hstack([tick, *(values[port] for port in CAR_PORTS), links, own]))
+        return self._unwrap.apply(
+            np.hstack([tick, *(values[port] for port in CAR_PORTS), links, own])
+        )
 
     def estimate(self, reading: CarReading) -> None:
         """One tick of the roll estimator."""
-        self._estimate = estimate_roll(self._estimate, reading.imu, float(reading.speed[0]), self._settings)
+        self._estimate = estimate_roll(
+            self._estimate, reading.imu, float(reading.speed[0]), self._settings
+        )
 
 
 def run_loop(
@@ -82,7 +100,8 @@ def run_loop(
     clock: Clock = time.monotonic,
     wait: Wait = wait_until,
 ) -> float:
-    """Drives for `length` s, or until the car has stopped; a guard that is armed drives from the first tick on.
+    """Drives for `length` s, or until the car has stopped; a guard that is armed drives from the
+    first tick on.
 
     Args:
         clock, wait: of the real loop; tests replace them.
@@ -91,15 +110,20 @@ def run_loop(
         When the guard began to stop, s after the start; NaN if it did not.
     """
     row = Row(scenario, journal.columns)
-    step, reading = pilot.start(), guard.reading
-    start, stopped, spent = clock(), math.nan, 0.0
+    step = pilot.start()
+    reading = guard.reading
+    start = clock()
+    stopped = math.nan
+    spent = 0.0
     for tick in range(round(length / PERIOD) + 1):
         time_now = tick * PERIOD
         wait(start + time_now)
         journal.append(row.make(time_now, step, reading, np.append(guard.link_times(start), spent)))
         if journal.error:
             guard.stop(journal.error, clock())
-        if time_now + 0.5 * PERIOD > length:  # the row of the end; its tick belongs to what comes after
+        if (
+            time_now + 0.5 * PERIOD > length
+        ):  # the row of the end; its tick belongs to what comes after
             break
         reading = guard.read(clock(), start + time_now)
         begin = clock()
@@ -123,7 +147,9 @@ def idle_until(
     clock: Clock = time.monotonic,
     wait: Wait = wait_until,
 ) -> bool:
-    """Runs the loop without commands until `condition`, the end of the car, or `timeout` s; the condition's answer."""
+    """Runs the loop without commands until `condition`, the end of the car, or `timeout` s; the
+    condition's answer.
+    """
     start = clock()
     for tick in range(max(1, math.ceil(timeout / PERIOD)) + 1):
         wait(start + tick * PERIOD)
@@ -136,7 +162,8 @@ def idle_until(
 
 
 class PilotStep(NamedTuple):
-    """One tick of a pilot: the command, the announced turn (+1 left, -1 right, 0 none), the number of the state.
+    """One tick of a pilot: the command, the announced turn (+1 left, -1 right, 0 none), the number
+    of the state.
 
     own: what a diagram exports or logs beside, shape (columns,).
     """
@@ -167,20 +194,35 @@ class LawPilot(Pilot):
         self._memory = self._law.start()
 
     def _step(
-        self, time: float, reading: CarReading, seen: tuple[float, float], drive: tuple[float, float], plan: float
+        self,
+        time: float,
+        reading: CarReading,
+        seen: tuple[float, float],
+        drive: tuple[float, float],
+        plan: float,
     ) -> PilotStep:
-        """A tick of the law, which has `seen` a planned turn and a steering angle (rad); drive: steering, throttle."""
+        """A tick of the law, which has `seen` a planned turn and a steering angle (rad); drive:
+        steering, throttle.
+        """
         observation = observe(
-            time, reading.tail_state, reading.imu, reading.status, seen[0], reading.speed, steering_angle=seen[1]
+            time,
+            reading.tail_state,
+            reading.imu,
+            reading.status,
+            seen[0],
+            reading.speed,
+            steering_angle=seen[1],
         )
         self._memory, pitch, roll, state = self._law.step(self._memory, observation)
         return PilotStep(CarCommand(*drive, pitch, roll), plan, state)
 
 
 class AutoPilot(LawPilot):
-    """The schedule of a scenario and its tail law, tick for tick as `TurnDriver` and `TailController` run them.
+    """The schedule of a scenario and its tail law, tick for tick as `TurnDriver` and
+    `TailController` run them.
 
-    The law sees the turn that was announced one tick before, as the discrete systems of the diagram do.
+    The law sees the turn that was announced one tick before, as the discrete systems of the diagram
+    do.
     """
 
     def __init__(self, scenario: Scenario, law: TailLaw | None = None) -> None:
@@ -195,14 +237,17 @@ class AutoPilot(LawPilot):
 
     def step(self, time: float, reading: CarReading) -> PilotStep:
         """See `Pilot`."""
-        before, self._driver = self._driver, self._schedule.at(time)
+        before = self._driver
+        self._driver = self._schedule.at(time)
         drive = self._driver.steering_angle, self._driver.throttle
         seen = before.planned_turn, before.steering_angle
         return self._step(time, reading, seen, drive, self._driver.planned_turn)
 
 
 class ControlPilot(LawPilot):
-    """The operator's steering and throttle, and the tail by its law: the turn that is steered counts as announced."""
+    """The operator's steering and throttle, and the tail by its law: the turn that is steered
+    counts as announced.
+    """
 
     def __init__(self, scenario: Scenario, law: TailLaw | None = None) -> None:
         super().__init__(scenario, law)
@@ -211,17 +256,19 @@ class ControlPilot(LawPilot):
 
     def step(self, time: float, reading: CarReading) -> PilotStep:
         """See `Pilot`."""
-        asked, before = reading.operator, self._steering
+        asked = reading.operator
+        before = self._steering
         plan = float(np.sign(before))
         self._steering = min(self._steer, max(-self._steer, asked.steering))
         return self._step(time, reading, (plan, before), (self._steering, asked.throttle), plan)
 
 
 class ManualPilot(Pilot):
-    """The operator's sticks: steering, throttle, and two tail angles that are held with the gains of the scenario.
+    """The operator's sticks: steering, throttle, and two tail angles that are held with the gains
+    of the scenario.
 
-    The tail follows its stick from where it is, with `ramp_speed` of the motors' safety at most: a stick that jumps
-    does not swing it.
+    The tail follows its stick from where it is, with `ramp_speed` of the motors' safety at most: a
+    stick that jumps does not swing it.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -233,9 +280,12 @@ class ManualPilot(Pilot):
     def step(self, time: float, reading: CarReading) -> PilotStep:
         """See `Pilot`."""
         del time
-        asked, (kp, kd) = reading.operator, self._gains
+        asked = reading.operator
+        (kp, kd) = self._gains
         tail = np.array(reading.tail_state[:2] if self._tail is None else self._tail)
-        tail += np.clip(np.array([asked.pitch_tail, asked.roll_tail]) - tail, -self._most, self._most)
+        tail += np.clip(
+            np.array([asked.pitch_tail, asked.roll_tail]) - tail, -self._most, self._most
+        )
         self._tail = tail
         command = CarCommand(
             min(self._steer, max(-self._steer, asked.steering)),

@@ -1,4 +1,6 @@
-"""The log of a real-time run: the rows go to a thread, so that a slow or full disk never holds up the loop."""
+"""The log of a real-time run: the rows go to a thread, so that a slow or full disk never holds up
+the loop.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +25,9 @@ from aerodima.workbench.logs.journal import JournalWriter, read_journal
 from aerodima.workbench.logs.schema import run_metadata, write_table
 
 LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s", "controller_time_s")
-"""Columns of a drive alone: lateness of the cycle, times at which IMU and Teensy sampled the values of the row, on the
-clock of the run, and how long the controller computed. The Teensy's clock is aligned by
-`aerodima.hardware.devices.teensy_link`."""
+"""Columns of a drive alone: lateness of the cycle, times at which IMU and Teensy sampled the values
+of the row, on the clock of the run, and how long the controller computed. The Teensy's clock is
+aligned by `aerodima.hardware.devices.teensy_link`."""
 _MOST_WAITING = 3000
 _FLUSH = 0.08
 """s; with the period of the loop, a killed drive loses less than 0.1 s."""
@@ -43,9 +45,10 @@ def drive_columns() -> list[str]:
 class RunJournal(JournalWriter):
     """A `JournalWriter` whose rows are written by a thread.
 
-    The thread keeps the scheduling of the one that opens the journal. At ordinary priority another program could
-    displace it while it holds the interpreter's lock, and the loop would wait for both. About once a second it looks
-    whether the journal is still where its name leads. Rows that the disk does not take stay in memory.
+    The thread keeps the scheduling of the one that opens the journal. At ordinary priority another
+    program could displace it while it holds the interpreter's lock, and the loop would wait for
+    both. About once a second it looks whether the journal is still where its name leads. Rows that
+    the disk does not take stay in memory.
 
     Args:
         say: receives errors of the log at once, in the thread.
@@ -70,7 +73,8 @@ class RunJournal(JournalWriter):
         self.lost = 0
         self._say = say or (lambda _: None)
         self._kept: list[np.ndarray] = []
-        self._look_due, self._gone = time.monotonic() + _LOOK, False
+        self._look_due = time.monotonic() + _LOOK
+        self._gone = False
         self._waiting: queue.Queue[np.ndarray | None] = queue.Queue(_MOST_WAITING)
         self._thread = threading.Thread(target=self._write, name="run-journal", daemon=True)
         self._thread.start()
@@ -84,16 +88,21 @@ class RunJournal(JournalWriter):
             self.error = self.error or f"{self.journal}: the disk is too slow"
 
     def close(self) -> Path:
-        """Writes what waits and ends the log; its path, another than was asked for where that takes no log any more.
+        """Writes what waits and ends the log; its path, another than was asked for where that takes
+        no log any more.
 
         Raises:
-            LogError: the disk still holds up the thread, with the journal kept, or no place takes the log.
+            LogError: the disk still holds up the thread, with the journal kept, or no place takes
+                the log.
         """
         if not self._open:
             return self.path
         self._finish()
         if self._thread.is_alive():
-            raise LogError(f"{self.error}; what was written can be rescued: aerodima log recover {self.journal}")
+            raise LogError(
+                f"{self.error}; what was written can be rescued: aerodima log recover "
+                f"{self.journal}"
+            )
         if not self.error:
             with contextlib.suppress(LogError):
                 self.flush()
@@ -106,7 +115,9 @@ class RunJournal(JournalWriter):
         super().abandon()
 
     def _finish(self) -> None:
-        with contextlib.suppress(queue.Full):  # a disk that takes nothing must not hold up the end of the program
+        with contextlib.suppress(
+            queue.Full
+        ):  # a disk that takes nothing must not hold up the end of the program
             self._waiting.put(None, timeout=_LAST_WAIT)
         self._thread.join(_LAST_WAIT)
         if self._thread.is_alive():
@@ -126,16 +137,23 @@ class RunJournal(JournalWriter):
                 failed = failed or str(error)
                 continue
             if self._gone or self.error or path != self.path:
-                self._say(f"log: {failed + '; ' * bool(failed)}the run of {table.num_rows} rows is in {path}")
+                self._say(
+                    f"log: {failed + '; ' * bool(failed)}the run of {table.num_rows} rows is in "
+                    f"{path}"
+                )
             self.path = path
             self._remove()
             with contextlib.suppress(OSError):  # of a disk that is full
                 self._release()
             return path
-        raise LogError(f"{failed}; what was written can be rescued: aerodima log recover {self.journal}")
+        raise LogError(
+            f"{failed}; what was written can be rescued: aerodima log recover {self.journal}"
+        )
 
     def _places(self) -> Iterator[Path]:
-        """Places of the log, in order: the one asked for, the nearest folder above that exists, a new folder."""
+        """Places of the log, in order: the one asked for, the nearest folder above that exists, a
+        new folder.
+        """
         yield self.path
         above = self.path.absolute().parents[1:]
         yield next(folder for folder in above if folder.is_dir()) / self.path.name
@@ -172,7 +190,10 @@ class RunJournal(JournalWriter):
         self._look_due = now + _LOOK
         if not self._gone and not self.in_place:
             self._gone = True
-            self._say(f"log: {self.journal} was removed or renamed; the drive goes on, and writes its log at its end")
+            self._say(
+                f"log: {self.journal} was removed or renamed; the drive goes on, and writes its "
+                "log at its end"
+            )
 
 
 def open_run_journal(
@@ -183,14 +204,24 @@ def open_run_journal(
     own: Sequence[str] = (),
     say: Callable[[str], None] | None = None,
 ) -> RunJournal:
-    """The journal of a drive of a scenario, with columns of a diagram's own; LogError as for `JournalWriter`."""
-    metadata = run_metadata(scenario.resolved(), scenario.seed, extra={"platform": "physical", "wiring": wiring})
+    """The journal of a drive of a scenario, with columns of a diagram's own; LogError as for
+    `JournalWriter`.
+    """
+    metadata = run_metadata(
+        scenario.resolved(), scenario.seed, extra={"platform": "physical", "wiring": wiring}
+    )
     return RunJournal(path, [*drive_columns(), *own], metadata, force, say)
 
 
-def log_facts(reason: str, stop_time: float, cycle_times: Sequence[float], overruns: int) -> dict[str, Any]:
+def log_facts(
+    reason: str, stop_time: float, cycle_times: Sequence[float], overruns: int
+) -> dict[str, Any]:
     """Facts of a finished drive for the `extra` of its log."""
-    facts: dict[str, Any] = {"stop_reason": reason, "overruns": overruns, "cycles": len(cycle_times)}
+    facts: dict[str, Any] = {
+        "stop_reason": reason,
+        "overruns": overruns,
+        "cycles": len(cycle_times),
+    }
     if math.isfinite(stop_time):
         facts["stop_time_s"] = stop_time
     return {**facts, **period_facts(cycle_times)}

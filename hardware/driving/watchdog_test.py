@@ -38,7 +38,9 @@ class WatchdogTest(StrictModel):
         ports: as `CarPorts`.
     """
 
-    schema_: Literal["aerodima/watchdog_test/2"] = Field(default="aerodima/watchdog_test/2", alias="schema")
+    schema_: Literal["aerodima/watchdog_test/2"] = Field(
+        default="aerodima/watchdog_test/2", alias="schema"
+    )
     wiring: WiringName
     cut: str
     time_to_exit: float = Field(ge=0.0)
@@ -50,16 +52,20 @@ class WatchdogTest(StrictModel):
     ports: dict[str, Any]
 
 
-def new_record(wiring: WiringName, ports: CarPorts, cut: str, time_to_exit: float, seen_off_by: str) -> WatchdogTest:
+def new_record(
+    wiring: WiringName, ports: CarPorts, cut: str, time_to_exit: float, seen_off_by: str
+) -> WatchdogTest:
     """The record of a test made now; arguments as the fields of `WatchdogTest`.
 
     Raises:
-        HardwareError: the exit frames came later than `longest_watchdog_test` of the drive's limits.
+        HardwareError: the exit frames came later than `longest_watchdog_test` of the drive's
+            limits.
     """
     longest = load_drive_safety().longest_watchdog_test
     if time_to_exit > longest:
         raise HardwareError(
-            f"watchdog test of {wiring}: exit frames {time_to_exit:.3f} s after the cut; allowed is {longest:g} s"
+            f"watchdog test of {wiring}: exit frames {time_to_exit:.3f} s after the cut; allowed "
+            f"is {longest:g} s"
         )
     return WatchdogTest.model_validate(
         {
@@ -76,10 +82,14 @@ def new_record(wiring: WiringName, ports: CarPorts, cut: str, time_to_exit: floa
     )
 
 
-def record_path(wiring: WiringName, folder: Path | None = None, ports: CarPorts | None = None) -> Path:
-    """Where the record of a wiring is; `folder` None: in the user's state folder (`XDG_STATE_HOME`).
+def record_path(
+    wiring: WiringName, folder: Path | None = None, ports: CarPorts | None = None
+) -> Path:
+    """Where the record of a wiring is; `folder` None: in the user's state folder
+    (`XDG_STATE_HOME`).
 
-    With the `ports` of an emulated car it is beside them, so that the record of the real car stays as it is.
+    With the `ports` of an emulated car it is beside them, so that the record of the real car stays
+    as it is.
     """
     if folder is None and ports is not None and is_emulated_port(ports.teensy.path):
         folder = Path(ports.teensy.path).parent.parent
@@ -103,12 +113,16 @@ def read_record(path: Path) -> WatchdogTest:
     return checked(WatchdogTest, data, str(path), HardwareError, schema=SCHEMA)
 
 
-def require_watchdog_test(wiring: WiringName, ports: CarPorts, folder: Path | None = None) -> WatchdogTest:
+def require_watchdog_test(
+    wiring: WiringName, ports: CarPorts, folder: Path | None = None
+) -> WatchdogTest:
     """The record that allows arming the motors of these ports.
 
     Raises:
-        HardwareError: there is none for the wiring, it was made on the emulator and the motors are real, or what it
-            has shown has changed since: adapter or Teensy, motor ids, firmware profile, firmware, timing.
+        HardwareError: there is none for the wiring, it was made on the emulator and the motors are
+            real, or what it
+            has shown has changed since: adapter or Teensy, motor ids, firmware profile, firmware,
+                timing.
     """
     path = record_path(wiring, folder, ports)
     again = f"make one with `aerodima drive SCENARIO --wiring {wiring} --watchdog-test`"
@@ -120,9 +134,15 @@ def require_watchdog_test(wiring: WiringName, ports: CarPorts, folder: Path | No
     reasons = (
         (record.wiring != wiring, f"is of the wiring {record.wiring}; allowed: {wiring}"),
         (record.emulated and not emulated, "was made on the emulator; the motors are real"),
-        (record.firmware != teensy_hash(), "was made with another firmware of the Teensy, or other timing"),
+        (
+            record.firmware != teensy_hash(),
+            "was made with another firmware of the Teensy, or other timing",
+        ),
         (bool(changed), f"was made with other ports: {', '.join(changed)}"),
-        (record.time_to_exit > load_drive_safety().longest_watchdog_test, f"took {record.time_to_exit:g} s: too long"),
+        (
+            record.time_to_exit > load_drive_safety().longest_watchdog_test,
+            f"took {record.time_to_exit:g} s: too long",
+        ),
     )
     for wrong, text in reasons:
         if wrong:
@@ -131,25 +151,31 @@ def require_watchdog_test(wiring: WiringName, ports: CarPorts, folder: Path | No
 
 
 def is_emulated(wiring: WiringName, ports: CarPorts) -> bool:
-    """Whether the motors hang on a port of an emulator or on a bus within this process, where no real motor can be.
+    """Whether the motors hang on a port of an emulator or on a bus within this process, where no
+    real motor can be.
 
     A socketcand of this computer counts as real: it may stand before a real adapter.
     """
     if wiring == "teensy_bridge":
         return is_emulated_port(ports.teensy.path)
     can = ports.adapter(wiring)
-    return can.interface == "virtual" or (can.interface == "slcan" and is_emulated_port(can.channel))
+    return can.interface == "virtual" or (
+        can.interface == "slcan" and is_emulated_port(can.channel)
+    )
 
 
 def teensy_hash() -> str:
-    """SHA-256 over `firmware_hash` and the timing that is exported with the firmware; 64 hexadecimal digits."""
+    """SHA-256 over `firmware_hash` and the timing that is exported with the firmware; 64
+    hexadecimal digits.
+    """
     timing = model_path("parameters/hardware/teensy_firmware.yaml")
     return hashlib.sha256(firmware_hash().encode() + b"\0" + timing.read_bytes()).hexdigest()
 
 
 def _changed_ports(wiring: WiringName, record: WatchdogTest, ports: CarPorts) -> list[str]:
     """What the test was made with and is not so now: the way to the motors, and who they are."""
-    before, now = record.ports, ports.model_dump(mode="json", by_alias=True)
+    before = record.ports
+    now = ports.model_dump(mode="json", by_alias=True)
     ways = {"teensy_bridge": ["teensy"], "watched_can": ["can", "teensy"]}[wiring]
     changed = [key for key in (*ways, "firmware_profile") if before.get(key) != now[key]]
     others = [j for j in JOINTS if (before.get(j) or {}).get("motor_id") != now[j]["motor_id"]]

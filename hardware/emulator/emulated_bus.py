@@ -1,6 +1,8 @@
-"""The CAN bus of the emulated car: the motors on it, who carries frames to them, and the slcan adapter at its end.
+"""The CAN bus of the emulated car: the motors on it, who carries frames to them, and the slcan
+adapter at its end.
 
-Every frame and every answer is in the traffic log. The adapter speaks as CANable and Lawicel adapters do.
+Every frame and every answer is in the traffic log. The adapter speaks as CANable and Lawicel
+adapters do.
 """
 
 from __future__ import annotations
@@ -32,20 +34,23 @@ from aerodima.workbench.errors import HardwareError
 
 
 class EmulatedBus:
-    """Whoever owns the bus gives it frames and gets the answers; a second node may receive all and send too.
+    """Whoever owns the bus gives it frames and gets the answers; a second node may receive all and
+    send too.
 
-    Bus-off is a state of the owner's controller: nothing goes out and nothing comes in until its channel is opened anew
-    or the fault ends.
+    Bus-off is a state of the owner's controller: nothing goes out and nothing comes in until its
+    channel is opened anew or the fault ends.
 
     Attributes:
         frames: carried so far, answers included.
-        watch: receives every frame of the owner and of the motors, when a second node is on the bus.
+        watch: receives every frame of the owner and of the motors, when a second node is on the
+            bus.
         to_owner: receives what the second node sends, and what the motors answer to it.
     """
 
     def __init__(self, motors: Sequence[EmulatedMotor], board: FaultBoard, log: TrafficLog) -> None:
         self._motors = {motor.motor_id: motor for motor in motors}
-        self._board, self._log = board, log
+        self._board = board
+        self._log = log
         self._healed = False
         self.frames = 0
         self.watch: Callable[[CanFrame], None] | None = None
@@ -100,21 +105,26 @@ class EmulatedBus:
 _ENTER, _EXIT, _ZERO = 0xFC, 0xFD, 0xFE
 _PROFILE = AK70_10_V1_0_8
 WARM, HOT = 30.0, 95.0
-"""Degrees Celsius, of a healthy motor and of one that is beyond the limit of `motor_safety.yaml`."""
+"""Degrees Celsius, of a healthy motor and of one that is beyond the limit of `motor_safety.yaml`.
+"""
 _PAST = 1000
 """Steps of the car that a motor remembers."""
 ENCODER_JUMP, DRIFT_RATE = 1.0, 3.0
-"""rad: ten times the margin of `motor_safety.yaml`; rad/s: leaves the range within a second, slower than a jump."""
+"""rad: ten times the margin of `motor_safety.yaml`; rad/s: leaves the range within a second, slower
+than a jump."""
 
 
 class EmulatedMotor:
-    """Obeys and answers like the real one, which has no watchdog: it holds its last command for ever.
+    """Obeys and answers like the real one, which has no watchdog: it holds its last command for
+    ever.
 
-    It also remembers that command when it is switched off, and jumps to it when it is entered again.
+    It also remembers that command when it is switched off, and jumps to it when it is entered
+    again.
 
     Args:
         joint, motor_id: which one.
-        zero: motor angle at joint angle 0, rad. direction: sign of the motor's angle against the joint's.
+        zero: motor angle at joint angle 0, rad. direction: sign of the motor's angle against the
+            joint's.
 
     Attributes:
         entered: whether it makes torque.
@@ -129,9 +139,12 @@ class EmulatedMotor:
         zero: float = 0.0,
         direction: int = 1,
     ) -> None:
-        self.joint, self.motor_id = joint, motor_id
-        self._board, self._events = board, events
-        self._zero, self._direction = zero, direction
+        self.joint = joint
+        self.motor_id = motor_id
+        self._board = board
+        self._events = events
+        self._zero = zero
+        self._direction = direction
         self._command = NEUTRAL
         self._angle = self._speed = self._torque = self._blocked_at = 0.0
         self._past: deque[tuple[float, float, float, float]] = deque(maxlen=_PAST)
@@ -143,9 +156,12 @@ class EmulatedMotor:
         """What it does to its joint now, in the joint's angle and signs."""
         if not self.entered:
             return NEUTRAL
-        command, sign = self._command, self._direction
+        command = self._command
+        sign = self._direction
         if self._board.entry(Fault.MOTOR_REVERSED, self.joint):
-            torque = command.kp * (command.position - self._angle) + command.kd * (command.velocity - self._speed)
+            torque = command.kp * (command.position - self._angle) + command.kd * (
+                command.velocity - self._speed
+            )
             return MitCommand(0.0, 0.0, 0.0, 0.0, -sign * (torque + command.torque))
         return MitCommand(
             sign * (command.position - self._zero),
@@ -158,8 +174,11 @@ class EmulatedMotor:
     def set_joint(self, angle: float, speed: float, torque: float) -> None:
         """State of the joint: rad, rad/s, N m."""
         self._angle = self._zero + self._direction * angle
-        self._speed, self._torque = self._direction * speed, self._direction * torque
-        if self._board.entry(Fault.MOTOR_REVERSED, self.joint):  # it measures its own current, the wrong way round
+        self._speed = self._direction * speed
+        self._torque = self._direction * torque
+        if self._board.entry(
+            Fault.MOTOR_REVERSED, self.joint
+        ):  # it measures its own current, the wrong way round
             self._torque = -self._torque
         self._past.append((time.monotonic(), self._angle, self._speed, self._torque))
 
@@ -174,7 +193,9 @@ class EmulatedMotor:
                 return []  # a real one has no way to complain
         for fault in (Fault.MOTOR_FAULT, Fault.MOTOR_OFF):
             if self._board.entry(fault, self.joint) and self.entered:
-                self._set_entered(False, "its own fault" if fault is Fault.MOTOR_FAULT else "by itself")
+                self._set_entered(
+                    False, "its own fault" if fault is Fault.MOTOR_FAULT else "by itself"
+                )
         return self._answers()
 
     def _obey_special(self, last: int) -> None:
@@ -194,10 +215,13 @@ class EmulatedMotor:
 
     def _state(self) -> tuple[float, float, float]:
         """What a reply tells: angle, speed, torque."""
-        reported, board = (self._angle, self._speed, self._torque), self._board
+        reported = (self._angle, self._speed, self._torque)
+        board = self._board
         if stale := board.entry(Fault.REPLY_STALE, self.joint):
             taken = time.monotonic() - stale.delay
-            reported = next(((a, v, t) for when, a, v, t in reversed(self._past) if when <= taken), reported)
+            reported = next(
+                ((a, v, t) for when, a, v, t in reversed(self._past) if when <= taken), reported
+            )
         if board.entry(Fault.FEEDBACK_REVERSED, self.joint):
             reported = (2.0 * self._zero - reported[0], -reported[1], reported[2])
         if not board.entry(Fault.FROZEN, self.joint):
@@ -207,8 +231,12 @@ class EmulatedMotor:
     def _reply(self) -> CanFrame:
         board = self._board
         angle, speed, torque = self._state()
-        if board.entry(Fault.BLOCKED, self.joint):  # all of the torque works against what holds it where it was
-            angle, speed, held = self._blocked_at, 0.0, self._command if self.entered else NEUTRAL
+        if board.entry(
+            Fault.BLOCKED, self.joint
+        ):  # all of the torque works against what holds it where it was
+            angle = self._blocked_at
+            speed = 0.0
+            held = self._command if self.entered else NEUTRAL
             torque = held.kp * (held.position - angle) + held.kd * held.velocity + held.torque
         else:
             self._blocked_at = angle
@@ -228,7 +256,9 @@ class EmulatedMotor:
         return make_reply(reply, _PROFILE)
 
     def _answers(self) -> list[CanFrame]:
-        frame, board, joint = self._reply(), self._board, self.joint
+        frame = self._reply()
+        board = self._board
+        joint = self.joint
         if board.meets(Fault.REPLY_LOST, joint):
             return []
         if board.meets(Fault.V3_FRAME, joint):
@@ -239,10 +269,15 @@ class EmulatedMotor:
             return [CanFrame(frame.arbitration_id, bytes(byte ^ 0x5A for byte in frame.data))]
         if board.meets(Fault.REPLY_SHORT, joint):
             return [CanFrame(frame.arbitration_id, frame.data[:5])]
-        if board.meets(Fault.REPLY_LONG, joint):  # classic CAN has no more than 8 bytes: longer than 6, and not 8
+        if board.meets(
+            Fault.REPLY_LONG, joint
+        ):  # classic CAN has no more than 8 bytes: longer than 6, and not 8
             return [CanFrame(frame.arbitration_id, (frame.data + b"\0")[:7])]
         if board.meets(Fault.DOUBLE_ID, joint):
-            return [frame, CanFrame(frame.arbitration_id, frame.data[:1] + b"\x90" + frame.data[2:])]
+            return [
+                frame,
+                CanFrame(frame.arbitration_id, frame.data[:1] + b"\x90" + frame.data[2:]),
+            ]
         return [frame]
 
 
@@ -258,7 +293,8 @@ class SlcanAdapter:
     """
 
     def __init__(self, bus: EmulatedBus, board: FaultBoard) -> None:
-        self._bus, self._board = bus, board
+        self._bus = bus
+        self._board = board
         self._line = b""
         self._open = False
         self._heard = b""
@@ -270,7 +306,8 @@ class SlcanAdapter:
 
     def take(self) -> bytes:
         """What other nodes have sent since the last call, for the computer."""
-        heard, self._heard = self._heard, b""
+        heard = self._heard
+        self._heard = b""
         return self._board.through("can", heard)
 
     def feed(self, data: bytes) -> bytes:
@@ -306,7 +343,8 @@ def read_frame(line: bytes) -> CanFrame | None:
     """The frame of a `t` or `T` line without its end; None if it is none."""
     digits = 3 if line[:1] == b"t" else 8
     try:
-        identifier, length = int(line[1 : 1 + digits], 16), int(line[1 + digits : 2 + digits], 16)
+        identifier = int(line[1 : 1 + digits], 16)
+        length = int(line[1 + digits : 2 + digits], 16)
         data = bytes.fromhex(line[2 + digits :].decode("ascii"))
         return CanFrame(identifier, data, extended=digits == 8) if len(data) == length else None
     except (ValueError, FrameError):
@@ -354,7 +392,9 @@ class PtyPort:
             temporary.symlink_to(os.ttyname(self._slave))
             os.replace(temporary, self.link)
         except OSError as error:
-            raise HardwareError(f"{self.link}: no pseudo-terminal can be made: {error.strerror}") from None
+            raise HardwareError(
+                f"{self.link}: no pseudo-terminal can be made: {error.strerror}"
+            ) from None
         self.plugged = True
 
     def unplug(self) -> None:

@@ -1,4 +1,5 @@
-"""Teensy, IMU, GPS and the operator's radio of the emulated car: bytes in and out, silent or noisy as the script says.
+"""Teensy, IMU, GPS and the operator's radio of the emulated car: bytes in and out, silent or noisy
+as the script says.
 
 The Teensy is the firmware's own core between a serial port, the bus, the pins and the encoder.
 """
@@ -32,7 +33,8 @@ OPERATOR_RATE = 20.0
 class EmulatedTeensy:
     """The core with what hangs on it.
 
-    A hung Teensy does nothing, its outputs stay as they are; the processor's own watchdog restarts it after a while.
+    A hung Teensy does nothing, its outputs stay as they are; the processor's own watchdog restarts
+    it after a while.
 
     Args:
         watches: it is the second node on the bus, beside the computer's adapter.
@@ -50,7 +52,10 @@ class EmulatedTeensy:
         self._watches = watches
         if watches:
             bus.watch = self._hear
-        self._settings, self._bus, self._board, self._events = settings, bus, board, events
+        self._settings = settings
+        self._bus = bus
+        self._board = board
+        self._events = events
         self._core = TeensyCore(settings, now)
         self._hung_since: float | None = None
         self._powered = True
@@ -102,7 +107,8 @@ class EmulatedTeensy:
     def _runs(self, now: float) -> bool:
         powered = self._board.entry(Fault.TEENSY_UNPOWERED) is None
         if powered is not self._powered:
-            self._powered, self._core = powered, TeensyCore(self._settings, now)
+            self._powered = powered
+            self._core = TeensyCore(self._settings, now)
             self._note()  # servo and ESC get no pulses without power: neutral
         if not powered:
             return False
@@ -134,7 +140,8 @@ _STOP_FRAMES = 3
 _ON_ITS_SIDE, _TOO_FAST = 1.57, 9.0
 """Roll (rad) and speed (m/s) that the faults `tipped_over` and `over_speed` report."""
 OPERATOR, CAR = 0x0013_A200_4000_0001, 0x0013_A200_4000_0002
-"""64-bit serial numbers of the emulated modules of operator and car; the first half is the maker's."""
+"""64-bit serial numbers of the emulated modules of operator and car; the first half is the maker's.
+"""
 _FOREIGN = CAR + 1
 """From whom the reports come while the fault `foreign_module` is on."""
 
@@ -143,8 +150,10 @@ class EmulatedImu:
     """A BNO055 on its UART."""
 
     def __init__(self, mounting: Mounting, board: FaultBoard) -> None:
-        self._mounting, self._chip = mounting, Bno055Chip()
-        self._board, self._sampled = board, False
+        self._mounting = mounting
+        self._chip = Bno055Chip()
+        self._board = board
+        self._sampled = False
 
     def set_reading(self, reading: np.ndarray) -> None:
         """(9,) as `aerodima.workbench.config.signal_table.IMU`."""
@@ -164,8 +173,10 @@ class EmulatedGps:
     """A u-blox receiver that sends NAV-PVT at its own rate."""
 
     def __init__(self, rate: float, board: FaultBoard) -> None:
-        self._period, self._next = 1.0 / rate, 0.0
-        self._board, self._speed = board, 0.0
+        self._period = 1.0 / rate
+        self._next = 0.0
+        self._board = board
+        self._speed = 0.0
 
     def turn(self, speed: float, now: float) -> bytes:
         """Bytes that are due; speed in m/s."""
@@ -181,7 +192,8 @@ class EmulatedGps:
 
 
 class EmulatedOperator:
-    """The operator's module as the car's own hands it over: commands and a living heartbeat, API mode 1.
+    """The operator's module as the car's own hands it over: commands and a living heartbeat, API
+    mode 1.
 
     Attributes:
         asked: the car asks for a choice, or did so last.
@@ -227,11 +239,14 @@ class EmulatedOperator:
 
 
 class EmulatedAir:
-    """Two XBee modules and the air between them: what one computer hands to its module, the other module hands out."""
+    """Two XBee modules and the air between them: what one computer hands to its module, the other
+    module hands out.
+    """
 
     def __init__(self, board: FaultBoard) -> None:
         self._board = board
-        self._of_operator, self._of_car = ApiStream(), ApiStream()
+        self._of_operator = ApiStream()
+        self._of_car = ApiStream()
 
     def to_car(self, data: bytes) -> bytes:
         """From the console's serial port to the car's."""
@@ -243,7 +258,12 @@ class EmulatedAir:
         return self._carry(self._of_car, data, sender, OPERATOR)
 
     def _carry(self, stream: ApiStream, data: bytes, sender: int, receiver: int) -> bytes:
-        packets = [packet for packet in stream.feed_transmits(data) if packet.receiver in (receiver, BROADCAST)]
+        packets = [
+            packet
+            for packet in stream.feed_transmits(data)
+            if packet.receiver in (receiver, BROADCAST)
+        ]
         return self._board.through(
-            "radio", b"".join(make_received(ReceivedPacket(sender, packet.data)) for packet in packets)
+            "radio",
+            b"".join(make_received(ReceivedPacket(sender, packet.data)) for packet in packets),
         )

@@ -1,4 +1,6 @@
-"""The simulated car of the emulator: commands in, joints and sensors out, a log of the truth in our schema."""
+"""The simulated car of the emulator: commands in, joints and sensors out, a log of the truth in our
+schema.
+"""
 
 from __future__ import annotations
 
@@ -24,18 +26,26 @@ from aerodima.workbench.stations.car_station import make_car_station, simulated_
 
 _PICTURE = 1.0 / 30.0
 """Between two moves of the view's camera, s."""
-_INPUTS = ("steering_angle", "throttle", "planned_turn", "tail_pitch_command", "tail_roll_command", "state")
+_INPUTS = (
+    "steering_angle",
+    "throttle",
+    "planned_turn",
+    "tail_pitch_command",
+    "tail_roll_command",
+    "state",
+)
 
 
 class EmulatedCar:
-    """The station of a scenario with constant inputs that are set from outside, advanced step by step.
+    """The station of a scenario with constant inputs that are set from outside, advanced step by
+    step.
 
-    The IMU of the car inside samples at every step: the chip of the emulated car, read at any time, then shows what was
-    `imu.delay` before, as the simulated station does at the ticks of its controller. A real chip renews its data at
-    `imu.rate` by its own clock, up to a period later.
+    The IMU of the car inside samples at every step: the chip of the emulated car, read at any time,
+    then shows what was `imu.delay` before, as the simulated station does at the ticks of its
+    controller. A real chip renews its data at `imu.rate` by its own clock, up to a period later.
 
-    The columns of commands hold what reached the actuators: `planned_turn` and `controller_state` are known to the
-    drive process only and stay 0.
+    The columns of commands hold what reached the actuators: `planned_turn` and `controller_state`
+    are known to the drive process only and stay 0.
 
     Args:
         log: Parquet file of the truth; its journal beside it grows while the emulator runs.
@@ -48,7 +58,12 @@ class EmulatedCar:
     """
 
     def __init__(
-        self, scenario: Scenario, log: Path, log_rate: float, facts: dict[str, Any], meshcat: Meshcat | None = None
+        self,
+        scenario: Scenario,
+        log: Path,
+        log_rate: float,
+        facts: dict[str, Any],
+        meshcat: Meshcat | None = None,
     ) -> None:
         builder = DiagramBuilder()
         station = make_car_station(_with_eager_imu(scenario), meshcat=meshcat)
@@ -60,14 +75,20 @@ class EmulatedCar:
             self._sources[name] = builder.AddNamedSystem(name, ConstantVectorSource(np.zeros(size)))
             if name in STATION_INPUTS:
                 builder.Connect(self._sources[name].get_output_port(), station.GetInputPort(name))
-        settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)
+        settings = RollFilterSettings(
+            rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81
+        )
         estimator = RollEstimator.add_to_builder(builder, settings, station=station)
         sources = {name: source.get_output_port() for name, source in self._sources.items()}
         signals = signals_of(CAR_PORTS, output_ports(station, estimator) | sources)
         signals += truth_signals(station)
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=facts)
-        self._journal = RunJournal(log, recorded_columns(signals), metadata)  # a disk that is asked to sync may wait
-        RunRecorder.add_to_builder(builder, self._journal, signals, log_rate, scenario.simulation.step)
+        self._journal = RunJournal(
+            log, recorded_columns(signals), metadata
+        )  # a disk that is asked to sync may wait
+        RunRecorder.add_to_builder(
+            builder, self._journal, signals, log_rate, scenario.simulation.step
+        )
         self._simulator = Simulator(builder.Build())
         self._context: Any = self._simulator.get_mutable_context()
         self._simulator.Initialize()
@@ -97,7 +118,9 @@ class EmulatedCar:
             return
         self._values[name] = values
         source = self._sources[name]
-        source.get_mutable_source_value(source.GetMyMutableContextFromRoot(self._context)).SetFromVector(values)
+        source.get_mutable_source_value(
+            source.GetMyMutableContextFromRoot(self._context)
+        ).SetFromVector(values)
 
     def advance(self, time: float) -> None:
         """Simulates up to `time`, s."""
@@ -120,7 +143,11 @@ class EmulatedCar:
 
 
 def _with_eager_imu(scenario: Scenario) -> Scenario:
-    """A sample is seen after the step that follows it, so a step of the delay is in the stepping."""
+    """A sample is seen after the step that follows it, so a step of the delay is in the
+    stepping.
+    """
     step = scenario.simulation.step
-    imu = scenario.imu.model_copy(update={"rate": 1.0 / step, "delay": max(0.0, scenario.imu.delay - step)})
+    imu = scenario.imu.model_copy(
+        update={"rate": 1.0 / step, "delay": max(0.0, scenario.imu.delay - step)}
+    )
     return scenario.model_copy(update={"imu": imu})

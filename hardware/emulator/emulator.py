@@ -1,7 +1,8 @@
-"""The emulator's loop: one thread that answers the ports and advances the simulated car in real time.
+"""The emulator's loop: one thread that answers the ports and advances the simulated car in real
+time.
 
-Devices answer as soon as bytes come; the car advances in the scenario's step. When the computer is late the car catches
-up and the largest delay is reported.
+Devices answer as soon as bytes come; the car advances in the scenario's step. When the computer is
+late the car catches up and the largest delay is reported.
 """
 
 from __future__ import annotations
@@ -35,7 +36,12 @@ from aerodima.hardware.car.car_ports import (
 from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import WiringName
-from aerodima.hardware.emulator.emulated_bus import EmulatedBus, EmulatedMotor, PtyPort, SlcanAdapter
+from aerodima.hardware.emulator.emulated_bus import (
+    EmulatedBus,
+    EmulatedMotor,
+    PtyPort,
+    SlcanAdapter,
+)
 from aerodima.hardware.emulator.emulated_devices import (
     CAR,
     EmulatedAir,
@@ -79,7 +85,8 @@ class EmulatorSettings:
         folder: new or empty; ports, logs and files of the emulator.
         script: of faults and of the operator.
         duration: s after which it ends by itself; None for ever.
-        console: the operator's module has a port for `aerodima console`, and the script's operator is silent.
+        console: the operator's module has a port for `aerodima console`, and the script's operator
+            is silent.
         view: show the car in Meshcat; the address is in ready.json.
         parent: id of the process that started it, with which it ends; None: it ends alone.
     """
@@ -98,12 +105,13 @@ class Emulator:
     """Everything behind the ports, until `stop`.
 
     Raises:
-        HardwareError: no compiler for the firmware, a folder that holds something or cannot be used, no
-            pseudo-terminals.
+        HardwareError: no compiler for the firmware, a folder that holds something or cannot be
+            used, no pseudo-terminals.
     """
 
     def __init__(self, settings: EmulatorSettings) -> None:
-        self._settings, self._folder = settings, settings.folder
+        self._settings = settings
+        self._folder = settings.folder
         self._mounting = load_mounting()
         _claim(self._folder)
         self._events = EventLog(self._folder / EVENTS_FILE)
@@ -112,22 +120,31 @@ class Emulator:
         self._end = False
         self.latest = self._lag = 0.0
         self._make_devices()
-        truth, facts = self._folder / TRUTH_FILE, {"emulated": settings.wiring}
+        truth = self._folder / TRUTH_FILE
+        facts = {"emulated": settings.wiring}
         self._view: Meshcat | None = open_meshcat() if settings.view else None
         self._car = EmulatedCar(settings.scenario, truth, _TRUTH_RATE, facts, self._view)
         self._sample_due = 0.0
-        self._tipped, self._tipping_angle = False, load_drive_safety().attitude_limit
+        self._tipped = False
+        self._tipping_angle = load_drive_safety().attitude_limit
         self._begin = time.monotonic()
 
     def _make_devices(self) -> None:
-        settings, board = self._settings, self._board
+        settings = self._settings
+        board = self._board
         plugs = self._folder / PORTS_FOLDER
         names: list[Device] = [*SERIAL_DEVICES]
         self._car_ports = _serial_ports(plugs)
         if settings.wiring == "watched_can":
             names.append("can")
-            options = {"sleep_after_open": 0.0}  # a pseudo-terminal does not restart when it is opened
-            self._car_ports["can"] = {"interface": "slcan", "channel": str(plugs / "can"), "options": options}
+            options = {
+                "sleep_after_open": 0.0
+            }  # a pseudo-terminal does not restart when it is opened
+            self._car_ports["can"] = {
+                "interface": "slcan",
+                "channel": str(plugs / "can"),
+                "options": options,
+            }
         if settings.console:
             names.append("console")
             self._car_ports["console"] = {"path": str(plugs / "console"), "receiver": CAR}
@@ -163,12 +180,15 @@ class Emulator:
         self._end = True
 
     def run(self, ready: Callable[[], None] | None = None) -> dict[str, Any]:
-        """Serves until `stop` or the duration; what came out, also in the last event. ready: called when it begins."""
+        """Serves until `stop` or the duration; what came out, also in the last event. ready: called
+        when it begins.
+        """
         step = self._settings.scenario.simulation.step
         self._advance(step)  # the first step takes twenty times as long as the others
         scheduling = prefer_realtime(EMULATOR_PRIORITY)
         self._events.add("scheduling", applies=scheduling)
-        prefer_latency()  # a collection that looks through all of Drake's objects would stop the car for 30 ms
+        # a collection that looks through all of Drake's objects would stop the car for 30 ms
+        prefer_latency()
         self._begin = time.monotonic() - step
         self._board.begin("start", self._begin)
         self._write_ready()
@@ -186,7 +206,9 @@ class Emulator:
         return self._close()
 
     def _note_delay(self, delay: float) -> None:
-        """Every time that the car falls behind and catches up is an event `late`, with the largest delay."""
+        """Every time that the car falls behind and catches up is an event `late`, with the largest
+        delay.
+        """
         self.latest = max(self.latest, delay)
         if delay > _LATE:
             self._lag = max(self._lag, delay)
@@ -244,7 +266,9 @@ class Emulator:
             self._board.begin("driving", now)
         self._board.look(now)
         for name, port in self._ports.items():
-            renamed = port.link.with_name(f"{name}_1") if self._board.entry(Fault.RENAMED, name) else None
+            renamed = (
+                port.link.with_name(f"{name}_1") if self._board.entry(Fault.RENAMED, name) else None
+            )
             unpowered = name == "teensy" and self._board.entry(Fault.TEENSY_UNPOWERED)
             if unpowered or self._board.entry(Fault.UNPLUGGED, name):
                 port.unplug()
@@ -255,22 +279,29 @@ class Emulator:
                 port.plug()
 
     def _advance(self, time_s: float) -> None:
-        car, state = self._car, self._teensy.state
+        car = self._car
+        state = self._teensy.state
         car.command("steering_angle", self._mounting.steering_angle(state.servo))
         car.command("throttle", self._mounting.throttle(state.throttle))
         for motor in self._motors:
             car.command(f"{motor.joint}_command", *astuple(motor.joint_command))
         car.advance(time_s)
         if self._motors:
-            joints, torques = car.joints(), car.output("tail_torque")
+            joints = car.joints()
+            torques = car.output("tail_torque")
             for index, motor in enumerate(self._motors):
-                motor.set_joint(float(joints[index]), float(joints[2 + index]), float(torques[index]))
+                motor.set_joint(
+                    float(joints[index]), float(joints[2 + index]), float(torques[index])
+                )
         if time_s >= self._sample_due:
             self._sample_due += _SAMPLE_PERIOD
             self._sample(time_s)
 
     def _sample(self, time_s: float) -> None:
-        """What GPS and sail measure anew; the slower GPS keeps its own pace. A car that tips over is an event."""
+        """What GPS and sail measure anew; the slower GPS keeps its own pace.
+
+        A car that tips over is an event.
+        """
         car = self._car
         tipped = bool(np.max(np.abs(car.output("imu")[:2])) > self._tipping_angle)
         if tipped and not self._tipped:
@@ -310,8 +341,13 @@ class Emulator:
         return facts
 
 
-def run_emulator(settings: EmulatorSettings, ready: Callable[[], None] | None = None) -> dict[str, Any]:
-    """Runs an emulator until SIGINT, SIGTERM or its duration; what came out. Errors and `ready` as `Emulator`."""
+def run_emulator(
+    settings: EmulatorSettings, ready: Callable[[], None] | None = None
+) -> dict[str, Any]:
+    """Runs an emulator until SIGINT, SIGTERM or its duration; what came out.
+
+    Errors and `ready` as `Emulator`.
+    """
     emulator = Emulator(settings)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: emulator.stop())
@@ -320,15 +356,23 @@ def run_emulator(settings: EmulatorSettings, ready: Callable[[], None] | None = 
 
 def _serial_ports(plugs: Path) -> dict[str, Any]:
     """The ports file of the emulated car, but for what some have only."""
-    motors: dict[str, Any] = {joint: {"motor_id": number} for number, joint in enumerate(JOINTS, start=1)}
-    return {"schema": SCHEMA, **{name: {"path": str(plugs / name)} for name in SERIAL_DEVICES}, **motors}
+    motors: dict[str, Any] = {
+        joint: {"motor_id": number} for number, joint in enumerate(JOINTS, start=1)
+    }
+    return {
+        "schema": SCHEMA,
+        **{name: {"path": str(plugs / name)} for name in SERIAL_DEVICES},
+        **motors,
+    }
 
 
 def _claim(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
-            raise HardwareError(f"{folder}: is not empty; an emulator writes into a folder of its own")
+            raise HardwareError(
+                f"{folder}: is not empty; an emulator writes into a folder of its own"
+            )
         (folder / PORTS_FOLDER).mkdir()
     except OSError as error:
         raise HardwareError(f"{folder}: cannot be used as a folder: {error.strerror}") from None

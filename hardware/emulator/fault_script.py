@@ -1,8 +1,10 @@
-"""What happens to the emulated car and when: faults of its devices, the operator at the radio, and the events of a run.
+"""What happens to the emulated car and when: faults of its devices, the operator at the radio, and
+the events of a run.
 
 ```yaml
 schema: aerodima/emulation/1
-clock: entered          # seconds since the first motor was entered; driving: since the throttle first left neutral;
+clock: entered          # seconds since the first motor was entered;
+                        # driving: since the throttle first left neutral;
                         # start: since the emulator was ready
 faults:
   - {time: 1.0, fault: reply_lost, part: tail_roll, duration: 0.1}
@@ -11,8 +13,9 @@ operator:
   - {time: 0.0, mode: auto_when_asked}
   - {time: 5.0, stop: true}
 ```
-An operator in `auto_when_asked`, as without a script, keeps IDLE until the car reports that it waits for a choice, and
-goes back to IDLE when the car asks for that. One in `auto` sends AUTO whatever the car says.
+An operator in `auto_when_asked`, as without a script, keeps IDLE until the car reports that it
+waits for a choice, and goes back to IDLE when the car asks for that. One in `auto` sends AUTO
+whatever the car says.
 """
 
 from __future__ import annotations
@@ -89,7 +92,8 @@ class _Entry(StrictModel):
 
 
 class FaultEntry(_Entry):
-    """One fault. duration: s, None for ever. count: of the replies that it meets, None all. code: of `motor_fault`.
+    """One fault. duration: s, None for ever. count: of the replies that it meets, None all. code:
+    of `motor_fault`.
 
     delay: age of what the replies tell, s, of `reply_stale`.
     """
@@ -104,19 +108,26 @@ class FaultEntry(_Entry):
     @model_validator(mode="after")
     def _has_its_part(self) -> FaultEntry:
         allowed = self.fault.parts
-        if (self.part is None) != (not allowed) or (self.part is not None and self.part not in allowed):
-            raise ValueError(f"part of {self.fault}: {self.part!r}; allowed: {', '.join(allowed) or 'none'}")
+        if (self.part is None) != (not allowed) or (
+            self.part is not None and self.part not in allowed
+        ):
+            raise ValueError(
+                f"part of {self.fault}: {self.part!r}; allowed: {', '.join(allowed) or 'none'}"
+            )
         return self
 
 
 class OperatorEntry(_Entry):
-    """What the operator asks for from that time on. throttle: -1 to 1. steering, tails: rad. stop: emergency stop.
+    """What the operator asks for from that time on. throttle: -1 to 1. steering, tails: rad. stop:
+    emergency stop.
 
-    mode: as the switch stands; `auto_when_asked`: AUTO once the car asks for a choice, IDLE before; `manual_when_asked`
-    likewise.
+    mode: as the switch stands; `auto_when_asked`: AUTO once the car asks for a choice, IDLE before;
+    `manual_when_asked` likewise.
     """
 
-    mode: Literal["idle", "manual", "auto", "control", "auto_when_asked", "manual_when_asked"] = "auto_when_asked"
+    mode: Literal["idle", "manual", "auto", "control", "auto_when_asked", "manual_when_asked"] = (
+        "auto_when_asked"
+    )
     throttle: float = Field(default=0.0, ge=-1.0, le=1.0)
     steering: float = Field(default=0.0, ge=-3.14, le=3.14)
     pitch_tail: float = Field(default=0.0, ge=-3.14, le=3.14)
@@ -143,7 +154,10 @@ class Script(StrictModel):
 
 
 def read_script(path: Path) -> Script:
-    """Reads a script. Raises `ScenarioError` or `HardwareError` that names file, key, value and what is allowed."""
+    """Reads a script.
+
+    Raises `ScenarioError` or `HardwareError` that names file, key, value and what is allowed.
+    """
     return checked(Script, read_yaml(path), str(path), HardwareError, schema=SCHEMA)
 
 
@@ -164,7 +178,9 @@ class FaultBoard:
         self.time = -math.inf
 
     def begin(self, clock: Clock, now: float) -> None:
-        """What a clock counts from has come; starts the script if that clock is its own, for good."""
+        """What a clock counts from has come; starts the script if that clock is its own, for
+        good.
+        """
         if clock == self._script.clock and self._begin is None:
             self._begin = now
             self._events.add("script_begins", clock=clock)
@@ -203,7 +219,14 @@ class FaultBoard:
 
     def _index(self, fault: Fault, part: str | None) -> int | None:
         faults = self._script.faults
-        return next((index for index in self._on if (faults[index].fault, faults[index].part) == (fault, part)), None)
+        return next(
+            (
+                index
+                for index in self._on
+                if (faults[index].fault, faults[index].part) == (fault, part)
+            ),
+            None,
+        )
 
     def through(self, device: Device, data: bytes) -> bytes:
         """What silence and noise leave of the bytes that a device sends."""

@@ -1,4 +1,6 @@
-"""The Teensy's firmware: its numbers, the sketch that is exported, and its C++ core on this computer by ctypes."""
+"""The Teensy's firmware: its numbers, the sketch that is exported, and its C++ core on this
+computer by ctypes.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,18 @@ import hashlib
 import os
 import shutil
 import subprocess
-from ctypes import POINTER, Structure, c_char_p, c_double, c_int, c_int32, c_size_t, c_uint8, c_uint32, c_void_p
+from ctypes import (
+    POINTER,
+    Structure,
+    c_char_p,
+    c_double,
+    c_int,
+    c_int32,
+    c_size_t,
+    c_uint8,
+    c_uint32,
+    c_void_p,
+)
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -15,7 +28,12 @@ from typing import Any
 
 from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.mounting import load_mounting
-from aerodima.hardware.car.safety_settings import DriveSafety, TeensyTiming, load_drive_safety, load_teensy_timing
+from aerodima.hardware.car.safety_settings import (
+    DriveSafety,
+    TeensyTiming,
+    load_drive_safety,
+    load_teensy_timing,
+)
 from aerodima.hardware.car.wiring import wiring_name
 from aerodima.hardware.car.wirings import tail_motors
 from aerodima.hardware.devices.motor_settings import MotorSettings
@@ -28,9 +46,11 @@ from aerodima.workbench.errors import HardwareError
 
 
 def motor_limits(settings: MotorSettings) -> dict[str, float]:
-    """Fields of the core's `MotorLimits` (`src/motor_guard.h`) by name: what it lets through to this motor.
+    """Fields of the core's `MotorLimits` (`src/motor_guard.h`) by name: what it lets through to
+    this motor.
 
-    They are the limits of the computer in the motor's own angle: rad, rad/s, N m, N m/rad, N m s/rad, N m, (N m)^2 s.
+    They are the limits of the computer in the motor's own angle: rad, rad/s, N m, N m/rad, N m
+    s/rad, N m, (N m)^2 s.
     """
     ends = settings.motor_angle(settings.low), settings.motor_angle(settings.high)
     return {
@@ -50,9 +70,11 @@ class FirmwareSettings:
     """What one Teensy is built for.
 
     Attributes:
-        wiring: in `teensy_bridge` the Teensy drives the motors; in `watched_can` it sends exit frames only.
+        wiring: in `teensy_bridge` the Teensy drives the motors; in `watched_can` it sends exit
+            frames only.
         profile: of the motors. motor_ids: pitch and roll; switched off when the Teensy starts.
-        sail_bits: of a word of the sail's encoder. The thesis reads 12; the part that it names has 10 (ERRATA E30).
+        sail_bits: of a word of the sail's encoder. The thesis reads 12; the part that it names has
+            10 (ERRATA E30).
         limits: `motor_limits` of the two motors; None: all that the profile allows.
         timing: of its watchdog and its replies. safety: of attitude and throttle.
 
@@ -75,14 +97,23 @@ class FirmwareSettings:
     def last_limits(self) -> tuple[dict[str, float], ...]:
         """Limits of the two motors in the firmware."""
         p = self.profile
-        wide = {"low": -p.position, "high": p.position, "speed": p.speed, "torque": p.torque, "kp": p.kp, "kd": p.kd}
+        wide = {
+            "low": -p.position,
+            "high": p.position,
+            "speed": p.speed,
+            "torque": p.torque,
+            "kp": p.kp,
+            "kd": p.kd,
+        }
         return self.limits or (wide | {"rated_torque": p.torque, "budget": 1e9},) * 2
 
     @property
     def config(self) -> dict[str, float]:
         """Fields of the core's `Config` (`src/core.h`) by name, but for profile, limits and ids."""
         least, idle, most = THROTTLE_PULSES
-        timing, safety, half = self.timing, self.safety, (most - least) / 2
+        timing = self.timing
+        safety = self.safety
+        half = (most - least) / 2
         return {
             "owns_can": self.wiring == "teensy_bridge",
             "watchdog_ms": _milliseconds(timing.watchdog_timeout),
@@ -118,15 +149,28 @@ def _milliseconds(seconds: float) -> int:
 
 
 def firmware_settings(wiring: str, ports: CarPorts, scenario: Scenario) -> FirmwareSettings:
-    """What the Teensy of a car is built for: limits of the scenario's tail on these ports, bits of its encoder."""
+    """What the Teensy of a car is built for: limits of the scenario's tail on these ports, bits of
+    its encoder.
+    """
     limits = tuple(map(motor_limits, tail_motors(scenario, ports, load_mounting()))) or None
-    return FirmwareSettings(wiring, ports.profile, ports.motor_ids, scenario.sail_encoder.bits, limits)
+    return FirmwareSettings(
+        wiring, ports.profile, ports.motor_ids, scenario.sail_encoder.bits, limits
+    )
 
 
 SKETCH = Path(__file__).resolve().parent / "aerodima_teensy"
 """The Arduino sketch; its folder `src` is the core."""
 COMPILERS = ("g++", "c++", "clang++")
-_FLAGS = ("-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-shared", "-fPIC")
+_FLAGS = (
+    "-std=c++17",
+    "-O2",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+    "-ffp-contract=off",
+    "-shared",
+    "-fPIC",
+)
 _BUILD_TIME = 120.0
 
 
@@ -136,7 +180,9 @@ def core_sources() -> list[Path]:
 
 
 def firmware_hash() -> str:
-    """SHA-256 over core and sketch: which firmware a watchdog test was made with. 64 hexadecimal digits."""
+    """SHA-256 over core and sketch: which firmware a watchdog test was made with. 64 hexadecimal
+    digits.
+    """
     digest = hashlib.sha256()
     for path in (*core_sources(), SKETCH / "aerodima_teensy.ino"):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
@@ -147,10 +193,12 @@ def build_core(cache: Path | None = None) -> Path:
     """The shared library of the core, compiled if it is not in the cache.
 
     Args:
-        cache: folder of the libraries; `aerodima` in the user's cache folder (`XDG_CACHE_HOME`) when None.
+        cache: folder of the libraries; `aerodima` in the user's cache folder (`XDG_CACHE_HOME`)
+            when None.
 
     Raises:
-        HardwareError: no compiler on the path, the folder cannot be used, or the core does not compile.
+        HardwareError: no compiler on the path, the folder cannot be used, or the core does not
+            compile.
     """
     folder = cache or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "aerodima"
     key = hashlib.sha256((firmware_hash() + " ".join(_FLAGS)).encode()).hexdigest()[:16]
@@ -160,7 +208,8 @@ def build_core(cache: Path | None = None) -> Path:
     compiler = next((found for name in COMPILERS if (found := shutil.which(name))), None)
     if compiler is None:
         raise HardwareError(
-            f"the firmware's core needs a C++17 compiler on the path; looked for {', '.join(COMPILERS)}"
+            "the firmware's core needs a C++17 compiler on the path; looked for "
+            f"{', '.join(COMPILERS)}"
         )
     unfinished = folder / f".{library.name}.{os.getpid()}"
     make_folder(folder, HardwareError)
@@ -168,7 +217,9 @@ def build_core(cache: Path | None = None) -> Path:
         _compile(compiler, unfinished)
         os.replace(unfinished, library)
     except OSError as error:
-        raise HardwareError(f"{folder}: cannot be used to build the firmware: {error.strerror}") from None
+        raise HardwareError(
+            f"{folder}: cannot be used to build the firmware: {error.strerror}"
+        ) from None
     finally:
         unfinished.unlink(missing_ok=True)
     return library
@@ -178,10 +229,15 @@ def _compile(compiler: str, target: Path) -> None:
     sources = [str(path) for path in core_sources() if path.suffix == ".cpp"]
     try:
         result = subprocess.run(
-            [compiler, *_FLAGS, *sources, "-o", str(target)], capture_output=True, text=True, timeout=_BUILD_TIME
+            [compiler, *_FLAGS, *sources, "-o", str(target)],
+            capture_output=True,
+            text=True,
+            timeout=_BUILD_TIME,
         )
     except subprocess.TimeoutExpired:
-        raise HardwareError(f"{compiler}: the firmware's core was not compiled within {_BUILD_TIME:g} s") from None
+        raise HardwareError(
+            f"{compiler}: the firmware's core was not compiled within {_BUILD_TIME:g} s"
+        ) from None
     if result.returncode:
         reason = " ".join(result.stderr.split())[:500]
         raise HardwareError(f"{compiler}: the firmware's core does not compile: {reason}")
@@ -191,13 +247,16 @@ _HOST_ONLY = ("c_interface.h", "c_interface.cpp")
 
 
 def export_sketch(settings: FirmwareSettings, folder: Path) -> Path:
-    """Writes core, sketch and `config.h` into a new folder; returns the sketch, which bears the folder's name.
+    """Writes core, sketch and `config.h` into a new folder; returns the sketch, which bears the
+    folder's name.
 
     Raises:
         HardwareError: the folder exists with something in it, or cannot be written.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise HardwareError(f"{folder}: exists already and is not overwritten; choose another folder")
+        raise HardwareError(
+            f"{folder}: exists already and is not overwritten; choose another folder"
+        )
     sketch = folder / f"{folder.resolve().name}.ino"
     try:
         (folder / "src").mkdir(parents=True, exist_ok=True)
@@ -207,7 +266,9 @@ def export_sketch(settings: FirmwareSettings, folder: Path) -> Path:
                 shutil.copy(path, folder / "src" / path.name)
         (folder / "config.h").write_text(config_header(settings), encoding="ascii")
     except OSError as error:
-        raise HardwareError(f"{error.filename or folder}: cannot be written: {error.strerror}") from None
+        raise HardwareError(
+            f"{error.filename or folder}: cannot be written: {error.strerror}"
+        ) from None
     return sketch
 
 
@@ -215,7 +276,9 @@ def config_header(settings: FirmwareSettings) -> str:
     """Content of `config.h`: the settings as the sketch's configuration."""
     fields = {f"profile.{name}": value for name, value in profile_fields(settings.profile).items()}
     fields |= settings.config
-    for index, (motor_id, limits) in enumerate(zip(settings.motor_ids, settings.last_limits, strict=True)):
+    for index, (motor_id, limits) in enumerate(
+        zip(settings.motor_ids, settings.last_limits, strict=True)
+    ):
         fields[f"motor_ids[{index}]"] = motor_id
         fields |= {f"limits[{index}].{name}": value for name, value in limits.items()}
     lines = "\n".join(f"  config.{name} = {repr(value).lower()};" for name, value in fields.items())
@@ -224,7 +287,8 @@ def config_header(settings: FirmwareSettings) -> str:
         f"// Written by `aerodima drive --firmware`: {made_of}.\n"
         '#pragma once\n#include "src/core.h"\n\n'
         f"#define AERODIMA_SAIL_BITS {settings.sail_bits}\n\n"
-        f"inline aerodima::Config aerodima_config() {{\n  aerodima::Config config;\n{lines}\n  return config;\n}}\n"
+        f"inline aerodima::Config aerodima_config() {{\n  aerodima::Config config;\n{lines}\n  "
+        "return config;\n}}\n"
     )
 
 
@@ -264,7 +328,9 @@ class _Config(Structure):
         ("limits", Limits * 2),
         *fields(c_double, "attitude_limit throttle_start throttle_rate"),
         ("owns_can", c_int32),
-        *fields(c_uint32, "watchdog_ms exit_burst exit_cycles exit_cycle_ms reminder_ms reply_wait_ms"),
+        *fields(
+            c_uint32, "watchdog_ms exit_burst exit_cycles exit_cycle_ms reminder_ms reply_wait_ms"
+        ),
         *fields(c_uint32, "attitude_ms attitude_age_ms"),
         ("sail_bits", c_int32),
         ("motor_ids", c_int32 * 2),
@@ -295,7 +361,8 @@ def library() -> Any:
     loaded = ctypes.CDLL(str(build_core()))
     for name, (result, arguments) in _FUNCTIONS.items():
         function = getattr(loaded, name)
-        function.restype, function.argtypes = result, arguments
+        function.restype = result
+        function.argtypes = arguments
     return loaded
 
 
@@ -358,7 +425,8 @@ class TeensyCore:
 
     def frames(self) -> list[CanFrame]:
         """Frames for the bus since the last call, oldest first."""
-        found, frame = [], Frame()
+        found = []
+        frame = Frame()
         while self._library.ad_core_next_frame(self._core, ctypes.byref(frame)):
             found.append(to_plain(frame))
         return found

@@ -1,13 +1,16 @@
-"""MIT mode of the AK70-10: firmware profiles; commands, special frames and replies as bytes (design section 14).
+"""MIT mode of the AK70-10: firmware profiles; commands, special frames and replies as bytes (design
+section 14).
 
-Manual V1.0.8. A command has the motor's id as standard CAN id and 8 bytes, most significant bit first: position 16
-bits, velocity 12, kp 12, kd 12, torque 12. A reply names its motor in the first byte: id 8, position 16, velocity 12,
-torque 12 and, in the long form, temperature 8 and fault 8; its CAN id may be the motor's or 0.
+Manual V1.0.8. A command has the motor's id as standard CAN id and 8 bytes, most significant bit
+first: position 16 bits, velocity 12, kp 12, kd 12, torque 12. A reply names its motor in the first
+byte: id 8, position 16, velocity 12, torque 12 and, in the long form, temperature 8 and fault 8;
+its CAN id may be the motor's or 0.
 
-The frames carry no version, so the user chooses the profile, which says what numbers the fields stand for, and it is
-checked before the car is armed (`aerodima.hardware.driving.drive_checks`). Sources disagree: 25 N m is the manual
-V1.0.8, 24 and 24.8 N m are printed elsewhere for the same motor, and the sample code of the manual has another
-position range. `make_*` builds a frame and touches nothing.
+The frames carry no version, so the user chooses the profile, which says what numbers the fields
+stand for, and it is checked before the car is armed (`aerodima.hardware.driving.drive_checks`).
+Sources disagree: 25 N m is the manual V1.0.8, 24 and 24.8 N m are printed elsewhere for the same
+motor, and the sample code of the manual has another position range. `make_*` builds a frame and
+touches nothing.
 """
 
 from __future__ import annotations
@@ -30,7 +33,8 @@ FAULT_NAMES: Mapping[int, str] = MappingProxyType(
         6: "phase current unbalance",
     }
 )
-"""Fault byte of the 8-byte reply; 0 is none. The list of public drivers of the series, equal to the manual's."""
+"""Fault byte of the 8-byte reply; 0 is none. The list of public drivers of the series, equal to the
+manual's."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +48,10 @@ class FirmwareProfile:
         torque: N m, to either side.
         kp: N m/rad, from 0.
         kd: N m s/rad, from 0.
-        reply_lengths: bytes of a reply that this firmware sends; 6 without, 8 with temperature and fault.
-        temperature_offset: degrees Celsius that are subtracted from the temperature byte. Sources disagree between 0
-            and 40; 0 reads too warm rather than too cold.
+        reply_lengths: bytes of a reply that this firmware sends; 6 without, 8 with temperature and
+            fault.
+        temperature_offset: degrees Celsius that are subtracted from the temperature byte. Sources
+            disagree between 0 and 40; 0 reads too warm rather than too cold.
         source: where the ranges are printed.
     """
 
@@ -65,15 +70,31 @@ class FirmwareProfile:
         return "none" if code == 0 else FAULT_NAMES.get(code, f"unknown fault {code}")
 
 
-AK70_10_V1_0_8 = FirmwareProfile("ak70_10_v1_0_8", 12.5, 50.0, 25.0, 500.0, 5.0, "AK series manual V1.0.8, MIT mode")
-AK70_10_24_N_M = FirmwareProfile("ak70_10_24_n_m", 12.5, 50.0, 24.0, 500.0, 5.0, "public driver, AK70-10 V1.1")
-AK70_10_24_8_N_M = FirmwareProfile("ak70_10_24_8_n_m", 12.5, 50.0, 24.8, 500.0, 5.0, "peak torque of the data sheet")
+AK70_10_V1_0_8 = FirmwareProfile(
+    "ak70_10_v1_0_8", 12.5, 50.0, 25.0, 500.0, 5.0, "AK series manual V1.0.8, MIT mode"
+)
+AK70_10_24_N_M = FirmwareProfile(
+    "ak70_10_24_n_m", 12.5, 50.0, 24.0, 500.0, 5.0, "public driver, AK70-10 V1.1"
+)
+AK70_10_24_8_N_M = FirmwareProfile(
+    "ak70_10_24_8_n_m", 12.5, 50.0, 24.8, 500.0, 5.0, "peak torque of the data sheet"
+)
 MANUAL_SAMPLE_CODE = FirmwareProfile(
-    "manual_sample_code", 95.5, 30.0, 18.0, 500.0, 5.0, "sample code of the AK series manual", reply_lengths=(6,)
+    "manual_sample_code",
+    95.5,
+    30.0,
+    18.0,
+    500.0,
+    5.0,
+    "sample code of the AK series manual",
+    reply_lengths=(6,),
 )
 
 PROFILES: Mapping[str, FirmwareProfile] = MappingProxyType(
-    {profile.name: profile for profile in (AK70_10_V1_0_8, AK70_10_24_N_M, AK70_10_24_8_N_M, MANUAL_SAMPLE_CODE)}
+    {
+        profile.name: profile
+        for profile in (AK70_10_V1_0_8, AK70_10_24_N_M, AK70_10_24_8_N_M, MANUAL_SAMPLE_CODE)
+    }
 )
 
 
@@ -85,7 +106,8 @@ def firmware_profile(name: str) -> FirmwareProfile:
     """
     if "v3" in name.lower():
         raise HardwareError(
-            f"firmware profile {name!r}: V3 firmware speaks another protocol (extended ids) and is not supported; "
+            f"firmware profile {name!r}: V3 firmware speaks another protocol (extended ids) and "
+            "is not supported; "
             f"allowed: {', '.join(PROFILES)}"
         )
     if name not in PROFILES:
@@ -94,10 +116,10 @@ def firmware_profile(name: str) -> FirmwareProfile:
 
 
 LEAST_ID, MOST_ID = 1, 0x3F
-"""Motor ids that are allowed. 0 may be the CAN id of every reply. A reply begins with the id and a command with the
-upper byte of its position, under the same CAN id: with ids up to 0x3F an echoed command looks like a reply only below
-half of the position range, where `aerodima.hardware.devices.tail_motor` never commands, and 0xFF begins the special
-frames."""
+"""Motor ids that are allowed. 0 may be the CAN id of every reply. A reply begins with the id and a
+command with the upper byte of its position, under the same CAN id: with ids up to 0x3F an echoed
+command looks like a reply only below half of the position range, where
+`aerodima.hardware.devices.tail_motor` never commands, and 0xFF begins the special frames."""
 
 _POSITION_STEPS = (1 << 16) - 1
 _STEPS = (1 << 12) - 1
@@ -108,7 +130,8 @@ _SHORT_REPLY, _LONG_REPLY = 6, 8
 
 @dataclass(frozen=True, slots=True)
 class MitCommand:
-    """What the motor's own loop is asked for: torque = kp (position - q) + kd (velocity - qd) + torque.
+    """What the motor's own loop is asked for: torque = kp (position - q) + kd (velocity - qd) +
+    torque.
 
     Attributes:
         position: rad. velocity: rad/s. kp: N m/rad. kd: N m s/rad. torque: N m.
@@ -122,8 +145,9 @@ class MitCommand:
 
 
 NEUTRAL = MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)
-"""Zero gains and zero torque: the motor answers with its state and does (next to) nothing. The middle of an even number
-of steps does not exist, so the torque on the wire is half a step, 0.006 N m."""
+"""Zero gains and zero torque: the motor answers with its state and does (next to) nothing. The
+middle of an even number of steps does not exist, so the torque on the wire is half a step, 0.006 N
+m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +170,10 @@ class MitReply:
 
 
 def make_enter(motor_id: int) -> CanFrame:
-    """The frame that switches MIT mode on. The motor may jump to its last command: send `NEUTRAL` next."""
+    """The frame that switches MIT mode on.
+
+    The motor may jump to its last command: send `NEUTRAL` next.
+    """
     return _special(motor_id, _ENTER)
 
 
@@ -164,23 +191,30 @@ def make_command(motor_id: int, command: MitCommand, profile: FirmwareProfile) -
     """The frame of a command, every field rounded to the nearest step.
 
     Raises:
-        FrameError: id not allowed; a value is NaN, infinite or beyond the profile's range; or the frame would begin
-            with the seven FF of the special frames.
+        FrameError: id not allowed; a value is NaN, infinite or beyond the profile's range; or the
+            frame would begin with the seven FF of the special frames.
     """
     check_motor_id(motor_id)
-    position = _encode("position", command.position, -profile.position, profile.position, _POSITION_STEPS, "rad")
+    position = _encode(
+        "position", command.position, -profile.position, profile.position, _POSITION_STEPS, "rad"
+    )
     velocity = _encode("velocity", command.velocity, -profile.speed, profile.speed, _STEPS, "rad/s")
     kp = _encode("kp", command.kp, 0.0, profile.kp, _STEPS, "N m/rad")
     kd = _encode("kd", command.kd, 0.0, profile.kd, _STEPS, "N m s/rad")
     torque = _encode("torque", command.torque, -profile.torque, profile.torque, _STEPS, "N m")
     data = (position << 48 | velocity << 36 | kp << 24 | kd << 12 | torque).to_bytes(8, "big")
     if data.startswith(_RESERVED):
-        raise FrameError(f"command {command}: at full scale it is the special frame {data.hex().upper()}")
+        raise FrameError(
+            f"command {command}: at full scale it is the special frame {data.hex().upper()}"
+        )
     return CanFrame(motor_id, data)
 
 
 def decode_command(data: bytes, profile: FirmwareProfile) -> MitCommand:
-    """The command in 8 bytes, as the motor reads it. Raises `FrameError` for another length or a special frame."""
+    """The command in 8 bytes, as the motor reads it.
+
+    Raises `FrameError` for another length or a special frame.
+    """
     if len(data) != 8 or data.startswith(_RESERVED):
         raise FrameError(f"{data.hex().upper()!r} is not a command of 8 bytes")
     bits = int.from_bytes(data, "big")
@@ -194,19 +228,27 @@ def decode_command(data: bytes, profile: FirmwareProfile) -> MitCommand:
 
 
 def make_reply(reply: MitReply, profile: FirmwareProfile, arbitration_id: int = 0) -> CanFrame:
-    """The frame that a motor would answer with; for emulators. Without a fault byte it is the 6-byte form.
+    """The frame that a motor would answer with; for emulators.
+
+    Without a fault byte it is the 6-byte form.
 
     Raises:
         FrameError: a value is NaN or beyond the range of its field.
     """
     check_motor_id(reply.motor_id)
-    position = _encode("position", reply.position, -profile.position, profile.position, _POSITION_STEPS, "rad")
+    position = _encode(
+        "position", reply.position, -profile.position, profile.position, _POSITION_STEPS, "rad"
+    )
     velocity = _encode("velocity", reply.velocity, -profile.speed, profile.speed, _STEPS, "rad/s")
     torque = _encode("torque", reply.torque, -profile.torque, profile.torque, _STEPS, "N m")
     data = (reply.motor_id << 40 | position << 24 | velocity << 12 | torque).to_bytes(6, "big")
     if reply.fault is not None:
-        warm = (0.0 if reply.temperature is None else reply.temperature) + profile.temperature_offset
-        data += bytes([_encode("temperature", warm, 0.0, 255.0, 255, "degrees above the offset"), reply.fault])
+        warm = (
+            0.0 if reply.temperature is None else reply.temperature
+        ) + profile.temperature_offset
+        data += bytes(
+            [_encode("temperature", warm, 0.0, 255.0, 255, "degrees above the offset"), reply.fault]
+        )
     return CanFrame(arbitration_id, data)
 
 
@@ -214,12 +256,13 @@ def decode_reply(frame: CanFrame, profile: FirmwareProfile) -> MitReply:
     """The state in a reply.
 
     Raises:
-        FrameError: an extended id (V3 firmware or servo mode), a length that the profile does not have, a motor id that
-            is not allowed, or a CAN id that is neither 0 nor the motor's.
+        FrameError: an extended id (V3 firmware or servo mode), a length that the profile does not
+            have, a motor id that is not allowed, or a CAN id that is neither 0 nor the motor's.
     """
     if frame.extended:
         raise FrameError(
-            f"{frame}: extended id: the motor has V3 firmware or is in servo mode; MIT mode with standard ids is needed"
+            f"{frame}: extended id: the motor has V3 firmware or is in servo mode; MIT mode with "
+            "standard ids is needed"
         )
     data = frame.data
     if len(data) not in profile.reply_lengths:
@@ -227,20 +270,25 @@ def decode_reply(frame: CanFrame, profile: FirmwareProfile) -> MitReply:
         raise FrameError(f"{frame}: reply of {len(data)} bytes; {profile.name} sends {lengths}")
     motor_id = data[0]
     if not LEAST_ID <= motor_id <= MOST_ID or frame.arbitration_id not in (0, motor_id):
-        raise FrameError(f"{frame}: no reply: it names motor {motor_id} under the CAN id {frame.arbitration_id}")
+        raise FrameError(
+            f"{frame}: no reply: it names motor {motor_id} under the CAN id {frame.arbitration_id}"
+        )
     bits = int.from_bytes(data[1:_SHORT_REPLY], "big")
     position = _decode(bits >> 24, -profile.position, profile.position, _POSITION_STEPS)
     velocity = _decode(bits >> 12 & _STEPS, -profile.speed, profile.speed, _STEPS)
     torque = _decode(bits & _STEPS, -profile.torque, profile.torque, _STEPS)
     if len(data) == _SHORT_REPLY:
         return MitReply(motor_id, position, velocity, torque)
-    return MitReply(motor_id, position, velocity, torque, data[6] - profile.temperature_offset, data[7])
+    return MitReply(
+        motor_id, position, velocity, torque, data[6] - profile.temperature_offset, data[7]
+    )
 
 
 def unwrap(previous: float, reading: float, profile: FirmwareProfile) -> float:
     """The turn count put back: the angle (rad) nearest to `previous` that reads as `reading`.
 
-    Valid while the motor turns less than the profile's range, half of the wrap, between two replies.
+    Valid while the motor turns less than the profile's range, half of the wrap, between two
+    replies.
     """
     span = 2.0 * profile.position
     return reading + span * round((previous - reading) / span)
@@ -248,12 +296,20 @@ def unwrap(previous: float, reading: float, profile: FirmwareProfile) -> float:
 
 def is_special(data: bytes) -> bool:
     """Whether these are the bytes of an enter, exit or zero frame."""
-    return len(data) == _LONG_REPLY and data.startswith(_RESERVED) and data[7:] in (_ENTER, _EXIT, _ZERO)
+    return (
+        len(data) == _LONG_REPLY
+        and data.startswith(_RESERVED)
+        and data[7:] in (_ENTER, _EXIT, _ZERO)
+    )
 
 
 def check_motor_id(motor_id: int) -> None:
     """Raises `FrameError` for an id that a motor of this project cannot have."""
-    if isinstance(motor_id, bool) or not isinstance(motor_id, int) or not LEAST_ID <= motor_id <= MOST_ID:
+    if (
+        isinstance(motor_id, bool)
+        or not isinstance(motor_id, int)
+        or not LEAST_ID <= motor_id <= MOST_ID
+    ):
         raise FrameError(f"motor id {motor_id!r}: allowed is {LEAST_ID} to {MOST_ID}")
 
 

@@ -1,4 +1,6 @@
-"""A classic CAN data frame as plain data, so that protocol and motor do not depend on a CAN library."""
+"""A classic CAN data frame as plain data, so that protocol and motor do not depend on a CAN
+library.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ class CanFrame:
         if not 0 <= self.arbitration_id < ids:
             raise FrameError(f"CAN id {self.arbitration_id:#x}: allowed is 0 to {ids - 1:#x}")
         if len(self.data) > MOST_BYTES:
-            raise FrameError(f"CAN frame of {len(self.data)} bytes: allowed are at most {MOST_BYTES}")
+            raise FrameError(
+                f"CAN frame of {len(self.data)} bytes: allowed are at most {MOST_BYTES}"
+            )
 
     def __str__(self) -> str:
         digits = 8 if self.extended else 3

@@ -1,13 +1,15 @@
 """The operator's radio: commands, heartbeats and stops to the car, reports from it (thesis 5.4.5).
 
-To the car: class, mode, throttle, steering, pitch tail, roll tail. The published struct `BBffff` is packed
-little-endian here, 18 bytes. With native alignment it has 20 (ERRATA E30): that form is refused by name, since its
-floats begin two bytes later. XBee modules guard a frame by their own checksum.
+To the car: class, mode, throttle, steering, pitch tail, roll tail. The published struct `BBffff` is
+packed little-endian here, 18 bytes. With native alignment it has 20 (ERRATA E30): that form is
+refused by name, since its floats begin two bytes later. XBee modules guard a frame by their own
+checksum.
 
-From the car, 20 times per second, packed little-endian: class (4; another layout has another), sequence, flags
-(1 armed, 2 the emergency stop came, 4 and 8 what the car asks the operator for, 16 the car has no tail), number of the
-car, mode last heard, fault codes of `aerodima.workbench.config.signal_table.STATUS_SOURCES`, eight 32-bit floats, then
-the worst fault in words. 43 to 100 bytes, as many as the smallest modules carry.
+From the car, 20 times per second, packed little-endian: class (4; another layout has another),
+sequence, flags (1 armed, 2 the emergency stop came, 4 and 8 what the car asks the operator for, 16
+the car has no tail), number of the car, mode last heard, fault codes of
+`aerodima.workbench.config.signal_table.STATUS_SOURCES`, eight 32-bit floats, then the worst fault
+in words. 43 to 100 bytes, as many as the smallest modules carry.
 """
 
 from __future__ import annotations
@@ -27,7 +29,10 @@ _LEAST_NORMAL = 2.0**-126
 
 
 class RadioClass(IntEnum):
-    """First byte of a frame. The thesis has a class that starts the logging; here a drive logs from its first cycle."""
+    """First byte of a frame.
+
+    The thesis has a class that starts the logging; here a drive logs from its first cycle.
+    """
 
     COMMAND = 1
     HEARTBEAT = 2
@@ -41,7 +46,8 @@ class RadioMode(IntEnum):
     MANUAL = 1
     AUTO = 2
     CONTROL = 3
-    """The operator drives, the tail swings by its law: the control drive mode of the thesis. It prints no values."""
+    """The operator drives, the tail swings by its law: the control drive mode of the thesis. It
+    prints no values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +102,14 @@ def decode(data: bytes) -> RadioMessage:
     """The message in a frame.
 
     Raises:
-        FrameError: another length (20 bytes are named as native alignment), an unknown class or mode, NaN, a value out
-            of range, or a heartbeat with values where zeros must be.
+        FrameError: another length (20 bytes are named as native alignment), an unknown class or
+            mode, NaN, a value out of range, or a heartbeat with values where zeros must be.
     """
     if len(data) == _NATIVE_BYTES:
-        raise FrameError(f"radio frame of {len(data)} bytes: native alignment of BBffff; allowed is '<', {PACKED.size}")
+        raise FrameError(
+            f"radio frame of {len(data)} bytes: native alignment of BBffff; allowed is '<', "
+            f"{PACKED.size}"
+        )
     if len(data) != PACKED.size:
         raise FrameError(f"radio frame of {len(data)} bytes; allowed is {PACKED.size}")
     message_class, second, *values = PACKED.unpack(data)
@@ -119,12 +128,22 @@ def decode(data: bytes) -> RadioMessage:
 
 
 def _check(values: tuple[float, ...] | list[float]) -> None:
-    limits = (("throttle", 1.0), ("steering", _ANGLE), ("pitch tail", _ANGLE), ("roll tail", _ANGLE))
+    limits = (
+        ("throttle", 1.0),
+        ("steering", _ANGLE),
+        ("pitch tail", _ANGLE),
+        ("roll tail", _ANGLE),
+    )
     for (name, limit), value in zip(limits, values, strict=True):
-        if not abs(value) <= limit * (1 + 1e-6):  # also catches NaN; the margin is the rounding to a 32-bit float
+        if not abs(value) <= limit * (
+            1 + 1e-6
+        ):  # also catches NaN; the margin is the rounding to a 32-bit float
             raise FrameError(f"radio {name} {value!r}: allowed is -{limit:g} to {limit:g}")
         if 0 < abs(value) < _LEAST_NORMAL:
-            raise FrameError(f"radio {name} {value!r}: is the sender's byte order big-endian? allowed is little-endian")
+            raise FrameError(
+                f"radio {name} {value!r}: is the sender's byte order big-endian? allowed is "
+                "little-endian"
+            )
 
 
 def _names(kind: type[IntEnum]) -> str:
@@ -132,7 +151,8 @@ def _names(kind: type[IntEnum]) -> str:
 
 
 REPORT_CLASS = 4
-"""First byte, and version of the layout: another layout has another, or a console of before would read wrong values."""
+"""First byte, and version of the layout: another layout has another, or a console of before would
+read wrong values."""
 FAULT_CODES = 6
 """In a report, one per source of `aerodima.workbench.config.signal_table.STATUS_SOURCES`."""
 REPORT_PERIOD = 0.05
@@ -142,7 +162,16 @@ _MOST_BYTES = 100
 _ARMED, _STOPPED = 1, 2
 _ASKS_SHIFT = 2
 _NO_TAIL = 16
-_NUMBERS = ("yaw_rate", "roll", "tail_pitch", "tail_roll", "torque_pitch", "torque_roll", "speed", "operator_age")
+_NUMBERS = (
+    "yaw_rate",
+    "roll",
+    "tail_pitch",
+    "tail_roll",
+    "torque_pitch",
+    "torque_roll",
+    "speed",
+    "operator_age",
+)
 """Fields of a report that are 32-bit floats, in their order."""
 
 
@@ -164,12 +193,14 @@ class CarReport:
         armed: the car takes commands. stopped: the operator's emergency stop came and stays.
         mode: of the last command that the car heard.
         faults: codes of the sources in their order, `FAULT_CODES` of them; 0 for none.
-        yaw_rate: rad/s. roll: of the chassis, rad. tail_pitch, tail_roll: rad. torque_pitch, torque_roll: N m.
+        yaw_rate: rad/s. roll: of the chassis, rad. tail_pitch, tail_roll: rad. torque_pitch,
+            torque_roll: N m.
         speed: m/s. operator_age: s since the operator was heard alive, infinite before.
         text: the worst fault in words, cut to what the frame holds.
         asks: what the operator must do before the car drives.
         car: number of the car among those that share a radio channel, 0 to 255.
-        has_tail: the car has tail motors; without them their faults, angles and torques say nothing.
+        has_tail: the car has tail motors; without them their faults, angles and torques say
+            nothing.
     """
 
     armed: bool
@@ -195,7 +226,9 @@ def make_report(report: CarReport, sequence: int = 0) -> bytes:
     flags = _ARMED * report.armed | _STOPPED * report.stopped | report.asks << _ASKS_SHIFT
     flags |= _NO_TAIL * (not report.has_tail)
     numbers = (getattr(report, name) for name in _NUMBERS)
-    head = _HEAD.pack(REPORT_CLASS, sequence % 256, flags, report.car, report.mode, *report.faults, *numbers)
+    head = _HEAD.pack(
+        REPORT_CLASS, sequence % 256, flags, report.car, report.mode, *report.faults, *numbers
+    )
     return head + report.text.encode()[: _MOST_BYTES - _HEAD.size]
 
 
@@ -206,7 +239,9 @@ def decode_report(data: bytes) -> CarReport:
         FrameError: another class or length, an unknown mode or flag, or NaN.
     """
     if not _HEAD.size <= len(data) <= _MOST_BYTES:
-        raise FrameError(f"car report of {len(data)} bytes; allowed are {_HEAD.size} to {_MOST_BYTES}")
+        raise FrameError(
+            f"car report of {len(data)} bytes; allowed are {_HEAD.size} to {_MOST_BYTES}"
+        )
     report_class, _, flags, car, mode, *rest = _HEAD.unpack_from(data)
     if report_class != REPORT_CLASS:
         raise FrameError(f"car report of class {report_class}; allowed is {REPORT_CLASS}")
@@ -215,10 +250,16 @@ def decode_report(data: bytes) -> CarReport:
     asks = (flags & ~_NO_TAIL) >> _ASKS_SHIFT
     if asks not in tuple(Asks):
         most = (max(Asks) + 1) << _ASKS_SHIFT
-        raise FrameError(f"car report: flags {flags}; allowed is less than {most}, and {_NO_TAIL} more without a tail")
-    faults, numbers = rest[:FAULT_CODES], rest[FAULT_CODES:]
+        raise FrameError(
+            f"car report: flags {flags}; allowed is less than {most}, and {_NO_TAIL} more without "
+            "a tail"
+        )
+    faults = rest[:FAULT_CODES]
+    numbers = rest[FAULT_CODES:]
     if any(math.isnan(number) for number in numbers):
         raise FrameError(f"car report with NaN: {numbers}")
-    report = CarReport(bool(flags & _ARMED), bool(flags & _STOPPED), RadioMode(mode), tuple(faults), *numbers)
+    report = CarReport(
+        bool(flags & _ARMED), bool(flags & _STOPPED), RadioMode(mode), tuple(faults), *numbers
+    )
     text = data[_HEAD.size :].decode(errors="ignore")
     return replace(report, text=text, asks=Asks(asks), has_tail=not flags & _NO_TAIL, car=car)

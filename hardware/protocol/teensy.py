@@ -1,19 +1,22 @@
-"""Strings between the computer and the Teensy: those of thesis 5.4.5, with a checksum, a clock and states added.
+"""Strings between the computer and the Teensy: those of thesis 5.4.5, with a checksum, a clock and
+states added.
 
-Printed command: `CAN MSG 1 ; CAN MSG 2 ; SERVO CMD ; THROTTLE CMD |`, each CAN message `ID ; STATE ; POS ; VEL ; KP ;
-KD ; TOR |` standing in it as printed, so that a command has three `|`.
+Printed command: `CAN MSG 1 ; CAN MSG 2 ; SERVO CMD ; THROTTLE CMD |`, each CAN message `ID ; STATE
+; POS ; VEL ; KP ; KD ; TOR |` standing in it as printed, so that a command has three `|`.
 Printed reply: `ID 1 ; POS 1 ; VEL 1 ; CUR 1 ; ID 2 ; POS 2 ; VEL 2 ; CUR 2 ; ENC POS |`.
 
-These carry no checksum, no time, no fault and no sign that a motor has fallen silent. So the command goes on with the
-car's attitude, `;ROLL;PITCH;AGE` behind the throttle; the reply with, per motor, a counter of CAN replies, temperature
-and fault, then the Teensy's clock and its status; and before the last `|` of either stands `;*HH`, a CRC-8 over
-everything since the start of the string. The firmware reads commands and writes replies (`src/strings.cpp`).
+These carry no checksum, no time, no fault and no sign that a motor has fallen silent. So the
+command goes on with the car's attitude, `;ROLL;PITCH;AGE` behind the throttle; the reply with, per
+motor, a counter of CAN replies, temperature and fault, then the Teensy's clock and its status; and
+before the last `|` of either stands `;*HH`, a CRC-8 over everything since the start of the string.
+The firmware reads commands and writes replies (`src/strings.cpp`).
 
-The attitude is sent since the IMU hangs on the computer: with it the Teensy stops a car that lies on its side although
-a drive goes on commanding. A chip of its own would have to be wired, calibrated and tested on the Teensy.
+The attitude is sent since the IMU hangs on the computer: with it the Teensy stops a car that lies
+on its side although a drive goes on commanding. A chip of its own would have to be wired,
+calibrated and tested on the Teensy.
 
-Units: rad, rad/s, N m/rad, N m s/rad, N m (the thesis calls the reply's field a current; it is the torque field of the
-motor's frame), pulses in us, sail angle in degrees, clock in ms.
+Units: rad, rad/s, N m/rad, N m s/rad, N m (the thesis calls the reply's field a current; it is the
+torque field of the motor's frame), pulses in us, sail angle in degrees, clock in ms.
 """
 
 from __future__ import annotations
@@ -35,7 +38,8 @@ THROTTLE_PULSES = (1100, 1500, 1900)
 class MotorRequest(IntEnum):
     """The field STATE: what the Teensy sends to the motor. The thesis does not print its values.
 
-    EXIT: the exit frame. ENTER: the neutral command, the enter frame, the neutral command. COMMAND: the command.
+    EXIT: the exit frame. ENTER: the neutral command, the enter frame, the neutral command. COMMAND:
+    the command.
     """
 
     EXIT = 0
@@ -46,8 +50,9 @@ class MotorRequest(IntEnum):
 class TeensyStatus(IntEnum):
     """Status of a reply: why the Teensy has switched everything off.
 
-    WATCHDOG_ACTED: no string that can be obeyed, or a restart. ATTITUDE: the car lies on its side, or its attitude is
-    not known while it is to drive. BEATS_STOPPED: no heartbeat on the bus while the motors are armed.
+    WATCHDOG_ACTED: no string that can be obeyed, or a restart. ATTITUDE: the car lies on its side,
+    or its attitude is not known while it is to drive. BEATS_STOPPED: no heartbeat on the bus while
+    the motors are armed.
     """
 
     RUNNING = 0
@@ -58,7 +63,8 @@ class TeensyStatus(IntEnum):
 
 SWITCHED_OFF = {
     TeensyStatus.WATCHDOG_ACTED: "the watchdog of the Teensy has acted",
-    TeensyStatus.ATTITUDE: "the Teensy has stopped the car: it lies on its side, or its attitude is not known",
+    TeensyStatus.ATTITUDE: "the Teensy has stopped the car: it lies on its side, or its attitude "
+    "is not known",
     TeensyStatus.BEATS_STOPPED: "the Teensy has switched the motors off: no heartbeat on the bus",
 }
 """What the Teensy has done and why, in words, by its status."""
@@ -81,7 +87,9 @@ class MotorOrder:
 
 @dataclass(frozen=True, slots=True)
 class Attitude:
-    """How the car stands. roll, pitch: rad. age: of the sample, ms; a larger one than the field holds is cut."""
+    """How the car stands. roll, pitch: rad. age: of the sample, ms; a larger one than the field
+    holds is cut.
+    """
 
     roll: float
     pitch: float
@@ -136,13 +144,18 @@ def make_command(command: TeensyCommand) -> bytes:
     """The command string, with its last `|`.
 
     Raises:
-        FrameError: NaN or infinity, a motor id that is not allowed or used twice, or a pulse out of range.
+        FrameError: NaN or infinity, a motor id that is not allowed or used twice, or a pulse out of
+            range.
     """
     _check_ids(command.motors[0].motor_id, command.motors[1].motor_id)
     _check_pulse("servo", command.servo, SERVO_PULSES)
     _check_pulse("throttle", command.throttle, THROTTLE_PULSES)
     orders = "|;".join(_write_order(order) for order in command.motors)
-    data = f"{orders}|;{command.servo};{command.throttle}{_write_attitude(command.attitude)}".encode("ascii")
+    data = (
+        f"{orders}|;{command.servo};{command.throttle}{_write_attitude(command.attitude)}".encode(
+            "ascii"
+        )
+    )
     return data + f";*{crc8(data):02X}".encode("ascii") + END
 
 
@@ -150,15 +163,20 @@ def decode_reply(text: bytes) -> TeensyReply:
     """The reply in one whole string. Raises `FrameError` for anything else."""
     fields = _open(text)
     if len(fields) != _REPLY_FIELDS:
-        raise FrameError(f"Teensy reply {text!r}: {len(fields)} fields; allowed are {_REPLY_FIELDS}")
+        raise FrameError(
+            f"Teensy reply {text!r}: {len(fields)} fields; allowed are {_REPLY_FIELDS}"
+        )
     motors = (_read_report(fields[0:4], fields[9:12]), _read_report(fields[4:8], fields[12:15]))
     _check_ids(motors[0].motor_id, motors[1].motor_id)
-    clock, status = _read_integer("clock", fields[15]), _read_integer("status", fields[16])
+    clock = _read_integer("clock", fields[15])
+    status = _read_integer("status", fields[16])
     return TeensyReply(motors, _read_number("sail", fields[8]), clock, TeensyStatus(status))
 
 
 def crc8(data: bytes) -> int:
-    """CRC-8, polynomial x^8 + x^2 + x + 1, from 0: finds every burst of errors up to 8 bits long."""
+    """CRC-8, polynomial x^8 + x^2 + x + 1, from 0: finds every burst of errors up to 8 bits
+    long.
+    """
     value = 0
     for byte in data:
         value = _CRC_TABLE[value ^ byte]
@@ -188,8 +206,9 @@ NUMBERS = {
     "pitch": (-3.2, 3.2, 4),
     "sail": (0.0, 360.0, 3),
 }
-"""Least and most value that is read or allowed, and decimals that are written. Those of the motors are the widest that
-any firmware profile can carry; the profile's own range is checked where it is known."""
+"""Least and most value that is read or allowed, and decimals that are written. Those of the motors
+are the widest that any firmware profile can carry; the profile's own range is checked where it is
+known."""
 _INTEGERS = {
     "id": (0, 255),
     "replies": (0, 255),
@@ -239,7 +258,11 @@ def _read_number(name: str, field: str) -> float:
     least, most, _ = NUMBERS[name]
     digits = field[1:] if field[:1] in ("-", "+") else field
     whole, _, decimals = digits.partition(".")
-    if not whole.isdigit() or not (decimals == "" or decimals.isdigit()) or len(field) > _MOST_DIGITS:
+    if (
+        not whole.isdigit()
+        or not (decimals == "" or decimals.isdigit())
+        or len(field) > _MOST_DIGITS
+    ):
         raise FrameError(f"Teensy {name} {field!r}: is not a decimal number")
     if not least <= float(field) <= most:
         raise FrameError(f"Teensy {name} {field}: allowed is {least:g} to {most:g}")
@@ -250,7 +273,9 @@ def _read_integer(name: str, field: str) -> int:
     least, most = _INTEGERS[name]
     digits = field[1:] if field[:1] == "-" else field
     if not digits.isdigit() or len(field) > _MOST_DIGITS or not least <= int(field) <= most:
-        raise FrameError(f"Teensy {name} {field!r}: allowed is a whole number from {least} to {most}")
+        raise FrameError(
+            f"Teensy {name} {field!r}: allowed is a whole number from {least} to {most}"
+        )
     return int(field)
 
 

@@ -1,9 +1,10 @@
-"""API frames of XBee modules, as far as the operator's radio needs them: data received, data to send.
+"""API frames of XBee modules, as far as the operator's radio needs them: data received, data to
+send.
 
-The modules are in API mode 1. A frame is 7E, two bytes of length, the content and a checksum: FF minus the sum of the
-content. Content `90` is data that arrived: sender 8 bytes, network
-address 2, options 1, data. Content `10` is data to send: frame id 1 (0: no answer wanted), receiver 8, network address
-2, radius 1, options 1, data.
+The modules are in API mode 1. A frame is 7E, two bytes of length, the content and a checksum: FF
+minus the sum of the content. Content `90` is data that arrived: sender 8 bytes, network
+address 2, options 1, data. Content `10` is data to send: frame id 1 (0: no answer wanted), receiver
+8, network address 2, radius 1, options 1, data.
 """
 
 from __future__ import annotations
@@ -41,13 +42,25 @@ def make_transmit(data: bytes, receiver: int) -> bytes:
     """
     if not 0 <= receiver < 1 << 64:
         raise FrameError(f"XBee address {receiver:#x}: must have 64 bits")
-    content = bytes([_TRANSMIT, 0]) + receiver.to_bytes(8, "big") + _UNKNOWN_NETWORK_ADDRESS + bytes(2) + data
+    content = (
+        bytes([_TRANSMIT, 0])
+        + receiver.to_bytes(8, "big")
+        + _UNKNOWN_NETWORK_ADDRESS
+        + bytes(2)
+        + data
+    )
     return _frame(content)
 
 
 def make_received(packet: ReceivedPacket) -> bytes:
     """The frame that a module hands over for data that arrived; for emulators."""
-    content = bytes([_RECEIVED]) + packet.sender.to_bytes(8, "big") + _UNKNOWN_NETWORK_ADDRESS + b"\x01" + packet.data
+    content = (
+        bytes([_RECEIVED])
+        + packet.sender.to_bytes(8, "big")
+        + _UNKNOWN_NETWORK_ADDRESS
+        + b"\x01"
+        + packet.data
+    )
     return _frame(content)
 
 
@@ -62,8 +75,9 @@ class SentPacket:
 class ApiStream:
     """Received packets out of a serial stream that begins anywhere and may carry noise.
 
-    A frame whose checksum is wrong is dropped, and the search goes on behind its first byte: a start byte within noise
-    costs no good frame. Frames of other kinds (modem status, ...) are skipped.
+    A frame whose checksum is wrong is dropped, and the search goes on behind its first byte: a
+    start byte within noise costs no good frame. Frames of other kinds (modem status, ...) are
+    skipped.
 
     Attributes:
         rejected: frames with a wrong checksum or a length that cannot be.
@@ -107,7 +121,9 @@ class ApiStream:
         return contents
 
     def _content(self) -> tuple[bytes | None, int]:
-        """Content of the frame at the beginning (None if it is none) and its bytes; 0 bytes: not yet complete."""
+        """Content of the frame at the beginning (None if it is none) and its bytes; 0 bytes: not
+        yet complete.
+        """
         if len(self._open) < 3:
             return None, 0
         length = int.from_bytes(self._open[1:3], "big")

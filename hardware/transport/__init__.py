@@ -1,1 +1,4 @@
-"""Byte and frame carriers of the car: CAN adapters, serial links. No meaning of the bytes, no Drake."""
+"""Byte and frame carriers of the car: CAN adapters, serial links.
+
+No meaning of the bytes, no Drake.
+"""

@@ -1,7 +1,7 @@
 """A CAN adapter: how it is named and opened, and the log of its traffic.
 
-Opening puts python-can's interfaces behind one clear error each. The log is a BLF file that a thread of its own writes,
-so that a slow or full disk never holds up the loop.
+Opening puts python-can's interfaces behind one clear error each. The log is a BLF file that a
+thread of its own writes, so that a slow or full disk never holds up the loop.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ try:
     from can.exceptions import error_check
     from can.interfaces.slcan import slcanBus
 except ImportError:
-    raise HardwareError("the CAN bus of the car needs python-can: pip install 'aerodima-workbench[hardware]'") from None
+    raise HardwareError(
+        "the CAN bus of the car needs python-can: pip install 'aerodima-workbench[hardware]'"
+    ) from None
 
 BITRATE = 1_000_000
 """bit/s of the tail motors (manual V1.0.8)."""
@@ -38,7 +40,8 @@ class CanSettings(StrictModel):
     Attributes:
         interface: `socketcan`, `slcan`, `socketcand`, `virtual` or another interface of python-can.
         channel: `can0`, `/dev/ttyACM0`, ...
-        bitrate: bit/s; for the interfaces that set it themselves (socketcan does not: `ip link` does).
+        bitrate: bit/s; for the interfaces that set it themselves (socketcan does not: `ip link`
+            does).
         options: further arguments of the interface, such as `host` and `port` of socketcand.
     """
 
@@ -55,12 +58,17 @@ def open_bus(settings: CanSettings) -> can.BusABC:
     """Opens the adapter. Never configures a network interface and never asks for rights.
 
     Raises:
-        HardwareError: unknown interface, missing device, missing permission, interface down, server not reached.
+        HardwareError: unknown interface, missing device, missing permission, interface down, server
+            not reached.
     """
     if settings.interface not in can.VALID_INTERFACES:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         raise HardwareError(f"CAN interface {settings.interface!r} is unknown; allowed: {known}")
-    arguments: dict[str, Any] = {"interface": settings.interface, "channel": settings.channel, **settings.options}
+    arguments: dict[str, Any] = {
+        "interface": settings.interface,
+        "channel": settings.channel,
+        **settings.options,
+    }
     if settings.interface == "socketcand":
         _reach(settings)
     elif settings.interface not in ("socketcan", "virtual"):
@@ -82,13 +90,17 @@ _LINE, _LONGEST = re.compile(rb"[^\r\a]*[\r\a]"), 64
 
 
 class _Slcan(slcanBus):
-    """The slcan of python-can, which reads byte by byte and takes a quarter of a core at 400 frames/s.
+    """The slcan of python-can, which reads byte by byte and takes a quarter of a core at 400
+    frames/s.
 
-    This one takes all bytes at hand at once. A line that is no text, or has no end, is dropped with a `ValueError`.
+    This one takes all bytes at hand at once. A line that is no text, or has no end, is dropped with
+    a `ValueError`.
     """
 
     def _read(self, timeout: float | None) -> str | None:
-        end, late, port = time.monotonic() + (timeout or 0.0), False, self.serialPortOrig
+        end = time.monotonic() + (timeout or 0.0)
+        late = False
+        port = self.serialPortOrig
         while not (found := _LINE.match(self._buffer)):
             if late:
                 return None
@@ -105,7 +117,8 @@ class _Slcan(slcanBus):
 
 def _reach(settings: CanSettings) -> None:
     """One attempt with a time limit: python-can would retry for ten seconds at full CPU load."""
-    host, port = settings.options.get("host"), settings.options.get("port")
+    host = settings.options.get("host")
+    port = settings.options.get("port")
     if not isinstance(host, str) or not isinstance(port, int):
         raise HardwareError(f"{settings}: needs the options host (text) and port (number)")
     try:
@@ -115,7 +128,8 @@ def _reach(settings: CanSettings) -> None:
 
 
 _CONTAINER_BYTES = 2048
-"""A block goes to the disk when it holds that much: about 20 frames, a tenth of a second of two motors at 100 Hz."""
+"""A block goes to the disk when it holds that much: about 20 frames, a tenth of a second of two
+motors at 100 Hz."""
 _MOST_WAITING = 10_000
 
 
@@ -140,11 +154,16 @@ class TrafficLog:
 
     @classmethod
     def create(cls, path: Path) -> TrafficLog:
-        """A log in a new file, `.blf`. Raises `HardwareError` if it exists already or cannot be made."""
+        """A log in a new file, `.blf`.
+
+        Raises `HardwareError` if it exists already or cannot be made.
+        """
         try:
             return cls(open(path, "x+b", buffering=0))
         except FileExistsError:
-            raise HardwareError(f"{path}: exists already; a traffic log is never overwritten") from None
+            raise HardwareError(
+                f"{path}: exists already; a traffic log is never overwritten"
+            ) from None
         except OSError as error:
             raise HardwareError(f"{path}: cannot be written: {error.strerror}") from None
 

@@ -1,7 +1,8 @@
 """A CAN bus that never holds up its user and never dies unnoticed.
 
-Two threads carry the frames: one receives, one sends. The user polls what came in and reads `fault`. A CAN driver is
-allowed to raise, to block or to spin: every one of these becomes a fault that stays until the bus is opened again.
+Two threads carry the frames: one receives, one sends. The user polls what came in and reads
+`fault`. A CAN driver is allowed to raise, to block or to spin: every one of these becomes a fault
+that stays until the bus is opened again.
 """
 
 from __future__ import annotations
@@ -24,16 +25,26 @@ _RECEIVER_SILENT = 0.5
 _SENDER_STUCK = 0.25
 """A driver that does not return from sending for that long is stuck, s."""
 _SEND_TIMEOUT = 0.02
-"""For the driver, s. pyserial looks at it after the write too: a thread that waits 5 ms for its turn is not late."""
+"""For the driver, s. pyserial looks at it after the write too: a thread that waits 5 ms for its
+turn is not late."""
 _SEND_RETRY = 0.001
 _SEND_BLOCKED = 0.05
-"""The driver takes no frame for that long: its buffer is full (ENOBUFS) since nobody acknowledges on the bus, s."""
+"""The driver takes no frame for that long: its buffer is full (ENOBUFS) since nobody acknowledges
+on the bus, s."""
 _MOST_GARBAGE = 200
 """Lines in a row that are no frame."""
 _ECHO_TIME = 0.05
 _ERROR_BUS_OFF = 0x40
 """Class bit of socketcan's error frames (linux/can/error.h)."""
-_GONE = (errno.ENODEV, errno.ENXIO, errno.EIO, errno.ENETDOWN, errno.EBADF, errno.EPIPE, errno.ECONNRESET)
+_GONE = (
+    errno.ENODEV,
+    errno.ENXIO,
+    errno.EIO,
+    errno.ENETDOWN,
+    errno.EBADF,
+    errno.EPIPE,
+    errno.ECONNRESET,
+)
 
 
 class BusFault(IntEnum):
@@ -53,9 +64,11 @@ _MOST_URGENT = 256
 
 
 class Outbox:
-    """Frames that wait for the sending thread: urgent ones first, of the others only the newest per id.
+    """Frames that wait for the sending thread: urgent ones first, of the others only the newest per
+    id.
 
-    A blocked adapter must not let old commands through when it comes back, and must let exit frames through first.
+    A blocked adapter must not let old commands through when it comes back, and must let exit frames
+    through first.
 
     Attributes:
         superseded: frames that were dropped, being old or replaced.
@@ -84,12 +97,15 @@ class Outbox:
             self._condition.notify_all()
 
     def next(self) -> CanFrame | None:
-        """Waits for the next frame to send; None once the box is closed and empty of urgent ones."""
+        """Waits for the next frame to send; None once the box is closed and empty of urgent
+        ones.
+        """
         with self._condition:
             while True:
                 if self._urgent:
                     self._taken = time.monotonic()
-                    self._in_hand, self._in_hand_is_urgent = (self._taken, self._urgent.popleft()), True
+                    self._in_hand = (self._taken, self._urgent.popleft())
+                    self._in_hand_is_urgent = True
                     return self._in_hand[1]
                 if self._closed:
                     return None
@@ -100,7 +116,8 @@ class Outbox:
                     if self._taken - since > _STALE_AFTER:
                         self.superseded += 1
                         continue
-                    self._in_hand, self._in_hand_is_urgent = (since, frame), False
+                    self._in_hand = (since, frame)
+                    self._in_hand_is_urgent = False
                     return frame
                 self._in_hand = None
                 self._condition.notify_all()
@@ -114,9 +131,11 @@ class Outbox:
                 self._condition.notify_all()
 
     def put_back(self, frame: CanFrame, may_have_left: bool = False) -> None:
-        """The frame in hand could not be sent: it goes first again, unless a newer one or an exit came, or it is old.
+        """The frame in hand could not be sent: it goes first again, unless a newer one or an exit
+        came, or it is old.
 
-        A command that may have left all the same is not sent twice, for the motor would answer twice.
+        A command that may have left all the same is not sent twice, for the motor would answer
+        twice.
 
         After `close` nothing comes back, so that a lost adapter cannot keep the thread alive.
         """
@@ -129,7 +148,11 @@ class Outbox:
             key = (frame.arbitration_id, frame.extended)
             if self._in_hand_is_urgent:
                 self._urgent.appendleft(frame)
-            elif may_have_left or key in self._waiting or key in ((f.arbitration_id, f.extended) for f in self._urgent):
+            elif (
+                may_have_left
+                or key in self._waiting
+                or key in ((f.arbitration_id, f.extended) for f in self._urgent)
+            ):
                 self.superseded += 1
             else:
                 self._waiting = {key: (since, frame), **self._waiting}
@@ -140,7 +163,10 @@ class Outbox:
             return 0.0 if self._in_hand is None else time.monotonic() - self._taken
 
     def wait_empty(self, timeout: float) -> bool:
-        """Waits until nothing waits and nothing is in hand, at most `timeout` s. Whether it came to that."""
+        """Waits until nothing waits and nothing is in hand, at most `timeout` s.
+
+        Whether it came to that.
+        """
         with self._condition:
             return self._condition.wait_for(
                 lambda: not self._urgent and not self._waiting and self._in_hand is None, timeout
@@ -159,7 +185,8 @@ class CanBus:
     Args:
         bus: python-can's; this object owns and closes it. `CanBus.open` makes both.
         traffic_log: takes all frames; this object closes it.
-        listen: standard ids that are kept; extended frames are always kept, since they betray V3 firmware. None: all.
+        listen: standard ids that are kept; extended frames are always kept, since they betray V3
+            firmware. None: all.
 
     Attributes:
         fault: first reason not to trust the bus; stays.
@@ -198,7 +225,8 @@ class CanBus:
         traffic_log: Path | None = None,
         listen: Collection[int] | None = None,
     ) -> CanBus:
-        """Opens the adapter of these settings and a new file for the traffic (`.blf`; none when None).
+        """Opens the adapter of these settings and a new file for the traffic (`.blf`; none when
+        None).
 
         Raises:
             HardwareError: as `open_bus` and `TrafficLog.create` do.
@@ -220,8 +248,10 @@ class CanBus:
         """Hands a frame to the sending thread and returns at once.
 
         Args:
-            urgent: goes out before all others, is repeated until the driver takes it, and removes the waiting commands
-                for the same id: for exit frames. Other frames that wait are replaced by the next one of the same id.
+            urgent: goes out before all others, is repeated until the driver takes it, and removes
+                the waiting commands
+                for the same id: for exit frames. Other frames that wait are replaced by the next
+                    one of the same id.
 
         Returns:
             False if the bus is closed.
@@ -241,7 +271,10 @@ class CanBus:
         return self._outbox.wait_empty(timeout)
 
     def close(self, timeout: float = 0.2) -> None:
-        """Sends what waits (at most `timeout` s), stops the threads, closes adapter and log. Never raises."""
+        """Sends what waits (at most `timeout` s), stops the threads, closes adapter and log.
+
+        Never raises.
+        """
         self.flush(timeout)
         self._closing.set()
         self._outbox.close()
@@ -263,7 +296,8 @@ class CanBus:
     def _check_threads(self) -> None:
         if self._closing.is_set():
             return
-        silent, stuck = time.monotonic() - self._receiver_time, self._outbox.age_in_hand()
+        silent = time.monotonic() - self._receiver_time
+        stuck = self._outbox.age_in_hand()
         if not self._receiver.is_alive():
             self._set_fault(BusFault.RECEIVER_DEAD, "the receive thread ended")
         elif silent > _RECEIVER_SILENT:
@@ -292,8 +326,11 @@ class CanBus:
             return
         if message is None:
             if time.thread_time() - busy > _RECEIVE_TIMEOUT / 2 and not self._closing.is_set():
-                # python-can's socketcand reads an endless nothing, at full load, once its server has gone
-                raise ConnectionResetError(errno.ECONNRESET, "the driver reads without end: the server has gone")
+                # python-can's socketcand reads an endless nothing, at full load, once its server
+                # has gone
+                raise ConnectionResetError(
+                    errno.ECONNRESET, "the driver reads without end: the server has gone"
+                )
             return
         self._garbage_in_a_row = 0
         now = time.monotonic()
@@ -307,9 +344,13 @@ class CanBus:
             self._take(now, message)
 
     def _drop_garbage(self, error: Exception) -> None:
-        """Goes on after a line of slcan that is no frame, or not even text; raises everything else."""
+        """Goes on after a line of slcan that is no frame, or not even text; raises everything
+        else.
+        """
         causes = (error, error.__cause__)
-        if self._garbage_in_a_row > _MOST_GARBAGE or not any(isinstance(e, ValueError | IndexError) for e in causes):
+        if self._garbage_in_a_row > _MOST_GARBAGE or not any(
+            isinstance(e, ValueError | IndexError) for e in causes
+        ):
             raise error
         self.garbage += 1
         self._garbage_in_a_row += 1
@@ -318,11 +359,17 @@ class CanBus:
         data = bytes(message.data)
         if not message.is_rx or self._is_echo(now, message.arbitration_id, data):
             self.echoes += 1
-        elif self._listen is not None and not message.is_extended_id and message.arbitration_id not in self._listen:
+        elif (
+            self._listen is not None
+            and not message.is_extended_id
+            and message.arbitration_id not in self._listen
+        ):
             self.foreign += 1
         else:
             self.received += 1
-            self._inbox.append((now, CanFrame(message.arbitration_id, data, message.is_extended_id)))
+            self._inbox.append(
+                (now, CanFrame(message.arbitration_id, data, message.is_extended_id))
+            )
 
     def _is_echo(self, now: float, arbitration_id: int, data: bytes) -> bool:
         with self._recent_lock:
@@ -356,7 +403,9 @@ class CanBus:
                 self._outbox.done()
 
     def _send_one(self, frame: CanFrame) -> None:
-        message = can.Message(time.time(), frame.arbitration_id, frame.extended, data=frame.data, is_rx=False)
+        message = can.Message(
+            time.time(), frame.arbitration_id, frame.extended, data=frame.data, is_rx=False
+        )
         with self._recent_lock:
             self._recent.append((time.monotonic(), frame.arbitration_id, frame.data))
         self._bus.send(message, timeout=_SEND_TIMEOUT)
@@ -366,7 +415,9 @@ class CanBus:
 
 
 def _may_have_left(error: BaseException | None) -> bool:
-    """Whether a frame may be on the bus although sending it failed: pyserial times out after a whole write too."""
+    """Whether a frame may be on the bus although sending it failed: pyserial times out after a
+    whole write too.
+    """
     while error is not None:
         if type(error).__name__ == "SerialTimeoutException":
             return True

@@ -1,8 +1,9 @@
 """One lock per device of the car: two programs never have their hands on it at the same time.
 
-An advisory `flock` on a file beside the system's own lock files. The kernel frees it when the last process that has it
-open has died, whatever killed it. A device of this computer is locked by the name that was given and by what that name
-stands for, anything else by its address. Taken before the device is opened: opening a port can stop a car that drives.
+An advisory `flock` on a file beside the system's own lock files. The kernel frees it when the last
+process that has it open has died, whatever killed it. A device of this computer is locked by the
+name that was given and by what that name stands for, anything else by its address. Taken before the
+device is opened: opening a port can stop a car that drives.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ def can_address(settings: CanSettings) -> str:
 
 
 def lock_devices(devices: Iterable[str], holder: str) -> contextlib.ExitStack:
-    """Takes the locks of devices, all or none; they are held until the stack is closed or this process dies.
+    """Takes the locks of devices, all or none; they are held until the stack is closed or this
+    process dies.
 
     Args:
         devices: paths and addresses, as the ports file names them.
@@ -50,7 +52,9 @@ def lock_devices(devices: Iterable[str], holder: str) -> contextlib.ExitStack:
     Raises:
         HardwareError: another program has one of them; names device, program and process.
     """
-    note = json.dumps({"holder": holder, "pid": os.getpid(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}).encode()
+    note = json.dumps(
+        {"holder": holder, "pid": os.getpid(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}
+    ).encode()
     named = {name: device for device in devices for name in _names(device)}
     try:
         with contextlib.ExitStack() as locks:
@@ -64,11 +68,16 @@ def lock_devices(devices: Iterable[str], holder: str) -> contextlib.ExitStack:
                 locks.callback(os.ftruncate, file, 0)
             return locks.pop_all()
     except OSError as error:
-        raise HardwareError(f"the locks of {', '.join(named.values())} cannot be taken: {error.strerror}") from None
+        raise HardwareError(
+            f"the locks of {', '.join(named.values())} cannot be taken: {error.strerror}"
+        ) from None
 
 
 def _names(device: str) -> set[str]:
-    """What a device is known by. A pseudo-terminal's number is soon given to another one: only its name counts."""
+    """What a device is known by.
+
+    A pseudo-terminal's number is soon given to another one: only its name counts.
+    """
     if not device.startswith(("/", ".")) and not os.path.exists(device):
         return {device}
     named = os.path.join(os.path.realpath(os.path.dirname(device)), os.path.basename(device))
@@ -82,11 +91,15 @@ def _lock_file(name: str) -> Path:
     with contextlib.suppress(FileExistsError):
         folder.mkdir()
         folder.chmod(0o1777)  # for every user of this computer
-    return folder / f"{os.path.basename(name)[-40:]}.{hashlib.sha256(name.encode()).hexdigest()[:12]}"
+    return (
+        folder / f"{os.path.basename(name)[-40:]}.{hashlib.sha256(name.encode()).hexdigest()[:12]}"
+    )
 
 
 def _open(path: Path) -> int:
-    """Without O_CREAT first: the kernel refuses it for files of others in a folder that all may write to."""
+    """Without O_CREAT first: the kernel refuses it for files of others in a folder that all may
+    write to.
+    """
     while True:
         try:
             return os.open(path, os.O_RDWR | os.O_CLOEXEC)
@@ -98,7 +111,8 @@ def _open(path: Path) -> int:
 
 
 def _take(path: Path, device: str) -> int:
-    file, begin = _open(path), time.monotonic()
+    file = _open(path)
+    begin = time.monotonic()
     while True:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

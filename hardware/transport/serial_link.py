@@ -1,4 +1,6 @@
-"""A serial port with threads of its own: it comes back after a broken cable and never holds up the loop."""
+"""A serial port with threads of its own: it comes back after a broken cable and never holds up the
+loop.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ if TYPE_CHECKING:
     from serial import Serial
 
 _READ_TIMEOUT = 0.02
-"""s; a read returns with the first byte, so that only a silent port waits that long: 50 times a second."""
+"""s; a read returns with the first byte, so that only a silent port waits that long: 50 times a
+second."""
 _WITHOUT_PORT = 0.002
 _WRITE_TIMEOUT = 0.1
 _RECONNECT = 0.25
@@ -50,10 +53,16 @@ def open_serial(settings: SerialSettings, timeout: float = _READ_TIMEOUT) -> Ser
     try:
         import serial
     except ImportError:
-        raise HardwareError("serial ports need pyserial: pip install 'aerodima-workbench[hardware]'") from None
+        raise HardwareError(
+            "serial ports need pyserial: pip install 'aerodima-workbench[hardware]'"
+        ) from None
     try:
         return serial.Serial(
-            settings.path, settings.rate, timeout=timeout, write_timeout=_WRITE_TIMEOUT, exclusive=True
+            settings.path,
+            settings.rate,
+            timeout=timeout,
+            write_timeout=_WRITE_TIMEOUT,
+            exclusive=True,
         )
     except (OSError, ValueError) as error:
         raise HardwareError(f"{settings.path}: cannot be opened: {reason_of(error)}") from None
@@ -62,12 +71,13 @@ def open_serial(settings: SerialSettings, timeout: float = _READ_TIMEOUT) -> Ser
 class SerialLink:
     """Bytes in and out of one serial device.
 
-    What is written replaces what still waits: each string of the Teensy carries everything, and an old one must not be
-    sent after a newer one was made. The device is opened again when it was lost; nobody is told to go on by that.
+    What is written replaces what still waits: each string of the Teensy carries everything, and an
+    old one must not be sent after a newer one was made. The device is opened again when it was
+    lost; nobody is told to go on by that.
 
     Args:
-        open_port: opens the device; raises `HardwareError`. The first call is made here, so that a wrong path is an
-            error at once.
+        open_port: opens the device; raises `HardwareError`. The first call is made here, so that a
+            wrong path is an error at once.
 
     Attributes:
         connected: whether the device is open.
@@ -107,17 +117,23 @@ class SerialLink:
             return f"its thread {dead} has died; start the program again"
         if not self.connected:
             return self.error
-        return "" if time.monotonic() - self._alive < _THREAD_SILENT else "its driver does not answer"
+        return (
+            "" if time.monotonic() - self._alive < _THREAD_SILENT else "its driver does not answer"
+        )
 
     def write(self, data: bytes) -> None:
-        """Hands bytes to the sending thread and returns at once; they replace bytes that still wait."""
+        """Hands bytes to the sending thread and returns at once; they replace bytes that still
+        wait.
+        """
         with self._condition:
             self.replaced += self._waiting is not None
             self._waiting = data
             self._condition.notify_all()
 
     def poll(self) -> list[tuple[float, bytes]]:
-        """Bytes that came since the last call, in the pieces in which they came, each with its `time.monotonic`."""
+        """Bytes that came since the last call, in the pieces in which they came, each with its
+        `time.monotonic`.
+        """
         return [self._inbox.popleft() for _ in range(len(self._inbox))]
 
     def flush(self, timeout: float = 0.2) -> bool:
@@ -137,7 +153,8 @@ class SerialLink:
 
     def _lose(self, reason: str, count: bool = True) -> None:
         """Closes the device after an error; `_run` opens it again."""
-        port, self._port = self._port, None
+        port = self._port
+        self._port = None
         self.connected = False
         if port is None:
             return
@@ -159,7 +176,9 @@ class SerialLink:
                 continue
             try:
                 data = port.read(max(1, port.in_waiting))
-            except Exception as error:  # pyserial raises OSError, TypeError and others on a lost device
+            except (
+                Exception
+            ) as error:  # pyserial raises OSError, TypeError and others on a lost device
                 self._lose(f"reading failed: {reason_of(error)}")
                 continue
             if data:
@@ -181,7 +200,9 @@ class SerialLink:
     def _run_writer(self) -> None:
         while not self._closing.is_set():
             with self._condition:
-                self._condition.wait_for(lambda: self._waiting is not None or self._closing.is_set(), 0.1)
+                self._condition.wait_for(
+                    lambda: self._waiting is not None or self._closing.is_set(), 0.1
+                )
                 data = self._waiting
             if data is None:
                 continue
@@ -201,7 +222,9 @@ class SerialLink:
 
 
 def reason_of(error: BaseException) -> str:
-    """What went wrong with a device and what a user can do, from the first system error in the chain."""
+    """What went wrong with a device and what a user can do, from the first system error in the
+    chain.
+    """
     root: BaseException | None = error
     while root is not None and getattr(root, "errno", None) is None:
         root = root.__cause__ or root.__context__

@@ -1,4 +1,6 @@
-"""The calibration: runs of reduced and full cars through the engine, posteriors of the cars, and what tests them."""
+"""The calibration: runs of reduced and full cars through the engine, posteriors of the cars, and
+what tests them.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,13 @@ import numpy as np
 from scipy.special import expit, log_expit, log_ndtr, logit
 
 from aerodima.optimisation.calibration.emulator import METRICS, Emulator
-from aerodima.optimisation.calibration.turn_runs import Piece, prior_of, run_full, run_reduced, search_full
+from aerodima.optimisation.calibration.turn_runs import (
+    Piece,
+    prior_of,
+    run_full,
+    run_reduced,
+    search_full,
+)
 from aerodima.optimisation.calibration.two_systems import (
     FRICTION,
     KEPT,
@@ -32,7 +40,8 @@ from aerodima.workbench.config.array_types import FloatArray
 REDUCED_AT_ONCE, FULL_AT_ONCE = 300, 4
 """Cars in one piece of work."""
 MIDDLE, WIDE, NARROW = 0.67, 0.8, 0.4
-"""Friction in the middle of the first search for a flip, and the reach of both searches in its logarithm."""
+"""Friction in the middle of the first search for a flip, and the reach of both searches in its
+logarithm."""
 FULL_REACH = {"none": 0.05, "held": 0.05, "swing": 0.15}
 """Steps of the search for the flip of a full car from that of the reduced one."""
 LIFT_WIDTH = 0.1
@@ -44,24 +53,33 @@ STARTS = 20_000
 def emulate(plan: CalibrationPlan, runs: Runs) -> Emulator:
     """Runs the reduced cars and the full cars of a plan, and fits the emulator to them.
 
-    The first wave of reduced cars is spread over the prior; a rough posterior says where the second wave, and one of
-    both waves where the full cars are needed.
+    The first wave of reduced cars is spread over the prior; a rough posterior says where the second
+    wave, and one of both waves where the full cars are needed.
     """
-    prior, figures = prior_of(plan), figures_of(plan)
+    prior = prior_of(plan)
+    figures = figures_of(plan)
     first = prior.spread(plan.size.cars // 2, plan.seed)
     wide = _reduced(plan, runs, first, WIDE)
     emulator = Emulator.of_reduced(prior, first, wide)
-    rough = sample(emulator, figures, plan.seed, steps=2 * plan.size.steps).cars  # wide, so it settles later
+    rough = sample(
+        emulator, figures, plan.seed, steps=2 * plan.size.steps
+    ).cars  # wide, so it settles later
     second = _different(rough, plan.size.cars, plan.seed)
     narrow = _reduced(plan, runs, second, NARROW)
-    both = {turn: {name: wide[turn][name] + narrow[turn][name] for name in narrow[turn]} for turn in narrow}
+    both = {
+        turn: {name: wide[turn][name] + narrow[turn][name] for name in narrow[turn]}
+        for turn in narrow
+    }
     emulator = Emulator.of_reduced(prior, np.vstack([first, second]), both)
     full = _different(sample(emulator, figures, plan.seed).cars, plan.size.full, plan.seed)
     return emulator.corrected(full, _full_flips(plan, runs, full, emulator))
 
 
-def _reduced(plan: CalibrationPlan, runs: Runs, cars: FloatArray, reach: float) -> dict[str, dict[str, Any]]:
-    """`run_reduced` of cars (m, n) by name of the turn; the flip is searched around the friction of each car.
+def _reduced(
+    plan: CalibrationPlan, runs: Runs, cars: FloatArray, reach: float
+) -> dict[str, dict[str, Any]]:
+    """`run_reduced` of cars (m, n) by name of the turn; the flip is searched around the friction of
+    each car.
 
     The wide search is around the middle of what friction may be.
     """
@@ -74,8 +92,12 @@ def _reduced(plan: CalibrationPlan, runs: Runs, cars: FloatArray, reach: float) 
     return _joined(_by_turn(run_reduced, plan, runs, around, REDUCED_AT_ONCE, reaches))
 
 
-def _full_flips(plan: CalibrationPlan, runs: Runs, cars: FloatArray, emulator: Emulator) -> dict[str, dict[str, Any]]:
-    """`search_full` of cars (m, n) by name of the turn, around the friction at which the emulator has them flip."""
+def _full_flips(
+    plan: CalibrationPlan, runs: Runs, cars: FloatArray, emulator: Emulator
+) -> dict[str, dict[str, Any]]:
+    """`search_full` of cars (m, n) by name of the turn, around the friction at which the emulator
+    has them flip.
+    """
     runs.stage = "full cars"
     margins = {turn.name: emulator.margin(cars, turn) for turn in plan.turns}
     everywhere = {turn.name: cars for turn in plan.turns}
@@ -90,7 +112,9 @@ def _joined(found: Mapping[str, list[Any]]) -> dict[str, dict[str, Any]]:
 
 
 def _different(cars: FloatArray, number: int, seed: int) -> FloatArray:
-    """So many of the drawn cars (m, n), no two alike: a sampler that stays where it is draws a car again."""
+    """So many of the drawn cars (m, n), no two alike: a sampler that stays where it is draws a car
+    again.
+    """
     return np.random.default_rng(seed).permutation(np.unique(cars, axis=0))[:number]
 
 
@@ -104,7 +128,9 @@ def _by_turn(
     step: float | None = None,
     margins: Mapping[str, FloatArray] = MappingProxyType({}),
 ) -> dict[str, list[Any]]:
-    """What work comes to, in pieces of so many cars, by name of the turn; all pieces are handed out together."""
+    """What work comes to, in pieces of so many cars, by name of the turn; all pieces are handed out
+    together.
+    """
     pieces = [
         Piece(
             plan,
@@ -119,7 +145,16 @@ def _by_turn(
     ]
     rounds = (plan.size.rounds, plan.size.full_rounds)
     keys = [
-        content_key(work.__name__, p.turn.model_dump(), p.cars, p.margins, p.reach, p.step, rounds, plan.settings)
+        content_key(
+            work.__name__,
+            p.turn.model_dump(),
+            p.cars,
+            p.margins,
+            p.reach,
+            p.step,
+            rounds,
+            plan.settings,
+        )
         for p in pieces
     ]
     found: dict[str, list[Any]] = {turn.name: [] for turn in plan.turns}
@@ -146,8 +181,8 @@ class Posterior:
 def log_likelihood(emulator: Emulator, figures: Sequence[Figure], cars: FloatArray) -> FloatArray:
     """Logarithm of the probability (m) of figures and of all outcomes, given cars (m, n).
 
-    The trigger of the thesis' law is the yaw rate up to which the inner wheels stay on the ground: a car whose wheel
-    lifts below it is unlikely, with a width of `LIFT_WIDTH`.
+    The trigger of the thesis' law is the yaw rate up to which the inner wheels stay on the ground:
+    a car whose wheel lifts below it is unlikely, with a width of `LIFT_WIDTH`.
     """
     plan = emulator.prior.plan
     margins = {turn.name: emulator.margin(cars, turn) for turn in plan.turns}
@@ -157,15 +192,20 @@ def log_likelihood(emulator: Emulator, figures: Sequence[Figure], cars: FloatArr
         if turn.table:
             values = emulator.values(cars, turn, margins[turn.name])
             for figure in own:
-                total += log_density(emulator, figure, cars, values[:, METRICS.index(figure.metric)])
+                total += log_density(
+                    emulator, figure, cars, values[:, METRICS.index(figure.metric)]
+                )
             if turn == (lift := lift_of(plan)).turn:
                 width = np.hypot(LIFT_WIDTH, emulator.deviation(lift))
                 total += log_ndtr((values[:, METRICS.index(LIFT)] - lift.published) / width)
     return total
 
 
-def log_density(emulator: Emulator, figure: Figure, cars: FloatArray, values: FloatArray | None = None) -> FloatArray:
-    """Logarithm of the density of a published figure given cars (m, n), per share of the figure (m).
+def log_density(
+    emulator: Emulator, figure: Figure, cars: FloatArray, values: FloatArray | None = None
+) -> FloatArray:
+    """Logarithm of the density of a published figure given cars (m, n), per share of the figure
+    (m).
 
     The model is off by a share of what it predicts.
 
@@ -175,24 +215,37 @@ def log_density(emulator: Emulator, figure: Figure, cars: FloatArray, values: Fl
     values = emulator.value(cars, figure) if values is None else values
     spread = spread_of(emulator, figure, cars, values)
     off = (figure.published - values) / spread
-    found: FloatArray = -0.5 * off * off - np.log(spread * np.sqrt(2.0 * np.pi) / abs(figure.published))
+    found: FloatArray = -0.5 * off * off - np.log(
+        spread * np.sqrt(2.0 * np.pi) / abs(figure.published)
+    )
     return found
 
 
-def spread_of(emulator: Emulator, figure: Figure, cars: FloatArray, values: FloatArray) -> FloatArray:
-    """How far (m) the published figure may lie from what cars (m, n) show (m): one standard deviation, in its unit.
+def spread_of(
+    emulator: Emulator, figure: Figure, cars: FloatArray, values: FloatArray
+) -> FloatArray:
+    """How far (m) the published figure may lie from what cars (m, n) show (m): one standard
+    deviation, in its unit.
 
-    A rate and its integral are off by different shares; the integral of a gyro gathers what the rate averages out.
+    A rate and its integral are off by different shares; the integral of a gyro gathers what the
+    rate averages out.
     """
-    share = cars[:, emulator.prior.column(OFF_ROLL if figure.metric == "roll_integral_rad" else OFF)]
+    share = cars[
+        :, emulator.prior.column(OFF_ROLL if figure.metric == "roll_integral_rad" else OFF)
+    ]
     found: FloatArray = np.hypot(share * values, emulator.deviation(figure))
     return found
 
 
 def sample(
-    emulator: Emulator, figures: Sequence[Figure], seed: int, prior: CarPrior | None = None, steps: int | None = None
+    emulator: Emulator,
+    figures: Sequence[Figure],
+    seed: int,
+    prior: CarPrior | None = None,
+    steps: int | None = None,
 ) -> Posterior:
-    """Draws from the posterior given some figures and all outcomes, with an ensemble sampler (emcee).
+    """Draws from the posterior given some figures and all outcomes, with an ensemble sampler
+    (emcee).
 
     It walks in the logit of each range, so that no step leaves it.
 
@@ -202,7 +255,8 @@ def sample(
     """
     import emcee
 
-    prior, size = prior or emulator.prior, emulator.prior.plan.size
+    prior = prior or emulator.prior
+    size = emulator.prior.plan.size
     steps = steps or size.steps
 
     low, high = prior.ranges.T
@@ -220,8 +274,14 @@ def sample(
     spread = prior.spread(STARTS, seed)
     starts = logit(np.clip((spread - low) / (high - low), 1e-6, 1.0 - 1e-6))
     best = np.argsort(log_posterior(starts))[::-1][: size.walkers]
-    moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.1), (emcee.moves.StretchMove(), 0.1)]
-    sampler = emcee.EnsembleSampler(size.walkers, starts.shape[1], log_posterior, moves=moves, vectorize=True)
+    moves = [
+        (emcee.moves.DEMove(), 0.8),
+        (emcee.moves.DESnookerMove(), 0.1),
+        (emcee.moves.StretchMove(), 0.1),
+    ]
+    sampler = emcee.EnsembleSampler(
+        size.walkers, starts.shape[1], log_posterior, moves=moves, vectorize=True
+    )
     sampler.random_state = np.random.RandomState(seed).get_state()
     sampler.run_mcmc(starts[best], steps, skip_initial_state_check=True)
     burn = steps // 3
@@ -235,14 +295,18 @@ def sample(
 
 @dataclass(frozen=True)
 class FineRuns:
-    """Cars (m, n) of a posterior, and the rows of `run_full` (m) of every turn at the fine step, by its name."""
+    """Cars (m, n) of a posterior, and the rows of `run_full` (m) of every turn at the fine step, by
+    its name.
+    """
 
     cars: FloatArray
     rows: dict[str, list[dict[str, Any]]]
 
 
 def run_fine(plan: CalibrationPlan, posterior: Posterior, runs: Runs) -> FineRuns:
-    """Runs cars of a posterior through every turn with the full car at the fine step of the plan."""
+    """Runs cars of a posterior through every turn with the full car at the fine step of the
+    plan.
+    """
     cars = _different(posterior.cars, plan.size.ensemble, plan.seed)
     runs.stage = "full cars"
     everywhere = {turn.name: cars for turn in plan.turns}

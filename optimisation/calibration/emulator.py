@@ -1,4 +1,6 @@
-"""Figures and flips of any car of the prior: Gaussian processes of reduced cars, corrected by full ones."""
+"""Figures and flips of any car of the prior: Gaussian processes of reduced cars, corrected by full
+ones.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +16,22 @@ from scipy.linalg import cho_solve
 from scipy.special import log_ndtr
 from scipy.stats import norm
 
-from aerodima.optimisation.calibration.two_systems import FIGURES, FRICTION, LIFT, OF_THE_FIELD, CarPrior, Figure, Turn
+from aerodima.optimisation.calibration.two_systems import (
+    FIGURES,
+    FRICTION,
+    LIFT,
+    OF_THE_FIELD,
+    CarPrior,
+    Figure,
+    Turn,
+)
 from aerodima.workbench.config.array_types import FloatArray, IntArray
 from aerodima.workbench.errors import UserError
 
 METRICS = (*FIGURES, LIFT)
 SIZES, LENGTHS, NOISES = (1e-2, 1e3), (0.3, 100.0), (1e-5, 1.0)
-"""Bounds of what a process is tuned in: variance, lengths over scaled columns, variance of the noise."""
+"""Bounds of what a process is tuned in: variance, lengths over scaled columns, variance of the
+noise."""
 TUNED, FITTED = 250, 1200
 """Most rows by which it is tuned, and to which it is fitted."""
 LEAST, LEAST_FULL = 8, 3
@@ -31,7 +42,8 @@ CLOSEST = 0.005
 """Margin that counts as none."""
 NODES = np.linspace(-6.0, 6.0, 121)
 WEIGHTS = np.log(norm.pdf(NODES) / norm.pdf(NODES).sum())[:, None]
-"""Values of what the emulator misses of a car, over its deviation, and the logarithms of their weights."""
+"""Values of what the emulator misses of a car, over its deviation, and the logarithms of their
+weights."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +53,8 @@ class Surface:
     Attributes:
         columns: of the cars.
         model: scaled columns (m, c) -> values (m, k).
-        deviation: of what it misses in cars that it was not fitted to (k), in the unit of its values.
+        deviation: of what it misses in cars that it was not fitted to (k), in the unit of its
+            values.
         missed: what it misses of each row once it was fitted without that row's car (m, k).
     """
 
@@ -51,25 +64,37 @@ class Surface:
     missed: FloatArray = field(default_factory=lambda: np.zeros((0, 1)))
 
     @classmethod
-    def process(cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray) -> Surface:
-        """A Gaussian process with a length for every column, fitted to values (m, k) at scaled cars (m, n).
+    def process(
+        cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray
+    ) -> Surface:
+        """A Gaussian process with a length for every column, fitted to values (m, k) at scaled cars
+        (m, n).
 
         Args:
-            cars: which car a row is of (m); what the process misses of a car is found without all rows of that car.
+            cars: which car a row is of (m); what the process misses of a car is found without all
+                rows of that car.
         """
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
         rows = np.random.default_rng(len(values)).permutation(len(values))[:FITTED]
-        middle, spread = values.mean(axis=0), values.std(axis=0) + 1e-9
-        chosen, target = scaled[rows][:, columns], (values[rows] - middle) / spread
-        kernel = ConstantKernel(1.0, SIZES) * RBF(np.full(len(columns), 2.0), LENGTHS) + WhiteKernel(0.01, NOISES)
+        middle = values.mean(axis=0)
+        spread = values.std(axis=0) + 1e-9
+        chosen = scaled[rows][:, columns]
+        target = (values[rows] - middle) / spread
+        kernel = ConstantKernel(1.0, SIZES) * RBF(
+            np.full(len(columns), 2.0), LENGTHS
+        ) + WhiteKernel(0.01, NOISES)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the length of a column without influence is at its bound
+            warnings.simplefilter(
+                "ignore"
+            )  # the length of a column without influence is at its bound
             tuned = GaussianProcessRegressor(kernel).fit(chosen[:TUNED], target[:TUNED]).kernel_
         fitted = GaussianProcessRegressor(tuned, optimizer=None).fit(chosen, target)
-        size, lengths = tuned.k1.k1.constant_value, tuned.k1.k2.length_scale
-        weights, places = fitted.alpha_.reshape(target.shape), chosen / lengths
+        size = tuned.k1.k1.constant_value
+        lengths = tuned.k1.k2.length_scale
+        weights = fitted.alpha_.reshape(target.shape)
+        places = chosen / lengths
         model = partial(_process_at, lengths, places, weights * (size * spread), middle)
         inverse = cho_solve((fitted.L_, True), np.eye(len(rows)))
         missed = np.full(values.shape, np.nan)
@@ -80,16 +105,22 @@ class Surface:
         return cls(tuple(columns), model, _deviation(missed[rows]), missed)
 
     @classmethod
-    def line(cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray) -> Surface:
+    def line(
+        cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray
+    ) -> Surface:
         """A plane with a ridge, for rows of few cars; arguments as those of `process`."""
         from sklearn.linear_model import Ridge
         from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_predict
 
-        chosen, folds = scaled[:, columns], GroupKFold(min(8, len(np.unique(cars))))
+        chosen = scaled[:, columns]
+        folds = GroupKFold(min(8, len(np.unique(cars))))
         tried = GridSearchCV(Ridge(), {"alpha": RIDGES}, cv=folds, scoring="neg_mean_squared_error")
         ridge = tried.fit(chosen, values, groups=cars).best_estimator_
-        missed = values - cross_val_predict(ridge, chosen, values, groups=cars, cv=folds).reshape(values.shape)
-        slopes, offset = np.atleast_2d(ridge.coef_), np.atleast_1d(ridge.intercept_)
+        missed = values - cross_val_predict(ridge, chosen, values, groups=cars, cv=folds).reshape(
+            values.shape
+        )
+        slopes = np.atleast_2d(ridge.coef_)
+        offset = np.atleast_1d(ridge.intercept_)
         return cls(tuple(columns), partial(_plane_at, slopes, offset), _deviation(missed), missed)
 
     def __call__(self, scaled: FloatArray) -> FloatArray:
@@ -98,7 +129,11 @@ class Surface:
 
 
 def _process_at(
-    lengths: FloatArray, places: FloatArray, weights: FloatArray, middle: FloatArray, inputs: FloatArray
+    lengths: FloatArray,
+    places: FloatArray,
+    weights: FloatArray,
+    middle: FloatArray,
+    inputs: FloatArray,
 ) -> FloatArray:
     """As sklearn's `predict`, without its checks, which take most of the time of a posterior."""
     at = inputs / lengths
@@ -120,7 +155,8 @@ class Emulator:
         prior: whose coordinates the cars have.
         flips: name of the turn -> logarithm of the friction at the flip.
         figures: name of the turn -> `METRICS`.
-        shifts: name of the turn -> full less reduced cars in that logarithm; its deviation is that of the emulator.
+        shifts: name of the turn -> full less reduced cars in that logarithm; its deviation is that
+            of the emulator.
         corrections: name of the turn -> full less reduced cars in `METRICS`, likewise.
     """
 
@@ -131,37 +167,55 @@ class Emulator:
     corrections: dict[str, Surface] = field(default_factory=dict)
 
     @classmethod
-    def of_reduced(cls, prior: CarPrior, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]) -> Emulator:
+    def of_reduced(
+        cls, prior: CarPrior, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]
+    ) -> Emulator:
         """From `run_reduced` of all cars (m, n), by name of the turn."""
-        flips, figures = {}, {}
+        flips = {}
+        figures = {}
         for turn in prior.plan.turns:
             known, flip, tried, shown, whose = _search(turn, cars, found[turn.name], LEAST)
             scaled = prior.scaled(cars[known])
-            flips[turn.name] = Surface.process(_of_the_flip(prior, turn), scaled, flip[known, None], known)
+            flips[turn.name] = Surface.process(
+                _of_the_flip(prior, turn), scaled, flip[known, None], known
+            )
             if turn.table:
-                inputs = _with_margin(prior.scaled(tried), _unseen(prior, turn, flip, flips[turn.name], tried, whose))
-                figures[turn.name] = Surface.process(_of_a_figure(prior, turn), inputs, shown, whose)
+                inputs = _with_margin(
+                    prior.scaled(tried), _unseen(prior, turn, flip, flips[turn.name], tried, whose)
+                )
+                figures[turn.name] = Surface.process(
+                    _of_a_figure(prior, turn), inputs, shown, whose
+                )
         return cls(prior, flips, figures)
 
     def corrected(self, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]) -> Emulator:
         """By `search_full` of all cars (m, n), by name of the turn."""
-        prior, shifts, corrections = self.prior, {}, {}
+        prior = self.prior
+        shifts = {}
+        corrections = {}
         for turn in prior.plan.turns:
             known, flip, tried, shown, whose = _search(turn, cars, found[turn.name], LEAST_FULL)
             scaled = prior.scaled(cars[known])
             missed = flip[known, None] - self.flips[turn.name](scaled)
             shifts[turn.name] = Surface.line(_of_the_flip(prior, turn), scaled, missed, known)
             if turn.table:
-                inputs = _with_margin(prior.scaled(tried), _unseen(prior, turn, flip, shifts[turn.name], tried, whose))
+                inputs = _with_margin(
+                    prior.scaled(tried), _unseen(prior, turn, flip, shifts[turn.name], tried, whose)
+                )
                 missed = shown - self.figures[turn.name](inputs)
-                corrections[turn.name] = Surface.line(_of_a_figure(prior, turn), inputs, missed, whose)
+                corrections[turn.name] = Surface.line(
+                    _of_a_figure(prior, turn), inputs, missed, whose
+                )
         return replace(self, shifts=shifts, corrections=corrections)
 
     def margin(self, cars: FloatArray, turn: Turn) -> FloatArray:
         """Logarithm of the friction at the flip over that of the car (m); above 0 it survives."""
-        scaled, shift = self.prior.scaled(cars), self.shifts.get(turn.name)
+        scaled = self.prior.scaled(cars)
+        shift = self.shifts.get(turn.name)
         found = self.flips[turn.name](scaled) + (0.0 if shift is None else shift(scaled))
-        margin: FloatArray = found[:, 0] - np.log(cars[:, self.prior.column(f"{turn.system} {FRICTION}")])
+        margin: FloatArray = found[:, 0] - np.log(
+            cars[:, self.prior.column(f"{turn.system} {FRICTION}")]
+        )
         return margin
 
     def flip_deviation(self, turn: Turn) -> float:
@@ -169,7 +223,9 @@ class Emulator:
         return float(self.shifts.get(turn.name, self.flips[turn.name]).deviation[0])
 
     def survival(self, cars: FloatArray, turn: Turn) -> FloatArray:
-        """Probability (m) that a car survives a turn, with the width of the plan and what the emulator misses."""
+        """Probability (m) that a car survives a turn, with the width of the plan and what the
+        emulator misses.
+        """
         width = np.hypot(self.prior.plan.outcome_width[turn.tail], self.flip_deviation(turn))
         found: FloatArray = norm.cdf(self.margin(cars, turn) / width)
         return found
@@ -180,13 +236,17 @@ class Emulator:
         found = {}
         for turn in self.prior.plan.turns:
             margin = self.margin(car, turn)[0] + self.flip_deviation(turn) * missed[_kind(turn)]
-            found[turn.name] = bool(margin > self.prior.plan.outcome_width[turn.tail] * rng.standard_normal())
+            found[turn.name] = bool(
+                margin > self.prior.plan.outcome_width[turn.tail] * rng.standard_normal()
+            )
         return found
 
     def log_outcomes(self, margins: Mapping[str, FloatArray]) -> FloatArray:
-        """Logarithm of the probability (m) of how all turns of the plan ended, by their `margin` (m).
+        """Logarithm of the probability (m) of how all turns of the plan ended, by their `margin`
+        (m).
 
-        What the emulator misses is one number for the turns of a car that differ in their speed alone.
+        What the emulator misses is one number for the turns of a car that differ in their speed
+        alone.
         """
         total: FloatArray = np.zeros(())
         for _, turns in groupby(sorted(self.prior.plan.turns, key=_kind), key=_kind):
@@ -199,8 +259,12 @@ class Emulator:
         return total
 
     def values(self, cars: FloatArray, turn: Turn, margin: FloatArray | None = None) -> FloatArray:
-        """`METRICS` of cars (m, n) in a turn (m, 6), each in its unit; `margin` (m) where it is known already."""
-        inputs = _with_margin(self.prior.scaled(cars), self.margin(cars, turn) if margin is None else margin)
+        """`METRICS` of cars (m, n) in a turn (m, 6), each in its unit; `margin` (m) where it is
+        known already.
+        """
+        inputs = _with_margin(
+            self.prior.scaled(cars), self.margin(cars, turn) if margin is None else margin
+        )
         correction = self.corrections.get(turn.name)
         return self.figures[turn.name](inputs) + (0.0 if correction is None else correction(inputs))
 
@@ -225,12 +289,21 @@ def _of_the_flip(prior: CarPrior, turn: Turn) -> list[int]:
 
 
 def _unseen(
-    prior: CarPrior, turn: Turn, flip: FloatArray, surface: Surface, tried: FloatArray, whose: IntArray
+    prior: CarPrior,
+    turn: Turn,
+    flip: FloatArray,
+    surface: Surface,
+    tried: FloatArray,
+    whose: IntArray,
 ) -> FloatArray:
-    """Margin of cars that were tried (k), as the emulator has it for cars that it was not fitted to."""
+    """Margin of cars that were tried (k), as the emulator has it for cars that it was not fitted
+    to.
+    """
     without = flip.copy()
     without[np.isfinite(flip)] -= surface.missed[:, 0]
-    margin: FloatArray = without[whose] - np.log(tried[:, prior.column(f"{turn.system} {FRICTION}")])
+    margin: FloatArray = without[whose] - np.log(
+        tried[:, prior.column(f"{turn.system} {FRICTION}")]
+    )
     return margin
 
 
@@ -239,30 +312,40 @@ def _of_a_figure(prior: CarPrior, turn: Turn) -> list[int]:
 
 
 def _with_margin(scaled: FloatArray, margin: FloatArray) -> FloatArray:
-    """Scaled cars (m, n) and the logarithm of their margin (m): a car leans ever further as the margin goes to 0."""
+    """Scaled cars (m, n) and the logarithm of their margin (m): a car leans ever further as the
+    margin goes to 0.
+    """
     return np.column_stack([scaled, np.log(0.5 * (margin + np.hypot(margin, 2.0 * CLOSEST)))])
 
 
 def _search(
     turn: Turn, cars: FloatArray, found: Mapping[str, Any], least: int
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray]:
-    """Which of the cars flip, the flip of each, cars (k, n) that survived, their figures (k, 6), and whose they are."""
+    """Which of the cars flip, the flip of each, cars (k, n) that survived, their figures (k, 6),
+    and whose they are.
+    """
     flip = np.array(found["flips"], float)
     known = np.flatnonzero(np.isfinite(flip))
-    tried, order = np.array(found["inputs"]).reshape(-1, cars.shape[1]), np.argsort(cars[:, 0])
-    whose = order[np.searchsorted(cars[order, 0], tried[:, 0])]  # no two cars share their first number
+    tried = np.array(found["inputs"]).reshape(-1, cars.shape[1])
+    order = np.argsort(cars[:, 0])
+    whose = order[
+        np.searchsorted(cars[order, 0], tried[:, 0])
+    ]  # no two cars share their first number
     own = np.isfinite(flip[whose])
     shown = len(np.unique(whose[own]))
     if min(len(known), shown) < least:
         raise UserError(
             f"{turn.name} m/s: {len(known)} of {len(flip)} cars flip at a friction that was tried, "
-            f"{shown} of these have runs that survive; needed are {least} of each{''.join(found.get('errors', [])[:1])}"
+            f"{shown} of these have runs that survive; needed are {least} of "
+            f"each{''.join(found.get('errors', [])[:1])}"
         )
     return known, flip, tried[own], np.array(found["figures"])[own], whose[own]
 
 
 def _deviation(missed: FloatArray) -> FloatArray:
-    """What 68 % of the errors (m, k) do not exceed; a car at the edge of a flip may miss by any amount."""
+    """What 68 % of the errors (m, k) do not exceed; a car at the edge of a flip may miss by any
+    amount.
+    """
     found: FloatArray = np.quantile(np.abs(missed), 0.6827, axis=0)
     return found
 

@@ -1,4 +1,6 @@
-"""The turns of a calibration on reduced cars and on full cars, and the figures that the thesis would have printed."""
+"""The turns of a calibration on reduced cars and on full cars, and the figures that the thesis
+would have printed.
+"""
 
 from __future__ import annotations
 
@@ -58,17 +60,21 @@ class Motion:
 
 
 def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -> dict[str, float]:
-    """`FIGURES` of one run that survived, as the thesis took them for the system, and the yaw rate of the lift.
+    """`FIGURES` of one run that survived, as the thesis took them for the system, and the yaw rate
+    of the lift.
 
     Args:
         motion: of the run.
         turn: whose system decides over filter and sample time.
-        nuisances: window and latency in s, gyro_bias in rad/s, forward above 0.5 for a filter of one direction.
+        nuisances: window and latency in s, gyro_bias in rad/s, forward above 0.5 for a filter of
+            one direction.
     """
     of_the_field = turn.system == "physical"
     stride = round(SAMPLE_TIMES["physical"] / STEP) if of_the_field else 1
     time: FloatArray = STEP * np.arange(len(motion.yaw_rate), dtype=float)[::stride]
-    signals = [values[::stride] for values in (motion.yaw_rate, motion.acceleration, motion.roll_rate)]
+    signals = [
+        values[::stride] for values in (motion.yaw_rate, motion.acceleration, motion.roll_rate)
+    ]
     start = BEFORE
     if of_the_field:
         start -= nuisances["latency"]
@@ -82,9 +88,14 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
     found: list[float] = []
     for values in signals[:2]:
         inside = values[window]
-        found += [np.max(np.abs(inside)), trapezoid(inside, time[window]) / (time[window][-1] - time[window][0])]
+        found += [
+            np.max(np.abs(inside)),
+            trapezoid(inside, time[window]) / (time[window][-1] - time[window][0]),
+        ]
     found.append(np.max(cumulative_trapezoid(signals[2], time, initial=0.0)))
-    lifted = np.flatnonzero(~motion.both_inner & (np.arange(len(motion.both_inner)) * STEP >= BEFORE))
+    lifted = np.flatnonzero(
+        ~motion.both_inner & (np.arange(len(motion.both_inner)) * STEP >= BEFORE)
+    )
     until = motion.yaw_rate[: lifted[0] + 1] if lifted.size else motion.yaw_rate
     return dict(zip((*FIGURES, LIFT), [*map(float, found), float(np.max(until))], strict=True))
 
@@ -99,7 +110,8 @@ class Piece:
     """Work for the engine: cars (m, n) in one turn.
 
     Attributes:
-        reach: of the search for the flip around the friction of a car, to either side, in its logarithm.
+        reach: of the search for the flip around the friction of a car, to either side, in its
+            logarithm.
         step: of the full car, s; None for the default.
         margins: logarithm of the friction at which a search begins over that of each car.
     """
@@ -123,25 +135,37 @@ def prior_of(plan: CalibrationPlan) -> CarPrior:
 
 
 def run_reduced(piece: Piece) -> dict[str, Any]:
-    """Searches the friction at which each reduced car flips; figures of every run of the search that survived.
+    """Searches the friction at which each reduced car flips; figures of every run of the search
+    that survived.
 
     Returns:
-        `flips` (m): logarithm of the friction at the flip, None where the search did not find it; and of the survived
-        runs `inputs` (k, n), cars with their friction, and `figures` (k, 6).
+        `flips` (m): logarithm of the friction at the flip, None where the search did not find it;
+        and of the survived runs `inputs` (k, n), cars with their friction, and `figures` (k, 6).
     """
-    prior, turn, plan = prior_of(piece.plan), piece.turn, piece.plan
-    cars, column = np.array(piece.cars), prior.column(f"{turn.system} {FRICTION}")
+    prior = prior_of(piece.plan)
+    turn = piece.turn
+    plan = piece.plan
+    cars = np.array(piece.cars)
+    column = prior.column(f"{turn.system} {FRICTION}")
     scenarios = [load_scenario(f"turn_{turn.tail}", prior.settings(car, turn)) for car in cars]
-    vehicles, plans = Vehicles.of(scenarios), TurnPlans.of(scenarios)
+    vehicles = Vehicles.of(scenarios)
+    plans = TurnPlans.of(scenarios)
     begun = drive_turns(vehicles, plans, duration=0.0, length=STEP).last
     rng = np.random.default_rng([plan.seed, crc32(turn.name.encode()), crc32(cars.tobytes())])
     centre = np.log(cars[:, column])
-    low, high = centre - piece.reach, centre + piece.reach
-    inputs, figures = [], []
+    low = centre - piece.reach
+    high = centre + piece.reach
+    inputs = []
+    figures = []
     for _ in range(plan.size.rounds):
         tried = np.exp(0.5 * (low + high))
         driven = drive_turns(
-            replace(vehicles, friction=tried), plans, duration=AFTER, length=STEP, history=True, begun=begun
+            replace(vehicles, friction=tried),
+            plans,
+            duration=AFTER,
+            length=STEP,
+            history=True,
+            begun=begun,
         )
         low = np.where(driven.survived, np.log(tried), low)
         high = np.where(driven.survived, high, np.log(tried))
@@ -154,9 +178,14 @@ def run_reduced(piece: Piece) -> dict[str, Any]:
             car[prior.column("gyro_bias")] = cars[place, prior.column("gyro_bias")]
             car[column] = tried[place]
             inputs.append(car.tolist())
-            figures.append(list(figures_of_motion(motions[place], turn, nuisances_of(prior, car)).values()))
+            figures.append(
+                list(figures_of_motion(motions[place], turn, nuisances_of(prior, car)).values())
+            )
     found = (low > centre - piece.reach) & (high < centre + piece.reach)
-    flips = [float(flip) if known else None for flip, known in zip(0.5 * (low + high), found, strict=True)]
+    flips = [
+        float(flip) if known else None
+        for flip, known in zip(0.5 * (low + high), found, strict=True)
+    ]
     return {"flips": flips, "inputs": inputs, "figures": figures}
 
 
@@ -164,7 +193,8 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
     """Motion of each reduced car at its IMU, x and z (m) in B; at rest before the steering."""
     assert driven.history is not None
     assert driven.loads is not None
-    w, v = driven.history[:, RATES][:, W], driven.history[:, RATES][:, V]
+    w = driven.history[:, RATES][:, W]
+    v = driven.history[:, RATES][:, V]
     rate = [np.gradient(values, STEP, axis=0) for values in (w, v)]
     ahead = w[:, 0] * x + w[:, 2] * z
     acceleration = rate[1][:, 1] + w[:, 2] * v[:, 0] - w[:, 0] * v[:, 2]
@@ -172,7 +202,9 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
     loaded = (driven.loads[:, LEFT] > LOADED_FORCE).all(axis=1)
     # States are those behind a step, loads those at its beginning.
     before = np.zeros((round(BEFORE / STEP) + 1, len(x)))
-    yaw, lateral, roll = (np.concatenate([before, values[:-1]]) for values in (w[:, 2], acceleration, w[:, 0]))
+    yaw, lateral, roll = (
+        np.concatenate([before, values[:-1]]) for values in (w[:, 2], acceleration, w[:, 0])
+    )
     both = np.concatenate([before[1:] == 0.0, loaded])
     return [Motion(yaw[:, i], lateral[:, i], roll[:, i], both[:, i]) for i in range(len(x))]
 
@@ -180,11 +212,13 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
 def search_full(piece: Piece) -> dict[str, Any]:
     """Searches the friction at which each full car flips; returns what `run_reduced` does.
 
-    The search begins at the margin of each car and goes up or down, by the reach of the piece and then by twice as much
-    as the step before, until the outcome changes; then it bisects. The last run has the friction of the car. A bracket
-    wider than the reach gives no flip. `errors` says why cars could not be run.
+    The search begins at the margin of each car and goes up or down, by the reach of the piece and
+    then by twice as much as the step before, until the outcome changes; then it bisects. The last
+    run has the friction of the car. A bracket wider than the reach gives no flip. `errors` says why
+    cars could not be run.
     """
-    prior, turn = prior_of(piece.plan), piece.turn
+    prior = prior_of(piece.plan)
+    turn = piece.turn
     column = prior.column(f"{turn.system} {FRICTION}")
     flips: list[float | None] = []
     found: dict[str, list[Any]] = {"flips": flips, "inputs": [], "figures": [], "errors": []}
@@ -203,7 +237,10 @@ def search_full(piece: Piece) -> dict[str, Any]:
     for numbers, margin in zip(piece.cars, piece.margins, strict=True):
         car = np.array(numbers)
         own = float(np.log(car[column]))
-        tried, low, high, ahead = own + margin, -np.inf, np.inf, piece.reach
+        tried = own + margin
+        low = -np.inf
+        high = np.inf
+        ahead = piece.reach
         try:
             for _ in range(piece.plan.size.full_rounds):
                 if survives(car, tried):
@@ -226,10 +263,13 @@ def run_full(piece: Piece) -> list[dict[str, Any]]:
     """Runs full cars (m) in a turn, each at its own friction.
 
     Returns:
-        A row per car: `survived` and `clean`, `trigger` s after the steering or None, and the figures of a survived
+        A row per car: `survived` and `clean`, `trigger` s after the steering or None, and the
+            figures of a survived
         run; or `error` of a car that could not be run.
     """
-    return [_full_row(prior_of(piece.plan), piece.turn, np.array(car), piece.step) for car in piece.cars]
+    return [
+        _full_row(prior_of(piece.plan), piece.turn, np.array(car), piece.step) for car in piece.cars
+    ]
 
 
 def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) -> dict[str, Any]:
@@ -240,12 +280,19 @@ def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) 
         settings += [f"simulation.step={step!r}"]
     try:
         run = simulate(load_scenario(f"turn_{turn.tail}", settings), record="outcome")
-        signals, outcome = turn_signals(run, "truth"), outcome_of(run)
+        signals = turn_signals(run, "truth")
+        outcome = outcome_of(run)
         start = signals.window[0]
-        row: dict[str, Any] = {"survived": outcome.result == "survived", "clean": outcome.clean, "trigger": None}
+        row: dict[str, Any] = {
+            "survived": outcome.result == "survived",
+            "clean": outcome.clean,
+            "trigger": None,
+        }
         if run.has_tail:
             swings = np.isin(run.signal("controller_state"), (SwingState.DELAY, SwingState.SWING))
-            row["trigger"] = float(signals.time[np.argmax(swings)] - start) if swings.any() else None
+            row["trigger"] = (
+                float(signals.time[np.argmax(swings)] - start) if swings.any() else None
+            )
         if row["survived"]:
             grid = start - BEFORE + STEP * np.arange(round((BEFORE + AFTER) / STEP))
             values = [signals.yaw_rate, signals.lateral_acceleration, signals.roll_rate]

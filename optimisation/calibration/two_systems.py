@@ -1,7 +1,9 @@
-"""The plan of a calibration and its prior: a simulated and a real car that share a body, each with tyres of its own.
+"""The plan of a calibration and its prior: a simulated and a real car that share a body, each with
+tyres of its own.
 
-A plan is a file of `models/calibration/plans` (schema `aerodima/calibration-plan/3`). A car of the prior is a point of
-`CarPrior.names`: the body, the tyres of both systems, what stands between motion and print, and the discrepancies.
+A plan is a file of `models/calibration/plans` (schema `aerodima/calibration-plan/3`). A car of the
+prior is a point of `CarPrior.names`: the body, the tyres of both systems, what stands between
+motion and print, and the discrepancies.
 """
 
 from __future__ import annotations
@@ -17,10 +19,25 @@ from pydantic import Field, model_validator
 from scipy.stats import norm, qmc
 
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, nearest, read_yaml
-from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_parameter_entries, load_scenario
+from aerodima.workbench.config.checked_files import (
+    StrictModel,
+    checked,
+    find_file,
+    nearest,
+    read_yaml,
+)
+from aerodima.workbench.config.scenario import (
+    SECTIONS,
+    Scenario,
+    load_parameter_entries,
+    load_scenario,
+)
 from aerodima.workbench.errors import ScenarioError
-from aerodima.workbench.metrics.published_values import Platform, inner_lift_yaw_rate, published_values
+from aerodima.workbench.metrics.published_values import (
+    Platform,
+    inner_lift_yaw_rate,
+    published_values,
+)
 from aerodima.workbench.plants.car_model import chassis_centre
 
 FRICTION, SLIP = "car.tyre_friction", "car.tyre_slip_angle"
@@ -41,7 +58,8 @@ FIGURES = (
     "average_linear_acceleration_m_per_s2",
     "roll_integral_rad",
 )
-"""Metrics that carry information of their own: Kohut is speed times yaw rate, the speed is commanded."""
+"""Metrics that carry information of their own: Kohut is speed times yaw rate, the speed is
+commanded."""
 
 Range = tuple[float, float]
 Ends = Literal["survived", "flipped"]
@@ -49,7 +67,9 @@ Tail = Literal["none", "held", "swing"]
 
 
 class Turn(StrictModel):
-    """One published turn: system, tail mode, speed (m/s), how it ended, and the table that has its figures."""
+    """One published turn: system, tail mode, speed (m/s), how it ended, and the table that has its
+    figures.
+    """
 
     system: Platform
     tail: Tail
@@ -75,7 +95,8 @@ class Size(StrictModel):
     """How much is run.
 
     Attributes:
-        cars: reduced cars of a rough posterior that drive every turn, after half as many of the prior.
+        cars: reduced cars of a rough posterior that drive every turn, after half as many of the
+            prior.
         rounds: of the search for the friction at which each of them flips.
         full: full cars that drive every turn and correct the reduced ones.
         full_rounds: runs of the search for the friction at which each of them flips.
@@ -115,20 +136,34 @@ class CalibrationPlan(StrictModel):
 
     @model_validator(mode="after")
     def _names_are_known(self) -> Self:
-        keys, tables = {*self.body, *self.each}, {published.source for published in published_values()}
+        keys = {*self.body, *self.each}
+        tables = {published.source for published in published_values()}
         for place, names, allowed in (
-            ("ranges", set(self.ranges), keys | {f"{turn.system} {key}" for turn in self.turns for key in self.each}),
+            (
+                "ranges",
+                set(self.ranges),
+                keys | {f"{turn.system} {key}" for turn in self.turns for key in self.each},
+            ),
             ("density", set(self.density), keys),
             ("nuisances", set(self.nuisances), set(NUISANCES)),
-            ("left_out", set(self.left_out), {f"{table} {metric}" for table in tables for metric in FIGURES}),
+            (
+                "left_out",
+                set(self.left_out),
+                {f"{table} {metric}" for table in tables for metric in FIGURES},
+            ),
             ("turns: table", {turn.table for turn in self.turns} - {""}, tables),
         ):
             if unknown := sorted(names - allowed):
                 raise ValueError(f"{place}: {unknown[0]!r}; {nearest(unknown[0], sorted(allowed))}")
         if missing := [name for name in NUISANCES if name not in self.nuisances]:
-            raise ValueError(f"nuisances: {missing[0]!r} is missing; needed are {', '.join(NUISANCES)}")
+            raise ValueError(
+                f"nuisances: {missing[0]!r} is missing; needed are {', '.join(NUISANCES)}"
+            )
         if missing := sorted({turn.tail for turn in self.turns} - set(self.outcome_width)):
-            raise ValueError(f"outcome_width: {missing[0]!r} is missing; needed is one for the tail of every turn")
+            raise ValueError(
+                f"outcome_width: {missing[0]!r} is missing; needed is one for the tail of every "
+                "turn"
+            )
         off = ((OFF, self.discrepancy), (OFF_ROLL, self.discrepancy_of_roll))
         ranges = [*self.ranges.items(), *self.nuisances.items(), *off]
         for name, (low, high) in ranges:
@@ -137,22 +172,35 @@ class CalibrationPlan(StrictModel):
         for name, most in LONGEST.items():
             low, high = self.nuisances[name]
             if low < 0.0 or high > most:
-                raise ValueError(f"nuisances: {name}: {low:g} to {high:g} s; allowed: within 0 to {most:g} s")
+                raise ValueError(
+                    f"nuisances: {name}: {low:g} to {high:g} s; allowed: within 0 to {most:g} s"
+                )
         shown = [turn.table for turn in self.turns if turn.table]
         twice = [
-            name for names in (shown, [turn.name for turn in self.turns]) for name in names if names.count(name) > 1
+            name
+            for names in (shown, [turn.name for turn in self.turns])
+            for name in names
+            if names.count(name) > 1
         ]
         if twice:
             raise ValueError(f"turns: {twice[0]!r} stands there twice; allowed: once")
-        if len(shown) < 2 or any(all(f"{table} {metric}" in self.left_out for metric in FIGURES) for table in shown):
+        if len(shown) < 2 or any(
+            all(f"{table} {metric}" in self.left_out for metric in FIGURES) for table in shown
+        ):
             raise ValueError(
-                f"turns: tables {', '.join(shown) or 'none'}; needed are two with figures that are not left out"
+                f"turns: tables {', '.join(shown) or 'none'}; needed are two with figures that "
+                "are not left out"
             )
-        size, cars = self.size, len(self.body) + 2 * len(self.each) + len(NUISANCES) + 2
+        size = self.size
+        cars = len(self.body) + 2 * len(self.each) + len(NUISANCES) + 2
         if size.walkers < 2 * cars:
-            raise ValueError(f"size: walkers: {size.walkers}; allowed: at least {2 * cars}, twice the unknowns")
+            raise ValueError(
+                f"size: walkers: {size.walkers}; allowed: at least {2 * cars}, twice the unknowns"
+            )
         if size.cars + size.full > (most := min(KEPT, size.walkers * size.steps)):
-            raise ValueError(f"size: cars and full: {size.cars + size.full}; allowed: {most} together")
+            raise ValueError(
+                f"size: cars and full: {size.cars + size.full}; allowed: {most} together"
+            )
         return self
 
 
@@ -163,7 +211,9 @@ def load_plan(name_or_path: str | Path = "two_systems") -> CalibrationPlan:
         ScenarioError: names the file, the key and what is allowed.
     """
     path = find_file(name_or_path, "calibration/plans", "calibration plan")
-    plan = checked(CalibrationPlan, read_yaml(path), str(path), schema="aerodima/calibration-plan/3")
+    plan = checked(
+        CalibrationPlan, read_yaml(path), str(path), schema="aerodima/calibration-plan/3"
+    )
     for key in (*plan.body, *plan.each):
         _prior_range(key, str(path))
     return plan
@@ -172,13 +222,17 @@ def load_plan(name_or_path: str | Path = "two_systems") -> CalibrationPlan:
 def _prior_range(key: str, where: str = "prior") -> Range:
     section, _, name = key.partition(".")
     if section not in SECTIONS:
-        raise ScenarioError(f"{where}: {key}: {section!r} is no section; {nearest(section, list(SECTIONS))}")
+        raise ScenarioError(
+            f"{where}: {key}: {section!r} is no section; {nearest(section, list(SECTIONS))}"
+        )
     entries = load_parameter_entries(section)
     if name not in entries:
         raise ScenarioError(f"{where}: {key}: unknown key; {nearest(name, list(entries))}")
     prior = entries[name].prior
     if prior is None:
-        others = ", ".join(sorted(f"{section}.{other}" for other in entries if entries[other].prior is not None))
+        others = ", ".join(
+            sorted(f"{section}.{other}" for other in entries if entries[other].prior is not None)
+        )
         raise ScenarioError(f"{where}: {key}: has no prior range; allowed in {section}: {others}")
     return prior
 
@@ -205,15 +259,21 @@ class Figure:
 
 def figures_of(plan: CalibrationPlan) -> tuple[Figure, ...]:
     """Figures that cars are held to, in the order of the tables."""
-    rows, found = {published.source: published for published in published_values()}, []
+    rows = {published.source: published for published in published_values()}
+    found = []
     for turn in plan.turns:
         if turn.table:
-            found += [Figure(turn, metric, getattr(rows[turn.table].metrics, metric)) for metric in FIGURES]
+            found += [
+                Figure(turn, metric, getattr(rows[turn.table].metrics, metric))
+                for metric in FIGURES
+            ]
     return tuple(figure for figure in found if figure.name not in plan.left_out)
 
 
 def lift_of(plan: CalibrationPlan) -> Figure:
-    """Yaw rate up to which both inner wheels stay on the ground (thesis 6.3.4), of the first turn with a table."""
+    """Yaw rate up to which both inner wheels stay on the ground (thesis 6.3.4), of the first turn
+    with a table.
+    """
     return Figure(next(turn for turn in plan.turns if turn.table), LIFT, inner_lift_yaw_rate())
 
 
@@ -233,12 +293,19 @@ class CarPrior:
     _base: Scenario = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        plan, systems = self.plan, tuple(dict.fromkeys(turn.system for turn in self.plan.turns))
+        plan = self.plan
+        systems = tuple(dict.fromkeys(turn.system for turn in self.plan.turns))
         keys = [*plan.body, *(f"{system} {key}" for system in systems for key in plan.each)]
         ranges = [
-            plan.ranges.get(key) or plan.ranges.get(key.split()[-1]) or _prior_range(key.split()[-1]) for key in keys
+            plan.ranges.get(key)
+            or plan.ranges.get(key.split()[-1])
+            or _prior_range(key.split()[-1])
+            for key in keys
         ]
-        ranges += [plan.nuisances[name] for name in NUISANCES] + [plan.discrepancy, plan.discrepancy_of_roll]
+        ranges += [plan.nuisances[name] for name in NUISANCES] + [
+            plan.discrepancy,
+            plan.discrepancy_of_roll,
+        ]
         object.__setattr__(self, "names", (*keys, *NUISANCES, OFF, OFF_ROLL))
         object.__setattr__(self, "ranges", np.array(ranges))
         object.__setattr__(self, "_base", load_scenario("turn_swing"))
@@ -250,14 +317,22 @@ class CarPrior:
     def inputs(self, system: Platform) -> list[int]:
         """Columns that a turn of a system depends on, its friction and slip angle last."""
         nuisances = NUISANCES if system == "physical" else NUISANCES[:1]
-        names = [*self.plan.body, *nuisances, *(f"{system} {key}" for key in reversed(self.plan.each))]
+        names = [
+            *self.plan.body,
+            *nuisances,
+            *(f"{system} {key}" for key in reversed(self.plan.each)),
+        ]
         return [self.column(name) for name in names]
 
     def scaled(self, cars: FloatArray) -> FloatArray:
-        """Cars (m, n) with -1 to 1 from end to end of each range; `forward` is a switch and has -1 or 1 alone."""
+        """Cars (m, n) with -1 to 1 from end to end of each range; `forward` is a switch and has -1
+        or 1 alone.
+        """
         low, high = self.ranges.T
         scaled: FloatArray = 2.0 * (cars - low) / (high - low) - 1.0
-        scaled[:, self.column("forward")] = np.where(cars[:, self.column("forward")] > FORWARD, 1.0, -1.0)
+        scaled[:, self.column("forward")] = np.where(
+            cars[:, self.column("forward")] > FORWARD, 1.0, -1.0
+        )
         return scaled
 
     def log_density(self, cars: FloatArray) -> FloatArray:
@@ -276,24 +351,31 @@ class CarPrior:
     def spread(self, number: int, seed: int) -> FloatArray:
         """Cars (m, n) that can be, evenly over the ranges, from a scrambled Sobol sequence."""
         low, high = self.ranges.T
-        points = qmc.Sobol(len(self.names), seed=seed).random_base2(int(np.ceil(np.log2(4 * number))))
+        points = qmc.Sobol(len(self.names), seed=seed).random_base2(
+            int(np.ceil(np.log2(4 * number)))
+        )
         cars: FloatArray = low + points * (high - low)
         return cars[self._can_be(cars)][:number]
 
     def draw(self, number: int, seed: int) -> FloatArray:
         """Cars (number, n) of the prior."""
-        rng, cars = np.random.default_rng(seed), self.spread(40 * number, seed)
+        rng = np.random.default_rng(seed)
+        cars = self.spread(40 * number, seed)
         weight = np.exp(self.log_density(cars) - np.max(self.log_density(cars)))
         return cars[rng.choice(len(cars), number, p=weight / weight.sum())]
 
     def values(self, car: FloatArray, system: Platform) -> dict[str, float]:
-        """Parameters of one car (n) as `section.key`, with six digits, that its run in a system needs."""
+        """Parameters of one car (n) as `section.key`, with six digits, that its run in a system
+        needs.
+        """
         found = {name: car[self.column(name)] for name in self.plan.body}
         found |= {key: car[self.column(f"{system} {key}")] for key in self.plan.each}
         return {key: float(f"{value:.6g}") for key, value in found.items()}
 
     def settings(self, car: FloatArray, turn: Turn) -> list[str]:
-        """Overrides of a scenario for one car (n) in a turn; a bias of the gyro moves the trigger."""
+        """Overrides of a scenario for one car (n) in a turn; a bias of the gyro moves the
+        trigger.
+        """
         values = {key: f"{value:.6g}" for key, value in self.values(car, turn.system).items()}
         if turn.system == "physical":
             trigger = self._base.controller.trigger_yaw_rate - car[self.column("gyro_bias")]
@@ -302,16 +384,26 @@ class CarPrior:
         return [*given, f"manoeuvre.speed={turn.speed!r}", *self.plan.settings.get(turn.system, ())]
 
     def _can_be(self, cars: FloatArray) -> NDArray[np.bool_]:
-        """Which cars (m) of (m, n) exist: gyration of a body, and a chassis with its centre of mass inside the car."""
+        """Which cars (m) of (m, n) exist: gyration of a body, and a chassis with its centre of mass
+        inside the car.
+        """
         sections: dict[str, Any] = {
-            name: SimpleNamespace(**dict(getattr(self._base, name))) for name in ("car", "tail", "imu", "controller")
+            name: SimpleNamespace(**dict(getattr(self._base, name)))
+            for name in ("car", "tail", "imu", "controller")
         }
         for key in self.plan.body:
             section, _, name = key.partition(".")
             setattr(sections[section], name, cars[:, self.column(key)])
-        car, tail = sections["car"], sections["tail"]
-        radii = np.sort(np.broadcast_arrays(car.gyration_roll, car.gyration_pitch, car.gyration_yaw), axis=0)
+        car = sections["car"]
+        tail = sections["tail"]
+        radii = np.sort(
+            np.broadcast_arrays(car.gyration_roll, car.gyration_pitch, car.gyration_yaw), axis=0
+        )
         mass, x, z = chassis_centre(car, tail, self._base.environment.gravity)
-        inside = (z > 0.05) & (z < 2 * car.com_height) & (x > 0.0) & (x < car.wheelbase) & (mass > 0.0)
+        inside = (
+            (z > 0.05) & (z < 2 * car.com_height) & (x > 0.0) & (x < car.wheelbase) & (mass > 0.0)
+        )
         sail = np.less_equal(tail.sail_length, tail.length)
-        return np.broadcast_to(inside & sail & (radii[2] ** 2 <= radii[0] ** 2 + radii[1] ** 2), len(cars))
+        return np.broadcast_to(
+            inside & sail & (radii[2] ** 2 <= radii[0] ** 2 + radii[1] ** 2), len(cars)
+        )

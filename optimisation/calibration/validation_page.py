@@ -1,4 +1,6 @@
-"""The page of a calibration, the page of what to measure next, and the ensembles; sentences are made of the result."""
+"""The page of a calibration, the page of what to measure next, and the ensembles; sentences are
+made of the result.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +15,22 @@ import pandas as pd
 import yaml
 from matplotlib.figure import Figure as Drawing
 
-from aerodima.optimisation.calibration.calibration import FineRuns, Posterior, emulate, run_fine, sample
+from aerodima.optimisation.calibration.calibration import (
+    FineRuns,
+    Posterior,
+    emulate,
+    run_fine,
+    sample,
+)
 from aerodima.optimisation.calibration.emulator import Emulator
-from aerodima.optimisation.calibration.two_systems import OFF, OFF_ROLL, CalibrationPlan, CarPrior, Turn, figures_of
+from aerodima.optimisation.calibration.two_systems import (
+    OFF,
+    OFF_ROLL,
+    CalibrationPlan,
+    CarPrior,
+    Turn,
+    figures_of,
+)
 from aerodima.optimisation.calibration.validation import (
     BAND,
     LeftOut,
@@ -35,14 +50,23 @@ from aerodima.workbench.errors import UserError
 from aerodima.workbench.figures.figure_style import BLUE, GREY, VERMILION, new_figure, styled
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.metrics.published_values import Platform
-from aerodima.workbench.report.report_page import Finding, Link, Page, Plot, Section, Table, write_files
+from aerodima.workbench.report.report_page import (
+    Finding,
+    Link,
+    Page,
+    Plot,
+    Section,
+    Table,
+    write_files,
+)
 
 PAGE, MEASURE = "index.html", "measure_next.html"
 FIELD_TABLES = ("Table 7.3", "Table 7.4")
 OF_A_CAR = ("controller.trigger_yaw_rate", "tail.roll_stop")
 """Settings of a run that belong to the car, not to its drive."""
 FINAL = 3
-"""How many times as long as for a table that is left out the sampler runs for the posterior of all figures."""
+"""How many times as long as for a table that is left out the sampler runs for the posterior of all
+figures."""
 SOON = 0.3
 """s after the steering command."""
 NEAR_A_BOUND = 0.05
@@ -57,7 +81,8 @@ class Result:
         emulator: what every turn shows, for any car.
         posterior: given every figure.
         left_out: every table, predicted from the others.
-        rigid_density: logarithm of the density of the last table with the stiffest tyres, given the others.
+        rigid_density: logarithm of the density of the last table with the stiffest tyres, given the
+            others.
         perfect: share inside the intervals when posterior cars play the thesis.
         fine: cars of the ensemble, run with the full car at the fine step.
     """
@@ -74,11 +99,15 @@ def require_extra() -> None:
     """UserError when a library of the extra `calibration` is missing."""
     for library in ("emcee", "sklearn"):
         if find_spec(library) is None:
-            raise UserError(f"{library} is not installed; pip install 'aerodima-workbench[calibration]'")
+            raise UserError(
+                f"{library} is not installed; pip install 'aerodima-workbench[calibration]'"
+            )
 
 
 def calibrate(plan: CalibrationPlan, runs: Runs, out: Path, played: int) -> Path:
-    """Carries out a plan and writes its pages; runs that are kept are not made again. Returns the path of the page.
+    """Carries out a plan and writes its pages; runs that are kept are not made again.
+
+    Returns the path of the page.
 
     Args:
         plan: to be carried out.
@@ -89,7 +118,9 @@ def calibrate(plan: CalibrationPlan, runs: Runs, out: Path, played: int) -> Path
     Raises:
         UserError: too few cars flip or survive in a turn of the plan.
     """
-    emulator, seed, say = emulate(plan, runs), plan.seed, runs.say
+    emulator = emulate(plan, runs)
+    seed = plan.seed
+    say = runs.say
     figures = figures_of(plan)
     tables = tuple(turn.table for turn in plan.turns if turn.table)
     say("posterior of the cars ...")
@@ -98,36 +129,71 @@ def calibrate(plan: CalibrationPlan, runs: Runs, out: Path, played: int) -> Path
     asked = [Question(emulator, figures, table, seed) for table in tables]
     runs.stage = "tables from the others"
     *left_out, stiff = predictions([*asked, asked[-1]._replace(prior=rigid(emulator.prior))], runs)
-    perfect = perfect_model(emulator, posterior, tables[-2:], played, seed, runs) if played else np.nan
+    perfect = (
+        perfect_model(emulator, posterior, tables[-2:], played, seed, runs) if played else np.nan
+    )
     fine = run_fine(plan, posterior, runs)
     return write_pages(Result(emulator, posterior, left_out, stiff.density, perfect, fine), out)
 
 
 def write_pages(result: Result, out: Path) -> Path:
-    """Writes both pages, their tables and an ensemble per system into a folder; the path of the first page."""
-    plan, prior = result.emulator.prior.plan, result.emulator.prior
+    """Writes both pages, their tables and an ensemble per system into a folder; the path of the
+    first page.
+    """
+    plan = result.emulator.prior.plan
+    prior = result.emulator.prior
     figures = pd.concat([left.rows for left in result.left_out], ignore_index=True)
     ensembles = {
-        f"{system}.yaml": ensemble_text(result, system) for system in dict.fromkeys(turn.system for turn in plan.turns)
+        f"{system}.yaml": ensemble_text(result, system)
+        for system in dict.fromkeys(turn.system for turn in plan.turns)
     }
-    tables = {"figures.csv": figures, "parameters.csv": parameter_table(prior, result.posterior.cars)}
+    tables = {
+        "figures.csv": figures,
+        "parameters.csv": parameter_table(prior, result.posterior.cars),
+    }
     measured = measure_table(prior, result.posterior.cars)
     posterior = pd.DataFrame(result.posterior.cars, columns=prior.names)
-    pages = {PAGE: validation_page(result, figures, tables["parameters.csv"]), MEASURE: measure_page(measured)}
-    write_files(out, {**ensembles, **tables, "measure_next.csv": measured, "posterior.parquet": posterior, **pages})
+    pages = {
+        PAGE: validation_page(result, figures, tables["parameters.csv"]),
+        MEASURE: measure_page(measured),
+    }
+    write_files(
+        out,
+        {
+            **ensembles,
+            **tables,
+            "measure_next.csv": measured,
+            "posterior.parquet": posterior,
+            **pages,
+        },
+    )
     return out / PAGE
 
 
 def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFrame) -> Page:
     """What the calibration predicts, and how far to trust it."""
-    plan, left_out = result.emulator.prior.plan, result.left_out
+    plan = result.emulator.prior.plan
+    left_out = result.left_out
     score, chances = brier(result.emulator, result.posterior.cars)
     outcomes = [
-        (turn.system, turn.tail, f"{turn.speed:g}", turn.ends, f"{chances[turn.name]:.2f}", *_fine_cells(result, turn))
+        (
+            turn.system,
+            turn.tail,
+            f"{turn.speed:g}",
+            turn.ends,
+            f"{chances[turn.name]:.2f}",
+            *_fine_cells(result, turn),
+        )
         for turn in plan.turns
     ]
     densities = [
-        (left.table, *(f"{value:.1f}" for value in (left.density, left.prior_density, left.constant_density)))
+        (
+            left.table,
+            *(
+                f"{value:.1f}"
+                for value in (left.density, left.prior_density, left.constant_density)
+            ),
+        )
         for left in left_out
     ]
     known = [
@@ -136,55 +202,103 @@ def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFr
     ]
     drawn = Plot(
         _forest(figures),
-        "Bars: 90 % intervals and medians, over the published figure (red line). Grey: those of the prior's survivors.",
+        "Bars: 90 % intervals and medians, over the published figure (red line). Grey: those of "
+        "the prior's survivors.",
         "Predicted over published figures",
         "figures",
     )
-    missing = "; ".join(f"{name.replace('_', ' ')} ({why})" for name, why in plan.left_out.items()) or "none"
+    missing = (
+        "; ".join(f"{name.replace('_', ' ')} ({why})" for name, why in plan.left_out.items())
+        or "none"
+    )
     before = (
-        f"With the stiffest tyres of the prior and without latency, bias and delay, {left_out[-1].table} has "
+        "With the stiffest tyres of the prior and without latency, bias and delay, "
+        f"{left_out[-1].table} has "
         f"{result.rigid_density:.1f}; now it has {left_out[-1].density:.1f}."
     )
-    of_outcomes = ("system", "tail", "m/s", "published", "probability to survive", "survived at the fine step")
+    of_outcomes = (
+        "system",
+        "tail",
+        "m/s",
+        "published",
+        "probability to survive",
+        "survived at the fine step",
+    )
     of_parameters = ("parameter", "prior", "5 %", "median", "95 %", "deviation over the prior's")
     rows = [_parameter_cells(row) for row in parameters.to_dict("records")]
     return Page(
         "What the calibrated cars predict",
-        "The simulated car of the thesis and its car on the field are two systems that share a body. Every figure is "
+        "The simulated car of the thesis and its car on the field are two systems that share a "
+        "body. Every figure is "
         "predicted by cars that have not seen its table.",
         [
             Section("Result", [Finding(_findings(result, figures, parameters, score)), drawn]),
-            Section("Published figures", [_figure_table(figures), f"No car of the prior reaches these: {missing}."]),
+            Section(
+                "Published figures",
+                [_figure_table(figures), f"No car of the prior reaches these: {missing}."],
+            ),
             Section(
                 "Logarithm of the density of each table",
-                [Table(("table", "from the others", "of the prior", "of constant values"), densities), before],
+                [
+                    Table(
+                        ("table", "from the others", "of the prior", "of constant values"),
+                        densities,
+                    ),
+                    before,
+                ],
             ),
             Section("Outcomes", [Table((*of_outcomes, "trigger [s]", "within 0.3 s"), outcomes)]),
-            Section("Parameters", [Table(of_parameters, rows, np.flatnonzero(parameters.near_a_bound).tolist())]),
-            Section("What the data determine best", [Table(("variance over the prior's", "combination"), known)]),
-            Section("What to measure next", [Link(MEASURE, "Measurements in the order of their information")]),
+            Section(
+                "Parameters",
+                [Table(of_parameters, rows, np.flatnonzero(parameters.near_a_bound).tolist())],
+            ),
+            Section(
+                "What the data determine best",
+                [Table(("variance over the prior's", "combination"), known)],
+            ),
+            Section(
+                "What to measure next",
+                [Link(MEASURE, "Measurements in the order of their information")],
+            ),
         ],
     )
 
 
-def _findings(result: Result, figures: pd.DataFrame, parameters: pd.DataFrame, score: float) -> list[str]:
-    plan, prior = result.emulator.prior.plan, result.emulator.prior
+def _findings(
+    result: Result, figures: pd.DataFrame, parameters: pd.DataFrame, score: float
+) -> list[str]:
+    plan = result.emulator.prior.plan
+    prior = result.emulator.prior
     of_the_field = figures[figures.figure.str.startswith(FIELD_TABLES)]
     missing = sum(name.startswith(FIELD_TABLES) for name in plan.left_out)
-    off, off_roll = (np.quantile(result.posterior.cars[:, prior.column(name)], BAND) for name in (OFF, OFF_ROLL))
-    inside = f"When posterior cars play the thesis, {result.perfect:.0%} of the figures lie in their intervals."
+    off, off_roll = (
+        np.quantile(result.posterior.cars[:, prior.column(name)], BAND) for name in (OFF, OFF_ROLL)
+    )
+    inside = (
+        f"When posterior cars play the thesis, {result.perfect:.0%} of the figures lie in "
+        "their intervals."
+    )
     played = [] if np.isnan(result.perfect) else [inside]
-    widths = (of_the_field.high - of_the_field.low) / (of_the_field.prior_high - of_the_field.prior_low)
+    widths = (of_the_field.high - of_the_field.low) / (
+        of_the_field.prior_high - of_the_field.prior_low
+    )
     held = ", ".join(parameters[parameters.near_a_bound].parameter)
     return [
-        f"Of {len(of_the_field) + missing} figures of the car on the field {int(of_the_field.inside.sum())} lie in "
-        f"their 90 % interval, each predicted without its own table; {missing} that no car reaches counts as a miss.",
-        f"The discrepancy of the model is {off[1]:.0%} of a rate or an acceleration (90 %: {off[0]:.0%} to "
-        f"{off[2]:.0%}) and {off_roll[1]:.0%} of a roll integral ({off_roll[0]:.0%} to {off_roll[2]:.0%}).",
-        f"The Brier score of the {len(plan.turns)} outcomes, to which the cars are held, is {score:.3f}.",
+        f"Of {len(of_the_field) + missing} figures of the car on the field "
+        f"{int(of_the_field.inside.sum())} lie in "
+        f"their 90 % interval, each predicted without its own table; {missing} that no car "
+        "reaches counts as a miss.",
+        f"The discrepancy of the model is {off[1]:.0%} of a rate or an acceleration (90 %: "
+        f"{off[0]:.0%} to "
+        f"{off[2]:.0%}) and {off_roll[1]:.0%} of a roll integral ({off_roll[0]:.0%} to "
+        f"{off_roll[2]:.0%}).",
+        f"The Brier score of the {len(plan.turns)} outcomes, to which the cars are held, is "
+        f"{score:.3f}.",
         *played,
-        f"These intervals are {np.median(widths):.0%} as wide as those of the prior alone (median).",
-        f"The effective sample size is {result.posterior.size:.0f}; the chains are {result.posterior.length:.0f} "
+        f"These intervals are {np.median(widths):.0%} as wide as those of the prior alone "
+        "(median).",
+        f"The effective sample size is {result.posterior.size:.0f}; the chains are "
+        f"{result.posterior.length:.0f} "
         "autocorrelation times long.",
         f"These medians lie near the end of their prior: {held}."
         if held
@@ -200,8 +314,14 @@ def _figure_table(figures: pd.DataFrame) -> Table:
 
 def measure_page(measured: pd.DataFrame) -> Page:
     """Measurements of the real car, most informative first, with their procedures."""
-    rows = [(row["quantity"], row["procedure"], f"{row['gain_nats']:.2f}") for row in measured.to_dict("records")]
-    lead = f"Measure the {rows[0][0]} first: it is expected to tell {rows[0][2]} nats beyond the published figures."
+    rows = [
+        (row["quantity"], row["procedure"], f"{row['gain_nats']:.2f}")
+        for row in measured.to_dict("records")
+    ]
+    lead = (
+        f"Measure the {rows[0][0]} first: it is expected to tell {rows[0][2]} nats beyond the "
+        "published figures."
+    )
     table = Table(("quantity", "procedure", "expected gain [nats]"), rows)
     return Page("What to measure next", lead, [Section("Measurements", [table])])
 
@@ -209,13 +329,21 @@ def measure_page(measured: pd.DataFrame) -> Page:
 def measure_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
     """Gain of every measurement in nats, largest first."""
     names = ["quantity", "procedure", "deviation", "gain_nats"]
-    rows = [(m.name, m.how, m.deviation, information(m, cars, prior.plan.seed)) for m in measurements(prior)]
-    return pd.DataFrame(rows, columns=names).sort_values("gain_nats", ascending=False, ignore_index=True)
+    rows = [
+        (m.name, m.how, m.deviation, information(m, cars, prior.plan.seed))
+        for m in measurements(prior)
+    ]
+    return pd.DataFrame(rows, columns=names).sort_values(
+        "gain_nats", ascending=False, ignore_index=True
+    )
 
 
 def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
-    """Per coordinate: prior, quantiles, deviation over that of the prior, and whether its median is near an end."""
-    reference, rows = prior.draw(2000, prior.plan.seed), []
+    """Per coordinate: prior, quantiles, deviation over that of the prior, and whether its median is
+    near an end.
+    """
+    reference = prior.draw(2000, prior.plan.seed)
+    rows = []
     for index, name in enumerate(prior.names):
         low, median, high = np.quantile(cars[:, index], BAND)
         first, last = prior.ranges[index]
@@ -223,22 +351,38 @@ def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
         near = name != "forward" and min(share, 1.0 - share) < NEAR_A_BOUND
         learnt = float(np.std(cars[:, index]) / np.std(reference[:, index]))
         rows.append((name, first, last, low, median, high, learnt, near))
-    names = ["parameter", "prior_low", "prior_high", "low", "median", "high", "deviation_ratio", "near_a_bound"]
+    names = [
+        "parameter",
+        "prior_low",
+        "prior_high",
+        "low",
+        "median",
+        "high",
+        "deviation_ratio",
+        "near_a_bound",
+    ]
     return pd.DataFrame(rows, columns=names)
 
 
 def ensemble_text(result: Result, system: Platform) -> str:
     """The cars of the fine runs in one system as the text of an ensemble file, equally likely."""
-    prior, plan = result.emulator.prior, result.emulator.prior.plan
-    cars, keys = result.fine.cars, {*plan.body, *plan.each}
+    prior = result.emulator.prior
+    plan = result.emulator.prior.plan
+    cars = result.fine.cars
+    keys = {*plan.body, *plan.each}
     first = next(turn for turn in plan.turns if turn.system == system)
     scaled = prior.scaled(cars)
-    middle = int(np.argmin(np.sum(((scaled - scaled.mean(axis=0)) / (scaled.std(axis=0) + 1e-9)) ** 2, axis=1)))
+    middle = int(
+        np.argmin(
+            np.sum(((scaled - scaled.mean(axis=0)) / (scaled.std(axis=0) + 1e-9)) ** 2, axis=1)
+        )
+    )
     content: dict[str, Any] = {
         "schema": ENSEMBLE_SCHEMA,
         "name": system,
         "provenance": {
-            "method": f"posterior cars of the {system} system, given Tables 7.1 to 7.4 and the published outcomes",
+            "method": f"posterior cars of the {system} system, given Tables 7.1 to 7.4 and the "
+            "published outcomes",
             "plan": plan.name,
             "seed": plan.seed,
             "effective_sample_size": round(result.posterior.size, 1),
@@ -248,26 +392,37 @@ def ensemble_text(result: Result, system: Platform) -> str:
         "best": f"car{middle:03d}",
     }
     lines = [
-        f"# Cars that the published figures leave possible, made by `aerodima calibrate --plan {plan.name}`.",
+        "# Cars that the published figures leave possible, made by `aerodima calibrate --plan "
+        f"{plan.name}`.",
         yaml.safe_dump(content, sort_keys=False, width=116).rstrip(),
         "members:",
     ]
     for index, car in enumerate(cars):
         settings = dict(setting.split("=") for setting in prior.settings(car, first))
-        values = ", ".join(f"{key}: {value}" for key, value in settings.items() if key in OF_A_CAR or key in keys)
-        lines.append(f"- {{name: car{index:03d}, weight: {1 / len(cars):.6g}, values: {{{values}}}}}")
+        values = ", ".join(
+            f"{key}: {value}" for key, value in settings.items() if key in OF_A_CAR or key in keys
+        )
+        lines.append(
+            f"- {{name: car{index:03d}, weight: {1 / len(cars):.6g}, values: {{{values}}}}}"
+        )
     return "\n".join(lines) + "\n"
 
 
 def _fine_cells(result: Result, turn: Turn) -> tuple[str, str, str]:
-    """How many of the fine runs survived, when the swing of the median begins, and the share of early swings."""
+    """How many of the fine runs survived, when the swing of the median begins, and the share of
+    early swings.
+    """
     rows = [row for row in result.fine.rows[turn.name] if "error" not in row]
     survived = f"{sum(row['survived'] for row in rows)} of {len(rows)}"
     started = np.array([np.inf if row["trigger"] is None else row["trigger"] for row in rows])
     if turn.tail != "swing":
         return survived, "-", "-"
     middle = np.median(started)
-    return survived, f"{middle:.2f}" if np.isfinite(middle) else "never", f"{np.mean(started <= SOON):.0%}"
+    return (
+        survived,
+        f"{middle:.2f}" if np.isfinite(middle) else "never",
+        f"{np.mean(started <= SOON):.0%}",
+    )
 
 
 def _figure_cells(row: Mapping[Any, Any]) -> tuple[str, ...]:
@@ -292,9 +447,12 @@ def _parameter_cells(row: Mapping[Any, Any]) -> tuple[str, ...]:
 def _forest(figures: pd.DataFrame) -> Drawing:
     with styled():
         drawing, axes = new_figure(9.0, 5.2)
-        axis, places = axes[0, 0], np.arange(len(figures))[::-1]
+        axis = axes[0, 0]
+        places = np.arange(len(figures))[::-1]
         scale = figures.published.to_numpy()
-        axis.hlines(places, figures.prior_low / scale, figures.prior_high / scale, color=GREY, linewidth=1)
+        axis.hlines(
+            places, figures.prior_low / scale, figures.prior_high / scale, color=GREY, linewidth=1
+        )
         axis.hlines(places, figures.low / scale, figures.high / scale, color=BLUE, linewidth=5)
         axis.plot(figures["median"] / scale, places, "|", color="white", markersize=8)
         axis.axvline(1.0, color=VERMILION)

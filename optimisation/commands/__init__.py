@@ -13,6 +13,8 @@ COMMAND_MODULES = (
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands of every module in `COMMAND_MODULES` (entry point of the group `aerodima.commands`)."""
+    """Add the commands of every module in `COMMAND_MODULES` (entry point of the group
+    `aerodima.commands`).
+    """
     for name in COMMAND_MODULES:
         import_module(f"{__name__}.{name}").register(app)

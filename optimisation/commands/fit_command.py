@@ -30,36 +30,57 @@ _MOST_SHOWN = 20
 
 @dataclass(frozen=True)
 class LogFit:
-    """Which logs are fitted, on which rig they were made, what of it is an unknown, and where the results go."""
+    """Which logs are fitted, on which rig they were made, what of it is an unknown, and where the
+    results go.
+    """
 
     logs: Annotated[list[Path], typer.Argument(help="Logs (Parquet).")]
     out: Out
     workers: cli.Workers = 2
     force: cli.Anew = False
-    rig: Annotated[str, cli.named("Rig of the logs, if not their own", "scenarios/rig", typer.Option)] = ""
+    rig: Annotated[
+        str, cli.named("Rig of the logs, if not their own", "scenarios/rig", typer.Option)
+    ] = ""
     settings: cli.RigSettings = None
     free: Annotated[
-        str, typer.Option(help="Constants and instrument errors that are unknowns, such as encoder_zero,current_delay.")
+        str,
+        typer.Option(
+            help="Constants and instrument errors that are unknowns, such as "
+            "encoder_zero,current_delay."
+        ),
     ] = ""
     constants: Annotated[
-        str, cli.chosen("Of the rig: as its section uncertainty says, or exact.", "uncertain", "exact")
+        str,
+        cli.chosen("Of the rig: as its section uncertainty says, or exact.", "uncertain", "exact"),
     ] = "uncertain"
-    loss: Annotated[str, cli.chosen("huber holds back samples that lie far off.", "squares", "huber")] = "squares"
+    loss: Annotated[
+        str, cli.chosen("huber holds back samples that lie far off.", "squares", "huber")
+    ] = "squares"
     bound: Annotated[
         list[str] | None,
         typer.Option("--bound", metavar="NAME=LOW,HIGH", help="Of a parameter; may be repeated."),
     ] = None
 
     def options(self, *kinds: str) -> FitOptions:
-        """The choices for logs of some kinds; what is wrong with them is refused here, once and not for every log."""
+        """The choices for logs of some kinds; what is wrong with them is refused here, once and not
+        for every log.
+        """
         from aerodima.optimisation.identify.least_squares import LOSSES
-        from aerodima.optimisation.identify.log_rig import KNOWLEDGE, constant_names, named_rig, require_constants
+        from aerodima.optimisation.identify.log_rig import (
+            KNOWLEDGE,
+            constant_names,
+            named_rig,
+            require_constants,
+        )
 
         names = tuple(dict.fromkeys(name.strip() for name in self.free.split(",") if name.strip()))
-        require_constants(names, list(dict.fromkeys(name for kind in kinds for name in constant_names(kind))))
+        require_constants(
+            names, list(dict.fromkeys(name for kind in kinds for name in constant_names(kind)))
+        )
         rig = self.rig, tuple(self.settings or ())
         named_rig(*rig)
-        loss, known = choice("--loss", self.loss, LOSSES), choice("--constants", self.constants, KNOWLEDGE)
+        loss = choice("--loss", self.loss, LOSSES)
+        known = choice("--constants", self.constants, KNOWLEDGE)
         return optimisation.FitOptions(loss, bounds_of(self.bound), *rig, names, known)
 
     def run(
@@ -78,7 +99,8 @@ class LogFit:
             title: of the report.
             work: fits the log of a path, with `options` and what is in `more`.
             options: of all fits.
-            tables: makes further tables of the report from the results; may write files into the folder.
+            tables: makes further tables of the report from the results; may write files into the
+                folder.
             more: settings of this fit alone.
         """
         from aerodima.optimisation.identify.fit_batch import fit_logs
@@ -88,15 +110,24 @@ class LogFit:
         settings = {"fit": title, **more, **asdict(options)}
         work = partial(work, options=options, **more)
         fitted = fit_logs(
-            work, self.logs, self.out, settings=settings, workers=self.workers, force=self.force, progress=terminal()
+            work,
+            self.logs,
+            self.out,
+            settings=settings,
+            workers=self.workers,
+            force=self.force,
+            progress=terminal(),
         )
         if fitted.reused:
             typer.echo(f"{fitted.reused} of {len(self.logs)} were fitted before")
         try:
             extra, left_out = tables(fitted.results, self.out) if fitted.results else ({}, [])
         except UserError as error:
-            extra, left_out = {}, [f"tables over the logs are left out: {error}"]
-        write_report(self.out, title, fitted.results, failed=fitted.failed, tables=extra, left_out=left_out)
+            extra = {}
+            left_out = [f"tables over the logs are left out: {error}"]
+        write_report(
+            self.out, title, fitted.results, failed=fitted.failed, tables=extra, left_out=left_out
+        )
         for name, reason in fitted.failed.items():
             typer.echo(f"error: {name}: {reason.removeprefix(f'{name}: ')}", err=True)
         show(fitted.results)
@@ -113,13 +144,17 @@ class LogFit:
 def show(results: list[FitResult]) -> None:
     """The first results, with their warnings."""
     for result in results[:_MOST_SHOWN]:
-        values = ", ".join(f"{e.name} {optimisation.format_estimate(e, unit=True)}" for e in result.free)
+        values = ", ".join(
+            f"{e.name} {optimisation.format_estimate(e, unit=True)}" for e in result.free
+        )
         typer.echo(f"{Path(result.name).name}: {values}")
         for warning in result.warnings:
             typer.echo(f"  warning: {warning}")
     if len(results) > _MOST_SHOWN:
         warned = sum(bool(result.warnings) for result in results[_MOST_SHOWN:])
-        typer.echo(f"... and {len(results) - _MOST_SHOWN} more in fits.csv, {warned} of them with warnings")
+        typer.echo(
+            f"... and {len(results) - _MOST_SHOWN} more in fits.csv, {warned} of them with warnings"
+        )
 
 
 def averages(results: list[FitResult], out: Path) -> Extra:
@@ -130,16 +165,25 @@ def averages(results: list[FitResult], out: Path) -> Extra:
 
 
 def static_tables(results: list[FitResult], out: Path) -> Extra:
-    """Coefficient files of what the logs span, and all averages per tail, axis, angle and wind speed."""
+    """Coefficient files of what the logs span, and all averages per tail, axis, angle and wind
+    speed.
+    """
     from dataclasses import replace
 
-    from aerodima.optimisation.identify.coefficient_averages import averages_table, node_angle, static_sets, write_sets
+    from aerodima.optimisation.identify.coefficient_averages import (
+        averages_table,
+        node_angle,
+        static_sets,
+        write_sets,
+    )
 
     sets, left_out = static_sets(results)
     for path in write_sets(out, sets):
         typer.echo(f"wrote {path}")
     nodes = [replace(r, facts={**r.facts, "angle_deg": node_angle(r)}) for r in results]
-    return {"averages": averages_table(nodes, ("tail", "axis", "angle_deg", "wind_speed_m_per_s"))}, left_out
+    return {
+        "averages": averages_table(nodes, ("tail", "axis", "angle_deg", "wind_speed_m_per_s"))
+    }, left_out
 
 
 def robot_tables(results: list[FitResult], out: Path) -> Extra:
@@ -185,8 +229,8 @@ def register(app: typer.Typer) -> None:
 def static(batch: LogFit) -> None:
     """Fit C_D, C_L, psi3 and holding current to static holds.
 
-    Drift and step of the readings go through all samples of rest and hold, by the loss; the hold is then fitted to
-    seven means.
+    Drift and step of the readings go through all samples of rest and hold, by the loss; the hold is
+    then fitted to seven means.
 
     Example: aerodima fit static logs/*.parquet --out fits --set maxon.torque_constant=0.40
     """
@@ -226,7 +270,9 @@ def added_mass(batch: LogFit) -> None:
 @cli.grouped
 def robot_tail(
     batch: LogFit,
-    shape: Annotated[str, cli.chosen("C_N over the relative speed.", "constant", "line", "bins")] = "bins",
+    shape: Annotated[
+        str, cli.chosen("C_N over the relative speed.", "constant", "line", "bins")
+    ] = "bins",
 ) -> None:
     """Fit C_N of the robot tail to its swings.
 
@@ -234,12 +280,16 @@ def robot_tail(
     """
     from aerodima.optimisation.identify.swing_coefficients import SHAPES
 
-    options, chosen = batch.options("robot_swing"), choice("--shape", shape, SHAPES)
+    options = batch.options("robot_swing")
+    chosen = choice("--shape", shape, SHAPES)
     batch.run("Robot tail", optimisation.fit_robot_tail_log, options, robot_tables, shape=chosen)
 
 
 def car(
-    logs: Annotated[list[Path], typer.Argument(help="Logs of drives of the car, or of its simulation (Parquet).")],
+    logs: Annotated[
+        list[Path],
+        typer.Argument(help="Logs of drives of the car, or of its simulation (Parquet)."),
+    ],
     out: Out,
     workers: cli.Workers = 2,
     force: cli.Anew = False,

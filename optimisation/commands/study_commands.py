@@ -1,4 +1,6 @@
-"""`aerodima sweep run` and `sweep threshold`: studies of many runs, and where a car begins to roll over."""
+"""`aerodima sweep run` and `sweep threshold`: studies of many runs, and where a car begins to roll
+over.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ Out = Annotated[Path, cli.written("Folder for the tables; a stopped study goes o
 
 def register(app: typer.Typer) -> None:
     """Adds the group `sweep` and `calibrate`."""
-    sweep = cli.command_group(app, "sweep", "Run studies of many runs, on this computer or a cluster.", cli.SWINGS)
+    sweep = cli.command_group(
+        app, "sweep", "Run studies of many runs, on this computer or a cluster.", cli.SWINGS
+    )
     sweep.command()(run)
     sweep.command(no_args_is_help=True)(threshold)
     app.command(rich_help_panel=cli.THESIS)(calibrate)
@@ -38,7 +42,9 @@ def register(app: typer.Typer) -> None:
 def engine_for(
     out: Path | None, workers: int = 2, scheduler: str | None = None
 ) -> Iterator[tuple[Engine, ProgressLine]]:
-    """An engine whose workers leave their record in a folder, and the terminal for lines of progress."""
+    """An engine whose workers leave their record in a folder, and the terminal for lines of
+    progress.
+    """
     from aerodima.workbench.batch.row_store import WORKER_RECORD, terminal
 
     progress = terminal()
@@ -85,15 +91,24 @@ def run(
 
 
 def threshold(
-    factor: Annotated[str, typer.Argument(metavar="speed|friction", autocompletion=lambda: ["speed", "friction"])],
+    factor: Annotated[
+        str, typer.Argument(metavar="speed|friction", autocompletion=lambda: ["speed", "friction"])
+    ],
     scenario: cli.ScenarioArgument = "turn_swing",
     settings: cli.Settings = None,
-    low: Annotated[float | None, typer.Option("--from", help="Lowest value; 2.5 m/s, or 0.4.")] = None,
-    high: Annotated[float | None, typer.Option("--to", help="Highest value; 6.5 m/s, or 1.1.")] = None,
-    scan: Annotated[
-        float | None, typer.Option(help="Step of the scan, 0.25 m/s or 0.05; narrower islands may be missed.")
+    low: Annotated[
+        float | None, typer.Option("--from", help="Lowest value; 2.5 m/s, or 0.4.")
     ] = None,
-    tolerance: Annotated[float | None, typer.Option(help="Between survived and flipped, 0.05 m/s or 0.01.")] = None,
+    high: Annotated[
+        float | None, typer.Option("--to", help="Highest value; 6.5 m/s, or 1.1.")
+    ] = None,
+    scan: Annotated[
+        float | None,
+        typer.Option(help="Step of the scan, 0.25 m/s or 0.05; narrower islands may be missed."),
+    ] = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="Between survived and flipped, 0.05 m/s or 0.01.")
+    ] = None,
     workers: cli.Workers = 2,
     scheduler: cli.Scheduler = None,
 ) -> None:
@@ -114,26 +129,32 @@ def threshold(
     workbench.load_scenario(scenario, settings or ())
     with engine_for(None, workers, scheduler) as (engine, progress):
         cases = [Case(scenario, scenario, tuple(settings or ()))]
-        (found,) = find_thresholds(cases, search, Runs(engine), lambda done, known: progress(f"[{done}/{known}] runs"))
+        (found,) = find_thresholds(
+            cases, search, Runs(engine), lambda done, known: progress(f"[{done}/{known}] runs")
+        )
     typer.echo("\n".join(text_table(list(found.summary), [list(found.summary.values())])))
 
 
 @cli.grouped
 def calibrate(
-    out: Annotated[Path, cli.written("Folder for runs, ensembles and pages.")] = Path("out/calibration"),
+    out: Annotated[Path, cli.written("Folder for runs, ensembles and pages.")] = Path(
+        "out/calibration"
+    ),
     plan: Annotated[str, cli.named("Plan", "calibration/plans", typer.Option)] = "two_systems",
     seed: Annotated[int | None, typer.Option(help="Seed; that of the plan when left out.")] = None,
-    cars: Annotated[int, typer.Option(min=0, help="Posterior cars that play the thesis to test the intervals.")] = 10,
+    cars: Annotated[
+        int, typer.Option(min=0, help="Posterior cars that play the thesis to test the intervals.")
+    ] = 10,
     *,
     work: cli.WorkOptions,
 ) -> None:
     """Calibrate the cars to the thesis and predict its figures.
 
-    `index.html` says what holds, and what to measure next. Needs the extra `calibration`. The same command goes on
-    after Ctrl-C.
+    `index.html` says what holds, and what to measure next. Needs the extra `calibration`. The same
+    command goes on after Ctrl-C.
     """
-    # Before NumPy is loaded: with another number of BLAS threads the last digits differ, other cars are drawn, and an
-    # interrupted calibration would not go on with its own runs.
+    # Before NumPy is loaded: with another number of BLAS threads the last digits differ, other cars
+    # are drawn, and an interrupted calibration would not go on with its own runs.
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     from aerodima.optimisation.calibration.two_systems import load_plan
     from aerodima.optimisation.calibration.validation_page import calibrate as carry_out

@@ -1,4 +1,6 @@
-"""`aerodima swing search`, `judge`, `train`, `bound` and `verify`: find laws and motions of the tail, judge them."""
+"""`aerodima swing search`, `judge`, `train`, `bound` and `verify`: find laws and motions of the
+tail, judge them.
+"""
 
 from __future__ import annotations
 
@@ -31,12 +33,16 @@ def _task_keys() -> list[str]:
 
 
 TaskArgument = Annotated[str, cli.named("Task", "tasks")]
-TaskSettings = Annotated[list[str] | None, cli.setting("training=2 or speeds=[3.6,4.5]", _task_keys)]
+TaskSettings = Annotated[
+    list[str] | None, cli.setting("training=2 or speeds=[3.6,4.5]", _task_keys)
+]
 
 
 def register(app: typer.Typer) -> None:
     """Adds the group `swing`."""
-    group = cli.command_group(app, "swing", "Search laws and motions of the tail, and judge their gain.", cli.SWINGS)
+    group = cli.command_group(
+        app, "swing", "Search laws and motions of the tail, and judge their gain.", cli.SWINGS
+    )
     for command in (search, judge, train, bound, verify):
         group.command()(command)
 
@@ -44,14 +50,18 @@ def register(app: typer.Typer) -> None:
 @cli.grouped
 def search(
     task: TaskArgument,
-    out: Annotated[Path, cli.written("Folder for what is found and its runs; a stopped search goes on in it.")],
+    out: Annotated[
+        Path, cli.written("Folder for what is found and its runs; a stopped search goes on in it.")
+    ],
     work: cli.WorkOptions,
     settings: TaskSettings = None,
     seed: Annotated[int, typer.Option(help="Of all draws.", min=0)] = 1,
     starts: Annotated[int, typer.Option(help="Random starts of a motion.", min=1, max=1000)] = 7,
     knots: Annotated[int, typer.Option(help="Of the motion's rate.")] = 11,
     length: Annotated[float, typer.Option(help="Of the motion, s.")] = 0.8,
-    iterations: Annotated[int, typer.Option(help="Most iterations of the motion from a start.")] = 30,
+    iterations: Annotated[
+        int, typer.Option(help="Most iterations of the motion from a start.")
+    ] = 30,
 ) -> None:
     """Search motion and steering as one programme.
 
@@ -68,26 +78,36 @@ def search(
     path = out / "swing.yaml"
     refuse_existing(path, work.force, SwingError)
     with runs_in(out, work) as runs:
-        write_swing(search_motion(out.name, asked, motion, runs, progress=runs.say), path, force=work.force)
+        write_swing(
+            search_motion(out.name, asked, motion, runs, progress=runs.say), path, force=work.force
+        )
     typer.echo(f"found: {path}")
     tail = workbench.load_scenario(asked.scenario).tail.name
-    typer.echo(f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}")
+    typer.echo(
+        f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}"
+    )
 
 
-TailName = Annotated[str, cli.chosen("Tail: that of each car, or the larger one.", "built", "designed")]
+TailName = Annotated[
+    str, cli.chosen("Tail: that of each car, or the larger one.", "built", "designed")
+]
 Floors = Annotated[
-    list[float] | None, typer.Option("--floor", help="Friction over that of the car; may be repeated; by default 1.")
+    list[float] | None,
+    typer.Option("--floor", help="Friction over that of the car; may be repeated; by default 1."),
 ]
 
 
 @cli.grouped
 def judge(
-    out: Annotated[Path, cli.written("Folder for table, summary and runs; stopped climbs go on in it.")],
+    out: Annotated[
+        Path, cli.written("Folder for table, summary and runs; stopped climbs go on in it.")
+    ],
     work: cli.WorkOptions,
     manoeuvre: Annotated[
         list[str] | None,
         typer.Option(
-            help="turn, held-turn, twice, twice-late, fishhook, lane-change, slalom, corner, rising-steer; may be "
+            help="turn, held-turn, twice, twice-late, fishhook, lane-change, slalom, corner, "
+            "rising-steer; may be "
             "repeated; by default the first, second, fifth and sixth.",
             autocompletion=lambda: _suite("MANOEUVRES"),
         ),
@@ -95,8 +115,10 @@ def judge(
     candidate: Annotated[
         list[str] | None,
         typer.Option(
-            help="none, low-ballast, held, upright, lying, published, feedback, best_swing, a swing, or a file of "
-            "candidates; may be repeated; by default the first seven. The car without tail always takes part.",
+            help="none, low-ballast, held, upright, lying, published, feedback, best_swing, a "
+            "swing, or a file of "
+            "candidates; may be repeated; by default the first seven. The car without tail always "
+            "takes part.",
             autocompletion=lambda: _suite("NAMED"),
         ),
     ] = None,
@@ -107,31 +129,43 @@ def judge(
     tail: TailName = "designed",
     seed: Annotated[int, typer.Option(help="Of the split of the cars.", min=0)] = 1,
     start: Annotated[float, typer.Option(help="First speed of a climb, m/s.")] = 2.0,
-    step: Annotated[float, typer.Option(help="Between two speeds of a climb, m/s; its last step is refined.")] = 0.1,
+    step: Annotated[
+        float, typer.Option(help="Between two speeds of a climb, m/s; its last step is refined.")
+    ] = 0.1,
     ceiling: Annotated[float, typer.Option(help="Highest speed that is tried, m/s.")] = 8.0,
 ) -> None:
     """Judge candidates by the speed at which a car may enter.
 
-    It is the highest one at which a manoeuvre is completed without tip-up. Exits with 1 when no candidate with a tail
-    is faster than the car without one. Asked for again after Ctrl-C, or with more cars or manoeuvres, it keeps the runs
-    that are there.
+    It is the highest one at which a manoeuvre is completed without tip-up. Exits with 1 when no
+    candidate with a tail is faster than the car without one. Asked for again after Ctrl-C, or with
+    more cars or manoeuvres, it keeps the runs that are there.
 
-    Example: aerodima swing judge --manoeuvre fishhook --cars 1 --candidate published --out out/judge
+    Example: aerodima swing judge --manoeuvre fishhook --cars 1 --candidate published --out
+    out/judge
     """
     from aerodima.optimisation.entry import suite
     from aerodima.optimisation.entry.entry_speed import ERROR, EntrySearch, climb
-    from aerodima.optimisation.entry.entry_table import entry_lines, entry_page, has_gain, summarise_entries
+    from aerodima.optimisation.entry.entry_table import (
+        entry_lines,
+        entry_page,
+        has_gain,
+        summarise_entries,
+    )
     from aerodima.workbench.report.report_page import write_files
 
     search = EntrySearch(start=start, step=step, ceiling=ceiling)
     driven = suite.manoeuvres(manoeuvre or suite.TRAINED_ON, tail)
     who = suite.candidates(candidate or list(suite.CANDIDATES), law or ())
-    cases = suite.floors(_first(workbench.load_ensemble(ensemble).split(seed).test, cars), floors or [1.0])
+    cases = suite.floors(
+        _first(workbench.load_ensemble(ensemble).split(seed).test, cars), floors or [1.0]
+    )
     with runs_in(out, work) as runs:
         table = climb(driven, who, cases, runs, search)
     summary = summarise_entries(table)
     page = entry_page(table, summary)
-    write_files(out, {"entries.csv": table, "summary.csv": summary, "report.html": page}, error=SweepError)
+    write_files(
+        out, {"entries.csv": table, "summary.csv": summary, "report.html": page}, error=SweepError
+    )
     typer.echo("\n".join(entry_lines(summary)))
     typer.echo(f"written: entries.csv, summary.csv and report.html in {out}")
     if table["ended_by"].astype(str).str.startswith(ERROR).any():
@@ -143,17 +177,27 @@ def judge(
 
 @cli.grouped
 def train(
-    out: Annotated[Path, cli.written("Folder for candidates.yaml and the runs; a stopped search goes on in it.")],
+    out: Annotated[
+        Path,
+        cli.written("Folder for candidates.yaml and the runs; a stopped search goes on in it."),
+    ],
     work: cli.WorkOptions,
     ensemble: cli.Ensemble = "physical",
     cars: Annotated[int, typer.Option(help="So many of the training cars.", min=1)] = 6,
     floors: Floors = None,
     tail: TailName = "designed",
-    seed: Annotated[int, typer.Option(help="Of the split of the cars, and of all draws.", min=0)] = 1,
-    laws: Annotated[int, typer.Option(help="Of a generation, for each number that is free.", min=3)] = 4,
+    seed: Annotated[
+        int, typer.Option(help="Of the split of the cars, and of all draws.", min=0)
+    ] = 1,
+    laws: Annotated[
+        int, typer.Option(help="Of a generation, for each number that is free.", min=3)
+    ] = 4,
     generations: Annotated[int, typer.Option(help="Beside the first one.", min=0)] = 8,
     around: Annotated[
-        float, typer.Option(help="Share of the ranges around the present law that the first generation covers.")
+        float,
+        typer.Option(
+            help="Share of the ranges around the present law that the first generation covers."
+        ),
     ] = 0.3,
 ) -> None:
     """Search the numbers of the feedback law.
@@ -168,44 +212,64 @@ def train(
 
     path = out / "candidates.yaml"
     refuse_existing(path, work.force, SwingError)
-    cases = suite.floors(_first(workbench.load_ensemble(ensemble).split(seed).training, cars), floors or [1.0])
+    cases = suite.floors(
+        _first(workbench.load_ensemble(ensemble).split(seed).training, cars), floors or [1.0]
+    )
     asked = LawSearch(laws=laws, generations=generations, seed=seed, around=around)
     with runs_in(out, work) as runs:
         found = search_feedback(cases, tail, asked, runs)
-    options = {"ensemble": ensemble, "tail": tail, "cars": cars, "laws": laws, "generations": generations}
+    options = {
+        "ensemble": ensemble,
+        "tail": tail,
+        "cars": cars,
+        "laws": laws,
+        "generations": generations,
+    }
     options |= {"around": around, "seed": seed}
     asked_for = [*options.items(), *(("floor", share) for share in floors or [])]
     how = " ".join(["aerodima swing train", *(f"--{name} {value}" for name, value in asked_for)])
     write_candidates(path, [found], how, force=work.force)
     typer.echo(f"found: {path}")
-    typer.echo(f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}")
+    typer.echo(
+        f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}"
+    )
 
 
 @cli.grouped
 def bound(
-    out: Annotated[Path, cli.written("Folder for bound.csv and the runs; a stopped search goes on in it.")],
+    out: Annotated[
+        Path, cli.written("Folder for bound.csv and the runs; a stopped search goes on in it.")
+    ],
     work: cli.WorkOptions,
-    manoeuvre: Annotated[list[str] | None, typer.Option(help="lane-change or corner; by default both.")] = None,
+    manoeuvre: Annotated[
+        list[str] | None, typer.Option(help="lane-change or corner; by default both.")
+    ] = None,
     ensemble: cli.Ensemble = "physical",
     cars: Annotated[int, typer.Option(help="So many of the test cars.", min=1)] = 6,
     floors: Floors = None,
     tail: TailName = "designed",
     seed: Annotated[int, typer.Option(help="Of the split of the cars.", min=0)] = 1,
     starts: Annotated[int, typer.Option(help="Of the search of a motion.", min=1)] = 7,
-    generations: Annotated[int, typer.Option(help="Of a search, beside the first one.", min=0)] = 80,
+    generations: Annotated[
+        int, typer.Option(help="Of a search, beside the first one.", min=0)
+    ] = 80,
 ) -> None:
     """Find what any motion of the tail can reach on a path.
 
-    The entry speed of reduced cars, each with its own motion and driver; other candidates have their own best driver.
+    The entry speed of reduced cars, each with its own motion and driver; other candidates have
+    their own best driver.
 
-    Example: aerodima swing bound --manoeuvre corner --cars 1 --starts 1 --generations 3 --out out/bound
+    Example: aerodima swing bound --manoeuvre corner --cars 1 --starts 1 --generations 3 --out
+    out/bound
     """
     from aerodima.optimisation.entry import bound as bounds
     from aerodima.optimisation.entry import suite
     from aerodima.workbench.report.report_page import write_files
 
     names = bounds.paths(manoeuvre or ())
-    cases = suite.floors(_first(workbench.load_ensemble(ensemble).split(seed).test, cars), floors or [1.0])
+    cases = suite.floors(
+        _first(workbench.load_ensemble(ensemble).split(seed).test, cars), floors or [1.0]
+    )
     with runs_in(out, work) as runs:
         table = bounds.search_bound(names, cases, tail, starts, generations, runs)
     write_files(out, {"bound.csv": table}, error=SweepError)
@@ -216,7 +280,10 @@ def bound(
 def _first(there: Sequence[Member], number: int) -> tuple[Member, ...]:
 
     if number > len(there):
-        raise SweepError(f"--cars {number}: the part of the ensemble has {len(there)}: allowed: 1 to {len(there)}")
+        raise SweepError(
+            f"--cars {number}: the part of the ensemble has {len(there)}: allowed: 1 to "
+            f"{len(there)}"
+        )
     return tuple(there[:number])
 
 
@@ -225,20 +292,29 @@ def verify(
     out: Annotated[Path, cli.written("Folder for verification.yaml and report.html.")],
     scenario: cli.OtherScenario = None,
     settings: cli.Settings = None,
-    step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-5, max=0.005)] = 0.0005,
-    other_car: Annotated[bool, typer.Option("--other-car", help="Verify on another car than it was made for.")] = False,
+    step: Annotated[
+        float, typer.Option(help="Step of the plant, s.", min=1e-5, max=0.005)
+    ] = 0.0005,
+    other_car: Annotated[
+        bool, typer.Option("--other-car", help="Verify on another car than it was made for.")
+    ] = False,
     force: cli.Force = False,
 ) -> None:
     """Check what a swing file promises, on its own car.
 
-    Verified is what survives clean at the fine step and keeps its limits and clearances. Exits with 1 when it is not;
-    the report is written all the same. Speed and friction are those that the file claims to survive, unless --set says
-    otherwise.
+    Verified is what survives clean at the fine step and keeps its limits and clearances. Exits with
+    1 when it is not; the report is written all the same. Speed and friction are those that the file
+    claims to survive, unless --set says otherwise.
     `swing judge --candidate FILE` judges it on other cars.
 
     Example: aerodima swing verify thesis_8_rad_per_s --out out/verify
     """
-    from aerodima.optimisation.swing.verification import PAGE, VERDICT, verify_swing, write_verification
+    from aerodima.optimisation.swing.verification import (
+        PAGE,
+        VERDICT,
+        verify_swing,
+        write_verification,
+    )
 
     for name in (VERDICT, PAGE):
         refuse_existing(out / name, force, SwingError)
@@ -246,6 +322,9 @@ def verify(
     for file in write_verification(out, found, force=force):
         typer.echo(f"written: {file}")
     if found.complaints:
-        typer.echo(f"not verified: {found.swing.name} at {found.where}: {'; '.join(found.complaints)}", err=True)
+        typer.echo(
+            f"not verified: {found.swing.name} at {found.where}: {'; '.join(found.complaints)}",
+            err=True,
+        )
         raise typer.Exit(cli.Status.NO)
     typer.echo(f"verified: {found.swing.name} at {found.where}")

@@ -1,8 +1,10 @@
-"""Bound of the entry speed on a path: the best motion of the tail with its best driver, both known beforehand.
+"""Bound of the entry speed on a path: the best motion of the tail with its best driver, both known
+beforehand.
 
-A reduced car is searched by differential evolution (Storn and Price 1997, doi 10.1023/A:1008202821328) over the numbers
-of its driver and, for the bound, the roll and pitch of its tail at places spread evenly over the path. Other candidates
-have their own best driver. A motion need not clear the car; torque and speed of the motors limit it.
+A reduced car is searched by differential evolution (Storn and Price 1997, doi
+10.1023/A:1008202821328) over the numbers of its driver and, for the bound, the roll and pitch of
+its tail at places spread evenly over the path. Other candidates have their own best driver. A
+motion need not clear the car; torque and speed of the motors limit it.
 """
 
 from __future__ import annotations
@@ -63,11 +65,15 @@ class BoundStart:
 
 
 def paths(names: Sequence[str] = ()) -> list[str]:
-    """These manoeuvres of the suite, by default all that have a path; SweepError for another one."""
+    """These manoeuvres of the suite, by default all that have a path; SweepError for another
+    one.
+    """
     known = [name for name, one in MANOEUVRES.items() if one.rule == "path"]
     for name in names:
         if name not in known:
-            raise SweepError(f"manoeuvre {name!r}: the bound is known on paths only; allowed: {', '.join(known)}")
+            raise SweepError(
+                f"manoeuvre {name!r}: the bound is known on paths only; allowed: {', '.join(known)}"
+            )
     return list(dict.fromkeys(names)) or known
 
 
@@ -79,21 +85,43 @@ def search_bound(
     generations: int,
     runs: Runs,
 ) -> pd.DataFrame:
-    """Entry speeds of reduced cars on paths, m/s: a row for each manoeuvre, car and floor, a column for `SEARCHED`.
+    """Entry speeds of reduced cars on paths, m/s: a row for each manoeuvre, car and floor, a column
+    for `SEARCHED`.
 
     The bound has so many starts, and is never below the law, which is a motion, too.
     """
     runs.stage = "bound"
-    wanted, places = [], []
+    wanted = []
+    places = []
     for name, car, floor in [(name, *case) for name in names for case in cases]:
         settings = (*car.settings_on(MANOEUVRES[name].scenario), *floor.settings)
-        for who, seed in [(one, seed) for one in SEARCHED for seed in range(starts if one == BOUND else OTHER_STARTS)]:
+        for who, seed in [
+            (one, seed)
+            for one in SEARCHED
+            for seed in range(starts if one == BOUND else OTHER_STARTS)
+        ]:
             wanted.append(BoundStart(name, tail, settings, who, seed, generations))
-            places.append({"manoeuvre": MANOEUVRES[name].name, "car": car.name, "floor": floor.name, "who": who})
-    keys = [content_key("bound", vars(one), *scenario_content(MANOEUVRES[one.manoeuvre].scenario)) for one in wanted]
+            places.append(
+                {
+                    "manoeuvre": MANOEUVRES[name].name,
+                    "car": car.name,
+                    "floor": floor.name,
+                    "who": who,
+                }
+            )
+    keys = [
+        content_key("bound", vars(one), *scenario_content(MANOEUVRES[one.manoeuvre].scenario))
+        for one in wanted
+    ]
     found = runs.call(best_speed, wanted, keys)
-    table = make_frame([place | {"speed": speed} for place, speed in zip(places, found, strict=True)])
-    best = table.groupby(["manoeuvre", "car", "floor", "who"], sort=False)["speed"].max().unstack(sort=False)
+    table = make_frame(
+        [place | {"speed": speed} for place, speed in zip(places, found, strict=True)]
+    )
+    best = (
+        table.groupby(["manoeuvre", "car", "floor", "who"], sort=False)["speed"]
+        .max()
+        .unstack(sort=False)
+    )
     best[BOUND] = best[[BOUND, "feedback"]].max(axis=1)
     return best.reset_index()
 
@@ -101,9 +129,11 @@ def search_bound(
 def best_speed(start: BoundStart) -> float:
     """Highest speed at which a start of the search finds the path kept, m/s; 0 where it finds none.
 
-    A member of a generation keeps the path from 0.4 m/s below the best speed before that generation on.
+    A member of a generation keeps the path from 0.4 m/s below the best speed before that generation
+    on.
     """
-    (chosen,), moves = manoeuvres([start.manoeuvre], start.tail), start.who == BOUND
+    (chosen,) = manoeuvres([start.manoeuvre], start.tail)
+    moves = start.who == BOUND
     car = reduced_cars(chosen, [start.car], CANDIDATES.get(start.who, FEEDBACK))
     scenario = load_scenario(chosen.scenario, (*chosen.settings, *FEEDBACK.settings))
     low, high = np.array(DRIVER + MOTION * moves).T[..., None]
@@ -112,7 +142,8 @@ def best_speed(start: BoundStart) -> float:
 
     def cost(shares: FloatArray) -> FloatArray:
         nonlocal best
-        members, speeds = shares.shape[1], np.round(max(best, FIRST) + AROUND, 2)
+        members = shares.shape[1]
+        speeds = np.round(max(best, FIRST) + AROUND, 2)
         numbers = np.repeat(low + shares * (high - low), len(speeds), axis=1)
         cars = at_speeds(car.take(np.zeros(numbers.shape[1], int)), np.tile(speeds, members))
         preview, correction, lag = numbers[: len(DRIVER)]
@@ -121,12 +152,20 @@ def best_speed(start: BoundStart) -> float:
         found = enter(cars, scenario, gains, np.full(cars.count, follows), motion)
         kept = np.cumprod(found.upright.reshape(members, -1), axis=1).sum(axis=1)
         best = max(best, float(np.where(kept > 0, speeds[kept - 1], 0.0).max()))
-        driven = found.driven.reshape(members, -1)[np.arange(members), np.minimum(kept, len(speeds) - 1)]
+        driven = found.driven.reshape(members, -1)[
+            np.arange(members), np.minimum(kept, len(speeds) - 1)
+        ]
         return -(speeds[0] + STEP * (kept + driven))
 
     ends = [(0.0, 1.0)] * len(low)
     first = np.random.default_rng(start.seed).random((POPULATION, len(low)))
     first[0, len(DRIVER) :] = 0.5  # a tail that lies still
-    settings = {"polish": False, "vectorized": True, "updating": "deferred", "rng": start.seed, "tol": 0.0}
+    settings = {
+        "polish": False,
+        "vectorized": True,
+        "updating": "deferred",
+        "rng": start.seed,
+        "tol": 0.0,
+    }
     differential_evolution(cost, ends, init=first, maxiter=start.generations, **settings)
     return best

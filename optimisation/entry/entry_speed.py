@@ -1,20 +1,23 @@
 """Entry speed: the highest speed at which a car, on a floor and with a tail, completes a manoeuvre.
 
-A manoeuvre is completed where no two wheels of one side are more than `TWO_WHEELS` above the ground at a time, nothing
-but wheels touches it from the start of the steering on (the anti-ramp board: while the car is steered; it catches a
-car that gathers speed again), and the car survives. On a path, the path is kept to its end.
-Elsewhere the car goes straight again: it yaws at most `EXIT_YAW_RATE` at the end of the run, unless it is steered
-there. And the mean lateral acceleration of the course, while the car is steered, is at least `LEAST_SHARE` of the most
-that the candidate without tail reaches up to its own entry speed, so that a tail gains nothing by keeping the car from
+A manoeuvre is completed where no two wheels of one side are more than `TWO_WHEELS` above the ground
+at a time, nothing but wheels touches it from the start of the steering on (the anti-ramp board:
+while the car is steered; it catches a car that gathers speed again), and the car survives. On a
+path, the path is kept to its end. Elsewhere the car goes straight again: it yaws at most
+`EXIT_YAW_RATE` at the end of the run, unless it is steered there. And the mean lateral acceleration
+of the course, while the car is steered, is at least `LEAST_SHARE` of the most that the candidate
+without tail reaches up to its own entry speed, so that a tail gains nothing by keeping the car from
 turning.
 
-A climb begins at a low speed and goes up in steps to the first failure, goes down first if the start itself fails, and
-halves its last step. The lateral acceleration is small at low speeds, so that every climb begins below the limit.
-Too low a value is therefore a failure only above a speed at which the manoeuvre was completed; below that the climb
-passes it, as neither completed nor failed.
+A climb begins at a low speed and goes up in steps to the first failure, goes down first if the
+start itself fails, and halves its last step. The lateral acceleration is small at low speeds, so
+that every climb begins below the limit. Too low a value is therefore a failure only above a speed
+at which the manoeuvre was completed; below that the climb passes it, as neither completed nor
+failed.
 
-Climbs are driven at the ordinary step of the plant; the speed that is found is proved at the fine one, and lowered
-until it is borne out. What is run depends on neither the engine nor the other climbs, but for the reference.
+Climbs are driven at the ordinary step of the plant; the speed that is found is proved at the fine
+one, and lowered until it is borne out. What is run depends on neither the engine nor the other
+climbs, but for the reference.
 """
 
 from __future__ import annotations
@@ -44,14 +47,15 @@ STEP = 0.002
 MOST_BACK = 8
 """How often a speed is lowered at most when the fine step does not bear it out."""
 OFF_PATH, PATH_END = "off_path_m", "path_end_reached"
-"""Columns of a run on a path: how far it leaves its lane, m, not above 0 where it keeps to it; whether it gets to the
-end."""
+"""Columns of a run on a path: how far it leaves its lane, m, not above 0 where it keeps to it;
+whether it gets to the end."""
 ERROR = "error: "
 """Begins what failed in a run that came to nothing."""
 NOT_PROVED = "not proved"
 """Begins what ended a climb whose speed the fine step bore out nowhere in `MOST_BACK` tries."""
 NO_REFERENCE = "no reference"
-"""Ends a climb that has nothing to be compared with: the car without tail has no entry speed there."""
+"""Ends a climb that has nothing to be compared with: the car without tail has no entry speed there.
+"""
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,8 @@ class Manoeuvre:
         name: in tables.
         scenario: name or path.
         settings: overrides of it.
-        rule: what the manoeuvre asks beside staying upright: enough lateral acceleration, or a path that is kept.
+        rule: what the manoeuvre asks beside staying upright: enough lateral acceleration, or a path
+            that is kept.
         drivers: overrides of drivers; a speed is completed where one of them completes it.
     """
 
@@ -75,7 +80,9 @@ class Manoeuvre:
 
 @dataclass(frozen=True)
 class EntryFloor:
-    """A floor: its name in tables, and the settings that make it; none of them leaves the friction to the car."""
+    """A floor: its name in tables, and the settings that make it; none of them leaves the friction
+    to the car.
+    """
 
     name: str
     settings: tuple[str, ...] = ()
@@ -111,13 +118,16 @@ class EntrySearch:
         for name in ("start", "step", "ceiling", "lowest"):
             value = getattr(self, name)
             if not math.isclose(value, rounded(self.fine * round(value / self.fine)), rel_tol=1e-9):
-                raise SweepError(f"entry speed: {name} {value:g}; allowed: multiples of fine, {self.fine:g}")
+                raise SweepError(
+                    f"entry speed: {name} {value:g}; allowed: multiples of fine, {self.fine:g}"
+                )
 
     def following(self, found: Mapping[float, str]) -> float | None:
         """Next speed of a climb, m/s; None at its end.
 
         Args:
-            found: speed, m/s -> what failed there (`failed_rule`), empty where the manoeuvre was completed.
+            found: speed, m/s -> what failed there (`failed_rule`), empty where the manoeuvre was
+                completed.
         """
         passed, lost = self.bracket(found)
         if not found:
@@ -131,22 +141,29 @@ class EntrySearch:
         return None if rounded(speed) in found else rounded(speed)
 
     def bracket(self, found: Mapping[float, str]) -> tuple[float | None, float | None]:
-        """Last speed before the first failure, and that of the failure, m/s; `lateral` fails above a completion."""
+        """Last speed before the first failure, and that of the failure, m/s; `lateral` fails above
+        a completion.
+        """
         passed = None
         completed = False
         for speed in sorted(found):
             if found[speed] and (completed or found[speed] != "lateral"):
                 return passed, speed
-            passed, completed = speed, completed or not found[speed]
+            passed = speed
+            completed = completed or not found[speed]
         return passed, None
 
     def entry(self, found: Mapping[float, str]) -> float | None:
-        """Entry speed of a climb that has ended, m/s; None where the manoeuvre was completed at no speed."""
+        """Entry speed of a climb that has ended, m/s; None where the manoeuvre was completed at no
+        speed.
+        """
         passed, _ = self.bracket(found)
         return passed if passed is not None and not found[passed] else None
 
     def ended_by(self, found: Mapping[float, str]) -> str:
-        """What ended a climb; `lateral` where the lateral acceleration was always too low, empty at the ceiling."""
+        """What ended a climb; `lateral` where the lateral acceleration was always too low, empty at
+        the ceiling.
+        """
         passed, lost = self.bracket(found)
         failed = "" if lost is None else found[lost]
         never_enough = passed is not None and found[passed] and not failed.startswith(ERROR)
@@ -165,11 +182,13 @@ class EntrySearch:
         return speed if speed >= self.lowest else None
 
 
-def failed_rule(row: Mapping[str, Any], rule: Literal["lateral", "path"], figure: float, least: float) -> str:
+def failed_rule(
+    row: Mapping[str, Any], rule: Literal["lateral", "path"], figure: float, least: float
+) -> str:
     """First rule that a run breaks; empty where it breaks none.
 
-    It is `two wheels`, `ground: PART`, `flipped`, `path`, `end of the path` (too slow), `exit`, `lateral` or
-    `error: ...`.
+    It is `two wheels`, `ground: PART`, `flipped`, `path`, `end of the path` (too slow), `exit`,
+    `lateral` or `error: ...`.
 
     Args:
         row: of the run.
@@ -201,7 +220,9 @@ def failed_rule(row: Mapping[str, Any], rule: Literal["lateral", "path"], figure
 
 
 class _Run(NamedTuple):
-    """What failed in a run, mean lateral acceleration, m/s2, change of course, rad (NaN without), and its driver."""
+    """What failed in a run, mean lateral acceleration, m/s2, change of course, rad (NaN without),
+    and its driver.
+    """
 
     failed: str
     figure: float
@@ -211,7 +232,8 @@ class _Run(NamedTuple):
 
 @dataclass
 class _Climb:
-    """One climb: who drives what and where, and its runs by speed, m/s, at the ordinary and at the fine step.
+    """One climb: who drives what and where, and its runs by speed, m/s, at the ordinary and at the
+    fine step.
 
     The drivers of a manoeuvre try a speed in turn, the last one that completed a speed first.
     """
@@ -230,7 +252,11 @@ class _Climb:
     @cached_property
     def without_tail(self) -> tuple[str, ...]:
         """Settings of car, manoeuvre and floor."""
-        return (*self.car.settings_on(self.manoeuvre.scenario), *self.manoeuvre.settings, *self.floor.settings)
+        return (
+            *self.car.settings_on(self.manoeuvre.scenario),
+            *self.manoeuvre.settings,
+            *self.floor.settings,
+        )
 
     @cached_property
     def ballast(self) -> tuple[str, ...]:
@@ -241,7 +267,8 @@ class _Climb:
 
     def below_top_speed(self) -> _Climb:
         """The same, its ceiling no higher than the drive gets."""
-        drive, fine = load_scenario(self.manoeuvre.scenario, self.without_tail).drive, self.search.fine
+        drive = load_scenario(self.manoeuvre.scenario, self.without_tail).drive
+        fine = self.search.fine
         top = rounded(fine * math.floor(steady_speed(1.0, drive) / fine + 1e-9))
         return replace(self, search=replace(self.search, ceiling=min(self.search.ceiling, top)))
 
@@ -254,18 +281,22 @@ class _Climb:
         return RunTask(name, self.manoeuvre.scenario, settings, law=self.who.law)
 
     def note(self, kept: dict[float, _Run], speed: float, row: Mapping[str, Any]) -> None:
-        """Keeps what the row of a run comes to where it is completed, or where no driver is left."""
+        """Keeps what the row of a run comes to where it is completed, or where no driver is
+        left.
+        """
         figure, course = (
             math.nan if (value := row.get(name)) is None else float(value)
             for name in ("lateral_acceleration_m_per_s2", "course_change_rad")
         )
-        drivers, failed = self.manoeuvre.drivers, failed_rule(row, self.manoeuvre.rule, figure, self.least)
+        drivers = self.manoeuvre.drivers
+        failed = failed_rule(row, self.manoeuvre.rule, figure, self.least)
         run = _Run(failed, figure, course, " ".join(drivers[self.driver]))
         self.failures += 1
         if failed:
             self.driver = (self.driver + 1) % len(drivers)
         if not failed or self.failures == len(drivers):
-            kept[speed], self.failures = run, 0
+            kept[speed] = run
+            self.failures = 0
 
     def climbing(self) -> float | None:
         """Next speed at the ordinary step, m/s."""
@@ -292,10 +323,16 @@ class _Climb:
 
     @property
     def most(self) -> float:
-        """Largest mean lateral acceleration at the completed speeds up to the entry speed, m/s2; NaN without one."""
+        """Largest mean lateral acceleration at the completed speeds up to the entry speed, m/s2;
+        NaN without one.
+        """
         if self.proved is None:
             return math.nan
-        completed = [run.figure for speed, run in self.coarse.items() if speed <= self.proved and not run.failed]
+        completed = [
+            run.figure
+            for speed, run in self.coarse.items()
+            if speed <= self.proved and not run.failed
+        ]
         return max(self.figure, *completed)
 
     def as_row(self) -> dict[str, Any]:
@@ -328,7 +365,8 @@ def climb(
     runs: Runs,
     search: EntrySearch | None = None,
 ) -> pd.DataFrame:
-    """Entry speeds of every candidate in every manoeuvre, car and floor; the car without tail is always among them.
+    """Entry speeds of every candidate in every manoeuvre, car and floor; the car without tail is
+    always among them.
 
     It climbs first, since its figures are what the others are held to; they climb together.
 
@@ -340,11 +378,12 @@ def climb(
         search: of all of them, by default `EntrySearch()`.
 
     Returns:
-        A row per climb: manoeuvre, candidate, car, floor; `entry_speed_m_per_s` as the fine step bears it out, NaN
-        without; `at_ceiling`; `ended_by`, what failed first (`failed_rule`), or, where the fine step lowered the speed,
-        what failed last there; at the entry speed `figure_m_per_s2`, mean lateral acceleration, and
-        `course_change_rad` of a turn; `proved`; `found_m_per_s` at the ordinary step; number of `runs`. A run that
-        comes to nothing fails and is named.
+        A row per climb: manoeuvre, candidate, car, floor; `entry_speed_m_per_s` as the fine step
+            bears it out, NaN
+        without; `at_ceiling`; `ended_by`, what failed first (`failed_rule`), or, where the fine
+        step lowered the speed, what failed last there; at the entry speed `figure_m_per_s2`, mean
+        lateral acceleration, and `course_change_rad` of a turn; `proved`; `found_m_per_s` at the
+        ordinary step; number of `runs`. A run that comes to nothing fails and is named.
 
     Raises:
         UserError: a name twice, or a car that a scenario does not load.
@@ -354,9 +393,12 @@ def climb(
     refuse_twice([f"{car.name} on {floor.name}" for car, floor in cases], "case")
     search = search or EntrySearch()
     places = [(manoeuvre, car, floor) for manoeuvre in manoeuvres for car, floor in cases]
-    references = [_Climb(what, NO_TAIL, car, floor, search).below_top_speed() for what, car, floor in places]
+    references = [
+        _Climb(what, NO_TAIL, car, floor, search).below_top_speed() for what, car, floor in places
+    ]
     _drive(references, runs, NO_TAIL.name)
-    climbs, others = [], []
+    climbs = []
+    others = []
     for reference in references:
         share = LEAST_SHARE * reference.most if reference.manoeuvre.rule == "lateral" else -math.inf
         own = [
@@ -371,9 +413,13 @@ def climb(
 
 
 def _drive(climbs: Sequence[_Climb], runs: Runs, stage: str) -> None:
-    """Drives climbs to their end, then their proofs: one run of each at a time; many climbs keep all workers busy."""
+    """Drives climbs to their end, then their proofs: one run of each at a time; many climbs keep
+    all workers busy.
+    """
 
-    def rounds(following: Callable[[_Climb], float | None], step: float, kept: Literal["coarse", "fine"]) -> None:
+    def rounds(
+        following: Callable[[_Climb], float | None], step: float, kept: Literal["coarse", "fine"]
+    ) -> None:
         while wanted := [(one, speed) for one in climbs if (speed := following(one)) is not None]:
             rows = runs.rows([one.task(speed, step) for one, speed in wanted])
             for (one, speed), row in zip(wanted, rows, strict=True):

@@ -1,4 +1,6 @@
-"""What entry speeds of many cars come to: medians, gains over other candidates, and how sure they are."""
+"""What entry speeds of many cars come to: medians, gains over other candidates, and how sure they
+are.
+"""
 
 from __future__ import annotations
 
@@ -55,17 +57,24 @@ def known_speeds(table: pd.DataFrame) -> pd.Series:
 
 
 def entry_gains(table: pd.DataFrame, over: tuple[str, ...]) -> pd.Series:
-    """Gain in entry speed of each row over the fastest of other candidates in the same case; index as the table's.
+    """Gain in entry speed of each row over the fastest of other candidates in the same case; index
+    as the table's.
 
-    A candidate that completes the manoeuvre at no speed has the gain -1. NaN where the entry speed of either is not
-    known: a run came to nothing, the fine step bore no speed out, or there was no reference.
+    A candidate that completes the manoeuvre at no speed has the gain -1. NaN where the entry speed
+    of either is not known: a run came to nothing, the fine step bore no speed out, or there was no
+    reference.
 
     Args:
         table: of `climb`.
         over: names of the other candidates; those that the table lacks are left out.
     """
     speeds = known_speeds(table)
-    other = table.assign(known=speeds)[table["candidate"].isin(over)].groupby(CASE)["known"].max().rename("other")
+    other = (
+        table.assign(known=speeds)[table["candidate"].isin(over)]
+        .groupby(CASE)["known"]
+        .max()
+        .rename("other")
+    )
     never = table[SPEED].isna() & ~table["ended_by"].astype(str).str.startswith(UNKNOWN)
     ratio = speeds.mask(never, 0.0) / table.join(other, on=CASE)["other"]
     return (ratio - 1.0).rename("gain")
@@ -74,9 +83,10 @@ def entry_gains(table: pd.DataFrame, over: tuple[str, ...]) -> pd.Series:
 def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
     """A row per manoeuvre and candidate, in the order of the table.
 
-    A car's gain is its median over the floors. For each reference of `REFERENCES`: `gain_over_...`, the median over the
-    cars; `worst_over_...`, that of the worst car; `low_over_...` and `high_over_...`, the ends of the 95 % interval of
-    the median, from a bootstrap over the cars; `cars_over_...`, how many cars have a gain. NaN where none has.
+    A car's gain is its median over the floors. For each reference of `REFERENCES`: `gain_over_...`,
+    the median over the cars; `worst_over_...`, that of the worst car; `low_over_...` and
+    `high_over_...`, the ends of the 95 % interval of the median, from a bootstrap over the cars;
+    `cars_over_...`, how many cars have a gain. NaN where none has.
 
     Args:
         table: of `climb`.
@@ -86,7 +96,10 @@ def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
     rows = []
     for (manoeuvre, who), own in table.groupby(["manoeuvre", "candidate"], sort=False):
         row: dict[str, Any] = {"manoeuvre": manoeuvre, "candidate": who, "number": len(own)}
-        row |= {"without_entry": int(own[SPEED].isna().sum()), "at_ceiling": int(own["at_ceiling"].sum())}
+        row |= {
+            "without_entry": int(own[SPEED].isna().sum()),
+            "at_ceiling": int(own["at_ceiling"].sum()),
+        }
         row["unknown"] = int(own["ended_by"].astype(str).str.startswith(UNKNOWN).sum())
         row["ended_by"] = own["ended_by"].fillna("").astype(str).mode().iloc[0]
         row["median_m_per_s"] = float(known_speeds(own).median())
@@ -96,19 +109,26 @@ def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
             low, high = median_interval(cars, seed)
             row |= {f"gain_over_{label}": float(np.median(cars)) if cars.size else math.nan}
             row |= {f"worst_over_{label}": float(cars.min()) if cars.size else math.nan}
-            row |= {f"low_over_{label}": low, f"high_over_{label}": high, f"cars_over_{label}": int(cars.size)}
+            row |= {
+                f"low_over_{label}": low,
+                f"high_over_{label}": high,
+                f"cars_over_{label}": int(cars.size),
+            }
         rows.append(row)
     return make_frame(rows)
 
 
 def has_gain(summary: pd.DataFrame) -> bool:
-    """Whether a candidate with a tail enters faster than the car without one; True when none was judged."""
+    """Whether a candidate with a tail enters faster than the car without one; True when none was
+    judged.
+    """
     with_tail = summary[~summary["candidate"].isin([NO_TAIL.name, LOW_BALLAST.name])]
     return with_tail.empty or bool((with_tail["gain_over_no_tail"] > 0.0).any())
 
 
 def median_interval(cars: FloatArray, seed: int) -> tuple[float, float]:
-    """Ends of the 95 % interval of the median over cars, which are drawn again with replacement; NaN without a car.
+    """Ends of the 95 % interval of the median over cars, which are drawn again with replacement;
+    NaN without a car.
 
     Args:
         cars: a value of each (n,).
@@ -122,7 +142,9 @@ def median_interval(cars: FloatArray, seed: int) -> tuple[float, float]:
 
 
 def entry_lines(summary: pd.DataFrame) -> list[str]:
-    """Lines of a table for the terminal: each manoeuvre is a heading, and every candidate has a line below it."""
+    """Lines of a table for the terminal: each manoeuvre is a heading, and every candidate has a
+    line below it.
+    """
     rows: list[tuple[str, ...]] = []
     for manoeuvre, own in summary.groupby("manoeuvre", sort=False):
         rows += [(str(manoeuvre),), *_cells(own)]
@@ -130,20 +152,33 @@ def entry_lines(summary: pd.DataFrame) -> list[str]:
 
 
 def entry_page(table: pd.DataFrame, summary: pd.DataFrame) -> Page:
-    """A page: the fastest candidate of each manoeuvre first, then a table and a picture for every manoeuvre."""
-    fastest, sections = [], []
+    """A page: the fastest candidate of each manoeuvre first, then a table and a picture for every
+    manoeuvre.
+    """
+    fastest = []
+    sections = []
     for manoeuvre, own in summary.groupby("manoeuvre", sort=False):
         best = own.sort_values("median_m_per_s", ascending=False, kind="stable").iloc[0]
         none = math.isnan(best["median_m_per_s"])
         fastest.append(
-            f"{manoeuvre}: " + ("none" if none else f"{best['candidate']}, {best['median_m_per_s']:.2f} m/s")
+            f"{manoeuvre}: "
+            + ("none" if none else f"{best['candidate']}, {best['median_m_per_s']:.2f} m/s")
         )
         figure = entry_figure(table[table["manoeuvre"] == manoeuvre])
-        plot = Plot(figure, "", f"Entry speeds in the manoeuvre {manoeuvre}: a dot for every car, a bar at the median")
+        plot = Plot(
+            figure,
+            "",
+            f"Entry speeds in the manoeuvre {manoeuvre}: a dot for every car, a bar at the median",
+        )
         sections.append(Section(str(manoeuvre), [plot, Table(_HEADER, _cells(own))]))
     cars, floors = (", ".join(dict.fromkeys(table[key])) for key in ("car", "floor"))
-    lead = f"Highest speeds at which manoeuvres are completed without tip-up; cars {cars} on floors {floors}"
-    return Page("Entry speeds", lead, [Section("Highest median", [Finding([Bullets(fastest)])]), *sections])
+    lead = (
+        f"Highest speeds at which manoeuvres are completed without tip-up; cars {cars} on "
+        f"floors {floors}"
+    )
+    return Page(
+        "Entry speeds", lead, [Section("Highest median", [Finding([Bullets(fastest)])]), *sections]
+    )
 
 
 def _cells(summary: pd.DataFrame) -> list[tuple[str, ...]]:
@@ -151,7 +186,9 @@ def _cells(summary: pd.DataFrame) -> list[tuple[str, ...]]:
         (
             str(row["candidate"]),
             "–" if math.isnan(row["median_m_per_s"]) else f"{row['median_m_per_s']:.2f}",
-            "–" if math.isnan(row["median_course_rad"]) else f"{math.degrees(row['median_course_rad']):.0f}",
+            "–"
+            if math.isnan(row["median_course_rad"])
+            else f"{math.degrees(row['median_course_rad']):.0f}",
             f"{row['without_entry']:.0f} of {row['number']:.0f}",
             f"{row['unknown']:.0f}",
             f"{row['at_ceiling']:.0f}",
@@ -170,7 +207,9 @@ def _cells(summary: pd.DataFrame) -> list[tuple[str, ...]]:
 
 @styled()
 def entry_figure(table: pd.DataFrame) -> Figure:
-    """Entry speeds of all cars by floor and manoeuvre, a line per candidate, with the median as a bar."""
+    """Entry speeds of all cars by floor and manoeuvre, a line per candidate, with the median as a
+    bar.
+    """
     names, floors = (list(dict.fromkeys(table[key])) for key in ("manoeuvre", "floor"))
     who = list(dict.fromkeys(table["candidate"]))[::-1]
     height = (0.9 + 0.34 * len(who)) * len(floors)

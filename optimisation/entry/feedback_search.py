@@ -1,9 +1,11 @@
-"""Search of the numbers of the feedback law: reduced training cars, the highest speeds that they enter at.
+"""Search of the numbers of the feedback law: reduced training cars, the highest speeds that they
+enter at.
 
-A law is scored by the speeds at which cars stay upright, over the entry speed of the car without tail. A car that
-turns less than `LEAST_SHARE` of it counts much less, by the power `LACK`, so that the search is led to laws that turn
-enough. The score is half the mean over cars and manoeuvres and half the mean of the worst fifth.
-Generations of laws follow differential evolution (Storn and Price 1997, doi 10.1023/A:1008202821328).
+A law is scored by the speeds at which cars stay upright, over the entry speed of the car without
+tail. A car that turns less than `LEAST_SHARE` of it counts much less, by the power `LACK`, so that
+the search is led to laws that turn enough. The score is half the mean over cars and manoeuvres and
+half the mean of the worst fifth. Generations of laws follow differential evolution (Storn and Price
+1997, doi 10.1023/A:1008202821328).
 """
 
 from __future__ import annotations
@@ -47,14 +49,17 @@ RANGES = {
 RATIOS = np.concatenate([np.arange(0.72, 1.2, 0.06), np.arange(1.2, 3.2, 0.12)])
 """Speeds of the climb of a law, over the entry speed of the car without tail."""
 SPEEDS_WITHOUT = np.arange(1.3, 6.05, 0.1)
-"""m/s, of the climb of a car without tail; on a car that comes to its end a tail can gain nothing."""
+"""m/s, of the climb of a car without tail; on a car that comes to its end a tail can gain nothing.
+"""
 AT_ONCE = 22
 """Laws in one piece of work."""
 LACK = 12
-"""Power of what is turned over what must be; with 3 the search found laws that stay upright and turn too little."""
+"""Power of what is turned over what must be; with 3 the search found laws that stay upright and
+turn too little."""
 MARGIN = 1.02
-"""What must be turned here over what must be turned by the full car, whose figure is 5 % smaller to 2 % larger (law of
-`models/parameters/feedback.yaml`, three training cars, turn, held turn and fishhook at 3.2 and 6 m/s)."""
+"""What must be turned here over what must be turned by the full car, whose figure is 5 % smaller to
+2 % larger (law of `models/parameters/feedback.yaml`, three training cars, turn, held turn and
+fishhook at 3.2 and 6 m/s)."""
 WORST = 0.2
 """Share of cases that the second half of the score is made of."""
 MIN_FIGURE = 1.0
@@ -71,7 +76,8 @@ class LawSearch:
         laws: of a generation, for each free number.
         generations: beside the first one.
         seed: of the first generation and of all later draws.
-        around: share of the ranges, around the law that it starts from, over which the first generation is drawn.
+        around: share of the ranges, around the law that it starts from, over which the first
+            generation is drawn.
 
     Raises:
         UserError: fewer than 3 laws, or a share out of range.
@@ -105,7 +111,9 @@ class Screened:
     laws: tuple[Mapping[str, float], ...]
 
 
-def search_feedback(cases: Sequence[tuple[Member, EntryFloor]], tail: str, search: LawSearch, runs: Runs) -> Candidate:
+def search_feedback(
+    cases: Sequence[tuple[Member, EntryFloor]], tail: str, search: LawSearch, runs: Runs
+) -> Candidate:
     """The law with the best score on training cars (`TRAINED_ON`).
 
     Args:
@@ -119,7 +127,10 @@ def search_feedback(cases: Sequence[tuple[Member, EntryFloor]], tail: str, searc
     """
     runs.stage = "feedback law"
     chosen = {name: manoeuvres([name], tail)[0] for name in TRAINED_ON}
-    contents = {name: (*scenario_content(one.scenario, one.settings), one.drivers) for name, one in chosen.items()}
+    contents = {
+        name: (*scenario_content(one.scenario, one.settings), one.drivers)
+        for name, one in chosen.items()
+    }
 
     cars = tuple((*car.settings_on("entry_turn"), *floor.settings) for car, floor in cases)
 
@@ -129,7 +140,9 @@ def search_feedback(cases: Sequence[tuple[Member, EntryFloor]], tail: str, searc
             for k in range(0, len(laws), AT_ONCE)
             for name in TRAINED_ON
         ]
-        keys = [content_key("screened entries", vars(part), *contents[part.manoeuvre]) for part in parts]
+        keys = [
+            content_key("screened entries", vars(part), *contents[part.manoeuvre]) for part in parts
+        ]
         found = runs.call(screened_entries, parts, keys)
         by_manoeuvre = [np.concatenate(found[k :: len(TRAINED_ON)]) for k in range(len(TRAINED_ON))]
         return score(np.concatenate(by_manoeuvre, axis=1))
@@ -138,7 +151,8 @@ def search_feedback(cases: Sequence[tuple[Member, EntryFloor]], tail: str, searc
     start = {name: float(getattr(shipped, name.split(".")[1])) for name in RANGES}
     best = search_laws(search, start, worth, runs.say)
     return Candidate(
-        f"trained {FEEDBACK.name}", (*FEEDBACK.settings, *(f"{name}={value!r}" for name, value in best.items()))
+        f"trained {FEEDBACK.name}",
+        (*FEEDBACK.settings, *(f"{name}={value!r}" for name, value in best.items())),
     )
 
 
@@ -159,18 +173,22 @@ def search_laws(
     Raises:
         UserError: no score is above 0.
     """
-    best, bar, tried = (0.0, dict(start)), ProgressBar(progress, search.generations + 1), 0
+    best = (0.0, dict(start))
+    bar = ProgressBar(progress, search.generations + 1)
+    tried = 0
 
     def cost(shares: FloatArray) -> FloatArray:
         nonlocal best, tried
         laws = laws_at(shares.T)
         scores = worth(laws)
-        best, tried = max([best, *zip(scores.tolist(), laws, strict=True)], key=lambda pair: pair[0]), tried + len(laws)
+        best = max([best, *zip(scores.tolist(), laws, strict=True)], key=lambda pair: pair[0])
+        tried = tried + len(laws)
         bar.one_more(f"{tried} laws tried on reduced cars, the best {best[0] - 1.0:+.1%}")
         return -scores
 
     numbers = len(RANGES)
-    own, drawn = shares_of(start), qmc.LatinHypercube(numbers, rng=search.seed).random(search.laws * numbers)
+    own = shares_of(start)
+    drawn = qmc.LatinHypercube(numbers, rng=search.seed).random(search.laws * numbers)
     first = np.clip(own + search.around * (drawn - own), 0.0, 1.0)
     first[0] = own
     differential_evolution(
@@ -193,12 +211,20 @@ def laws_at(shares: FloatArray) -> list[dict[str, float]]:
     """Laws at shares (n, numbers) of the `RANGES`, to four digits."""
     low, high = np.array(list(RANGES.values())).T
     rows = (low + shares * (high - low)).tolist()
-    return [{name: float(f"{value:.4g}") for name, value in zip(RANGES, row, strict=True)} for row in rows]
+    return [
+        {name: float(f"{value:.4g}") for name, value in zip(RANGES, row, strict=True)}
+        for row in rows
+    ]
 
 
 def shares_of(law: Mapping[str, float]) -> FloatArray:
     """Where a law lies in the `RANGES` (numbers,), its ends where it lies beyond."""
-    return np.array([np.clip((law[name] - low) / (high - low), 0.0, 1.0) for name, (low, high) in RANGES.items()])
+    return np.array(
+        [
+            np.clip((law[name] - low) / (high - low), 0.0, 1.0)
+            for name, (low, high) in RANGES.items()
+        ]
+    )
 
 
 def score(ratios: FloatArray) -> FloatArray:
@@ -215,7 +241,8 @@ def screened_entries(screened: Screened) -> list[list[float]]:
         UserError: what the screening model does not know.
     """
     drivers, vehicles, without, least = _reference(screened.manoeuvre, screened.tail, screened.cars)
-    count, laws = vehicles.count, screened.laws
+    count = vehicles.count
+    laws = screened.laws
     which = np.tile(np.arange(count), len(laws))
     gains = gains_of([law for law in laws for _ in range(count)], drivers[0])
     speeds = RATIOS[:, None] * without[which]
@@ -232,13 +259,17 @@ def screened_entries(screened: Screened) -> list[list[float]]:
 def _reference(
     manoeuvre: str, tail: str, cars: tuple[tuple[str, ...], ...]
 ) -> tuple[list[Scenario], Vehicles, FloatArray, FloatArray]:
-    """Drivers of a manoeuvre, its cars with the tail, entry speeds without (n), m/s, and the least figures (n)."""
+    """Drivers of a manoeuvre, its cars with the tail, entry speeds without (n), m/s, and the least
+    figures (n).
+    """
     (chosen,) = manoeuvres([manoeuvre], tail)
     settings = (*chosen.settings, *FEEDBACK.settings)
     drivers = [load_scenario(chosen.scenario, (*settings, *driver)) for driver in chosen.drivers]
     none = reduced_cars(chosen, cars, NO_TAIL)
     speeds = np.outer(SPEEDS_WITHOUT, np.ones(none.count))
-    upright, figure = climb(none, speeds, drivers, gains_of([{}] * none.count, drivers[0]), np.zeros(none.count))
+    upright, figure = climb(
+        none, speeds, drivers, gains_of([{}] * none.count, drivers[0]), np.zeros(none.count)
+    )
     held = np.cumprod(upright, axis=0) > 0
     last = np.maximum(np.sum(held, axis=0) - 1, 0)
     share = 1e-9 if chosen.rule == "path" else LEAST_SHARE
@@ -248,8 +279,14 @@ def _reference(
 
 def reduced_cars(chosen: Manoeuvre, cars: Sequence[tuple[str, ...]], who: Candidate) -> Vehicles:
     """Cars by their settings with the tail of a manoeuvre and a candidate."""
-    of_the_car = ("manoeuvre.kind=turn", "manoeuvre.turns=1", "manoeuvre.rolling_start=false", "manoeuvre.turn_start=2")
-    still, scenarios = ("manoeuvre.duration=4", f"manoeuvre.speed={CASE_SPEED!r}", *of_the_car), []
+    of_the_car = (
+        "manoeuvre.kind=turn",
+        "manoeuvre.turns=1",
+        "manoeuvre.rolling_start=false",
+        "manoeuvre.turn_start=2",
+    )
+    still = ("manoeuvre.duration=4", f"manoeuvre.speed={CASE_SPEED!r}", *of_the_car)
+    scenarios = []
     for car in cars:
         own = (*car, *chosen.settings)
         ballast = () if who.ballast is None else who.ballast(load_scenario(chosen.scenario, own))
@@ -258,8 +295,13 @@ def reduced_cars(chosen: Manoeuvre, cars: Sequence[tuple[str, ...]], who: Candid
 
 
 def gains_of(laws: Sequence[Mapping[str, float]], scenario: Scenario) -> Any:
-    """Fields of `FeedbackParameters` of laws as arrays (laws,); what a law does not name is the scenario's."""
+    """Fields of `FeedbackParameters` of laws as arrays (laws,); what a law does not name is the
+    scenario's.
+    """
     given = dict(scenario.feedback)
     return SimpleNamespace(
-        **{key: np.array([law.get(f"feedback.{key}", value) for law in laws], float) for key, value in given.items()}
+        **{
+            key: np.array([law.get(f"feedback.{key}", value) for law in laws], float)
+            for key, value in given.items()
+        }
     )

@@ -1,4 +1,6 @@
-"""The suite of manoeuvres by name, the two tails, and the candidates, which are never mixed with another tail's."""
+"""The suite of manoeuvres by name, the two tails, and the candidates, which are never mixed with
+another tail's.
+"""
 
 from __future__ import annotations
 
@@ -23,16 +25,27 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 
 DRIVERS = tuple(
-    (f"manoeuvre.driver_preview={preview}", f"manoeuvre.driver_correction={correction}", f"manoeuvre.driver_lag={lag}")
-    for preview, correction, lag in ((0.28, 1.2, 0.1), (0.28, 2.4, 0.1), (0.28, 0.4, 0.15), (0.24, 0.8, 0.15))
+    (
+        f"manoeuvre.driver_preview={preview}",
+        f"manoeuvre.driver_correction={correction}",
+        f"manoeuvre.driver_lag={lag}",
+    )
+    for preview, correction, lag in (
+        (0.28, 1.2, 0.1),
+        (0.28, 2.4, 0.1),
+        (0.28, 0.4, 0.15),
+        (0.24, 0.8, 0.15),
+    )
 )
-"""Four of 90 drivers that together serve six reduced training cars best on both paths (no tail, low ballast, tail
-lying, feedback law)."""
+"""Four of 90 drivers that together serve six reduced training cars best on both paths (no tail, low
+ballast, tail lying, feedback law)."""
 MANOEUVRES = {
     "turn": Manoeuvre("turn", "entry_turn"),
     "held-turn": Manoeuvre("held turn", "entry_held_turn"),
     "twice": Manoeuvre("twice", "entry_twice"),
-    "twice-late": Manoeuvre("twice, 2 s apart", "entry_twice", ("manoeuvre.turn_gap=2.0", "manoeuvre.duration=6.5")),
+    "twice-late": Manoeuvre(
+        "twice, 2 s apart", "entry_twice", ("manoeuvre.turn_gap=2.0", "manoeuvre.duration=6.5")
+    ),
     "fishhook": Manoeuvre("fishhook", "entry_fishhook"),
     "lane-change": Manoeuvre("lane change", "entry_lane_change", rule="path", drivers=DRIVERS),
     "slalom": Manoeuvre("slalom", "entry_slalom"),
@@ -59,7 +72,8 @@ CANDIDATES = {
 NAMED = {**CANDIDATES, "best_swing": BEST_SWING}
 """All that a name asks for."""
 AT_ONCE = ("controller.delay=0.0",)
-"""Laws are compared without the delay of the published one, which belongs to that law and not to the car."""
+"""Laws are compared without the delay of the published one, which belongs to that law and not to
+the car."""
 TAILS = {"built": None, "designed": "turn_designed"}
 """Scenario that a tail is taken from; the built one is that of each car."""
 OF_THE_MOUNT = ("mode", "roll_stop", "mount_height", "mount_x")
@@ -82,15 +96,22 @@ def manoeuvres(names: Sequence[str], tail: str) -> list[Manoeuvre]:
     own: tuple[str, ...] = ()
     if source is not None:
         values = dict(load_scenario(source).tail)
-        own = tuple(f"tail.{key}={value}" for key, value in values.items() if key not in OF_THE_MOUNT)
+        own = tuple(
+            f"tail.{key}={value}" for key, value in values.items() if key not in OF_THE_MOUNT
+        )
     found = [MANOEUVRES[name] for name in names]
     return [replace(one, settings=(*one.settings, *AT_ONCE, *own)) for one in found]
 
 
 def candidates(names: Sequence[str], laws: Sequence[str] = ()) -> list[Candidate]:
-    """Candidates as `read_candidates` and `own_law` have them; the car without tail is the first one."""
+    """Candidates as `read_candidates` and `own_law` have them; the car without tail is the first
+    one.
+    """
     scenario = MANOEUVRES["turn"].scenario
-    found = [*read_candidates(names, NAMED, scenario), *(own_law(place, scenario) for place in laws)]
+    found = [
+        *read_candidates(names, NAMED, scenario),
+        *(own_law(place, scenario) for place in laws),
+    ]
     refuse_twice([one.name for one in found], "candidate")
     return found
 
@@ -108,5 +129,7 @@ def floors(cars: Sequence[Member], shares: Sequence[float]) -> list[tuple[Member
             raise SweepError(f"floor {share:g}: allowed: 0.2 to 2 times the friction of the car")
         for car in cars:
             friction = load_scenario("turn_none", car.settings_on("turn_none")).car.tyre_friction
-            found.append((car, EntryFloor(f"x {share:g}", (f"car.tyre_friction={share * friction:.6g}",))))
+            found.append(
+                (car, EntryFloor(f"x {share:g}", (f"car.tyre_friction={share * friction:.6g}",)))
+            )
     return found

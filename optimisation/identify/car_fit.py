@@ -1,13 +1,15 @@
 """Friction, slip and centre of mass of one car, with delay and bias, from a log of its own drive.
 
-The commands of the log are played to the car of its scenario, and the unknowns are those with which it moves as the
-sensors say. Residuals are divided by the noise of the sensors and a least error of the model; a channel whose residual
-is larger, or repeats itself, counts for as many samples as it is worth. What the plant's step changes is taken from a
-run at half of it and added; how much of it, is uncertain and part of every interval. Ranges of `models/parameters` are
-a weak prior. All other numbers of the car are taken to be right.
+The commands of the log are played to the car of its scenario, and the unknowns are those with which
+it moves as the sensors say. Residuals are divided by the noise of the sensors and a least error of
+the model; a channel whose residual is larger, or repeats itself, counts for as many samples as it
+is worth. What the plant's step changes is taken from a run at half of it and added; how much of it,
+is uncertain and part of every interval. Ranges of `models/parameters` are a weak prior. All other
+numbers of the car are taken to be right.
 
-The cost of a run is rough, since contacts come a step earlier or later; its derivatives over a standard deviation are
-not. So a fit ends when its next step is small against the intervals, not when it finds no lower cost.
+The cost of a run is rough, since contacts come a step earlier or later; its derivatives over a
+standard deviation are not. So a fit ends when its next step is small against the intervals, not
+when it finds no lower cost.
 """
 
 from __future__ import annotations
@@ -22,7 +24,13 @@ import numpy as np
 
 from aerodima.optimisation.identify.car_log import CarDrive, car_drive
 from aerodima.optimisation.identify.fit_pipeline import FitResult, result_of
-from aerodima.optimisation.identify.least_squares import Attempt, Parameter, Parameters, Problem, Solution
+from aerodima.optimisation.identify.least_squares import (
+    Attempt,
+    Parameter,
+    Parameters,
+    Problem,
+    Solution,
+)
 from aerodima.optimisation.identify.least_squares_solvers import bounded_step, triangle
 from aerodima.optimisation.identify.log_rig import FREE, FitOptions
 from aerodima.optimisation.identify.uncertainty import Noise, serial_noise, uncertainty
@@ -34,36 +42,50 @@ from aerodima.workbench.logs.schema import read_run_log
 CAR = ("tyre_friction", "tyre_slip_angle", "com_height")
 DELAY, SPEED, DRIVEN = "delay", "speed", "driven_speed"
 """Speed with which the run begins, and the one that the throttle of the log drives to."""
-BIASES = {"gyro_bias_z": "yaw_rate", "gyro_bias_x": "roll_rate", "acceleration_bias_y": "lateral_acceleration"}
+BIASES = {
+    "gyro_bias_z": "yaw_rate",
+    "gyro_bias_x": "roll_rate",
+    "acceleration_bias_y": "lateral_acceleration",
+}
 """Unknown -> channel that it is added to."""
 UNITS = {"tyre_friction": "1", "tyre_slip_angle": "rad", "com_height": "m", DELAY: "s"}
 UNITS |= {name: "rad/s" if "gyro" in name else "m/s2" for name in BIASES}
 PRIORS = {DELAY: (0.0, 0.15)}
 """Ranges where no file of `models/parameters` has one, s."""
-STEPS = {"tyre_friction": 2e-3, "tyre_slip_angle": 2e-3, "com_height": 5e-4, SPEED: 1e-2, DRIVEN: 1e-2}
-"""Steps of the finite differences, about a standard deviation of each: within it contacts that come a step
-earlier or later do not count."""
+STEPS = {
+    "tyre_friction": 2e-3,
+    "tyre_slip_angle": 2e-3,
+    "com_height": 5e-4,
+    SPEED: 1e-2,
+    DRIVEN: 1e-2,
+}
+"""Steps of the finite differences, about a standard deviation of each: within it contacts that come
+a step earlier or later do not count."""
 STEP_ERROR = (1.5, 0.5)
-"""How many times the change by half the plant's step is added to its motion, and the standard deviation of that: once
-is a plant of half the step, twice, to first order, one without."""
+"""How many times the change by half the plant's step is added to its motion, and the standard
+deviation of that: once is a plant of half the step, twice, to first order, one without."""
 _SPEED_REACH, _TILTED = 1.0, 0.01
-"""Bounds of the speeds about those of the GPS, m/s; error of the attitude with which the IMU takes gravity off, rad."""
+"""Bounds of the speeds about those of the GPS, m/s; error of the attitude with which the IMU takes
+gravity off, rad."""
 _SCAN = ((0.2, 0.2), (0.5, 0.35), (0.8, 0.2), (0.5, 0.6))
 """Slip angle and height of the cars that are tried first, as shares of their ranges."""
 _TOP, _OF_FORCE, _LATENCIES = 0.9, 1.35, np.arange(0.0, 0.1501, 0.005)
-"""Their friction is so many times this quantile of the lateral acceleration over gravity; their delays, s."""
+"""Their friction is so many times this quantile of the lateral acceleration over gravity; their
+delays, s."""
 _WILD = {"yaw_rate": 1.0, "roll_rate": 1.0, "lateral_acceleration": 4.0, "speed": 0.5}
-"""Where a residual stops to count for the start, rad/s, m/s2 and m/s: what rolls over in one car and not in another."""
+"""Where a residual stops to count for the start, rad/s, m/s2 and m/s: what rolls over in one car
+and not in another."""
 MISFIT, OPEN = 1.5, 0.8
-"""Times what noise and the least error of the model allow, from which a misfit is reported; share of a prior's
-deviation from which a log does not determine a number."""
+"""Times what noise and the least error of the model allow, from which a misfit is reported; share
+of a prior's deviation from which a log does not determine a number."""
 _MOST_STEPS, _SHARES = 25, (1.0, 0.5, 0.25, 0.1, 0.03)
 """Most steps of a fit, and the shares of a Gauss-Newton step that are tried in turn."""
 _FAR, _NEAR, _SETTLED, _ROUGH = 3.0, 25.0, 0.01, 2.0
-"""A mean square of the residual above the first is far from what noise leaves. Of the cost, in halves of a squared
-standard deviation: a next step that promises less than the second is near, channels are weighed and derivatives kept
-from there on. One that promises less than the third, a seventh of a standard deviation of all unknowns together, ends
-the fit. Contacts that come a step earlier or later make the cost rough by the fourth: a step may raise it so far."""
+"""A mean square of the residual above the first is far from what noise leaves. Of the cost, in
+halves of a squared standard deviation: a next step that promises less than the second is near,
+channels are weighed and derivatives kept from there on. One that promises less than the third, a
+seventh of a standard deviation of all unknowns together, ends the fit. Contacts that come a step
+earlier or later make the cost rough by the fourth: a step may raise it so far."""
 
 
 def prior_of(name: str) -> tuple[float, float]:
@@ -81,14 +103,23 @@ def unknowns(drive: CarDrive) -> Parameters:
     """Unknowns of a fit; seeds in the middle of their ranges, bounds half a range beyond them."""
     gps = drive.channels["speed"]
     before = gps.value[gps.time < max(drive.turn, gps.time[1])]
-    least = {"tyre_friction": 0.505 * drive.scenario.car.cage_friction, "tyre_slip_angle": 0.0, "com_height": 0.01}
+    least = {
+        "tyre_friction": 0.505 * drive.scenario.car.cage_friction,
+        "tyre_slip_angle": 0.0,
+        "com_height": 0.01,
+    }
     speeds = {SPEED: float(np.mean(before[:2])), DRIVEN: float(np.mean(before[-3:]))}
-    found = [Parameter(name, "m/s", v, v - _SPEED_REACH, v + _SPEED_REACH, scale=0.05) for name, v in speeds.items()]
+    found = [
+        Parameter(name, "m/s", v, v - _SPEED_REACH, v + _SPEED_REACH, scale=0.05)
+        for name, v in speeds.items()
+    ]
     for name, unit in UNITS.items():
         low, high = prior_of(name)
         half = 0.5 * (high - low)
         lower = max(low - half, least.get(name, -math.inf))
-        found.append(Parameter(name, unit, low + half, lower, high + half, deviation=half / math.sqrt(3.0)))
+        found.append(
+            Parameter(name, unit, low + half, lower, high + half, deviation=half / math.sqrt(3.0))
+        )
     return Parameters.of(found)
 
 
@@ -104,11 +135,15 @@ class CarModel:
     """
 
     def __init__(self, drive: CarDrive) -> None:
-        self.drive, self.parameters = drive, unknowns(drive)
+        self.drive = drive
+        self.parameters = unknowns(drive)
         self.scales = dict.fromkeys(drive.channels, 1.0)
-        self.latency, self._step = 0.0, drive.scenario.simulation.step
+        self.latency = 0.0
+        self._step = drive.scenario.simulation.step
         ends = np.cumsum([0, *(channel.time.size for channel in drive.channels.values())]).tolist()
-        self.places = {name: slice(*span) for name, span in zip(drive.channels, pairwise(ends), strict=True)}
+        self.places = {
+            name: slice(*span) for name, span in zip(drive.channels, pairwise(ends), strict=True)
+        }
         self._known = [p for p in self.parameters.free if math.isfinite(p.deviation)]
         self.finer = np.zeros(ends[-1] + len(self._known))
         self._runs: dict[tuple[float, ...], Mapping[str, FloatArray]] = {}
@@ -117,11 +152,17 @@ class CarModel:
         """By name."""
         return dict(zip(self.parameters.names, x.tolist(), strict=True))
 
-    def run(self, values: dict[str, float], latency: float, step: float) -> Mapping[str, FloatArray]:
-        """Signals of the car with these values, cached. Another driven speed is another line of the throttle."""
+    def run(
+        self, values: dict[str, float], latency: float, step: float
+    ) -> Mapping[str, FloatArray]:
+        """Signals of the car with these values, cached.
+
+        Another driven speed is another line of the throttle.
+        """
         key = (*(values[name] for name in (*CAR, SPEED, DRIVEN)), latency, step)
         if key not in self._runs:
-            scenario, faster = self.drive.scenario, values[DRIVEN] - self.drive.line_speed
+            scenario = self.drive.scenario
+            faster = values[DRIVEN] - self.drive.line_speed
             changes = {
                 "car": {name: values[name] for name in CAR},
                 "manoeuvre": {"speed": values[DRIVEN]},
@@ -131,26 +172,45 @@ class CarModel:
             self._runs[key] = self.drive.run(changes, latency, values[SPEED])
         return self._runs[key]
 
-    def rows(self, x: FloatArray, step: float | None = None, latency: float | None = None) -> FloatArray:
-        """Model less log, then unknown less seed, in their units (m); of another step and latency if they are named."""
-        values, drive = self.values(x), self.drive
+    def rows(
+        self, x: FloatArray, step: float | None = None, latency: float | None = None
+    ) -> FloatArray:
+        """Model less log, then unknown less seed, in their units (m); of another step and latency
+        if they are named.
+        """
+        values = self.values(x)
+        drive = self.drive
         latency = self.latency if latency is None else latency
-        motion = drive.sampled(self.run(values, latency, step or self._step), values[DELAY] - latency)
+        motion = drive.sampled(
+            self.run(values, latency, step or self._step), values[DELAY] - latency
+        )
         added = {channel: values[name] for name, channel in BIASES.items()}
-        rows = [motion[name] + added.get(name, 0.0) - channel.value for name, channel in drive.channels.items()]
-        return np.concatenate([*rows, [values[p.name] - p.seed for p in self._known]]) + STEP_ERROR[0] * self.finer
+        rows = [
+            motion[name] + added.get(name, 0.0) - channel.value
+            for name, channel in drive.channels.items()
+        ]
+        return (
+            np.concatenate([*rows, [values[p.name] - p.seed for p in self._known]])
+            + STEP_ERROR[0] * self.finer
+        )
 
     @property
     def divisors(self) -> FloatArray:
         """What divides the rows of the residual (m)."""
-        sizes = [self.scales[name] * channel.deviation for name, channel in self.drive.channels.items()]
+        sizes = [
+            self.scales[name] * channel.deviation for name, channel in self.drive.channels.items()
+        ]
         return np.concatenate([*sizes, [p.deviation for p in self._known]])
 
     def slopes(self, x: FloatArray) -> FloatArray:
-        """Derivatives of the rows (m x p): a run per unknown of the car, and of the delay where a tail is not late."""
-        here, columns = self.rows(x), []
+        """Derivatives of the rows (m x p): a run per unknown of the car, and of the delay where a
+        tail is not late.
+        """
+        here = self.rows(x)
+        columns = []
         for index, p in enumerate(self.parameters.free):
-            moved, latency = x.copy(), self.latency
+            moved = x.copy()
+            latency = self.latency
             moved[index] += STEPS.get(p.name, 1e-3) * (-1.0 if x[index] > p.seed else 1.0)
             if p.name == DELAY and self.drive.tailed:
                 latency += 2.0 * self._step
@@ -169,9 +229,13 @@ class CarModel:
         self.finer = self.rows(x, 0.5 * self._step) - self.rows(x)
 
     def start(self) -> FloatArray:
-        """The best of a few cars, with the friction that the acceleration tells, each with its best latency (p)."""
-        names, drive = self.parameters.names, self.drive
-        best, found = math.inf, self.parameters.seed
+        """The best of a few cars, with the friction that the acceleration tells, each with its best
+        latency (p).
+        """
+        names = self.parameters.names
+        drive = self.drive
+        best = math.inf
+        found = self.parameters.seed
         low, high = np.array([prior_of(name) for name in CAR]).T
         top = float(np.quantile(np.abs(drive.channels["lateral_acceleration"].value), _TOP))
         friction = _OF_FORCE * top / (drive.scenario.environment.gravity or 9.81)
@@ -186,15 +250,21 @@ class CarModel:
                 continue
             for latency in _LATENCIES.tolist():
                 motion = drive.sampled(run, latency)
-                off = [np.abs(motion[name] - channel.value) / _WILD[name] for name, channel in drive.channels.items()]
+                off = [
+                    np.abs(motion[name] - channel.value) / _WILD[name]
+                    for name, channel in drive.channels.items()
+                ]
                 cost = sum(float(np.sum(np.square(np.minimum(part, 1.0)))) for part in off)
                 if cost < best:
-                    best, found = cost, x.copy()
+                    best = cost
+                    found = x.copy()
                     found[names.index(DELAY)] = latency
         return found
 
     def weigh(self, x: FloatArray) -> Noise:
-        """Scales from the residual: a channel counts for as many samples as its residual is worth."""
+        """Scales from the residual: a channel counts for as many samples as its residual is
+        worth.
+        """
         residual = self.rows(x) / self.divisors
         noise = serial_noise(residual, list(self.places.values()), len(x))
         rise = {name: math.sqrt(noise.covariance[place][0]) for name, place in self.places.items()}
@@ -206,8 +276,9 @@ class CarModel:
 class Descent:
     """Gauss-Newton within the bounds, which ends when its next step is small against the intervals.
 
-    Whether a step lowers the cost does not decide: the contacts of a run make it rough. Far off the derivatives are
-    carried on by Broyden's update, and taken anew where it promises little; near the end they are kept.
+    Whether a step lowers the cost does not decide: the contacts of a run make it rough. Far off the
+    derivatives are carried on by Broyden's update, and taken anew where it promises little; near
+    the end they are kept.
 
     Attributes:
         model: of the drive; its scales and its step error are set on the way.
@@ -215,7 +286,8 @@ class Descent:
         slopes: of the rows there (m x p).
         kept: whether they were taken elsewhere.
         near: whether channels are weighed.
-        promised: by the last step near the end: derivatives are taken anew where the next one promises more than half.
+        promised: by the last step near the end: derivatives are taken anew where the next one
+            promises more than half.
         noise: of the residual as it was last weighed.
     """
 
@@ -229,16 +301,28 @@ class Descent:
 
     def run(self) -> Attempt:
         """Until it has settled, or cannot."""
-        begun, steps, status = self.x, 0, ""
+        begun = self.x
+        steps = 0
+        status = ""
         while not status and steps < _MOST_STEPS:
-            steps, status = steps + 1, self._step()
+            steps = steps + 1
+            status = self._step()
         r = self.model.rows(self.x) / self.model.divisors
         settled = status.startswith("the next")
-        return Attempt(begun, self.x, 0.5 * float(r @ r), settled, status or f"{steps} steps were not enough", steps)
+        return Attempt(
+            begun,
+            self.x,
+            0.5 * float(r @ r),
+            settled,
+            status or f"{steps} steps were not enough",
+            steps,
+        )
 
     def _step(self) -> str:
         """One step, or what must be known before it; says why it is the last."""
-        model, p, x = self.model, self.model.parameters, self.x
+        model = self.model
+        p = self.model.parameters
+        x = self.x
         if model.drive.tailed:
             model.follow(x)
         if not self.kept:
@@ -246,17 +330,20 @@ class Descent:
         here = model.rows(x)
         if self.near:
             self.noise = model.weigh(x)
-        r, J = here / model.divisors, self.slopes / model.divisors[:, None]
+        r = here / model.divisors
+        J = self.slopes / model.divisors[:, None]
         cost = 0.5 * float(r @ r)
         size = 1.0 if self.near else max(2.0 * cost / r.size, 1.0)
-        low, high = (p.lower - x) / p.scales, (p.upper - x) / p.scales
+        low = (p.lower - x) / p.scales
+        high = (p.upper - x) / p.scales
         step = p.scales * bounded_step(*triangle(J * p.scales, r), 0.0, low, high)
         promised = cost - 0.5 * float(np.sum(np.square(r + J @ step)))
         if not self.near and self.kept and size > _FAR and promised < 0.5 * cost:
             self.kept = False
             return ""
         if not self.near and promised / size < (_NEAR if size < _FAR else _SETTLED):
-            self.near, self.kept = True, False
+            self.near = True
+            self.kept = False
             model.find_step_error(x)
             return ""
         if promised < _SETTLED * size:
@@ -282,7 +369,9 @@ class Descent:
         self.kept = share == 1.0 and rise < (_ROUGH if self.near else -0.5 * promised)
         if self.kept and not self.near:  # Broyden's update
             u = (moved - x) / p.scales
-            self.slopes = self.slopes + np.outer(there - here - self.slopes @ (moved - x), u / p.scales) / (u @ u)
+            self.slopes = self.slopes + np.outer(
+                there - here - self.slopes @ (moved - x), u / p.scales
+            ) / (u @ u)
         self.x = moved
         return ""
 
@@ -292,30 +381,47 @@ def fit_car(drive: CarDrive) -> FitResult:
     model = CarModel(drive)
     descent = Descent(model, model.start())
     best = descent.run()
-    p, x, noise = model.parameters, best.x, descent.noise
+    p = model.parameters
+    x = best.x
+    noise = descent.noise
     opened = [
-        replace(q, lower=q.lower if side < 0 else -math.inf, upper=q.upper if side > 0 else math.inf, scale=q.size)
+        replace(
+            q,
+            lower=q.lower if side < 0 else -math.inf,
+            upper=q.upper if side > 0 else math.inf,
+            scale=q.size,
+        )
         for q, side in zip(p.free, p.sides(x).tolist(), strict=True)
     ]
-    problem = Problem(Parameters.of(opened), lambda x: model.rows(x) / model.divisors, name=drive.name)
-    jacobian, residual = descent.slopes / model.divisors[:, None], problem.residual(x)
+    problem = Problem(
+        Parameters.of(opened), lambda x: model.rows(x) / model.divisors, name=drive.name
+    )
+    jacobian = descent.slopes / model.divisors[:, None]
+    residual = problem.residual(x)
     solution = Solution(problem, x, residual, jacobian, best, (best,))
     stepped = STEP_ERROR[1] * model.finer / model.divisors
     covariance = np.eye(residual.size) + np.outer(stepped, stepped)
-    sure = uncertainty(solution, Noise(covariance, noise.degrees_of_freedom, noise.effective_samples))
+    sure = uncertainty(
+        solution, Noise(covariance, noise.degrees_of_freedom, noise.effective_samples)
+    )
     warnings = [*drive.warnings]
     poor = [f"{name} by {scale:.2g}" for name, scale in model.scales.items() if scale > MISFIT]
     if poor:
-        warnings.append(f"the model misses more than it may, and intervals are wider for it: {', '.join(poor)}")
+        warnings.append(
+            f"the model misses more than it may, and intervals are wider for it: {', '.join(poor)}"
+        )
     for q, deviation in zip(p.free, sure.standard_deviation.tolist(), strict=True):
         if q.name in UNITS and deviation > OPEN * q.deviation:
-            warnings.append(f"the log does not determine {q.name}; its interval is that of the prior")
+            warnings.append(
+                f"the log does not determine {q.name}; its interval is that of the prior"
+            )
     facts = {f"misfit_{name}": round(scale, 2) for name, scale in model.scales.items()}
     return result_of(solution, sure, {}, facts, warnings)
 
 
 def fit_car_log(path: Path | str, options: FitOptions = FREE) -> FitResult:
-    """Fits the log of one drive of the car, or of its simulation: friction, slip, centre of mass, delay, biases.
+    """Fits the log of one drive of the car, or of its simulation: friction, slip, centre of mass,
+    delay, biases.
 
     Args:
         path: of the log.

@@ -1,4 +1,6 @@
-"""A drive of the car as data of a fit: what its sensors said around the turn, and its commands, played to a model."""
+"""A drive of the car as data of a fit: what its sensors said around the turn, and its commands,
+played to a model.
+"""
 
 from __future__ import annotations
 
@@ -24,20 +26,26 @@ from aerodima.workbench.metrics.turn_signals import STEERED
 from aerodima.workbench.sensors.car_sensors import STEPS
 
 LEAD, SETTLING, REACH = 0.6, 0.1, 0.5
-"""The car of a model rolls from so long before the first steering command on, s; its motion is compared once pitch and
-tail have settled, so much later, until so long after the last command."""
+"""The car of a model rolls from so long before the first steering command on, s; its motion is
+compared once pitch and tail have settled, so much later, until so long after the last command."""
 LARGEST_TILT = 0.8
-"""rad; what a car does that leans more is decided by what no model knows. Samples behind it are not fitted."""
+"""rad; what a car does that leans more is decided by what no model knows. Samples behind it are not
+fitted."""
 STOP_MARGIN = 0.03
-"""rad; a tail so near to the stop that it swings to has struck it or may, in an instant that decides all behind it."""
+"""rad; a tail so near to the stop that it swings to has struck it or may, in an instant that
+decides all behind it."""
 MODEL_SHARE, MODEL_TIME = 0.005, 0.1
-"""Least error of the model: share of the signal, by which the largest yaw rate at the plant's step is off, and how long
-one such error lasts, s."""
+"""Least error of the model: share of the signal, by which the largest yaw rate at the plant's step
+is off, and how long one such error lasts, s."""
 LEAST_SPAN, LEAST_SAMPLES, LEAST_NOISE = 0.5, {"imu": 40, "speed": 5}, 1e-4
-"""s before and after the first steering command; samples by source; of a signal whose unit is in rad/s or m/s2."""
+"""s before and after the first steering command; samples by source; of a signal whose unit is in
+rad/s or m/s2."""
 DRIVER = ("steering_command_rad", "throttle_command", "planned_turn")
 TAIL = {
-    joint: [f"tail_{joint}_command_{name}" for name in ("position_rad", "velocity_rad_per_s", "kp", "kd", "torque_n_m")]
+    joint: [
+        f"tail_{joint}_command_{name}"
+        for name in ("position_rad", "velocity_rad_per_s", "kp", "kd", "torque_n_m")
+    ]
     for joint in ("pitch", "roll")
 }
 CHANNELS = {
@@ -51,9 +59,11 @@ CHANNELS = {
 
 @dataclass(frozen=True)
 class Channel:
-    """Samples of one sensor: when they were taken (n), s, what they say (n), and how far a model may be off (n).
+    """Samples of one sensor: when they were taken (n), s, what they say (n), and how far a model
+    may be off (n).
 
-    `deviation` is the noise of the sensor, and the least error of the model, spread over the samples of its duration.
+    `deviation` is the noise of the sensor, and the least error of the model, spread over the
+    samples of its duration.
     """
 
     time: FloatArray
@@ -63,7 +73,8 @@ class Channel:
 
 @dataclass(frozen=True)
 class LoggedCommands:
-    """Commands of a log, held between its rows: the schedule of a driver and, for the tail, its law.
+    """Commands of a log, held between its rows: the schedule of a driver and, for the tail, its
+    law.
 
     Attributes:
         time: of the rows (n), s.
@@ -91,13 +102,17 @@ class LoggedCommands:
         """The empty memory of a law without memory."""
         return np.zeros(0)
 
-    def step(self, memory: FloatArray, observation: Observation) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+    def step(
+        self, memory: FloatArray, observation: Observation
+    ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
         """What the log commands at this time."""
         pitch, roll = self.tail[:, self._row(observation.time)]
         return memory, pitch, roll, 0
 
     def _row(self, time: float) -> int:
-        return max(int(np.searchsorted(self.time, time + self.begin + TICK_TOLERANCE, side="right")) - 1, 0)
+        return max(
+            int(np.searchsorted(self.time, time + self.begin + TICK_TOLERANCE, side="right")) - 1, 0
+        )
 
 
 @dataclass(frozen=True)
@@ -127,8 +142,11 @@ class CarDrive:
         """Whether the car has a tail."""
         return self.scenario.tail.mode != "none"
 
-    def run(self, changes: Mapping[str, Mapping[str, float]], latency: float, speed: float) -> Mapping[str, FloatArray]:
-        """Channels of a run, and `time`, s of the log: what sensors without noise and bias would say.
+    def run(
+        self, changes: Mapping[str, Mapping[str, float]], latency: float, speed: float
+    ) -> Mapping[str, FloatArray]:
+        """Channels of a run, and `time`, s of the log: what sensors without noise and bias would
+        say.
 
         Args:
             changes: to the scenario, by section and key.
@@ -140,25 +158,39 @@ class CarDrive:
         """
         from aerodima.workbench.simulate.car_run import LiveView, run_outcome
 
-        scenario, played = self.scenario, replace(self.commands, latency=latency)
+        scenario = self.scenario
+        played = replace(self.commands, latency=latency)
         step = changes["simulation"]["step"]
-        end = max(float(channel.time[-1]) for channel in self.channels.values()) + 2.0 * step - played.begin
+        end = (
+            max(float(channel.time[-1]) for channel in self.channels.values())
+            + 2.0 * step
+            - played.begin
+        )
         fixed: dict[str, dict[str, Any]] = {"manoeuvre": {"kind": "straight", "duration": end}}
         fixed |= {"servo": {"frame_rate": 1.0 / step}, "controller": {"rate": 1.0 / step}}
-        sections = {key: {**fixed.get(key, {}), **changes.get(key, {})} for key in {*fixed, *changes}}
+        sections = {
+            key: {**fixed.get(key, {}), **changes.get(key, {})} for key in {*fixed, *changes}
+        }
         tail = played if self.tailed else None
         try:
             changed = scenario.varied(**sections)
             table = run_outcome(changed, False, tail, LiveView(), played, speed).table
         except (UserError, RuntimeError) as error:
             raise FitError(str(error)) from error
-        columns = {name: table[column].to_numpy() for name, (_, _, column) in CHANNELS.items() if column}
-        columns["speed"] = np.hypot(*(table[f"velocity_{axis}_truth_m_per_s"].to_numpy() for axis in "xy"))
+        columns = {
+            name: table[column].to_numpy() for name, (_, _, column) in CHANNELS.items() if column
+        }
+        columns["speed"] = np.hypot(
+            *(table[f"velocity_{axis}_truth_m_per_s"].to_numpy() for axis in "xy")
+        )
         return columns | {"time": table["time_s"].to_numpy() + played.begin}
 
     def sampled(self, run: Mapping[str, FloatArray], late: float) -> dict[str, FloatArray]:
         """At the times of the samples, all of it so much later, s."""
-        return {name: np.interp(channel.time - late, run["time"], run[name]) for name, channel in self.channels.items()}
+        return {
+            name: np.interp(channel.time - late, run["time"], run[name])
+            for name, channel in self.channels.items()
+        }
 
 
 def car_drive(log: RunLog, settings: tuple[str, ...] = ()) -> CarDrive:
@@ -179,23 +211,37 @@ def car_drive(log: RunLog, settings: tuple[str, ...] = ()) -> CarDrive:
 
 def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
     if log.kind != "car_run":
-        raise FitError(f"is a log of kind {log.kind!r}; this fit needs a drive of the car, 'car_run'")
+        raise FitError(
+            f"is a log of kind {log.kind!r}; this fit needs a drive of the car, 'car_run'"
+        )
     content: dict[str, Any] = {
-        key: dict(value) if isinstance(value, dict) else value for key, value in log.scenario.items()
+        key: dict(value) if isinstance(value, dict) else value
+        for key, value in log.scenario.items()
     }
     for setting in settings:
         Scenario.apply_setting(content, setting)
-    scenario, time = Scenario.from_dict(content, "its scenario"), log.time
+    scenario = Scenario.from_dict(content, "its scenario")
+    time = log.time
     tailed = scenario.tail.mode != "none"
-    names = [*DRIVER, *(TAIL["pitch"] + TAIL["roll"] if tailed else ()), "imu_roll_rad", "imu_pitch_rad"]
+    names = [
+        *DRIVER,
+        *(TAIL["pitch"] + TAIL["roll"] if tailed else ()),
+        "imu_roll_rad",
+        "imu_pitch_rad",
+    ]
     names += ["tail_roll_angle_rad"] if tailed else []
     check_signals(time, {name: log.signal(name) for name in names})
     steered = np.flatnonzero(np.abs(log.signal(DRIVER[0])) > STEERED)
     if not steered.size:
         raise FitError(f"column {DRIVER[0]!r} stays within {STEERED:g} rad; a fit needs a turn")
-    turn, end = float(time[steered[0]]), float(time[steered[-1]]) + REACH
-    pitch, roll = log.signal("imu_pitch_rad"), log.signal("imu_roll_rad")
-    lost = {f"the car leans beyond {LARGEST_TILT:g} rad": np.cos(roll) * np.cos(pitch) < math.cos(LARGEST_TILT)}
+    turn = float(time[steered[0]])
+    end = float(time[steered[-1]]) + REACH
+    pitch = log.signal("imu_pitch_rad")
+    roll = log.signal("imu_roll_rad")
+    lost = {
+        f"the car leans beyond {LARGEST_TILT:g} rad": np.cos(roll) * np.cos(pitch)
+        < math.cos(LARGEST_TILT)
+    }
     if tailed:
         angle = log.signal("tail_roll_angle_rad")
         across = -np.sign(angle[steered[0]]) * angle
@@ -222,15 +268,19 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
     line_speed = steady_speed(commands.at(turn - begin).throttle, scenario.drive)
     if line_speed <= 0.0:
         raise FitError(
-            f"column {DRIVER[1]!r} drives the car at {line_speed:g} m/s into the turn; a fit needs a driven one"
+            f"column {DRIVER[1]!r} drives the car at {line_speed:g} m/s into the turn; a fit "
+            "needs a driven one"
         )
     return CarDrive(log.name, scenario, commands, channels, turn, line_speed, tuple(warnings))
 
 
 def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, float]) -> Channel:
-    """The samples of a sensor within a span, s: a row of the log for each, at the time when it was taken."""
+    """The samples of a sensor within a span, s: a row of the log for each, at the time when it was
+    taken.
+    """
     source, column, _ = CHANNELS[name]
-    age, values = log.signal(f"status_{source}_age_s"), log.signal(column)
+    age = log.signal(f"status_{source}_age_s")
+    values = log.signal(column)
     used = (log.time >= span[0]) & (log.time <= span[1])
     check_signals(log.time[used], {column: values[used], f"status_{source}_age_s": age[used]})
     taken = log.time[used] - age[used]
@@ -240,10 +290,16 @@ def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, floa
         raise FitError(f"only {count} samples of {column!r} around the turn; a fit needs {least}")
     noise, step = {
         "speed": (scenario.gps.noise, 0.0),
-        "lateral_acceleration": (scenario.imu.accelerometer_noise, STEPS[IMU.index("acceleration_y")]),
+        "lateral_acceleration": (
+            scenario.imu.accelerometer_noise,
+            STEPS[IMU.index("acceleration_y")],
+        ),
     }.get(name, (scenario.imu.gyro_noise, STEPS[IMU.index("gyro_z")]))
-    time, value = taken[new], values[used][new]
+    time = taken[new]
+    value = values[used][new]
     alike = max(MODEL_TIME * (time.size - 1) / float(np.ptp(time)), 1.0)
     size = maximum_filter1d(np.abs(value), 2 * round(alike) + 1)
-    squares = noise**2 + step**2 / 12.0 + alike * np.square(MODEL_SHARE * size)  # rounding is evenly spread
+    squares = (
+        noise**2 + step**2 / 12.0 + alike * np.square(MODEL_SHARE * size)
+    )  # rounding is evenly spread
     return Channel(time, value, np.sqrt(np.maximum(squares, LEAST_NOISE**2)))

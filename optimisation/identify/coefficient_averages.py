@@ -1,7 +1,8 @@
-"""From several fits to one number, and from many to coefficient files (`aerodima.workbench.aero.coefficient_files`).
+"""From several fits to one number, and from many to coefficient files
+(`aerodima.workbench.aero.coefficient_files`).
 
-The thesis' weighted average, and robust ones beside it: eps_i = sum(res) / res_i, w_i = eps_i / sum(eps),
-value = sum(w_i value_i) (thesis eqs. 4.29-4.31).
+The thesis' weighted average, and robust ones beside it: eps_i = sum(res) / res_i, w_i = eps_i /
+sum(eps), value = sum(w_i value_i) (thesis eqs. 4.29-4.31).
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ def weights(resnorms: np.ndarray) -> np.ndarray:
     res = np.asarray(resnorms, float)
     bad = np.flatnonzero(~(np.isfinite(res) & (res > 0.0)))
     if bad.size:
-        raise FitError(f"weighted average: resnorm {res[bad[0]]} in row {bad[0]}, but it must be above 0")
+        raise FitError(
+            f"weighted average: resnorm {res[bad[0]]} in row {bad[0]}, but it must be above 0"
+        )
     eps = np.sum(res) / res
     return eps / np.sum(eps)
 
@@ -46,15 +49,22 @@ def averages(values: np.ndarray, resnorms: np.ndarray) -> dict[str, float]:
         resnorms: of their fits (n).
 
     Returns:
-        `weighted` by resnorm (eqs. 4.29-4.31), `mean`, `median`, `huber` (see `huber_location`), percentiles `p10` and
-        `p90`, number of `samples`.
+        `weighted` by resnorm (eqs. 4.29-4.31), `mean`, `median`, `huber` (see `huber_location`),
+        percentiles `p10` and `p90`, number of `samples`.
     """
     x = np.asarray(values, float)
     if not (len(x) and np.all(np.isfinite(x))):
         raise FitError("weighted average: there are no values, or one is not finite")
     low, high = np.percentile(x, (10.0, 90.0))
-    found = {"weighted": weights(resnorms) @ x, "mean": np.mean(x), "median": np.median(x), "huber": huber_location(x)}
-    return {name: float(value) for name, value in {**found, "p10": low, "p90": high}.items()} | {"samples": len(x)}
+    found = {
+        "weighted": weights(resnorms) @ x,
+        "mean": np.mean(x),
+        "median": np.median(x),
+        "huber": huber_location(x),
+    }
+    return {name: float(value) for name, value in {**found, "p10": low, "p90": high}.items()} | {
+        "samples": len(x)
+    }
 
 
 def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd.DataFrame:
@@ -71,30 +81,50 @@ def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd
         groups.setdefault(tuple(result.facts[key] for key in keys), []).append(result)
     rows = []
     for place, group in sorted(groups.items()):
-        units = {e.name: e.unit for result in group for e in result.free if not e.name.startswith("start_")}
+        units = {
+            e.name: e.unit
+            for result in group
+            for e in result.free
+            if not e.name.startswith("start_")
+        }
         for name, unit in units.items():
-            found = [result for result in group for e in result.free if e.name == name and e.identifiable]
+            found = [
+                result for result in group for e in result.free if e.name == name and e.identifiable
+            ]
             if found:
                 numbers = np.array([(result[name].value, result.resnorm) for result in found]).T
                 rows.append(
-                    {**dict(zip(keys, place, strict=True)), "parameter": name, "unit": unit, **averages(*numbers)}
+                    {
+                        **dict(zip(keys, place, strict=True)),
+                        "parameter": name,
+                        "unit": unit,
+                        **averages(*numbers),
+                    }
                 )
     return pd.DataFrame(rows)
 
 
 def huber_location(values: np.ndarray) -> float:
-    """The value with the least Huber loss; its scale is 1.4826 times the median deviation from the median.
+    """The value with the least Huber loss; its scale is 1.4826 times the median deviation from the
+    median.
 
-    The zero of a sum that falls with the location, so it is found however near to each other the values lie.
+    The zero of a sum that falls with the location, so it is found however near to each other the
+    values lie.
     """
     scale = spread(values)
     if scale == 0.0:
         return float(np.median(values))
     from scipy.optimize import brentq
 
-    low, high = float(np.min(values)), float(np.max(values))
+    low = float(np.min(values))
+    high = float(np.max(values))
     return float(
-        brentq(lambda x: float(np.sum(np.clip((values - x) / scale, -LIMIT, LIMIT))), low, high, xtol=1e-9 * scale)
+        brentq(
+            lambda x: float(np.sum(np.clip((values - x) / scale, -LIMIT, LIMIT))),
+            low,
+            high,
+            xtol=1e-9 * scale,
+        )
     )
 
 
@@ -110,35 +140,46 @@ def node_angle(result: FitResult) -> float:
 def static_sets(results: Sequence[FitResult]) -> tuple[dict[str, dict[str, Any]], list[str]]:
     """Per tail and axis the content of a coefficient file, from what static fits determined.
 
-    A node is the resnorm-weighted average (eqs. 4.29-4.31) of its tests, with mean, median, Huber location and
-    percentiles beside it. Sets that do not span two angles and two speeds make no table.
+    A node is the resnorm-weighted average (eqs. 4.29-4.31) of its tests, with mean, median, Huber
+    location and percentiles beside it. Sets that do not span two angles and two speeds make no
+    table.
 
     Returns:
-        Contents by name of the file, and a line for each that is left out because its grid has holes.
+        Contents by name of the file, and a line for each that is left out because its grid has
+        holes.
     """
-    cells: dict[tuple[str, str], dict[tuple[float, float], list[FitResult]]] = defaultdict(lambda: defaultdict(list))
+    cells: dict[tuple[str, str], dict[tuple[float, float], list[FitResult]]] = defaultdict(
+        lambda: defaultdict(list)
+    )
     for result in results:
         if result["cd"].identifiable and result["cl"].identifiable:
             facts = result.facts
             node = (float(facts["wind_speed_m_per_s"]), node_angle(result))
             cells[facts["tail"], facts["axis"]][node].append(result)
-    found, left_out = {}, []
+    found = {}
+    left_out = []
     for (tail, axis), nodes in cells.items():
         name = f"cheetah_tail_{tail}_{axis}"
-        speeds, angles = sorted({speed for speed, _ in nodes}), sorted({angle for _, angle in nodes})
+        speeds = sorted({speed for speed, _ in nodes})
+        angles = sorted({angle for _, angle in nodes})
         if len(speeds) < 2 or len(angles) < 2:
             continue
-        holes = [f"{v:g} m/s at {a:g} degrees" for a in angles for v in speeds if (v, a) not in nodes]
+        holes = [
+            f"{v:g} m/s at {a:g} degrees" for a in angles for v in speeds if (v, a) not in nodes
+        ]
         if holes:
             more = f" and {len(holes) - 1} more" if len(holes) > 1 else ""
-            left_out.append(f"{name}.yaml is left out: its grid of speed and angle lacks {holes[0]}{more}")
+            left_out.append(
+                f"{name}.yaml is left out: its grid of speed and angle lacks {holes[0]}{more}"
+            )
             continue
         found[name] = {
             "schema": SCHEMA,
             "law": "polar",
             "quasi_steady_limit_m_per_s": CHEETAH_LIMIT,
             "name": f"cheetah tail {tail}, {axis} axis",
-            "source": f"aerodima fit static over {sum(len(group) for group in nodes.values())} holds",
+            "source": f"aerodima fit static over {sum(len(group) for group in nodes.values())} "
+            "holds",
             "kind": "table",
             "range": {
                 "speed_m_per_s": [speeds[0], speeds[-1]],
@@ -153,16 +194,24 @@ def static_sets(results: Sequence[FitResult]) -> tuple[dict[str, dict[str, Any]]
 
 
 def _static_node(speed: float, angle: float, group: list[FitResult]) -> dict[str, Any]:
-    node: dict[str, Any] = {"speed_m_per_s": speed, "angle_rad": round(math.radians(angle), 9), "status": "measured"}
+    node: dict[str, Any] = {
+        "speed_m_per_s": speed,
+        "angle_rad": round(math.radians(angle), 9),
+        "status": "measured",
+    }
     for name in ("cd", "cl"):
         node |= _average(name, [(result[name].value, result.resnorm) for result in group])
     return {**node, "samples": len(group), "source": "static fits"}
 
 
 def _average(name: str, pairs: Sequence[tuple[float, float]]) -> dict[str, float]:
-    """The weighted average of values with their resnorms under the name itself, the others beside it."""
+    """The weighted average of values with their resnorms under the name itself, the others beside
+    it.
+    """
     found = averages(*np.array(pairs).T)
-    numbers = {name: found.pop("weighted")} | {f"{name}_{key}": value for key, value in found.items()}
+    numbers = {name: found.pop("weighted")} | {
+        f"{name}_{key}": value for key, value in found.items()
+    }
     return {key: round(value, 5) for key, value in numbers.items() if not key.endswith("_samples")}
 
 
@@ -172,7 +221,9 @@ def robot_tail_set(results: Sequence[FitResult]) -> dict[str, Any] | None:
     for result in results:
         for estimate in result.free:
             if estimate.name.startswith("cn_at_") and estimate.identifiable:
-                bins[float(estimate.name.removeprefix("cn_at_"))].append((estimate.value, result.resnorm))
+                bins[float(estimate.name.removeprefix("cn_at_"))].append(
+                    (estimate.value, result.resnorm)
+                )
     if len(bins) < 2:
         return None
     nodes = [
@@ -192,10 +243,13 @@ def robot_tail_set(results: Sequence[FitResult]) -> dict[str, Any] | None:
 
 
 def write_sets(folder: Path, sets: dict[str, dict[str, Any]]) -> list[Path]:
-    """Writes coefficient files, each after reading its text back: none is left that the aerodynamics refuse."""
+    """Writes coefficient files, each after reading its text back: none is left that the
+    aerodynamics refuse.
+    """
     paths = []
     for stem, content in sets.items():
-        path, text = folder / f"{stem}.yaml", yaml.safe_dump(content, sort_keys=False, width=200)
+        path = folder / f"{stem}.yaml"
+        text = yaml.safe_dump(content, sort_keys=False, width=200)
         coefficients_from_dict(yaml.safe_load(text), str(path))
         paths.append(write_atomically(path, text, True, FitError))
     return paths

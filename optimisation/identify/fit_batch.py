@@ -1,7 +1,8 @@
 """Fits of many logs: parallel, resumable, and one bad log does not stop the others.
 
-Every finished log adds a line to `fits.jsonl` in the output folder. A second call with the same settings reads those
-lines and only works on what is missing, has changed since, or was fitted by other versions of the software.
+Every finished log adds a line to `fits.jsonl` in the output folder. A second call with the same
+settings reads those lines and only works on what is missing, has changed since, or was fitted by
+other versions of the software.
 """
 
 from __future__ import annotations
@@ -74,7 +75,8 @@ def fit_logs(
         progress: receives lines of progress.
 
     Raises:
-        FitError: a log is named twice, none is named, or the folder holds results of other settings.
+        FitError: a log is named twice, none is named, or the folder holds results of other
+            settings.
     """
     names = [str(path) for path in logs]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -85,7 +87,8 @@ def fit_logs(
     with RowStore(out / JOURNAL, {"settings": settings}, force=force, error=FitError) as store:
         done = {name: store.rows[key] for name, key in keys.items() if key in store.rows}
         missing = [name for name in names if name not in done]
-        reused, bar = len(done), ProgressBar(progress, len(names), len(done))
+        reused = len(done)
+        bar = ProgressBar(progress, len(names), len(done))
 
         def keep(_place: int, line: dict[str, Any]) -> None:
             if line["error"] != WORKER_KILLED:  # a second call tries it again
@@ -95,7 +98,13 @@ def fit_logs(
 
         with saying_how_to_go_on(progress, lambda: f"{bar.done} of {len(names)} fits"):
             run_batch(
-                partial(_one, work), missing, workers, keep, _failed, progress=progress, record=out / WORKER_RECORD
+                partial(_one, work),
+                missing,
+                workers,
+                keep,
+                _failed,
+                progress=progress,
+                record=out / WORKER_RECORD,
             )
     lines = [done[name] for name in names]
     return BatchResult(
@@ -125,4 +134,6 @@ def _key(name: str, versions: str) -> str:
         state = Path(name).stat()
     except OSError:
         return f"{name} is missing"
-    return hashlib.sha256(f"{name} {state.st_size} {state.st_mtime_ns} {versions}".encode()).hexdigest()[:16]
+    return hashlib.sha256(
+        f"{name} {state.st_size} {state.st_mtime_ns} {versions}".encode()
+    ).hexdigest()[:16]

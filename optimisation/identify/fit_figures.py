@@ -19,7 +19,9 @@ _MOST_NAMED = 16
 
 
 def figures_of(results: Sequence[FitResult]) -> dict[str, Figure]:
-    """All figures of a report by name: the estimates of more than one fit, and the curves of the first ones."""
+    """All figures of a report by name: the estimates of more than one fit, and the curves of the
+    first ones.
+    """
     figures = {"estimates": plot_estimates(results)} if len(results) > 1 else {}
     curves = [result for result in results if result.curves]
     return figures | ({"curves": plot_curves(*curves[:_MOST_CURVES])} if curves else {})
@@ -28,20 +30,36 @@ def figures_of(results: Sequence[FitResult]) -> dict[str, Figure]:
 @styled()
 def plot_estimates(results: Sequence[FitResult]) -> Figure:
     """Every free parameter over the fits, with its interval; what is not determined is left out."""
-    free = {e.name: e.unit for result in results for e in result.free if not e.name.startswith("start_")}
+    free = {
+        e.name: e.unit for result in results for e in result.free if not e.name.startswith("start_")
+    }
     figure, grid = new_figure(10.0, 1.9 * len(free) + 1.2, len(free), sharex=True)
     axes = grid[:, 0]
     for ax, name in zip(axes, free, strict=True):
-        found = [(i, e) for i, result in enumerate(results) for e in result.free if e.name == name and e.identifiable]
+        found = [
+            (i, e)
+            for i, result in enumerate(results)
+            for e in result.free
+            if e.name == name and e.identifiable
+        ]
         if found:
             values = np.array([e.value for _, e in found])
             low = np.maximum(values - [e.lower for _, e in found], 0.0)
             high = np.maximum([e.upper for _, e in found] - values, 0.0)
             places = [i for i, _ in found]
-            ax.errorbar(places, values, yerr=[low, high], fmt="o", ms=3.5, capsize=2, color=BLUE, ecolor=SKY)
+            ax.errorbar(
+                places, values, yerr=[low, high], fmt="o", ms=3.5, capsize=2, color=BLUE, ecolor=SKY
+            )
             ax.ticklabel_format(axis="y", useOffset=False)
         else:
-            ax.text(0.5, 0.5, "not determined in any fit", transform=ax.transAxes, ha="center", color=VERMILION)
+            ax.text(
+                0.5,
+                0.5,
+                "not determined in any fit",
+                transform=ax.transAxes,
+                ha="center",
+                color=VERMILION,
+            )
             ax.set_yticks([])
         ax.set_ylabel(name if free[name] == "1" else f"{name} [{free[name]}]", fontsize=8)
     _name_fits(axes[-1], results)
@@ -55,14 +73,25 @@ def _name_fits(ax: Axes, results: Sequence[FitResult]) -> None:
     if len(results) > _MOST_NAMED:
         ax.set_xlabel("fit, in the order of the table (from 0)")
         return
-    ax.set_xticks(range(len(results)), [short_name(result.name) for result in results], rotation=20, ha="right")
+    ax.set_xticks(
+        range(len(results)),
+        [short_name(result.name) for result in results],
+        rotation=20,
+        ha="right",
+    )
     ax.tick_params(axis="x", labelsize=8)
 
 
 @styled()
 def plot_curves(*results: FitResult) -> Figure:
-    """Measured and model, such as the angle of a swing, a panel per fit; below it what the model leaves."""
-    curves = [(short_name(result.name), name, curve) for result in results for name, curve in result.curves.items()]
+    """Measured and model, such as the angle of a swing, a panel per fit; below it what the model
+    leaves.
+    """
+    curves = [
+        (short_name(result.name), name, curve)
+        for result in results
+        for name, curve in result.curves.items()
+    ]
     columns = min(3, len(curves))
     rows = math.ceil(len(curves) / columns)
     figure = Figure(figsize=(5.0 * columns, 4.2 * rows))

@@ -1,8 +1,10 @@
-"""The pipeline of every fit: parameters -> data -> residual -> solve -> result with intervals and warnings.
+"""The pipeline of every fit: parameters -> data -> residual -> solve -> result with intervals and
+warnings.
 
-Constants of a rig that are known beforehand, but not exactly, are unknowns with a prior beside those of the fit. The
-residual is whitened by its noise, and every constant adds a row (value - seed) / deviation. The data then correct the
-constants as far as they can, and what stays open is in every interval; the budget has the shares.
+Constants of a rig that are known beforehand, but not exactly, are unknowns with a prior beside
+those of the fit. The residual is whitened by its noise, and every constant adds a row (value -
+seed) / deviation. The data then correct the constants as far as they can, and what stays open is in
+every interval; the budget has the shares.
 """
 
 from __future__ import annotations
@@ -40,13 +42,13 @@ class Estimate:
     Attributes:
         name, unit: of the parameter.
         value: in `unit`.
-        standard_deviation, lower, upper: with the 95 % interval, which holds the value; infinite when not identifiable,
-            zero when frozen, one-sided at a bound (see `uncertainty`).
+        standard_deviation, lower, upper: with the 95 % interval, which holds the value; infinite
+            when not identifiable, zero when frozen, one-sided at a bound (see `uncertainty`).
         identifiable: whether the data determine it.
         bound: `lower` or `upper` when the fit stopped there.
         frozen: kept its seed.
-        noise_deviation: standard deviation that noise alone would give, with the rig's constants taken as exact; NaN in
-            results of earlier versions.
+        noise_deviation: standard deviation that noise alone would give, with the rig's constants
+            taken as exact; NaN in results of earlier versions.
     """
 
     name: str
@@ -82,8 +84,10 @@ class FitResult:
         effective_samples: that the data count as.
         facts: labels of the data, such as tail, axis, angle and wind speed.
         rig: what of the rig differs from `models/`, as `section.key`.
-        budget: per parameter the shares of the variance that noise and each uncertain constant have.
-        constants: those that have a prior: shift from the scenario, deviation after the fit, and `known_to` before it.
+        budget: per parameter the shares of the variance that noise and each uncertain constant
+            have.
+        constants: those that have a prior: shift from the scenario, deviation after the fit, and
+            `known_to` before it.
         curves: for plots, by name; each a dictionary of equally long lists. Not in CSV and YAML.
     """
 
@@ -95,7 +99,9 @@ class FitResult:
     success: bool
     status: str
     attempts: tuple[Mapping[str, Any], ...]
-    unidentifiable: Annotated[tuple[str, ...], Field(validation_alias=AliasChoices("unidentifiable", "unseen"))] = ()
+    unidentifiable: Annotated[
+        tuple[str, ...], Field(validation_alias=AliasChoices("unidentifiable", "unseen"))
+    ] = ()
     warnings: tuple[str, ...] = ()
     effective_samples: float = math.nan
     facts: Mapping[str, Any] = field(default_factory=dict)
@@ -109,7 +115,9 @@ class FitResult:
         for estimate in self.estimates:
             if estimate.name == name:
                 return estimate
-        raise KeyError(f"{name!r}; estimated: {', '.join(estimate.name for estimate in self.estimates)}")
+        raise KeyError(
+            f"{name!r}; estimated: {', '.join(estimate.name for estimate in self.estimates)}"
+        )
 
     @property
     def free(self) -> tuple[Estimate, ...]:
@@ -118,22 +126,33 @@ class FitResult:
 
     @property
     def resnorm(self) -> float:
-        """|weighted residual|^2, above zero: what the averages over several fits weigh by (eqs. 4.29-4.31)."""
+        """|weighted residual|^2, above zero: what the averages over several fits weigh by (eqs.
+        4.29-4.31).
+        """
         return 2.0 * max(self.cost, 1e-12)
 
     def row(self) -> dict[str, Any]:
-        """One flat row for CSV: facts, then value, standard deviation and interval of every parameter."""
+        """One flat row for CSV: facts, then value, standard deviation and interval of every
+        parameter.
+        """
         row: dict[str, Any] = {"fit": self.name, **self.facts}
         for e in self.estimates:
             suffix = "" if e.unit in ("1", "") else "_" + unit_suffix(e.unit)
             row[f"{e.name}{suffix}"] = e.value
             if e.frozen:
                 continue
-            row[f"{e.name}_std{suffix}"], row[f"{e.name}_noise_std{suffix}"] = e.standard_deviation, e.noise_deviation
+            row[f"{e.name}_std{suffix}"], row[f"{e.name}_noise_std{suffix}"] = (
+                e.standard_deviation,
+                e.noise_deviation,
+            )
             row[f"{e.name}_lower95{suffix}"], row[f"{e.name}_upper95{suffix}"] = e.lower, e.upper
             row[f"{e.name}_identifiable"], row[f"{e.name}_bound"] = e.identifiable, e.bound
         row |= {f"residual_rms_{channel}": value for channel, value in self.residual_rms.items()}
-        row |= {"cost": self.cost, "effective_samples": self.effective_samples, "success": self.success}
+        row |= {
+            "cost": self.cost,
+            "effective_samples": self.effective_samples,
+            "success": self.success,
+        }
         return row | {"status": self.status, "warnings": "; ".join(self.warnings)}
 
 
@@ -154,7 +173,8 @@ _ROUNDS, _SETTLED = 4, 0.1
 _STRANGE = 3.5
 """Prior standard deviations beyond which the shift of a constant is reported."""
 _CHANCE, _FEW = 1e-4, 50
-"""Chance of a misfit below which it is reported, where the data leave at most that many degrees of freedom."""
+"""Chance of a misfit below which it is reported, where the data leave at most that many degrees of
+freedom."""
 _LEAST_SHARE = 1e-3
 
 NoiseModel = Callable[[Solution], Noise]
@@ -165,11 +185,12 @@ class UncertainRig:
     """The constants of a rig as unknowns of a fit.
 
     Attributes:
-        constants: with their deviation; those with an infinite one are free and become parameters of the result.
+        constants: with their deviation; those with an infinite one are free and become parameters
+            of the result.
         problem: of the data's residual in some parameters, the constants among them.
         noise: of the data's residual, from a solution in all parameters.
-        least_noise: what it would be if the model were right: with it the constants are first let go, since an error of
-            theirs must not be taken for noise.
+        least_noise: what it would be if the model were right: with it the constants are first let
+            go, since an error of theirs must not be taken for noise.
     """
 
     constants: Sequence[Parameter]
@@ -195,7 +216,8 @@ def fit(
     Args:
         problem: with the constants of the rig at their seeds.
         noise: makes the noise of the residual from the solution, see `uncertainty`.
-        channels: per channel where it stands in the residual and the weight that its residual was divided by.
+        channels: per channel where it stands in the residual and the weight that its residual was
+            divided by.
         warnings: of the data, kept before those of the fit.
         loss: `huber` goes on from the least-squares solution with Huber's loss
             (`aerodima.optimisation.identify.least_squares`).
@@ -207,7 +229,9 @@ def fit(
     channels = channels or {}
     solution = solve(problem, method, starts)
     if loss == "squares":
-        result = result_of(solution, uncertainty(solution, noise(solution)), channels, facts or {}, warnings)
+        result = result_of(
+            solution, uncertainty(solution, noise(solution)), channels, facts or {}, warnings
+        )
     else:
         robust = solve_huber(problem, method, solution)
         sure = uncertainty(robust.influence, noise(robust.influence))
@@ -226,29 +250,45 @@ def result_of(
     warnings: Sequence[str],
     constants: Collection[str] = (),
 ) -> FitResult:
-    """The result of a solution and its uncertainty; the parameters that are constants of the rig are left out."""
+    """The result of a solution and its uncertainty; the parameters that are constants of the rig
+    are left out.
+    """
     parameters = solution.problem.parameters
     kept = [i for i, name in enumerate(parameters.names) if name not in constants]
     bounds = parameters.active(solution.x)
-    numbers = np.stack([solution.x, sure.standard_deviation, sure.lower, sure.upper], axis=1).tolist()
-    found = dict(zip(parameters.names, zip(numbers, sure.identifiable.tolist(), strict=True), strict=True))
+    numbers = np.stack(
+        [solution.x, sure.standard_deviation, sure.lower, sure.upper], axis=1
+    ).tolist()
+    found = dict(
+        zip(parameters.names, zip(numbers, sure.identifiable.tolist(), strict=True), strict=True)
+    )
     estimates = []
     for p in parameters.all:
         if p.name in constants:
             continue
         if p.frozen:
-            estimates.append(Estimate(p.name, p.unit, p.seed, 0.0, p.seed, p.seed, frozen=True, noise_deviation=0.0))
+            estimates.append(
+                Estimate(
+                    p.name, p.unit, p.seed, 0.0, p.seed, p.seed, frozen=True, noise_deviation=0.0
+                )
+            )
             continue
         of_p, identifiable = found[p.name]
         # A parameter that is not identifiable stays where it started, which may be a bound.
         bound = bounds.get(p.name, "") if identifiable else ""
         value, sigma, low, high = of_p
-        estimates.append(Estimate(p.name, p.unit, value, sigma, low, high, identifiable, bound, noise_deviation=sigma))
+        estimates.append(
+            Estimate(
+                p.name, p.unit, value, sigma, low, high, identifiable, bound, noise_deviation=sigma
+            )
+        )
     rms = {
         name: float(np.sqrt(np.mean(np.square(solution.residual[where])))) * weight
         for name, (where, weight) in channels.items()
     }
-    unidentifiable = tuple(text for text in sure.unidentifiable if text.split(" ")[0] not in constants)
+    unidentifiable = tuple(
+        text for text in sure.unidentifiable if text.split(" ")[0] not in constants
+    )
     return FitResult(
         name=solution.problem.name,
         estimates=tuple(estimates),
@@ -267,12 +307,17 @@ def result_of(
 
 def _attempt(names: Sequence[str], attempt: Attempt) -> dict[str, Any]:
     ends = {"start": attempt.start, "found": attempt.x}
-    reported = {name: getattr(attempt, name) for name in ("cost", "success", "status", "iterations")}
+    reported = {
+        name: getattr(attempt, name) for name in ("cost", "success", "status", "iterations")
+    }
     return {word: dict(zip(names, x.tolist(), strict=True)) for word, x in ends.items()} | reported
 
 
 def _warnings(
-    estimates: Sequence[Estimate], unidentifiable: Sequence[str], sure: Uncertainty, solution: Solution
+    estimates: Sequence[Estimate],
+    unidentifiable: Sequence[str],
+    sure: Uncertainty,
+    solution: Solution,
 ) -> list[str]:
     found = [f"the data do not determine {direction}" for direction in unidentifiable]
     at_bounds = [e for e in estimates if e.bound]
@@ -280,10 +325,14 @@ def _warnings(
     for e in at_bounds:
         bound = f"{e.bound} bound {e.value:.6g}{'' if e.unit == '1' else ' ' + e.unit}"
         found.append(
-            f"{e.name} stopped at its {bound}, {beyond[e.name]:.2g} standard deviations from what the data ask for"
+            f"{e.name} stopped at its {bound}, {beyond[e.name]:.2g} standard deviations from what "
+            "the data ask for"
         )
     if at_bounds and len(at_bounds) < sum(e.identifiable and not e.frozen for e in estimates):
-        found.append(f"the intervals of the others take {', '.join(e.name for e in at_bounds)} to lie within bounds")
+        found.append(
+            f"the intervals of the others take {', '.join(e.name for e in at_bounds)} to lie "
+            "within bounds"
+        )
     if not solution.best.success:
         found.append(f"the solver did not finish: {solution.best.status}")
     return found
@@ -299,7 +348,10 @@ def _with_constants(
 ) -> FitResult:
     """Goes on from a fit with exact constants; `huber` bends the whitened residual beyond 1.345."""
     start = {e.name: e.value for e in first.estimates}
-    given = [p if p.frozen else replace(p, seed=min(max(start[p.name], p.lower), p.upper)) for p in parameters]
+    given = [
+        p if p.frozen else replace(p, seed=min(max(start[p.name], p.lower), p.upper))
+        for p in parameters
+    ]
     problem = rig.problem(Parameters.of([*given, *rig.constants]))
     x = problem.parameters.seed
     raw = _at(problem, x, problem.central_differences(x))
@@ -315,7 +367,8 @@ def _with_constants(
         solution = solve(_weighed(problem, whiten, loss), solve_rollout, [raw.x])
         rows = len(raw.residual)
         raw = _at(problem, solution.x, whiten.back(solution.jacobian[:rows]))
-        before, found = found, rig.noise(raw)
+        before = found
+        found = rig.noise(raw)
         if abs(math.log(_size(found) / _size(before))) < _SETTLED:
             break
     ones = Noise(np.ones(len(solution.residual)), found.degrees_of_freedom, found.effective_samples)
@@ -328,7 +381,9 @@ def _with_constants(
         attempts=first.attempts,
         constants={
             p.name: {"shift": float(shift), "deviation": float(deviation), "known_to": p.deviation}
-            for p, shift, deviation in zip(problem.parameters.free, solution.x, sure.standard_deviation, strict=True)
+            for p, shift, deviation in zip(
+                problem.parameters.free, solution.x, sure.standard_deviation, strict=True
+            )
             if p.name in known
         },
     )
@@ -352,7 +407,11 @@ class _Whitening:
         return self.matrix @ rows if self.matrix.ndim == 2 else (rows.T * self.matrix).T
 
     def back(self, rows: np.ndarray) -> np.ndarray:
-        return np.linalg.solve(self.matrix, rows) if self.matrix.ndim == 2 else (rows.T / self.matrix).T
+        return (
+            np.linalg.solve(self.matrix, rows)
+            if self.matrix.ndim == 2
+            else (rows.T / self.matrix).T
+        )
 
 
 def _has_prior(p: Parameter) -> bool:
@@ -365,8 +424,9 @@ def _size(noise: Noise) -> float:
 
 
 def _at(problem: Problem, x: np.ndarray, jacobian: np.ndarray) -> Solution:
-    """A solution that nobody looked for."""
-    return Solution(problem, x, np.asarray(problem.residual(x), float), jacobian, best=None, attempts=())  # type: ignore[arg-type]
+    """Residual and Jacobian at x, without solving."""
+    residual = np.asarray(problem.residual(x), float)
+    return Solution(problem, x, residual, jacobian, best=None, attempts=())  # type: ignore[arg-type]
 
 
 def _weighed(problem: Problem, whiten: _Whitening, loss: Loss) -> Problem:
@@ -377,13 +437,18 @@ def _weighed(problem: Problem, whiten: _Whitening, loss: Loss) -> Problem:
 
     def residual(x: np.ndarray) -> np.ndarray:
         data = whiten(np.asarray(problem.residual(x), float))
-        return np.concatenate([huber(data) if loss == "huber" else data, np.asarray(x, float)[places] / deviations])
+        return np.concatenate(
+            [huber(data) if loss == "huber" else data, np.asarray(x, float)[places] / deviations]
+        )
 
     return replace(problem, residual=residual, jacobian=None)
 
 
-def _with_shares(result: FitResult, solution: Solution, rows: int, known: Collection[str]) -> FitResult:
-    """The result with its budget, with what noise alone would give, and what is strange about the constants.
+def _with_shares(
+    result: FitResult, solution: Solution, rows: int, known: Collection[str]
+) -> FitResult:
+    """The result with its budget, with what noise alone would give, and what is strange about the
+    constants.
 
     Args:
         solution: of the whitened problem.
@@ -395,33 +460,50 @@ def _with_shares(result: FitResult, solution: Solution, rows: int, known: Collec
     priors = [p for p in free if p.name in known]
     scales = np.array([p.size for p in free])
     parts = np.square(np.linalg.pinv(solution.jacobian * scales))
-    shares = np.column_stack([parts[:, :rows].sum(axis=1), parts[:, rows:]]) / parts.sum(axis=1, keepdims=True)
+    shares = np.column_stack([parts[:, :rows].sum(axis=1), parts[:, rows:]]) / parts.sum(
+        axis=1, keepdims=True
+    )
     exact = np.linalg.pinv(solution.jacobian[:rows, kept] * scales[kept])
-    alone = dict(zip((free[i].name for i in kept), np.linalg.norm(exact, axis=1) * scales[kept], strict=True))
+    alone = dict(
+        zip((free[i].name for i in kept), np.linalg.norm(exact, axis=1) * scales[kept], strict=True)
+    )
     budget = {}
     for i in kept:
         if result[free[i].name].identifiable:
             pairs = sorted(
-                zip(["noise", *(p.name for p in priors)], shares[i].tolist(), strict=True), key=lambda pair: -pair[1]
+                zip(["noise", *(p.name for p in priors)], shares[i].tolist(), strict=True),
+                key=lambda pair: -pair[1],
             )
-            budget[free[i].name] = {source: share for source, share in pairs if share >= _LEAST_SHARE}
+            budget[free[i].name] = {
+                source: share for source, share in pairs if share >= _LEAST_SHARE
+            }
     shifts = solution.x[[i for i, p in enumerate(free) if p.name in known]]
     warnings = [
-        f"the data want {p.name} shifted by {shift:.3g}, {abs(shift) / p.deviation:.1f} of its standard deviations "
+        f"the data want {p.name} shifted by {shift:.3g}, {abs(shift) / p.deviation:.1f} of its "
+        "standard deviations "
         f"({p.deviation:.2g}): set it, or free it (--free {p.name})"
         for p, shift in zip(priors, shifts, strict=True)
         if abs(shift) > _STRANGE * p.deviation
     ]
-    freedom, power = rows - len(kept), float(solution.residual @ solution.residual)
+    freedom = rows - len(kept)
+    power = float(solution.residual @ solution.residual)
     if 1 <= freedom <= _FEW and chdtrc(freedom, power) <= _CHANCE:
         warnings.append(
-            f"noise and constants do not explain the data: what is left is {power / freedom:.3g} times what they "
+            f"noise and constants do not explain the data: what is left is {power / freedom:.3g} "
+            "times what they "
             "allow; a constant is further off than its uncertainty says, or something else is wrong"
         )
     estimates = [
         e
         if e.frozen
-        else replace(e, noise_deviation=min(float(alone[e.name]), e.standard_deviation) if e.identifiable else math.inf)
+        else replace(
+            e,
+            noise_deviation=min(float(alone[e.name]), e.standard_deviation)
+            if e.identifiable
+            else math.inf,
+        )
         for e in result.estimates
     ]
-    return replace(result, estimates=tuple(estimates), budget=budget, warnings=(*result.warnings, *warnings))
+    return replace(
+        result, estimates=tuple(estimates), budget=budget, warnings=(*result.warnings, *warnings)
+    )

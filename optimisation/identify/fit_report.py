@@ -1,4 +1,6 @@
-"""What a fit leaves in its folder: one CSV row per fit, the whole results as YAML, figures as PNG, one HTML page."""
+"""What a fit leaves in its folder: one CSV row per fit, the whole results as YAML, figures as PNG,
+one HTML page.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,8 @@ def write_report(
     tables: Mapping[str, pd.DataFrame] | None = None,
     left_out: Sequence[str] = (),
 ) -> list[Path]:
-    """Writes `fits.csv`, `fits.yaml`, `*.png` and `report.html`; files of an earlier report are replaced.
+    """Writes `fits.csv`, `fits.yaml`, `*.png` and `report.html`; files of an earlier report are
+    replaced.
 
     Args:
         failed: logs that could not be fitted, with the reason.
@@ -53,8 +56,12 @@ def write_report(
     Returns:
         The files written.
     """
-    failed, tables, budget = dict(failed or {}), dict(tables or {}), budget_table(results)
-    plots = {name: zoomable(figure, "", _heading(name)) for name, figure in figures_of(results).items()}
+    failed = dict(failed or {})
+    tables = dict(tables or {})
+    budget = budget_table(results)
+    plots = {
+        name: zoomable(figure, "", _heading(name)) for name, figure in figures_of(results).items()
+    }
     written = {
         "schema": SCHEMA,
         "title": title,
@@ -64,31 +71,54 @@ def write_report(
         "tables": {name: table.to_dict("records") for name, table in tables.items()},
         "fits": [_plain(result) for result in results],
     }
-    warned = [f"{result.name}: {'; '.join(result.warnings)}" for result in results if result.warnings]
+    warned = [
+        f"{result.name}: {'; '.join(result.warnings)}" for result in results if result.warnings
+    ]
     findings = {
-        f"{len(failed)} could not be fitted": [f"{name}: {reason}" for name, reason in failed.items()],
+        f"{len(failed)} could not be fitted": [
+            f"{name}: {reason}" for name, reason in failed.items()
+        ],
         "Left out": left_out,
         "Warnings": warned,
     }
-    sections = [Section(head, [Finding([Bullets(lines)])]) for head, lines in findings.items() if lines]
-    sections += [Section("Results", [_estimates(results)]), Section("Fits", [_frame(_facts(results))])]
+    sections = [
+        Section(head, [Finding([Bullets(lines)])]) for head, lines in findings.items() if lines
+    ]
+    sections += [
+        Section("Results", [_estimates(results)]),
+        Section("Fits", [_frame(_facts(results))]),
+    ]
     if len(budget):
         shares = budget.drop(columns="fit").groupby("parameter", sort=False).median()
-        shown = (100.0 * shares.loc[:, shares.max() >= _LEAST_SHARE]).round().astype(int).reset_index()
-        words = (
-            "Percent of the variance, median over the fits; the rig's constants by its section uncertainty. Noise "
-            "counts more than with exact constants, since the log helps to find them, too. Per fit in"
+        shown = (
+            (100.0 * shares.loc[:, shares.max() >= _LEAST_SHARE]).round().astype(int).reset_index()
         )
-        sections.append(Section("What the intervals are made of", [(words, Link("budget.csv")), _frame(shown)]))
-    rig = pd.DataFrame([(key, value) for r in results for key, value in r.rig.items()], columns=["key", "value"])
+        words = (
+            "Percent of the variance, median over the fits; the rig's constants by its section "
+            "uncertainty. Noise "
+            "counts more than with exact constants, since the log helps to find them, too. Per "
+            "fit in"
+        )
+        sections.append(
+            Section("What the intervals are made of", [(words, Link("budget.csv")), _frame(shown)])
+        )
+    rig = pd.DataFrame(
+        [(key, value) for r in results for key, value in r.rig.items()], columns=["key", "value"]
+    )
     if len(rig):
-        sections.append(Section("What of the rig is not as in models/", [_frame(rig.drop_duplicates())]))
+        sections.append(
+            Section("What of the rig is not as in models/", [_frame(rig.drop_duplicates())])
+        )
     for name, table in tables.items():
-        sections.append(Section(_heading(name), [_frame(table), ("The same in", Link(f"{name}.csv"))]))
+        sections.append(
+            Section(_heading(name), [_frame(table), ("The same in", Link(f"{name}.csv"))])
+        )
     sections += [Section(plot.alternative, [plot]) for plot in plots.values()]
     contents: dict[str, Content] = {
         "fits.csv": pd.DataFrame([result.row() for result in results]),
-        "fits.yaml": yaml.safe_dump(_numbers(written), sort_keys=False, allow_unicode=True, width=120),
+        "fits.yaml": yaml.safe_dump(
+            _numbers(written), sort_keys=False, allow_unicode=True, width=120
+        ),
         **({"budget.csv": budget} if len(budget) else {}),
         **{f"{name}.csv": table for name, table in tables.items()},
         "report.html": Page(title, "", sections),
@@ -98,9 +128,15 @@ def write_report(
 
 
 def budget_table(results: Sequence[FitResult]) -> pd.DataFrame:
-    """Shares of the variance of every determined parameter: a row each, a column for noise and each constant."""
+    """Shares of the variance of every determined parameter: a row each, a column for noise and each
+    constant.
+    """
     rows = [
-        {"fit": short_name(result.name), "parameter": name, **{key: round(share, 4) for key, share in shares.items()}}
+        {
+            "fit": short_name(result.name),
+            "parameter": name,
+            **{key: round(share, 4) for key, share in shares.items()},
+        }
         for result in results
         for name, shares in result.budget.items()
     ]
@@ -110,7 +146,9 @@ def budget_table(results: Sequence[FitResult]) -> pd.DataFrame:
 def _plain(result: FitResult) -> dict[str, Any]:
     content = asdict(result)
     del content["curves"]
-    return {{"unidentifiable": "not_determined"}.get(key, key): value for key, value in content.items()}
+    return {
+        {"unidentifiable": "not_determined"}.get(key, key): value for key, value in content.items()
+    }
 
 
 def _numbers(value: Any) -> Any:
@@ -140,21 +178,36 @@ def _estimates(results: Sequence[FitResult]) -> Table:
         for r in results
         for e in r.estimates
     ]
-    heads = ["fit", "quantity", "value (95 % interval)", "standard deviation", "with exact constants", "unit"]
+    heads = [
+        "fit",
+        "quantity",
+        "value (95 % interval)",
+        "standard deviation",
+        "with exact constants",
+        "unit",
+    ]
     return Table(heads, rows)
 
 
 def _facts(results: Sequence[FitResult]) -> pd.DataFrame:
     """A row per fit: what was fitted, how large the residuals are, how the search ended."""
     rows = [
-        {"fit": short_name(r.name), **r.facts, **{f"rms of {k}": v for k, v in r.residual_rms.items()}, "end": r.status}
+        {
+            "fit": short_name(r.name),
+            **r.facts,
+            **{f"rms of {k}": v for k, v in r.residual_rms.items()},
+            "end": r.status,
+        }
         for r in results
     ]
     return pd.DataFrame(rows).fillna("")
 
 
 def _frame(table: pd.DataFrame) -> Table:
-    return Table(list(map(str, table.columns)), [[_short(value) for value in row] for row in table.to_numpy(object)])
+    return Table(
+        list(map(str, table.columns)),
+        [[_short(value) for value in row] for row in table.to_numpy(object)],
+    )
 
 
 def _short(value: Any) -> str:
@@ -169,7 +222,9 @@ def format_estimate(estimate: Estimate, unit: bool = False) -> str:
     if estimate.frozen:
         return f"{estimate.value:.5g}{behind} (frozen)"
     digits = _digits(estimate.upper - estimate.lower)
-    value, low, high = (f"{number:{digits}}" for number in (estimate.value, estimate.lower, estimate.upper))
+    value, low, high = (
+        f"{number:{digits}}" for number in (estimate.value, estimate.lower, estimate.upper)
+    )
     text = f"{value} ({low} .. {high}){behind}"
     return f"{text}, one-sided: at its {estimate.bound} bound" if estimate.bound else text
 

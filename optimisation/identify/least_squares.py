@@ -1,8 +1,10 @@
-"""A least-squares problem: parameters, residual, what becomes of its starts, the best of them, Huber's loss.
+"""A least-squares problem: parameters, residual, what becomes of its starts, the best of them,
+Huber's loss.
 
-The loss has squares within a limit and is straight beyond it, so that a few wild values do not decide a fit. The limit
-stands in units of a scale taken from the data: 1.4826 times the median deviation of the residual, which is the standard
-deviation of normal data however far a minority lies off.
+The loss has squares within a limit and is straight beyond it, so that a few wild values do not
+decide a fit. The limit stands in units of a scale taken from the data: 1.4826 times the median
+deviation of the residual, which is the standard deviation of normal data however far a minority
+lies off.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ Residual = Callable[[np.ndarray], np.ndarray]
 Jacobian = Callable[[np.ndarray], np.ndarray]
 
 _DIFFERENCE = 1e-5
-"""Step of one-sided differences, in scales: sqrt(1e-10), for rollouts that repeat to about ten digits."""
+"""Step of one-sided differences, in scales: sqrt(1e-10), for rollouts that repeat to about ten
+digits."""
 _CENTRAL_DIFFERENCE = 5e-4
 """Step of differences to both sides: cube root of 1e-10."""
 _SAME_COST = 1.01
@@ -37,9 +40,10 @@ class Parameter:
         seed: where the solver starts; the value itself when frozen.
         lower, upper: bounds; infinite by default.
         frozen: keeps its seed and is no unknown.
-        scale: typical size, in `unit`: the solvers work on value / scale. By default a quarter of the range between
-            finite bounds, else the size of the seed, else 1.
-        deviation: standard deviation with which the seed is known beforehand; infinite when nothing is known.
+        scale: typical size, in `unit`: the solvers work on value / scale. By default a quarter of
+            the range between finite bounds, else the size of the seed, else 1.
+        deviation: standard deviation with which the seed is known beforehand; infinite when nothing
+            is known.
 
     Raises:
         FitError: bounds that are NaN, empty or exclude the seed, or a seed that is not finite.
@@ -56,18 +60,25 @@ class Parameter:
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.seed):
-            raise FitError(f"parameter {self.name!r}: the seed is {self.seed}, but it must be a finite number")
+            raise FitError(
+                f"parameter {self.name!r}: the seed is {self.seed}, but it must be a finite number"
+            )
         if not self.lower < self.upper:
             raise FitError(
-                f"parameter {self.name!r}: the bounds {self.lower:g} .. {self.upper:g} {self.unit} hold no value"
+                f"parameter {self.name!r}: the bounds {self.lower:g} .. {self.upper:g} "
+                f"{self.unit} hold no value"
             )
         if not self.frozen and not self.lower <= self.seed <= self.upper:
             raise FitError(
-                f"parameter {self.name!r}: the seed {self.seed:g} {self.unit} lies outside its bounds "
+                f"parameter {self.name!r}: the seed {self.seed:g} {self.unit} lies outside its "
+                "bounds "
                 f"{self.lower:g} .. {self.upper:g}; move the seed or widen the bounds"
             )
         if self.scale is not None and not (math.isfinite(self.scale) and self.scale > 0.0):
-            raise FitError(f"parameter {self.name!r}: the scale is {self.scale}, but must be a finite number above 0")
+            raise FitError(
+                f"parameter {self.name!r}: the scale is {self.scale}, but must be a finite number "
+                "above 0"
+            )
 
     @property
     def size(self) -> float:
@@ -138,7 +149,8 @@ class Parameters:
         return {parameter.name: free.get(parameter.name, parameter.seed) for parameter in self.all}
 
     def starts(self, seeds: Iterable[Mapping[str, float]] = ()) -> list[np.ndarray]:
-        """Vectors to start from: the seeds of the parameters, then further ones by name; a missing name keeps its seed.
+        """Vectors to start from: the seeds of the parameters, then further ones by name; a missing
+        name keeps its seed.
 
         Raises:
             FitError: a seed names no free parameter or lies outside the bounds.
@@ -147,8 +159,13 @@ class Parameters:
         for seed in seeds:
             unknown = sorted(set(seed) - set(self.names))
             if unknown:
-                raise FitError(f"seed for {', '.join(unknown)}: the free parameters are {', '.join(self.names)}")
-            vectors.append(np.array([replace(p, seed=seed.get(p.name, p.seed)).seed for p in self.free]))
+                raise FitError(
+                    f"seed for {', '.join(unknown)}: the free parameters are "
+                    f"{', '.join(self.names)}"
+                )
+            vectors.append(
+                np.array([replace(p, seed=seed.get(p.name, p.seed)).seed for p in self.free])
+            )
         return vectors
 
     def sides(self, x: np.ndarray) -> np.ndarray:
@@ -159,16 +176,22 @@ class Parameters:
     def active(self, x: np.ndarray) -> dict[str, str]:
         """Unknowns that sit on a bound, with `lower` or `upper`."""
         words = {-1: "lower", 1: "upper"}
-        return {name: words[side] for name, side in zip(self.names, self.sides(x).tolist(), strict=True) if side}
+        return {
+            name: words[side]
+            for name, side in zip(self.names, self.sides(x).tolist(), strict=True)
+            if side
+        }
 
 
 @dataclass(frozen=True)
 class Problem:
-    """A least-squares problem: minimise |residual|^2 / 2 over the free parameters within their bounds.
+    """A least-squares problem: minimise |residual|^2 / 2 over the free parameters within their
+    bounds.
 
     Attributes:
         parameters: what may change.
-        residual: weighted residual (m) of the unknowns (p) in their units; `FitError` where the model does not exist.
+        residual: weighted residual (m) of the unknowns (p) in their units; `FitError` where the
+            model does not exist.
         jacobian: d residual / d unknowns (m x p); finite differences without it.
         name: of the fit, for messages.
     """
@@ -179,7 +202,9 @@ class Problem:
     name: str = "fit"
 
     def differences(self, x: np.ndarray, at_x: np.ndarray) -> np.ndarray:
-        """The Jacobian (m x p): the given one, or one-sided differences that stay within the bounds."""
+        """The Jacobian (m x p): the given one, or one-sided differences that stay within the
+        bounds.
+        """
         if self.jacobian is not None:
             return np.asarray(self.jacobian(x), float)
         steps = _DIFFERENCE * self.parameters.scales
@@ -190,22 +215,30 @@ class Problem:
     def central_differences(self, x: np.ndarray) -> np.ndarray:
         """The Jacobian for the covariance (m x p): differences to both sides.
 
-        One-sided at a bound, and where the model ends on the other side; FitError when it ends on both.
+        One-sided at a bound, and where the model ends on the other side; FitError when it ends on
+        both.
         """
         if self.jacobian is not None:
             return np.asarray(self.jacobian(x), float)
         steps = _CENTRAL_DIFFERENCE * self.parameters.scales
         up = np.where(x + steps > self.parameters.upper, x, x + steps)
         down = np.where(x - steps < self.parameters.lower, x, x - steps)
-        rows = [self._residual_or_none(v) for v in np.concatenate([x + np.diag(up - x), x + np.diag(down - x)])]
+        rows = [
+            self._residual_or_none(v)
+            for v in np.concatenate([x + np.diag(up - x), x + np.diag(down - x)])
+        ]
         lost = np.array([row is None for row in rows])
         if np.any(lost):
             here = finite_residual(self, x)
             rows = [here if row is None else row for row in rows]
-            up, down = np.where(lost[: len(x)], x, up), np.where(lost[len(x) :], x, down)
+            up = np.where(lost[: len(x)], x, up)
+            down = np.where(lost[len(x) :], x, down)
         if np.any(up <= down):
             name = self.parameters.names[int(np.argmax(up <= down))]
-            raise FitError(f"{self.name}: no derivative by {name}: the model ends on both sides of {self.describe(x)}")
+            raise FitError(
+                f"{self.name}: no derivative by {name}: the model ends on both sides of "
+                f"{self.describe(x)}"
+            )
         return ((np.array(rows[: len(x)]) - np.array(rows[len(x) :])) / (up - down)[:, None]).T
 
     def _residual_or_none(self, x: np.ndarray) -> np.ndarray | None:
@@ -219,7 +252,9 @@ class Problem:
     def describe(self, x: np.ndarray) -> str:
         """The unknowns in words."""
         free = self.parameters.free
-        return ", ".join(f"{p.name} = {value:.6g} {p.unit}" for p, value in zip(free, x, strict=True))
+        return ", ".join(
+            f"{p.name} = {value:.6g} {p.unit}" for p, value in zip(free, x, strict=True)
+        )
 
 
 @dataclass(frozen=True)
@@ -267,7 +302,8 @@ Solver = Callable[[Problem, np.ndarray], Attempt]
 
 
 def solve(problem: Problem, method: Solver, starts: Sequence[np.ndarray] | None = None) -> Solution:
-    """Runs a solver from every start and keeps the lowest cost; of costs within 1 % the one of a success.
+    """Runs a solver from every start and keeps the lowest cost; of costs within 1 % the one of a
+    success.
 
     Raises:
         FitError: no start gave a finite residual; the message has the reason of each.
@@ -289,7 +325,9 @@ def finite_residual(problem: Problem, x: np.ndarray) -> np.ndarray:
     r = np.asarray(problem.residual(x), float)
     bad = np.flatnonzero(~np.isfinite(r))
     if bad.size:
-        raise FitError(f"the residual is not finite ({r[bad[0]]} in row {bad[0]}) at {problem.describe(x)}")
+        raise FitError(
+            f"the residual is not finite ({r[bad[0]]} in row {bad[0]}) at {problem.describe(x)}"
+        )
     return r
 
 
@@ -310,7 +348,9 @@ _SETTLED, _MOST_SCALES = 0.05, 4
 
 
 def huber(residual: np.ndarray, limit: float = LIMIT) -> np.ndarray:
-    """Residuals whose squares are twice the Huber loss: unchanged within the limit, growing like a root beyond it."""
+    """Residuals whose squares are twice the Huber loss: unchanged within the limit, growing like a
+    root beyond it.
+    """
     size = np.abs(residual)
     beyond = np.sqrt(np.maximum(2.0 * limit * size - limit * limit, 0.0))
     return np.where(size <= limit, residual, np.sign(residual) * beyond)
@@ -326,8 +366,10 @@ class HuberSolution:
     """A solution under Huber's loss.
 
     Attributes:
-        solution: x, and residual and Jacobian of the problem as it was given; its attempts end with the robust one.
-        influence: the same x with the clipped residual, and the Jacobian times the share of the residuals within the
+        solution: x, and residual and Jacobian of the problem as it was given; its attempts end with
+            the robust one.
+        influence: the same x with the clipped residual, and the Jacobian times the share of the
+            residuals within the
             limit: J^+ S J^+' of it is Huber's asymptotic covariance.
         scale: standard deviation of the residual without its outliers.
         beyond: number of residuals that the loss holds back more than three scales.
@@ -340,7 +382,8 @@ class HuberSolution:
 
 
 def solve_huber(problem: Problem, method: Solver, squares: Solution) -> HuberSolution:
-    """Minimises Huber's loss from the least-squares solution on; the scale is taken anew until it settles.
+    """Minimises Huber's loss from the least-squares solution on; the scale is taken anew until it
+    settles.
 
     Raises:
         FitError: no finite residual on the way.
@@ -353,13 +396,16 @@ def solve_huber(problem: Problem, method: Solver, squares: Solution) -> HuberSol
         robust = solve(_huberised(problem, scale), method, [found.x])
         residual = np.asarray(problem.residual(robust.x), float)
         found = replace(squares, x=robust.x, residual=residual, best=robust.best)
-        before, scale = scale, max(spread(residual), least)
+        before = scale
+        scale = max(spread(residual), least)
         if abs(scale - before) <= _SETTLED * before:
             break
     if found is not squares:
         best = replace(found.best, status=f"Huber: {found.best.status}")
         attempts = (*squares.attempts, best)
-        found = replace(found, jacobian=problem.central_differences(found.x), best=best, attempts=attempts)
+        found = replace(
+            found, jacobian=problem.central_differences(found.x), best=best, attempts=attempts
+        )
     if scale <= least:
         return HuberSolution(found, found, scale, 0)
     clipped = np.clip(found.residual, -LIMIT * scale, LIMIT * scale)
@@ -370,7 +416,8 @@ def solve_huber(problem: Problem, method: Solver, squares: Solution) -> HuberSol
 
 def _huberised(problem: Problem, scale: float) -> Problem:
     """The problem whose squares are Huber's loss."""
-    inner, jacobian = problem.residual, problem.jacobian
+    inner = problem.residual
+    jacobian = problem.jacobian
 
     def slope(x: np.ndarray) -> np.ndarray:
         size = np.abs(np.asarray(inner(x), float)) / scale

@@ -1,12 +1,12 @@
 """Bounded least squares in `MathematicalProgram`: the only two solvers that the fits use.
 
-- `solve_rollout`: Levenberg-Marquardt whose step is a bounded least-squares QP (Clarabel). For residuals that come out
-  of a simulation, with a Jacobian by finite differences.
-- `solve_algebraic`: residuals as slack variables with a quadratic cost, SNOPT, derivatives through AutoDiffXd. For
-  residuals that are a formula. `solve_formula` tries the first before it.
+- `solve_rollout`: Levenberg-Marquardt whose step is a bounded least-squares QP (Clarabel). For
+  residuals that come out of a simulation, with a Jacobian by finite differences.
+- `solve_algebraic`: residuals as slack variables with a quadratic cost, SNOPT, derivatives through
+  AutoDiffXd. For residuals that are a formula. `solve_formula` tries the first before it.
 
-All work on value / scale and on a residual that the caller has divided by its weights. Which one fits where was
-measured (design section 12).
+All work on value / scale and on a residual that the caller has divided by its weights. Which one
+fits where was measured (design section 12).
 """
 
 from __future__ import annotations
@@ -26,18 +26,24 @@ from pydrake.solvers import (
     SolverOptions,
 )
 
-from aerodima.optimisation.identify.least_squares import Attempt, Problem, finite_differences, finite_residual
+from aerodima.optimisation.identify.least_squares import (
+    Attempt,
+    Problem,
+    finite_differences,
+    finite_residual,
+)
 from aerodima.workbench.errors import FitError
 
 _DAMPING_LEAST, _DAMPING_FIRST, _DAMPING_MOST = 1e-8, 1.0, 1e20
-"""Relative to the square of the least singular value that counts. Least: next to a Gauss-Newton step. First: after a
-refused step."""
+"""Relative to the square of the least singular value that counts. Least: next to a Gauss-Newton
+step. First: after a refused step."""
 _UNIDENTIFIABLE = 1e-9
 """Singular values below this part of the largest do not count: unidentifiable directions."""
 _AT_BOUND = 1e-6
 """A step that ends this near a bound, in units of its length, ends on it."""
 _PROMISE_TOLERANCE = 1e-8
-"""A refused step that promised less than this part of the cost was refused by rounding: the minimum is reached."""
+"""A refused step that promised less than this part of the cost was refused by rounding: the minimum
+is reached."""
 _KINK_TOLERANCE = 1e-4
 """The same where no step, however short, lowers the cost: the minimum is a kink of
 the model (jet edge, node of a table)."""
@@ -47,23 +53,30 @@ _STEP_TOLERANCE, _COST_TOLERANCE, _GRADIENT_TOLERANCE = 1e-8, 1e-10, 1e-9
 def solve_rollout(problem: Problem, start: np.ndarray, most_steps: int = 100) -> Attempt:
     """Levenberg-Marquardt from one start; each step is a bounded least-squares QP.
 
-    A step to where the residual is not finite, or the model does not exist, is shortened like one that raises the cost.
+    A step to where the residual is not finite, or the model does not exist, is shortened like one
+    that raises the cost.
     """
     parameters = problem.parameters
     scales = parameters.scales
-    low, high = parameters.lower / scales, parameters.upper / scales
+    low = parameters.lower / scales
+    high = parameters.upper / scales
     try:
         r = finite_residual(problem, start)
     except FitError as error:
         return Attempt(start, start, np.inf, False, str(error), 0)
-    z, cost, damping = start / scales, 0.5 * float(r @ r), _DAMPING_LEAST
+    z = start / scales
+    cost = 0.5 * float(r @ r)
+    damping = _DAMPING_LEAST
     refused = ""
     for step in range(1, most_steps + 1):
         try:
             J = finite_differences(problem, z * scales, r) * scales
         except FitError as error:
             return Attempt(start, z * scales, cost, False, f"no derivative: {error}", step)
-        if _projected_gradient(J.T @ r, z, low, high) <= _GRADIENT_TOLERANCE * max(cost, 1e-300) ** 0.5:
+        if (
+            _projected_gradient(J.T @ r, z, low, high)
+            <= _GRADIENT_TOLERANCE * max(cost, 1e-300) ** 0.5
+        ):
             return Attempt(start, z * scales, cost, True, "the gradient vanishes", step)
         R, c = triangle(J, r)
         promised = None
@@ -78,17 +91,30 @@ def solve_rollout(problem: Problem, start: np.ndarray, most_steps: int = 100) ->
                 break
             damping = max(10.0 * damping, _DAMPING_FIRST)
             if promised <= _PROMISE_TOLERANCE * cost:
-                return Attempt(start, z * scales, cost, True, "the next step promises nothing", step)
+                return Attempt(
+                    start, z * scales, cost, True, "the next step promises nothing", step
+                )
             if np.linalg.norm(dz) <= _STEP_TOLERANCE * (1.0 + np.linalg.norm(z)):
                 settled = not refused and promised <= _KINK_TOLERANCE * cost
-                return Attempt(start, z * scales, cost, settled, refused or "no smaller cost nearby", step)
+                return Attempt(
+                    start, z * scales, cost, settled, refused or "no smaller cost nearby", step
+                )
             if damping > _DAMPING_MOST:
-                return Attempt(start, z * scales, cost, False, refused or "no step lowers the cost", step)
-        drop, z, r, cost = cost - new_cost, z + dz, tried, new_cost
+                return Attempt(
+                    start, z * scales, cost, False, refused or "no step lowers the cost", step
+                )
+        drop = cost - new_cost
+        z = z + dz
+        r = tried
+        cost = new_cost
         damping = max(0.01 * damping, _DAMPING_LEAST)
-        if drop <= _COST_TOLERANCE * cost or np.linalg.norm(dz) <= _STEP_TOLERANCE * (1.0 + np.linalg.norm(z)):
+        if drop <= _COST_TOLERANCE * cost or np.linalg.norm(dz) <= _STEP_TOLERANCE * (
+            1.0 + np.linalg.norm(z)
+        ):
             return Attempt(start, z * scales, cost, True, "cost and step have settled", step)
-    return Attempt(start, z * scales, cost, False, f"{most_steps} steps were not enough", most_steps)
+    return Attempt(
+        start, z * scales, cost, False, f"{most_steps} steps were not enough", most_steps
+    )
 
 
 def _try(problem: Problem, x: np.ndarray) -> tuple[np.ndarray | None, str]:
@@ -99,25 +125,31 @@ def _try(problem: Problem, x: np.ndarray) -> tuple[np.ndarray | None, str]:
 
 
 def triangle(J: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """R (n, n) and c (n) of J (m, n) and r (m): |J d + r|^2 is |R d + c|^2 and a constant. The QP stays small."""
+    """R (n, n) and c (n) of J (m, n) and r (m): |J d + r|^2 is |R d + c|^2 and a constant.
+
+    The QP stays small.
+    """
     Q, R = np.linalg.qr(J)
     return R, Q.T @ r
 
 
-def bounded_step(R: np.ndarray, c: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def bounded_step(
+    R: np.ndarray, c: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
     """The step d (n) that minimises |R d + c|^2 + damping s^2 |d|^2 within low <= d <= high.
 
     R is (n, n), c, low and high are (n), and s is the least singular value of R.
 
-    The QP is posed in e = T d / size with T'T the Hessian and `size` the length of the free step: its own Hessian is
-    then the identity, however differently the rows are weighted and however small the last steps are. Only where a
-    bound cuts the free step is the interior-point solver needed; it says which bounds hold, and the rest is solved
-    again exactly.
+    The QP is posed in e = T d / size with T'T the Hessian and `size` the length of the free step:
+    its own Hessian is then the identity, however differently the rows are weighted and however
+    small the last steps are. Only where a bound cuts the free step is the interior-point solver
+    needed; it says which bounds hold, and the rest is solved again exactly.
     """
     sizes = np.linalg.svd(R, compute_uv=False)
     least = float(sizes[sizes > _UNIDENTIFIABLE * sizes[0]][-1]) if sizes[0] > 0.0 else 1.0
     D = damping**0.5 * least * np.eye(len(low))
-    A, b = np.vstack([R, D]), np.concatenate([c, np.zeros(len(D))])
+    A = np.vstack([R, D])
+    b = np.concatenate([c, np.zeros(len(D))])
     Q, T = np.linalg.qr(A)
     free = -(Q.T @ b)
     size = float(np.linalg.norm(free)) or 1.0
@@ -135,7 +167,9 @@ def bounded_step(R: np.ndarray, c: np.ndarray, damping: float, low: np.ndarray, 
     step = np.clip(np.where(high - step < _AT_BOUND * reach, high, step), low, high)
     inside = (step > low) & (step < high)
     exact = step.copy()
-    exact[inside] = np.linalg.lstsq(A[:, inside], -(b + A[:, ~inside] @ step[~inside]), rcond=None)[0]
+    exact[inside] = np.linalg.lstsq(A[:, inside], -(b + A[:, ~inside] @ step[~inside]), rcond=None)[
+        0
+    ]
     return exact if np.all((low <= exact) & (exact <= high)) else step
 
 
@@ -147,7 +181,9 @@ def _free_solver() -> SolverInterface:
     return MakeSolver(ChooseBestSolver(program))
 
 
-def _projected_gradient(gradient: np.ndarray, z: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
+def _projected_gradient(
+    gradient: np.ndarray, z: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> float:
     """Largest slope along which the bounds let z move."""
     free = gradient.copy()
     free[(z <= low) & (gradient > 0.0)] = 0.0
@@ -159,10 +195,11 @@ _FEW_STEPS = 8
 
 
 def solve_formula(problem: Problem, start: np.ndarray) -> Attempt:
-    """Few bounded Gauss-Newton steps, and SNOPT where they do not settle: for formulas that are nearly linear.
+    """Few bounded Gauss-Newton steps, and SNOPT where they do not settle: for formulas that are
+    nearly linear.
 
-    On static holds nine of ten settle in five steps, which takes a third of SNOPT's time; in the others the weight of
-    the speed makes a bent valley that only SNOPT follows.
+    On static holds nine of ten settle in five steps, which takes a third of SNOPT's time; in the
+    others the weight of the speed makes a bent valley that only SNOPT follows.
     """
     attempt = solve_rollout(problem, start, _FEW_STEPS)
     if attempt.success:
@@ -173,7 +210,8 @@ def solve_formula(problem: Problem, start: np.ndarray) -> Attempt:
 
 def solve_algebraic(problem: Problem, start: np.ndarray) -> Attempt:
     """Slack residuals with a quadratic cost, solved by SNOPT from one start."""
-    evaluations, broken = 0, ""
+    evaluations = 0
+    broken = ""
     scales = problem.parameters.scales
     count = len(scales)
 
@@ -197,10 +235,14 @@ def solve_algebraic(problem: Problem, start: np.ndarray) -> Attempt:
     try:
         first = finite_residual(problem, start)
         # Rows of very different weight would ask for more digits than there are.
-        rows = np.maximum(np.linalg.norm(finite_differences(problem, start, first) * scales, axis=1), 1.0)
+        rows = np.maximum(
+            np.linalg.norm(finite_differences(problem, start, first) * scales, axis=1), 1.0
+        )
         program, guess = _slack_program(problem, defect, start / scales, first)
         result = SnoptSolver().Solve(program, guess, _SNOPT_OPTIONS)
-        x = np.clip(result.get_x_val()[:count] * scales, problem.parameters.lower, problem.parameters.upper)
+        x = np.clip(
+            result.get_x_val()[:count] * scales, problem.parameters.lower, problem.parameters.upper
+        )
         cost = 0.5 * float(np.sum(np.square(finite_residual(problem, x))))
     except FitError as error:
         return Attempt(start, start, np.inf, False, str(error), evaluations)
@@ -224,10 +266,14 @@ _SNOPT_OPTIONS = _options()
 
 
 def _slack_program(
-    problem: Problem, defect: Callable[[np.ndarray], np.ndarray], z: np.ndarray, residual: np.ndarray
+    problem: Problem,
+    defect: Callable[[np.ndarray], np.ndarray],
+    z: np.ndarray,
+    residual: np.ndarray,
 ) -> tuple[MathematicalProgram, np.ndarray]:
     """The program in (unknown / scale, slack) and its initial guess."""
-    parameters, scales = problem.parameters, problem.parameters.scales
+    parameters = problem.parameters
+    scales = problem.parameters.scales
     program = MathematicalProgram()
     unknowns = program.NewContinuousVariables(len(z), "x")
     slacks = program.NewContinuousVariables(len(residual), "r")

@@ -1,7 +1,8 @@
 """What a user may choose for a fit, the rig that a log was made on, and what its samples mean.
 
-A log of this workbench carries its scenario; one of another laboratory has the rig of `models/`, of the scenario that
-its mapping names, or of the one that the user names for the fit. The log's own facts (kind, tail, axis, wind) go last.
+A log of this workbench carries its scenario; one of another laboratory has the rig of `models/`, of
+the scenario that its mapping names, or of the one that the user names for the fit. The log's own
+facts (kind, tail, axis, wind) go last.
 """
 
 from __future__ import annotations
@@ -18,7 +19,11 @@ import numpy as np
 
 from aerodima.optimisation.identify.least_squares import Loss, Parameter
 from aerodima.workbench.config.checked_files import find_file, nearest, read_yaml, unit_of
-from aerodima.workbench.config.rig_scenario import RigScenario, RigUncertaintyParameters, rig_scenario_from_dict
+from aerodima.workbench.config.rig_scenario import (
+    RigScenario,
+    RigUncertaintyParameters,
+    rig_scenario_from_dict,
+)
 from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
@@ -32,16 +37,19 @@ LARGEST_ANGLE = math.radians(110.0)
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Choices that every fit of a rig log understands; what a fit has no use for is refused by its command.
+    """Choices that every fit of a rig log understands; what a fit has no use for is refused by its
+    command.
 
     Attributes:
         loss: `huber` holds samples back that lie far off.
         bounds: lower and upper bound by name of the parameter, in place of the model's own.
-        rig: name or file of the rig scenario that the log was made on; the log's own by default, else `models/`.
+        rig: name or file of the rig scenario that the log was made on; the log's own by default,
+            else `models/`.
         settings: overrides on top of the rig, `section.key=value`.
-        free: constants of the rig and errors of its instruments (`CONSTANTS`, `BIASES`) that are unknowns without a
-            prior.
-        constants: `uncertain`, by the scenario's section `uncertainty`; or `exact`: intervals are those of noise alone.
+        free: constants of the rig and errors of its instruments (`CONSTANTS`, `BIASES`) that are
+            unknowns without a prior.
+        constants: `uncertain`, by the scenario's section `uncertainty`; or `exact`: intervals are
+            those of noise alone.
     """
 
     loss: Loss = "squares"
@@ -52,13 +60,19 @@ class FitOptions:
     constants: Knowledge = "uncertain"
 
     def bounded(self, parameters: Sequence[Parameter]) -> list[Parameter]:
-        """The parameters within these bounds, their seeds too; FitError for a bound that belongs to none of them."""
+        """The parameters within these bounds, their seeds too; FitError for a bound that belongs to
+        none of them.
+        """
         self.require_known([p.name for p in parameters])
         limits = {name: (low, high) for name, low, high in self.bounds}
         found = []
         for p in parameters:
             low, high = limits.get(p.name, (p.lower, p.upper))
-            found.append(p if p.frozen else replace(p, seed=min(max(p.seed, low), high), lower=low, upper=high))
+            found.append(
+                p
+                if p.frozen
+                else replace(p, seed=min(max(p.seed, low), high), lower=low, upper=high)
+            )
         return found
 
     def require_known(self, names: Sequence[str]) -> None:
@@ -73,7 +87,8 @@ FREE = FitOptions()
 
 
 LARGEST_SPEED = 60.0
-"""m/s of wind that a log may state: far beyond any tunnel for tails of this size, below a slip of the unit."""
+"""m/s of wind that a log may state: far beyond any tunnel for tails of this size, below a slip of
+the unit."""
 _TRUTH = ("aero", "seed", "name", "schema", "simulation")
 _OF_THE_LOG = tuple(f"experiment.{key}" for key in ("kind", "tail", "axis", "wind_speed"))
 _FACTS = (("tail", ("1", "2", "3")), ("axis", ("major", "minor")))
@@ -88,13 +103,17 @@ def checked_angle(log: RunLog, kind: str, least: int) -> tuple[np.ndarray, np.nd
     """
     if log.kind != kind:
         raise FitError(f"is a log of kind {log.kind!r}; this fit needs {kind!r}")
-    time, angle = log.time, log.signal(ANGLE)
+    time = log.time
+    angle = log.signal(ANGLE)
     if len(time) < least:
         raise FitError(f"{len(time)} samples; this fit needs at least {least}")
     check_signals(time, {ANGLE: angle})
     largest = angle[np.argmax(np.abs(angle))]
     if abs(largest) > LARGEST_ANGLE:
-        raise FitError(f"column {ANGLE!r} reaches {largest:g}, beyond +-{LARGEST_ANGLE:.2f} rad; is it in degrees?")
+        raise FitError(
+            f"column {ANGLE!r} reaches {largest:g}, beyond +-{LARGEST_ANGLE:.2f} rad; is it in "
+            "degrees?"
+        )
     return time, angle
 
 
@@ -113,7 +132,8 @@ def is_ours(log: RunLog) -> bool:
 
 
 def is_simulated(log: RunLog) -> bool:
-    """Whether the log's scenario is the rig that it was simulated with, so that its constants are the true ones.
+    """Whether the log's scenario is the rig that it was simulated with, so that its constants are
+    the true ones.
 
     Of this workbench's rigs only that of the robot's tail exists outside of simulation.
     """
@@ -127,10 +147,16 @@ def rig_of(log: RunLog, kind: str, options: FitOptions = FREE) -> RigScenario:
         FitError: the log does not say which tail was on the rig, or how fast the wind was.
         ScenarioError: the scenario or an override is wrong.
     """
-    content = {key: value for key, value in log.scenario.items() if key not in (_TRUTH if is_ours(log) else ())}
+    content = {
+        key: value
+        for key, value in log.scenario.items()
+        if key not in (_TRUTH if is_ours(log) else ())
+    }
     if kind == "static":
         content.pop("experiment", None)
-        content["tunnel"] = {key: value for key, value in content.get("tunnel", {}).items() if key != "psi3"}
+        content["tunnel"] = {
+            key: value for key, value in content.get("tunnel", {}).items() if key != "psi3"
+        }
     named = named_rig(options.rig, options.settings)
     merged = {**content, **{key: _over(content.get(key), value) for key, value in named.items()}}
     merged["experiment"] = {**merged.get("experiment", {}), **_experiment(log, kind)}
@@ -152,11 +178,18 @@ def named_rig(rig: str, settings: tuple[str, ...]) -> dict[str, Any]:
     data: dict[str, Any] = {}
     if rig:
         path = find_file(rig, RigScenario.folder, "scenario")
-        data = {key: value for key, value in read_yaml(path).items() if key not in ("schema", "name", "seed")}
+        data = {
+            key: value
+            for key, value in read_yaml(path).items()
+            if key not in ("schema", "name", "seed")
+        }
     for setting in settings:
         RigScenario.apply_setting(data, setting)
         if setting.split("=")[0].strip() in _OF_THE_LOG:
-            raise FitError(f"--set {setting}: a log says itself what was tested; allowed: what describes the rig")
+            raise FitError(
+                f"--set {setting}: a log says itself what was tested; allowed: what describes the "
+                "rig"
+            )
     _scenario(json.dumps(data, sort_keys=True))
     return data
 
@@ -172,7 +205,9 @@ def _experiment(log: RunLog, kind: str) -> dict[str, Any]:
     if kind in ("static", "swing"):
         for key, allowed in _FACTS:
             if str(log.extra.get(key)) not in allowed:
-                raise FitError(f"metadata {key!r} is {log.extra.get(key)!r}; allowed: {', '.join(allowed)}")
+                raise FitError(
+                    f"metadata {key!r} is {log.extra.get(key)!r}; allowed: {', '.join(allowed)}"
+                )
         found |= {"tail": int(log.extra["tail"]), "axis": str(log.extra["axis"])}
     if kind == "bar_swing":
         return {**found, "wind_speed": 0.0}
@@ -182,7 +217,11 @@ def _experiment(log: RunLog, kind: str) -> dict[str, Any]:
 def wind_speed(log: RunLog, least: float, most: float) -> float:
     """Wind speed in the log's metadata, m/s; FitError when it is missing or out of range."""
     value = log.extra.get("wind_speed_m_per_s")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= float(value) <= most:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not least <= float(value) <= most
+    ):
         allowed = f"{least:g} to {most:g}" if least else f"above 0 to {most:g}"
         raise FitError(f"metadata 'wind_speed_m_per_s' is {value!r}; allowed: {allowed} m/s")
     return float(value)
@@ -196,7 +235,9 @@ def accuracies() -> np.ndarray:
 
 @cache
 def speed_accuracy() -> float:
-    """Table 4.8 for the speed, rad/s (printed as rad/s; ERRATA E19); in rad also that of an angle, one count."""
+    """Table 4.8 for the speed, rad/s (printed as rad/s; ERRATA E19); in rad also that of an angle,
+    one count.
+    """
     return float(published_table("residual_weights").uncertainty_factor.iloc[6])
 
 
@@ -240,8 +281,8 @@ CONSTANTS: dict[str, tuple[float, dict[str, float]]] = {
     "current_delay": (0.05, {}),
     "force_gain": (0.5, {}),
 }
-"""Name -> bound to either side where it is free, and keys of the scenario that it shifts, each with a sign; none for an
-error of an instrument."""
+"""Name -> bound to either side where it is free, and keys of the scenario that it shifts, each with
+a sign; none for an error of an instrument."""
 BIASES = ("fx_bias", "fy_bias", "fz_bias", "tx_bias", "ty_bias", "tz_bias")
 """What is left in the readings of the force sensor, N and N m."""
 _BIAS_REACH = 500.0
@@ -249,7 +290,15 @@ _SCALE = 0.01
 """Scale of a free constant, as a share of its reach."""
 _FAR = 20.0
 """Bounds of one with a prior, in its standard deviations."""
-_SWING_ONLY = ("bar_inertia", "rotor_inertia", "coulomb", "viscous", "current_bias", "current_delay", "encoder_gain")
+_SWING_ONLY = (
+    "bar_inertia",
+    "rotor_inertia",
+    "coulomb",
+    "viscous",
+    "current_bias",
+    "current_delay",
+    "encoder_gain",
+)
 _ROBOT = ("wind_speed", "air_density", "encoder_zero", "encoder_gain")
 _STATIC_ONLY = ("mount_mass", "mount_com_x", "mount_com_y", "force_gain", *BIASES)
 
@@ -266,7 +315,9 @@ def require_constants(free: Sequence[str], names: Sequence[str]) -> None:
     """FitError for a constant to free that is not among the names."""
     for name in free:
         if name not in names:
-            raise FitError(f"--free {name}: this fit has no such constant; {nearest(name, list(names))}")
+            raise FitError(
+                f"--free {name}: this fit has no such constant; {nearest(name, list(names))}"
+            )
 
 
 def constant_parameters(
@@ -276,10 +327,12 @@ def constant_parameters(
     options: FitOptions,
     biases: Mapping[str, float] | None = None,
 ) -> tuple[Parameter, ...]:
-    """The constants that a fit varies, as shifts from the scenario: seed zero, and a deviation unless they are free.
+    """The constants that a fit varies, as shifts from the scenario: seed zero, and a deviation
+    unless they are free.
 
     Args:
-        biases: standard deviations of what is left in the readings; unknowns only where the rig has others.
+        biases: standard deviations of what is left in the readings; unknowns only where the rig has
+            others.
 
     Raises:
         FitError: `options.free` names something else.
@@ -300,7 +353,11 @@ def constant_parameters(
 
 
 def _parameter(name: str, free: bool, deviation: float) -> Parameter:
-    unit = ("N" if name[0] == "f" else "N m") if name in BIASES else unit_of(RigUncertaintyParameters, name)
+    unit = (
+        ("N" if name[0] == "f" else "N m")
+        if name in BIASES
+        else unit_of(RigUncertaintyParameters, name)
+    )
     if free:
         reach = _BIAS_REACH if name in BIASES else CONSTANTS[name][0]
         return Parameter(name, unit, 0.0, -reach, reach, scale=_SCALE * reach)
@@ -309,18 +366,24 @@ def _parameter(name: str, free: bool, deviation: float) -> Parameter:
 
 
 def shifted(scenario: RigScenario, values: Mapping[str, float]) -> RigScenario:
-    """The rig with its constants shifted; ranges are not checked again, trials of a fit stay near the scenario."""
+    """The rig with its constants shifted; ranges are not checked again, trials of a fit stay near
+    the scenario.
+    """
     changes: dict[str, dict[str, float]] = {}
     for name, shift in values.items():
         for key, sign in CONSTANTS[name][1].items() if name in CONSTANTS else ():
             section, entry = key.split(".")
             section = f"tail_{scenario.experiment.tail}" if section == "tail" else section
             changed = changes.setdefault(section, {})
-            changed[entry] = changed.get(entry, getattr(getattr(scenario, section), entry)) + sign * shift
+            changed[entry] = (
+                changed.get(entry, getattr(getattr(scenario, section), entry)) + sign * shift
+            )
     return with_values(scenario, changes)
 
 
 def with_values(scenario: RigScenario, changes: Mapping[str, Mapping[str, float]]) -> RigScenario:
     """The rig with other values, by section and key; ranges are not checked."""
-    sections = {name: getattr(scenario, name).model_copy(update=values) for name, values in changes.items()}
+    sections = {
+        name: getattr(scenario, name).model_copy(update=values) for name, values in changes.items()
+    }
     return scenario.model_copy(update=sections)

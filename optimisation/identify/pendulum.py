@@ -1,7 +1,9 @@
-"""A rig as a pendulum with one degree of freedom, fast enough to be rolled out hundreds of times in a fit.
+"""A rig as a pendulum with one degree of freedom, fast enough to be rolled out hundreds of times in
+a fit.
 
-inertia x acceleration = weight + air + motor - friction, about the motor axis, positive downstream. Inertia, weight and
-air are those of `aerodima.workbench.plants.rig_motion`; a test compares the acceleration with the plant's.
+inertia x acceleration = weight + air + motor - friction, about the motor axis, positive downstream.
+Inertia, weight and air are those of `aerodima.workbench.plants.rig_motion`; a test compares the
+acceleration with the plant's.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ class Pendulum:
     Attributes:
         inertia: about the motor axis without added mass, rotor included, kg m2.
         weight_sine, weight_cosine: weight torque = sine x sin(angle) + cosine x cos(angle), N m.
-        part_distances: of the five equal parts of the tail from the motor axis, m; empty for the bare bar.
+        part_distances: of the five equal parts of the tail from the motor axis, m; empty for the
+            bare bar.
     """
 
     inertia: float
@@ -47,11 +50,15 @@ class Pendulum:
         along = sum(body.mass * body.radius * math.cos(body.phase) for body in motion.bodies)
         across = sum(body.mass * body.radius * math.sin(body.phase) for body in motion.bodies)
         inertia = replace(motion, added_mass=0.0).inertia
-        return cls(inertia, -motion.gravity * along, -motion.gravity * across, motion.added_distances)
+        return cls(
+            inertia, -motion.gravity * along, -motion.gravity * across, motion.added_distances
+        )
 
     @property
     def least_added_mass(self) -> float:
-        """The added mass per part that takes away all inertia, kg; what there is must lie above it."""
+        """The added mass per part that takes away all inertia, kg; what there is must lie above
+        it.
+        """
         return -self.inertia / sum(s * s for s in self.part_distances)
 
     def total_inertia(self, mass_per_part: float) -> float:
@@ -64,7 +71,8 @@ class Pendulum:
         total = self.inertia + mass_per_part * arms
         if total <= 0.0:
             raise FitError(
-                f"an added mass of {mass_per_part:.4g} kg per part takes away more inertia than there is (M + M_added "
+                f"an added mass of {mass_per_part:.4g} kg per part takes away more inertia than "
+                "there is (M + M_added "
                 f"is not positive definite); it must be above {self.least_added_mass:.4g} kg"
             )
         return total
@@ -145,7 +153,8 @@ def roll_out(
         FitError: the inertia is not above zero, or the motion comes apart.
     """
     inverse = 1.0 / pendulum.total_inertia(added_mass)
-    sine, cosine = pendulum.weight_sine, pendulum.weight_cosine
+    sine = pendulum.weight_sine
+    cosine = pendulum.weight_cosine
 
     def acceleration(q: float, w: float, drive: float) -> float:
         total = sine * math.sin(q) + cosine * math.cos(q) + drive
@@ -154,7 +163,8 @@ def roll_out(
         return total * inverse
 
     q, w = start
-    angles, rates = [q], [w]
+    angles = [q]
+    rates = [w]
     for i in range(count - 1):
         drive = motor[i] if motor is not None else 0.0
         rise = 0.5 * ramp[i] if ramp is not None else 0.0
@@ -175,19 +185,34 @@ def torque_response(
     added_mass: float = 0.0,
     ramp: Sequence[float] | None = None,
 ) -> np.ndarray:
-    """How the angles (n) answer to one more newton metre during each step (n - 1): an n x (n - 1) matrix, rad / N m.
+    """How the angles (n) answer to one more newton metre during each step (n - 1): an n x (n - 1)
+    matrix, rad / N m.
 
-    Linear about a motion: the one-step maps are differentiated by finite differences and multiplied up.
+    Linear about a motion: the one-step maps are differentiated by finite differences and multiplied
+    up.
     """
     angles, rates = motion
-    count, small = len(angles), 1e-6
+    count = len(angles)
+    small = 1e-6
     maps = np.empty((count - 1, 2, 2))
     for i in range(count - 1):
         for column, (dq, dw) in enumerate(((small, 0.0), (0.0, small))):
             start = (angles[i] + dq, rates[i] + dw)
             rise = None if ramp is None else [ramp[i]]
-            moved = roll_out(pendulum, torques, start, step, 2, motor=[motor[i]], ramp=rise, added_mass=added_mass)
-            maps[i, :, column] = (moved[0][1] - angles[i + 1]) / small, (moved[1][1] - rates[i + 1]) / small
+            moved = roll_out(
+                pendulum,
+                torques,
+                start,
+                step,
+                2,
+                motor=[motor[i]],
+                ramp=rise,
+                added_mass=added_mass,
+            )
+            maps[i, :, column] = (
+                (moved[0][1] - angles[i + 1]) / small,
+                (moved[1][1] - rates[i + 1]) / small,
+            )
     push = np.array([0.5 * step * step, step]) / pendulum.total_inertia(added_mass)
     response = np.zeros((count, count - 1))
     state = np.zeros((2, count - 1))

@@ -1,9 +1,11 @@
-"""What the published tables allow to recompute (`aerodima fit published`); what is odd in them: ERRATA.md.
+"""What the published tables allow to recompute (`aerodima fit published`); what is odd in them:
+ERRATA.md.
 
-The rig constants that the thesis does not give are fitted jointly to its 200 published holding currents. Given C_D,
-C_L and psi3 of a test, the current that holds the tail still follows from the motor's torque constant k_t N, the jet's
-edge h0, and per tail its centre of mass and the gap in its mount. Errors are relative to the current; beyond 2 % they
-count by the Huber loss, because some published tests are broken (no wind, wrong wind speed).
+The rig constants that the thesis does not give are fitted jointly to its 200 published holding
+currents. Given C_D, C_L and psi3 of a test, the current that holds the tail still follows from the
+motor's torque constant k_t N, the jet's edge h0, and per tail its centre of mass and the gap in its
+mount. Errors are relative to the current; beyond 2 % they count by the Huber loss, because some
+published tests are broken (no wind, wrong wind speed).
 """
 
 from __future__ import annotations
@@ -29,14 +31,19 @@ OUTLIER = 0.03
 """Relative error of a predicted current above which a row is listed."""
 _TOLERANCE = 0.02
 _LEAST_CURRENT = 0.5
-"""The fit takes errors of smaller currents relative to this, A: the tests without wind held almost nothing."""
+"""The fit takes errors of smaller currents relative to this, A: the tests without wind held almost
+nothing."""
 _TAILS = (1, 2, 3)
 _CELL = ["tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s"]
 
 
 def check_published() -> tuple[list[FitResult], dict[str, pd.DataFrame]]:
-    """Recomputes everything: the fits of the rig constants and of the robot tail's line, and all tables by name."""
-    constants, line, table = fit_rig_constants(), robot_tail_line(), recompute_averages()
+    """Recomputes everything: the fits of the rig constants and of the robot tail's line, and all
+    tables by name.
+    """
+    constants = fit_rig_constants()
+    line = robot_tail_line()
+    table = recompute_averages()
     currents = constants.rows
     summary = {
         "holding currents: median of |error|": constants.median_error,
@@ -63,7 +70,9 @@ def static_rows() -> pd.DataFrame:
 
 
 def repeated_speed(rows: pd.DataFrame) -> pd.Series:
-    """Rows that equal those of a lower wind speed at the same tail, axis and angle in every number."""
+    """Rows that equal those of a lower wind speed at the same tail, axis and angle in every
+    number.
+    """
     cell = ["tail", "axis", "angle_of_attack_deg", "test_no"]
     numbers = ["cd", "cl", "psi3_rad", "current_a", "resnorm"]
     ordered = rows.sort_values("wind_speed_m_per_s", kind="stable")
@@ -77,17 +86,21 @@ def _robot_values(rows: pd.DataFrame, table: str) -> np.ndarray:
 
 def published_twin(rows: pd.DataFrame, table: str) -> str:
     """Another table with the same numbers, or an empty string."""
-    mine, others = _robot_values(rows, table), (str(name) for name in rows.source_table.unique() if name != table)
+    mine = _robot_values(rows, table)
+    others = (str(name) for name in rows.source_table.unique() if name != table)
     return next((other for other in others if np.array_equal(mine, _robot_values(rows, other))), "")
 
 
 def duplicated_robot_tables() -> list[str]:
-    """From each pair of equal tables, the one whose lowest relative velocity lies above the wind speed."""
+    """From each pair of equal tables, the one whose lowest relative velocity lies above the wind
+    speed.
+    """
     rows = published_table("robot_tail_drag")
     return [
         str(table)
         for table, group in rows.groupby("source_table", sort=False)
-        if published_twin(rows, str(table)) and group.relative_velocity_m_per_s.min() > group.wind_speed_m_per_s.iloc[0]
+        if published_twin(rows, str(table))
+        and group.relative_velocity_m_per_s.min() > group.wind_speed_m_per_s.iloc[0]
     ]
 
 
@@ -101,7 +114,8 @@ def recompute_averages() -> pd.DataFrame:
     """Every weighted average of Tables 4.7, 6.2, 11.1 and 11.2 recomputed beside the printed one.
 
     Returns:
-        A row per average: table, quantity, published, its `averages`, and `agrees`: whether they differ by no more than
+        A row per average: table, quantity, published, its `averages`, and `agrees`: whether they
+            differ by no more than
         half a unit of the last printed digit.
     """
     entries: list[tuple[str, str, str, pd.Series, pd.Series]] = []
@@ -109,18 +123,35 @@ def recompute_averages() -> pd.DataFrame:
         swings = published_table(name).query("record == 'swing'")
         final = next(row for row in published_rows(name) if row["record"].startswith("published_"))
         for column in ("coulomb_friction_n_m", "viscous_friction_n_m_s_per_rad"):
-            entries.append((swings.source_table.iloc[0], column, final[column], swings[column], swings.resnorm))
+            entries.append(
+                (swings.source_table.iloc[0], column, final[column], swings[column], swings.resnorm)
+            )
     texts = [row["published_weighted_average_kg"] for row in published_rows("added_mass")]
     cells = ["source_table", "tail", "axis", "wind_speed_m_per_s"]
-    for (source, tail, axis, speed), group in published_table("added_mass").groupby(cells, sort=False):
+    for (source, tail, axis, speed), group in published_table("added_mass").groupby(
+        cells, sort=False
+    ):
         label = f"added_mass_kg tail {tail} {axis} {speed:g} m/s"
-        entries.append((str(source), label, texts[group.index[0]], group.added_mass_kg, group.resnorm))
+        entries.append(
+            (str(source), label, texts[group.index[0]], group.added_mass_kg, group.resnorm)
+        )
     rows = []
     for table, quantity, text, values, resnorms in entries:
-        found, published = averages(values.to_numpy(), resnorms.to_numpy()), float(text)
+        found = averages(values.to_numpy(), resnorms.to_numpy())
+        published = float(text)
         half = 0.5 * 10.0 ** -len(text.partition(".")[2])
-        agrees = math.isclose(published, found["weighted"], abs_tol=half * (1.0 + 1e-9), rel_tol=0.0)
-        rows.append({"table": table, "quantity": quantity, "published": published, **found, "agrees": agrees})
+        agrees = math.isclose(
+            published, found["weighted"], abs_tol=half * (1.0 + 1e-9), rel_tol=0.0
+        )
+        rows.append(
+            {
+                "table": table,
+                "quantity": quantity,
+                "published": published,
+                **found,
+                "agrees": agrees,
+            }
+        )
     return pd.DataFrame(rows)
 
 
@@ -144,7 +175,9 @@ def fit_line(
     """
     height = float(np.std(y)) or float(np.max(np.abs(y))) or 1.0
     steepness = height / (float(np.std(x)) or 1.0)
-    parameters = Parameters.of([Parameter(*slope, 0.0, scale=steepness), Parameter(*offset, 0.0, scale=height)])
+    parameters = Parameters.of(
+        [Parameter(*slope, 0.0, scale=steepness), Parameter(*offset, 0.0, scale=height)]
+    )
     design = np.column_stack([x, np.ones_like(x)]) / height
     return fit(
         Problem(parameters, lambda p: design @ p - y / height, lambda p: design, name=name),
@@ -157,10 +190,13 @@ def fit_line(
 
 
 def robot_tail_line() -> FitResult:
-    """C_N = slope v + intercept through the 160 distinct coefficients (Tables 6.3, 11.4-11.7; ERRATA E26)."""
+    """C_N = slope v + intercept through the 160 distinct coefficients (Tables 6.3, 11.4-11.7;
+    ERRATA E26).
+    """
     rows = robot_tail_rows()
     rows = rows.sort_values("relative_velocity_m_per_s")
-    speed, values = rows.relative_velocity_m_per_s.to_numpy(float), rows.cd.to_numpy(float)
+    speed = rows.relative_velocity_m_per_s.to_numpy(float)
+    values = rows.cd.to_numpy(float)
     line = fit_line(
         speed,
         values,
@@ -215,7 +251,9 @@ class RigConstants:
 
 
 def constants_parameters() -> Parameters:
-    """The unknown constants; seed and physical bounds are value and prior in `models/parameters/rig`."""
+    """The unknown constants; seed and physical bounds are value and prior in
+    `models/parameters/rig`.
+    """
     found = [_unknown("maxon", "torque_constant"), _unknown("tunnel", "jet_edge_depth")]
     for tail in _TAILS:
         found += [_unknown(f"tail_{tail}", "com_distance"), _unknown(f"tail_{tail}", "gap")]
@@ -233,7 +271,9 @@ def _unknown(section: str, key: str) -> Parameter:
 def balances() -> dict[int, StaticBalance]:
     """The held rig with each of the three tails, with the parameters of `models/`."""
     return {
-        tail: StaticBalance.of(rig_scenario_from_dict({"experiment": {"kind": "static", "tail": tail}}))
+        tail: StaticBalance.of(
+            rig_scenario_from_dict({"experiment": {"kind": "static", "tail": tail}})
+        )
         for tail in _TAILS
     }
 
@@ -254,7 +294,9 @@ def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> np
     row: Any
     for row in rows.itertuples():
         angle = math.radians(row.angle_of_attack_deg)
-        current = rigs[row.tail].holding_current(angle, row.wind_speed_m_per_s, row.cd, row.cl, row.psi3_rad)
+        current = rigs[row.tail].holding_current(
+            angle, row.wind_speed_m_per_s, row.cd, row.cl, row.psi3_rad
+        )
         currents.append(current)
     return np.array(currents)
 
@@ -284,7 +326,9 @@ def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
         facts={"rows": len(rows)},
     )
     predicted = published + size * errors(np.array([e.value for e in result.free]))
-    table = rows[["source_table", *_CELL, "test_no"]].assign(published_a=published, predicted_a=predicted)
+    table = rows[["source_table", *_CELL, "test_no"]].assign(
+        published_a=published, predicted_a=predicted
+    )
     table["relative_error"] = predicted / published - 1.0
     ordered = table.sort_values("published_a")
     curve = {

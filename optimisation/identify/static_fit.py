@@ -1,7 +1,8 @@
-"""C_D, C_L, psi3 and holding current of a static hold, from its six reactions and its speed (thesis section 4.8).
+"""C_D, C_L, psi3 and holding current of a static hold, from its six reactions and its speed (thesis
+section 4.8).
 
-Algebraic: the balance of the held rig instead of a simulation. The seventh residual is the speed at which the tail
-would creep against its friction if the current did not hold it.
+Algebraic: the balance of the held rig instead of a simulation. The seventh residual is the speed at
+which the tail would creep against its friction if the current did not hold it.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ UNKNOWNS = {
     "psi3": Parameter("psi3", "rad", 0.0, -0.35, 0.35, scale=0.1),
     "current": Parameter("current", "A", 0.0, -10.0, 30.0, scale=5.0),
 }
-"""Within bounds that the published results themselves respect (they break the printed ones: ERRATA E5, E6)."""
+"""Within bounds that the published results themselves respect (they break the printed ones: ERRATA
+E5, E6)."""
 _SURE = 3.0
 """Standard deviations beyond which a prediction is not that of the log."""
 _TURN = 1e-5
@@ -51,19 +53,30 @@ _TURN = 1e-5
 
 
 def static_parameters(data: StaticData, options: FitOptions = FREE) -> Parameters:
-    """The unknowns, from the seeds of Tables 4.9 and 10.1-10.5 at the nearest angle and wind speed."""
-    table, angle = _seed_table(), abs(math.degrees(data.angle))
+    """The unknowns, from the seeds of Tables 4.9 and 10.1-10.5 at the nearest angle and wind
+    speed.
+    """
+    table = _seed_table()
+    angle = abs(math.degrees(data.angle))
     nodes = [node for node in table if str(node[0]) == data.facts["tail"]]
-    seeds = table[min(nodes, key=lambda node: (abs(node[1] - angle) / 15.0, abs(node[2] - data.wind_speed)))]
-    seeded = [replace(p, seed=min(max(seeds[name], p.lower), p.upper)) for name, p in UNKNOWNS.items()]
+    seeds = table[
+        min(nodes, key=lambda node: (abs(node[1] - angle) / 15.0, abs(node[2] - data.wind_speed)))
+    ]
+    seeded = [
+        replace(p, seed=min(max(seeds[name], p.lower), p.upper)) for name, p in UNKNOWNS.items()
+    ]
     return Parameters.of(options.bounded(seeded))
 
 
 @cache
 def _seed_table() -> dict[Any, dict[str, float]]:
     """Tail, angle (degrees) and wind speed -> name -> seed."""
-    cells = published_table("static_seeds").groupby(["tail", "angle_of_attack_deg", "wind_speed_m_per_s"], sort=False)
-    return {node: dict(zip(group.variable, group.x0.tolist(), strict=True)) for node, group in cells}
+    cells = published_table("static_seeds").groupby(
+        ["tail", "angle_of_attack_deg", "wind_speed_m_per_s"], sort=False
+    )
+    return {
+        node: dict(zip(group.variable, group.x0.tolist(), strict=True)) for node, group in cells
+    }
 
 
 class StaticResidual:
@@ -73,10 +86,12 @@ class StaticResidual:
     """
 
     def __init__(self, data: StaticData) -> None:
-        self._data, self._balance = data, StaticBalance.of(data.scenario)
+        self._data = data
+        self._balance = StaticBalance.of(data.scenario)
         self._rows = [i for i in range(6) if data.present[i]]
         self._weights = accuracies()[self._rows]
-        speed, friction = speed_accuracy(), data.scenario.friction
+        speed = speed_accuracy()
+        friction = data.scenario.friction
         # Torque per speed at rest: viscous friction + tanh gain x Coulomb friction.
         creep = 1.0 / ((friction.viscous + friction.tanh_gain * friction.coulomb) * speed)
         self._scale = np.append(1.0 / self._weights, creep)
@@ -94,7 +109,10 @@ class StaticResidual:
         """Where each channel stands and what its residual was divided by."""
         names = [*(REACTIONS[i] for i in self._rows), "speed"]
         weights = [*self._weights.tolist(), speed_accuracy()]
-        return {name: (slice(i, i + 1), w) for i, (name, w) in enumerate(zip(names, weights, strict=True))}
+        return {
+            name: (slice(i, i + 1), w)
+            for i, (name, w) in enumerate(zip(names, weights, strict=True))
+        }
 
     def _effect(self, psi: float) -> np.ndarray:
         """Weighted rows of bar, unit C_D and unit C_L (3 x m)."""
@@ -111,10 +129,16 @@ class StaticResidual:
         return self._constant + bar + cd * drag + cl * lift + current * self._motor
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """d residual / d unknowns: exact in C_D, C_L and current, a central difference over psi3."""
+        """d residual / d unknowns: exact in C_D, C_L and current, a central difference over
+        psi3.
+        """
         cd, cl, psi, _ = x.tolist()
         here = self._effect(psi)
-        turn = np.array([1.0, cd, cl]) @ (self._effect(psi + _TURN) - self._effect(psi - _TURN)) / (2.0 * _TURN)
+        turn = (
+            np.array([1.0, cd, cl])
+            @ (self._effect(psi + _TURN) - self._effect(psi - _TURN))
+            / (2.0 * _TURN)
+        )
         self._last = (psi, here)
         return np.array([here[1], here[2], turn, self._motor]).T
 
@@ -128,10 +152,17 @@ class StaticResidual:
         )
         covariance[count, count] = (data.speed_deviation / speed_accuracy()) ** 2
         rounding = math.sqrt(3.0) * data.angle_deviation * self._angle_slope(solution.x)
-        return Noise(covariance + np.outer(rounding, rounding) / 3.0, np.inf, data.effective_samples, rounding)
+        return Noise(
+            covariance + np.outer(rounding, rounding) / 3.0,
+            np.inf,
+            data.effective_samples,
+            rounding,
+        )
 
     def _weight(self, angle: float) -> tuple[np.ndarray, float]:
-        """Reactions of the weight that are in the readings (6) and torque of the weight about the motor axis."""
+        """Reactions of the weight that are in the readings (6) and torque of the weight about the
+        motor axis.
+        """
         reactions, torque = self._balance.hanging(angle)
         if self._data.tare is None:
             return reactions, torque
@@ -142,7 +173,8 @@ class StaticResidual:
     def _angle_slope(self, x: np.ndarray) -> np.ndarray:
         """d residual / d angle."""
         cd, cl, psi, _ = x.tolist()
-        shares, data = np.array([1.0, cd, cl]), self._data
+        shares = np.array([1.0, cd, cl])
+        data = self._data
         ends = []
         for angle in (data.angle + _TURN, data.angle - _TURN):
             weight, torque = self._weight(angle)
@@ -163,7 +195,8 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     Raises:
         FitError: fewer axes than unknowns, or the problem could not be solved.
     """
-    problem, residual = static_problem(data, options), StaticResidual(data)
+    problem = static_problem(data, options)
+    residual = StaticResidual(data)
     facts: dict[str, Any] = dict(data.facts)
     if math.isfinite(data.current):
         facts["logged_current_a"] = data.current
@@ -180,22 +213,29 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     warnings = [*result.warnings, *_against_logged_current(result, data)]
     if data.still and exposed > 0.0:
         warnings.append(
-            "the readings change after the rest phase by no more than noise and drift can do, although the wind of "
+            "the readings change after the rest phase by no more than noise and drift can do, "
+            "although the wind of "
             f"{data.wind_speed:g} m/s meets the tail: is the wind off in it?"
         )
     return replace(result, rig=differences(data.scenario), warnings=tuple(warnings))
 
 
 def _uncertain_rig(data: StaticData) -> UncertainRig:
-    """The hold with the rig's constants as unknowns; the biases of the readings are then no noise."""
+    """The hold with the rig's constants as unknowns; the biases of the readings are then no
+    noise.
+    """
     exact = data
     if any(p.name in BIASES for p in data.constants):
-        exact = replace(data, covariance=data.covariance - np.diag(np.square(data.offset_deviation)))
+        exact = replace(
+            data, covariance=data.covariance - np.diag(np.square(data.offset_deviation))
+        )
 
     def problem(parameters: Parameters) -> Problem:
         def residual(x: np.ndarray) -> np.ndarray:
             values = parameters.values(x)
-            return StaticResidual(shifted_data(exact, values))(np.array([values[name] for name in UNKNOWNS]))
+            return StaticResidual(shifted_data(exact, values))(
+                np.array([values[name] for name in UNKNOWNS])
+            )
 
         return Problem(parameters, residual, name=data.name)
 
@@ -234,8 +274,10 @@ def _against_logged_current(result: FitResult, data: StaticData) -> list[str]:
     if abs(found.value - data.current) <= reach + stuck:
         return []
     return [
-        f"the fit holds the tail with {found.value:.4g} A, the log has {data.current:.4g} A: they differ by more than "
-        f"their uncertainty ({reach:.2g} A) and Coulomb friction ({stuck:.2g} A); is maxon.torque_constant "
+        f"the fit holds the tail with {found.value:.4g} A, the log has {data.current:.4g} A: they "
+        "differ by more than "
+        f"their uncertainty ({reach:.2g} A) and Coulomb friction ({stuck:.2g} A); is "
+        "maxon.torque_constant "
         f"{motor:g} N m/A that of this rig (--set)?"
     ]
 
@@ -259,7 +301,8 @@ def fit_static_log(
 
 Vector3 = tuple[float, float, float]
 UPRIGHT_MARGIN = math.radians(0.5)
-"""A tail that hangs straight within this has its lift to the root, on whichever side of 0 an encoder reads it."""
+"""A tail that hangs straight within this has its lift to the root, on whichever side of 0 an
+encoder reads it."""
 
 _DRAG = PolarLaw(1.0, 0.0)
 _LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
@@ -284,7 +327,10 @@ class StaticBalance:
     def of(cls, scenario: RigScenario) -> StaticBalance:
         """The balance of a scenario with a cheetah tail."""
         if not scenario.has_cheetah_tail:
-            raise FitError(f"static fit: experiment {scenario.experiment.kind!r} has no cheetah tail on the rig")
+            raise FitError(
+                f"static fit: experiment {scenario.experiment.kind!r} has no cheetah tail on the "
+                "rig"
+            )
         x, y, z = pivot_position(scenario.mount).tolist()
         return cls(scenario, (x, y, z), tail_layout(scenario), bar_layout(scenario))
 
@@ -308,10 +354,15 @@ class StaticBalance:
         return Jet.below_pivot(self.pivot, tunnel.jet_edge_depth, psi, tunnel.jet_slope)
 
     def hanging(self, angle: float) -> tuple[np.ndarray, float]:
-        """Reactions (6: N, N m) and the torque about the motor axis (positive downstream, N m) of the weight alone."""
+        """Reactions (6: N, N m) and the torque about the motor axis (positive downstream, N m) of
+        the weight alone.
+        """
         a = np.array(hanging_axis(angle))
-        root, pivot = self.root_distance * a, np.asarray(self.pivot)
-        mount, bar, tail = self.scenario.mount, self.scenario.bar, self.scenario.cheetah_tail
+        root = self.root_distance * a
+        pivot = np.asarray(self.pivot)
+        mount = self.scenario.mount
+        bar = self.scenario.bar
+        tail = self.scenario.cheetah_tail
         bodies = [
             (mount.mass, np.array([mount.com_x, mount.com_y, mount.com_z])),
             (bar.mass, pivot + bar.com_distance * a),
@@ -324,16 +375,20 @@ class StaticBalance:
         return np.array([0.0, 0.0, mass * g, g * first[1], -g * first[0], 0.0]), float(g * swinging)
 
     def wind_effect(self, angle: float, wind_speed: float, psi: float) -> np.ndarray:
-        """What the wind adds: rows bar, unit C_D and unit C_L of the tail; columns reactions (6) and axis torque.
+        """What the wind adds: rows bar, unit C_D and unit C_L of the tail; columns reactions (6)
+        and axis torque.
 
         Args:
-            angle: rad; a tail that hangs within half a degree of straight down has its lift to the root.
+            angle: rad; a tail that hangs within half a degree of straight down has its lift to the
+                root.
             wind_speed: m/s.
             psi: rad.
         """
         wind = (wind_speed * math.sin(psi), -wind_speed * math.cos(psi), 0.0)
-        jet, misalignment = self.jet(psi), self.scenario.tunnel.misalignment
-        a, b = hanging_axis(angle), self.tail_axis(angle)
+        jet = self.jet(psi)
+        misalignment = self.scenario.tunnel.misalignment
+        a = hanging_axis(angle)
+        b = self.tail_axis(angle)
         bar = self._forces((_DRAG,), self.bar, 0.0, a, a, wind, jet)[0]
         tail = self._forces((_DRAG, _LIFT), self.tail, self.root_distance, a, b, wind, jet)
         if -UPRIGHT_MARGIN < angle < 0.0 <= misalignment and angle + misalignment < 0.0:
@@ -350,17 +405,23 @@ class StaticBalance:
         wind: Vector3,
         jet: Jet,
     ) -> list[list[float]]:
-        """Rows of reactions and axis torque per law, for sections along b that begin at the distance `root` along a."""
+        """Rows of reactions and axis torque per law, for sections along b that begin at the
+        distance `root` along a.
+        """
         p_WR = tuple(p + root * d for p, d in zip(self.pivot, a, strict=True))
         interval = jet.exposed_interval(layout, p_WR, b)
         if interval is None:
             return [[0.0] * 7] * len(laws)
-        area, middle = (interval[1] - interval[0]) * layout.chord, 0.5 * (interval[0] + interval[1])
+        area = (interval[1] - interval[0]) * layout.chord
+        middle = 0.5 * (interval[0] + interval[1])
         x, y, z = (p + middle * d for p, d in zip(p_WR, b, strict=True))
-        arm_y, arm_z = y - self.pivot[1], z - self.pivot[2]
+        arm_y = y - self.pivot[1]
+        arm_z = z - self.pivot[2]
         rows = []
         for law in laws:
-            f, g, h = law.section_force(wind, b, layout.normal_B, area, self.scenario.environment.air_density)
+            f, g, h = law.section_force(
+                wind, b, layout.normal_B, area, self.scenario.environment.air_density
+            )
             moment = (z * g - y * h, x * h - z * f, y * f - x * g)
             rows.append([-f, -g, -h, *moment, arm_z * g - arm_y * h])
         return rows
@@ -371,7 +432,9 @@ class StaticBalance:
         interval = self.jet(psi).exposed_interval(self.tail, root.tolist(), self.tail_axis(angle))
         return 0.0 if interval is None else float(interval[1] - interval[0])
 
-    def holding_current(self, angle: float, wind_speed: float, cd: float, cl: float, psi: float) -> float:
+    def holding_current(
+        self, angle: float, wind_speed: float, cd: float, cl: float, psi: float
+    ) -> float:
         """The current that holds the tail still, A."""
         effect = self.wind_effect(angle, wind_speed, psi)
         torque = self.hanging(angle)[1] + float(np.array([1.0, cd, cl]) @ effect[:, 6])

@@ -1,9 +1,11 @@
-"""A static log as data of a fit: mean wrench, angle and speed of the hold, with the covariance of their errors.
+"""A static log as data of a fit: mean wrench, angle and speed of the hold, with the covariance of
+their errors.
 
-With a rest phase (wind off, same angle) in the log, a line of time (drift) and a step where the wind begins go through
-all samples of rest and hold together, because the hold helps to find the drift too: the bias goes, and only noise is
-left. Without one the bias stays, and its standard deviation is what the log states (`offsets_uncertainty`), else what
-the drift since a tare can do, else the accuracy of the scenario (Table 4.8).
+With a rest phase (wind off, same angle) in the log, a line of time (drift) and a step where the
+wind begins go through all samples of rest and hold together, because the hold helps to find the
+drift too: the bias goes, and only noise is left. Without one the bias stays, and its standard
+deviation is what the log states (`offsets_uncertainty`), else what the drift since a tare can do,
+else the accuracy of the scenario (Table 4.8).
 """
 
 from __future__ import annotations
@@ -46,9 +48,11 @@ REACTIONS = ("fx", "fy", "fz", "tx", "ty", "tz")
 COLUMNS = {c: f"force_{c[1]}_n" if c[0] == "f" else f"torque_{c[1]}_n_m" for c in REACTIONS}
 RATE = "angular_velocity_rad_per_s"
 OFFSETS = "offsets_to_add"
-"""Key in a log's `extra`: what the sensor was zeroed at, N and N m; zeros once it has been added."""
+"""Key in a log's `extra`: what the sensor was zeroed at, N and N m; zeros once it has been added.
+"""
 OFFSETS_UNCERTAINTY = "offsets_uncertainty"
-"""Key in a log's `extra`: standard deviation of what is left of the readings' offsets (6), N and N m."""
+"""Key in a log's `extra`: standard deviation of what is left of the readings' offsets (6), N and N
+m."""
 TARED = "tared_angle_rad"
 """Key in a log's `extra`: angle at which the sensor was zeroed without wind just before, rad."""
 LEAST_SAMPLES = 100
@@ -56,7 +60,8 @@ _LARGEST_WANDER = math.radians(1.0)
 CURRENT_MARGIN = 2.0
 """Logged currents beyond this many times the motor's limit are of another unit."""
 _NO_CHANGE = 4.0
-"""Standard deviations of noise and drift within which the readings of hold and rest are the same."""
+"""Standard deviations of noise and drift within which the readings of hold and rest are the same.
+"""
 _LARGEST_FORCE, _LARGEST_TORQUE = 1000.0, 40.0
 """About twice the range of the Axia80-M20, N and N m: larger readings are of another unit."""
 _ROUNDS, _SETTLED = 40, 1e-4
@@ -72,19 +77,25 @@ class StaticData:
         name: of the log.
         scenario: of the rig it was made on.
         angle, wind_speed: rad, m/s.
-        wrench: mean reading plus offset (6), without the weight at `tare`; NaN for an axis that is missing.
-        tare: angle at which the weight was taken out, rad: that of the hold after a rest; None: the weight is in it.
+        wrench: mean reading plus offset (6), without the weight at `tare`; NaN for an axis that is
+            missing.
+        tare: angle at which the weight was taken out, rad: that of the hold after a rest; None: the
+            weight is in it.
         covariance: of the error of the mean wrench (6 x 6); rows of missing axes are meaningless.
         present: which of the six axes are there (6).
         speed: mean of the logged rate, rad/s; zero when it was not logged.
         speed_deviation: standard deviation of its error, rad/s.
-        angle_deviation: of the error of the angle (half a count of the encoder, evenly spread), rad.
-        current, current_deviation: mean of the logged current and standard deviation of its error, A; NaN without.
+        angle_deviation: of the error of the angle (half a count of the encoder, evenly spread),
+            rad.
+        current, current_deviation: mean of the logged current and standard deviation of its error,
+            A; NaN without.
         effective_samples: that the hold counts as.
         facts: tail, axis, angle_deg, wind_speed_m_per_s for reports.
-        offset_deviation: standard deviation of what is left of the offsets (6), in `covariance` too.
+        offset_deviation: standard deviation of what is left of the offsets (6), in `covariance`
+            too.
         constants: of the rig that are not exact, see `constant_parameters`.
-        still: whether the readings change after a rest phase by no more than noise and drift can do.
+        still: whether the readings change after a rest phase by no more than noise and drift can
+            do.
         warnings: of the log.
     """
 
@@ -109,18 +120,21 @@ class StaticData:
     warnings: tuple[str, ...]
 
 
-def static_data(log: RunLog, rest: tuple[float, float] | None = None, options: FitOptions = FREE) -> StaticData:
+def static_data(
+    log: RunLog, rest: tuple[float, float] | None = None, options: FitOptions = FREE
+) -> StaticData:
     """Checks a static log and takes from it what the fit needs.
 
     Args:
         log: of kind `static`.
-        rest: first and last time of the rest phase (wind off), s; by default `rest_s` of the log's metadata, if it is
-            there.
+        rest: first and last time of the rest phase (wind off), s; by default `rest_s` of the log's
+            metadata, if it is there.
         options: rig, its constants, loss of the samples.
 
     Raises:
         LogError: unsorted time, gap or NaN, with column and time.
-        FitError: not a static log, too short, the angle is not held, numbers that must be of another unit.
+        FitError: not a static log, too short, the angle is not held, numbers that must be of
+            another unit.
         ScenarioError: the rig is wrong.
     """
     name = log.source or "static log"
@@ -128,13 +142,16 @@ def static_data(log: RunLog, rest: tuple[float, float] | None = None, options: F
         return _static_data(log, rest if rest is not None else stated_rest(log), name, options)
 
 
-def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str, options: FitOptions) -> StaticData:
+def _static_data(
+    log: RunLog, rest: tuple[float, float] | None, name: str, options: FitOptions
+) -> StaticData:
     time, angle = checked_angle(log, "static", LEAST_SAMPLES)
     scenario = rig_of(log, "static", options)
     speed = wind_speed(log, 1e-3, LARGEST_SPEED)
     if np.ptp(angle) > _LARGEST_WANDER:
         raise FitError(
-            f"the angle moves by {math.degrees(float(np.ptp(angle))):.2f} degrees; a static log holds it "
+            f"the angle moves by {math.degrees(float(np.ptp(angle))):.2f} degrees; a static log "
+            "holds it "
             f"within {math.degrees(_LARGEST_WANDER):g} degree"
         )
     hold = np.ones(len(time), bool) if rest is None else _hold_mask(time, rest)
@@ -143,17 +160,26 @@ def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str, optio
     step = None if rest is None else hold[used].astype(float)
     mean = hold_mean(time[used], np.stack(list(columns.values()))[:, used], step, options.loss)
     held = float(np.mean(angle[hold]))
-    log.stated(OFFSETS, len(REACTIONS))  # refused where it cannot be right, also if a rest makes it unneeded
-    offset = (np.zeros(6), np.zeros(6), held) if rest is not None else _stated_offset(log, scenario, warnings)
+    log.stated(
+        OFFSETS, len(REACTIONS)
+    )  # refused where it cannot be right, also if a rest makes it unneeded
+    offset = (
+        (np.zeros(6), np.zeros(6), held)
+        if rest is not None
+        else _stated_offset(log, scenario, warnings)
+    )
     added, deviation, tare = offset
     channels = [i for i, channel in enumerate(REACTIONS) if channel in columns]
-    wrench, variance = np.full(6, np.nan), np.zeros(6)
+    wrench = np.full(6, np.nan)
+    variance = np.zeros(6)
     wrench[channels] = mean.value + added[channels]
     variance[channels] = mean.variance + np.square(deviation[channels])
     warnings += _residual_warnings(mean, list(columns), time[used])
     rate, rate_deviation = _mean_rate(log, time, hold, scenario.count_angle)
     current, current_deviation = _mean_current(log, hold, scenario, warnings)
-    biases = {name: value for name, value in zip(BIASES, deviation.tolist(), strict=True) if value > 0.0}
+    biases = {
+        name: value for name, value in zip(BIASES, deviation.tolist(), strict=True) if value > 0.0
+    }
     return StaticData(
         name=name,
         scenario=scenario,
@@ -188,7 +214,8 @@ def _hold_mask(time: np.ndarray, rest: tuple[float, float]) -> np.ndarray:
     hold = time > rest[1]
     if resting < LEAST_SAMPLES or np.count_nonzero(hold) < LEAST_SAMPLES:
         raise FitError(
-            f"{resting} samples in the rest phase {rest[0]:g} to {rest[1]:g} s and {np.count_nonzero(hold)} after it; "
+            f"{resting} samples in the rest phase {rest[0]:g} to {rest[1]:g} s and "
+            f"{np.count_nonzero(hold)} after it; "
             f"at least {LEAST_SAMPLES} of each are needed"
         )
     return hold
@@ -206,9 +233,14 @@ def _readings(log: RunLog, time: np.ndarray) -> tuple[dict[str, np.ndarray], lis
         check_signals(time, {column: values}, largest_step=np.inf)
         limit = _LARGEST_FORCE if channel.startswith("f") else _LARGEST_TORQUE
         if np.max(np.abs(values)) > limit:
-            raise FitError(f"column {column!r} reaches {np.max(np.abs(values)):g}, beyond {limit:g}; wrong unit?")
+            raise FitError(
+                f"column {column!r} reaches {np.max(np.abs(values)):g}, beyond {limit:g}; wrong "
+                "unit?"
+            )
         if np.ptp(values) == 0.0:
-            warnings.append(f"{column} is constant ({values[0]:g}), a dead channel: fitted without it")
+            warnings.append(
+                f"{column} is constant ({values[0]:g}), a dead channel: fitted without it"
+            )
             continue
         columns[channel] = values
     if not columns:
@@ -216,21 +248,32 @@ def _readings(log: RunLog, time: np.ndarray) -> tuple[dict[str, np.ndarray], lis
     return columns, warnings
 
 
-def _mean_current(log: RunLog, hold: np.ndarray, scenario: RigScenario, warnings: list[str]) -> tuple[float, float]:
-    """Mean logged current of the hold and the deviation of its error, NaN without a usable one; it is not fitted."""
+def _mean_current(
+    log: RunLog, hold: np.ndarray, scenario: RigScenario, warnings: list[str]
+) -> tuple[float, float]:
+    """Mean logged current of the hold and the deviation of its error, NaN without a usable one; it
+    is not fitted.
+    """
     if CURRENT not in log.table.columns:
         return math.nan, math.nan
     values = log.signal(CURRENT)[hold]
-    mean, limit = float(np.mean(values)), CURRENT_MARGIN * scenario.maxon.current_limit
+    mean = float(np.mean(values))
+    limit = CURRENT_MARGIN * scenario.maxon.current_limit
     if abs(mean) <= limit:
         lag = correlation_time(values[:_MOST_CORRELATED])
         return mean, float(np.std(values)) * math.sqrt(lag / len(values))
-    warnings.append(f"{CURRENT} is {mean:.4g} in the mean, beyond {limit:g} A (is it in mA?): not compared")
+    warnings.append(
+        f"{CURRENT} is {mean:.4g} in the mean, beyond {limit:g} A (is it in mA?): not compared"
+    )
     return math.nan, math.nan
 
 
-def _mean_rate(log: RunLog, time: np.ndarray, hold: np.ndarray, count: float) -> tuple[float, float]:
-    """Mean speed of the hold and the deviation of its error: half a count at either end, over its length."""
+def _mean_rate(
+    log: RunLog, time: np.ndarray, hold: np.ndarray, count: float
+) -> tuple[float, float]:
+    """Mean speed of the hold and the deviation of its error: half a count at either end, over its
+    length.
+    """
     length = float(time[hold][-1] - time[hold][0])
     deviation = count / math.sqrt(6.0) / length
     if RATE not in log.table.columns:
@@ -246,26 +289,37 @@ def _stated_offset(
     """Offsets of a hold without rest: those that the log states, else those of the scenario.
 
     Returns:
-        What is added to the readings (6), the standard deviation of what is then left (6), and `StaticData.tare`.
+        What is added to the readings (6), the standard deviation of what is then left (6), and
+        `StaticData.tare`.
 
     Raises:
         LogError, FitError: nonsense in the metadata.
     """
     accuracy = np.asarray(scenario.force_sensor.accuracies)
-    tared, stated = log.extra.get(TARED), log.stated(OFFSETS_UNCERTAINTY, len(REACTIONS))
+    tared = log.extra.get(TARED)
+    stated = log.stated(OFFSETS_UNCERTAINTY, len(REACTIONS))
     if tared is not None and (isinstance(tared, bool) or not isinstance(tared, int | float)):
         raise FitError(f"metadata {TARED!r} is {tared!r}; an angle in rad is needed")
     if stated is not None and min(stated) < 0.0:
-        raise FitError(f"metadata {OFFSETS_UNCERTAINTY!r} is {list(stated)}; six numbers of at least 0 are needed")
+        raise FitError(
+            f"metadata {OFFSETS_UNCERTAINTY!r} is {list(stated)}; six numbers of at least 0 are "
+            "needed"
+        )
     if stated is not None:
         deviation = np.asarray(stated)
     elif tared is not None:
-        deviation = accuracy * scenario.force_sensor.drift_fraction * float(log.time[-1] - min(log.time[0], 0.0))
+        deviation = (
+            accuracy
+            * scenario.force_sensor.drift_fraction
+            * float(log.time[-1] - min(log.time[0], 0.0))
+        )
     else:
         deviation = accuracy
         warnings.append(
-            "no rest phase: bias and drift stay in the readings; the sensor's accuracy is taken as their standard "
-            f"deviation (state {OFFSETS_UNCERTAINTY} or {TARED} in the log if it was tared or calibrated)"
+            "no rest phase: bias and drift stay in the readings; the sensor's accuracy is taken "
+            "as their standard "
+            f"deviation (state {OFFSETS_UNCERTAINTY} or {TARED} in the log if it was tared or "
+            "calibrated)"
         )
     if tared is not None:
         return np.zeros(6), deviation, float(tared)
@@ -290,7 +344,9 @@ class HoldMean:
     checks: tuple[ResidualCheck, ...]
 
 
-def hold_mean(time: np.ndarray, values: np.ndarray, step: np.ndarray | None, loss: Loss = "squares") -> HoldMean:
+def hold_mean(
+    time: np.ndarray, values: np.ndarray, step: np.ndarray | None, loss: Loss = "squares"
+) -> HoldMean:
     """Fits a line of time, and the step.
 
     Args:
@@ -302,7 +358,10 @@ def hold_mean(time: np.ndarray, values: np.ndarray, step: np.ndarray | None, los
     design = np.stack([np.ones_like(time), time - time.mean(), *([] if step is None else [step])])
     place = 0 if step is None else len(design) - 1
     inverse = np.linalg.inv(design @ design.T)
-    value, variance, lags, checks = [], [], [], []
+    value = []
+    variance = []
+    lags = []
+    checks = []
     for row in values:
         found, scatter, spoilt = _coefficients(row, design, loss)
         lag = correlation_time(scatter[:_MOST_CORRELATED])
@@ -313,12 +372,16 @@ def hold_mean(time: np.ndarray, values: np.ndarray, step: np.ndarray | None, los
         check = check_residual(scatter, len(design))
         if loss == "squares" and (check.far_off or chance_of([check]) < CHANCE):
             # What lies far off has bent the fit: how far shows against one that it has bent less.
-            check = check_residual(row - _coefficients(row, design, "huber")[0] @ design, len(design))
+            check = check_residual(
+                row - _coefficients(row, design, "huber")[0] @ design, len(design)
+            )
         checks.append(check)
     return HoldMean(np.array(value), np.array(variance), np.array(lags), tuple(checks))
 
 
-def _coefficients(row: np.ndarray, design: np.ndarray, loss: Loss) -> tuple[np.ndarray, np.ndarray, float]:
+def _coefficients(
+    row: np.ndarray, design: np.ndarray, loss: Loss
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Coefficients; the residual, clipped by `huber`; by how much that widens the variance."""
     found = row @ design.T @ np.linalg.inv(design @ design.T)
     residual = row - found @ design
@@ -329,7 +392,8 @@ def _coefficients(row: np.ndarray, design: np.ndarray, loss: Loss) -> tuple[np.n
         if scale == 0.0:
             return found, residual, 1.0
         weight = _huber_weight(residual / scale)
-        before, found = found, (row * weight) @ design.T @ np.linalg.inv((design * weight) @ design.T)
+        before = found
+        found = (row * weight) @ design.T @ np.linalg.inv((design * weight) @ design.T)
         residual = row - found @ design
         if np.max(np.abs((found - before) @ design)) < _SETTLED * scale:
             break
@@ -343,27 +407,39 @@ def _huber_weight(size: np.ndarray) -> np.ndarray:
 
 def _residual_warnings(mean: HoldMean, channels: list[str], time: np.ndarray) -> list[str]:
     """What the readings do that noise does not."""
-    far = {name: check for name, check in zip(channels, mean.checks, strict=True) if check.far_off >= FEW_FAR_OFF}
+    far = {
+        name: check
+        for name, check in zip(channels, mean.checks, strict=True)
+        if check.far_off >= FEW_FAR_OFF
+    }
     warnings = []
     if far:
         worst = max(far.values(), key=lambda check: check.far_off)
         warnings.append(
-            f"{', '.join(far)}: up to {worst.far_off} samples lie more than {FAR_OFF:g} standard deviations off, the "
+            f"{', '.join(far)}: up to {worst.far_off} samples lie more than {FAR_OFF:g} standard "
+            "deviations off, the "
             f"first at {time[worst.first]:g} s: no noise does that (try --loss huber)"
         )
     if chance_of(mean.checks) < CHANCE:
         name, check = max(zip(channels, mean.checks, strict=True), key=lambda pair: pair[1].wander)
         warnings.append(
-            f"the readings wander about the fitted drift as noise does not ({name}: by up to {check.swing:.2g}, slow "
+            f"the readings wander about the fitted drift as noise does not ({name}: by up to "
+            f"{check.swing:.2g}, slow "
             f"power {check.wander:.3g} times that of its noise): the intervals are too narrow"
         )
     return warnings
 
 
-def _is_still(mean: HoldMean, scenario: RigScenario, channels: list[int], time: np.ndarray, hold: np.ndarray) -> bool:
-    """Whether no reading steps by more than noise, the drift of the sensor and the wander that is seen can do."""
+def _is_still(
+    mean: HoldMean, scenario: RigScenario, channels: list[int], time: np.ndarray, hold: np.ndarray
+) -> bool:
+    """Whether no reading steps by more than noise, the drift of the sensor and the wander that is
+    seen can do.
+    """
     sensor = scenario.force_sensor
     between = float(time[hold].mean() - time[~hold].mean())
     drift = np.asarray(sensor.accuracies)[channels] * sensor.drift_fraction * between
     seen = np.array([check.swing for check in mean.checks])
-    return bool(np.all(np.abs(mean.value) < _NO_CHANGE * np.sqrt(mean.variance + drift**2) + 2.0 * seen))
+    return bool(
+        np.all(np.abs(mean.value) < _NO_CHANGE * np.sqrt(mean.variance + drift**2) + 2.0 * seen)
+    )

@@ -1,7 +1,9 @@
-"""What swings are fitted for: friction of bar and robot tail, added mass of a cheetah tail, C_N of the robot tail.
+"""What swings are fitted for: friction of bar and robot tail, added mass of a cheetah tail, C_N of
+the robot tail.
 
-Friction from free or motor-driven swings: thesis eq. 4.12 corrected, Tables 4.7 and 6.2. Added mass is fitted to the
-position only (section 4.9). C_N over the relative speed is what the thesis tuned by hand (section 6.3.3).
+Friction from free or motor-driven swings: thesis eq. 4.12 corrected, Tables 4.7 and 6.2. Added mass
+is fitted to the position only (section 4.9). C_N over the relative speed is what the thesis tuned
+by hand (section 6.3.3).
 """
 
 from __future__ import annotations
@@ -18,7 +20,13 @@ import numpy as np
 from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.log_rig import FREE, FitOptions
-from aerodima.optimisation.identify.pendulum import Pendulum, Torque, air_torque, friction_torque, known_friction
+from aerodima.optimisation.identify.pendulum import (
+    Pendulum,
+    Torque,
+    air_torque,
+    friction_torque,
+    known_friction,
+)
 from aerodima.optimisation.identify.swing_fit import SwingModel, Values
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
 from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable
@@ -41,7 +49,8 @@ _SCANNED, _SCANNED_LENGTH = 24, 1.0
 
 
 def fit_friction_log(path: str | Path, *, options: FitOptions = FREE) -> FitResult:
-    """Coulomb and viscous friction of a free swing, see `fit_friction`; of a bar swing or a robot swing.
+    """Coulomb and viscous friction of a free swing, see `fit_friction`; of a bar swing or a robot
+    swing.
 
     Raises:
         UserError: what is wrong with the log or the options.
@@ -60,9 +69,15 @@ def fit_added_mass_log(path: str | Path, *, options: FitOptions = FREE) -> FitRe
     return fit_added_mass(swing_data(read_run_log(path), "swing", options=options), options)
 
 
-def fit_robot_tail_log(path: str | Path, *, shape: Shape = "constant", options: FitOptions = FREE) -> FitResult:
-    """Normal-force coefficient of a robot swing as a function of the relative speed, see `fit_robot_tail`."""
-    return fit_robot_tail(swing_data(read_run_log(path), "robot_swing", options=options), shape, options)
+def fit_robot_tail_log(
+    path: str | Path, *, shape: Shape = "constant", options: FitOptions = FREE
+) -> FitResult:
+    """Normal-force coefficient of a robot swing as a function of the relative speed, see
+    `fit_robot_tail`.
+    """
+    return fit_robot_tail(
+        swing_data(read_run_log(path), "robot_swing", options=options), shape, options
+    )
 
 
 def fit_friction(data: SwingData, options: FitOptions = FREE) -> FitResult:
@@ -76,8 +91,13 @@ def fit_friction(data: SwingData, options: FitOptions = FREE) -> FitResult:
         FitError: another kind of swing, or no rollout exists.
     """
     if data.scenario.has_cheetah_tail:
-        raise FitError(f"{data.name}: friction is fitted on bar or robot swings, not with a cheetah tail in the wind")
-    return SwingModel(data, friction_law).fit(friction_parameters(data.scenario.is_robot), options=options)
+        raise FitError(
+            f"{data.name}: friction is fitted on bar or robot swings, not with a cheetah tail in "
+            "the wind"
+        )
+    return SwingModel(data, friction_law).fit(
+        friction_parameters(data.scenario.is_robot), options=options
+    )
 
 
 def friction_parameters(robot: bool = False) -> list[Parameter]:
@@ -86,7 +106,9 @@ def friction_parameters(robot: bool = False) -> list[Parameter]:
     row = table[table.record == ("published_final_value" if robot else "seed")].iloc[0]
     return [
         Parameter("coulomb", "N m", float(row.coulomb_friction_n_m), 0.0, 2.0, scale=0.05),
-        Parameter("viscous", "N m s/rad", float(row.viscous_friction_n_m_s_per_rad), 0.0, 1.0, scale=0.02),
+        Parameter(
+            "viscous", "N m s/rad", float(row.viscous_friction_n_m_s_per_rad), 0.0, 1.0, scale=0.02
+        ),
     ]
 
 
@@ -101,8 +123,12 @@ def friction_law(data: SwingData) -> Callable[[Values], list[Torque]]:
 
 
 def motor_of(scenario: RigScenario) -> Torque:
-    """The AK70-10 in MIT mode after the release: tau = kp (target - q) - kd w, within its torque (design section 6)."""
-    kp, kd, goal = scenario.robot.kp, scenario.robot.kd, scenario.experiment.target
+    """The AK70-10 in MIT mode after the release: tau = kp (target - q) - kd w, within its torque
+    (design section 6).
+    """
+    kp = scenario.robot.kp
+    kd = scenario.robot.kd
+    goal = scenario.experiment.target
     limit = scenario.robot_motor.torque_limit
 
     def torque(angle: float, rate: float) -> float:
@@ -112,14 +138,19 @@ def motor_of(scenario: RigScenario) -> Torque:
 
 
 def potential_flow_mass(data: SwingData) -> float:
-    """rho pi R^2 of the length of one part (eq. 2.6), kg: a circular cylinder of the mean of both widths."""
-    tail, density = data.scenario.cheetah_tail, data.scenario.environment.air_density
+    """rho pi R^2 of the length of one part (eq. 2.6), kg: a circular cylinder of the mean of both
+    widths.
+    """
+    tail = data.scenario.cheetah_tail
+    density = data.scenario.environment.air_density
     radius = 0.25 * (tail.major_axis + tail.minor_axis)
     return density * math.pi * radius**2 * tail.length / ADDED_MASS_PARTS
 
 
 def still_tail_law(data: SwingData) -> Callable[[Values], list[Torque]]:
-    """The quasi-steady coefficients of the tail and the published friction; values change nothing of them."""
+    """The quasi-steady coefficients of the tail and the published friction; values change nothing
+    of them.
+    """
     air = air_torque(data.scenario)
     torques = [known_friction(data.scenario), *([air] if air is not None else [])]
     return lambda values: torques
@@ -132,9 +163,11 @@ def added_mass_parameter(data: SwingData) -> Parameter:
 
 
 def fit_added_mass(data: SwingData, options: FitOptions = FREE) -> FitResult:
-    """Added mass per part of one swing, whichever start ends lowest: zero, Table 4.12 at the nearest wind, a scan.
+    """Added mass per part of one swing, whichever start ends lowest: zero, Table 4.12 at the
+    nearest wind, a scan.
 
-    The published one is no start where it takes away more inertia than the tail has (tail 1 at 10 m/s).
+    The published one is no start where it takes away more inertia than the tail has (tail 1 at 10
+    m/s).
 
     Raises:
         FitError: no rollout exists.
@@ -146,7 +179,9 @@ def fit_added_mass(data: SwingData, options: FitOptions = FREE) -> FitResult:
     starts = [float(table.x0_kg.iloc[int(nearest)]), coarse_scan(model, free.lower, free.upper)]
     seeds = [{"added_mass": mass} for mass in starts if free.lower <= mass <= free.upper]
     result = model.fit([free], seeds, options=options)
-    without = model.fit([replace(free, seed=0.0, frozen=True)], options=replace(options, bounds=()), exact=True)
+    without = model.fit(
+        [replace(free, seed=0.0, frozen=True)], options=replace(options, bounds=()), exact=True
+    )
     facts = {
         "times_potential_flow": result["added_mass"].value / potential_flow_mass(data),
         "angle_rms_without_rad": without.residual_rms["angle"],
@@ -156,11 +191,14 @@ def fit_added_mass(data: SwingData, options: FitOptions = FREE) -> FitResult:
 
 
 def coarse_scan(model: SwingModel, low: float, high: float) -> float:
-    """The mass (kg) of the least cost over the first second of the swing, among some whose frequencies are even.
+    """The mass (kg) of the least cost over the first second of the swing, among some whose
+    frequencies are even.
 
-    Beyond that a swing of another frequency has slipped by a whole period, where the cost has other minima.
+    Beyond that a swing of another frequency has slipped by a whole period, where the cost has other
+    minima.
     """
-    data, pendulum = model.data, model.pendulum
+    data = model.data
+    pendulum = model.pendulum
     arms = sum(s * s for s in pendulum.part_distances)
     inertia = np.array([pendulum.total_inertia(low), pendulum.total_inertia(high)])
     frequencies = np.linspace(inertia[1] ** -0.5, inertia[0] ** -0.5, _SCANNED)
@@ -170,14 +208,22 @@ def coarse_scan(model: SwingModel, low: float, high: float) -> float:
 
     def cost(mass: float) -> float:
         try:
-            return float(np.sum(np.square(model.motion({"added_mass": mass, **start}, count)[0] - data.angle[:count])))
+            return float(
+                np.sum(
+                    np.square(
+                        model.motion({"added_mass": mass, **start}, count)[0] - data.angle[:count]
+                    )
+                )
+            )
         except FitError:
             return math.inf
 
     return float(min(masses.tolist(), key=cost))
 
 
-def fit_robot_tail(data: SwingData, shape: Shape = "constant", options: FitOptions = FREE) -> FitResult:
+def fit_robot_tail(
+    data: SwingData, shape: Shape = "constant", options: FitOptions = FREE
+) -> FitResult:
     """C_N of one swing as a constant, a line over the relative speed, or a table of bins.
 
     Raises:
@@ -186,14 +232,20 @@ def fit_robot_tail(data: SwingData, shape: Shape = "constant", options: FitOptio
     if not data.scenario.is_robot:
         raise FitError(f"{data.name}: is not a swing of the robot tail")
     low, high = speed_range(data)
-    facts = {"shape": shape, "kp": data.scenario.robot.kp, "least_speed_m_per_s": low, "most_speed_m_per_s": high}
+    facts = {
+        "shape": shape,
+        "kp": data.scenario.robot.kp,
+        "least_speed_m_per_s": low,
+        "most_speed_m_per_s": high,
+    }
     model = SwingModel(data, partial(robot_tail_law, shape))
     return model.fit(shape_parameters(shape, data), facts=facts, options=options)
 
 
 def speed_range(data: SwingData) -> tuple[float, float]:
     """Lowest and highest relative speed at the middle of the sail, m/s."""
-    tail, wind = data.scenario.robot_tail, data.scenario.experiment.wind_speed
+    tail = data.scenario.robot_tail
+    wind = data.scenario.experiment.wind_speed
     middle = tail.length - 0.5 * tail.sail_length
     tip = middle * np.gradient(data.angle, data.time)
     # Downstream is -y: the tail's own speed across the wind takes away from it.
@@ -222,7 +274,11 @@ def normal_force_law(shape: Shape, values: Values, speeds: tuple[float, float]) 
         return NormalForceLaw(values["cn"])
     if shape == "line":
         return NormalForceLaw(SpeedLine(values["cn_slope"], values["cn_intercept"], speeds))
-    nodes = {float(name.removeprefix(_NODE)): value for name, value in values.items() if name.startswith(_NODE)}
+    nodes = {
+        float(name.removeprefix(_NODE)): value
+        for name, value in values.items()
+        if name.startswith(_NODE)
+    }
     return NormalForceLaw(SpeedTable(tuple(nodes), tuple(nodes.values())))
 
 

@@ -1,7 +1,9 @@
-"""Fits on swings: friction, added mass, C_N of the robot tail. All are rollouts of the same pendulum.
+"""Fits on swings: friction, added mass, C_N of the robot tail.
 
-Residual: angle over its accuracy of Table 4.8 (one encoder count). Start angle and rate are unknowns too, so that one
-noisy sample does not spoil a whole swing.
+All are rollouts of the same pendulum.
+
+Residual: angle over its accuracy of Table 4.8 (one encoder count). Start angle and rate are
+unknowns too, so that one noisy sample does not spoil a whole swing.
 """
 
 from __future__ import annotations
@@ -16,7 +18,13 @@ import numpy as np
 from aerodima.optimisation.identify.fit_pipeline import FitResult, UncertainRig, fit
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
 from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
-from aerodima.optimisation.identify.log_rig import FREE, FitOptions, differences, shifted, speed_accuracy
+from aerodima.optimisation.identify.log_rig import (
+    FREE,
+    FitOptions,
+    differences,
+    shifted,
+    speed_accuracy,
+)
 from aerodima.optimisation.identify.pendulum import Pendulum, Torque, roll_out, torque_response
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 from aerodima.optimisation.identify.uncertainty import Noise, serial_noise
@@ -49,7 +57,9 @@ class SwingModel:
         return self.law(self.data)
 
     def motion(self, values: Values, count: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Angles (rad) and rates (rad/s) on the grid of the data, or on its first `count` times (n each)."""
+        """Angles (rad) and rates (rad/s) on the grid of the data, or on its first `count` times (n
+        each).
+        """
         data = self.data
         return roll_out(
             self.pendulum,
@@ -75,7 +85,9 @@ class SwingModel:
         return self.problem_in(Parameters.of([*parameters, *start]))
 
     def problem_in(self, parameters: Parameters) -> Problem:
-        """The same in all parameters, those of the start among them, constants of the rig too or not."""
+        """The same in all parameters, those of the start among them, constants of the rig too or
+        not.
+        """
 
         def residual(x: np.ndarray) -> np.ndarray:
             values = parameters.values(x)
@@ -117,7 +129,9 @@ class SwingModel:
             loss=options.loss,
             rig=UncertainRig(constants, model.problem_in, model.noise, model.least_noise),
         )
-        values = {e.name: e.value for e in result.estimates} | {n: c["shift"] for n, c in result.constants.items()}
+        values = {e.name: e.value for e in result.estimates} | {
+            n: c["shift"] for n, c in result.constants.items()
+        }
         curve = {
             "x": self.data.time.tolist(),
             "measured": self.data.angle.tolist(),
@@ -136,16 +150,21 @@ class SwingModel:
         scenario = scenario.model_copy(
             update={"experiment": scenario.experiment.model_copy(update={"wind_speed": wind})}
         )
-        bias, delay = values.get("current_bias", 0.0), values.get("current_delay", 0.0)
+        bias = values.get("current_bias", 0.0)
+        delay = values.get("current_delay", 0.0)
         motor, ramp = motor_torque(scenario, data.current, len(data.motor), bias, delay)
         return replace(self, data=replace(data, scenario=scenario, motor=motor, ramp=ramp))
 
     def readings(self, values: Values) -> np.ndarray:
         """What the encoder shows of the motion (n), rad."""
-        return (self.motion(values)[0] - values.get("encoder_zero", 0.0)) / (1.0 + values.get("encoder_gain", 0.0))
+        return (self.motion(values)[0] - values.get("encoder_zero", 0.0)) / (
+            1.0 + values.get("encoder_gain", 0.0)
+        )
 
     def least_noise(self, solution: Solution) -> Noise:
-        """What the noise would be if the model were right: what changes from sample to sample, no slow part."""
+        """What the noise would be if the model were right: what changes from sample to sample, no
+        slow part.
+        """
         if self.data.motor_deviation:
             return self.noise(solution, widened=False)
         fast = 0.5 * float(np.mean(np.square(np.diff(solution.residual))))
@@ -153,10 +172,11 @@ class SwingModel:
         return Noise(np.full(len(solution.residual), variance))
 
     def noise(self, solution: Solution, widened: bool = True) -> Noise:
-        """Noise of a free swing from its residual; of a driven one from the rounding of the angle and the current.
+        """Noise of a free swing from its residual; of a driven one from the rounding of the angle
+        and the current.
 
-        Noise of the current pushes the tail off its path for good, so the residual wanders: too few of its wanderings
-        fit into a swing to judge them by the residual alone.
+        Noise of the current pushes the tail off its path for good, so the residual wanders: too few
+        of its wanderings fit into a swing to judge them by the residual alone.
         """
         data = self.data
         rounding = data.rounding / speed_accuracy()
@@ -180,7 +200,8 @@ class SwingModel:
             return Noise(covariance)
         # A residual larger than these two explain is the model's: it widens the intervals.
         expected = float(
-            np.trace(covariance) - np.trace(np.linalg.pinv(solution.jacobian) @ covariance @ solution.jacobian)
+            np.trace(covariance)
+            - np.trace(np.linalg.pinv(solution.jacobian) @ covariance @ solution.jacobian)
         )
         excess = max(1.0, float(solution.residual @ solution.residual) / max(expected, 1e-12) / 3.0)
         return Noise(covariance * excess, np.inf, seen.effective_samples)

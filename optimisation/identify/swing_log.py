@@ -1,4 +1,6 @@
-"""A swing log as data of a fit: the angle after the release, on the grid of the rollout, and the motor's torque."""
+"""A swing log as data of a fit: the angle after the release, on the grid of the rollout, and the
+motor's torque.
+"""
 
 from __future__ import annotations
 
@@ -28,14 +30,16 @@ from aerodima.workbench.logs.signals import check_signals, earlier_shift, stated
 from aerodima.workbench.sensors.car_sensors import MotorReply
 
 CURRENT_SAMPLING = "current_sampling"
-"""Key in a log's `extra`: whether a sample of the current is its value then or its mean since the sample before."""
+"""Key in a log's `extra`: whether a sample of the current is its value then or its mean since the
+sample before."""
 LARGEST_STEP = 0.004
 """Step of the rollouts, s."""
 LEAST_SAMPLES = 50
 """Fewest samples of a swing that are fitted."""
 _COUNTS_MOVED = 20
 _DWELL, _DWELL_STEPS = 0.1, 2.5
-"""A reading that moves no further (steps) in that time (s) is at rest or nearly so; chosen on simulated swings."""
+"""A reading that moves no further (steps) in that time (s) is at rest or nearly so; chosen on
+simulated swings."""
 _WHOLE = 0.01
 """Readings this near to whole steps are counts: a log may have been through degrees and text."""
 _LONGEST_SAMPLING = 0.05
@@ -48,7 +52,8 @@ class LoggedCurrent:
 
     Attributes:
         time, value: of its samples (n), s and A.
-        means: a sample is the mean since the one before; else its value then, smooth between the samples (Akima).
+        means: a sample is the mean since the one before; else its value then, smooth between the
+            samples (Akima).
         ends: times between which the steps of a rollout lie (m), s.
     """
 
@@ -58,19 +63,28 @@ class LoggedCurrent:
     ends: np.ndarray
 
     def mean(self, delay: float = 0.0) -> np.ndarray:
-        """Over each step (m - 1), A; a sample that comes late by `delay` (s) tells of an earlier time.
+        """Over each step (m - 1), A; a sample that comes late by `delay` (s) tells of an earlier
+        time.
 
         Outside the log the first and last sample hold.
         """
         from scipy.interpolate import Akima1DInterpolator
 
-        time, current, ends = self.time, self.value, self.ends + delay
+        time = self.time
+        current = self.value
+        ends = self.ends + delay
         if self.means:
             integral = np.concatenate([[0.0], np.cumsum(current[1:] * np.diff(time))])
             inside = np.interp(ends, time, integral)
         else:
-            inside = Akima1DInterpolator(time, current).antiderivative()(np.clip(ends, time[0], time[-1]))
-        inside = inside + np.minimum(ends - time[0], 0.0) * current[0] + np.maximum(ends - time[-1], 0.0) * current[-1]
+            inside = Akima1DInterpolator(time, current).antiderivative()(
+                np.clip(ends, time[0], time[-1])
+            )
+        inside = (
+            inside
+            + np.minimum(ends - time[0], 0.0) * current[0]
+            + np.maximum(ends - time[-1], 0.0) * current[-1]
+        )
         return np.diff(inside) / np.diff(ends)
 
     def ramp(self, delay: float = 0.0) -> np.ndarray:
@@ -81,9 +95,14 @@ class LoggedCurrent:
 
 
 def motor_torque(
-    scenario: RigScenario, current: LoggedCurrent | None, steps: int, bias: float = 0.0, delay: float = 0.0
+    scenario: RigScenario,
+    current: LoggedCurrent | None,
+    steps: int,
+    bias: float = 0.0,
+    delay: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean torque of the Maxon during each step and its change over the step (steps each), N m; zero without current.
+    """Mean torque of the Maxon during each step and its change over the step (steps each), N m;
+    zero without current.
 
     Args:
         bias, delay: of the logged current, A and s.
@@ -104,9 +123,12 @@ class SwingData:
         time: from the release (n), s, evenly spaced.
         angle: (n), rad.
         motor: mean torque of the motor during each step (n - 1), N m, from the logged current.
-        ramp: change of that torque over the step (n - 1), N m; zero where samples of the current are means.
-        motor_deviation: standard deviation of its error from the noise of the current, N m; zero for a free swing.
-        rounding: step of the readings of the angle, rad; zero when they are no plain counts (filtered, resampled).
+        ramp: change of that torque over the step (n - 1), N m; zero where samples of the current
+            are means.
+        motor_deviation: standard deviation of its error from the noise of the current, N m; zero
+            for a free swing.
+        rounding: step of the readings of the angle, rad; zero when they are no plain counts
+            (filtered, resampled).
         start_rate: estimate of the rate at the first sample, rad/s.
         current: of a driven swing.
         constants: of the rig that are not exact, see `constant_parameters`.
@@ -136,7 +158,9 @@ class SwingData:
         return float(self.time[1] - self.time[0])
 
 
-def swing_data(log: RunLog, kind: str, longest: float = 20.0, options: FitOptions = FREE) -> SwingData:
+def swing_data(
+    log: RunLog, kind: str, longest: float = 20.0, options: FitOptions = FREE
+) -> SwingData:
     """Checks a swing log and takes from it what the fits need.
 
     Args:
@@ -153,22 +177,29 @@ def swing_data(log: RunLog, kind: str, longest: float = 20.0, options: FitOption
         return _swing_data(log, kind, longest, name, options)
 
 
-def _swing_data(log: RunLog, kind: str, longest: float, name: str, options: FitOptions) -> SwingData:
+def _swing_data(
+    log: RunLog, kind: str, longest: float, name: str, options: FitOptions
+) -> SwingData:
     time, angle = checked_angle(log, kind, LEAST_SAMPLES)
     scenario = rig_of(log, kind, options)
     sampling = float(np.median(np.diff(time)))
     if sampling > _LONGEST_SAMPLING:
         raise FitError(
-            f"the samples stand {sampling:g} s apart, a swing needs at most {_LONGEST_SAMPLING:g} s; is the time in ms?"
+            f"the samples stand {sampling:g} s apart, a swing needs at most {_LONGEST_SAMPLING:g} "
+            "s; is the time in ms?"
         )
     first = _release(time, angle, scenario, log)
     stride = max(1, round(LARGEST_STEP / sampling))
     last = int(np.searchsorted(time, time[first] + longest, side="right"))
     picked = np.arange(first, last, stride)
     if len(picked) < LEAST_SAMPLES:
-        raise FitError(f"only {len(picked)} samples of the motion; at least {LEAST_SAMPLES} are needed")
+        raise FitError(
+            f"only {len(picked)} samples of the motion; at least {LEAST_SAMPLES} are needed"
+        )
     if np.ptp(angle[picked]) <= _COUNTS_MOVED * reading_step(scenario):
-        raise FitError(f"the angle stays at {angle[first]:.4f} rad after the release; there is no swing in it")
+        raise FitError(
+            f"the angle stays at {angle[first]:.4f} rad after the release; there is no swing in it"
+        )
     rounding = reading_step(scenario) if _is_rounded(angle[picked], reading_step(scenario)) else 0.0
     if rounding:
         picked = picked[: _end_of_motion(angle[picked], rounding, stride * sampling)]
@@ -180,21 +211,32 @@ def _swing_data(log: RunLog, kind: str, longest: float, name: str, options: FitO
     facts: dict[str, Any] = {"wind_speed_m_per_s": scenario.experiment.wind_speed}
     if kind == "swing":
         facts = {"tail": str(scenario.experiment.tail), "axis": scenario.experiment.axis, **facts}
-    noise = scenario.maxon.torque_constant * scenario.maxon.current_noise / math.sqrt(stride) if np.any(motor) else 0.0
+    noise = (
+        scenario.maxon.torque_constant * scenario.maxon.current_noise / math.sqrt(stride)
+        if np.any(motor)
+        else 0.0
+    )
     grid = np.arange(len(picked)) * float(np.mean(np.diff(t)))
     constants = constant_parameters(log, scenario, kind, options)
-    data = SwingData(name, scenario, grid, angle[picked], motor, ramp, noise, rounding, rate, current, constants)
+    data = SwingData(
+        name, scenario, grid, angle[picked], motor, ramp, noise, rounding, rate, current, constants
+    )
     return replace(data, release=float(time[picked[0]]), facts=facts, warnings=tuple(warnings))
 
 
 def _release(time: np.ndarray, angle: np.ndarray, scenario: RigScenario, log: RunLog) -> int:
-    """Row of the release: the end of the rest that the metadata or the scenario tell, else the first motion."""
+    """Row of the release: the end of the rest that the metadata or the scenario tell, else the
+    first motion.
+    """
     stated = stated_rest(log)
     if stated is None and "rest" in log.scenario.get("experiment", {}):
         stated = (0.0, scenario.experiment.rest - earlier_shift(log))
     if stated is not None:
         if stated[1] >= time[-1]:
-            raise FitError(f"the rest ends at {stated[1]:g} s, but the log at {time[-1]:g} s; there is no swing in it")
+            raise FitError(
+                f"the rest ends at {stated[1]:g} s, but the log at {time[-1]:g} s; there is no "
+                "swing in it"
+            )
         return int(np.searchsorted(time, stated[1] - 1e-9))
     moved = np.flatnonzero(np.abs(angle - angle[0]) > _COUNTS_MOVED * reading_step(scenario))
     if not moved.size:
@@ -203,7 +245,9 @@ def _release(time: np.ndarray, angle: np.ndarray, scenario: RigScenario, log: Ru
 
 
 def reading_step(scenario: RigScenario) -> float:
-    """Step of the logged angle, rad: a count of the encoder, or of the position in a reply of the AK70-10."""
+    """Step of the logged angle, rad: a count of the encoder, or of the position in a reply of the
+    AK70-10.
+    """
     if scenario.is_robot:
         return 2.0 * scenario.robot_motor.position_range / (2**MotorReply.position_bits - 1)
     return scenario.count_angle
@@ -218,15 +262,18 @@ def _is_rounded(angle: np.ndarray, step: float) -> bool:
 def _end_of_motion(angle: np.ndarray, step: float, sampling: float) -> int:
     """Number of samples until the reading changes by fewer than three steps in a tenth of a second.
 
-    At rest a reading repeats one rounding error for as long as the log goes on, and on the way there it dwells on the
-    later side of each step: errors that do not average out, in samples that would count as many.
+    At rest a reading repeats one rounding error for as long as the log goes on, and on the way
+    there it dwells on the later side of each step: errors that do not average out, in samples that
+    would count as many.
     """
     window = max(round(_DWELL / sampling), 1)
     moving = np.flatnonzero(np.abs(angle[window:] - angle[:-window]) > _DWELL_STEPS * step)
     return max(int(moving[-1]) + window + 1 if moving.size else len(angle), LEAST_SAMPLES)
 
 
-def _current(log: RunLog, scenario: RigScenario, picked: np.ndarray) -> tuple[LoggedCurrent | None, list[str]]:
+def _current(
+    log: RunLog, scenario: RigScenario, picked: np.ndarray
+) -> tuple[LoggedCurrent | None, list[str]]:
     """The current of a driven swing; None of a free one, whose logged current is noise."""
     if scenario.is_robot:
         return None, []
@@ -236,10 +283,15 @@ def _current(log: RunLog, scenario: RigScenario, picked: np.ndarray) -> tuple[Lo
     check_signals(log.time, {CURRENT: current}, largest_step=np.inf)
     limit = CURRENT_MARGIN * scenario.maxon.current_limit
     if np.max(np.abs(current)) > limit:
-        raise FitError(f"column {CURRENT!r} reaches {np.max(np.abs(current)):g}, beyond {limit:g} A; is it in mA?")
+        raise FitError(
+            f"column {CURRENT!r} reaches {np.max(np.abs(current)):g}, beyond {limit:g} A; is it "
+            "in mA?"
+        )
     sampling = log.extra.get(CURRENT_SAMPLING, "mean" if is_ours(log) else "instantaneous")
     if sampling not in ("mean", "instantaneous"):
-        raise FitError(f"metadata {CURRENT_SAMPLING!r} is {sampling!r}; allowed: mean, instantaneous")
+        raise FitError(
+            f"metadata {CURRENT_SAMPLING!r} is {sampling!r}; allowed: mean, instantaneous"
+        )
     found = LoggedCurrent(log.time, current, sampling == "mean", log.time[picked])
     if np.sqrt(np.mean(np.square(found.mean()))) < 5.0 * max(scenario.maxon.current_noise, 1e-3):
         return None, []

@@ -1,19 +1,21 @@
 """How sure a fit is: covariance, 95 % intervals, and what the data do not determine.
 
-To first order the estimate is x = truth - J^+ e with e the error of the weighted residual, so Cov x = J^+ S J^+' with
-S the covariance of e. The pseudo-inverse leaves out the directions that are unidentifiable; a parameter with a part in
-one of them has an infinite interval.
+To first order the estimate is x = truth - J^+ e with e the error of the weighted residual, so Cov x
+= J^+ S J^+' with S the covariance of e. The pseudo-inverse leaves out the directions that are
+unidentifiable; a parameter with a part in one of them has an infinite interval.
 
-A parameter that stopped at a bound would, without it, be moved further, to r >= 0 standard deviations beyond. Given
-that the truth lies within the bounds, what remains is the end of a distribution: with F its upper tail, the truth lies
-within q standard deviations inside with 95 % confidence, where F(r + q) = 5 % of F(r). The more the data ask for what
-the bound forbids, the shorter that is. The others are estimated with the parameter kept at its bound; what they would
-change by if it moved inside by q is added to their intervals, in quadrature and on the side where it leads.
+A parameter that stopped at a bound would, without it, be moved further, to r >= 0 standard
+deviations beyond. Given that the truth lies within the bounds, what remains is the end of a
+distribution: with F its upper tail, the truth lies within q standard deviations inside with 95 %
+confidence, where F(r + q) = 5 % of F(r). The more the data ask for what the bound forbids, the
+shorter that is. The others are estimated with the parameter kept at its bound; what they would
+change by if it moved inside by q is added to their intervals, in quadrature and on the side where
+it leads.
 
-Filtered signals repeat themselves: n samples with autocorrelation rho_k count as n / (1 + 2 sum rho_k) (design section
-11: intervals that ignore this held the truth in 23 % of the cases instead of 95 %). Noise whose correlation is short,
-white or filtered, has a flat spectrum at the lowest frequencies; drift, a burst in the middle and an error of the model
-do not.
+Filtered signals repeat themselves: n samples with autocorrelation rho_k count as n / (1 + 2 sum
+rho_k) (design section 11: intervals that ignore this held the truth in 23 % of the cases instead of
+95 %). Noise whose correlation is short, white or filtered, has a flat spectrum at the lowest
+frequencies; drift, a burst in the middle and an error of the model do not.
 """
 
 from __future__ import annotations
@@ -31,10 +33,12 @@ from aerodima.optimisation.identify.least_squares import Solution, spread
 from aerodima.workbench.errors import FitError
 
 FAR_OFF = 6.0
-"""Robust standard deviations beyond which a sample is no noise: two in a thousand million of normal ones."""
+"""Robust standard deviations beyond which a sample is no noise: two in a thousand million of normal
+ones."""
 FEW_FAR_OFF = 3
 _SLOW, _NEXT = 10, 60
-"""Modes of the cosine transform: wandering shows in the first, whose power is compared with that of the next."""
+"""Modes of the cosine transform: wandering shows in the first, whose power is compared with that of
+the next."""
 _LEAST_SAMPLES = 4 * _NEXT
 CHANCE = 1e-5
 """That noise wanders as much: below it, it is not noise."""
@@ -63,7 +67,8 @@ def check_residual(residual: np.ndarray, unknowns: int = 1) -> ResidualCheck:
     """Checks a residual in the order of time (n).
 
     Args:
-        unknowns: that were fitted to it, a constant among them; each takes a slow mode's worth of freedom.
+        unknowns: that were fitted to it, a constant among them; each takes a slow mode's worth of
+            freedom.
     """
     x = np.asarray(residual, float) - np.median(residual)
     scale = spread(x)
@@ -75,7 +80,8 @@ def check_residual(residual: np.ndarray, unknowns: int = 1) -> ResidualCheck:
     modes = dct(np.clip(x, -FAR_OFF * scale, FAR_OFF * scale), norm="ortho")
     freedom = (max(_SLOW - unknowns, 1), _NEXT - _SLOW)
     ratio = np.sum(np.square(modes[1:_SLOW])) / freedom[0] / np.mean(np.square(modes[_SLOW:_NEXT]))
-    modes[_SLOW:], modes[0] = 0.0, 0.0
+    modes[_SLOW:] = 0.0
+    modes[0] = 0.0
     slow = float(np.max(np.abs(idct(modes, norm="ortho"))))
     return ResidualCheck(int(np.sum(beyond)), first, float(ratio), freedom, slow)
 
@@ -101,8 +107,8 @@ class Noise:
         covariance: (m x m), or its diagonal (m).
         degrees_of_freedom: of the variance estimate; infinite when it is known.
         effective_samples: that the residual stands for.
-        rounding: change of the residual (m) per half count of a reading that was rounded; its error is evenly spread,
-            not normal. It is part of `covariance` (a third of its square).
+        rounding: change of the residual (m) per half count of a reading that was rounded; its error
+            is evenly spread, not normal. It is part of `covariance` (a third of its square).
     """
 
     covariance: np.ndarray
@@ -114,9 +120,9 @@ class Noise:
 def correlation_time(residual: np.ndarray) -> float:
     """1 + 2 sum rho_k of a signal (n): how many samples count as one; at least 1.
 
-    The autocorrelation is summed in pairs until a pair is no longer positive (initial positive sequence): longer sums
-    scatter too much in short logs. Of a steep filter, whose autocorrelation rings, this takes the first lobe only and
-    makes intervals about 8 % too wide.
+    The autocorrelation is summed in pairs until a pair is no longer positive (initial positive
+    sequence): longer sums scatter too much in short logs. Of a steep filter, whose autocorrelation
+    rings, this takes the first lobe only and makes intervals about 8 % too wide.
     """
     x = np.asarray(residual, float) - np.mean(residual)
     n = len(x)
@@ -131,17 +137,23 @@ def correlation_time(residual: np.ndarray) -> float:
     return max(1.0, float(2.0 * np.sum(pairs[:end]) - 1.0))
 
 
-def serial_noise(residual: np.ndarray, channels: list[slice], unknowns: int, rounding: float = 0.0) -> Noise:
-    """Noise of time series, one per channel, from the residual itself: its variance, times its correlation time.
+def serial_noise(
+    residual: np.ndarray, channels: list[slice], unknowns: int, rounding: float = 0.0
+) -> Noise:
+    """Noise of time series, one per channel, from the residual itself: its variance, times its
+    correlation time.
 
     Args:
         residual: weighted, of all channels (m).
         channels: where each time series stands in it.
         unknowns: number of the free parameters; they are paid for out of the effective samples.
-        rounding: step of the readings, in units of the residual. Where a reading moves through many steps, rounding
-            errors are evenly spread and average out at least as fast as white noise, also when they look like a saw: a
-            residual whose variance they explain (a twelfth of the step's square) counts for single samples, one that
-            exceeds it by a fifth counts by its correlation, and in between by both in part.
+        rounding: step of the readings, in units of the residual. Where a reading moves through many
+            steps, rounding
+            errors are evenly spread and average out at least as fast as white noise, also when they
+                look like a saw: a
+            residual whose variance they explain (a twelfth of the step's square) counts for single
+            samples, one that exceeds it by a fifth counts by its correlation, and in between by
+            both in part.
     """
     variance = np.empty(len(residual))
     effective = 0.0
@@ -168,9 +180,11 @@ _RANK_TOLERANCE = 1e-7
 """Singular values of the scaled Jacobian below this part of the largest count as zero."""
 _WIDE, _CURVED = 0.25, 1.5
 _EVEN_MATTERS, _EVEN_ALONE = 0.6, 0.995
-"""Share of a standard deviation that evenly spread errors have: below the first the sum is as good as normal."""
+"""Share of a standard deviation that evenly spread errors have: below the first the sum is as good
+as normal."""
 _SHARE = 0.05
-"""A parameter whose squared share in an unidentifiable direction exceeds the square of this is not determined."""
+"""A parameter whose squared share in an unidentifiable direction exceeds the square of this is not
+determined."""
 
 
 @dataclass(frozen=True)
@@ -178,15 +192,16 @@ class Uncertainty:
     """Covariance and intervals of the unknowns of one solution.
 
     Attributes:
-        covariance: (p x p), in the units of the unknowns, with what stopped at a bound kept there; infinite on the
-            diagonal where not determined.
-        standard_deviation: (p); infinite where not determined. At a bound: its one-sided interval over the width that
-            a two-sided one has to either side.
+        covariance: (p x p), in the units of the unknowns, with what stopped at a bound kept there;
+            infinite on the diagonal where not determined.
+        standard_deviation: (p); infinite where not determined. At a bound: its one-sided interval
+            over the width that a two-sided one has to either side.
         lower, upper: ends of the 95 % intervals (p); one-sided at a bound.
-        beyond: (p) by how many standard deviations the data ask for more than the bound allows at which an unknown
-            stopped; NaN for one that is not at a bound.
+        beyond: (p) by how many standard deviations the data ask for more than the bound allows at
+            which an unknown stopped; NaN for one that is not at a bound.
         identifiable: (p) flags.
-        unidentifiable: the directions that the data do not determine, in words; empty when there are none.
+        unidentifiable: the directions that the data do not determine, in words; empty when there
+            are none.
         effective_samples: see `Noise`.
     """
 
@@ -203,13 +218,16 @@ class Uncertainty:
 def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     """Covariance and intervals at the solution.
 
-    Every interval holds its estimate and is cut at the bounds. One of a parameter that stopped at a bound is one-sided,
-    and those of the others take that into account. Not identifiable is a parameter with a part in an unidentifiable
-    direction, one whose interval is wider than its bounds, and one whose interval would be another half as wide, or
-    narrower, elsewhere within the intervals of the parameters: there the linear theory does not hold.
+    Every interval holds its estimate and is cut at the bounds. One of a parameter that stopped at a
+    bound is one-sided, and those of the others take that into account. Not identifiable is a
+    parameter with a part in an unidentifiable direction, one whose interval is wider than its
+    bounds, and one whose interval would be another half as wide, or narrower, elsewhere within the
+    intervals of the parameters: there the linear theory does not hold.
     """
     parameters = solution.problem.parameters
-    scales, names, x = parameters.scales, parameters.names, solution.x
+    scales = parameters.scales
+    names = parameters.names
+    x = solution.x
     inverse, hidden = _pseudo_inverse(solution.jacobian, scales)
     seen = np.all(np.abs(hidden) <= _SHARE, axis=0) if len(hidden) else np.ones(len(scales), bool)
     alone = np.sqrt(np.maximum(np.diag(_covariance(inverse, noise, scales)), 0.0))
@@ -217,29 +235,50 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     # What the data do not see stays where it started, which may be a bound.
     sides = np.where(seen, parameters.sides(x), 0)
     given = held_at_bounds(
-        solution.jacobian * scales, solution.residual, noise.covariance, sides, freedom, _RANK_TOLERANCE
+        solution.jacobian * scales,
+        solution.residual,
+        noise.covariance,
+        sides,
+        freedom,
+        _RANK_TOLERANCE,
     )
     inverse = given.inverse if np.any(sides) else inverse
     covariance = _covariance(inverse, noise, scales)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     factor = np.full(len(scales), _factor(freedom))
     if noise.rounding is not None:
-        shares = np.abs(inverse @ noise.rounding) * scales / (math.sqrt(3.0) * np.maximum(deviation, 1e-300))
+        shares = (
+            np.abs(inverse @ noise.rounding)
+            * scales
+            / (math.sqrt(3.0) * np.maximum(deviation, 1e-300))
+        )
         factor *= [_rounded_factor(round(share, 2)) / _factor(np.inf) for share in shares.tolist()]
-    reach, shift = given.reach * scales, given.shift * scales[:, None]
-    down = np.where(sides < 0, 0.0, np.hypot(factor * deviation, np.linalg.norm(np.minimum(shift, 0.0), axis=1)))
-    up = np.where(sides > 0, 0.0, np.hypot(factor * deviation, np.linalg.norm(np.maximum(shift, 0.0), axis=1)))
-    down, up = np.where(sides > 0, reach, down), np.where(sides < 0, reach, up)
+    reach = given.reach * scales
+    shift = given.shift * scales[:, None]
+    down = np.where(
+        sides < 0, 0.0, np.hypot(factor * deviation, np.linalg.norm(np.minimum(shift, 0.0), axis=1))
+    )
+    up = np.where(
+        sides > 0, 0.0, np.hypot(factor * deviation, np.linalg.norm(np.maximum(shift, 0.0), axis=1))
+    )
+    down = np.where(sides > 0, reach, down)
+    up = np.where(sides < 0, reach, up)
     deviation = np.where(sides != 0, reach / factor, deviation)
     loose = seen & (down + up > parameters.upper - parameters.lower)
     curved = seen & ~loose & _curved(solution, noise, alone, factor)
     determined = seen & ~loose & ~curved
     deviation[~determined] = np.inf
-    covariance[np.diag_indices_from(covariance)] = np.where(determined, np.square(deviation), np.inf)
+    covariance[np.diag_indices_from(covariance)] = np.where(
+        determined, np.square(deviation), np.inf
+    )
     unidentifiable = [_in_words(direction, names) for direction in hidden]
-    unidentifiable += [f"{name} within its bounds" for name, flag in zip(names, loose, strict=True) if flag]
     unidentifiable += [
-        f"{name} (its interval depends on where it is)" for name, flag in zip(names, curved, strict=True) if flag
+        f"{name} within its bounds" for name, flag in zip(names, loose, strict=True) if flag
+    ]
+    unidentifiable += [
+        f"{name} (its interval depends on where it is)"
+        for name, flag in zip(names, curved, strict=True)
+        if flag
     ]
     return Uncertainty(
         covariance=covariance,
@@ -261,7 +300,8 @@ def _factor(freedom: float) -> float:
 
 @lru_cache(maxsize=128)
 def _rounded_factor(share: float) -> float:
-    """The same for a normal error and an evenly spread one, whose part of the standard deviation is `share`.
+    """The same for a normal error and an evenly spread one, whose part of the standard deviation is
+    `share`.
 
     An even error alone stays within 1.73 standard deviations, and in 95 % of the cases within 1.65.
     """
@@ -271,7 +311,8 @@ def _rounded_factor(share: float) -> float:
         return CONFIDENCE * math.sqrt(3.0)
     from scipy.optimize import brentq
 
-    half, sigma = math.sqrt(3.0) * share, math.sqrt(1.0 - share * share)
+    half = math.sqrt(3.0) * share
+    sigma = math.sqrt(1.0 - share * share)
 
     def missing(reach: float) -> float:
         ends = np.array([reach + half, reach - half]) / sigma
@@ -296,13 +337,19 @@ def _covariance(inverse: np.ndarray, noise: Noise, scales: np.ndarray) -> np.nda
     return scaled * np.outer(scales, scales)
 
 
-def _curved(solution: Solution, noise: Noise, deviation: np.ndarray, factor: np.ndarray) -> np.ndarray:
-    """Whose standard deviation changes by more than half of it within the intervals, cut at the bounds (p).
+def _curved(
+    solution: Solution, noise: Noise, deviation: np.ndarray, factor: np.ndarray
+) -> np.ndarray:
+    """Whose standard deviation changes by more than half of it within the intervals, cut at the
+    bounds (p).
 
-    Only asked where an interval covers a good part of its bounds: the Jacobian at the ends costs as much as a solution.
+    Only asked where an interval covers a good part of its bounds: the Jacobian at the ends costs as
+    much as a solution.
     """
     problem = solution.problem
-    low, high, scales = problem.parameters.lower, problem.parameters.upper, problem.parameters.scales
+    low = problem.parameters.lower
+    high = problem.parameters.upper
+    scales = problem.parameters.scales
     changed = np.zeros(len(scales), bool)
     if not np.any(2.0 * factor * deviation > _WIDE * (high - low)):
         return changed
@@ -323,7 +370,9 @@ def _curved(solution: Solution, noise: Noise, deviation: np.ndarray, factor: np.
 
 
 def _hidden_directions(Vt: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """A readable basis of the directions that are not seen (k x p): each has a parameter that the others lack."""
+    """A readable basis of the directions that are not seen (k x p): each has a parameter that the
+    others lack.
+    """
     hidden = Vt[~seen].copy()
     for row in range(len(hidden)):
         rest = np.abs(hidden[row:])
@@ -359,10 +408,13 @@ class GivenBounds:
     """Bounds on the scaled unknowns, some of which are held at a bound.
 
     Attributes:
-        inverse: pseudo-inverse of the Jacobian of the others (p x m); zero in the rows of what is held.
-        beyond: how far the data ask for more than the bound allows, in standard deviations (p); NaN for the others.
+        inverse: pseudo-inverse of the Jacobian of the others (p x m); zero in the rows of what is
+            held.
+        beyond: how far the data ask for more than the bound allows, in standard deviations (p); NaN
+            for the others.
         reach: how far inside the truth may lie (p); zero for the others.
-        shift: change of the others per unknown that is held, when it moves inside by its reach (p x p).
+        shift: change of the others per unknown that is held, when it moves inside by its reach (p x
+            p).
     """
 
     inverse: np.ndarray
@@ -385,7 +437,8 @@ def held_at_bounds(
         jacobian: of the weighted residual by the scaled unknowns (m x p).
         residual: weighted (m).
         covariance: of its error (m x m), or the diagonal (m).
-        sides: -1 where an unknown is held at its lower bound, 1 at its upper one, 0 where it is free (p).
+        sides: -1 where an unknown is held at its lower bound, 1 at its upper one, 0 where it is
+            free (p).
         freedom: degrees of freedom of the variance.
         rank_tolerance: singular values below this part of the largest count as zero.
     """
@@ -393,7 +446,8 @@ def held_at_bounds(
     free = np.flatnonzero(sides == 0)
     inverse = np.zeros(jacobian.T.shape)
     inverse[free] = np.linalg.pinv(jacobian[:, free], rank_tolerance)
-    beyond, reach = np.full(count, math.nan), np.zeros(count)
+    beyond = np.full(count, math.nan)
+    reach = np.zeros(count)
     shift = np.zeros((count, count))
     for k in np.flatnonzero(sides):
         # What is left of this column once the others have followed it.
@@ -409,11 +463,16 @@ def held_at_bounds(
 
 
 def reach_inside(beyond: float, freedom: float) -> float:
-    """The q of this module's head, in standard deviations: 1.96 at `beyond` = 0, about 3 / beyond far out."""
+    """The q of this module's head, in standard deviations: 1.96 at `beyond` = 0, about 3 / beyond
+    far out.
+    """
     tail = float(stdtr(freedom, -beyond))
     if tail > _LEAST_TAIL:
         return -float(stdtrit(freedom, _TAIL * tail)) - beyond
-    # F goes like (1 + r^2 / freedom)^(-(freedom + 1) / 2); in the limit of a known variance like exp(-r^2 / 2).
+    # F goes like (1 + r^2 / freedom)^(-(freedom + 1) / 2); in the limit of a known variance like
+    # exp(-r^2 / 2).
     drop = -2.0 * math.log(_TAIL)
-    more = drop if math.isinf(freedom) else math.expm1(drop / (freedom + 1.0)) * (beyond**2 + freedom)
+    more = (
+        drop if math.isinf(freedom) else math.expm1(drop / (freedom + 1.0)) * (beyond**2 + freedom)
+    )
     return more / (math.sqrt(beyond**2 + more) + beyond)

@@ -1,1 +1,3 @@
-"""A reduced car, many at once: what it finds in milliseconds says which candidates the full car should drive."""
+"""A reduced car, many at once: what it finds in milliseconds says which candidates the full car
+should drive.
+"""

@@ -1,10 +1,11 @@
 """Steps batches of cars in machine code that is made from their NumPy functions.
 
-The functions of a batch are called once on `Symbols`, arrays that record their operations. A record has no loops, no
-branches and no repeated parts. LLVM translates it into code that works on `LANES` cars at a time, all steps of them
-before the next ones, so that their numbers stay in the cache. The NumPy functions stay the only definition of the
-model. Results differ by rounding only (fused multiply and add; series of sin, cos, tan, arctan, tanh, within 2e-15),
-but for NaN: minimum, maximum and choices need not carry it through.
+The functions of a batch are called once on `Symbols`, arrays that record their operations. A record
+has no loops, no branches and no repeated parts. LLVM translates it into code that works on `LANES`
+cars at a time, all steps of them before the next ones, so that their numbers stay in the cache. The
+NumPy functions stay the only definition of the model. Results differ by rounding only (fused
+multiply and add; series of sin, cos, tan, arctan, tanh, within 2e-15), but for NaN: minimum,
+maximum and choices need not carry it through.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ def run(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -
     """Steps the cars of a batch in compiled code.
 
     Args:
-        batch: `batch.step(*numbers)` replaces arrays of the batch, or of objects that it consists of, and returns
-            arrays; `batch.tick(*numbers)` replaces arrays. The last axis of all arrays is the car. Both use the NumPy
-            functions of `OPERATIONS` and shapes only. They are compiled once in a process for each class, shapes and
-            constants.
+        batch: `batch.step(*numbers)` replaces arrays of the batch, or of objects that it consists
+            of, and returns arrays; `batch.tick(*numbers)` replaces arrays. The last axis of all
+            arrays is the car. Both use the NumPy functions of `OPERATIONS` and shapes only. They
+            are compiled once in a process for each class, shapes and constants.
         ticks: whether a step begins with a tick (steps).
         given: the numbers, of all cars (steps) each.
         keep: what the steps returned.
@@ -47,10 +48,16 @@ def run(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -
     values = [attributes[name] for attributes, name in _attributes(batch, set())]
     arrays = [value for value in values if isinstance(value, np.ndarray)]
     if len({array.shape[-1] for array in arrays}) != 1 or not arrays[0].shape[-1]:
-        raise ValueError(f"cars: {sorted({array.shape[-1] for array in arrays})}; one number, at least 1, is needed")
+        raise ValueError(
+            f"cars: {sorted({array.shape[-1] for array in arrays})}; one number, at least 1, is "
+            "needed"
+        )
     if not len(ticks):
         return []
-    layout = (value.shape[:-1] if isinstance(value, np.ndarray) else ("constant", value) for value in values)
+    layout = (
+        value.shape[:-1] if isinstance(value, np.ndarray) else ("constant", value)
+        for value in values
+    )
     key = (type(batch), len(given), *layout)
     if key not in _COMPILED:
         _COMPILED[key] = Compiled(batch, len(given))
@@ -85,7 +92,10 @@ class Recording:
 
     def add(self, name: str, *operands: Any) -> Value:
         """Result of an operation; the one that is known where it was recorded before."""
-        key = (name, *(("value", one.place) if isinstance(one, Value) else float(one) for one in operands))
+        key = (
+            name,
+            *(("value", one.place) if isinstance(one, Value) else float(one) for one in operands),
+        )
         if name in ("fadd", "fmul"):
             key = (name, *sorted(key[1:], key=str))
         if key not in self._known:
@@ -147,12 +157,20 @@ def _series(record: Recording, x: Any, factors: Sequence[float]) -> Any:
 
 
 def _sine(record: Recording, a: Any, ahead: float = 0.0) -> Any:
-    """sin(a + ahead pi) for |a| below 1e6: by its series within a quarter turn of the next multiple of pi."""
+    """sin(a + ahead pi) for |a| below 1e6: by its series within a quarter turn of the next multiple
+    of pi.
+    """
     halves = record.add("rint", _sum(record, record.add("fmul", a, 1.0 / math.pi), ahead))
     turns = _difference(record, halves, ahead)
     x = record.add("fsub", a, record.add("fmul", turns, math.pi))
-    x = record.add("fsub", x, record.add("fmul", turns, 1.2246467991473532e-16))  # what the double pi lacks
-    series = _series(record, record.add("fmul", x, x), [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(10)])
+    x = record.add(
+        "fsub", x, record.add("fmul", turns, 1.2246467991473532e-16)
+    )  # what the double pi lacks
+    series = _series(
+        record,
+        record.add("fmul", x, x),
+        [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(10)],
+    )
     half = record.add("fmul", halves, 0.5)
     odd = record.add("fsub", half, record.add("rint", half))  # 0, or a half to either side
     sign = record.add("fsub", 1.0, record.add("fmul", record.add("fmul", odd, odd), 8.0))
@@ -169,7 +187,9 @@ def _arctan(record: Recording, a: Any) -> Any:
 
 
 def _tanh(record: Recording, a: Any) -> Any:
-    """E / (E + 2) with E = exp(2 a) - 1, which is doubled six times in its exponent; 1 beyond 20."""
+    """E / (E + 2) with E = exp(2 a) - 1, which is doubled six times in its exponent; 1 beyond
+    20.
+    """
     x = record.add("fmul", _clip(record, a, -20.0, 20.0), 2.0**-5)
     e = record.add("fmul", x, _series(record, x, [1.0 / math.factorial(k + 1) for k in range(16)]))
     for _ in range(6):
@@ -177,7 +197,14 @@ def _tanh(record: Recording, a: Any) -> Any:
     return record.add("fdiv", e, record.add("fadd", e, 2.0))
 
 
-_NAMED = {"maximum": "max", "minimum": "min", "bitwise_or": "max", "less": "olt", "less_equal": "ole", "equal": "oeq"}
+_NAMED = {
+    "maximum": "max",
+    "minimum": "min",
+    "bitwise_or": "max",
+    "less": "olt",
+    "less_equal": "ole",
+    "equal": "oeq",
+}
 _NAMED |= {"absolute": "fabs", "sqrt": "sqrt", "rint": "rint"}
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "add": _sum,
@@ -205,20 +232,30 @@ INTRINSICS = ("sqrt", "fabs", "rint")
 
 
 class Symbols(np.ndarray):
-    """An array of `Value`s and constants that records its operations; each recording has a subclass of its own."""
+    """An array of `Value`s and constants that records its operations; each recording has a subclass
+    of its own.
+    """
 
     recording: Recording
     __array_priority__ = 1.0  # `np.concatenate` gives the class of the highest
 
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **others: Any) -> Any:
+    def __array_ufunc__(
+        self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **others: Any
+    ) -> Any:
         """Records an elementwise function or a sum."""
         record = self.recording
         operation = OPERATIONS.get(ufunc.__name__)
         axis = others.pop("axis", 0)
         plain_sum = {"dtype": None, "keepdims": False, "initial": np._NoValue, "where": True}
-        unknown = [name for name, value in others.items() if name not in plain_sum or value is not plain_sum[name]]
+        unknown = [
+            name
+            for name, value in others.items()
+            if name not in plain_sum or value is not plain_sum[name]
+        ]
         if operation is None or method not in ("__call__", "reduce") or unknown:
-            raise NotImplementedError(f"numpy.{ufunc.__name__} {method} {unknown} cannot be compiled")
+            raise NotImplementedError(
+                f"numpy.{ufunc.__name__} {method} {unknown} cannot be compiled"
+            )
 
         def of_elements(*operands: Any) -> Any:
             if _plain(*operands):
@@ -259,16 +296,26 @@ class Compiled:
 
     def __init__(self, batch: Any, given: int) -> None:
         batch = deepcopy(batch)
-        places = [(own, name) for own, name in _attributes(batch, set()) if isinstance(own[name], np.ndarray)]
+        places = [
+            (own, name)
+            for own, name in _attributes(batch, set())
+            if isinstance(own[name], np.ndarray)
+        ]
         shapes = [own[name].shape[:-1] for own, name in places]
         ends = np.cumsum([math.prod(shape) for shape in shapes]).tolist()
-        self._rows = [slice(end - math.prod(shape), end) for shape, end in zip(shapes, ends, strict=True)]
-        self._count, self._changed = ends[-1], set()
+        self._rows = [
+            slice(end - math.prod(shape), end) for shape, end in zip(shapes, ends, strict=True)
+        ]
+        self._count = ends[-1]
+        self._changed = set()
         functions = []
         for function in ("tick", "step"):
             record = Recording()
             symbols = type("RecordedSymbols", (Symbols,), {"recording": record})
-            numbers: Any = [np.array([record.add("given", k)], object).view(symbols) for k in range(1, given + 1)]
+            numbers: Any = [
+                np.array([record.add("given", k)], object).view(symbols)
+                for k in range(1, given + 1)
+            ]
             before = [record.add("own", row) for row in range(self._count)]
             for (own, name), rows, shape in zip(places, self._rows, shapes, strict=True):
                 own[name] = np.array(before[rows], object).reshape(*shape, 1).view(symbols)
@@ -281,7 +328,11 @@ class Compiled:
                         stored[row] = new
                         self._changed.add(index)
             kept = [np.asarray(one, object).view(np.ndarray) for one in kept]
-            functions.append(_function(function, record.operations, stored, [v for one in kept for v in one.ravel()]))
+            functions.append(
+                _function(
+                    function, record.operations, stored, [v for one in kept for v in one.ravel()]
+                )
+            )
         self._kept = [one.shape[:-1] for one in kept]
         self._width = sum(map(math.prod, self._kept))
         loop = _LOOP.format(GIVEN=LANES * (given + 1))
@@ -300,8 +351,14 @@ class Compiled:
             given: whether a step begins with a tick, and its numbers (steps, 1 + numbers).
             keep: what the steps returned.
         """
-        places = [(own, name) for own, name in _attributes(batch, set()) if isinstance(own[name], np.ndarray)]
-        numbers = np.concatenate([own[name].reshape(-1, own[name].shape[-1]) for own, name in places], dtype=float)
+        places = [
+            (own, name)
+            for own, name in _attributes(batch, set())
+            if isinstance(own[name], np.ndarray)
+        ]
+        numbers = np.concatenate(
+            [own[name].reshape(-1, own[name].shape[-1]) for own, name in places], dtype=float
+        )
         cars = numbers.shape[1]
         numbers = np.pad(numbers, ((0, 0), (0, -cars % LANES)), mode="edge")
         memory = np.empty(numbers.size + LANES)
@@ -321,7 +378,10 @@ class Compiled:
             return []
         kept = np.moveaxis(kept, 0, 2).reshape(len(given), self._width, -1)[..., :cars]
         parts = np.split(kept, np.cumsum([math.prod(shape) for shape in self._kept])[:-1], axis=1)
-        return [part.reshape(len(given), *shape, cars) for part, shape in zip(parts, self._kept, strict=True)]
+        return [
+            part.reshape(len(given), *shape, cars)
+            for part, shape in zip(parts, self._kept, strict=True)
+        ]
 
 
 _COMPILED: dict[tuple[Any, ...], Compiled] = {}
@@ -332,7 +392,10 @@ def _machine() -> Any:
     llvm.initialize_native_asmprinter()
     target = llvm.Target.from_default_triple()
     return target.create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2, jit=True
+        cpu=llvm.get_host_cpu_name(),
+        features=llvm.get_host_cpu_features().flatten(),
+        opt=2,
+        jit=True,
     )
 
 
@@ -365,8 +428,11 @@ end:
 """
 
 
-def _function(name: str, operations: Sequence[tuple[Any, ...]], stored: Mapping[int, Any], kept: Sequence[Any]) -> str:
-    """LLVM assembly of a function of the rows of some cars, of numbers, and of a place for what is kept.
+def _function(
+    name: str, operations: Sequence[tuple[Any, ...]], stored: Mapping[int, Any], kept: Sequence[Any]
+) -> str:
+    """LLVM assembly of a function of the rows of some cars, of numbers, and of a place for what is
+    kept.
 
     Args:
         stored: by row, what replaces it.
@@ -381,7 +447,8 @@ def _function(name: str, operations: Sequence[tuple[Any, ...]], stored: Mapping[
         number = f"double 0x{np.float64(operand).view(np.uint64):016X}"
         return "<" + ", ".join([number] * LANES) + ">"
 
-    needed, waiting = set(), [one.place for one in (*stored.values(), *kept) if isinstance(one, Value)]
+    needed = set()
+    waiting = [one.place for one in (*stored.values(), *kept) if isinstance(one, Value)]
     while waiting:
         if (place := waiting.pop()) not in needed:
             needed.add(place)
@@ -389,20 +456,27 @@ def _function(name: str, operations: Sequence[tuple[Any, ...]], stored: Mapping[
     lines: list[str] = []
     for place in sorted(needed):
         what, *operands = operations[place]
-        v, p = f"%v{place} =", f"%p{place}"
+        v = f"%v{place} ="
+        p = f"%p{place}"
         first, *others = (named(one) for one in operands)
         if what in ("own", "given"):
             lines.append(f"{p} = getelementptr double, ptr %{what}, i64 {int(operands[0]) * LANES}")
             lines.append(f"{v} load {_KIND}, ptr {p}, align 8")
         elif what in ("min", "max"):
-            lines.append(f"%c{place} = fcmp {'olt' if what == 'min' else 'ogt'} {_KIND} {first}, {others[0]}")
-            lines.append(f"{v} select <{LANES} x i1> %c{place}, {_KIND} {first}, {_KIND} {others[0]}")
+            lines.append(
+                f"%c{place} = fcmp {'olt' if what == 'min' else 'ogt'} {_KIND} {first}, {others[0]}"
+            )
+            lines.append(
+                f"{v} select <{LANES} x i1> %c{place}, {_KIND} {first}, {_KIND} {others[0]}"
+            )
         elif what in ("olt", "ole", "oeq", "uno"):
             lines.append(f"%c{place} = fcmp {what} {_KIND} {first}, {others[0]}")
             lines.append(f"{v} uitofp <{LANES} x i1> %c{place} to {_KIND}")
         elif what == "select":
             lines.append(f"%c{place} = fcmp one {_KIND} {first}, zeroinitializer")
-            lines.append(f"{v} select <{LANES} x i1> %c{place}, {_KIND} {others[0]}, {_KIND} {others[1]}")
+            lines.append(
+                f"{v} select <{LANES} x i1> %c{place}, {_KIND} {others[0]}, {_KIND} {others[1]}"
+            )
         elif what in INTRINSICS:
             lines.append(f"{v} call {_KIND} @llvm.{what}.v{LANES}f64({_KIND} {first})")
         else:
@@ -412,4 +486,7 @@ def _function(name: str, operations: Sequence[tuple[Any, ...]], stored: Mapping[
             lines.append(f"%{base}{row} = getelementptr double, ptr %{base}, i64 {row * LANES}")
             lines.append(f"store {_KIND} {named(result)}, ptr %{base}{row}, align 8")
     body = "\n  ".join([*lines, "ret void"])
-    return f"define void @{name}(ptr noalias %own, ptr noalias %given, ptr noalias %kept) {{\n  {body}\n}}\n"
+    return (
+        f"define void @{name}(ptr noalias %own, ptr noalias %given, ptr noalias %kept) {{\n  "
+        f"{body}\n}}\n"
+    )

@@ -1,6 +1,8 @@
-"""Manoeuvres of many reduced cars that begin rolling, with the feedback law, steered open loop or by their driver.
+"""Manoeuvres of many reduced cars that begin rolling, with the feedback law, steered open loop or
+by their driver.
 
-The law sees the IMU late, as on the full car, but without noise and bias, and the speed without delay.
+The law sees the IMU late, as on the full car, but without noise and bias, and the speed without
+delay.
 """
 
 from __future__ import annotations
@@ -14,7 +16,18 @@ import numpy as np
 
 from aerodima.optimisation.screening.compiled import run
 from aerodima.optimisation.screening.turns import heights, over_ground
-from aerodima.optimisation.screening.vehicle_motion import RATES, SPIN, STATES, TINY, TRAVEL, V, W, advance, dot, up
+from aerodima.optimisation.screening.vehicle_motion import (
+    RATES,
+    SPIN,
+    STATES,
+    TINY,
+    TRAVEL,
+    V,
+    W,
+    advance,
+    dot,
+    up,
+)
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
@@ -43,8 +56,9 @@ class Entries:
     """What came of n runs.
 
     Attributes:
-        upright: no two wheels of a side in the air, no tail on the ground, no board while the car is steered, not
-            flipped; and straight again at the end, or on its path to the end, as `optimisation.entry.entry_speed` asks.
+        upright: no two wheels of a side in the air, no tail on the ground, no board while the car
+            is steered, not flipped; and straight again at the end, or on its path to the end, as
+            `optimisation.entry.entry_speed` asks.
         figure: mean lateral acceleration of the course to the side that is steered to, m/s2.
         driven: share of a path that lay behind the car at its first failure.
     """
@@ -60,7 +74,8 @@ class PathMotion:
 
     Attributes:
         preview, correction, lag: of `PathDriver` (n).
-        roll, pitch: of the tail at places spread evenly over the path (k, n), rad; without any the law moves it.
+        roll, pitch: of the tail at places spread evenly over the path (k, n), rad; without any the
+            law moves it.
     """
 
     preview: FloatArray
@@ -71,9 +86,14 @@ class PathMotion:
 
 
 def enter(
-    cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArray, motion: PathMotion | None = None
+    cars: Vehicles,
+    scenario: Scenario,
+    gains: Any,
+    steers_tail: FloatArray,
+    motion: PathMotion | None = None,
 ) -> Entries:
-    """Drives n cars that begin rolling at their speeds through the manoeuvre of a scenario, to the left.
+    """Drives n cars that begin rolling at their speeds through the manoeuvre of a scenario, to the
+    left.
 
     Args:
         cars: n of them.
@@ -82,28 +102,44 @@ def enter(
         steers_tail: 1 where the law rolls the tail, 0 where its roll is held in the middle (n).
         motion: on a path; without it the driver is that of the scenario.
     """
-    plan, rate = scenario.manoeuvre, scenario.controller.rate
-    entering, start = Entering(cars, scenario, gains, steers_tail, motion), plan.turn_start - LEAD
+    plan = scenario.manoeuvre
+    rate = scenario.controller.rate
+    entering = Entering(cars, scenario, gains, steers_tail, motion)
+    start = plan.turn_start - LEAD
     follows = plan.kind == "path"
     length = 1.2 * np.max(entering.to_go / cars.speed) if follows else run_time(scenario) - start
-    steps, last, ticks = round(length / STEP), round(LAST / STEP), round(1.0 / (STEP * rate))
+    steps = round(length / STEP)
+    last = round(LAST / STEP)
+    ticks = round(1.0 / (STEP * rate))
     index = np.arange(steps)
-    ticked, time = index % ticks == 0, start + index * STEP
-    planned, driver = np.zeros(steps), make_driver(scenario)
+    ticked = index % ticks == 0
+    time = start + index * STEP
+    planned = np.zeros(steps)
+    driver = make_driver(scenario)
     if isinstance(driver, ScheduledDriver):
         planned[ticked] = [driver.schedule.at(one).steering_angle for one in time[ticked]]
-    run(entering, ticked, time, planned, 1.0 * (time >= plan.turn_start), (index >= steps - last) / last)
-    straight = np.isnan(entering.ending) | (np.abs(entering.ending) <= EXIT_YAW_RATE)  # NaN: it is steered to the end
+    run(
+        entering,
+        ticked,
+        time,
+        planned,
+        1.0 * (time >= plan.turn_start),
+        (index >= steps - last) / last,
+    )
+    straight = np.isnan(entering.ending) | (
+        np.abs(entering.ending) <= EXIT_YAW_RATE
+    )  # NaN: it is steered to the end
     ends = entering.to_go <= 0.0 if follows else straight
-    figure, driven = entering.total / np.maximum(entering.steered, 1.0), 1.0 - entering.left / entering.whole
+    figure = entering.total / np.maximum(entering.steered, 1.0)
+    driven = 1.0 - entering.left / entering.whole
     return Entries(entering.upright & ends, figure, driven)
 
 
 class Entering:
     """Cars on the way, a batch of `compiled.run`.
 
-    A step is given its time (s), the steering command (rad) that is planned where a tick begins it, 1 where the course
-    counts, and its share in the end of the run.
+    A step is given its time (s), the steering command (rad) that is planned where a tick begins it,
+    1 where the course counts, and its share in the end of the run.
 
     Attributes:
         state: (24, n).
@@ -113,40 +149,67 @@ class Entering:
     """
 
     def __init__(
-        self, cars: Vehicles, scenario: Scenario, gains: Any, steers_tail: FloatArray, motion: PathMotion | None = None
+        self,
+        cars: Vehicles,
+        scenario: Scenario,
+        gains: Any,
+        steers_tail: FloatArray,
+        motion: PathMotion | None = None,
     ) -> None:
-        plan, controller, n = scenario.manoeuvre, scenario.controller, cars.count
-        self._cars, self._gains, self._steers_tail = cars, gains, steers_tail
-        numbers = [scenario.car.wheelbase, scenario.servo.rate, controller.hold_kp, controller.hold_kd]
+        plan = scenario.manoeuvre
+        controller = scenario.controller
+        n = cars.count
+        self._cars = cars
+        self._gains = gains
+        self._steers_tail = steers_tail
+        numbers = [
+            scenario.car.wheelbase,
+            scenario.servo.rate,
+            controller.hold_kp,
+            controller.hold_kd,
+        ]
         self._wheelbase, self._servo_rate, kp, kd = np.outer(numbers, np.ones(n))
-        self._rate, self._half_width = controller.rate, cars.wheel[1, 0] + cars.edge + cars.tyre_half_width
+        self._rate = controller.rate
+        self._half_width = cars.wheel[1, 0] + cars.edge + cars.tyre_half_width
         driver: Any = make_driver(scenario)
-        self.to_go, self._roll, self._pitch_played = np.ones(n), np.zeros((0, n)), np.zeros((0, n))
+        self.to_go = np.ones(n)
+        self._roll = np.zeros((0, n))
+        self._pitch_played = np.zeros((0, n))
         self._driver = None if isinstance(driver, ScheduledDriver) else driver
         self._memory = np.repeat(driver.start()[:, None], n, axis=1)
         if plan.kind == "path":
             fields = {"begin": cars.speed * LEAD, "vehicle_width": 2.0 * self._half_width}
             own = {name: fields[name] for name in fields if hasattr(driver.path, name)}
-            chosen = {name: np.full(n, getattr(driver, name)) for name in ("preview", "correction", "lag")}
+            chosen = {
+                name: np.full(n, getattr(driver, name)) for name in ("preview", "correction", "lag")
+            }
             if motion is not None:
                 chosen = {name: getattr(motion, name) for name in chosen}
-                self._roll, self._pitch_played = motion.roll, motion.pitch
+                self._roll = motion.roll
+                self._pitch_played = motion.pitch
             self._driver = replace(driver, path=replace(driver.path, **own), **chosen)
             self.to_go = self._driver.path.end + 0.0 * cars.speed
         self.whole = self.left = self.to_go
         self._pitch = np.stack([gains.pitch_angle, np.zeros(n), kp, kd])
-        self.state, self._tail = np.zeros((len(STATES), n)), np.zeros((2, 4, n))
-        self.state[RATES][V][0], self.state[RATES][SPIN] = cars.speed, cars.speed / cars.rolling_radius
+        self.state = np.zeros((len(STATES), n))
+        self._tail = np.zeros((2, 4, n))
+        self.state[RATES][V][0] = cars.speed
+        self.state[RATES][SPIN] = cars.speed / cars.rolling_radius
         self.state[6] = gains.pitch_angle
-        self._seen = np.zeros((1 + round(np.ceil(scenario.imu.delay * controller.rate - 1e-9)), 3, n))
+        self._seen = np.zeros(
+            (1 + round(np.ceil(scenario.imu.delay * controller.rate - 1e-9)), 3, n)
+        )
         self._steering, self._command, self._reference, self._course = np.zeros((4, n))
         self._gone = np.zeros(n, bool)
-        self.upright, (self.total, self.steered, self.ending) = np.ones(n, bool), np.zeros((3, n))
+        self.upright = np.ones(n, bool)
+        (self.total, self.steered, self.ending) = np.zeros((3, n))
 
     def tick(self, time: Any, planned: Any, *_: Any) -> None:
         """Asks the law and the driver."""
         state = self.state
-        self._seen = np.concatenate([self._seen[1:], np.stack([state[5], *state[RATES][W][::2]])[None]])
+        self._seen = np.concatenate(
+            [self._seen[1:], np.stack([state[5], *state[RATES][W][::2]])[None]]
+        )
         roll, roll_rate, yaw_rate = self._seen[0]
         seen = Seen(roll, roll_rate, yaw_rate, state[RATES][V][0], self._command, True)
         found = respond(self._gains, self._wheelbase, self._rate, self._reference, seen)
@@ -169,20 +232,25 @@ class Entering:
 
     def step(self, time: Any, planned: Any, counts: Any, share: Any) -> None:
         """Drives one step and judges it."""
-        cars, most = self._cars, self._servo_rate * STEP
+        cars = self._cars
+        most = self._servo_rate * STEP
         self._steering = self._steering + np.clip(self._command - self._steering, -most, most)
         both = np.stack([self._steering, self._steering])
         new, _ = advance(STEP, cars, self.state, both, cars.speed / cars.rolling_radius, self._tail)
         self.state = state = np.where(self._gone, self.state, new)
-        lift, (sail, board) = wheel_lifts(state, cars, self._steering), heights(state, cars)
+        lift = wheel_lifts(state, cars, self._steering)
+        (sail, board) = heights(state, cars)
         side = np.maximum(np.minimum(lift[0], lift[2]), np.minimum(lift[1], lift[3]))
         self._gone = self._gone | (up(state[4], state[5])[2] < np.cos(FLIP_TILT))
         steers = np.abs(self._command) > STRAIGHT
         fine = (side <= TWO_WHEELS) & (sail > 0.0) & ((board > 0.0) | ~steers) & ~self._gone
         if isinstance(self._driver, PathDriver):
-            path, pose = self._driver.path, (state[0], state[1], state[3])
+            path = self._driver.path
+            pose = (state[0], state[1], state[3])
             self.to_go = np.minimum(self.to_go, path.end - path.station(*pose[:2]))
-            fine = fine & (beyond_lane(path, *pose, self._half_width, self._driver.wheelbase, OUTLINE) <= 0.0)
+            fine = fine & (
+                beyond_lane(path, *pose, self._half_width, self._driver.wheelbase, OUTLINE) <= 0.0
+            )
         self.upright = self.upright & (fine | (counts == 0.0))
         self.left = np.where(self.upright, self.to_go, self.left)
         self.ending = self.ending + np.where(steers & (share > 0.0), np.nan, state[14] * share)
@@ -204,7 +272,8 @@ def between(share: FloatArray, places: FloatArray) -> FloatArray:
 
 
 def wheel_lifts(state: FloatArray, cars: Vehicles, steering: FloatArray) -> FloatArray:
-    """Height of the lowest point of each tyre over the ground (4, n), m; negative where it presses into it.
+    """Height of the lowest point of each tyre over the ground (4, n), m; negative where it presses
+    into it.
 
     Args:
         state: (24, n).
@@ -214,16 +283,24 @@ def wheel_lifts(state: FloatArray, cars: Vehicles, steering: FloatArray) -> Floa
     n = up(state[4], state[5])[:, None]
     steer = np.concatenate([np.stack([steering, steering]), np.zeros((2, cars.count))])
     tilt = dot(np.stack([-np.sin(steer), np.cos(steer), 0.0 * steer]), n)
-    reach = np.sqrt(cars.tyre_radius**2 * (1.0 - tilt * tilt + TINY) + cars.tyre_half_width**2 * tilt * tilt)
+    reach = np.sqrt(
+        cars.tyre_radius**2 * (1.0 - tilt * tilt + TINY) + cars.tyre_half_width**2 * tilt * tilt
+    )
     centre = np.stack([cars.wheel[0], cars.wheel[1], cars.wheel[2] + state[TRAVEL]])
     found: FloatArray = state[2] + dot(n, centre) - cars.edge * np.abs(tilt) - reach
     return found
 
 
 def climb(
-    cars: Vehicles, speeds: FloatArray, drivers: Sequence[Scenario], gains: Any, steers_tail: FloatArray
+    cars: Vehicles,
+    speeds: FloatArray,
+    drivers: Sequence[Scenario],
+    gains: Any,
+    steers_tail: FloatArray,
 ) -> tuple[np.ndarray, FloatArray]:
-    """Whether n cars stay upright at speeds (m, n), m/s, with one of the drivers, and their figures, (m, n) each."""
+    """Whether n cars stay upright at speeds (m, n), m/s, with one of the drivers, and their
+    figures, (m, n) each.
+    """
     which = np.tile(np.arange(cars.count), len(speeds))
     tried = at_speeds(cars.take(which), speeds.ravel())
     own = SimpleNamespace(**{name: values[which] for name, values in vars(gains).items()})

@@ -23,7 +23,8 @@ class PlayedRoll:
 
     Attributes:
         plays: 1 where a tail follows its knots, 0 where the law is another one.
-        time: since the release (knots, n), s, strictly increasing, the first 0; before and after them the tail rests.
+        time: since the release (knots, n), s, strictly increasing, the first 0; before and after
+            them the tail rests.
         roll, rate: of the tail at the knots (knots, n), rad and rad/s.
         kp, kd: of the roll motor; `pitch_kp`, `pitch_kd` of the pitch motor; N m/rad, N m s/rad.
     """
@@ -40,7 +41,9 @@ class PlayedRoll:
     @classmethod
     def none(cls, number: int) -> PlayedRoll:
         """Of so many tails that follow another law."""
-        time, still, no_gain = np.array([[0.0], [1.0]]) * np.ones(number), np.zeros((2, number)), np.zeros(number)
+        time = np.array([[0.0], [1.0]]) * np.ones(number)
+        still = np.zeros((2, number))
+        no_gain = np.zeros(number)
         return cls(no_gain, time, still, still, *[no_gain] * 4)
 
     def take(self, places: Any) -> PlayedRoll:
@@ -49,7 +52,11 @@ class PlayedRoll:
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Roll (n), rad, and its rate at times (n) since the releases, s."""
-        ends = [values[side] for values in (self.time, self.roll, self.rate) for side in (slice(-1), slice(1, None))]
+        ends = [
+            values[side]
+            for values in (self.time, self.roll, self.rate)
+            for side in (slice(-1), slice(1, None))
+        ]
         pieces = np.stack(ends, axis=1)  # (knots - 1, 6, n)
         piece = pieces[0]
         for number in range(1, len(pieces)):
@@ -60,7 +67,11 @@ class PlayedRoll:
         return value, np.where((time < 0.0) | (time > self.time[-1]), 0.0, slope)
 
 
-COMMON = {"start": "manoeuvre.turn_start, s", "rate": "controller.rate, Hz", "late": "imu.delay, ticks"}
+COMMON = {
+    "start": "manoeuvre.turn_start, s",
+    "rate": "controller.rate, Hz",
+    "late": "imu.delay, ticks",
+}
 """Of `TurnPlans`: the same for all turns that are driven at once, with the words of a complaint."""
 
 
@@ -70,12 +81,16 @@ class TurnPlans:
 
     Attributes:
         ramp, start: the car gathers speed for so long and goes straight until then, s.
-        lead: s by which a drive without governor is asked for its speed ahead of the ramp (`SpeedRamp`).
+        lead: s by which a drive without governor is asked for its speed ahead of the ramp
+            (`SpeedRamp`).
         steer_angle: rad; `hold` s, length of the steering step; `steer_rate` of the servo, rad/s.
-        first_angle, first_hold: another angle at the beginning of the step, rad, and how much of it, s.
+        first_angle, first_hold: another angle at the beginning of the step, rad, and how much of
+            it, s.
         rate: of the controller, Hz; `late` how many of its ticks a yaw rate is old.
-        trigger_steering: steering command that releases the swing, rad; infinite where a yaw rate does.
-        swings: 1 where the tail swings; all others as `SwingSettings`, rad, s, rad/s, N m/rad, N m s/rad.
+        trigger_steering: steering command that releases the swing, rad; infinite where a yaw rate
+            does.
+        swings: 1 where the tail swings; all others as `SwingSettings`, rad, s, rad/s, N m/rad, N m
+            s/rad.
         played: the tails that follow knots.
     """
 
@@ -111,7 +126,8 @@ class TurnPlans:
         """The plans of scenarios whose tail follows the thesis' law, or is held.
 
         Raises:
-            UserError: a swing file or a trigger that the model does not know, or scenarios that differ in `COMMON`.
+            UserError: a swing file or a trigger that the model does not know, or scenarios that
+                differ in `COMMON`.
         """
         rows = [_row(scenario) for scenario in scenarios]
         names = [field.name for field in fields(cls) if field.name != "played"]
@@ -119,43 +135,65 @@ class TurnPlans:
         plans = cls(**dict(zip(names, numbers, strict=True)), played=PlayedRoll.none(len(rows)))
         for name, words in COMMON.items():
             if len(found := np.unique(getattr(plans, name))) > 1:
-                raise UserError(f"{words}: {found[0]:g} and {found[-1]:g}; turns that are driven at once have one")
+                raise UserError(
+                    f"{words}: {found[0]:g} and {found[-1]:g}; turns that are driven at once have "
+                    "one"
+                )
         return plans
 
     def take(self, places: Any) -> TurnPlans:
         """Plans at these places, again and again if asked."""
-        numbers = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "played"}
+        numbers = {
+            field.name: getattr(self, field.name)
+            for field in fields(self)
+            if field.name != "played"
+        }
         taken = {name: values[..., places] for name, values in numbers.items()}
         return TurnPlans(**taken, played=self.played.take(places))
 
     def commanded(self, time: Any) -> FloatArray:
-        """Steering command (n) of the drivers at a time since the start of the turn, or at times (n), rad."""
-        level = np.where(time + TICK_TOLERANCE < self.first_hold, self.first_angle, self.steer_angle)
-        return np.where((time + TICK_TOLERANCE >= 0.0) & (time + TICK_TOLERANCE < self.hold), level, 0.0)
+        """Steering command (n) of the drivers at a time since the start of the turn, or at times
+        (n), rad.
+        """
+        level = np.where(
+            time + TICK_TOLERANCE < self.first_hold, self.first_angle, self.steer_angle
+        )
+        return np.where(
+            (time + TICK_TOLERANCE >= 0.0) & (time + TICK_TOLERANCE < self.hold), level, 0.0
+        )
 
     def steering(self, time: Any) -> FloatArray:
-        """Angle (n) to which the servos have turned the wheels at a time since the start of the turn, rad.
+        """Angle (n) to which the servos have turned the wheels at a time since the start of the
+        turn, rad.
 
         Args:
             time: s; several in (times, 1) give angles (times, n).
         """
         rate = self.steer_rate
-        first = np.minimum(np.maximum(rate * np.minimum(time, self.first_hold), 0.0), self.first_angle)
+        first = np.minimum(
+            np.maximum(rate * np.minimum(time, self.first_hold), 0.0), self.first_angle
+        )
         moved = rate * np.maximum(0.0, np.minimum(time, self.hold) - self.first_hold)
         angle = first + np.clip(self.steer_angle - first, -moved, moved)
         return np.maximum(angle - rate * np.maximum(0.0, time - self.hold), 0.0)
 
     @property
     def straight(self) -> FloatArray:
-        """When the wheels are straight again (n), s since the start of the turn; see `angle_to_straighten`."""
+        """When the wheels are straight again (n), s since the start of the turn; see
+        `angle_to_straighten`.
+        """
         first = self.first_angle - self.steer_rate * (self.hold - self.first_hold)
-        last = np.where(self.first_hold > 0.0, np.maximum(self.steer_angle, first), self.steer_angle)
+        last = np.where(
+            self.first_hold > 0.0, np.maximum(self.steer_angle, first), self.steer_angle
+        )
         return self.hold + last / self.steer_rate
 
 
 def _row(scenario: Scenario) -> dict[str, float]:
     """Fields of `TurnPlans` for one turn."""
-    settings, turn, imu = SwingSettings.from_scenario(scenario), scenario.manoeuvre, scenario.imu
+    settings = SwingSettings.from_scenario(scenario)
+    turn = scenario.manoeuvre
+    imu = scenario.imu
     row: dict[str, Any] = {name: getattr(settings, name) for name in SwingSettings.model_fields}
     row |= {
         "ramp": turn.speed_ramp,
@@ -173,7 +211,9 @@ def _row(scenario: Scenario) -> dict[str, float]:
     if settings.mode == "swing" and (name := scenario.controller.swing_file) != NO_SWING:
         raise UserError(f"controller.swing_file: {name}; the screening model knows: {NO_SWING}")
     if settings.mode == "swing" and settings.trigger == "lateral_acceleration":
-        raise UserError(f"controller.trigger: {settings.trigger}; the screening model knows: steering, yaw_rate")
+        raise UserError(
+            f"controller.trigger: {settings.trigger}; the screening model knows: steering, yaw_rate"
+        )
     if settings.trigger == "steering":
         row |= {"trigger_yaw_rate": np.inf, "trigger_steering": settings.trigger_steering_angle}
     return row

@@ -1,4 +1,6 @@
-"""Turns of many reduced cars at once, each with its own floor, steering and swing; what screening asks of them."""
+"""Turns of many reduced cars at once, each with its own floor, steering and swing; what screening
+asks of them.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,17 @@ import numpy as np
 
 from aerodima.optimisation.screening.compiled import run
 from aerodima.optimisation.screening.turn_plans import TurnPlans
-from aerodima.optimisation.screening.vehicle_motion import RATES, STATES, TAIL_RATE, TINY, V, W, advance, tail_axes, up
+from aerodima.optimisation.screening.vehicle_motion import (
+    RATES,
+    STATES,
+    TAIL_RATE,
+    TINY,
+    V,
+    W,
+    advance,
+    tail_axes,
+    up,
+)
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.controllers.swing_law import SwingState
@@ -43,24 +55,37 @@ class TurnRecord:
 
     def __init__(self, cars: Vehicles, state: FloatArray, straight: FloatArray) -> None:
         n = cars.count
-        self._cars, self._begun, self._straight = cars, state, straight
+        self._cars = cars
+        self._begun = state
+        self._straight = straight
         self._limits = np.outer(list(_CALM_STATES.values()), np.ones(n))
         self._limits[-2:, cars.has_tail == 0.0] = np.inf
-        self._restless, self._settled = straight, np.full(n, np.nan)
-        self._left, self._around = np.full(n, np.nan), np.zeros((2, *state.shape))
-        self.peak_roll, self.lowest_tail, self.lowest_board = np.zeros(n), np.full(n, np.inf), np.full(n, np.inf)
+        self._restless = straight
+        self._settled = np.full(n, np.nan)
+        self._left = np.full(n, np.nan)
+        self._around = np.zeros((2, *state.shape))
+        self.peak_roll = np.zeros(n)
+        self.lowest_tail = np.full(n, np.inf)
+        self.lowest_board = np.full(n, np.inf)
 
     def see(self, time: Any, before: FloatArray, state: FloatArray) -> None:
-        """Records states (24, n): those a step before a time since the start of the steering, s, and those at it."""
+        """Records states (24, n): those a step before a time since the start of the steering, s,
+        and those at it.
+        """
         self.peak_roll = np.maximum(self.peak_roll, state[5])
         tail, board = heights(state, self._cars)
-        self.lowest_tail, self.lowest_board = np.minimum(self.lowest_tail, tail), np.minimum(self.lowest_board, board)
-        leaves = np.isnan(self._left) & (time > self._straight) & (np.abs(state[14]) < EXIT_YAW_RATE)
+        self.lowest_tail = np.minimum(self.lowest_tail, tail)
+        self.lowest_board = np.minimum(self.lowest_board, board)
+        leaves = (
+            np.isnan(self._left) & (time > self._straight) & (np.abs(state[14]) < EXIT_YAW_RATE)
+        )
         self._left = np.where(leaves, time, self._left)
         self._around = np.where(leaves, np.stack([before, state]), self._around)
 
     def settle(self, time: Any, state: FloatArray, loads: FloatArray, busy: np.ndarray) -> None:
-        """Decides who has settled, as in a log, by the loads of the wheels (4, n), N, and by whose law is busy."""
+        """Decides who has settled, as in a log, by the loads of the wheels (4, n), N, and by whose
+        law is busy.
+        """
         calm = np.logical_and.reduce(np.abs(state[_CALM_PLACES]) <= self._limits)
         loaded = np.logical_and.reduce(loads > LOADED_FORCE)
         calm = calm & (up(state[4], state[5])[2] > _COS_CALM) & loaded & ~busy
@@ -73,28 +98,35 @@ class TurnRecord:
         return np.where(np.isnan(self._settled), state[3], self._settled) - self._begun[3]
 
     def exits(self, length: float) -> dict[str, FloatArray]:
-        """What the cars do at their exit: the wheels are straight again and the yaw rate is below `EXIT_YAW_RATE`.
+        """What the cars do at their exit: the wheels are straight again and the yaw rate is below
+        `EXIT_YAW_RATE`.
 
         Args:
             length: of a step, s.
 
         Returns:
-            `exit_time` s since the start; `course`, change of it until then, and `sideslip` then, heading less course,
-            rad. NaN without an exit.
+            `exit_time` s since the start; `course`, change of it until then, and `sideslip` then,
+            heading less course, rad. NaN without an exit.
         """
-        (before, state), earlier = self._around, self._left - length
+        (before, state) = self._around
+        earlier = self._left - length
         side = np.where(state[14] < 0.0, -1.0, 1.0)
         fall = side * (before[14] - state[14])
-        calm = np.where(fall > 0.0, (side * before[14] - EXIT_YAW_RATE) / np.where(fall == 0.0, 1.0, fall), 0.0)
+        calm = np.where(
+            fall > 0.0, (side * before[14] - EXIT_YAW_RATE) / np.where(fall == 0.0, 1.0, fall), 0.0
+        )
         share = np.clip(np.maximum(calm, (self._straight - earlier) / length), 0.0, 1.0)
-        then, now = course(before, self._cars), course(state, self._cars)
+        then = course(before, self._cars)
+        now = course(state, self._cars)
         exit_course = then + share * (now - then)
         found = {
             "exit_time": earlier + share * length,
             "course": exit_course - course(self._begun, self._cars),
             "sideslip": before[3] + share * (state[3] - before[3]) - exit_course,
         }
-        return {name: np.where(np.isnan(self._left), np.nan, values) for name, values in found.items()}
+        return {
+            name: np.where(np.isnan(self._left), np.nan, values) for name, values in found.items()
+        }
 
 
 def course(state: FloatArray, cars: Vehicles) -> FloatArray:
@@ -107,15 +139,24 @@ def over_ground(state: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArra
     yaw, pitch, roll = state[3:6]
     ahead, left = velocity_over_ground(state[RATES][V], state[RATES][W], roll, pitch, x)
     speed = np.sqrt(ahead * ahead + left * left + TINY)
-    return yaw + 2.0 * np.arctan(left / (speed + ahead + TINY)), speed  # `compiled.run` has no arctan2
+    return yaw + 2.0 * np.arctan(
+        left / (speed + ahead + TINY)
+    ), speed  # `compiled.run` has no arctan2
 
 
 def heights(state: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray]:
-    """Of the lower corner of the sail's tip and of the board over the ground, m; tail far up where there is none."""
+    """Of the lower corner of the sail's tip and of the board over the ground, m; tail far up where
+    there is none.
+    """
     upright = up(state[4], state[5])
     x, _, e = tail_axes(state[6], state[7])
     corner = np.sum(upright * (cars.mount + cars.tip[0] * e), axis=0)
-    low = state[2] + corner - np.sqrt(np.sum(upright * x, axis=0) ** 2 + TINY) * cars.tip[1] - SAIL_TIP_MARGIN
+    low = (
+        state[2]
+        + corner
+        - np.sqrt(np.sum(upright * x, axis=0) ** 2 + TINY) * cars.tip[1]
+        - SAIL_TIP_MARGIN
+    )
     board = state[2] + np.min(np.sum(upright[:, None] * cars.board, axis=0), axis=0)
     return np.where(cars.has_tail > 0.0, low, np.inf), board
 
@@ -123,8 +164,8 @@ def heights(state: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray]:
 RECORDED = ("peak_roll", "lowest_tail", "lowest_board")
 """Of `TurnRecord`, in `Turns`."""
 WITHIN = (np.arange(8.0)[:, None] + 0.5) / 8.0
-"""Instants of a step, in its length: the wheels' angle in a step is the mean over them, so that it changes smoothly
-with the times of the steering."""
+"""Instants of a step, in its length: the wheels' angle in a step is the mean over them, so that it
+changes smoothly with the times of the steering."""
 
 
 @dataclass(frozen=True)
@@ -134,15 +175,17 @@ class Turns:
     Attributes:
         survived: as the outcome of a full run.
         clean: and tail and board stayed off the ground.
-        heading: change from the start of the turn until the car has settled (`TurnRecord`), else to the end, rad.
+        heading: change from the start of the turn until the car has settled (`TurnRecord`), else to
+            the end, rad.
         peak_roll: outwards, rad.
         trigger: when the swing began after the start of the turn, s; NaN when it never did.
         lowest_tail, lowest_board: least height over the ground, m.
-        course: change from the start of the turn to its exit (`TurnRecord`), rad; `exit_time` s since that start and
-            `sideslip` rad there. NaN without an exit.
+        course: change from the start of the turn to its exit (`TurnRecord`), rad; `exit_time` s
+            since that start and `sideslip` rad there. NaN without an exit.
         last: states at the end (24, n).
-        history: every state (steps, 24, n), when asked for; `asked` the torque of the roll motor by its own law at the
-            beginning of each of these steps (steps, n), N m; `loads` of the wheels in them (steps, 4, n), N.
+        history: every state (steps, 24, n), when asked for; `asked` the torque of the roll motor by
+            its own law at the beginning of each of these steps (steps, n), N m; `loads` of the
+            wheels in them (steps, 4, n), N.
     """
 
     survived: np.ndarray
@@ -169,7 +212,8 @@ class Driven:
     """Cars on the way, a batch of `compiled.run`; times are s since the start of the steering.
 
     Attributes:
-        state: (24, n); `gone`, who has flipped (n); `loads` of the wheels before the last step (4, n), N.
+        state: (24, n); `gone`, who has flipped (n); `loads` of the wheels before the last step (4,
+            n), N.
 
     Args:
         cars, plans: n of each.
@@ -178,9 +222,14 @@ class Driven:
     """
 
     def __init__(self, cars: Vehicles, plans: TurnPlans, state: FloatArray, length: float) -> None:
-        self._cars, self._plans, self._length = cars, plans, length
-        self.state, self.gone, self.loads = state, np.zeros(cars.count, bool), np.zeros((4, cars.count))
-        self.law, self.record = BatchLaw(plans, cars, state[14]), TurnRecord(cars, state, plans.straight)
+        self._cars = cars
+        self._plans = plans
+        self._length = length
+        self.state = state
+        self.gone = np.zeros(cars.count, bool)
+        self.loads = np.zeros((4, cars.count))
+        self.law = BatchLaw(plans, cars, state[14])
+        self.record = TurnRecord(cars, state, plans.straight)
 
     def tick(self, time: Any) -> None:
         """One tick of the controller."""
@@ -188,7 +237,10 @@ class Driven:
 
     def step(self, time: Any) -> tuple[FloatArray, ...]:
         """Drives one step and returns what `HISTORY` names."""
-        cars, plans, before, tail = self._cars, self._plans, self.state, self.law.commands()
+        cars = self._cars
+        plans = self._plans
+        before = self.state
+        tail = self.law.commands()
         gathered = (time + plans.start) / plans.ramp
         speed = cars.speed * np.where(gathered < 1.0, gathered + plans.lead / plans.ramp, 1.0)
         steered = np.sum(plans.steering(time + self._length * WITHIN), axis=0) / len(WITHIN)
@@ -211,29 +263,41 @@ def drive_turns(
     history: bool = False,
     begun: FloatArray | None = None,
 ) -> Turns:
-    """Drives the turns of n cars, from standstill on: a held sail already drags the car round on a slippery straight.
+    """Drives the turns of n cars, from standstill on: a held sail already drags the car round on a
+    slippery straight.
 
     Args:
         cars, plans: n of each.
-        duration: s from the start of the steering; 0 ends with the straight, whose `last` begins other turns.
+        duration: s from the start of the steering; 0 ends with the straight, whose `last` begins
+            other turns.
         length: of a step, s.
         history: keep every state, the torques that were asked of the roll motor, and the loads.
-        begun: states (24, n) when the steering begins, of cars whose tail still waits; the straight is not driven.
+        begun: states (24, n) when the steering begins, of cars whose tail still waits; the straight
+            is not driven.
     """
     state = np.zeros((len(STATES), cars.count)) if begun is None else begun
     if begun is None:
-        state[6], state[7] = plans.pitch_angle, -plans.hold_angle
+        state[6] = plans.pitch_angle
+        state[7] = -plans.hold_angle
     ticks = round(1.0 / (length * float(plans.rate[0])))
     begin = round(float(plans.start[0]) / length)
-    first, end = 0 if begun is None else begin, begin + round(duration / length)
-    driven, kept = Driven(cars, plans, state, length), []
+    first = 0 if begun is None else begin
+    end = begin + round(duration / length)
+    driven = Driven(cars, plans, state, length)
+    kept = []
     for part in (np.arange(first, begin), np.arange(begin, end)):
         if part.size:
-            driven.record = TurnRecord(cars, driven.state, plans.straight)  # that of the turn begins with the turn
+            driven.record = TurnRecord(
+                cars, driven.state, plans.straight
+            )  # that of the turn begins with the turn
             ticked = (part % ticks == 0) | (part == first)
             kept.append(run(driven, ticked, (part - begin) * length, keep=history))
-    state, loads, record = driven.state, driven.loads, driven.record
-    leaning = (np.arccos(np.clip(up(state[4], state[5])[2], -1.0, 1.0)) > END_TILT) & (loads <= 0.0).any(axis=0)
+    state = driven.state
+    loads = driven.loads
+    record = driven.record
+    leaning = (np.arccos(np.clip(up(state[4], state[5])[2], -1.0, 1.0)) > END_TILT) & (
+        loads <= 0.0
+    ).any(axis=0)
     survived = ~(driven.gone | leaning)
     return Turns(
         survived=survived,
@@ -254,7 +318,8 @@ def asked_torque(state: FloatArray, tail: FloatArray) -> FloatArray:
 
 
 class BatchLaw:
-    """The thesis' law (`workbench.controllers.swing_law`) for many cars in a turn to the left; or knots are played.
+    """The thesis' law (`workbench.controllers.swing_law`) for many cars in a turn to the left; or
+    knots are played.
 
     Attributes:
         trigger: when each swing began, s; NaN until it does.
@@ -266,8 +331,11 @@ class BatchLaw:
 
     def __init__(self, plans: TurnPlans, cars: Vehicles, yaw_rate: FloatArray) -> None:
         n = cars.count
-        self._plans, self._has_tail = plans, cars.has_tail
-        self._state, self._since, self._start = np.full(n, float(SwingState.HOLD)), np.zeros(n), np.zeros(n)
+        self._plans = plans
+        self._has_tail = cars.has_tail
+        self._state = np.full(n, float(SwingState.HOLD))
+        self._since = np.zeros(n)
+        self._start = np.zeros(n)
         self._seen = np.tile(yaw_rate, (1 + int(np.max(plans.late)), 1))
         self._commands = np.zeros((2, 4, n))
         self.trigger = np.full(n, np.nan)
@@ -279,12 +347,18 @@ class BatchLaw:
 
     def tick(self, time: Any, state: FloatArray) -> None:
         """One tick of the controller."""
-        p, angle = self._plans, state[7]
+        p = self._plans
+        angle = state[7]
         self._seen = np.concatenate([self._seen[1:], state[14][None]])
-        before, elapsed = self._state, time - self._since + 1e-9
+        before = self._state
+        elapsed = time - self._since + 1e-9
         released = (before == SwingState.HOLD) & (p.swings > 0.0)
-        steered = p.commanded(time - 1.0 / p.rate)  # a controller sees what the driver gave a tick ago
-        released = released & ((self._seen[0] > p.trigger_yaw_rate) | (steered > p.trigger_steering))
+        steered = p.commanded(
+            time - 1.0 / p.rate
+        )  # a controller sees what the driver gave a tick ago
+        released = released & (
+            (self._seen[0] > p.trigger_yaw_rate) | (steered > p.trigger_steering)
+        )
         self._enter(released, SwingState.DELAY, time, angle)
         elapsed = np.where(released, 1e-9, elapsed)
         begins = (self._state == SwingState.DELAY) & (elapsed >= p.delay)
@@ -306,15 +380,19 @@ class BatchLaw:
         return self._commands
 
     def _commanded(self, time: Any) -> FloatArray:
-        p, zero = self._plans, np.zeros_like(self._since)
+        p = self._plans
+        zero = np.zeros_like(self._since)
         hold = np.stack([-p.hold_angle, zero, p.hold_kp, p.hold_kd])
         swing = np.stack([zero, p.swing_speed, p.swing_kp, p.swing_kd])
         settle = np.stack([p.hold_angle, zero, p.settle_kp, p.settle_kd])
         pitch = np.stack([p.pitch_angle, zero, p.hold_kp, p.hold_kd])
-        swings, settles = self._state == SwingState.SWING, self._state == SwingState.SETTLE
+        swings = self._state == SwingState.SWING
+        settles = self._state == SwingState.SETTLE
         roll = np.where(swings, swing, np.where(settles, settle, hold))
         playing = (swings | settles) & (p.played.plays > 0.0)
-        followed = np.stack([*p.played.at(time - self.trigger + 0.5 / p.rate), p.played.kp, p.played.kd])
+        followed = np.stack(
+            [*p.played.at(time - self.trigger + 0.5 / p.rate), p.played.kp, p.played.kd]
+        )
         gains = np.stack([p.pitch_angle, zero, p.played.pitch_kp, p.played.pitch_kd])
         both = np.stack([np.where(playing, gains, pitch), np.where(playing, followed, roll)])
         return both * np.stack([1.0 + zero, 1.0 + zero, self._has_tail, self._has_tail])

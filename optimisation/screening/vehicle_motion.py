@@ -1,16 +1,19 @@
-"""Equations of motion of many cars at once: a rigid body on four suspended wheels, with its tail on two joints.
+"""Equations of motion of many cars at once: a rigid body on four suspended wheels, with its tail on
+two joints.
 
 Pure functions of arrays without branches, whose last axis is the car. Body frame B and
-signs as everywhere (design section 4): x forward, y left, z up, roll +x, pitch +y (nose down), yaw and steering to the
-left; tail roll 0 = up, positive to the right.
+signs as everywhere (design section 4): x forward, y left, z up, roll +x, pitch +y (nose down), yaw
+and steering to the left; tail roll 0 = up, positive to the right.
 
-    M(x) A = f(x),   A = (angular acceleration, acceleration of the origin of B, of the wheels' spin, of the tail)
+    M(x) A = f(x),   A = (angular acceleration, acceleration of the origin of B, of the wheels'
+    spin, of the tail)
 
-with vectors in B. As on the full car: both edges of every tyre with stiffness, dissipation and Coulomb friction, spin
-of the wheels with open differential and governor, suspension as prismatic along z of B, the anti-ramp board on the
-ground, air on the sail, friction and motors of the tail's joints, its weight and inertia. Left out: unsprung masses
-move with the body, so that their travel has no inertia and is a state of the first order; the wheels steer as the
-servo's linkage asks; a stop of a joint is a stiff spring; tail and cage do not feel the ground (the tail's height is an
+with vectors in B. As on the full car: both edges of every tyre with stiffness, dissipation and
+Coulomb friction, spin of the wheels with open differential and governor, suspension as prismatic
+along z of B, the anti-ramp board on the ground, air on the sail, friction and motors of the tail's
+joints, its weight and inertia. Left out: unsprung masses move with the body, so that their travel
+has no inertia and is a state of the first order; the wheels steer as the servo's linkage asks; a
+stop of a joint is a stiff spring; tail and cage do not feel the ground (the tail's height is an
 answer).
 """
 
@@ -32,8 +35,15 @@ STATES = (
     *(f"spin_{wheel}" for wheel in ("front_left", "front_right", "rear_left", "rear_right")),
     *("tail_pitch_rate", "tail_roll_rate"),
 )
-"""m, rad, rad/s, m/s. Position of the origin of B in W, its velocity and the angular velocity in B, spin forwards."""
-POSITION, ANGLES, TAIL, TRAVEL, RATES = slice(0, 3), slice(3, 6), slice(6, 8), slice(8, 12), slice(12, 24)
+"""m, rad, rad/s, m/s. Position of the origin of B in W, its velocity and the angular velocity in B,
+spin forwards."""
+POSITION, ANGLES, TAIL, TRAVEL, RATES = (
+    slice(0, 3),
+    slice(3, 6),
+    slice(6, 8),
+    slice(8, 12),
+    slice(12, 24),
+)
 W, V, SPIN, TAIL_RATE = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 12)
 """Of the twelve rates."""
 DEGREES = 12
@@ -83,7 +93,9 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Vector product along the first axis."""
     x = a[1] * b[2] - a[2] * b[1]
     found = np.empty_like(x, shape=(3, *x.shape))
-    found[0], found[1], found[2] = x, a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    found[0] = x
+    found[1] = a[2] * b[0] - a[0] * b[2]
+    found[2] = a[0] * b[1] - a[1] * b[0]
     return found
 
 
@@ -99,7 +111,10 @@ def up(pitch: FloatArray, roll: FloatArray) -> FloatArray:
 
 def tail_axes(pitch: FloatArray, roll: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Chord (axis of the roll joint), normal of the sail and axis of the tail in B, (3, n) each."""
-    sp, cp, sq, cq = np.sin(pitch), np.cos(pitch), np.sin(roll), np.cos(roll)
+    sp = np.sin(pitch)
+    cp = np.cos(pitch)
+    sq = np.sin(roll)
+    cq = np.cos(roll)
     return (
         np.stack([cp, 0.0 * cp, -sp]),
         np.stack([sp * sq, cq, cp * sq]),
@@ -134,7 +149,12 @@ def step(state: FloatArray, found: Equations, length: float) -> FloatArray:
 
 
 def advance(
-    length: float, cars: Vehicles, state: FloatArray, steering: FloatArray, shaft_speed: FloatArray, tail: FloatArray
+    length: float,
+    cars: Vehicles,
+    state: FloatArray,
+    steering: FloatArray,
+    shaft_speed: FloatArray,
+    tail: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """State (24, n) after a time (s), with `Commands`, and the loads (4, n) before it."""
     found = equations(state, Commands(steering, shaft_speed, tail), cars)
@@ -144,9 +164,17 @@ def advance(
 def configuration_rate(state: FloatArray, rates: FloatArray, travel_rate: FloatArray) -> FloatArray:
     """Of the first twelve states (12, n)."""
     yaw, pitch, roll = state[ANGLES]
-    (p, q, r), (u, v, w) = rates[W], rates[V]
-    sy, cy, sp, cp, sr, cr = np.sin(yaw), np.cos(yaw), np.sin(pitch), np.cos(pitch), np.sin(roll), np.cos(roll)
-    turning, ahead, left = q * sr + r * cr, cp * u + sp * (sr * v + cr * w), cr * v - sr * w
+    (p, q, r) = rates[W]
+    (u, v, w) = rates[V]
+    sy = np.sin(yaw)
+    cy = np.cos(yaw)
+    sp = np.sin(pitch)
+    cp = np.cos(pitch)
+    sr = np.sin(roll)
+    cr = np.cos(roll)
+    turning = q * sr + r * cr
+    ahead = cp * u + sp * (sr * v + cr * w)
+    left = cr * v - sr * w
     place = [ahead * cy - left * sy, ahead * sy + left * cy, cp * (sr * v + cr * w) - sp * u]
     angles = [turning / cp, q * cr - r * sr, p + turning * sp / cp]
     return np.concatenate([np.stack(place + angles), rates[TAIL_RATE], travel_rate])
@@ -155,9 +183,11 @@ def configuration_rate(state: FloatArray, rates: FloatArray, travel_rate: FloatA
 def solve(matrix: FloatArray, force: FloatArray) -> FloatArray:
     """Solution (k, n) of n symmetric positive definite systems (k, k, n) at once.
 
-    The last unknowns are eliminated first: wheels and joints hardly act on one another, so that most factors are zero.
+    The last unknowns are eliminated first: wheels and joints hardly act on one another, so that
+    most factors are zero.
     """
-    rows, right = matrix.copy(), force.copy()
+    rows = matrix.copy()
+    right = force.copy()
     for k in reversed(range(len(right))):
         inverse = 1.0 / rows[k, k]
         factor = rows[k, :k] * inverse
@@ -174,7 +204,13 @@ def solve(matrix: FloatArray, force: FloatArray) -> FloatArray:
 def _skew(a: FloatArray) -> FloatArray:
     """[a]x with [a]x b = a x b, (3, 3, n)."""
     zero = 0.0 * a[0]
-    return np.stack([np.stack([zero, -a[2], a[1]]), np.stack([a[2], zero, -a[0]]), np.stack([-a[1], a[0], zero])])
+    return np.stack(
+        [
+            np.stack([zero, -a[2], a[1]]),
+            np.stack([a[2], zero, -a[0]]),
+            np.stack([-a[1], a[0], zero]),
+        ]
+    )
 
 
 def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -203,14 +239,26 @@ def _body(state: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray, Fl
 
 
 def _tail(
-    state: FloatArray, commands: Commands, cars: Vehicles, mass: FloatArray, force: FloatArray, damping: FloatArray
+    state: FloatArray,
+    commands: Commands,
+    cars: Vehicles,
+    mass: FloatArray,
+    force: FloatArray,
+    damping: FloatArray,
 ) -> FloatArray:
     """Adds the arm with its joints, motors and air; returns the stiffness of the joints."""
     rates = state[RATES]
-    w, joint_rates = rates[W], rates[TAIL_RATE]
+    w = rates[W]
+    joint_rates = rates[TAIL_RATE]
     x, y, e = tail_axes(state[6], state[7])
-    m, P, L = cars.tail_mass, cars.mount, cars.tail_centre * e
-    J = cars.tail_inertia[0] * _outer(x, x) + cars.tail_inertia[1] * _outer(y, y) + cars.tail_inertia[2] * _outer(e, e)
+    m = cars.tail_mass
+    P = cars.mount
+    L = cars.tail_centre * e
+    J = (
+        cars.tail_inertia[0] * _outer(x, x)
+        + cars.tail_inertia[1] * _outer(y, y)
+        + cars.tail_inertia[2] * _outer(e, e)
+    )
     pitch_axis = np.zeros_like(x)
     pitch_axis[1] = 1.0
 
@@ -221,7 +269,9 @@ def _tail(
     mass[V, W] = -mass[W, V]
     eye = np.eye(3)[:, :, None]
     PL = _outer(P, L)
-    mass[W, W] += J + m * ((dot(P, P) + 2 * dot(P, L)) * eye - _outer(P, P) - PL - np.swapaxes(PL, 0, 1))
+    mass[W, W] += J + m * (
+        (dot(P, P) + 2 * dot(P, L)) * eye - _outer(P, P) - PL - np.swapaxes(PL, 0, 1)
+    )
     for place, axis in zip(range(DEGREES)[TAIL_RATE], (pitch_axis, x), strict=True):
         pull = m * cross(axis, L)
         twist = _apply(J, axis)
@@ -248,7 +298,8 @@ def _tail(
 
 
 def _air(line: LineMotion, chord: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray]:
-    """Force of the air on the sail, and its moment about the joints (3, n); the law of design section 5.
+    """Force of the air on the sail, and its moment about the joints (3, n); the law of design
+    section 5.
 
     Args:
         line: motion of the sail against the air, in B.
@@ -256,24 +307,40 @@ def _air(line: LineMotion, chord: FloatArray, cars: Vehicles) -> tuple[FloatArra
     """
     total = np.zeros_like(chord, shape=(6, cars.count))
     for normal, coefficient in ((line.n, cars.force_across), (chord, cars.force_chord)):
-        areas, plate = tuple(coefficient * cars.section_areas), line._replace(n=normal)
-        total += plate_force(plate, tuple(cars.section_distances), areas, cars.air_density, 1.0, 1.0)
+        areas = tuple(coefficient * cars.section_areas)
+        plate = line._replace(n=normal)
+        total += plate_force(
+            plate, tuple(cars.section_distances), areas, cars.air_density, 1.0, 1.0
+        )
     return total[:3], total[3:]
 
 
 def _joints(
-    state: FloatArray, commands: Commands, cars: Vehicles, mass: FloatArray, force: FloatArray, damping: FloatArray
+    state: FloatArray,
+    commands: Commands,
+    cars: Vehicles,
+    mass: FloatArray,
+    force: FloatArray,
+    damping: FloatArray,
 ) -> FloatArray:
     """Adds motors (design section 6), friction and stops of the tail's joints."""
     found = []
     for joint, limit in enumerate((cars.pitch_limit, cars.roll_stop)):
         place = 10 + joint
-        angle, rate = state[6 + joint], state[RATES][place]
+        angle = state[6 + joint]
+        rate = state[RATES][place]
         target, speed, kp, kd = commands.tail[joint]
-        kp, kd = cars.torque_scale * kp, cars.torque_scale * kd
+        kp = cars.torque_scale * kp
+        kd = cars.torque_scale * kd
         asked = kp * (target - angle) + kd * (speed - rate)
-        upper = np.minimum(cars.torque_limit, np.maximum(0.0, cars.stall_torque * (1.0 - rate / cars.no_load_speed)))
-        lower = -np.minimum(cars.torque_limit, np.maximum(0.0, cars.stall_torque * (1.0 + rate / cars.no_load_speed)))
+        upper = np.minimum(
+            cars.torque_limit,
+            np.maximum(0.0, cars.stall_torque * (1.0 - rate / cars.no_load_speed)),
+        )
+        lower = -np.minimum(
+            cars.torque_limit,
+            np.maximum(0.0, cars.stall_torque * (1.0 + rate / cars.no_load_speed)),
+        )
         free = (asked < upper) & (asked > lower)
         rounded = np.tanh(cars.tanh_gain * rate)
         friction = -(cars.coulomb * rounded + cars.viscous * rate)
@@ -281,21 +348,31 @@ def _joints(
         beyond = np.maximum(angle - limit, 0.0) + np.minimum(angle + limit, 0.0)
         stopped = (np.abs(angle) >= limit) * mass[place, place]
         force[place] += np.clip(asked, lower, upper) + friction
-        force[place] -= mass[place, place] * STOP_RATE**2 * beyond + 2.0 * STOP_RATE * stopped * rate
+        force[place] -= (
+            mass[place, place] * STOP_RATE**2 * beyond + 2.0 * STOP_RATE * stopped * rate
+        )
         damping[place, place] += free * kd + slope + 2.0 * STOP_RATE * stopped
         found.append(free * kp + STOP_RATE**2 * stopped)
     return np.stack(found)
 
 
 def _tyres(
-    state: FloatArray, commands: Commands, cars: Vehicles, mass: FloatArray, force: FloatArray, damping: FloatArray
+    state: FloatArray,
+    commands: Commands,
+    cars: Vehicles,
+    mass: FloatArray,
+    force: FloatArray,
+    damping: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Adds wheels, drive and the forces of the ground; returns rates of the suspensions and loads of the wheels.
+    """Adds wheels, drive and the forces of the ground; returns rates of the suspensions and loads
+    of the wheels.
 
     Arrays of the edges are (2 edges, 4 wheels, n), after the axis of a vector.
     """
     rates = state[RATES]
-    w, v, spin = rates[W], rates[V], rates[SPIN]
+    w = rates[W]
+    v = rates[V]
+    spin = rates[SPIN]
     n = up(state[4], state[5])
     zero = np.zeros((2, cars.count))
     steer = np.concatenate([commands.steering, zero])
@@ -304,7 +381,8 @@ def _tyres(
     tilt = dot(axle, n4)
 
     # Lowest point of each edge, an ellipsoid, and where it meets the ground.
-    R2, h2 = cars.tyre_radius**2, cars.tyre_half_width**2
+    R2 = cars.tyre_radius**2
+    h2 = cars.tyre_half_width**2
     reach = np.sqrt(R2 * (1.0 - tilt * tilt) + h2 * tilt * tilt)
     down = (-1.0 / reach) * (R2 * (n4 - tilt * axle) + h2 * tilt * axle)
     centre = np.stack([cars.wheel[0], cars.wheel[1], cars.wheel[2] + state[TRAVEL]])
@@ -325,7 +403,9 @@ def _tyres(
     spring = cars.tyre_stiffness * sunk
     undamped = spring * np.maximum(1.0 + cars.tyre_dissipation * closing, 0.0)
     carried = cars.preload + cars.spring * state[TRAVEL] + cars.unsprung * cars.gravity * n[2]
-    holding = cars.damper + np.sum(np.maximum(lean, 0.0) * cars.tyre_dissipation * spring * n[2], axis=0)
+    holding = cars.damper + np.sum(
+        np.maximum(lean, 0.0) * cars.tyre_dissipation * spring * n[2], axis=0
+    )
     travel_rate = (np.sum(undamped * lean, axis=0) - carried) / holding
     load = spring * np.maximum(1.0 + cars.tyre_dissipation * (closing - n[2] * travel_rate), 0.0)
 
@@ -333,16 +413,21 @@ def _tyres(
     _press(place, load * n_e - grip * slip, grip, n, force, damping)
     pushed = grip * spinning
     force[SPIN] -= np.sum(dot(pushed, slip), axis=0)
-    mixed = np.concatenate([np.sum(cross(place, pushed), axis=1), np.sum(pushed, axis=1)])  # (6, 4, n)
+    mixed = np.concatenate(
+        [np.sum(cross(place, pushed), axis=1), np.sum(pushed, axis=1)]
+    )  # (6, 4, n)
     damping[:6, SPIN] += mixed
     damping[SPIN, :6] += np.swapaxes(mixed, 0, 1)
     own = np.sum(dot(pushed, spinning), axis=0)
 
     # Wheels and drive: the shaft turns at the mean of the rear wheels.
     rounded = np.tanh(spin / ROLLING_RATE)
-    resisting, slope = cars.rolling * rounded, cars.rolling * (1.0 - rounded * rounded) / ROLLING_RATE
+    resisting = cars.rolling * rounded
+    slope = cars.rolling * (1.0 - rounded * rounded) / ROLLING_RATE
     force[SPIN] -= resisting
-    share = cars.shaft_gain * (commands.shaft_speed - 0.5 * (spin[2] + spin[3])) + np.sum(resisting, axis=0)
+    share = cars.shaft_gain * (commands.shaft_speed - 0.5 * (spin[2] + spin[3])) + np.sum(
+        resisting, axis=0
+    )
     torque = np.clip(share, -cars.shaft_limit, cars.shaft_limit)
     governed = 0.25 * cars.shaft_gain * (np.abs(share) < cars.shaft_limit)
     for wheel in range(4):
@@ -357,8 +442,11 @@ def _tyres(
 
 
 def _board(state: FloatArray, cars: Vehicles, force: FloatArray, damping: FloatArray) -> None:
-    """Adds the ground's force on the anti-ramp board, which keeps a car that gathers speed from tipping over."""
-    w, v = state[RATES][W], state[RATES][V]
+    """Adds the ground's force on the anti-ramp board, which keeps a car that gathers speed from
+    tipping over.
+    """
+    w = state[RATES][W]
+    v = state[RATES][V]
     n = up(state[4], state[5])
     n_e = n[:, None]
     velocity = v[:, None] + cross(w[:, None], cars.board)  # (3, 2, n)
@@ -371,21 +459,29 @@ def _board(state: FloatArray, cars: Vehicles, force: FloatArray, damping: FloatA
 
 
 def _press(
-    place: FloatArray, push: FloatArray, grip: FloatArray, n: FloatArray, force: FloatArray, damping: FloatArray
+    place: FloatArray,
+    push: FloatArray,
+    grip: FloatArray,
+    n: FloatArray,
+    force: FloatArray,
+    damping: FloatArray,
 ) -> None:
     """Adds forces of the ground on the body, all in B.
 
     Args:
-        place: (3, ..., n), m; push: (3, ..., n), N; grip: its slope with the slip in any direction along the ground
-            (..., n), N s/m; n: upright (3, n).
+        place: (3, ..., n), m; push: (3, ..., n), N; grip: its slope with the slip in any direction
+            along the ground (..., n), N s/m; n: upright (3, n).
     """
     columns = (3, -1, n.shape[-1])
-    place, push, grip = place.reshape(columns), push.reshape(columns), grip.reshape(columns[1:])
+    place = place.reshape(columns)
+    push = push.reshape(columns)
+    grip = grip.reshape(columns[1:])
     force[W] += np.sum(cross(place, push), axis=1)
     force[V] += np.sum(push, axis=1)
     flat = np.eye(3)[:, :, None] - _outer(n, n)
     damping[V, V] += np.sum(grip, axis=0) * flat
-    heavy, arm = grip * place, cross(place, n[:, None])
+    heavy = grip * place
+    arm = cross(place, n[:, None])
     damping[W, W] -= np.sum(heavy[:, None] * place + (grip * arm)[:, None] * arm, axis=2)
     for axis in range(3):
         damping[axis, axis] += np.sum(dot(heavy, place), axis=0)

@@ -1,4 +1,6 @@
-"""Numbers of many cars as arrays, read from their scenarios and from the full car: nothing is fitted, nothing typed."""
+"""Numbers of many cars as arrays, read from their scenarios and from the full car: nothing is
+fitted, nothing typed.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,8 @@ class Vehicles:
         rolling: torque against its rolling (4, n), N m.
         wheel_inertia: of one wheel about its axle; `shaft_inertia` of the drive, kg m2.
         shaft_gain: torque per speed error, N m s/rad; `shaft_limit` N m; `rolling_radius` m.
-        board: rear corners of the anti-ramp board in B (3, 2, n), m, radius included; far above without a board.
+        board: rear corners of the anti-ramp board in B (3, 2, n), m, radius included; far above
+            without a board.
         board_friction: of it on the ground.
         has_tail: 1 or 0.
         mount: crossing of the tail's joint axes in B (3, n), m.
@@ -63,7 +66,8 @@ class Vehicles:
         tail_inertia: about the joints in tail axes (3, n), kg m2.
         hub_inertia, rotor_inertia: about the pitch axis, and of a motor at its joint, kg m2.
         coulomb, viscous, tanh_gain: friction of a joint, N m, N m s/rad, s/rad.
-        torque_limit, stall_torque: N m; `no_load_speed` rad/s; `torque_scale` true over nominal torque.
+        torque_limit, stall_torque: N m; `no_load_speed` rad/s; `torque_scale` true over nominal
+            torque.
         roll_stop, pitch_limit: of the joints, rad.
         tip: distance of the sail's corners from the joints, and from the tail's axis (2, n), m.
         section_distances, section_areas: of the sail (sections, n), m and m2.
@@ -129,28 +133,40 @@ class Vehicles:
         """The cars of scenarios.
 
         Raises:
-            UserError: a scenario has what the model does not know (free sail, added mass, wind, coefficients that are
-                no constants, another linkage or manoeuvre); says what it knows.
+            UserError: a scenario has what the model does not know (free sail, added mass, wind,
+                coefficients that are no constants, another linkage or manoeuvre); says what it
+                knows.
             ModelError: the full car does not load.
         """
         bodies: dict[str, dict[str, Any]] = {}
         numbers = []
         for scenario in scenarios:
             _refuse_unknown(scenario)
-            key = scenario.model_dump_json(include={"car", "tail", "tail_motor", "environment", "drive"})
+            key = scenario.model_dump_json(
+                include={"car", "tail", "tail_motor", "environment", "drive"}
+            )
             if key not in bodies:
                 bodies[key] = _bodies(scenario)
             found = _car(scenario) | _tail(scenario) | bodies[key]
             numbers.append({name: np.array(value, float) for name, value in found.items()})
-        return cls(**{field.name: np.stack([n[field.name] for n in numbers], axis=-1) for field in fields(cls)})
+        return cls(
+            **{
+                field.name: np.stack([n[field.name] for n in numbers], axis=-1)
+                for field in fields(cls)
+            }
+        )
 
     def take(self, places: Any) -> Vehicles:
         """Cars at these places, again and again if asked."""
-        return Vehicles(**{field.name: getattr(self, field.name)[..., places] for field in fields(self)})
+        return Vehicles(
+            **{field.name: getattr(self, field.name)[..., places] for field in fields(self)}
+        )
 
 
 def _car(scenario: Scenario) -> dict[str, Any]:
-    car, drive, gravity = scenario.car, scenario.drive, scenario.environment.gravity
+    car = scenario.car
+    drive = scenario.drive
+    gravity = scenario.environment.gravity
     statics = {axle: axle_statics(car, gravity, axle) for axle in AXLES}
     rates = {axle: wheel_rates(car, axle) for axle in AXLES}
     unsprung = {axle: unsprung_mass(car, axle) for axle in AXLES}
@@ -193,25 +209,35 @@ def _car(scenario: Scenario) -> dict[str, Any]:
 def _bodies(scenario: Scenario) -> dict[str, Any]:
     """Mass properties of car and arm, from the full car."""
     built = add_car_plant(DiagramBuilder(), scenario, drawn=False)
-    plant, context = built.plant, built.plant.CreateDefaultContext()
+    plant = built.plant
+    context = built.plant.CreateDefaultContext()
 
     def inertia_of(frame: str, bodies: list[Any]) -> SpatialInertia:
         return plant.CalcSpatialInertia(context, plant.GetBodyByName(frame).body_frame(), bodies)
 
     bodies = list(plant.GetBodyIndices(built.car))
     if built.tail is None:
-        arm = {"tail_mass": 0.0, "tail_centre": 0.0, "tail_inertia": np.zeros(3), "hub_inertia": 0.0}
+        arm = {
+            "tail_mass": 0.0,
+            "tail_centre": 0.0,
+            "tail_inertia": np.zeros(3),
+            "hub_inertia": 0.0,
+        }
     else:
         for name in ("tail_roll", "tail_pitch"):
             joint: Any = plant.GetJointByName(name)
             joint.set_angle(context, 0.0)
         bodies += [plant.GetBodyByName(name).index() for name in ("tail_anchor", "tail_hub")]
-        M_TTo_T = inertia_of("tail_rod", [plant.GetBodyByName(name).index() for name in ("tail_rod", "tail_sail")])
+        M_TTo_T = inertia_of(
+            "tail_rod", [plant.GetBodyByName(name).index() for name in ("tail_rod", "tail_sail")]
+        )
         arm = {
             "tail_mass": M_TTo_T.get_mass(),
             "tail_centre": M_TTo_T.get_com()[2],
             "tail_inertia": M_TTo_T.CalcRotationalInertia().get_moments(),
-            "hub_inertia": plant.GetBodyByName("tail_hub").default_rotational_inertia().get_moments()[1],
+            "hub_inertia": plant.GetBodyByName("tail_hub")
+            .default_rotational_inertia()
+            .get_moments()[1],
         }
     M_BBo_B = inertia_of("chassis", bodies)
     inertia = M_BBo_B.CalcRotationalInertia().CopyToFullMatrix3()
@@ -219,10 +245,13 @@ def _bodies(scenario: Scenario) -> dict[str, Any]:
 
 
 def _tail(scenario: Scenario) -> dict[str, Any]:
-    tail, motor, friction = scenario.tail, scenario.tail_motor, scenario.friction
+    tail = scenario.tail
+    motor = scenario.tail_motor
+    friction = scenario.friction
     has_tail = tail.mode != "none"
     stall, no_load = torque_speed_limits(motor)
-    layout, (across, chord) = sail_layout(tail), _coefficients(sail_law(tail)[0])
+    layout = sail_layout(tail)
+    (across, chord) = _coefficients(sail_law(tail)[0])
     return {
         "has_tail": float(has_tail),
         "mount": (tail.mount_x, 0.0, tail.mount_height),
@@ -245,7 +274,9 @@ def _tail(scenario: Scenario) -> dict[str, Any]:
 
 
 def _coefficients(law: object) -> tuple[float, float]:
-    if isinstance(law, CrossedPlatesLaw):  # a sail that faces the wind has one drag in every direction
+    if isinstance(
+        law, CrossedPlatesLaw
+    ):  # a sail that faces the wind has one drag in every direction
         return _coefficients(law.normal)[0], _coefficients(law.side)[0]
     if isinstance(law, NormalForceLaw) and not callable(law.coefficient):
         return float(law.coefficient), 0.0
@@ -261,7 +292,9 @@ def _refuse_unknown(scenario: Scenario) -> None:
     if not scenario.wind.is_still:
         raise UserError("wind: blows in this scenario; the screening model knows still air")
     if scenario.servo.linkage != "parallel":
-        raise UserError(f"servo.linkage: {scenario.servo.linkage!r}; the screening model knows: parallel")
+        raise UserError(
+            f"servo.linkage: {scenario.servo.linkage!r}; the screening model knows: parallel"
+        )
     if scenario.manoeuvre.kind != "turn" or scenario.manoeuvre.direction != "left":
         raise UserError("manoeuvre: the screening model knows: kind turn, direction left")
     if scenario.manoeuvre.rolling_start or scenario.manoeuvre.turns != 1:

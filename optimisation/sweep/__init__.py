@@ -1,1 +1,3 @@
-"""Sweeps: many runs of one study, in worker processes here or on a cluster, kept on the disk as they come."""
+"""Sweeps: many runs of one study, in worker processes here or on a cluster, kept on the disk as
+they come.
+"""

@@ -1,10 +1,13 @@
-"""Where a car begins to roll over: highest speed survived at given grip, critical friction at given speed.
+"""Where a car begins to roll over: highest speed survived at given grip, critical friction at given
+speed.
 
-Survival is not monotone (design section 7): beyond the first value at which the car is lost there may be islands that
-it survives again. A threshold is therefore the end of an unbroken row from below, found in one of two ways, for many
-cars at once. A scan runs the whole range, narrows the step from survival to the first flip down, and reports survivors
-beyond it as islands. A climb begins where the car is expected to hold, goes up in strides until a run is not clean
-(down first, if the first one is not), and narrows the last stride to its grid, on which different controllers meet.
+Survival is not monotone (design section 7): beyond the first value at which the car is lost there
+may be islands that it survives again. A threshold is therefore the end of an unbroken row from
+below, found in one of two ways, for many cars at once. A scan runs the whole range, narrows the
+step from survival to the first flip down, and reports survivors beyond it as islands. A climb
+begins where the car is expected to hold, goes up in strides until a run is not clean (down first,
+if the first one is not), and narrows the last stride to its grid, on which different controllers
+meet.
 
 The values that are run do not depend on the number of workers, so neither does the result.
 """
@@ -26,9 +29,11 @@ from aerodima.workbench.errors import SweepError
 
 SPEED, FRICTION = "manoeuvre.speed", "car.tyre_friction"
 TIPPED = "tipped over before its turn"
-"""Outcome of a run that says nothing about the turn: neither survival nor flip, passed over like one that failed."""
+"""Outcome of a run that says nothing about the turn: neither survival nor flip, passed over like
+one that failed."""
 SECTIONS = 3
-"""A scan cuts its bracket into this many parts per round: two runs, one per core of a small computer."""
+"""A scan cuts its bracket into this many parts per round: two runs, one per core of a small
+computer."""
 
 Start = float | Literal["scan", "bisect"]
 """Value at which a climb begins, or another way to search."""
@@ -44,8 +49,10 @@ class Search:
         factor: number of the scenario that is varied.
         low: lowest value; the grid of a climb begins here.
         high: the highest.
-        scan: largest step of a scan, in which a narrower island may be missed; first stride of a climb.
-        tolerance: largest distance between the highest value survived and the first lost; grid of a climb.
+        scan: largest step of a scan, in which a narrower island may be missed; first stride of a
+            climb.
+        tolerance: largest distance between the highest value survived and the first lost; grid of a
+            climb.
     """
 
     factor: str
@@ -58,7 +65,11 @@ class Search:
         allowed = {
             "low": (self.low, self.low <= self.high, f"below high, {self.high:g}, or equal to it"),
             "scan": (self.scan, self.scan > 0.0, "above 0"),
-            "tolerance": (self.tolerance, 0.0 < self.tolerance <= self.scan, f"above 0, up to scan, {self.scan:g}"),
+            "tolerance": (
+                self.tolerance,
+                0.0 < self.tolerance <= self.scan,
+                f"above 0, up to scan, {self.scan:g}",
+            ),
         }
         for name, (value, fits, words) in allowed.items():
             if not fits or not math.isfinite(value):
@@ -81,7 +92,9 @@ class Search:
         held, ended = (None if value is None else self.index(value) for value in (survived, lost))
         stride = max(1, round(self.scan / self.tolerance))
         if start == "bisect":
-            place = ((-1 if held is None else held) + (self._last + 1 if ended is None else ended)) // 2
+            place = (
+                (-1 if held is None else held) + (self._last + 1 if ended is None else ended)
+            ) // 2
         elif held is None:
             place = self.index(start) if ended is None else max(ended - stride, 0)
         else:
@@ -89,7 +102,9 @@ class Search:
         value = self.value(place)
         return [] if place < 0 or value in rows else [value]
 
-    def _scanned(self, survived: float | None, lost: float | None, rows: Mapping[float, Any]) -> list[float]:
+    def _scanned(
+        self, survived: float | None, lost: float | None, rows: Mapping[float, Any]
+    ) -> list[float]:
         if not rows:
             steps = math.ceil((self.high - self.low) / self.scan - 1e-9)
             return [rounded(value) for value in np.linspace(self.low, self.high, steps + 1)]
@@ -114,7 +129,8 @@ class Threshold:
 
     Attributes:
         search: how it was searched.
-        survived: highest value below the first loss that was survived; None if the first value was lost.
+        survived: highest value below the first loss that was survived; None if the first value was
+            lost.
         lost: first value that was lost; None if none was.
         islands: (first, last) value survived of each stretch of a scan beyond the first loss.
         rows: value -> what its run came to, upwards.
@@ -140,22 +156,28 @@ class Threshold:
 
     @property
     def outcomes(self) -> dict[float, str]:
-        """Value -> `survived`, `flipped`, `TIPPED`, or `failed: ...`, of every run of a scenario."""
+        """Value -> `survived`, `flipped`, `TIPPED`, or `failed: ...`, of every run of a
+        scenario.
+        """
         return {value: _outcome(row) for value, row in self.rows.items()}
 
     @property
     def summary(self) -> dict[str, str]:
         """One row of a table, in words."""
         outcomes = self.outcomes.items()
-        failed = [f"{value:g}: {outcome}" for value, outcome in outcomes if outcome.startswith("failed")]
+        failed = [
+            f"{value:g}: {outcome}" for value, outcome in outcomes if outcome.startswith("failed")
+        ]
         return {
             "factor": self.search.factor,
             "survives up to": "nowhere" if self.survived is None else f"{self.survived:g}",
             "flips at": "nowhere" if self.lost is None else f"{self.lost:g}",
             "tolerance": f"{self.search.tolerance:g}",
             "runs": str(len(self.rows)),
-            "survives again": "; ".join(f"{first:g} to {last:g}" for first, last in self.islands) or "nowhere",
-            TIPPED: ", ".join(f"{value:g}" for value, outcome in outcomes if outcome == TIPPED) or "never",
+            "survives again": "; ".join(f"{first:g} to {last:g}" for first, last in self.islands)
+            or "nowhere",
+            TIPPED: ", ".join(f"{value:g}" for value, outcome in outcomes if outcome == TIPPED)
+            or "never",
             "failed": f"{len(failed)}" + "".join(f", {words}" for words in failed[:1]),
         }
 
@@ -223,7 +245,11 @@ def find_thresholds(
         nonlocal needed
         needed += len(wanted)
         tasks = [
-            RunTask(f"{case.name} {value:g}", case.scenario, (*case.settings, f"{search.factor}={value!r}"))
+            RunTask(
+                f"{case.name} {value:g}",
+                case.scenario,
+                (*case.settings, f"{search.factor}={value!r}"),
+            )
             for case, value in ((cases[place], value) for place, value in wanted)
         ]
         return runs.rows(tasks, one_more)
@@ -257,13 +283,21 @@ def search_rows(
     ]:
         for (place, value), row in zip(wanted, run(wanted), strict=True):
             rows[place][value] = row
-    return [_threshold(search, {value: found[value] for value in sorted(found)}, judge) for found in rows]
+    return [
+        _threshold(search, {value: found[value] for value in sorted(found)}, judge)
+        for found in rows
+    ]
 
 
 def first_loss(verdicts: Mapping[float, bool | None]) -> tuple[float | None, float | None]:
-    """Last value survived before the first loss, and that loss. A value without verdict is passed over."""
+    """Last value survived before the first loss, and that loss.
+
+    A value without verdict is passed over.
+    """
     lost = min((value for value, verdict in verdicts.items() if verdict is False), default=None)
-    survived = (value for value, verdict in verdicts.items() if verdict and (lost is None or value < lost))
+    survived = (
+        value for value, verdict in verdicts.items() if verdict and (lost is None or value < lost)
+    )
     return max(survived, default=None), lost
 
 

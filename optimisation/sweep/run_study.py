@@ -1,8 +1,9 @@
-"""Runs a study on an engine: what is missing is run, rows reach the disk as they come, one table at the end.
+"""Runs a study on an engine: what is missing is run, rows reach the disk as they come, one table at
+the end.
 
-A study that was cut off at any time goes on with what its rows do not hold. The table has nothing in it that differs
-from time to time, so that it is the same however often the study was stopped and wherever it ran; how long the runs
-took is in a file beside it. One client at a time.
+A study that was cut off at any time goes on with what its rows do not hold. The table has nothing
+in it that differs from time to time, so that it is the same however often the study was stopped and
+wherever it ran; how long the runs took is in a file beside it. One client at a time.
 """
 
 from __future__ import annotations
@@ -32,7 +33,12 @@ STUDY_RUNS_SCHEMA = "aerodima/sweep/2"
 
 
 def run_study(
-    study: Study, out: str | Path, engine: Engine, *, force: bool = False, progress: ProgressLine = silent
+    study: Study,
+    out: str | Path,
+    engine: Engine,
+    *,
+    force: bool = False,
+    progress: ProgressLine = silent,
 ) -> pd.DataFrame:
     """The table of a study; one that was stopped goes on where it was.
 
@@ -44,13 +50,15 @@ def run_study(
         progress: receives lines of progress.
 
     Returns:
-        One row per run in the order of the plan: place in the study, outcome, metrics, provenance, error.
+        One row per run in the order of the plan: place in the study, outcome, metrics, provenance,
+            error.
 
     Raises:
         SweepError: unknown factor; the folder is in use, holds another study, or its disk is full.
     """
     check_factors(study, study.name)
-    out, runs = Path(out), plan_runs(study)
+    out = Path(out)
+    runs = plan_runs(study)
     identity = _identity(study, runs)
     with open_store(out, identity, force=force) as store:
         tasks = _with_logs(out, runs, store, force) if study.logs else [run.task for run in runs]
@@ -58,11 +66,14 @@ def run_study(
         if there and (out / TABLE).is_file():
             progress(f"{out}: complete already, {len(runs)} runs")
             return read_table(out)
-        progress(f"{len(runs)} runs, {there} there already; {engine.workers} at a time, results in {out}")
+        progress(
+            f"{len(runs)} runs, {there} there already; {engine.workers} at a time, results in {out}"
+        )
         start = time.monotonic()
         with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} of {len(runs)} runs"):
             rows = Runs(engine, store, progress).rows(tasks)
-        seconds, new = time.monotonic() - start, len(store.rows) - there
+        seconds = time.monotonic() - start
+        new = len(store.rows) - there
         frame = make_frame([run.place | row for run, row in zip(runs, rows, strict=True)])
         timing = {
             "runs_of_the_last_call": new,
@@ -78,7 +89,10 @@ def run_study(
 def _identity(study: Study, runs: Sequence[PlannedRun]) -> dict[str, Any]:
     """What must be the same for results to belong together."""
     tasks = json.dumps([[run.task.scenario, run.task.settings, run.task.signals] for run in runs])
-    bases = {name: load_any_scenario(name).resolved() for name in sorted({run.task.scenario for run in runs})}
+    bases = {
+        name: load_any_scenario(name).resolved()
+        for name in sorted({run.task.scenario for run in runs})
+    }
     inputs = json.dumps([default_values(), bases], sort_keys=True)
     return {
         "schema": STUDY_RUNS_SCHEMA,
@@ -89,7 +103,9 @@ def _identity(study: Study, runs: Sequence[PlannedRun]) -> dict[str, Any]:
     }
 
 
-def _with_logs(out: Path, runs: Sequence[PlannedRun], store: RowStore, force: bool) -> list[RunTask]:
+def _with_logs(
+    out: Path, runs: Sequence[PlannedRun], store: RowStore, force: bool
+) -> list[RunTask]:
     """Tasks that keep their logs; a run whose log is not there any more is made again."""
     tasks = []
     for run in runs:
@@ -113,7 +129,13 @@ def _how_it_went(frame: pd.DataFrame, number: int, seconds: float, engine: Engin
     return line
 
 
-TABLE, CSV, MARK, ROWS, TIMING = "table.parquet", "table.csv", "study.json", "rows.jsonl", "timing.json"
+TABLE, CSV, MARK, ROWS, TIMING = (
+    "table.parquet",
+    "table.csv",
+    "study.json",
+    "rows.jsonl",
+    "timing.json",
+)
 METADATA_KEY = b"aerodima"
 
 
@@ -125,10 +147,16 @@ def open_store(folder: Path, identity: Mapping[str, Any], *, force: bool = False
     return store
 
 
-def write_table(folder: Path, frame: pd.DataFrame, identity: Mapping[str, Any], timing: Mapping[str, Any]) -> None:
-    """Writes the table of a study as Parquet and CSV, and beside it what was run and how long it took."""
+def write_table(
+    folder: Path, frame: pd.DataFrame, identity: Mapping[str, Any], timing: Mapping[str, Any]
+) -> None:
+    """Writes the table of a study as Parquet and CSV, and beside it what was run and how long it
+    took.
+    """
     table = pa.Table.from_pandas(frame, preserve_index=False)
-    table = table.replace_schema_metadata({METADATA_KEY: json.dumps(identity, sort_keys=True).encode()})
+    table = table.replace_schema_metadata(
+        {METADATA_KEY: json.dumps(identity, sort_keys=True).encode()}
+    )
     files: dict[str, str | Callable[[Path], object]] = {
         MARK: json.dumps(identity, indent=1, sort_keys=True) + "\n",
         CSV: frame.to_csv(index=False),

@@ -1,7 +1,8 @@
-"""Runs of the car and of the rigs as tasks with flat rows: many of them on an engine, each made once.
+"""Runs of the car and of the rigs as tasks with flat rows: many of them on an engine, each made
+once.
 
-A run that kills its worker is a row with an error. Rows are kept on the disk, so that work can be stopped and go on, or
-be widened.
+A run that kills its worker is a row with an error. Rows are kept on the disk, so that work can be
+stopped and go on, or be widened.
 """
 
 from __future__ import annotations
@@ -53,8 +54,10 @@ class RunTask:
         scenario: name or path, as for `load_any_scenario`.
         settings: overrides, such as `car.tyre_friction=0.7`.
         signals: `all` also gives the impulses of the tail, at twice the price.
-        log: file in which the log of the run is kept; one that is there already is that of an earlier try.
-        law: `FILE:CLASS` of the law that drives the tail instead of the scenario's, as `load_law` takes it.
+        log: file in which the log of the run is kept; one that is there already is that of an
+            earlier try.
+        law: `FILE:CLASS` of the law that drives the tail instead of the scenario's, as `load_law`
+            takes it.
     """
 
     name: str
@@ -66,7 +69,9 @@ class RunTask:
 
 
 def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario | RigScenario:
-    """A scenario of the car or of a rig, by its path or by the name of one that ships; ScenarioError as `load`."""
+    """A scenario of the car or of a rig, by its path or by the name of one that ships;
+    ScenarioError as `load`.
+    """
     path = Path(name_or_path)
     if path.is_file():
         is_rig = read_yaml(path).get("schema") == RigScenario.model_fields["schema_"].default
@@ -81,10 +86,12 @@ def step_settings(step: float) -> tuple[str, ...]:
 
 
 def evaluate(task: RunTask) -> dict[str, Any]:
-    """Runs a task; one row of outcome, metrics and provenance, without anything that differs from time to time.
+    """Runs a task; one row of outcome, metrics and provenance, without anything that differs from
+    time to time.
 
-    A run that cannot be made (impossible scenario, plant that does not load, solver that gives up, NaN, any error in a
-    law of the task) gives a row without outcome, with one line in `error`. Units are at the end of the names.
+    A run that cannot be made (impossible scenario, plant that does not load, solver that gives up,
+    NaN, any error in a law of the task) gives a row without outcome, with one line in `error`.
+    Units are at the end of the names.
     """
     try:
         scenario = load_any_scenario(task.scenario, task.settings)
@@ -93,25 +100,32 @@ def evaluate(task: RunTask) -> dict[str, Any]:
     try:
         return _measured(task, scenario)
     except Exception as error:
-        if not task.law and not isinstance(error, (UserError, ArithmeticError, RuntimeError, ValueError)):
+        if not task.law and not isinstance(
+            error, (UserError, ArithmeticError, RuntimeError, ValueError)
+        ):
             raise
-        words = in_words(error) if task.law else " ".join(str(error).split()) or type(error).__name__
+        words = (
+            in_words(error) if task.law else " ".join(str(error).split()) or type(error).__name__
+        )
         return failed_row(task, words, scenario)
 
 
 def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
     """Whether a run flipped before its turn, so that it says nothing about the turn.
 
-    A high car with its tail behind may tip over backwards while it gathers speed; it is slow, or lies, when the turn
-    begins.
+    A high car with its tail behind may tip over backwards while it gathers speed; it is slow, or
+    lies, when the turn begins.
     """
-    speed, commanded = row.get("speed_m_per_s"), row.get("commanded_speed_m_per_s")
+    speed = row.get("speed_m_per_s")
+    commanded = row.get("commanded_speed_m_per_s")
     if row["outcome"] != "flipped" or speed is None or commanded is None:
         return False
     return float(speed) < DRIVING * float(commanded)
 
 
-def failed_row(task: RunTask, error: str, scenario: Scenario | RigScenario | None = None) -> dict[str, Any]:
+def failed_row(
+    task: RunTask, error: str, scenario: Scenario | RigScenario | None = None
+) -> dict[str, Any]:
     """Row of a run that came to nothing; the columns of the metrics are missing in it."""
     return {"run": task.name, "outcome": None, "error": error, **_provenance(task, scenario)}
 
@@ -120,7 +134,9 @@ def _measured(task: RunTask, scenario: Scenario | RigScenario) -> dict[str, Any]
     from aerodima.workbench.simulate.simulation import simulate
 
     path = Path(task.log) if task.log else None
-    if path is not None and path.exists():  # whole: its process was killed between writing it and saying so
+    if (
+        path is not None and path.exists()
+    ):  # whole: its process was killed between writing it and saying so
         return measured_row(task, scenario, read_run_log(path))
     if isinstance(scenario, RigScenario):
         run = simulate(scenario, path, force=True)
@@ -170,7 +186,9 @@ def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> dict[
         "scenario": task.scenario,
         "settings": " ".join(task.settings),
         "seed": None if scenario is None else scenario.seed,
-        "scenario_sha256": None if resolved is None else hashlib.sha256(resolved.encode()).hexdigest(),
+        "scenario_sha256": None
+        if resolved is None
+        else hashlib.sha256(resolved.encode()).hexdigest(),
         **{f"version_{name}": version for name, version in sorted(software_versions().items())},
     }
 
@@ -180,11 +198,14 @@ Done = Callable[[int, Any], None]
 """Told the place of a new row and the row, in the order in which they finish."""
 
 WORKER_LOST_AGAIN = (
-    f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or a crash in the solver)"
+    f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or "
+    "a crash in the solver)"
 )
 
 
-def open_run_engine(workers: int = 2, scheduler: str | None = None, **options: Any) -> AbstractContextManager[Engine]:
+def open_run_engine(
+    workers: int = 2, scheduler: str | None = None, **options: Any
+) -> AbstractContextManager[Engine]:
     """`aerodima.workbench.open_engine`, whose workers are ready to simulate; with its options."""
     from aerodima.workbench.batch.dask_engine import open_engine
 
@@ -196,7 +217,8 @@ class Runs:
 
     Args:
         engine: where they are run; this process by default.
-        store: open; keeps them on the disk, and holds those of before. Without one this object remembers them.
+        store: open; keeps them on the disk, and holds those of before. Without one this object
+            remembers them.
         progress: receives lines of progress.
         stage: what is being run, for these lines; may be changed on the way.
     """
@@ -208,13 +230,16 @@ class Runs:
         progress: ProgressLine = silent,
         stage: str = "",
     ) -> None:
-        self._engine, self._store = engine or Engine(), store
+        self._engine = engine or Engine()
+        self._store = store
         self._known: dict[str, Row] = {} if store is None else store.rows
-        self.say, self.stage = progress, stage
+        self.say = progress
+        self.stage = stage
         self.ran = 0
 
     def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[dict[str, Any]]:
-        """`evaluate` of each task, in order, under its own name; one that kills its worker gives a row with an error.
+        """`evaluate` of each task, in order, under its own name; one that kills its worker gives a
+        row with an error.
 
         Args:
             tasks: what is wanted.
@@ -229,8 +254,12 @@ class Runs:
         found = self._once(evaluate, tasks, [run_key(task) for task in tasks], words, _lost)
         return [row | {"run": task.name} for task, row in zip(tasks, found, strict=True)]
 
-    def call(self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str]) -> list[Any]:
-        """`function` (of a module) of each item, JSON-able; raises what it raises, and UserError for a lost worker."""
+    def call(
+        self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str]
+    ) -> list[Any]:
+        """`function` (of a module) of each item, JSON-able; raises what it raises, and UserError
+        for a lost worker.
+        """
         words = (lambda _place, _row: self.stage) if self.stage else None
         found = self._once(partial(_result_of, function), items, keys, words)
         return [row["result"] for row in found]
@@ -243,9 +272,14 @@ class Runs:
         words: Callable[[int, Row], str] | None,
         lost: Callable[[Item], Row] | None = None,
     ) -> list[Row]:
-        """Rows of items by their keys; `words` makes the words of a line of progress for each new one."""
-        missing = {key: item for key, item in zip(keys, items, strict=True) if key not in self._known}
-        places, wanted = list(missing), len(set(keys))
+        """Rows of items by their keys; `words` makes the words of a line of progress for each new
+        one.
+        """
+        missing = {
+            key: item for key, item in zip(keys, items, strict=True) if key not in self._known
+        }
+        places = list(missing)
+        wanted = len(set(keys))
         bar = ProgressBar(self.say, wanted, wanted - len(missing))
 
         def keep(place: int, row: Row) -> None:
@@ -262,13 +296,20 @@ class Runs:
 
 
 @contextmanager
-def kept_runs(out: Path, engine: Engine, *, force: bool = False, progress: ProgressLine = silent) -> Iterator[Runs]:
+def kept_runs(
+    out: Path, engine: Engine, *, force: bool = False, progress: ProgressLine = silent
+) -> Iterator[Runs]:
     """Runs that are kept in `runs.jsonl` of a folder, with these parameters and versions.
 
     Raises:
-        UserError: the folder is in use, or holds runs of other parameters or versions and `force` is not set.
+        UserError: the folder is in use, or holds runs of other parameters or versions and `force`
+            is not set.
     """
-    identity = {"schema": "aerodima/judge/1", "parameters": default_values(), "versions": software_versions()}
+    identity = {
+        "schema": "aerodima/judge/1",
+        "parameters": default_values(),
+        "versions": software_versions(),
+    }
     with RowStore(out / "runs.jsonl", identity, force=force) as store:
         runs = Runs(engine, store, progress)
         with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"):
@@ -285,7 +326,8 @@ def _result_of(function: Callable[[Any], Any], item: Any) -> Row:
 
 
 def run_key(task: RunTask) -> str:
-    """The same for the same run, whatever it is called: of all that determines its row, swing and law included.
+    """The same for the same run, whatever it is called: of all that determines its row, swing and
+    law included.
 
     Of what a law's file imports nothing is looked at.
     """
@@ -297,7 +339,9 @@ def run_key(task: RunTask) -> str:
 
 
 def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:
-    """What the files behind a scenario with overrides hold, its swing among them: for keys of what is remembered."""
+    """What the files behind a scenario with overrides hold, its swing among them: for keys of what
+    is remembered.
+    """
     try:
         scenario = load_any_scenario(name, settings)
         swing = _swing(scenario.controller.swing_file) if isinstance(scenario, Scenario) else ""
@@ -313,7 +357,11 @@ def _versions() -> dict[str, str]:
 
 def _swing(name: str) -> str:
     path = Path(name)
-    return "" if name == NO_SWING else _swing_content(name, path.stat().st_mtime_ns if path.is_file() else 0)
+    return (
+        ""
+        if name == NO_SWING
+        else _swing_content(name, path.stat().st_mtime_ns if path.is_file() else 0)
+    )
 
 
 @lru_cache
@@ -345,10 +393,11 @@ TEXT_COLUMNS = frozenset(
 
 
 def make_frame(rows: Sequence[Row]) -> pd.DataFrame:
-    """Rows with different keys as one table: numbers as float, truth values as boolean, everything else as text.
+    """Rows with different keys as one table: numbers as float, truth values as boolean, everything
+    else as text.
 
-    The order of the columns is that of their first appearance in a list of rows that is in order itself; the kind of a
-    column does not depend on the order of its rows.
+    The order of the columns is that of their first appearance in a list of rows that is in order
+    itself; the kind of a column does not depend on the order of its rows.
     """
     names = list(dict.fromkeys(name for row in sorted(rows, key=len, reverse=True) for name in row))
     return pd.DataFrame({name: _column(name, [row.get(name) for row in rows]) for name in names})
@@ -360,5 +409,7 @@ def _column(name: str, values: list[Any]) -> pd.Series:
         return pd.Series(values, dtype="boolean")
     is_text = name in TEXT_COLUMNS or name.startswith("version_")
     if not is_text and all(isinstance(value, int | float) for value in present):
-        return pd.Series([None if value is None else float(value) for value in values], dtype="float64")
+        return pd.Series(
+            [None if value is None else float(value) for value in values], dtype="float64"
+        )
     return pd.Series([None if value is None else str(value) for value in values], dtype="str")

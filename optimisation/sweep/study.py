@@ -1,4 +1,6 @@
-"""A study: which runs are to be made, as a YAML file of scenarios with grids and samples of their numbers."""
+"""A study: which runs are to be made, as a YAML file of scenarios with grids and samples of their
+numbers.
+"""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +14,13 @@ from pydantic import Field, model_validator
 from scipy.stats import norm, qmc
 
 from aerodima.optimisation.sweep.runs import RunTask, load_any_scenario
-from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, nearest, read_yaml
+from aerodima.workbench.config.checked_files import (
+    StrictModel,
+    checked,
+    find_file,
+    nearest,
+    read_yaml,
+)
 from aerodima.workbench.config.ensemble import Member, load_ensemble
 from aerodima.workbench.config.scenario import Scenario, ScenarioFile
 from aerodima.workbench.errors import ScenarioError, SweepError
@@ -32,7 +40,9 @@ class Range(StrictModel):
     number: int = Field(description="of values", ge=1, le=10_000)
 
     def values(self) -> list[Value]:
-        """The values; the plain decimals that a reader expects, without the last bits of a division."""
+        """The values; the plain decimals that a reader expects, without the last bits of a
+        division.
+        """
         return [float(f"{value:.12g}") for value in np.linspace(self.first, self.last, self.number)]
 
 
@@ -69,22 +79,32 @@ class Sample(StrictModel):
 
     method: Literal["sobol", "lhs"] = "sobol"
     number: int = Field(description="of samples; a power of 2 balances Sobol's", ge=1, le=MOST_RUNS)
-    anew: bool = Field(default=False, description="each combination of the grid has samples of its own")
+    anew: bool = Field(
+        default=False, description="each combination of the grid has samples of its own"
+    )
     seed: int = Field(default=1, description="of the scattering", ge=0)
     factors: dict[str, Uniform | Normal] = Field(min_length=1)
-    new_seeds: bool = Field(default=False, description="each sample has its own seed, so its own sensor noise")
+    new_seeds: bool = Field(
+        default=False, description="each sample has its own seed, so its own sensor noise"
+    )
 
     def rows(self, times: int = 1) -> list[dict[str, Value]]:
         """One dict of factor -> value per sample, so many times the number of samples."""
-        names, number = list(self.factors), times * self.number
+        names = list(self.factors)
+        number = times * self.number
         if self.method == "sobol":
             engine = qmc.Sobol(len(names), rng=np.random.default_rng(self.seed))
             shares = engine.random_base2(int(np.ceil(np.log2(number))))[:number]
         else:
-            shares = qmc.LatinHypercube(len(names), rng=np.random.default_rng(self.seed)).random(number)
-        columns = {name: self.factors[name].at(shares[:, index]) for index, name in enumerate(names)}
+            shares = qmc.LatinHypercube(len(names), rng=np.random.default_rng(self.seed)).random(
+                number
+            )
+        columns = {
+            name: self.factors[name].at(shares[:, index]) for index, name in enumerate(names)
+        }
         rows: list[dict[str, Value]] = [
-            {name: float(f"{column[row]:.12g}") for name, column in columns.items()} for row in range(number)
+            {name: float(f"{column[row]:.12g}") for name, column in columns.items()}
+            for row in range(number)
         ]
         if self.new_seeds:
             rows = [row | {"seed": 1 + index} for index, row in enumerate(rows)]
@@ -92,39 +112,53 @@ class Sample(StrictModel):
 
 
 class Block(StrictModel):
-    """One scenario of the car or a rig with factors: every combination of the grid, with every sample.
+    """One scenario of the car or a rig with factors: every combination of the grid, with every
+    sample.
 
     A factor of both has the sum.
     """
 
     name: str = Field(default="", description="of the block within the study", max_length=40)
     scenario: str = Field(description="name or path")
-    settings: tuple[str, ...] = Field(default=(), description="overrides of every run, such as car.mass=5.5")
+    settings: tuple[str, ...] = Field(
+        default=(), description="overrides of every run, such as car.mass=5.5"
+    )
     grid: dict[str, Annotated[list[Value], Field(min_length=1)] | Range] = Field(default={})
     sample: Sample | None = None
 
     def points(self) -> Iterator[dict[str, Value]]:
         """Factor -> value of each run."""
         names = list(self.grid)
-        levels = [axis.values() if isinstance(axis, Range) else list(axis) for axis in self.grid.values()]
-        cells, sample = list(product(*levels)), self.sample
+        levels = [
+            axis.values() if isinstance(axis, Range) else list(axis) for axis in self.grid.values()
+        ]
+        cells = list(product(*levels))
+        sample = self.sample
         samples = [{}] if sample is None else sample.rows(len(cells) if sample.anew else 1)
         own = len(samples) // len(cells) if sample is not None and sample.anew else 0
         for number, combination in enumerate(cells):
             point = dict(zip(names, combination, strict=True))
             for sampled in samples[number * own : (number + 1) * own] if own else samples:
-                yield point | {name: _sum(point.get(name, 0.0), value) for name, value in sampled.items()}
+                yield point | {
+                    name: _sum(point.get(name, 0.0), value) for name, value in sampled.items()
+                }
 
     @property
     def size(self) -> int:
         """How many points there are."""
-        lengths = [axis.number if isinstance(axis, Range) else len(axis) for axis in self.grid.values()]
+        lengths = [
+            axis.number if isinstance(axis, Range) else len(axis) for axis in self.grid.values()
+        ]
         return math.prod(lengths) * (1 if self.sample is None else self.sample.number)
 
     @property
     def factors(self) -> list[str]:
         """Keys that differ from run to run."""
-        sampled = [] if self.sample is None else [*self.sample.factors, *(["seed"] if self.sample.new_seeds else [])]
+        sampled = (
+            []
+            if self.sample is None
+            else [*self.sample.factors, *(["seed"] if self.sample.new_seeds else [])]
+        )
         return [*self.grid, *sampled]
 
 
@@ -133,10 +167,16 @@ class Study(StrictModel):
 
     schema_: Literal["aerodima/study/1"] = Field(default="aerodima/study/1", alias="schema")
     name: str = Field(description="of the study, in its page", min_length=1, max_length=80)
-    signals: Literal["all", "outcome"] = Field(default="outcome", description="all: the impulses of the tail too")
+    signals: Literal["all", "outcome"] = Field(
+        default="outcome", description="all: the impulses of the tail too"
+    )
     logs: bool = Field(default=False, description="keep the log of each run in the folder `logs`")
-    ensemble: str | None = Field(default=None, description="name or path: every run for every member of it")
-    members: int | None = Field(default=None, description="only that many members, drawn by weight", ge=1)
+    ensemble: str | None = Field(
+        default=None, description="name or path: every run for every member of it"
+    )
+    members: int | None = Field(
+        default=None, description="only that many members, drawn by weight", ge=1
+    )
     blocks: tuple[Block, ...] = Field(min_length=1)
 
 
@@ -146,7 +186,8 @@ class PlannedRun:
 
     Attributes:
         task: what is run.
-        place: `block`, `member`, `weight`, one entry per factor, and the `log` within the folder of the study.
+        place: `block`, `member`, `weight`, one entry per factor, and the `log` within the folder of
+            the study.
     """
 
     task: RunTask
@@ -157,7 +198,8 @@ def load_study(path: str | Path) -> Study:
     """Reads a study file, or the one of a name in `models/studies`.
 
     Raises:
-        SweepError: no such file or name, wrong key, value or factor; names the place, the value and what is allowed.
+        SweepError: no such file or name, wrong key, value or factor; names the place, the value and
+            what is allowed.
     """
     path = find_file(path, "studies", "study", SweepError)
     data = {"schema": STUDY_SCHEMA, "name": path.stem} | read_yaml(path, SweepError)
@@ -174,7 +216,9 @@ def _refuse_empty_factors(path: Path, data: dict[str, Any]) -> None:
         grid = block.get("grid") if isinstance(block, dict) else None
         for name, values in grid.items() if isinstance(grid, dict) else ():
             if values in ([], {}, None):
-                raise SweepError(f"{path}: grid: {name}: {values!r} is no value; allowed: at least one")
+                raise SweepError(
+                    f"{path}: grid: {name}: {values!r} is no value; allowed: at least one"
+                )
 
 
 def check_factors(study: Study, where: str) -> None:
@@ -192,10 +236,13 @@ def check_factors(study: Study, where: str) -> None:
             values = block.grid[name]
             if isinstance(values, list) and any(isinstance(value, str | bool) for value in values):
                 raise SweepError(
-                    f"{label}: {name}: is in the grid and in the sample; allowed: numbers, which are added"
+                    f"{label}: {name}: is in the grid and in the sample; allowed: numbers, which "
+                    "are added"
                 )
         if study.ensemble is not None and not isinstance(scenario, Scenario):
-            raise SweepError(f"{label}: ensemble: {study.ensemble}; allowed: none, with a scenario of a rig")
+            raise SweepError(
+                f"{label}: ensemble: {study.ensemble}; allowed: none, with a scenario of a rig"
+            )
 
 
 def plan_runs(study: Study) -> list[PlannedRun]:
@@ -216,7 +263,9 @@ def plan_runs(study: Study) -> list[PlannedRun]:
     for number, block in enumerate(study.blocks):
         for point in block.points():
             for member in members:
-                runs.append(_run(study, block, block.name or str(number), point, member, factors, len(runs)))
+                runs.append(
+                    _run(study, block, block.name or str(number), point, member, factors, len(runs))
+                )
     return runs
 
 
@@ -241,7 +290,9 @@ def _run(
 
 
 def _text(value: Value) -> str:
-    """The text that YAML reads back: floats in full precision (`1e-05` would be text, `1.0e-05` is a number)."""
+    """The text that YAML reads back: floats in full precision (`1e-05` would be text, `1.0e-05` is
+    a number).
+    """
     if isinstance(value, bool):
         return str(value).lower()
     text = repr(value) if isinstance(value, float) else str(value)
@@ -267,12 +318,20 @@ def _check_factor(factor: str, scenario: type[ScenarioFile], where: str) -> None
     section, _, key = factor.partition(".")
     sections = scenario.sections()
     if not key:
-        known = [name for name in scenario.model_fields if name not in sections and name != "schema_"]
+        known = [
+            name for name in scenario.model_fields if name not in sections and name != "schema_"
+        ]
         if factor not in known:
-            raise SweepError(f"{where}: factor {factor!r}: allowed is section.key, such as car.tyre_friction, or seed")
+            raise SweepError(
+                f"{where}: factor {factor!r}: allowed is section.key, such as car.tyre_friction, "
+                "or seed"
+            )
         return
     if section not in sections:
-        raise SweepError(f"{where}: factor {factor!r}: {section!r} is no section; {nearest(section, list(sections))}")
+        raise SweepError(
+            f"{where}: factor {factor!r}: {section!r} is no section; "
+            f"{nearest(section, list(sections))}"
+        )
     keys = list(sections[section].model_fields)
     if key not in keys:
         close = nearest(factor, [f"{section}.{name}" for name in keys])

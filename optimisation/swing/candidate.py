@@ -1,7 +1,8 @@
-"""Candidates: a controller of the tail with its numbers, from a list in a file, a swing file, or a class of one's own.
+"""Candidates: a controller of the tail with its numbers, from a list in a file, a swing file, or a
+class of one's own.
 
-A list (schema `aerodima/candidates/1`) names settings as `aerodima run --set` takes them, of tail and controller
-alone: a candidate may not bring another car, floor or driver.
+A list (schema `aerodima/candidates/1`) names settings as `aerodima run --set` takes them, of tail
+and controller alone: a candidate may not bring another car, floor or driver.
 """
 
 from __future__ import annotations
@@ -14,7 +15,13 @@ import yaml
 from pydantic import Field, field_validator
 
 from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.config.checked_files import StrictModel, checked, nearest, read_yaml, shipped_names
+from aerodima.workbench.config.checked_files import (
+    StrictModel,
+    checked,
+    nearest,
+    read_yaml,
+    shipped_names,
+)
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.controllers.law_of_scenario import find_swing, load_law
 from aerodima.workbench.errors import SweepError, SwingFileError, UserError
@@ -58,15 +65,27 @@ LOW_PLACE = 0.07
 
 
 def low_ballast(scenario: Scenario) -> tuple[str, ...]:
-    """The car without tail, its gearbox with both motors `LOW_PLACE` above the ground and the arm's mass with it."""
-    car, tail = scenario.car, scenario.tail
-    arm = tail_geometry(tail).inertial.mass + tail.hub_mass if tail.has_own_geometry else tail.mass + tail.hub_mass
+    """The car without tail, its gearbox with both motors `LOW_PLACE` above the ground and the arm's
+    mass with it.
+    """
+    car = scenario.car
+    tail = scenario.tail
+    arm = (
+        tail_geometry(tail).inertial.mass + tail.hub_mass
+        if tail.has_own_geometry
+        else tail.mass + tail.hub_mass
+    )
     total = car.mass + arm
     lowered = LOW_PLACE - gearbox_height(car, tail)
     x = (car.mass * car.com_x + arm * car.gearbox_x) / total
     z = (car.mass * car.com_height + car.gearbox_mass * lowered + arm * LOW_PLACE) / total
     mount = tail.mount_height + lowered
-    return (f"car.mass={total!r}", f"car.com_x={x!r}", f"car.com_height={z!r}", f"tail.mount_height={mount!r}")
+    return (
+        f"car.mass={total!r}",
+        f"car.com_x={x!r}",
+        f"car.com_height={z!r}",
+        f"tail.mount_height={mount!r}",
+    )
 
 
 NO_TAIL = Candidate("no tail", ("tail.mode=none",))
@@ -77,9 +96,17 @@ BEST_SWING = Candidate(
     "best_swing",
     (
         *SWINGING,
-        *("controller.trigger=steering", "controller.trigger_steering_angle=0.03", "controller.delay=0.489"),
+        *(
+            "controller.trigger=steering",
+            "controller.trigger_steering_angle=0.03",
+            "controller.delay=0.489",
+        ),
         *("controller.swing_speed=13.68", "controller.swing_kd=3.415", "controller.travel=2.259"),
-        *("controller.settle_kp=18.19", "controller.settle_kd=0.6648", "controller.hold_angle=1.566"),
+        *(
+            "controller.settle_kp=18.19",
+            "controller.settle_kd=0.6648",
+            "controller.hold_angle=1.566",
+        ),
         "controller.pitch_angle=0.593",
     ),
 )
@@ -105,12 +132,15 @@ class ListedCandidate(StrictModel):
 
     @field_validator("settings", "by_speed")
     @classmethod
-    def _of_the_controller(cls, value: list[str] | dict[float, list[str]]) -> list[str] | dict[float, list[str]]:
+    def _of_the_controller(
+        cls, value: list[str] | dict[float, list[str]]
+    ) -> list[str] | dict[float, list[str]]:
         lists = value.values() if isinstance(value, dict) else [value]
         for setting in (one for settings in lists for one in settings):
             if not setting.split("=")[0].strip().startswith(ALLOWED) or "=" not in setting:
                 raise ValueError(
-                    f"{setting!r} is no setting of a candidate; allowed: KEY=... of tail, controller, feedback"
+                    f"{setting!r} is no setting of a candidate; allowed: KEY=... of tail, "
+                    "controller, feedback"
                 )
         return value
 
@@ -122,23 +152,29 @@ class CandidateList(StrictModel):
     candidates: list[ListedCandidate] = Field(min_length=1)
 
 
-def read_candidates(names: Iterable[str], known: Mapping[str, Candidate], scenario: str) -> list[Candidate]:
+def read_candidates(
+    names: Iterable[str], known: Mapping[str, Candidate], scenario: str
+) -> list[Candidate]:
     """Candidates by name or file; the car without tail is always the first one.
 
     Args:
-        names: of `known`, of shipped swings, or paths of lists or swing files. A swing plays on whatever car is judged.
+        names: of `known`, of shipped swings, or paths of lists or swing files. A swing plays on
+            whatever car is judged.
         known: by the name that asks for one.
         scenario: that they are to drive.
 
     Raises:
-        UserError: no such file or name; malformed; a setting that a candidate may not bring, or that the scenario
-            refuses; two candidates of one name.
+        UserError: no such file or name; malformed; a setting that a candidate may not bring, or
+            that the scenario refuses; two candidates of one name.
     """
     found = [NO_TAIL]
     for name in names:
         for one in [known[name]] if name in known else _of_file(name, known):
             try:
-                for settings in (one.settings, *((*one.settings, *own) for own in one.by_speed.values())):
+                for settings in (
+                    one.settings,
+                    *((*one.settings, *own) for own in one.by_speed.values()),
+                ):
                     load_scenario(scenario, settings)
             except UserError as error:
                 raise SweepError(f"{name}: candidate {one.name!r}: {error}") from None
@@ -158,8 +194,13 @@ def own_law(place: str, scenario: str) -> Candidate:
     return Candidate(name, SWINGING, law=f"{Path(path).resolve()}:{name}")
 
 
-def write_candidates(path: Path, candidates: Sequence[Candidate], chosen: str, *, force: bool = False) -> Path:
-    """Writes a list; `chosen` says how its numbers were found. SweepError when it cannot be written."""
+def write_candidates(
+    path: Path, candidates: Sequence[Candidate], chosen: str, *, force: bool = False
+) -> Path:
+    """Writes a list; `chosen` says how its numbers were found.
+
+    SweepError when it cannot be written.
+    """
     entries = [
         {
             "name": one.name,
@@ -176,11 +217,15 @@ def write_candidates(path: Path, candidates: Sequence[Candidate], chosen: str, *
 def swing_player(path_or_name: str) -> Candidate:
     """Plays a swing file. Raises `UserError` where it is missing or malformed."""
     place = str(Path(path_or_name).resolve()) if Path(path_or_name).exists() else path_or_name
-    return Candidate(find_swing(path_or_name).name, ("tail.mode=swing", f"controller.swing_file={place}"))
+    return Candidate(
+        find_swing(path_or_name).name, ("tail.mode=swing", f"controller.swing_file={place}")
+    )
 
 
 def refuse_twice(names: Sequence[str], what: str) -> None:
-    """Raises SweepError where one of these is named twice: the rows of both would be taken for one."""
+    """Raises SweepError where one of these is named twice: the rows of both would be taken for
+    one.
+    """
     for index, name in enumerate(names):
         if name in names[:index]:
             raise SweepError(f"{what} {name!r}: named twice; allowed: once")
@@ -189,14 +234,20 @@ def refuse_twice(names: Sequence[str], what: str) -> None:
 def _of_file(name: str, known: Iterable[str]) -> list[Candidate]:
     path = Path(name)
     if ".py:" in name:
-        raise SweepError(f"candidate {name}: a class; allowed here: a name or a YAML file. Use --law {name}")
+        raise SweepError(
+            f"candidate {name}: a class; allowed here: a name or a YAML file. Use --law {name}"
+        )
     if not path.suffix and not path.exists() and name not in shipped_names("swings"):
         close = nearest(name, [*known, *shipped_names("swings")])
         raise SweepError(f"candidate {name!r}: no such file, and none ships by this name; {close}")
     if path.exists() and "candidates" in read_yaml(path, SwingFileError):
-        listed = checked(CandidateList, read_yaml(path, SwingFileError), str(path), SweepError, schema=SCHEMA)
+        listed = checked(
+            CandidateList, read_yaml(path, SwingFileError), str(path), SweepError, schema=SCHEMA
+        )
         return [
-            Candidate(one.name, tuple(one.settings), {v: tuple(own) for v, own in one.by_speed.items()})
+            Candidate(
+                one.name, tuple(one.settings), {v: tuple(own) for v, own in one.by_speed.items()}
+            )
             for one in listed.candidates
         ]
     return [swing_player(name)]

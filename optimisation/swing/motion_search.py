@@ -1,7 +1,8 @@
-"""Trajectory search: tail motion and steering that turn the training cars of a task furthest on their floors.
+"""Trajectory search: tail motion and steering that turn the training cars of a task furthest on
+their floors.
 
-The tail's motion is one for all cars, the steering each car's own. What it gains is a bound for laws that release and
-swing by what they sense: the steering and the swing know of each other here.
+The tail's motion is one for all cars, the steering each car's own. What it gains is a bound for
+laws that release and swing by what they sense: the steering and the swing know of each other here.
 """
 
 from __future__ import annotations
@@ -16,7 +17,12 @@ import numpy as np
 from aerodima.optimisation.sweep.runs import Runs
 from aerodima.optimisation.swing.candidate import HELD
 from aerodima.optimisation.swing.task import AFTER, Floor, Task, find_floors
-from aerodima.optimisation.swing.turn_programme import FEASIBLE, TurnProgramme, TurnSolution, best_of
+from aerodima.optimisation.swing.turn_programme import (
+    FEASIBLE,
+    TurnProgramme,
+    TurnSolution,
+    best_of,
+)
 from aerodima.optimisation.swing.turn_shooting import FOLLOW, HOLD, RELEASE_STEERING, TurnShooting
 from aerodima.workbench.actuators.ak70 import torque_speed_limits
 from aerodima.workbench.batch.row_store import ProgressLine, silent
@@ -30,10 +36,12 @@ from aerodima.workbench.logs.schema import software_versions
 FASTEST_TICK = 0.005
 """Longest step of the reduced cars, s; the controller's ticks must be whole steps."""
 KNOT_ROUNDING = 1e-2
-"""How far the curve between two knots on a stop may bulge beyond it, rad: the tail then rests on the stop."""
+"""How far the curve between two knots on a stop may bulge beyond it, rad: the tail then rests on
+the stop."""
 
 CAR_KEYS = (
-    "car.mass", "car.com_height", "car.com_x", "car.gyration_roll", "car.wheelbase", "car.track", "tail.length",
+    "car.mass", "car.com_height", "car.com_x", "car.gyration_roll", "car.wheelbase", "car.track",
+    "tail.length",
     "tail.mass", "tail.sail_length", "tail.sail_width", "tail.mount_x", "tail.mount_height",
     "tail.normal_force_coefficient", "tail.roll_limit", "tail.pitch_limit",
 )  # fmt: skip
@@ -104,17 +112,20 @@ def search_motion(
 def turn_programme(
     turns: Sequence[Scenario], search: MotionSearch | None = None, task: Task | None = None
 ) -> TurnProgramme:
-    """The programme of turns, not solved yet: costs and constraints may be added to its `prog` over its `x`.
+    """The programme of turns, not solved yet: costs and constraints may be added to its `prog` over
+    its `x`.
 
     Args:
         turns: cars on their floors, with a tail.
         search: knots and length of the motion.
-        task: its pulse, range of the steering, and limits of a turn that counts; by default those of any task.
+        task: its pulse, range of the steering, and limits of a turn that counts; by default those
+            of any task.
 
     Raises:
         UserError: a car without tail; what the reduced cars do not know.
     """
-    search, task = search or MotionSearch(), task or Task()
+    search = search or MotionSearch()
+    task = task or Task()
     if any(turn.tail.mode == "none" for turn in turns):
         raise SwingError("tail.mode: none; allowed: a tail that can swing")
     rate = turns[0].controller.rate
@@ -125,7 +136,9 @@ def turn_programme(
 
 def turn_on(task: Task, floor: Floor) -> Scenario:
     """The turn of a task's car on its floor, with the tail of the scenario."""
-    turn = load_scenario(task.scenario, (*task.settings(HELD, floor.car, floor.speed), floor.setting))
+    turn = load_scenario(
+        task.scenario, (*task.settings(HELD, floor.car, floor.speed), floor.setting)
+    )
     duration = turn.manoeuvre.turn_start + task.pulse + AFTER
     return turn.varied(manoeuvre={"turn_hold": task.pulse, "duration": duration})
 
@@ -134,8 +147,11 @@ def swing_of(
     name: str, task: Task, turns: Sequence[tuple[Floor, Scenario]], programme: TurnProgramme,
     solutions: list[TurnSolution], search: MotionSearch,
 ) -> SwingFile:  # fmt: skip
-    """The best solution as a swing file: the first car's steering as settings, every car's in `found`."""
-    best, shooting = best_of(solutions), programme.shooting
+    """The best solution as a swing file: the first car's steering as settings, every car's in
+    `found`.
+    """
+    best = best_of(solutions)
+    shooting = programme.shooting
     time, roll, rate = shooting.variables.motion(best.x)
     facts: dict[str, Any] = {
         "starts_converged": sum(one.converged for one in solutions),
@@ -147,7 +163,10 @@ def swing_of(
     for member, ((floor, _), predicted) in enumerate(zip(turns, best.course, strict=True)):
         own = f"{floor.car.name}_{floor.speed:g}_{floor.share:g}"
         steering = steering_of(shooting, best.x, member)
-        facts |= {f"{own}_{key}_{'s' if key.endswith('hold') else 'rad'}": value for key, value in steering.items()}
+        facts |= {
+            f"{own}_{key}_{'s' if key.endswith('hold') else 'rad'}": value
+            for key, value in steering.items()
+        }
         facts |= {f"{own}_friction": floor.friction, f"{own}_course_rad": float(predicted)}
     floor, turn = turns[0]
     steering = {**steering_of(shooting, best.x, 0), "turn_hold": task.pulse, "speed": floor.speed}
@@ -155,7 +174,8 @@ def swing_of(
     made = {
         "source": "aerodima swing search", "scenario": task.scenario, "seed": search.seed,
         "settings": (*settings, *(f"manoeuvre.{key}={value!r}" for key, value in steering.items())),
-        "options": {**asdict(search), "members": ", ".join(dict.fromkeys(one.car.name for one, _ in turns))},
+        "options": {**asdict(search), "members": ", ".join(dict.fromkeys(one.car.name for one,
+        _ in turns))},
         "found": facts,
     }  # fmt: skip
     return steered_swing(name, turn, time, roll, rate, provenance=made)
@@ -169,19 +189,29 @@ def steering_of(shooting: TurnShooting, x: FloatArray, member: int) -> dict[str,
 
 
 def steered_swing(
-    name: str, scenario: Scenario, time: FloatArray, roll: FloatArray, rate: FloatArray, *, provenance: dict[str, Any]
+    name: str,
+    scenario: Scenario,
+    time: FloatArray,
+    roll: FloatArray,
+    rate: FloatArray,
+    *,
+    provenance: dict[str, Any],
 ) -> SwingFile:
     """A swing that the steering releases; pitch stays at the angle of the wait, no torques.
 
     Args:
         name: of the swing.
         scenario: car, turn and controller.
-        time, roll, rate: of the tail at the knots in a turn to the left, s since the steering command, rad and rad/s.
+        time, roll, rate: of the tail at the knots in a turn to the left, s since the steering
+            command, rad and rad/s.
         provenance: fields of `Provenance`.
     """
     stall, no_load = torque_speed_limits(scenario.tail_motor)
-    torque, angle, still = scenario.tail_motor.torque_limit, scenario.tail.roll_limit, np.zeros(len(time))
-    side, resolved = 1.0 if scenario.manoeuvre.direction == "left" else -1.0, scenario.resolved()
+    torque = scenario.tail_motor.torque_limit
+    angle = scenario.tail.roll_limit
+    still = np.zeros(len(time))
+    side = 1.0 if scenario.manoeuvre.direction == "left" else -1.0
+    resolved = scenario.resolved()
 
     def row(values: np.ndarray) -> tuple[float, ...]:
         return tuple(float(value) for value in np.round(values, 9) + 0.0)
@@ -216,5 +246,14 @@ def steered_swing(
 
 def _line(number: int, found: TurnSolution) -> str:
     course = ", ".join(f"{math.degrees(value):.1f}" for value in found.course)
-    state = "converged" if found.converged else f"violates {found.worst}" if found.violation > FEASIBLE else "stopped"
-    return f"start {number + 1}: course {course} deg, {state}, {found.evaluations} batches in {found.wall_time:.0f} s"
+    state = (
+        "converged"
+        if found.converged
+        else f"violates {found.worst}"
+        if found.violation > FEASIBLE
+        else "stopped"
+    )
+    return (
+        f"start {number + 1}: course {course} deg, {state}, {found.evaluations} batches in "
+        f"{found.wall_time:.0f} s"
+    )

@@ -1,4 +1,5 @@
-"""Task: the turn of a motion search: training cars on floors, a pulse of steering, and limits of a turn that counts.
+"""Task: the turn of a motion search: training cars on floors, a pulse of steering, and limits of a
+turn that counts.
 
 A floor is a multiple of the critical friction of the published swing at full lock.
 """
@@ -13,10 +14,22 @@ from typing import Any, Literal
 import yaml
 from pydantic import Field
 
-from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case, Search, find_thresholds
+from aerodima.optimisation.sweep.rollover_threshold import (
+    FRICTION,
+    SPEED,
+    Case,
+    Search,
+    find_thresholds,
+)
 from aerodima.optimisation.sweep.runs import Runs, step_settings
 from aerodima.optimisation.swing.candidate import THESIS, Candidate, refuse_twice
-from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, nearest, read_yaml
+from aerodima.workbench.config.checked_files import (
+    StrictModel,
+    checked,
+    find_file,
+    nearest,
+    read_yaml,
+)
 from aerodima.workbench.config.ensemble import Member, load_ensemble
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError, UserError
@@ -41,7 +54,8 @@ class Task(StrictModel):
         floors: friction over the critical friction of the published swing at full lock.
         pulse: length of the steering, s.
         steering: least and largest amplitude, degrees.
-        most_roll, most_sideslip: of a turn that counts, rad: outwards, and to either side at the exit.
+        most_roll, most_sideslip: of a turn that counts, rad: outwards, and to either side at the
+            exit.
         step: of the plant in the search of a floor, s.
     """
 
@@ -59,17 +73,26 @@ class Task(StrictModel):
     step: float = Field(default=0.002, gt=0.0, le=0.005)
 
     def model_post_init(self, _context: Any) -> None:
-        """Raises `SweepError` for what no single value says: numbers named twice, a scenario without such a turn."""
-        for name, values, low, high in (("speed", self.speeds, 1.0, 8.0), ("floor", self.floors, 0.2, 3.0)):
+        """Raises `SweepError` for what no single value says: numbers named twice, a scenario
+        without such a turn.
+        """
+        for name, values, low, high in (
+            ("speed", self.speeds, 1.0, 8.0),
+            ("floor", self.floors, 0.2, 3.0),
+        ):
             refuse_twice([f"{value:g}" for value in values], name)
             for value in values:
                 if not low <= value <= high:
                     raise SweepError(f"{name} {value:g}: allowed: {low:g} to {high:g}")
         least, largest = self.steering
         if not 0.0 < least < largest:
-            raise SweepError(f"steering {least:g} to {largest:g} degrees: allowed: 0 < first < second")
+            raise SweepError(
+                f"steering {least:g} to {largest:g} degrees: allowed: 0 < first < second"
+            )
         try:
-            turn = load_scenario(self.scenario, [f"manoeuvre.steer_angle={math.radians(largest)!r}"]).manoeuvre
+            turn = load_scenario(
+                self.scenario, [f"manoeuvre.steer_angle={math.radians(largest)!r}"]
+            ).manoeuvre
         except UserError as error:
             raise SweepError(f"task: {error}") from None
         if turn.kind != "turn":
@@ -82,7 +105,10 @@ class Task(StrictModel):
         """Cars that motions are searched on; SweepError for more than there are."""
         there = load_ensemble(self.ensemble).split(self.seed).training
         if self.training > len(there):
-            raise SweepError(f"training: {self.training}; the ensemble has {len(there)}: allowed: 0 to {len(there)}")
+            raise SweepError(
+                f"training: {self.training}; the ensemble has {len(there)}: allowed: 0 to "
+                f"{len(there)}"
+            )
         return there[: self.training]
 
     def settings(self, who: Candidate, car: Member, speed: float) -> tuple[str, ...]:
@@ -127,7 +153,9 @@ def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
     for setting in settings:
         key, separator, text = setting.partition("=")
         if not separator or key.strip() not in known or key.startswith("schema"):
-            raise SweepError(f"--set {setting}: allowed is KEY=VALUE; {nearest(key.strip(), known[1:])}")
+            raise SweepError(
+                f"--set {setting}: allowed is KEY=VALUE; {nearest(key.strip(), known[1:])}"
+            )
         try:
             data[key.strip()] = yaml.safe_load(text)
         except yaml.YAMLError:
@@ -143,13 +171,21 @@ def find_floors(task: Task, cars: Sequence[Member], runs: Runs) -> tuple[list[Fl
     """
     keys = [(car, speed) for car in cars for speed in task.speeds]
     cases = [Case(THESIS.name, task.scenario, task.settings(THESIS, *key)) for key in keys]
-    starts = [load_scenario(task.scenario, car.settings_on(task.scenario)).car.tyre_friction for car, _ in keys]
-    floors, without = [], []
-    for (car, speed), found in zip(keys, find_thresholds(cases, FRICTION_CLIMB, runs, starts=starts), strict=True):
+    starts = [
+        load_scenario(task.scenario, car.settings_on(task.scenario)).car.tyre_friction
+        for car, _ in keys
+    ]
+    floors = []
+    without = []
+    for (car, speed), found in zip(
+        keys, find_thresholds(cases, FRICTION_CLIMB, runs, starts=starts), strict=True
+    ):
         if found.survived is None:
             without.append(f"{car.name} at {speed:g} m/s")
         else:
             floors += [Floor(car, speed, share, found.survived) for share in task.floors]
     if cars and not floors:
-        raise SweepError(f"{', '.join(without)}: the published swing at full lock is clean on no floor")
+        raise SweepError(
+            f"{', '.join(without)}: the published swing at full lock is clean on no floor"
+        )
     return floors, without

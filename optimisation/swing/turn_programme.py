@@ -1,12 +1,17 @@
-"""Steering and tail of a turn as a `MathematicalProgram`, which the user may add to before it is solved.
+"""Steering and tail of a turn as a `MathematicalProgram`, which the user may add to before it is
+solved.
 
-    maximise   mean course of the cars,  less SMOOTHNESS x mean square of the steps of the scaled rate
-                                         and STEADINESS x mean square of the scaled step of the steering
-    subject to every row of `TurnShooting` for every car, the tail's range at and between its knots (linear), bounds
+    maximise   mean course of the cars,  less SMOOTHNESS x mean square of the steps of the scaled
+    rate
+                                         and STEADINESS x mean square of the scaled step of the
+                                         steering
+    subject to every row of `TurnShooting` for every car, the tail's range at and between its knots
+    (linear), bounds
 
-Courses, rows and all slopes at a point come from one batch of turns (`TurnShooting.at`), which cost and constraints
-share. SNOPT solves; of the points that it visits the best one that keeps everything is taken. First levels last whole
-ticks of the driver: after a few iterations they are rounded and fixed, and the rest is solved again.
+Courses, rows and all slopes at a point come from one batch of turns (`TurnShooting.at`), which cost
+and constraints share. SNOPT solves; of the points that it visits the best one that keeps everything
+is taken. First levels last whole ticks of the driver: after a few iterations they are rounded and
+fixed, and the rest is solved again.
 """
 
 from __future__ import annotations
@@ -29,9 +34,11 @@ SMOOTHNESS, STEADINESS = 3e-3, 1e-3
 FEASIBLE = 1e-3
 """Largest scaled violation of a solution."""
 OPTIMAL = 1e-2
-"""Tolerance of the solver for scaled slopes; lifting wheels and saturated joints are kinks, where it creeps."""
+"""Tolerance of the solver for scaled slopes; lifting wheels and saturated joints are kinks, where
+it creeps."""
 LINE_SEARCH = 0.99
-"""Line search of the solver: an inexact one, since each of its points costs a batch of turns (README.md)."""
+"""Line search of the solver: an inexact one, since each of its points costs a batch of turns
+(README.md)."""
 ROWS = "rows of the turns"
 """Description of the constraint on the rows of all cars."""
 ROUGH = 10
@@ -75,21 +82,31 @@ class TurnProgramme:
         self._last: tuple[bytes, Found] | None = None
         self._best: tuple[float, FloatArray] | None = None
         self._sizes = np.array([row.size for row in shooting.rows])
-        rows, variables = shooting.rows, shooting.variables
+        rows = shooting.rows
+        variables = shooting.variables
         low, high = (
-            np.tile([getattr(row, end) / row.size for row in rows], variables.members) for end in ("lower", "upper")
+            np.tile([getattr(row, end) / row.size for row in rows], variables.members)
+            for end in ("lower", "upper")
         )
         prog: Any = MathematicalProgram()
-        self.prog, self.x = prog, prog.NewContinuousVariables(variables.size, "x")
+        self.prog = prog
+        self.x = prog.NewContinuousVariables(variables.size, "x")
         prog.AddVisualizationCallback(self._keep, self.x)
         prog.AddBoundingBoxConstraint(*variables.bounds, self.x)
-        prog.AddQuadraticCost(2.0 * self._weights(), np.zeros(variables.size), self.x, is_convex=True)
+        prog.AddQuadraticCost(
+            2.0 * self._weights(), np.zeros(variables.size), self.x, is_convex=True
+        )
         prog.AddCost(self._course_cost, self.x)
         prog.AddConstraint(self._scaled_rows, low, high, self.x, description=ROWS)
         rates = slice(1, variables.tail)
         travel = variables.roll_rows * variables.units[rates]
-        ends = [np.full(len(travel), side * variables.most_roll - variables.start) for side in (-1.0, 1.0)]
-        prog.AddLinearConstraint(travel, *ends, self.x[rates]).evaluator().set_description("travel of the tail")
+        ends = [
+            np.full(len(travel), side * variables.most_roll - variables.start)
+            for side in (-1.0, 1.0)
+        ]
+        prog.AddLinearConstraint(travel, *ends, self.x[rates]).evaluator().set_description(
+            "travel of the tail"
+        )
 
     def solve(self, start: FloatArray, iterations: int = 30) -> TurnSolution:
         """The turn that is best near a start.
@@ -98,7 +115,9 @@ class TurnProgramme:
             start: scaled variables (size,).
             iterations: most major iterations of the solver once first levels are on ticks.
         """
-        begun, before, variables = time.perf_counter(), self.evaluations, self.shooting.variables
+        begun = time.perf_counter()
+        before = self.evaluations
+        variables = self.shooting.variables
         low, high = variables.bounds
         x, _ = self._solve(np.clip(start, low, high), min(iterations, ROUGH))
         x = variables.on_ticks(np.clip(x, low, high))
@@ -112,10 +131,14 @@ class TurnProgramme:
         violation, worst = self._violation(x)
         spent = self.evaluations - before
         good = converged and violation <= FEASIBLE
-        return TurnSolution(x, found.course, violation, worst, good, spent, time.perf_counter() - begun)
+        return TurnSolution(
+            x, found.course, violation, worst, good, spent, time.perf_counter() - begun
+        )
 
     def at(self, x: FloatArray) -> Found:
-        """Courses and rows with their slopes at scaled variables (size,); the last point is remembered."""
+        """Courses and rows with their slopes at scaled variables (size,); the last point is
+        remembered.
+        """
         key = np.ascontiguousarray(x, dtype=np.float64).tobytes()
         if self._last is None or self._last[0] != key:
             self._last = (key, self.shooting.at(np.asarray(x, dtype=np.float64)))
@@ -129,8 +152,11 @@ class TurnProgramme:
         return (found.rows / self._sizes).ravel(), slopes.reshape(-1, slopes.shape[-1])
 
     def _solve(self, start: FloatArray, iterations: int) -> tuple[FloatArray, bool]:
-        """The best point that was visited and keeps everything, else where the solver ended; whether it converged."""
-        options, solver = SolverOptions(), SnoptSolver.id()
+        """The best point that was visited and keeps everything, else where the solver ended;
+        whether it converged.
+        """
+        options = SolverOptions()
+        solver = SnoptSolver.id()
         options.SetOption(solver, "Major iterations limit", iterations)
         options.SetOption(solver, "Major optimality tolerance", OPTIMAL)
         options.SetOption(solver, "Major feasibility tolerance", 0.1 * FEASIBLE)
@@ -142,10 +168,14 @@ class TurnProgramme:
         return x if self._best is None else self._best[1], bool(result.is_success())
 
     def _keep(self, x: FloatArray) -> None:
-        """Remembers a point if it keeps all constraints and costs less than those before; called by the solver."""
+        """Remembers a point if it keeps all constraints and costs less than those before; called by
+        the solver.
+        """
         if not self.prog.CheckSatisfied(self.prog.GetAllConstraints(), x, FEASIBLE):
             return
-        cost = float(np.sum([self.prog.EvalBinding(binding, x) for binding in self.prog.GetAllCosts()]))
+        cost = float(
+            np.sum([self.prog.EvalBinding(binding, x) for binding in self.prog.GetAllCosts()])
+        )
         if self._best is None or cost < self._best[0]:
             self._best = (cost, x.copy())
 
@@ -172,12 +202,17 @@ class TurnProgramme:
         return weights
 
     def _violation(self, x: FloatArray) -> tuple[float, str]:
-        """Largest violation of any constraint at scaled variables, those that were added included, and whose it is."""
-        most, name = 0.0, "nothing"
+        """Largest violation of any constraint at scaled variables, those that were added included,
+        and whose it is.
+        """
+        most = 0.0
+        name = "nothing"
         for binding in self.prog.GetAllConstraints():
             one: Any = binding.evaluator()
             value = np.asarray(self.prog.EvalBinding(binding, x), dtype=float)
-            beyond = np.maximum(np.maximum(one.lower_bound() - value, value - one.upper_bound()), 0.0)
+            beyond = np.maximum(
+                np.maximum(one.lower_bound() - value, value - one.upper_bound()), 0.0
+            )
             place = int(np.argmax(beyond))
             if beyond[place] <= most:
                 continue
@@ -190,7 +225,9 @@ class TurnProgramme:
 
 
 def best_of(solutions: list[TurnSolution]) -> TurnSolution:
-    """That of the largest mean course among those that keep everything; without one, the least violation."""
+    """That of the largest mean course among those that keep everything; without one, the least
+    violation.
+    """
     kept = [one for one in solutions if one.violation <= FEASIBLE]
     if kept:
         return max(kept, key=lambda one: float(np.mean(one.course)))
@@ -198,14 +235,20 @@ def best_of(solutions: list[TurnSolution]) -> TurnSolution:
 
 
 def _split(x: np.ndarray) -> tuple[FloatArray, FloatArray | None]:
-    """Values (size,) and, of AutoDiff scalars, their slopes (size, n) of what the solver evaluates."""
+    """Values (size,) and, of AutoDiff scalars, their slopes (size, n) of what the solver
+    evaluates.
+    """
     if x.dtype != object:
         return x, None
     return ExtractValue(x).ravel(), ExtractGradient(x)
 
 
 def _joined(values: FloatArray, slopes: FloatArray, gradient: FloatArray | None) -> np.ndarray:
-    """Values (n,) as AutoDiff scalars by the chain rule; plain where the solver asks for no slopes."""
+    """Values (n,) as AutoDiff scalars by the chain rule; plain where the solver asks for no
+    slopes.
+    """
     if gradient is None or not gradient.size:
         return values
-    return np.array([AutoDiffXd(value, own) for value, own in zip(values, slopes @ gradient, strict=True)])
+    return np.array(
+        [AutoDiffXd(value, own) for value, own in zip(values, slopes @ gradient, strict=True)]
+    )

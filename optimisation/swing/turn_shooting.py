@@ -1,17 +1,20 @@
-"""Turns of all cars and of all central differences in one batch: what the programme asks, with slopes.
+"""Turns of all cars and of all central differences in one batch: what the programme asks, with
+slopes.
 
-A row of `ROWS` is a number per car. Peaks are taken by windows of `WINDOW`, each a row of its own: a peak of one window
-is smooth in the variables where it stands alone, and two peaks that compete stand in two rows. The course is read at
-the instant of the exit; what has none before the end of the run has that of its end. Nothing else is rounded: a wheel
-that lifts and a joint at its torque limit remain kinks of the model.
+A row of `ROWS` is a number per car. Peaks are taken by windows of `WINDOW`, each a row of its own:
+a peak of one window is smooth in the variables where it stands alone, and two peaks that compete
+stand in two rows. The course is read at the instant of the exit; what has none before the end of
+the run has that of its end. Nothing else is rounded: a wheel that lifts and a joint at its torque
+limit remain kinks of the model.
 
 Variables are one roll of the tail for all cars, and the steering of each car:
 
-    tail:       release after the start of the steering (s), rates of the tail's roll at knots after it (rad/s)
-    each car:   angle (rad), first angle (rad) and its time (s) of the steering
+    tail:       release after the start of the steering (s), rates of the tail's roll at knots after
+    it (rad/s) each car:   angle (rad), first angle (rad) and its time (s) of the steering
 
-The rate is linear between knots, zero at the first and the last, so the roll is exactly the cubic that a swing file
-plays; after the last knot the tail is held. All variables are scaled; turns are to the left.
+The rate is linear between knots, zero at the first and the last, so the roll is exactly the cubic
+that a swing file plays; after the last knot the tail is held. All variables are scaled; turns are
+to the left.
 """
 
 from __future__ import annotations
@@ -34,7 +37,8 @@ from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE
 from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
 
 AFTER, WINDOW = 0.8, 0.1
-"""s: how long turns are driven after the steering at least, and the windows in which peaks are limited one by one."""
+"""s: how long turns are driven after the steering at least, and the windows in which peaks are
+limited one by one."""
 END_ROLL = 0.1
 """Largest roll of a car at the end, to either side, rad."""
 ROLL_MARGIN = 0.05
@@ -46,7 +50,8 @@ DRAWS = 32
 TORQUE_SHARE = 0.9
 """Share of the roll motor's torque limit that may be asked for."""
 DIFFERENCE = 1e-7
-"""Step of the scaled variables to either side for slopes: right to 1e-5, at 1/40 of the time of complex steps."""
+"""Step of the scaled variables to either side for slopes: right to 1e-5, at 1/40 of the time of
+complex steps."""
 HOLD = {"kp": 17.0, "kd": 5.0}
 """Gains of the wait: those of the thesis' hold (Table 6.4)."""
 FOLLOW = {"kp": 60.0, "kd": 3.0}
@@ -54,7 +59,8 @@ FOLLOW = {"kp": 60.0, "kd": 3.0}
 RELEASE_STEERING = 0.01
 """Steering command that releases a swing which goes by the steering, rad: less than any turn's."""
 RELEASE, RATE, ANGLE, TIME = 0.2, 8.0, 0.1, 0.2
-"""One unit of a release (s), a rate (rad/s), a steering angle (rad), the time of a first level (s)."""
+"""One unit of a release (s), a rate (rad/s), a steering angle (rad), the time of a first level (s).
+"""
 EARLIEST, LATEST = 0.02, 0.5
 """Limits of the release, s after the start of the steering."""
 STEERING = 3
@@ -97,7 +103,9 @@ class TurnVariables:
         return self.tail + STEERING * self.members
 
     def own(self, member: int) -> FloatArray:
-        """Places of the variables that one car's turn depends on: the tail's, then its steering's."""
+        """Places of the variables that one car's turn depends on: the tail's, then its
+        steering's.
+        """
         first = self.tail + STEERING * member
         return np.concatenate([np.arange(self.tail), np.arange(first, first + STEERING)])
 
@@ -112,16 +120,28 @@ class TurnVariables:
         low, high = self.steering
         ends = []
         latest = self.pulse - self.tick
-        for side, angle, release, hold in ((-1.0, low, EARLIEST, self.tick), (1.0, high, LATEST, latest)):
+        for side, angle, release, hold in (
+            (-1.0, low, EARLIEST, self.tick),
+            (1.0, high, LATEST, latest),
+        ):
             ends.append(
-                np.concatenate([[release], [side * self.most_rate] * self.rates, [angle, angle, hold] * self.members])
+                np.concatenate(
+                    [
+                        [release],
+                        [side * self.most_rate] * self.rates,
+                        [angle, angle, hold] * self.members,
+                    ]
+                )
             )
         return ends[0] / self.units, ends[1] / self.units
 
     @cached_property
     def roll_rows(self) -> FloatArray:
-        """Matrix (rows, rates) that gives the tail's travel (rad) from its rates (rad/s): at knots and midway."""
-        count, h = self.rates + 2, self.interval
+        """Matrix (rows, rates) that gives the tail's travel (rad) from its rates (rad/s): at knots
+        and midway.
+        """
+        count = self.rates + 2
+        h = self.interval
         at_knots = np.zeros((count, count))
         for knot in range(1, count):
             at_knots[knot] = at_knots[knot - 1]
@@ -130,22 +150,28 @@ class TurnVariables:
         return np.concatenate([at_knots[1:], midway])[:, 1:-1]
 
     def motion(self, own: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Knots of the tail: times since the start of the steering, rolls and rates, (knots, ...) each.
+        """Knots of the tail: times since the start of the steering, rolls and rates, (knots, ...)
+        each.
 
         Args:
             own: scaled variables of one car's turn (`own`), more axes behind.
         """
         own = own[: self.tail + STEERING]
-        release, inner = RELEASE * own[0], RATE * own[1 : self.tail]
+        release = RELEASE * own[0]
+        inner = RATE * own[1 : self.tail]
         still = 0.0 * inner[:1]
         rate = np.concatenate([still, inner, still])
-        travelled = np.concatenate([still, np.cumsum(0.5 * self.interval * (rate[1:] + rate[:-1]), axis=0)])
+        travelled = np.concatenate(
+            [still, np.cumsum(0.5 * self.interval * (rate[1:] + rate[:-1]), axis=0)]
+        )
         after = np.arange(len(rate)).reshape(-1, *[1] * (own.ndim - 1)) * self.interval
         time = np.concatenate([still, release + after])
         return time, self.start + np.concatenate([still, travelled]), np.concatenate([still, rate])
 
     def steered(self, own: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Angle, first angle (rad) and its time (s) of one car's turn, from its scaled variables."""
+        """Angle, first angle (rad) and its time (s) of one car's turn, from its scaled
+        variables.
+        """
         return (ANGLE * own[self.tail], ANGLE * own[self.tail + 1], TIME * own[self.tail + 2])
 
     def on_ticks(self, x: FloatArray) -> FloatArray:
@@ -163,11 +189,16 @@ class TurnVariables:
         duration = generator.uniform(0.5, 1.0) * length
         travel = generator.uniform(0.2, 0.9) * 2.0 * abs(self.start)
         phase = np.clip(knots / duration, 0.0, 1.0)
-        rates = np.clip(6.0 * phase * (1.0 - phase) * travel / duration, -self.most_rate, self.most_rate)
+        rates = np.clip(
+            6.0 * phase * (1.0 - phase) * travel / duration, -self.most_rate, self.most_rate
+        )
         release = generator.uniform(EARLIEST, 0.7 * LATEST)
         low, high = self.steering
         size = (self.members, 1)
-        then, first = (low * (most / low) ** generator.uniform(size=size) for most in (high, min(high, 3.0 * low)))
+        then, first = (
+            low * (most / low) ** generator.uniform(size=size)
+            for most in (high, min(high, 3.0 * low))
+        )
         cars = np.hstack([then, first, generator.uniform(0.2 * self.pulse, 0.9 * self.pulse, size)])
         return np.concatenate([[release], -np.sign(self.start) * rates, cars.ravel()]) / self.units
 
@@ -186,7 +217,8 @@ class Found(NamedTuple):
     """At some variables.
 
     Attributes:
-        course: of every car (members,), rad, and `course_slopes` with the scaled variables (members, size).
+        course: of every car (members,), rad, and `course_slopes` with the scaled variables
+            (members, size).
         rows: (members, rows) in their units, and `row_slopes` (members, rows, size).
     """
 
@@ -219,7 +251,9 @@ class TurnShooting:
     length: float
 
     @classmethod
-    def of(cls, scenarios: Sequence[Scenario], rates: int, interval: float, task: Task, length: float) -> TurnShooting:
+    def of(
+        cls, scenarios: Sequence[Scenario], rates: int, interval: float, task: Task, length: float
+    ) -> TurnShooting:
         """Makes the shooting of turns with a tail.
 
         Args:
@@ -238,10 +272,14 @@ class TurnShooting:
         hold = first.controller.hold_angle
         least, largest = map(math.radians, task.steering)
         variables = TurnVariables(
-            len(scenarios), rates, interval, -hold, min(s.tail.roll_limit for s in scenarios), most_rate,
-            (least, min(largest, *(s.servo.limit for s in scenarios))), task.pulse, 1.0 / first.controller.rate,
+            len(scenarios), rates, interval, -hold, min(s.tail.roll_limit for s in scenarios),
+            most_rate,
+            (least, min(largest, *(s.servo.limit for s in scenarios))), task.pulse,
+            1.0 / first.controller.rate,
         )  # fmt: skip
-        swinging = [s.varied(tail={"mode": "swing"}, controller={"swing_file": "none"}) for s in scenarios]
+        swinging = [
+            s.varied(tail={"mode": "swing"}, controller={"swing_file": "none"}) for s in scenarios
+        ]
         count = len(scenarios)
         chosen = {"hold_kp": HOLD["kp"], "hold_kd": HOLD["kd"], "delay": 0.0, "hold": task.pulse}
         chosen |= {"trigger_yaw_rate": np.inf, "trigger_steering": RELEASE_STEERING}
@@ -263,7 +301,10 @@ class TurnShooting:
         return (
             *(Row(f"roll{words}", "rad", 0.1, -most, most) for words in when),
             *(Row(f"height of the tail{words}", "m", 0.1, CLEARANCE, np.inf) for words in when),
-            *(Row(f"torque asked for{words}", "N m", 10.0, -self.torque, self.torque) for words in when),
+            *(
+                Row(f"torque asked for{words}", "N m", 10.0, -self.torque, self.torque)
+                for words in when
+            ),
             Row("height of the board", "m", 0.1, BOARD_CLEARANCE, np.inf),
             Row("sideslip at the exit", "rad", 0.1, -self.most_sideslip, self.most_sideslip),
             Row("roll at the end", "rad", 0.1, -END_ROLL, END_ROLL),
@@ -278,19 +319,30 @@ class TurnShooting:
         gains = [gain * one for gain in (FOLLOW["kp"], FOLLOW["kd"]) * 2]
         angle, first_angle, first_hold = self.variables.steered(own)
         played = PlayedRoll(one, time, roll, rate, *gains)
-        plans = replace(plans, steer_angle=angle, first_angle=first_angle, first_hold=first_hold, played=played)
+        plans = replace(
+            plans, steer_angle=angle, first_angle=first_angle, first_hold=first_hold, played=played
+        )
         return drive_turns(
-            self.cars.take(members), plans, duration=WINDOW * self.windows, length=self.length, history=True,
+            self.cars.take(members), plans, duration=WINDOW * self.windows, length=self.length,
+            history=True,
             begun=self.begun[:, members],
         )  # fmt: skip
 
     def random_start(self, generator: np.random.Generator) -> FloatArray:
-        """Scaled variables (size,): of some draws that whose turns count and lead furthest, else the most upright."""
+        """Scaled variables (size,): of some draws that whose turns count and lead furthest, else
+        the most upright.
+        """
         draws = np.array([self.variables.random_start(generator) for _ in range(DRAWS)])
         count = self.variables.members
-        own = np.concatenate([draws[:, self.variables.own(member)].T for member in range(count)], axis=1)
+        own = np.concatenate(
+            [draws[:, self.variables.own(member)].T for member in range(count)], axis=1
+        )
         turns = self.drive(own, np.repeat(np.arange(count), DRAWS))
-        good = turns.clean & (turns.peak_roll <= self.most_roll) & (np.abs(turns.sideslip) <= self.most_sideslip)
+        good = (
+            turns.clean
+            & (turns.peak_roll <= self.most_roll)
+            & (np.abs(turns.sideslip) <= self.most_sideslip)
+        )
         worth = np.where(good, turns.course, -turns.peak_roll).reshape(count, DRAWS)
         return np.asarray(draws[int(np.argmax(np.mean(worth, axis=0)))])
 
@@ -301,7 +353,8 @@ class TurnShooting:
             x: scaled variables (size,).
         """
         variables = self.variables
-        count, own = variables.members, [variables.own(member) for member in range(variables.members)]
+        count = variables.members
+        own = [variables.own(member) for member in range(variables.members)]
         width = len(own[0])
         steps = DIFFERENCE * np.eye(width)
         tried = np.hstack([steps, -steps, np.zeros((width, 1))])
@@ -311,7 +364,8 @@ class TurnShooting:
         values = np.concatenate([turned[None], rows]).reshape(-1, count, tried.shape[1])
         slopes = np.zeros((count, len(values), variables.size))
         for member, places in enumerate(own):
-            ahead, behind = values[:, member, :width], values[:, member, width:-1]
+            ahead = values[:, member, :width]
+            behind = values[:, member, width:-1]
             slopes[member][:, places] = (ahead - behind) / (2.0 * DIFFERENCE)
         here = values[:, :, -1].T
         return Found(here[:, 0], slopes[:, 0], here[:, 1:], slopes[:, 1:])
@@ -320,10 +374,13 @@ class TurnShooting:
         """Courses (n,) and rows (rows, n) of turns."""
         assert turns.history is not None
         assert turns.asked is not None
-        cars, last = self.cars.take(members), turns.last
+        cars = self.cars.take(members)
+        last = turns.last
         states = np.moveaxis(turns.history, 0, 1)  # (24, steps, n)
         count = states.shape[1]
-        tail, board = heights(states.reshape(len(states), -1), self.cars.take(np.tile(members, count)))
+        tail, board = heights(
+            states.reshape(len(states), -1), self.cars.take(np.tile(members, count))
+        )
         end = course(last, cars)
         without = np.isnan(turns.course)
         turned = np.where(without, end - course(self.begun, self.cars)[members], turns.course)
@@ -340,9 +397,13 @@ class TurnShooting:
         return turned, np.array(rows)
 
     def _peaks(self, values: FloatArray, lowest: bool = False) -> FloatArray:
-        """Per window the value (steps, n) of the largest magnitude, or the least one: (windows, n)."""
+        """Per window the value (steps, n) of the largest magnitude, or the least one: (windows,
+        n).
+        """
         windows = np.split(values, self.windows)
-        return np.array([-_peak(-window) if lowest else _peak(window, np.abs(window)) for window in windows])
+        return np.array(
+            [-_peak(-window) if lowest else _peak(window, np.abs(window)) for window in windows]
+        )
 
 
 def _peak(values: FloatArray, size: FloatArray | None = None) -> FloatArray:

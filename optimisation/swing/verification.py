@@ -1,7 +1,7 @@
 """Does a swing do on its full car what its file promises? Forward simulation at the fine step.
 
-How far is the motion from the knots, does anything leave its limits or touch the car, does the car survive clean?
-Other cars, and how fast they may turn, are judged by `optimisation.entry`.
+How far is the motion from the knots, does anything leave its limits or touch the car, does the car
+survive clean? Other cars, and how fast they may turn, are judged by `optimisation.entry`.
 """
 
 from __future__ import annotations
@@ -20,13 +20,25 @@ from aerodima.optimisation.sweep.runs import FINE_STEP, RunTask, measured_row, s
 from aerodima.optimisation.swing.candidate import swing_player
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, swing_at
-from aerodima.workbench.controllers.law_of_scenario import find_swing, own_turn, refuse_other_car, turn_words
+from aerodima.workbench.controllers.law_of_scenario import (
+    find_swing,
+    own_turn,
+    refuse_other_car,
+    turn_words,
+)
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.errors import SwingError
 from aerodima.workbench.figures.run_figures import plot_overlay
 from aerodima.workbench.logs.schema import RunLog, software_versions
 from aerodima.workbench.plants.clearance import ground_clearance, make_range_of_motion
-from aerodima.workbench.report.report_page import Page, Preformatted, Section, Table, write_files, zoomable
+from aerodima.workbench.report.report_page import (
+    Page,
+    Preformatted,
+    Section,
+    Table,
+    write_files,
+    zoomable,
+)
 from aerodima.workbench.simulate.simulation import simulate
 
 UPRIGHT = 0.8
@@ -106,7 +118,8 @@ def verify_swing(
         SwingError: the swing is never released in this turn.
         UserError: what the scenario or the file lacks; another car.
     """
-    played, player = find_swing(swing), swing_player(swing)
+    played = find_swing(swing)
+    player = swing_player(swing)
     turn, own = own_turn(played, scenario)
     found = load_scenario(turn, (*own, *settings, *step_settings(step), *player.settings))
     if not other_car:
@@ -114,8 +127,15 @@ def verify_swing(
     log = simulate(found, stop_when_certain=True)
     row = measured_row(RunTask("", turn), found, log)
     if row["swing_trigger_time_s"] is None:
-        raise SwingError(f"swing {played.name}: was never released in this turn ({turn} {' '.join(settings)})")
-    return Verification(played, turn_words(played, found), (*_turn_checks(row), *_tail_checks(played, found, log)), log)
+        raise SwingError(
+            f"swing {played.name}: was never released in this turn ({turn} {' '.join(settings)})"
+        )
+    return Verification(
+        played,
+        turn_words(played, found),
+        (*_turn_checks(row), *_tail_checks(played, found, log)),
+        log,
+    )
 
 
 def _turn_checks(row: Mapping[str, Any]) -> Iterator[Check]:
@@ -127,22 +147,34 @@ def _turn_checks(row: Mapping[str, Any]) -> Iterator[Check]:
 
 
 def _tail_checks(swing: SwingFile, scenario: Scenario, log: RunLog) -> Iterator[Check]:
-    state, limits = log.signal("controller_state"), swing.limits
+    state = log.signal("controller_state")
+    limits = swing.limits
     since = log.time - log.time[np.flatnonzero(state == SwingState.SWING)[0]]
     after = since >= 0.0
     during = after & (since <= swing.knots.time_s[-1])
     point = swing_at(swing, since, scenario.manoeuvre.direction)
-    roll, pitch = log.signal("tail_roll_angle_rad"), log.signal("tail_pitch_angle_rad")
-    torque = np.maximum(np.abs(log.signal("tail_roll_torque_n_m")), np.abs(log.signal("tail_pitch_torque_n_m")))
+    roll = log.signal("tail_roll_angle_rad")
+    pitch = log.signal("tail_pitch_angle_rad")
+    torque = np.maximum(
+        np.abs(log.signal("tail_roll_torque_n_m")), np.abs(log.signal("tail_pitch_torque_n_m"))
+    )
     upright = after & (log.signal("tilt_truth_rad") < UPRIGHT)
-    ground = ground_clearance(scenario, pitch[upright], roll[upright], log.signal("roll_truth_rad")[upright])
+    ground = ground_clearance(
+        scenario, pitch[upright], roll[upright], log.signal("roll_truth_rad")[upright]
+    )
     motion = make_range_of_motion(scenario, 25, 25)
     car = motion.clearance(pitch[after], roll[after], ("cage", "deck", "wheels"))
     off = np.abs(roll - point.roll_position)[during]
-    yield Check("knots followed to their end", float(not np.any(state == SwingState.FALLBACK)), "", low=1.0)
+    yield Check(
+        "knots followed to their end", float(not np.any(state == SwingState.FALLBACK)), "", low=1.0
+    )
     yield Check("tail roll off the knots", float(np.max(off)), "rad")
     yield Check("tail roll off the last knot", float(off[-1]), "rad")
-    yield Check("tail pitch off the knots", float(np.max(np.abs(pitch - point.pitch_position)[during])), "rad")
+    yield Check(
+        "tail pitch off the knots",
+        float(np.max(np.abs(pitch - point.pitch_position)[during])),
+        "rad",
+    )
     for name, values, unit, limit in (
         ("tail roll", np.abs(roll), "rad", limits.roll_position_rad),
         ("tail pitch", np.abs(pitch), "rad", limits.pitch_position_rad),
@@ -155,7 +187,8 @@ def _tail_checks(swing: SwingFile, scenario: Scenario, log: RunLog) -> Iterator[
 
 def write_verification(folder: Path, found: Verification, *, force: bool = False) -> list[Path]:
     """Writes verdict (YAML) and page; SwingError when one exists and `force` is not set."""
-    scenario, swing = found.own.scenario, found.swing
+    scenario = found.own.scenario
+    swing = found.swing
     verdict = yaml.safe_dump(
         {
             "schema": SCHEMA,
@@ -164,7 +197,10 @@ def write_verification(folder: Path, found: Verification, *, force: bool = False
             "verified": not found.complaints,
             "complaints": found.complaints,
             "checks": [asdict(one) for one in found.checks],
-            "scenario": {key: scenario[key] for key in ("name", "seed", "manoeuvre", "controller", "simulation")},
+            "scenario": {
+                key: scenario[key]
+                for key in ("name", "seed", "manoeuvre", "controller", "simulation")
+            },
             "versions": software_versions(),
         },
         sort_keys=False,
@@ -172,9 +208,14 @@ def write_verification(folder: Path, found: Verification, *, force: bool = False
     )
     rows = [[one.name, f"{one.value:.4g}", one.unit, one.allowed] for one in found.checks]
     broken = [index for index, one in enumerate(found.checks) if not one.is_kept]
-    motion = zoomable(plot_overlay([found.own], [swing.name]), "", "Six signals of the run over time")
+    motion = zoomable(
+        plot_overlay([found.own], [swing.name]), "", "Six signals of the run over time"
+    )
     sections = [
-        Section("The car of the swing", [Table(["check", "value", "unit", "allowed"], rows, broken), motion]),
+        Section(
+            "The car of the swing",
+            [Table(["check", "value", "unit", "allowed"], rows, broken), motion],
+        ),
         Section("Provenance", [Preformatted(verdict)]),
     ]
     page = Page(f"Verification of {swing.name}", found.where, sections)

@@ -1,8 +1,9 @@
-"""Runs every `bench_*` function of the modules `tests/benchmarks/bench_*.py`, prints and writes what they measured.
+"""Runs every `bench_*` function of the modules `tests/benchmarks/bench_*.py`, prints and writes
+what they measured.
 
-A benchmark function takes nothing and returns an iterable of `BenchRow`. A goal that is missed is marked in the table;
-the exit status is 1 if a benchmark fails to run, or gives no row and does not raise `NotPermittedError`. What failed
-and what was left out is listed at the end.
+A benchmark function takes nothing and returns an iterable of `BenchRow`. A goal that is missed is
+marked in the table; the exit status is 1 if a benchmark fails to run, or gives no row and does not
+raise `NotPermittedError`. What failed and what was left out is listed at the end.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ def collect(selected: str) -> list[Benchmark]:
             if name.startswith("bench_") and function.__module__ == module.__name__
         ]
         functions.sort(key=lambda function: function.__code__.co_firstlineno)
-        found += [function for function in functions if selected in f"{path.stem}.{function.__name__}"]
+        found += [
+            function for function in functions if selected in f"{path.stem}.{function.__name__}"
+        ]
     return found
 
 
@@ -57,7 +60,10 @@ def run(benchmarks: Iterable[Benchmark], out: Path) -> int:
         try:
             for row in benchmark():
                 rows.append(row)
-                print(line.format(*row.cells(), {True: "", False: "MISSED", None: ""}[row.met]), flush=True)
+                print(
+                    line.format(*row.cells(), {True: "", False: "MISSED", None: ""}[row.met]),
+                    flush=True,
+                )
             if len(rows) == before:
                 raise RuntimeError("it measured nothing")
         except NotPermittedError as reason:
@@ -76,8 +82,12 @@ def run(benchmarks: Iterable[Benchmark], out: Path) -> int:
 def main() -> int:
     """Run from the command line; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("out/bench/bench.csv"), help="where the CSV goes")
-    parser.add_argument("-k", dest="selected", default="", help="only functions whose module.name contains this")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/bench/bench.csv"), help="where the CSV goes"
+    )
+    parser.add_argument(
+        "-k", dest="selected", default="", help="only functions whose module.name contains this"
+    )
     arguments = parser.parse_args()
     benchmarks = collect(arguments.selected)
     if not benchmarks:

@@ -1,4 +1,6 @@
-"""What the aerodynamic wrench costs: per step of a diagram, against five of Drake's wings, and in AutoDiff."""
+"""What the aerodynamic wrench costs: per step of a diagram, against five of Drake's wings, and in
+AutoDiff.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ Install = Callable[[DiagramBuilder, MultibodyPlant, RigidBody], None]
 
 
 def _diagram(bodies: int, install: Install, added_mass: float = 0.0) -> Diagram:
-    """A discrete chain of hinged bricks, as many as the car or the rig has bodies; the tail is its last one."""
+    """A discrete chain of hinged bricks, as many as the car or the rig has bodies; the tail is its
+    last one.
+    """
     builder = DiagramBuilder()
     plant: Any = builder.AddSystem(MultibodyPlant(_STEP))
     parent = plant.world_body()
@@ -63,13 +67,18 @@ def _five_wings(builder: DiagramBuilder, plant: MultibodyPlant, tail: RigidBody)
     for i, (place, area) in enumerate(zip(_LAYOUT.p_BoSi_B, _LAYOUT.areas, strict=True)):
         wing: Any = builder.AddSystem(Wing(tail.index(), area, RigidTransform(place)))
         builder.Connect(plant.get_body_poses_output_port(), wing.get_body_poses_input_port())
-        builder.Connect(plant.get_body_spatial_velocities_output_port(), wing.get_body_spatial_velocities_input_port())
+        builder.Connect(
+            plant.get_body_spatial_velocities_output_port(),
+            wing.get_body_spatial_velocities_input_port(),
+        )
         builder.Connect(wing.get_spatial_force_output_port(), multiplexer.get_input_port(i))
     builder.Connect(multiplexer.get_output_port(), plant.get_applied_spatial_force_input_port())
 
 
 def _step_times(*diagrams: Diagram) -> list[float]:
-    """Process time per simulated step, us: best of many short runs in turns, because other load comes in bursts."""
+    """Process time per simulated step, us: best of many short runs in turns, because other load
+    comes in bursts.
+    """
     best = [np.inf] * len(diagrams)
     for _ in range(_REPEATS):
         for i, diagram in enumerate(diagrams):
@@ -82,24 +91,43 @@ def _step_times(*diagrams: Diagram) -> list[float]:
 
 
 def bench_tail_force() -> Iterator[BenchRow]:
-    """Five sections, normal-force law: time added to a step, and the step of the same diagram with five Wings instead.
+    """Five sections, normal-force law: time added to a step, and the step of the same diagram with
+    five Wings instead.
 
-    The added time alone is 5 times that of the Wings, which are C++: an empty Python system already costs more.
+    The added time alone is 5 times that of the Wings, which are C++: an empty Python system already
+    costs more.
     """
     for label, bodies in (("rig", _RIG), ("vehicle", _VEHICLE)):
         none, ours, wings = _step_times(
             _diagram(bodies, _nothing), _diagram(bodies, _tail(2.0)), _diagram(bodies, _five_wings)
         )
-        yield BenchRow(f"aero: five sections added to a step, {label} of {bodies} bodies", ours - none, "us", "<= 25")
-        yield BenchRow(f"aero: step of the diagram against five Wings, {label}", ours, "us", "<= 3", wings)
-        yield BenchRow(f"aero: added time against that of five Wings, {label}", ours - none, "us", "", wings - none)
+        yield BenchRow(
+            f"aero: five sections added to a step, {label} of {bodies} bodies",
+            ours - none,
+            "us",
+            "<= 25",
+        )
+        yield BenchRow(
+            f"aero: step of the diagram against five Wings, {label}", ours, "us", "<= 3", wings
+        )
+        yield BenchRow(
+            f"aero: added time against that of five Wings, {label}",
+            ours - none,
+            "us",
+            "",
+            wings - none,
+        )
 
 
 def bench_tables_and_added_mass() -> Iterator[BenchRow]:
     """Angle tables and added mass with its slide."""
     law = load_coefficients("cheetah_tail_1_major").law()
-    none, both = _step_times(_diagram(_VEHICLE, _nothing), _diagram(_VEHICLE, _tail(law), added_mass=0.02))
-    yield BenchRow("aero: tables and added mass added to a step, vehicle", both - none, "us", "<= 60")
+    none, both = _step_times(
+        _diagram(_VEHICLE, _nothing), _diagram(_VEHICLE, _tail(law), added_mass=0.02)
+    )
+    yield BenchRow(
+        "aero: tables and added mass added to a step, vehicle", both - none, "us", "<= 60"
+    )
 
 
 def bench_autodiff() -> Iterator[BenchRow]:
@@ -107,7 +135,10 @@ def bench_autodiff() -> Iterator[BenchRow]:
     diagram: Any = _diagram(_RIG, _tail(2.0)).ToAutoDiffXd()
     plant, force = (diagram.GetSubsystemByName(s.get_name()) for s in diagram.GetSystems()[:2])
     context = diagram.CreateDefaultContext()
-    plant_context, force_context = plant.GetMyMutableContextFromRoot(context), force.GetMyContextFromRoot(context)
+    plant_context, force_context = (
+        plant.GetMyMutableContextFromRoot(context),
+        force.GetMyContextFromRoot(context),
+    )
     state = InitializeAutoDiff(np.linspace(0.1, 1.0, plant.num_multibody_states()))
     best = np.inf
     for _ in range(_REPEATS):

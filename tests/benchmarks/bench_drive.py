@@ -1,4 +1,5 @@
-"""A minute of driving the emulated car at 100 Hz on both wirings: periods, replies, load of the drive process.
+"""A minute of driving the emulated car at 100 Hz on both wirings: periods, replies, load of the
+drive process.
 
 Emulator and drive share the machine here, as nothing else must.
 """
@@ -36,7 +37,9 @@ _SAME = 1e-3
 
 
 def bench_drive_over_can_for_a_minute() -> Iterator[BenchRow]:
-    """Wiring `watched_can`, in Drake: period error, cycles without a reply, load of the drive process."""
+    """Wiring `watched_can`, in Drake: period error, cycles without a reply, load of the drive
+    process.
+    """
     yield from _rows("watched_can", "drake", [])
 
 
@@ -51,12 +54,16 @@ def bench_plain_drive_for_a_minute() -> Iterator[BenchRow]:
 
 
 def bench_bridge_drive_beside_load() -> Iterator[BenchRow]:
-    """With real-time priority beside one ordinary program per processor that computes without a pause."""
+    """With real-time priority beside one ordinary program per processor that computes without a
+    pause.
+    """
     yield from _rows_beside_load("teensy_bridge", "drake_beside_load", [])
 
 
 def bench_watched_drive_beside_load() -> Iterator[BenchRow]:
-    """The same with the motors on the computer's adapter and the Teensy as watchdog on their bus."""
+    """The same with the motors on the computer's adapter and the Teensy as watchdog on their
+    bus.
+    """
     yield from _rows_beside_load("watched_can", "drake_beside_load", [])
 
 
@@ -75,7 +82,10 @@ def _rows_beside_load(wiring: str, loop: str, flags: list[str]) -> Iterator[Benc
 @contextmanager
 def _load() -> Iterator[None]:
     """Programs that compute, one per processor."""
-    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
+    busy = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"])
+        for _ in range(os.cpu_count() or 1)
+    ]
     try:
         yield
     finally:
@@ -90,7 +100,12 @@ def _rows(wiring: str, loop: str, flags: list[str]) -> Iterator[BenchRow]:
     yield BenchRow(f"{stem}_cycles", log.extra["cycles"], "1", f"== {_CYCLES}")
     for percentile in ("p50", "p99", "max"):
         goal = "<= 1000" if percentile == "p99" else ""
-        yield BenchRow(f"{stem}_period_error_{percentile}", log.extra[f"period_error_{percentile}_s"] * 1e6, "us", goal)
+        yield BenchRow(
+            f"{stem}_period_error_{percentile}",
+            log.extra[f"period_error_{percentile}_s"] * 1e6,
+            "us",
+            goal,
+        )
     if unanswered is not None:
         yield BenchRow(f"{stem}_frames_without_reply", unanswered, "1", "== 0")
     late = sum(_without_newer_reply(log, joint) for joint in ("pitch", "roll"))
@@ -99,7 +114,9 @@ def _rows(wiring: str, loop: str, flags: list[str]) -> Iterator[BenchRow]:
 
 
 def _without_newer_reply(log: RunLog, joint: str) -> int:
-    """Cycles that read the same reply as the cycle before: it came late, or the cycle before was late and read two."""
+    """Cycles that read the same reply as the cycle before: it came late, or the cycle before was
+    late and read two.
+    """
     arrival = log.time + log.signal("loop_lateness_s") - log.signal(f"status_tail_{joint}_age_s")
     return int(np.count_nonzero(np.diff(arrival[1:]) < _SAME))
 
@@ -111,10 +128,16 @@ def _unanswered(traffic: Path) -> int:
 
 
 def _drive(wiring: str, flags: list[str]) -> tuple[RunLog, int | None]:
-    """The log, and how many frames stayed without reply; None on the bridge, where the computer sees no frames."""
+    """The log, and how many frames stayed without reply; None on the bridge, where the computer
+    sees no frames.
+    """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        environment = {**os.environ, "XDG_STATE_HOME": str(folder / "state"), "OMP_NUM_THREADS": "1"}
+        environment = {
+            **os.environ,
+            "XDG_STATE_HOME": str(folder / "state"),
+            "OMP_NUM_THREADS": "1",
+        }
         car = folder / "car"
         emulate = [_PROGRAM, "emulate", "auto_turn", *_FLAGS, "--out", str(car), "--wiring", wiring]
         emulator = subprocess.Popen(emulate, stdout=subprocess.DEVNULL)
@@ -123,14 +146,27 @@ def _drive(wiring: str, flags: list[str]) -> tuple[RunLog, int | None]:
                 if emulator.poll() is not None:
                     raise RuntimeError("the emulator ended")
                 time.sleep(0.05)
-            drive = [_PROGRAM, "drive", "auto_turn", *_FLAGS, "--ports", str(car / "ports.json"), "--wiring", wiring]
+            drive = [
+                _PROGRAM,
+                "drive",
+                "auto_turn",
+                *_FLAGS,
+                "--ports",
+                str(car / "ports.json"),
+                "--wiring",
+                wiring,
+            ]
             log, traffic = folder / "run.parquet", folder / "run.blf"
             frames = ["--traffic", str(traffic)] if wiring == "watched_can" else []
             for more in (["--watchdog-test"], ["--arm", "--out", str(log), *frames, *flags]):
-                run = subprocess.run([*drive, *more], env=environment, capture_output=True, text=True)
+                run = subprocess.run(
+                    [*drive, *more], env=environment, capture_output=True, text=True
+                )
                 if run.returncode:
                     facts = read_run_log(log).extra if log.exists() else {}
-                    raise RuntimeError(f"{' '.join(more[:1])}: {run.stderr.splitlines()[-1]} {facts}")
+                    raise RuntimeError(
+                        f"{' '.join(more[:1])}: {run.stderr.splitlines()[-1]} {facts}"
+                    )
             return read_run_log(log), _unanswered(traffic) if frames else None
         finally:
             emulator.terminate()

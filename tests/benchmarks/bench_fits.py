@@ -1,4 +1,6 @@
-"""Fits against `scipy.optimize.least_squares` on the same residual, from the same seeds; and a batch of static logs."""
+"""Fits against `scipy.optimize.least_squares` on the same residual, from the same seeds; and a
+batch of static logs.
+"""
 
 from __future__ import annotations
 
@@ -61,9 +63,16 @@ def _seconds(act: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def _in_turns(problems: Sequence[Problem], method: Solver, jacobian: bool = False) -> tuple[float, float, float]:
-    """Median CPU seconds of us and of scipy over the same problems, and the largest cost of ours over scipy's."""
-    worst = max((method(p, p.parameters.seed).cost + 1e-9) / (float(_scipy(p, jacobian).cost) + 1e-9) for p in problems)
+def _in_turns(
+    problems: Sequence[Problem], method: Solver, jacobian: bool = False
+) -> tuple[float, float, float]:
+    """Median CPU seconds of us and of scipy over the same problems, and the largest cost of ours
+    over scipy's.
+    """
+    worst = max(
+        (method(p, p.parameters.seed).cost + 1e-9) / (float(_scipy(p, jacobian).cost) + 1e-9)
+        for p in problems
+    )
     ours, peer = [], []
     for _ in range(REPEATS):
         ours.append(_seconds(lambda: [method(p, p.parameters.seed) for p in problems]))
@@ -75,12 +84,22 @@ def _holds() -> list[StaticData]:
     """One exposed hold per tail, angle and speed, with 1 % of the accuracy as noise and no bias."""
     holds = []
     for number, (tail, degrees, speed) in enumerate(
-        (tail, degrees, speed) for tail in (1, 2, 3) for degrees in (0, 15, 30, 45, 60) for speed in (10.0, 20.0, 30.0)
+        (tail, degrees, speed)
+        for tail in (1, 2, 3)
+        for degrees in (0, 15, 30, 45, 60)
+        for speed in (10.0, 20.0, 30.0)
     ):
         scenario = load_rig_scenario("static").varied(
-            experiment={"tail": tail, "angle": math.radians(degrees), "wind_speed": speed, "duration": 0.5},
+            experiment={
+                "tail": tail,
+                "angle": math.radians(degrees),
+                "wind_speed": speed,
+                "duration": 0.5,
+            },
             tunnel={"psi3": 0.05},
-            force_sensor={f"{axis}_accuracy": 0.01 for axis in ("fx", "fy", "fz", "tx", "ty", "tz")},
+            force_sensor={
+                f"{axis}_accuracy": 0.01 for axis in ("fx", "fy", "fz", "tx", "ty", "tz")
+            },
             seed=number,
         )
         holds.append(static_data(simulate_static_log(scenario)))
@@ -92,13 +111,23 @@ def bench_static_fits() -> list[BenchRow]:
     holds = _holds()
     problems = [static_problem(data) for data in holds]
     ours, peer, worst = _in_turns(problems, solve_formula)
-    with_jacobian = statistics.median([_seconds(lambda: [_scipy(p, True) for p in problems]) for _ in range(REPEATS)])
-    whole = statistics.median([_seconds(lambda: [fit_static(data) for data in holds]) for _ in range(3)])
+    with_jacobian = statistics.median(
+        [_seconds(lambda: [_scipy(p, True) for p in problems]) for _ in range(REPEATS)]
+    )
+    whole = statistics.median(
+        [_seconds(lambda: [fit_static(data) for data in holds]) for _ in range(3)]
+    )
     per = 540.0 / len(problems)
     return [
-        BenchRow("static_fit", ours / len(problems) * 1e3, "ms", "<= 1.0", peer / len(problems) * 1e3),
         BenchRow(
-            "static_fit_scipy_with_jacobian", ours / len(problems) * 1e3, "ms", "", with_jacobian / len(problems) * 1e3
+            "static_fit", ours / len(problems) * 1e3, "ms", "<= 1.0", peer / len(problems) * 1e3
+        ),
+        BenchRow(
+            "static_fit_scipy_with_jacobian",
+            ours / len(problems) * 1e3,
+            "ms",
+            "",
+            with_jacobian / len(problems) * 1e3,
         ),
         BenchRow("static_fit_worst_cost", worst, "1", "<= 1.001"),
         BenchRow("static_540_solves", ours * per, "s", "<= 3.0"),
@@ -107,10 +136,14 @@ def bench_static_fits() -> list[BenchRow]:
 
 
 def bench_static_batch() -> list[BenchRow]:
-    """Reading, conditioning and fitting logs of 20 s at 1 kHz in one call with two workers, scaled to 540."""
+    """Reading, conditioning and fitting logs of 20 s at 1 kHz in one call with two workers, scaled
+    to 540.
+    """
     with tempfile.TemporaryDirectory() as folder:
         paths = []
-        scenario = load_rig_scenario("static").varied(experiment={"angle": math.radians(15.0), "wind_speed": 20.0})
+        scenario = load_rig_scenario("static").varied(
+            experiment={"angle": math.radians(15.0), "wind_speed": 20.0}
+        )
         rig = Rig(scenario)
         for seed in range(LOGS):
             log = simulate_static_log(scenario.varied(seed=seed), rig)
@@ -128,9 +161,14 @@ def bench_rollout_fits() -> list[BenchRow]:
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         bar = swing_data(
-            simulate(load_rig_scenario("bar", ["experiment.duration=5"]), Path(folder) / "bar.parquet"), "bar_swing"
+            simulate(
+                load_rig_scenario("bar", ["experiment.duration=5"]), Path(folder) / "bar.parquet"
+            ),
+            "bar_swing",
         )
-        flick_scenario = load_rig_scenario("flick", ["aero.added_mass=0.02", "experiment.duration=2"])
+        flick_scenario = load_rig_scenario(
+            "flick", ["aero.added_mass=0.02", "experiment.duration=2"]
+        )
         flick = swing_data(simulate(flick_scenario, Path(folder) / "flick.parquet"), "swing")
     problems = {
         "bar_friction_fit": SwingModel(bar, friction_law).problem(friction_parameters()),
@@ -141,6 +179,8 @@ def bench_rollout_fits() -> list[BenchRow]:
         rows.append(BenchRow(name, ours, "s", "<= 1.3", peer))
         rows.append(BenchRow(f"{name}_cost", worst, "1", "<= 1.001"))
     x = problems["added_mass_fit"].parameters.seed
-    rollout = np.median([_seconds(lambda: problems["added_mass_fit"].residual(x)) for _ in range(REPEATS)])
+    rollout = np.median(
+        [_seconds(lambda: problems["added_mass_fit"].residual(x)) for _ in range(REPEATS)]
+    )
     rows.append(BenchRow("flick_rollouts", 1.0 / float(rollout), "1/s"))
     return rows

@@ -1,4 +1,6 @@
-"""What a frame costs: encoding and decoding against `struct` with the same checks, and against cantools."""
+"""What a frame costs: encoding and decoding against `struct` with the same checks, and against
+cantools.
+"""
 
 from __future__ import annotations
 
@@ -45,9 +47,18 @@ def _struct_encode() -> bytes:
 
 
 def _struct_decode() -> tuple[float, ...]:
-    motor_id, position, high, middle, low, temperature, fault = struct.unpack(">BHBBBBB", _REPLY.data)
+    motor_id, position, high, middle, low, temperature, fault = struct.unpack(
+        ">BHBBBBB", _REPLY.data
+    )
     velocity, torque = high << 4 | middle >> 4, (middle & 15) << 8 | low
-    return motor_id, position / 2621.4 - 12.5, velocity / 40.95 - 50.0, torque / 81.9 - 25.0, temperature, fault
+    return (
+        motor_id,
+        position / 2621.4 - 12.5,
+        velocity / 40.95 - 50.0,
+        torque / 81.9 - 25.0,
+        temperature,
+        fault,
+    )
 
 
 def bench_motor_frames() -> Iterator[BenchRow]:
@@ -56,11 +67,25 @@ def bench_motor_frames() -> Iterator[BenchRow]:
     assert isinstance(database, Database)
     command = database.get_message_by_name("motor_1_command")
     reply = database.get_message_by_name("motor_reply")
-    values = {name: getattr(_COMMAND, name) for name in ("position", "velocity", "kp", "kd", "torque")}
+    values = {
+        name: getattr(_COMMAND, name) for name in ("position", "velocity", "kp", "kd", "torque")
+    }
     encode = _cost(lambda: ak70.make_command(1, _COMMAND, PROFILE))
     decode = _cost(lambda: ak70.decode_reply(_REPLY, PROFILE))
-    yield BenchRow("mit_command_encode_vs_cantools", encode, "us", "<= 1", _cost(lambda: command.encode(values)))
-    yield BenchRow("mit_reply_decode_vs_cantools", decode, "us", "<= 1", _cost(lambda: reply.decode(_REPLY.data)))
+    yield BenchRow(
+        "mit_command_encode_vs_cantools",
+        encode,
+        "us",
+        "<= 1",
+        _cost(lambda: command.encode(values)),
+    )
+    yield BenchRow(
+        "mit_reply_decode_vs_cantools",
+        decode,
+        "us",
+        "<= 1",
+        _cost(lambda: reply.decode(_REPLY.data)),
+    )
     yield BenchRow("mit_command_encode_vs_struct", encode, "us", "", _cost(_struct_encode))
     yield BenchRow("mit_reply_decode_vs_struct", decode, "us", "", _cost(_struct_decode))
 
@@ -72,7 +97,10 @@ def bench_strings_and_radio() -> Iterator[BenchRow]:
         teensy.MotorOrder(2, teensy.MotorRequest.EXIT, ak70.NEUTRAL),
     )
     command = teensy.TeensyCommand(orders, 1500, 1600)
-    reports = (teensy.MotorReport(1, -1.5, 8.0, 0.25, 7, 31, 0), teensy.MotorReport(2, 0.0, 0.0, 0.0, 7, 31, 0))
+    reports = (
+        teensy.MotorReport(1, -1.5, 8.0, 0.25, 7, 31, 0),
+        teensy.MotorReport(2, 0.0, 0.0, 0.0, 7, 31, 0),
+    )
     reply = make_reply(teensy.TeensyReply(reports, 90.0, 1000, teensy.TeensyStatus.RUNNING))
     frame = radio.make_command(radio.OperatorCommand(radio.RadioMode.MANUAL, 0.5, -0.25, 1.0, -1.5))
     encode = _cost(lambda: teensy.make_command(command))

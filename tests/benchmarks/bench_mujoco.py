@@ -1,4 +1,6 @@
-"""The tailless flip speed against MuJoCo: the same plant, each engine at the coarsest step that it can afford."""
+"""The tailless flip speed against MuJoCo: the same plant, each engine at the coarsest step that it
+can afford.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ Flips = Callable[[Scenario, float], bool]
 
 
 def bench_flip_speed() -> Iterator[BenchRow]:
-    """Time to find the flip speed to 0.05 m/s with the plant alone, each engine at its coarsest sufficient step."""
+    """Time to find the flip speed to 0.05 m/s with the plant alone, each engine at its coarsest
+    sufficient step.
+    """
     engines: dict[str, Flips] = {"Drake": _flips_in_drake, "MuJoCo": flips_in_mujoco}
     seconds, speeds = {}, {}
     for name, flips in engines.items():
@@ -50,7 +54,11 @@ def bench_flip_speed() -> Iterator[BenchRow]:
     name = f"tailless flip speed, {1000 * FINE:g} ms, Drake against MuJoCo"
     yield BenchRow(name, abs(speeds["Drake"] / speeds["MuJoCo"] - 1.0), "1")
     yield BenchRow(
-        "tailless flip speed to 0.05 m/s, Drake over MuJoCo", seconds["Drake"], "s", "<= 2.5", seconds["MuJoCo"]
+        "tailless flip speed to 0.05 m/s, Drake over MuJoCo",
+        seconds["Drake"],
+        "s",
+        "<= 2.5",
+        seconds["MuJoCo"],
     )
 
 
@@ -73,7 +81,9 @@ def bench_raw_step() -> Iterator[BenchRow]:
     start = time.perf_counter()
     mujoco.mj_step(model, data, STANDING_STEPS)
     theirs = (time.perf_counter() - start) / STANDING_STEPS
-    yield BenchRow("raw step of the standing car, Drake over MuJoCo", 1e6 * ours, "us", "", 1e6 * theirs)
+    yield BenchRow(
+        "raw step of the standing car, Drake over MuJoCo", 1e6 * ours, "us", "", 1e6 * theirs
+    )
 
 
 def _flip_speed(flips: Flips, step: float) -> tuple[float, float]:
@@ -88,7 +98,11 @@ def _flip_speed(flips: Flips, step: float) -> tuple[float, float]:
 
 def _scenario(speed: float, step: float) -> Scenario:
     rate = min(500.0, 1.0 / step)
-    settings = [f"manoeuvre.speed={speed!r}", f"simulation.step={step!r}", f"simulation.log_rate={rate:g}"]
+    settings = [
+        f"manoeuvre.speed={speed!r}",
+        f"simulation.step={step!r}",
+        f"simulation.log_rate={rate:g}",
+    ]
     return load_scenario(SCENARIO, settings)
 
 
@@ -100,7 +114,9 @@ def _flips_in_drake(scenario: Scenario, step: float) -> bool:
     knuckles, rates = commanded(scenario, step)
 
     def played(rows: FloatArray) -> OutputPort:
-        held = PiecewisePolynomial.ZeroOrderHold([k * step for k in range(len(rows))], [row[:, None] for row in rows])
+        held = PiecewisePolynomial.ZeroOrderHold(
+            [k * step for k in range(len(rows))], [row[:, None] for row in rows]
+        )
         return builder.AddSystem(TrajectorySource(held)).get_output_port()
 
     place = np.zeros((2, 2 * len(joints)))
@@ -108,7 +124,9 @@ def _flips_in_drake(scenario: Scenario, step: float) -> bool:
     builder.Connect(played(knuckles @ place), plant.get_desired_state_input_port(car.car))
     gain, limit = shaft_gain(scenario.drive, scenario.car), np.array([scenario.drive.torque_limit])
     braking, torque = np.zeros((1, plant.num_multibody_states())), np.zeros((len(joints), 1))
-    braking[0, plant.num_positions() + plant.GetJointByName("drive_shaft_spin").velocity_start()] = -gain
+    braking[
+        0, plant.num_positions() + plant.GetJointByName("drive_shaft_spin").velocity_start()
+    ] = -gain
     torque[joints.index("drive_shaft_spin"), 0] = 1.0
     total, limited = builder.AddSystem(Adder(2, 1)), builder.AddSystem(Saturation(-limit, limit))
     slowed = transformed(builder, "braking", plant.get_state_output_port(), braking)

@@ -1,4 +1,6 @@
-"""What the wind-tunnel rig costs: rollouts of a swing for fits, the diagram of the same swing, and a static log."""
+"""What the wind-tunnel rig costs: rollouts of a swing for fits, the diagram of the same swing, and
+a static log.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def _best(action: Callable[[], object], repeats: int = _REPEATS) -> float:
 
 
 def _diagram_swing(scenario: RigScenario, step: float) -> Callable[[], np.ndarray]:
-    """One second of a swing of the tail that was let go, as a Drake diagram; gives angle and rate at its end."""
+    """One second of a swing of the tail that was let go, as a Drake diagram; gives angle and rate
+    at its end.
+    """
     builder = DiagramBuilder()
     rig = add_rig_plant(builder, scenario)
     builder.ExportInput(rig.torques.get_input_port(0), "motor_torque")
@@ -59,7 +63,9 @@ def _pendulum_swing(scenario: RigScenario) -> Callable[[], np.ndarray]:
 
 
 def bench_rollouts() -> Iterator[BenchRow]:
-    """A second of swing in the wind of 10 m/s, once as the plain pendulum and once as the diagram, each at 4 ms."""
+    """A second of swing in the wind of 10 m/s, once as the plain pendulum and once as the diagram,
+    each at 4 ms.
+    """
     scenario = load_rig_scenario("flick")
     swing, diagram = _pendulum_swing(scenario), _diagram_swing(scenario, 0.004)
     plain = _best(swing)
@@ -67,7 +73,9 @@ def bench_rollouts() -> Iterator[BenchRow]:
     yield BenchRow("rig: rollouts of 1 s per second", 1.0 / plain, "1/s", ">= 1", 1.0 / drake)
     finest = _diagram_swing(scenario, 0.0002)()
     error = abs(swing()[-1] - finest[0])
-    yield BenchRow("rig: angle of a rollout after 1 s against the diagram at 0.2 ms", error, "rad", "<= 1.2e-4")
+    yield BenchRow(
+        "rig: angle of a rollout after 1 s against the diagram at 0.2 ms", error, "rad", "<= 1.2e-4"
+    )
     bar = _pendulum_swing(load_rig_scenario("bar"))
     yield BenchRow("rig: bare-bar rollouts of 1 s per second", 1.0 / _best(bar), "1/s")
 
@@ -82,10 +90,16 @@ def bench_reaction() -> Iterator[BenchRow]:
         for angle, rate in zip(angles, rates, strict=True):
             rig.reaction(angle, rate, 0.1)
 
-    yield BenchRow("rig: acceleration and wrench at one of 1000 states", _best(plant) * 1e6 / len(angles), "us")
+    yield BenchRow(
+        "rig: acceleration and wrench at one of 1000 states", _best(plant) * 1e6 / len(angles), "us"
+    )
 
 
 def bench_static_log() -> Iterator[BenchRow]:
-    """A synthetic static log of 20 s at 1 kHz, model building included; 540 of them make a campaign."""
+    """A synthetic static log of 20 s at 1 kHz, model building included; 540 of them make a
+    campaign.
+    """
     scenario = load_rig_scenario("static")
-    yield BenchRow("rig: synthetic static log of 20 s", _best(lambda: simulate_static_log(scenario)), "s")
+    yield BenchRow(
+        "rig: synthetic static log of 20 s", _best(lambda: simulate_static_log(scenario)), "s"
+    )

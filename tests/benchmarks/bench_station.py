@@ -1,4 +1,6 @@
-"""What a 2 ms step of the whole tailed station costs beside its plant alone, and how fast and repeatable a run is."""
+"""What a 2 ms step of the whole tailed station costs beside its plant alone, and how fast and
+repeatable a run is.
+"""
 
 from __future__ import annotations
 
@@ -28,12 +30,14 @@ REPEATS = 5
 
 
 def bench_step() -> list[BenchRow]:
-    """CPU time per step of driver, controller, estimator and station: lean as in a trial, and recorded.
+    """CPU time per step of driver, controller, estimator and station: lean as in a trial, and
+    recorded.
 
-    Peers: the same plant with its tail alone in a diagram, idle (all inputs zero) and driven (through the same turn, by
-    the recorded torques and steering angles of the station; the air is left out). A driven plant costs more than an
-    idle one, since its contact solver works harder; the rest of the ratio is what the station adds. Each is stepped
-    through the whole published turn at 3.33 m/s. The least of all repeats counts, kind by kind.
+    Peers: the same plant with its tail alone in a diagram, idle (all inputs zero) and driven
+    (through the same turn, by the recorded torques and steering angles of the station; the air is
+    left out). A driven plant costs more than an idle one, since its contact solver works harder;
+    the rest of the ratio is what the station adds. Each is stepped through the whole published turn
+    at 3.33 m/s. The least of all repeats counts, kind by kind.
     """
     scenario = load_scenario("turn_swing")
     inputs = _recorded_inputs(scenario)
@@ -76,22 +80,35 @@ def bench_outcome_trial() -> list[BenchRow]:
                 key = (record, scenario.name)
                 seconds[key] = min(seconds.get(key, float("inf")), time.process_time() - start)
     per_second = {
-        record: len(scenarios) / sum(value for (kind, _), value in seconds.items() if kind == record)
+        record: len(scenarios)
+        / sum(value for (kind, _), value in seconds.items() if kind == record)
         for record in ("all", "outcome")
     }
-    return [BenchRow("outcome_trials_per_cpu_second", per_second["outcome"], "1/s", ">= 2.5", per_second["all"])]
+    return [
+        BenchRow(
+            "outcome_trials_per_cpu_second",
+            per_second["outcome"],
+            "1/s",
+            ">= 2.5",
+            per_second["all"],
+        )
+    ]
 
 
 def bench_repeated_run() -> list[BenchRow]:
     """1 when a repeated run has the same columns with the same bits, sensor noise included."""
     scenario = load_scenario("turn_swing", ["manoeuvre.duration=3.0"])
     with tempfile.TemporaryDirectory() as folder:
-        first, second = (simulate(scenario, Path(folder) / f"{name}.parquet") for name in ("first", "second"))
+        first, second = (
+            simulate(scenario, Path(folder) / f"{name}.parquet") for name in ("first", "second")
+        )
     return [BenchRow("repeated_run_equal", float(signals_equal(first, second)), "1", "== 1")]
 
 
 def _recorded_inputs(scenario: Scenario) -> dict[str, PiecewisePolynomial]:
-    """What the station feeds its plant through the turn: input port of the plant -> its value over time."""
+    """What the station feeds its plant through the turn: input port of the plant -> its value over
+    time.
+    """
     car = assemble(scenario)
     diagram = car.builder.Build()
     simulator = Simulator(diagram)
@@ -101,7 +118,9 @@ def _recorded_inputs(scenario: Scenario) -> dict[str, PiecewisePolynomial]:
     values: dict[str, list[np.ndarray]] = {name: [] for name in ports}
 
     def record(context: Context) -> EventStatus:
-        if times and context.get_time() < times[-1] + 0.5 * scenario.simulation.step:  # n x 0.1 s is not m x 2 ms
+        if (
+            times and context.get_time() < times[-1] + 0.5 * scenario.simulation.step
+        ):  # n x 0.1 s is not m x 2 ms
             return EventStatus.DidNothing()
         plant_context = plant.GetMyContextFromRoot(context)
         times.append(context.get_time())
@@ -135,7 +154,9 @@ def _recorded_step_seconds(scenario: Scenario, path: Path) -> float:
     metadata = run_metadata(scenario.resolved(), scenario.seed)
     with JournalWriter(path, recorded_columns(car.signals), metadata) as journal:
         settings = scenario.simulation
-        RunRecorder.add_to_builder(car.builder, journal, car.signals, settings.log_rate, settings.step)
+        RunRecorder.add_to_builder(
+            car.builder, journal, car.signals, settings.log_rate, settings.step
+        )
         return _timed(Simulator(car.builder.Build()), scenario)
 
 

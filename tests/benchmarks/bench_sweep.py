@@ -1,4 +1,6 @@
-"""The 68 runs of the turn study on the distributed engine: one and two workers, and what the engine itself costs."""
+"""The 68 runs of the turn study on the distributed engine: one and two workers, and what the engine
+itself costs.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ SETTINGS = tuple(os.environ.get("AERODIMA_BENCH_SWEEP_SETTINGS", "").split())
 
 
 def bench_turn_study() -> Iterator[BenchRow]:
-    """Wall time of 12 tailless and 35 tailed runs at the default step, table on the disk; start-up apart."""
+    """Wall time of 12 tailless and 35 tailed runs at the default step, table on the disk; start-up
+    apart.
+    """
     study = load_study("turn")
     blocks = tuple(block.model_copy(update={"settings": SETTINGS}) for block in study.blocks)
     study = study.model_copy(update={"blocks": blocks})

@@ -1,4 +1,6 @@
-"""Swings: reduced runs over trials of the full car, and how many of them two cores make in a second."""
+"""Swings: reduced runs over trials of the full car, and how many of them two cores make in a
+second.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from tests.optimisation.screening_gate import reduced_seconds
 
 
 def bench_screening() -> list[BenchRow]:
-    """Reduced runs among many per second of CPU time, over trials of the full car, in one process; and twice that."""
+    """Reduced runs among many per second of CPU time, over trials of the full car, in one process;
+    and twice that.
+    """
     scenario = load_scenario("turn_designed")
     simulate(scenario, record="outcome")
     begun = time.process_time()

@@ -1,8 +1,10 @@
-"""The tailless car as MJCF and its turn in MuJoCo, for the benchmark: the same masses, springs, tyres and commands.
+"""The tailless car as MJCF and its turn in MuJoCo, for the benchmark: the same masses, springs,
+tyres and commands.
 
-What differs is the contact: MuJoCo's soft constraint instead of point contact with Hunt-Crossley damping. Its stiffness
-and damping are set so that a tyre carries its load at the same deflection and is damped alike there. Cage and board are
-left out: a run ends when the car has passed 75 degrees.
+What differs is the contact: MuJoCo's soft constraint instead of point contact with Hunt-Crossley
+damping. Its stiffness and damping are set so that a tyre carries its load at the same deflection
+and is damped alike there. Cage and board are left out: a run ends when the car has passed 75
+degrees.
 """
 
 from __future__ import annotations
@@ -25,10 +27,12 @@ from aerodima.workbench.plants.car_model import (
 )
 
 IMPEDANCE = 0.1
-"""Of a tyre contact: the smaller, the more its force is that of a spring and damper and nothing else."""
+"""Of a tyre contact: the smaller, the more its force is that of a spring and damper and nothing
+else."""
 FRICTION_RATIO = 0.1
-"""Impedance of friction over that of the normal force. From 1 on the normal force of a tyre that slides grows with its
-slip (MuJoCo projects on its friction cone in a metric that this ratio sets), and with a fine step no car rolls over."""
+"""Impedance of friction over that of the normal force. From 1 on the normal force of a tyre that
+slides grows with its slip (MuJoCo projects on its friction cone in a metric that this ratio sets),
+and with a fine step no car rolls over."""
 
 
 def mjcf(scenario: Scenario, step: float) -> str:
@@ -45,14 +49,16 @@ def mjcf(scenario: Scenario, step: float) -> str:
             if axle == "front":
                 knuckles.append(
                     f'<position name="{side}" joint="front_{side}_steering" kp="{servo.stiffness}" '
-                    f'kv="{servo.damping}" forcerange="{-servo.torque_limit} {servo.torque_limit}"/>'
+                    f'kv="{servo.damping}" forcerange="{-servo.torque_limit} '
+                    f'{servo.torque_limit}"/>'
                 )
     return f"""<mujoco>
   <compiler angle="radian" inertiafromgeom="false"/>
   <option timestep="{step}" gravity="0 0 {-gravity}" integrator="implicitfast" cone="elliptic"
           impratio="{FRICTION_RATIO}"/>
   <worldbody>
-    <geom name="ground" type="plane" size="0 0 1" friction="{car.tyre_friction} 0 0" contype="1" conaffinity="0"/>
+    <geom name="ground" type="plane" size="0 0 1" friction="{car.tyre_friction} 0 0"
+          contype="1" conaffinity="0"/>
     <body name="chassis">
       <freejoint/>
       {_inertial(chassis.mass, chassis.com, chassis.moments)}
@@ -90,9 +96,17 @@ def _corner(scenario: Scenario, axle: str, side: str, sign: int) -> str:
     upright, knuckle = 0.4 * car.upright_mass * 0.03**2, 0.4 * car.knuckle_mass * 0.02**2
     wheel = f"""<body name="{name}_wheel">
         <joint name="{name}_spin" type="hinge" axis="0 1 0"/>
-        {_inertial(car.wheel_mass, (0, 0, 0), (diametral, 0.5 * car.wheel_mass * radius**2, diametral))}
-        <geom type="cylinder" size="{radius} {half}" zaxis="0 1 0" friction="{car.tyre_friction} 0 0" contype="0"
-              conaffinity="1" solref="{-stiffness} {-damping}" solimp="{IMPEDANCE} {IMPEDANCE} 0.001" priority="1"/>
+        {
+        _inertial(
+            car.wheel_mass, (0, 0, 0), (diametral, 0.5 * car.wheel_mass * radius**2, diametral)
+        )
+    }
+        <geom type="cylinder" size="{radius} {half}" zaxis="0 1 0" friction="{
+        car.tyre_friction
+    } 0 0" contype="0"
+              conaffinity="1" solref="{-stiffness} {-damping}" solimp="{IMPEDANCE} {
+        IMPEDANCE
+    } 0.001" priority="1"/>
       </body>"""
     if front:
         wheel = f"""<body name="{name}_knuckle">
@@ -103,8 +117,9 @@ def _corner(scenario: Scenario, axle: str, side: str, sign: int) -> str:
     x, y = car.wheelbase if front else 0.0, sign * car.track / 2
     travel = car.suspension_travel
     return f"""<body name="{name}_upright" pos="{x} {y} {statics.wheel_height}">
-      <joint name="{name}_suspension" type="slide" axis="0 0 1" stiffness="{spring}" damping="{damper}"
-             springref="{statics.spring_reference}" limited="true" range="{-travel} {travel}"/>
+      <joint name="{name}_suspension" type="slide" axis="0 0 1"
+             stiffness="{spring}" damping="{damper}" springref="{statics.spring_reference}"
+             limited="true" range="{-travel} {travel}"/>
       {_inertial(car.upright_mass, (0, 0, 0), (upright,) * 3)}
       {wheel}
     </body>"""
@@ -123,7 +138,8 @@ def load_model(scenario: Scenario, step: float) -> Any:
 
 
 def commanded(scenario: Scenario, step: float) -> tuple[FloatArray, FloatArray]:
-    """The published turn at every step: left and right knuckle (n, 2), rad, and the shaft's rate (n,), rad/s.
+    """The published turn at every step: left and right knuckle (n, 2), rad, and the shaft's rate
+    (n,), rad/s.
 
     Ramp, steering step through the linkage, straight again.
     """
@@ -136,7 +152,9 @@ def commanded(scenario: Scenario, step: float) -> tuple[FloatArray, FloatArray]:
         target = manoeuvre.steer_angle if turning else 0.0
         angle += min(max(target - angle, -travel), travel)
         angles.append(knuckle_angles(angle, servo, scenario.car))
-    return np.array(angles), manoeuvre.speed * np.minimum(1.0, times / manoeuvre.speed_ramp) / radius
+    return np.array(angles), manoeuvre.speed * np.minimum(
+        1.0, times / manoeuvre.speed_ramp
+    ) / radius
 
 
 def flips_in_mujoco(scenario: Scenario, step: float) -> bool:

@@ -1,7 +1,8 @@
-"""A drive for the latency benchmark of the console: arms, obeys MANUAL, stops, and is reset and armed again by itself.
+"""A drive for the latency benchmark of the console: arms, obeys MANUAL, stops, and is reset and
+armed again by itself.
 
-What moves bytes is that of a real drive: wiring, guard and motors at 100 Hz. Only the reset, which is by hand on a real
-car, is automatic here, so that an emergency stop needs no new process.
+What moves bytes is that of a real drive: wiring, guard and motors at 100 Hz. Only the reset, which
+is by hand on a real car, is automatic here, so that an emergency stop needs no new process.
 
 Run as `python -m tests.benchmarks.rearming_drive PORTS_FILE [SETTING...]`; ended by SIGTERM.
 """

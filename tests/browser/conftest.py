@@ -1,4 +1,6 @@
-"""A headless Chromium that reaches nothing but this machine; without one the tests here are skipped."""
+"""A headless Chromium that reaches nothing but this machine; without one the tests here are
+skipped.
+"""
 
 from __future__ import annotations
 

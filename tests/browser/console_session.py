@@ -66,7 +66,9 @@ class ConsoleSession:
     @property
     def last_log(self) -> Path:
         """Run log of the last drive; it is there once the drive has ended."""
-        return max(self.car.glob("drive_*.parquet"), key=lambda path: int(path.stem.partition("_")[2]))
+        return max(
+            self.car.glob("drive_*.parquet"), key=lambda path: int(path.stem.partition("_")[2])
+        )
 
     def recorded(self, name: str) -> list[dict[str, Any]]:
         """What the console recorded so far."""
@@ -74,8 +76,14 @@ class ConsoleSession:
         return [event for event in map(json.loads, lines) if event["event"] == name]
 
     def exits_since(self, time_s: float) -> list[dict[str, Any]]:
-        """Motors that an exit frame on the emulated bus has switched off since then (s, monotonic)."""
-        return [event for event in self.events("off") if event["time_s"] >= time_s and event["reason"] == "exit frame"]
+        """Motors that an exit frame on the emulated bus has switched off since then (s,
+        monotonic).
+        """
+        return [
+            event
+            for event in self.events("off")
+            if event["time_s"] >= time_s and event["reason"] == "exit frame"
+        ]
 
     def _addresses(self) -> list[str]:
         return [line.split()[-1] for line in list(self._lines) if "http://" in line]
@@ -86,7 +94,10 @@ class ConsoleSession:
 
 
 class OperatorPage:
-    """A page that controls the car. Conditions are asked for again and again: the page's policy forbids `eval`."""
+    """A page that controls the car.
+
+    Conditions are asked for again and again: the page's policy forbids `eval`.
+    """
 
     def __init__(self, page: Any, session: ConsoleSession) -> None:
         self.page, self.session = page, session
@@ -123,7 +134,9 @@ class OperatorPage:
                     raise
 
     def arm(self, mode: str | None = "manual") -> None:
-        """Arms and chooses a mode; again, when a busy machine made the drive stop for a late reply."""
+        """Arms and chooses a mode; again, when a busy machine made the drive stop for a late
+        reply.
+        """
         for _ in range(TRIES):
             if self.holds("state.radio.stopped_by"):
                 self.until("!state.car.driving")

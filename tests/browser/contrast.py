@@ -45,4 +45,8 @@ def too_faint(page: Any) -> list[str]:
     """Texts whose contrast is too small, with their ratio; a page without text is none."""
     found = contrasts(page)
     assert found, "the page shows no text"
-    return [f"{text['text']}: {text['ratio']:.2f}" for text in found if text["ratio"] < (3.0 if text["large"] else 4.5)]
+    return [
+        f"{text['text']}: {text['ratio']:.2f}"
+        for text in found
+        if text["ratio"] < (3.0 if text["large"] else 4.5)
+    ]

@@ -67,7 +67,9 @@ def tell(served: Served, console: Any, report: CarReport, condition: str) -> Non
         time.sleep(0.05)
 
 
-ARMED = CarReport(True, False, RadioMode.IDLE, faults=(0, 0, 0, 0, 6, 0), operator_age=0.02, text="no fix")
+ARMED = CarReport(
+    True, False, RadioMode.IDLE, faults=(0, 0, 0, 0, 6, 0), operator_age=0.02, text="no fix"
+)
 STOPPED = CarReport(False, True, RadioMode.IDLE, operator_age=0.02)
 
 
@@ -82,7 +84,9 @@ def test_every_text_of_the_console_can_be_read_in_every_state(console: Any, serv
     assert len(contrasts(console)) > 40
 
 
-def test_states_of_the_console_differ_by_words_and_not_by_colour_alone(console: Any, served: Served) -> None:
+def test_states_of_the_console_differ_by_words_and_not_by_colour_alone(
+    console: Any, served: Served
+) -> None:
     shown = [console.inner_text("#car")]
     tell(served, console, ARMED, "state.radio.armed")
     shown.append(console.inner_text("#car"))
@@ -92,12 +96,15 @@ def test_states_of_the_console_differ_by_words_and_not_by_colour_alone(console: 
     shown.append(console.inner_text("#car"))
     assert shown == ["not heard", "ARMED", "STOPPED"]
     marked = console.evaluate(
-        "getComputedStyle(document.querySelector('#modes input:checked + span'), '::before').content"
+        "getComputedStyle(document.querySelector('#modes input:checked + span'), "
+        "'::before').content"
     )
     assert "●" in marked
 
 
-def test_focus_goes_through_the_console_in_the_order_of_the_page_and_is_seen(console: Any, served: Served) -> None:
+def test_focus_goes_through_the_console_in_the_order_of_the_page_and_is_seen(
+    console: Any, served: Served
+) -> None:
     tell(served, console, ARMED, "state.radio.armed")
     order = []
     for _ in range(40):
@@ -110,7 +117,16 @@ def test_focus_goes_through_the_console_in_the_order_of_the_page_and_is_seen(con
         assert focused["seen"], focused
         order.append(focused["name"])
     plotted = ["Speed", "Yaw rate", "Roll of the car", "Tail angle", "Tail torque"]
-    assert order == ["stop", "rest", "centre", "steering", "step-size", "step-time", "record", *plotted]
+    assert order == [
+        "stop",
+        "rest",
+        "centre",
+        "steering",
+        "step-size",
+        "step-time",
+        "record",
+        *plotted,
+    ]
 
 
 @pytest.mark.parametrize("size", [(1280, 900), (800, 600), (400, 800), (800, 400)])
@@ -125,9 +141,12 @@ def test_the_stop_and_the_states_fit_the_window_and_the_stop_stays_in_it(
     for place in (0, 10_000):
         console.evaluate(f"scrollTo(0, {place})")
         seen = console.evaluate(
-            "(() => { const box = get('stop').getBoundingClientRect(), x = (box.left + box.right) / 2,"
-            " y = (box.top + box.bottom) / 2; return get('stop').contains(document.elementFromPoint(x, y))"
-            " && box.top >= 0 && box.bottom <= innerHeight && box.left >= 0 && box.right <= innerWidth; })()"
+            "(() => { const box = get('stop').getBoundingClientRect(), x = (box.left + box.right) "
+            "/ 2,"
+            " y = (box.top + box.bottom) / 2; return "
+            "get('stop').contains(document.elementFromPoint(x, y))"
+            " && box.top >= 0 && box.bottom <= innerHeight && box.left >= 0 && box.right <= "
+            "innerWidth; })()"
         )
         assert seen, f"scrolled to {place}"
 
@@ -149,7 +168,9 @@ def test_the_console_is_worked_by_keyboard_alone(console: Any, served: Served) -
     console.keyboard.press("Tab")
     console.keyboard.press("ArrowRight")
     armed("document.activeElement.value === 'manual'")
-    assert console.evaluate("mode") == "rest", "an arrow key chooses nothing: the next one would be AUTO"
+    assert console.evaluate("mode") == "rest", (
+        "an arrow key chooses nothing: the next one would be AUTO"
+    )
     console.keyboard.press("Space")
     armed("mode === 'manual'")
     console.keyboard.press("Tab")
@@ -176,20 +197,32 @@ def report_page() -> str:
         Plot(drawing, "A caption.", "A line"),
         Folded("More", [Preformatted("{}")]),
     ]
-    return Page("A report", "What it is about.", [Section("One", parts), Section("Two", parts)]).html()
+    return Page(
+        "A report", "What it is about.", [Section("One", parts), Section("Two", parts)]
+    ).html()
 
 
 def fit_page(folder: Path) -> str:
     estimate = Estimate("cd", "1", 1.2, 0.1, 1.0, 1.4, bound="upper")
     result = FitResult(
-        "log.parquet", (estimate,), ((0.01,),), 1.0, {"fx": 0.1}, True, "solved", (), warnings=("a warning",)
+        "log.parquet",
+        (estimate,),
+        ((0.01,),),
+        1.0,
+        {"fx": 0.1},
+        True,
+        "solved",
+        (),
+        warnings=("a warning",),
     )
     write_report(folder, "Fits", [result], failed={"other.parquet": "no such log"})
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("kind", ["report", "fits"])
-def test_reports_can_be_read_and_their_links_reached_by_keyboard(kind: str, page: Any, tmp_path: Path) -> None:
+def test_reports_can_be_read_and_their_links_reached_by_keyboard(
+    kind: str, page: Any, tmp_path: Path
+) -> None:
     text = report_page() if kind == "report" else fit_page(tmp_path / "fits")
     path = tmp_path / "page.html"
     path.write_text(text, encoding="utf-8")

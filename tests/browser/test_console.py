@@ -46,7 +46,9 @@ def press_key(page: Any) -> None:
 def press_gamepad(page: Any) -> None:
     page.evaluate("() => { fakePads = []; }")
     page.wait_for_timeout(100)  # the page sees it let go, if it was pressed
-    page.evaluate("() => { const pad = makePad('pad'); pad.buttons[1].pressed = true; fakePads = [pad]; }")
+    page.evaluate(
+        "() => { const pad = makePad('pad'); pad.buttons[1].pressed = true; fakePads = [pad]; }"
+    )
 
 
 def test_a_car_without_a_tail_is_driven_from_the_page(page: Any, tmp_path: Path) -> None:
@@ -68,11 +70,19 @@ def test_a_car_without_a_tail_is_driven_from_the_page(page: Any, tmp_path: Path)
 
 
 @pytest.mark.parametrize("press", [press_button, press_key, press_gamepad])
-def test_stop_reaches_the_emulated_bus_and_stays(operator: OperatorPage, session: ConsoleSession, press: Any) -> None:
+def test_stop_reaches_the_emulated_bus_and_stays(
+    operator: OperatorPage, session: ConsoleSession, press: Any
+) -> None:
     def stop() -> None:
         pressed = time.monotonic()
         press(operator.page)
-        wait_for(lambda: {event["joint"] for event in session.exits_since(pressed)} == {"tail_pitch", "tail_roll"}, 5.0)
+        wait_for(
+            lambda: (
+                {event["joint"] for event in session.exits_since(pressed)}
+                == {"tail_pitch", "tail_roll"}
+            ),
+            5.0,
+        )
         by = {press_button: "button", press_key: "key", press_gamepad: "gamepad"}[press]
         operator.until(f"state.radio.confirmed && state.radio.stopped_by === '{by}'")
 
@@ -104,7 +114,9 @@ def test_slider_moves_the_emulated_tail(operator: OperatorPage) -> None:
     operator.until("!state.car.driving")
 
 
-def test_an_unplugged_gamepad_leaves_the_car_at_rest(operator: OperatorPage, session: ConsoleSession) -> None:
+def test_an_unplugged_gamepad_leaves_the_car_at_rest(
+    operator: OperatorPage, session: ConsoleSession
+) -> None:
     page = operator.page
     page.evaluate("() => { fakePads = [makePad('one')]; }")
     operator.until("!document.getElementById('use-gamepad').disabled")
@@ -117,12 +129,16 @@ def test_an_unplugged_gamepad_leaves_the_car_at_rest(operator: OperatorPage, ses
     operator.drive(steer)
     page.evaluate("() => { fakePads = []; }")
     operator.until("mode === 'rest' && !document.getElementById('use-gamepad').checked")
-    operator.until("document.getElementById('banner').textContent.includes('unplugged')")  # with the next report
+    operator.until(
+        "document.getElementById('banner').textContent.includes('unplugged')"
+    )  # with the next report
     operator.until("!state.car.driving")
     assert "left MANUAL for IDLE" in page.evaluate("state.car.said")
 
 
-def test_second_page_looks_on(operator: OperatorPage, session: ConsoleSession, browser: Any) -> None:
+def test_second_page_looks_on(
+    operator: OperatorPage, session: ConsoleSession, browser: Any
+) -> None:
     context = browser.new_context()
     other = context.new_page()
     other.goto(session.url)
@@ -175,12 +191,17 @@ def test_a_closed_tab_sends_the_car_to_rest_before_the_dead_man_would(
         return OperatorPage(pages[-1], session)
 
     log = stopped_by_the_operator(operator, session, close)
-    assert log.extra["stop_reason"] == "the operator left MANUAL for IDLE and was not heard any more"
+    assert (
+        log.extra["stop_reason"] == "the operator left MANUAL for IDLE and was not heard any more"
+    )
     stopped_in_order(log)
 
 
-def stopped_by_the_operator(operator: OperatorPage, session: ConsoleSession, go: Callable[[], OperatorPage]) -> RunLog:
-    """Log of a drive, slowly ahead in MANUAL, during which the operator has gone; `go` returns one who is back.
+def stopped_by_the_operator(
+    operator: OperatorPage, session: ConsoleSession, go: Callable[[], OperatorPage]
+) -> RunLog:
+    """Log of a drive, slowly ahead in MANUAL, during which the operator has gone; `go` returns one
+    who is back.
 
     Again, when a busy machine made the drive stop by itself.
     """
@@ -188,7 +209,11 @@ def stopped_by_the_operator(operator: OperatorPage, session: ConsoleSession, go:
     def drive() -> None:
         began = time.monotonic()
         operator.page.fill("#slider-throttle", "3")
-        wait_for(lambda: any(event["time_s"] >= began for event in session.events("throttle_on")), 5.0, "throttle")
+        wait_for(
+            lambda: any(event["time_s"] >= began for event in session.events("throttle_on")),
+            5.0,
+            "throttle",
+        )
 
     for _ in range(TRIES):
         operator.drive(drive)
@@ -201,13 +226,16 @@ def stopped_by_the_operator(operator: OperatorPage, session: ConsoleSession, go:
 
 
 def stopped_in_order(log: RunLog) -> tuple[float, float]:
-    """Age of the operator (s) in the tick in which the drive stopped, and how late its ticks came at most (s).
+    """Age of the operator (s) in the tick in which the drive stopped, and how late its ticks came
+    at most (s).
 
-    By the drive's own clock and log: how long a busy computer took for it is another question, which the benchmark
-    answers (`bench_console`).
+    By the drive's own clock and log: how long a busy computer took for it is another question,
+    which the benchmark answers (`bench_console`).
     """
     ages, late = log.signal("status_operator_age_s"), float(np.max(log.signal("loop_lateness_s")))
-    stop = round(log.extra["stop_time_s"] / PERIOD) + 1  # a row has the reading of the tick before it
+    stop = (
+        round(log.extra["stop_time_s"] / PERIOD) + 1
+    )  # a row has the reading of the tick before it
     assert np.all(ages[1:stop] <= SAFETY.operator_silence), "no tick drives with an older operator"
     off = stop + int(np.argmin(log.signal("status_armed")[stop:]))
     assert (off - stop) * PERIOD == pytest.approx(SAFETY.tail_hold, abs=2 * PERIOD + late)

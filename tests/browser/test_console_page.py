@@ -1,4 +1,6 @@
-"""The operator's page in a real browser with a radio in memory: what is refused, and what a browser may lack."""
+"""The operator's page in a real browser with a radio in memory: what is refused, and what a browser
+may lack.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,13 @@ import pytest
 pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
 from aerodima.hardware.console.console_server import open_socket
-from aerodima.hardware.protocol.radio import CarReport, EmergencyStop, Heartbeat, OperatorCommand, RadioMode
+from aerodima.hardware.protocol.radio import (
+    CarReport,
+    EmergencyStop,
+    Heartbeat,
+    OperatorCommand,
+    RadioMode,
+)
 from tests.browser.console_session import GAMEPADS
 from tests.hardware.console.test_console_server import ARMED, Served, eventually
 
@@ -107,7 +115,9 @@ def test_a_page_of_another_origin_gets_no_connection_though_the_browser_is_known
 ) -> None:
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "index.html").write_text("<p>another page", encoding="utf-8")
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=tmp_path / "other")) as other:
+    with http.server.ThreadingHTTPServer(
+        ("127.0.0.1", 0), partial(Quiet, directory=tmp_path / "other")
+    ) as other:
         threading.Thread(target=other.serve_forever, daemon=True).start()
         page.goto(served.access.url)
         eventually(lambda: page.evaluate(IN_CONTROL))
@@ -117,14 +127,20 @@ def test_a_page_of_another_origin_gets_no_connection_though_the_browser_is_known
         other.shutdown()
 
 
-def test_a_page_left_open_after_a_restart_says_so_and_sends_nothing(page: Any, tmp_path: Path) -> None:
+def test_a_page_left_open_after_a_restart_says_so_and_sends_nothing(
+    page: Any, tmp_path: Path
+) -> None:
     (tmp_path / "second").mkdir()
     first = Served(tmp_path)
     page.goto(first.access.url)
     eventually(lambda: page.evaluate(IN_CONTROL))
     show_armed(page, first)
     first.close()
-    eventually(lambda: "connection to the console is lost" in shown(page) or "does not answer" in shown(page))
+    eventually(
+        lambda: (
+            "connection to the console is lost" in shown(page) or "does not answer" in shown(page)
+        )
+    )
     with contextlib.closing(Served(tmp_path / "second", open_socket(first.port))) as second:
         eventually(lambda: "was started again" in shown(page))
         assert readings(page) == ["not connected", "–", "–", "no link", "not connected", *NO_PLOTS]
@@ -139,7 +155,9 @@ def test_a_console_that_stalls_leaves_nothing_that_looks_current(page: Any, serv
     page.locator("input[value=manual]").evaluate("box => box.click()")
     assert page.evaluate("mode") == "manual"
     with stalled(served):
-        eventually(lambda: readings(page) == ["not known", "–", "–", "no link", "not known", *NO_PLOTS])
+        eventually(
+            lambda: readings(page) == ["not known", "–", "–", "no link", "not known", *NO_PLOTS]
+        )
         assert page.evaluate("socket.readyState") == 1
         assert page.evaluate("mode") == "rest"
         assert "silent for" in page.inner_text("#banner")
@@ -162,7 +180,9 @@ def test_a_radio_that_is_lost_is_a_fault_in_words_and_a_stop_says_that_it_was_no
     show_armed(page, served)
     page.locator("input[value=manual]").evaluate("box => box.click()")
     served.link.fault = "reading failed: there is no such device"
-    eventually(lambda: page.inner_text("#banner").startswith("RADIO FAULT: nothing reaches the car"))
+    eventually(
+        lambda: page.inner_text("#banner").startswith("RADIO FAULT: nothing reaches the car")
+    )
     assert "radio of this console: the radio's port is lost" in page.inner_text("#faults")
     assert page.evaluate("mode") == "rest"
     assert readings(page)[:4] == ["not heard", "–", "–", "no link"]
@@ -175,13 +195,19 @@ def test_a_console_that_dies_says_so_on_the_page(page: Any, tmp_path: Path) -> N
         page.goto(served.access.url)
         eventually(lambda: page.evaluate(IN_CONTROL))
         served.console.turn = lambda _: 1 / 0  # type: ignore[method-assign,assignment,return-value]
-        eventually(lambda: "The console has failed and ends: ZeroDivisionError" in page.inner_text("#banner"))
+        eventually(
+            lambda: (
+                "The console has failed and ends: ZeroDivisionError" in page.inner_text("#banner")
+            )
+        )
         eventually(lambda: page.inner_text("#car") == "not connected")
         time.sleep(1.5)  # the page tries to connect again
         assert "The console has failed" in page.inner_text("#banner")
 
 
-def test_a_stop_that_was_pressed_without_connection_is_sent_when_it_is_back(page: Any, served: Served) -> None:
+def test_a_stop_that_was_pressed_without_connection_is_sent_when_it_is_back(
+    page: Any, served: Served
+) -> None:
     page.goto(served.access.url)
     eventually(lambda: page.evaluate(IN_CONTROL))
     page.evaluate("socket.close()")
@@ -210,7 +236,9 @@ def test_without_webgl_the_view_says_so_and_the_rest_works(page: Any, tmp_path: 
         eventually(lambda: served.sent(Heartbeat))
 
 
-def test_a_car_without_a_tail_is_driven_and_its_page_says_why_nothing_moves_a_tail(page: Any, served: Served) -> None:
+def test_a_car_without_a_tail_is_driven_and_its_page_says_why_nothing_moves_a_tail(
+    page: Any, served: Served
+) -> None:
     page.goto(served.access.url)
     eventually(lambda: page.evaluate(IN_CONTROL))
     assert page.is_visible("#slider-roll")
@@ -224,7 +252,9 @@ def test_a_car_without_a_tail_is_driven_and_its_page_says_why_nothing_moves_a_ta
     page.locator("input[value=manual]").evaluate("box => box.click()")
     page.fill("#slider-throttle", "20")
     page.fill("#slider-steering", "-10")
-    eventually(lambda: any(sent.throttle == pytest.approx(0.2) for sent in served.sent(OperatorCommand)))
+    eventually(
+        lambda: any(sent.throttle == pytest.approx(0.2) for sent in served.sent(OperatorCommand))
+    )
     eventually(lambda: served.sent(OperatorCommand)[-1].steering > 0.1)
 
 
@@ -281,7 +311,9 @@ def steering(page: Any) -> float:
 
 
 @pytest.mark.parametrize("mapping", ["''", "'xr-standard'"])
-def test_a_gamepad_of_another_layout_neither_drives_nor_stops(gamepads: Any, served: Served, mapping: str) -> None:
+def test_a_gamepad_of_another_layout_neither_drives_nor_stops(
+    gamepads: Any, served: Served, mapping: str
+) -> None:
     plug(gamepads, f"'odd one', 0, {mapping}")
     assert gamepads.is_disabled("#use-gamepad")
     assert "odd one has no standard layout: not used" in gamepads.inner_text("#gamepad")
@@ -296,7 +328,9 @@ def test_a_gamepad_of_another_layout_neither_drives_nor_stops(gamepads: Any, ser
     assert steering(gamepads) == pytest.approx(0.5, abs=0.02)
 
 
-def test_of_two_gamepads_the_first_that_is_touched_drives_and_the_other_may_stop(gamepads: Any, served: Served) -> None:
+def test_of_two_gamepads_the_first_that_is_touched_drives_and_the_other_may_stop(
+    gamepads: Any, served: Served
+) -> None:
     plug(gamepads, "'one', 0", "'two', 1")
     assert gamepads.is_disabled("#use-gamepad")
     assert "the first one that is touched drives" in gamepads.inner_text("#gamepad")
@@ -310,7 +344,9 @@ def test_of_two_gamepads_the_first_that_is_touched_drives_and_the_other_may_stop
     eventually(lambda: served.sent(EmergencyStop))
 
 
-def test_an_unplugged_gamepad_means_rest_and_the_other_does_not_take_over(gamepads: Any, served: Served) -> None:
+def test_an_unplugged_gamepad_means_rest_and_the_other_does_not_take_over(
+    gamepads: Any, served: Served
+) -> None:
     plug(gamepads, "'one', 0")
     drive_by_gamepad(gamepads)
     plug(gamepads, "'one', 0", "'two', 1")

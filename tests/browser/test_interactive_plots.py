@@ -1,4 +1,6 @@
-"""Interactive plots of a report in a real browser, with the network off: drawn, zoomed, read, printed."""
+"""Interactive plots of a report in a real browser, with the network off: drawn, zoomed, read,
+printed.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,17 @@ def report_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for name, size, y in (("angle", 1.0, "angle, rad"), ("force", 5.0, "force, N"))
     }
     estimate = Estimate("cd", "1", 1.2, 0.1, 1.0, 1.4)
-    result = FitResult("log.parquet", (estimate,), ((0.01,),), 1.0, {"angle": 0.1}, True, "solved", (), curves=curves)
+    result = FitResult(
+        "log.parquet",
+        (estimate,),
+        ((0.01,),),
+        1.0,
+        {"angle": 0.1},
+        True,
+        "solved",
+        (),
+        curves=curves,
+    )
     folder = tmp_path_factory.mktemp("fit")
     write_report(folder, "Fit of a swing", [result])
     return folder / "report.html"
@@ -73,7 +85,9 @@ def test_drag_zooms_a_curve_with_its_residual_and_double_click_shows_the_whole(r
     report.wait_for_function(f"() => ({SCALES})[1][0] > 1")
     (low, high), below, other, _ = report.evaluate(SCALES)
     width = whole[0][1] - whole[0][0]
-    assert (low, high) == pytest.approx((whole[0][0] + 0.25 * width, whole[0][0] + 0.75 * width), abs=0.01 * width)
+    assert (low, high) == pytest.approx(
+        (whole[0][0] + 0.25 * width, whole[0][0] + 0.75 * width), abs=0.01 * width
+    )
     assert below == [low, high]
     assert other == whole[2], "the other curve is left as it is"
     over.dblclick()
@@ -86,10 +100,17 @@ def test_values_are_read_at_the_mouse_and_a_click_on_a_name_hides_its_line(repor
     over.scroll_into_view_if_needed()
     over.hover()
     legend = report.locator(".interactive .u-legend").first
-    time, measured = (float(text.replace("\u2212", "-")) for text in legend.locator(".u-value").all_inner_texts()[:2])
+    time, measured = (
+        float(text.replace("\u2212", "-"))
+        for text in legend.locator(".u-value").all_inner_texts()[:2]
+    )
     assert measured == pytest.approx(np.interp(time, TIME, np.sin(TIME)), abs=1e-3)
     legend.get_by_text("model").click()
-    assert report.evaluate("figures[0].charts[0].series.map((series) => series.show)") == [True, True, False]
+    assert report.evaluate("figures[0].charts[0].series.map((series) => series.show)") == [
+        True,
+        True,
+        False,
+    ]
 
 
 def test_page_fits_a_phone(report: Any) -> None:
@@ -106,9 +127,17 @@ def test_without_scripts_the_picture_is_shown(browser: Any, report_file: Path) -
     context.close()
 
 
-def test_page_with_replays_and_plots_draws_both(page: Any, tmp_path: Path, report_file: Path) -> None:
-    scripts = "".join(f"<script>{text}</script>" for text in re.findall(r"<script>(.*?)</script>", REPLAYS, re.DOTALL))
+def test_page_with_replays_and_plots_draws_both(
+    page: Any, tmp_path: Path, report_file: Path
+) -> None:
+    scripts = "".join(
+        f"<script>{text}</script>"
+        for text in re.findall(r"<script>(.*?)</script>", REPLAYS, re.DOTALL)
+    )
     path = tmp_path / "both.html"
-    path.write_text(report_file.read_text(encoding="utf-8").replace("<main>", f"<main>{scripts}"), encoding="utf-8")
+    path.write_text(
+        report_file.read_text(encoding="utf-8").replace("<main>", f"<main>{scripts}"),
+        encoding="utf-8",
+    )
     page.goto(path.as_uri())
     assert page.locator(".interactive.drawn").count() == 1

@@ -1,4 +1,6 @@
-"""`aerodima play` in a real browser: keys drive the simulated car for 20 s, begin again, and end it."""
+"""`aerodima play` in a real browser: keys drive the simulated car for 20 s, begin again, and end
+it.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ VALUE = "viewer.gui_controllers[name]?.getValue()"
 PATIENCE = 120_000.0
 """ms: a computer with other work simulates a second in several."""
 DRAW_NO_MORE = "() => { viewer.renderer.render = () => {}; }"
-"""Once the car is there: a browser that draws in software would leave the simulation no computer to run on."""
+"""Once the car is there: a browser that draws in software would leave the simulation no computer to
+run on."""
 
 
 class Driver:
@@ -37,7 +40,9 @@ class Driver:
     def __init__(self, page: Any, folder: Path) -> None:
         self.page, self.log = page, folder / "by_hand.parquet"
         command = [sys.executable, "-P", "-m", "aerodima", "play", *QUICK, "--out", str(self.log)]
-        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.process = subprocess.Popen(
+            command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
 
     def open(self) -> None:
         """Goes to the address that the program says; the car is driven from then on."""

@@ -1,6 +1,8 @@
-"""Replays in a real browser, with the network off: they show the car, play, and keep car, slider and signals in step.
+"""Replays in a real browser, with the network off: they show the car, play, and keep car, slider
+and signals in step.
 
-A browser that draws in software has deadlines of its own, so these tests run alone (`make realtime`).
+A browser that draws in software has deadlines of its own, so these tests run alone (`make
+realtime`).
 """
 
 from __future__ import annotations
@@ -30,7 +32,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunLog]:
     folder = tmp_path_factory.mktemp("browser_runs")
     settings = [f"manoeuvre.{setting}" for setting in SHORT]
     return {
-        mode: simulate(load_scenario(f"turn_{mode}", settings), folder / f"{mode}.parquet") for mode in ("none", "held")
+        mode: simulate(load_scenario(f"turn_{mode}", settings), folder / f"{mode}.parquet")
+        for mode in ("none", "held")
     }
 
 
@@ -57,7 +60,9 @@ def test_replay_shows_the_car_and_plays(page: Any, replay_file: Path, tmp_path: 
     stopped = page.evaluate("replay.time")
     blue_body = picture(page, tmp_path / "shown.png")
     red, green, blue = np.moveaxis(blue_body, -1, 0)
-    assert np.count_nonzero((blue > 0.4) & (blue > 2.0 * red) & (blue > 1.5 * green)) > 50, "no blue car body"
+    assert np.count_nonzero((blue > 0.4) & (blue > 2.0 * red) & (blue > 1.5 * green)) > 50, (
+        "no blue car body"
+    )
     page.wait_for_timeout(200)
     assert page.evaluate("replay.time") == stopped
     assert page.get_by_role("button", name="Play").is_visible()
@@ -69,18 +74,23 @@ def test_slider_and_its_keys_move_the_replay(page: Any, replay_file: Path) -> No
     slider = page.get_by_role("slider", name="Time of the replay, s")
     slider.fill("0.4")
     assert page.evaluate("replay.time") == pytest.approx(0.4)
-    page.wait_for_function("() => document.getElementById('run-now').textContent.includes('0.40 s')")
+    page.wait_for_function(
+        "() => document.getElementById('run-now').textContent.includes('0.40 s')"
+    )
     assert page.evaluate("viewer.animator.time") == pytest.approx(0.4)
     slider.press("ArrowRight")
     assert page.evaluate("replay.time") == pytest.approx(0.41)
 
 
-def test_replay_is_worked_by_keyboard_alone_and_its_text_can_be_read(page: Any, replay_file: Path) -> None:
+def test_replay_is_worked_by_keyboard_alone_and_its_text_can_be_read(
+    page: Any, replay_file: Path
+) -> None:
     open_offline(page, replay_file)
     page.wait_for_function(READY)
     assert too_faint(page) == []
     in_bar = (
-        "() => document.getElementById('replay-bar').contains(document.activeElement) && document.activeElement.tagName"
+        "() => document.getElementById('replay-bar').contains(document.activeElement) && "
+        "document.activeElement.tagName"
     )
     reached: list[str] = []
     for _ in range(20):
@@ -122,7 +132,10 @@ CURSOR = """(() => {
   return chart.posToVal(new DOMMatrix(getComputedStyle(line).transform).m41, "x");
 })()"""
 """Time at which the line of the cursor stands in the first chart, s."""
-PIXEL = "(replay.signals.window[1] - replay.signals.window[0]) / replay.signals.charts[0].over.clientWidth"
+PIXEL = (
+    "(replay.signals.window[1] - replay.signals.window[0]) / "
+    "replay.signals.charts[0].over.clientWidth"
+)
 FRAME = 0.02
 
 
@@ -133,7 +146,9 @@ def paused(page: Any, path: Path) -> None:
 
 
 def chosen(page: Any) -> list[str]:
-    return page.evaluate("[...document.querySelectorAll('.channels input:checked')].map((box) => box.value)")
+    return page.evaluate(
+        "[...document.querySelectorAll('.channels input:checked')].map((box) => box.value)"
+    )
 
 
 def drag(page: Any, start: float, end: float) -> None:
@@ -176,7 +191,9 @@ def test_zoom_of_one_chart_is_that_of_all(page: Any, replay_file: Path) -> None:
     drag(page, 0.25, 0.75)
     page.keyboard.up("Shift")
     page.wait_for_function("() => replay.signals.window[0] > 0")
-    scales = page.evaluate("replay.signals.charts.map((chart) => [chart.scales.x.min, chart.scales.x.max])")
+    scales = page.evaluate(
+        "replay.signals.charts.map((chart) => [chart.scales.x.min, chart.scales.x.max])"
+    )
     assert len(scales) > 3
     for scale in scales:
         assert scale == pytest.approx([0.25 * whole, 0.75 * whole], abs=0.01 * whole)
@@ -184,12 +201,16 @@ def test_zoom_of_one_chart_is_that_of_all(page: Any, replay_file: Path) -> None:
     page.wait_for_function(f"() => replay.signals.window[1] === {whole}")
     page.evaluate("replay.signals.moveTo(0.35)")
     page.get_by_role("button", name="Zoom in").click()
-    page.wait_for_function(f"() => replay.signals.window[1] - replay.signals.window[0] < {0.51 * whole}")
+    page.wait_for_function(
+        f"() => replay.signals.window[1] - replay.signals.window[0] < {0.51 * whole}"
+    )
     low, high = page.evaluate("replay.signals.window")
     assert low < 0.35 < high
 
 
-def test_channels_are_found_and_chosen_and_the_choice_is_drawn(page: Any, replay_file: Path) -> None:
+def test_channels_are_found_and_chosen_and_the_choice_is_drawn(
+    page: Any, replay_file: Path
+) -> None:
     paused(page, replay_file)
     assert {"imu_gyro_z_rad_per_s", "gyro_z_truth_rad_per_s", "speed_m_per_s"} <= set(chosen(page))
     page.locator(".signals summary").click()
@@ -202,7 +223,9 @@ def test_channels_are_found_and_chosen_and_the_choice_is_drawn(page: Any, replay
     assert page.locator(".panels figcaption", has_text="pitch_truth_rad").count() == 1
     page.locator(".channels input[value=pitch_truth_rad]").uncheck()
     assert page.evaluate("replay.signals.charts.length") == before
-    page.evaluate("document.querySelectorAll('.channels input:checked').forEach((box) => box.click())")
+    page.evaluate(
+        "document.querySelectorAll('.channels input:checked').forEach((box) => box.click())"
+    )
     assert "No channel is chosen." in page.locator(".signals").inner_text()
 
 
@@ -254,12 +277,15 @@ def cut(run: RunLog, length: float, step: int = 1) -> RunLog:
 
 def all_loaded(page: Any, count: int) -> None:
     page.wait_for_function(
-        f"() => comparison.views.size === {count} && [...comparison.views.values()].every((view) => view.replay)",
+        f"() => comparison.views.size === {count} && [...comparison.views.values()].every((view) "
+        "=> view.replay)",
         timeout=120_000,
     )
 
 
-def test_comparison_keeps_replays_and_signals_in_step(page: Any, runs: dict[str, RunLog], tmp_path: Path) -> None:
+def test_comparison_keeps_replays_and_signals_in_step(
+    page: Any, runs: dict[str, RunLog], tmp_path: Path
+) -> None:
     longer, shorter = runs["none"], cut(runs["held"], 0.63, step=3)
     open_offline(page, comparison_of([longer, shorter], tmp_path / "comparison.html"))
     all_loaded(page, 2)
@@ -278,7 +304,9 @@ def test_comparison_keeps_replays_and_signals_in_step(page: Any, runs: dict[str,
 
 
 def test_page_of_twenty_runs_works(page: Any, runs: dict[str, RunLog], tmp_path: Path) -> None:
-    many = [cut(runs["none" if number % 2 else "held"], 0.63 + 0.003 * number) for number in range(20)]
+    many = [
+        cut(runs["none" if number % 2 else "held"], 0.63 + 0.003 * number) for number in range(20)
+    ]
     path = comparison_of(many, tmp_path / "many.html")
     assert path.stat().st_size < 40e6
     page.set_default_timeout(120_000)

@@ -1,4 +1,7 @@
-"""What the car of the model files has where the thesis states something that is no parameter. No simulation."""
+"""What the car of the model files has where the thesis states something that is no parameter.
+
+No simulation.
+"""
 
 import math
 from functools import cache
@@ -34,7 +37,10 @@ def actuated(part: str, built: CarPlant | None = None) -> set[str]:
     built = built or car()[1]
     instance = built.tail if part == "tail" else built.car
     assert instance is not None
-    return {built.plant.get_joint_actuator(i).joint().name() for i in built.plant.GetJointActuatorIndices(instance)}
+    return {
+        built.plant.get_joint_actuator(i).joint().name()
+        for i in built.plant.GetJointActuatorIndices(instance)
+    }
 
 
 def joints(kind: str, part: str, built: CarPlant | None = None) -> list[str]:
@@ -63,7 +69,9 @@ def third_joint_has_a_motor() -> Value:
 
 
 def side_moment(*settings: str) -> float:
-    """Side area of shell and board times its distance behind the bearing (m3): above 0 the sail turns into the wind."""
+    """Side area of shell and board times its distance behind the bearing (m3): above 0 the sail
+    turns into the wind.
+    """
     tail = load_scenario("turn_swing", ["tail.sail=free", *settings]).tail
     return vanes.side_moment(free_sail(tail, sail_law(tail)[0]))
 
@@ -103,8 +111,16 @@ def end_of_the_anti_ramp_board() -> Value:
     scenario, built = car()
     plant, half = built.plant, 0.5 * scenario.car.board_length
     chassis, board = (plant.GetFrameByName(name) for name in ("chassis", "board"))
-    middle = plant.CalcRelativeTransform(plant.CreateDefaultContext(), chassis, board).translation()[0]
-    return "rear" if middle + half < 0.0 else "front" if middle - half > scenario.car.wheelbase else "middle"
+    middle = plant.CalcRelativeTransform(
+        plant.CreateDefaultContext(), chassis, board
+    ).translation()[0]
+    return (
+        "rear"
+        if middle + half < 0.0
+        else "front"
+        if middle - half > scenario.car.wheelbase
+        else "middle"
+    )
 
 
 @cache
@@ -137,14 +153,18 @@ def gearbox_from_the_middle_of_the_wheelbase() -> Value:
 
 @check
 def friction_over_stability_factor() -> Value:
-    """Friction over (half track / height of the centre of mass): above 1 a rigid car tips before it slides."""
+    """Friction over (half track / height of the centre of mass): above 1 a rigid car tips before it
+    slides.
+    """
     values = car()[0].car
     return values.tyre_friction * values.com_height / values.outer_half_track
 
 
 @check
 def suspensions() -> Value:
-    return float(sum("suspension" in name for name in joints("prismatic", "car") + joints("revolute", "car")))
+    return float(
+        sum("suspension" in name for name in joints("prismatic", "car") + joints("revolute", "car"))
+    )
 
 
 @check
@@ -155,7 +175,9 @@ def steered_wheels() -> Value:
 
 @check
 def differential_ratio() -> Value:
-    """Turns of the motor's shaft per turn of both rear wheels, from the constraint of the model file."""
+    """Turns of the motor's shaft per turn of both rear wheels, from the constraint of the model
+    file.
+    """
     ends = {
         element.get("name"): float(element.get("a", "nan"))
         for element in car_file().iter()
@@ -166,7 +188,9 @@ def differential_ratio() -> Value:
 
 @check
 def front_tyre_damping() -> Value:
-    """Damping (N s/m) of a front tyre under its share of the car's weight: dissipation x normal force."""
+    """Damping (N s/m) of a front tyre under its share of the car's weight: dissipation x normal
+    force.
+    """
     scenario, _ = car("none")
     values = scenario.car
     rear = 1.0 - values.com_x / values.wheelbase
@@ -175,7 +199,9 @@ def front_tyre_damping() -> Value:
 
 for axle in AXLES:
     for place, what in enumerate(("stiffness", "damping")):
-        CHECKS[f"{axle}_wheel_{what}"] = lambda axle=axle, place=place: wheel_rates(car()[0].car, axle)[place]
+        CHECKS[f"{axle}_wheel_{what}"] = lambda axle=axle, place=place: wheel_rates(
+            car()[0].car, axle
+        )[place]
 
 
 @check
@@ -280,10 +306,14 @@ def filter_of_the_gps() -> Value:
 
 
 def force_at(gamma: float) -> float:
-    """Normal force (N) on 1 m2 of sail whose axis leans by gamma out of broadside, wind of 1 m/s along x."""
+    """Normal force (N) on 1 m2 of sail whose axis leans by gamma out of broadside, wind of 1 m/s
+    along x.
+    """
     a = (math.sin(gamma), 0.0, math.cos(gamma))
     n = (math.cos(gamma), 0.0, -math.sin(gamma))
-    found = NormalForceLaw(2.0).line_force(LineMotion((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), a, n), [0.0], [1.0], 1.225)
+    found = NormalForceLaw(2.0).line_force(
+        LineMotion((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), a, n), [0.0], [1.0], 1.225
+    )
     return math.hypot(*found[:3])
 
 
@@ -299,10 +329,15 @@ def force_at_45_degrees_over_equation_6_8() -> Value:
 
 @check
 def torque_constant_at_the_rotor() -> Value:
-    output, ratio = parameter_entry("rig/robot.torque_constant"), parameter_entry("tail_motor.gear_ratio")
+    output, ratio = (
+        parameter_entry("rig/robot.torque_constant"),
+        parameter_entry("tail_motor.gear_ratio"),
+    )
     return float(output.value) / float(ratio.value)
 
 
 @check
 def current_at_the_peak_torque() -> Value:
-    return car()[0].tail_motor.torque_limit / float(parameter_entry("rig/robot.torque_constant").value)
+    return car()[0].tail_motor.torque_limit / float(
+        parameter_entry("rig/robot.torque_constant").value
+    )

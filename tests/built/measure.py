@@ -1,7 +1,8 @@
-"""Measures every check and run again and writes what they found into `models/published/statements.yaml`.
+"""Measures every check and run again and writes what they found into
+`models/published/statements.yaml`.
 
-`python -m tests.built.measure [PART OF A NAME]`. Verdicts and reasons stay: `load_statements` names each that no longer
-follows from its values.
+`python -m tests.built.measure [PART OF A NAME]`. Verdicts and reasons stay: `load_statements` names
+each that no longer follows from its values.
 """
 
 import re
@@ -18,7 +19,9 @@ def written(value: Value) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
-        return f"{value:.5g}" if "e" in f"{value:.5g}" or "." in f"{value:.5g}" else f"{value:.5g}.0"
+        return (
+            f"{value:.5g}" if "e" in f"{value:.5g}" or "." in f"{value:.5g}" else f"{value:.5g}.0"
+        )
     return f'"{value}"' if "," in value else value
 
 
@@ -35,7 +38,9 @@ def main(part: str) -> None:
             value = written(find())
             if value != match[2]:
                 print(f"{name}: {match[2]} -> {value}", flush=True)
-                path.write_text(line.sub(lambda found, new=value: found[1] + new, text), encoding="utf-8")
+                path.write_text(
+                    line.sub(lambda found, new=value: found[1] + new, text), encoding="utf-8"
+                )
     try:
         load_statements()
     except ModelError as error:

@@ -11,11 +11,17 @@ from tests.built.statements import Value
 
 @check
 def speeds_of_the_demo_in_whole_km_per_h() -> Value:
-    return all(math.isclose(3.6 * speed, round(3.6 * speed), abs_tol=1e-9) for _, speed in DemoPlan().turns)
+    return all(
+        math.isclose(3.6 * speed, round(3.6 * speed), abs_tol=1e-9) for _, speed in DemoPlan().turns
+    )
 
 
 def physical(configuration: str) -> TurnMetrics:
-    return next(r.metrics for r in published_values() if (r.platform, r.configuration) == ("physical", configuration))
+    return next(
+        r.metrics
+        for r in published_values()
+        if (r.platform, r.configuration) == ("physical", configuration)
+    )
 
 
 @check
@@ -25,7 +31,9 @@ def gain_of_speed() -> Value:
 
 @check
 def loss_of_roll_integral() -> Value:
-    return 100.0 * (1.0 - physical("tailed").roll_integral_rad / physical("tailless").roll_integral_rad)
+    return 100.0 * (
+        1.0 - physical("tailed").roll_integral_rad / physical("tailless").roll_integral_rad
+    )
 
 
 @check
@@ -41,22 +49,34 @@ def simulated_gain_of_speed() -> Value:
 
 @check
 def metrics_that_improve() -> Value:
-    """Of the eight, between the best physical runs: larger is better but for the roll integral (ERRATA E34)."""
+    """Of the eight, between the best physical runs: larger is better but for the roll integral
+    (ERRATA E34).
+    """
     slow, fast = physical("tailless"), physical("tailed")
-    pairs = [(field.name, getattr(slow, field.name), getattr(fast, field.name)) for field in fields(TurnMetrics)]
+    pairs = [
+        (field.name, getattr(slow, field.name), getattr(fast, field.name))
+        for field in fields(TurnMetrics)
+    ]
     return float(
-        sum((after < before) if name.startswith("roll") else (after > before) for name, before, after in pairs)
+        sum(
+            (after < before) if name.startswith("roll") else (after > before)
+            for name, before, after in pairs
+        )
     )
 
 
 @check
 def largest_error_of_kohut() -> Value:
-    """Of the printed Kohut figures against speed x yaw rate in degrees, largest relative difference."""
+    """Of the printed Kohut figures against speed x yaw rate in degrees, largest relative
+    difference.
+    """
     worst = 0.0
     for row in published_values():
         for kind in ("max", "average"):
             printed = getattr(row.metrics, f"{kind}_kohut_deg_m_per_s2")
-            product = row.metrics.speed_m_per_s * math.degrees(getattr(row.metrics, f"{kind}_yaw_rate_rad_per_s"))
+            product = row.metrics.speed_m_per_s * math.degrees(
+                getattr(row.metrics, f"{kind}_yaw_rate_rad_per_s")
+            )
             worst = max(worst, abs(product / printed - 1.0))
     return worst
 

@@ -1,4 +1,6 @@
-"""Registries of what the rows of `models/published/statements.yaml` name: checks, runs, and which of these are slow."""
+"""Registries of what the rows of `models/published/statements.yaml` name: checks, runs, and which
+of these are slow.
+"""
 
 from collections.abc import Callable
 

@@ -1,9 +1,10 @@
-"""What the thesis states about the built car and its tail, beside what the model has, with a verdict for each.
+"""What the thesis states about the built car and its tail, beside what the model has, with a
+verdict for each.
 
-`models/published/statements.yaml` decides. A published figure is taken from the published tables where it stands in
-one, a figure of ours from `models/parameters` where it is a parameter; anything else names the check or the run of
-`tests/built` that finds it, and a test finds it again. A verdict follows from the two values: a row whose verdict no
-longer fits is an error.
+`models/published/statements.yaml` decides. A published figure is taken from the published tables
+where it stands in one, a figure of ours from `models/parameters` where it is a parameter; anything
+else names the check or the run of `tests/built` that finds it, and a test finds it again. A verdict
+follows from the two values: a row whose verdict no longer fits is an error.
 """
 
 from functools import cache
@@ -27,7 +28,11 @@ _SAYS_WHY = ("differs", "not checkable")
 
 def _known_column(address: Value) -> Value:
     """A published value, or the address of one: table/row or table/row/column."""
-    return _published(address) if isinstance(address, str) and address.count("/") in (1, 2) else address
+    return (
+        _published(address)
+        if isinstance(address, str) and address.count("/") in (1, 2)
+        else address
+    )
 
 
 class Statement(StrictModel):
@@ -39,7 +44,8 @@ class Statement(StrictModel):
         says: the statement in our words.
         published: figure (SI), word or yes/no; in the file also the address of a published figure.
         unit: of both values; empty for a word or a pure number.
-        ours: `parameter SECTION.KEY`, `check NAME` or `run NAME`; None where nothing can be checked.
+        ours: `parameter SECTION.KEY`, `check NAME` or `run NAME`; None where nothing can be
+            checked.
         measured: what that check or run found.
         within: largest difference of numbers that still agrees; rounding without it.
         compare: how ours must lie to the published value.
@@ -87,15 +93,21 @@ class Statement(StrictModel):
         if self.verdict in _SAYS_WHY and not self.reason:
             raise ValueError(f"verdict {self.verdict!r} needs a reason")
         if (self.verdict == "not checkable") != (self.ours is None):
-            raise ValueError(f"verdict {self.verdict!r} with ours {self.ours!r}; only what is not checkable has none")
+            raise ValueError(
+                f"verdict {self.verdict!r} with ours {self.ours!r}; only what is not checkable "
+                "has none"
+            )
         if self.ours is None:
             return self
         value = self.our_value
         if value is None or (self.kind == "parameter") != (self.measured is None):
-            raise ValueError("measured: allowed is a value for a check or a run, and none for a parameter")
+            raise ValueError(
+                "measured: allowed is a value for a check or a run, and none for a parameter"
+            )
         if self.holds(value) != (self.verdict != "differs"):
             raise ValueError(
-                f"{self.id}: verdict {self.verdict!r}, but ours is {value!r} and published {self.published!r} "
+                f"{self.id}: verdict {self.verdict!r}, but ours is {value!r} and published "
+                f"{self.published!r} "
                 f"({self.compare}, within {self.within}); allowed is the verdict that follows"
             )
         return self
@@ -105,7 +117,8 @@ class Settled(StrictModel):
     """A contradiction between thesis and model, and how it was settled.
 
     Attributes:
-        about: what it is about. section: of the thesis. thesis: what it says. had: what the model had.
+        about: what it is about. section: of the thesis. thesis: what it says. had: what the model
+            had.
         settled: text adopted, shown by runs not to matter, or ours kept.
         how: what was changed or measured, with figures.
         rows: ids of the statements that hold it.
@@ -145,7 +158,9 @@ class StatementFile(StrictModel):
         twice = sorted({name for name in ids if ids.count(name) > 1})
         unknown = sorted({row for point in self.settled for row in point.rows if row not in ids})
         if twice or unknown:
-            raise ValueError(f"ids named twice: {twice}; rows without a statement: {unknown}; allowed: neither")
+            raise ValueError(
+                f"ids named twice: {twice}; rows without a statement: {unknown}; allowed: neither"
+            )
         return self
 
 
@@ -156,7 +171,9 @@ def load_statements() -> StatementFile:
 
 
 def parameter_entry(name: str) -> ParameterEntry:
-    """A number of `models/parameters` by its name, such as `rig/robot.kp`; ModelError for an unknown one."""
+    """A number of `models/parameters` by its name, such as `rig/robot.kp`; ModelError for an
+    unknown one.
+    """
     section, _, key = name.rpartition(".")
     entries = _entries(section)
     if key not in entries:
@@ -170,7 +187,8 @@ def _entries(section: str) -> dict[str, ParameterEntry]:
 
 
 def published_row(address: str) -> dict[str, str]:
-    """Row of a published table by table/row: the row's first column, or its first two with a space between.
+    """Row of a published table by table/row: the row's first column, or its first two with a space
+    between.
 
     Raises:
         ModelError: there is no such table or row.
@@ -196,11 +214,12 @@ def _published(address: str) -> Value:
 _VERDICTS: tuple[Verdict, ...] = ("agrees", "adopted", "differs", "not checkable")
 _INTRODUCTION = """# The car as it was built
 
-What the thesis states about the built car and its tail, in our words, beside what the model has. The page is made from
-`models/published/statements.yaml`; a test finds every figure of ours again: in the parameter files, in the code, or in
-a run of the car of the parameter files. *Agrees*: found, nobody put it in. *Adopted*: put into the model or calibrated
-to, so no evidence. *Differs*: with the reason. Runs turn after 2 s, as the simulated car of the thesis, those beyond
-5 m/s after 6 s: the real car had 15 s. What the ensemble says: [What is reproduced](reproduced.md).
+What the thesis states about the built car and its tail, in our words, beside what the model has.
+The page is made from `models/published/statements.yaml`; a test finds every figure of ours again:
+in the parameter files, in the code, or in a run of the car of the parameter files. *Agrees*: found,
+nobody put it in. *Adopted*: put into the model or calibrated to, so no evidence. *Differs*: with
+the reason. Runs turn after 2 s, as the simulated car of the thesis, those beyond 5 m/s after 6 s:
+the real car had 15 s. What the ensemble says: [What is reproduced](reproduced.md).
 """
 
 
@@ -211,7 +230,12 @@ def statements_page() -> str:
     counts = ", ".join(f"{verdicts.count(verdict)} {verdict}" for verdict in _VERDICTS)
     lines = [_INTRODUCTION, f"{len(verdicts)} statements: {counts}."]
     for topic in file.topics:
-        lines += ["", f"## {topic.name}", "", _row("section", "statement", "published", "ours", "verdict", "")]
+        lines += [
+            "",
+            f"## {topic.name}",
+            "",
+            _row("section", "statement", "published", "ours", "verdict", ""),
+        ]
         lines += ["|" + "---|" * 6, *map(_statement_row, topic.statements)]
     lines += ["", "## Contradictions between thesis and model, and how each was settled", ""]
     lines += [_row("", "section", "thesis", "the model had", "settled", "how"), "|" + "---|" * 6]
@@ -221,7 +245,11 @@ def statements_page() -> str:
 
 def _statement_row(one: Statement) -> str:
     sign = {"at least": "≥ ", "at most": "≤ ", "equal": ""}[one.compare]
-    ours = "" if one.our_value is None else f"{_with_unit(one.our_value, one.unit)} ({one.kind} `{one.source}`)"
+    ours = (
+        ""
+        if one.our_value is None
+        else f"{_with_unit(one.our_value, one.unit)} ({one.kind} `{one.source}`)"
+    )
     published = sign + _with_unit(one.published, one.unit)
     return _row(one.section, one.says, published, ours, f"**{one.verdict}**", one.reason)
 
@@ -234,7 +262,11 @@ def _settled_row(number: int, point: Settled) -> str:
 def _with_unit(value: bool | float | str, unit: str) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return value if isinstance(value, str) else f"{value:.5g}" + ("" if unit in ("", "1") else f" {unit}")
+    return (
+        value
+        if isinstance(value, str)
+        else f"{value:.5g}" + ("" if unit in ("", "1") else f" {unit}")
+    )
 
 
 def _row(*cells: str) -> str:

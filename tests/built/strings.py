@@ -1,4 +1,6 @@
-"""What the strings and frames between operator, computer and motors are, beside what thesis 5.4.5 prints."""
+"""What the strings and frames between operator, computer and motors are, beside what thesis 5.4.5
+prints.
+"""
 
 import math
 import struct
@@ -22,7 +24,9 @@ def throttle_pulses() -> Value:
 
 def command_string() -> str:
     first, second = (
-        teensy.MotorOrder(number, teensy.MotorRequest.COMMAND, MitCommand(number + 0.1, 0.2, 0.3, 0.4, 0.5))
+        teensy.MotorOrder(
+            number, teensy.MotorRequest.COMMAND, MitCommand(number + 0.1, 0.2, 0.3, 0.4, 0.5)
+        )
         for number in (1, 2)
     )
     command = teensy.TeensyCommand((first, second), servo=1600, throttle=1700)
@@ -32,7 +36,15 @@ def command_string() -> str:
 @check
 def order_of_a_motor_command() -> Value:
     """The first CAN message of the string, its numbers replaced by what they are."""
-    names = {"1": "ID", "2": "STATE", "1.1": "POS", "0.2": "VEL", "0.3": "KP", "0.4": "KD", "0.5": "TOR"}
+    names = {
+        "1": "ID",
+        "2": "STATE",
+        "1.1": "POS",
+        "0.2": "VEL",
+        "0.3": "KP",
+        "0.4": "KD",
+        "0.5": "TOR",
+    }
     parts = command_string().split("|")[0].split(";")
     found = [names[f"{float(part):g}"] if place else "ID" for place, part in enumerate(parts)]
     return " ; ".join(found) + " |"
@@ -44,7 +56,9 @@ def order_of_the_command_string() -> Value:
     assert first.split(";")[0].strip() == "1"
     assert second.split(";")[1].strip() == "2"
     named = {"1600": "SERVO CMD", "1700": "THROTTLE CMD"}
-    printed = [part for part in pulses.split(";") if part][:2]  # attitude and checksum are added behind them
+    printed = [part for part in pulses.split(";") if part][
+        :2
+    ]  # attitude and checksum are added behind them
     return "CAN MSG 1 ; CAN MSG 2 ; " + " ; ".join(named[part] for part in printed) + " |"
 
 
@@ -52,8 +66,21 @@ def order_of_the_command_string() -> Value:
 def order_of_the_reply_string() -> Value:
     body = b"1;10;21;31;2;20;22;32;90;0;30;0;0;30;0;0;0"
     reply = teensy.decode_reply(body + f";*{teensy.crc8(body):02X}|".encode())
-    parts = [getattr(m, name) for m in reply.motors for name in ("motor_id", "position", "velocity", "torque")]
-    named = {1: "ID 1", 2: "ID 2", 10: "POS 1", 20: "POS 2", 21: "VEL 1", 22: "VEL 2", 31: "CUR 1", 32: "CUR 2"}
+    parts = [
+        getattr(m, name)
+        for m in reply.motors
+        for name in ("motor_id", "position", "velocity", "torque")
+    ]
+    named = {
+        1: "ID 1",
+        2: "ID 2",
+        10: "POS 1",
+        20: "POS 2",
+        21: "VEL 1",
+        22: "VEL 2",
+        31: "CUR 1",
+        32: "CUR 2",
+    }
     named[90] = "ENC POS"
     return " ; ".join(named[round(part)] for part in (*parts, reply.sail)) + " |"
 
@@ -66,7 +93,9 @@ def radio_struct() -> Value:
 
 @check
 def order_of_a_radio_message() -> Value:
-    command = radio.OperatorCommand(radio.RadioMode.MANUAL, throttle=0.1, steering=0.2, pitch_tail=0.3, roll_tail=0.4)
+    command = radio.OperatorCommand(
+        radio.RadioMode.MANUAL, throttle=0.1, steering=0.2, pitch_tail=0.3, roll_tail=0.4
+    )
     names = {0.1: "THROTTLE CMD", 0.2: "STEERING CMD", 0.3: "PITCH TAIL CMD", 0.4: "ROLL TAIL CMD"}
     kind, mode, *values = struct.unpack("<BBffff", radio.make_command(command))
     assert (kind, mode) == (radio.RadioClass.COMMAND, radio.RadioMode.MANUAL)

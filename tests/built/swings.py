@@ -1,4 +1,6 @@
-"""What the tail does in runs of the car of the parameter files, where the thesis states something about it."""
+"""What the tail does in runs of the car of the parameter files, where the thesis states something
+about it.
+"""
 
 from itertools import pairwise
 
@@ -31,7 +33,9 @@ def first_of(state: SwingState) -> int:
 def tail_angle_before_the_turn() -> Value:
     """Left turn; positive is to the right, so the inside is at -90 degrees, rad."""
     one = trial("swing", TAILED)
-    return float(column(one, "tail_roll_angle_rad")[one.run_log.time < signals_of(one).window[0]][-1])
+    return float(
+        column(one, "tail_roll_angle_rad")[one.run_log.time < signals_of(one).window[0]][-1]
+    )
 
 
 @run
@@ -69,7 +73,9 @@ def tail_touches_the_ground() -> Value:
 
 @run
 def air_turns_the_car_out_of_the_turn() -> Value:
-    """Yaw impulse (N m s, into the turn) of the air on the tail while it swings, about the car's centre of mass."""
+    """Yaw impulse (N m s, into the turn) of the air on the tail while it swings, about the car's
+    centre of mass.
+    """
     one = trial("swing", TAILED)
     com, force, moment = (
         np.array([column(one, f"{stem}_{axis}_truth_{unit}") for axis in "xyz"])
@@ -94,5 +100,7 @@ def outcome_held_at_55_percent() -> Value:
 
 @run
 def yaw_rate_held_at_55_percent() -> Value:
-    """Largest yaw rate into the turn that the IMU reports, rad/s: above 1 the tail would have swung."""
+    """Largest yaw rate into the turn that the IMU reports, rad/s: above 1 the tail would have
+    swung.
+    """
     return held_at_55_percent().summary.peak_gyro

@@ -1,4 +1,6 @@
-"""The trends of thesis 7.1.3 in the runs that `models/studies/turn.yaml` has too: speed x tail speed."""
+"""The trends of thesis 7.1.3 in the runs that `models/studies/turn.yaml` has too: speed x tail
+speed.
+"""
 
 from collections.abc import Callable, Sequence
 from functools import cache, partial
@@ -13,7 +15,9 @@ from tests.built.registry import RUNS, SLOW, slow
 from tests.built.statements import Value
 from tests.built.turns import ROUNDING, TAILED, TAILLESS, Trial, run_trial, throttle_speed, trial
 
-WITHOUT = tuple(whole / KM_PER_H for whole in range(2, 22) if whole / KM_PER_H < TAILLESS + ROUNDING)
+WITHOUT = tuple(
+    whole / KM_PER_H for whole in range(2, 22) if whole / KM_PER_H < TAILLESS + ROUNDING
+)
 WITH = tuple(whole / KM_PER_H for whole in range(12, 18) if whole / KM_PER_H < TAILED + ROUNDING)
 """m/s; the thesis stepped the speed in whole km/h (ERRATA E37)."""
 TAIL_SPEEDS = (2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0)
@@ -23,7 +27,9 @@ TAIL_SPEEDS = (2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0)
 @cache
 def turned(tail: str, speed: float, *settings: str) -> tuple[bool, TurnMetrics]:
     """Whether it stayed upright, and the raw metrics."""
-    found = run_trial(load_scenario(f"turn_{tail}", [f"manoeuvre.speed={speed!r}", *settings])).summary
+    found = run_trial(
+        load_scenario(f"turn_{tail}", [f"manoeuvre.speed={speed!r}", *settings])
+    ).summary
     return found.survived, found.metrics.raw
 
 
@@ -33,12 +39,24 @@ def tailless(name: str) -> NDArray[np.float64]:
 
 
 def tailed(name: str) -> NDArray[np.float64]:
-    """A metric over speed (3.33 to 4.44 m/s) and tail speed, shape (5, 7); NaN where the car flipped."""
-    rows = [[turned("swing", speed, f"controller.swing_speed={swing!r}") for swing in TAIL_SPEEDS] for speed in WITH]
-    return np.array([[getattr(metrics, name) if upright else np.nan for upright, metrics in row] for row in rows])
+    """A metric over speed (3.33 to 4.44 m/s) and tail speed, shape (5, 7); NaN where the car
+    flipped.
+    """
+    rows = [
+        [turned("swing", speed, f"controller.swing_speed={swing!r}") for swing in TAIL_SPEEDS]
+        for speed in WITH
+    ]
+    return np.array(
+        [
+            [getattr(metrics, name) if upright else np.nan for upright, metrics in row]
+            for row in rows
+        ]
+    )
 
 
-def line(speeds: Sequence[float] | NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float, float]:
+def line(
+    speeds: Sequence[float] | NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[float, float, float]:
     """Slope, offset and share of the variance that a straight line explains."""
     kept = np.isfinite(values)
     at = np.asarray(speeds)[kept]
@@ -62,14 +80,21 @@ def straightness_of_the_mean_acceleration() -> Value:
 
 @slow
 def slope_with_tail_over_without() -> Value:
-    """Slope of the mean acceleration over speed, all tail speeds together, over that without tail."""
+    """Slope of the mean acceleration over speed, all tail speeds together, over that without
+    tail.
+    """
     name = "average_linear_acceleration_m_per_s2"
-    return line(np.repeat(WITH, len(TAIL_SPEEDS)), tailed(name).ravel())[0] / line(WITHOUT, tailless(name))[0]
+    return (
+        line(np.repeat(WITH, len(TAIL_SPEEDS)), tailed(name).ravel())[0]
+        / line(WITHOUT, tailless(name))[0]
+    )
 
 
 @slow
 def largest_acceleration_over_the_tailless_line() -> Value:
-    """Mean over all tailed runs of the largest acceleration over the line through those without tail."""
+    """Mean over all tailed runs of the largest acceleration over the line through those without
+    tail.
+    """
     slope, offset, _ = line(WITHOUT, tailless("max_linear_acceleration_m_per_s2"))
     expected = slope * np.array(WITH) + offset
     return float(np.nanmean(tailed("max_linear_acceleration_m_per_s2") / expected[:, np.newaxis]))
@@ -93,16 +118,24 @@ def scatter(name: str) -> float:
 
 @slow
 def scatter_of_acceleration_and_roll_over_that_of_yaw() -> Value:
-    """Scatter over the tail speeds: the smaller of acceleration and roll integral over that of the yaw rate."""
+    """Scatter over the tail speeds: the smaller of acceleration and roll integral over that of the
+    yaw rate.
+    """
     least = min(scatter("average_linear_acceleration_m_per_s2"), scatter("roll_integral_rad"))
     return least / scatter("average_yaw_rate_rad_per_s")
 
 
 @slow
 def most_stable_tail_speed() -> Value:
-    """The tail speed (rad/s) with the smallest mean roll integral over 3.33 to 4.44 m/s; one that flips is none."""
+    """The tail speed (rad/s) with the smallest mean roll integral over 3.33 to 4.44 m/s; one that
+    flips is none.
+    """
     values = tailed("roll_integral_rad")
-    return float(TAIL_SPEEDS[int(np.argmin(np.where(np.isnan(values).any(axis=0), np.inf, np.mean(values, axis=0))))])
+    return float(
+        TAIL_SPEEDS[
+            int(np.argmin(np.where(np.isnan(values).any(axis=0), np.inf, np.mean(values, axis=0))))
+        ]
+    )
 
 
 # Trends of the physical runs, section 7.2.3
@@ -110,9 +143,14 @@ def most_stable_tail_speed() -> Value:
 
 @slow
 def change_of_the_mean_acceleration_with_throttle() -> Value:
-    """Largest less smallest mean lateral acceleration, of their mean, over the tailed runs at 35 to 50 %."""
+    """Largest less smallest mean lateral acceleration, of their mean, over the tailed runs at 35 to
+    50 %.
+    """
     speeds = [throttle_speed(percent / 100.0) for percent in range(35, 51, 5)]
-    values = [trial("swing", speed).summary.metrics.filtered.average_linear_acceleration_m_per_s2 for speed in speeds]
+    values = [
+        trial("swing", speed).summary.metrics.filtered.average_linear_acceleration_m_per_s2
+        for speed in speeds
+    ]
     return float(np.ptp(values) / np.mean(values))
 
 

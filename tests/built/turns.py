@@ -1,4 +1,5 @@
-"""What runs of the car of the parameter files show where the thesis states something about its runs.
+"""What runs of the car of the parameter files show where the thesis states something about its
+runs.
 
 A run is made once per process.
 """
@@ -24,12 +25,18 @@ from tests.built.registry import RUNS, run
 from tests.built.statements import Value
 
 TAILLESS, TAILED = 12 / KM_PER_H, 16 / KM_PER_H
-"""Fastest turns that the simulated car of the thesis survived without and with its tail, m/s (ERRATA E37)."""
+"""Fastest turns that the simulated car of the thesis survived without and with its tail, m/s
+(ERRATA E37)."""
 ROUNDING = 1e-6
 """Of a speed, m/s."""
 FAST = 5.0
-AFTER_A_LONGER_START = ("manoeuvre.speed_ramp=5.0", "manoeuvre.turn_start=6.0", "manoeuvre.duration=8.0")
-"""Of the runs beyond the simulated speeds (m/s): the real car had 15 s to reach them, and 1.2 s are too few."""
+AFTER_A_LONGER_START = (
+    "manoeuvre.speed_ramp=5.0",
+    "manoeuvre.turn_start=6.0",
+    "manoeuvre.duration=8.0",
+)
+"""Of the runs beyond the simulated speeds (m/s): the real car had 15 s to reach them, and 1.2 s are
+too few."""
 UNLOADED = 0.1
 """A wheel in the air bears less, N."""
 
@@ -48,8 +55,14 @@ def run_trial(scenario: Scenario, record: Literal["all", "outcome"] = "outcome")
 
 @cache
 def trial(tail: str, speed: float, *settings: str) -> Trial:
-    """The published turn of the car of the parameter files; every column at the two published speeds."""
-    overrides = [f"manoeuvre.speed={speed!r}", *(AFTER_A_LONGER_START if speed > FAST else ()), *settings]
+    """The published turn of the car of the parameter files; every column at the two published
+    speeds.
+    """
+    overrides = [
+        f"manoeuvre.speed={speed!r}",
+        *(AFTER_A_LONGER_START if speed > FAST else ()),
+        *settings,
+    ]
     everything = speed in (TAILLESS, TAILED) and not settings
     return run_trial(load_scenario(f"turn_{tail}", overrides), "all" if everything else "outcome")
 
@@ -92,8 +105,12 @@ def outcome_swing_at_6_10() -> Value:
 
 
 def metric(platform: Platform, configuration: str, name: str) -> Value:
-    """A metric of a published row's run: raw signals for the simulated car, filtered ones for the real one."""
-    row = next(r for r in published_values() if (r.platform, r.configuration) == (platform, configuration))
+    """A metric of a published row's run: raw signals for the simulated car, filtered ones for the
+    real one.
+    """
+    row = next(
+        r for r in published_values() if (r.platform, r.configuration) == (platform, configuration)
+    )
     fast = TAILLESS if configuration == "tailless" else TAILED
     speed = fast if platform == "simulated" else row.metrics.speed_m_per_s
     metrics = trial("none" if configuration == "tailless" else "swing", speed).summary.metrics
@@ -112,7 +129,9 @@ for row in published_values():
 
 @run
 def time_of_the_servo() -> Value:
-    """From the steering command until the linkage stands at 30 degrees, s: its inner and outer wheel stop moving."""
+    """From the steering command until the linkage stands at 30 degrees, s: its inner and outer
+    wheel stop moving.
+    """
     one = trial("none", TAILLESS)
     angle = column(one, "plant_position_car_front_left_steering_q")
     since = one.run_log.time - signals_of(one).window[0]
@@ -163,11 +182,15 @@ def yaw_rate_when_an_inner_wheel_lifts() -> Value:
 
 @run
 def stands_on_its_right_wheels_and_comes_back() -> Value:
-    """Physical tailless turn: left turn at 3.37 m/s, both left wheels leave the ground, at the end all bear."""
+    """Physical tailless turn: left turn at 3.37 m/s, both left wheels leave the ground, at the end
+    all bear.
+    """
     one = trial("none", 3.37)
     loads = signals_of(one).wheel_loads
     assert loads is not None
-    left_off = np.all(loads[:, [0, 2]] < UNLOADED, axis=1) & np.any(loads[:, [1, 3]] > UNLOADED, axis=1)
+    left_off = np.all(loads[:, [0, 2]] < UNLOADED, axis=1) & np.any(
+        loads[:, [1, 3]] > UNLOADED, axis=1
+    )
     return bool(np.any(left_off)) and one.summary.metrics.outcome.end_wheels_loaded == 4
 
 
@@ -184,7 +207,8 @@ def rolls_over_its_front_right_end() -> Value:
 
 @run
 def tipping_acceleration_over_that_of_a_box() -> Value:
-    """Filtered lateral acceleration when both inner wheels are in the air (no tail, 3.33 m/s), over a box's.
+    """Filtered lateral acceleration when both inner wheels are in the air (no tail, 3.33 m/s), over
+    a box's.
 
     A rigid box tips at g x half the width it stands on / height of the centre of mass.
     """
@@ -198,16 +222,23 @@ def tipping_acceleration_over_that_of_a_box() -> Value:
 
 @run
 def damping_changes_the_outcome() -> Value:
-    """Whether half or twice the suspension's damping changes what the car survives at 3.33 and 3.61 m/s."""
+    """Whether half or twice the suspension's damping changes what the car survives at 3.33 and 3.61
+    m/s.
+    """
     values = load_scenario("turn_none").car
     found = set()
     for factor in (0.5, 1.0, 2.0):
         settings = [
-            f"car.suspension_damping_{axle}={factor * getattr(values, f'suspension_damping_{axle}')!r}"
+            f"car.suspension_damping_{axle}="
+            f"{factor * getattr(values, f'suspension_damping_{axle}')!r}"
             for axle in AXLES
         ]
         speeds = (TAILLESS, 13 / KM_PER_H)
-        found.add(tuple(trial("none", speed, *settings).summary.metrics.outcome.result for speed in speeds))
+        found.add(
+            tuple(
+                trial("none", speed, *settings).summary.metrics.outcome.result for speed in speeds
+            )
+        )
     return len(found) > 1
 
 
@@ -216,8 +247,15 @@ def damping_changes_the_outcome() -> Value:
 
 def full_throttle(board: str) -> Value:
     """From rest with full throttle at once, no tail."""
-    settings = ["tail.mode=none", "manoeuvre.speed=12.9", "manoeuvre.speed_ramp=0.001", "manoeuvre.duration=3.0"]
-    return run_trial(load_scenario("straight", [*settings, f"car.board={board}"])).summary.metrics.outcome.result
+    settings = [
+        "tail.mode=none",
+        "manoeuvre.speed=12.9",
+        "manoeuvre.speed_ramp=0.001",
+        "manoeuvre.duration=3.0",
+    ]
+    return run_trial(
+        load_scenario("straight", [*settings, f"car.board={board}"])
+    ).summary.metrics.outcome.result
 
 
 RUNS["full_throttle_with_board"] = partial(full_throttle, "true")
@@ -237,4 +275,6 @@ def board_touches_in_the_turn() -> Value:
 @run
 def slalom() -> Value:
     """Driven on at its speed."""
-    return run_trial(load_scenario("slalom", ["manoeuvre.duration=4.0"])).summary.metrics.outcome.result
+    return run_trial(
+        load_scenario("slalom", ["manoeuvre.duration=4.0"])
+    ).summary.metrics.outcome.result

@@ -1,4 +1,6 @@
-"""A CAN adapter made of queues with failures that are switched on, and a slcan adapter on a pseudo-terminal."""
+"""A CAN adapter made of queues with failures that are switched on, and a slcan adapter on a
+pseudo-terminal.
+"""
 
 import os
 import pty
@@ -26,7 +28,9 @@ class FakeAdapter(can.BusABC):
         self.closed = False
 
     def deliver(self, arbitration_id, data, extended=False, **flags):
-        message = can.Message(arbitration_id=arbitration_id, data=data, is_extended_id=extended, **flags)
+        message = can.Message(
+            arbitration_id=arbitration_id, data=data, is_extended_id=extended, **flags
+        )
         self.incoming.put(message)
 
     def _recv_internal(self, timeout):
@@ -68,7 +72,11 @@ class SlcanAdapter:
 
     def frames(self):
         """(id, data) of the frames that the computer sent."""
-        return [(int(line[1:4], 16), bytes.fromhex(line[5:].decode())) for line in list(self.lines) if line[:1] == b"t"]
+        return [
+            (int(line[1:4], 16), bytes.fromhex(line[5:].decode()))
+            for line in list(self.lines)
+            if line[:1] == b"t"
+        ]
 
     def write(self, data: bytes):
         os.write(self.master, data)

@@ -1,4 +1,6 @@
-"""Tail motors that answer frames as an AK70-10 does, on a port without threads, in simulated time."""
+"""Tail motors that answer frames as an AK70-10 does, on a port without threads, in simulated
+time.
+"""
 
 import math
 import time
@@ -33,13 +35,22 @@ def tail_motor_parameters():
     return TailMotorParameters.model_validate({key: entry.value for key, entry in entries.items()})
 
 
-def settings(name="tail roll", motor_id=2, low=-math.pi / 2, high=math.pi / 2, safety=None, **changes):
+def settings(
+    name="tail roll", motor_id=2, low=-math.pi / 2, high=math.pi / 2, safety=None, **changes
+):
     """Settings of a joint with the limits of the parameter files."""
     gains = changes.pop("hold_gains", (17.0, 5.0))
     profile = changes.pop("profile", PROFILE)
     loaded = load_motor_safety(safety)
     return motor_settings(
-        name, motor_id, profile, tail_motor_parameters(), (low, high), gains, safety=loaded, **changes
+        name,
+        motor_id,
+        profile,
+        tail_motor_parameters(),
+        (low, high),
+        gains,
+        safety=loaded,
+        **changes,
     )
 
 
@@ -72,13 +83,17 @@ class FakeMotor:
     def reply(self):
         reading = math.remainder(self.position + self.reading_offset, 25.0)
         temperature, fault = (self.temperature, self.fault) if self.long_reply else (None, None)
-        return make_reply(MitReply(self.motor_id, reading, self.speed, self.torque, temperature, fault), PROFILE)
+        return make_reply(
+            MitReply(self.motor_id, reading, self.speed, self.torque, temperature, fault), PROFILE
+        )
 
     def advance(self, time):
         step = time / _SUBSTEPS
         for _ in range(_SUBSTEPS):
             command = self.command if self.entered else NEUTRAL
-            torque = command.kp * (command.position - self.position) + command.kd * (command.velocity - self.speed)
+            torque = command.kp * (command.position - self.position) + command.kd * (
+                command.velocity - self.speed
+            )
             self.torque = max(-24.8, min(24.8, torque + command.torque)) if self.entered else 0.0
             self.torques.append(self.torque)
             if not self.blocked:
@@ -125,7 +140,9 @@ class FakePort:
         return [
             when
             for when, frame in self.sent
-            if frame.arbitration_id == motor_id and frame.data == b"\xff" * 7 + b"\xfd" and when >= since
+            if frame.arbitration_id == motor_id
+            and frame.data == b"\xff" * 7 + b"\xfd"
+            and when >= since
         ]
 
 
@@ -135,7 +152,10 @@ class Bench:
     def __init__(self, *all_settings, positions=None):
         all_settings = all_settings or (settings("tail pitch", 1), settings("tail roll", 2))
         positions = positions or [item.zero for item in all_settings]
-        self.fakes = [FakeMotor(item.motor_id, where) for item, where in zip(all_settings, positions, strict=True)]
+        self.fakes = [
+            FakeMotor(item.motor_id, where)
+            for item, where in zip(all_settings, positions, strict=True)
+        ]
         self.port = FakePort(self.fakes)
         self.group = MotorGroup(all_settings, self.port)
         self.motors = self.group.motors

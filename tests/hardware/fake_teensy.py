@@ -1,4 +1,6 @@
-"""A Teensy with two motors on a pseudo-terminal: reads command strings, answers each with a reply string."""
+"""A Teensy with two motors on a pseudo-terminal: reads command strings, answers each with a reply
+string.
+"""
 
 import os
 import pty
@@ -20,7 +22,9 @@ from tests.hardware.firmware.core_functions import CommandReader, make_reply
 
 
 class FakeTeensy:
-    """Attributes: commands: (time, command) as read; silent: answers nothing; damage: called with each reply string."""
+    """Attributes: commands: (time, command) as read; silent: answers nothing; damage: called with
+    each reply string.
+    """
 
     def __init__(self):
         self.motors = {1: FakeMotor(1), 2: FakeMotor(2)}

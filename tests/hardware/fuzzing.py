@@ -1,4 +1,6 @@
-"""Many inputs for a property, drawn in batches: a fifth of the time that Hypothesis takes to draw them one by one."""
+"""Many inputs for a property, drawn in batches: a fifth of the time that Hypothesis takes to draw
+them one by one.
+"""
 
 from collections.abc import Callable
 
@@ -13,7 +15,9 @@ def fuzz(check: Callable[..., None], count: int, *strategies: st.SearchStrategy)
     assert count % BATCH == 0
     tolerated = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
 
-    @settings(max_examples=count // BATCH, deadline=None, database=None, suppress_health_check=tolerated)
+    @settings(
+        max_examples=count // BATCH, deadline=None, database=None, suppress_health_check=tolerated
+    )
     @given(st.lists(st.tuples(*strategies), min_size=BATCH, max_size=BATCH))
     def run(batch: list[tuple]) -> None:
         for row in batch:

@@ -1,7 +1,8 @@
-"""What a stranger writes: a controller with discrete and continuous state for tail and steering; and broken ones.
+"""What a stranger writes: a controller with discrete and continuous state for tail and steering;
+and broken ones.
 
-`build` is for `simulate`, `drive` and `--diagram`. The others break in the tick of `BREAKS_AT`, and write when that was
-(s, `time.monotonic`) into the file that the environment names.
+`build` is for `simulate`, `drive` and `--diagram`. The others break in the tick of `BREAKS_AT`, and
+write when that was (s, `time.monotonic`) into the file that the environment names.
 """
 
 from __future__ import annotations
@@ -22,9 +23,11 @@ OWN = ["tick_s", "turned_rad", "yaw_rate_rad_per_s", "way_m"]
 
 
 class LeanIn(LeafSystem):
-    """Steers to the left from 2 to 2.4 s, and lifts the tail by twice the angle that the car has turned.
+    """Steers to the left from 2 to 2.4 s, and lifts the tail by twice the angle that the car has
+    turned.
 
-    The throttle rises more slowly than the guard of the car allows, so that simulated and real car accelerate alike.
+    The throttle rises more slowly than the guard of the car allows, so that simulated and real car
+    accelerate alike.
     """
 
     def __init__(self, broken: Callable[[], float] = lambda: 0.0) -> None:
@@ -33,7 +36,12 @@ class LeanIn(LeafSystem):
         self._imu = self.DeclareVectorInputPort("imu", 9)
         seen = self.DeclareDiscreteState(3)
         self.DeclareStateOutputPort("seen", seen)
-        for name, size in (("steering_angle", 1), ("throttle", 1), ("tail_pitch_command", 5), ("tail_roll_command", 5)):
+        for name, size in (
+            ("steering_angle", 1),
+            ("throttle", 1),
+            ("tail_pitch_command", 5),
+            ("tail_roll_command", 5),
+        ):
             calc = getattr(self, f"_calc_{name}")
             self.DeclareVectorOutputPort(name, size, calc, {self.discrete_state_ticket(seen)})
         self.DeclarePeriodicDiscreteUpdateEvent(0.01, 0.0, self._tick)
@@ -55,16 +63,23 @@ class LeanIn(LeafSystem):
         out.set_value([0.0, 0.0, 17.0, 5.0, 0.0])
 
     def _calc_tail_roll_command(self, context: Context, out: object) -> None:
-        angle = -math.pi / 2 + min(1.0, max(0.0, 2.0 * context.get_discrete_state_vector().value()[1]))
+        angle = -math.pi / 2 + min(
+            1.0, max(0.0, 2.0 * context.get_discrete_state_vector().value()[1])
+        )
         if math.isnan(context.get_discrete_state_vector().value()[1]):
             angle = math.nan
         out.set_value([angle, 0.0, 17.0, 5.0, 0.0])
 
 
 def build(
-    builder: DiagramBuilder, station: Diagram, broken: Callable[[], float] = lambda: 0.0, heard: bool = True
+    builder: DiagramBuilder,
+    station: Diagram,
+    broken: Callable[[], float] = lambda: 0.0,
+    heard: bool = True,
 ) -> None:
-    """Adds the controller and an integrator of the speed; what they find becomes columns of the log."""
+    """Adds the controller and an integrator of the speed; what they find becomes columns of the
+    log.
+    """
     controller = builder.AddNamedSystem("lean_in", LeanIn(broken))
     if heard:
         builder.Connect(station.GetOutputPort("imu"), controller.GetInputPort("imu"))

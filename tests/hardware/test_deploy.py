@@ -1,4 +1,6 @@
-"""The files in `hardware/deploy`: fixed names for every device of a ports file, limits that the drive needs."""
+"""The files in `hardware/deploy`: fixed names for every device of a ports file, limits that the
+drive needs.
+"""
 
 import configparser
 from pathlib import Path

@@ -1,7 +1,8 @@
-"""Fault table of motor and bus: which fault, how long to the first exit frame, and that nothing is re-armed.
+"""Fault table of motor and bus: which fault, how long to the first exit frame, and that nothing is
+re-armed.
 
-Times are of a 100 Hz loop; detection within one cycle means that the exit frames leave in the `step` that reads the
-offending frame, at most 10 ms after it was on the bus.
+Times are of a 100 Hz loop; detection within one cycle means that the exit frames leave in the
+`step` that reads the offending frame, at most 10 ms after it was on the bus.
 """
 
 import dataclasses
@@ -126,8 +127,12 @@ FAULTS = [
 ]
 
 
-@pytest.mark.parametrize(("inject", "fault", "within", "text"), FAULTS, ids=[row[0].__name__ for row in FAULTS])
-def test_fault_of_a_motor_switches_both_off_in_time_and_for_good(bench, inject, fault, within, text):
+@pytest.mark.parametrize(
+    ("inject", "fault", "within", "text"), FAULTS, ids=[row[0].__name__ for row in FAULTS]
+)
+def test_fault_of_a_motor_switches_both_off_in_time_and_for_good(
+    bench, inject, fault, within, text
+):
     start = bench.now
     inject(bench.fakes[1])
     bench.cycle(RUN, count=100)
@@ -138,7 +143,8 @@ def test_fault_of_a_motor_switches_both_off_in_time_and_for_good(bench, inject, 
     assert (pitch.state, pitch.fault) == (MotorState.FAULTED, MotorFault.OTHER_MOTOR)
     assert text in bench.group.fault_text
     for motor_id in (1, 2):
-        # one cycle more: the injection acts on the reply to the next frame, which the step after that reads
+        # one cycle more: the injection acts on the reply to the next frame, which the step after
+        # that reads
         assert bench.port.exits(motor_id, start)[0] - start <= within + PERIOD + 1e-9
         assert len(bench.port.exits(motor_id, start)) > 10
     stopped = bench.port.exits(2, start)[0]
@@ -186,7 +192,9 @@ def test_six_byte_replies_are_enough(bench):
 @pytest.mark.parametrize("angle", [math.pi / 2 + 0.2, -math.pi / 2 - 0.2])
 def test_tail_beyond_its_range_is_switched_off(bench, angle):
     bench.fakes[1].blocked = True
-    for i in range(1, 61):  # sooner than a tail that is held away from its command counts as not following
+    for i in range(
+        1, 61
+    ):  # sooner than a tail that is held away from its command counts as not following
         bench.fakes[1].position = angle * i / 60
         bench.cycle(RUN)
         if bench.motors[1].state is MotorState.FAULTED:
@@ -225,7 +233,9 @@ def test_a_tail_that_is_held_away_from_its_command_is_switched_off(bench):
     assert bench.now - held <= safety.tracking_time + 0.15
 
 
-def test_a_motor_that_works_against_something_is_taken_back_to_its_rated_torque_and_switched_off(bench):
+def test_a_motor_that_works_against_something_is_taken_back_to_its_rated_torque_and_switched_off(
+    bench,
+):
     """I2t: the budget of `overload` beyond the rated torque, then off."""
     motor, fake = bench.motors[1], bench.fakes[1]
     safety = motor.settings.safety
@@ -305,7 +315,11 @@ def test_motor_that_does_not_answer_is_not_entered():
 
 @pytest.mark.parametrize(
     ("inject", "fault"),
-    [(report_fault, MotorFault.MOTOR_REPORTED), (overheat, MotorFault.OVER_TEMPERATURE), (update_firmware, 8)],
+    [
+        (report_fault, MotorFault.MOTOR_REPORTED),
+        (overheat, MotorFault.OVER_TEMPERATURE),
+        (update_firmware, 8),
+    ],
 )
 def test_motor_with_a_fault_is_not_entered(inject, fault):
     bench = Bench()
@@ -326,7 +340,8 @@ def test_tail_outside_of_its_range_is_not_entered():
 
 
 def test_replies_are_unwrapped_where_the_reading_wraps():
-    # joint range around a zero near the end of the reading: the profile's 12.5 rad lie 0.2 rad beyond the joint's end
+    # joint range around a zero near the end of the reading: the profile's 12.5 rad lie 0.2 rad
+    # beyond the joint's end
     bench = Bench(settings(zero=10.7), positions=[10.7]).to_running(RUN)
     bench.fakes[0].position = 12.5 - 0.15
     bench.fakes[0].speed = 0.0
@@ -349,7 +364,9 @@ def test_other_programs_frames_are_counted_and_ignored(bench):
 
 
 def test_published_swing_passes_without_a_fault():
-    """Hold at -90 degrees with (17, 5), 8 rad/s with (0, 3), after 130 degrees position +90 degrees with (5, 2)."""
+    """Hold at -90 degrees with (17, 5), 8 rad/s with (0, 3), after 130 degrees position +90 degrees
+    with (5, 2).
+    """
     bench = Bench(settings(), positions=[-1.5]).to_running(hold(-math.pi / 2))
     while bench.motors[0].position < -math.pi / 2 + math.radians(130):
         bench.cycle(MitCommand(0.0, 8.0, 0.0, 3.0, 0.0))
@@ -380,7 +397,9 @@ def test_replies_that_come_late_and_together_are_not_taken_for_a_second_motor(be
 
 
 @pytest.mark.parametrize("late", [6, 12, 20])
-def test_replies_to_all_cycles_of_a_late_loop_that_come_at_once_are_not_taken_for_a_second_motor(bench, late):
+def test_replies_to_all_cycles_of_a_late_loop_that_come_at_once_are_not_taken_for_a_second_motor(
+    bench, late
+):
     bench.cycle(RUN, period=0.01 * late)
     bench.fakes[1].respond = HeldUp()
     bench.cycle(RUN, count=late, period=5e-4)
@@ -433,7 +452,9 @@ def test_off_is_confirmed_by_replies_and_overdue_without_them(bench):
 def mirrored(fake):
     """A reply whose angle and speed have the wrong sign."""
     reply = decode_reply(fake.reply(), PROFILE)
-    return make_reply(dataclasses.replace(reply, position=-reply.position, velocity=-reply.velocity), PROFILE)
+    return make_reply(
+        dataclasses.replace(reply, position=-reply.position, velocity=-reply.velocity), PROFILE
+    )
 
 
 @pytest.mark.parametrize("joint", [0, 1])

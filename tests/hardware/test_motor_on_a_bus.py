@@ -1,4 +1,6 @@
-"""Motors over real byte streams, in real time: python-can's virtual bus and slcan on a pseudo-terminal."""
+"""Motors over real byte streams, in real time: python-can's virtual bus and slcan on a
+pseudo-terminal.
+"""
 
 import threading
 import time
@@ -37,7 +39,11 @@ class MotorsOnAWire:
         return self.motors[arbitration_id].receive(CanFrame(arbitration_id, data))
 
     def first_exit(self, motor_id, since):
-        times = [when for when, seen_id, data in self.seen if seen_id == motor_id and data == EXIT_1 and when >= since]
+        times = [
+            when
+            for when, seen_id, data in self.seen
+            if seen_id == motor_id and data == EXIT_1 and when >= since
+        ]
         return times[0] - since if times else None
 
 
@@ -57,7 +63,9 @@ class VirtualWire(MotorsOnAWire):
             message = self._bus.recv(0.05)
             if message is not None:
                 for reply in self.answer(message.arbitration_id, bytes(message.data)):
-                    self._bus.send(can.Message(arbitration_id=0, data=reply.data, is_extended_id=False))
+                    self._bus.send(
+                        can.Message(arbitration_id=0, data=reply.data, is_extended_id=False)
+                    )
 
     def close(self):
         self._running = False
@@ -69,7 +77,9 @@ class SlcanWire(MotorsOnAWire):
     def __init__(self):
         super().__init__()
         self.adapter = SlcanAdapter(self._on_frame)
-        self.settings = CanSettings(interface="slcan", channel=self.adapter.path, options={"sleep_after_open": 0.0})
+        self.settings = CanSettings(
+            interface="slcan", channel=self.adapter.path, options={"sleep_after_open": 0.0}
+        )
 
     def _on_frame(self, arbitration_id, data):
         for reply in self.answer(arbitration_id, data):
@@ -161,7 +171,11 @@ def test_receive_thread_that_dies_switches_the_motors_off(wire):
     start = time.monotonic()
     turn(group, 50, hold(0.0))
     assert bus.fault is BusFault.RECEIVER_DEAD
-    assert {motor.fault for motor in group.motors} <= {MotorFault.BUS, MotorFault.NO_REPLY, MotorFault.OTHER_MOTOR}
+    assert {motor.fault for motor in group.motors} <= {
+        MotorFault.BUS,
+        MotorFault.NO_REPLY,
+        MotorFault.OTHER_MOTOR,
+    }
     assert wire.first_exit(1, start) < 7 * PERIOD + 0.05
     assert wire.first_exit(2, start) < 7 * PERIOD + 0.05
     bus.close()

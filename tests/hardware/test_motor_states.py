@@ -58,7 +58,9 @@ def test_entering_ends_in_holding_at_the_measured_position():
     bench.to_holding()
     bench.cycle(count=100)
     held = bench.commands(2)[-1][1]
-    assert held.position == pytest.approx(-0.7, abs=0.03)  # where it went while its direction was tried
+    assert held.position == pytest.approx(
+        -0.7, abs=0.03
+    )  # where it went while its direction was tried
     assert (held.kp, held.kd) == (pytest.approx(17.0, abs=0.1), pytest.approx(5.0, abs=0.01))
     assert bench.fakes[0].position == pytest.approx(held.position, abs=0.01)
 
@@ -78,7 +80,11 @@ def test_first_command_is_reached_by_a_ramp_from_the_measured_position():
     bench.to_holding()
     start = bench.now
     bench.cycle(hold(0.5), count=200)
-    ramp = [(when, command.position) for when, command in bench.commands(2) if when > start and command.kp > 0]
+    ramp = [
+        (when, command.position)
+        for when, command in bench.commands(2)
+        if when > start and command.kp > 0
+    ]
     steps = [b[1] - a[1] for a, b in pairwise(ramp)]
     assert ramp[0][1] == pytest.approx(-0.7, abs=0.03)
     assert max(steps) <= 1.0 * PERIOD + 25 / 65535  # 1 rad/s
@@ -169,7 +175,8 @@ def test_fault_stays_until_reset_by_hand_and_the_motor_is_not_entered_meanwhile(
     assert bench.motors[0].state is MotorState.FAULTED
     assert ENTER not in [frame for when, frame in bench.port.sent if when > start]
     with pytest.raises(
-        HardwareError, match=r"tail roll: cannot be entered while faulted \(tail roll: gone\); reset it"
+        HardwareError,
+        match=r"tail roll: cannot be entered while faulted \(tail roll: gone\); reset it",
     ):
         bench.group.set_enter(bench.now)
     bench.group.reset(bench.now)

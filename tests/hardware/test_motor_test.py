@@ -1,4 +1,6 @@
-"""What the motor test makes of motors that are not well, on devices in memory and a clock that does not wait."""
+"""What the motor test makes of motors that are not well, on devices in memory and a clock that does
+not wait.
+"""
 
 import math
 from types import SimpleNamespace
@@ -35,7 +37,9 @@ class Bench(CarOnTheBench):
 
     def tried(self, joint, answer=True):
         asked = []
-        found = run_motor_test(self.car, joint, asked.append, lambda text: asked.append(text) or answer)
+        found = run_motor_test(
+            self.car, joint, asked.append, lambda text: asked.append(text) or answer
+        )
         return found, asked
 
     def assert_off(self):
@@ -57,7 +61,9 @@ def test_a_motor_that_is_well(bench, joint):
     found, _ = bench.tried(joint)
     assert math.degrees(found.moved) == pytest.approx(5.0, abs=0.5)
     assert max(most) <= math.radians(5.0) + 0.02
-    assert moved.position == pytest.approx(0.05, abs=0.03)  # back again, as far as the trial of its direction let it
+    assert moved.position == pytest.approx(
+        0.05, abs=0.03
+    )  # back again, as far as the trial of its direction let it
     assert kept.position == pytest.approx(before, abs=0.03)
     assert found.temperature == 30.0
     bench.assert_off()
@@ -136,7 +142,9 @@ def test_without_a_watchdog_test_nothing_is_opened(monkeypatch):
 def test_an_exception_in_the_block_lets_the_tail_go(bench):
     def drop():
         with held_car.held(bench.car):
-            held_car.run_cycles(bench.car, CarCommand(tail_roll=np.array([0.1, 0.0, 17.0, 1.0, 0.0])))
+            held_car.run_cycles(
+                bench.car, CarCommand(tail_roll=np.array([0.1, 0.0, 17.0, 1.0, 0.0]))
+            )
             assert bench.roll.entered
             raise ZeroDivisionError
 

@@ -1,9 +1,11 @@
-"""How often the intervals of `fit car` hold the truth, over emulated drives of other cars (`identify.car_truth`).
+"""How often the intervals of `fit car` hold the truth, over emulated drives of other cars
+(`identify.car_truth`).
 
     python -m tests.optimisation.car_coverage [LOGS [FOLDER]]
 
-fits that many logs (100, about 20 s each on one core), tells of each as it is done, and ends with status 1 where an
-unknown is held by less than 90 % of its 95 % intervals. Finished logs are kept in the folder, if one is named.
+fits that many logs (100, about 20 s each on one core), tells of each as it is done, and ends with
+status 1 where an unknown is held by less than 90 % of its 95 % intervals. Finished logs are kept in
+the folder, if one is named.
 """
 
 from __future__ import annotations
@@ -39,13 +41,18 @@ def fit_drawn(number: str) -> FitResult:
 
 
 def table_of(results: list[FitResult]) -> pd.DataFrame:
-    """A row per unknown: percent of the intervals that hold the truth, median width, root of the mean of z^2."""
+    """A row per unknown: percent of the intervals that hold the truth, median width, root of the
+    mean of z^2.
+    """
     rows = []
     for name in UNKNOWNS:
         pairs = [(result[name], result.facts["truth"][name]) for result in results]
         z = np.array([(e.value - truth) / e.standard_deviation for e, truth in pairs])
         held = np.array([e.holds(truth) for e, truth in pairs])
-        inside = [abs(t - e.value) <= NARROWER * max(e.upper - e.value, e.value - e.lower) for e, t in pairs]
+        inside = [
+            abs(t - e.value) <= NARROWER * max(e.upper - e.value, e.value - e.lower)
+            for e, t in pairs
+        ]
         width = float(np.median([e.upper - e.lower for e, _ in pairs]))
         told = [100.0 * float(np.mean(values)) for values in (held, inside)]
         rows.append((name, len(pairs), *told, width, float(np.sqrt(np.mean(np.square(z))))))
@@ -62,8 +69,14 @@ def main() -> None:
     assert not found.failed, found.failed
     table = table_of(found.results)
     print(table.to_string(index=False, float_format="%.4g"))
-    cpu, settled = ([result.facts["cpu"] for result in found.results], sum(result.success for result in found.results))
-    print(f"{settled} of {count} settled; CPU of a fit: median {np.median(cpu):.1f} s, most {np.max(cpu):.1f} s")
+    cpu, settled = (
+        [result.facts["cpu"] for result in found.results],
+        sum(result.success for result in found.results),
+    )
+    print(
+        f"{settled} of {count} settled; CPU of a fit: median {np.median(cpu):.1f} s, most "
+        f"{np.max(cpu):.1f} s"
+    )
     sys.exit(int((table.percent_in_95 < 90.0).any()))
 
 

@@ -1,14 +1,16 @@
-"""How often the intervals of fits at their defaults hold the truth, over logs of `other_lab` whose constants are off.
+"""How often the intervals of fits at their defaults hold the truth, over logs of `other_lab` whose
+constants are off.
 
-Every constant, bias of an instrument and coefficient is drawn anew for each log, the constants from the priors that the
-scenario's section `uncertainty` states; the fit knows nothing of the draw.
+Every constant, bias of an instrument and coefficient is drawn anew for each log, the constants from
+the priors that the scenario's section `uncertainty` states; the fit knows nothing of the draw.
 
     python -m tests.optimisation.coverage_study [LOGS [FOLDER]]
 
-fits that many logs of each kind (200 take 15 s of static ones, 100 s of friction and half an hour of added mass, on one
-core) and ends with status 1 where a parameter is held by less than 90 or more than 98 % of its intervals. Finished logs
-are kept in the folder, if one is named, and a second call goes on with what is missing; take a new one for new code. A
-test of the suite runs a few logs of each kind.
+fits that many logs of each kind (200 take 15 s of static ones, 100 s of friction and half an hour
+of added mass, on one core) and ends with status 1 where a parameter is held by less than 90 or more
+than 98 % of its intervals. Finished logs are kept in the folder, if one is named, and a second call
+goes on with what is missing; take a new one for new code. A test of the suite runs a few logs of
+each kind.
 """
 
 from __future__ import annotations
@@ -63,13 +65,23 @@ AIR = ("aero.source=constant", "aero.drag=0.9", "aero.lift=0.25")
 def deviations() -> dict[str, float]:
     """Of every constant that the laboratory has, as the scenario states them."""
     stated = load_rig_scenario("static").uncertainty.model_dump()
-    return {name: stated[name] for name in (*_FIELDS, "pivot_x", "pivot_y", "pivot_z") if stated[name] > 0.0}
+    return {
+        name: stated[name]
+        for name in (*_FIELDS, "pivot_x", "pivot_y", "pivot_z")
+        if stated[name] > 0.0
+    }
 
 
 def shifted(rig: lab.Lab, values: Mapping[str, float]) -> lab.Lab:
     """A laboratory whose constants are off."""
-    pivot = tuple(p + values.get(f"pivot_{axis}", 0.0) for p, axis in zip(rig.pivot, "xyz", strict=True))
-    fields = {_FIELDS[name]: getattr(rig, _FIELDS[name]) + shift for name, shift in values.items() if name in _FIELDS}
+    pivot = tuple(
+        p + values.get(f"pivot_{axis}", 0.0) for p, axis in zip(rig.pivot, "xyz", strict=True)
+    )
+    fields = {
+        _FIELDS[name]: getattr(rig, _FIELDS[name]) + shift
+        for name, shift in values.items()
+        if name in _FIELDS
+    }
     return replace(rig, pivot=pivot, **fields)
 
 
@@ -79,8 +91,15 @@ Case = tuple[Callable[[lab.Lab], RunLog], Callable[[RunLog], FitResult]]
 
 def draw_static(rng: np.random.Generator) -> Case:
     """A hold at a random angle and wind, with rest."""
-    angle, wind = rng.uniform(math.radians(5.0), math.radians(45.0)), float(rng.choice([10.0, 20.0, 30.0]))
-    truth = {"cd": rng.uniform(0.6, 1.2), "cl": rng.uniform(0.05, 0.5), "psi": rng.uniform(-0.1, 0.1)}
+    angle, wind = (
+        rng.uniform(math.radians(5.0), math.radians(45.0)),
+        float(rng.choice([10.0, 20.0, 30.0])),
+    )
+    truth = {
+        "cd": rng.uniform(0.6, 1.2),
+        "cl": rng.uniform(0.05, 0.5),
+        "psi": rng.uniform(-0.1, 0.1),
+    }
     bias, drift = rng.normal(size=6) * lab.ACCURACY, rng.normal(size=6) * 2e-4 * lab.ACCURACY
     seed = int(rng.integers(1 << 30))
 
@@ -108,7 +127,9 @@ def draw_added_mass(rng: np.random.Generator) -> Case:
     options = FitOptions(settings=AIR)
 
     def make(rig: lab.Lab) -> RunLog:
-        return lab.flick(rig, added_mass=mass, wind=10.0, angle=angle, duration=1.2, rate=250.0, seed=seed)
+        return lab.flick(
+            rig, added_mass=mass, wind=10.0, angle=angle, duration=1.2, rate=250.0, seed=seed
+        )
 
     return make, lambda log: fit_added_mass(swing_data(log, "swing", options=options), options)
 
@@ -120,7 +141,9 @@ def fit_drawn(kind: str, name: str) -> FitResult:
     """The fit of a log by its number, with the truth in its facts."""
     rng = np.random.default_rng([1, int(name)])
     make, fit = DRAWS[kind](rng)
-    log = make(shifted(lab.LAB, {constant: size * rng.normal() for constant, size in deviations().items()}))
+    log = make(
+        shifted(lab.LAB, {constant: size * rng.normal() for constant, size in deviations().items()})
+    )
     return replace(fit(log), facts={"truth": log.extra["truth"]})
 
 
@@ -128,18 +151,27 @@ def study(kind: str, count: int, out: Path) -> pd.DataFrame:
     """The fits of the first logs of a kind, those that `out` has already among them.
 
     Returns:
-        A row per parameter: kind, parameter, logs, determined, held (by how many of those intervals the truth is),
-        percent of the determined, and score_deviation: of (value - truth) / standard deviation, 1 for intervals of the
+        A row per parameter: kind, parameter, logs, determined, held (by how many of those intervals
+            the truth is),
+        percent of the determined, and score_deviation: of (value - truth) / standard deviation, 1
+            for intervals of the
         right width.
     """
-    found = fit_logs(partial(fit_drawn, kind), [str(number) for number in range(count)], out, settings={"study": kind})
+    found = fit_logs(
+        partial(fit_drawn, kind),
+        [str(number) for number in range(count)],
+        out,
+        settings={"study": kind},
+    )
     assert not found.failed, found.failed
     rows = []
     for name in found.results[0].facts["truth"]:
         pairs = [(r[name], r.facts["truth"][name]) for r in found.results if r[name].identifiable]
         held = sum(e.holds(truth) for e, truth in pairs)
         scores = [(e.value - truth) / e.standard_deviation for e, truth in pairs]
-        rows.append((kind, name, count, len(pairs), held, 100.0 * held / len(pairs), np.std(scores)))
+        rows.append(
+            (kind, name, count, len(pairs), held, 100.0 * held / len(pairs), np.std(scores))
+        )
     names = ["kind", "parameter", "logs", "determined", "held", "percent", "score_deviation"]
     return pd.DataFrame(rows, columns=names)
 
@@ -153,7 +185,11 @@ def main() -> None:
         begin = time.perf_counter()
         table = study(kind, count, folder / kind)
         out_of_range |= not table.percent.between(90.0, 98.0).all()
-        print(table.to_string(index=False, float_format="%.2f"), f"\n{time.perf_counter() - begin:.0f} s", flush=True)
+        print(
+            table.to_string(index=False, float_format="%.2f"),
+            f"\n{time.perf_counter() - begin:.0f} s",
+            flush=True,
+        )
     sys.exit(int(out_of_range))
 
 

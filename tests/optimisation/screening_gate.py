@@ -1,11 +1,12 @@
 """Whether reduced cars put cars and laws in the order of the full car; not run by pytest.
 
-Over cars of the ensemble, with the designed tail: critical friction at full lock, and heading at a given steering and
-floor, for four controllers; within some of the cars the same over drawn laws. Nothing of the model is fitted; its
-equations were completed while looking at the first twelve cars, which are left out here. Before that searches: 60
-drawn laws on a car, and whether the full car's best of them is in the reduced car's best tenth. The folder keeps the
-full car's runs, so that a second call goes on with what is missing, and gets `screening.png`. Arguments: folder, cars,
-cars with 30 laws each, searches, workers.
+Over cars of the ensemble, with the designed tail: critical friction at full lock, and heading at a
+given steering and floor, for four controllers; within some of the cars the same over drawn laws.
+Nothing of the model is fitted; its equations were completed while looking at the first twelve cars,
+which are left out here. Before that searches: 60 drawn laws on a car, and whether the full car's
+best of them is in the reduced car's best tenth. The folder keeps the full car's runs, so that a
+second call goes on with what is missing, and gets `screening.png`. Arguments: folder, cars, cars
+with 30 laws each, searches, workers.
 
     python -m tests.optimisation.screening_gate out/screening 60 3 40 2
 """
@@ -25,12 +26,27 @@ from scipy.stats import spearmanr
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicles import Vehicles
-from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search, Threshold, is_clean, search_rows
+from aerodima.optimisation.sweep.rollover_threshold import (
+    FRICTION,
+    Search,
+    Threshold,
+    is_clean,
+    search_rows,
+)
 from aerodima.optimisation.sweep.runs import Runs, RunTask, open_run_engine
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.figures.figure_style import BLUE, GREEN, GREY, ORANGE, VERMILION, new_figure, png, styled
+from aerodima.workbench.figures.figure_style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    new_figure,
+    png,
+    styled,
+)
 
 SCENARIO, SPEED = "turn_designed", ("manoeuvre.speed=4.5",)
 SEARCH = Search(FRICTION, 0.3, 1.2, 0.1, 0.0125)
@@ -42,7 +58,8 @@ CONTROLLERS = {
     "7 rad/s": (*SWING, "controller.swing_speed=7.0"),
 }
 LAWS, CANDIDATES = 30, 60
-"""Drawn on a car: where the limit of each is driven for; in a search, where only the best counts."""
+"""Drawn on a car: where the limit of each is driven for; in a search, where only the best counts.
+"""
 BEST = 0.1
 """Share of the laws that would go to the full car."""
 TUNED = 12
@@ -54,18 +71,25 @@ Settings = tuple[str, ...]
 
 
 class Pairs(NamedTuple):
-    """Figures of the full car and of the reduced one, NaN where a run was not clean; and whether they were (n)."""
+    """Figures of the full car and of the reduced one, NaN where a run was not clean; and whether
+    they were (n).
+    """
 
     full: np.ndarray
     reduced: np.ndarray
     alike: np.ndarray
 
     def words(self) -> str:
-        """Rank correlation, median and largest difference, pairs, cases where both were clean or neither."""
+        """Rank correlation, median and largest difference, pairs, cases where both were clean or
+        neither.
+        """
         both = np.isfinite(self.full) & np.isfinite(self.reduced)
         full, reduced = self.full[both], self.reduced[both]
         rank, off = float(spearmanr(full, reduced)[0]), np.abs(reduced - full)
-        return f"{rank:8.3f} {np.median(off):8.4f} {off.max():8.4f} {both.sum():5d} {100 * self.alike.mean():6.0f} %"
+        return (
+            f"{rank:8.3f} {np.median(off):8.4f} {off.max():8.4f} {both.sum():5d} "
+            f"{100 * self.alike.mean():6.0f} %"
+        )
 
     def best_is_screened(self) -> bool:
         """Whether the full car's best is in the share of the reduced one's best."""
@@ -85,7 +109,10 @@ def drawn_laws(number: int, seed: int = 5) -> list[Settings]:
         "settle_kd": (0.5, 5.0),
         "pitch_angle": (-0.4, 0.4),
     }
-    return [(*SWING, *(f"controller.{k}={g.uniform(*ends):.2f}" for k, ends in ranges.items())) for _ in range(number)]
+    return [
+        (*SWING, *(f"controller.{k}={g.uniform(*ends):.2f}" for k, ends in ranges.items()))
+        for _ in range(number)
+    ]
 
 
 def screened_friction(scenarios: Sequence[Scenario], search: Search) -> list[Threshold]:
@@ -102,7 +129,9 @@ def screened_friction(scenarios: Sequence[Scenario], search: Search) -> list[Thr
 
     def run(wanted: Sequence[tuple[int, float]]) -> list[bool]:
         places, frictions = [place for place, _ in wanted], [value for _, value in wanted]
-        turns = drive_turns(replace(cars.take(places), friction=np.array(frictions)), plans.take(places))
+        turns = drive_turns(
+            replace(cars.take(places), friction=np.array(frictions)), plans.take(places)
+        )
         return [bool(clean) for clean in turns.clean]
 
     return search_rows(search, ["bisect"] * len(scenarios), run, bool)
@@ -113,7 +142,10 @@ def compared_friction(engine: Runs, cases: Sequence[Settings]) -> Pairs:
 
     def run(wanted: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
         return engine.rows(
-            [RunTask(f"{place}", SCENARIO, (*cases[place], f"{FRICTION}={value!r}")) for place, value in wanted]
+            [
+                RunTask(f"{place}", SCENARIO, (*cases[place], f"{FRICTION}={value!r}"))
+                for place, value in wanted
+            ]
         )
 
     full = search_rows(SEARCH, ["bisect"] * len(cases), run, is_clean)
@@ -130,7 +162,9 @@ def compared_heading(engine: Runs, cases: Sequence[Settings]) -> Pairs:
     clean = np.array([is_clean(row) for row in rows])
     full = np.degrees([row["heading_change_rad"] for row in rows])
     return Pairs(
-        np.where(clean, full, np.nan), np.where(turns.clean, np.degrees(turns.heading), np.nan), clean == turns.clean
+        np.where(clean, full, np.nan),
+        np.where(turns.clean, np.degrees(turns.heading), np.nan),
+        clean == turns.clean,
     )
 
 
@@ -138,8 +172,10 @@ class Searched(NamedTuple):
     """A search among drawn laws on one car.
 
     Attributes:
-        ranks: from 1, that the reduced car gave to the full car's best, and to those that are as good.
-        friction: up to which they are clean on the full car; `first` that of the law which the reduced car puts first.
+        ranks: from 1, that the reduced car gave to the full car's best, and to those that are as
+            good.
+        friction: up to which they are clean on the full car; `first` that of the law which the
+            reduced car puts first.
         runs: of the full car.
     """
 
@@ -150,16 +186,19 @@ class Searched(NamedTuple):
 
     @property
     def found(self) -> bool:
-        """Whether the full car's best, or one of several as good, is in the reduced car's best tenth."""
+        """Whether the full car's best, or one of several as good, is in the reduced car's best
+        tenth.
+        """
         return min(self.ranks) <= BEST * CANDIDATES
 
 
 def searched(engine: Runs, car: Settings, seed: int) -> Searched:
     """The laws that stay clean longest on the full car, without driving each to its limit.
 
-    The limit of the law that the reduced car puts first is searched for; all others are driven one step of the grid
-    beyond it, those that are clean there another step further, until none is. A law that is not clean a step beyond has
-    its row of clean runs broken there at the latest, so that it is not better.
+    The limit of the law that the reduced car puts first is searched for; all others are driven one
+    step of the grid beyond it, those that are clean there another step further, until none is. A
+    law that is not clean a step beyond has its row of clean runs broken there at the latest, so
+    that it is not better.
     """
     laws = [(*car, *law) for law in drawn_laws(CANDIDATES, seed)]
     screened = screened_friction([load_scenario(SCENARIO, law) for law in laws], SEARCH)
@@ -169,8 +208,13 @@ def searched(engine: Runs, car: Settings, seed: int) -> Searched:
     def clean(places: Sequence[int], friction: float) -> list[int]:
         nonlocal driven
         driven += len(places)
-        tasks = [RunTask(f"{place}", SCENARIO, (*laws[place], f"{FRICTION}={friction!r}")) for place in places]
-        return [place for place, row in zip(places, engine.rows(tasks), strict=True) if is_clean(row)]
+        tasks = [
+            RunTask(f"{place}", SCENARIO, (*laws[place], f"{FRICTION}={friction!r}"))
+            for place in places
+        ]
+        return [
+            place for place, row in zip(places, engine.rows(tasks), strict=True) if is_clean(row)
+        ]
 
     def run(wanted: Sequence[tuple[int, float]]) -> list[bool]:
         return [bool(clean([order[0]], friction)) for _, friction in wanted]
@@ -184,16 +228,22 @@ def searched(engine: Runs, car: Settings, seed: int) -> Searched:
     return Searched(ranks, SEARCH.value(place), SEARCH.value(first), driven)
 
 
-def picture(frictions: Sequence[Pairs], headings: Sequence[Pairs], searches: Sequence[Searched]) -> bytes:
+def picture(
+    frictions: Sequence[Pairs], headings: Sequence[Pairs], searches: Sequence[Searched]
+) -> bytes:
     """Reduced over full car for each controller, and the ranks of the best law; a PNG."""
     with styled():
         figure, (axes,) = new_figure(12.0, 4.2, columns=3)
         figure.set_layout_engine("constrained")
-        for name, colour, *both in zip(CONTROLLERS, (GREY, ORANGE, BLUE, GREEN), frictions, headings, strict=True):
+        for name, colour, *both in zip(
+            CONTROLLERS, (GREY, ORANGE, BLUE, GREEN), frictions, headings, strict=True
+        ):
             for place, pairs in zip(axes, both, strict=False):
                 place.plot(pairs.full, pairs.reduced, ".", color=colour, label=name)
         for place, what in zip(
-            axes, ("critical friction at full lock", "heading of a clean turn, degrees"), strict=False
+            axes,
+            ("critical friction at full lock", "heading of a clean turn, degrees"),
+            strict=False,
         ):
             place.axline([place.get_xlim()[0]] * 2, slope=1.0, color=GREY, linewidth=0.8)
             place.set(xlabel=f"full car: {what}", ylabel="reduced car")
@@ -201,8 +251,14 @@ def picture(frictions: Sequence[Pairs], headings: Sequence[Pairs], searches: Seq
         axes[0].legend()
         ranks = sorted(min(search.ranks) for search in searches)
         axes[2].plot(range(1, len(ranks) + 1), ranks, "o", color=BLUE)
-        axes[2].axhline(BEST * CANDIDATES, color=VERMILION, label=f"best tenth of {CANDIDATES} laws")
-        axes[2].set(xlabel="search", ylabel="reduced car's rank of the full car's best law", ylim=(0, CANDIDATES))
+        axes[2].axhline(
+            BEST * CANDIDATES, color=VERMILION, label=f"best tenth of {CANDIDATES} laws"
+        )
+        axes[2].set(
+            xlabel="search",
+            ylabel="reduced car's rank of the full car's best law",
+            ylim=(0, CANDIDATES),
+        )
         axes[2].legend()
         return png(figure)
 
@@ -214,15 +270,22 @@ def main() -> None:
     tuned = {member.name for member in ensemble.drawn(TUNED)}
     others = [m for m in ensemble.drawn(len(ensemble.members)) if m.name not in tuned]
     cars: list[Settings] = [(*m.settings_on(SCENARIO), *SPEED) for m in others[:number]]
-    with RowStore(folder / "runs.jsonl", {"schema": "screening gate"}) as store, open_run_engine(cores) as workers:
+    with (
+        RowStore(folder / "runs.jsonl", {"schema": "screening gate"}) as store,
+        open_run_engine(cores) as workers,
+    ):
         engine = Runs(workers, store)
         done: list[Searched] = []
-        for place, member in enumerate(others[:: max(1, len(others) // max(1, searches))][:searches]):
+        for place, member in enumerate(
+            others[:: max(1, len(others) // max(1, searches))][:searches]
+        ):
             begin = time.process_time()
             found = searched(engine, (*member.settings_on(SCENARIO), *SPEED), seed=100 + place)
             print(
-                f"search {place + 1}, {member.name}: best {'in' if found.found else 'NOT in'} the best tenth, ranks "
-                f"{found.ranks} at {found.friction:.4f}, first at {found.first:.4f}; {found.runs} runs, "
+                f"search {place + 1}, {member.name}: best {'in' if found.found else 'NOT in'} the "
+                "best tenth, ranks "
+                f"{found.ranks} at {found.friction:.4f}, first at {found.first:.4f}; {found.runs} "
+                "runs, "
                 f"{time.process_time() - begin:.0f} s of CPU",
                 flush=True,
             )
@@ -232,7 +295,9 @@ def main() -> None:
         for name, law in CONTROLLERS.items():
             frictions.append(compared_friction(engine, [(*car, *law) for car in cars]))
             print(f"{name:18s} critical friction {frictions[-1].words()}", flush=True)
-            headings.append(compared_heading(engine, [(*car, *law, *STEERING, FLOOR) for car in cars]))
+            headings.append(
+                compared_heading(engine, [(*car, *law, *STEERING, FLOOR) for car in cars])
+            )
             print(f"{name:18s} heading           {headings[-1].words()}", flush=True)
         if done:
             (folder / "screening.png").write_bytes(picture(frictions, headings, done))
@@ -241,11 +306,18 @@ def main() -> None:
             friction = compared_friction(engine, [(*cars[place], *law) for law in laws])
             best = "in" if friction.best_is_screened() else "NOT in"
             print(
-                f"laws of car {place:<6d} critical friction {friction.words()}  best {best} the best tenth", flush=True
+                f"laws of car {place:<6d} critical friction {friction.words()}  best {best} the "
+                "best tenth",
+                flush=True,
             )
-            heading = compared_heading(engine, [(*cars[place], *law, *STEERING, LAW_FLOOR) for law in laws])
+            heading = compared_heading(
+                engine, [(*cars[place], *law, *STEERING, LAW_FLOOR) for law in laws]
+            )
             print(f"laws of car {place:<6d} heading           {heading.words()}", flush=True)
-    print(f"one reduced run: {1e3 * reduced_seconds([load_scenario(SCENARIO, car) for car in cars]):.1f} ms of CPU")
+    print(
+        "one reduced run: "
+        f"{1e3 * reduced_seconds([load_scenario(SCENARIO, car) for car in cars]):.1f} ms of CPU"
+    )
 
 
 def reduced_seconds(scenarios: Sequence[Scenario], count: int = 768) -> float:

@@ -39,7 +39,9 @@ def springs(tmp_path: Path) -> list[Path]:
     return paths
 
 
-def test_a_second_call_takes_up_what_is_there_and_does_the_rest(springs: list[Path], tmp_path: Path) -> None:
+def test_a_second_call_takes_up_what_is_there_and_does_the_rest(
+    springs: list[Path], tmp_path: Path
+) -> None:
     out, calls = tmp_path / "fits", []
 
     def work(name: str):
@@ -72,10 +74,13 @@ def test_results_of_other_settings_are_not_mixed(springs: list[Path], tmp_path: 
 def test_static_logs_in_two_processes(tmp_path: Path) -> None:
     scenario = load_rig_scenario("static", ["experiment.duration=2", "experiment.wind_speed=20"])
     paths = [
-        write_run_log(simulate_static_log(scenario.varied(seed=seed)), tmp_path / f"{seed}.parquet") for seed in (1, 2)
+        write_run_log(simulate_static_log(scenario.varied(seed=seed)), tmp_path / f"{seed}.parquet")
+        for seed in (1, 2)
     ]
     (tmp_path / "cut.parquet").write_bytes(paths[0].read_bytes()[:1000])
-    done = run("static", *paths, tmp_path / "cut.parquet", "--out", tmp_path / "fits", "--workers", 2)
+    done = run(
+        "static", *paths, tmp_path / "cut.parquet", "--out", tmp_path / "fits", "--workers", 2
+    )
     assert done.exit_code == 3
     assert "cut off, damaged or not a Parquet file" in done.stderr
     assert "1 of 3 could not be fitted; the others are done" in done.stderr
@@ -84,7 +89,9 @@ def test_static_logs_in_two_processes(tmp_path: Path) -> None:
     assert list(report["failed"]) == [str(tmp_path / "cut.parquet")]
     page = (tmp_path / "fits" / "report.html").read_text()
     assert "data:image/png;base64," in page
-    assert not re.findall(r"(?:src|href|url|import|fetch)\W{1,4}https?:", page), "nothing is loaded from elsewhere"
+    assert not re.findall(r"(?:src|href|url|import|fetch)\W{1,4}https?:", page), (
+        "nothing is loaded from elsewhere"
+    )
     table = pd.read_csv(tmp_path / "fits" / "fits.csv")
     assert table.wind_speed_m_per_s.tolist() == [20.0, 20.0]
     assert table.warnings.str.contains("no rest phase").all()
@@ -94,18 +101,37 @@ def test_static_logs_in_two_processes(tmp_path: Path) -> None:
 
 def test_wrong_options_are_told_once_and_leave_nothing(springs: list[Path], tmp_path: Path) -> None:
     wrong = {
-        ("friction", "--bound", "coulomb=1,0.5"): "--bound coulomb=1,0.5: the lowest must be below the highest",
-        ("friction", "--bound", "mass=0,1"): "bound on 'mass': the free parameters are coulomb, viscous",
+        (
+            "friction",
+            "--bound",
+            "coulomb=1,0.5",
+        ): "--bound coulomb=1,0.5: the lowest must be below the highest",
+        (
+            "friction",
+            "--bound",
+            "mass=0,1",
+        ): "bound on 'mass': the free parameters are coulomb, viscous",
         ("added-mass", "--bound", "cd=0,1"): "bound on 'cd': the free parameters are added_mass",
-        ("static", "--bound", "mass=0,1"): "bound on 'mass': the free parameters are cd, cl, psi3, current",
+        (
+            "static",
+            "--bound",
+            "mass=0,1",
+        ): "bound on 'mass': the free parameters are cd, cl, psi3, current",
         ("static", "--constants", "known"): "--constants known: allowed: uncertain, exact",
         ("static", "--loss", "bisquare"): "--loss bisquare: allowed: squares, huber",
         ("robot-tail", "--shape", "curve"): "--shape curve: allowed: constant, line, bins",
-        ("static", "--free", "encoder_zer"): "--free encoder_zer: this fit has no such constant; did you mean "
-        "'encoder_zero'?",
+        (
+            "static",
+            "--free",
+            "encoder_zer",
+        ): "--free encoder_zer: this fit has no such constant; did you mean 'encoder_zero'?",
         ("friction", "--set", "maxon.torque=1"): "scenario: maxon.torque: unknown key; allowed: "
         "current_limit, current_noise, gear_ratio, reflected_inertia, torque_constant",
-        ("added-mass", "--set", "experiment.tail=2"): "--set experiment.tail=2: a log says itself what was tested; "
+        (
+            "added-mass",
+            "--set",
+            "experiment.tail=2",
+        ): "--set experiment.tail=2: a log says itself what was tested; "
         "allowed: what describes the rig",
         ("robot-tail", "--rig", "none.yaml"): "none.yaml: no such file",
     }
@@ -122,10 +148,17 @@ def test_what_a_fit_warns_about_is_shown(tmp_path: Path) -> None:
     log = simulate_static_log(scenario)
     table = log.table.drop(columns="force_y_n")
     table["current_a"] *= 1000.0
-    write_run_log(replace(log, table=table, extra={**log.extra, "rest_s": [0.0, 0.9]}), tmp_path / "hold.parquet")
+    write_run_log(
+        replace(log, table=table, extra={**log.extra, "rest_s": [0.0, 0.9]}),
+        tmp_path / "hold.parquet",
+    )
     done = run("static", tmp_path / "hold.parquet", "--out", tmp_path / "fits", "--workers", 1)
     assert done.exit_code == 0
-    warnings = [line.removeprefix("  warning: ") for line in done.stdout.splitlines() if line.startswith("  warning: ")]
+    warnings = [
+        line.removeprefix("  warning: ")
+        for line in done.stdout.splitlines()
+        if line.startswith("  warning: ")
+    ]
     assert "force_y_n is missing: fitted without it" in warnings
     assert any("beyond 60 A (is it in mA?): not compared" in warning for warning in warnings)
     assert any("is the wind off in it?" in warning for warning in warnings)

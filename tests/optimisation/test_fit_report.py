@@ -21,12 +21,16 @@ from aerodima.workbench.errors import ModelError
 
 def result(name: str, *names: str, curves: dict | None = None) -> FitResult:
     estimates = tuple(Estimate(n, "1", 2.0, 0.1, 1.8, 2.2, noise_deviation=0.04) for n in names)
-    return FitResult(name, estimates, ((0.01,),), 1.0, {"angle": 0.1}, True, "done", (), curves=curves or {})
+    return FitResult(
+        name, estimates, ((0.01,),), 1.0, {"angle": 0.1}, True, "done", (), curves=curves or {}
+    )
 
 
 def cells(page: str) -> list[list[str]]:
     """Texts of the cells of all tables, row by row."""
-    return [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(.*?)</tr>", page)]
+    return [
+        re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(.*?)</tr>", page)
+    ]
 
 
 @pytest.mark.parametrize(
@@ -38,14 +42,19 @@ def cells(page: str) -> list[list[str]]:
         (1.25e-13, 1.1e-13, 1.4e-13, "1.25e-13 (1.1e-13 .. 1.4e-13) kg"),
     ],
 )
-def test_an_interval_keeps_two_digits_of_its_width(value: float, lower: float, upper: float, words: str) -> None:
+def test_an_interval_keeps_two_digits_of_its_width(
+    value: float, lower: float, upper: float, words: str
+) -> None:
     assert format_estimate(Estimate("mass", "kg", value, 1.0, lower, upper), unit=True) == words
 
 
 def test_what_is_not_determined_or_frozen_has_no_interval() -> None:
     unseen = Estimate("mass", "kg", 1.0, math.inf, -math.inf, math.inf, identifiable=False)
     assert format_estimate(unseen, unit=True) == "not determined"
-    assert format_estimate(Estimate("mass", "kg", 1.5, 0.0, 1.5, 1.5, frozen=True), unit=True) == "1.5 kg (frozen)"
+    assert (
+        format_estimate(Estimate("mass", "kg", 1.5, 0.0, 1.5, 1.5, frozen=True), unit=True)
+        == "1.5 kg (frozen)"
+    )
 
 
 def test_curves_have_their_residual_below() -> None:
@@ -57,8 +66,12 @@ def test_curves_have_their_residual_below() -> None:
     assert below.get_ylabel() == "residual, rad"
 
 
-def test_every_parameter_of_every_fit_has_a_row_with_what_noise_alone_would_give(tmp_path: Path) -> None:
-    write_report(tmp_path, "Robot tail", [result("logs/a.parquet", "cn"), result("Tables 11.4-11.7", "cn")])
+def test_every_parameter_of_every_fit_has_a_row_with_what_noise_alone_would_give(
+    tmp_path: Path,
+) -> None:
+    write_report(
+        tmp_path, "Robot tail", [result("logs/a.parquet", "cn"), result("Tables 11.4-11.7", "cn")]
+    )
     rows = cells((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert rows[0][3:5] == ["standard deviation", "with exact constants"]
     assert rows[1] == ["a", "cn", "2.00 (1.80 .. 2.20)", "0.1", "0.04", "1"]
@@ -68,8 +81,16 @@ def test_every_parameter_of_every_fit_has_a_row_with_what_noise_alone_would_give
 
 def test_figures_are_estimates_of_several_fits_and_curves_where_there_are_some() -> None:
     assert set(figures_of([result("a", "cn")])) == set()
-    curve = {"x": [0.0, 1.0], "measured": [0.0, 1.0], "model": [0.0, 1.1], "labels": ["t, s", "q, rad"]}
-    assert set(figures_of([result("a", "cn"), result("b", "cn", curves={"q": curve})])) == {"estimates", "curves"}
+    curve = {
+        "x": [0.0, 1.0],
+        "measured": [0.0, 1.0],
+        "model": [0.0, 1.1],
+        "labels": ["t, s", "q, rad"],
+    }
+    assert set(figures_of([result("a", "cn"), result("b", "cn", curves={"q": curve})])) == {
+        "estimates",
+        "curves",
+    }
 
 
 def test_further_tables_stand_under_their_name_with_a_file_beside(tmp_path: Path) -> None:
@@ -84,7 +105,12 @@ def test_further_tables_stand_under_their_name_with_a_file_beside(tmp_path: Path
 def test_a_report_that_cannot_be_finished_leaves_the_earlier_one_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    curve = {"x": [0.0, 1.0], "measured": [0.0, 1.0], "model": [0.0, 1.1], "labels": ["t, s", "q, rad"]}
+    curve = {
+        "x": [0.0, 1.0],
+        "measured": [0.0, 1.0],
+        "model": [0.0, 1.1],
+        "labels": ["t, s", "q, rad"],
+    }
     curves = {"angle": curve}
     write_report(tmp_path, "Robot tail", [result("a", "cn", curves=curves)])
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
@@ -101,7 +127,12 @@ def test_a_report_that_cannot_be_finished_leaves_the_earlier_one_whole(
 
 def test_a_coefficient_file_that_the_aerodynamics_refuse_is_not_left(tmp_path: Path) -> None:
     nodes = [{"speed_m_per_s": v, "cn": 2.0} for v in (5.0, 7.5)]
-    good = {"schema": "aerodima/coefficients/1", "name": "bins", "source": "test", "kind": "speed_table"}
+    good = {
+        "schema": "aerodima/coefficients/1",
+        "name": "bins",
+        "source": "test",
+        "kind": "speed_table",
+    }
     good |= {
         "law": "normal_force",
         "quasi_steady_limit_m_per_s": 10.0,

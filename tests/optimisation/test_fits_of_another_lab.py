@@ -1,4 +1,6 @@
-"""`aerodima fit` on the logs of a laboratory that is not ours (`other_lab`: formulae of its own, truth in the file)."""
+"""`aerodima fit` on the logs of a laboratory that is not ours (`other_lab`: formulae of its own,
+truth in the file).
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,11 @@ from typer.testing import CliRunner
 from aerodima.optimisation.identify.log_rig import FitOptions
 from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
-from aerodima.optimisation.identify.swing_coefficients import added_mass_parameter, fit_friction, still_tail_law
+from aerodima.optimisation.identify.swing_coefficients import (
+    added_mass_parameter,
+    fit_friction,
+    still_tail_law,
+)
 from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.optimisation.identify.uncertainty import chance_of, check_residual
@@ -40,7 +46,9 @@ def run(*arguments: str | Path):
 def grid(folder: Path, **options) -> dict[tuple[float, float], Path]:
     """A hold at each of two speeds and two angles."""
     paths = {}
-    for number, (wind, degrees) in enumerate([(10.0, 15.0), (20.0, 15.0), (10.0, 30.0), (20.0, 30.0)]):
+    for number, (wind, degrees) in enumerate(
+        [(10.0, 15.0), (20.0, 15.0), (10.0, 30.0), (20.0, 30.0)]
+    ):
         log = lab.hold(wind=wind, angle=math.radians(degrees), seed=number, **options)
         paths[wind, degrees] = lab.write(log, folder, f"hold_{wind:g}_{degrees:g}")
     return paths
@@ -53,11 +61,17 @@ def test_a_log_with_a_nan_costs_itself_and_the_table_but_nothing_else(tmp_path: 
     torque = log.signal("torque_x_n_m").copy()
     torque[1000] = math.nan
     lab.write(replace(log, table=log.table.assign(torque_x_n_m=torque)), tmp_path, "broken")
-    done = run("static", *list(paths.values())[:3], tmp_path / "broken.parquet", "--out", tmp_path / "fits")
+    done = run(
+        "static", *list(paths.values())[:3], tmp_path / "broken.parquet", "--out", tmp_path / "fits"
+    )
     assert done.exit_code == 3
-    assert "broken.parquet: column 'torque_x_n_m': 1 sample(s) not finite, first nan at 2 s" in done.stderr
     assert (
-        "cheetah_tail_1_major.yaml is left out: its grid of speed and angle lacks 20 m/s at 30 degrees" in done.stderr
+        "broken.parquet: column 'torque_x_n_m': 1 sample(s) not finite, first nan at 2 s"
+        in done.stderr
+    )
+    assert (
+        "cheetah_tail_1_major.yaml is left out: its grid of speed and angle lacks 20 m/s at 30 "
+        "degrees" in done.stderr
     )
     assert "1 of 4 could not be fitted; the others are done" in done.stderr
     table = pd.read_csv(tmp_path / "fits" / "fits.csv")
@@ -79,7 +93,9 @@ def test_a_full_grid_is_written_and_leaves_nothing_out(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_two_holds_that_hardly_differ_are_averaged(tmp_path: Path) -> None:
     log = lab.hold()
-    nearly = replace(log, table=log.table.assign(force_y_n=np.nextafter(log.signal("force_y_n"), np.inf)))
+    nearly = replace(
+        log, table=log.table.assign(force_y_n=np.nextafter(log.signal("force_y_n"), np.inf))
+    )
     paths = [lab.write(log, tmp_path, "one"), lab.write(nearly, tmp_path, "other")]
     done = run("static", *paths, "--out", tmp_path / "fits")
     assert done.exit_code == 0, done.stderr
@@ -108,8 +124,13 @@ def test_a_rig_scenario_is_taken_from_a_file_and_from_a_mapping(tmp_path: Path) 
     log = lab.bar_swing(heavy, duration=3.0)
     (tmp_path / "rig.yaml").write_text("schema: aerodima/rig-scenario/1\nbar: {mass: 0.35}\n")
     path = lab.write(log, tmp_path, "swing")
-    assert run("friction", path, "--out", tmp_path / "fits", "--rig", tmp_path / "rig.yaml").exit_code == 0
-    assert pd.read_csv(tmp_path / "fits" / "fits.csv").coulomb_n_m[0] == pytest.approx(0.0435, rel=1e-3)
+    assert (
+        run("friction", path, "--out", tmp_path / "fits", "--rig", tmp_path / "rig.yaml").exit_code
+        == 0
+    )
+    assert pd.read_csv(tmp_path / "fits" / "fits.csv").coulomb_n_m[0] == pytest.approx(
+        0.0435, rel=1e-3
+    )
     log.table.to_csv(tmp_path / "foreign.csv", index=False)
     mapping = {
         "schema": "aerodima/log-mapping/1",
@@ -128,7 +149,9 @@ def test_a_rig_scenario_is_taken_from_a_file_and_from_a_mapping(tmp_path: Path) 
 @pytest.mark.slow
 @pytest.mark.parametrize("stated", ["tare", "sheet", "scenario"])
 def test_an_offset_and_its_uncertainty_are_taken_as_stated(stated: str) -> None:
-    """Of a sensor with offsets: zeroed without wind just before, known from a sheet, or better than Table 4.8."""
+    """Of a sensor with offsets: zeroed without wind just before, known from a sheet, or better than
+    Table 4.8.
+    """
     angle = math.radians(20.0)
     bias = np.array([0.3, -0.2, 0.5, 0.02, 0.01, -0.03])
     rig = replace(lab.LAB, force_bias=bias)
@@ -141,14 +164,18 @@ def test_an_offset_and_its_uncertainty_are_taken_as_stated(stated: str) -> None:
     elif stated == "sheet":
         facts["offsets_uncertainty"] = [0.01, 0.01, 0.01, 0.001, 0.001, 0.001]
     else:
-        settings = tuple(f"force_sensor.{axis}_accuracy=0.005" for axis in ("fx", "fy", "fz", "tx", "ty", "tz"))
+        settings = tuple(
+            f"force_sensor.{axis}_accuracy=0.005" for axis in ("fx", "fy", "fz", "tx", "ty", "tz")
+        )
     log = lab.hold(rig, angle=angle, rest=0.0, **facts)
     found = fit_static(static_data(log, options=FitOptions(settings=settings)))
     for name, value in log.extra["truth"].items():
         assert abs(found[name].value - value) < 4.0 * found[name].standard_deviation, name
         assert found[name].standard_deviation < 0.1
     plain = fit_static(
-        static_data(replace(log, extra={**log.extra, "offsets_uncertainty": None, "tared_angle_rad": None}))
+        static_data(
+            replace(log, extra={**log.extra, "offsets_uncertainty": None, "tared_angle_rad": None})
+        )
     )
     assert plain["cl"].standard_deviation > 10.0 * found["cl"].standard_deviation
 
@@ -165,23 +192,34 @@ def test_what_a_sample_of_the_current_is_belongs_to_the_log(rate: float, convent
         stated = replace(log, extra={**log.extra, "current_sampling": sampling})
         data = replace(swing_data(stated, "swing", options=constant), constants=())
         found[sampling] = SwingModel(data, still_tail_law).fit([added_mass_parameter(data)])
-    # What is left at 100 Hz is the step of the rollout; a convention taken for the other is off by half a sample.
-    right, wrong = found[convention], found["mean" if convention == "instantaneous" else "instantaneous"]
+    # What is left at 100 Hz is the step of the rollout; a convention taken for the other is off by
+    # half a sample.
+    right, wrong = (
+        found[convention],
+        found["mean" if convention == "instantaneous" else "instantaneous"],
+    )
     assert right["added_mass"].value == pytest.approx(0.05, rel=2e-4 if rate > 500.0 else 1e-3)
     assert right["added_mass"].identifiable
     assert right["start_angle"].value == pytest.approx(math.radians(60.0), abs=2e-5)
     assert abs(wrong["start_angle"].value - math.radians(60.0)) > 1e-4 * 1000.0 / rate / 2.0
     if convention == "instantaneous":  # of a foreign log this is the default
         data = replace(swing_data(log, "swing", options=constant), constants=())
-        assert SwingModel(data, still_tail_law).fit([added_mass_parameter(data)])["added_mass"] == right["added_mass"]
-    with pytest.raises(FitError, match="'current_sampling' is 'often'; allowed: mean, instantaneous"):
+        assert (
+            SwingModel(data, still_tail_law).fit([added_mass_parameter(data)])["added_mass"]
+            == right["added_mass"]
+        )
+    with pytest.raises(
+        FitError, match="'current_sampling' is 'often'; allowed: mean, instantaneous"
+    ):
         swing_data(replace(log, extra={**log.extra, "current_sampling": "often"}), "swing")
 
 
 @pytest.mark.slow
 def test_an_added_mass_far_from_every_seed_is_found(tmp_path: Path) -> None:
     """Without the scan this one ends at 0.02 kg: the phase slips by a period."""
-    path = lab.write(lab.flick(added_mass=0.2, angle=0.5 * math.pi, duration=3.0, seed=2), tmp_path, "flick")
+    path = lab.write(
+        lab.flick(added_mass=0.2, angle=0.5 * math.pi, duration=3.0, seed=2), tmp_path, "flick"
+    )
     air = [word for setting in CONSTANT_AIR for word in ("--set", setting)]
     done = run("added-mass", path, "--out", tmp_path / "fits", *air)
     assert done.exit_code == 0, done.stderr
@@ -193,10 +231,15 @@ def test_an_added_mass_far_from_every_seed_is_found(tmp_path: Path) -> None:
 
 
 def static_scores(log: RunLog, exact: bool = True, **options) -> dict[str, float]:
-    """How many standard deviations each coefficient is off; without the uncertainty of constants by default."""
+    """How many standard deviations each coefficient is off; without the uncertainty of constants by
+    default.
+    """
     data = static_data(log, options=FitOptions(**options))
     found, truth = fit_static(replace(data, constants=()) if exact else data), log.extra["truth"]
-    return {name: (found[name].value - truth[name]) / found[name].standard_deviation for name in ("cd", "cl", "psi3")}
+    return {
+        name: (found[name].value - truth[name]) / found[name].standard_deviation
+        for name in ("cd", "cl", "psi3")
+    }
 
 
 def test_a_burst_in_the_rest_is_told_and_a_robust_loss_holds_it_back(tmp_path: Path) -> None:
@@ -227,7 +270,9 @@ def test_a_rest_in_which_the_wind_blew_is_told_although_the_sensor_drifts(tmp_pa
     log = replace(log, extra={**log.extra, "rest_s": [0.0, 2.0]})
     done = run("static", lab.write(log, tmp_path, "hold"), "--out", tmp_path / "fits")
     assert "is the wind off in it?" in done.stdout
-    well = run("static", lab.write(lab.hold(wind=10.0), tmp_path, "well"), "--out", tmp_path / "well")
+    well = run(
+        "static", lab.write(lab.hold(wind=10.0), tmp_path, "well"), "--out", tmp_path / "well"
+    )
     assert "warning" not in well.stdout
 
 
@@ -248,7 +293,9 @@ def test_honest_noise_passes_the_residual_check(noise: str) -> None:
 
 
 def test_a_wrong_constant_is_in_the_interval_and_the_budget(tmp_path: Path) -> None:
-    """The centre of mass of the bar 1 mm off, the sensor's measuring point 2 mm: twice what is said of them."""
+    """The centre of mass of the bar 1 mm off, the sensor's measuring point 2 mm: twice what is said
+    of them.
+    """
     swing = lab.write(lab.bar_swing(replace(lab.LAB, bar_com=0.101)), tmp_path, "swing")
     assert run("friction", swing, "--out", tmp_path / "friction").exit_code == 0
     row = pd.read_csv(tmp_path / "friction" / "fits.csv").iloc[0]
@@ -267,12 +314,15 @@ def test_a_wrong_constant_is_in_the_interval_and_the_budget(tmp_path: Path) -> N
     assert narrow["cd"].standard_deviation < 0.6 * wide["cd"].standard_deviation
     assert sum(wide.budget["cd"].values()) == pytest.approx(1.0, abs=0.02)
     exact = fit_static(static_data(hold, options=FitOptions(constants="exact")))
-    zero = tuple(f"uncertainty.{name}=0" for name in load_rig_scenario("static").uncertainty.model_dump())
+    zero = tuple(
+        f"uncertainty.{name}=0" for name in load_rig_scenario("static").uncertainty.model_dump()
+    )
     same = fit_static(static_data(hold, options=FitOptions(settings=zero)))
     assert exact.estimates == same.estimates
     assert not exact.budget
     for name in ("cd", "cl", "psi3"):
-        # Noise alone is what the same log gives on a rig that is known exactly, but for where the fit stands.
+        # Noise alone is what the same log gives on a rig that is known exactly, but for where the
+        # fit stands.
         assert wide[name].noise_deviation == pytest.approx(exact[name].standard_deviation, rel=0.05)
         assert wide[name].noise_deviation < wide[name].standard_deviation
         assert exact[name].noise_deviation == exact[name].standard_deviation
@@ -290,26 +340,37 @@ def test_an_encoder_zero_half_a_degree_off_is_named_and_can_be_freed(tmp_path: P
     assert row.encoder_zero_rad == pytest.approx(zero, abs=1e-5)
     assert row.coulomb_n_m == pytest.approx(0.0435, rel=2e-3)
     wrong = run("friction", path, "--out", tmp_path / "wrong", "--free", "encoder_zer")
-    assert "--free encoder_zer: this fit has no such constant; did you mean 'encoder_zero'?" in wrong.stderr
+    assert (
+        "--free encoder_zer: this fit has no such constant; did you mean 'encoder_zero'?"
+        in wrong.stderr
+    )
 
 
 @pytest.mark.slow
 def test_a_late_current_is_found_when_its_delay_is_free() -> None:
     rig = replace(lab.LAB, current_delay=0.004)
     log = lab.flick(rig, added_mass=0.05, seed=5)
-    options = FitOptions(settings=(*CONSTANT_AIR, "uncertainty.encoder_zero=0"), free=("current_delay",))
+    options = FitOptions(
+        settings=(*CONSTANT_AIR, "uncertainty.encoder_zero=0"), free=("current_delay",)
+    )
     data = swing_data(log, "swing", options=options)
     found = SwingModel(data, still_tail_law).fit([added_mass_parameter(data)], options=options)
-    assert abs(found["current_delay"].value - 0.004) < 3.0 * found["current_delay"].standard_deviation
+    assert (
+        abs(found["current_delay"].value - 0.004) < 3.0 * found["current_delay"].standard_deviation
+    )
     assert found["current_delay"].standard_deviation < 0.002
     assert abs(found["added_mass"].value - 0.05) < 3.0 * found["added_mass"].standard_deviation
 
 
 def test_the_constants_of_a_simulated_log_are_exact() -> None:
-    log = simulate_static_log(load_rig_scenario("static", ["experiment.duration=2", "experiment.wind_speed=20"]))
+    log = simulate_static_log(
+        load_rig_scenario("static", ["experiment.duration=2", "experiment.wind_speed=20"])
+    )
     assert not static_data(log).constants
     stated = static_data(log, options=FitOptions(settings=("uncertainty.pivot_z=0.001",))).constants
-    assert [constant.name for constant in stated if not constant.name.endswith("_bias")] == ["pivot_z"]
+    assert [constant.name for constant in stated if not constant.name.endswith("_bias")] == [
+        "pivot_z"
+    ]
 
 
 @pytest.mark.slow
@@ -322,8 +383,8 @@ def test_intervals_hold_the_truth_when_the_constants_are_off(
 ) -> None:
     """A part of `coverage_study`: constants drawn from the priors, fits at their defaults."""
     table = study(kind, logs, tmp_path)
-    # Of 60, 20 and 6 scores the deviation is known to 9, 16 and 29 %; the draws are the same in every run, so intervals
-    # half or twice as wide give twice or half of what stands.
+    # Of 60, 20 and 6 scores the deviation is known to 9, 16 and 29 %; the draws are the same in
+    # every run, so intervals half or twice as wide give twice or half of what stands.
     assert table.score_deviation.between(least, most).all(), table
     assert (table.determined >= 0.9 * logs).all(), table
     assert (table.percent >= 83.0).all(), table

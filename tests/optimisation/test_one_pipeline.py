@@ -1,4 +1,6 @@
-"""Every fit is a least-squares problem in `MathematicalProgram`: no other optimiser, no second way."""
+"""Every fit is a least-squares problem in `MathematicalProgram`: no other optimiser, no second
+way.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,11 @@ def test_identification_uses_no_other_optimiser() -> None:
     assert len(modules) > 10
     for path in modules:
         # The root of an equation in one unknown is no fit.
-        others = [name for name in _imports(path) - {"scipy.optimize.brentq"} if name.startswith("scipy.optimize")]
+        others = [
+            name
+            for name in _imports(path) - {"scipy.optimize.brentq"}
+            if name.startswith("scipy.optimize")
+        ]
         assert not others, path.name
     users = {path.name for path in modules if "MathematicalProgram" in path.read_text()}
     assert users <= {"least_squares.py", "least_squares_solvers.py"}
@@ -41,11 +47,15 @@ def test_identification_uses_no_other_optimiser() -> None:
     "act",
     [
         robot_tail_line,
-        lambda: fit_line(np.arange(9.0), np.arange(9.0) ** 1.1, ("a", "1"), ("b", "1"), name="", channel="y"),
+        lambda: fit_line(
+            np.arange(9.0), np.arange(9.0) ** 1.1, ("a", "1"), ("b", "1"), name="", channel="y"
+        ),
     ],
     ids=["robot tail", "line"],
 )
-def test_a_fit_is_solved_in_mathematical_program(monkeypatch: pytest.MonkeyPatch, act: Callable[[], object]) -> None:
+def test_a_fit_is_solved_in_mathematical_program(
+    monkeypatch: pytest.MonkeyPatch, act: Callable[[], object]
+) -> None:
     programs = []
 
     class Counted(MathematicalProgram):

@@ -18,7 +18,9 @@ SHORT = {"speed": 1.0, "turn_start": 0.6, "speed_ramp": 0.4, "turn_hold": 0.1, "
 
 @pytest.fixture(scope="session")
 def short_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunLog]:
-    """Tail mode `none` and `swing` -> log; the tail does not swing yet, the car turns too slowly."""
+    """Tail mode `none` and `swing` -> log; the tail does not swing yet, the car turns too
+    slowly.
+    """
     folder: Path = tmp_path_factory.mktemp("short_runs")
     settings = [f"manoeuvre.{key}={value}" for key, value in SHORT.items()]
     return {

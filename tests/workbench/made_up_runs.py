@@ -1,4 +1,6 @@
-"""Run logs made by hand: a straight run at 3 m/s in which every signal is zero unless a test says otherwise."""
+"""Run logs made by hand: a straight run at 3 m/s in which every signal is zero unless a test says
+otherwise.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,7 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.config.signal_table import Column, plant_position_columns, sensor_columns, truth_columns
+from aerodima.workbench.config.signal_table import (
+    Column,
+    plant_position_columns,
+    sensor_columns,
+    truth_columns,
+)
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 
 STEP = 0.002
@@ -28,7 +35,9 @@ def times() -> np.ndarray:
     return np.arange(round(DURATION / STEP) + 1) * STEP
 
 
-def made_up_scenario(direction: str = "left", tail_mode: str = "swing", **manoeuvre: Any) -> dict[str, Any]:
+def made_up_scenario(
+    direction: str = "left", tail_mode: str = "swing", **manoeuvre: Any
+) -> dict[str, Any]:
     return {
         "name": "made up",
         "manoeuvre": {
@@ -67,11 +76,15 @@ def made_up_run(
         assert name in table.columns, name
         table[name] = values
     scenario = made_up_scenario(direction, tail_mode, **manoeuvre)
-    return run_log_from_metadata(table, run_metadata(scenario, seed=7, extra={"tail_mass_kg": TAIL_MASS}))
+    return run_log_from_metadata(
+        table, run_metadata(scenario, seed=7, extra={"tail_mass_kg": TAIL_MASS})
+    )
 
 
 def signals_equal(a: RunLog, b: RunLog) -> bool:
-    """Whether two runs have the same columns in the same order with the same bits (NaN equals itself, 0 is not -0)."""
+    """Whether two runs have the same columns in the same order with the same bits (NaN equals
+    itself, 0 is not -0).
+    """
     if list(a.table.columns) != list(b.table.columns) or len(a.table) != len(b.table):
         return False
     return all(a.signal(name).tobytes() == b.signal(name).tobytes() for name in a.table.columns)

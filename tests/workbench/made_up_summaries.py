@@ -21,7 +21,9 @@ def made_up_summary(
     filtered: dict[str, float] | None = None,
     impulses: Impulses | None = None,
 ) -> RunSummary:
-    """A run in which every metric is 1 unless a test says otherwise; `speed` is commanded and reached."""
+    """A run in which every metric is 1 unless a test says otherwise; `speed` is commanded and
+    reached.
+    """
     base = dict.fromkeys(TurnMetrics.__dataclass_fields__, 1.0) | {"speed_m_per_s": speed}
     ending: Any = result
     outcome = Outcome(ending, result == "survived" and not touched, peak_roll, 0.0, 4, touched)
@@ -39,7 +41,11 @@ def made_up_summary(
         speed_in_turn_m_per_s=speed,
         lift_yaw_rate_rad_per_s=1.0,
     )
-    own = None if mode == "none" else impulses or Impulses(aerodynamic=1.0, weight=0.5, inertial=-0.25)
+    own = (
+        None
+        if mode == "none"
+        else impulses or Impulses(aerodynamic=1.0, weight=0.5, inertial=-0.25)
+    )
     return RunSummary(
         name=f"{mode}_{speed:.2f}",
         tail_mode=mode,

@@ -20,15 +20,24 @@ class CarStand:
         self.simulator = Simulator(self.station)
         self.context = self.simulator.get_mutable_context()
         for name, fields in STATION_INPUTS.items():
-            self.station.GetInputPort(name).FixValue(self.context, inputs.get(name, [0.0] * fields.size))
+            self.station.GetInputPort(name).FixValue(
+                self.context, inputs.get(name, [0.0] * fields.size)
+            )
         car = simulated_car(self.station)
         self.plant, self.car, self.tail = car.plant, car.car, car.tail
         self.plant_context = self.plant.GetMyMutableContextFromRoot(self.context)
         self.chassis = self.plant.GetBodyByName("chassis")
 
-    def place(self, X_WB: RigidTransform, velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-        """Puts the car somewhere, with its wheels still and every part moving at one velocity (m/s, W)."""
-        q, v = (get(self.plant_context).copy() for get in (self.plant.GetPositions, self.plant.GetVelocities))
+    def place(
+        self, X_WB: RigidTransform, velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> None:
+        """Puts the car somewhere, with its wheels still and every part moving at one velocity (m/s,
+        W).
+        """
+        q, v = (
+            get(self.plant_context).copy()
+            for get in (self.plant.GetPositions, self.plant.GetVelocities)
+        )
         start = self.chassis.floating_positions_start()
         q[start : start + 7] = [*X_WB.rotation().ToQuaternion().wxyz(), *X_WB.translation()]
         start = self.chassis.floating_velocities_start_in_v()
@@ -55,19 +64,26 @@ class CarStand:
     def wheel_forces(self) -> dict[str, np.ndarray]:
         """Force of the ground on each wheel in W, N."""
         contact = dict(zip(CONTACT_TRUTH.fields, self.output("contact_truth"), strict=True))
-        return {wheel: np.array([contact[f"wheel_force_{wheel}_{axis}_truth_n"] for axis in "xyz"]) for wheel in WHEELS}
+        return {
+            wheel: np.array([contact[f"wheel_force_{wheel}_{axis}_truth_n"] for axis in "xyz"])
+            for wheel in WHEELS
+        }
 
     def wheel_contacts(self) -> dict[str, np.ndarray]:
         """Contact point of each wheel in W, m."""
         contact = dict(zip(CONTACT_TRUTH.fields, self.output("contact_truth"), strict=True))
         return {
-            wheel: np.array([contact[f"wheel_contact_{wheel}_{axis}_truth_m"] for axis in "xyz"]) for wheel in WHEELS
+            wheel: np.array([contact[f"wheel_contact_{wheel}_{axis}_truth_m"] for axis in "xyz"])
+            for wheel in WHEELS
         }
 
     def contacts(self) -> list:
         """Point contacts of the last step."""
         results = self.plant.get_contact_results_output_port().Eval(self.plant_context)
-        return [results.point_pair_contact_info(index) for index in range(results.num_point_pair_contacts())]
+        return [
+            results.point_pair_contact_info(index)
+            for index in range(results.num_point_pair_contacts())
+        ]
 
     def shape_of(self, contact) -> str:
         """Name of the car's collision shape in a contact, such as `tyre` or `cage_0`."""

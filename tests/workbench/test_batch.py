@@ -45,14 +45,20 @@ def die_of_two(marks: Path, number: int) -> int:
 def test_a_piece_that_kills_its_worker_is_found_and_the_others_are_done(tmp_path: Path) -> None:
     told: list[int] = []
     results = run_batch(
-        partial(die_of_two, tmp_path), [0, 1, 2, 3, 4, 5], 2, lambda _, result: told.append(result), lambda number: -1
+        partial(die_of_two, tmp_path),
+        [0, 1, 2, 3, 4, 5],
+        2,
+        lambda _, result: told.append(result),
+        lambda number: -1,
     )
     assert results == [0, 10, -1, 30, 40, 50]
     assert sorted(told) == [-1, 0, 10, 30, 40, 50]
     tries = Counter(int(mark.name.split("_")[0]) for mark in tmp_path.iterdir())
     assert tries[2] == 2  # beside another piece, then alone
     assert max(tries[number] for number in (0, 1, 3, 4, 5)) <= 2
-    with pytest.raises(UserError, match=r"^1 of 4 pieces were lost twice .*first is 2; the others are done"):
+    with pytest.raises(
+        UserError, match=r"^1 of 4 pieces were lost twice .*first is 2; the others are done"
+    ):
         run_batch(partial(die_of_two, tmp_path), [1, 2, 3, 4], 2)
 
 
@@ -85,7 +91,9 @@ def test_workers_that_cannot_live_at_all_are_an_error_and_not_a_hang() -> None:
         run_batch(os._exit, [1] * 100, 2)
 
 
-def test_workers_have_one_blas_thread_and_the_caller_keeps_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_have_one_blas_thread_and_the_caller_keeps_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
     seen = run_batch(os.getenv, ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"], 2)
@@ -95,7 +103,9 @@ def test_workers_have_one_blas_thread_and_the_caller_keeps_its_own(monkeypatch: 
 
 
 @pytest.mark.slow
-def test_workers_preload_a_fast_allocator_where_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_preload_a_fast_allocator_where_there_is_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.delenv("LD_PRELOAD", raising=False)
     monkeypatch.setattr(dask_cluster, "find_library", {"jemalloc": "libm.so.6"}.get)
     assert run_batch(os.getenv, ["LD_PRELOAD"] * 2, 2) == ["libm.so.6"] * 2

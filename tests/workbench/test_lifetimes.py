@@ -1,4 +1,6 @@
-"""A simulated car or rig is freed when its run has ended, so that memory does not grow with the runs."""
+"""A simulated car or rig is freed when its run has ended, so that memory does not grow with the
+runs.
+"""
 
 import gc
 import weakref

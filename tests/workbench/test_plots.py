@@ -1,4 +1,6 @@
-"""Figures: units on every axis, the turn where it was, runs told apart without colour, the same bytes every time."""
+"""Figures: units on every axis, the turn where it was, runs told apart without colour, the same
+bytes every time.
+"""
 
 import re
 from collections.abc import Callable
@@ -46,7 +48,9 @@ def test_every_axis_names_its_unit(figures: dict[str, Figure], name: str) -> Non
 
 
 @pytest.mark.parametrize("name", ["turn, no tail", "turn, swing"])
-def test_the_turn_is_shaded_from_steering_command_to_straight_wheels(figures: dict[str, Figure], name: str) -> None:
+def test_the_turn_is_shaded_from_steering_command_to_straight_wheels(
+    figures: dict[str, Figure], name: str
+) -> None:
     # 2 s + 0.5 s of steering + 0.14 s in which the servo comes back.
     for axes in _axes_with_data(figures[name]):
         if axes.get_ylabel().startswith("roll motor"):
@@ -85,6 +89,12 @@ def test_figures_need_no_display_and_open_no_window(figures: dict[str, Figure]) 
 
 def test_a_log_that_ends_in_the_turn_is_refused() -> None:
     run = made_up_run()
-    cut = type(run)(run.table[run.table.time_s < 2.3], run.scenario, run.seed, extra=run.extra, source="cut.parquet")
+    cut = type(run)(
+        run.table[run.table.time_s < 2.3],
+        run.scenario,
+        run.seed,
+        extra=run.extra,
+        source="cut.parquet",
+    )
     with pytest.raises(LogError, match=r"cut\.parquet: ends at 2\.298 s, before its turn does"):
         plot_turn(cut)

@@ -90,7 +90,10 @@ def test_a_long_page_begins_with_links_to_all_its_sections(sections: int, links:
 
 
 def test_columns_of_numbers_are_set_to_the_right() -> None:
-    rows = [["a", "1.5", "-", "1 to 2", "+3 %", "nan"], ["2 b", "2e-05", "-4.0", "", "12.0° (11.0 .. 13.0)", "1.2 kg"]]
+    rows = [
+        ["a", "1.5", "-", "1 to 2", "+3 %", "nan"],
+        ["2 b", "2e-05", "-4.0", "", "12.0° (11.0 .. 13.0)", "1.2 kg"],
+    ]
     assert Table(list("nabcde"), rows).numbers == [False, True, True, True, True, False]
     assert Table(["empty"], []).numbers == [False]
 
@@ -101,13 +104,23 @@ def test_files_of_a_folder_are_all_made_before_any_is_written(tmp_path: Path) ->
     plot = Plot(drawing, "A caption.", "A line", "line")
     page = Page("A page", "", [Section("One", [plot])])
     table = pd.DataFrame({"a": [1, 2]})
-    written = write_files(tmp_path, {"a.csv": table, "a.parquet": table, "index.html": page, "a.txt": "é"})
-    assert [path.name for path in written] == ["a.csv", "a.parquet", "line.png", "index.html", "a.txt"]
+    written = write_files(
+        tmp_path, {"a.csv": table, "a.parquet": table, "index.html": page, "a.txt": "é"}
+    )
+    assert [path.name for path in written] == [
+        "a.csv",
+        "a.parquet",
+        "line.png",
+        "index.html",
+        "a.txt",
+    ]
     assert (tmp_path / "line.png").read_bytes() == plot.data
     assert 'src="line.png"' in (tmp_path / "index.html").read_text(encoding="utf-8")
     assert pd.read_parquet(tmp_path / "a.parquet").equals(pd.read_csv(tmp_path / "a.csv"))
     with pytest.raises(UndefinedError):
-        write_files(tmp_path, {"a.txt": "new", "index.html": Page("A", "", [Section("One", [None])])})  # type: ignore[list-item]
+        write_files(
+            tmp_path, {"a.txt": "new", "index.html": Page("A", "", [Section("One", [None])])}
+        )  # type: ignore[list-item]
     assert (tmp_path / "a.txt").read_text(encoding="utf-8") == "é"
 
 
@@ -115,19 +128,28 @@ def test_files_of_a_folder_are_all_made_before_any_is_written(tmp_path: Path) ->
 def chapters(standard_runs: dict[str, RunLog]) -> str:
     logs = {f"{mode}_3.33": run for mode, run in standard_runs.items()}
     summaries = [summarise(run, name) for name, run in logs.items()]
-    made = {name: DemoRun(name, run.scenario, Path(run.source), Path("replay.html")) for name, run in logs.items()}
-    return Page("Turns", "", (thesis_turn_chapter(summaries), provenance(made, "summary.csv"))).html()
+    made = {
+        name: DemoRun(name, run.scenario, Path(run.source), Path("replay.html"))
+        for name, run in logs.items()
+    }
+    return Page(
+        "Turns", "", (thesis_turn_chapter(summaries), provenance(made, "summary.csv"))
+    ).html()
 
 
 def test_the_page_is_well_formed_and_needs_no_network(chapters: str) -> None:
     reader = _read(chapters)
     assert reader.open == []
     for address in reader.addresses:
-        assert address.startswith(("data:image/png;base64,", "#")) or re.fullmatch(r"[\w./-]+", address), address
+        assert address.startswith(("data:image/png;base64,", "#")) or re.fullmatch(
+            r"[\w./-]+", address
+        ), address
         assert not address.startswith(("/", ".."))
     for rows in reader.rows:
         assert len(set(rows)) == 1, rows
-    assert all(re.search(r'alt="[^"]{10,}"', found) for found in re.findall(r"<img [^>]*>", chapters))
+    assert all(
+        re.search(r'alt="[^"]{10,}"', found) for found in re.findall(r"<img [^>]*>", chapters)
+    )
 
 
 def test_the_runs_stand_in_the_tables_beside_the_published_figures(

@@ -1,4 +1,6 @@
-"""The files of `models/` are found in a checkout and in a wheel, and a wrong name is answered with the right one."""
+"""The files of `models/` are found in a checkout and in a wheel, and a wrong name is answered with
+the right one.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,8 @@ def test_installation_without_models_says_where_it_looked(
 def test_misspelt_file_is_answered_with_the_nearest() -> None:
     with pytest.raises(
         ModelError,
-        match=r"'published/manoeuver_metrics\.csv' does not exist in .*nearest: published/manoeuvre_metrics\.csv",
+        match=r"'published/manoeuver_metrics\.csv' does not exist in .*nearest: "
+        r"published/manoeuvre_metrics\.csv",
     ):
         model_path("published/manoeuver_metrics.csv")
 
@@ -65,7 +68,9 @@ def test_unknown_folder_is_named() -> None:
         model_path("zzzz/qqqqqqqqqqqqqqqqqqqqqqqqqqq")
 
 
-@pytest.mark.parametrize("relative", ["../pyproject.toml", "/etc/hostname", "published/../../README.md"])
+@pytest.mark.parametrize(
+    "relative", ["../pyproject.toml", "/etc/hostname", "published/../../README.md"]
+)
 def test_path_that_leaves_models_is_refused(relative: str) -> None:
     with pytest.raises(UserError, match="must be a path inside models/"):
         model_path(relative)

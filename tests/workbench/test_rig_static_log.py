@@ -36,12 +36,20 @@ def test_columns_and_metadata_are_those_of_the_contract(tmp_path: Path) -> None:
         *("force_x_n", "force_y_n", "force_z_n", "torque_x_n_m", "torque_y_n_m", "torque_z_n_m"),
     ) == RIG_COLUMN_NAMES
     assert back.kind == "static"
-    assert (back.extra["tail"], back.extra["axis"], back.extra["wind_speed_m_per_s"]) == ("1", "major", 10.0)
+    assert (back.extra["tail"], back.extra["axis"], back.extra["wind_speed_m_per_s"]) == (
+        "1",
+        "major",
+        10.0,
+    )
     assert back.scenario["experiment"]["angle"] == pytest.approx(math.radians(15.0))
     assert len(back.table) == 20001
     assert back.time[-1] == 20.0
-    assert back.signal("angle_rad")[0] == pytest.approx(math.radians(15.0), abs=0.6e-4)  # half a count
-    assert np.mean(back.signal("current_a")) == pytest.approx(back.extra["truth"]["current"], abs=5e-4)
+    assert back.signal("angle_rad")[0] == pytest.approx(
+        math.radians(15.0), abs=0.6e-4
+    )  # half a count
+    assert np.mean(back.signal("current_a")) == pytest.approx(
+        back.extra["truth"]["current"], abs=5e-4
+    )
 
 
 def test_reading_plus_offset_less_bias_is_the_wrench() -> None:
@@ -50,7 +58,9 @@ def test_reading_plus_offset_less_bias_is_the_wrench() -> None:
     mean = readings(log).mean(axis=0)
     wrench = mean + OFFSETS - np.array(log.extra["bias"])
     # White noise of 1 % of the accuracy, averaged over 20001 samples: five standard errors.
-    np.testing.assert_allclose(wrench, log.extra["true_wrench"], atol=float(np.max(5 * 0.01 * ACCURACIES / 141.0)))
+    np.testing.assert_allclose(
+        wrench, log.extra["true_wrench"], atol=float(np.max(5 * 0.01 * ACCURACIES / 141.0))
+    )
     np.testing.assert_allclose(readings(log).std(axis=0), 0.01 * ACCURACIES, rtol=0.03)
 
 
@@ -58,7 +68,9 @@ def test_reading_plus_offset_less_bias_is_the_wrench() -> None:
 def test_bias_has_the_published_accuracy_over_many_logs() -> None:
     """200 seeds: a standard deviation is known to 1 / sqrt(400) = 5 %, so 15 % is three of that."""
     short = STATIC.varied(experiment={"duration": 0.01})
-    biases = np.array([simulate_static_log(short.varied(seed=seed)).extra["bias"] for seed in range(200)])
+    biases = np.array(
+        [simulate_static_log(short.varied(seed=seed)).extra["bias"] for seed in range(200)]
+    )
     np.testing.assert_allclose(biases.std(axis=0) / ACCURACIES, 1.0, atol=0.15)
     np.testing.assert_allclose(biases.mean(axis=0) / ACCURACIES, 0.0, atol=0.22)
     correlation = np.corrcoef(biases.T) - np.eye(6)
@@ -69,7 +81,9 @@ def test_drift_is_a_line_from_the_start_of_the_log() -> None:
     settings = {"noise_fraction": 0.0, "drift_fraction": 1e-3}
     log = simulate_static_log(STATIC.varied(force_sensor=settings))
     values = readings(log)
-    np.testing.assert_allclose(values[0] + OFFSETS - log.extra["bias"], log.extra["true_wrench"], atol=1e-12)
+    np.testing.assert_allclose(
+        values[0] + OFFSETS - log.extra["bias"], log.extra["true_wrench"], atol=1e-12
+    )
     slopes = (values[-1] - values[0]) / 20.0
     np.testing.assert_allclose(values[10000] - values[0], 10.0 * slopes, atol=1e-9)
     assert np.all(np.abs(slopes) < 4e-3 * ACCURACIES)
@@ -83,14 +97,18 @@ def test_equal_seeds_give_equal_logs_and_other_seeds_other_errors() -> None:
 
 
 def test_a_slower_sensor_holds_its_samples() -> None:
-    log = simulate_static_log(STATIC.varied(force_sensor={"rate": 250.0}, experiment={"duration": 0.1}))
+    log = simulate_static_log(
+        STATIC.varied(force_sensor={"rate": 250.0}, experiment={"duration": 0.1})
+    )
     force = log.signal("force_x_n")
     assert np.all(force[0:4] == force[0])
     assert force[4] != force[3]
 
 
 def test_readings_stop_at_the_range() -> None:
-    log = simulate_static_log(STATIC.varied(force_sensor={"torque_range": 0.05}, experiment={"duration": 0.01}))
+    log = simulate_static_log(
+        STATIC.varied(force_sensor={"torque_range": 0.05}, experiment={"duration": 0.01})
+    )
     assert np.max(np.abs(log.vector("torque", "n_m"))) == pytest.approx(0.05)
 
 
@@ -113,7 +131,9 @@ def test_a_rest_without_wind_comes_first_and_has_the_same_bias_and_drift() -> No
     )
     # 1001 samples of 0.01 A each.
     assert np.mean(log.signal("current_a")[resting]) == pytest.approx(current, abs=1.5e-3)
-    assert np.mean(log.signal("current_a")[~resting]) == pytest.approx(hold.extra["truth"]["current"], abs=1.5e-3)
+    assert np.mean(log.signal("current_a")[~resting]) == pytest.approx(
+        hold.extra["truth"]["current"], abs=1.5e-3
+    )
 
 
 @pytest.mark.parametrize(
@@ -123,15 +143,23 @@ def test_a_rest_without_wind_comes_first_and_has_the_same_bias_and_drift() -> No
         ({"wind_off": 1.0, "kind": "swing"}, "experiment.wind_off: 1 s; allowed: 0 s in a swing"),
     ],
 )
-def test_a_rest_that_leaves_no_hold_or_is_of_a_swing_is_refused(changes: dict, message: str) -> None:
+def test_a_rest_that_leaves_no_hold_or_is_of_a_swing_is_refused(
+    changes: dict, message: str
+) -> None:
     with pytest.raises(ScenarioError, match=message):
         STATIC.varied(experiment=changes)
 
 
 def test_truth_of_the_published_tables_is_theirs_at_the_held_angle() -> None:
-    scenario = STATIC.varied(experiment={"tail": 1, "angle": math.radians(30.0), "wind_speed": 10.0, "duration": 0.01})
+    scenario = STATIC.varied(
+        experiment={"tail": 1, "angle": math.radians(30.0), "wind_speed": 10.0, "duration": 0.01}
+    )
     table = pd.read_csv(model_path("published/static_fits.csv"))
-    cell = table[(table["tail"].astype(str) == "1") & (table.axis == "major") & (table.angle_of_attack_deg == 30)]
+    cell = table[
+        (table["tail"].astype(str) == "1")
+        & (table.axis == "major")
+        & (table.angle_of_attack_deg == 30)
+    ]
     rows = cell[cell.wind_speed_m_per_s == 10]
     truth = simulate_static_log(scenario).extra["truth"]
     assert rows.cd.min() - 1e-3 <= truth["cd"] <= rows.cd.max() + 1e-3
@@ -153,7 +181,9 @@ def test_holding_beyond_the_current_limit_is_refused() -> None:
 def test_a_rig_log_needs_its_angle_but_may_lack_an_axis(tmp_path: Path) -> None:
     log = simulate_static_log(STATIC.varied(experiment={"duration": 0.01}))
     without_axis = log.table.drop(columns="force_x_n")
-    write_run_log(type(log)(without_axis, log.scenario, log.seed, kind="static"), tmp_path / "a.parquet")
+    write_run_log(
+        type(log)(without_axis, log.scenario, log.seed, kind="static"), tmp_path / "a.parquet"
+    )
     with pytest.raises(LogError, match="angle_rad"):
         write_run_log(
             type(log)(log.table.drop(columns="angle_rad"), log.scenario, log.seed, kind="static"),

@@ -1,11 +1,18 @@
-"""Rows on the disk: kept through an interruption, for one process at a time, never taken for those of other work."""
+"""Rows on the disk: kept through an interruption, for one process at a time, never taken for those
+of other work.
+"""
 
 import json
 from pathlib import Path
 
 import pytest
 
-from aerodima.workbench.batch.row_store import ProgressBar, RowStore, content_key, saying_how_to_go_on
+from aerodima.workbench.batch.row_store import (
+    ProgressBar,
+    RowStore,
+    content_key,
+    saying_how_to_go_on,
+)
 from aerodima.workbench.errors import UserError
 
 
@@ -52,7 +59,9 @@ def test_a_folder_with_other_files_is_refused_where_the_work_wants_its_own(tmp_p
 
 
 def test_the_key_follows_the_content_alone() -> None:
-    assert content_key({"a": 1, "b": 2.0}, None) == content_key(json.loads('{"b": 2.0, "a": 1}'), None)
+    assert content_key({"a": 1, "b": 2.0}, None) == content_key(
+        json.loads('{"b": 2.0, "a": 1}'), None
+    )
     assert len({content_key(1.0), content_key(1.0 + 2**-52), content_key(), content_key(None)}) == 4
 
 

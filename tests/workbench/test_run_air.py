@@ -32,7 +32,8 @@ def test_wind_has_columns_in_a_run_with_wind_only(run, standard_runs):
     log = run("wind.mean_y=2.0", "wind.turbulence=0.4", *SHORT)
     assert [f"wind_{axis}_truth_m_per_s" for axis in "xyz"] == WIND
     assert list(log.table.columns)[-3:] == WIND
-    # The noise is kept for 10 ms, five rows, and wanders about the mean; a change at 10 ms is in the row of 10 ms.
+    # The noise is kept for 10 ms, five rows, and wanders about the mean; a change at 10 ms is in
+    # the row of 10 ms.
     assert np.all(np.flatnonzero(np.diff(log.signal(WIND[0]))) % 5 == 4)
     assert 0.0 < log.signal(WIND[0]).std() < 1.2
     assert not set(WIND) & set(standard_runs["swing"].table.columns)
@@ -40,14 +41,22 @@ def test_wind_has_columns_in_a_run_with_wind_only(run, standard_runs):
 
 def test_run_in_wind_repeats_bit_for_bit_and_another_seed_is_other_weather(run):
     settings = ["wind.turbulence=0.4", *SHORT]
-    one, again, other = run(*settings, name="a"), run(*settings, name="b"), run(*settings, "seed=2", name="c")
+    one, again, other = (
+        run(*settings, name="a"),
+        run(*settings, name="b"),
+        run(*settings, "seed=2", name="c"),
+    )
     assert signals_equal(one, again)
     assert not np.any(one.signal(WIND[1]) == other.signal(WIND[1]))
-    assert np.abs(one.signal("tail_force_z_truth_n") - other.signal("tail_force_z_truth_n")).max() > 1e-3
+    assert (
+        np.abs(one.signal("tail_force_z_truth_n") - other.signal("tail_force_z_truth_n")).max()
+        > 1e-3
+    )
 
 
 @pytest.mark.parametrize(
-    "settings", [["tail.sail=locked"], ["tail.sail=free"], ["tail.added_mass=0.05"], ["tail.added_mass=-0.01"]]
+    "settings",
+    [["tail.sail=locked"], ["tail.sail=free"], ["tail.added_mass=0.05"], ["tail.added_mass=-0.01"]],
 )
 def test_replay_rebuilds_the_car_with_its_sail_and_its_added_mass(run, settings):
     log = run(*settings, *SHORT)
@@ -71,19 +80,26 @@ def test_replay_turns_a_sail_that_faces_the_wind_as_its_encoder_saw_it(run):
     logged.move(context, -1)
     angle = logged.plant.GetJointByName("tail_sail_turn").get_angle(context)
     assert angle == log.signal("sail_angle_rad")[-1]
-    # The tail is held on the left and the car drives off: the hollow, +y of the sail, looks ahead at -90 degrees.
+    # The tail is held on the left and the car drives off: the hollow, +y of the sail, looks ahead
+    # at -90 degrees.
     assert np.remainder(angle, 2 * np.pi) == pytest.approx(1.5 * np.pi, abs=0.1)
 
 
 @pytest.mark.slow
 def test_free_sail_follows_the_one_that_faces_the_wind_over_a_whole_swing(run):
-    """Heading, peak roll and the air's impulse agree; the free sail is late by its lag, some 60 ms."""
+    """Heading, peak roll and the air's impulse agree; the free sail is late by its lag, some 60
+    ms.
+    """
     exact = ["sail_encoder.noise=0.0", "sail_encoder.rate=500.0", "sail_encoder.delay=0.0"]
-    facing, free = (run(*LARGE, *exact, f"tail.sail={sail}", name=sail) for sail in ("facing", "free"))
+    facing, free = (
+        run(*LARGE, *exact, f"tail.sail={sail}", name=sail) for sail in ("facing", "free")
+    )
     one, other = metrics_of(facing), metrics_of(free)
     assert other.heading_change_rad == pytest.approx(one.heading_change_rad, rel=0.04)
     assert other.peak_roll_rad == pytest.approx(one.peak_roll_rad, rel=0.05)
-    impulses = [np.trapezoid(log.signal("tail_force_y_truth_n"), log.time) for log in (facing, free)]
+    impulses = [
+        np.trapezoid(log.signal("tail_force_y_truth_n"), log.time) for log in (facing, free)
+    ]
     assert impulses[1] == pytest.approx(impulses[0], rel=0.03)
     during = (facing.time > 1.9) & (facing.time < 3.0)
     wind, sail = (np.unwrap(log.signal("sail_angle_rad"))[during] for log in (facing, free))
@@ -95,7 +111,9 @@ def test_free_sail_follows_the_one_that_faces_the_wind_over_a_whole_swing(run):
 
 def test_added_mass_counts_in_no_mass_of_the_log(run):
     log = run("tail.added_mass=0.1", *SHORT)
-    arm = log.scenario["tail"]["mass"] + log.scenario["tail"]["hub_mass"] + 0.001  # and the anchor of the SDF
+    arm = (
+        log.scenario["tail"]["mass"] + log.scenario["tail"]["hub_mass"] + 0.001
+    )  # and the anchor of the SDF
     assert log.extra["tail_mass_kg"] == pytest.approx(arm, abs=1e-9)
     assert log.extra["total_mass_kg"] == pytest.approx(log.scenario["car"]["mass"] + arm, rel=1e-8)
 
@@ -108,14 +126,17 @@ def test_added_mass_stays_beside_the_tail_through_a_whole_swing(run):
 
 
 def test_log_says_how_long_the_coefficients_were_outside_their_range(run):
-    # Standing in a cross wind the sail meets the wind itself; the line of the robot tail is measured from 3 to 15 m/s.
+    # Standing in a cross wind the sail meets the wind itself; the line of the robot tail is
+    # measured from 3 to 15 m/s.
     table = ["tail.coefficients=robot_tail_line", *LARGE, *UPRIGHT, *STANDING]
     for wind, outside in ((0.0, 1.0), (5.0, 0.0), (18.0, 1.0)):
         log = run(*table, f"wind.mean_y={wind}", name=f"wind_{wind}")
         assert log.extra["sections_outside_measured_range"] == outside
         assert log.extra["sections_above_quasi_steady_limit"] == 0.0  # not shown twice
         # rho v w / mu; the tail sways a little in the wind.
-        assert log.extra["largest_reynolds_number"] == pytest.approx(1.225 * wind * 0.2 / 1.849e-5, rel=0.15, abs=4000)
+        assert log.extra["largest_reynolds_number"] == pytest.approx(
+            1.225 * wind * 0.2 / 1.849e-5, rel=0.15, abs=4000
+        )
     fast = run("wind.mean_y=18.0", *LARGE, *UPRIGHT, *STANDING, name="constant")
     assert fast.extra["sections_outside_measured_range"] == 0.0  # a number has no range
     assert fast.extra["sections_above_quasi_steady_limit"] == 1.0
@@ -126,7 +147,8 @@ def test_log_says_how_long_the_coefficients_were_outside_their_range(run):
 def test_share_of_a_run_in_which_the_edge_value_was_held(run, standard_runs):
     log = run("tail.coefficients=robot_tail_line")
     shares = log.extra["sections_outside_measured_range"]
-    # The car is slower than 3 m/s for 0.9 of the 2 s in which it gains speed, and never faster than 15 m/s.
+    # The car is slower than 3 m/s for 0.9 of the 2 s in which it gains speed, and never faster than
+    # 15 m/s.
     slow = np.mean(log.signal("velocity_x_truth_m_per_s") < 3.0)
     assert 0.15 < shares < slow + 0.1
     assert standard_runs["swing"].extra["sections_outside_measured_range"] == 0.0

@@ -1,4 +1,6 @@
-"""The car's tail in moving air: wind and speed load the sail, a free sail is a vane, added mass is inertia."""
+"""The car's tail in moving air: wind and speed load the sail, a free sail is a vane, added mass is
+inertia.
+"""
 
 import math
 
@@ -65,11 +67,15 @@ def turn_sail(car, angle):
 
 def sail_angle(car):
     """rad, in [-pi, pi]."""
-    return math.remainder(car.plant.GetJointByName("tail_sail_turn").get_angle(car.plant_context), 2 * math.pi)
+    return math.remainder(
+        car.plant.GetJointByName("tail_sail_turn").get_angle(car.plant_context), 2 * math.pi
+    )
 
 
 def swing_load(speed, wind, rate):
-    """F_y of the upright tail: each section meets its own swing speed across and the rest along the chord."""
+    """F_y of the upright tail: each section meets its own swing speed across and the rest along the
+    chord.
+    """
     s = ROOT + LENGTH * (np.arange(5) + 0.5) / 5
     across, along = rate * s, speed - wind
     return 0.5 * RHO * CN * AREA / 5 * np.sum(np.hypot(across, along) * across)
@@ -83,7 +89,9 @@ def test_head_wind_loads_the_swing_and_tail_wind_relieves_it(rate):
         car.plant.GetJointByName("tail_roll").set_angular_rate(car.plant_context, rate)
         load = force(car)
         # Positive roll takes the tip to the right (-y), so the air pushes to the left.
-        np.testing.assert_allclose(load, [0.0, swing_load(4.0, wind, rate), 0.0], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            load, [0.0, swing_load(4.0, wind, rate), 0.0], rtol=1e-9, atol=1e-9
+        )
         loads.append(abs(load[1]))
     assert loads[0] > loads[1] > loads[2]
 
@@ -91,18 +99,24 @@ def test_head_wind_loads_the_swing_and_tail_wind_relieves_it(rate):
 @pytest.mark.parametrize("wind", [3.0, -3.0])
 def test_cross_wind_pushes_the_upright_sail_downwind(wind):
     car = stand(wind={"mean_y": wind})
-    np.testing.assert_allclose(force(car), [0.0, 0.5 * RHO * CN * AREA * wind * abs(wind), 0.0], atol=1e-9)
+    np.testing.assert_allclose(
+        force(car), [0.0, 0.5 * RHO * CN * AREA * wind * abs(wind), 0.0], atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(("wind", "coefficient"), [(-3.0, 2.3), (3.0, 1.2)])
 def test_half_cylinder_is_hollow_towards_the_left_as_it_is_drawn(wind, coefficient):
-    # models/tail/half_cylinder.obj opens to +y: wind towards -y blows into it (2.3), wind towards +y onto its back.
+    # models/tail/half_cylinder.obj opens to +y: wind towards -y blows into it (2.3), wind towards
+    # +y onto its back.
     car = stand({"coefficients": "half_cylinder"}, wind={"mean_y": wind})
-    np.testing.assert_allclose(force(car), [0.0, 0.5 * RHO * coefficient * AREA * wind * abs(wind), 0.0], atol=1e-9)
+    np.testing.assert_allclose(
+        force(car), [0.0, 0.5 * RHO * coefficient * AREA * wind * abs(wind), 0.0], atol=1e-9
+    )
 
 
 def test_published_table_takes_the_place_of_the_constant():
-    # Table 11.7 and eqs. 4.29-4.31: C_N is read at the relative speed, here a cross wind on the whole sail.
+    # Table 11.7 and eqs. 4.29-4.31: C_N is read at the relative speed, here a cross wind on the
+    # whole sail.
     from aerodima.workbench.aero.coefficient_files import load_coefficients
 
     car = stand({"coefficients": "robot_tail_weighted_average"}, wind={"mean_y": 7.0})
@@ -112,7 +126,8 @@ def test_published_table_takes_the_place_of_the_constant():
 
 
 def test_facing_sail_of_a_driving_car_drags_along_its_path_and_its_encoder_says_where_it_points():
-    # Tail upright, 4 m/s along x, no gravity: the air comes from ahead; the hollow, +y at angle 0, turns to +x (-90).
+    # Tail upright, 4 m/s along x, no gravity: the air comes from ahead; the hollow, +y at angle 0,
+    # turns to +x (-90).
     car = floating((4.0, 0.0, 0.0), tail={"sail": "facing"})
     np.testing.assert_allclose(force(car), [-0.5 * RHO * CN * AREA * 16.0, 0.0, 0.0], atol=1e-9)
     car.advance(0.05)
@@ -126,7 +141,9 @@ def test_facing_sail_feels_the_swing_as_the_locked_one_and_the_drive_besides(rat
     car.plant.GetJointByName("tail_roll").set_angular_rate(car.plant_context, rate)
     s = ROOT + LENGTH * (np.arange(5) + 0.5) / 5
     drag = -0.5 * RHO * CN * AREA / 5 * np.sum(np.hypot(rate * s, 4.0) * 4.0)
-    np.testing.assert_allclose(force(car), [drag, swing_load(4.0, 0.0, rate), 0.0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        force(car), [drag, swing_load(4.0, 0.0, rate), 0.0], rtol=1e-9, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("start", [0.1, -0.1])
@@ -135,7 +152,9 @@ def test_free_sail_of_a_driving_car_is_a_weather_vane(start):
     car = floating((speed, 0.0, 0.0), tail={"sail": "free", "sail_bearing_damping": 0.0})
     ahead = -math.pi / 2
     turn_sail(car, ahead + start)
-    parameters = scenario_from_dict({"tail": LARGE | {"sail": "free", "sail_bearing_damping": 0.0}}).tail
+    parameters = scenario_from_dict(
+        {"tail": LARGE | {"sail": "free", "sail_bearing_damping": 0.0}}
+    ).tail
     inertial = sail_inertial(parameters)
     vane = Vane(free_sail(parameters, sail_law(parameters)[0]), inertial.mass, inertial.moments[2])
     times, angles = [0.0], [start]
@@ -144,7 +163,8 @@ def test_free_sail_of_a_driving_car_is_a_weather_vane(start):
         times.append(car.context.get_time())
         angles.append(sail_angle(car) - ahead)
     crossing = times[-1] - 0.002 * angles[-1] / (angles[-1] - angles[-2])
-    # First crossing of a damped swing: (pi - acos zeta) / omega_d; 5 %: explicit steps and a car that gives way.
+    # First crossing of a damped swing: (pi - acos zeta) / omega_d; 5 %: explicit steps and a car
+    # that gives way.
     omega, zeta = vane.frequency(speed), vane.damping_ratio(speed)
     expected = (math.pi - math.acos(zeta)) / (omega * math.sqrt(1 - zeta**2))
     assert crossing == pytest.approx(expected, rel=0.05)
@@ -182,7 +202,9 @@ def test_free_sail_of_a_standing_car_turns_to_the_wind_with_full_drag_and_its_en
     car.advance(2.0)
     assert abs(sail_angle(car)) == pytest.approx(math.pi, abs=0.1)
     state = TAIL_STATE.read(car.output("tail_state"))
-    assert math.remainder(state.sail_angle - sail_angle(car), 2 * math.pi) == pytest.approx(0.0, abs=0.02)
+    assert math.remainder(state.sail_angle - sail_angle(car), 2 * math.pi) == pytest.approx(
+        0.0, abs=0.02
+    )
     assert force(car)[1] == pytest.approx(0.5 * RHO * CN * AREA * 16.0, rel=0.02)
 
 
@@ -197,10 +219,14 @@ def roll_rate_after_a_step(mass, torque):
 
 
 def expected_rate_after_a_step(mass, torque):
-    """(M + M_added + h D) v = h tau: from rest with the dampers of the suspension implicit, as in the plant."""
+    """(M + M_added + h D) v = h tau: from rest with the dampers of the suspension implicit, as in
+    the plant.
+    """
     car = floating((0.0, 0.0, 0.0))
     plant, context = car.plant, car.plant_context
-    layout = SectionLayout.strip(start=0.0, length=0.9, width=0.2, number=ADDED_MASS_PARTS, normal_B=(0.0, 1.0, 0.0))
+    layout = SectionLayout.strip(
+        start=0.0, length=0.9, width=0.2, number=ADDED_MASS_PARTS, normal_B=(0.0, 1.0, 0.0)
+    )
     matrix = plant.CalcMassMatrix(context)
     matrix += added_mass_matrix(plant, context, plant.GetBodyByName("tail_rod"), layout, mass)
     for index in plant.GetJointIndices():
@@ -217,7 +243,8 @@ def expected_rate_after_a_step(mass, torque):
 def test_added_mass_slows_the_swing_as_its_inertia_says_to_both_sides(mass):
     left, right = (roll_rate_after_a_step(mass, torque) for torque in (-2.0, 2.0))
     assert left == pytest.approx(-right, rel=1e-6)
-    # What else is implicit in a step, such as the springs (h^2 k beside h d), is left out: below 0.03 %.
+    # What else is implicit in a step, such as the springs (h^2 k beside h d), is left out: below
+    # 0.03 %.
     assert right == pytest.approx(expected_rate_after_a_step(mass, 2.0), rel=3e-4)
     assert (right < roll_rate_after_a_step(0.0, 2.0)) == (mass > 0.0)
 
@@ -231,7 +258,9 @@ def test_added_mass_has_no_weight_and_is_no_part_of_the_vehicle():
     for car in (heavy, plain):
         car.advance(1.0)
     loads = [sum(load[2] for load in car.wheel_forces().values()) for car in (heavy, plain)]
-    assert loads[0] == pytest.approx(plain.plant.CalcTotalMass(plain.plant_context) * 9.81, rel=2e-3)
+    assert loads[0] == pytest.approx(
+        plain.plant.CalcTotalMass(plain.plant_context) * 9.81, rel=2e-3
+    )
     assert loads[0] == pytest.approx(loads[1], rel=2e-3)  # still settling by less than that
 
 
@@ -250,30 +279,43 @@ def test_a_gust_accelerates_added_mass_with_the_air():
     gust = {"gust_amplitude": 2.0, "gust_period": 0.5, "gust_direction": math.pi / 2}
     speeds = []
     for mass in (0.0, 0.1):
-        car = floating((0.0, 0.0, 0.0), tail={"added_mass": mass, "normal_force_coefficient": 0.0}, wind=gust)
+        car = floating(
+            (0.0, 0.0, 0.0), tail={"added_mass": mass, "normal_force_coefficient": 0.0}, wind=gust
+        )
         car.advance(0.02)
         speeds.append(car.com_velocity()[1])
     impulse = 5 * 0.1 * 2.0 * math.sin(2 * math.pi * 0.02 / 0.5)
     assert speeds[0] == pytest.approx(0.0, abs=1e-9)
-    # The air in turn has to move the added mass of the vehicle's tail, 0.5 kg of 8.2 kg: within 10 %.
+    # The air in turn has to move the added mass of the vehicle's tail, 0.5 kg of 8.2 kg: within 10
+    # %.
     assert speeds[1] == pytest.approx(impulse / car.plant.CalcTotalMass(car.plant_context), rel=0.1)
 
 
 def test_too_negative_added_mass_is_refused_by_name_with_the_limit():
     with pytest.raises(
-        ModelError, match=r"tail\.added_mass: .*-0\.2 kg per part on body 'tail_rod'.*above -0\.0\d+ kg"
+        ModelError,
+        match=r"tail\.added_mass: .*-0\.2 kg per part on body 'tail_rod'.*above -0\.0\d+ kg",
     ):
         stand({"added_mass": -0.2})
 
 
 def test_added_mass_that_leaves_next_to_no_inertia_is_refused():
     # M + M_added is positive definite, but Drake's solver does not get through a swing with it.
-    with pytest.raises(ModelError, match=r"-0\.0412 kg per part .* less than 3% of an inertia; .*above -0\.040\d* kg"):
+    with pytest.raises(
+        ModelError,
+        match=r"-0\.0412 kg per part .* less than 3% of an inertia; .*above -0\.040\d* kg",
+    ):
         stand({"added_mass": -0.0412})
 
 
 def test_wind_of_a_scenario_is_a_port_of_the_station():
-    wind = {"mean_x": -3.0, "mean_z": 0.5, "gust_amplitude": 2.0, "gust_period": 0.8, "gust_direction": math.pi / 2}
+    wind = {
+        "mean_x": -3.0,
+        "mean_z": 0.5,
+        "gust_amplitude": 2.0,
+        "gust_period": 0.8,
+        "gust_direction": math.pi / 2,
+    }
     car = stand(wind=wind)
     np.testing.assert_allclose(car.output("wind_truth"), [-3.0, 0.0, 0.5], atol=1e-12)
     car.advance(0.2)  # a quarter of the period
@@ -307,21 +349,27 @@ def test_car_without_tail_ignores_air_and_sail():
     other = CarStand(scenario_from_dict({"tail": tail, "wind": {"mean_y": 9.0, "turbulence": 1.0}}))
     assert other.plant.GetPositionNames() == plain.plant.GetPositionNames()
     ports = [
-        {s.get_output_port(i).get_name() for i in range(s.num_output_ports())} for s in (plain.station, other.station)
+        {s.get_output_port(i).get_name() for i in range(s.num_output_ports())}
+        for s in (plain.station, other.station)
     ]
     assert ports[0] == ports[1]
     for car in (plain, other):
         car.advance(0.2)
-    np.testing.assert_array_equal(plain.output("plant_state_truth"), other.output("plant_state_truth"))
+    np.testing.assert_array_equal(
+        plain.output("plant_state_truth"), other.output("plant_state_truth")
+    )
 
 
 def test_validity_and_sections_of_the_sail_are_ports():
-    # The line of the robot tail was measured from 3 m/s on: at 2 m/s its edge value is held, at 16 m/s again.
+    # The line of the robot tail was measured from 3 m/s on: at 2 m/s its edge value is held, at 16
+    # m/s again.
     for wind, validity in ((2.0, 2.0), (5.0, 1.0), (16.0, 2.0)):
         car = stand({"coefficients": "robot_tail_line"}, wind={"mean_y": wind})
         np.testing.assert_array_equal(car.output("tail_validity_truth"), [validity] * 5)
         sections = car.output("tail_sections_truth").reshape(5, 4)
         np.testing.assert_allclose(sections[:, 0], wind)
         np.testing.assert_allclose(sections[:, 2], RHO * wind * 0.2 / 1.849e-5)
-    constant = stand(wind={"mean_y": 16.0})  # a number has no range; the quasi-steady model was shown up to 15 m/s
+    constant = stand(
+        wind={"mean_y": 16.0}
+    )  # a number has no range; the quasi-steady model was shown up to 15 m/s
     np.testing.assert_array_equal(constant.output("tail_validity_truth"), [3.0] * 5)

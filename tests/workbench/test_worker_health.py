@@ -1,4 +1,6 @@
-"""Workers that are lost, paused, stopped, full or idle: said, kept in the record, and no run lost or made twice."""
+"""Workers that are lost, paused, stopped, full or idle: said, kept in the record, and no run lost
+or made twice.
+"""
 
 import asyncio
 import gc
@@ -30,7 +32,9 @@ _kept: list[bytearray] = []
 
 
 def leak(marks: Path, size: int, pause: float, number: int) -> int:
-    """Leaves a mark with its process, and `size` bytes that are never freed, in the way of an immortal diagram."""
+    """Leaves a mark with its process, and `size` bytes that are never freed, in the way of an
+    immortal diagram.
+    """
     with (marks / str(number)).open("a") as stream:
         stream.write(f"{os.getpid()}\n")
     if size:
@@ -41,7 +45,9 @@ def leak(marks: Path, size: int, pause: float, number: int) -> int:
 
 def processes(marks: Path) -> dict[int, list[int]]:
     """Run -> the processes that began it."""
-    return {int(path.name): [int(line) for line in path.read_text().split()] for path in marks.iterdir()}
+    return {
+        int(path.name): [int(line) for line in path.read_text().split()] for path in marks.iterdir()
+    }
 
 
 @pytest.fixture
@@ -60,7 +66,9 @@ def opened(tmp_path: Path) -> Iterator[Callable[..., tuple[Engine, list[str]]]]:
         def open_(workers: int = 2, memory: float | None = LIMIT) -> tuple[Engine, list[str]]:
             said: list[str] = []
             engine = stack.enter_context(
-                open_engine(workers, memory=memory, progress=said.append, record=tmp_path / WORKER_RECORD)
+                open_engine(
+                    workers, memory=memory, progress=said.append, record=tmp_path / WORKER_RECORD
+                )
             )
             return engine, said
 
@@ -97,7 +105,11 @@ def test_quiet_work_says_nothing_and_leaves_no_record(opened, marks, tmp_path):
 @pytest.mark.parametrize(
     ("number", "kind", "words"),
     [
-        (signal.SIGKILL, "lost", r"worker [01] \(process \d+\) was lost after \d runs .*; its run is made again$"),
+        (
+            signal.SIGKILL,
+            "lost",
+            r"worker [01] \(process \d+\) was lost after \d runs .*; its run is made again$",
+        ),
         (signal.SIGSTOP, "stopped", ".*has been stopped for 2 s"),
     ],
 )
@@ -193,7 +205,9 @@ def test_study_ends_when_no_worker_is_there_for_long(opened, marks, monkeypatch)
     engine, _ = opened(1)
     asked = type(engine)._asked
     monkeypatch.setattr(
-        type(engine), "_asked", lambda self, *args, **options: asked(self, *args, **options) | {"workers": {}}
+        type(engine),
+        "_asked",
+        lambda self, *args, **options: asked(self, *args, **options) | {"workers": {}},
     )
     with pytest.raises(UserError, match=r"no worker process for 0\.3 s"):
         engine.map(partial(leak, marks, 0, 0.0), range(3))
@@ -210,9 +224,13 @@ def test_timeout_that_a_piece_raises_is_its_own_error(opened):
 
 
 @pytest.mark.slow
-def test_workers_that_dask_pauses_are_said_and_replaced_and_the_study_ends(opened, marks, tmp_path, monkeypatch):
+def test_workers_that_dask_pauses_are_said_and_replaced_and_the_study_ends(
+    opened, marks, tmp_path, monkeypatch
+):
     monkeypatch.setattr(dask_engine, "PAUSED_LOOKS", 2)
-    with dask.config.set({"distributed.worker.memory.pause": 0.45}):  # before our own replacement at 0.7
+    with dask.config.set(
+        {"distributed.worker.memory.pause": 0.45}
+    ):  # before our own replacement at 0.7
         engine, said = opened()
         work = partial(leak, marks, 20 * MEGABYTE, 0.5)
         assert engine.map(work, range(24)) == [n * n for n in range(24)]
@@ -224,7 +242,10 @@ def test_workers_that_dask_pauses_are_said_and_replaced_and_the_study_ends(opene
 @pytest.mark.slow
 def test_workers_without_room_for_a_single_run_are_an_error(opened):
     no_room = dask.config.set(
-        {"distributed.worker.memory.pause": 0.01, "distributed.worker.memory.monitor-interval": "10ms"}
+        {
+            "distributed.worker.memory.pause": 0.01,
+            "distributed.worker.memory.monitor-interval": "10ms",
+        }
     )
     with no_room, pytest.raises(UserError, match="is paused before it has ended a single run"):
         opened()
@@ -257,7 +278,9 @@ class _Cycle:
         self.own = self
 
 
-def test_worker_frees_what_a_piece_leaves_at_once_and_what_became_garbage_later_now_and_then(monkeypatch):
+def test_worker_frees_what_a_piece_leaves_at_once_and_what_became_garbage_later_now_and_then(
+    monkeypatch,
+):
     monkeypatch.setattr(dask_cluster, "ALL_GARBAGE", 3)
     monkeypatch.setattr(dask_cluster, "_pieces", itertools.count(1))
     held, seen = [], []

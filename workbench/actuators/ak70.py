@@ -1,4 +1,6 @@
-"""AK70-10 motors in MIT mode (design section 6): on the tail of the car, and on that of the robot on the rig."""
+"""AK70-10 motors in MIT mode (design section 6): on the tail of the car, and on that of the robot
+on the rig.
+"""
 
 from collections.abc import Sequence
 
@@ -21,7 +23,9 @@ def torque_speed_limits(motor: TailMotorParameters) -> tuple[float, float]:
     Ideal DC machine: the torque constant in N m/A equals 1/speed_constant in SI units.
     """
     no_load_speed = motor.pack_voltage * motor.speed_constant / motor.gear_ratio
-    stall_torque = motor.pack_voltage / motor.winding_resistance / motor.speed_constant * motor.gear_ratio
+    stall_torque = (
+        motor.pack_voltage / motor.winding_resistance / motor.speed_constant * motor.gear_ratio
+    )
     return stall_torque, no_load_speed
 
 
@@ -39,13 +43,14 @@ def mit_torque(
 ) -> float:
     """Torque (N m) of one motor in MIT mode, positive along the joint axis.
 
-    tau = kp (q_d - q) + kd (qd_d - qd) + tau_ff with gains clipped to the frame's range, all of it wrong by the error
-    of the torque constant, then held inside the peak torque and the torque-speed line: near the no-load speed the motor
-    cannot push further, braking stays possible.
+    tau = kp (q_d - q) + kd (qd_d - qd) + tau_ff with gains clipped to the frame's range, all of it
+    wrong by the error of the torque constant, then held inside the peak torque and the torque-speed
+    line: near the no-load speed the motor cannot push further, braking stays possible.
 
-    The firmware closes this loop at kHz, the plant steps at 2 ms: damping that acts on the rate of the beginning of a
-    step would push a light joint back and forth (kd h / I > 2 for the pitch joint of a tail that lies sideways). So
-    angle and rate are those of the end of the step, q + h v and v = qd + (tau + load) h / I, solved for tau.
+    The firmware closes this loop at kHz, the plant steps at 2 ms: damping that acts on the rate of
+    the beginning of a step would push a light joint back and forth (kd h / I > 2 for the pitch
+    joint of a tail that lies sideways). So angle and rate are those of the end of the step, q + h v
+    and v = qd + (tau + load) h / I, solved for tau.
 
     Args:
         position: joint angle, rad.
@@ -53,8 +58,8 @@ def mit_torque(
         command: q_d rad, qd_d rad/s, kp N m/rad, kd N m s/rad, tau_ff N m.
         motor: limits.
         line: stall torque N m and no-load speed rad/s, from `torque_speed_limits`.
-        ahead: length of the plant's step, s, inertia of the joint with the reflected rotor, kg m2, and torque on it
-            from all but its motor, N m; by default the law holds at this instant.
+        ahead: length of the plant's step, s, inertia of the joint with the reflected rotor, kg m2,
+            and torque on it from all but its motor, N m; by default the law holds at this instant.
     """
     q_d, qd_d, kp, kd, feedforward = command
     scale = 1.0 + motor.torque_error
@@ -71,10 +76,12 @@ def mit_torque(
 
 
 class TailJoints:
-    """What drives the tail's two joints: the motors' law at the end of the step, and the friction of the joints.
+    """What drives the tail's two joints: the motors' law at the end of the step, and the friction
+    of the joints.
 
-    The load on a joint is taken from the last step, inertia times acceleration less the torque that acted, with the
-    friction of this instant. The reflected rotor inertia is part of the plant (tail.sdf).
+    The load on a joint is taken from the last step, inertia times acceleration less the torque that
+    acted, with the friction of this instant. The reflected rotor inertia is part of the plant
+    (tail.sdf).
 
     Args:
         motor: limits and rotor.
@@ -83,8 +90,13 @@ class TailJoints:
         step: of the plant, s.
     """
 
-    def __init__(self, motor: TailMotorParameters, arm: ArmInertia, friction: FrictionLaw, step: float) -> None:
-        self._motor, self._arm, self._friction, self._step = motor, arm, friction, step
+    def __init__(
+        self, motor: TailMotorParameters, arm: ArmInertia, friction: FrictionLaw, step: float
+    ) -> None:
+        self._motor = motor
+        self._arm = arm
+        self._friction = friction
+        self._step = step
         self._line = torque_speed_limits(motor)
         self._rotor = motor.rotor_inertia * motor.gear_ratio**2
 
@@ -111,20 +123,28 @@ class TailJoints:
             rates: rad/s.
             accelerations: of the plant's last step, rad/s2.
             last_torques: motor and friction together, of the plant's last step, N m.
-            commands: per joint as in `mit_torque`; a NaN in it gives zero motor torque for that joint.
+            commands: per joint as in `mit_torque`; a NaN in it gives zero motor torque for that
+                joint.
         """
         torques = []
         for joint, about_joint in enumerate(self._arm.about_joints(angles[ROLL])):
-            angle, rate, inertia = angles[joint], rates[joint], about_joint + self._rotor
+            angle = angles[joint]
+            rate = rates[joint]
+            inertia = about_joint + self._rotor
             friction = self._friction(rate)
-            ahead = (self._step, inertia, inertia * accelerations[joint] - last_torques[joint] + friction)
+            ahead = (
+                self._step,
+                inertia,
+                inertia * accelerations[joint] - last_torques[joint] + friction,
+            )
             torque = mit_torque(angle, rate, commands[joint], self._motor, self._line, ahead)
             torques.append((torque if torque == torque else 0.0, friction))
         return torques
 
 
 class MitMotor(LeafSystem):
-    """One motor on a continuous plant, on the robot's wind-tunnel rig: `mit_torque` at this instant.
+    """One motor on a continuous plant, on the robot's wind-tunnel rig: `mit_torque` at this
+    instant.
 
     The motor's firmware closes the loop at kHz.
 
@@ -144,7 +164,8 @@ class MitMotor(LeafSystem):
 
     def __init__(self, motor: TailMotorParameters, torque_constant: float):
         super().__init__()
-        self._motor, self._torque_constant = motor, torque_constant
+        self._motor = motor
+        self._torque_constant = torque_constant
         self._line = torque_speed_limits(motor)
         self._state = self.DeclareVectorInputPort("joint_state", 2)
         self._command = self.DeclareVectorInputPort("tail_command", TAIL_COMMAND.size)

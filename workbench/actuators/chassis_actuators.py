@@ -1,4 +1,6 @@
-"""Brushless drive on the rear differential, and steering servo with its linkage (design section 6)."""
+"""Brushless drive on the rear differential, and steering servo with its linkage (design section
+6).
+"""
 
 import math
 from collections.abc import Sequence
@@ -10,7 +12,8 @@ FRAME_TOLERANCE = 1e-4
 
 
 def steady_speed(throttle: float, drive: DriveParameters) -> float:
-    """Speed (m/s) for a throttle in -1..1: the fitted line, mirrored for reverse, zero inside its dead band.
+    """Speed (m/s) for a throttle in -1..1: the fitted line, mirrored for reverse, zero inside its
+    dead band.
 
     Without governor the motor does not overcome its load below `breakaway_throttle` (thesis 6.2).
     """
@@ -21,21 +24,28 @@ def steady_speed(throttle: float, drive: DriveParameters) -> float:
 
 
 def shaft_gain(drive: DriveParameters, car: CarParameters) -> float:
-    """Torque per shaft-speed error, N m s/rad: the governor's, or the motor's own from the car's speed response."""
+    """Torque per shaft-speed error, N m s/rad: the governor's, or the motor's own from the car's
+    speed response.
+    """
     if drive.governor:
         return drive.governor_gain
     return (car.mass * car.tyre_radius**2 + drive.rotor_inertia) / drive.time_constant
 
 
 def shaft_torque(
-    throttle: float, shaft_speed: float, drive: DriveParameters, gain: float, radius: float, loss: float = 0.0
+    throttle: float,
+    shaft_speed: float,
+    drive: DriveParameters,
+    gain: float,
+    radius: float,
+    loss: float = 0.0,
 ) -> float:
     """Torque (N m) on the differential's shaft: clip(k (w_target - w) + loss, +-limit).
 
-    The throttle sets the target through the line of section 6.2. With governor k is stiff, so the wheel speed is held
-    through the turn; without, k is the slope of the motor's torque-speed line and the speed droops with load. The line
-    is that of the rolling car, so the drive carries its rolling resistance; at throttle 0 it is off. NaN counts as
-    throttle 0; beyond +-1 is clipped.
+    The throttle sets the target through the line of section 6.2. With governor k is stiff, so the
+    wheel speed is held through the turn; without, k is the slope of the motor's torque-speed line
+    and the speed droops with load. The line is that of the rolling car, so the drive carries its
+    rolling resistance; at throttle 0 it is off. NaN counts as throttle 0; beyond +-1 is clipped.
 
     Args:
         throttle: -1..1.
@@ -53,7 +63,8 @@ def shaft_torque(
 
 
 def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[float, float]:
-    """Angles (rad) of the left and right front wheel, positive to the left, that roll about one centre of turn.
+    """Angles (rad) of the left and right front wheel, positive to the left, that roll about one
+    centre of turn.
 
     `steering_angle` is that of the wheel in the middle of the kinematic bicycle.
     """
@@ -62,8 +73,12 @@ def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[fl
     return math.atan2(tangent, 1.0 - half), math.atan2(tangent, 1.0 + half)
 
 
-def knuckle_angles(steering_angle: float, servo: ServoParameters, car: CarParameters) -> tuple[float, float]:
-    """Angles (rad) of the left and right front wheel for a steering angle, as the linkage makes them."""
+def knuckle_angles(
+    steering_angle: float, servo: ServoParameters, car: CarParameters
+) -> tuple[float, float]:
+    """Angles (rad) of the left and right front wheel for a steering angle, as the linkage makes
+    them.
+    """
     if servo.linkage == "parallel":
         return steering_angle, steering_angle
     return ackermann(steering_angle, car.wheelbase, car.track)
@@ -85,14 +100,17 @@ def steering_motion(frame: Sequence[float], time: float, rate: float) -> tuple[f
     return start + side * travel, side * rate
 
 
-def servo_frame(last: Sequence[float] | None, time: float, command: float, servo: ServoParameters) -> Sequence[float]:
+def servo_frame(
+    last: Sequence[float] | None, time: float, command: float, servo: ServoParameters
+) -> Sequence[float]:
     """What the servo does at `time` s, as `steering_motion` reads it.
 
-    The servo reads its command once per frame and moves towards it at its rate; 30 degrees take 0.14 s (thesis 7.1.1).
-    The command is clipped to the servo's limit; NaN holds the last angle.
+    The servo reads its command once per frame and moves towards it at its rate; 30 degrees take
+    0.14 s (thesis 7.1.1). The command is clipped to the servo's limit; NaN holds the last angle.
 
     Args:
-        last: the frame of a step before; None at the first step, at which the wheels stand straight.
+        last: the frame of a step before; None at the first step, at which the wheels stand
+            straight.
         time: of a step of the plant, s.
         command: bicycle steering angle at that time, rad, positive to the left.
         servo: rate, limit, frame rate.
@@ -101,18 +119,25 @@ def servo_frame(last: Sequence[float] | None, time: float, command: float, servo
     if last is not None and begin <= last[0]:
         return last
     angle, _ = steering_motion(last or (0.0, 0.0, 0.0), begin, servo.rate)
-    return begin, angle, angle if math.isnan(command) else min(max(command, -servo.limit), servo.limit)
+    return (
+        begin,
+        angle,
+        angle if math.isnan(command) else min(max(command, -servo.limit), servo.limit),
+    )
 
 
 def knuckle_motion(
     angle: float, rate: float, servo: ServoParameters, car: CarParameters
 ) -> tuple[float, float, float, float]:
-    """Angles (rad) of the left and right front wheel and their rates (rad/s), for those of the bicycle."""
+    """Angles (rad) of the left and right front wheel and their rates (rad/s), for those of the
+    bicycle.
+    """
     left, right = knuckle_angles(angle, servo, car)
     if servo.linkage == "parallel":
         return left, right, rate, rate
     tangent = math.tan(angle)
     half = 0.5 * car.track / car.wheelbase
     turning = rate * (1.0 + tangent**2)
-    inner, outer = 1.0 - half * tangent, 1.0 + half * tangent
+    inner = 1.0 - half * tangent
+    outer = 1.0 + half * tangent
     return left, right, turning / (inner**2 + tangent**2), turning / (outer**2 + tangent**2)

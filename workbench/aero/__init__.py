@@ -1,1 +1,3 @@
-"""Aerodynamics of tails: sections, laws, coefficients, wind, added mass and the free sail; README.md has the law."""
+"""Aerodynamics of tails: sections, laws, coefficients, wind, added mass and the free sail;
+README.md has the law.
+"""

@@ -1,25 +1,29 @@
-"""Added mass of a tail (QSS-AM, design section 5) as inertia inside the plant, so that it takes part in contact.
+"""Added mass of a tail (QSS-AM, design section 5) as inertia inside the plant, so that it takes
+part in contact.
 
-Each of n equal parts of the tail feels -m_added times its acceleration normal to the tail axis. A straight row of such
-parts is one body without weight: mass M = n m_added at the middle of the row, moment of inertia m_added sum (s_i - s)^2
-about the normals and none about the axis. What is left is to free it along the axis:
+Each of n equal parts of the tail feels -m_added times its acceleration normal to the tail axis. A
+straight row of such parts is one body without weight: mass M = n m_added at the middle of the row,
+moment of inertia m_added sum (s_i - s)^2 about the normals and none about the axis. What is left is
+to free it along the axis:
 
-- m_added > 0: the body slides on a frictionless prismatic joint along the axis, so that its inertia acts on the tail
-  only across the axis: eliminating the slide leaves exactly M_added = sum J_i^T m (1 - a a^T) J_i.
-- m_added < 0: a body of negative mass is welded to the tail, and a second one of mass |M|, which slides freely across
-  the axis, puts the spanwise inertia back.
+- m_added > 0: the body slides on a frictionless prismatic joint along the axis, so that its inertia
+  acts on the tail only across the axis: eliminating the slide leaves exactly M_added = sum J_i^T m
+  (1 - a a^T) J_i.
+- m_added < 0: a body of negative mass is welded to the tail, and a second one of mass |M|, which
+  slides freely across the axis, puts the spanwise inertia back.
 
-The air holds the sliding bodies beside the tail: `SlideKeeper` pushes them from outside, along their slides only. No
-part of that push reaches the tail, so its small error shifts the place of the added mass (by spanwise acceleration /
-rate^2), never the force balance.
+The air holds the sliding bodies beside the tail: `SlideKeeper` pushes them from outside, along
+their slides only. No part of that push reaches the tail, so its small error shifts the place of the
+added mass (by spanwise acceleration / rate^2), never the force balance.
 
-The other method tried, a force computed from (M + M_added) vdot = tau without the contact forces, lifts a resting car;
-a welded body without a slide is exact in contact but has spanwise inertia too. README.md beside this file has the
-figures.
+The other method tried, a force computed from (M + M_added) vdot = tau without the contact forces,
+lifts a resting car; a welded body without a slide is exact in contact but has spanwise inertia too.
+README.md beside this file has the figures.
 
-Welded bodies (`spanwise_free=False`) still pull along the axis when the tail turns: on a rig whose pivot lies on the
-axis the motion is right, the reaction force along the axis is not. The bodies sit in their own model instance, without
-gravity: leave that instance out of sums over the vehicle's mass.
+Welded bodies (`spanwise_free=False`) still pull along the axis when the tail turns: on a rig whose
+pivot lies on the axis the motion is right, the reaction force along the axis is not. The bodies sit
+in their own model instance, without gravity: leave that instance out of sums over the vehicle's
+mass.
 """
 
 from __future__ import annotations
@@ -50,7 +54,12 @@ from aerodima.workbench.aero.sections import SectionLayout, sampled_poses
 from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX, connect_spatial_forces
 from aerodima.workbench.config.checked_files import check_range
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.systems.system_ports import LeafSystem_, connected, declare_spatial_forces, system_template
+from aerodima.workbench.systems.system_ports import (
+    LeafSystem_,
+    connected,
+    declare_spatial_forces,
+    system_template,
+)
 
 _CONTINUOUS_RATE = 100.0
 _RATE_TIMES_STEP = 0.2
@@ -87,16 +96,19 @@ class AddedMass:
         rate: float | None = None,
         least_left: float = 0.0,
     ) -> System | None:
-        """Checks that M + M_added is positive definite and adds the `SlideKeeper`, if there is anything for it to do.
+        """Checks that M + M_added is positive definite and adds the `SlideKeeper`, if there is
+        anything for it to do.
 
         Args:
             builder: that owns the finalised plant.
             wind_acceleration: of the air in W (3), m/s2; steady wind without it.
             rate: of the keeper, rad/s; default 0.2 / time step, or 100 in a continuous plant.
-            least_left: share of every inertia that a negative mass must leave, see `require_positive_definite`.
+            least_left: share of every inertia that a negative mass must leave, see
+                `require_positive_definite`.
 
         Raises:
-            ModelError: the mass is too negative, see `require_positive_definite`; or the plant is not finalised.
+            ModelError: the mass is too negative, see `require_positive_definite`; or the plant is
+                not finalised.
         """
         if not self.plant.is_finalized():
             raise ModelError("added mass: the plant is not finalised; call plant.Finalize() first")
@@ -107,7 +119,8 @@ class AddedMass:
         rate = rate or (_RATE_TIMES_STEP / step if step > 0.0 else _CONTINUOUS_RATE)
         mass = self.layout.number * self.mass_per_part
         keeper = SlideKeeper(self.plant, self.middle, mass, list(self.slides), rate)
-        name, state = f"added_mass_keeper_{self.body.name()}", self.plant.get_state_output_port()
+        name = f"added_mass_keeper_{self.body.name()}"
+        state = self.plant.get_state_output_port()
         connected(builder, keeper, name, plant_state=state)
         if wind_acceleration is not None:
             builder.Connect(wind_acceleration, keeper.GetInputPort("wind_acceleration"))
@@ -115,10 +128,12 @@ class AddedMass:
         return keeper
 
     def require_positive_definite(self, least_left: float = 0.0) -> None:
-        """Refuses a negative added mass that takes more inertia away than there is, at any of 64 sampled positions.
+        """Refuses a negative added mass that takes more inertia away than there is, at any of 64
+        sampled positions.
 
         Args:
-            least_left: share of every inertia that must be left; 0 asks for no more than a positive definite matrix.
+            least_left: share of every inertia that must be left; 0 asks for no more than a positive
+                definite matrix.
 
         Raises:
             ModelError: names the body, the value and the least value that is allowed there.
@@ -139,18 +154,26 @@ class AddedMass:
                 too_much = (
                     f"leaves less than {least_left:.0%} of an inertia"
                     if self.mass_per_part * largest > -1.0
-                    else "takes more inertia away than there is (M + M_added is not positive definite)"
+                    else "takes more inertia away than there is (M + M_added is not positive "
+                    "definite)"
                 )
                 raise ModelError(
-                    f"added mass: {self.mass_per_part} kg per part on body '{self.body.name()}' {too_much}; "
+                    f"added mass: {self.mass_per_part} kg per part on body '{self.body.name()}' "
+                    f"{too_much}; "
                     f"it must be above {(least_left - 1.0) / largest:.4g} kg"
                 )
 
 
 def added_mass_matrix(
-    plant: MultibodyPlant, context: Any, body: RigidBody, layout: SectionLayout, mass_per_part: float
+    plant: MultibodyPlant,
+    context: Any,
+    body: RigidBody,
+    layout: SectionLayout,
+    mass_per_part: float,
 ) -> np.ndarray:
-    """M_added = sum_i m J_i^T (1 - a a^T) J_i with the translational Jacobians of the part centres (nv x nv)."""
+    """M_added = sum_i m J_i^T (1 - a a^T) J_i with the translational Jacobians of the part centres
+    (nv x nv).
+    """
     world = plant.world_frame()
     a_W = plant.EvalBodyPoseInWorld(context, body).rotation().matrix() @ np.asarray(layout.axis_B)
     across = np.eye(3) - np.outer(a_W, a_W)
@@ -164,15 +187,21 @@ def added_mass_matrix(
 
 
 def add_added_mass(
-    plant: MultibodyPlant, body: RigidBody, layout: SectionLayout, mass_per_part: float, *, spanwise_free: bool = True
+    plant: MultibodyPlant,
+    body: RigidBody,
+    layout: SectionLayout,
+    mass_per_part: float,
+    *,
+    spanwise_free: bool = True,
 ) -> AddedMass:
     """Puts the added mass of a tail into a plant, before Finalize.
 
     Args:
         layout: the parts of the whole tail (not only of its exposed part), five by default.
         mass_per_part: m_added, kg; may be negative.
-        spanwise_free: False welds the added mass to the tail and adds no degree of freedom: exact where the tail cannot
-            accelerate along its axis except by turning about a point on it, as on the rig.
+        spanwise_free: False welds the added mass to the tail and adds no degree of freedom: exact
+            where the tail cannot accelerate along its axis except by turning about a point on it,
+            as on the rig.
 
     Raises:
         ModelError: the mass is not finite, or the plant is already finalised.
@@ -180,15 +209,20 @@ def add_added_mass(
     place = f"added mass per part on body '{body.name()}'"
     check_range(place, mass_per_part, -math.inf, math.inf, "kg", error=ModelError)
     if plant.is_finalized():
-        raise ModelError("added mass: the plant is already finalised; add the mass before plant.Finalize()")
+        raise ModelError(
+            "added mass: the plant is already finalised; add the mass before plant.Finalize()"
+        )
     name = f"{ADDED_MASS_PREFIX}{body.name()}"
     instance = plant.AddModelInstance(name)
     plant.set_gravity_enabled(instance, False)
-    middle = plant.AddFrame(FixedOffsetFrame(f"{name}_middle", body.body_frame(), _middle_pose(layout), instance))
+    middle = plant.AddFrame(
+        FixedOffsetFrame(f"{name}_middle", body.body_frame(), _middle_pose(layout), instance)
+    )
     if mass_per_part == 0.0:
         return AddedMass(plant, body, layout, mass_per_part, instance, middle, ())
     s = np.asarray(layout.distances)
-    mass, moment = layout.number * mass_per_part, mass_per_part * float(np.sum((s - s.mean()) ** 2))
+    mass = layout.number * mass_per_part
+    moment = mass_per_part * float(np.sum((s - s.mean()) ** 2))
     inertia = SpatialInertia(
         mass, np.zeros(3), UnitInertia(moment / mass, moment / mass, 0.0), skip_validity_check=True
     )
@@ -196,10 +230,14 @@ def add_added_mass(
     if mass_per_part < 0.0 or not spanwise_free:
         plant.WeldFrames(middle, row.body_frame())
         slides: tuple[tuple[Joint, float], ...] = (
-            _free_across(plant, instance, middle, -mass, name) if mass < 0.0 and spanwise_free else ()
+            _free_across(plant, instance, middle, -mass, name)
+            if mass < 0.0 and spanwise_free
+            else ()
         )
     else:
-        joint = plant.AddJoint(PrismaticJoint(f"{name}_slide", middle, row.body_frame(), np.eye(3)[2]))
+        joint = plant.AddJoint(
+            PrismaticJoint(f"{name}_slide", middle, row.body_frame(), np.eye(3)[2])
+        )
         slides = ((joint, mass),)
     return AddedMass(plant, body, layout, mass_per_part, instance, middle, slides)
 
@@ -212,14 +250,19 @@ def _free_across(
     point = plant.AddRigidBody(
         f"{name}_spanwise", instance, SpatialInertia(mass, np.zeros(3), UnitInertia(0.0, 0.0, 0.0))
     )
-    first = plant.AddJoint(PrismaticJoint(f"{name}_slide_x", middle, carrier.body_frame(), np.eye(3)[0]))
-    second = plant.AddJoint(PrismaticJoint(f"{name}_slide_y", carrier.body_frame(), point.body_frame(), np.eye(3)[1]))
+    first = plant.AddJoint(
+        PrismaticJoint(f"{name}_slide_x", middle, carrier.body_frame(), np.eye(3)[0])
+    )
+    second = plant.AddJoint(
+        PrismaticJoint(f"{name}_slide_y", carrier.body_frame(), point.body_frame(), np.eye(3)[1])
+    )
     return ((first, mass), (second, mass))
 
 
 def _middle_pose(layout: SectionLayout) -> RigidTransform:
     """Frame at the middle of the parts, z along the axis, x along the sail normal."""
-    z, x = np.asarray(layout.axis_B), np.asarray(layout.normal_B)
+    z = np.asarray(layout.axis_B)
+    x = np.asarray(layout.normal_B)
     middle = np.asarray(layout.p_BoRo_B) + float(np.mean(layout.distances)) * z
     return RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), middle)
 
@@ -231,16 +274,18 @@ def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
     class Impl(LeafSystem_[T]):  # type: ignore[misc]  # the base is not in the stubs
         """Forces of the air on the added mass of one tail, see `added_mass.py`.
 
-        Per slide with coordinate x, mass m and direction e: F = m (e . A_bias - 2 rate xdot - rate^2 x) e on the
-        sliding body, with A_bias the velocity-dependent acceleration of the tail's point under it. The slides are
-        frictionless, so this force does not act on the tail. Air that accelerates by A_air pushes the tail itself with
-        M (1 - a a^T) A_air at the middle of the parts: only the acceleration relative to the air counts.
+        Per slide with coordinate x, mass m and direction e: F = m (e . A_bias - 2 rate xdot -
+        rate^2 x) e on the sliding body, with A_bias the velocity-dependent acceleration of the
+        tail's point under it. The slides are frictionless, so this force does not act on the tail.
+        Air that accelerates by A_air pushes the tail itself with M (1 - a a^T) A_air at the middle
+        of the parts: only the acceleration relative to the air counts.
 
         Input ports:
             plant_state: multibody state [q; v].
             wind_acceleration (optional, 3): of the air in W, m/s2; steady wind when not connected.
         Output ports:
-            spatial_forces: list[ExternallyAppliedSpatialForce], on the sliding body and on the tail.
+            spatial_forces: list[ExternallyAppliedSpatialForce], on the sliding body and on the
+                tail.
 
         Args:
             plant: finalised plant.
@@ -260,8 +305,11 @@ def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
-            self._plant, self._middle, self._mass = plant, middle.index(), mass
-            self._slides, self._rate = [(joint.index(), part) for joint, part in slides], rate
+            self._plant = plant
+            self._middle = middle.index()
+            self._mass = mass
+            self._slides = [(joint.index(), part) for joint, part in slides]
+            self._rate = rate
             self._kinematics = plant.CreateDefaultContext()
             self._origin = np.zeros(3)
             nq = plant.num_positions()
@@ -275,7 +323,9 @@ def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
                 for joint, part in slides
             ]
             self._hold = self._force_on(slides[-1][0].child_body()) if slides else None
-            self._push = self._force_on(middle.body(), middle.GetFixedPoseInBodyFrame().translation())
+            self._push = self._force_on(
+                middle.body(), middle.GetFixedPoseInBodyFrame().translation()
+            )
             self._SpatialForce = SpatialForce_[T]
             self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
             self._air = self.DeclareVectorInputPort("wind_acceleration", 3)
@@ -291,19 +341,27 @@ def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
         @staticmethod
         def _force_on(body: Any, p_BoBq_B: Any = (0.0, 0.0, 0.0)) -> Any:
             force = ExternallyAppliedSpatialForce_[T]()
-            force.body_index, force.p_BoBq_B = body.index(), list(p_BoBq_B)
+            force.body_index = body.index()
+            force.p_BoBq_B = list(p_BoBq_B)
             return force
 
         def _calc(self, context: Any, output: Any) -> None:
-            state, kinematics = self._state.Eval(context), self._kinematics
+            state = self._state.Eval(context)
+            kinematics = self._kinematics
             self._plant.SetPositionsAndVelocities(kinematics, state)
-            R_WM = self._plant.get_frame(self._middle).CalcRotationMatrixInWorld(kinematics).matrix().tolist()
+            R_WM = (
+                self._plant.get_frame(self._middle)
+                .CalcRotationMatrixInWorld(kinematics)
+                .matrix()
+                .tolist()
+            )
             forces = []
             if self._hold is not None:
                 self._hold.F_Bq_W = self._pure_force(self._holding(state, R_WM))
                 forces.append(self._hold)
             if self._air.HasValue(context):
-                a, air = [row[2] for row in R_WM], self._air.Eval(context).tolist()
+                a = [row[2] for row in R_WM]
+                air = self._air.Eval(context).tolist()
                 along = dot(a, air)
                 self._push.F_Bq_W = self._pure_force(
                     [self._mass * (w - along * x) for w, x in zip(air, a, strict=True)]
@@ -312,14 +370,23 @@ def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             output.set_value(forces)
 
         def _holding(self, state: Any, R_WM: Any) -> list[Any]:
-            plant, world = self._plant, self._plant.world_frame()
+            plant = self._plant
+            world = self._plant.world_frame()
             bias = plant.CalcBiasTranslationalAcceleration(
-                self._kinematics, JacobianWrtVariable.kV, plant.get_frame(self._middle), self._origin, world, world
+                self._kinematics,
+                JacobianWrtVariable.kV,
+                plant.get_frame(self._middle),
+                self._origin,
+                world,
+                world,
             )[:, 0].tolist()
-            rate, total = self._rate, [0.0, 0.0, 0.0]
+            rate = self._rate
+            total = [0.0, 0.0, 0.0]
             for axis, position, velocity, mass in self._rows:
                 e = [row[axis] for row in R_WM]
-                size = mass * (dot(e, bias) - 2.0 * rate * state[velocity] - rate * rate * state[position])
+                size = mass * (
+                    dot(e, bias) - 2.0 * rate * state[velocity] - rate * rate * state[position]
+                )
                 total = [t + size * x for t, x in zip(total, e, strict=True)]
             return total
 

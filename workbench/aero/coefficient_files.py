@@ -1,4 +1,6 @@
-"""Coefficient sets on disk: YAML or CSV files with source, range, measured and seed nodes (`models/coefficients/`)."""
+"""Coefficient sets on disk: YAML or CSV files with source, range, measured and seed nodes
+(`models/coefficients/`).
+"""
 
 import math
 import warnings
@@ -12,7 +14,13 @@ import numpy as np
 import pandas as pd
 from pydantic import AfterValidator, ConfigDict, Field, PrivateAttr, Strict, model_validator
 
-from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw, SpeedLine, SpeedTable, TwoSidedLaw
+from aerodima.workbench.aero.laws import (
+    NormalForceLaw,
+    SectionLaw,
+    SpeedLine,
+    SpeedTable,
+    TwoSidedLaw,
+)
 from aerodima.workbench.aero.polar_law import LEAST_DRAG, PolarLaw, RegularTable
 from aerodima.workbench.config.checked_files import (
     StrictModel,
@@ -67,7 +75,9 @@ class SpeedNode(StrictModel):
 
 
 class PolarNode(StrictModel):
-    """A node over speed and |gamma|, measured or only guessed as a start of a fit; even in the angle."""
+    """A node over speed and |gamma|, measured or only guessed as a start of a fit; even in the
+    angle.
+    """
 
     model_config = ConfigDict(extra="allow")
 
@@ -86,7 +96,8 @@ class CoefficientSet(StrictModel, ABC):
         law_kind: `normal_force`, `two_sided` or `polar`.
         kind: `constant`, `speed_line`, `speed_table` or `table`.
         range: what was measured.
-        quasi_steady_limit: relative speed up to which the quasi-steady model was shown to hold, m/s.
+        quasi_steady_limit: relative speed up to which the quasi-steady model was shown to hold,
+            m/s.
     """
 
     model_config = ConfigDict(coerce_numbers_to_str=True)
@@ -103,7 +114,9 @@ class CoefficientSet(StrictModel, ABC):
     @model_validator(mode="after")
     def _has_source(self) -> "CoefficientSet":
         if not self.source.strip():
-            raise ValueError("source: is empty; allowed: the table, data sheet or run that the numbers come from")
+            raise ValueError(
+                "source: is empty; allowed: the table, data sheet or run that the numbers come from"
+            )
         return self
 
     @property
@@ -146,7 +159,8 @@ class _NormalLine(CoefficientSet):
         for speed in self.speed_range:
             if (value := self.cn_intercept + self.cn_slope_s_per_m * speed) < 0.0:
                 raise ValueError(
-                    f"cn_slope_s_per_m and cn_intercept give {value:g} at {speed:g} m/s; allowed: >= 0, a negative "
+                    f"cn_slope_s_per_m and cn_intercept give {value:g} at {speed:g} m/s; allowed: "
+                    ">= 0, a negative "
                     "coefficient would add energy"
                 )
         return self
@@ -156,7 +170,9 @@ class _NormalTable(CoefficientSet):
     node_list: tuple[SpeedNode, ...] = Field(alias="nodes", min_length=1)
 
     def law(self) -> SectionLaw:
-        return NormalForceLaw(SpeedTable(tuple(self.nodes.speed_m_per_s), tuple(self.nodes.cn), where=self._where))
+        return NormalForceLaw(
+            SpeedTable(tuple(self.nodes.speed_m_per_s), tuple(self.nodes.cn), where=self._where)
+        )
 
     @model_validator(mode="after")
     def _increases(self) -> "_NormalTable":
@@ -194,13 +210,17 @@ class PolarTable(CoefficientSet):
         for i, (left, right) in enumerate(pairwise(keys)):
             if right <= left:
                 raise ValueError(
-                    f"nodes must increase by angle, then speed, but nodes[{i + 1}] (angle {right[0]}, "
+                    f"nodes must increase by angle, then speed, but nodes[{i + 1}] (angle "
+                    f"{right[0]}, "
                     f"speed {right[1]}) follows (angle {left[0]}, speed {left[1]})"
                 )
         holes = sorted({(g, v) for g, _ in keys for _, v in keys} - set(keys))
         if holes:
             g, v = holes[0]
-            raise ValueError(f"hole in the table: no node at {v} m/s, {g} rad; add it with status seed or measured")
+            raise ValueError(
+                f"hole in the table: no node at {v} m/s, {g} rad; add it with status seed or "
+                "measured"
+            )
         return self
 
     def law(self) -> SectionLaw:
@@ -212,14 +232,16 @@ class PolarTable(CoefficientSet):
         return self.nodes[self.nodes.status == "measured"]
 
     def table(self, coefficient: str) -> RegularTable:
-        """Bilinear table of `cd` or `cl` over the grid of the measured nodes; the seeds of fits take no part.
+        """Bilinear table of `cd` or `cl` over the grid of the measured nodes; the seeds of fits
+        take no part.
 
-        A node of that grid that was not measured takes the value of the nearest measured speed at its angle and is not
-        covered.
+        A node of that grid that was not measured takes the value of the nearest measured speed at
+        its angle and is not covered.
         """
         nodes = self.measured_nodes()
         known = nodes.pivot(index="speed_m_per_s", columns="angle_rad", values=coefficient)
-        speeds, angles = known.index.to_numpy(), known.columns.to_numpy()
+        speeds = known.index.to_numpy()
+        angles = known.columns.to_numpy()
 
         def nearest(v: float, g: float) -> float:
             measured = known[g].dropna()
@@ -252,11 +274,12 @@ def embedded_sets() -> list[str]:
 def load_coefficients(name_or_path: str | Path) -> CoefficientSet:
     """Reads a set: a name from `embedded_sets()`, or a path of a YAML or CSV file.
 
-    A CSV file is a table for the polar law with the columns speed_m_per_s, angle_rad, cd, cl and source, and optionally
-    status (`measured` or `seed`; measured when absent).
+    A CSV file is a table for the polar law with the columns speed_m_per_s, angle_rad, cd, cl and
+    source, and optionally status (`measured` or `seed`; measured when absent).
 
     Raises:
-        ModelError: no such file or set, unknown or missing keys, wrong types, NaN, holes, doubled or unsorted nodes.
+        ModelError: no such file or set, unknown or missing keys, wrong types, NaN, holes, doubled
+            or unsorted nodes.
     """
     path = find_file(name_or_path, _FOLDER, "coefficients", ModelError)
     content = _csv_content(path) if path.suffix == ".csv" else read_yaml(path, ModelError)
@@ -265,7 +288,9 @@ def load_coefficients(name_or_path: str | Path) -> CoefficientSet:
 
 def _csv_content(path: Path) -> dict[str, Any]:
     """What a YAML file of the same table holds."""
-    columns: dict[str, Any] = dict.fromkeys(("speed_m_per_s", "angle_rad", "cd", "cl"), float) | {"source": str}
+    columns: dict[str, Any] = dict.fromkeys(("speed_m_per_s", "angle_rad", "cd", "cl"), float) | {
+        "source": str
+    }
     try:
         nodes = pd.read_csv(path).astype(columns)
     except FileNotFoundError:
@@ -276,7 +301,10 @@ def _csv_content(path: Path) -> dict[str, Any]:
     measured = nodes[nodes.status == "measured"]
     if measured.empty:
         raise ModelError(f"{path}: no node has the status 'measured'")
-    ends = {c: [float(measured[c].min()), float(measured[c].max())] for c in ("speed_m_per_s", "angle_rad")}
+    ends = {
+        c: [float(measured[c].min()), float(measured[c].max())]
+        for c in ("speed_m_per_s", "angle_rad")
+    }
     return {
         "schema": SCHEMA,
         "name": path.stem,
@@ -290,9 +318,13 @@ def _csv_content(path: Path) -> dict[str, Any]:
 
 
 def coefficients_from_dict(content: Any, where: str) -> CoefficientSet:
-    """A set from the content of a file; `where` names it in messages. Raises ModelError, see `load_coefficients`."""
+    """A set from the content of a file; `where` names it in messages.
+
+    Raises ModelError, see `load_coefficients`.
+    """
     require_mapping(content, where, ModelError)
-    law, kind = str(content.get("law")), str(content.get("kind"))
+    law = str(content.get("law"))
+    kind = str(content.get("kind"))
     if (law, kind) not in _KINDS and content.get("schema") == SCHEMA:
         allowed = ", ".join("/".join(pair) for pair in _KINDS)
         raise ModelError(f"{where}: law/kind is {law}/{kind} (allowed: {allowed})")
@@ -302,6 +334,8 @@ def coefficients_from_dict(content: Any, where: str) -> CoefficientSet:
     largest = max([*(found.angle_range or ()), *found.nodes.get("angle_rad", ())], default=0.0)
     if largest > math.pi:
         warnings.warn(
-            f"{where}: an angle is {largest} rad, beyond pi: is the column in degrees?", UserWarning, stacklevel=2
+            f"{where}: an angle is {largest} rad, beyond pi: is the column in degrees?",
+            UserWarning,
+            stacklevel=2,
         )
     return found

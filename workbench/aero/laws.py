@@ -1,8 +1,9 @@
 """The force laws of a section (design section 5), for floats and for AutoDiffXd alike.
 
-All work on a line of sections: section i at distance s_i along the axis a sees the relative velocity
-v_i = v_air - v_section = u + s_i k, with u that of the root and k = -(omega x a). Hence k is perpendicular to a, and
-the spanwise part v_i . a is the same for all sections. Vectors are sequences of three scalars in the world frame.
+All work on a line of sections: section i at distance s_i along the axis a sees the relative
+velocity v_i = v_air - v_section = u + s_i k, with u that of the root and k = -(omega x a). Hence k
+is perpendicular to a, and the spanwise part v_i . a is the same for all sections. Vectors are
+sequences of three scalars in the world frame.
 """
 
 from __future__ import annotations
@@ -29,15 +30,16 @@ check_above_zero = partial(check_from_zero, above_low=True)
 Scalar = Any  # float or AutoDiffXd
 Vector = Any  # three scalars in a row
 
-# Below this squared speed (m2/s2) a section feels nothing: both laws are quadratic, so value and gradient are zero
-# there.
+# Below this squared speed (m2/s2) a section feels nothing: both laws are quadratic, so value and
+# gradient are zero there.
 STILL = 1e-60
 
 ROBOT_LIMIT = 15.0
 """Highest relative speed of the robot-tail tables, m/s (Table 11.7)."""
 
 CHEETAH_LIMIT = 10.0
-"""Relative speed up to which the quasi-steady model was shown to hold for the cheetah tails, m/s (section 4.9)."""
+"""Relative speed up to which the quasi-steady model was shown to hold for the cheetah tails, m/s
+(section 4.9)."""
 
 
 class LineMotion(NamedTuple):
@@ -70,7 +72,8 @@ class SectionLaw(ABC):
     """What `TailForce` asks of a law.
 
     Attributes:
-        knows_normal: the force depends on the normal n, so that the air can turn a sail about its axis.
+        knows_normal: the force depends on the normal n, so that the air can turn a sail about its
+            axis.
     """
 
     knows_normal: ClassVar[bool] = True
@@ -79,15 +82,21 @@ class SectionLaw(ABC):
     def line_force(
         self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
     ) -> tuple[Scalar, ...]:
-        """Force on the line and its moment about the root: (F_x, F_y, F_z, M_x, M_y, M_z), W frame, N and N m."""
+        """Force on the line and its moment about the root: (F_x, F_y, F_z, M_x, M_y, M_z), W frame,
+        N and N m.
+        """
 
-    def section_force(self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float) -> tuple[Scalar, ...]:
+    def section_force(
+        self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float
+    ) -> tuple[Scalar, ...]:
         """Force on one section that sees the relative velocity v: (F_x, F_y, F_z), W frame, N."""
         return self.line_force(LineMotion(v, (0.0, 0.0, 0.0), a, n), (0.0,), (area,), density)[:3]
 
     @abstractmethod
     def covers(self, speed: float, angle: float) -> bool:
-        """Whether a speed (m/s) and an angle of attack (rad) lie inside the measured range of the coefficients."""
+        """Whether a speed (m/s) and an angle of attack (rad) lie inside the measured range of the
+        coefficients.
+        """
 
 
 def length(v: Vector) -> Scalar:
@@ -97,11 +106,13 @@ def length(v: Vector) -> Scalar:
 
 
 def angle_of_attack(v: Vector, a: Vector) -> Scalar:
-    """gamma = asin(v . a / |v|), rad: 0 is broadside, positive when the air flows towards the tip; 0 in still air.
+    """gamma = asin(v . a / |v|), rad: 0 is broadside, positive when the air flows towards the tip;
+    0 in still air.
 
     Computed with atan2 (ERRATA E27 shows where the thesis form fails).
     """
-    spanwise, across = dot(v, a), length(cross(v, a))
+    spanwise = dot(v, a)
+    across = length(cross(v, a))
     if isinstance(spanwise, float):
         return math.atan2(spanwise, across)
     if float_of(spanwise) == 0.0 and float_of(across) == 0.0:
@@ -109,21 +120,30 @@ def angle_of_attack(v: Vector, a: Vector) -> Scalar:
     return arctan2(spanwise, across)
 
 
-def wind_direction(line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar]) -> Scalar:
-    """Angle (rad) about the axis a from the normal n to where the air moves across the axis; 0 in still air.
+def wind_direction(
+    line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar]
+) -> Scalar:
+    """Angle (rad) about the axis a from the normal n to where the air moves across the axis; 0 in
+    still air.
 
-    The direction of the sum of area |v_p| v_p over the sections, with v_p their relative velocity across the axis.
+    The direction of the sum of area |v_p| v_p over the sections, with v_p their relative velocity
+    across the axis.
     """
     u, k, a, n = line
     b = cross(a, n)
-    u_n, k_n, u_b, k_b = dot(u, n), dot(k, n), dot(u, b), dot(k, b)
+    u_n = dot(u, n)
+    k_n = dot(k, n)
+    u_b = dot(u, b)
+    k_b = dot(k, b)
     along_normal = across = 0.0 * u_n + 0.0  # never -0.0, of which atan2 would make half a turn
     for s, area in zip(distances, areas, strict=True):
-        v_n, v_b = u_n + s * k_n, u_b + s * k_b
+        v_n = u_n + s * k_n
+        v_b = u_b + s * k_b
         squared = v_n * v_n + v_b * v_b
         if squared > STILL:
             weight = area * squared**0.5
-            along_normal, across = along_normal + weight * v_n, across + weight * v_b
+            along_normal = along_normal + weight * v_n
+            across = across + weight * v_b
     still = float_of(along_normal) == 0.0 and float_of(across) == 0.0
     return 0.0 * across if still else arctan2(across, along_normal)
 
@@ -151,36 +171,47 @@ def plate_force(
     """
     (ux, uy, uz), (kx, ky, kz), (ax, ay, az), (nx, ny, nz) = line
     cx, cy, cz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax  # chord direction n x a
-    u_n, k_n = ux * nx + uy * ny + uz * nz, kx * nx + ky * ny + kz * nz
-    u_c, k_c = ux * cx + uy * cy + uz * cz, kx * cx + ky * cy + kz * cz
+    u_n = ux * nx + uy * ny + uz * nz
+    k_n = kx * nx + ky * ny + kz * nz
+    u_c = ux * cx + uy * cy + uz * cz
+    k_c = kx * cx + ky * cy + kz * cz
     scale = 0.5 * density
-    even, many = along == against, isinstance(u_n, np.ndarray)
+    even = along == against
+    many = isinstance(u_n, np.ndarray)
     if even:
-        scale, along = scale * along, 1.0
+        scale = scale * along
+        along = 1.0
     total = moment = 0.0
     for i in range(len(distances)):
         s = distances[i]
-        v_n, v_c = u_n + s * k_n, u_c + s * k_c
+        v_n = u_n + s * k_n
+        v_c = u_c + s * k_c
         squared = v_n * v_n + v_c * v_c
         if many or squared > STILL:
             speed = (squared + STILL) ** 0.5 if many else squared**0.5
             f = areas[i] * (along if even or v_n > 0.0 else against) * speed * v_n
             total += f
             moment += s * f
-    total, moment = scale * total, scale * moment
+    total = scale * total
+    moment = scale * moment
     # The moment s a x (f n) lies along a x n = -c.
     return (total * nx, total * ny, total * nz, -moment * cx, -moment * cy, -moment * cz)
 
 
 def require_increasing(name: str, values: Sequence[float], where: str) -> None:
-    """Refuses a grid with fewer than two points, NaN, negative values or without strict increase."""
+    """Refuses a grid with fewer than two points, NaN, negative values or without strict
+    increase.
+    """
     for i, value in enumerate(values):
         check_from_zero(f"{where}: {name}[{i}]", value, unit="1")
     if len(values) < 2:
         raise ModelError(f"{where}: {name} has {len(values)} points, but a table needs at least 2")
     for i, (left, right) in enumerate(pairwise(values)):
         if right <= left:
-            raise ModelError(f"{where}: {name} must increase strictly, but {name}[{i + 1}] = {right} follows {left}")
+            raise ModelError(
+                f"{where}: {name} must increase strictly, but {name}[{i + 1}] = {right} follows "
+                f"{left}"
+            )
 
 
 def require_finite(name: str, values: np.ndarray, where: str) -> None:
@@ -188,12 +219,16 @@ def require_finite(name: str, values: np.ndarray, where: str) -> None:
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
         index = "".join(f"[{i}]" for i in bad[0])
-        raise ModelError(f"{where}: {name}{index} is missing or not finite; fill the hole or leave the whole row out")
+        raise ModelError(
+            f"{where}: {name}{index} is missing or not finite; fill the hole or leave the whole "
+            "row out"
+        )
 
 
 @dataclass(frozen=True)
 class SpeedTable:
-    """A coefficient over |v_rel|, linear between the points and constant beyond them (thesis Fig. 6.15).
+    """A coefficient over |v_rel|, linear between the points and constant beyond them (thesis Fig.
+    6.15).
 
     Attributes:
         speeds: strictly increasing (n), m/s.
@@ -208,18 +243,23 @@ class SpeedTable:
     def __post_init__(self) -> None:
         require_increasing("speeds", self.speeds, self.where)
         if len(self.values) != len(self.speeds):
-            raise ModelError(f"{self.where}: {len(self.values)} values for {len(self.speeds)} speeds")
+            raise ModelError(
+                f"{self.where}: {len(self.values)} values for {len(self.speeds)} speeds"
+            )
         require_finite("values", np.asarray(self.values, float), self.where)
 
     def __call__(self, speed: Scalar) -> Scalar:
         """The coefficient at a speed."""
-        speeds, values = self.speeds, self.values
+        speeds = self.speeds
+        values = self.values
         if speed <= speeds[0]:
             return values[0]
         if speed >= speeds[-1]:
             return values[-1]
         i = bisect_right(speeds, float_of(speed)) - 1
-        return values[i] + (values[i + 1] - values[i]) / (speeds[i + 1] - speeds[i]) * (speed - speeds[i])
+        return values[i] + (values[i + 1] - values[i]) / (speeds[i + 1] - speeds[i]) * (
+            speed - speeds[i]
+        )
 
     def covers(self, speed: float) -> bool:
         """Whether the speed lies inside the table."""
@@ -228,7 +268,8 @@ class SpeedTable:
 
 @dataclass(frozen=True)
 class SpeedLine:
-    """A coefficient that is a line over |v_rel| inside a range, and constant beyond it (ERRATA E26).
+    """A coefficient that is a line over |v_rel| inside a range, and constant beyond it (ERRATA
+    E26).
 
     Attributes:
         slope: per m/s.
@@ -247,7 +288,9 @@ class SpeedLine:
     def __call__(self, speed: Scalar) -> Scalar:
         """The coefficient at a speed."""
         low, high = self.speed_range
-        return self.intercept + self.slope * (low if speed < low else high if speed > high else speed)
+        return self.intercept + self.slope * (
+            low if speed < low else high if speed > high else speed
+        )
 
     def covers(self, speed: float) -> bool:
         """Whether the speed lies inside the range."""
@@ -256,11 +299,12 @@ class SpeedLine:
 
 @dataclass(frozen=True)
 class NormalForceLaw(SectionLaw):
-    """F = 1/2 rho A C_N(|v|) |v_p| v_n n, with v_p the velocity without its spanwise part, v_n its part along n.
+    """F = 1/2 rho A C_N(|v|) |v_p| v_n n, with v_p the velocity without its spanwise part, v_n its
+    part along n.
 
-    Equals Drake's `Wing`. The thesis' model of the robot tail (eq. 6.8, C_D = 2, force normal to the tail) has
-    cos(gamma) |v|^2 where this law has |v_p| v_n, in the plane of tail and normal cos^2(gamma) |v|^2: the two are equal
-    broadside only.
+    Equals Drake's `Wing`. The thesis' model of the robot tail (eq. 6.8, C_D = 2, force normal to
+    the tail) has cos(gamma) |v|^2 where this law has |v_p| v_n, in the plane of tail and normal
+    cos^2(gamma) |v|^2: the two are equal broadside only.
 
     Attributes:
         coefficient: C_N, a number or a function of |v_rel| such as `SpeedTable`.
@@ -295,7 +339,8 @@ class TwoSidedLaw(SectionLaw):
     """The normal-force law with a coefficient per side, for a half cylinder with end caps.
 
     Attributes:
-        along_normal: C_N when the air blows along +n (the force points along +n), onto the side that faces -n.
+        along_normal: C_N when the air blows along +n (the force points along +n), onto the side
+            that faces -n.
         against_normal: C_N when it blows along -n.
     """
 
@@ -309,7 +354,9 @@ class TwoSidedLaw(SectionLaw):
     def line_force(
         self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
     ) -> tuple[Scalar, ...]:
-        """See `SectionLaw.line_force`; each section takes the coefficient of the side that it shows to the wind."""
+        """See `SectionLaw.line_force`; each section takes the coefficient of the side that it shows
+        to the wind.
+        """
         return plate_force(line, distances, areas, density, self.along_normal, self.against_normal)
 
     def covers(self, speed: float, angle: float) -> bool:
@@ -322,7 +369,8 @@ class CrossedPlatesLaw(SectionLaw):
     """Two plates that cross on one line: `normal` acts along n, `side` along the chord n x a.
 
     With two equal laws of constant C_N = C_D it is the drag of a sail that always faces the wind,
-    F = 1/2 rho A C_D |v_p| v_p with v_p the velocity without its spanwise part; n does not matter then.
+    F = 1/2 rho A C_D |v_p| v_p with v_p the velocity without its spanwise part; n does not matter
+    then.
 
     Attributes:
         normal: of the plate whose normal is n.
@@ -347,6 +395,8 @@ class CrossedPlatesLaw(SectionLaw):
 
 
 def facing_law(law: SectionLaw) -> CrossedPlatesLaw:
-    """Law of a sail that shows the same side to the wind whatever its direction: of two sides the hollow one."""
+    """Law of a sail that shows the same side to the wind whatever its direction: of two sides the
+    hollow one.
+    """
     drag = NormalForceLaw(law.along_normal) if isinstance(law, TwoSidedLaw) else law
     return CrossedPlatesLaw(drag, drag)

@@ -1,4 +1,6 @@
-"""The polar law: drag along the relative wind and lift across it, for round or feathered tails (design section 5)."""
+"""The polar law: drag along the relative wind and lift across it, for round or feathered tails
+(design section 5).
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,8 @@ _LIFT_END = math.radians(10.0)
 _ONE_DEGREE = math.radians(1.0)
 
 LEAST_DRAG = -0.05
-"""Lowest C_D of a table. A node may lie a little below zero: the fits scatter, and one published C_D is -0.012."""
+"""Lowest C_D of a table. A node may lie a little below zero: the fits scatter, and one published
+C_D is -0.012."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,8 @@ class RegularTable:
         speeds: strictly increasing (n), m/s.
         angles: strictly increasing |gamma| (m), rad.
         values: n rows of m.
-        measured: n rows of m flags; a cell is covered when all its corners are measured. All are when empty.
+        measured: n rows of m flags; a cell is covered when all its corners are measured. All are
+            when empty.
         where: name of the file or table, for messages.
     """
 
@@ -74,17 +78,24 @@ class RegularTable:
     def at(self, cell: tuple[int, Scalar, int, Scalar]) -> Scalar:
         """The coefficient at a point given by its cell."""
         i, x, j, y = cell
-        low, high = self.values[i], self.values[i + 1]
+        low = self.values[i]
+        high = self.values[i + 1]
         at_low = low[j] + (low[j + 1] - low[j]) * y
         return at_low + (high[j] + (high[j + 1] - high[j]) * y - at_low) * x
 
     def covers(self, speed: float, angle: float) -> bool:
-        """Whether the point lies in a cell with measured corners; on a grid line only the nodes of that line count."""
-        if not (self.speeds[0] <= speed <= self.speeds[-1] and self.angles[0] <= angle <= self.angles[-1]):
+        """Whether the point lies in a cell with measured corners; on a grid line only the nodes of
+        that line count.
+        """
+        if not (
+            self.speeds[0] <= speed <= self.speeds[-1]
+            and self.angles[0] <= angle <= self.angles[-1]
+        ):
             return False
         if not self.measured:
             return True
-        (i, x), (j, y) = _cell(self.speeds, speed), _cell(self.angles, angle)
+        (i, x) = _cell(self.speeds, speed)
+        (j, y) = _cell(self.angles, angle)
         rows = [r for r, weight in ((i, 1.0 - x), (i + 1, x)) if weight > 0.0]
         columns = [c for c, weight in ((j, 1.0 - y), (j + 1, y)) if weight > 0.0]
         return all(self.measured[r][c] for r in rows for c in columns)
@@ -103,16 +114,20 @@ def _cell(grid: tuple[float, ...], value: Scalar) -> tuple[int, Scalar]:
 
 @dataclass(frozen=True)
 class PolarLaw(SectionLaw):
-    """F = 1/2 rho A |v|^2 (C_D d + C_L l), d = v/|v|, l perpendicular to v in the plane of v and a, on the root side.
+    """F = 1/2 rho A |v|^2 (C_D d + C_L l), d = v/|v|, l perpendicular to v in the plane of v and a,
+    on the root side.
 
-    C_D and C_L are even in gamma; for gamma < 0 the lift turns to the tip side. Lift acts towards the root and the area
-    carries no cosine, because the published currents of tail 1 are met only so (ERRATA E39, E40).
+    C_D and C_L are even in gamma; for gamma < 0 the lift turns to the tip side. Lift acts towards
+    the root and the area carries no cosine, because the published currents of tail 1 are met only
+    so (ERRATA E39, E40).
 
     Attributes:
         drag: C_D, a number or a function of |v_rel| (m/s) and |gamma| (rad).
         lift: C_L, likewise.
-        lift_blend: rad; within it of gamma = 0 the lift passes smoothly from one side to the other. With 0 it jumps.
-        lift_end: rad; within it of gamma = 90 degrees the lift fades to zero, because its direction is undefined there.
+        lift_blend: rad; within it of gamma = 0 the lift passes smoothly from one side to the other.
+            With 0 it jumps.
+        lift_end: rad; within it of gamma = 90 degrees the lift fades to zero, because its direction
+            is undefined there.
     """
 
     knows_normal: ClassVar[bool] = False
@@ -128,16 +143,22 @@ class PolarLaw(SectionLaw):
             check_range("polar law: lift", self.lift, -math.inf, math.inf, "1", error=ModelError)
         if isinstance(self.drag, RegularTable) and min(map(min, self.drag.values)) < LEAST_DRAG:
             raise ModelError(
-                f"{self.drag.where}: holds {min(map(min, self.drag.values))}, but negative drag would add energy"
+                f"{self.drag.where}: holds {min(map(min, self.drag.values))}, but negative drag "
+                "would add energy"
             )
         most = math.pi / 4
         check_range("polar law: lift_blend", self.lift_blend, 0.0, most, "rad", error=ModelError)
-        check_range("polar law: lift_end", self.lift_end, 0.0, most, "rad", above_low=True, error=ModelError)
+        check_range(
+            "polar law: lift_end", self.lift_end, 0.0, most, "rad", above_low=True, error=ModelError
+        )
 
     @cached_property
     def _one_grid(self) -> bool:
-        """Whether both coefficients are tables over the same nodes, so that one search serves both."""
-        drag, lift = self.drag, self.lift
+        """Whether both coefficients are tables over the same nodes, so that one search serves
+        both.
+        """
+        drag = self.drag
+        lift = self.lift
         if not (isinstance(drag, RegularTable) and isinstance(lift, RegularTable)):
             return False
         return drag.speeds == lift.speeds and drag.angles == lift.angles
@@ -155,7 +176,9 @@ class PolarLaw(SectionLaw):
             return -end
         return 0.5 * x * (3.0 - x * x) * end
 
-    def _parts(self, spanwise: Scalar, across_squared: Scalar, scale: Scalar) -> tuple[Scalar, Scalar]:
+    def _parts(
+        self, spanwise: Scalar, across_squared: Scalar, scale: Scalar
+    ) -> tuple[Scalar, Scalar]:
         """F = alpha v + beta a for one section; scale = 1/2 rho A."""
         squared = across_squared + spanwise * spanwise
         if squared <= STILL:
@@ -172,7 +195,8 @@ class PolarLaw(SectionLaw):
             gamma = math.atan2(size, across) if isinstance(size, float) else arctan2(size, across)
             if self._one_grid:
                 cell = drag.cell(speed, gamma)
-                drag, lift = drag.at(cell), lift.at(cell)
+                drag = drag.at(cell)
+                lift = lift.at(cell)
             else:
                 drag = drag(speed, gamma) if callable(drag) else drag
                 lift = lift(speed, gamma) if callable(lift) else lift
@@ -189,7 +213,9 @@ class PolarLaw(SectionLaw):
         half = 0.5 * density
         a_sum = as_sum = ass_sum = b_sum = 0.0
         for s, area in zip(distances, areas, strict=True):
-            x, y, z = across[0] + s * k[0], across[1] + s * k[1], across[2] + s * k[2]
+            x = across[0] + s * k[0]
+            y = across[1] + s * k[1]
+            z = across[2] + s * k[2]
             alpha, beta = self._parts(spanwise, x * x + y * y + z * z, half * area)
             a_sum += alpha
             as_sum += alpha * s
@@ -206,6 +232,8 @@ class PolarLaw(SectionLaw):
         )
 
     def covers(self, speed: float, angle: float) -> bool:
-        """See `SectionLaw.covers`: both coefficients must cover the point; plain numbers cover everything."""
+        """See `SectionLaw.covers`: both coefficients must cover the point; plain numbers cover
+        everything.
+        """
         checks = [getattr(part, "covers", None) for part in (self.drag, self.lift)]
         return all(check(speed, abs(angle)) for check in checks if check is not None)

@@ -1,8 +1,8 @@
 r"""The sail on a bearing about the tail's own axis (design section 5, "Sail"; thesis 5.2).
 
-The sail is a half cylinder, hollow towards the wind, with a backing board behind it that turns it there like a
-rudder. In the sail frame S the z axis is the bearing, root to tip. The hollow opens to +y; "behind" is -y, where the
-board is. Seen along z at angle 0, with the wind towards -y:
+The sail is a half cylinder, hollow towards the wind, with a backing board behind it that turns it
+there like a rudder. In the sail frame S the z axis is the bearing, root to tip. The hollow opens to
++y; "behind" is -y, where the board is. Seen along z at angle 0, with the wind towards -y:
 
       wind | | | |
            v v v v
@@ -12,20 +12,22 @@ board is. Seen along z at angle 0, with the wind towards -y:
              | |
              | |      board, middle at y = -(e + width/4 + board/2)
 
-Three flat plates stand for it: the shell's opening (normal y), the shell's outline from the side (half as deep as the
-opening is wide) and the board (both normal x). The first pushes through the bearing; the moment of the two others
-about it is
+Three flat plates stand for it: the shell's opening (normal y), the shell's outline from the side
+(half as deep as the opening is wide) and the board (both normal x). The first pushes through the
+bearing; the moment of the two others about it is
 
     -1/2 rho C |v|^2 sin(delta) S,   S = sum of side area x distance behind the bearing,
 
-delta the angle between wind and -y. So the sail is stable facing the wind with S > 0, and turns away from it with
-S < 0, as with the bearing of the first sail of the thesis, too far behind. For small angles in a wind U
+delta the angle between wind and -y. So the sail is stable facing the wind with S > 0, and turns
+away from it with S < 0, as with the bearing of the first sail of the thesis, too far behind. For
+small angles in a wind U
 
-    omega_n^2 = 1/2 rho C U^2 S / I,    zeta = 1/2 rho C U S2 / (2 I omega_n), S2 with the distance squared,
+    omega_n^2 = 1/2 rho C U^2 S / I,    zeta = 1/2 rho C U S2 / (2 I omega_n), S2 with the distance
+    squared,
 
-plus the damping of the bearing. The damping is no law of its own: the plates feel the sail's own rate.
-Valid as far as plates are: how drag changes with delta is known from Fig. 5.11 in words only, a real centre of
-pressure moves with delta, and the shell does not shade the board here.
+plus the damping of the bearing. The damping is no law of its own: the plates feel the sail's own
+rate. Valid as far as plates are: how drag changes with delta is known from Fig. 5.11 in words only,
+a real centre of pressure moves with delta, and the shell does not shade the board here.
 """
 
 from __future__ import annotations
@@ -46,8 +48,8 @@ class FreeSail:
 
     Attributes:
         length, width: of the opening along the tail and across it, m.
-        centre_of_pressure: e, of the shell's side force behind the bearing, m; a quarter of the width with the bearing
-            in the plane of the opening, negative with the bearing behind it.
+        centre_of_pressure: e, of the shell's side force behind the bearing, m; a quarter of the
+            width with the bearing in the plane of the opening, negative with the bearing behind it.
         board_width: of the backing board along the wind, m.
         start: distance of the sail's near end from the origin of its mount along the axis, m.
         law: of the opening; the normal of a `TwoSidedLaw` leaves its round side, -y.
@@ -83,10 +85,14 @@ class FreeSail:
 
     @property
     def board_place(self) -> float:
-        """Distance of the middle of the board behind the bearing, m: it begins where the shell ends."""
+        """Distance of the middle of the board behind the bearing, m: it begins where the shell
+        ends.
+        """
         return self.centre_of_pressure + self.shell_share * self.width / 2 + self.board_width / 2
 
-    def _strip(self, width: float, behind: float, normal: tuple[float, float, float]) -> SectionLayout:
+    def _strip(
+        self, width: float, behind: float, normal: tuple[float, float, float]
+    ) -> SectionLayout:
         return SectionLayout.strip(
             start=self.start,
             length=self.length,
@@ -101,7 +107,9 @@ Vector = tuple[float, float, float]
 
 
 def rotation_rows(quaternion: Any) -> tuple[Any, Any, Any]:
-    """Rows (3) of the rotation matrix of a quaternion w, x, y, z of any length; of arrays (n) each entry is one (n)."""
+    """Rows (3) of the rotation matrix of a quaternion w, x, y, z of any length; of arrays (n) each
+    entry is one (n).
+    """
     w, x, y, z = quaternion
     scale = 2.0 / (w * w + x * x + y * y + z * z)
     return (
@@ -140,28 +148,43 @@ def sail_motion(
 
     Args:
         quaternion: w, x, y, z of the chassis in W, of any length.
-        velocity: angular velocity (3), rad/s, and velocity of the origin (3), m/s, of the chassis in W.
+        velocity: angular velocity (3), rad/s, and velocity of the origin (3), m/s, of the chassis
+            in W.
         angles: of pitch, roll and sail joint, rad.
         rates: of the same, rad/s.
         p_BoSo_B: where the joint axes cross, in the chassis frame, m.
     """
     (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = rotation_rows(quaternion)
     pitch, roll, turn = angles
-    c, s = math.cos(pitch), math.sin(pitch)
+    c = math.cos(pitch)
+    s = math.sin(pitch)
     # Hub: x and z of the chassis turned about its y.
-    hx, hy, hz = r00 * c - r02 * s, r10 * c - r12 * s, r20 * c - r22 * s
-    ux, uy, uz = r00 * s + r02 * c, r10 * s + r12 * c, r20 * s + r22 * c
-    c, s = math.cos(roll), math.sin(roll)
+    hx = r00 * c - r02 * s
+    hy = r10 * c - r12 * s
+    hz = r20 * c - r22 * s
+    ux = r00 * s + r02 * c
+    uy = r10 * s + r12 * c
+    uz = r20 * s + r22 * c
+    c = math.cos(roll)
+    s = math.sin(roll)
     # Rod: y and z of the hub turned about its x.
-    lx, ly, lz = r01 * c + ux * s, r11 * c + uy * s, r21 * c + uz * s
-    ax, ay, az = ux * c - r01 * s, uy * c - r11 * s, uz * c - r21 * s
-    x_S, y_S = (hx, hy, hz), (lx, ly, lz)
+    lx = r01 * c + ux * s
+    ly = r11 * c + uy * s
+    lz = r21 * c + uz * s
+    ax = ux * c - r01 * s
+    ay = uy * c - r11 * s
+    az = uz * c - r21 * s
+    x_S = (hx, hy, hz)
+    y_S = (lx, ly, lz)
     if turn != 0.0:
-        c, s = math.cos(turn), math.sin(turn)
+        c = math.cos(turn)
+        s = math.sin(turn)
         x_S = (hx * c + lx * s, hy * c + ly * s, hz * c + lz * s)
         y_S = (lx * c - hx * s, ly * c - hy * s, lz * c - hz * s)
     px, py, pz = p_BoSo_B
-    dx, dy, dz = r00 * px + r01 * py + r02 * pz, r10 * px + r11 * py + r12 * pz, r20 * px + r21 * py + r22 * pz
+    dx = r00 * px + r01 * py + r02 * pz
+    dy = r10 * px + r11 * py + r12 * pz
+    dz = r20 * px + r21 * py + r22 * pz
     wx, wy, wz, vx, vy, vz = velocity
     p_rate, r_rate, t_rate = rates
     return SailMotion(
@@ -177,7 +200,9 @@ def sail_motion(
     )
 
 
-def generalised_force(motion: SailMotion, force: Sequence[float], moment: Sequence[float]) -> tuple[float, ...]:
+def generalised_force(
+    motion: SailMotion, force: Sequence[float], moment: Sequence[float]
+) -> tuple[float, ...]:
     """A wrench on the sail as forces on the coordinates of chassis and joints.
 
     Args:
@@ -186,8 +211,8 @@ def generalised_force(motion: SailMotion, force: Sequence[float], moment: Sequen
         moment: about the sail's origin in W, N m.
 
     Returns:
-        Moment on the chassis about its origin (3) in W, N m; force on it (3) in W, N; torque about the axes of pitch,
-        roll and sail (3), N m.
+        Moment on the chassis about its origin (3) in W, N m; force on it (3) in W, N; torque about
+        the axes of pitch, roll and sail (3), N m.
     """
     fx, fy, fz = force
     mx, my, mz = moment

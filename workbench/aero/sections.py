@@ -1,4 +1,6 @@
-"""Where the air acts: sections along the straight axis of a body, and the part of them inside the jet of a tunnel."""
+"""Where the air acts: sections along the straight axis of a body, and the part of them inside the
+jet of a tunnel.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,8 @@ from aerodima.workbench.errors import ModelError
 
 @dataclass(frozen=True)
 class Air:
-    """Properties of the air; defaults from thesis section 4.9 (`models/published/constants.csv`; ERRATA E13).
+    """Properties of the air; defaults from thesis section 4.9 (`models/published/constants.csv`;
+    ERRATA E13).
 
     Attributes:
         density: kg/m3.
@@ -32,19 +35,22 @@ class Air:
 
 @dataclass(frozen=True)
 class SectionLayout:
-    """Sections on a straight line through a body B: R is the root of the line, S_i the centre of section i.
+    """Sections on a straight line through a body B: R is the root of the line, S_i the centre of
+    section i.
 
     Attributes:
         p_BoRo_B: root of the section axis in the body frame (3), m.
         axis_B: a_B, unit vector from root to tip (3).
-        normal_B: n_B, unit vector normal to the flat sail (3), perpendicular to a_B. The polar law does not use it.
+        normal_B: n_B, unit vector normal to the flat sail (3), perpendicular to a_B. The polar law
+            does not use it.
         distances: of the section centres from the root (n), m.
         areas: planform area of each section (n), m2; no cosine (design section 5, ERRATA E40).
         chord: width that the Reynolds number is made with, m.
         start, end: of the sectioned length, distances from the root, m.
 
     Raises:
-        ModelError: no sections, a length, width or area that is not above zero, or axes that are not perpendicular.
+        ModelError: no sections, a length, width or area that is not above zero, or axes that are
+            not perpendicular.
     """
 
     p_BoRo_B: tuple[float, float, float]
@@ -59,7 +65,8 @@ class SectionLayout:
     def __post_init__(self) -> None:
         if not 1 <= len(self.distances) == len(self.areas):
             raise ModelError(
-                f"section layout: {len(self.areas)} areas for {len(self.distances)} section centres; allowed: as many, "
+                f"section layout: {len(self.areas)} areas for {len(self.distances)} section "
+                "centres; allowed: as many, "
                 "from 1 on"
             )
         check_above_zero("section layout: chord", self.chord, unit="m")
@@ -67,7 +74,8 @@ class SectionLayout:
             check_above_zero("section layout: area", area, unit="m2")
         if not np.all(np.isfinite([*self.p_BoRo_B, *self.distances, self.start, self.end])):
             raise ModelError("section layout: positions and distances must be finite numbers")
-        axis, normal = np.asarray(self.axis_B, float), np.asarray(self.normal_B, float)
+        axis = np.asarray(self.axis_B, float)
+        normal = np.asarray(self.normal_B, float)
         if abs(np.linalg.norm(axis) - 1.0) > 1e-9 or abs(np.linalg.norm(normal) - 1.0) > 1e-9:
             raise ModelError("section layout: axis_B and normal_B must be unit vectors")
         if abs(axis @ normal) > 1e-9:
@@ -89,26 +97,38 @@ class SectionLayout:
         return np.asarray(self.p_BoRo_B) + self.end * np.asarray(self.axis_B)
 
     def motion(self, X_WB: Any, w_WB: Any, v_WBo: Any, v_WA: Any) -> LineMotion:
-        """What a `SectionLaw` asks of the motion of a line of sections on a body, for floats and for AutoDiffXd alike.
+        """What a `SectionLaw` asks of the motion of a line of sections on a body, for floats and
+        for AutoDiffXd alike.
 
         Args:
             X_WB: pose of the body, three rows whose first three numbers are those of R_WB.
-            w_WB, v_WBo: angular velocity (3), rad/s, and velocity of the body origin (3), m/s, in W.
+            w_WB, v_WBo: angular velocity (3), rad/s, and velocity of the body origin (3), m/s, in
+                W.
             v_WA: velocity of the air in W (3), m/s; None in still air.
         """
         x_row, y_row, z_row = X_WB
-        r00, r01, r02 = x_row[0], x_row[1], x_row[2]
-        r10, r11, r12 = y_row[0], y_row[1], y_row[2]
-        r20, r21, r22 = z_row[0], z_row[1], z_row[2]
+        r00 = x_row[0]
+        r01 = x_row[1]
+        r02 = x_row[2]
+        r10 = y_row[0]
+        r11 = y_row[1]
+        r12 = y_row[2]
+        r20 = z_row[0]
+        r21 = z_row[1]
+        r22 = z_row[2]
         w_x, w_y, w_z = w_WB
         v_x, v_y, v_z = v_WBo
         x, y, z = self.axis_B
-        a_x, a_y, a_z = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
+        a_x = r00 * x + r01 * y + r02 * z
+        a_y = r10 * x + r11 * y + r12 * z
+        a_z = r20 * x + r21 * y + r22 * z
         x, y, z = self.normal_B
         n = (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z)
         x, y, z = self.p_BoRo_B
         if x != 0.0 or y != 0.0 or z != 0.0:
-            p_x, p_y, p_z = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
+            p_x = r00 * x + r01 * y + r02 * z
+            p_y = r10 * x + r11 * y + r12 * z
+            p_z = r20 * x + r21 * y + r22 * z
             v_x += w_y * p_z - w_z * p_y
             v_y += w_z * p_x - w_x * p_z
             v_z += w_x * p_y - w_y * p_x
@@ -134,17 +154,21 @@ class SectionLayout:
         axis_B: tuple[float, float, float] = (0.0, 0.0, 1.0),
         normal_B: tuple[float, float, float] = (1.0, 0.0, 0.0),
     ) -> SectionLayout:
-        """A flat strip of equal sections: a cheetah tail, a bar, the robot's sail. By default it points up, facing x.
+        """A flat strip of equal sections: a cheetah tail, a bar, the robot's sail.
+
+        By default it points up, facing x.
 
         Args:
             start: distance of the strip's near end from the root along the axis, m.
             length: of the strip, m.
-            width: of the strip, m; the major width for a cheetah tail, the sail width for the robot tail.
+            width: of the strip, m; the major width for a cheetah tail, the sail width for the robot
+                tail.
             number: of equal sections.
         """
         if int(number) != number or number < 1:
             raise ModelError(
-                f"section layout: the number of sections is {number}, but it must be a whole number from 1"
+                f"section layout: the number of sections is {number}, but it must be a whole "
+                "number from 1"
             )
         check_above_zero("section layout: length", length, unit="m")
         check_above_zero("section layout: width", width, unit="m")
@@ -165,14 +189,19 @@ _SAMPLES = 1000
 
 
 def sampled_poses(plant: Any, count: int) -> Iterator[Any]:
-    """Contexts of a plant at its default position, then at random ones between the limits of its joints.
+    """Contexts of a plant at its default position, then at random ones between the limits of its
+    joints.
 
     A joint without limits makes a full turn; floating bases stay where they are.
     """
-    context, rng = plant.CreateDefaultContext(), np.random.default_rng(0)
+    context = plant.CreateDefaultContext()
+    rng = np.random.default_rng(0)
     limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-    default, ends = np.clip(plant.GetPositions(context), *limits), np.clip(limits, -math.pi, math.pi)
-    free = [index for joint in joints_of(plant) for index in range(joint.position_start(), _end(joint))]
+    default = np.clip(plant.GetPositions(context), *limits)
+    ends = np.clip(limits, -math.pi, math.pi)
+    free = [
+        index for joint in joints_of(plant) for index in range(joint.position_start(), _end(joint))
+    ]
     for sample in range(count):
         positions = default.copy()
         if sample:
@@ -193,7 +222,8 @@ def _end(joint: Any) -> int:
 
 @dataclass(frozen=True)
 class Jet:
-    """A half space below a tilted edge: the point p is in the jet when its height is below the edge's.
+    """A half space below a tilted edge: the point p is in the jet when its height is below the
+    edge's.
 
     The edge passes through p_WE and rises `slope` metres per metre downstream.
 
@@ -208,16 +238,25 @@ class Jet:
     slope: float = 100.0 / 1800.0
 
     def __post_init__(self) -> None:
-        if abs(math.dist(self.downstream_W, (0.0, 0.0, 0.0)) - 1.0) > 1e-9 or abs(self.downstream_W[2]) > 1e-9:
-            raise ModelError(f"jet: downstream_W is {self.downstream_W}, but it must be a horizontal unit vector")
+        if (
+            abs(math.dist(self.downstream_W, (0.0, 0.0, 0.0)) - 1.0) > 1e-9
+            or abs(self.downstream_W[2]) > 1e-9
+        ):
+            raise ModelError(
+                f"jet: downstream_W is {self.downstream_W}, but it must be a horizontal unit vector"
+            )
         if not (math.isfinite(self.slope) and np.all(np.isfinite(self.p_WE))):
             raise ModelError("jet: the edge point and the slope must be finite numbers")
 
     @classmethod
-    def below_pivot(cls, p_WP: Any, edge_depth: float, psi: float = 0.0, slope: float = 100.0 / 1800.0) -> Jet:
-        """The rig's jet: edge `edge_depth` (m) below the pivot P, wind towards -y turned by psi (rad) about z.
+    def below_pivot(
+        cls, p_WP: Any, edge_depth: float, psi: float = 0.0, slope: float = 100.0 / 1800.0
+    ) -> Jet:
+        """The rig's jet: edge `edge_depth` (m) below the pivot P, wind towards -y turned by psi
+        (rad) about z.
 
-        Exposure along a hanging tail then starts at edge_depth / (cos(angle) + slope sin(angle)) for psi = 0.
+        Exposure along a hanging tail then starts at edge_depth / (cos(angle) + slope sin(angle))
+        for psi = 0.
         """
         x, y, z = (float(value) for value in p_WP)
         return cls((x, y, z - edge_depth), (math.sin(psi), -math.cos(psi), 0.0), slope)
@@ -235,10 +274,12 @@ class Jet:
             p_WRo: root of the section axis in W (3), m.
             a: axis from root to tip in W (3).
         """
-        start, end = layout.start, layout.end
+        start = layout.start
+        end = layout.end
         at_root = self.height_below_edge(p_WRo)
         rate = self.slope * (self.downstream_W[0] * a[0] + self.downstream_W[1] * a[1]) - a[2]
-        at_start, at_end = at_root + rate * start, at_root + rate * end
+        at_start = at_root + rate * start
+        at_end = at_root + rate * end
         if at_start <= 0.0 and at_end <= 0.0:
             return None
         if at_start < 0.0:
@@ -247,8 +288,12 @@ class Jet:
             return start, -at_root / rate
         return start, end
 
-    def exposed_sections(self, layout: SectionLayout, p_WRo: Any, a: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """Centres (m from the root) and areas (m2) of equal parts of the exposed length; areas 0 without exposure."""
+    def exposed_sections(
+        self, layout: SectionLayout, p_WRo: Any, a: Any
+    ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """Centres (m from the root) and areas (m2) of equal parts of the exposed length; areas 0
+        without exposure.
+        """
         number = layout.number
         if layout.start == layout.end:
             inside = self.exposed_interval(layout, p_WRo, a) is not None
@@ -256,8 +301,11 @@ class Jet:
         interval = self.exposed_interval(layout, p_WRo, a)
         if interval is None:
             return layout.distances, (0.0,) * number
-        start, part = interval[0], (interval[1] - interval[0]) / number
-        return tuple(start + (i + 0.5) * part for i in range(number)), (part * layout.chord,) * number
+        start = interval[0]
+        part = (interval[1] - interval[0]) / number
+        return tuple(start + (i + 0.5) * part for i in range(number)), (
+            part * layout.chord,
+        ) * number
 
     def require_reachable(self, plant: Any, body: Any, layout: SectionLayout) -> None:
         """Refuses a layout that the jet meets at no reachable angle.
@@ -273,6 +321,8 @@ class Jet:
             if self.exposed_interval(layout, p_WRo.tolist(), a.tolist()) is not None:
                 return
         raise ModelError(
-            f"jet: body '{body.name()}' meets the jet at no reachable angle: its sections end {layout.end:.3f} m from "
-            f"their root and the edge is at height {self.p_WE[2]:.3f} m; lower the edge depth or lengthen the body"
+            f"jet: body '{body.name()}' meets the jet at no reachable angle: its sections end "
+            f"{layout.end:.3f} m from "
+            f"their root and the edge is at height {self.p_WE[2]:.3f} m; lower the edge depth or "
+            "lengthen the body"
         )

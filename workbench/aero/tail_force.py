@@ -1,4 +1,6 @@
-"""The aerodynamic wrench on a tail as a Drake system, what wires it to a plant, and a watch on its sections."""
+"""The aerodynamic wrench on a tail as a Drake system, what wires it to a plant, and a watch on its
+sections.
+"""
 
 from __future__ import annotations
 
@@ -59,25 +61,29 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
     class Impl(LeafSystem_[T]):  # type: ignore[misc]  # the base is not in the stubs
         """Aerodynamic wrench on a body made of sections on a straight line.
 
-        The law is a `NormalForceLaw`, `TwoSidedLaw` or `PolarLaw` (design section 5), quasi-steady and smooth in the
-        velocity, also at zero airspeed. Every section has the rigid-body velocity of its centre, omega x r included,
-        so a driving car makes its own apparent wind.
+        The law is a `NormalForceLaw`, `TwoSidedLaw` or `PolarLaw` (design section 5), quasi-steady
+        and smooth in the velocity, also at zero airspeed. Every section has the rigid-body velocity
+        of its centre, omega x r included, so a driving car makes its own apparent wind.
 
-        Body pose and velocity come from the plant's state through a context of our own: the two list ports of the
-        plant cost 22-29 us per step on a car of 25 bodies, because every element becomes a Python object; the state
-        port with forward kinematics costs 10 us. The geometry is therefore that of the plant at Finalize: frames moved
-        in a context later are not seen. A system evaluates one context at a time; give each thread its own diagram.
+        Body pose and velocity come from the plant's state through a context of our own: the two
+        list ports of the plant cost 22-29 us per step on a car of 25 bodies, because every element
+        becomes a Python object; the state port with forward kinematics costs 10 us. The geometry is
+        therefore that of the plant at Finalize: frames moved in a context later are not seen. A
+        system evaluates one context at a time; give each thread its own diagram.
 
         Input ports:
             plant_state: multibody state [q; v] of the plant.
             wind_velocity (optional, 3): v_WA of the air in W, m/s; still air when not connected.
         Output ports:
             spatial_forces: list[ExternallyAppliedSpatialForce], one wrench on the body.
-            wrench (9): force on the body in W, N; moment about the body origin in W, N m; body origin in W, m.
-            sections (4 n): per section |v_rel| m/s, gamma rad, Reynolds number, magnitude of the force N.
-            validity (n): per section 0 outside the jet, 1 inside the measured range, 2 outside it (edge value held),
-                3 inside it but above the quasi-steady limit.
-            wind_direction (1): see the function of that name, rad; a sail that faces the wind has turned so far.
+            wrench (9): force on the body in W, N; moment about the body origin in W, N m; body
+                origin in W, m.
+            sections (4 n): per section |v_rel| m/s, gamma rad, Reynolds number, magnitude of the
+                force N.
+            validity (n): per section 0 outside the jet, 1 inside the measured range, 2 outside it
+                (edge value held), 3 inside it but above the quasi-steady limit.
+            wind_direction (1): see the function of that name, rad; a sail that faces the wind has
+                turned so far.
 
         Args:
             plant: finalised plant, of double scalar; read for its kinematics only.
@@ -85,8 +91,10 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             layout: sections in the body frame.
             law: a `SectionLaw`, or a number for a constant C_N.
             air: density and viscosity.
-            jet: the part of space where the wind blows and forces act (`Jet`); everywhere when None.
-            quasi_steady_limit: relative speed up to which the model was shown to hold, m/s; no limit when None.
+            jet: the part of space where the wind blows and forces act (`Jet`); everywhere when
+                None.
+            quasi_steady_limit: relative speed up to which the model was shown to hold, m/s; no
+                limit when None.
         """
 
         def _construct(
@@ -101,8 +109,13 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
-            self._plant, self._body = plant, resolve_body(plant, body).index()  # not the object: design section 13
-            self._layout, self._air, self._jet = layout, air or Air(), jet
+            self._plant, self._body = (
+                plant,
+                resolve_body(plant, body).index(),
+            )  # not the object: design section 13
+            self._layout = layout
+            self._air = air or Air()
+            self._jet = jet
             self._law = NormalForceLaw(law) if isinstance(law, int | float) else law
             self._quasi_steady_limit = quasi_steady_limit
             self._settings = (layout, self._law, self._air, jet, quasi_steady_limit)
@@ -130,7 +143,9 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             Impl._construct(self, *args)
 
         def reporter(self) -> Any:
-            """The same system once more, to be watched beside a diagram that does not show its ports."""
+            """The same system once more, to be watched beside a diagram that does not show its
+            ports.
+            """
             return Impl(self._plant, self.body, *self._settings)
 
         @property
@@ -154,16 +169,24 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             return self._plant.get_body(self._body)
 
         def _motion(self, context: Any) -> tuple[Any, LineMotion]:
-            """Pose of the body (three rows of [R | p]), and motion of its sections against the air."""
-            kinematics, plant, body = self._kinematics, self._plant, self.body
+            """Pose of the body (three rows of [R | p]), and motion of its sections against the
+            air.
+            """
+            kinematics = self._kinematics
+            plant = self._plant
+            body = self.body
             plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
             X_WB = plant.EvalBodyPoseInWorld(kinematics, body).GetAsMatrix34().tolist()
-            w_x, w_y, w_z, v_x, v_y, v_z = plant.EvalBodySpatialVelocityInWorld(kinematics, body).get_coeffs().tolist()
+            w_x, w_y, w_z, v_x, v_y, v_z = (
+                plant.EvalBodySpatialVelocityInWorld(kinematics, body).get_coeffs().tolist()
+            )
             wind = self._wind.Eval(context).tolist() if self._wind.HasValue(context) else None
             return X_WB, self._layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
 
         def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
-            """Distances and areas of the sections; with a jet those of the exposed part, areas 0 without exposure."""
+            """Distances and areas of the sections; with a jet those of the exposed part, areas 0
+            without exposure.
+            """
             if self._jet is None:
                 return self._layout.distances, self._layout.areas
             return self._jet.exposed_sections(self._layout, point_in_world(X_WB, self._p_BoRo_B), a)
@@ -221,7 +244,8 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
 
 
 TailForce = TailForce_[float]
-"""Aerodynamic wrench on a body made of sections on a straight line, as a Drake system; see `add_tail_force`."""
+"""Aerodynamic wrench on a body made of sections on a straight line, as a Drake system; see
+`add_tail_force`."""
 
 
 def point_in_world(X_WB: Any, p_BoQ_B: Any) -> tuple[Any, ...]:
@@ -231,7 +255,8 @@ def point_in_world(X_WB: Any, p_BoQ_B: Any) -> tuple[Any, ...]:
 
 
 def resolve_body(plant: Any, body: Any, place: str = "tail force") -> Any:
-    """The body that a body or a name means; ModelError when the plant has no such body, or is not finalised.
+    """The body that a body or a name means; ModelError when the plant has no such body, or is not
+    finalised.
 
     Args:
         place: what asks, for messages.
@@ -240,7 +265,9 @@ def resolve_body(plant: Any, body: Any, place: str = "tail force") -> Any:
         raise ModelError(f"{place}: the plant is not finalised; call plant.Finalize() first")
     if isinstance(body, str):
         if not plant.HasBodyNamed(body):
-            names = ", ".join(plant.get_body(BodyIndex(i)).name() for i in range(plant.num_bodies()))
+            names = ", ".join(
+                plant.get_body(BodyIndex(i)).name() for i in range(plant.num_bodies())
+            )
             raise ModelError(f"{place}: the plant has no body named '{body}' (bodies: {names})")
         return plant.GetBodyByName(body)
     if body.GetParentPlant() is not plant:
@@ -262,7 +289,8 @@ def add_tail_force(
     name: str | None = None,
     applied: bool = True,
 ) -> System:
-    """Adds a `TailForce` for one body and wires it: the plant's state in, its force out, and the wind when given.
+    """Adds a `TailForce` for one body and wires it: the plant's state in, its force out, and the
+    wind when given.
 
     Several aerodynamic bodies, and other systems that apply spatial forces, may share a plant: see
     `connect_spatial_forces`.
@@ -274,35 +302,51 @@ def add_tail_force(
         name: of the system; `tail_force_<body>` by default.
         applied: False leaves the plant alone: the system only reports.
 
-    A normal along which no joint moves the sections is a `UserWarning`, in still air: a swing feels nothing then.
+    A normal along which no joint moves the sections is a `UserWarning`, in still air: a swing feels
+    nothing then.
 
     Raises:
-        ModelError: the plant is not finalised or not in the builder, the body is not in the plant, another system has
-            the name, or the jet meets the sections at no reachable angle.
+        ModelError: the plant is not finalised or not in the builder, the body is not in the plant,
+            another system has the name, or the jet meets the sections at no reachable angle.
     """
     if plant not in builder.GetSystems():
-        raise ModelError(f"tail force: plant '{plant.get_name()}' is not in this builder; add it first")
+        raise ModelError(
+            f"tail force: plant '{plant.get_name()}' is not in this builder; add it first"
+        )
     carrier = resolve_body(plant, body)
     if jet is not None:
         jet.require_reachable(plant, carrier, layout)
-    force = TailForce(plant, carrier, layout, law, air=air, jet=jet, quasi_steady_limit=quasi_steady_limit)
+    force = TailForce(
+        plant, carrier, layout, law, air=air, jet=jet, quasi_steady_limit=quasi_steady_limit
+    )
     name = name or f"tail_force_{carrier.name()}"
     if builder.HasSubsystemNamed(name):
         raise ModelError(
-            f"tail force: this builder has a system named '{name}' already; a second one on body '{carrier.name()}' "
+            f"tail force: this builder has a system named '{name}' already; a second one on body "
+            f"'{carrier.name()}' "
             "needs another name="
         )
-    if wind is None and jet is None and force.law.knows_normal and (line := idle_normal(plant, carrier, layout)):
+    if (
+        wind is None
+        and jet is None
+        and force.law.knows_normal
+        and (line := idle_normal(plant, carrier, layout))
+    ):
         warnings.warn(line, UserWarning, stacklevel=2)
-    inputs = {"plant_state": plant.get_state_output_port()} | ({} if wind is None else {"wind_velocity": wind})
+    inputs = {"plant_state": plant.get_state_output_port()} | (
+        {} if wind is None else {"wind_velocity": wind}
+    )
     system = connected(builder, force, name, **inputs)
     if applied:
         connect_spatial_forces(builder, plant, system.GetOutputPort("spatial_forces"))
     return system
 
 
-def connect_spatial_forces(builder: DiagramBuilder, plant: MultibodyPlant, forces: OutputPort) -> None:
-    """Connects one more list of applied spatial forces to a plant, behind a multiplexer when the port is already taken.
+def connect_spatial_forces(
+    builder: DiagramBuilder, plant: MultibodyPlant, forces: OutputPort
+) -> None:
+    """Connects one more list of applied spatial forces to a plant, behind a multiplexer when the
+    port is already taken.
 
     Raises:
         ModelError: the plant's port was exported, so that nothing more can join it.
@@ -314,7 +358,8 @@ def connect_spatial_forces(builder: DiagramBuilder, plant: MultibodyPlant, force
     source = builder.connection_map().get((plant, port.get_index()))
     if source is None:
         raise ModelError(
-            f"plant '{plant.get_name()}': applied_spatial_force is exported; connect the aerodynamic bodies first"
+            f"plant '{plant.get_name()}': applied_spatial_force is exported; connect the "
+            "aerodynamic bodies first"
         )
     present = source[0].get_output_port(source[1])
     builder.Disconnect(present, port)
@@ -332,7 +377,8 @@ _ALONG = 1e-6
 
 
 def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> str:
-    """One line when no joint ever moves the sections along their normal; empty when one does, or none moves them.
+    """One line when no joint ever moves the sections along their normal; empty when one does, or
+    none moves them.
 
     The six degrees of freedom of floating bases are left out: they move any plate in any direction.
 
@@ -350,16 +396,25 @@ def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -
     across = motion - np.outer(axis, axis @ motion)
     left, size, _ = np.linalg.svd(across, full_matrices=False)
     line = (
-        f"tail force on body '{body.name()}': no joint moves its sections along normal_B {_words(normal)}, so that a "
+        f"tail force on body '{body.name()}': no joint moves its sections along normal_B "
+        f"{_words(normal)}, so that a "
         "swing feels no air"
     )
     return f"{line}; it moves them along {_words(left[:, 0])}" if size[0] > _ALONG * moved else line
 
 
 def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> np.ndarray:
-    """Velocities of the section centres in B per unit rate of each joint, over several poses (3, n)."""
-    moving = [joint.velocity_start() + k for joint in joints_of(plant) for k in range(joint.num_velocities())]
-    frame, centres, found = body.body_frame(), layout.p_BoSi_B.T, [np.zeros((3, 0))]
+    """Velocities of the section centres in B per unit rate of each joint, over several poses (3,
+    n).
+    """
+    moving = [
+        joint.velocity_start() + k
+        for joint in joints_of(plant)
+        for k in range(joint.num_velocities())
+    ]
+    frame = body.body_frame()
+    centres = layout.p_BoSi_B.T
+    found = [np.zeros((3, 0))]
     for context in sampled_poses(plant, _POSES if moving else 0):
         J: Any = plant.CalcJacobianTranslationalVelocity(
             context, JacobianWrtVariable.kV, frame, centres, plant.world_frame(), frame
@@ -383,7 +438,8 @@ _ROUNDING = 1e-12
 
 
 class SectionWatch(LeafSystem):
-    """Counts the looks at which a section was outside its coefficients' range; keeps the largest Reynolds number.
+    """Counts the looks at which a section was outside its coefficients' range; keeps the largest
+    Reynolds number.
 
     The counts are those of one run: initialisation starts them anew.
 
@@ -405,19 +461,26 @@ class SectionWatch(LeafSystem):
 
     @classmethod
     def add_to_builder(
-        cls, builder: DiagramBuilder, name: str, sections: OutputPort, validity: OutputPort, rate: float
+        cls,
+        builder: DiagramBuilder,
+        name: str,
+        sections: OutputPort,
+        validity: OutputPort,
+        rate: float,
     ) -> SectionWatch:
         """Adds a watch, at `rate` Hz, on these ports of a `TailForce`."""
-        return connected(builder, cls(validity.size(), rate), name, sections=sections, validity=validity)
+        return connected(
+            builder, cls(validity.size(), rate), name, sections=sections, validity=validity
+        )
 
     def facts(self) -> dict[str, float]:
         """What the run came to so far, for `extra` of its log.
 
         Returns:
-            sections_outside_measured_range: share of the looks (0 to 1) at which at least one section held the edge
-                value of its coefficients.
-            sections_above_quasi_steady_limit: share at which at least one section, inside that range, was faster than
-                the quasi-steady model was shown to hold.
+            sections_outside_measured_range: share of the looks (0 to 1) at which at least one
+                section held the edge value of its coefficients.
+            sections_above_quasi_steady_limit: share at which at least one section, inside that
+                range, was faster than the quasi-steady model was shown to hold.
             largest_reynolds_number: of any section, with the sail's width.
         """
         looks = max(self._looks, 1)
@@ -434,7 +497,9 @@ class SectionWatch(LeafSystem):
 
     @property
     def felt_no_air(self) -> bool:
-        """Whether air passed the sections and none of them ever felt more than rounding leaves of a force."""
+        """Whether air passed the sections and none of them ever felt more than rounding leaves of a
+        force.
+        """
         return self._fastest > _STILL_AIR and self._share <= _ROUNDING
 
     def _clear(self) -> None:
@@ -452,7 +517,9 @@ class SectionWatch(LeafSystem):
         self._outside += bool(np.any(validity == EXTRAPOLATED))
         self._too_fast += bool(np.any(validity == BEYOND_QUASI_STEADY))
         speeds, forces = (sections[column :: len(SECTION_COLUMNS)] for column in (_SPEED, _FORCE))
-        self._reynolds = max(self._reynolds, float(sections[_REYNOLDS :: len(SECTION_COLUMNS)].max()))
+        self._reynolds = max(
+            self._reynolds, float(sections[_REYNOLDS :: len(SECTION_COLUMNS)].max())
+        )
         self._fastest = max(self._fastest, float(speeds.max()))
         self._share = max(self._share, float(np.max(forces / np.maximum(speeds, _STILL_AIR) ** 2)))
         return EventStatus.Succeeded()

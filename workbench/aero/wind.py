@@ -13,7 +13,13 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from aerodima.workbench.aero.laws import check_above_zero, check_from_zero
 from aerodima.workbench.aero.sections import Jet
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.systems.system_ports import LeafSystem_, Stage, period_of, system_template, weakly
+from aerodima.workbench.systems.system_ports import (
+    LeafSystem_,
+    Stage,
+    period_of,
+    system_template,
+    weakly,
+)
 
 Vector3 = tuple[float, float, float]
 _CALM: Vector3 = (0.0, 0.0, 0.0)
@@ -21,7 +27,8 @@ _CALM: Vector3 = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class WindModel:
-    """v_WA(t) = mean + gust sin(2 pi f t + phase) + turbulence, everywhere the same; all in world axes.
+    """v_WA(t) = mean + gust sin(2 pi f t + phase) + turbulence, everywhere the same; all in world
+    axes.
 
     Attributes:
         mean: m/s (3).
@@ -29,7 +36,8 @@ class WindModel:
         gust_frequency: f, Hz.
         gust_phase: rad.
         turbulence: standard deviation of the filtered noise per axis, m/s (3).
-        time_constant: of its first-order filter, s; white noise through it has correlation exp(-t / time_constant).
+        time_constant: of its first-order filter, s; white noise through it has correlation exp(-t /
+            time_constant).
         update_period: of the noise, s; it is held in between.
         seed: equal seeds give equal turbulence, on every machine and for every context.
     """
@@ -47,9 +55,15 @@ class WindModel:
         for name in ("mean", "gust", "turbulence"):
             value = getattr(self, name)
             if len(value) != 3 or not np.all(np.isfinite(value)):
-                raise ModelError(f"wind: {name} is {value}, but it must be three finite numbers (m/s)")
+                raise ModelError(
+                    f"wind: {name} is {value}, but it must be three finite numbers (m/s)"
+                )
         check_from_zero("wind: turbulence", min(self.turbulence), unit="m/s")
-        for name, unit in (("gust_frequency", "Hz"), ("time_constant", "s"), ("update_period", "s")):
+        for name, unit in (
+            ("gust_frequency", "Hz"),
+            ("time_constant", "s"),
+            ("update_period", "s"),
+        ):
             check_above_zero(f"wind: {name}", getattr(self, name), unit=unit)
         check_from_zero("wind: seed", self.seed, unit="1")
 
@@ -60,13 +74,20 @@ class WindModel:
         return cls(mean=(x, y, z), **gusts)
 
     def turbulence_step(self, step: int, previous: Any) -> list[Any]:
-        """The filtered noise after one more update; `step` 0 draws from the stationary distribution."""
-        noise = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, step])).standard_normal(3)
+        """The filtered noise after one more update; `step` 0 draws from the stationary
+        distribution.
+        """
+        noise = np.random.Generator(
+            np.random.Philox(key=self.seed, counter=[0, 0, 0, step])
+        ).standard_normal(3)
         if step == 0:
             return [std * x for std, x in zip(self.turbulence, noise, strict=True)]
         keep = math.exp(-self.update_period / self.time_constant)
         spread = math.sqrt(1.0 - keep * keep)
-        return [keep * p + spread * std * x for p, std, x in zip(previous, self.turbulence, noise, strict=True)]
+        return [
+            keep * p + spread * std * x
+            for p, std, x in zip(previous, self.turbulence, noise, strict=True)
+        ]
 
 
 @system_template("WindSource_", __name__)
@@ -78,7 +99,8 @@ def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
 
         Output ports:
             wind_velocity (3): v_WA of the air in W, m/s.
-            wind_acceleration (3): of mean and gust, m/s2; turbulence is held between updates and has none.
+            wind_acceleration (3): of mean and gust, m/s2; turbulence is held between updates and
+                has none.
         """
 
         def _construct(self, model: WindModel, converter: Any = None) -> None:
@@ -107,7 +129,9 @@ def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             seconds = time if isinstance(time, float) else time.value()
             step = round(seconds / self._model.update_period)
             state.get_mutable_vector().SetFromVector(
-                self._model.turbulence_step(step, context.get_discrete_state_vector().CopyToVector())
+                self._model.turbulence_step(
+                    step, context.get_discrete_state_vector().CopyToVector()
+                )
             )
 
         def _calc(self, context: Any, output: Any) -> None:
@@ -115,7 +139,12 @@ def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             wave = sin(2.0 * math.pi * model.gust_frequency * context.get_time() + model.gust_phase)
             wind = [mean + gust * wave for mean, gust in zip(model.mean, model.gust, strict=True)]
             if self._turbulent:
-                wind = [w + x for w, x in zip(wind, context.get_discrete_state_vector().CopyToVector(), strict=True)]
+                wind = [
+                    w + x
+                    for w, x in zip(
+                        wind, context.get_discrete_state_vector().CopyToVector(), strict=True
+                    )
+                ]
             output.SetFromVector(wind)
 
     return Impl
@@ -126,4 +155,6 @@ WindSource = WindSource_[float]
 
 def add_wind(builder: DiagramBuilder, model: WindModel | None = None) -> OutputPort:
     """Adds a `WindSource`; returns its port for `add_tail_force(..., wind=port)`."""
-    return builder.AddNamedSystem("wind", WindSource(model or WindModel())).GetOutputPort("wind_velocity")
+    return builder.AddNamedSystem("wind", WindSource(model or WindModel())).GetOutputPort(
+        "wind_velocity"
+    )

@@ -1,4 +1,6 @@
-"""Worker processes that Dask starts on this computer, or those of a scheduler that runs somewhere; what runs in one."""
+"""Worker processes that Dask starts on this computer, or those of a scheduler that runs somewhere;
+what runs in one.
+"""
 
 from __future__ import annotations
 
@@ -27,23 +29,30 @@ CONNECT_TIMEOUT = 10.0
 """s; a scheduler that does not answer in this time is not there."""
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 ALLOCATORS = ("tcmalloc_minimal", "jemalloc")
-"""Libraries with which a simulated run costs 16 to 18 % less than with the C library of Debian 12, to the same bits."""
+"""Libraries with which a simulated run costs 16 to 18 % less than with the C library of Debian 12,
+to the same bits."""
 
 
 @contextmanager
 def local_cluster(workers: int, memory: float | None = None) -> Iterator[Client]:
-    """So many processes, each replaced by Dask's nanny when it ends, with one BLAS thread and `memory` bytes."""
+    """So many processes, each replaced by Dask's nanny when it ends, with one BLAS thread and
+    `memory` bytes.
+    """
     import dask
     from distributed import Client, LocalCluster
 
     options = {
-        "distributed.scheduler.allowed-failures": 0,  # a piece whose worker died is ours to give out again
-        "distributed.scheduler.worker-ttl": None,  # a solver that keeps the interpreter busy for long is not dead
+        # a piece whose worker died is ours to give out again
+        "distributed.scheduler.allowed-failures": 0,
+        # a solver that keeps the interpreter busy for long is not dead
+        "distributed.scheduler.worker-ttl": None,
         "distributed.worker.multiprocessing-method": "spawn",
-        "distributed.worker.profile.enabled": False,  # looks at every stack 100 times a second: 2 to 4 % of a run
+        # looks at every stack 100 times a second: 2 to 4 % of a run
+        "distributed.worker.profile.enabled": False,
         "distributed.admin.tick.interval": "1s",  # 50 a second, in every process, by default
-        # So long after a worker went, the cluster gives it up for good if it finds none of that name. One that is just
-        # being replaced once more is not there either, and would never come back.
+        # So long after a worker went, the cluster gives it up for good if it finds none of that
+        # name. One that is just being replaced once more is not there either, and would never come
+        # back.
         "distributed.deploy.lost-worker-timeout": "30 days",
     }
     with ExitStack() as stack:
@@ -56,7 +65,8 @@ def local_cluster(workers: int, memory: float | None = None) -> Iterator[Client]
                 memory_limit="auto" if memory is None else int(memory),
                 processes=True,
                 host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",  # of Dask's own HTTP routes; the dashboard itself is off
+                # of Dask's own HTTP routes; the dashboard itself is off
+                dashboard_address="127.0.0.1:0",
                 scheduler_kwargs={"dashboard": False},
                 silence_logs=logging.CRITICAL,
             )
@@ -74,21 +84,29 @@ def remote_cluster(address: str) -> Iterator[Client]:
         client = Client(address, timeout=CONNECT_TIMEOUT)
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split())[:160]
-        raise UserError(f"--scheduler {address}: no Dask scheduler answers there ({reason})") from None
+        raise UserError(
+            f"--scheduler {address}: no Dask scheduler answers there ({reason})"
+        ) from None
     with client:
         if not client.nthreads():
-            raise UserError(f"--scheduler {address}: the scheduler has no workers; start some with `dask worker`")
+            raise UserError(
+                f"--scheduler {address}: the scheduler has no workers; start some with `dask "
+                "worker`"
+            )
         yield client
 
 
 @contextmanager
 def _environment_of_workers() -> Iterator[None]:
-    """What worker processes inherit: one thread each, and a fast allocator where this computer has one.
+    """What worker processes inherit: one thread each, and a fast allocator where this computer has
+    one.
 
     In Dask's own setting the threads would not outdo the caller's. What the caller preloads stays.
     """
     wanted = dict.fromkeys(THREAD_VARIABLES, "1")
-    fast = next(filter(None, map(find_library, ALLOCATORS)), None) if sys.platform == "linux" else None
+    fast = (
+        next(filter(None, map(find_library, ALLOCATORS)), None) if sys.platform == "linux" else None
+    )
     if fast is not None:
         wanted["LD_PRELOAD"] = " ".join(filter(None, (os.environ.get("LD_PRELOAD"), fast)))
     before = {name: os.environ.get(name) for name in wanted}
@@ -119,12 +137,14 @@ def quiet_logs() -> Iterator[None]:
 
 @contextmanager
 def _ctrl_c_blocked() -> Iterator[None]:
-    """Holds Ctrl-C back for threads and processes that are started meanwhile, and for what they start in turn.
+    """Holds Ctrl-C back for threads and processes that are started meanwhile, and for what they
+    start in turn.
 
-    The terminal sends it to all processes, but the client alone is to act on it: it closes the workers. A worker that
-    replaces a lost one is started by such a thread too.
+    The terminal sends it to all processes, but the client alone is to act on it: it closes the
+    workers. A worker that replaces a lost one is started by such a thread too.
     """
-    resource_tracker.ensure_running()  # by its own start it would let the signal through to the thread that starts it
+    # by its own start it would let the signal through to the thread that starts it
+    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -133,7 +153,8 @@ def _ctrl_c_blocked() -> Iterator[None]:
 
 
 ALL_GARBAGE = 100
-"""So many pieces lie between two looks at everything in a worker that may be garbage; else only at what is new."""
+"""So many pieces lie between two looks at everything in a worker that may be garbage; else only at
+what is new."""
 _pieces = itertools.count(1)
 
 _GIGABYTE = 1.0e9
@@ -165,7 +186,9 @@ class Worker:
         import psutil
 
         try:
-            return bool(self.pid) and bool(psutil.Process(self.pid).status() == psutil.STATUS_STOPPED)
+            return bool(self.pid) and bool(
+                psutil.Process(self.pid).status() == psutil.STATUS_STOPPED
+            )
         except psutil.NoSuchProcess:
             return False
 
@@ -174,13 +197,16 @@ class Worker:
 
 
 def do_piece(work: Callable[[Any], Any], item: Any) -> tuple[Any, float, int, int]:
-    """In the worker: the result, how long it took (s), the process and its memory afterwards (bytes)."""
+    """In the worker: the result, how long it took (s), the process and its memory afterwards
+    (bytes).
+    """
     start = time.monotonic()
     result = work(item)
     seconds = time.monotonic() - start
     if next(_pieces) % ALL_GARBAGE == 0:
         gc.unfreeze()
-    gc.collect()  # a dead diagram is a cycle that weighs megabytes and looks like a few small objects
+    # a dead diagram is a cycle that weighs megabytes and looks like a few small objects
+    gc.collect()
     gc.freeze()  # what it leaves for good would be looked at after every run: 0.1 ms more with each
     return result, seconds, os.getpid(), _memory()
 

@@ -1,6 +1,8 @@
-"""The engine on Dask workers: it hands out one piece per worker at a time, and looks after the workers meanwhile.
+"""The engine on Dask workers: it hands out one piece per worker at a time, and looks after the
+workers meanwhile.
 
-Dask pauses a worker at 80 % of its memory, ends it at 95 %, and leaves the rest to us: a paused worker is replaced.
+Dask pauses a worker at 80 % of its memory, ends it at 95 %, and leaves the rest to us: a paused
+worker is replaced.
 """
 
 from __future__ import annotations
@@ -15,7 +17,14 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from aerodima.workbench.batch.dask_cluster import Worker, do_piece, get_ready, local_cluster, quiet_logs, remote_cluster
+from aerodima.workbench.batch.dask_cluster import (
+    Worker,
+    do_piece,
+    get_ready,
+    local_cluster,
+    quiet_logs,
+    remote_cluster,
+)
 from aerodima.workbench.batch.engine import Engine, Item, Result, Standstill, WorkerRecord
 from aerodima.workbench.batch.row_store import ProgressLine, on_stderr
 from aerodima.workbench.errors import UserError
@@ -30,17 +39,20 @@ LOOK_EVERY = 1.0
 STOPPED_LOOKS = 5
 """So many looks in a row must find a process stopped (SIGSTOP) before it is killed and replaced."""
 PAUSED_LOOKS = 5
-"""So many looks in a row must find a paused worker idle although it has a piece before it is replaced."""
+"""So many looks in a row must find a paused worker idle although it has a piece before it is
+replaced."""
 RETIRED_FOR = 60.0
 """s; a worker that is still there so long after it was given up is a worker again."""
 RESULT_WITHIN = 30.0
-"""s; a result that a worker does not hand over in this time is lost, and its piece is made once more."""
+"""s; a result that a worker does not hand over in this time is lost, and its piece is made once
+more."""
 WORKER_WITHIN = 300.0
 """s; without any worker for so long the study ends."""
 ANSWER_WITHIN = 30.0
 """s, for an answer of the scheduler."""
 DEATHS_AT_THE_START = 3
-"""Workers, and as many for each that works, that may die before any piece is done: then it is not the pieces' fault."""
+"""Workers, and as many for each that works, that may die before any piece is done: then it is not
+the pieces' fault."""
 
 
 @contextmanager
@@ -57,7 +69,8 @@ def open_engine(
 
     Args:
         workers: processes to start here, one BLAS thread each; not used with a scheduler.
-        scheduler: address of a running Dask scheduler, such as `tcp://127.0.0.1:8786`. Its workers need this package.
+        scheduler: address of a running Dask scheduler, such as `tcp://127.0.0.1:8786`. Its workers
+            need this package.
         progress: receives what happens to workers, a line each; stderr by default.
         record: file for the same; usually `WORKER_RECORD` in the folder of the study.
         memory: limit of each process here, bytes; by default an equal share of this computer's.
@@ -91,7 +104,9 @@ def run_batch(
     progress: ProgressLine = on_stderr,
     record: Path | None = None,
 ) -> list[Result]:
-    """`Engine.map` on an engine for these items alone; with one worker, or one item, in this process."""
+    """`Engine.map` on an engine for these items alone; with one worker, or one item, in this
+    process.
+    """
     check_workers(workers)
     number = min(workers, len(items))
     alone = nullcontext(Engine(progress, record))
@@ -108,13 +123,20 @@ def check_workers(workers: int) -> None:
 class DaskEngine(Engine):
     """On the workers of a Dask client; made by `open_engine`."""
 
-    def __init__(self, client: Client, record: WorkerRecord, *, is_local: bool, module: str | None) -> None:
-        self._client, self._record, self._is_local, self._module = client, record, is_local, module
+    def __init__(
+        self, client: Client, record: WorkerRecord, *, is_local: bool, module: str | None
+    ) -> None:
+        self._client = client
+        self._record = record
+        self._is_local = is_local
+        self._module = module
         self._workers: dict[str, Worker] = {}
         self._retired: dict[str, float] = {}
         """Address -> when a worker that the scheduler may still list was given up; monotonic, s."""
-        self._looked, self._staffed = -LOOK_EVERY, time.monotonic()
-        self._deaths, self._worked = 0, False
+        self._looked = -LOOK_EVERY
+        self._staffed = time.monotonic()
+        self._deaths = 0
+        self._worked = False
         self._under_way: dict[Future, tuple[str, int | None]] = {}
         """Address of the worker, and the place of the piece; None while the worker gets ready."""
         self._dead: list[int] = []
@@ -136,10 +158,13 @@ class DaskEngine(Engine):
         lost: Callable[[Any], Any] | None = None,
     ) -> list[Any]:
         """See `Engine`."""
-        waiting, suspects = deque(range(len(items))), deque[int]()
+        waiting = deque(range(len(items)))
+        suspects = deque[int]()
         results: dict[int, Any] = {}
-        given_up, died = list[int](), set[int]()
-        self._still, self._staffed = Standstill(self._record, self._where), time.monotonic()
+        given_up = list[int]()
+        died = set[int]()
+        self._still = Standstill(self._record, self._where)
+        self._staffed = time.monotonic()
 
         def keep(place: int, result: Any) -> None:
             results[place] = result
@@ -160,28 +185,38 @@ class DaskEngine(Engine):
                         died.add(place)
                         suspects.append(place)
                         continue
-                    self._record.event("given_up", f"given up, lost twice with its worker: {str(items[place])[:200]}")
+                    self._record.event(
+                        "given_up",
+                        f"given up, lost twice with its worker: {str(items[place])[:200]}",
+                    )
                     if lost is None:
                         given_up.append(place)
                     else:
                         keep(place, lost(items[place]))
-                self._again, self._dead = [], []
+                self._again = []
+                self._dead = []
         finally:
             self._drop()
         if given_up:
             raise UserError(
-                f"{len(given_up)} of {len(items)} pieces were lost twice with their worker process (out of memory?), "
+                f"{len(given_up)} of {len(items)} pieces were lost twice with their worker "
+                "process (out of memory?), "
                 f"the first is {items[min(given_up)]!r}; the others are done"
             )
         return [results[index] for index in range(len(items))]
 
     def _drop(self) -> None:
         """Forgets all pending runs, without a word to the user."""
-        for future in [future for future, (_, place) in self._under_way.items() if place is not None]:
+        for future in [
+            future for future, (_, place) in self._under_way.items() if place is not None
+        ]:
             self._forget_future(future, self._again)
-        self._again, self._dead = [], []
+        self._again = []
+        self._dead = []
 
-    def _hand_out(self, work: Callable[[Any], Any], items: Sequence[Any], source: deque[int], alone: bool) -> None:
+    def _hand_out(
+        self, work: Callable[[Any], Any], items: Sequence[Any], source: deque[int], alone: bool
+    ) -> None:
         """One piece for every free thread; with `alone` one piece and nothing beside it."""
         for address, worker in list(self._workers.items()):
             busy = sum(address == where for where, _ in self._under_way.values())
@@ -192,7 +227,9 @@ class DaskEngine(Engine):
                 self._submit(address, place, do_piece, work, items[place])
                 busy += 1
 
-    def _submit(self, address: str, place: int | None, function: Callable[..., Any], *arguments: Any) -> None:
+    def _submit(
+        self, address: str, place: int | None, function: Callable[..., Any], *arguments: Any
+    ) -> None:
         future = self._client.submit(function, *arguments, workers=[address], pure=False, retries=0)
         self._under_way[future] = address, place
 
@@ -221,7 +258,9 @@ class DaskEngine(Engine):
         except KilledWorker:
             self._lost(address)
             return None, None
-        except CancelledError as error:  # as when the connection to the scheduler was lost for a moment
+        except (
+            CancelledError
+        ) as error:  # as when the connection to the scheduler was lost for a moment
             self._record.event("taken_back", f"Dask took a run back ({error}): it is made again")
             self._forget_future(future, self._again)
             return None, None
@@ -244,11 +283,13 @@ class DaskEngine(Engine):
     def _fetch(self, future: Future) -> tuple[Any, float, int, int] | None:
         """What `do_piece` returned; None once it is lost and its piece was taken back.
 
-        A worker that dies between the end of a piece and this call takes the result with it. The scheduler then keeps
-        the piece for that worker alone, so the future would wait forever.
+        A worker that dies between the end of a piece and this call takes the result with it. The
+        scheduler then keeps the piece for that worker alone, so the future would wait forever.
         """
         loop: Any = self._client.loop
-        gather: Any = self._client.gather([future], asynchronous=True)  # one for all looks: it may need several
+        gather: Any = self._client.gather(
+            [future], asynchronous=True
+        )  # one for all looks: it may need several
         gathering = asyncio.run_coroutine_threadsafe(gather, loop.asyncio_loop)
         until = time.monotonic() + RESULT_WITHIN
         try:
@@ -258,7 +299,10 @@ class DaskEngine(Engine):
                     return fetched
                 self._look()
                 if future in self._under_way and time.monotonic() > until:
-                    text = f"the result of a run did not arrive within {RESULT_WITHIN:g} s: the run is made once more"
+                    text = (
+                        f"the result of a run did not arrive within {RESULT_WITHIN:g} s: the "
+                        "run is made once more"
+                    )
                     self._record.event("taken_back", text)
                     self._forget_future(future, self._dead)
             return None
@@ -266,15 +310,22 @@ class DaskEngine(Engine):
             gathering.cancel()
 
     def _look(self) -> None:
-        """Finds out which workers are new, gone, paused or stopped, and acts on it; at most every `LOOK_EVERY`."""
+        """Finds out which workers are new, gone, paused or stopped, and acts on it; at most every
+        `LOOK_EVERY`.
+        """
         if time.monotonic() - self._looked < LOOK_EVERY:
             return
         self._looked = time.monotonic()
-        # Not `scheduler_info`: the client's own refresh may put an answer without workers in its place.
+        # Not `scheduler_info`: the client's own refresh may put an answer without workers in its
+        # place.
         ask: Any = self._client.scheduler.identity
-        present: dict[str, Any] = self._asked(ask, n_workers=-1, callback_timeout=ANSWER_WITHIN)["workers"]
+        present: dict[str, Any] = self._asked(ask, n_workers=-1, callback_timeout=ANSWER_WITHIN)[
+            "workers"
+        ]
         oldest = self._looked - RETIRED_FOR  # a new worker may get the port of an old one
-        self._retired = {where: at for where, at in self._retired.items() if where in present and at > oldest}
+        self._retired = {
+            where: at for where, at in self._retired.items() if where in present and at > oldest
+        }
         for address in [address for address in self._workers if address not in present]:
             self._lost(address)
         for address, facts in present.items():
@@ -282,7 +333,10 @@ class DaskEngine(Engine):
                 continue
             if address not in self._workers:
                 self._workers[address] = Worker(
-                    str(facts["name"]), facts["nthreads"], float(facts["memory_limit"] or 0), bool(facts["nanny"])
+                    str(facts["name"]),
+                    facts["nthreads"],
+                    float(facts["memory_limit"] or 0),
+                    bool(facts["nanny"]),
                 )
             if not self._workers[address].pid and not self._has_piece(address):
                 self._submit(address, None, get_ready, self._module)
@@ -304,13 +358,18 @@ class DaskEngine(Engine):
                 self._tell("paused", worker, f"{worker} is paused by Dask: it holds {worker.held}")
         worker.status = facts["status"]
         has_piece = self._has_piece(address)
-        worker.idle = 0 if has_piece and metrics.get("task_counts", {}).get("executing") else worker.idle + 1
+        worker.idle = (
+            0 if has_piece and metrics.get("task_counts", {}).get("executing") else worker.idle + 1
+        )
         if worker.status == "paused" and worker.idle >= (PAUSED_LOOKS if has_piece else 1):
             self._replace_paused(address)
         elif self._is_local and worker.is_stopped():
             worker.stopped += 1
             if worker.stopped >= STOPPED_LOOKS:
-                text = f"{worker} has been stopped for {STOPPED_LOOKS * LOOK_EVERY:g} s: it is killed and replaced"
+                text = (
+                    f"{worker} has been stopped for {STOPPED_LOOKS * LOOK_EVERY:g} s: it is "
+                    "killed and replaced"
+                )
                 self._replace(address, "stopped", text + ", its run is made again")
         else:
             worker.stopped = 0
@@ -323,12 +382,23 @@ class DaskEngine(Engine):
         if not worker.pieces:
             self._death(f"{worker} is paused before it has ended a single run")
         if worker.has_nanny:
-            self._replace(address, "replaced", f"{worker} is replaced after {worker.pieces} runs: it was paused")
+            self._replace(
+                address,
+                "replaced",
+                f"{worker} is replaced after {worker.pieces} runs: it was paused",
+            )
         elif worker.idle % 60 == PAUSED_LOOKS:
-            self._tell("still", worker, f"{worker} is paused and cannot be replaced: it was started without a nanny")
+            self._tell(
+                "still",
+                worker,
+                f"{worker} is paused and cannot be replaced: it was started without a nanny",
+            )
 
     def _replace(self, address: str, kind: str, text: str) -> None:
-        """Ends a worker; its nanny starts another, which the next look finds. What it worked on is done again."""
+        """Ends a worker; its nanny starts another, which the next look finds.
+
+        What it worked on is done again.
+        """
         worker = self._workers.pop(address)
         self._retired[address] = time.monotonic()
         self._tell(kind, worker, text)
@@ -355,7 +425,9 @@ class DaskEngine(Engine):
         worker = self._workers.pop(address)
         self._retired[address] = time.monotonic()
         held = f" (it held {worker.held})" if worker.memory else ""
-        had_piece = any(address == where and place is not None for where, place in self._under_way.values())
+        had_piece = any(
+            address == where and place is not None for where, place in self._under_way.values()
+        )
         ending = "; its run is made again" if had_piece else ""
         self._tell("lost", worker, f"{worker} was lost after {worker.pieces} runs{held}{ending}")
         self._forget(address, self._dead)
@@ -363,7 +435,9 @@ class DaskEngine(Engine):
 
     def _forget(self, address: str, places: list[int]) -> None:
         """Takes back what a worker had; its pieces join `places`."""
-        for future in [future for future, (where, _) in self._under_way.items() if where == address]:
+        for future in [
+            future for future, (where, _) in self._under_way.items() if where == address
+        ]:
             self._forget_future(future, places)
 
     def _forget_future(self, future: Future, places: list[int]) -> None:
@@ -375,13 +449,22 @@ class DaskEngine(Engine):
     def _death(self, text: str) -> None:
         self._deaths += 1
         if not self._worked and self._deaths >= DEATHS_AT_THE_START * self.workers:
-            raise UserError(f"workers died {self._deaths} times before any run was done, the last: {text}")
+            raise UserError(
+                f"workers died {self._deaths} times before any run was done, the last: {text}"
+            )
 
     def _tell(self, kind: str, worker: Worker, text: str) -> None:
         self._record.event(
-            kind, text, worker=worker.name, process=worker.pid, runs=worker.pieces, memory_bytes=worker.memory
+            kind,
+            text,
+            worker=worker.name,
+            process=worker.pid,
+            runs=worker.pieces,
+            memory_bytes=worker.memory,
         )
 
     def _where(self) -> str:
-        busy = [str(worker) for address, worker in self._workers.items() if self._has_piece(address)]
+        busy = [
+            str(worker) for address, worker in self._workers.items() if self._has_piece(address)
+        ]
         return f"; at work: {', '.join(busy)}" if busy else "; no worker is there"

@@ -1,4 +1,6 @@
-"""Does pieces of work in this process (`dask_engine`: in several); says and keeps what happens to workers meanwhile."""
+"""Does pieces of work in this process (`dask_engine`: in several); says and keeps what happens to
+workers meanwhile.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 STILL_TIMES = 10.0
-"""Work stands still when no run has ended for so many typical run times (their median), and at least `STILL_LEAST`."""
+"""Work stands still when no run has ended for so many typical run times (their median), and at
+least `STILL_LEAST`."""
 STILL_LEAST = 30.0
 """s."""
 STILL_FIRST = 120.0
@@ -26,7 +29,8 @@ STILL_FIRST = 120.0
 
 
 class Engine:
-    """Does pieces of work in this process, one after the other; those of `open_engine` do them in several.
+    """Does pieces of work in this process, one after the other; those of `open_engine` do them in
+    several.
 
     Attributes:
         workers: how many pieces are done at a time.
@@ -45,7 +49,9 @@ class Engine:
 
     @property
     def events(self) -> dict[str, int]:
-        """Kind of event (docs/howto/studies.md) -> how often: `replaced`, `lost`, `paused`, `still` ..."""
+        """Kind of event (docs/howto/studies.md) -> how often: `replaced`, `lost`, `paused`, `still`
+        ...
+        """
         return dict(self._record.counts)
 
     def map(
@@ -57,17 +63,21 @@ class Engine:
     ) -> list[Result]:
         """Results of `work(item)`, in the order of the items.
 
-        A piece whose worker dies is done again after all others, with nothing beside it; it is given up if its worker
-        dies then too.
+        A piece whose worker dies is done again after all others, with nothing beside it; it is
+        given up if its worker dies then too.
 
         Args:
-            work: function of a module, so that a process can import it; a `functools.partial` of one.
+            work: function of a module, so that a process can import it; a `functools.partial` of
+                one.
             items: they and the results must pickle.
-            done: receives the index and result of each finished item, once, in the order in which they finish.
-            lost: makes the result of an item that was given up; without it that is an error after all others.
+            done: receives the index and result of each finished item, once, in the order in which
+                they finish.
+            lost: makes the result of an item that was given up; without it that is an error after
+                all others.
 
         Raises:
-            UserError: items were given up and there is no `lost`, or workers die before anything is done.
+            UserError: items were given up and there is no `lost`, or workers die before anything is
+                done.
             Exception: whatever `work` raises; what has not begun is dropped.
         """
         results = []
@@ -86,7 +96,8 @@ class WorkerRecord:
 
     Args:
         progress: receives a line per event.
-        path: of the file, made with the first event; usually `WORKER_RECORD` in the folder of the study.
+        path: of the file, made with the first event; usually `WORKER_RECORD` in the folder of the
+            study.
     """
 
     def __init__(self, progress: ProgressLine = on_stderr, path: Path | None = None) -> None:
@@ -101,19 +112,30 @@ class WorkerRecord:
         if self._path is None:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        line = {"time": datetime.now(UTC).isoformat(timespec="seconds"), "event": kind, **facts, "text": text}
+        line = {
+            "time": datetime.now(UTC).isoformat(timespec="seconds"),
+            "event": kind,
+            **facts,
+            "text": text,
+        }
         with self._path.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(line) + "\n")
 
     def close(self) -> None:
         """Sums the events up, if there were any."""
         if self.counts:
-            text = ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in sorted(self.counts.items()))
-            self._progress(f"workers: {text}" + ("" if self._path is None else f"; see {self._path}"))
+            text = ", ".join(
+                f"{count} {kind.replace('_', ' ')}" for kind, count in sorted(self.counts.items())
+            )
+            self._progress(
+                f"workers: {text}" + ("" if self._path is None else f"; see {self._path}")
+            )
 
 
 class Standstill:
-    """Says when no run ends for long; again after each doubling of that time. As a context manager it looks by itself.
+    """Says when no run ends for long; again after each doubling of that time.
+
+    As a context manager it looks by itself.
 
     Args:
         record: receives the event.
@@ -121,9 +143,11 @@ class Standstill:
     """
 
     def __init__(self, record: WorkerRecord, where: Callable[[], str] = lambda: "") -> None:
-        self._record, self._where = record, where
+        self._record = record
+        self._where = where
         self._seconds: deque[float] = deque(maxlen=101)
-        self._limit, self._last = STILL_FIRST, time.monotonic()
+        self._limit = STILL_FIRST
+        self._last = time.monotonic()
         self._over = threading.Event()
 
     def ended(self, seconds: float) -> None:

@@ -1,8 +1,10 @@
-"""Resumable work: its rows on the disk, a line of JSON each as they come, held by one client at a time; how far it is.
+"""Resumable work: its rows on the disk, a line of JSON each as they come, held by one client at a
+time; how far it is.
 
-Work that was cut off at any time (Ctrl-C, a killed process, a full disk) goes on with what its file does not hold. The
-first line says what all rows have in common, and each row has a key of everything else that determines it: a row of
-other inputs is never taken for one of these. A line that was cut off, or is damaged, costs its own row alone.
+Work that was cut off at any time (Ctrl-C, a killed process, a full disk) goes on with what its file
+does not hold. The first line says what all rows have in common, and each row has a key of
+everything else that determines it: a row of other inputs is never taken for one of these. A line
+that was cut off, or is damaged, costs its own row alone.
 """
 
 from __future__ import annotations
@@ -34,14 +36,16 @@ def on_stderr(line: str) -> None:
 
 
 WORKER_RECORD = "workers.jsonl"
-"""In the folder of a study, once something happened: a line per event with its time, worker, process and text."""
+"""In the folder of a study, once something happened: a line per event with its time, worker,
+process and text."""
 
 
 Row = dict[str, Any]
 
 
 class RowStore:
-    """The file of one piece of work, locked until it is closed or the process ends, however it ends.
+    """The file of one piece of work, locked until it is closed or the process ends, however it
+    ends.
 
     Args:
         path: of the file; its folder is made when it is not there.
@@ -51,7 +55,8 @@ class RowStore:
         error: class of the errors raised.
 
     Raises:
-        UserError: another process works with the file, it holds rows of another identity, or it cannot be written.
+        UserError: another process works with the file, it holds rows of another identity, or it
+            cannot be written.
     """
 
     def __init__(
@@ -63,7 +68,8 @@ class RowStore:
         alone: bool = False,
         error: type[UserError] = UserError,
     ) -> None:
-        self.path, self._error = path, error
+        self.path = path
+        self._error = error
         make_folder(path.parent, error)
         if alone and not force and not path.exists():
             refuse_foreign_files(path.parent, error)
@@ -105,7 +111,8 @@ class RowStore:
             fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise self._error(
-                f"{self.path.parent}: another process works in it; wait for it, or choose another folder"
+                f"{self.path.parent}: another process works in it; wait for it, or choose another "
+                "folder"
             ) from None
 
     def _read(self, identity: Row) -> dict[str, Row]:
@@ -113,7 +120,8 @@ class RowStore:
         differing = [key for key in {**identity, **head} if head.get(key) != identity.get(key)]
         if differing:
             raise self._error(
-                f"{self.path}: holds results of other parameters, settings or versions ({', '.join(differing)}); "
+                f"{self.path}: holds results of other parameters, settings or versions "
+                f"({', '.join(differing)}); "
                 "choose another --out, or drop them: --force, or remove this file"
             )
         content = self.path.read_bytes()
@@ -135,9 +143,13 @@ class RowStore:
 
 
 def read_lines(path: Path) -> list[Row]:
-    """Head and rows of a file of a `RowStore`, as they were written, without damaged lines; none without a file."""
+    """Head and rows of a file of a `RowStore`, as they were written, without damaged lines; none
+    without a file.
+    """
     lines = []
-    for text in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else ():
+    for text in (
+        path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else ()
+    ):
         try:
             line = json.loads(text)
         except ValueError:
@@ -149,11 +161,15 @@ def read_lines(path: Path) -> list[Row]:
 
 def content_key(*content: Any) -> str:
     """The same for the same content, JSON-able."""
-    return hashlib.sha256(json.dumps(content, sort_keys=True, default=_plain).encode()).hexdigest()[:20]
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=_plain).encode()).hexdigest()[
+        :20
+    ]
 
 
 def refuse_foreign_files(folder: Path, error: type[UserError] = UserError) -> None:
-    """Raises `error` when a folder holds anything that nobody made for the work that is to be done there."""
+    """Raises `error` when a folder holds anything that nobody made for the work that is to be done
+    there.
+    """
     if names := sorted(path.name for path in folder.iterdir() if path.name != WORKER_RECORD):
         shown = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
         raise error(f"{folder}: holds other files ({shown}); choose another folder, or --force")
@@ -178,16 +194,23 @@ class ProgressBar:
     """
 
     def __init__(self, progress: ProgressLine, total: int, there: int = 0) -> None:
-        self.total, self.done, self._there, self._progress = total, there, there, progress
+        self.total = total
+        self.done = there
+        self._there = there
+        self._progress = progress
         self._start = time.monotonic()
 
     def one_more(self, what: str = "") -> None:
         """Counts a piece, and shows `what` beside the count."""
         self.done += 1
-        left = (time.monotonic() - self._start) / (self.done - self._there) * (self.total - self.done)
+        left = (
+            (time.monotonic() - self._start) / (self.done - self._there) * (self.total - self.done)
+        )
         filled = BAR * self.done // self.total
         count = f"{self.done:>{len(str(self.total))}}/{self.total}"
-        self._progress(f"[{'#' * filled + '.' * (BAR - filled)}] {count} {what:8} {left:5.0f} s to go")
+        self._progress(
+            f"[{'#' * filled + '.' * (BAR - filled)}] {count} {what:8} {left:5.0f} s to go"
+        )
 
 
 @contextmanager
@@ -201,7 +224,9 @@ def saying_how_to_go_on(progress: ProgressLine, kept: Callable[[], str]) -> Iter
 
 
 def terminal() -> ProgressLine:
-    """Writes lines to stderr; on a terminal each takes the place of the one before, except messages of a stop."""
+    """Writes lines to stderr; on a terminal each takes the place of the one before, except messages
+    of a stop.
+    """
     shown = 0
 
     def progress(line: str) -> None:

@@ -1,4 +1,6 @@
-"""The program `aerodima`, and its commands that need no other package: one module each, heavy imports inside."""
+"""The program `aerodima`, and its commands that need no other package: one module each, heavy
+imports inside.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +20,8 @@ COMMAND_MODULES: tuple[str, ...] = (
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands of every module in `COMMAND_MODULES` (entry point of the group `aerodima.commands`)."""
+    """Add the commands of every module in `COMMAND_MODULES` (entry point of the group
+    `aerodima.commands`).
+    """
     for name in COMMAND_MODULES:
         import_module(f"{__name__}.{name}").register(app)

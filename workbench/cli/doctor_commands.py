@@ -1,7 +1,8 @@
-"""`aerodima doctor`: what this machine has of what the workbench can use, and how to get what is missing.
+"""`aerodima doctor`: what this machine has of what the workbench can use, and how to get what is
+missing.
 
-Each check looks at one thing and says in a line what it found. Only what every job needs is `required`; all else names
-the job that would go without it.
+Each check looks at one thing and says in a line what it found. Only what every job needs is
+`required`; all else names the job that would go without it.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ def register(app: typer.Typer) -> None:
 def doctor() -> None:
     """Check what this machine has, and say how to get the rest.
 
-    Python, Drake, solvers, extras, browser, CAN, serial ports and disk. Exits with 1 when a required one is missing.
+    Python, Drake, solvers, extras, browser, CAN, serial ports and disk. Exits with 1 when a
+    required one is missing.
     """
     findings = examine()
     for finding in findings:
@@ -51,7 +53,8 @@ def doctor() -> None:
 OLDEST_PYTHON = (3, 11)
 OLDEST_DRAKE = (1, 51)
 SMALLEST_DISK = 1e9
-"""Free bytes below which logs and reports of a day's work may not fit; a turn's log has 2 MB, its replay 4 MB."""
+"""Free bytes below which logs and reports of a day's work may not fit; a turn's log has 2 MB, its
+replay 4 MB."""
 
 EXTRAS = {
     "hardware": (("serial", "the Teensy and CAN adapters on serial ports"),),
@@ -73,7 +76,10 @@ PROGRAMS = {
         "install chromium, or replay elsewhere",
     ),
     "graphviz": (("dot",), "install graphviz; block diagrams of notebooks are text without it"),
-    "C++ compiler": ((os.environ.get("CXX", "g++"),), "install g++, which compiles the firmware of the emulated car"),
+    "C++ compiler": (
+        (os.environ.get("CXX", "g++"),),
+        "install g++, which compiles the firmware of the emulated car",
+    ),
 }
 """Subject -> the programs of which one is needed, and the advice without."""
 
@@ -106,14 +112,35 @@ class Finding:
 
 
 def examine() -> list[Finding]:
-    """Everything that can be looked at without changing anything; takes a second or two, for importing Drake."""
-    checks = (_python, _drake, _solvers, _models, _extras, _programs, _can, _serial, _realtime, _disk)
+    """Everything that can be looked at without changing anything; takes a second or two, for
+    importing Drake.
+    """
+    checks = (
+        _python,
+        _drake,
+        _solvers,
+        _models,
+        _extras,
+        _programs,
+        _can,
+        _serial,
+        _realtime,
+        _disk,
+    )
     return [finding for check in checks for finding in check()]
 
 
 def _python() -> Iterator[Finding]:
-    found, wanted = (".".join(map(str, version)) for version in (sys.version_info[:3], OLDEST_PYTHON))
-    yield Finding("Python", found, sys.version_info[:2] >= OLDEST_PYTHON, f"install Python {wanted} or newer", True)
+    found, wanted = (
+        ".".join(map(str, version)) for version in (sys.version_info[:3], OLDEST_PYTHON)
+    )
+    yield Finding(
+        "Python",
+        found,
+        sys.version_info[:2] >= OLDEST_PYTHON,
+        f"install Python {wanted} or newer",
+        True,
+    )
 
 
 def _drake() -> Iterator[Finding]:
@@ -122,7 +149,8 @@ def _drake() -> Iterator[Finding]:
         found = version("drake")
         ok = tuple(map(int, found.split(".")[:2])) >= OLDEST_DRAKE
     except (ImportError, PackageNotFoundError) as error:
-        found, ok = str(error), False
+        found = str(error)
+        ok = False
     yield Finding("Drake", found, ok, "pip install 'drake>=1.51'", True)
 
 
@@ -137,17 +165,22 @@ def _solvers() -> Iterator[Finding]:
         (ClarabelSolver(), "fits of swings"),
     ):
         ok = solver.available() and solver.enabled()
-        name, found = f"solver {solver.solver_id().name()}", f"for {use}" if ok else "not in this Drake"
-        yield Finding(name, found, ok, "use a Drake wheel from PyPI; builds of one's own may lack it")
+        name = f"solver {solver.solver_id().name()}"
+        found = f"for {use}" if ok else "not in this Drake"
+        yield Finding(
+            name, found, ok, "use a Drake wheel from PyPI; builds of one's own may lack it"
+        )
 
 
 def _models() -> Iterator[Finding]:
 
     try:
         workbench.load_scenario("turn_swing")
-        found, ok = str(models_dir()), True
+        found = str(models_dir())
+        ok = True
     except UserError as error:
-        found, ok = str(error), False
+        found = str(error)
+        ok = False
     yield Finding("models", found, ok, "reinstall the package", True)
 
 
@@ -155,27 +188,37 @@ def _extras() -> Iterator[Finding]:
     for extra, modules in EXTRAS.items():
         missing = [f"{module} ({use})" for module, use in modules if find_spec(module) is None]
         found = "not there: " + ", ".join(missing) if missing else "installed"
-        yield Finding(f"extra {extra}", found, not missing, f"pip install 'aerodima-workbench[{extra}]'")
+        yield Finding(
+            f"extra {extra}", found, not missing, f"pip install 'aerodima-workbench[{extra}]'"
+        )
 
 
 def _programs() -> Iterator[Finding]:
     for subject, (names, advice) in PROGRAMS.items():
         found = next(filter(None, map(shutil.which, names)), None)
-        yield Finding(subject, found or f"no {' or '.join(names)} on the path", found is not None, advice)
+        yield Finding(
+            subject, found or f"no {' or '.join(names)} on the path", found is not None, advice
+        )
 
 
 def _can() -> Iterator[Finding]:
     types = Path("/sys/class/net").glob("*/type")
-    interfaces = sorted(path.parent.name for path in types if path.read_text().strip() == _ARPHRD_CAN)
+    interfaces = sorted(
+        path.parent.name for path in types if path.read_text().strip() == _ARPHRD_CAN
+    )
     advice = "for a real car: docs/deployment.md; simulation and the emulated car need none"
     yield Finding("CAN interface", ", ".join(interfaces) or "none", bool(interfaces), advice)
 
 
 def _serial() -> Iterator[Finding]:
-    ports = [str(port) for port in sorted({*Path("/dev").glob("ttyACM*"), *Path("/dev").glob("ttyUSB*")})]
+    ports = [
+        str(port) for port in sorted({*Path("/dev").glob("ttyACM*"), *Path("/dev").glob("ttyUSB*")})
+    ]
     closed = [port for port in ports if not os.access(port, os.R_OK | os.W_OK)]
     found = "no permission for " + ", ".join(closed) if closed else ", ".join(ports) or "none"
-    advice = "for a real car: plug in the Teensy; add yourself to the group `dialout` and log in again"
+    advice = (
+        "for a real car: plug in the Teensy; add yourself to the group `dialout` and log in again"
+    )
     yield Finding("serial ports", found, bool(ports) and not closed, advice)
 
 
@@ -184,11 +227,16 @@ def _realtime() -> Iterator[Finding]:
     priority, memory = permitted()
     advice = "for a real car: hardware/deploy/95-aerodima.conf has the limits to set"
     yield Finding(
-        "real time", f"priority {words[priority]}, locked memory {words[memory]}", priority and memory, advice
+        "real time",
+        f"priority {words[priority]}, locked memory {words[memory]}",
+        priority and memory,
+        advice,
     )
 
 
 def _disk() -> Iterator[Finding]:
     free = shutil.disk_usage(Path.cwd()).free
     advice = f"free some: runs stop when it is full; wanted {SMALLEST_DISK / 1e9:g} GB"
-    yield Finding("disk", f"{free / 1e9:.1f} GB free in {Path.cwd()}", free >= SMALLEST_DISK, advice)
+    yield Finding(
+        "disk", f"{free / 1e9:.1f} GB free in {Path.cwd()}", free >= SMALLEST_DISK, advice
+    )

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
-    group = cli.command_group(app, "log", "Measure, compare, import, condition and export run logs.", cli.RUNS)
+    group = cli.command_group(
+        app, "log", "Measure, compare, import, condition and export run logs.", cli.RUNS
+    )
     for command in (metrics, compare, recover, import_, export, condition):
         group.command(command.__name__.strip("_"))(command)
 
@@ -35,7 +37,8 @@ def metrics(
 
     The eight metrics of the thesis are there raw and `filtered_`.
 
-    Logs that `observe` wrote of another plant have its motion, the air on its tails, and the outcome where defined.
+    Logs that `observe` wrote of another plant have its motion, the air on its tails, and the
+    outcome where defined.
     """
     _refuse_twice(runs)
     run_logs = [workbench.read_run_log(path) for path in runs]
@@ -45,7 +48,9 @@ def metrics(
 
     from aerodima.workbench.metrics.run_summary import metrics_of_runs
 
-    table = pd.DataFrame(metrics_of_runs(run_logs), index=pd.Index(map(str, runs), name="run"), dtype=object)
+    table = pd.DataFrame(
+        metrics_of_runs(run_logs), index=pd.Index(map(str, runs), name="run"), dtype=object
+    )
     if out is not None:
         write_atomically(out, table.to_csv(), force, LogError)
     rows = [[str(name), *map(shown_value, values)] for name, values in table.items()]
@@ -55,7 +60,8 @@ def metrics(
 def recover(
     journal: Annotated[Path, typer.Argument(help="Journal of a run that was cut off (*.journal).")],
     out: Annotated[
-        Path | None, cli.written("Run log to write (.parquet); beside the journal by default.", ".parquet")
+        Path | None,
+        cli.written("Run log to write (.parquet); beside the journal by default.", ".parquet"),
     ] = None,
     force: cli.Force = False,
 ) -> None:
@@ -70,7 +76,9 @@ def recover(
 def import_(
     files: Annotated[
         list[Path],
-        typer.Argument(help="Foreign log: CSV, Parquet, MAT or MCAP; several files when they share a clock."),
+        typer.Argument(
+            help="Foreign log: CSV, Parquet, MAT or MCAP; several files when they share a clock."
+        ),
     ],
     out: cli.LogOut,
     mapping: Annotated[Path, typer.Option(help="Mapping file (YAML): foreign names and units.")],
@@ -91,7 +99,8 @@ def import_(
     write_run_log(imported.run_log, out, force)
     run_log = imported.run_log
     typer.echo(
-        f"{out}: {run_log.kind}, {len(run_log.table)} rows from {run_log.time[0]:g} to {run_log.time[-1]:g} s, "
+        f"{out}: {run_log.kind}, {len(run_log.table)} rows from {run_log.time[0]:g} to "
+        f"{run_log.time[-1]:g} s, "
         f"{len(run_log.table.columns)} columns"
     )
     for finding in imported.findings:
@@ -101,12 +110,15 @@ def import_(
 def export(
     log: Annotated[Path, typer.Argument(help="Run log (Parquet).")],
     to: Annotated[str, cli.chosen("Format.", "csv", "mcap")],
-    out: Annotated[Path | None, cli.written("File to write; beside the log by default.", ".csv", ".mcap")] = None,
+    out: Annotated[
+        Path | None, cli.written("File to write; beside the log by default.", ".csv", ".mcap")
+    ] = None,
     force: cli.Force = False,
 ) -> None:
     """Write a run log for other programs, every number to the last bit.
 
-    Metadata goes with it. MCAP has the signals and, of a car, the scene that Foxglove draws: bodies, poses and forces.
+    Metadata goes with it. MCAP has the signals and, of a car, the scene that Foxglove draws:
+    bodies, poses and forces.
     """
     from aerodima.workbench.logs.exporters import FORMATS, export_log
 
@@ -141,11 +153,16 @@ def _scene(run_log: RunLog) -> Iterable[SceneMessage]:
 def condition(
     log: Annotated[Path, typer.Argument(help="Run log (Parquet).")],
     out: cli.LogOut,
-    fill: Annotated[float | None, typer.Option(help="Longest gap that straight lines bridge, s.")] = None,
-    rest: Annotated[
-        tuple[float, float] | None, typer.Option(metavar="START END", help="The drift in this rest goes, s.")
+    fill: Annotated[
+        float | None, typer.Option(help="Longest gap that straight lines bridge, s.")
     ] = None,
-    low_pass: Annotated[float | None, typer.Option(help="Cut-off of a filter of order 6 without delay, Hz.")] = None,
+    rest: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="START END", help="The drift in this rest goes, s."),
+    ] = None,
+    low_pass: Annotated[
+        float | None, typer.Option(help="Cut-off of a filter of order 6 without delay, Hz.")
+    ] = None,
     columns: Annotated[
         list[str] | None, typer.Option(help="To correct and filter; by default forces and torques.")
     ] = None,
@@ -155,7 +172,8 @@ def condition(
 
     The log that is read stays as it is.
 
-    Example: aerodima log condition swing.parquet --fill 0.05 --rest 0 2 --low-pass 20 --out ready.parquet
+    Example: aerodima log condition swing.parquet --fill 0.05 --rest 0 2 --low-pass 20 --out
+    ready.parquet
     """
     from aerodima.workbench.logs.schema import write_run_log
     from aerodima.workbench.logs.signals import conditioning_notes
@@ -166,7 +184,9 @@ def condition(
         raise LogError("nothing to do: state --fill, --rest or --low-pass")
     run_log = workbench.read_run_log(log)
     before = len(conditioning_notes(run_log))
-    chosen = columns or [name for name in run_log.table.columns if name.startswith(("force_", "torque_"))]
+    chosen = columns or [
+        name for name in run_log.table.columns if name.startswith(("force_", "torque_"))
+    ]
     if fill is not None:
         run_log = workbench.fill_gaps(run_log, fill)
     if rest is not None:
@@ -205,13 +225,17 @@ def compare(
 
     differences = scenario_differences(run_logs)
     for group in (differences, metrics_rows(run_logs)):
-        table = text_table(["", *names], [[key, *map(shown_value, values)] for key, values in group.items()])
+        table = text_table(
+            ["", *names], [[key, *map(shown_value, values)] for key, values in group.items()]
+        )
         typer.echo("\n".join([*table, ""]))
     other = different_cars(differences)
     if other and not of_plants(run_logs):
         typer.echo(f"note: these are different cars: {', '.join(other)}")
     if html is not None:
-        (written,) = write_files(html.parent, {html.name: comparison_page(run_logs, names)}, force=force)
+        (written,) = write_files(
+            html.parent, {html.name: comparison_page(run_logs, names)}, force=force
+        )
         typer.echo(f"page: {written}")
 
 

@@ -1,4 +1,6 @@
-"""Checks of everything in `models/`: loads, is physical, hides nothing, names its sources, agrees with itself."""
+"""Checks of everything in `models/`: loads, is physical, hides nothing, names its sources, agrees
+with itself.
+"""
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
@@ -23,14 +25,18 @@ from aerodima.workbench.plants.tail import tail_sdf
 from aerodima.workbench.resources import models_dir
 
 IGNORED_BY_DRAKE = {
-    "sdf": {"axis/dynamics/friction": "joint friction", "axis2/dynamics/friction": "joint friction"},
+    "sdf": {
+        "axis/dynamics/friction": "joint friction",
+        "axis2/dynamics/friction": "joint friction",
+    },
     "urdf": {
         "dynamics@friction": "joint friction",
         "dynamics@spring_stiffness": "joint spring",
         "dynamics@spring_reference": "joint spring",
     },
 }
-"""Elements (or `element@attribute`) below a joint that Drake reads past, even when it parses strictly."""
+"""Elements (or `element@attribute`) below a joint that Drake reads past, even when it parses
+strictly."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +68,8 @@ def check_shipped_models() -> Iterator[CheckResult]:
         yield _attempt(f"coefficients/{name}.yaml: reads and makes a law", partial(_make_law, name))
     for model in nominal_models():
         yield CheckResult(
-            f"{model.path.relative_to(root)}: numbers equal the parameters", tuple(sdf_differences(model))
+            f"{model.path.relative_to(root)}: numbers equal the parameters",
+            tuple(sdf_differences(model)),
         )
     for scenario in (Scenario, RigScenario):
         for name in scenario.names():
@@ -74,12 +81,16 @@ def check_shipped_models() -> Iterator[CheckResult]:
 def check_model_file(path: Path) -> Iterator[CheckResult]:
     """Checks one SDF or URDF file: no ignored attribute, loads strictly, every inertia physical."""
     name = str(path.relative_to(models_dir())) if path.is_relative_to(models_dir()) else str(path)
-    yield _attempt(f"{name}: nothing that Drake would ignore", lambda: refuse_ignored_attributes(path))
+    yield _attempt(
+        f"{name}: nothing that Drake would ignore", lambda: refuse_ignored_attributes(path)
+    )
     yield _attempt(f"{name}: loads, inertias physical", lambda: load_strictly(path))
 
 
 def refuse_ignored_attributes(path: Path) -> None:
-    """Raises ModelError for joint friction, or a URDF joint spring, that Drake would drop without a word."""
+    """Raises ModelError for joint friction, or a URDF joint spring, that Drake would drop without a
+    word.
+    """
     kind = path.suffix.lower().lstrip(".")
     if kind not in IGNORED_BY_DRAKE:
         raise ModelError(f"{path}: ending {path.suffix!r}; allowed: .sdf, .urdf")
@@ -93,16 +104,21 @@ def refuse_ignored_attributes(path: Path) -> None:
         for place, meaning in IGNORED_BY_DRAKE[kind].items():
             element_path, _, attribute = place.partition("@")
             element = joint.find(element_path)
-            value = None if element is None else element.get(attribute) if attribute else element.text
+            value = (
+                None if element is None else element.get(attribute) if attribute else element.text
+            )
             if value is not None and value.strip() not in ("", "0", "0.0"):
                 raise ModelError(
-                    f"{path}: joint {joint.get('name')!r}: {place} = {value} is ignored by Drake; remove it and model "
+                    f"{path}: joint {joint.get('name')!r}: {place} = {value} is ignored by Drake; "
+                    "remove it and model "
                     f"the {meaning} as a system"
                 )
 
 
 def load_strictly(path: Path) -> None:
-    """Parses a file into an empty plant; raises ModelError when Drake warns, fails, or an inertia is not physical."""
+    """Parses a file into an empty plant; raises ModelError when Drake warns, fails, or an inertia
+    is not physical.
+    """
     plant = MultibodyPlant(0.001)
     parser = Parser(plant)
     parser.package_map().Add(MODELS_PACKAGE, str(models_dir()))
@@ -119,13 +135,18 @@ def load_strictly(path: Path) -> None:
             inertia = body.CalcSpatialInertiaInBodyFrame(context)
             if not (body.get_mass(context) > 0 and inertia.IsPhysicallyValid()):
                 raise ModelError(
-                    f"{path}: link {body.name()!r}: mass {body.get_mass(context)} kg or inertia is not physical"
+                    f"{path}: link {body.name()!r}: mass {body.get_mass(context)} kg or inertia "
+                    "is not physical"
                 )
 
 
 def sdf_differences(nominal: SdfModel) -> list[str]:
-    """Lines in which the file on disk differs from the same model with the numbers of the parameters."""
-    lines = zip_longest(SdfModel(nominal.path).text().splitlines(), nominal.text().splitlines(), fillvalue="")
+    """Lines in which the file on disk differs from the same model with the numbers of the
+    parameters.
+    """
+    lines = zip_longest(
+        SdfModel(nominal.path).text().splitlines(), nominal.text().splitlines(), fillvalue=""
+    )
     return [
         f"line {number}: {here.strip()} in the file, {there.strip()} from the parameters"
         for number, (here, there) in enumerate(lines, 1)
@@ -143,7 +164,8 @@ def update_model_files() -> list[Path]:
 
 def nominal_models() -> list[SdfModel]:
     """The car, its tail arm and the two rigs with the numbers of `models/parameters`."""
-    scenario, rig = scenario_from_dict({}), rig_scenario_from_dict({})
+    scenario = scenario_from_dict({})
+    rig = rig_scenario_from_dict({})
     return [
         car_sdf(scenario),
         tail_sdf(scenario.tail, scenario.tail_motor, scenario.car),

@@ -23,10 +23,14 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
-    models = cli.command_group(app, "models", "Look into models, tails, coefficients and diagrams.", cli.CHECKS)
+    models = cli.command_group(
+        app, "models", "Look into models, tails, coefficients and diagrams.", cli.CHECKS
+    )
     models.command()(check)
     models.command()(tail)
-    coefficients = cli.command_group(models, "coefficients", "Look at sets of aerodynamic coefficients.")
+    coefficients = cli.command_group(
+        models, "coefficients", "Look at sets of aerodynamic coefficients."
+    )
     coefficients.command("list")(list_sets)
     coefficients.command()(plot)
     models.command()(diagram)
@@ -37,18 +41,28 @@ def register(app: typer.Typer) -> None:
 def check(
     files: Annotated[
         list[Path] | None,
-        typer.Argument(help="SDF or URDF files; all that ship when left out.", callback=cli.endings(".sdf", ".urdf")),
+        typer.Argument(
+            help="SDF or URDF files; all that ship when left out.",
+            callback=cli.endings(".sdf", ".urdf"),
+        ),
     ] = None,
     update: Annotated[
-        bool, typer.Option("--update", help="First write the numbers of models/parameters into the SDF files.")
+        bool,
+        typer.Option(
+            "--update", help="First write the numbers of models/parameters into the SDF files."
+        ),
     ] = False,
 ) -> None:
     """Check that models are physical and name their sources.
 
-    They load, nothing that Drake would ignore is in them, and their numbers equal the parameters. Exits with 1 when a
-    check fails.
+    They load, nothing that Drake would ignore is in them, and their numbers equal the parameters.
+    Exits with 1 when a check fails.
     """
-    from aerodima.workbench.cli.model_check import check_model_file, check_shipped_models, update_model_files
+    from aerodima.workbench.cli.model_check import (
+        check_model_file,
+        check_shipped_models,
+        update_model_files,
+    )
 
     for path in files or ():
         if not path.is_file():
@@ -56,7 +70,11 @@ def check(
     if update:
         for path in update_model_files():
             typer.echo(f"written {path}")
-    results = [result for path in files for result in check_model_file(path)] if files else list(check_shipped_models())
+    results = (
+        [result for path in files for result in check_model_file(path)]
+        if files
+        else list(check_shipped_models())
+    )
     for result in results:
         typer.echo(f"{'ok  ' if not result.problems else 'FAIL'} {result.subject}")
     problems = [problem for result in results for problem in result.problems]
@@ -67,11 +85,17 @@ def check(
 
 def tail(
     scenario: cli.ScenarioArgument = "turn_swing",
-    file: Annotated[Path | None, typer.Option(help="Tail file (YAML) in place of the scenario's tail.")] = None,
+    file: Annotated[
+        Path | None, typer.Option(help="Tail file (YAML) in place of the scenario's tail.")
+    ] = None,
     settings: cli.Settings = None,
     out: Annotated[
         list[Path] | None,
-        cli.written("Picture (.png, .svg, .pdf), or tail file (.yaml); may be repeated.", *cli.PICTURES, ".yaml"),
+        cli.written(
+            "Picture (.png, .svg, .pdf), or tail file (.yaml); may be repeated.",
+            *cli.PICTURES,
+            ".yaml",
+        ),
     ] = None,
     force: cli.Force = False,
 ) -> None:
@@ -102,7 +126,13 @@ def tail_lines(geometry: TailGeometry) -> list[str]:
     """What a tail comes to, for the terminal: its plates, then the whole."""
     header = ["plate", "kind", "area_cm2", "centre_of_pressure_m", "sections"]
     plates = [
-        [p.name, p.kind, shown_value(1e4 * p.area), _vector(p.centre_of_pressure), str(p.sections * len(p.pieces))]
+        [
+            p.name,
+            p.kind,
+            shown_value(1e4 * p.area),
+            _vector(p.centre_of_pressure),
+            str(p.sections * len(p.pieces)),
+        ]
         for p in geometry.plates
     ]
     whole = geometry.inertial
@@ -127,7 +157,9 @@ def list_sets() -> None:
         low, high = coefficients.speed_range
         measured = f"{low:g}-{high:g} m/s"
         if coefficients.angle_range is not None:
-            measured += f", |gamma| {coefficients.angle_range[0]:.3f}-{coefficients.angle_range[1]:.3f} rad"
+            measured += (
+                f", |gamma| {coefficients.angle_range[0]:.3f}-{coefficients.angle_range[1]:.3f} rad"
+            )
         typer.echo(f"{name}: {coefficients.law_kind}, measured {measured}; {coefficients.source}")
 
 
@@ -147,7 +179,9 @@ def plot(
 def diagram(
     scenario: cli.ScenarioArgument,
     out: Annotated[Path, cli.PICTURE] = Path("diagram.svg"),
-    depth: Annotated[int, typer.Option(help="How many levels of nested diagrams are drawn.", min=1)] = 2,
+    depth: Annotated[
+        int, typer.Option(help="How many levels of nested diagrams are drawn.", min=1)
+    ] = 2,
     settings: cli.Settings = None,
     force: cli.Force = False,
 ) -> None:
@@ -174,7 +208,9 @@ def range_of_motion(
 
 def export(
     scenario: cli.ScenarioArgument,
-    out: Annotated[Path | None, cli.written("File (.json); standard output when left out.", ".json")] = None,
+    out: Annotated[
+        Path | None, cli.written("File (.json); standard output when left out.", ".json")
+    ] = None,
     settings: cli.Settings = None,
     force: cli.Force = False,
 ) -> None:
@@ -184,7 +220,9 @@ def export(
     """
     from aerodima.workbench.controllers.law_of_scenario import make_bundle
 
-    text = json.dumps(make_bundle(workbench.load_scenario(scenario, settings or ())), indent=2) + "\n"
+    text = (
+        json.dumps(make_bundle(workbench.load_scenario(scenario, settings or ())), indent=2) + "\n"
+    )
     if out is None:
         typer.echo(text, nl=False)
         return

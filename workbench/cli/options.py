@@ -1,4 +1,6 @@
-"""Options that commands of all packages share, their completion, exit statuses; `grouped`: several options as one."""
+"""Options that commands of all packages share, their completion, exit statuses; `grouped`: several
+options as one.
+"""
 
 from __future__ import annotations
 
@@ -44,32 +46,46 @@ def _defined(word: str) -> Callable[[str], list[str]]:
     """Completion: FILE:NAME of what Python files define with `word`, which is class or def."""
 
     def complete(incomplete: str) -> list[str]:
-        files = [Path(name) for name in sorted(glob(f"{incomplete.partition(':')[0]}*")) if name.endswith(".py")]
-        found = {path: re.findall(rf"^{word} (\w+)", path.read_text("utf-8", "replace"), re.M) for path in files}
+        files = [
+            Path(name)
+            for name in sorted(glob(f"{incomplete.partition(':')[0]}*"))
+            if name.endswith(".py")
+        ]
+        found = {
+            path: re.findall(rf"^{word} (\w+)", path.read_text("utf-8", "replace"), re.M)
+            for path in files
+        }
         return [f"{path}:{name}" for path, names in found.items() for name in names]
 
     return complete
 
 
 def _keys(kind: str) -> list[tuple[str, str]]:
-    """`section.key=` of `Scenario` or `RigScenario`, with the value where it is one of a few words; what it is."""
+    """`section.key=` of `Scenario` or `RigScenario`, with the value where it is one of a few words;
+    what it is.
+    """
     from aerodima.workbench.config import rig_scenario
 
     return [
         (f"{section}.{key}={word}", field.description or "")
         for section, model in getattr(rig_scenario, kind).sections().items()
         for key, field in model.model_fields.items()
-        for word in get_args(field.annotation) or {bool: ("true", "false")}.get(field.annotation, ("",))
+        for word in get_args(field.annotation)
+        or {bool: ("true", "false")}.get(field.annotation, ("",))
     ]
 
 
 def endings(*allowed: str) -> Callable[[typer.CallbackParam, Any], Any]:
-    """Check of an option: its files end in one of these, so that none holds what its name does not say."""
+    """Check of an option: its files end in one of these, so that none holds what its name does not
+    say.
+    """
 
     def check(param: typer.CallbackParam, value: Any) -> Any:
         for path in value if isinstance(value, list | tuple) else [value]:
             if path is not None and path.suffix.lower() not in allowed:
-                raise UserError(f"{param.opts[0]} {path}: ending {path.suffix!r}; allowed: {', '.join(allowed)}")
+                raise UserError(
+                    f"{param.opts[0]} {path}: ending {path.suffix!r}; allowed: {', '.join(allowed)}"
+                )
         return value
 
     return check
@@ -91,7 +107,9 @@ def named(words: str, folder: str, kind: Callable[..., Any] = typer.Argument) ->
     def complete() -> list[str]:
         return sorted(path.stem for path in (models_dir() / folder).glob("*.yaml"))
 
-    return kind(help=f"{words}: a file (YAML), or the name of one that ships.", autocompletion=complete)
+    return kind(
+        help=f"{words}: a file (YAML), or the name of one that ships.", autocompletion=complete
+    )
 
 
 def setting(example: str, completion: Callable[..., Any]) -> Any:
@@ -108,27 +126,44 @@ _LAW = typer.Option(
     autocompletion=_defined("class"),
 )
 _DIAGRAM = typer.Option(
-    "--diagram", metavar="FILE:FUNCTION", help="What drives, as your own Drake diagram.", autocompletion=_defined("def")
+    "--diagram",
+    metavar="FILE:FUNCTION",
+    help="What drives, as your own Drake diagram.",
+    autocompletion=_defined("def"),
 )
 ScenarioArgument = Annotated[str, _SCENARIO]
 OtherScenario = Annotated[str | None, _SCENARIO]
-Settings = Annotated[list[str] | None, setting("car.com_height=0.21 or manoeuvre.speed=4.5", lambda: _keys("Scenario"))]
-RigSettings = Annotated[list[str] | None, setting("maxon.torque_constant=0.35", lambda: _keys("RigScenario"))]
+Settings = Annotated[
+    list[str] | None,
+    setting("car.com_height=0.21 or manoeuvre.speed=4.5", lambda: _keys("Scenario")),
+]
+RigSettings = Annotated[
+    list[str] | None, setting("maxon.torque_constant=0.35", lambda: _keys("RigScenario"))
+]
 SwingArgument = Annotated[str, named("Swing", "swings")]
 SwingOption = Annotated[str | None, named("Swing to play", "swings", typer.Option)]
-OtherCar = Annotated[bool, typer.Option("--other-car", help="Play a swing that was made for another car.")]
+OtherCar = Annotated[
+    bool, typer.Option("--other-car", help="Play a swing that was made for another car.")
+]
 Law = Annotated[str | None, _LAW]
 Laws = Annotated[list[str] | None, _LAW]
 Build = Annotated[str | None, _DIAGRAM]
-Html = Annotated[Path | None, typer.Option("--html", help="Page to write, in one file.", callback=endings(".html"))]
-Live = Annotated[bool, typer.Option("--live", help="Show the run in Meshcat, in real time, while it goes on.")]
+Html = Annotated[
+    Path | None,
+    typer.Option("--html", help="Page to write, in one file.", callback=endings(".html")),
+]
+Live = Annotated[
+    bool, typer.Option("--live", help="Show the run in Meshcat, in real time, while it goes on.")
+]
 PICTURE = written("Picture (.png, .svg, .pdf).", *PICTURES)
 LogOut = Annotated[Path, written("Run log to write (.parquet).", ".parquet")]
 KeptLog = Annotated[Path | None, written("Keep the run log as this file (.parquet).", ".parquet")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing output.")]
 Anew = Annotated[bool, typer.Option("--force", help="Drop earlier results in the folder.")]
 Workers = Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.")]
-Scheduler = Annotated[str | None, typer.Option(help="Dask scheduler to use instead, such as tcp://127.0.0.1:8786.")]
+Scheduler = Annotated[
+    str | None, typer.Option(help="Dask scheduler to use instead, such as tcp://127.0.0.1:8786.")
+]
 Ensemble = Annotated[str, named("Ensemble of cars", "calibration", typer.Option)]
 
 
@@ -139,7 +174,9 @@ class Key(str):
 
 
 def settings_of(options: Any) -> list[str]:
-    """Overrides of a scenario that a dataclass of options asks for: its fields with a `Key`, then those of `--set`."""
+    """Overrides of a scenario that a dataclass of options asks for: its fields with a `Key`, then
+    those of `--set`.
+    """
     given = [
         f"{key}={value}"
         for name, hint in get_type_hints(type(options), include_extras=True).items()
@@ -159,7 +196,9 @@ class WorkOptions:
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with an option for every field of its parameters that are dataclasses, in their place."""
+    """The command with an option for every field of its parameters that are dataclasses, in their
+    place.
+    """
     parameters: list[Parameter] = []
     groups: dict[str, Any] = {}
 
@@ -171,14 +210,19 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
             groups[name] = kind
             hints = get_type_hints(kind, include_extras=True)
             for field in fields(kind):
-                add(field.name, hints[field.name], Parameter.empty if field.default is MISSING else field.default)
+                add(
+                    field.name,
+                    hints[field.name],
+                    Parameter.empty if field.default is MISSING else field.default,
+                )
         elif name != "return":
             add(name, kind, signature(command).parameters[name].default)
 
     @wraps(command)
     def call(**given: Any) -> None:
         made = {
-            name: kind(**{field.name: given.pop(field.name) for field in fields(kind)}) for name, kind in groups.items()
+            name: kind(**{field.name: given.pop(field.name) for field in fields(kind)})
+            for name, kind in groups.items()
         }
         command(**given, **made)
 
@@ -187,7 +231,9 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     return call
 
 
-def command_group(app: typer.Typer, name: str, words: str, section: str | None = None) -> typer.Typer:
+def command_group(
+    app: typer.Typer, name: str, words: str, section: str | None = None
+) -> typer.Typer:
     """A group of commands in `app`, with its help text and section of the help page."""
     group = typer.Typer(no_args_is_help=True)
     group.callback(help=words)(lambda: None)

@@ -1,8 +1,9 @@
-"""The program `aerodima`: finds the commands of every installed package, turns errors into a line and an exit status.
+"""The program `aerodima`: finds the commands of every installed package, turns errors into a line
+and an exit status.
 
 A package adds commands with an entry point in the group `aerodima.commands` that names a function
-`register(app: typer.Typer) -> None`. Everything a command needs beyond the standard library and Typer is imported
-inside the command, so that `aerodima --help` answers at once.
+`register(app: typer.Typer) -> None`. Everything a command needs beyond the standard library and
+Typer is imported inside the command, so that `aerodima --help` answers at once.
 
 Exit statuses are those of `options.Status`.
 """
@@ -41,7 +42,9 @@ RENAMED = {
 
 
 class ErrorBoundary(TyperGroup):
-    """The outermost group: what a user can fix becomes one line; any other exception is a bug, its traceback stays."""
+    """The outermost group: what a user can fix becomes one line; any other exception is a bug, its
+    traceback stays.
+    """
 
     def invoke(self, ctx: Any) -> Any:  # Typer's own class of the context is private
         """Run the command; raises `typer.Exit` with a `Status`."""
@@ -51,12 +54,16 @@ class ErrorBoundary(TyperGroup):
             message = str(error)
             cause: BaseException = error
         except OSError as error:
-            if error.filename is None:  # not about a file that the user named: closed pipe, lost network
+            if (
+                error.filename is None
+            ):  # not about a file that the user named: closed pipe, lost network
                 raise
             message = f"{error.filename}: {error.strerror}"
             cause = error
         except Exception as error:
-            option = getattr(error, "option_name", "")  # of the error about an option that is not there
+            option = getattr(
+                error, "option_name", ""
+            )  # of the error about an option that is not there
             if option not in RENAMED:
                 raise
             message = f"{option} is now {RENAMED[option]}"
@@ -78,7 +85,9 @@ class ErrorBoundary(TyperGroup):
         """Lists the commands by section, those of other packages last."""
         commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
         room = formatter.width - 6 - max(len(name) for name, _ in commands)
-        sections: dict[str, list[tuple[str, str]]] = {title: [] for title in (*SECTIONS, "Commands")}
+        sections: dict[str, list[tuple[str, str]]] = {
+            title: [] for title in (*SECTIONS, "Commands")
+        }
         for name, command in commands:
             if command is not None and not command.hidden:
                 panel = getattr(command, "rich_help_panel", None)
@@ -100,16 +109,21 @@ def _print_version(asked: bool) -> None:
 
 def _root(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+        ),
     ] = False,
 ) -> None:
     """Model, identify, optimise and drive the AeroDima car and its aerodynamic tail."""
 
 
 def build_app() -> typer.Typer:
-    """The program with the commands of every installed package, sorted by the name of the entry point.
+    """The program with the commands of every installed package, sorted by the name of the entry
+    point.
 
-    An exception while a package registers its commands names that package and is raised: half a program helps nobody.
+    An exception while a package registers its commands names that package and is raised: half a
+    program helps nobody.
     """
     app = typer.Typer(
         name="aerodima",
@@ -125,7 +139,9 @@ def build_app() -> typer.Typer:
         try:
             entry_point.load()(app)
         except Exception as error:
-            error.add_note(f"while registering the commands of {entry_point.name!r} ({entry_point.value})")
+            error.add_note(
+                f"while registering the commands of {entry_point.name!r} ({entry_point.value})"
+            )
             raise
     return app
 

@@ -1,4 +1,6 @@
-"""`aerodima play` and `replay`: the simulated car by hand in the browser; runs in Meshcat, as page, strip or video."""
+"""`aerodima play` and `replay`: the simulated car by hand in the browser; runs in Meshcat, as page,
+strip or video.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def register(app: typer.Typer) -> None:
 def play(
     scenario: cli.ScenarioArgument = "turn_swing",
     settings: cli.Settings = None,
-    pace: Annotated[float, typer.Option(help="Seconds of the run per second, 0.1 to 1; 0.5 is half speed.")] = 1.0,
+    pace: Annotated[
+        float, typer.Option(help="Seconds of the run per second, 0.1 to 1; 0.5 is half speed.")
+    ] = 1.0,
     length: Annotated[float, typer.Option(help="End after so many simulated seconds.")] = math.inf,
     out: cli.KeptLog = None,
     port: Annotated[int | None, typer.Option(help="Port of Meshcat on 127.0.0.1.")] = None,
@@ -54,7 +58,9 @@ def play(
     meshcat = live_view(port)
     typer.echo(HELP, err=True)
     controls = MeshcatControls(meshcat, car, pace, typer.echo)
-    for written in drive_by_hand(car, controls, log=out, meshcat=meshcat, length=length, force=force, say=typer.echo):
+    for written in drive_by_hand(
+        car, controls, log=out, meshcat=meshcat, length=length, force=force, say=typer.echo
+    ):
         from aerodima.workbench.replay.captions import caption_of
 
         typer.echo(f"log: {written}: {caption_of(workbench.read_run_log(written)).text}")
@@ -62,26 +68,44 @@ def play(
 
 def replay(
     runs: Annotated[
-        list[Path], typer.Argument(help="Log of a run (Parquet); with --video up to six, in step.", metavar="RUN...")
+        list[Path],
+        typer.Argument(
+            help="Log of a run (Parquet); with --video up to six, in step.", metavar="RUN..."
+        ),
     ],
     html: cli.Html = None,
     strip: Annotated[
-        Path | None, typer.Option(help="Write five pictures of the run as one PNG file.", callback=cli.endings(".png"))
+        Path | None,
+        typer.Option(
+            help="Write five pictures of the run as one PNG file.", callback=cli.endings(".png")
+        ),
     ] = None,
-    video: Annotated[Path | None, typer.Option(help="Write a .mp4, .gif or .webp; several runs side by side.")] = None,
-    port: Annotated[int | None, typer.Option(help="Show it in Meshcat on this port of 127.0.0.1.")] = None,
-    start: Annotated[float, typer.Option("--from", help="Begin the video so late in the run, s.")] = 0.0,
-    rate: Annotated[float, typer.Option(help="Seconds of the run per second; 0.25 is slow motion.")] = 1.0,
+    video: Annotated[
+        Path | None, typer.Option(help="Write a .mp4, .gif or .webp; several runs side by side.")
+    ] = None,
+    port: Annotated[
+        int | None, typer.Option(help="Show it in Meshcat on this port of 127.0.0.1.")
+    ] = None,
+    start: Annotated[
+        float, typer.Option("--from", help="Begin the video so late in the run, s.")
+    ] = 0.0,
+    rate: Annotated[
+        float, typer.Option(help="Seconds of the run per second; 0.25 is slow motion.")
+    ] = 1.0,
     force: cli.Force = False,
 ) -> None:
     """Replay runs in Meshcat, as a page, pictures or a video.
 
-    Without --html, --strip and --video it is Meshcat, until Ctrl-C. A real car's path is reckoned from its sensors.
-    Example: aerodima replay run.parquet --html run.html --strip run.png --video run.webp
+    Without --html, --strip and --video it is Meshcat, until Ctrl-C. A real car's path is reckoned
+    from its sensors. Example: aerodima replay run.parquet --html run.html --strip run.png --video
+    run.webp
     """
     others = html is not None or strip is not None or port is not None
     if len(runs) > 1 and (video is None or others):
-        raise UserError(f"{len(runs)} runs: allowed with --video alone; `aerodima log compare` makes a page of them")
+        raise UserError(
+            f"{len(runs)} runs: allowed with --video alone; `aerodima log compare` makes a page "
+            "of them"
+        )
     for path in (html, strip, video):
         if path is not None:
             refuse_existing(path, force, UserError)
@@ -99,7 +123,9 @@ def _write_video(runs: list[Path], video: Path, start: float, rate: float, force
     names = [name.replace("_", " ") for name in run_names(runs)]
     filmed = {name: workbench.read_run_log(path) for name, path in zip(names, runs, strict=True)}
     told = show_progress("frame", "")
-    typer.echo(f"video: {write_video(filmed, video, force=force, rate=rate, progress=told, start=start)}")
+    typer.echo(
+        f"video: {write_video(filmed, video, force=force, rate=rate, progress=told, start=start)}"
+    )
 
 
 def _replay_one(

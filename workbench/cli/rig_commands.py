@@ -23,19 +23,32 @@ class ExperimentOptions:
     """What an experiment changes in its scenario, and where its log goes."""
 
     out: cli.LogOut
-    tail: Annotated[int | None, cli.Key("experiment.tail"), typer.Option(help="Cheetah tail: 1, 2 or 3.")] = None
-    axis: Annotated[
-        str | None, cli.Key("experiment.axis"), cli.chosen("Width that faces the wind.", "major", "minor")
+    tail: Annotated[
+        int | None, cli.Key("experiment.tail"), typer.Option(help="Cheetah tail: 1, 2 or 3.")
     ] = None
-    wind: Annotated[float | None, cli.Key("experiment.wind_speed"), typer.Option(help="Wind speed, m/s.")] = None
+    axis: Annotated[
+        str | None,
+        cli.Key("experiment.axis"),
+        cli.chosen("Width that faces the wind.", "major", "minor"),
+    ] = None
+    wind: Annotated[
+        float | None, cli.Key("experiment.wind_speed"), typer.Option(help="Wind speed, m/s.")
+    ] = None
     angle: Annotated[
-        float | None, typer.Option(help="Angle held, or start of the swing, in degrees; 0 hangs straight down.")
+        float | None,
+        typer.Option(help="Angle held, or start of the swing, in degrees; 0 hangs straight down."),
     ] = None
     rest: Annotated[
-        float | None, cli.Key("experiment.wind_off"), typer.Option(help="Static: rest without wind at the start, s.")
+        float | None,
+        cli.Key("experiment.wind_off"),
+        typer.Option(help="Static: rest without wind at the start, s."),
     ] = None
-    duration: Annotated[float | None, cli.Key("experiment.duration"), typer.Option(help="Length of the log, s.")] = None
-    seed: Annotated[int | None, cli.Key("seed"), typer.Option(help="Seed of bias, drift and noise.")] = None
+    duration: Annotated[
+        float | None, cli.Key("experiment.duration"), typer.Option(help="Length of the log, s.")
+    ] = None
+    seed: Annotated[
+        int | None, cli.Key("seed"), typer.Option(help="Seed of bias, drift and noise.")
+    ] = None
     settings: cli.RigSettings = None
     live: cli.Live = False
     force: cli.Force = False
@@ -53,10 +66,12 @@ def rig(
 ) -> None:
     """Run an experiment on a wind-tunnel rig and write its log.
 
-    static holds a cheetah tail still in the wind (thesis 4.4), flick swings one from 90 degrees to straight down (4.7
-    to 4.9), bar lets the bare bar go in still air (4.7), robot swings the robot's tail from about 50 degrees (6.3).
+    static holds a cheetah tail still in the wind (thesis 4.4), flick swings one from 90 degrees to
+    straight down (4.7 to 4.9), bar lets the bare bar go in still air (4.7), robot swings the
+    robot's tail from about 50 degrees (6.3).
 
-    Example: aerodima rig static --tail 1 --axis major --wind 10 --angle 15 --rest 2 --out hold.parquet
+    Example: aerodima rig static --tail 1 --axis major --wind 10 --angle 15 --rest 2 --out
+    hold.parquet
     """
     from aerodima.workbench.cli.run_commands import live_view, show_progress
 
@@ -77,7 +92,8 @@ def rig(
 
 
 SHOWN_FACTS = ("tail", "axis", "wind_speed_m_per_s", "exposed")
-"""What `extra` of a log says of its experiment; `exposed`: whether a part of the tail is in the jet."""
+"""What `extra` of a log says of its experiment; `exposed`: whether a part of the tail is in the
+jet."""
 
 
 def summary_lines(log: RunLog) -> list[str]:

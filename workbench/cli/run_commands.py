@@ -1,4 +1,6 @@
-"""`aerodima run` and `demo`: simulated runs of the car with their logs, metrics and replays; `scenarios list`."""
+"""`aerodima run` and `demo`: simulated runs of the car with their logs, metrics and replays;
+`scenarios list`.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +32,12 @@ class RunOptions:
     """What a run changes in its scenario, and what is kept and shown of it."""
 
     scenario: cli.OtherScenario = None
-    speed: Annotated[float | None, cli.Key("manoeuvre.speed"), typer.Option(help="Commanded speed, m/s.")] = None
-    tail: Annotated[str | None, cli.Key("tail.mode"), cli.chosen("What the tail does.", "none", "held", "swing")] = None
+    speed: Annotated[
+        float | None, cli.Key("manoeuvre.speed"), typer.Option(help="Commanded speed, m/s.")
+    ] = None
+    tail: Annotated[
+        str | None, cli.Key("tail.mode"), cli.chosen("What the tail does.", "none", "held", "swing")
+    ] = None
     direction: Annotated[
         str | None, cli.Key("manoeuvre.direction"), cli.chosen("Side of the turn.", "left", "right")
     ] = None
@@ -50,18 +56,23 @@ def register(app: typer.Typer) -> None:
     """Adds the commands."""
     app.command(rich_help_panel=cli.RUNS, no_args_is_help=True)(run)
     app.command(rich_help_panel=cli.RUNS)(demo)
-    cli.command_group(app, "scenarios", "List the scenarios that ship.", cli.RUNS).command("list")(list_scenarios)
+    cli.command_group(app, "scenarios", "List the scenarios that ship.", cli.RUNS).command("list")(
+        list_scenarios
+    )
 
 
 def demo(
-    out: Annotated[Path, cli.written("Folder for page, table, replays and logs.")] = Path("out/demo"),
+    out: Annotated[Path, cli.written("Folder for page, table, replays and logs.")] = Path(
+        "out/demo"
+    ),
     workers: cli.Workers = 2,
     seed: Annotated[int, typer.Option(help="Seed of the sensor noise.")] = 1,
     force: cli.Anew = False,
 ) -> None:
     """Drive four cars in step and the thesis' own turn; write a page.
 
-    Asked for again after Ctrl-C it keeps the finished runs and goes on. Example: aerodima demo --out out/demo
+    Asked for again after Ctrl-C it keeps the finished runs and goes on. Example: aerodima demo
+    --out out/demo
     """
     from aerodima.workbench.batch.row_store import terminal
     from aerodima.workbench.report.demo import DemoPlan, make_demo
@@ -75,7 +86,8 @@ def demo(
 def run(options: RunOptions) -> None:
     """Simulate a scenario: a turn, slalom, lane change or your own.
 
-    A swing file brings its own car, turn, speed and claimed grip along, unless a scenario is named with it.
+    A swing file brings its own car, turn, speed and claimed grip along, unless a scenario is named
+    with it.
 
     Example: aerodima run turn_swing --speed 4.44 --out run.parquet --html run.html
     """
@@ -93,10 +105,14 @@ def run(options: RunOptions) -> None:
     if options.diagram is not None and (options.law is not None or options.swing is not None):
         raise UserError("--diagram: allowed without --law and --swing; it says what the tail does")
     if options.scenario is None and options.swing is None:
-        raise UserError("SCENARIO: missing; allowed: a scenario file, a name of `aerodima scenarios list`, or --swing")
+        raise UserError(
+            "SCENARIO: missing; allowed: a scenario file, a name of `aerodima scenarios list`, or "
+            "--swing"
+        )
     if options.swing is None and options.other_car:
         raise UserError("--other-car: allowed together with --swing")
-    name, own = options.scenario, tuple[str, ...]()
+    name = options.scenario
+    own = tuple[str, ...]()
     if options.swing is not None:
         name, own = own_turn(find_swing(options.swing), name)
     scenario = workbench.load_scenario(str(name), [*own, *cli.settings_of(options)])
@@ -131,9 +147,12 @@ def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> 
     from aerodima.workbench.logs.journal import journal_path
     from aerodima.workbench.simulate.car_run import turn_end
 
-    duration, end = scenario.manoeuvre.duration, turn_end(scenario)
+    duration = scenario.manoeuvre.duration
+    end = turn_end(scenario)
     if scenario.manoeuvre.kind == "turn" and duration < end:  # its metrics need the whole turn
-        raise UserError(f"manoeuvre.duration: {duration:g} s; allowed: >= {end:g} s, the end of the turn")
+        raise UserError(
+            f"manoeuvre.duration: {duration:g} s; allowed: >= {end:g} s, the end of the turn"
+        )
     build = None if options.diagram is None else load_build(options.diagram)
     try:
         return workbench.simulate(
@@ -157,7 +176,10 @@ def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> 
         raise UserError(f"{own}: {reason}") from None
     except KeyboardInterrupt:
         if options.out is not None:
-            typer.echo(f"the rows so far are kept: aerodima log recover {journal_path(options.out)}", err=True)
+            typer.echo(
+                f"the rows so far are kept: aerodima log recover {journal_path(options.out)}",
+                err=True,
+            )
         raise
 
 
@@ -175,7 +197,10 @@ def list_scenarios() -> None:
     from aerodima.workbench.config.scenario import Scenario
 
     cars = [(name, Scenario.load(name)) for name in Scenario.names()]
-    rows = [[name, one.name, one.manoeuvre.kind, shown_value(one.manoeuvre.speed), one.tail.mode] for name, one in cars]
+    rows = [
+        [name, one.name, one.manoeuvre.kind, shown_value(one.manoeuvre.speed), one.tail.mode]
+        for name, one in cars
+    ]
     rigs = [(name, RigScenario.load(name)) for name in RigScenario.names()]
     experiments = [[name, one.name, one.experiment.kind] for name, one in rigs]
     table = text_table(["scenario", "name", "manoeuvre", "speed_m_per_s", "tail"], rows)
@@ -213,7 +238,11 @@ SHOWN_METRICS = (
     "filtered_max_linear_acceleration_m_per_s2",
 )
 """Metrics of a run that the terminal shows; `aerodima log metrics` has all of them."""
-SHOWN_FACTS = ("largest_reynolds_number", "sections_outside_measured_range", "sections_above_quasi_steady_limit")
+SHOWN_FACTS = (
+    "largest_reynolds_number",
+    "sections_outside_measured_range",
+    "sections_above_quasi_steady_limit",
+)
 """What the sections of a tail met, in `extra` of a log; the last two as shares of the time."""
 
 
@@ -222,15 +251,24 @@ _STILL = 0.2
 
 
 def summary_lines(run_log: RunLog) -> list[str]:
-    """What a run came to, for the terminal: its outcome, the first metrics, and what the sail's sections met."""
+    """What a run came to, for the terminal: its outcome, the first metrics, and what the sail's
+    sections met.
+    """
     from aerodima.workbench.replay.captions import outcome_in_words
 
     metrics = workbench.metrics_of(run_log)
     row = metrics.as_row()
     shown = {name: row[name] for name in SHOWN_METRICS}
     shown |= {name: run_log.extra[name] for name in SHOWN_FACTS if name in run_log.extra}
-    table = text_table(["", run_log.scenario["name"]], [[name, shown_value(value)] for name, value in shown.items()])
-    roll = run_log.signal("tail_roll_angle_rad") if run_log.scenario["tail"]["mode"] == "swing" else None
+    table = text_table(
+        ["", run_log.scenario["name"]],
+        [[name, shown_value(value)] for name, value in shown.items()],
+    )
+    roll = (
+        run_log.signal("tail_roll_angle_rad")
+        if run_log.scenario["tail"]["mode"] == "swing"
+        else None
+    )
     rests = roll is not None and roll.max() - roll.min() < _STILL
     still = ["note: the tail did not swing, since its law saw no reason to"] if rests else []
     return [f"outcome: {outcome_in_words(metrics.outcome)}", *still, *table]

@@ -1,1 +1,3 @@
-"""Scenarios, parameters, ensembles and swing files: everything that a run is made of, typed and checked."""
+"""Scenarios, parameters, ensembles and swing files: everything that a run is made of, typed and
+checked.
+"""

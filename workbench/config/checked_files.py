@@ -1,4 +1,6 @@
-"""Checked files: sections whose numbers have units, and reading and writing of YAML files made of them."""
+"""Checked files: sections whose numbers have units, and reading and writing of YAML files made of
+them.
+"""
 
 import difflib
 import math
@@ -24,7 +26,8 @@ def quantity(unit: str, description: str, **limits: float) -> Any:
     Args:
         unit: SI unit as written in the YAML files, `1` when dimensionless.
         description: what the number is, in one line.
-        limits: pydantic's `ge`, `gt`, `le`, `lt`, and `default` where the file may leave it out, in that unit.
+        limits: pydantic's `ge`, `gt`, `le`, `lt`, and `default` where the file may leave it out, in
+            that unit.
     """
     described: Any = {"unit": unit}
     bounds: Any = limits
@@ -34,8 +37,8 @@ def quantity(unit: str, description: str, **limits: float) -> Any:
 class QuantityModel(BaseModel):
     """Frozen section of a scenario. Unknown keys, NaN and foreign units are refused.
 
-    A value is a plain number in the unit of the field or a text that repeats that unit, such as `3.33 m/s`.
-    Another unit is an error and not converted: a scenario has one reading.
+    A value is a plain number in the unit of the field or a text that repeats that unit, such as
+    `3.33 m/s`. Another unit is an error and not converted: a scenario has one reading.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
@@ -55,7 +58,9 @@ class QuantityModel(BaseModel):
         number, _, unit = value.strip().partition(" ")
         expected = unit_of(cls, key)
         if unit.strip() not in ("", expected):
-            raise ValueError(f"{key}: {value!r} has the unit {unit.strip()!r}; allowed is {expected!r}")
+            raise ValueError(
+                f"{key}: {value!r} has the unit {unit.strip()!r}; allowed is {expected!r}"
+            )
         try:
             return field.annotation(number)
         except ValueError:
@@ -88,7 +93,8 @@ def check_range(
     above_low: bool = False,
     error: type[UserError] = UserError,
 ) -> None:
-    """Raises UserError (of the class `error`) unless `value` is finite and within [low, high]; see `above_low`.
+    """Raises UserError (of the class `error`) unless `value` is finite and within [low, high]; see
+    `above_low`.
 
     Args:
         name: where the value comes from, e.g. "controller.swing_speed".
@@ -103,7 +109,9 @@ def check_range(
     limits = {f"{'>' if above_low else '>='} {low:g}": low, f"<= {high:g}": high}
     shown = "" if unit == NO_UNIT else f" {unit}"
     allowed = " and ".join(text for text, limit in limits.items() if math.isfinite(limit))
-    raise error(f"{name}: {value:g}{shown}; allowed: {allowed + shown if allowed else 'a finite number'}")
+    raise error(
+        f"{name}: {value:g}{shown}; allowed: {allowed + shown if allowed else 'a finite number'}"
+    )
 
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
@@ -113,18 +121,24 @@ Place = tuple[str | int, ...]
 class StrictModel(BaseModel):
     """Part of a file: frozen, unknown keys and NaN refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True
+    )
 
 
 class UniqueKeyLoader(yaml.CSafeLoader):
     """Safe loader that refuses a key named twice, of which plain YAML silently takes the last."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """One mapping; raises yaml.constructor.ConstructorError with the place of the second key."""
+        """One mapping; raises yaml.constructor.ConstructorError with the place of the second
+        key.
+        """
         keys = [key.value for key, _ in node.value]
         twice = sorted({str(key) for key in keys if keys.count(key) > 1})
         if twice:
-            raise yaml.constructor.ConstructorError(None, None, f"key named twice: {', '.join(twice)}", node.start_mark)
+            raise yaml.constructor.ConstructorError(
+                None, None, f"key named twice: {', '.join(twice)}", node.start_mark
+            )
         return super().construct_mapping(node, deep)
 
 
@@ -133,7 +147,9 @@ def shipped_names(folder: str) -> list[str]:
     return sorted(path.stem for path in (models_dir() / folder).glob("*.yaml"))
 
 
-def find_file(name_or_path: str | Path, folder: str, kind: str, error: type[UserError] = ScenarioError) -> Path:
+def find_file(
+    name_or_path: str | Path, folder: str, kind: str, error: type[UserError] = ScenarioError
+) -> Path:
     """The path itself, or the file of that name in a folder of `models/`.
 
     Raises:
@@ -144,7 +160,10 @@ def find_file(name_or_path: str | Path, folder: str, kind: str, error: type[User
         return path
     names = shipped_names(folder)
     if path.name not in names:
-        raise error(f"{kind} {path.name!r}: models/{folder} has none of this name; {nearest(path.name, names)}")
+        raise error(
+            f"{kind} {path.name!r}: models/{folder} has none of this name; "
+            f"{nearest(path.name, names)}"
+        )
     return models_dir() / folder / f"{path.name}.yaml"
 
 
@@ -152,7 +171,8 @@ def read_yaml(path: Path, error: type[UserError] = ScenarioError) -> dict[str, A
     """Reads a YAML mapping; an empty file is an empty one.
 
     Raises:
-        UserError (of the class `error`): a missing file, bad syntax, a key named twice or another kind of content.
+        UserError (of the class `error`): a missing file, bad syntax, a key named twice or another
+            kind of content.
     """
     try:
         data = yaml.load(path.read_text(encoding="utf-8"), Loader=UniqueKeyLoader)
@@ -173,17 +193,24 @@ def require_mapping(data: Any, where: str, error: type[UserError]) -> dict[str, 
 
 
 def checked(
-    model: type[ModelT], data: Any, where: str, error: type[UserError] = ScenarioError, *, schema: str | None = None
+    model: type[ModelT],
+    data: Any,
+    where: str,
+    error: type[UserError] = ScenarioError,
+    *,
+    schema: str | None = None,
 ) -> ModelT:
     """The model of plain data; `schema` is what they must carry, if they must carry one.
 
     Raises:
-        UserError (of the class `error`): unknown or missing key, value not allowed, another schema; names the place
-            after `where`, the value and what is allowed.
+        UserError (of the class `error`): unknown or missing key, value not allowed, another schema;
+            names the place after `where`, the value and what is allowed.
     """
     found = require_mapping(data, where, error).get("schema")
     if schema is not None and found != schema:
-        raise error(f"{where}: schema: {found!r} is not read by this version; allowed is {schema!r}")
+        raise error(
+            f"{where}: schema: {found!r} is not read by this version; allowed is {schema!r}"
+        )
     try:
         return model.model_validate(data)
     except ValidationError as report:
@@ -195,7 +222,11 @@ def lines_of(report: ValidationError, model: type[BaseModel]) -> list[str]:
     items: list[Any] = list(report.errors())
     # A list whose entries are wrong is not called too short as well.
     outer = {item["loc"][:depth] for item in items for depth in range(len(item["loc"]))}
-    return [_line(item, model) for item in items if item["type"] != "too_short" or item["loc"] not in outer]
+    return [
+        _line(item, model)
+        for item in items
+        if item["type"] != "too_short" or item["loc"] not in outer
+    ]
 
 
 def keys_of(model: type[BaseModel]) -> list[str]:
@@ -205,7 +236,8 @@ def keys_of(model: type[BaseModel]) -> list[str]:
 
 def _line(item: Any, model: type[BaseModel]) -> str:
     """One of pydantic's errors as `key: value is not allowed; what is`."""
-    place, kind = item["loc"], item["type"]
+    place = item["loc"]
+    kind = item["type"]
     key = ".".join(map(str, place))
     if kind == "missing":
         return f"{key}: missing"
@@ -218,24 +250,34 @@ def _line(item: Any, model: type[BaseModel]) -> str:
     allowed = item["msg"][0].lower() + item["msg"][1:]
     if kind.startswith("union_tag"):
         return f"{key}: {allowed}"
-    units = {unit_of(owner, place[-1]) for owner in owners if place and place[-1] in owner.model_fields} - {NO_UNIT}
-    return f"{key}: {item['input']!r} is not allowed; {allowed}" + "".join(f" ({unit})" for unit in units)
+    units = {
+        unit_of(owner, place[-1]) for owner in owners if place and place[-1] in owner.model_fields
+    } - {NO_UNIT}
+    return f"{key}: {item['input']!r} is not allowed; {allowed}" + "".join(
+        f" ({unit})" for unit in units
+    )
 
 
 def _nearest_key(place: Place, owners: list[type[BaseModel]]) -> str:
     name = str(place[-1])
-    sections = [key for owner in owners for key in keys_of(owner) if name in _keys_within(owner, key)]
+    sections = [
+        key for owner in owners for key in keys_of(owner) if name in _keys_within(owner, key)
+    ]
     if len(place) == 1 and sections:
         return f"did you mean {' or '.join(f'{section}.{name}' for section in sections)}?"
     return nearest(name, [key for owner in owners for key in keys_of(owner)])
 
 
 def _keys_within(owner: type[BaseModel], key: str) -> set[str]:
-    return {name for model in _models_at(owner, (key,)) if model is not owner for name in keys_of(model)}
+    return {
+        name for model in _models_at(owner, (key,)) if model is not owner for name in keys_of(model)
+    }
 
 
 def _models_at(model: type[BaseModel], place: Place) -> list[type[BaseModel]]:
-    """The models that may hold the keys at a place: several where the file chooses and the place does not say."""
+    """The models that may hold the keys at a place: several where the file chooses and the place
+    does not say.
+    """
     models = [model]
     for part in place:
         fields = [(name, field) for owner in models for name, field in owner.model_fields.items()]
@@ -247,7 +289,12 @@ def _models_at(model: type[BaseModel], place: Place) -> list[type[BaseModel]]:
 
 
 def _tags(model: type[BaseModel]) -> set[Any]:
-    return {tag for field in model.model_fields.values() for tag in get_args(field.annotation) if isinstance(tag, str)}
+    return {
+        tag
+        for field in model.model_fields.values()
+        for tag in get_args(field.annotation)
+        if isinstance(tag, str)
+    }
 
 
 def _named_in(annotation: Any) -> list[type[BaseModel]]:
@@ -269,12 +316,15 @@ def robot_tail_sets() -> tuple[str, ...]:
     """Embedded sets (`models/coefficients`) whose law knows the normal of a sail, sorted."""
     files = sorted((models_dir() / "coefficients").glob("*.yaml"))
     return tuple(
-        path.stem for path in files if yaml.safe_load(path.read_text(encoding="utf-8")).get("law") in SAIL_LAWS
+        path.stem
+        for path in files
+        if yaml.safe_load(path.read_text(encoding="utf-8")).get("law") in SAIL_LAWS
     )
 
 
 def require_coefficient_name(name: str) -> None:
-    """Refuses (ValueError) what is neither `constant` nor a set for the robot's tail nor a path of a YAML or CSV file.
+    """Refuses (ValueError) what is neither `constant` nor a set for the robot's tail nor a path of
+    a YAML or CSV file.
 
     A file is looked at when the car is built: a log stays readable where the file is not at hand.
     """

@@ -1,8 +1,9 @@
-"""Ensembles: the cars that are left possible after a calibration, each with a weight that says how likely it is.
+"""Ensembles: the cars that are left possible after a calibration, each with a weight that says how
+likely it is.
 
-A file of `models/calibration` (schema `aerodima/ensemble/1`) holds the members as parameters that differ from
-`models/parameters`, the best of them, and how they were made. A study that runs over an ensemble states what the
-published data leave open, not only what one plausible car does.
+A file of `models/calibration` (schema `aerodima/ensemble/1`) holds the members as parameters that
+differ from `models/parameters`, the best of them, and how they were made. A study that runs over an
+ensemble states what the published data leave open, not only what one plausible car does.
 """
 
 import math
@@ -15,7 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, nearest, read_yaml
+from aerodima.workbench.config.checked_files import (
+    StrictModel,
+    checked,
+    find_file,
+    nearest,
+    read_yaml,
+)
 from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_scenario
 from aerodima.workbench.errors import EnsembleError, ScenarioError
 
@@ -57,7 +64,9 @@ class Member:
 
 
 class Split(NamedTuple):
-    """Cars that laws are chosen on, cars that they are judged on, and cars kept for a benchmark; none in two parts."""
+    """Cars that laws are chosen on, cars that they are judged on, and cars kept for a benchmark;
+    none in two parts.
+    """
 
     training: tuple[Member, ...]
     test: tuple[Member, ...]
@@ -71,7 +80,8 @@ class Ensemble:
     Attributes:
         name: of the ensemble.
         members: in the order of the file.
-        best: the member that the parameter files hold, rounded; its tail only if the members are held to one.
+        best: the member that the parameter files hold, rounded; its tail only if the members are
+            held to one.
         provenance: how the file was made (method, seed, targets, versions), as plain data.
         path: the file.
     """
@@ -93,38 +103,52 @@ class Ensemble:
         return float(1.0 / np.sum(self.weights**2))
 
     def drawn(self, number: int) -> tuple[Member, ...]:
-        """`number` members that stand for all: drawn by weight, evenly over the weights in the order of the file.
+        """`number` members that stand for all: drawn by weight, evenly over the weights in the
+        order of the file.
 
-        A member that is drawn k times has the weight k / number (systematic resampling). All of them, with their own
-        weights, if there are no more than `number`.
+        A member that is drawn k times has the weight k / number (systematic resampling). All of
+        them, with their own weights, if there are no more than `number`.
         """
         if number < 1:
-            raise EnsembleError(f"{number} members of {self.path}: allowed: 1 to {len(self.members)}")
+            raise EnsembleError(
+                f"{number} members of {self.path}: allowed: 1 to {len(self.members)}"
+            )
         if number >= len(self.members):
             return self.members
         middles = (np.arange(number) + 0.5) / number
-        places, counts = np.unique(np.searchsorted(np.cumsum(self.weights), middles), return_counts=True)
+        places, counts = np.unique(
+            np.searchsorted(np.cumsum(self.weights), middles), return_counts=True
+        )
         chosen = [self.members[min(place, len(self.members) - 1)] for place in places]
-        return tuple(Member(m.name, k / number, m.values) for m, k in zip(chosen, counts.tolist(), strict=True))
+        return tuple(
+            Member(m.name, k / number, m.values)
+            for m, k in zip(chosen, counts.tolist(), strict=True)
+        )
 
     def split(self, seed: int) -> Split:
         """The members but the best, which is the nominal car, in three parts.
 
-        They are drawn by weight, one after the other and none twice, and dealt to the parts in turn: the first cars of
-        a part, however many, stand for the ensemble with equal weights.
+        They are drawn by weight, one after the other and none twice, and dealt to the parts in
+        turn: the first cars of a part, however many, stand for the ensemble with equal weights.
         """
         others = [member for member in self.members if member.name != self.best.name]
         weights = np.array([member.weight for member in others])
-        # The order of arrival of exponential times with these rates is that of draws by weight without replacement.
+        # The order of arrival of exponential times with these rates is that of draws by weight
+        # without replacement.
         order = np.argsort(np.random.default_rng(seed).exponential(size=weights.size) / weights)
-        training, test, reserved = (tuple(others[place] for place in order[part::3]) for part in range(3))
+        training, test, reserved = (
+            tuple(others[place] for place in order[part::3]) for part in range(3)
+        )
         return Split(training, test, reserved)
 
-    def scenario(self, member: Member, scenario: str | Path, settings: Sequence[str] = ()) -> Scenario:
+    def scenario(
+        self, member: Member, scenario: str | Path, settings: Sequence[str] = ()
+    ) -> Scenario:
         """A scenario with the car of a member; `settings` override the member.
 
         Raises:
-            EnsembleError: the member's values do not go together; names file, member, value and what is allowed.
+            EnsembleError: the member's values do not go together; names file, member, value and
+                what is allowed.
         """
         try:
             return load_scenario(scenario, [*member.settings_on(scenario), *settings])
@@ -136,8 +160,8 @@ def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
     """Loads an ensemble by path, or by name from `models/calibration`.
 
     Raises:
-        EnsembleError: missing, of another schema, unknown parameter, value out of range, weights that are no weights;
-            names the file, the member, the value and what is allowed.
+        EnsembleError: missing, of another schema, unknown parameter, value out of range, weights
+            that are no weights; names the file, the member, the value and what is allowed.
     """
     path = find_file(name_or_path, "calibration", "ensemble", EnsembleError)
     data = read_yaml(path, EnsembleError)
@@ -146,7 +170,9 @@ def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
     members = tuple(Member(m.name, m.weight / total, _checked(path, m)) for m in content.members)
     named = {member.name: member for member in members}
     if content.best not in named:
-        raise EnsembleError(f"{path}: best: {content.best!r} is no member; {nearest(content.best, named)}")
+        raise EnsembleError(
+            f"{path}: best: {content.best!r} is no member; {nearest(content.best, named)}"
+        )
     return Ensemble(content.name, members, named[content.best], content.provenance, path)
 
 
@@ -168,17 +194,23 @@ class _EnsembleFile(StrictModel):
         names = [member.name for member in self.members]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise ValueError(f"members: {twice[0]!r} stands there twice; allowed: one member per name")
+            raise ValueError(
+                f"members: {twice[0]!r} stands there twice; allowed: one member per name"
+            )
         return self
 
 
 def _checked(path: Path, member: _MemberEntry) -> dict[str, Value]:
-    """The values of a member after a look at each key; whether they go together is checked when a scenario is made."""
+    """The values of a member after a look at each key; whether they go together is checked when a
+    scenario is made.
+    """
     for key in member.values:
         section, _, name = key.partition(".")
         where = f"{path}: member {member.name!r}: {key}"
         if section not in SECTIONS:
             raise EnsembleError(f"{where}: {section!r} is no section; {nearest(section, SECTIONS)}")
         if name not in SECTIONS[section].model_fields:
-            raise EnsembleError(f"{where}: unknown key; {nearest(name, SECTIONS[section].model_fields)}")
+            raise EnsembleError(
+                f"{where}: unknown key; {nearest(name, SECTIONS[section].model_fields)}"
+            )
     return dict(member.values)

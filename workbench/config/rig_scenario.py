@@ -1,8 +1,10 @@
-"""Scenario of a wind-tunnel rig: every number of mount, motors, sensors and air, and of the experiment.
+"""Scenario of a wind-tunnel rig: every number of mount, motors, sensors and air, and of the
+experiment.
 
-A scenario file holds only what differs from `models/parameters/rig`; `load_rig_scenario` resolves it. The robot's tail,
-its motor and friction, gravity and air are the same as on the car. Frame W: origin at the force
-sensor's measuring point, z up, x along the motor axis, the wind blows towards -y (design section 4).
+A scenario file holds only what differs from `models/parameters/rig`; `load_rig_scenario` resolves
+it. The robot's tail, its motor and friction, gravity and air are the same as on the car. Frame W:
+origin at the force sensor's measuring point, z up, x along the motor axis, the wind blows towards
+-y (design section 4).
 """
 
 import math
@@ -45,11 +47,15 @@ class MountParameters(QuantityModel):
 
 
 class BarParameters(QuantityModel):
-    """Steel bar on the motor axis that carries the tail (thesis Tables 4.5 and 4.6, section 4.6)."""
+    """Steel bar on the motor axis that carries the tail (thesis Tables 4.5 and 4.6, section
+    4.6).
+    """
 
     mass: float = quantity("kg", "bar", gt=0, le=10)
     com_distance: float = quantity("m", "centre of mass below the pivot", gt=0, le=2)
-    tail_distance: float = quantity("m", "end of the bar, where the tail is mounted, below the pivot", gt=0, le=2)
+    tail_distance: float = quantity(
+        "m", "end of the bar, where the tail is mounted, below the pivot", gt=0, le=2
+    )
     inertia_xx: float = quantity("kg m2", "about the centre of mass", gt=0, le=1)
     inertia_yy: float = quantity("kg m2", "about the centre of mass", gt=0, le=1)
     inertia_zz: float = quantity("kg m2", "about the centre of mass, along the bar", gt=0, le=1)
@@ -58,10 +64,14 @@ class BarParameters(QuantityModel):
 
 
 class CheetahTailParameters(QuantityModel):
-    """One cheetah tail (thesis Table 4.2) and the readings that the force sensor was zeroed at with it (Table 4.4)."""
+    """One cheetah tail (thesis Table 4.2) and the readings that the force sensor was zeroed at with
+    it (Table 4.4).
+    """
 
     length: float = quantity("m", "root to tip", gt=0, le=3)
-    major_axis: float = quantity("m", "mean major width; reference width of both orientations (ERRATA E2)", gt=0, le=1)
+    major_axis: float = quantity(
+        "m", "mean major width; reference width of both orientations (ERRATA E2)", gt=0, le=1
+    )
     minor_axis: float = quantity("m", "mean minor width", gt=0, le=1)
     mass: float = quantity("kg", "tail", gt=0, le=5)
     com_distance: float = quantity("m", "centre of mass beyond the root", gt=0, le=3)
@@ -82,11 +92,17 @@ class CheetahTailParameters(QuantityModel):
 class MaxonParameters(QuantityModel):
     """Maxon DCX35L with its gearbox, driven by current (design section 6)."""
 
-    torque_constant: float = quantity("N m/A", "torque at the gearbox output per ampere, k_t N", gt=0, le=10)
+    torque_constant: float = quantity(
+        "N m/A", "torque at the gearbox output per ampere, k_t N", gt=0, le=10
+    )
     gear_ratio: float = quantity("1", "rotor turns per output turn", ge=1, le=1000)
-    reflected_inertia: float = quantity("kg m2", "N^2 I_rotor, about the motor axis only", ge=0, le=1)
+    reflected_inertia: float = quantity(
+        "kg m2", "N^2 I_rotor, about the motor axis only", ge=0, le=1
+    )
     current_limit: float = quantity("A", "largest current to either side", gt=0, le=200)
-    current_noise: float = quantity("A", "standard deviation of a logged current sample", ge=0, le=10)
+    current_noise: float = quantity(
+        "A", "standard deviation of a logged current sample", ge=0, le=10
+    )
 
 
 class RigEncoderParameters(QuantityModel):
@@ -95,7 +111,9 @@ class RigEncoderParameters(QuantityModel):
     pulses: int = quantity("1", "pulses per rotor turn", ge=1, le=100000)
     quadrature: int = quantity("1", "counts per pulse", ge=1, le=4)
     rate: float = quantity("Hz", "samples per second", gt=0, le=100000)
-    rate_window: float = quantity("s", "time over which counts are subtracted for the rate", gt=0, le=1)
+    rate_window: float = quantity(
+        "s", "time over which counts are subtracted for the rate", gt=0, le=1
+    )
 
 
 class TunnelParameters(QuantityModel):
@@ -104,21 +122,41 @@ class TunnelParameters(QuantityModel):
     jet_edge_depth: float = quantity("m", "upper edge of the jet below the pivot, h0", ge=-2, le=2)
     jet_slope: float = quantity("1", "rise of that edge per metre downstream", ge=-1, le=1)
     psi3: float = quantity("rad", "wind direction from -y, turned about z", ge=-0.5, le=0.5)
-    misalignment: float = quantity("rad", "tail axis from the bar's, positive downstream", ge=-0.5, le=0.5)
+    misalignment: float = quantity(
+        "rad", "tail axis from the bar's, positive downstream", ge=-0.5, le=0.5
+    )
 
 
 class ForceSensorParameters(QuantityModel):
-    """Axia80-M20 under the rig (thesis section 4.3, Table 4.8; model of the errors: design section 11)."""
+    """Axia80-M20 under the rig (thesis section 4.3, Table 4.8; model of the errors: design section
+    11).
+    """
 
     rate: float = quantity("Hz", "samples per second", gt=0, le=100000)
-    fx_accuracy: float = quantity("N", "standard deviation of the constant bias of a log", ge=0, le=1000)
-    fy_accuracy: float = quantity("N", "standard deviation of the constant bias of a log", ge=0, le=1000)
-    fz_accuracy: float = quantity("N", "standard deviation of the constant bias of a log", ge=0, le=1000)
-    tx_accuracy: float = quantity("N m", "standard deviation of the constant bias of a log", ge=0, le=100)
-    ty_accuracy: float = quantity("N m", "standard deviation of the constant bias of a log", ge=0, le=100)
-    tz_accuracy: float = quantity("N m", "standard deviation of the constant bias of a log", ge=0, le=100)
-    noise_fraction: float = quantity("1", "standard deviation of a sample's noise over that accuracy", ge=0, le=10)
-    drift_fraction: float = quantity("1/s", "standard deviation of a log's drift over that accuracy", ge=0, le=1)
+    fx_accuracy: float = quantity(
+        "N", "standard deviation of the constant bias of a log", ge=0, le=1000
+    )
+    fy_accuracy: float = quantity(
+        "N", "standard deviation of the constant bias of a log", ge=0, le=1000
+    )
+    fz_accuracy: float = quantity(
+        "N", "standard deviation of the constant bias of a log", ge=0, le=1000
+    )
+    tx_accuracy: float = quantity(
+        "N m", "standard deviation of the constant bias of a log", ge=0, le=100
+    )
+    ty_accuracy: float = quantity(
+        "N m", "standard deviation of the constant bias of a log", ge=0, le=100
+    )
+    tz_accuracy: float = quantity(
+        "N m", "standard deviation of the constant bias of a log", ge=0, le=100
+    )
+    noise_fraction: float = quantity(
+        "1", "standard deviation of a sample's noise over that accuracy", ge=0, le=10
+    )
+    drift_fraction: float = quantity(
+        "1/s", "standard deviation of a log's drift over that accuracy", ge=0, le=1
+    )
     force_range_xy: float = quantity("N", "largest F_x and F_y reading", gt=0, le=1e5)
     force_range_z: float = quantity("N", "largest F_z reading", gt=0, le=1e5)
     torque_range: float = quantity("N m", "largest torque reading", gt=0, le=1e4)
@@ -131,21 +169,34 @@ class ForceSensorParameters(QuantityModel):
     @property
     def ranges(self) -> tuple[float, ...]:
         """Ranges of F_x, F_y, F_z (N), T_x, T_y, T_z (N m), to either side."""
-        return (self.force_range_xy, self.force_range_xy, self.force_range_z, *(self.torque_range,) * 3)
+        return (
+            self.force_range_xy,
+            self.force_range_xy,
+            self.force_range_z,
+            *(self.torque_range,) * 3,
+        )
 
 
 class RigUncertaintyParameters(QuantityModel):
-    """Standard deviations of the rig's constants and of its instruments' errors: what every interval of a fit holds.
+    """Standard deviations of the rig's constants and of its instruments' errors: what every
+    interval of a fit holds.
 
-    A key of zero says that the constant is exact. `wind_speed` and `encoder_gain` are parts of their value.
+    A key of zero says that the constant is exact. `wind_speed` and `encoder_gain` are parts of
+    their value.
     """
 
     mount_mass: float = quantity("kg", "of mount.mass", ge=0, le=1)
-    mount_com_x: float = quantity("m", "of mount.com_x, the pivot staying where it is", ge=0, le=0.1)
-    mount_com_y: float = quantity("m", "of mount.com_y, the pivot staying where it is", ge=0, le=0.1)
+    mount_com_x: float = quantity(
+        "m", "of mount.com_x, the pivot staying where it is", ge=0, le=0.1
+    )
+    mount_com_y: float = quantity(
+        "m", "of mount.com_y, the pivot staying where it is", ge=0, le=0.1
+    )
     pivot_x: float = quantity("m", "of the pivot from the sensor's measuring point", ge=0, le=0.1)
     pivot_y: float = quantity("m", "of the pivot from the sensor's measuring point", ge=0, le=0.1)
-    pivot_z: float = quantity("m", "of the height of the pivot over the sensor's measuring point", ge=0, le=0.1)
+    pivot_z: float = quantity(
+        "m", "of the height of the pivot over the sensor's measuring point", ge=0, le=0.1
+    )
     bar_mass: float = quantity("kg", "of bar.mass", ge=0, le=1)
     bar_com: float = quantity("m", "of bar.com_distance", ge=0, le=0.1)
     bar_inertia: float = quantity("kg m2", "of bar.inertia_xx", ge=0, le=0.1)
@@ -162,7 +213,9 @@ class RigUncertaintyParameters(QuantityModel):
     wind_speed: float = quantity("1", "of the wind speed, a part of it", ge=0, le=0.2)
     air_density: float = quantity("kg/m3", "of environment.air_density", ge=0, le=0.5)
     coulomb: float = quantity("N m", "of friction.coulomb, where it is not fitted", ge=0, le=1)
-    viscous: float = quantity("N m s/rad", "of friction.viscous, where it is not fitted", ge=0, le=1)
+    viscous: float = quantity(
+        "N m s/rad", "of friction.viscous, where it is not fitted", ge=0, le=1
+    )
     encoder_zero: float = quantity("rad", "angle of a reading of zero", ge=0, le=0.5)
     encoder_gain: float = quantity("1", "of the encoder's scale, a part of it", ge=0, le=0.2)
     current_bias: float = quantity("A", "of a logged current", ge=0, le=10)
@@ -173,30 +226,48 @@ class RigUncertaintyParameters(QuantityModel):
 class RigAeroParameters(QuantityModel):
     """Coefficients of the tail under test (design section 5)."""
 
-    source: Literal["published", "constant"] = quantity("1", "tables in models/coefficients, or the constants here")
+    source: Literal["published", "constant"] = quantity(
+        "1", "tables in models/coefficients, or the constants here"
+    )
     drag: float = quantity("1", "C_D with source constant", ge=0, le=10)
     lift: float = quantity("1", "C_L with source constant, towards the root", ge=-10, le=10)
     normal_force: float = quantity("1", "C_N of the robot tail with source constant", ge=0, le=10)
-    lift_blend: float = quantity("rad", "angle of attack within which the lift changes sides; 0 jumps", ge=0, le=0.7)
+    lift_blend: float = quantity(
+        "rad", "angle of attack within which the lift changes sides; 0 jumps", ge=0, le=0.7
+    )
     sections: int = quantity("1", "equal sections of the exposed length", ge=1, le=200)
-    added_mass: float = quantity("kg", "added mass of each of five parts of the whole tail", ge=-1, le=10)
+    added_mass: float = quantity(
+        "kg", "added mass of each of five parts of the whole tail", ge=-1, le=10
+    )
 
 
 class ExperimentParameters(QuantityModel):
     """What is done on the rig (thesis sections 4.4, 4.7 and 6.3)."""
 
-    kind: Literal["static", "swing", "bar_swing", "robot_swing"] = quantity("1", "experiment, as in the log's metadata")
+    kind: Literal["static", "swing", "bar_swing", "robot_swing"] = quantity(
+        "1", "experiment, as in the log's metadata"
+    )
     tail: int = quantity("1", "cheetah tail", ge=1, le=3)
-    axis: Literal["major", "minor"] = quantity("1", "orientation of the tail: which width faces the wind")
+    axis: Literal["major", "minor"] = quantity(
+        "1", "orientation of the tail: which width faces the wind"
+    )
     wind_speed: float = quantity("m/s", "wind, towards -y", ge=0, le=40)
-    angle: float = quantity("rad", "angle that is held, or from which a swing starts", ge=-1.75, le=1.75)
+    angle: float = quantity(
+        "rad", "angle that is held, or from which a swing starts", ge=-1.75, le=1.75
+    )
     target: float = quantity("rad", "angle to which a swing goes", ge=-1.75, le=1.75)
-    wind_off: float = quantity("s", "static hold: rest without wind at the start of the log", ge=0, le=60)
+    wind_off: float = quantity(
+        "s", "static hold: rest without wind at the start of the log", ge=0, le=60
+    )
     rest: float = quantity("s", "how long the start angle is held before a swing", ge=0, le=60)
     duration: float = quantity("s", "length of the log", gt=0, le=600)
     actuated: bool = quantity("1", "swings: true drives the motor to the target, false lets go")
-    kp: float = quantity("A/rad", "position gain of the current controller in a swing", ge=0, le=1000)
-    kd: float = quantity("A s/rad", "velocity gain of the current controller in a swing", ge=0, le=1000)
+    kp: float = quantity(
+        "A/rad", "position gain of the current controller in a swing", ge=0, le=1000
+    )
+    kd: float = quantity(
+        "A s/rad", "velocity gain of the current controller in a swing", ge=0, le=1000
+    )
 
 
 class RobotRigParameters(QuantityModel):
@@ -204,7 +275,9 @@ class RobotRigParameters(QuantityModel):
 
     kp: float = quantity("N m/rad", "position gain of the AK70-10", ge=0, le=500)
     kd: float = quantity("N m s/rad", "velocity gain of the AK70-10", ge=0, le=5)
-    command_rate: float = quantity("Hz", "commands to the motor and replies per second", gt=0, le=10000)
+    command_rate: float = quantity(
+        "Hz", "commands to the motor and replies per second", gt=0, le=10000
+    )
     torque_constant: float = quantity("N m/A", "torque at the output per ampere", gt=0, le=10)
 
 
@@ -233,7 +306,9 @@ class RigScenario(ScenarioFile):
     retired: ClassVar = {"robot_tail": Scenario.retired["tail"]}
 
     schema_: Literal["aerodima/rig-scenario/1"] = Field("aerodima/rig-scenario/1", alias="schema")
-    name: str = Field("rig", description="what the experiment is called in reports", min_length=1, max_length=80)
+    name: str = Field(
+        "rig", description="what the experiment is called in reports", min_length=1, max_length=80
+    )
     experiment: ExperimentParameters
     mount: MountParameters
     bar: BarParameters
@@ -256,8 +331,11 @@ class RigScenario(ScenarioFile):
 
     @model_validator(mode="after")
     def _experiment_is_possible(self) -> "RigScenario":
-        done, limit, misalignment = self.experiment, self.mount.angle_limit, self.tunnel.misalignment
-        is_static, is_bar = done.kind == "static", done.kind == "bar_swing"
+        done = self.experiment
+        limit = self.mount.angle_limit
+        misalignment = self.tunnel.misalignment
+        is_static = done.kind == "static"
+        is_bar = done.kind == "bar_swing"
         within = f"within mount.angle_limit, +-{limit:g} rad ({math.degrees(limit):.0f} degrees)"
         shorter = f"< duration {done.duration:g} s"
         still = f"0 s in a {done.kind} (a swing rests in the wind: experiment.rest)"
@@ -276,9 +354,13 @@ class RigScenario(ScenarioFile):
         )
         self._require(rules)
         if self.robot_tail.has_own_geometry:
-            raise ValueError(f"robot_tail.geometry: {self.robot_tail.geometry!r}; allowed: none, on a rig")
+            raise ValueError(
+                f"robot_tail.geometry: {self.robot_tail.geometry!r}; allowed: none, on a rig"
+            )
         if self.robot_tail.sail_shape != "built":
-            raise ValueError(f"robot_tail.sail_shape: {self.robot_tail.sail_shape!r}; allowed: built, on a rig")
+            raise ValueError(
+                f"robot_tail.sail_shape: {self.robot_tail.sail_shape!r}; allowed: built, on a rig"
+            )
         return self
 
     @property
@@ -298,8 +380,12 @@ class RigScenario(ScenarioFile):
 
     @property
     def count_angle(self) -> float:
-        """Angle of one count of the encoder at the output, rad: 2 pi / (512 x 4 x 26) = 1.180e-4 (ERRATA E19)."""
-        return 2.0 * math.pi / (self.encoder.pulses * self.encoder.quadrature * self.maxon.gear_ratio)
+        """Angle of one count of the encoder at the output, rad: 2 pi / (512 x 4 x 26) = 1.180e-4
+        (ERRATA E19).
+        """
+        return (
+            2.0 * math.pi / (self.encoder.pulses * self.encoder.quadrature * self.maxon.gear_ratio)
+        )
 
     @property
     def tail_name(self) -> str:

@@ -1,7 +1,7 @@
 """Parameter files and scenario files, of the car and of the rig: read, checked and overridden.
 
-A parameter file holds the numbers of one section, each with unit and source (design section 3); a scenario file what
-differs from them.
+A parameter file holds the numbers of one section, each with unit and source (design section 3); a
+scenario file what differs from them.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -48,7 +48,9 @@ PARAMETER_SCHEMA = "aerodima/parameters/1"
 
 
 class Sourced(StrictModel):
-    """A number or range of a file with its unit, its source, and the reason of what was assumed or chosen."""
+    """A number or range of a file with its unit, its source, and the reason of what was assumed or
+    chosen.
+    """
 
     unit: str
     source: str = Field(pattern=r"^(published: .+|datasheet: .+|assumed|calibrated: .+|chosen)$")
@@ -78,12 +80,15 @@ class ParameterEntry(Sourced):
         return self
 
 
-def load_parameter_file(path: Path, model: type[BaseModel] | None = None) -> dict[str, ParameterEntry]:
+def load_parameter_file(
+    path: Path, model: type[BaseModel] | None = None
+) -> dict[str, ParameterEntry]:
     """Reads a parameter file: value, unit and source of every number.
 
     Args:
         path: the file.
-        model: of its numbers, which must then all be there, in its units; None for a file that has none.
+        model: of its numbers, which must then all be there, in its units; None for a file that has
+            none.
 
     Raises:
         ScenarioError: names file, key and what is allowed.
@@ -97,13 +102,17 @@ def load_parameter_file(path: Path, model: type[BaseModel] | None = None) -> dic
         if key not in known:
             raise ScenarioError(f"{path}: {key}: unknown key; {nearest(str(key), known)}")
         if model and entry.unit != unit_of(model, key):
-            raise ScenarioError(f"{path}: {key}: unit {entry.unit!r}; allowed is {unit_of(model, key)!r}")
+            raise ScenarioError(
+                f"{path}: {key}: unit {entry.unit!r}; allowed is {unit_of(model, key)!r}"
+            )
     if missing := set(known) - set(entries):
         raise ScenarioError(f"{path}: missing: {', '.join(sorted(missing))}")
     return entries
 
 
-def load_section(path: Path, model: type[ModelT], changes: Mapping[str, Any] | None = None) -> ModelT:
+def load_section(
+    path: Path, model: type[ModelT], changes: Mapping[str, Any] | None = None
+) -> ModelT:
     """Reads a parameter file into its model.
 
     Args:
@@ -137,7 +146,8 @@ class ScenarioFile(StrictModel):
     shared_with_car: ClassVar[Mapping[str, str]] = {}
     """Section of another scenario -> section of the car, whose file it has."""
     retired: ClassVar[Mapping[str, set[str]]] = {}
-    """Section -> keys that resolved scenarios of earlier versions hold (logs, swing files) and none needs any more."""
+    """Section -> keys that resolved scenarios of earlier versions hold (logs, swing files) and none
+    needs any more."""
     renamed: ClassVar[Mapping[str, Mapping[str, str]]] = {}
     """Section -> key of an earlier version -> its name now."""
 
@@ -152,12 +162,15 @@ class ScenarioFile(StrictModel):
             rate = attrgetter(key)(self)
             if rate * step > 1.0 + 1e-9:
                 raise ValueError(
-                    f"{key}: {rate:g} Hz is above 1/step; allowed with step {step:g} s: <= {1 / step:g} Hz"
+                    f"{key}: {rate:g} Hz is above 1/step; allowed with step {step:g} s: <= "
+                    f"{1 / step:g} Hz"
                 )
         return self
 
     def _require(self, rules: Iterable[tuple[bool, str, str]]) -> None:
-        """Raises ValueError for the first rule (whether it holds, `section.key`, what is allowed) that is broken."""
+        """Raises ValueError for the first rule (whether it holds, `section.key`, what is allowed)
+        that is broken.
+        """
         for holds, key, allowed in rules:
             if not holds:
                 section, _, name = key.partition(".")
@@ -179,11 +192,15 @@ class ScenarioFile(StrictModel):
     def parameter_path(cls, section: str) -> Path:
         """File of `models/parameters` that holds a section."""
         shared = cls.shared_with_car.get(section)
-        return model_path(f"parameters/{shared}.yaml" if shared else f"{cls.parameter_folder}/{section}.yaml")
+        return model_path(
+            f"parameters/{shared}.yaml" if shared else f"{cls.parameter_folder}/{section}.yaml"
+        )
 
     @classmethod
     def parameters(cls, section: str) -> dict[str, ParameterEntry]:
-        """Reads the file of a section, checks unit and source of every number and that none is missing."""
+        """Reads the file of a section, checks unit and source of every number and that none is
+        missing.
+        """
         return load_parameter_file(cls.parameter_path(section), cls.sections()[section])
 
     @classmethod
@@ -191,7 +208,8 @@ class ScenarioFile(StrictModel):
         """Section -> key -> value of `models/parameters`."""
         paths = {section: cls.parameter_path(section) for section in cls.sections()}
         return {
-            section: dict(_values_of(cls, section, path, path.stat().st_mtime_ns)) for section, path in paths.items()
+            section: dict(_values_of(cls, section, path, path.stat().st_mtime_ns))
+            for section, path in paths.items()
         }
 
     @classmethod
@@ -203,14 +221,15 @@ class ScenarioFile(StrictModel):
             where: file or flag named in error messages.
 
         Raises:
-            ScenarioError: unknown key, wrong unit, value out of range, NaN; names the place, the value and what is
-                allowed.
+            ScenarioError: unknown key, wrong unit, value out of range, NaN; names the place, the
+                value and what is allowed.
         """
         return cls._resolve(cls.defaults(), cls._as_named_now(overrides), where)
 
     @classmethod
     def load(cls, name_or_path: str | Path, settings: Sequence[str] = ()) -> Self:
-        """Loads a scenario by path, or by name from `models/scenarios`, with overrides such as `car.com_height=0.21`.
+        """Loads a scenario by path, or by name from `models/scenarios`, with overrides such as
+        `car.com_height=0.21`.
 
         Args:
             name_or_path: a YAML file, or the name of a scenario that ships.
@@ -223,7 +242,9 @@ class ScenarioFile(StrictModel):
         data = read_yaml(path)
         for setting in settings:
             cls.apply_setting(data, setting)
-        return cls.from_dict(data, f"{path} with --set {' '.join(settings)}" if settings else str(path))
+        return cls.from_dict(
+            data, f"{path} with --set {' '.join(settings)}" if settings else str(path)
+        )
 
     @classmethod
     def names(cls) -> list[str]:
@@ -231,13 +252,17 @@ class ScenarioFile(StrictModel):
         return shipped_names(cls.folder)
 
     def varied(self, **changes: Any) -> Self:
-        """Another scenario that differs in some keys, without reading a file: `varied(car={"mass": 5.5}, seed=2)`.
+        """Another scenario that differs in some keys, without reading a file.
+
+        Example: `varied(car={"mass": 5.5}, seed=2)`.
 
         Raises:
             ScenarioError: unknown key, wrong unit or a value out of range.
         """
         own = {name: getattr(self, name).model_dump() for name in self.sections()}
-        return self._resolve(own, {"name": self.name, "seed": self.seed, **changes}, f"scenario {self.name!r}")
+        return self._resolve(
+            own, {"name": self.name, "seed": self.seed, **changes}, f"scenario {self.name!r}"
+        )
 
     def resolved(self) -> dict[str, Any]:
         """The scenario as plain data (JSON-able), every value written out."""
@@ -254,7 +279,9 @@ class ScenarioFile(StrictModel):
         path, separator, text = setting.partition("=")
         parts = path.strip().split(".")
         if not separator or not all(parts) or len(parts) > 2:
-            raise ScenarioError(f"--set {setting}: allowed is section.key=value, such as {cls.example}")
+            raise ScenarioError(
+                f"--set {setting}: allowed is section.key=value, such as {cls.example}"
+            )
         try:
             value = yaml.load(text, Loader=yaml.CSafeLoader)
         except yaml.YAMLError:
@@ -264,16 +291,22 @@ class ScenarioFile(StrictModel):
             return
         section = data.setdefault(parts[0], {})
         if not isinstance(section, dict) or parts[0] not in cls.sections():
-            raise ScenarioError(f"--set {setting}: {parts[0]!r} is no section; {nearest(parts[0], cls.sections())}")
+            raise ScenarioError(
+                f"--set {setting}: {parts[0]!r} is no section; {nearest(parts[0], cls.sections())}"
+            )
         section[parts[1]] = value
 
     @classmethod
-    def _resolve(cls, below: Mapping[str, Mapping[str, Any]], overrides: dict[str, Any], where: str) -> Self:
+    def _resolve(
+        cls, below: Mapping[str, Mapping[str, Any]], overrides: dict[str, Any], where: str
+    ) -> Self:
         merged: dict[str, Any] = {name: dict(values) for name, values in below.items()}
         for key, value in overrides.items():
             if key in below:
                 if not isinstance(value, dict):
-                    raise ScenarioError(f"{where}: {key}: {value!r} is not allowed; it takes keys with values")
+                    raise ScenarioError(
+                        f"{where}: {key}: {value!r} is not allowed; it takes keys with values"
+                    )
                 merged[key] |= value
             else:
                 merged[key] = value
@@ -284,21 +317,36 @@ class ScenarioFile(StrictModel):
     def _as_named_now(cls, overrides: dict[str, Any]) -> dict[str, Any]:
         """The overrides with the keys of this version; other data as they are.
 
-        Only a whole section can hold a retired key: in a file that names single keys it is an error.
+        Only a whole section can hold a retired key: in a file that names single keys it is an
+        error.
         """
         result = dict(overrides)
         for section, model in cls.sections().items():
-            given, names = overrides.get(section), cls.renamed.get(section, {})
+            given = overrides.get(section)
+            names = cls.renamed.get(section, {})
             if isinstance(given, dict):
-                gone = cls.retired.get(section, set()) if len(given) > len(model.model_fields) // 2 else set()
-                result[section] = {names.get(key, key): value for key, value in given.items() if key not in gone}
+                gone = (
+                    cls.retired.get(section, set())
+                    if len(given) > len(model.model_fields) // 2
+                    else set()
+                )
+                result[section] = {
+                    names.get(key, key): value for key, value in given.items() if key not in gone
+                }
         return result
 
 
 @lru_cache(maxsize=128)
-def _values_of(scenario: type[ScenarioFile], section: str, path: Path, _changed: int) -> dict[str, Any]:
-    """Key -> value of one file; reading it takes longer than a twentieth of a run, so it is kept until it changes."""
-    return {key: entry.value for key, entry in load_parameter_file(path, scenario.sections()[section]).items()}
+def _values_of(
+    scenario: type[ScenarioFile], section: str, path: Path, _changed: int
+) -> dict[str, Any]:
+    """Key -> value of one file; reading it takes longer than a twentieth of a run, so it is kept
+    until it changes.
+    """
+    return {
+        key: entry.value
+        for key, entry in load_parameter_file(path, scenario.sections()[section]).items()
+    }
 
 
 class Scenario(ScenarioFile):
@@ -306,11 +354,20 @@ class Scenario(ScenarioFile):
 
     folder = "scenarios"
     example = "car.com_height=0.21"
-    rates = ("imu.rate", "gps.rate", "sail_encoder.rate", "controller.rate", "servo.frame_rate", "simulation.log_rate")
+    rates = (
+        "imu.rate",
+        "gps.rate",
+        "sail_encoder.rate",
+        "controller.rate",
+        "servo.frame_rate",
+        "simulation.log_rate",
+    )
     retired: ClassVar = {"tail": {"sail_centre_of_pressure"}, "controller": {"tracking"}}
 
     schema_: Literal["aerodima/scenario/1"] = Field("aerodima/scenario/1", alias="schema")
-    name: str = Field("turn", description="what the run is called in reports", min_length=1, max_length=80)
+    name: str = Field(
+        "turn", description="what the run is called in reports", min_length=1, max_length=80
+    )
     car: CarParameters
     tail: TailParameters
     tail_motor: TailMotorParameters
@@ -339,36 +396,84 @@ class Scenario(ScenarioFile):
 
     @property
     def resting_roll(self) -> float:
-        """Tail roll (rad) before the turn: inside, left (negative) for a left turn; the middle for `feedback`."""
+        """Tail roll (rad) before the turn: inside, left (negative) for a left turn; the middle for
+        `feedback`.
+        """
         inside = -1.0 if self.manoeuvre.direction == "left" else 1.0
         return 0.0 if self.follows_state else inside * self.controller.hold_angle
 
     @model_validator(mode="after")
     def _car_is_possible(self) -> "Scenario":
-        tail, turn, steering, cage = self.tail, self.manoeuvre, self.servo.limit, 2 * self.car.tyre_friction
-        roll, pitch, tailless = tail.roll_limit + 1e-9, tail.pitch_limit + 1e-9, tail.mode == "none"
-        hold, held_pitch = self.controller.hold_angle, abs(self.controller.pitch_angle)
+        tail = self.tail
+        turn = self.manoeuvre
+        steering = self.servo.limit
+        cage = 2 * self.car.tyre_friction
+        roll = tail.roll_limit + 1e-9
+        pitch = tail.pitch_limit + 1e-9
+        tailless = tail.mode == "none"
+        hold = self.controller.hold_angle
+        held_pitch = abs(self.controller.pitch_angle)
         ramped = (
-            turn.rolling_start or turn.kind not in ("turn", "fishhook", "path") or turn.speed_ramp <= turn.turn_start
+            turn.rolling_start
+            or turn.kind not in ("turn", "fishhook", "path")
+            or turn.speed_ramp <= turn.turn_start
         )
-        corner, inside = turn.kind == "path" and turn.path == "corner", 0.5 * turn.corner_width
+        corner = turn.kind == "path" and turn.path == "corner"
+        inside = 0.5 * turn.corner_width
         rules = (
-            (tail.sail_length <= tail.length, "tail.sail_length", f"<= tail.length {tail.length:g} m"),
-            (turn.steer_angle <= steering + 1e-9, "manoeuvre.steer_angle", f"<= servo.limit {steering:.9g} rad"),
-            (turn.first_angle <= steering + 1e-9, "manoeuvre.first_angle", f"<= servo.limit {steering:.9g} rad"),
-            (turn.first_hold <= turn.turn_hold, "manoeuvre.first_hold", f"<= turn_hold {turn.turn_hold:g} s"),
+            (
+                tail.sail_length <= tail.length,
+                "tail.sail_length",
+                f"<= tail.length {tail.length:g} m",
+            ),
+            (
+                turn.steer_angle <= steering + 1e-9,
+                "manoeuvre.steer_angle",
+                f"<= servo.limit {steering:.9g} rad",
+            ),
+            (
+                turn.first_angle <= steering + 1e-9,
+                "manoeuvre.first_angle",
+                f"<= servo.limit {steering:.9g} rad",
+            ),
+            (
+                turn.first_hold <= turn.turn_hold,
+                "manoeuvre.first_hold",
+                f"<= turn_hold {turn.turn_hold:g} s",
+            ),
             (
                 not corner or turn.corner_radius > inside,
                 "manoeuvre.corner_radius",
                 f"> half of corner_width, {inside:g} m",
             ),
             (ramped, "manoeuvre.speed_ramp", f"<= turn_start {turn.turn_start:g} s"),
-            (tailless or hold <= roll, "controller.hold_angle", f"<= tail.roll_limit {roll:.9g} rad"),
-            (tailless or self.feedback.most_roll <= roll, "feedback.most_roll", f"<= tail.roll_limit {roll:.9g} rad"),
-            (tail.roll_limit <= tail.roll_stop, "tail.roll_limit", f"<= tail.roll_stop {tail.roll_stop:.9g} rad"),
-            (tailless or held_pitch <= pitch, "controller.pitch_angle", f"within tail.pitch_limit, +-{pitch:.9g} rad"),
-            # Drake's 2 mu1 mu2 / (mu1 + mu2) stays below 2 mu1, and the ground carries the tyre friction.
-            (self.car.cage_friction < cage, "car.cage_friction", f"< twice car.tyre_friction, {cage:g}"),
+            (
+                tailless or hold <= roll,
+                "controller.hold_angle",
+                f"<= tail.roll_limit {roll:.9g} rad",
+            ),
+            (
+                tailless or self.feedback.most_roll <= roll,
+                "feedback.most_roll",
+                f"<= tail.roll_limit {roll:.9g} rad",
+            ),
+            (
+                tail.roll_limit <= tail.roll_stop,
+                "tail.roll_limit",
+                f"<= tail.roll_stop {tail.roll_stop:.9g} rad",
+            ),
+            (
+                tailless or held_pitch <= pitch,
+                "controller.pitch_angle",
+                f"within tail.pitch_limit, +-{pitch:.9g} rad",
+            ),
+            # Drake's 2 mu1 mu2 / (mu1 + mu2) stays below 2 mu1, and the ground carries the tyre
+            # friction.
+            (
+                self.car.cage_friction < cage,
+                "car.cage_friction",
+                f"< twice car.tyre_friction, {cage:g}",
+            ),
         )
         self._require(rules)
         return self

@@ -1,14 +1,17 @@
-"""The signals of car and rig in one table: ports, their fields, and the columns that they fill in a log.
+"""The signals of car and rig in one table: ports, their fields, and the columns that they fill in a
+log.
 
-The simulated and the real station have the same vector ports (design section 9). A column's name ends in its
-unit; a rate reads `rad_per_s`, a moment `n_m`, a number without unit has none. Columns with `_truth` exist in simulated
-runs only. Plain Python: the controllers of the no-Drake mode read the same names.
+The simulated and the real station have the same vector ports (design section 9). A column's name
+ends in its unit; a rate reads `rad_per_s`, a moment `n_m`, a number without unit has none. Columns
+with `_truth` exist in simulated runs only. Plain Python: the controllers of the no-Drake mode read
+the same names.
 
-Signs and axes of the car: body frame B x forward, y left, z up, its origin on the ground under the rear axle; W is the
-world, z up; steering and yaw positive to the left; tail roll 0 = straight up, positive to the right; acceleration is
-linear (gravity removed) in body axes. Of the rig: angles are 0 hanging and positive downstream; a positive motor
-current pushes upstream; forces and torques are readings of the force sensor in W axes (design section 4), zeroed: add
-the offsets of Table 4.4 (`offsets_to_add` in a log's metadata) for the wrench of the support on the rig.
+Signs and axes of the car: body frame B x forward, y left, z up, its origin on the ground under the
+rear axle; W is the world, z up; steering and yaw positive to the left; tail roll 0 = straight up,
+positive to the right; acceleration is linear (gravity removed) in body axes. Of the rig: angles are
+0 hanging and positive downstream; a positive motor current pushes upstream; forces and torques are
+readings of the force sensor in W axes (design section 4), zeroed: add the offsets of Table 4.4
+(`offsets_to_add` in a log's metadata) for the wrench of the support on the rig.
 """
 
 from collections import namedtuple
@@ -25,7 +28,8 @@ WHEELS = tuple(f"{axle}_{side}" for axle in AXLES for side in SIDES)
 GROUND_CONTACTS = ("cage", "board", "tail")
 PLANT_POSITION_PREFIX = "plant_position_"
 RIG_KINDS = ("static", "swing", "bar_swing", "robot_swing")
-"""Kinds of rig log: tail held by the motor, tail let go, bar let go without a tail, tail of the robot swung."""
+"""Kinds of rig log: tail held by the motor, tail let go, bar let go without a tail, tail of the
+robot swung."""
 TIME = "time_s"
 UNARMED_SOURCES = ("sail", "imu", "speed", "operator")
 """Sources of `status` that are heard before the motors are armed."""
@@ -56,19 +60,27 @@ class PortFields:
         return len(self.fields)
 
     def index(self, name: str) -> int:
-        """Position of a field in the vector; ValueError, with the known names, for an unknown field."""
+        """Position of a field in the vector; ValueError, with the known names, for an unknown
+        field.
+        """
         if name not in self.fields:
             raise ValueError(f"{self.name} has no field '{name}'; it has {', '.join(self.fields)}")
         return self.fields.index(name)
 
     def read(self, values: Sequence[float] | np.ndarray) -> Any:
-        """The vector (size,) as an immutable named tuple of plain floats; ValueError for another length."""
+        """The vector (size,) as an immutable named tuple of plain floats; ValueError for another
+        length.
+        """
         if len(values) != len(self.fields):
             raise ValueError(f"{self.name} has {len(self.fields)} elements, got {len(values)}")
-        return self._tuple(*(values.tolist() if isinstance(values, np.ndarray) else map(float, values)))
+        return self._tuple(
+            *(values.tolist() if isinstance(values, np.ndarray) else map(float, values))
+        )
 
     def write(self, **values: float) -> np.ndarray:
-        """Vector (size,) from one keyword per field, all of them required; TypeError names a missing or unknown one."""
+        """Vector (size,) from one keyword per field, all of them required; TypeError names a
+        missing or unknown one.
+        """
         return np.array(self._tuple(**values), dtype=float)
 
 
@@ -78,7 +90,8 @@ class Column:
 
     Attributes:
         name: exact. unit: "" for a pure number. meaning: in words.
-        optional: came after logs were written without it; where it is not in a file it is read as NaN.
+        optional: came after logs were written without it; where it is not in a file it is read as
+            NaN.
     """
 
     name: str
@@ -93,7 +106,11 @@ def _vector(stem: str, suffix: str, unit: str, meaning: str) -> list[Column]:
 
 
 def _of_wheels(stem: str, suffix: str, unit: str, meaning: str) -> list[Column]:
-    return [c for wheel in WHEELS for c in _vector(f"{stem}_{wheel}", suffix, unit, meaning.format(wheel))]
+    return [
+        c
+        for wheel in WHEELS
+        for c in _vector(f"{stem}_{wheel}", suffix, unit, meaning.format(wheel))
+    ]
 
 
 def _status_fields(sources: Sequence[str]) -> tuple[str, ...]:
@@ -114,7 +131,12 @@ TAIL_TORQUE = PortFields("TailTorque", ("pitch", "roll"))
 """N m, as the motors report it."""
 IMU = PortFields(
     "ImuSample",
-    ("roll", "pitch", "yaw", *(f"{what}_{axis}" for what in ("gyro", "acceleration") for axis in _AXES)),
+    (
+        "roll",
+        "pitch",
+        "yaw",
+        *(f"{what}_{axis}" for what in ("gyro", "acceleration") for axis in _AXES),
+    ),
 )
 """rad; rad/s; m/s2 without gravity. All in body axes."""
 SPEED = PortFields("Speed", ("speed",))
@@ -122,13 +144,15 @@ SPEED = PortFields("Speed", ("speed",))
 STATUS = PortFields("Status", _status_fields(STATUS_SOURCES))
 """Per source: age of its newest sample in s, fault code (0 = none). Armed: 0 or 1."""
 PLANNED_TURN = PortFields("PlannedTurn", ("planned_turn",))
-"""The turn that the driver announces, from the start of the run on: +1 left, -1 right, 0 none. Goes from the driver to
-the tail controller."""
+"""The turn that the driver announces, from the start of the run on: +1 left, -1 right, 0 none. Goes
+from the driver to the tail controller."""
 RIG_STATE = PortFields("RigState", ("angle", "rate"))
 """rad and rad/s, as encoder or motor report them."""
 MOTOR_CURRENT = PortFields("MotorCurrent", ("current",))
 """A."""
-FORCE_TORQUE = PortFields("ForceTorque", tuple(f"{what}_{axis}" for what in ("force", "torque") for axis in _AXES))
+FORCE_TORQUE = PortFields(
+    "ForceTorque", tuple(f"{what}_{axis}" for what in ("force", "torque") for axis in _AXES)
+)
 """N and N m, zeroed."""
 RIG_STATUS = PortFields("RigStatus", _status_fields(RIG_STATUS_SOURCES))
 """Status of the rig; its fields are like those of `STATUS`."""
@@ -170,24 +194,40 @@ _TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
 
 CAR_PORTS: Mapping[str, list[Column]] = {
     "steering_angle": [
-        Column("steering_command_rad", "rad", "steering command before the servo, positive to the left")
+        Column(
+            "steering_command_rad", "rad", "steering command before the servo, positive to the left"
+        )
     ],
     "throttle": [Column("throttle_command", "", "throttle command, -1 to 1")],
-    "planned_turn": [Column("planned_turn", "", "turn that the driver announces: +1 left, -1 right, 0 none")],
+    "planned_turn": [
+        Column("planned_turn", "", "turn that the driver announces: +1 left, -1 right, 0 none")
+    ],
     "tail_pitch_command": _command("pitch"),
     "tail_roll_command": _command("roll"),
     "state": [Column("controller_state", "", "number of the tail controller's state")],
     "tail_state": [
-        *(Column(f"{part}_angle_rad", "rad", f"{part.replace('_', ' ')} angle") for part in _TAIL_PARTS),
-        *(Column(f"{part}_rate_rad_per_s", "rad/s", f"{part.replace('_', ' ')} rate") for part in _TAIL_PARTS),
+        *(
+            Column(f"{part}_angle_rad", "rad", f"{part.replace('_', ' ')} angle")
+            for part in _TAIL_PARTS
+        ),
+        *(
+            Column(f"{part}_rate_rad_per_s", "rad/s", f"{part.replace('_', ' ')} rate")
+            for part in _TAIL_PARTS
+        ),
     ],
     "tail_torque": [
-        Column(f"tail_{part}_torque_n_m", "N m", f"torque of the tail {part} motor") for part in ("pitch", "roll")
+        Column(f"tail_{part}_torque_n_m", "N m", f"torque of the tail {part} motor")
+        for part in ("pitch", "roll")
     ],
     "imu": [
         *(Column(f"imu_{angle}_rad", "rad", f"IMU {angle}") for angle in ("roll", "pitch", "yaw")),
         *_vector("imu_gyro", "rad_per_s", "rad/s", "IMU angular rate, B axes"),
-        *_vector("imu_acceleration", "m_per_s2", "m/s2", "IMU linear acceleration, gravity removed, B axes"),
+        *_vector(
+            "imu_acceleration",
+            "m_per_s2",
+            "m/s2",
+            "IMU linear acceleration, gravity removed, B axes",
+        ),
     ],
     "speed": [Column("speed_m_per_s", "m/s", "ground speed of the GPS")],
     "status": [
@@ -202,10 +242,12 @@ CAR_PORTS: Mapping[str, list[Column]] = {
         Column("status_armed", "", "1 when the tail motors are armed"),
     ],
     "roll_estimate": [Column("roll_estimate_rad", "rad", "roll angle from the on-board estimator")],
-    "roll_rate_estimate": [Column("roll_rate_estimate_rad_per_s", "rad/s", "roll rate from the on-board estimator")],
+    "roll_rate_estimate": [
+        Column("roll_rate_estimate_rad_per_s", "rad/s", "roll rate from the on-board estimator")
+    ],
 }
-"""Port of driver, tail controller, station or roll estimator -> its columns: what a run on the real car has too. Sensor
-columns hold their last sample."""
+"""Port of driver, tail controller, station or roll estimator -> its columns: what a run on the real
+car has too. Sensor columns hold their last sample."""
 
 CAR_TRUTH: Mapping[str, list[Column]] = {
     "body_truth": [
@@ -216,31 +258,57 @@ CAR_TRUTH: Mapping[str, list[Column]] = {
         Column("tilt_truth_rad", "rad", "angle of the body's z axis from the world's"),
         *_vector("velocity", "truth_m_per_s", "m/s", "velocity of Bo in W, B axes"),
         *_vector("gyro", "truth_rad_per_s", "rad/s", "angular velocity of B in W, B axes"),
-        *_vector("acceleration", "truth_m_per_s2", "m/s2", "acceleration at the IMU, gravity removed, B axes"),
+        *_vector(
+            "acceleration",
+            "truth_m_per_s2",
+            "m/s2",
+            "acceleration at the IMU, gravity removed, B axes",
+        ),
         *_vector("com", "truth_m", "m", "centre of mass of the whole vehicle in W"),
     ],
     "tail_truth": [
         *_vector("tail_tip", "truth_m", "m", "tip of the tail in W"),
         *_vector("tail_com", "truth_m", "m", "centre of mass of the tail in W"),
         *_vector("tail_momentum", "truth_n_s", "N s", "linear momentum of the tail, W axes"),
-        *_vector("tail_angular_momentum", "truth_n_m_s", "N m s", "angular momentum of the tail about Wo, W axes"),
+        *_vector(
+            "tail_angular_momentum",
+            "truth_n_m_s",
+            "N m s",
+            "angular momentum of the tail about Wo, W axes",
+        ),
         *_vector("tail_force", "truth_n", "N", "aerodynamic force on the tail, W axes"),
-        *_vector("tail_force_moment", "truth_n_m", "N m", "aerodynamic moment on the tail about Wo, W axes"),
+        *_vector(
+            "tail_force_moment",
+            "truth_n_m",
+            "N m",
+            "aerodynamic moment on the tail about Wo, W axes",
+        ),
         Column("tail_power_truth_w", "W", "mechanical power of the tail motors"),
     ],
     "contact_truth": [
-        *_of_wheels("wheel_force", "truth_n", "N", "force of the ground on the {} wheel in the last step, W axes"),
-        *_of_wheels("wheel_contact", "truth_m", "m", "contact point of the {} wheel in W, weighted by load"),
+        *_of_wheels(
+            "wheel_force",
+            "truth_n",
+            "N",
+            "force of the ground on the {} wheel in the last step, W axes",
+        ),
+        *_of_wheels(
+            "wheel_contact", "truth_m", "m", "contact point of the {} wheel in W, weighted by load"
+        ),
         *(
-            Column(f"ground_contact_{part}_truth_n", "N", f"magnitude of the ground's force on the {part}")
+            Column(
+                f"ground_contact_{part}_truth_n",
+                "N",
+                f"magnitude of the ground's force on the {part}",
+            )
             for part in GROUND_CONTACTS
         ),
         Column("drive_power_truth_w", "W", "mechanical power of the drive"),
     ],
     "wind_truth": _vector("wind", "truth_m_per_s", "m/s", "velocity of the air, W axes"),
 }
-"""Port of a simulated station -> its columns. A car without a tail has no `tail_truth`, a run without wind no
-`wind_truth`."""
+"""Port of a simulated station -> its columns. A car without a tail has no `tail_truth`, a run
+without wind no `wind_truth`."""
 
 RIG_PORTS: Mapping[str, list[Column]] = {
     "rig_state": [
@@ -253,8 +321,8 @@ RIG_PORTS: Mapping[str, list[Column]] = {
         *_vector("torque", "n_m", "N m", "torque reading at W, W axes"),
     ],
 }
-"""Port of a rig's station -> its columns. W has its origin at the force sensor's point, z up, x along the motor axis;
-the wind blows towards -y."""
+"""Port of a rig's station -> its columns. W has its origin at the force sensor's point, z up, x
+along the motor axis; the wind blows towards -y."""
 
 RIG_TRUTH: Mapping[str, list[Column]] = {
     "state_truth": [
@@ -282,15 +350,22 @@ def sensor_columns() -> list[Column]:
 
 
 def plant_position_columns(position_names: Iterable[str]) -> list[Column]:
-    """One column per plant position, in the order of `plant.GetPositionNames()`; what the replay reads."""
+    """One column per plant position, in the order of `plant.GetPositionNames()`; what the replay
+    reads.
+    """
     return [
-        Column(f"{PLANT_POSITION_PREFIX}{name}", "rad, m or 1", f"plant position {name}") for name in position_names
+        Column(f"{PLANT_POSITION_PREFIX}{name}", "rad, m or 1", f"plant position {name}")
+        for name in position_names
     ]
 
 
 def truth_columns() -> list[Column]:
-    """Every ground-truth column of a simulated run with a tail and without wind, without the plant positions."""
-    return [column for port, columns in CAR_TRUTH.items() if port != "wind_truth" for column in columns]
+    """Every ground-truth column of a simulated run with a tail and without wind, without the plant
+    positions.
+    """
+    return [
+        column for port, columns in CAR_TRUTH.items() if port != "wind_truth" for column in columns
+    ]
 
 
 def rig_columns() -> list[Column]:

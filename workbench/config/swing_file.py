@@ -1,9 +1,11 @@
-"""Swing files: a tail movement as knots in time, with the gains, limits and trigger that belong to it.
+"""Swing files: a tail movement as knots in time, with the gains, limits and trigger that belong to
+it.
 
-One YAML file of schema `aerodima/swing/1`. Time 0 is the moment the trigger releases the swing. Positions, rates and
-torques are those of the tail joints (roll 0 upright, positive to the right; pitch positive forwards), written for the
-turn direction that the file names; for the other direction roll is mirrored (`swing_at`). Between the knots the motion
-is a cubic. Plain Python and NumPy: the player must also run where Drake has no wheel.
+One YAML file of schema `aerodima/swing/1`. Time 0 is the moment the trigger releases the swing.
+Positions, rates and torques are those of the tail joints (roll 0 upright, positive to the right;
+pitch positive forwards), written for the turn direction that the file names; for the other
+direction roll is mirrored (`swing_at`). Between the knots the motion is a cubic. Plain Python and
+NumPy: the player must also run where Drake has no wheel.
 """
 
 import math
@@ -35,7 +37,9 @@ def _from_zero(times: tuple[float, ...]) -> tuple[float, ...]:
         raise ValueError(f"{times[0]!r} is first; allowed: 0, the moment of release")
     for number, (before, after) in enumerate(pairwise(times), start=1):
         if after <= before:
-            raise ValueError(f"{number}: {after!r} follows {before!r}; allowed: strictly increasing times")
+            raise ValueError(
+                f"{number}: {after!r} follows {before!r}; allowed: strictly increasing times"
+            )
     return times
 
 
@@ -51,13 +55,19 @@ class _Strict(StrictModel):
 class Knots(_Strict):
     """States at the knots, all of the length of `time_s`; cubic Hermite between them."""
 
-    time_s: Times = Field(description="times since the release, s, strictly increasing, the first 0")
+    time_s: Times = Field(
+        description="times since the release, s, strictly increasing, the first 0"
+    )
     roll_position_rad: Samples = Field(description="tail roll, rad")
     roll_velocity_rad_per_s: Samples = Field(description="tail roll rate, rad/s")
     pitch_position_rad: Samples = Field(description="tail pitch, rad")
     pitch_velocity_rad_per_s: Samples = Field(description="tail pitch rate, rad/s")
-    roll_torque_n_m: Samples | None = Field(None, description="feed-forward torque of the roll motor, N m")
-    pitch_torque_n_m: Samples | None = Field(None, description="feed-forward torque of the pitch motor, N m")
+    roll_torque_n_m: Samples | None = Field(
+        None, description="feed-forward torque of the roll motor, N m"
+    )
+    pitch_torque_n_m: Samples | None = Field(
+        None, description="feed-forward torque of the pitch motor, N m"
+    )
 
     @model_validator(mode="after")
     def _equally_long(self) -> Self:
@@ -111,19 +121,31 @@ class Gains(_Strict):
 class Limits(_Strict):
     """What the knots and the curve between them must not leave; symmetric."""
 
-    roll_position_rad: float = Field(description="largest magnitude of the roll angle, rad", gt=0, le=math.pi)
-    pitch_position_rad: float = Field(description="largest magnitude of the pitch angle, rad", gt=0, le=math.pi)
+    roll_position_rad: float = Field(
+        description="largest magnitude of the roll angle, rad", gt=0, le=math.pi
+    )
+    pitch_position_rad: float = Field(
+        description="largest magnitude of the pitch angle, rad", gt=0, le=math.pi
+    )
     velocity_rad_per_s: float = Field(description="largest joint rate, rad/s", gt=0)
     torque_n_m: float = Field(description="largest motor torque, N m", gt=0)
 
 
 class Trigger(_Strict):
-    """What releases the swing: yaw rate or steering command into the planned turn, or a time since its announcement."""
+    """What releases the swing: yaw rate or steering command into the planned turn, or a time since
+    its announcement.
+    """
 
     kind: Literal["yaw_rate", "steering", "time"] = "yaw_rate"
-    threshold_rad_per_s: float | None = Field(None, description="yaw_rate: into the planned turn, rad/s", gt=0)
-    threshold_rad: float | None = Field(None, description="steering: command into the planned turn, rad", gt=0)
-    delay_s: float = Field(0.0, description="from the trigger to the release, s; time: since the announcement", ge=0)
+    threshold_rad_per_s: float | None = Field(
+        None, description="yaw_rate: into the planned turn, rad/s", gt=0
+    )
+    threshold_rad: float | None = Field(
+        None, description="steering: command into the planned turn, rad", gt=0
+    )
+    delay_s: float = Field(
+        0.0, description="from the trigger to the release, s; time: since the announcement", ge=0
+    )
 
     @model_validator(mode="after")
     def _has_threshold(self) -> Self:
@@ -139,17 +161,27 @@ class Provenance(_Strict):
     source: str = Field(description="what made it: a table, a command")
     scenario: str | None = Field(None, description="scenario it was made with")
     seed: int | None = Field(None, description="seed of the solver's starts", ge=0)
-    settings: Annotated[tuple[str, ...], Field(strict=False)] = Field((), description="overrides of that scenario")
-    options: dict[str, float | int | str] = Field(default_factory=dict, description="of the command that made it")
+    settings: Annotated[tuple[str, ...], Field(strict=False)] = Field(
+        (), description="overrides of that scenario"
+    )
+    options: dict[str, float | int | str] = Field(
+        default_factory=dict, description="of the command that made it"
+    )
     found: dict[str, float | int | str] = Field(
-        default_factory=dict, description="what it found, such as peak_roll_rad; unit at the end of the name"
+        default_factory=dict,
+        description="what it found, such as peak_roll_rad; unit at the end of the name",
     )
     solver_log: str | None = Field(None, description="file of the solver's log")
-    versions: dict[str, str] = Field(default_factory=dict, description="project, drake, python, numpy")
+    versions: dict[str, str] = Field(
+        default_factory=dict, description="project, drake, python, numpy"
+    )
 
 
 class SwingFile(_Strict):
-    """A swing. `car` holds the parameters it was made for, as `section.key` of a scenario in SI units."""
+    """A swing.
+
+    `car` holds the parameters it was made for, as `section.key` of a scenario in SI units.
+    """
 
     schema_: Literal["aerodima/swing/1"] = Field("aerodima/swing/1", alias="schema")
     name: str = Field(min_length=1, max_length=80)
@@ -166,18 +198,26 @@ class SwingFile(_Strict):
         joints: tuple[Literal["roll", "pitch"], ...] = ("roll", "pitch")
         for joint in joints:
             allowed = getattr(self.limits, f"{joint}_position_rad")
-            self._refuse_beyond(f"knots.{joint}_position_rad", allowed, f"limits.{joint}_position_rad")
             self._refuse_beyond(
-                f"knots.{joint}_velocity_rad_per_s", self.limits.velocity_rad_per_s, "limits.velocity_rad_per_s"
+                f"knots.{joint}_position_rad", allowed, f"limits.{joint}_position_rad"
             )
-            self._refuse_beyond(f"knots.{joint}_torque_n_m", self.limits.torque_n_m, "limits.torque_n_m")
+            self._refuse_beyond(
+                f"knots.{joint}_velocity_rad_per_s",
+                self.limits.velocity_rad_per_s,
+                "limits.velocity_rad_per_s",
+            )
+            self._refuse_beyond(
+                f"knots.{joint}_torque_n_m", self.limits.torque_n_m, "limits.torque_n_m"
+            )
             self._refuse_overshoot(joint, allowed)
         return self
 
     def _refuse_beyond(self, key: str, allowed: float, limit: str) -> None:
         for number, value in enumerate(getattr(self.knots, key.removeprefix("knots.")) or ()):
             if abs(value) > allowed + _LIMIT_MARGIN:
-                raise ValueError(f"{key}.{number}: {value!r}; allowed: -{allowed:g} to {allowed:g} ({limit})")
+                raise ValueError(
+                    f"{key}.{number}: {value!r}; allowed: -{allowed:g} to {allowed:g} ({limit})"
+                )
 
     def _refuse_overshoot(self, joint: Literal["roll", "pitch"], allowed: float) -> None:
         times = np.asarray(self.knots.time_s)
@@ -190,7 +230,8 @@ class SwingFile(_Strict):
         worst = int(np.argmax(np.abs(position)))
         if abs(position[worst]) > allowed + _LIMIT_MARGIN:
             raise ValueError(
-                f"knots.{joint}_position_rad: the curve reaches {position[worst]:g} at {fine[worst]:g} s; allowed: "
+                f"knots.{joint}_position_rad: the curve reaches {position[worst]:g} at "
+                f"{fine[worst]:g} s; allowed: "
                 f"-{allowed:g} to {allowed:g} (limits.{joint}_position_rad)"
             )
 
@@ -199,8 +240,8 @@ def read_swing(path: Path | str) -> SwingFile:
     """Read a swing file.
 
     Raises:
-        SwingFileError: missing file, bad YAML, a key named twice, another schema, unknown key, value not allowed, NaN;
-            names file, key and value.
+        SwingFileError: missing file, bad YAML, a key named twice, another schema, unknown key,
+            value not allowed, NaN; names file, key and value.
     """
     return swing_from_dict(read_yaml(Path(path), SwingFileError), str(path))
 
@@ -211,13 +252,20 @@ def swing_from_dict(data: Any, where: str = "swing") -> SwingFile:
 
 
 def write_swing(swing: SwingFile, path: Path | str, force: bool = False) -> Path:
-    """Write a swing file, whole or not at all; SwingFileError when it exists (without `force`) or cannot be written."""
-    text = yaml.safe_dump(swing.model_dump(mode="json", by_alias=True, exclude_none=True), sort_keys=False, width=110)
+    """Write a swing file, whole or not at all; SwingFileError when it exists (without `force`) or
+    cannot be written.
+    """
+    text = yaml.safe_dump(
+        swing.model_dump(mode="json", by_alias=True, exclude_none=True), sort_keys=False, width=110
+    )
     return write_atomically(Path(path), text, force, SwingFileError)
 
 
-def car_mismatches(swing: SwingFile, scenario: Mapping[str, Any], tolerance: float = 1e-9) -> list[str]:
-    """How the car of a resolved scenario differs from the one the swing was made for: one line per parameter.
+def car_mismatches(
+    swing: SwingFile, scenario: Mapping[str, Any], tolerance: float = 1e-9
+) -> list[str]:
+    """How the car of a resolved scenario differs from the one the swing was made for: one line per
+    parameter.
 
     Args:
         swing: the file; a swing without `car` fits any car.
@@ -237,7 +285,9 @@ def car_mismatches(swing: SwingFile, scenario: Mapping[str, Any], tolerance: flo
 
 @dataclass(frozen=True)
 class SwingPoint:
-    """Tail commands at one time or at many; each has the shape of the times asked for. rad, rad/s, N m."""
+    """Tail commands at one time or at many; each has the shape of the times asked for. rad, rad/s,
+    N m.
+    """
 
     roll_position: NDArray[np.float64]
     roll_velocity: NDArray[np.float64]
@@ -250,8 +300,9 @@ class SwingPoint:
 def swing_at(swing: SwingFile, time: ArrayLike, direction: Direction | None = None) -> SwingPoint:
     """Positions, rates and feed-forward torques at times since the release.
 
-    Positions are cubic Hermite polynomials through the knots, rates their derivatives, torques linear between knots.
-    Before 0 the tail rests at the first knot, after the last knot at the last: rates and torques are then zero.
+    Positions are cubic Hermite polynomials through the knots, rates their derivatives, torques
+    linear between knots. Before 0 the tail rests at the first knot, after the last knot at the
+    last: rates and torques are then zero.
 
     Args:
         swing: the file.
@@ -281,7 +332,10 @@ def gains_at(swing: SwingFile, time: float) -> tuple[JointGains, JointGains]:
 
 
 def hermite(
-    t: NDArray[np.float64], times: NDArray[np.float64], position: NDArray[np.float64], velocity: NDArray[np.float64]
+    t: NDArray[np.float64],
+    times: NDArray[np.float64],
+    position: NDArray[np.float64],
+    velocity: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Value and derivative of the cubic Hermite interpolant; at rest outside the knots.
 
@@ -298,7 +352,12 @@ def hermite(
     return value, np.where((t < times[0]) | (t > times[-1]), 0.0, rate)
 
 
-def cubic(share: NDArray, h: NDArray, positions: tuple[NDArray, NDArray], velocities: tuple[NDArray, NDArray]) -> Any:
+def cubic(
+    share: NDArray,
+    h: NDArray,
+    positions: tuple[NDArray, NDArray],
+    velocities: tuple[NDArray, NDArray],
+) -> Any:
     """Value and derivative of the cubic between two knots; arrays of any shape.
 
     Args:
@@ -307,8 +366,10 @@ def cubic(share: NDArray, h: NDArray, positions: tuple[NDArray, NDArray], veloci
         positions, velocities: at its two ends.
     """
     rise = positions[1] - positions[0]
-    start, end = h * velocities[0], h * velocities[1]
-    quadratic, third = 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise
+    start = h * velocities[0]
+    end = h * velocities[1]
+    quadratic = 3.0 * rise - 2.0 * start - end
+    third = start + end - 2.0 * rise
     value = positions[0] + share * (start + share * (quadratic + share * third))
     return value, (start + share * (2.0 * quadratic + 3.0 * share * third)) / h
 

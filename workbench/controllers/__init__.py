@@ -1,1 +1,4 @@
-"""Controllers and drivers: what stands outside the station, between its ports. Importing this loads no Drake."""
+"""Controllers and drivers: what stands outside the station, between its ports.
+
+Importing this loads no Drake.
+"""

@@ -1,14 +1,24 @@
-"""What drives a station, as Drake systems: tail controller and driver of the car, the experiments of the rig.
+"""What drives a station, as Drake systems: tail controller and driver of the car, the experiments
+of the rig.
 
-The tail controller samples the station's signals at its rate and runs a law on them; so does the driver, whose law is a
-schedule in most manoeuvres. A rig rests at the start angle and swings (thesis sections 4.4, 4.7, 6.3).
+The tail controller samples the station's signals at its rate and runs a law on them; so does the
+driver, whose law is a schedule in most manoeuvres. A rig rests at the start angle and swings
+(thesis sections 4.4, 4.7, 6.3).
 """
 
 import math
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem, OutputPort, System
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+    OutputPort,
+    System,
+)
 
 from aerodima.workbench.config.checked_files import check_range
 from aerodima.workbench.config.rig_scenario import RigScenario
@@ -39,7 +49,8 @@ from aerodima.workbench.systems.system_ports import (
 )
 
 POSE = PortFields("DriverPose", ("qw", "qx", "qy", "qz", "x", "y", "vx", "vy"))
-"""What a driver of a path sees: rotation of the car in W, place of Bo and its velocity in W; m and m/s."""
+"""What a driver of a path sees: rotation of the car in W, place of Bo and its velocity in W; m and
+m/s."""
 STANDING = 0.1
 """m/s; a slower car has no course of its own."""
 NO_MEMORY = np.zeros(0)
@@ -49,31 +60,41 @@ NO_MEMORY = np.zeros(0)
 class TailController(LeafSystem):
     """Runs a tail law at a fixed rate on what the station reports; commands are held between ticks.
 
-    A signal that is older than `age_limit`, or whose fault code is not zero, reaches the law as unknown: the IMU as
-    "not valid", a tail angle as NaN. All memory is discrete state, so a reset context repeats a run.
+    A signal that is older than `age_limit`, or whose fault code is not zero, reaches the law as
+    unknown: the IMU as "not valid", a tail angle as NaN. All memory is discrete state, so a reset
+    context repeats a run.
 
     Input ports:
-        tail_state (6), imu (9), status (13): as the station gives them, see `aerodima.workbench.config.signal_table`.
+        tail_state (6), imu (9), status (13): as the station gives them, see
+        `aerodima.workbench.config.signal_table`.
         planned_turn (1): +1 left, -1 right, 0 none, from the driver.
         speed (1, optional): m/s, from the station; unknown when not connected.
         steering_angle (1, optional): command of the driver, rad; unknown when not connected.
     Output ports:
-        tail_pitch_command (5), tail_roll_command (5): `signal_table.TAIL_COMMAND`, in rad, rad/s, N m/rad,
+        tail_pitch_command (5), tail_roll_command (5): `signal_table.TAIL_COMMAND`, in rad, rad/s, N
+        m/rad,
             N m s/rad, N m.
         state (1): number of the law's state.
 
     Args:
         law: a `TailLaw`; `law_of_scenario(scenario)` is the one that a scenario names.
         age_limit: s; beyond this a signal counts as silent.
-        stage: of its ticks, where it drives a simulated car (`aerodima.workbench.systems.system_ports`).
-        idle: never ticks, and gives no command: for a car without tail, on which ticks cost time and have no effect.
+        stage: of its ticks, where it drives a simulated car
+            (`aerodima.workbench.systems.system_ports`).
+        idle: never ticks, and gives no command: for a car without tail, on which ticks cost time
+            and have no effect.
 
     Raises:
-        UserError: rate or age limit out of range; at a tick, a command that is not five finite numbers.
+        UserError: rate or age limit out of range; at a tick, a command that is not five finite
+            numbers.
     """
 
     def __init__(
-        self, law: TailLaw, age_limit: float = AGE_LIMIT, stage: Stage | None = None, idle: bool = False
+        self,
+        law: TailLaw,
+        age_limit: float = AGE_LIMIT,
+        stage: Stage | None = None,
+        idle: bool = False,
     ) -> None:
         super().__init__()
         check_range("controller.rate", law.rate, 0.0, math.inf, "Hz", above_low=True)
@@ -88,8 +109,12 @@ class TailController(LeafSystem):
         self._speed = self.DeclareVectorInputPort("speed", SPEED.size)
         self._steering = self.DeclareVectorInputPort("steering_angle", STEERING_ANGLE.size)
         self._memory = DiscreteVector(self, law.start())
-        self._pitch_command = DiscreteVector(self, np.zeros(TAIL_COMMAND.size), output="tail_pitch_command")
-        self._roll_command = DiscreteVector(self, np.zeros(TAIL_COMMAND.size), output="tail_roll_command")
+        self._pitch_command = DiscreteVector(
+            self, np.zeros(TAIL_COMMAND.size), output="tail_pitch_command"
+        )
+        self._roll_command = DiscreteVector(
+            self, np.zeros(TAIL_COMMAND.size), output="tail_roll_command"
+        )
         self._state = DiscreteVector(self, [0.0], output="state")
         if not idle:
             declare_ticks(self, law.rate, stage, self._tick)
@@ -105,9 +130,13 @@ class TailController(LeafSystem):
         law: TailLaw | None = None,
         idle: bool = False,
     ) -> "TailController":
-        """Adds a law, by default that of the scenario, between the ports of a station and of a driver."""
+        """Adds a law, by default that of the scenario, between the ports of a station and of a
+        driver.
+        """
         stage = stage_before(station, Stage.CONTROLLER)
-        inputs = {port: station.GetOutputPort(port) for port in ("tail_state", "imu", "status", "speed")}
+        inputs = {
+            port: station.GetOutputPort(port) for port in ("tail_state", "imu", "status", "speed")
+        }
         inputs |= {port: driver.GetOutputPort(port) for port in ("planned_turn", "steering_angle")}
         law = law or law_of_scenario(scenario)
         controller = connected(builder, cls(law, stage=stage, idle=idle), **inputs)
@@ -122,7 +151,9 @@ class TailController(LeafSystem):
         status = vector_of(self._status, context)
         planned_turn = vector_of(self._planned_turn, context)
         speed = vector_of(self._speed, context) if self._speed.HasValue(context) else None
-        steering = vector_of(self._steering, context) if self._steering.HasValue(context) else (math.nan,)
+        steering = (
+            vector_of(self._steering, context) if self._steering.HasValue(context) else (math.nan,)
+        )
         return observe(
             nominal_time(context.get_time(), self._law.rate),
             tail,
@@ -135,11 +166,18 @@ class TailController(LeafSystem):
         )
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
-        memory, pitch_command, roll_command, state = self._law.step(self._memory.read(context), self.observe(context))
+        memory, pitch_command, roll_command, state = self._law.step(
+            self._memory.read(context), self.observe(context)
+        )
         for joint, command in (("pitch", pitch_command), ("roll", roll_command)):
             if len(command) != TAIL_COMMAND.size or not math.isfinite(sum(command)):
-                place = f"{type(self._law).__name__}.step at {context.get_time():g} s: {joint} command"
-                raise UserError(f"{place}: {list(map(float, command))}; allowed: {TAIL_COMMAND.size} finite numbers")
+                place = (
+                    f"{type(self._law).__name__}.step at {context.get_time():g} s: {joint} command"
+                )
+                raise UserError(
+                    f"{place}: {list(map(float, command))}; allowed: {TAIL_COMMAND.size} finite "
+                    "numbers"
+                )
         self._memory.write(discrete_state, memory)
         self._pitch_command.write(discrete_state, pitch_command)
         self._roll_command.write(discrete_state, roll_command)
@@ -147,10 +185,12 @@ class TailController(LeafSystem):
 
 
 class TurnDriver(LeafSystem):
-    """Steering, throttle and announced turn of a driver, sampled at a fixed rate and held in between.
+    """Steering, throttle and announced turn of a driver, sampled at a fixed rate and held in
+    between.
 
-    Drives every manoeuvre of `aerodima.workbench.controllers.manoeuvre` and `driver_law`. A schedule looks at nothing
-    but the time, and the system has no input ports then. All memory is discrete state.
+    Drives every manoeuvre of `aerodima.workbench.controllers.manoeuvre` and `driver_law`. A
+    schedule looks at nothing but the time, and the system has no input ports then. All memory is
+    discrete state.
 
     Input ports, each only if the law names it among its `sources`:
         imu (9): as the station gives it.
@@ -161,25 +201,32 @@ class TurnDriver(LeafSystem):
         planned_turn (1): +1 left, -1 right, 0 none.
 
     Args:
-        driver: a `DriverLaw`, such as `make_driver(scenario)`, or a schedule, such as `make_schedule(scenario)`.
+        driver: a `DriverLaw`, such as `make_driver(scenario)`, or a schedule, such as
+            `make_schedule(scenario)`.
         rate: Hz.
-        stage: of its ticks, where it drives a simulated car (`aerodima.workbench.systems.system_ports`).
+        stage: of its ticks, where it drives a simulated car
+            (`aerodima.workbench.systems.system_ports`).
 
     Raises:
         UserError: rate out of range.
     """
 
-    def __init__(self, driver: DriverLaw | Schedule, rate: float = 100.0, stage: Stage | None = None) -> None:
+    def __init__(
+        self, driver: DriverLaw | Schedule, rate: float = 100.0, stage: Stage | None = None
+    ) -> None:
         super().__init__()
         check_range("controller.rate", rate, 0.0, math.inf, "Hz", above_low=True)
         self.set_name("driver")
         self._law: DriverLaw = ScheduledDriver(driver) if isinstance(driver, Schedule) else driver
         self._rate = rate
         sizes = {"imu": IMU.size, "pose": POSE.size}
-        self._sources = {name: self.DeclareVectorInputPort(name, sizes[name]) for name in self._law.sources}
+        self._sources = {
+            name: self.DeclareVectorInputPort(name, sizes[name]) for name in self._law.sources
+        }
         memory, inputs = self._law.step(self._law.start(), Seen(0.0))
         self._outputs = [
-            DiscreteVector(self, [value], output=name) for name, value in zip(DriverInput._fields, inputs, strict=True)
+            DiscreteVector(self, [value], output=name)
+            for name, value in zip(DriverInput._fields, inputs, strict=True)
         ]
         self._memory = DiscreteVector(self, self._law.start()) if memory.size else None
         declare_ticks(self, rate, stage, self._tick)
@@ -196,18 +243,24 @@ class TurnDriver(LeafSystem):
     ) -> "TurnDriver":
         """Adds a driver and connects steering, throttle, and what it looks at, to the station.
 
-        Beside a tail controller of the same rate, Hz, it ticks at the controller's instant: that sees the driver as it
-        was before, and one instant is cheaper than two.
+        Beside a tail controller of the same rate, Hz, it ticks at the controller's instant: that
+        sees the driver as it was before, and one instant is cheaper than two.
 
         Raises:
             UserError: the driver needs the pose, which only the station of a simulated car has.
         """
-        system = cls(driver, rate, stage_before(station, Stage.CONTROLLER if controller_rate == rate else Stage.DRIVER))
+        system = cls(
+            driver,
+            rate,
+            stage_before(station, Stage.CONTROLLER if controller_rate == rate else Stage.DRIVER),
+        )
         builder.AddSystem(system)
         for port in ("steering_angle", "throttle"):
             builder.Connect(system.GetOutputPort(port), station.GetInputPort(port))
         for name, source in system._sources.items():
-            builder.Connect(_pose(builder, station) if name == "pose" else station.GetOutputPort(name), source)
+            builder.Connect(
+                _pose(builder, station) if name == "pose" else station.GetOutputPort(name), source
+            )
         return system
 
     def seen(self, context: Context) -> Seen:
@@ -218,10 +271,14 @@ class TurnDriver(LeafSystem):
             seen = seen._replace(yaw_rate=imu.gyro_z, roll_rate=imu.gyro_x)
         if "pose" in self._sources:
             pose = POSE.read(vector_of(self._sources["pose"], context))
-            heading = math.atan2(2.0 * (pose.qw * pose.qz + pose.qx * pose.qy), 1.0 - 2.0 * (pose.qy**2 + pose.qz**2))
+            heading = math.atan2(
+                2.0 * (pose.qw * pose.qz + pose.qx * pose.qy), 1.0 - 2.0 * (pose.qy**2 + pose.qz**2)
+            )
             speed = math.hypot(pose.vx, pose.vy)
             course = math.atan2(pose.vy, pose.vx) if speed > STANDING else heading
-            seen = seen._replace(position=(pose.x, pose.y), heading=heading, course=course, speed=speed)
+            seen = seen._replace(
+                position=(pose.x, pose.y), heading=heading, course=course, speed=speed
+            )
         return seen
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
@@ -236,7 +293,9 @@ class TurnDriver(LeafSystem):
 def _pose(builder: DiagramBuilder, station: System) -> OutputPort:
     """`POSE` of a simulated car, in C++; adds one system."""
     if not (isinstance(station, Diagram) and station.HasSubsystemNamed("plant")):
-        raise UserError("driver: follows a path by the pose of the car; allowed with a simulated car only")
+        raise UserError(
+            "driver: follows a path by the pose of the car; allowed with a simulated car only"
+        )
     plant: Any = station.GetSubsystemByName("plant")
     chassis = plant.GetBodyByName("chassis")
     q = chassis.floating_positions_start()
@@ -246,10 +305,11 @@ def _pose(builder: DiagramBuilder, station: System) -> OutputPort:
 
 
 class CurrentController(LeafSystem):
-    """Current of the Maxon motor: holds the start angle, then drives the tail to the target or lets it go.
+    """Current of the Maxon motor: holds the start angle, then drives the tail to the target or lets
+    it go.
 
-    current = hold + kp (angle - goal) + kd rate, since a positive current pushes upstream. `hold` is the current that
-    holds the goal in the wind, so that the rest is a rest.
+    current = hold + kp (angle - goal) + kd rate, since a positive current pushes upstream. `hold`
+    is the current that holds the goal in the wind, so that the rest is a rest.
 
     Input ports:
         rig_state (2): angle rad, rate rad/s, as the encoder reports them.
@@ -265,8 +325,10 @@ class CurrentController(LeafSystem):
     def __init__(self, scenario: RigScenario, hold_start: float, hold_target: float):
         super().__init__()
         self.set_name("current_controller")
-        self._experiment, self._limit = scenario.experiment, scenario.maxon.current_limit
-        self._hold_start, self._hold_target = hold_start, hold_target
+        self._experiment = scenario.experiment
+        self._limit = scenario.maxon.current_limit
+        self._hold_start = hold_start
+        self._hold_target = hold_target
         self._state = self.DeclareVectorInputPort("rig_state", 2)
         self._current = DiscreteVector(self, [hold_start], output="current_command")
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / scenario.encoder.rate, 0.0, self._update)
@@ -277,17 +339,24 @@ class CurrentController(LeafSystem):
         resting = time < experiment.rest - 1e-9
         if not resting and not experiment.actuated:
             return 0.0
-        goal, hold = (experiment.angle, self._hold_start) if resting else (experiment.target, self._hold_target)
+        goal, hold = (
+            (experiment.angle, self._hold_start)
+            if resting
+            else (experiment.target, self._hold_target)
+        )
         current = hold + experiment.kp * (angle - goal) + experiment.kd * rate
         return min(max(current, -self._limit), self._limit)
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         state = vector_of(self._state, context)
-        self._current.write(values, [self.current(context.get_time(), float(state[0]), float(state[1]))])
+        self._current.write(
+            values, [self.current(context.get_time(), float(state[0]), float(state[1]))]
+        )
 
 
 class TailCommander(LeafSystem):
-    """Commands of the robot-tail rig: hold the start angle, then position control to the target with the test's gains.
+    """Commands of the robot-tail rig: hold the start angle, then position control to the target
+    with the test's gains.
 
     Output ports:
         tail_command (5): position rad, velocity rad/s, kp N m/rad, kd N m s/rad, torque N m.
@@ -300,14 +369,24 @@ class TailCommander(LeafSystem):
     def __init__(self, scenario: RigScenario, hold_torque: float):
         super().__init__()
         self.set_name("tail_commander")
-        experiment, robot, motor = scenario.experiment, scenario.robot, scenario.robot_motor
+        experiment = scenario.experiment
+        robot = scenario.robot
+        motor = scenario.robot_motor
         self._rest = experiment.rest
         self._held = TAIL_COMMAND.write(
-            position=experiment.angle, velocity=0.0, kp=motor.kp_max / 10.0, kd=motor.kd_max, torque=hold_torque
+            position=experiment.angle,
+            velocity=0.0,
+            kp=motor.kp_max / 10.0,
+            kd=motor.kd_max,
+            torque=hold_torque,
         )
-        self._swung = TAIL_COMMAND.write(position=experiment.target, velocity=0.0, kp=robot.kp, kd=robot.kd, torque=0.0)
+        self._swung = TAIL_COMMAND.write(
+            position=experiment.target, velocity=0.0, kp=robot.kp, kd=robot.kd, torque=0.0
+        )
         self._command = DiscreteVector(self, self._held, output="tail_command")
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / robot.command_rate, 0.0, self._update)
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
-        self._command.write(values, self._held if context.get_time() < self._rest - 1e-9 else self._swung)
+        self._command.write(
+            values, self._held if context.get_time() < self._rest - 1e-9 else self._swung
+        )

@@ -1,4 +1,8 @@
-"""What every law for the driver sees and gives: schedules of time, and drivers that look at the car. No Drake."""
+"""What every law for the driver sees and gives: schedules of time, and drivers that look at the
+car.
+
+No Drake.
+"""
 
 import math
 from dataclasses import dataclass
@@ -24,13 +28,15 @@ Source = Literal["imu", "pose"]
 
 
 class Seen(NamedTuple):
-    """What a driver sees at one tick; NaN where it is not known, as all of it is before the first tick.
+    """What a driver sees at one tick; NaN where it is not known, as all of it is before the first
+    tick.
 
     Attributes:
         time: s.
         position: of the ground under the rear axle in W, m.
         heading: rad, positive to the left.
-        course: direction in which that point moves, rad, positive to the left; the heading of a car that stands.
+        course: direction in which that point moves, rad, positive to the left; the heading of a car
+            that stands.
         speed: over ground, m/s.
         yaw_rate: rad/s, positive to the left.
         roll_rate: rad/s, positive to the right.
@@ -50,7 +56,10 @@ class DriverLaw(Protocol):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """What it looks at beside the time; the rest is NaN. Each source costs time at every tick."""
+        """What it looks at beside the time; the rest is NaN.
+
+        Each source costs time at every tick.
+        """
 
     def start(self) -> np.ndarray:
         """Memory (n,) before the first tick."""
@@ -77,10 +86,11 @@ class ScheduledDriver:
 
 @dataclass(frozen=True)
 class FishhookDriver:
-    """Fishhook with roll-rate feedback of NHTSA (49 CFR 575, Federal Register 68, 14 October 2003, p. 59250).
+    """Fishhook with roll-rate feedback of NHTSA (49 CFR 575, Federal Register 68, 14 October 2003,
+    p. 59250).
 
-    Steers to one side, waits until the car does not roll outwards any more, steers to the other side, holds that, and
-    goes straight. While the roll rate is not known it waits.
+    Steers to one side, waits until the car does not roll outwards any more, steers to the other
+    side, holds that, and goes straight. While the roll rate is not known it waits.
 
     Args:
         ramp: reaches the speed before `start_time`.
@@ -89,7 +99,8 @@ class FishhookDriver:
         start_time: of the first steering, s.
         hold: how long the wheels stay at the second angle, s.
         roll_rate: the counter-steer begins when the roll rate outwards falls below this, rad/s.
-        servo_rate: rate of the wheels, rad/s: the driver waits for them, since before they arrive the car hardly rolls.
+        servo_rate: rate of the wheels, rad/s: the driver waits for them, since before they arrive
+            the car hardly rolls.
     """
 
     ramp: SpeedRamp
@@ -113,7 +124,9 @@ class FishhookDriver:
 
     def steer(self, memory: FloatArray, seen: Seen) -> tuple[FloatArray, FloatArray]:
         """New memory and angle, rad: of one car, or of many, whose last axis it is."""
-        now, reach, counter = seen.time + TICK_TOLERANCE, self.steer_angle / self.servo_rate, memory[0]
+        now = seen.time + TICK_TOLERANCE
+        reach = self.steer_angle / self.servo_rate
+        counter = memory[0]
         falls = (now >= self.start_time + reach) & (self.side * seen.roll_rate < self.roll_rate)
         counter = np.where(falls, np.minimum(counter, seen.time), counter)
         begun = np.where(now >= self.start_time, self.steer_angle, 0.0)
@@ -128,13 +141,15 @@ SLOW = 0.5
 
 @dataclass(frozen=True)
 class PathDriver:
-    """Follows a path by pure pursuit (Coulter, CMU-RI-TR-92-01) with preview, reaction delay and slow hands.
+    """Follows a path by pure pursuit (Coulter, CMU-RI-TR-92-01) with preview, reaction delay and
+    slow hands.
 
-    The driver knows its delay: it takes the place and course that the car will have when the steering acts, at the
-    present speed and yaw rate, and wants the circle from there to the point of the centre line that is `preview` ahead.
-    It steers the kinematic bicycle onto that circle, and more by `correction` of the curvature that it lacks, since
-    tyres that slip go along a wider one; past the grip of the front tyres more steering does not help. Without a pose
-    the wheels stay straight.
+    The driver knows its delay: it takes the place and course that the car will have when the
+    steering acts, at the present speed and yaw rate, and wants the circle from there to the point
+    of the centre line that is `preview` ahead. It steers the kinematic bicycle onto that circle,
+    and more by `correction` of the curvature that it lacks, since tyres that slip go along a wider
+    one; past the grip of the front tyres more steering does not help. Without a pose the wheels
+    stay straight.
 
     Args:
         path: to follow.
@@ -142,8 +157,9 @@ class PathDriver:
         wheelbase: m.
         limit: largest steering angle, rad.
         preview: s.
-        correction: share of the curvature that the car lacks by which the driver steers more; `lag`, time constant with
-            which that is noticed, s. Without the lag the steering of a car on rigid tyres swings from side to side.
+        correction: share of the curvature that the car lacks by which the driver steers more;
+            `lag`, time constant with which that is noticed, s. Without the lag the steering of a
+            car on rigid tyres swings from side to side.
         delay: s, rounded to ticks.
         steering_rate: of the hands, as an angle of the wheels, rad/s.
         rate: ticks per second, Hz.
@@ -162,7 +178,9 @@ class PathDriver:
     sources: tuple[Source, ...] = ("imu", "pose")
 
     def start(self) -> np.ndarray:
-        """See `DriverLaw`: missing curvature, 1/m; the angle given last, then those to come in their order, rad."""
+        """See `DriverLaw`: missing curvature, 1/m; the angle given last, then those to come in
+        their order, rad.
+        """
         return np.zeros(2 + round(self.delay * self.rate))
 
     def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
@@ -173,7 +191,9 @@ class PathDriver:
         else:
             memory, angle = self._give(memory[0], 0.0 * memory[0], memory)
             station = -math.inf
-        return memory, DriverInput(float(angle), self.ramp.throttle(seen.time), self.path.next_side(station))
+        return memory, DriverInput(
+            float(angle), self.ramp.throttle(seen.time), self.path.next_side(station)
+        )
 
     def steer(self, memory: FloatArray, seen: Seen) -> tuple[FloatArray, FloatArray]:
         """New memory and angle, rad, with a pose: of one car, or of many, whose last axis it is."""
@@ -186,24 +206,32 @@ class PathDriver:
 
     def _give(self, missing: Any, wanted: Any, memory: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Memory and angle, rad, once an angle is wanted."""
-        queue, most = np.concatenate([memory[2:], np.stack([wanted])]), self.steering_rate / self.rate
+        queue = np.concatenate([memory[2:], np.stack([wanted])])
+        most = self.steering_rate / self.rate
         angle = np.clip(queue[0], memory[1] - most, memory[1] + most)
         return np.concatenate([np.stack([missing, angle]), queue[1:]]), angle
 
     def wanted_curvature(self, seen: Seen, bent: Any) -> Any:
-        """Curvature (1/m) of the circle to the preview point, for a car with a pose that goes along `bent`, 1/m."""
+        """Curvature (1/m) of the circle to the preview point, for a car with a pose that goes along
+        `bent`, 1/m.
+        """
         speed = seen.speed
         way = speed * self.delay
         course = seen.course + 0.5 * bent * way
-        x, y = seen.position[0] + way * np.cos(course), seen.position[1] + way * np.sin(course)
+        x = seen.position[0] + way * np.cos(course)
+        y = seen.position[1] + way * np.sin(course)
         course = seen.course + bent * way
         x_ahead, y_ahead = self.path.centre(self.path.station(x, y) + speed * self.preview)
-        dx, dy = x_ahead - x, y_ahead - y
-        return 2.0 * (np.cos(course) * dy - np.sin(course) * dx) / np.maximum(dx * dx + dy * dy, 1e-12)
+        dx = x_ahead - x
+        dy = y_ahead - y
+        return (
+            2.0 * (np.cos(course) * dy - np.sin(course) * dx) / np.maximum(dx * dx + dy * dy, 1e-12)
+        )
 
 
 def make_driver(scenario: Any) -> DriverLaw:
-    """Driver of `scenario.manoeuvre`: a schedule where the manoeuvre is a function of time, else a law of its own.
+    """Driver of `scenario.manoeuvre`: a schedule where the manoeuvre is a function of time, else a
+    law of its own.
 
     Raises:
         UserError: speed out of reach, times that do not fit together.
@@ -216,20 +244,26 @@ def make_driver(scenario: Any) -> DriverLaw:
         eyes = (given.driver_preview, given.driver_correction, given.driver_lag)
         hands = (given.driver_delay, given.driver_rate, scenario.controller.rate)
         wheelbase = scenario.car.wheelbase
-        return PathDriver(path_of(scenario), speed_ramp(scenario), wheelbase, given.steer_angle, *eyes, *hands)
+        return PathDriver(
+            path_of(scenario), speed_ramp(scenario), wheelbase, given.steer_angle, *eyes, *hands
+        )
     return ScheduledDriver(make_schedule(scenario))
 
 
 def refuse_simulated_only(scenario: Any, own_driver: bool = False) -> None:
-    """Raises UserError for a manoeuvre that a real car cannot begin, or whose driver looks at what it does not know.
+    """Raises UserError for a manoeuvre that a real car cannot begin, or whose driver looks at what
+    it does not know.
 
     With `own_driver` somebody else drives than the manoeuvre says.
     """
     manoeuvre = scenario.manoeuvre
     if manoeuvre.rolling_start:
-        raise UserError("manoeuvre.rolling_start: true; allowed on a car: false, since it begins at rest")
+        raise UserError(
+            "manoeuvre.rolling_start: true; allowed on a car: false, since it begins at rest"
+        )
     if not own_driver and "pose" in make_driver(scenario).sources:
         raise UserError(
-            f"manoeuvre.kind: {manoeuvre.kind}, whose driver looks at the place of the car; allowed on a car: "
+            f"manoeuvre.kind: {manoeuvre.kind}, whose driver looks at the place of the car; "
+            "allowed on a car: "
             "turn, auto_turn, straight, slalom, rising, fishhook, or a diagram with a driver"
         )

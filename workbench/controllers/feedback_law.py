@@ -1,18 +1,21 @@
 """A law that leans the tail by the state of the car, without an announced turn. No Drake.
 
-The tail waits at `pitch_angle`, its roll in the middle. Steering and IMU ask for a roll of the tail:
+The tail waits at `pitch_angle`, its roll in the middle. Steering and IMU ask for a roll of the
+tail:
 
     lean = lean_gain tanh(v^2 tan(delta) / (L a_grip))
            + roll_gain phi + roll_rate_gain dphi/dt + yaw_rate_gain (r - r_d)
 
-with speed v, steering command delta, wheelbase L, the lateral acceleration a_grip that a floor gives, roll phi and yaw
-rate r. The first term is the lateral acceleration of the kinematic bicycle, limited by the floor, and r_d is its yaw
-rate under the same limit. A negative `lean_gain` leans the tail to the inside of the turn. The reference follows the
-lean, limited to `most_roll`: at `out_speed` where the lean is larger than the reference, to either side, else at
-`return_speed`. When the wheels are straight again, the tail comes back by itself, to be there for the next turn to
+with speed v, steering command delta, wheelbase L, the lateral acceleration a_grip that a floor
+gives, roll phi and yaw rate r. The first term is the lateral acceleration of the kinematic bicycle,
+limited by the floor, and r_d is its yaw rate under the same limit. A negative `lean_gain` leans the
+tail to the inside of the turn. The reference follows the lean, limited to `most_roll`: at
+`out_speed` where the lean is larger than the reference, to either side, else at `return_speed`.
+When the wheels are straight again, the tail comes back by itself, to be there for the next turn to
 either side. Without a valid IMU the tail is held still.
 
-The law is one function of arrays, `respond`, so that a batch of cars and the car itself run the same lines.
+The law is one function of arrays, `respond`, so that a batch of cars and the car itself run the
+same lines.
 """
 
 import math
@@ -76,7 +79,8 @@ def respond(gains: Any, wheelbase: Any, rate: float, reference: Any, seen: Seen)
         gains.lean_gain * np.tanh(seen.speed**2 * curvature / gains.grip)
         + gains.roll_gain * seen.roll
         + gains.roll_rate_gain * seen.roll_rate
-        + gains.yaw_rate_gain * (seen.yaw_rate - np.clip(seen.speed * curvature, -most_yaw, most_yaw))
+        + gains.yaw_rate_gain
+        * (seen.yaw_rate - np.clip(seen.speed * curvature, -most_yaw, most_yaw))
     )
     lean = np.clip(lean, -gains.most_roll, gains.most_roll)
     outwards = np.abs(lean) > np.abs(reference)
@@ -115,15 +119,19 @@ class FeedbackLaw:
         """Memory (1): reference of the roll of the tail, rad; NaN before its angle was known."""
         return np.array([math.nan])
 
-    def step(self, memory: np.ndarray, observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def step(
+        self, memory: np.ndarray, observation: Observation
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         """One tick, see `TailLaw`.
 
-        Without speed or steering, roll and roll rate decide alone. A tail of unknown angle is not moved.
+        Without speed or steering, roll and roll rate decide alone. A tail of unknown angle is not
+        moved.
         """
         reference = float(memory[0]) if math.isfinite(memory[0]) else observation.roll_angle
         if not math.isfinite(reference):
             return memory, NO_COMMAND, NO_COMMAND, int(SwingState.OFF)
-        steering, valid = observation.steering_angle, observation.imu_valid
+        steering = observation.steering_angle
+        valid = observation.imu_valid
         predicts = math.isfinite(observation.speed) and math.isfinite(steering)
         seen = Seen(
             roll=observation.imu[ROLL] if valid else 0.0,

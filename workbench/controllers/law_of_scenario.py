@@ -1,7 +1,9 @@
-"""Which law drives: that of a scenario or bundle (the thesis' swing, or the player of a swing file), or one's own.
+"""Which law drives: that of a scenario or bundle (the thesis' swing, or the player of a swing
+file), or one's own.
 
-A bundle is a scenario in one JSON file that needs no other: resolved, with its swing inside; the no-Drake mode drives
-it. A law of one's own is a class in a Python file, named as `my_law.py:MyLaw`. No Drake.
+A bundle is a scenario in one JSON file that needs no other: resolved, with its swing inside; the
+no-Drake mode drives it. A law of one's own is a class in a Python file, named as `my_law.py:MyLaw`.
+No Drake.
 """
 
 import importlib.util
@@ -14,7 +16,12 @@ from typing import Any
 
 from aerodima.workbench.config.checked_files import find_file
 from aerodima.workbench.config.scenario import Scenario, load_scenario, scenario_from_dict
-from aerodima.workbench.config.swing_file import SwingFile, car_mismatches, read_swing, swing_from_dict
+from aerodima.workbench.config.swing_file import (
+    SwingFile,
+    car_mismatches,
+    read_swing,
+    swing_from_dict,
+)
 from aerodima.workbench.controllers.feedback_law import FeedbackLaw
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings
 from aerodima.workbench.controllers.swing_player import SwingPlayer
@@ -35,19 +42,32 @@ def find_swing(name_or_path: str | Path) -> SwingFile:
 
 
 def swing_of_scenario(scenario: Any) -> SwingFile | None:
-    """The swing that `scenario.controller.swing_file` names; None for the thesis' law, or when no tail swings."""
-    name, mode, law = scenario.controller.swing_file, scenario.tail.mode, scenario.controller.law
+    """The swing that `scenario.controller.swing_file` names; None for the thesis' law, or when no
+    tail swings.
+    """
+    name = scenario.controller.swing_file
+    mode = scenario.tail.mode
+    law = scenario.controller.law
     return None if name == NO_SWING or (mode, law) != ("swing", "swing") else find_swing(name)
 
 
 def swing_facts(scenario: Any) -> dict[str, Any]:
-    """The whole swing that a scenario names, for `extra` of a run log, which must suffice to repeat the run."""
+    """The whole swing that a scenario names, for `extra` of a run log, which must suffice to repeat
+    the run.
+    """
     swing = swing_of_scenario(scenario)
-    return {} if swing is None else {_SWING: swing.model_dump(mode="json", by_alias=True, exclude_none=True)}
+    return (
+        {}
+        if swing is None
+        else {_SWING: swing.model_dump(mode="json", by_alias=True, exclude_none=True)}
+    )
 
 
-def refuse_other_car(scenario: Any, swing: SwingFile | None = None, *, way_out: str = ", or --other-car") -> None:
-    """Raises SwingFileError, naming every parameter that differs, when a swing is for another car than the scenario's.
+def refuse_other_car(
+    scenario: Any, swing: SwingFile | None = None, *, way_out: str = ", or --other-car"
+) -> None:
+    """Raises SwingFileError, naming every parameter that differs, when a swing is for another car
+    than the scenario's.
 
     Args:
         scenario: the car.
@@ -60,12 +80,14 @@ def refuse_other_car(scenario: Any, swing: SwingFile | None = None, *, way_out: 
     differences = car_mismatches(swing, scenario.resolved())
     if differences:
         raise SwingFileError(
-            f"swing {swing.name}: made for another car: {'; '.join(differences)}; allowed: the same car{way_out}"
+            f"swing {swing.name}: made for another car: {'; '.join(differences)}; allowed: the "
+            f"same car{way_out}"
         )
 
 
 def own_turn(swing: SwingFile, scenario: str | None = None) -> tuple[str, tuple[str, ...]]:
-    """Scenario and overrides with which a swing is driven: the car, turn and speed of its file, at the grip it claims.
+    """Scenario and overrides with which a swing is driven: the car, turn and speed of its file, at
+    the grip it claims.
 
     Args:
         swing: the file; `turn_swing` where it names no scenario.
@@ -77,8 +99,13 @@ def own_turn(swing: SwingFile, scenario: str | None = None) -> tuple[str, tuple[
     if scenario is not None:
         return scenario, (_PLAYED,)
     made = swing.provenance
-    claimed = (f"{key}={float(made.found[fact])!r}" for fact, (key, _) in _CLAIMS.items() if fact in made.found)
-    name, settings = made.scenario or DEFAULT_TURN, (*made.settings, *claimed, _PLAYED)
+    claimed = (
+        f"{key}={float(made.found[fact])!r}"
+        for fact, (key, _) in _CLAIMS.items()
+        if fact in made.found
+    )
+    name = made.scenario or DEFAULT_TURN
+    settings = (*made.settings, *claimed, _PLAYED)
     try:
         load_scenario(name, settings)
     except ScenarioError as error:
@@ -89,8 +116,13 @@ def own_turn(swing: SwingFile, scenario: str | None = None) -> tuple[str, tuple[
 
 
 def turn_words(swing: SwingFile, scenario: Any) -> str:
-    """Speed and friction of a turn in words, beside those with which the file of its swing claims to survive."""
-    here = {"manoeuvre.speed": scenario.manoeuvre.speed, "car.tyre_friction": scenario.car.tyre_friction}
+    """Speed and friction of a turn in words, beside those with which the file of its swing claims
+    to survive.
+    """
+    here = {
+        "manoeuvre.speed": scenario.manoeuvre.speed,
+        "car.tyre_friction": scenario.car.tyre_friction,
+    }
     found = swing.provenance.found
     claims = {key: float(found[fact]) for fact, (key, _) in _CLAIMS.items() if fact in found}
     claim = f"{_in_claim_words(here)}; its file claims "
@@ -110,7 +142,8 @@ _CLAIMS = {
     "survived_speed_m_per_s": ("manoeuvre.speed", "{:g} m/s"),
     "survived_friction": ("car.tyre_friction", "friction {:g}"),
 }
-"""What a file claims to survive: name under `provenance.found`, the key of a scenario that it is, and its words."""
+"""What a file claims to survive: name under `provenance.found`, the key of a scenario that it is,
+and its words."""
 
 
 def law_of_scenario(scenario: Any) -> TailLaw:
@@ -122,7 +155,8 @@ def law_of_scenario(scenario: Any) -> TailLaw:
     if scenario.controller.law == "feedback" and scenario.tail.mode == "swing":
         if scenario.controller.swing_file != NO_SWING:
             raise UserError(
-                f"controller.swing_file: {scenario.controller.swing_file}; allowed with law feedback: {NO_SWING}"
+                f"controller.swing_file: {scenario.controller.swing_file}; allowed with law "
+                f"feedback: {NO_SWING}"
             )
         return FeedbackLaw.from_scenario(scenario)
     swing = swing_of_scenario(scenario)
@@ -145,7 +179,8 @@ def load_drive(name_or_path: str, settings: Sequence[str] = ()) -> tuple[Scenari
 
     Args:
         name_or_path: as `load_scenario` takes it, or a bundle.
-        settings: overrides such as `manoeuvre.speed=3`; not for a bundle, which is what was exported.
+        settings: overrides such as `manoeuvre.speed=3`; not for a bundle, which is what was
+            exported.
 
     Raises:
         UserError: wrong scenario, swing or bundle; names the file and what is allowed.
@@ -155,7 +190,9 @@ def load_drive(name_or_path: str, settings: Sequence[str] = ()) -> tuple[Scenari
         scenario = load_scenario(name_or_path, settings)
         return scenario, law_of_scenario(scenario)
     if settings:
-        raise ScenarioError(f"--set {' '.join(settings)}: {path} is a bundle; allowed: set it before the export")
+        raise ScenarioError(
+            f"--set {' '.join(settings)}: {path} is a bundle; allowed: set it before the export"
+        )
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -163,12 +200,17 @@ def load_drive(name_or_path: str, settings: Sequence[str] = ()) -> tuple[Scenari
     except (OSError, ValueError) as error:
         raise ScenarioError(f"{path}: cannot be read as JSON: {error}") from None
     if not isinstance(data, dict):
-        raise ScenarioError(f"{path}: holds a {type(data).__name__}; allowed is a bundle of `aerodima models export`")
+        raise ScenarioError(
+            f"{path}: holds a {type(data).__name__}; allowed is a bundle of `aerodima models "
+            "export`"
+        )
     swing = data.pop(_SWING, None)
     scenario = scenario_from_dict(data, str(path))
     if swing is None:
         return scenario, law_of_scenario(scenario)
-    return scenario, SwingPlayer.from_scenario(swing_from_dict(swing, f"{path}: {_SWING}"), scenario)
+    return scenario, SwingPlayer.from_scenario(
+        swing_from_dict(swing, f"{path}: {_SWING}"), scenario
+    )
 
 
 _MEMBERS = ("rate", "memory_size", "start", "step")
@@ -181,7 +223,8 @@ def load_law(place: str, scenario: Scenario) -> TailLaw:
     otherwise.
 
     Raises:
-        UserError: no such file or class, the file fails, or what it holds is no `TailLaw`; names the place.
+        UserError: no such file or class, the file fails, or what it holds is no `TailLaw`; names
+            the place.
     """
     maker = _named("--law", place, "class", "my_law.py:MyLaw")
     name = place.rpartition(":")[2]
@@ -191,13 +234,17 @@ def load_law(place: str, scenario: Scenario) -> TailLaw:
         raise UserError(f"--law {place}: {name}() failed: {in_words(error)}") from error
     missing = [member for member in _MEMBERS if not hasattr(law, member)]
     if missing:
-        raise UserError(f"--law {place}: {name} has no {', '.join(missing)}; a tail law has {', '.join(_MEMBERS)}")
+        raise UserError(
+            f"--law {place}: {name} has no {', '.join(missing)}; a tail law has "
+            f"{', '.join(_MEMBERS)}"
+        )
     found: TailLaw = law
     return found
 
 
 def load_build(place: str) -> Any:
-    """The function that a flag names, `my_diagram.py:build`, which adds what drives a car to its diagram.
+    """The function that a flag names, `my_diagram.py:build`, which adds what drives a car to its
+    diagram.
 
     Raises:
         UserError: no such file or function, the file fails; names the place.
@@ -209,7 +256,9 @@ def _named(flag: str, place: str, kind: str, example: str) -> Any:
     """A class or function of a Python file, which is run, as a script would be."""
     path, _, name = place.rpartition(":")
     if not path or not name.isidentifier():
-        raise UserError(f"{flag} {place}: allowed: a Python file and a {kind} in it, such as {example}")
+        raise UserError(
+            f"{flag} {place}: allowed: a Python file and a {kind} in it, such as {example}"
+        )
     found = getattr(_run_file(flag, Path(path)), name, None)
     if not (isinstance(found, type) if kind == "class" else callable(found)):
         raise UserError(f"{flag} {place}: {path} has no {kind} {name}")
@@ -237,14 +286,25 @@ _OURS = ("aerodima", "pydrake")
 
 
 def traceback_and_reason(error: BaseException) -> tuple[str, str]:
-    """The traceback of an error from the user's first line on, or its last line; and the error in one line."""
+    """The traceback of an error from the user's first line on, or its last line; and the error in
+    one line.
+    """
     frames = list(traceback.walk_tb(error.__traceback__))
-    theirs = [str(frame.f_globals.get("__name__")).partition(".")[0] not in _OURS for frame, _ in frames]
-    summary = traceback.StackSummary.extract(iter(frames[theirs.index(True) if any(theirs) else -1 :]))
+    theirs = [
+        str(frame.f_globals.get("__name__")).partition(".")[0] not in _OURS for frame, _ in frames
+    ]
+    summary = traceback.StackSummary.extract(
+        iter(frames[theirs.index(True) if any(theirs) else -1 :])
+    )
     lines = traceback.format_exception_only(error)
     text = "".join(["Traceback (most recent call last):\n", *summary.format(), *lines]).rstrip()
-    last = next((place for place, own in zip(reversed(summary), reversed(theirs), strict=False) if own), None)
-    return text, in_words(error) + (f" ({Path(last.filename).name}, line {last.lineno})" if last else "")
+    last = next(
+        (place for place, own in zip(reversed(summary), reversed(theirs), strict=False) if own),
+        None,
+    )
+    return text, in_words(error) + (
+        f" ({Path(last.filename).name}, line {last.lineno})" if last else ""
+    )
 
 
 def in_words(error: BaseException) -> str:

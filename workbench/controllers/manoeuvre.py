@@ -1,7 +1,9 @@
-"""What the driver does and when: steering, throttle and announced turn as plain functions of time (design section 10).
+"""What the driver does and when: steering, throttle and announced turn as plain functions of time
+(design section 10).
 
-No Drake here; `TurnDriver` plays a schedule into a station, and so does the no-Drake mode on the car.
-Steering angles in rad, positive to the left; throttle -1 to 1; planned turn +1 left, -1 right, 0 none.
+No Drake here; `TurnDriver` plays a schedule into a station, and so does the no-Drake mode on the
+car. Steering angles in rad, positive to the left; throttle -1 to 1; planned turn +1 left, -1 right,
+0 none.
 """
 
 import math
@@ -38,8 +40,10 @@ class ThrottleLine:
     Args:
         gain: m/s per unit throttle.
         offset: m/s at throttle 0.
-        time_constant: s of the speed's response to the throttle; 0 where a governor holds the commanded speed.
-        breakaway: throttle below which the car stands; 0 where a governor holds the commanded speed.
+        time_constant: s of the speed's response to the throttle; 0 where a governor holds the
+            commanded speed.
+        breakaway: throttle below which the car stands; 0 where a governor holds the commanded
+            speed.
     """
 
     gain: float
@@ -48,7 +52,9 @@ class ThrottleLine:
     breakaway: float = 0.0
 
     def throttle(self, speed: float, acceleration: float = 0.0) -> float:
-        """Throttle for a speed (m/s) while it changes by `acceleration` (m/s2), clipped to -1..1."""
+        """Throttle for a speed (m/s) while it changes by `acceleration` (m/s2), clipped to
+        -1..1.
+        """
         throttle = (speed + self.time_constant * acceleration - self.offset) / self.gain
         return min(1.0, max(-1.0, throttle))
 
@@ -57,22 +63,26 @@ class ThrottleLine:
         top = self.gain + self.offset
         if not (math.isfinite(speed) and 0.0 <= speed <= top + 1e-12):
             raise UserError(
-                f"manoeuvre.speed: {speed:g} m/s; allowed: 0 to {top:g} m/s, the steady speed at full throttle"
+                f"manoeuvre.speed: {speed:g} m/s; allowed: 0 to {top:g} m/s, the steady speed at "
+                "full throttle"
             )
         if speed > 0.0 and self.throttle(speed) < self.breakaway:
             slowest = self.gain * self.breakaway + self.offset
             raise UserError(
-                f"manoeuvre.speed: {speed:g} m/s; allowed without governor: 0, or from {slowest:g} m/s on, the steady "
+                f"manoeuvre.speed: {speed:g} m/s; allowed without governor: 0, or from "
+                f"{slowest:g} m/s on, the steady "
                 f"speed at drive.breakaway_throttle {self.breakaway:g}"
             )
 
 
 @dataclass(frozen=True)
 class SpeedRamp:
-    """Constant acceleration from standstill to `speed` (m/s) within `duration` (s; 0 is a throttle step), then steady.
+    """Constant acceleration from standstill to `speed` (m/s) within `duration` (s; 0 is a throttle
+    step), then steady.
 
-    A drive without governor gets the throttle of speed plus time constant times acceleration, so that the car follows
-    the ramp instead of lagging behind it; from the end of the ramp its throttle is frozen.
+    A drive without governor gets the throttle of speed plus time constant times acceleration, so
+    that the car follows the ramp instead of lagging behind it; from the end of the ramp its
+    throttle is frozen.
     """
 
     speed: float
@@ -93,35 +103,47 @@ class SpeedRamp:
 def angle_to_straighten(
     steer_angle: float, hold: float, rate: float, first_angle: float = 0.0, first_hold: float = 0.0
 ) -> float:
-    """Largest angle (rad) from which the servo brings the wheels back at the end of a turn's steering.
+    """Largest angle (rad) from which the servo brings the wheels back at the end of a turn's
+    steering.
 
-    That of the last level, or what a servo of `rate` (rad/s) has not yet taken back of a larger first one.
+    That of the last level, or what a servo of `rate` (rad/s) has not yet taken back of a larger
+    first one.
 
     Args:
         steer_angle, hold, first_angle, first_hold: as for `TurnSchedule`.
         rate: of the servo.
     """
-    return max(steer_angle, first_angle - rate * (hold - first_hold)) if first_hold > 0.0 else steer_angle
+    return (
+        max(steer_angle, first_angle - rate * (hold - first_hold))
+        if first_hold > 0.0
+        else steer_angle
+    )
 
 
 def steering_time(hold: float, repeats: int = 1, gap: float = 0.0) -> float:
-    """From the start of the first step to the end of the last one, s; arguments as for `TurnSchedule`."""
+    """From the start of the first step to the end of the last one, s; arguments as for
+    `TurnSchedule`.
+    """
     return repeats * hold + (repeats - 1) * gap
 
 
 WITHDRAWN = (0.3, 0.4)
-"""s after a step: from when until when its announcement is withdrawn; a law that swings late has swung by then."""
+"""s after a step: from when until when its announcement is withdrawn; a law that swings late has
+swung by then."""
 
 
 @dataclass(frozen=True)
 class TurnSchedule:
-    """Straight, then a steering step of `steer_angle` for `hold`, then straight again; of two levels if asked for.
+    """Straight, then a steering step of `steer_angle` for `hold`, then straight again; of two
+    levels if asked for.
 
-    The step may come several times to the same side, straight in between. The announcement is then withdrawn for a
-    moment after each step but the last, so that a law which waits for a new announcement learns of the next turn.
+    The step may come several times to the same side, straight in between. The announcement is then
+    withdrawn for a moment after each step but the last, so that a law which waits for a new
+    announcement learns of the next turn.
 
-    The simulated turn of the thesis (7.1.1: 30 degrees from 2.0 to 2.5 s; the servo adds its 0.14 s), and with
-    `throttle_off` the AUTO sequence of the car (7.2.1). The turn is announced from the first tick to the end.
+    The simulated turn of the thesis (7.1.1: 30 degrees from 2.0 to 2.5 s; the servo adds its 0.14
+    s), and with `throttle_off` the AUTO sequence of the car (7.2.1). The turn is announced from the
+    first tick to the end.
 
     Args:
         ramp: reaches the speed before the turn.
@@ -130,7 +152,8 @@ class TurnSchedule:
         start: s, of the steering step.
         hold: s, length of the steering step.
         throttle_off: s, from which the throttle is 0; never by default.
-        first_angle, first_hold: another angle (rad, at least 0) at the beginning of the step, and how much of it (s).
+        first_angle, first_hold: another angle (rad, at least 0) at the beginning of the step, and
+            how much of it (s).
         repeats: how many steps, at least 1.
         gap: straight from the end of one step to the start of the next, s.
 
@@ -159,9 +182,14 @@ class TurnSchedule:
         """Inputs at `time` s since the start."""
         start = self._step_start(time + TICK_TOLERANCE)
         turning = start <= time + TICK_TOLERANCE < start + self.hold
-        angle = self.first_angle if time + TICK_TOLERANCE < start + self.first_hold else self.steer_angle
+        angle = (
+            self.first_angle
+            if time + TICK_TOLERANCE < start + self.first_hold
+            else self.steer_angle
+        )
         throttle = 0.0 if time + TICK_TOLERANCE >= self.throttle_off else self.ramp.throttle(time)
-        since, last = time + TICK_TOLERANCE - (start + self.hold), self._step_start(math.inf)
+        since = time + TICK_TOLERANCE - (start + self.hold)
+        last = self._step_start(math.inf)
         more = start + self.gap + self.hold < last + 1e-9
         announced = 0.0 if more and WITHDRAWN[0] <= since < WITHDRAWN[1] else self.side
         return DriverInput(self.side * angle if turning else 0.0, throttle, announced)
@@ -178,7 +206,8 @@ class TurnSchedule:
 class RisingSchedule:
     """Steering that grows by `rate` from `start` on up to `steer_angle`, and stays there.
 
-    Slowly increasing steer, as NHTSA drives it before a fishhook and SAE J266 for the understeer gradient.
+    Slowly increasing steer, as NHTSA drives it before a fishhook and SAE J266 for the understeer
+    gradient.
 
     Args:
         ramp: of the speed.
@@ -213,7 +242,8 @@ class StraightSchedule:
 
 @dataclass(frozen=True)
 class SlalomSchedule:
-    """Sinusoidal steering from `start` on (thesis 6.1.3); each half wave is announced as a turn when it begins.
+    """Sinusoidal steering from `start` on (thesis 6.1.3); each half wave is announced as a turn
+    when it begins.
 
     Args:
         ramp: of the speed; it may go on while the car steers, as in the thesis.
@@ -235,7 +265,9 @@ class SlalomSchedule:
         half_waves_done = math.floor(2.0 * (phase + TICK_TOLERANCE / self.period))
         steering_angle = self.side * self.steer_angle * math.sin(2.0 * math.pi * phase)
         return DriverInput(
-            steering_angle, self.ramp.throttle(time), self.side if half_waves_done % 2 == 0 else -self.side
+            steering_angle,
+            self.ramp.throttle(time),
+            self.side if half_waves_done % 2 == 0 else -self.side,
         )
 
 
@@ -244,27 +276,36 @@ CLOSED_LOOP = ("fishhook", "path")
 
 
 def make_schedule(scenario: Any) -> Schedule:
-    """Schedule of `scenario.manoeuvre` with the throttle line of `scenario.drive` (any object with these attributes).
+    """Schedule of `scenario.manoeuvre` with the throttle line of `scenario.drive` (any object with
+    these attributes).
 
     Raises:
-        UserError: speed out of reach, times that do not fit together, a manoeuvre that is no function of time.
+        UserError: speed out of reach, times that do not fit together, a manoeuvre that is no
+            function of time.
     """
     manoeuvre = scenario.manoeuvre
     if manoeuvre.kind in CLOSED_LOOP:
         raise UserError(
-            f"manoeuvre.kind: {manoeuvre.kind}, whose driver looks at the car; allowed as a function of time: "
+            f"manoeuvre.kind: {manoeuvre.kind}, whose driver looks at the car; allowed as a "
+            "function of time: "
             "turn, auto_turn, straight, slalom, rising"
         )
-    side, ramp, angle = side_of(manoeuvre), speed_ramp(scenario), manoeuvre.steer_angle
+    side = side_of(manoeuvre)
+    ramp = speed_ramp(scenario)
+    angle = manoeuvre.steer_angle
     if manoeuvre.kind == "turn":
         first = {"first_angle": manoeuvre.first_angle, "first_hold": manoeuvre.first_hold}
         several = {"repeats": manoeuvre.turns, "gap": manoeuvre.turn_gap}
-        return TurnSchedule(ramp, side, angle, manoeuvre.turn_start, manoeuvre.turn_hold, **first, **several)
+        return TurnSchedule(
+            ramp, side, angle, manoeuvre.turn_start, manoeuvre.turn_hold, **first, **several
+        )
     if manoeuvre.kind == "auto_turn":
         start = manoeuvre.straight_time
         throttle_off = start + manoeuvre.turn_hold + manoeuvre.wait_after_turn
         check_range("manoeuvre.log_end", manoeuvre.log_end, throttle_off, math.inf, "s")
-        if not scenario.drive.governor:  # the car's sequence sets its throttle and waits (thesis 7.2.1)
+        if (
+            not scenario.drive.governor
+        ):  # the car's sequence sets its throttle and waits (thesis 7.2.1)
             ramp = SpeedRamp(manoeuvre.speed, 0.0, ramp.line)
         return TurnSchedule(ramp, side, angle, start, manoeuvre.turn_hold, throttle_off)
     if manoeuvre.kind == "straight":
@@ -280,7 +321,8 @@ def side_of(manoeuvre: Any) -> float:
 
 
 def speed_ramp(scenario: Any) -> SpeedRamp:
-    """How `scenario` comes to its speed; a rolling start has the throttle of that speed from time 0.
+    """How `scenario` comes to its speed; a rolling start has the throttle of that speed from
+    time 0.
 
     Raises:
         UserError: speed out of reach.
@@ -293,11 +335,15 @@ def speed_ramp(scenario: Any) -> SpeedRamp:
 def throttle_line(scenario: Any) -> ThrottleLine:
     """Throttle of a speed, of `scenario.drive`."""
     drive = scenario.drive
-    lag, breakaway = (0.0, 0.0) if drive.governor else (drive.time_constant, drive.breakaway_throttle)
+    lag, breakaway = (
+        (0.0, 0.0) if drive.governor else (drive.time_constant, drive.breakaway_throttle)
+    )
     return ThrottleLine(drive.throttle_gain, drive.throttle_offset, lag, breakaway)
 
 
 def run_time(scenario: Any) -> float:
-    """Length of the run of `scenario.manoeuvre`, s: `log_end` of the AUTO sequence, else `duration`."""
+    """Length of the run of `scenario.manoeuvre`, s: `log_end` of the AUTO sequence, else
+    `duration`.
+    """
     manoeuvre = scenario.manoeuvre
     return float(manoeuvre.log_end if manoeuvre.kind == "auto_turn" else manoeuvre.duration)

@@ -1,7 +1,9 @@
-"""Paths that a driver follows: centre line, lane edges, and how far a car is outside of its lane. No Drake.
+"""Paths that a driver follows: centre line, lane edges, and how far a car is outside of its lane.
 
-Plane geometry in the world frame W, lengths in m, headings in rad, positive to the left. A path begins along x at
-y = 0, where the car begins. Every function takes numbers or arrays of one shape.
+No Drake.
+
+Plane geometry in the world frame W, lengths in m, headings in rad, positive to the left. A path
+begins along x at y = 0, where the car begins. Every function takes numbers or arrays of one shape.
 """
 
 import itertools
@@ -30,7 +32,9 @@ OUTLINE = 41
 
 
 class Lane(NamedTuple):
-    """A straight lane between cones, m: from `start` to `end` along x, from `right` to `left` along y."""
+    """A straight lane between cones, m: from `start` to `end` along x, from `right` to `left` along
+    y.
+    """
 
     start: float
     end: float
@@ -57,17 +61,23 @@ class Path(Protocol):
         """Place (x, y) of the centre line."""
 
     def outside(self, x: Any, y: Any) -> Any:
-        """How far a point is beyond the nearer edge of the lane, negative inside, -inf where there are no cones."""
+        """How far a point is beyond the nearer edge of the lane, negative inside, -inf where there
+        are no cones.
+        """
 
     def next_side(self, station: float) -> float:
-        """Side of the next lateral shift or corner, or of the present one, or of the last: +1 left, -1 right."""
+        """Side of the next lateral shift or corner, or of the present one, or of the last: +1 left,
+        -1 right.
+        """
 
 
 @dataclass(frozen=True)
 class LaneChange:
-    """Severe lane change of ISO 3888-2:2011 (obstacle avoidance) at 1:10; there are no cones between the lanes.
+    """Severe lane change of ISO 3888-2:2011 (obstacle avoidance) at 1:10; there are no cones
+    between the lanes.
 
-    The centre line joins the middles of the lanes by half a wave of a cosine over the whole change. Stations are x.
+    The centre line joins the middles of the lanes by half a wave of a cosine over the whole change.
+    Stations are x.
 
     Args:
         vehicle_width: over the tyres, m.
@@ -84,7 +94,8 @@ class LaneChange:
         """The three lanes if the first change goes to the left; mirrored otherwise."""
         ends = [self.begin + SCALE * sum(LENGTHS[:count]) for count in range(len(LENGTHS) + 1)]
         first, middle, last = (
-            np.maximum(share * self.vehicle_width + SCALE * more, SCALE * least) for share, more, least in WIDTHS
+            np.maximum(share * self.vehicle_width + SCALE * more, SCALE * least)
+            for share, more, least in WIDTHS
         )
         edge = 0.5 * first
         beyond = edge + SCALE * OFFSET
@@ -106,7 +117,8 @@ class LaneChange:
 
     def centre(self, station: Any) -> tuple[Any, Any]:
         """See `Path`."""
-        y, lanes = 0.0, self.lanes
+        y = 0.0
+        lanes = self.lanes
         for before, after in itertools.pairwise(lanes):
             share = np.clip((station - before.end) / (after.start - before.end), 0.0, 1.0)
             y = y + (after.centre - before.centre) * 0.5 * (1.0 - np.cos(math.pi * share))
@@ -146,7 +158,9 @@ class Corner:
     side: float
 
     def __post_init__(self) -> None:
-        check_range("manoeuvre.corner_radius", self.radius, 0.5 * self.width, math.inf, "m", above_low=True)
+        check_range(
+            "manoeuvre.corner_radius", self.radius, 0.5 * self.width, math.inf, "m", above_low=True
+        )
 
     @property
     def bend(self) -> float:
@@ -160,7 +174,8 @@ class Corner:
 
     def station(self, x: Any, y: Any) -> Any:
         """See `Path`."""
-        along, left = x - self.bend, self.radius - self.side * y
+        along = x - self.bend
+        left = self.radius - self.side * y
         angle = np.arctan(np.maximum(along, 0.0) / np.maximum(left, 1e-9))
         straight = np.minimum(along, 0.0) + np.where(along > 0.0, np.maximum(-left, 0.0), 0.0)
         return self.bend + self.radius * angle + straight
@@ -169,7 +184,8 @@ class Corner:
         """See `Path`."""
         length = 0.5 * math.pi * self.radius
         bent = np.clip(station - self.bend, 0.0, length)
-        angle, after = bent / self.radius, np.maximum(station - self.bend - length, 0.0)
+        angle = bent / self.radius
+        after = np.maximum(station - self.bend - length, 0.0)
         x = np.minimum(station, self.bend) + self.radius * np.sin(angle)
         return x, self.side * (self.radius * (1.0 - np.cos(angle)) + after)
 
@@ -187,8 +203,11 @@ class Corner:
 
 
 def path_of(scenario: Any) -> Path:
-    """The path of `scenario.manoeuvre`; its first cones stand where the car is at `turn_start` (design section 10)."""
-    manoeuvre, car = scenario.manoeuvre, scenario.car
+    """The path of `scenario.manoeuvre`; its first cones stand where the car is at `turn_start`
+    (design section 10).
+    """
+    manoeuvre = scenario.manoeuvre
+    car = scenario.car
     side = 1.0 if manoeuvre.direction == "left" else -1.0
     ramped = 0.0 if manoeuvre.rolling_start else 0.5 * manoeuvre.speed_ramp
     begin = manoeuvre.speed * (manoeuvre.turn_start - ramped)
@@ -197,11 +216,15 @@ def path_of(scenario: Any) -> Path:
     return LaneChange(car.track + car.tyre_width, begin, side)
 
 
-def off_path(path: Path, x: Any, y: Any, heading: Any, half_width: float, wheelbase: float) -> FloatArray:
-    """How far the car is outside of its lane, m; negative inside, -inf where no part of it is beside cones.
+def off_path(
+    path: Path, x: Any, y: Any, heading: Any, half_width: float, wheelbase: float
+) -> FloatArray:
+    """How far the car is outside of its lane, m; negative inside, -inf where no part of it is
+    beside cones.
 
-    The car's footprint is a rectangle from the rear to the front axle. Points along its whole outline count, not the
-    corners alone: a car that leaves a lane at an angle meets the last cone with its side.
+    The car's footprint is a rectangle from the rear to the front axle. Points along its whole
+    outline count, not the corners alone: a car that leaves a lane at an angle meets the last cone
+    with its side.
 
     Args:
         path: that it follows.
@@ -220,16 +243,23 @@ def off_path(path: Path, x: Any, y: Any, heading: Any, half_width: float, wheelb
     x, y, heading = (np.asarray(values, dtype=float) for values in given.values())
     for name, values in zip(given, (x, y, heading), strict=True):
         if values.shape != x.shape or not np.isfinite(values).all():
-            raise UserError(f"off_path: {name}: shape {values.shape}; allowed: finite numbers, shape {x.shape} as x")
+            raise UserError(
+                f"off_path: {name}: shape {values.shape}; allowed: finite numbers, shape "
+                f"{x.shape} as x"
+            )
     return beyond_lane(path, x, y, heading, half_width, wheelbase, OUTLINE)
 
 
-def beyond_lane(path: Path, x: Any, y: Any, heading: Any, half_width: Any, wheelbase: float, points: int) -> FloatArray:
+def beyond_lane(
+    path: Path, x: Any, y: Any, heading: Any, half_width: Any, wheelbase: float, points: int
+) -> FloatArray:
     """As `off_path`, unchecked, with so many points along each edge."""
-    share, one = np.linspace(0.0, 1.0, points), np.ones(points)
+    share = np.linspace(0.0, 1.0, points)
+    one = np.ones(points)
     ahead = wheelbase * np.concatenate([share, share, 0.0 * one, one])[:, None]
     across = half_width * np.concatenate([one, -one, 2.0 * share - 1.0, 2.0 * share - 1.0])[:, None]
-    cosine, sine = np.cos(heading), np.sin(heading)
+    cosine = np.cos(heading)
+    sine = np.sin(heading)
     outline = x + cosine * ahead - sine * across, y + sine * ahead + cosine * across
     farthest: FloatArray = np.maximum.reduce(path.outside(*outline))
     return farthest

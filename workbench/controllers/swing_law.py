@@ -1,11 +1,14 @@
-"""Laws that swing the tail: their states; the thesis' law: hold inside, trigger, swing over the top, settle outside.
+"""Laws that swing the tail: their states; the thesis' law: hold inside, trigger, swing over the
+top, settle outside.
 
-Thesis Table 6.4 read with ERRATA E28 (130 degrees is travel, the swing speed points over the top); design section 8.
-No Drake: the same law runs on a computer for which Drake has no wheel. `law_of_scenario` makes it, `TailController`
-calls it in a diagram, `aerodima.hardware.driving.plain_loop.LawPilot` without Drake.
+Thesis Table 6.4 read with ERRATA E28 (130 degrees is travel, the swing speed points over the top);
+design section 8. No Drake: the same law runs on a computer for which Drake has no wheel.
+`law_of_scenario` makes it, `TailController` calls it in a diagram,
+`aerodima.hardware.driving.plain_loop.LawPilot` without Drake.
 
-Signs: tail roll angle 0 = straight up, positive to the right; yaw rate positive to the left. For a left turn the tail
-waits on the left (-90 degrees) and swings with positive roll rate. A right turn is the exact mirror image.
+Signs: tail roll angle 0 = straight up, positive to the right; yaw rate positive to the left. For a
+left turn the tail waits on the left (-90 degrees) and swings with positive roll rate. A right turn
+is the exact mirror image.
 
 ```
            inside reached            yaw rate            delay over           travel done
@@ -52,14 +55,15 @@ class SwingState(IntEnum):
 
 
 class SwingSettings(ControllerParameters):
-    """Numbers of the law: those of a scenario's section `controller`, with its units and limits, and some of its own.
+    """Numbers of the law: those of a scenario's section `controller`, with its units and limits,
+    and some of its own.
 
     Args:
         mode: "none" gives no command, "held" never swings, "swing" is the thesis' law.
-        stall_factor: the swing is given up for SETTLE after this many times travel / swing_speed, so that a blocked
-            tail is not pushed for ever.
-        ready_angle: how far the tail may stand from the inside and still be held there at once, rad; else it is led
-            there.
+        stall_factor: the swing is given up for SETTLE after this many times travel / swing_speed,
+            so that a blocked tail is not pushed for ever.
+        ready_angle: how far the tail may stand from the inside and still be held there at once,
+            rad; else it is led there.
     """
 
     mode: Literal["none", "held", "swing"] = "swing"
@@ -70,20 +74,31 @@ class SwingSettings(ControllerParameters):
     def _travels_over_the_top(self) -> "SwingSettings":
         if self.travel > 2.0 * self.hold_angle:
             raise ValueError(
-                f"travel: {self.travel:g} rad; allowed: <= twice hold_angle, {2.0 * self.hold_angle:g} rad"
+                f"travel: {self.travel:g} rad; allowed: <= twice hold_angle, "
+                f"{2.0 * self.hold_angle:g} rad"
             )
         return self
 
     @classmethod
     def published(cls, **changes: Any) -> "SwingSettings":
-        """The settings of `models/parameters/controller.yaml` with some changes; UserError names one out of range."""
-        entries = load_parameter_file(model_path("parameters/controller.yaml"), ControllerParameters)
-        return checked(cls, {key: entry.value for key, entry in entries.items()} | changes, "controller")
+        """The settings of `models/parameters/controller.yaml` with some changes; UserError names
+        one out of range.
+        """
+        entries = load_parameter_file(
+            model_path("parameters/controller.yaml"), ControllerParameters
+        )
+        return checked(
+            cls, {key: entry.value for key, entry in entries.items()} | changes, "controller"
+        )
 
     @classmethod
     def from_scenario(cls, scenario: Any) -> "SwingSettings":
-        """Settings from `scenario.controller` and `scenario.tail.mode` (any object with these attributes)."""
-        values = {key: getattr(scenario.controller, key) for key in ControllerParameters.model_fields}
+        """Settings from `scenario.controller` and `scenario.tail.mode` (any object with these
+        attributes).
+        """
+        values = {
+            key: getattr(scenario.controller, key) for key in ControllerParameters.model_fields
+        }
         return checked(cls, {**values, "mode": scenario.tail.mode}, "controller")
 
 
@@ -114,11 +129,14 @@ class SwingMemory:
 
 Memory = TypeVar("Memory", bound=SwingMemory)
 Tick = tuple[Memory, np.ndarray, np.ndarray]
-"""New memory, commands to the pitch and the roll motor, each (5): rad, rad/s, N m/rad, N m s/rad, N m."""
+"""New memory, commands to the pitch and the roll motor, each (5): rad, rad/s, N m/rad, N m s/rad, N
+m."""
 
 
 class Wait(NamedTuple):
-    """A tail that waits: roll and pitch, rad; gains, N m/rad and N m s/rad; delay from the release to the swing, s."""
+    """A tail that waits: roll and pitch, rad; gains, N m/rad and N m s/rad; delay from the release
+    to the swing, s.
+    """
 
     roll: float
     pitch: float
@@ -152,16 +170,23 @@ class SwingMachine(ABC, Generic[Memory]):
         """Memory (memory_size,) before the first tick."""
         return _as_array(self.memory_type())
 
-    def step(self, memory: np.ndarray, observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        """One tick: new memory (memory_size,), pitch command (5), roll command (5), number of the state."""
-        after, pitch_command, roll_command = self.tick(self.memory_type(*memory.tolist()), observation)
+    def step(
+        self, memory: np.ndarray, observation: Observation
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        """One tick: new memory (memory_size,), pitch command (5), roll command (5), number of the
+        state.
+        """
+        after, pitch_command, roll_command = self.tick(
+            self.memory_type(*memory.tolist()), observation
+        )
         return _as_array(after), pitch_command, roll_command, int(after.state)
 
     def tick(self, memory: Memory, observation: Observation) -> Tick[Memory]:
         """One tick of the law.
 
-        An unknown time, roll angle or plan changes no state; a swinging tail is then held where it was last seen.
-        Before the tail's angle is known once, and without a tail, all gains are zero.
+        An unknown time, roll angle or plan changes no state; a swinging tail is then held where it
+        was last seen. Before the tail's angle is known once, and without a tail, all gains are
+        zero.
         """
         known = math.isfinite(observation.time + observation.roll_angle + observation.planned_turn)
         if known and self.settings.mode != "none":
@@ -177,12 +202,18 @@ class SwingMachine(ABC, Generic[Memory]):
 
     def _advance(self, memory: Memory, observation: Observation) -> Memory:
         """The next state for a known time, roll angle and plan."""
-        plan, time = sign(observation.planned_turn), observation.time
+        plan = sign(observation.planned_turn)
+        time = observation.time
         if memory.state == SwingState.OFF or (plan != memory.turn and not self._swinging(memory)):
             return self._plan(memory, plan, time)
         elapsed = time - memory.since + EPSILON
-        if memory.state == SwingState.HOLD and memory.turn != 0.0 and self._released(memory, observation):
-            memory, elapsed = enter(SwingState.DELAY, memory, time), EPSILON
+        if (
+            memory.state == SwingState.HOLD
+            and memory.turn != 0.0
+            and self._released(memory, observation)
+        ):
+            memory = enter(SwingState.DELAY, memory, time)
+            elapsed = EPSILON
         if memory.state == SwingState.DELAY and elapsed >= self._wait.delay:
             return enter(SwingState.SWING, memory, time)
         if memory.state == SwingState.SWING:
@@ -192,17 +223,23 @@ class SwingMachine(ABC, Generic[Memory]):
         return memory
 
     def _plan(self, memory: Memory, plan: float, time: float) -> Memory:
-        """Acts on a new announcement, also on the first: leads the tail to where it waits for that turn.
+        """Acts on a new announcement, also on the first: leads the tail to where it waits for that
+        turn.
 
-        A withdrawn announcement (0) only cancels the delay. Without any announcement at the start the tail is held on
-        the side where it is found (upright counts as that of the law's own direction).
+        A withdrawn announcement (0) only cancels the delay. Without any announcement at the start
+        the tail is held on the side where it is found (upright counts as that of the law's own
+        direction).
         """
         memory = replace(memory, turn=plan, announced=time)
         if plan == 0.0 and memory.state != SwingState.OFF:
-            return enter(SwingState.HOLD, memory, time) if memory.state == SwingState.DELAY else memory
+            return (
+                enter(SwingState.HOLD, memory, time) if memory.state == SwingState.DELAY else memory
+            )
         found = sign(memory.roll_angle * self._wait.roll) or 1.0
         memory = replace(memory, mirror=plan * self.direction if plan != 0.0 else found)
-        ready = self._away(memory, memory.roll_angle, memory.pitch_angle) <= self.settings.ready_angle
+        ready = (
+            self._away(memory, memory.roll_angle, memory.pitch_angle) <= self.settings.ready_angle
+        )
         return enter(SwingState.HOLD if ready else SwingState.RECOCK, memory, time)
 
     def _away(self, memory: Memory, roll: float, pitch: float) -> float:
@@ -210,7 +247,9 @@ class SwingMachine(ABC, Generic[Memory]):
         return max(abs(roll - memory.mirror * self._wait.roll), abs(pitch - self._wait.pitch))
 
     def _recock_time(self, memory: Memory) -> float:
-        return self._away(memory, memory.start_roll, memory.start_pitch) / self.settings.recock_speed
+        return (
+            self._away(memory, memory.start_roll, memory.start_pitch) / self.settings.recock_speed
+        )
 
     def _held(self, angle: float) -> np.ndarray:
         """Command (5) that holds a joint."""
@@ -235,7 +274,9 @@ class SwingMachine(ABC, Generic[Memory]):
 
     @abstractmethod
     def _swing(self, memory: Memory, observation: Observation, elapsed: float) -> Memory:
-        """The memory while the tail swings, `elapsed` s after its release: enters the next state when it is over."""
+        """The memory while the tail swings, `elapsed` s after its release: enters the next state
+        when it is over.
+        """
 
     @abstractmethod
     def _commands(self, memory: Memory, observation: Observation, time: float) -> Tick[Memory]:
@@ -243,17 +284,28 @@ class SwingMachine(ABC, Generic[Memory]):
 
 
 def _as_array(memory: SwingMemory) -> np.ndarray:
-    return np.array(list(vars(memory).values()))  # in the order of the fields; `astuple` copies deeply
+    return np.array(
+        list(vars(memory).values())
+    )  # in the order of the fields; `astuple` copies deeply
 
 
 def enter(state: SwingState, memory: Memory, time: float) -> Memory:
     """Memory with a state that begins at a time, s."""
-    return replace(memory, state=float(state), since=time, start_roll=memory.roll_angle, start_pitch=memory.pitch_angle)
+    return replace(
+        memory,
+        state=float(state),
+        since=time,
+        start_roll=memory.roll_angle,
+        start_pitch=memory.pitch_angle,
+    )
 
 
 @dataclass(frozen=True)
 class SwingLaw(SwingMachine[SwingMemory]):
-    """The thesis' law, Table 6.4, with slow gains for the re-cock. The pitch joint is held and not looked at."""
+    """The thesis' law, Table 6.4, with slow gains for the re-cock.
+
+    The pitch joint is held and not looked at.
+    """
 
     settings: SwingSettings = field(default_factory=SwingSettings.published)
     memory_type = SwingMemory
@@ -261,14 +313,21 @@ class SwingLaw(SwingMachine[SwingMemory]):
     @property
     def _wait(self) -> Wait:
         settings = self.settings
-        return Wait(-settings.hold_angle, settings.pitch_angle, settings.hold_kp, settings.hold_kd, settings.delay)
+        return Wait(
+            -settings.hold_angle,
+            settings.pitch_angle,
+            settings.hold_kp,
+            settings.hold_kd,
+            settings.delay,
+        )
 
     def _pitch_angle(self, memory: SwingMemory, observation: Observation) -> float:
         return self.settings.pitch_angle
 
     def _released(self, memory: SwingMemory, observation: Observation) -> bool:
         """False for NaN and for the wrong sign."""
-        turn, settings = memory.turn, self.settings
+        turn = memory.turn
+        settings = self.settings
         if settings.mode != "swing":
             return False
         if settings.trigger == "steering":
@@ -286,17 +345,23 @@ class SwingLaw(SwingMachine[SwingMemory]):
         over = travelled >= settings.travel or stalled
         return enter(SwingState.SETTLE, memory, observation.time) if over else memory
 
-    def _commands(self, memory: SwingMemory, observation: Observation, time: float) -> Tick[SwingMemory]:
-        settings, outside = self.settings, memory.mirror * self.settings.hold_angle
+    def _commands(
+        self, memory: SwingMemory, observation: Observation, time: float
+    ) -> Tick[SwingMemory]:
+        settings = self.settings
+        outside = memory.mirror * self.settings.hold_angle
         roll = self._held(-outside)
         if memory.state == SwingState.SWING:
-            roll = np.array([0.0, memory.turn * settings.swing_speed, settings.swing_kp, settings.swing_kd, 0.0])
+            roll = np.array(
+                [0.0, memory.turn * settings.swing_speed, settings.swing_kp, settings.swing_kd, 0.0]
+            )
         elif memory.state == SwingState.SETTLE:
             roll = np.array([outside, 0.0, settings.settle_kp, settings.settle_kd, 0.0])
         elif memory.state == SwingState.RECOCK:
             speed = math.copysign(settings.recock_speed, -outside - memory.start_roll)
             position = memory.start_roll + speed * (time - memory.since)
             if time - memory.since + EPSILON >= self._recock_time(memory):
-                position, speed = -outside, 0.0
+                position = -outside
+                speed = 0.0
             roll = np.array([position, speed, settings.settle_kp, settings.settle_kd, 0.0])
         return memory, self._held(settings.pitch_angle), roll

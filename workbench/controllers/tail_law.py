@@ -1,4 +1,7 @@
-"""What every control law for the tail sees, from the station's signals on, and what it gives. No Drake."""
+"""What every control law for the tail sees, from the station's signals on, and what it gives.
+
+No Drake.
+"""
 
 import math
 from collections.abc import Sequence
@@ -57,10 +60,15 @@ class TailLaw(Protocol):
     def start(self) -> np.ndarray:
         """Memory (memory_size,) before the first tick."""
 
-    def step(self, memory: np.ndarray, observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        """One tick: new memory, pitch command (5), roll command (5), state number. Must not change its arguments.
+    def step(
+        self, memory: np.ndarray, observation: Observation
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        """One tick: new memory, pitch command (5), roll command (5), state number.
 
-        The state number is what the log holds as `controller_state`; reports read it as `swing_law.SwingState`.
+        Must not change its arguments.
+
+        The state number is what the log holds as `controller_state`; reports read it as
+        `swing_law.SwingState`.
         """
 
 
@@ -92,13 +100,20 @@ def observe(
     *,
     steering_angle: float = math.nan,
 ) -> Observation:
-    """What a law is given at `time` s; a signal that is older than `age_limit` s or has a fault code is unknown.
+    """What a law is given at `time` s; a signal that is older than `age_limit` s or has a fault
+    code is unknown.
 
-    A GPS is late by nature: its speed counts until its fault code is set. `speed` is None where there is none.
-    `steering_angle` is the driver's command, rad.
+    A GPS is late by nature: its speed counts until its fault code is set. `speed` is None where
+    there is none. `steering_angle` is the driver's command, rad.
     """
-    tail, motion, health = tail_state.tolist(), tuple(imu.tolist()), status.tolist()  # floats are quicker to read
-    roll_known, pitch_known, imu_valid = (_fresh(health, age, age_limit) for age in (ROLL_AGE, PITCH_AGE, IMU_AGE))
+    tail, motion, health = (
+        tail_state.tolist(),
+        tuple(imu.tolist()),
+        status.tolist(),
+    )  # floats are quicker to read
+    roll_known, pitch_known, imu_valid = (
+        _fresh(health, age, age_limit) for age in (ROLL_AGE, PITCH_AGE, IMU_AGE)
+    )
     speed_known = speed is not None and health[SPEED_FAULT] == 0.0
     known: Any = speed
     return Observation(
@@ -126,4 +141,6 @@ ROLL_ANGLE, PITCH_ANGLE, ROLL_RATE, PITCH_RATE = (
     TAIL_STATE.index(name) for name in ("roll_angle", "pitch_angle", "roll_rate", "pitch_rate")
 )
 SPEED_FAULT = STATUS.index("speed_fault")
-ROLL_AGE, PITCH_AGE, IMU_AGE = (STATUS.index(f"{source}_age") for source in ("tail_roll", "tail_pitch", "imu"))
+ROLL_AGE, PITCH_AGE, IMU_AGE = (
+    STATUS.index(f"{source}_age") for source in ("tail_roll", "tail_pitch", "imu")
+)

@@ -1,7 +1,9 @@
-"""A Matplotlib figure as plain panels, from which a page draws the same figure so that one can zoom in it.
+"""A Matplotlib figure as plain panels, from which a page draws the same figure so that one can zoom
+in it.
 
-Every figure is drawn once, with Matplotlib; `chart_panels` reads its lines, points, areas, bars and ticks. A line whose
-x increases and that has a name becomes a series, whose values are read at the mouse; all else is drawn below as it is.
+Every figure is drawn once, with Matplotlib; `chart_panels` reads its lines, points, areas, bars and
+ticks. A line whose x increases and that has a name becomes a series, whose values are read at the
+mouse; all else is drawn below as it is.
 """
 
 import math
@@ -31,14 +33,17 @@ _MARKS = {"s": "s", "D": "D", "d": "D", "^": "^", "v": "v", "x": "x", "X": "x", 
 
 
 class NoChartError(TypeError):
-    """The figure has something that a page draws as a picture only, such as an image or words inside a panel."""
+    """The figure has something that a page draws as a picture only, such as an image or words
+    inside a panel.
+    """
 
 
 def chart_panels(figure: Figure) -> dict[str, Any]:
     """The figure for `charts.js`, ready for JSON.
 
     Returns:
-        title, columns, keys (of the figure's legends), and cells: row, column and the panels one below the other.
+        title, columns, keys (of the figure's legends), and cells: row, column and the panels one
+        below the other.
 
     Raises:
         NoChartError: the figure has an image, a twin axis, or words in the coordinates of the data.
@@ -47,7 +52,8 @@ def chart_panels(figure: Figure) -> dict[str, Any]:
     keys = [key for legend in figure.legends for key in _keys(legend)]
     shown = [axes for axes in figure.axes if axes.get_visible()]
     for axes in shown:
-        legend, place = axes.get_legend(), axes.get_subplotspec()
+        legend = axes.get_legend()
+        place = axes.get_subplotspec()
         entries = _keys(legend) if legend else []
         if not axes.axison or place is None:
             keys += entries
@@ -59,22 +65,37 @@ def chart_panels(figure: Figure) -> dict[str, Any]:
         keys += [entry for entry in entries if entry["label"] not in known]
         top = place.get_topmost_subplotspec()
         where = (top.rowspan.start, top.colspan.start)
-        cells.setdefault(where, {"row": where[0], "column": where[1], "panels": []})["panels"].append(panel)
+        cells.setdefault(where, {"row": where[0], "column": where[1], "panels": []})[
+            "panels"
+        ].append(panel)
     columns = 1 + max((column for _, column in cells), default=0)
     title = figure.get_suptitle()
-    return {"title": title, "columns": columns, "keys": keys, "cells": [cells[where] for where in sorted(cells)]}
+    return {
+        "title": title,
+        "columns": columns,
+        "keys": keys,
+        "cells": [cells[where] for where in sorted(cells)],
+    }
 
 
 def _panel(axes: Axes, shown: Sequence[Axes]) -> dict[str, Any]:
     _refuse(axes)
-    named = [line for line in axes.lines if not str(line.get_label()).startswith("_") and _is_series(line, axes)]
+    named = [
+        line
+        for line in axes.lines
+        if not str(line.get_label()).startswith("_") and _is_series(line, axes)
+    ]
     if not named:
         free = [line for line in axes.lines if _is_series(line, axes)]
         named = free if len(free) == 1 else []
     figure: Any = axes.figure
     siblings = axes.get_shared_x_axes().get_siblings(axes)
     x_labels = [label for other in shown if other in siblings if (label := other.get_xlabel())]
-    height = axes.get_position(original=True).height * float(figure.get_size_inches()[1]) * _PIXELS_PER_INCH
+    height = (
+        axes.get_position(original=True).height
+        * float(figure.get_size_inches()[1])
+        * _PIXELS_PER_INCH
+    )
     return {
         "title": axes.get_title(loc="left") or axes.get_title(),
         "x_label": axes.get_xlabel(),
@@ -99,7 +120,9 @@ def _refuse(axes: Axes) -> None:
         raise NoChartError("an image cannot be drawn as a chart")
     for text in axes.texts:
         if text.get_text() and any(text.get_transform().contains_branch_seperately(axes.transData)):
-            raise NoChartError(f"the words {text.get_text()!r} stand in the coordinates of the data")
+            raise NoChartError(
+                f"the words {text.get_text()!r} stand in the coordinates of the data"
+            )
 
 
 def _is_log(scale: str) -> bool:
@@ -110,7 +133,8 @@ def _is_log(scale: str) -> bool:
 
 def _ticks(axis: Any) -> list[tuple[float, str]] | None:
     """Place and words of ticks that were set by hand; None for numbers along the axis."""
-    locator, formatter = axis.get_major_locator(), axis.get_major_formatter()
+    locator = axis.get_major_locator()
+    formatter = axis.get_major_formatter()
     if not isinstance(locator, FixedLocator):
         return None
     places = [float(place) for place in locator()]
@@ -126,17 +150,27 @@ def _is_series(line: Line2D, axes: Axes) -> bool:
 
 
 def _data(line: Line2D) -> tuple[FloatArray, FloatArray]:
-    return np.asarray(line.get_xdata(orig=False), dtype=float), np.asarray(line.get_ydata(orig=False), dtype=float)
+    return np.asarray(line.get_xdata(orig=False), dtype=float), np.asarray(
+        line.get_ydata(orig=False), dtype=float
+    )
 
 
 def _series(line: Line2D, axes: Axes) -> dict[str, Any]:
     x, y = _data(line)
     low, high = sorted(axes.get_xlim())
-    first, end = max(np.searchsorted(x, low) - 1, 0), np.searchsorted(x, high, side="right") + 1
-    x, y = x[first:end], y[first:end]
+    first = max(np.searchsorted(x, low) - 1, 0)
+    end = np.searchsorted(x, high, side="right") + 1
+    x = x[first:end]
+    y = y[first:end]
     label = str(line.get_label())
     label = axes.get_ylabel() or "value" if label.startswith("_") else label
-    return {"label": label, "x": _numbers(x), "y": _numbers(y, 5), **_look(line), "joined": _is_joined(line)}
+    return {
+        "label": label,
+        "x": _numbers(x),
+        "y": _numbers(y, 5),
+        **_look(line),
+        "joined": _is_joined(line),
+    }
 
 
 def _is_joined(line: Line2D) -> bool:
@@ -145,8 +179,13 @@ def _is_joined(line: Line2D) -> bool:
 
 def _look(line: Line2D) -> dict[str, Any]:
     """Colour, width, dashes and mark."""
-    look: dict[str, Any] = {"colour": _colour(line.get_color(), line.get_alpha()), "width": line.get_linewidth()}
-    _, dashes = getattr(line, "_dash_pattern", (0, None))  # Matplotlib has no other way to read them
+    look: dict[str, Any] = {
+        "colour": _colour(line.get_color(), line.get_alpha()),
+        "width": line.get_linewidth(),
+    }
+    _, dashes = getattr(
+        line, "_dash_pattern", (0, None)
+    )  # Matplotlib has no other way to read them
     if dashes and _is_joined(line):
         look["dash"] = [round(_PIXELS_PER_POINT * float(length), 2) for length in dashes]
     mark = line.get_marker()
@@ -161,7 +200,11 @@ def _look(line: Line2D) -> dict[str, Any]:
 
 def _shapes(axes: Axes, named: Sequence[Line2D]) -> Iterable[dict[str, Any]]:
     """Everything that is not a series, from the lowest to the topmost."""
-    artists: list[Artist] = [*axes.patches, *axes.collections, *(line for line in axes.lines if line not in named)]
+    artists: list[Artist] = [
+        *axes.patches,
+        *axes.collections,
+        *(line for line in axes.lines if line not in named),
+    ]
     for artist in sorted(artists, key=lambda one: one.get_zorder()):
         if not artist.get_visible():
             continue
@@ -186,12 +229,20 @@ def _line_shapes(line: Line2D, axes: Axes) -> Iterable[dict[str, Any]]:
         return
     look = _look(line)
     in_x, in_y = line.get_transform().contains_branch_seperately(axes.transData)
-    place = {"x": _numbers(x) if in_x else ["low", "high"], "y": _numbers(y) if in_y else ["low", "high"]}
+    place = {
+        "x": _numbers(x) if in_x else ["low", "high"],
+        "y": _numbers(y) if in_y else ["low", "high"],
+    }
     if _is_joined(line):
-        yield {**place, "stroke": _colour(line.get_color(), line.get_alpha()), "width": look["width"],
+        yield {**place, "stroke": _colour(line.get_color(), line.get_alpha()),
+        "width": look["width"],
                "dash": look.get("dash")}  # fmt: skip
     if "mark" in look:
-        yield {**place, "stroke": look["colour"], **{key: look[key] for key in ("mark", "size", "fill")}}
+        yield {
+            **place,
+            "stroke": look["colour"],
+            **{key: look[key] for key in ("mark", "size", "fill")},
+        }
 
 
 def _area(patch: Patch, axes: Axes) -> dict[str, Any]:
@@ -200,9 +251,16 @@ def _area(patch: Patch, axes: Axes) -> dict[str, Any]:
     in_data = patch.get_data_transform().contains_branch_seperately(axes.transData)
     for axis, inside in zip("xy", in_data, strict=True):
         if not inside:
-            outline[axis] = ["low" if value is not None and value < 0.5 else "high" for value in outline[axis]]
+            outline[axis] = [
+                "low" if value is not None and value < 0.5 else "high" for value in outline[axis]
+            ]
     edge = _colour(patch.get_edgecolor()) if patch.get_linewidth() > 0.0 else None
-    return {**outline, "fill": _colour(patch.get_facecolor()), "stroke": edge, "width": patch.get_linewidth()}
+    return {
+        **outline,
+        "fill": _colour(patch.get_facecolor()),
+        "stroke": edge,
+        "width": patch.get_linewidth(),
+    }
 
 
 def _outline(vertices: Any) -> dict[str, Any]:
@@ -214,11 +272,18 @@ def _points(points: PathCollection) -> Iterable[dict[str, Any]]:
     """Points of a scatter plot, by colour; the area of each is in square points."""
     offsets = np.asarray(np.ma.filled(points.get_offsets(), np.nan), dtype=float).reshape(-1, 2)
     colours = [_colour(colour) for colour in points.get_facecolor()] or ["#00000000"]
-    sizes = _PIXELS_PER_POINT * np.sqrt(np.resize(np.asarray(points.get_sizes(), dtype=float), len(offsets)))
+    sizes = _PIXELS_PER_POINT * np.sqrt(
+        np.resize(np.asarray(points.get_sizes(), dtype=float), len(offsets))
+    )
     of_point = np.resize(np.array(colours), len(offsets))
     for colour in dict.fromkeys(of_point.tolist()):
         chosen = of_point == colour
-        yield {**_outline(offsets[chosen]), "mark": "o", "fill": colour, "size": _numbers(sizes[chosen])}
+        yield {
+            **_outline(offsets[chosen]),
+            "mark": "o",
+            "fill": colour,
+            "size": _numbers(sizes[chosen]),
+        }
 
 
 def _segments(lines: LineCollection) -> dict[str, Any]:
@@ -247,10 +312,17 @@ def _colour(colour: Any, alpha: float | None = None) -> str | None:
     """Colour as CSS text; None for none."""
     if isinstance(colour, str) and colour == "none":
         return None
-    rgba = to_hex(colour, keep_alpha=True) if alpha is None else to_hex((colour, alpha), keep_alpha=True)
+    rgba = (
+        to_hex(colour, keep_alpha=True)
+        if alpha is None
+        else to_hex((colour, alpha), keep_alpha=True)
+    )
     return rgba[:7] if rgba.endswith("ff") else rgba
 
 
 def _numbers(values: Iterable[float], digits: int = 6) -> list[float | None]:
     """With as many digits as a chart can show; None for what is not finite."""
-    return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in np.asarray(values, dtype=float)]
+    return [
+        float(f"{value:.{digits}g}") if math.isfinite(value) else None
+        for value in np.asarray(values, dtype=float)
+    ]

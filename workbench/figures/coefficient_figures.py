@@ -53,19 +53,42 @@ def _plot_speed(coefficients: CoefficientSet) -> Figure:
         assert isinstance(law, NormalForceLaw)
         curve = law.coefficient
         values = [curve(float(v)) for v in speed] if callable(curve) else np.full_like(speed, curve)
-        axes.plot(speed, values, color=_COLOURS[0], label="used by the law (edge value held outside)")
+        axes.plot(
+            speed, values, color=_COLOURS[0], label="used by the law (edge value held outside)"
+        )
     nodes = coefficients.nodes
     if "cn" in nodes:
-        axes.plot(nodes.speed_m_per_s, nodes.cn, "o", color=_COLOURS[0], label="weighted average of the single fits")
+        axes.plot(
+            nodes.speed_m_per_s,
+            nodes.cn,
+            "o",
+            color=_COLOURS[0],
+            label="weighted average of the single fits",
+        )
     if "cn_p10" in nodes:
         axes.fill_between(
-            nodes.speed_m_per_s, nodes.cn_p10, nodes.cn_p90, color=_COLOURS[0], alpha=0.2, label="percentiles 10 to 90"
+            nodes.speed_m_per_s,
+            nodes.cn_p10,
+            nodes.cn_p90,
+            color=_COLOURS[0],
+            alpha=0.2,
+            label="percentiles 10 to 90",
         )
-    axes.set(xlabel="relative speed [m/s]", ylabel="normal-force (drag) coefficient $C_N$", xlim=(0.0, right))
+    axes.set(
+        xlabel="relative speed [m/s]",
+        ylabel="normal-force (drag) coefficient $C_N$",
+        xlim=(0.0, right),
+    )
     axes.set_ylim(0.0, 1.1 * axes.dataLim.ymax)
     axes.axvspan(0.0, low, color="0.9", zorder=0, label="not measured")
     axes.axvspan(high, max(right, high), color="0.9", zorder=0)
-    axes.axvline(coefficients.quasi_steady_limit, color=GREY, linestyle=":", linewidth=1.0, label="quasi-steady limit")
+    axes.axvline(
+        coefficients.quasi_steady_limit,
+        color=GREY,
+        linestyle=":",
+        linewidth=1.0,
+        label="quasi-steady limit",
+    )
     axes.legend(loc="lower center", fontsize=8)
     return figure
 
@@ -88,10 +111,18 @@ def _plot_curves(axes: Axes, coefficients: PolarTable, name: str) -> None:
     for i, speed in enumerate(sorted(set(coefficients.nodes.speed_m_per_s))):
         nodes = coefficients.nodes[coefficients.nodes.speed_m_per_s == speed]
         colour = _COLOURS[i % len(_COLOURS)]
-        axes.plot(np.degrees(angles), [table(speed, g) for g in angles], color=colour, label=f"{speed:g} m/s")
-        measured, seeds = nodes[nodes.status == "measured"], nodes[nodes.status == "seed"]
+        axes.plot(
+            np.degrees(angles),
+            [table(speed, g) for g in angles],
+            color=colour,
+            label=f"{speed:g} m/s",
+        )
+        measured = nodes[nodes.status == "measured"]
+        seeds = nodes[nodes.status == "seed"]
         axes.plot(np.degrees(measured.angle_rad), measured[name], "o", color=colour)
-        axes.plot(np.degrees(seeds.angle_rad), seeds[name], "o", color=colour, fillstyle="none", alpha=0.6)
+        axes.plot(
+            np.degrees(seeds.angle_rad), seeds[name], "o", color=colour, fillstyle="none", alpha=0.6
+        )
         if f"{name}_p10" in measured:
             band = (measured[f"{name}_p10"], measured[f"{name}_p90"])
             axes.fill_between(np.degrees(measured.angle_rad), *band, color=colour, alpha=0.2)

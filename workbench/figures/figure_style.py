@@ -47,12 +47,16 @@ RC: Any = {  # matplotlib's stubs name every key
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """The settings of all figures, also as a decorator; settings of a notebook outside are left as they are."""
+    """The settings of all figures, also as a decorator; settings of a notebook outside are left as
+    they are.
+    """
     with matplotlib.rc_context(RC):
         yield
 
 
-def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
+def new_figure(
+    width: float, height: float, rows: int = 1, columns: int = 1, **options: Any
+) -> tuple[Figure, Any]:
     """A figure of width x height inches and its axes, shape (rows, columns)."""
     figure = Figure(figsize=(width, height))
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
@@ -68,7 +72,8 @@ def png(figure: Figure, dpi: int = 130) -> bytes:
 
     The canvas is asked itself: `Figure.savefig` draws every figure twice, once only to lay it out.
     """
-    buffer, own_dpi = io.BytesIO(), figure.get_dpi()
+    buffer = io.BytesIO()
+    own_dpi = figure.get_dpi()
     canvas: Any = FigureCanvasAgg(figure)
     figure.set_dpi(dpi)
     try:

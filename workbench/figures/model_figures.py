@@ -1,4 +1,6 @@
-"""Figures of models: where a tail touches nothing, its outline, sections and normals; the block diagram."""
+"""Figures of models: where a tail touches nothing, its outline, sections and normals; the block
+diagram.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,8 @@ _FINE = 241
 
 
 def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
-    """Two maps over tail roll (right positive) and pitch (forwards positive): clearance, and the part next to the tail.
+    """Two maps over tail roll (right positive) and pitch (forwards positive): clearance, and the
+    part next to the tail.
 
     Args:
         motion: the map.
@@ -47,12 +50,15 @@ def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
     """
     pitch, roll = (np.linspace(nodes[0], nodes[-1], _FINE) for nodes in (motion.pitch, motion.roll))
     p, r = np.meshgrid(pitch, roll, indexing="ij")
-    degrees, least = (np.degrees(r), np.degrees(p)), motion.clearance(p, r)
+    degrees = (np.degrees(r), np.degrees(p))
+    least = motion.clearance(p, r)
     each = np.array([motion.clearance(p, r, (part,)) for part in PARTS])
     with styled():
         figure, grid = new_figure(11.0, 5.0, 1, 2, sharey=True)
         left, right = grid[0]
-        filled = left.contourf(*degrees, 1000.0 * least, levels=np.arange(-40, 61, 5), cmap="PuOr", extend="both")
+        filled = left.contourf(
+            *degrees, 1000.0 * least, levels=np.arange(-40, 61, 5), cmap="PuOr", extend="both"
+        )
         figure.colorbar(filled, ax=left, label="clearance to car and ground [mm]")
         for axes in (left, right):
             for level, line in ((0.0, "-"), (margin, (0, (3, 2)))):
@@ -65,11 +71,15 @@ def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
             mask = np.where(touched == number, 1.0, np.nan)
             right.contourf(*degrees, mask, levels=[0.5, 1.5], colors=[_PART_COLOURS[part]])
         handles: list[Artist] = [
-            Patch(color=_PART_COLOURS[part], label=part) for n, part in enumerate(PARTS) if np.any(touched == n)
+            Patch(color=_PART_COLOURS[part], label=part)
+            for n, part in enumerate(PARTS)
+            if np.any(touched == n)
         ]
         handles.append(Patch(facecolor="white", edgecolor=BLACK, label="free"))
         handles.append(Line2D([], [], color=BLACK, label="touches"))
-        handles.append(Line2D([], [], color=BLACK, linestyle=(0, (3, 2)), label=f"{1000 * margin:.0f} mm left"))
+        handles.append(
+            Line2D([], [], color=BLACK, linestyle=(0, (3, 2)), label=f"{1000 * margin:.0f} mm left")
+        )
         right.set_title(f"what is nearer than {1000 * margin:.0f} mm")
         left.set_title("clearance of rod and sail")
         right.legend(handles=handles, loc="lower right", frameon=True, framealpha=0.9)
@@ -83,8 +93,11 @@ _ARROW = 0.12
 
 
 def plot_tail(geometry: TailGeometry) -> Figure:
-    """Two views: onto the face of the first plate, and along its width, z of the frame T upwards; m."""
-    normal, up = geometry.plates[0].pieces[0].normal, np.array([0.0, 0.0, 1.0])
+    """Two views: onto the face of the first plate, and along its width, z of the frame T upwards;
+    m.
+    """
+    normal = geometry.plates[0].pieces[0].normal
+    up = np.array([0.0, 0.0, 1.0])
     if abs(normal[2]) > 0.9:
         up = geometry.plates[0].pieces[0].axis
     views = (("onto the face", unit_vector(np.cross(normal, up))), ("from the side", normal))
@@ -98,7 +111,8 @@ def plot_tail(geometry: TailGeometry) -> Figure:
         handles = {label: handle for each in drawn for handle, label in zip(*each, strict=True)}
         figure.legend(handles.values(), handles, loc="outside lower center", ncols=3)
         figure.suptitle(
-            f"{geometry.name}: {1000 * geometry.inertial.mass:.3g} g, {1e4 * geometry.area:.3g} cm² of planform"
+            f"{geometry.name}: {1000 * geometry.inertial.mass:.3g} g, {1e4 * geometry.area:.3g} "
+            "cm² of planform"
         )
     return figure
 
@@ -106,24 +120,41 @@ def plot_tail(geometry: TailGeometry) -> Figure:
 def _view(axes: Axes, geometry: TailGeometry, sideways: np.ndarray, up: np.ndarray) -> None:
     plane = np.column_stack([sideways, up])
     size = float(np.ptp(geometry.points, axis=0).max())
-    axes.plot(*(geometry.arm.points @ plane).T, color=BLACK, linewidth=3.0, solid_capstyle="round", label="arm")
+    axes.plot(
+        *(geometry.arm.points @ plane).T,
+        color=BLACK,
+        linewidth=3.0,
+        solid_capstyle="round",
+        label="arm",
+    )
     for plate in geometry.plates:
         for piece in plate.pieces:
             outline = piece.corners @ plane
             axes.fill(*outline.T, color=ORANGE, alpha=0.25, linewidth=0.0)
             axes.plot(*np.vstack([outline, outline[:1]]).T, color=ORANGE)
-            low, high = piece.corners[[0, 1]], piece.corners[[3, 2]]
+            low = piece.corners[[0, 1]]
+            high = piece.corners[[3, 2]]
             for share in np.linspace(0.0, 1.0, plate.sections + 1)[1:-1]:
                 axes.plot(*((low + share * (high - low)) @ plane).T, color=ORANGE, linewidth=0.8)
             if plate.kind == "half_shell":
                 _crown(axes, piece, plane)
         for layout in plate.section_layouts():
-            centres, normal = layout.p_BoSi_B @ plane, _ARROW * size * np.asarray(layout.normal_B) @ plane
-            axes.plot(*centres.T, color=ORANGE, marker="o", markersize=4, linestyle="none", label="centres of sections")
+            centres = layout.p_BoSi_B @ plane
+            normal = _ARROW * size * np.asarray(layout.normal_B) @ plane
+            axes.plot(
+                *centres.T,
+                color=ORANGE,
+                marker="o",
+                markersize=4,
+                linestyle="none",
+                label="centres of sections",
+            )
             if np.linalg.norm(normal) > 1e-6:
                 across, along = np.broadcast_to(normal, centres.shape).T
                 exact: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0}
-                axes.quiver(*centres.T, across, along, color=BLUE, width=0.006, label="normals", **exact)
+                axes.quiver(
+                    *centres.T, across, along, color=BLUE, width=0.006, label="normals", **exact
+                )
                 axes.update_datalim(centres + normal)
     places: tuple[tuple[str, Any, dict[str, Any]], ...] = (
         ("centre of pressure", geometry.centre_of_pressure(), {"color": VERMILION, "marker": "X"}),
@@ -139,7 +170,11 @@ def _view(axes: Axes, geometry: TailGeometry, sideways: np.ndarray, up: np.ndarr
 def _crown(axes: Axes, piece: Piece, plane: np.ndarray) -> None:
     """Draws the round side of a half shell."""
     ends = np.array([piece.start, piece.start + piece.length * piece.axis])
-    axes.plot(*((ends + np.outer(piece.chords, piece.normal) / 2) @ plane).T, color=ORANGE, linestyle=(0, (3, 2)))
+    axes.plot(
+        *((ends + np.outer(piece.chords, piece.normal) / 2) @ plane).T,
+        color=ORANGE,
+        linestyle=(0, (3, 2)),
+    )
 
 
 def _direction(vector: np.ndarray) -> str:
@@ -170,8 +205,12 @@ class DiagramPicture:
         """
         program = shutil.which("dot")
         if program is None:
-            raise UserError("Graphviz is not installed: `aerodima doctor` says how; the text is in `.text`")
-        done = subprocess.run([program, f"-T{kind}"], input=self.text.encode(), capture_output=True, check=False)
+            raise UserError(
+                "Graphviz is not installed: `aerodima doctor` says how; the text is in `.text`"
+            )
+        done = subprocess.run(
+            [program, f"-T{kind}"], input=self.text.encode(), capture_output=True, check=False
+        )
         if done.returncode != 0:
             raise UserError(f"Graphviz failed: {done.stderr.decode(errors='replace').strip()}")
         return done.stdout
@@ -180,11 +219,17 @@ class DiagramPicture:
         """SVG as wide as the page, not as wide as Graphviz makes it."""
         if shutil.which("dot") is None:
             return None
-        return re.sub(r'<svg width="\S*" height="\S*"', '<svg width="100%"', self.render().decode(), count=1)
+        return re.sub(
+            r'<svg width="\S*" height="\S*"', '<svg width="100%"', self.render().decode(), count=1
+        )
 
     def __repr__(self) -> str:
         """Says what is missing where it stands in the place of the picture."""
-        return "block diagram" if shutil.which("dot") else "block diagram: not drawn, Graphviz is not installed"
+        return (
+            "block diagram"
+            if shutil.which("dot")
+            else "block diagram: not drawn, Graphviz is not installed"
+        )
 
 
 def draw_diagram(diagram: System, depth: int = 1) -> DiagramPicture:

@@ -1,4 +1,6 @@
-"""Figures of one run over time, and of several over one another: what differs between them, signal by signal."""
+"""Figures of one run over time, and of several over one another: what differs between them, signal
+by signal.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -36,7 +38,9 @@ _DASHED, _SHORT = (0, (5, 2)), (0, (4, 1.5))
 
 @dataclass(frozen=True)
 class _Line:
-    """How a column is drawn: its name in the legend, colour and line, and the car's filter it is shown after."""
+    """How a column is drawn: its name in the legend, colour and line, and the car's filter it is
+    shown after.
+    """
 
     label: str
     column: str
@@ -75,7 +79,11 @@ _TURN_PANELS: tuple[tuple[str, str, tuple[_Line, ...]], ...] = (
             _Line("truth", "roll_truth_rad", BLACK, _DASHED),
         ),
     ),
-    ("Tail roll (0 up, + to the right)", "tail roll [deg]", (_Line("angle", "tail_roll_angle_rad", BLACK),)),
+    (
+        "Tail roll (0 up, + to the right)",
+        "tail roll [deg]",
+        (_Line("angle", "tail_roll_angle_rad", BLACK),),
+    ),
     (
         "Wheel loads",
         "vertical force [N]",
@@ -90,10 +98,11 @@ _TURN_PANELS: tuple[tuple[str, str, tuple[_Line, ...]], ...] = (
 
 
 def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
-    """A turn over time: yaw rate and lateral acceleration of the IMU, speed, roll, tail angle, wheel loads.
+    """A turn over time: yaw rate and lateral acceleration of the IMU, speed, roll, tail angle,
+    wheel loads.
 
-    IMU and GPS are drawn as logged and after the car's zero-phase filters. Ground truth is added where the log has it;
-    a log of the real car gets the same figure without it.
+    IMU and GPS are drawn as logged and after the car's zero-phase filters. Ground truth is added
+    where the log has it; a log of the real car gets the same figure without it.
 
     Args:
         run_log: of a run with a turn.
@@ -108,18 +117,27 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
         raise LogError(f"{run_log.name}: ends at {run_log.time[-1]:g} s, before its turn does")
     with styled():
         figure, grid = new_figure(11.0, 7.6, 3, 2, sharex=True)
-        start, end = max(run_log.time[0], window[0] - _BEFORE), min(run_log.time[-1], window[1] + after)
+        start = max(run_log.time[0], window[0] - _BEFORE)
+        end = min(run_log.time[-1], window[1] + after)
         for axes, (heading, label, lines) in zip(grid.flat, _TURN_PANELS, strict=True):
             axes.set(ylabel=label, title=heading, xlim=(start, end))
             shade_turn(axes, window)
             for line in lines:
                 if (values := _values(run_log, line.column, line.design)) is not None:
-                    axes.plot(run_log.time, values, color=line.colour, linestyle=line.line, label=line.label)
+                    axes.plot(
+                        run_log.time,
+                        values,
+                        color=line.colour,
+                        linestyle=line.line,
+                        label=line.label,
+                    )
             if axes.get_lines():
                 _fit_to_shown(axes, start, end)
                 axes.legend(loc="upper left", ncols=4, columnspacing=1.0, handlelength=1.6)
             else:
-                axes.text(0.5, 0.5, "not in this log", transform=axes.transAxes, ha="center", color=GREY)
+                axes.text(
+                    0.5, 0.5, "not in this log", transform=axes.transAxes, ha="center", color=GREY
+                )
         for axes in grid[-1]:
             axes.set_xlabel("time [s]   (shaded: the turn, steering command to straight wheels)")
         if title:
@@ -130,7 +148,11 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
 def _values(run_log: RunLog, column: str, design: LowPass | None = None) -> FloatArray | None:
     """What is drawn of a column, shape (n,), angles in degrees; None where this run has none."""
     if column == _SPEED_TRUTH:
-        return np.linalg.norm(run_log.vector("velocity", "truth_m_per_s")[:, :2], axis=1) if run_log.has_truth else None
+        return (
+            np.linalg.norm(run_log.vector("velocity", "truth_m_per_s")[:, :2], axis=1)
+            if run_log.has_truth
+            else None
+        )
     if column not in run_log.table or (column.startswith("tail_") and not run_log.has_tail):
         return None
     values = run_log.signal(column)
@@ -141,32 +163,45 @@ def _values(run_log: RunLog, column: str, design: LowPass | None = None) -> Floa
 
 def _roll(run_log: RunLog) -> FloatArray | None:
     """True roll; of a real car its estimate."""
-    return _values(run_log, "roll_truth_rad" if "roll_truth_rad" in run_log.table else "roll_estimate_rad")
+    return _values(
+        run_log, "roll_truth_rad" if "roll_truth_rad" in run_log.table else "roll_estimate_rad"
+    )
 
 
 def _fit_to_shown(axes: Axes, start: float, end: float) -> None:
     """Scales the y axis to what is shown, leaving room for the legend."""
-    shown = np.concatenate([
-        np.asarray(line.get_ydata())[(np.asarray(line.get_xdata()) >= start) & (np.asarray(line.get_xdata()) <= end)]
-        for line in axes.get_lines()
-    ])  # fmt: skip
-    low, high = float(np.min(shown)), float(np.max(shown))
+    visible = []
+    for line in axes.get_lines():
+        time = np.asarray(line.get_xdata())
+        visible.append(np.asarray(line.get_ydata())[(time >= start) & (time <= end)])
+    shown = np.concatenate(visible)
+    low = float(np.min(shown))
+    high = float(np.max(shown))
     span = max(high - low, 1e-3)
     axes.set_ylim(low - 0.12 * span, high + 0.3 * span)
 
 
 _RUN_COLOURS = (BLACK, VERMILION, BLUE, GREEN, PURPLE)
-_RUN_LINES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)), (0, (8, 2, 1, 2, 1, 2)))
+_RUN_LINES: tuple[Any, ...] = (
+    "-",
+    (0, (5, 1.5)),
+    (0, (1, 1)),
+    (0, (5, 1.5, 1, 1.5)),
+    (0, (8, 2, 1, 2, 1, 2)),
+)
 RUN_STYLES: tuple[tuple[str, Any], ...] = tuple(
     (_RUN_COLOURS[run % 5], _RUN_LINES[(run + run // 5) % 5]) for run in range(20)
 )
-"""Colour and line of the first, second, ... run. Of the first five both differ, so that neither alone must be told
-apart; of twenty the pair does."""
+"""Colour and line of the first, second, ... run. Of the first five both differ, so that neither
+alone must be told apart; of twenty the pair does."""
 
 _Panel = tuple[str, Callable[[RunLog], FloatArray | None]]
 _PANELS: tuple[_Panel, ...] = (
     ("yaw rate [rad/s]", partial(_values, column="imu_gyro_z_rad_per_s", design=IMU_FILTER)),
-    ("lateral acceleration [m/s²]", partial(_values, column="imu_acceleration_y_m_per_s2", design=IMU_FILTER)),
+    (
+        "lateral acceleration [m/s²]",
+        partial(_values, column="imu_acceleration_y_m_per_s2", design=IMU_FILTER),
+    ),
     ("speed [m/s]", partial(_values, column="speed_m_per_s")),
     ("roll of the car [deg]", _roll),
     ("tail roll angle [deg]", partial(_values, column="tail_roll_angle_rad")),
@@ -196,7 +231,9 @@ def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
     plants = of_plants(run_logs)
     with styled():
         figure, grid = new_figure(11.0, 6.0 if plants else 8.0, 2 if plants else 3, 2, sharex=True)
-        for axes, (label, signal) in zip(grid.flat, _PLANT_PANELS if plants else _PANELS, strict=True):
+        for axes, (label, signal) in zip(
+            grid.flat, _PLANT_PANELS if plants else _PANELS, strict=True
+        ):
             axes.set_ylabel(label)
             if not plants:
                 shade_turn(axes, turn_window(run_logs[0]))
@@ -204,7 +241,9 @@ def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
                 if (found := signal(run_log)) is not None:
                     axes.plot(run_log.time, found, color=colour, linestyle=line)
         for axes in grid[-1]:
-            axes.set_xlabel("time [s]" if plants else "time [s]   (shaded: the turn of the first run)")
+            axes.set_xlabel(
+                "time [s]" if plants else "time [s]   (shaded: the turn of the first run)"
+            )
         handles = [
             grid[0, 0].plot([], [], color=colour, linestyle=line)[0]
             for _, (colour, line) in zip(names, RUN_STYLES, strict=False)

@@ -1,7 +1,7 @@
 """Run logs written for other programs, as CSV and MCAP (https://mcap.dev).
 
-A file keeps every bit of every number, and the metadata: a CSV has them in a file beside it, `run.csv.json`, MCAP has
-them inside. The packages for MCAP are those of the extra `logs`.
+A file keeps every bit of every number, and the metadata: a CSV has them in a file beside it,
+`run.csv.json`, MCAP has them inside. The packages for MCAP are those of the extra `logs`.
 """
 
 import json
@@ -41,7 +41,11 @@ class SceneMessage(NamedTuple):
 
 
 def export_log(
-    run_log: RunLog, path: Path | str, form: Format, force: bool = False, scene: Iterable[SceneMessage] = ()
+    run_log: RunLog,
+    path: Path | str,
+    form: Format,
+    force: bool = False,
+    scene: Iterable[SceneMessage] = (),
 ) -> list[Path]:
     """Writes a run log as CSV or MCAP; gives the files written.
 
@@ -50,10 +54,12 @@ def export_log(
         path: to write.
         form: of the file.
         force: replace an existing file.
-        scene: for MCAP, what a viewer draws, such as `aerodima.workbench.replay.foxglove_scene` gives.
+        scene: for MCAP, what a viewer draws, such as `aerodima.workbench.replay.foxglove_scene`
+            gives.
 
     Raises:
-        LogError: a file exists and `force` is not set; MCAP without the package, or with negative times.
+        LogError: a file exists and `force` is not set; MCAP without the package, or with negative
+            times.
     """
     path = Path(path)
     metadata = json.dumps(run_log.metadata(), sort_keys=True, indent=1, allow_nan=False)
@@ -66,7 +72,12 @@ def export_log(
     require_packages(path, "mcap", "mcap_protobuf", "foxglove_schemas_protobuf")
     if not np.all(np.isfinite(run_log.time)) or run_log.time.min(initial=0.0) < 0.0:
         raise LogError(f"column {TIME!r}: MCAP needs finite times from 0 s on")
-    write_atomically(path, lambda temporary: _write_mcap(temporary, run_log.table, metadata, scene), force, LogError)
+    write_atomically(
+        path,
+        lambda temporary: _write_mcap(temporary, run_log.table, metadata, scene),
+        force,
+        LogError,
+    )
     return [path]
 
 
@@ -92,17 +103,25 @@ def _topic(column: str) -> str:
     return "/driver"
 
 
-def _write_mcap(path: Path, table: pd.DataFrame, metadata: str, scene: Iterable[SceneMessage]) -> None:
-    """JSON messages, one per row and topic, each with its time; NaN becomes null. The scene is Protobuf."""
+def _write_mcap(
+    path: Path, table: pd.DataFrame, metadata: str, scene: Iterable[SceneMessage]
+) -> None:
+    """JSON messages, one per row and topic, each with its time; NaN becomes null.
+
+    The scene is Protobuf.
+    """
     from mcap.writer import Writer
 
     with open(path, "wb") as stream:
         writer: Any = Writer(stream)
         writer.start(profile="", library="aerodima")
         signals = [
-            _signals(writer, topic, table[[TIME, *names]]) for topic, names in topics_of(list(table.columns)).items()
+            _signals(writer, topic, table[[TIME, *names]])
+            for topic, names in topics_of(list(table.columns)).items()
         ]
-        for stamp, channel, data in merge(*signals, _drawn(writer, scene), key=lambda item: item[0]):
+        for stamp, channel, data in merge(
+            *signals, _drawn(writer, scene), key=lambda item: item[0]
+        ):
             writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
         writer.add_metadata("aerodima", {"json": metadata})
         writer.finish()
@@ -113,7 +132,9 @@ def _signals(writer: Any, topic: str, table: pd.DataFrame) -> Iterator[Stamped]:
     names = list(table.columns)
     properties = {name: {"type": ["number", "null"]} for name in names}
     schema = json.dumps({"type": "object", "properties": properties}).encode()
-    schema_id = writer.register_schema(name=f"aerodima.{topic.strip('/')}", encoding="jsonschema", data=schema)
+    schema_id = writer.register_schema(
+        name=f"aerodima.{topic.strip('/')}", encoding="jsonschema", data=schema
+    )
     channel = writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id)
     for row in table.to_numpy().tolist():
         numbers = (value if np.isfinite(value) else None for value in row)
@@ -128,7 +149,9 @@ def _drawn(writer: Any, scene: Iterable[SceneMessage]) -> Iterator[Stamped]:
     for time, topic, message in scene:
         if topic not in channels:
             schema = register_schema(writer, type(message))
-            channels[topic] = writer.register_channel(topic=topic, message_encoding="protobuf", schema_id=schema)
+            channels[topic] = writer.register_channel(
+                topic=topic, message_encoding="protobuf", schema_id=schema
+            )
         yield stamp_of(time), channels[topic], message.SerializeToString()
 
 

@@ -1,13 +1,15 @@
 """Logs in other programs' files as named columns of numbers: CSV, Parquet, MAT and MCAP.
 
-They are in whatever unit and rate they were written; `logs.importers` makes a run log of them. MAT files of version 5
-to 7 are read with SciPy, of version 7.3, which is HDF5, with h5py (extra `logs`). Vectors become columns. A struct
-field is called `data.force`, the second column of a matrix `force(2)`. Objects such as `timeseries` are stored in a
-form that only MATLAB reads: they are listed as unreadable.
+They are in whatever unit and rate they were written; `logs.importers` makes a run log of them. MAT
+files of version 5 to 7 are read with SciPy, of version 7.3, which is HDF5, with h5py (extra
+`logs`). Vectors become columns. A struct field is called `data.force`, the second column of a
+matrix `force(2)`. Objects such as `timeseries` are stored in a form that only MATLAB reads: they
+are listed as unreadable.
 
-MCAP files (https://mcap.dev, extra `logs`) are read where their messages are JSON: a number becomes the column
-`<topic>.<field>`, one in a list `<topic>.<field>(1)`. The times at which a topic was logged are the column
-`<topic>@log_time`, those at which it was published `<topic>@publish_time`, both s. Text is left out.
+MCAP files (https://mcap.dev, extra `logs`) are read where their messages are JSON: a number becomes
+the column `<topic>.<field>`, one in a list `<topic>.<field>(1)`. The times at which a topic was
+logged are the column `<topic>@log_time`, those at which it was published `<topic>@publish_time`,
+both s. Text is left out.
 """
 
 import json
@@ -49,7 +51,8 @@ class ForeignLog:
         """A column as float64, empty cells as NaN.
 
         Raises:
-            LogError: no such column (names the nearest), a cell that is not a number (names its row, from 1).
+            LogError: no such column (names the nearest), a cell that is not a number (names its
+                row, from 1).
         """
         series = self._series(name)
         if series.dtype.kind in "fiub":
@@ -58,7 +61,8 @@ class ForeignLog:
         bad = np.flatnonzero(numbers.isna().to_numpy() & series.notna().to_numpy())
         if bad.size:
             raise LogError(
-                f"{self.path}: column {name!r}: {str(series.iloc[bad[0]])!r} in row {bad[0] + 1} is not a number"
+                f"{self.path}: column {name!r}: {str(series.iloc[bad[0]])!r} in row {bad[0] + 1} "
+                "is not a number"
             )
         return numbers.to_numpy(dtype=np.float64)
 
@@ -68,7 +72,9 @@ class ForeignLog:
         if series.dtype.kind in "fiub":
             return self.numbers(name)
         try:
-            dates = pd.to_datetime(series, utc=True, format=None if series.dtype.kind == "M" else "ISO8601")
+            dates = pd.to_datetime(
+                series, utc=True, format=None if series.dtype.kind == "M" else "ISO8601"
+            )
         except (ValueError, TypeError):
             return self.numbers(name)
         seconds = (dates - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
@@ -83,7 +89,9 @@ class ForeignLog:
 
 
 def joined(logs: list[ForeignLog]) -> ForeignLog:
-    """Several files of one run as one: the columns of the second file are called `2:<name>`, and so on."""
+    """Several files of one run as one: the columns of the second file are called `2:<name>`, and so
+    on.
+    """
     if len(logs) == 1:
         return logs[0]
     columns: dict[str, pd.Series] = {}
@@ -117,14 +125,18 @@ def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
             )
     except pd.errors.ParserWarning as cause:
         raise LogError(
-            f"{path}: its rows hold more values than its first line has names; are `csv.delimiter` {form.delimiter!r} "
+            f"{path}: its rows hold more values than its first line has names; are "
+            f"`csv.delimiter` {form.delimiter!r} "
             f"and `csv.decimal` {form.decimal!r} right?"
         ) from cause
     except (ValueError, LookupError, pd.errors.ParserError) as cause:
-        raise LogError(f"{path}: not a table that can be read: {' '.join(str(cause).split())}") from cause
+        raise LogError(
+            f"{path}: not a table that can be read: {' '.join(str(cause).split())}"
+        ) from cause
     if table.shape[1] < 2:
         raise LogError(
-            f"{path}: one column only, {str(table.columns[0])!r}; is `csv.delimiter` {form.delimiter!r} right?"
+            f"{path}: one column only, {str(table.columns[0])!r}; is `csv.delimiter` "
+            f"{form.delimiter!r} right?"
         )
     return ForeignLog(str(path), {str(name).strip(): table[name] for name in table.columns})
 
@@ -140,12 +152,14 @@ def read_parquet(path: Path) -> ForeignLog:
 
 
 MOST_COLUMNS = 64
-"""A matrix with more columns than this (and than rows) is a picture or a table of something else, not a log; so is a
-list with more numbers."""
+"""A matrix with more columns than this (and than rows) is a picture or a table of something else,
+not a log; so is a list with more numbers."""
 NANOSECOND = 1e-9
 """s."""
 
-_OBJECT = "a MATLAB object or cell; save it as a struct of vectors (for a timeseries: its Time and Data)"
+_OBJECT = (
+    "a MATLAB object or cell; save it as a struct of vectors (for a timeseries: its Time and Data)"
+)
 
 
 def read_mat(path: Path) -> ForeignLog:
@@ -165,13 +179,20 @@ def read_mat(path: Path) -> ForeignLog:
             unreadable[name] = _OBJECT
     if not columns:
         raise LogError(
-            f"{path}: no vectors of numbers" + (f"; {', '.join(unreadable)}: {_OBJECT}" if unreadable else "")
+            f"{path}: no vectors of numbers"
+            + (f"; {', '.join(unreadable)}: {_OBJECT}" if unreadable else "")
         )
-    return ForeignLog(str(path), {name: pd.Series(values) for name, values in columns.items()}, unreadable=unreadable)
+    return ForeignLog(
+        str(path),
+        {name: pd.Series(values) for name, values in columns.items()},
+        unreadable=unreadable,
+    )
 
 
 def is_version_7_3(path: Path) -> bool:
-    """Whether a MAT file is HDF5: its text header says so, or the HDF5 signature is at a place where it may be."""
+    """Whether a MAT file is HDF5: its text header says so, or the HDF5 signature is at a place
+    where it may be.
+    """
     with open(path, "rb") as stream:
         head = stream.read(520)
     return head.startswith(b"MATLAB 7.3") or b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:520])
@@ -183,7 +204,10 @@ def _vectors(name: str, value: NDArray) -> dict[str, NDArray[np.float64]]:
         return {name: np.atleast_1d(value).astype(np.float64)}
     if value.ndim > 2 or (value.shape[1] > MOST_COLUMNS and value.shape[1] > value.shape[0]):
         return {}
-    return {f"{name}({column + 1})": value[:, column].astype(np.float64) for column in range(value.shape[1])}
+    return {
+        f"{name}({column + 1})": value[:, column].astype(np.float64)
+        for column in range(value.shape[1])
+    }
 
 
 def _leaves_5(path: Path) -> Iterator[tuple[str, Any]]:
@@ -192,8 +216,18 @@ def _leaves_5(path: Path) -> Iterator[tuple[str, Any]]:
 
     try:
         yield from _walk("", loadmat(path, simplify_cells=True))
-    except (ValueError, TypeError, MatReadError, NotImplementedError, OSError, KeyError, IndexError) as cause:
-        raise LogError(f"{path}: damaged or not a MAT file ({' '.join(str(cause).split())})") from cause
+    except (
+        ValueError,
+        TypeError,
+        MatReadError,
+        NotImplementedError,
+        OSError,
+        KeyError,
+        IndexError,
+    ) as cause:
+        raise LogError(
+            f"{path}: damaged or not a MAT file ({' '.join(str(cause).split())})"
+        ) from cause
 
 
 def _leaves_7_3(path: Path) -> Iterator[tuple[str, Any]]:
@@ -219,7 +253,10 @@ def _walk(prefix: str, struct: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _content(dataset: Any) -> NDArray | str | None:
-    """Content of an HDF5 dataset. It keeps MATLAB's order of the numbers, so that rows and columns are exchanged."""
+    """Content of an HDF5 dataset.
+
+    It keeps MATLAB's order of the numbers, so that rows and columns are exchanged.
+    """
     if dataset.attrs.get("MATLAB_class") == b"char":
         return ""
     if dataset.dtype.kind not in "fiub" or "MATLAB_object_decode" in dataset.attrs:
@@ -243,16 +280,26 @@ def read_mcap(path: Path) -> ForeignLog:
         with open(path, "rb") as stream:
             for _, channel, message in make_reader(stream).iter_messages():
                 if channel.message_encoding != "json":
-                    unreadable[channel.topic] = f"its messages are {channel.message_encoding!r}; read are 'json'"
+                    unreadable[channel.topic] = (
+                        f"its messages are {channel.message_encoding!r}; read are 'json'"
+                    )
                     continue
-                topic, row = channel.topic, {channel.topic: json.loads(message.data)}
-                row |= {f"{topic}@{name}": getattr(message, name) * NANOSECOND for name in ("log_time", "publish_time")}
+                topic = channel.topic
+                row = {channel.topic: json.loads(message.data)}
+                row |= {
+                    f"{topic}@{name}": getattr(message, name) * NANOSECOND
+                    for name in ("log_time", "publish_time")
+                }
                 messages.setdefault(topic, []).append(row)
     except (McapError, ValueError, EOFError) as cause:
-        raise LogError(f"{path}: cut off, damaged or not an MCAP file ({str(cause) or repr(cause)})") from cause
+        raise LogError(
+            f"{path}: cut off, damaged or not an MCAP file ({str(cause) or repr(cause)})"
+        ) from cause
     if not messages:
         reasons = "; ".join(f"{topic}: {reason}" for topic, reason in unreadable.items())
-        raise LogError(f"{path}: no messages that can be read" + (f" ({reasons})" if reasons else ""))
+        raise LogError(
+            f"{path}: no messages that can be read" + (f" ({reasons})" if reasons else "")
+        )
     columns: dict[str, pd.Series] = {}
     time_of: dict[str, str] = {}
     for topic, rows in messages.items():
@@ -263,23 +310,34 @@ def read_mcap(path: Path) -> ForeignLog:
 
 
 def _numbers(table: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:
-    """Every column of numbers with its name, null as NaN; a list gives one for each of its places."""
+    """Every column of numbers with its name, null as NaN; a list gives one for each of its
+    places.
+    """
     for name, values in table.items():
         is_list = values.map(lambda value: isinstance(value, list))
         if values.dtype.kind in "fiub" or values.isna().all():
             yield str(name), values.astype(np.float64)
         elif is_list.any():
-            lists = pd.DataFrame([value if there else [] for value, there in zip(values, is_list, strict=True)])
+            lists = pd.DataFrame(
+                [value if there else [] for value, there in zip(values, is_list, strict=True)]
+            )
             if lists.shape[1] <= MOST_COLUMNS:
-                yield from _numbers(lists.set_axis([f"{name}({index + 1})" for index in range(lists.shape[1])], axis=1))
+                yield from _numbers(
+                    lists.set_axis(
+                        [f"{name}({index + 1})" for index in range(lists.shape[1])], axis=1
+                    )
+                )
 
 
 def require_packages(path: Path | str, *packages: str) -> None:
-    """Raises LogError, naming the extra, for a package that a kind of file needs and that is not installed."""
+    """Raises LogError, naming the extra, for a package that a kind of file needs and that is not
+    installed.
+    """
     for package in packages:
         try:
             __import__(package)
         except ImportError:
             raise LogError(
-                f"{path}: this kind of file needs the package {package}: pip install 'aerodima-workbench[logs]'"
+                f"{path}: this kind of file needs the package {package}: pip install "
+                "'aerodima-workbench[logs]'"
             ) from None

@@ -1,8 +1,9 @@
-"""From foreign files to a run log: columns renamed, units made SI, several sample rates put on one time grid.
+"""From foreign files to a run log: columns renamed, units made SI, several sample rates put on one
+time grid.
 
-A column that was sampled at other times (GPS beside IMU) holds its last sample, as a control loop would have seen it.
-Nothing is filtered or filled in: gaps and NaN stay in the log and are reported, `aerodima.workbench.logs.signals`
-deals with them.
+A column that was sampled at other times (GPS beside IMU) holds its last sample, as a control loop
+would have seen it. Nothing is filtered or filled in: gaps and NaN stay in the log and are reported,
+`aerodima.workbench.logs.signals` deals with them.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,14 @@ from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import RIG_KINDS, TIME
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.foreign_files import ForeignLog, joined, read_csv, read_mat, read_mcap, read_parquet
+from aerodima.workbench.logs.foreign_files import (
+    ForeignLog,
+    joined,
+    read_csv,
+    read_mat,
+    read_mcap,
+    read_parquet,
+)
 from aerodima.workbench.logs.log_findings import (
     LogFinding,
     gap_findings,
@@ -27,7 +35,13 @@ from aerodima.workbench.logs.log_findings import (
     refuse_inconsistent_rates,
     table_findings,
 )
-from aerodima.workbench.logs.mapping import ColumnSource, CsvFormat, Mapping, known_columns, unit_factor
+from aerodima.workbench.logs.mapping import (
+    ColumnSource,
+    CsvFormat,
+    Mapping,
+    known_columns,
+    unit_factor,
+)
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.logs.signals import GAP_FACTOR, check_time, hold_last
 
@@ -50,12 +64,13 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping) -> Im
     """Reads foreign files of one run.
 
     Args:
-        paths: one file, or several that share a clock; the columns of the second are called `2:<name>` in the mapping.
+        paths: one file, or several that share a clock; the columns of the second are called
+            `2:<name>` in the mapping.
         mapping: which column is which.
 
     Raises:
-        LogError: a file cannot be read, the times are not increasing, a needed column is missing, a value betrays a
-            wrong unit; names file, column and time.
+        LogError: a file cannot be read, the times are not increasing, a needed column is missing, a
+            value betrays a wrong unit; names file, column and time.
     """
     paths = [paths] if isinstance(paths, str | Path) else list(paths)
     foreign = joined([read_foreign_log(Path(path), mapping.csv) for path in paths])
@@ -74,7 +89,8 @@ def read_foreign_log(path: Path, csv: CsvFormat) -> ForeignLog:
     """Reads a file by its ending: .csv, .txt, .tsv, .parquet, .mat, .mcap.
 
     Raises:
-        LogError: missing, of another kind, damaged, or an optional package is not installed (names the extra).
+        LogError: missing, of another kind, damaged, or an optional package is not installed (names
+            the extra).
     """
     suffix = path.suffix.lower()
     if not path.is_file():
@@ -98,10 +114,16 @@ def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, l
     columns: dict[str, FloatArray] = {}
     held = []
     for name, source in mapping.columns.items():
-        if source.from_ is not None and source.from_ not in foreign.columns and source.from_ not in foreign.unreadable:
+        if (
+            source.from_ is not None
+            and source.from_ not in foreign.columns
+            and source.from_ not in foreign.unreadable
+        ):
             there = ", ".join(foreign.columns)
             findings.append(
-                LogFinding(name, None, f"left out: the file has no column {source.from_!r}; it has {there}")
+                LogFinding(
+                    name, None, f"left out: the file has no column {source.from_!r}; it has {there}"
+                )
             )
             continue
         columns[name], other_times = _column(foreign, mapping, name, source, time, findings)
@@ -109,9 +131,15 @@ def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, l
             held.append(name)
     columns, empty = _without_empty(columns)
     if mapping.kind != "car_log" and "angle_rad" in mapping.columns and "angle_rad" not in columns:
-        raise LogError(f"{foreign.path}: no column {mapping.columns['angle_rad'].from_!r}, which angle_rad comes from")
+        raise LogError(
+            f"{foreign.path}: no column {mapping.columns['angle_rad'].from_!r}, which angle_rad "
+            "comes from"
+        )
     if not any(mapping.columns[name].constant is None for name in columns):
-        raise LogError(f"{foreign.path}: none of the mapped columns is there; it has {', '.join(foreign.columns)}")
+        raise LogError(
+            f"{foreign.path}: none of the mapped columns is there; it has "
+            f"{', '.join(foreign.columns)}"
+        )
     findings += [*empty, *_unused(foreign, mapping)]
     table = pd.DataFrame({TIME: time, **columns})
     table, late = _from_first_samples(table, [name for name in held if name in columns])
@@ -121,25 +149,38 @@ def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, l
 
 
 def _column(
-    foreign: ForeignLog, mapping: Mapping, name: str, source: ColumnSource, time: FloatArray, findings: list[LogFinding]
+    foreign: ForeignLog,
+    mapping: Mapping,
+    name: str,
+    source: ColumnSource,
+    time: FloatArray,
+    findings: list[LogFinding],
 ) -> tuple[FloatArray, bool]:
-    """One of our columns on the grid `time`, and whether it had other times and is held between them."""
+    """One of our columns on the grid `time`, and whether it had other times and is held between
+    them.
+    """
     if source.from_ is None:
         return np.full(time.size, float(source.constant or 0.0)), False
-    values = source.scale * mapping.unit_factor(name) * (foreign.numbers(source.from_) - source.zero)
+    values = (
+        source.scale * mapping.unit_factor(name) * (foreign.numbers(source.from_) - source.zero)
+    )
     own = source.time or foreign.time_of.get(source.from_)
     if own is None or own == mapping.time.from_:
         sample_time = time
     else:
-        sample_time = _times(foreign, own, source.time_unit or (mapping.time.unit if source.time else "s"))
+        sample_time = _times(
+            foreign, own, source.time_unit or (mapping.time.unit if source.time else "s")
+        )
     if values.size != sample_time.size:
         raise LogError(
-            f"{foreign.path}: column {source.from_!r} has {values.size} samples for {sample_time.size} times of "
+            f"{foreign.path}: column {source.from_!r} has {values.size} samples for "
+            f"{sample_time.size} times of "
             f"{own or mapping.time.from_!r}; name the column with its own times as `time`"
         )
     if mapping.sparse:
         sampled = np.isfinite(values)
-        sample_time, values = sample_time[sampled], values[sampled]
+        sample_time = sample_time[sampled]
+        values = values[sampled]
     if name in CONTINUOUS and values.size:
         values = np.where(np.isfinite(values), _unwrapped(values), np.nan)
     if sample_time is time:
@@ -147,7 +188,10 @@ def _column(
     if sample_time.size == 0:
         return np.full(time.size, np.nan), True
     if sample_time.size < 2:
-        raise LogError(f"{foreign.path}: column {source.from_!r}: {sample_time.size} sample(s), at least 2 are needed")
+        raise LogError(
+            f"{foreign.path}: column {source.from_!r}: {sample_time.size} sample(s), at least 2 "
+            "are needed"
+        )
     if not mapping.sparse or sample_time.size < time.size:
         findings += gap_findings(sample_time, name)
         findings += nan_findings(sample_time, name, values)
@@ -169,36 +213,53 @@ def _times(foreign: ForeignLog, name: str, unit: str) -> FloatArray:
 
 def _unwrapped(angle: FloatArray) -> FloatArray:
     """An angle without jumps of whole turns; NaN are passed over."""
-    result, finite = angle.copy(), np.isfinite(angle)
+    result = angle.copy()
+    finite = np.isfinite(angle)
     result[finite] = np.unwrap(angle[finite])
     return result
 
 
 def _unused(foreign: ForeignLog, mapping: Mapping) -> list[LogFinding]:
     used = {mapping.time.from_, *foreign.time_of.values()}
-    used |= {part for source in mapping.columns.values() for part in (source.from_, source.time) if part}
-    unused = [name for name in foreign.columns if name not in used and not name.endswith("@publish_time")]
-    found = [LogFinding(name, None, f"not read: {reason}") for name, reason in foreign.unreadable.items()]
+    used |= {
+        part for source in mapping.columns.values() for part in (source.from_, source.time) if part
+    }
+    unused = [
+        name for name in foreign.columns if name not in used and not name.endswith("@publish_time")
+    ]
+    found = [
+        LogFinding(name, None, f"not read: {reason}") for name, reason in foreign.unreadable.items()
+    ]
     if unused:
-        found.append(LogFinding("", None, f"columns of the file that are not in the mapping: {', '.join(unused)}"))
+        found.append(
+            LogFinding(
+                "", None, f"columns of the file that are not in the mapping: {', '.join(unused)}"
+            )
+        )
     return found
 
 
-def _without_empty(columns: dict[str, FloatArray]) -> tuple[dict[str, FloatArray], list[LogFinding]]:
+def _without_empty(
+    columns: dict[str, FloatArray],
+) -> tuple[dict[str, FloatArray], list[LogFinding]]:
     """The columns that hold at least one number."""
     empty = [name for name, values in columns.items() if not np.isfinite(values).any()]
     found = [LogFinding(name, None, "left out: not one sample is a number") for name in empty]
     return {name: values for name, values in columns.items() if name not in empty}, found
 
 
-def _from_first_samples(table: pd.DataFrame, held: list[str]) -> tuple[pd.DataFrame, list[LogFinding]]:
+def _from_first_samples(
+    table: pd.DataFrame, held: list[str]
+) -> tuple[pd.DataFrame, list[LogFinding]]:
     """The rows from which on every held column has had a sample."""
     first = {name: int(np.argmax(np.isfinite(table[name].to_numpy()))) for name in held}
     name, start = max(first.items(), key=lambda item: item[1], default=("", 0))
     if start == 0:
         return table, []
     time = float(table[TIME].iloc[start])
-    found = LogFinding(name, time, f"its first sample is here; the {start} earlier rows of the log are left out")
+    found = LogFinding(
+        name, time, f"its first sample is here; the {start} earlier rows of the log are left out"
+    )
     return table.iloc[start:].reset_index(drop=True), [found]
 
 
@@ -216,11 +277,18 @@ def _metadata(mapping: Mapping, files: list[str], findings: list[LogFinding]) ->
 
 
 def _scenario(mapping: Mapping) -> dict[str, Any]:
-    """The car or the rig that a mapping names; of a rig without its experiment, which the metadata state."""
+    """The car or the rig that a mapping names; of a rig without its experiment, which the metadata
+    state.
+    """
     if mapping.scenario is None:
         return {}
-    base, settings = mapping.scenario.base, list(mapping.scenario.set)
+    base = mapping.scenario.base
+    settings = list(mapping.scenario.set)
     if mapping.kind not in RIG_KINDS:
         return load_scenario(base, settings).resolved()
     resolved = load_rig_scenario(base, settings).resolved()
-    return {key: value for key, value in resolved.items() if key not in ("experiment", "schema", "name", "seed")}
+    return {
+        key: value
+        for key, value in resolved.items()
+        if key not in ("experiment", "schema", "name", "seed")
+    }

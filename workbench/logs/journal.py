@@ -1,8 +1,10 @@
-"""Crash-safe journal of a run: an Arrow IPC stream on disk that becomes Parquet when the run ends well.
+"""Crash-safe journal of a run: an Arrow IPC stream on disk that becomes Parquet when the run ends
+well.
 
-A Parquet file without its footer is unreadable, so a run that dies would be lost. The journal is appended in record
-batches instead, each complete in itself: after a crash every batch that reached the file is still there, and
-`recover` turns them into a run log. `run.parquet` has the journal `run.parquet.journal`.
+A Parquet file without its footer is unreadable, so a run that dies would be lost. The journal is
+appended in record batches instead, each complete in itself: after a crash every batch that reached
+the file is still there, and `recover` turns them into a run log. `run.parquet` has the journal
+`run.parquet.journal`.
 """
 
 import os
@@ -57,12 +59,13 @@ def journal_path(path: Path | str) -> Path:
 class JournalWriter:
     """Appends rows to the journal of one run; `close` turns it into the Parquet file.
 
-    As a context manager it closes after an orderly end. After an exception it keeps the journal, with every row that
-    was appended.
+    As a context manager it closes after an orderly end. After an exception it keeps the journal,
+    with every row that was appended.
 
-    A batch goes to the operating system when it is full or `flush_interval` old, so a killed process loses at most that
-    much. The shorter it is, the larger the journal: a batch of 60 columns costs about 10 kB beside its numbers.
-    Every `sync_interval` a thread asks the disk to keep it, so that a power cut loses little and the loop never waits.
+    A batch goes to the operating system when it is full or `flush_interval` old, so a killed
+    process loses at most that much. The shorter it is, the larger the journal: a batch of 60
+    columns costs about 10 kB beside its numbers. Every `sync_interval` a thread asks the disk to
+    keep it, so that a power cut loses little and the loop never waits.
 
     Args:
         path: name of the Parquet file to be.
@@ -97,7 +100,9 @@ class JournalWriter:
         self._filled = 0
         self._refuse(columns)
         encoded = encode_metadata(metadata)
-        self._schema = pa.schema([(name, pa.float64()) for name in columns], metadata={METADATA_KEY: encoded})
+        self._schema = pa.schema(
+            [(name, pa.float64()) for name in columns], metadata={METADATA_KEY: encoded}
+        )
         make_folder(self.path.parent, LogError)
         try:
             self._file = open(self.journal, "w+b" if force else "x+b")  # noqa: SIM115 - open for as long as the run lasts
@@ -124,23 +129,31 @@ class JournalWriter:
             self.flush()
 
     def add_facts(self, facts: Mapping[str, Any]) -> None:
-        """Add to `extra` of the log what only the end of the run knows; the journal itself goes without."""
+        """Add to `extra` of the log what only the end of the run knows; the journal itself goes
+        without.
+        """
         self._metadata["extra"] = {**self._metadata.get("extra", {}), **facts}
 
     def flush(self) -> None:
-        """Hand the rows so far to the operating system; LogError when it does not take them (disk full)."""
+        """Hand the rows so far to the operating system; LogError when it does not take them (disk
+        full).
+        """
         if not self._open:
             raise LogError(f"{self.journal}: closed already")
         try:
             self._write_batch()
             self._request_sync()
         except OSError as cause:
-            raise LogError(f"{self.journal}: cannot be written after {self.rows} rows ({cause})") from cause
+            raise LogError(
+                f"{self.journal}: cannot be written after {self.rows} rows ({cause})"
+            ) from cause
 
     def close(self) -> Path:
-        """End the journal, write the Parquet file, remove the journal; the name of the Parquet file.
+        """End the journal, write the Parquet file, remove the journal; the name of the Parquet
+        file.
 
-        The rows are read through the open file: it holds them also when its folder has been removed or renamed.
+        The rows are read through the open file: it holds them also when its folder has been removed
+        or renamed.
         """
         if self._open:
             self.flush()
@@ -180,7 +193,10 @@ class JournalWriter:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         if kind is None:
             self.close()
@@ -195,7 +211,8 @@ class JournalWriter:
         refuse_existing(self.path, self._force, LogError)
         if self.journal.exists() and not self._force:
             raise LogError(
-                f"{self.journal}: holds a run that was cut off; rescue it with `aerodima log recover` or use --force"
+                f"{self.journal}: holds a run that was cut off; rescue it with `aerodima log "
+                "recover` or use --force"
             )
 
     def _write_batch(self) -> None:
@@ -237,7 +254,8 @@ def read_journal(path: Path | str, descriptor: int | None = None) -> tuple[pa.Ta
         descriptor: of the open journal, read instead of the file at `path`, which may have gone.
 
     Raises:
-        LogError: no such file, cut off before the end of its header, not a journal, another schema version.
+        LogError: no such file, cut off before the end of its header, not a journal, another schema
+            version.
     """
     path = Path(path)
     if descriptor is None and not path.is_file():
@@ -249,7 +267,9 @@ def read_journal(path: Path | str, descriptor: int | None = None) -> tuple[pa.Ta
         try:
             stream = pa.ipc.open_stream(file)
         except (pa.ArrowException, OSError) as cause:
-            raise LogError(f"{path}: cut off in its header, or not a journal; nothing to rescue") from cause
+            raise LogError(
+                f"{path}: cut off in its header, or not a journal; nothing to rescue"
+            ) from cause
         decode_metadata(stream.schema.metadata, str(path))
         while True:
             try:
@@ -269,7 +289,9 @@ def _has_end_mark(file: BinaryIO) -> bool:
     return file.read() == b"\xff\xff\xff\xff\x00\x00\x00\x00"
 
 
-def recover(journal: Path | str, out_path: Path | str | None = None, force: bool = False) -> Recovery:
+def recover(
+    journal: Path | str, out_path: Path | str | None = None, force: bool = False
+) -> Recovery:
     """Write the complete batches of a cut-off journal as a run log; the journal stays where it is.
 
     Args:
@@ -283,7 +305,10 @@ def recover(journal: Path | str, out_path: Path | str | None = None, force: bool
     journal = Path(journal)
     if out_path is None:
         if journal.suffix != JOURNAL_SUFFIX:
-            raise LogError(f"{journal}: a journal is named *{JOURNAL_SUFFIX}; give the name of the log to write")
+            raise LogError(
+                f"{journal}: a journal is named *{JOURNAL_SUFFIX}; give the name of the log to "
+                "write"
+            )
         out_path = journal.with_suffix("")
     table, complete = read_journal(journal)
     if table.num_rows == 0:

@@ -1,7 +1,8 @@
 """What is odd in a log: gaps, lost samples, dead sensors, and values that betray a wrong unit.
 
-A finding names column and time. What makes every later figure wrong (times that run back, a wrong unit) is an error;
-what conditioning can deal with (a gap, NaN) or a user must judge (a constant signal) is reported and kept.
+A finding names column and time. What makes every later figure wrong (times that run back, a wrong
+unit) is an error; what conditioning can deal with (a gap, NaN) or a user must judge (a constant
+signal) is reported and kept.
 """
 
 from collections.abc import Mapping
@@ -29,7 +30,15 @@ RATE_OF = {
     "imu_gyro_z_rad_per_s": "imu_yaw_rad",
 }
 """Rate column to the angle that it is the derivative of (for the IMU: while the car is level)."""
-_LARGEST_OF_UNIT = {"rad/s": 60.0, "A": 60.0, "N": 500.0, "N m": 100.0, "m/s": 60.0, "m/s2": 300.0, "rad": 2.1 * np.pi}
+_LARGEST_OF_UNIT = {
+    "rad/s": 60.0,
+    "A": 60.0,
+    "N": 500.0,
+    "N m": 100.0,
+    "m/s": 60.0,
+    "m/s2": 300.0,
+    "rad": 2.1 * np.pi,
+}
 """Largest plausible magnitudes. An angle stays within a turn, apart from `_TURNING`."""
 _TURNING, _LARGEST_TURNED = ("yaw", "sail"), 100.0
 _MEASURED = ("angle", "angular_velocity", "current", "force_", "torque_", "imu_", "tail_", "speed")
@@ -37,7 +46,9 @@ _MEASURED = ("angle", "angular_velocity", "current", "force_", "torque_", "imu_"
 
 @dataclass(frozen=True)
 class LogFinding:
-    """Something odd: column ("" when it concerns the file), time (s; None when it is not at a time), and what it is."""
+    """Something odd: column ("" when it concerns the file), time (s; None when it is not at a
+    time), and what it is.
+    """
 
     column: str
     time: float | None
@@ -52,10 +63,12 @@ class LogFinding:
 
 def gap_findings(time: FloatArray, column: str = TIME) -> list[LogFinding]:
     """Steps longer than 1.5 median steps: the first of them, and how many follow."""
-    steps, wide = np.diff(time), gaps_in(time)
+    steps = np.diff(time)
+    wide = gaps_in(time)
     if not wide.size:
         return []
-    step, further = steps[wide[0]], f"; {wide.size - 1} further gap(s)" if wide.size > 1 else ""
+    step = steps[wide[0]]
+    further = f"; {wide.size - 1} further gap(s)" if wide.size > 1 else ""
     lost = f"gap of {step:.6g} s, about {round(step / np.median(steps)) - 1} samples lost"
     return [LogFinding(column, float(time[wide[0]]), lost + further)]
 
@@ -66,24 +79,40 @@ def nan_findings(time: FloatArray, column: str, values: FloatArray) -> list[LogF
     if not bad.size:
         return []
     return [
-        LogFinding(column, float(time[bad[0]]), f"{bad.size} of {values.size} samples are not numbers, the first here")
+        LogFinding(
+            column,
+            float(time[bad[0]]),
+            f"{bad.size} of {values.size} samples are not numbers, the first here",
+        )
     ]
 
 
 def table_findings(table: pd.DataFrame, kind: str = "") -> list[LogFinding]:
-    """Gaps, NaN, too few rows and constant measurements of a table whose times are sorted; `kind` of the log."""
+    """Gaps, NaN, too few rows and constant measurements of a table whose times are sorted; `kind`
+    of the log.
+    """
     time = table[TIME].to_numpy(dtype=np.float64)
     found = gap_findings(time)
     if time.size < FEW_SAMPLES:
-        found.append(LogFinding(TIME, None, f"only {time.size} samples; no filter and no fit can work on them"))
+        found.append(
+            LogFinding(
+                TIME, None, f"only {time.size} samples; no filter and no fit can work on them"
+            )
+        )
     for name in table.columns:
         values = table[name].to_numpy(dtype=np.float64)
         found += nan_findings(time, name, values)
         finite = values[np.isfinite(values)]
-        held = kind == "static" and name.startswith("ang")  # an encoder counts whole steps: a held angle is constant
+        held = kind == "static" and name.startswith(
+            "ang"
+        )  # an encoder counts whole steps: a held angle is constant
         changes = name.startswith(_MEASURED) and "_command_" not in name and not held
         if changes and finite.size > 1 and np.ptp(finite) == 0.0:
-            found.append(LogFinding(name, None, f"constant, {finite[0]:g} in every row: is the sensor connected?"))
+            found.append(
+                LogFinding(
+                    name, None, f"constant, {finite[0]:g} in every row: is the sensor connected?"
+                )
+            )
     return found
 
 
@@ -102,37 +131,46 @@ def refuse_implausible(
     step = float(np.median(np.diff(time)))
     if not STEP_RANGE[0] <= step <= STEP_RANGE[1]:
         raise LogError(
-            f"{where}: column {TIME!r}: steps of {step:.3g} s; {STEP_RANGE[0]:g} to {STEP_RANGE[1]:g} s is plausible. "
+            f"{where}: column {TIME!r}: steps of {step:.3g} s; {STEP_RANGE[0]:g} to "
+            f"{STEP_RANGE[1]:g} s is plausible. "
             "Is the unit of the times right?"
         )
     for name in table.columns:
         turns = units.get(name) == "rad" and any(word in name for word in _TURNING)
-        limit = largest.get(name) or (_LARGEST_TURNED if turns else _LARGEST_OF_UNIT.get(units.get(name, "")))
+        limit = largest.get(name) or (
+            _LARGEST_TURNED if turns else _LARGEST_OF_UNIT.get(units.get(name, ""))
+        )
         values = np.abs(table[name].to_numpy(dtype=np.float64))
         if limit is None or not np.any(values > limit):
             continue
         at = int(np.flatnonzero(values > limit)[0])
         raise LogError(
-            f"{where}: column {name!r}: {table[name].iloc[at]:.6g} {units[name]} at {time[at]:g} s; up to {limit:.4g} "
-            "is plausible. Is the unit in the mapping right? If the value is real, state `largest` there"
+            f"{where}: column {name!r}: {table[name].iloc[at]:.6g} {units[name]} at {time[at]:g} "
+            f"s; up to {limit:.4g} "
+            "is plausible. Is the unit in the mapping right? If the value is real, state "
+            "`largest` there"
         )
 
 
 def refuse_inconsistent_rates(table: pd.DataFrame, where: str) -> None:
-    """Raise LogError when a rate is plainly not the derivative of its angle: other unit, or other sign.
+    """Raise LogError when a rate is plainly not the derivative of its angle: other unit, or other
+    sign.
 
-    Compared are the angle and the integral of the rate, without their straight lines (bias of a gyro). Signals that
-    have little to do with each other (noise, a car that rolls) are left alone.
+    Compared are the angle and the integral of the rate, without their straight lines (bias of a
+    gyro). Signals that have little to do with each other (noise, a car that rolls) are left alone.
     """
     time = table[TIME].to_numpy(dtype=np.float64)
     for rate, angle in RATE_OF.items():
         if rate not in table.columns or angle not in table.columns:
             continue
-        ratio = _rate_ratio(time, table[angle].to_numpy(dtype=np.float64), table[rate].to_numpy(dtype=np.float64))
+        ratio = _rate_ratio(
+            time, table[angle].to_numpy(dtype=np.float64), table[rate].to_numpy(dtype=np.float64)
+        )
         if ratio is None or 0.6 <= ratio <= 1.6:
             continue
         raise LogError(
-            f"{where}: column {rate!r}: {ratio:.3g} times the derivative of {angle!r}; one of the two has a wrong "
+            f"{where}: column {rate!r}: {ratio:.3g} times the derivative of {angle!r}; one of the "
+            "two has a wrong "
             "unit or sign (`check_rates: false` in the mapping turns this check off)"
         )
 
@@ -142,9 +180,11 @@ def _rate_ratio(time: FloatArray, angle: FloatArray, rate: FloatArray) -> float 
     good = np.isfinite(angle) & np.isfinite(rate)
     if np.count_nonzero(good) < FEW_SAMPLES:
         return None
-    time, angle = time[good], detrend(np.unwrap(angle[good]))
+    time = time[good]
+    angle = detrend(np.unwrap(angle[good]))
     integral = detrend(cumulative_trapezoid(rate[good], time, initial=0.0))
-    power, other = float(angle @ angle), float(integral @ integral)
+    power = float(angle @ angle)
+    other = float(integral @ integral)
     tiny = 1e-8 * time.size
     if power < tiny or other < tiny or abs(float(angle @ integral)) < 0.9 * np.sqrt(power * other):
         return None

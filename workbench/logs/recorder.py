@@ -1,4 +1,6 @@
-"""Writes the signals of a diagram into a run log while it runs: through a journal into a file, or into memory."""
+"""Writes the signals of a diagram into a run log while it runs: through a journal into a file, or
+into memory.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +30,13 @@ from aerodima.workbench.systems.system_ports import nominal_time, row_period, ve
 
 
 class LogInMemory:
-    """Does without a file what `JournalWriter` does: takes rows within a `with` block; after it there is the log."""
+    """Does without a file what `JournalWriter` does: takes rows within a `with` block; after it
+    there is the log.
+    """
 
     def __init__(self, columns: Sequence[str], metadata: Mapping[str, Any]) -> None:
-        self._columns, self._metadata = list(columns), dict(metadata)
+        self._columns = list(columns)
+        self._metadata = dict(metadata)
         self._rows: list[np.ndarray] = []
 
     def __enter__(self) -> Self:
@@ -41,7 +46,9 @@ class LogInMemory:
         """Nothing to be closed."""
 
     def append(self, row: np.ndarray) -> None:
-        """Takes one row; a copy of it, since the recorder writes the next one into the same array."""
+        """Takes one row; a copy of it, since the recorder writes the next one into the same
+        array.
+        """
         self._rows.append(row.copy())
 
     def add_facts(self, facts: Mapping[str, Any]) -> None:
@@ -50,7 +57,9 @@ class LogInMemory:
 
     def run_log(self) -> RunLog:
         """The log, after the block."""
-        return run_log_from_metadata(pd.DataFrame(np.array(self._rows), columns=self._columns), self._metadata)
+        return run_log_from_metadata(
+            pd.DataFrame(np.array(self._rows), columns=self._columns), self._metadata
+        )
 
 
 LogSink = JournalWriter | LogInMemory
@@ -63,13 +72,19 @@ class RowSink(Protocol):
         """Takes one row, whose array is used again."""
 
 
-def open_log(path: str | Path | None, columns: Sequence[str], metadata: Mapping[str, Any], force: bool) -> LogSink:
+def open_log(
+    path: str | Path | None, columns: Sequence[str], metadata: Mapping[str, Any], force: bool
+) -> LogSink:
     """A journal that becomes the log `path`, or rows in memory without one.
 
     Raises:
         LogError: as `JournalWriter`.
     """
-    return LogInMemory(columns, metadata) if path is None else JournalWriter(path, columns, metadata, force=force)
+    return (
+        LogInMemory(columns, metadata)
+        if path is None
+        else JournalWriter(path, columns, metadata, force=force)
+    )
 
 
 Signals = list[tuple[OutputPort, list[str]]]
@@ -101,32 +116,41 @@ class OpenBuilder(DiagramBuilder):
         }
 
     def signals(self, taken: Sequence[str]) -> Signals:
-        """Ports that were exported, or logged by `LogVectorOutput`, with the columns that they fill.
+        """Ports that were exported, or logged by `LogVectorOutput`, with the columns that they
+        fill.
 
-        The name of the export, or of the logger (`set_name`), has the columns' names with their units, such as
-        `x_m,y_m`; with one name for several elements their numbers follow it. A logger without a name takes those of
-        system and port.
+        The name of the export, or of the logger (`set_name`), has the columns' names with their
+        units, such as `x_m,y_m`; with one name for several elements their numbers follow it. A
+        logger without a name takes those of system and port.
 
         Args:
             taken: columns that are there already.
 
         Raises:
-            UserError: a port with another number of names than elements, a column that is there already.
+            UserError: a port with another number of names than elements, a column that is there
+                already.
         """
         ports = list(self.exported.items())
         for sink in self.GetSystems():
             if isinstance(sink, VectorLogSink):
                 (source,) = self.sources(sink).values()
                 system: Any = source.get_system()  # an object, by Drake's stubs
-                own = f"{system.get_name().rpartition('/')[2].partition('@')[0]}_{source.get_name()}"
+                own = (
+                    f"{system.get_name().rpartition('/')[2].partition('@')[0]}_{source.get_name()}"
+                )
                 ports.append((own if "@" in sink.get_name() else sink.get_name(), source))
-        signals, known = [], set(taken)
+        signals = []
+        known = set(taken)
         for name, port in ports:
-            names, size = name.replace(" ", "").split(","), port.size()
+            names = name.replace(" ", "").split(",")
+            size = port.size()
             if len(names) == 1 < size:
                 names = [f"{name}_{index}" for index in range(size)]
             if len(names) != size or known.intersection(names) or len(set(names)) < size:
-                raise UserError(f"port exported or logged as {name!r}: {size} elements; allowed: as many new columns")
+                raise UserError(
+                    f"port exported or logged as {name!r}: {size} elements; allowed: as many new "
+                    "columns"
+                )
             known.update(names)
             signals.append((port, names))
         return signals
@@ -139,22 +163,34 @@ class RunRecorder(LeafSystem):
         one vector per recorded port, in the order they are given.
 
     Args:
-        journal: open journal, or other sink, whose columns are `time_s` and then those of the ports, in order.
+        journal: open journal, or other sink, whose columns are `time_s` and then those of the
+            ports, in order.
         signals: the recorded ports with the names of their columns.
         rate: rows per second, Hz.
-        step: of a discrete plant, s, as of a simulated car: a row has what sensors and controllers did at its instant
-            (`row_period`); without, a row has what stood on the ports before its instant.
-        with_samples: beside a plant that moves continuously, write in the discrete update of the instant. Drake
-            publishes before it updates, so a publish event sees the samples of the period before; the update sees those
-            of its own instant, since sensors sample in unrestricted updates, which come first. The row of the time at
-            which a simulation ends is written when it runs a little longer.
+        step: of a discrete plant, s, as of a simulated car: a row has what sensors and controllers
+            did at its instant (`row_period`); without, a row has what stood on the ports before its
+            instant.
+        with_samples: beside a plant that moves continuously, write in the discrete update of the
+            instant. Drake publishes before it updates, so a publish event sees the samples of the
+            period before; the update sees those of its own instant, since sensors sample in
+            unrestricted updates, which come first. The row of the time at which a simulation ends
+            is written when it runs a little longer.
     """
 
-    def __init__(self, journal: RowSink, signals: Signals, rate: float, step: float | None, with_samples: bool):
+    def __init__(
+        self,
+        journal: RowSink,
+        signals: Signals,
+        rate: float,
+        step: float | None,
+        with_samples: bool,
+    ):
         super().__init__()
-        columns, sizes = recorded_columns(signals), [port.size() for port, _ in signals]
+        columns = recorded_columns(signals)
+        sizes = [port.size() for port, _ in signals]
         self.set_name("run_recorder")
-        self._journal, self._rate = journal, rate
+        self._journal = journal
+        self._rate = rate
         self._row = np.zeros(1 + sum(sizes))
         ends = (1 + np.cumsum([0, *sizes])).tolist()
         self._ports = [
@@ -201,12 +237,18 @@ class RunRecorder(LeafSystem):
 
 def output_ports(*systems: System) -> dict[str, OutputPort]:
     """Name -> port, of several systems."""
-    ports = [system.get_output_port(index) for system in systems for index in range(system.num_output_ports())]
+    ports = [
+        system.get_output_port(index)
+        for system in systems
+        for index in range(system.num_output_ports())
+    ]
     return {port.get_name(): port for port in ports}
 
 
 def signals_of(table: Mapping[str, list[Column]], ports: Mapping[str, OutputPort]) -> Signals:
-    """The ports of a table (`aerodima.workbench.config.signal_table`) that are there, with the names of its columns."""
+    """The ports of a table (`aerodima.workbench.config.signal_table`) that are there, with the
+    names of its columns.
+    """
     return [(ports[name], names_of(columns)) for name, columns in table.items() if name in ports]
 
 
@@ -219,6 +261,8 @@ def recorded_columns(signals: Signals) -> list[str]:
     columns = [TIME]
     for port, names in signals:
         if port.size() != len(names):
-            raise ValueError(f"port {port.get_name()!r} has {port.size()} elements for {len(names)} columns")
+            raise ValueError(
+                f"port {port.get_name()!r} has {port.size()} elements for {len(names)} columns"
+            )
         columns += names
     return columns

@@ -1,8 +1,10 @@
-"""The run log: one run in one Parquet file, its signals as columns and its provenance in the file's metadata.
+"""The run log: one run in one Parquet file, its signals as columns and its provenance in the file's
+metadata.
 
-Columns are float64 (`aerodima.workbench.config.signal_table`). The metadata are one JSON object under the key
-`aerodima`: schema, scenario (resolved), seed, versions, created, kind, extra. Two runs of the same scenario and seed
-have equal signals, bit for bit; `created` is all that may differ.
+Columns are float64 (`aerodima.workbench.config.signal_table`). The metadata are one JSON object
+under the key `aerodima`: schema, scenario (resolved), seed, versions, created, kind, extra. Two
+runs of the same scenario and seed have equal signals, bit for bit; `created` is all that may
+differ.
 """
 
 import json
@@ -24,20 +26,31 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, field_validator
 
 from aerodima.workbench.config.checked_files import checked
-from aerodima.workbench.config.signal_table import CAR_TRUTH, RIG_KINDS, TIME, names_of, sensor_columns, truth_columns
+from aerodima.workbench.config.signal_table import (
+    CAR_TRUTH,
+    RIG_KINDS,
+    TIME,
+    names_of,
+    sensor_columns,
+    truth_columns,
+)
 from aerodima.workbench.errors import LogError
 
 SCHEMA = "aerodima/run-log/1"
 METADATA_KEY = b"aerodima"
 _TAIL_TRUTH = frozenset(names_of(CAR_TRUTH["tail_truth"]))
 PLANT_RUN = "plant_run"
-"""Kind of a log that `observe` wrote: of any plant, with the columns of `aerodima.workbench.stations.ground_truth`."""
+"""Kind of a log that `observe` wrote: of any plant, with the columns of
+`aerodima.workbench.stations.ground_truth`."""
 TAIL_LAW = "tail_law"
-"""Key in `extra` of a run whose tail followed a law that the scenario does not name: the name of its class."""
+"""Key in `extra` of a run whose tail followed a law that the scenario does not name: the name of
+its class."""
 DIAGRAM = "diagram"
-"""Key in `extra` of a run that a diagram of one's own drove, in place of driver and tail law: its function's name."""
+"""Key in `extra` of a run that a diagram of one's own drove, in place of driver and tail law: its
+function's name."""
 DRIVEN_BY = "driven_by"
-"""Key in `extra` of a run that did not follow the manoeuvre of its scenario: who steered, such as `hand (MANUAL)`."""
+"""Key in `extra` of a run that did not follow the manoeuvre of its scenario: who steered, such as
+`hand (MANUAL)`."""
 
 
 class _Metadata(BaseModel):
@@ -56,7 +69,9 @@ class _Metadata(BaseModel):
     @classmethod
     def _tail_has_keys(cls, scenario: dict[str, Any]) -> dict[str, Any]:
         if not isinstance(scenario.get("tail", {}), dict | None):
-            raise ValueError(f"tail: {scenario['tail']!r} is not allowed; it takes keys with values")
+            raise ValueError(
+                f"tail: {scenario['tail']!r} is not allowed; it takes keys with values"
+            )
         return scenario
 
 
@@ -129,11 +144,16 @@ class RunLog:
         except (TypeError, ValueError, OverflowError):
             number = math.nan
         if not math.isfinite(number):
-            raise LogError(f"{self.name}: its scenario has {section}.{key} {value!r}, but it must be a finite number")
+            raise LogError(
+                f"{self.name}: its scenario has {section}.{key} {value!r}, but it must be a "
+                "finite number"
+            )
         return number
 
     def stated(self, key: str, count: int) -> tuple[float, ...] | None:
-        """Numbers under a key of `extra`; None without the key, LogError unless there are `count` finite ones."""
+        """Numbers under a key of `extra`; None without the key, LogError unless there are `count`
+        finite ones.
+        """
         value = self.extra.get(key)
         if value is None:
             return None
@@ -142,7 +162,9 @@ class RunLog:
         except (TypeError, ValueError):
             numbers = ()
         if len(numbers) != count or not np.all(np.isfinite(numbers)):
-            raise LogError(f"{self.name}: metadata {key!r} is {value!r}; {count} numbers are needed")
+            raise LogError(
+                f"{self.name}: metadata {key!r} is {value!r}; {count} numbers are needed"
+            )
         return numbers
 
     def metadata(self) -> dict[str, Any]:
@@ -157,7 +179,10 @@ def scenario_has_tail(scenario: Mapping[str, Any]) -> bool:
 
 
 def run_metadata(
-    scenario: Mapping[str, Any], seed: int, kind: str = "car_run", extra: Mapping[str, Any] | None = None
+    scenario: Mapping[str, Any],
+    seed: int,
+    kind: str = "car_run",
+    extra: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Metadata of a run that starts now, with the versions of this environment."""
     return {
@@ -184,21 +209,27 @@ def _versions() -> dict[str, str]:
 
 
 def software_versions() -> dict[str, str]:
-    """Versions that a run depends on; read from the installed distributions, so Drake is not imported."""
+    """Versions that a run depends on; read from the installed distributions, so Drake is not
+    imported.
+    """
     return dict(_versions())
 
 
-def run_log_from_metadata(table: pd.DataFrame, metadata: Mapping[str, Any], source: str = "") -> RunLog:
+def run_log_from_metadata(
+    table: pd.DataFrame, metadata: Mapping[str, Any], source: str = ""
+) -> RunLog:
     """A run log from its table and its metadata object (`run_metadata`)."""
-    return RunLog(table=table, source=source, **{name: metadata[name] for name in _Metadata.model_fields})
+    return RunLog(
+        table=table, source=source, **{name: metadata[name] for name in _Metadata.model_fields}
+    )
 
 
 def write_run_log(run_log: RunLog, path: Path | str, force: bool = False) -> Path:
     """Write a run to a Parquet file, whole or not at all.
 
     Raises:
-        LogError: the file exists and `force` is not set, the folder cannot be used, a column is missing or is not
-            made of numbers.
+        LogError: the file exists and `force` is not set, the folder cannot be used, a column is
+            missing or is not made of numbers.
     """
     columns = {}
     for name in run_log.table.columns:
@@ -218,7 +249,9 @@ def write_table(table: pa.Table, metadata: Mapping[str, Any], path: Path, force:
 
     def write(temporary: Path) -> None:
         # Floating-point signals seldom repeat: a dictionary would cost time and save nothing.
-        pq.write_table(table, temporary, compression="zstd", compression_level=1, use_dictionary=False)
+        pq.write_table(
+            table, temporary, compression="zstd", compression_level=1, use_dictionary=False
+        )
 
     return write_atomically(path, write, force, LogError)
 
@@ -227,7 +260,8 @@ def read_run_log(path: Path | str) -> RunLog:
     """Read a run.
 
     Raises:
-        LogError: no such file, cut off or not Parquet, not a run log, another schema version, columns missing.
+        LogError: no such file, cut off or not Parquet, not a run log, another schema version,
+            columns missing.
     """
     path = Path(path)
     if path.is_dir():
@@ -239,12 +273,19 @@ def read_run_log(path: Path | str) -> RunLog:
             metadata = decode_metadata(file.schema_arrow.metadata, str(path))
             table = file.read()
     except (pa.ArrowException, OSError) as cause:
-        hint = _journal_hint(path) or "; a run that was cut off leaves a *.journal for `aerodima log recover`"
+        hint = (
+            _journal_hint(path)
+            or "; a run that was cut off leaves a *.journal for `aerodima log recover`"
+        )
         raise LogError(f"{path}: cut off, damaged or not a Parquet file{hint}") from cause
     refuse_missing(table.column_names, metadata, str(path))
     frame = table.to_pandas(ignore_metadata=True)
     if metadata["kind"] == "car_run":
-        absent = [column.name for column in sensor_columns() if column.optional and column.name not in frame]
+        absent = [
+            column.name
+            for column in sensor_columns()
+            if column.optional and column.name not in frame
+        ]
         frame[absent] = math.nan
     return run_log_from_metadata(frame, metadata, source=str(path))
 
@@ -258,7 +299,9 @@ def encode_metadata(metadata: Mapping[str, Any]) -> bytes:
 
 
 def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) -> dict[str, Any]:
-    """The metadata object of an Arrow schema; LogError when it is absent or of another schema version."""
+    """The metadata object of an Arrow schema; LogError when it is absent or of another schema
+    version.
+    """
     raw = (schema_metadata or {}).get(METADATA_KEY)
     if raw is None:
         raise LogError(f"{source}: not a run log (no {METADATA_KEY.decode()!r} metadata)")
@@ -275,7 +318,11 @@ def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) 
 
 def _journal_hint(path: Path) -> str:
     journal = path.with_name(path.name + ".journal")
-    return f"; its journal is there: `aerodima log recover {journal}` rescues it" if journal.is_file() else ""
+    return (
+        f"; its journal is there: `aerodima log recover {journal}` rescues it"
+        if journal.is_file()
+        else ""
+    )
 
 
 def refuse_missing(names: Sequence[str], metadata: Mapping[str, Any], source: str) -> None:
@@ -289,14 +336,17 @@ def refuse_missing(names: Sequence[str], metadata: Mapping[str, Any], source: st
 def missing_columns(names: Iterable[str], kind: str, has_tail: bool) -> list[str]:
     """Names that a log of this kind must have and has not.
 
-    A `car_run` has every sensor column that is not optional; if it has one truth column it has all of them, apart from
-    those of the tail when the car has none. A rig log needs time and angle: what its force sensor did not give, a fit
-    goes without. Other kinds need their time. Further columns are welcome.
+    A `car_run` has every sensor column that is not optional; if it has one truth column it has all
+    of them, apart from those of the tail when the car has none. A rig log needs time and angle:
+    what its force sensor did not give, a fit goes without. Other kinds need their time. Further
+    columns are welcome.
     """
     present = set(names)
     required = [TIME, "angle_rad"] if kind in RIG_KINDS else [TIME]
     if kind == "car_run":
         required = [column.name for column in sensor_columns() if not column.optional]
         if any("_truth_" in name for name in present):
-            required += [name for name in names_of(truth_columns()) if has_tail or name not in _TAIL_TRUTH]
+            required += [
+                name for name in names_of(truth_columns()) if has_tail or name not in _TAIL_TRUTH
+            ]
     return [name for name in required if name not in present]

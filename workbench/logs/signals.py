@@ -1,11 +1,14 @@
-"""Signal tools for logs: checks, zero-phase low pass, resampling, headings without jumps, and conditioning.
+"""Signal tools for logs: checks, zero-phase low pass, resampling, headings without jumps, and
+conditioning.
 
-The tools take times (s, shape (n,)) and a signal of the same shape. What is wrong in a log (NaN, unsorted time, a gap)
-is an error that names the column and the time; nothing is dropped or filled in silently. No Drake.
+The tools take times (s, shape (n,)) and a signal of the same shape. What is wrong in a log (NaN,
+unsorted time, a gap) is an error that names the column and the time; nothing is dropped or filled
+in silently. No Drake.
 
-Conditioning makes a log fit for identification: a run log in, a new one out, which says in its metadata
-(`extra.conditioning`) what was done. Gaps and lost samples become straight lines, the drift of a sensor goes, a low
-pass takes noise away; other columns than those named stay as they are.
+Conditioning makes a log fit for identification: a run log in, a new one out, which says in its
+metadata (`extra.conditioning`) what was done. Gaps and lost samples become straight lines, the
+drift of a sensor goes, a low pass takes noise away; other columns than those named stay as they
+are.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -34,8 +37,8 @@ class LowPass:
     """Butterworth low pass, run forwards and back so that it shifts nothing in time.
 
     Attributes:
-        order: order of the Butterworth design. Passed twice, the gain at the cut-off is 1/2 (not 1/sqrt 2) and falls by
-            40 dB per decade and order beyond.
+        order: order of the Butterworth design. Passed twice, the gain at the cut-off is 1/2 (not
+            1/sqrt 2) and falls by 40 dB per decade and order beyond.
         cutoff_hz: cut-off frequency of the design, Hz.
     """
 
@@ -61,30 +64,45 @@ def check_time(time: FloatArray, column: str = "time_s") -> None:
     back = np.flatnonzero(np.diff(time) <= 0.0)
     if back.size:
         row = int(back[0]) + 1
-        raise LogError(f"column {column!r}: not increasing in row {row}, {time[row]:g} s after {time[row - 1]:g} s")
+        raise LogError(
+            f"column {column!r}: not increasing in row {row}, {time[row]:g} s after "
+            f"{time[row - 1]:g} s"
+        )
 
 
 def gaps_in(time: FloatArray) -> NDArray[np.int64]:
-    """Rows of times (n,) that have a gap behind them: a step longer than `GAP_FACTOR` median steps."""
+    """Rows of times (n,) that have a gap behind them: a step longer than `GAP_FACTOR` median
+    steps.
+    """
     steps = np.diff(time)
-    return np.flatnonzero(steps > GAP_FACTOR * np.median(steps)) if steps.size else np.zeros(0, dtype=np.int64)
+    return (
+        np.flatnonzero(steps > GAP_FACTOR * np.median(steps))
+        if steps.size
+        else np.zeros(0, dtype=np.int64)
+    )
 
 
 def check_gaps(time: FloatArray, largest_step: float | None = None, column: str = "time_s") -> None:
-    """Raise LogError naming the first step longer than `largest_step` (s; default 1.5 median steps)."""
+    """Raise LogError naming the first step longer than `largest_step` (s; default 1.5 median
+    steps).
+    """
     steps = np.diff(time)
     allowed = GAP_FACTOR * float(np.median(steps)) if largest_step is None else largest_step
     wide = np.flatnonzero(steps > allowed)
     if wide.size:
         at = int(wide[0])
         raise LogError(
-            f"column {column!r}: {wide.size} gap(s), the first of {steps[at]:.6g} s after {time[at]:g} s; "
+            f"column {column!r}: {wide.size} gap(s), the first of {steps[at]:.6g} s after "
+            f"{time[at]:g} s; "
             f"at most {allowed:.6g} s is allowed"
         )
 
 
-def check_signals(time: FloatArray, signals: Mapping[str, FloatArray], largest_step: float | None = None) -> None:
-    """Raise LogError for unsorted time, gaps, a signal of another length, and any NaN or infinite sample.
+def check_signals(
+    time: FloatArray, signals: Mapping[str, FloatArray], largest_step: float | None = None
+) -> None:
+    """Raise LogError for unsorted time, gaps, a signal of another length, and any NaN or infinite
+    sample.
 
     Args:
         time: s, shape (n,).
@@ -99,17 +117,22 @@ def check_signals(time: FloatArray, signals: Mapping[str, FloatArray], largest_s
         bad = np.flatnonzero(~np.isfinite(signal))
         if bad.size:
             raise LogError(
-                f"column {name!r}: {bad.size} sample(s) not finite, first {signal[bad[0]]} at {time[bad[0]]:g} s"
+                f"column {name!r}: {bad.size} sample(s) not finite, first {signal[bad[0]]} at "
+                f"{time[bad[0]]:g} s"
             )
 
 
-def low_pass(time: FloatArray, signal: FloatArray, design: LowPass, column: str = "signal") -> FloatArray:
+def low_pass(
+    time: FloatArray, signal: FloatArray, design: LowPass, column: str = "signal"
+) -> FloatArray:
     """Zero-phase low pass of a signal, at the same times.
 
-    Jittered times (a live log) are filtered on an even grid of the mean step and brought back by linear interpolation.
+    Jittered times (a live log) are filtered on an even grid of the mean step and brought back by
+    linear interpolation.
 
     Raises:
-        LogError: gap or NaN, cut-off not below half the sample rate, signal too short for the filter.
+        LogError: gap or NaN, cut-off not below half the sample rate, signal too short for the
+            filter.
     """
     from scipy.signal import butter, sosfiltfilt
 
@@ -117,30 +140,40 @@ def low_pass(time: FloatArray, signal: FloatArray, design: LowPass, column: str 
     step = (time[-1] - time[0]) / (len(time) - 1)
     if design.cutoff_hz >= 0.5 / step:
         raise LogError(
-            f"column {column!r}: cut-off {design.cutoff_hz:g} Hz needs more than {2 * design.cutoff_hz:g} samples per "
+            f"column {column!r}: cut-off {design.cutoff_hz:g} Hz needs more than "
+            f"{2 * design.cutoff_hz:g} samples per "
             f"second, there are {1 / step:.4g}"
         )
     even = bool(np.all(np.abs(np.diff(time) - step) <= _JITTER * step))
     grid = time if even else np.linspace(time[0], time[-1], len(time))
     samples = signal if even else np.interp(grid, time, signal)
     try:
-        filtered = sosfiltfilt(butter(design.order, design.cutoff_hz, output="sos", fs=1.0 / step), samples)
+        filtered = sosfiltfilt(
+            butter(design.order, design.cutoff_hz, output="sos", fs=1.0 / step), samples
+        )
     except ValueError as cause:
         raise LogError(
-            f"column {column!r}: {len(signal)} samples are too few for a filter of order {design.order}"
+            f"column {column!r}: {len(signal)} samples are too few for a filter of order "
+            f"{design.order}"
         ) from cause
     return filtered if even else np.interp(time, grid, filtered)
 
 
-def resting_line(time: FloatArray, signal: FloatArray, resting: NDArray[np.bool_]) -> tuple[float, float, float]:
-    """The line that fits the resting samples best: slope (per s), level at the mean resting time, and that time (s)."""
+def resting_line(
+    time: FloatArray, signal: FloatArray, resting: NDArray[np.bool_]
+) -> tuple[float, float, float]:
+    """The line that fits the resting samples best: slope (per s), level at the mean resting time,
+    and that time (s).
+    """
     centre = float(np.mean(time[resting]))
     slope, level = np.polyfit(time[resting] - centre, signal[resting], 1)
     return float(slope), float(level), centre
 
 
 def hold_last(time: FloatArray, sample_time: FloatArray, samples: FloatArray) -> FloatArray:
-    """Samples (m,) taken at `sample_time`, held until the next one, at the times `time` (n,); NaN before the first."""
+    """Samples (m,) taken at `sample_time`, held until the next one, at the times `time` (n,); NaN
+    before the first.
+    """
     margin = _SAME_TIME * (sample_time[-1] - sample_time[0])
     index = np.searchsorted(sample_time, time + margin, side="right") - 1
     return np.where(index >= 0, samples[np.maximum(index, 0)], np.nan)
@@ -152,11 +185,15 @@ Interval = tuple[float, float]
 LEAST_REST_SAMPLES = 10
 """Fewer samples do not make a resting part."""
 REST = "rest_s"
-"""Key in a log's `extra`: first and last time of its rest phase, s; a cut moves it with the times of the log."""
+"""Key in a log's `extra`: first and last time of its rest phase, s; a cut moves it with the times
+of the log."""
 
 
 def stated_rest(run_log: RunLog) -> Interval | None:
-    """The rest phase that the metadata of a log state; None without. LogError when it is not two times."""
+    """The rest phase that the metadata of a log state; None without.
+
+    LogError when it is not two times.
+    """
     stated = run_log.stated(REST, 2)
     return None if stated is None else (stated[0], stated[1])
 
@@ -190,10 +227,12 @@ class RowUnwrapper:
 
 
 def fill_gaps(run_log: RunLog, longest: float) -> RunLog:
-    """Bridges gaps and NaN of at most `longest` (s) by straight lines; commands and states hold their last value.
+    """Bridges gaps and NaN of at most `longest` (s) by straight lines; commands and states hold
+    their last value.
 
     Raises:
-        LogError: a longer one (names column and time), or NaN before the first or after the last number of a column.
+        LogError: a longer one (names column and time), or NaN before the first or after the last
+            number of a column.
     """
     time = run_log.time
     _named(run_log, check_time, time)
@@ -201,7 +240,9 @@ def fill_gaps(run_log: RunLog, longest: float) -> RunLog:
     steps = np.diff(time)
     _named(run_log, check_gaps, time, max(longest * (1 + 1e-9), GAP_FACTOR * step))
     wide = gaps_in(time)
-    inserted = [np.linspace(time[at], time[at + 1], round(steps[at] / step) + 1)[1:-1] for at in wide]
+    inserted = [
+        np.linspace(time[at], time[at + 1], round(steps[at] / step) + 1)[1:-1] for at in wide
+    ]
     grid = np.sort(np.concatenate([time, *inserted]))
     notes = [
         f"gap of {steps[at]:.4g} s at {time[at]:g} s filled with {new.size} rows"
@@ -221,17 +262,20 @@ def fill_gaps(run_log: RunLog, longest: float) -> RunLog:
 
 
 def remove_drift(
-    run_log: RunLog, columns: Sequence[str], rest: Sequence[Interval], level: Literal["zero", "keep"] = "zero"
+    run_log: RunLog,
+    columns: Sequence[str],
+    rest: Sequence[Interval],
+    level: Literal["zero", "keep"] = "zero",
 ) -> RunLog:
     """Subtracts the line through the resting parts from each column.
 
     Args:
         run_log: without NaN in these columns.
         columns: to change.
-        rest: parts in which the true signal is the same, s. Two parts, before and after the motion, determine the
-            slope far better than one.
-        level: `zero`: the true signal is zero at rest (a zeroed sensor, no wind); `keep`: only the slope goes, the
-            value at the first resting time stays (wind at rest).
+        rest: parts in which the true signal is the same, s. Two parts, before and after the motion,
+            determine the slope far better than one.
+        level: `zero`: the true signal is zero at rest (a zeroed sensor, no wind); `keep`: only the
+            slope goes, the value at the first resting time stays (wind at rest).
 
     Raises:
         LogError: no rest, NaN, fewer than ten resting samples.
@@ -240,7 +284,8 @@ def remove_drift(
     resting = in_parts(time, rest)
     if np.count_nonzero(resting) < LEAST_REST_SAMPLES:
         raise LogError(
-            f"{run_log.name}: no resting part with at least {LEAST_REST_SAMPLES} samples, so no drift line for "
+            f"{run_log.name}: no resting part with at least {LEAST_REST_SAMPLES} samples, so no "
+            "drift line for "
             f"{', '.join(columns)}"
         )
     changed: dict[str, FloatArray] = {}
@@ -251,26 +296,45 @@ def remove_drift(
         slope, mean, centre = resting_line(time, signal, resting)
         kept = mean + slope * (time[resting][0] - centre) if level == "keep" else 0.0
         changed[name] = signal - (mean + slope * (time - centre)) + kept
-        notes.append(f"drift of {name}: {slope:.3g} per s, {mean:.4g} at rest" + (", kept" if level == "keep" else ""))
+        notes.append(
+            f"drift of {name}: {slope:.3g} per s, {mean:.4g} at rest"
+            + (", kept" if level == "keep" else "")
+        )
     return _noted(replace(run_log, table=run_log.table.assign(**changed)), notes)
 
 
 def low_pass_columns(run_log: RunLog, columns: Sequence[str], design: LowPass) -> RunLog:
-    """Columns after a zero-phase low pass; LogError for gaps, NaN, too low a rate or too few samples."""
+    """Columns after a zero-phase low pass; LogError for gaps, NaN, too low a rate or too few
+    samples.
+    """
     time = run_log.time
-    changed = {name: _named(run_log, low_pass, time, run_log.signal(name), design, column=name) for name in columns}
+    changed = {
+        name: _named(run_log, low_pass, time, run_log.signal(name), design, column=name)
+        for name in columns
+    }
     what = f"order {design.order}, {design.cutoff_hz:g} Hz, forwards and back"
-    return _noted(replace(run_log, table=run_log.table.assign(**changed)), [f"low pass ({what}): {', '.join(columns)}"])
+    return _noted(
+        replace(run_log, table=run_log.table.assign(**changed)),
+        [f"low pass ({what}): {', '.join(columns)}"],
+    )
 
 
 def conditioning_notes(run_log: RunLog) -> list[str]:
     """What was done to a log before, a line each."""
-    return [str(note) for entry in run_log.extra.get("conditioning", []) for note in entry.get("notes", [])]
+    return [
+        str(note)
+        for entry in run_log.extra.get("conditioning", [])
+        for note in entry.get("notes", [])
+    ]
 
 
 def earlier_shift(run_log: RunLog) -> float:
-    """By how much the times of a log were made earlier when it was cut, s, as logs of version 0.2 say."""
-    return float(sum(entry.get("time_shift_s", 0.0) for entry in run_log.extra.get("conditioning", [])))
+    """By how much the times of a log were made earlier when it was cut, s, as logs of version 0.2
+    say.
+    """
+    return float(
+        sum(entry.get("time_shift_s", 0.0) for entry in run_log.extra.get("conditioning", []))
+    )
 
 
 def _noted(run_log: RunLog, notes: Sequence[str]) -> RunLog:
@@ -279,8 +343,12 @@ def _noted(run_log: RunLog, notes: Sequence[str]) -> RunLog:
 
 
 def _is_held(column: str) -> bool:
-    """Whether a column is a command, a state or a held sample: it jumps, and is not interpolated."""
-    return "_command" in column or column.startswith(("status_", "speed_", "planned_", "controller_"))
+    """Whether a column is a command, a state or a held sample: it jumps, and is not
+    interpolated.
+    """
+    return "_command" in column or column.startswith(
+        ("status_", "speed_", "planned_", "controller_")
+    )
 
 
 def _check_nan(run_log: RunLog, name: str, good: BoolArray, longest: float, step: float) -> str:
@@ -289,17 +357,22 @@ def _check_nan(run_log: RunLog, name: str, good: BoolArray, longest: float, step
     at = int(np.flatnonzero(~good)[0])
     where = f"{run_log.name}: column {name!r}"
     if not good.any() or not (good[0] and good[-1]):
-        raise LogError(f"{where}: not a number at {time[at]:g} s, with no sample on both sides; cut the log")
+        raise LogError(
+            f"{where}: not a number at {time[at]:g} s, with no sample on both sides; cut the log"
+        )
     lasting = np.diff(time[good])
     if float(lasting.max()) > max(longest * (1 + 1e-9), GAP_FACTOR * step):
         begin = float(time[good][int(np.argmax(lasting))])
         raise LogError(
-            f"{where}: no numbers for {lasting.max():.4g} s after {begin:g} s; at most {longest:g} s is filled"
+            f"{where}: no numbers for {lasting.max():.4g} s after {begin:g} s; at most "
+            f"{longest:g} s is filled"
         )
     return f"{np.count_nonzero(~good)} lost sample(s) of {name} filled, the first at {time[at]:g} s"
 
 
-def _named(run_log: RunLog, function: Callable[..., FloatArray | None], *args: Any, **kwargs: Any) -> Any:
+def _named(
+    run_log: RunLog, function: Callable[..., FloatArray | None], *args: Any, **kwargs: Any
+) -> Any:
     """The function's result; its LogError gets the name of the log."""
     try:
         return function(*args, **kwargs)

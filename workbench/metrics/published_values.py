@@ -7,12 +7,14 @@ from typing import Literal
 from aerodima.workbench.resources import published_rows
 
 SAMPLE_TIMES = {"simulated": 0.001, "physical": 0.01}
-"""Time between the samples that the printed roll sums were made of, s: inferred, not published (ERRATA E35)."""
+"""Time between the samples that the printed roll sums were made of, s: inferred, not published
+(ERRATA E35)."""
 
 Platform = Literal["simulated", "physical"]
 
 FILTERED = "filtered_"
-"""How the columns of metrics from the signals of the physical rows begin; the others have no prefix."""
+"""How the columns of metrics from the signals of the physical rows begin; the others have no
+prefix."""
 
 _ROLL_SUM = "integral_of_roll_rate_as_printed"
 
@@ -29,7 +31,8 @@ class TurnMetrics:
         average_linear_acceleration_m_per_s2: signed mean of the lateral acceleration, m/s2.
         max_kohut_deg_m_per_s2: speed x largest yaw rate, (deg/s)(m/s).
         average_kohut_deg_m_per_s2: speed x mean yaw rate, (deg/s)(m/s).
-        roll_integral_rad: largest value over the run of the integrated body roll rate, outwards, rad.
+        roll_integral_rad: largest value over the run of the integrated body roll rate, outwards,
+            rad.
     """
 
     speed_m_per_s: float
@@ -49,7 +52,8 @@ class PublishedValues:
     Attributes:
         platform: `simulated` or `physical`.
         configuration: `tailless` or `tailed`.
-        metrics: the eight metrics; the roll integral in rad is the printed sum times the inferred sample time.
+        metrics: the eight metrics; the roll integral in rad is the printed sum times the inferred
+            sample time.
         source: the table it stands in.
     """
 
@@ -66,34 +70,53 @@ def published_values() -> tuple[PublishedValues, ...]:
 
 @dataclass(frozen=True)
 class FlipBracket:
-    """Highest commanded speed that a simulated car of the thesis survived and the one at which it flipped, m/s."""
+    """Highest commanded speed that a simulated car of the thesis survived and the one at which it
+    flipped, m/s.
+    """
 
     survived: float
     flipped: float
 
 
 def flip_bracket(configuration: Literal["tailless", "tailed"]) -> FlipBracket:
-    """Published bracket of the simulated car (thesis 7.1.1, 7.1.2; which speed is which: ERRATA E37, E38)."""
+    """Published bracket of the simulated car (thesis 7.1.1, 7.1.2; which speed is which: ERRATA
+    E37, E38).
+    """
     constants = _constants("m/s")
-    survived = {"tailless": "fastest_simulated_tailless_commanded_speed", "tailed": "simulated_tailed_range_high"}
-    return FlipBracket(constants[survived[configuration]], constants[f"simulated_{configuration}_flip_speed"])
+    survived = {
+        "tailless": "fastest_simulated_tailless_commanded_speed",
+        "tailed": "simulated_tailed_range_high",
+    }
+    return FlipBracket(
+        constants[survived[configuration]], constants[f"simulated_{configuration}_flip_speed"]
+    )
 
 
 @cache
 def inner_lift_yaw_rate() -> float:
-    """Yaw rate up to which both inner wheels of the thesis' simulated car stay on the ground, rad/s (thesis 6.3.4)."""
+    """Yaw rate up to which both inner wheels of the thesis' simulated car stay on the ground, rad/s
+    (thesis 6.3.4).
+    """
     return _constants("rad/s")["tail_trigger_yaw_rate"]
 
 
 def _figures(row: dict[str, str]) -> PublishedValues:
-    direct = {field.name: float(row[field.name]) for field in fields(TurnMetrics) if field.name in row}
+    direct = {
+        field.name: float(row[field.name]) for field in fields(TurnMetrics) if field.name in row
+    }
     return PublishedValues(
         platform=row["platform"],  # type: ignore[arg-type]  # the file holds these two
         configuration=row["configuration"],
-        metrics=TurnMetrics(**direct, roll_integral_rad=float(row[_ROLL_SUM]) * SAMPLE_TIMES[row["platform"]]),
+        metrics=TurnMetrics(
+            **direct, roll_integral_rad=float(row[_ROLL_SUM]) * SAMPLE_TIMES[row["platform"]]
+        ),
         source=row["source_table"],
     )
 
 
 def _constants(unit: str) -> dict[str, float]:
-    return {row["name"]: float(row["value_si"]) for row in published_rows("constants") if row["unit_si"] == unit}
+    return {
+        row["name"]: float(row["value_si"])
+        for row in published_rows("constants")
+        if row["unit_si"] == unit
+    }

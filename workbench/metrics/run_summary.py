@@ -1,6 +1,8 @@
-"""What a table or a plot over many runs needs of each run, and which published figures stand beside it.
+"""What a table or a plot over many runs needs of each run, and which published figures stand beside
+it.
 
-Everything comes from the run log. `RunSummary` is small and pickles, so a worker process can send it.
+Everything comes from the run log. `RunSummary` is small and pickles, so a worker process can send
+it.
 """
 
 import math
@@ -49,26 +51,37 @@ def plant_speed(run_log: RunLog) -> FloatArray:
 
 def plant_tilt(run_log: RunLog) -> FloatArray | None:
     """Angle of the base's z axis from the world's, degrees, shape (n,); None without a base."""
-    return np.degrees(run_log.signal("tilt_truth_rad")) if "tilt_truth_rad" in run_log.table else None
+    return (
+        np.degrees(run_log.signal("tilt_truth_rad")) if "tilt_truth_rad" in run_log.table else None
+    )
 
 
 def plant_air(run_log: RunLog) -> FloatArray | None:
-    """Forces of the air on all tails, the sum of their magnitudes, N, shape (n,); None without a tail."""
+    """Forces of the air on all tails, the sum of their magnitudes, N, shape (n,); None without a
+    tail.
+    """
     forces = [air_force(run_log, name) for name, _ in tails_of(run_log)]
     return np.asarray(np.sum(forces, axis=0)) if forces else None
 
 
 def of_plants(run_logs: Sequence[RunLog]) -> bool:
-    """Whether these are runs of plants that `observe` logged; LogError when some are and some are not."""
+    """Whether these are runs of plants that `observe` logged; LogError when some are and some are
+    not.
+    """
     plants = [run_log.kind == PLANT_RUN for run_log in run_logs]
     if any(plants) and not all(plants):
-        car, plant = run_logs[plants.index(False)].name, run_logs[plants.index(True)].name
-        raise LogError(f"{plant} is a run of another plant than the car, {car} is not; name logs of one kind")
+        car = run_logs[plants.index(False)].name
+        plant = run_logs[plants.index(True)].name
+        raise LogError(
+            f"{plant} is a run of another plant than the car, {car} is not; name logs of one kind"
+        )
     return any(plants)
 
 
 def plant_outcome(run_log: RunLog) -> Outcome | None:
-    """Whether the base stayed upright, as for a car without wheel loads; None without a base that starts upright."""
+    """Whether the base stayed upright, as for a car without wheel loads; None without a base that
+    starts upright.
+    """
     if "tilt_truth_rad" not in run_log.table:
         return None
     tilt = run_log.signal("tilt_truth_rad")
@@ -78,20 +91,25 @@ def plant_outcome(run_log: RunLog) -> Outcome | None:
 def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
     """One flat row for a table; units are at the end of the names.
 
-    `outcome`: see `plant_outcome`, None where it is not defined. Tilt and heading are those of the base, speed, height
-    and path those of the centre of mass. Per tail: largest force of the air, and the magnitude of its impulse (the
-    integral of the force over the run).
+    `outcome`: see `plant_outcome`, None where it is not defined. Tilt and heading are those of the
+    base, speed, height and path those of the centre of mass. Per tail: largest force of the air,
+    and the magnitude of its impulse (the integral of the force over the run).
 
     Raises:
         LogError: the log is of another kind than `plant_run`, times are not sorted, a value is NaN.
     """
     if run_log.kind != PLANT_RUN:
-        raise LogError(f"{run_log.name}: is a log of kind {run_log.kind!r}; allowed: {PLANT_RUN!r}, from observe()")
-    time, table = run_log.time, run_log.table
+        raise LogError(
+            f"{run_log.name}: is a log of kind {run_log.kind!r}; allowed: {PLANT_RUN!r}, from "
+            "observe()"
+        )
+    time = run_log.time
+    table = run_log.table
     check_time(time)
     used = [name for name in table.columns if name.startswith("com_") or name == "tilt_truth_rad"]
     check_signals(time, {name: run_log.signal(name) for name in used})
-    com, velocity = run_log.vector("com", "truth_m"), run_log.vector("com_velocity", "truth_m_per_s")
+    com = run_log.vector("com", "truth_m")
+    velocity = run_log.vector("com_velocity", "truth_m_per_s")
     outcome = plant_outcome(run_log)
     row: dict[str, Any] = {
         "outcome": None if outcome is None else outcome.result,
@@ -102,25 +120,36 @@ def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
         "min_height_m": float(np.min(com[:, 2])),
     }
     if "tilt_truth_rad" in table:
-        tilt, yaw = run_log.signal("tilt_truth_rad"), np.unwrap(run_log.signal("yaw_truth_rad"))
+        tilt = run_log.signal("tilt_truth_rad")
+        yaw = np.unwrap(run_log.signal("yaw_truth_rad"))
         row |= {"start_tilt_rad": tilt[0], "max_tilt_rad": np.max(tilt), "end_tilt_rad": tilt[-1]}
         row["heading_change_rad"] = yaw[-1] - yaw[0]
     for name, _ in tails_of(run_log):
         row[f"{name}_max_n"] = np.max(air_force(run_log, name))
-        row[f"{name}_impulse_n_s"] = np.linalg.norm(trapezoid(run_log.vector(name, "truth_n"), time, axis=0))
+        row[f"{name}_impulse_n_s"] = np.linalg.norm(
+            trapezoid(run_log.vector(name, "truth_n"), time, axis=0)
+        )
         facts = run_log.extra.get(f"{name}_sections", {})
         row |= {f"{name}_{key}": value for key, value in facts.items()}
-    return {key: value if value is None or isinstance(value, str) else float(value) for key, value in row.items()}
+    return {
+        key: value if value is None or isinstance(value, str) else float(value)
+        for key, value in row.items()
+    }
 
 
 def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[dict[str, Any]]:
-    """A flat row of metrics per run: of the car (`RunMetrics.as_row`), or of other plants (`plant_metrics`).
+    """A flat row of metrics per run: of the car (`RunMetrics.as_row`), or of other plants
+    (`plant_metrics`).
 
     Raises:
-        LogError: runs of a car and of another plant together; or as for `metrics_of` and `plant_metrics`.
+        LogError: runs of a car and of another plant together; or as for `metrics_of` and
+            `plant_metrics`.
     """
     plants = of_plants(run_logs)
-    return [dict(plant_metrics(run_log) if plants else metrics_of(run_log).as_row()) for run_log in run_logs]
+    return [
+        dict(plant_metrics(run_log) if plants else metrics_of(run_log).as_row())
+        for run_log in run_logs
+    ]
 
 
 KM_PER_H = 3.6
@@ -130,8 +159,9 @@ PUBLISHED_RUNS: dict[tuple[str, int], tuple[tuple[Platform, str], ...]] = {
     ("none", 12): (("simulated", "tailless"), ("physical", "tailless")),
     ("swing", 16): (("simulated", "tailed"),),
 }
-"""(tail mode, commanded speed in whole km/h) -> published rows made so. The thesis stepped the speed in whole km/h
-(ERRATA E37); its tailed car swung the tail. The physical tailed row (6.10 m/s) is faster than any run of the demo."""
+"""(tail mode, commanded speed in whole km/h) -> published rows made so. The thesis stepped the
+speed in whole km/h (ERRATA E37); its tailed car swung the tail. The physical tailed row (6.10 m/s)
+is faster than any run of the demo."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +174,8 @@ class RunSummary:
         commanded_speed: m/s.
         metrics: outcome and metrics.
         window: start and end of the turn, s.
-        impulses: of the tail about the heading axis, over the window; None without tail or without its ground truth.
+        impulses: of the tail about the heading axis, over the window; None without tail or without
+            its ground truth.
         trigger_time: when the controller began to swing, s; None when it never did.
         swing_end_time: when the swing was over, s; None when it was not within the run.
         peak_gyro: largest yaw rate into the turn that the IMU reported in the window, rad/s.
@@ -182,9 +213,14 @@ class RunSummary:
         }
 
     def impulses_row(self) -> dict[str, float | None]:
-        """The impulses of the tail about the heading axis, positive = against rolling outwards; None without a tail."""
+        """The impulses of the tail about the heading axis, positive = against rolling outwards;
+        None without a tail.
+        """
         found = self.impulses
-        return {f"{cause}_impulse_window_n_m_s": None if found is None else getattr(found, cause) for cause in CAUSES}
+        return {
+            f"{cause}_impulse_window_n_m_s": None if found is None else getattr(found, cause)
+            for cause in CAUSES
+        }
 
 
 MODE_WORDS = {
@@ -198,9 +234,11 @@ MODE_WORDS = {
 
 
 def tail_mode_of(scenario: Mapping[str, Any]) -> str:
-    """What the tail does in a resolved scenario: `none`, `held`, `swing`, or a swing that is not the published one.
+    """What the tail does in a resolved scenario: `none`, `held`, `swing`, or a swing that is not
+    the published one.
 
-    Those are `optimised`, played from a file, and `designed`, the published motion of another tail than the built one.
+    Those are `optimised`, played from a file, and `designed`, the published motion of another tail
+    than the built one.
     """
     tail = scenario["tail"]
     if tail["mode"] != "swing":

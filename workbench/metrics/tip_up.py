@@ -1,7 +1,9 @@
-"""Whether a car tips up while it is steered: how high two wheels of one side are lifted, and what touches the ground.
+"""Whether a car tips up while it is steered: how high two wheels of one side are lifted, and what
+touches the ground.
 
-NHTSA calls two wheels of one side two inches (51 mm) above the ground a tip-up, on cars of full size. At the size of
-this car, a tenth, it is `TWO_WHEELS`. Everything is from the ground truth and counts from the start of the steering on.
+NHTSA calls two wheels of one side two inches (51 mm) above the ground a tip-up, on cars of full
+size. At the size of this car, a tenth, it is `TWO_WHEELS`. Everything is from the ground truth and
+counts from the start of the steering on.
 """
 
 from collections.abc import Sequence
@@ -19,7 +21,8 @@ from aerodima.workbench.metrics.turn_course import ground_velocity
 from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, turn_signals
 
 LIFT_COLUMNS = tuple(f"wheel_lift_{wheel}_truth_m" for wheel in WHEELS)
-"""Height of the lowest point of each tyre over the level ground, m; not above 0 where it presses into the ground."""
+"""Height of the lowest point of each tyre over the level ground, m; not above 0 where it presses
+into the ground."""
 
 TWO_WHEELS = 0.005
 """Two wheels of one side that are both higher than this have tipped up, m."""
@@ -28,7 +31,8 @@ LAST = 0.2
 """How much of the end of a run says whether the car goes straight again, s."""
 
 Windows = Sequence[tuple[float, float, float]]
-"""Start and end, s, and side, +1 left or -1 right, of each part of a run in which the car is steered to that side."""
+"""Start and end, s, and side, +1 left or -1 right, of each part of a run in which the car is
+steered to that side."""
 
 _TIME_MARGIN = 1e-6
 """A sample this close to the edge of a window (s) belongs to it."""
@@ -39,12 +43,16 @@ class TipUp:
     """How near a steered car came to tipping up, and how it turned.
 
     Attributes:
-        side_lift_m: largest value over time of the smaller lift of the two wheels of one side, m; None where the log
-            lacks the lifts.
-        touched_when_steered: which of cage, board and tail touched the ground, the anti-ramp board while the car is
-            steered alone: it is there to catch a car that gathers speed after a turn; None where the log cannot tell.
-        lateral_acceleration_m_per_s2: see `lateral_acceleration`; None where the log ends before the steering.
-        last_yaw_rate_rad_per_s: mean of the last `LAST` seconds; None where the car is steered in them.
+        side_lift_m: largest value over time of the smaller lift of the two wheels of one side, m;
+            None where the log lacks the lifts.
+        touched_when_steered: which of cage, board and tail touched the ground, the anti-ramp board
+            while the car is
+            steered alone: it is there to catch a car that gathers speed after a turn; None where
+                the log cannot tell.
+        lateral_acceleration_m_per_s2: see `lateral_acceleration`; None where the log ends before
+            the steering.
+        last_yaw_rate_rad_per_s: mean of the last `LAST` seconds; None where the car is steered in
+            them.
     """
 
     side_lift_m: float | None
@@ -65,19 +73,27 @@ def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
         windows: in which it is steered; None takes the window of its turn.
     """
     signals = turn_signals(run_log, "truth")
-    contact, steered = signals.ground_contact, signals.from_start
+    contact = signals.ground_contact
+    steered = signals.from_start
     lifts = [run_log.signal(name)[steered] for name in LIFT_COLUMNS if name in run_log.table]
     windows = [(*signals.window, signals.sign)] if windows is None else windows
-    last, time = signals.time[-1] - LAST, run_log.time
+    last = signals.time[-1] - LAST
+    time = run_log.time
     turning = np.zeros(time.shape, bool)
     for start, end, _ in windows:
         turning |= (time >= start) & (time <= end)
     still_steered = any(end > last for _, end, _ in windows)
     return TipUp(
         side_lift_m=side_lift(np.column_stack(lifts)) if len(lifts) == len(WHEELS) else None,
-        touched_when_steered=None if contact is None else " ".join(_touched(contact[steered], turning[steered])),
-        lateral_acceleration_m_per_s2=lateral_acceleration(time, *ground_velocity(run_log), windows),
-        last_yaw_rate_rad_per_s=None if still_steered else float(np.mean(signals.yaw_rate[signals.time >= last])),
+        touched_when_steered=None
+        if contact is None
+        else " ".join(_touched(contact[steered], turning[steered])),
+        lateral_acceleration_m_per_s2=lateral_acceleration(
+            time, *ground_velocity(run_log), windows
+        ),
+        last_yaw_rate_rad_per_s=None
+        if still_steered
+        else float(np.mean(signals.yaw_rate[signals.time >= last])),
     )
 
 
@@ -93,14 +109,19 @@ def side_lift(lifts: FloatArray) -> float:
     Args:
         lifts: of the wheels, in the order of `WHEELS` (n, 4), m.
     """
-    sides = [[index for index, wheel in enumerate(WHEELS) if wheel.endswith(side)] for side in SIDES]
+    sides = [
+        [index for index, wheel in enumerate(WHEELS) if wheel.endswith(side)] for side in SIDES
+    ]
     return float(max(np.max(np.min(lifts[:, side], axis=1)) for side in sides))
 
 
-def lateral_acceleration(time: FloatArray, speed: FloatArray, course: FloatArray, windows: Windows) -> float | None:
+def lateral_acceleration(
+    time: FloatArray, speed: FloatArray, course: FloatArray, windows: Windows
+) -> float | None:
     """Mean over all windows, and over time, of side times speed times rate of the course, m/s2.
 
-    None where no window has two samples. The body's yaw rate would count a spin, which does not turn the path.
+    None where no window has two samples. The body's yaw rate would count a spin, which does not
+    turn the path.
 
     A window that reaches beyond the samples counts as far as they go.
 
@@ -120,13 +141,25 @@ def lateral_acceleration(time: FloatArray, speed: FloatArray, course: FloatArray
 
 
 def path_row(run_log: RunLog, scenario: Scenario) -> dict[str, float | bool]:
-    """How far a run leaves its lane at most, m (negative: it keeps it), and whether it gets to the end of the path.
+    """How far a run leaves its lane at most, m (negative: it keeps it), and whether it gets to the
+    end of the path.
 
     Nothing for a manoeuvre that follows no path. LogError where there is no ground truth.
     """
     if scenario.manoeuvre.kind != "path":
         return {}
-    path, car = path_of(scenario), scenario.car
+    path = path_of(scenario)
+    car = scenario.car
     x, y = (run_log.signal(f"position_{axis}_truth_m") for axis in "xy")
-    outside = off_path(path, x, y, run_log.signal("yaw_truth_rad"), 0.5 * (car.track + car.tyre_width), car.wheelbase)
-    return {"off_path_m": float(np.max(outside)), "path_end_reached": bool(np.max(path.station(x, y)) >= path.end)}
+    outside = off_path(
+        path,
+        x,
+        y,
+        run_log.signal("yaw_truth_rad"),
+        0.5 * (car.track + car.tyre_width),
+        car.wheelbase,
+    )
+    return {
+        "off_path_m": float(np.max(outside)),
+        "path_end_reached": bool(np.max(path.station(x, y)) >= path.end),
+    }

@@ -1,10 +1,12 @@
-"""What a run comes to: the eight metrics of the thesis, raw and filtered, and whether the car stayed on its wheels.
+"""What a run comes to: the eight metrics of the thesis, raw and filtered, and whether the car
+stayed on its wheels.
 
-Everything is computed from the log alone. The eight metrics come twice, from the signals that the thesis took for its
-simulated car (`RunMetrics.raw`) and for the real one (`RunMetrics.filtered`); all else
-from the ground truth if the log has it, otherwise from the sensors (`RunMetrics.source`). Signs are turned so that the
-turn is positive (`aerodima.workbench.metrics.turn_signals`), so left and right turns are measured alike. Definitions:
-design section 10, thesis section 3.3 and eqs 7.1-7.7.
+Everything is computed from the log alone. The eight metrics come twice, from the signals that the
+thesis took for its simulated car (`RunMetrics.raw`) and for the real one (`RunMetrics.filtered`);
+all else from the ground truth if the log has it, otherwise from the sensors (`RunMetrics.source`).
+Signs are turned so that the turn is positive (`aerodima.workbench.metrics.turn_signals`), so left
+and right turns are measured alike. Definitions: design section 10, thesis section 3.3 and eqs
+7.1-7.7.
 """
 
 import math
@@ -26,7 +28,12 @@ from aerodima.workbench.metrics.published_values import (
     TurnMetrics,
 )
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT, tail_effort
-from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, TurnSignals, settled_row, turn_signals
+from aerodima.workbench.metrics.turn_signals import (
+    LOADED_FORCE,
+    TurnSignals,
+    settled_row,
+    turn_signals,
+)
 
 END_TILT = math.radians(20.0)
 """Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""
@@ -40,16 +47,17 @@ class Outcome:
     """How a run ended.
 
     Attributes:
-        result: `flipped` if the tilt passed 75 degrees at any time, or the run ended beyond 20 degrees with fewer than
-            four wheels loaded (without wheel loads in the log: beyond 20 degrees); else `survived`.
-        clean: survived, and neither cage nor tail touched the ground, nor the board from the start of the turn on; None
-            when the log cannot tell.
+        result: `flipped` if the tilt passed 75 degrees at any time, or the run ended beyond 20
+            degrees with fewer than four wheels loaded (without wheel loads in the log: beyond 20
+            degrees); else `survived`.
+        clean: survived, and neither cage nor tail touched the ground, nor the board from the start
+            of the turn on; None when the log cannot tell.
         max_tilt_rad: largest tilt of the body's z axis, rad.
         end_tilt_rad: tilt at the end, rad.
         end_wheels_loaded: wheels on the ground at the end; None without wheel loads.
         touched: which of them did.
-        board_before_turn_s: how long the anti-ramp board was on the ground before the turn, where it is meant to be
-            while the car gathers speed, s; None when the log cannot tell.
+        board_before_turn_s: how long the anti-ramp board was on the ground before the turn, where
+            it is meant to be while the car gathers speed, s; None when the log cannot tell.
     """
 
     result: Literal["flipped", "survived"]
@@ -63,25 +71,31 @@ class Outcome:
 
 @dataclass(frozen=True)
 class RunMetrics:
-    """Everything that is reported about a run. "From the turn on" = from the steering command to the end of the log.
+    """Everything that is reported about a run.
+
+    "From the turn on" = from the steering command to the end of the log.
 
     Attributes:
         source: `truth` or `sensors`: the signals used, but for `filtered`.
         direction: side of the turn.
-        raw: the eight metrics as Tables 7.1 and 7.2 have them: motion at the IMU's place at up to 1000 Hz, unfiltered.
-        filtered: the eight as Tables 7.3 and 7.4 have them: from what the car's IMU and GPS report, at 100 Hz, after
-            the zero-phase filters used for the car (IMU 5 Hz, GPS 1 Hz, second order).
+        raw: the eight metrics as Tables 7.1 and 7.2 have them: motion at the IMU's place at up to
+            1000 Hz, unfiltered.
+        filtered: the eight as Tables 7.3 and 7.4 have them: from what the car's IMU and GPS report,
+            at 100 Hz, after the zero-phase filters used for the car (IMU 5 Hz, GPS 1 Hz, second
+            order).
         outcome: whether it stayed upright.
         peak_roll_rad: largest roll outwards from the turn on, rad.
-        two_wheel_time_s: time with fewer than three wheels loaded from the turn on, s; None without wheel loads.
-        heading_change_rad: heading once the car has settled (`settling`), else at the end of the log, less heading at
-            the start of the turn, into the turn, rad.
-        tail_torque_peak_n_m: largest torque of either tail motor from the turn on, N m; None when not logged.
+        two_wheel_time_s: time with fewer than three wheels loaded from the turn on, s; None without
+            wheel loads.
+        heading_change_rad: heading once the car has settled (`settling`), else at the end of the
+            log, less heading at the start of the turn, into the turn, rad.
+        tail_torque_peak_n_m: largest torque of either tail motor from the turn on, N m; None when
+            not logged.
         tail_energy_j: positive work of the tail motors from the turn on, J; None when not logged.
-        speed_in_turn_m_per_s: mean speed over the window, weighted by the yaw rate: mean Kohut over mean yaw rate if
-            Kohut is taken from sample to sample (ERRATA E36), m/s.
-        lift_yaw_rate_rad_per_s: largest yaw rate in the window until the first inner wheel leaves the ground (thesis
-            6.3.4), over all of it if none does, rad/s; None without wheel loads.
+        speed_in_turn_m_per_s: mean speed over the window, weighted by the yaw rate: mean Kohut over
+            mean yaw rate if Kohut is taken from sample to sample (ERRATA E36), m/s.
+        lift_yaw_rate_rad_per_s: largest yaw rate in the window until the first inner wheel leaves
+            the ground (thesis 6.3.4), over all of it if none does, rad/s; None without wheel loads.
     """
 
     source: Literal["truth", "sensors"]
@@ -102,8 +116,16 @@ class RunMetrics:
         return self.filtered if platform == "physical" else self.raw
 
     def as_row(self) -> dict[str, float | str | bool | None]:
-        """One flat row for a table: raw metrics under their names, filtered ones with `filtered_` before them."""
-        whole = ("peak_roll_rad", "two_wheel_time_s", "heading_change_rad", "tail_torque_peak_n_m", "tail_energy_j")
+        """One flat row for a table: raw metrics under their names, filtered ones with `filtered_`
+        before them.
+        """
+        whole = (
+            "peak_roll_rad",
+            "two_wheel_time_s",
+            "heading_change_rad",
+            "tail_torque_peak_n_m",
+            "tail_energy_j",
+        )
         own = (*whole, *OF_THE_TURN)
         return {
             "outcome": self.outcome.result,
@@ -123,11 +145,13 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
     """All metrics of a run.
 
     Raises:
-        LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends before the turn does.
+        LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends
+            before the turn does.
     """
     signals = turn_signals(run_log)
     reported = signals if signals.source == "sensors" else turn_signals(run_log, "sensors")
-    after, time = signals.from_start, signals.time
+    after = signals.from_start
+    time = signals.time
     loads = signals.wheel_loads
     peak_torque, energy = tail_effort(run_log, after)
     settled = settled_row(run_log.table, signals.window[1])
@@ -138,8 +162,12 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
         filtered=turn_metrics(reported.sampled(1.0 / SAMPLE_TIMES["physical"]), filtered=True),
         outcome=_outcome(signals),
         peak_roll_rad=float(np.max(signals.roll[after])),
-        two_wheel_time_s=None if loads is None else _time_while(time[after], _wheels_loaded(loads[after]) < 3),
-        heading_change_rad=float(signals.yaw[-1 if settled is None else settled] - signals.yaw[after][0]),
+        two_wheel_time_s=None
+        if loads is None
+        else _time_while(time[after], _wheels_loaded(loads[after]) < 3),
+        heading_change_rad=float(
+            signals.yaw[-1 if settled is None else settled] - signals.yaw[after][0]
+        ),
         tail_torque_peak_n_m=peak_torque,
         tail_energy_j=energy,
         speed_in_turn_m_per_s=_speed_in_turn(signals),
@@ -150,9 +178,9 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
 def turn_metrics(signals: TurnSignals, filtered: bool = False) -> TurnMetrics:
     """The eight metrics over the window of the turn.
 
-    Maxima are of magnitudes, averages are signed means over time; Kohut = speed at the start of the window x yaw rate
-    in degrees per second; the roll integral is the largest value over the whole run of the integrated outward roll
-    rate.
+    Maxima are of magnitudes, averages are signed means over time; Kohut = speed at the start of the
+    window x yaw rate in degrees per second; the roll integral is the largest value over the whole
+    run of the integrated outward roll rate.
 
     Args:
         signals: of a run, sign turned.
@@ -169,7 +197,8 @@ def turn_metrics(signals: TurnSignals, filtered: bool = False) -> TurnMetrics:
     yaw_rate = prepared("yaw_rate", signals.yaw_rate)[window]
     acceleration = prepared("lateral_acceleration", signals.lateral_acceleration)[window]
     roll_rate = prepared("roll_rate", signals.roll_rate)
-    max_yaw_rate, average_yaw_rate = float(np.max(np.abs(yaw_rate))), _mean(time, yaw_rate)
+    max_yaw_rate = float(np.max(np.abs(yaw_rate)))
+    average_yaw_rate = _mean(time, yaw_rate)
     return TurnMetrics(
         speed_m_per_s=speed,
         max_yaw_rate_rad_per_s=max_yaw_rate,
@@ -212,10 +241,13 @@ def outcome_from(
     board_before = None
     if ground_contact is not None:
         hit = ground_contact > LOADED_FORCE
-        board, before = GROUND_CONTACTS.index("board"), time < turn_start
+        board = GROUND_CONTACTS.index("board")
+        before = time < turn_start
         board_before = _time_while(time, hit[:, board] & before)
         hit[before, board] = False
-        touched = tuple(part for part, ever in zip(GROUND_CONTACTS, hit.any(axis=0), strict=True) if ever)
+        touched = tuple(
+            part for part, ever in zip(GROUND_CONTACTS, hit.any(axis=0), strict=True) if ever
+        )
     clean = False if flipped else (None if ground_contact is None else not touched)
     return Outcome(
         result="flipped" if flipped else "survived",
@@ -230,18 +262,25 @@ def outcome_from(
 
 def _outcome(signals: TurnSignals) -> Outcome:
     start = float(signals.time[signals.from_start][0])
-    return outcome_from(signals.time, signals.tilt, signals.wheel_loads, signals.ground_contact, start)
+    return outcome_from(
+        signals.time, signals.tilt, signals.wheel_loads, signals.ground_contact, start
+    )
 
 
 def _speed_in_turn(signals: TurnSignals) -> float:
-    time, speed = signals.time[signals.in_window], signals.speed[signals.in_window]
+    time = signals.time[signals.in_window]
+    speed = signals.speed[signals.in_window]
     yaw_rate = np.abs(signals.yaw_rate[signals.in_window])
     turned = _mean(time, yaw_rate)
     return _mean(time, speed * yaw_rate) / turned if turned > 0.0 else _mean(time, speed)
 
 
 def _lift_yaw_rate(signals: TurnSignals, loads: FloatArray) -> float:
-    inner = [index for index, wheel in enumerate(WHEELS) if wheel.endswith("left" if signals.sign > 0 else "right")]
+    inner = [
+        index
+        for index, wheel in enumerate(WHEELS)
+        if wheel.endswith("left" if signals.sign > 0 else "right")
+    ]
     window = signals.in_window
     lifted = np.flatnonzero(_wheels_loaded(loads[window][:, inner]) < len(inner))
     until = lifted[0] + 1 if lifted.size else None
@@ -249,7 +288,9 @@ def _lift_yaw_rate(signals: TurnSignals, loads: FloatArray) -> float:
 
 
 def _mean(time: FloatArray, values: FloatArray) -> float:
-    """Mean over time, which for evenly spaced samples differs from their plain mean by half a step at each end."""
+    """Mean over time, which for evenly spaced samples differs from their plain mean by half a step
+    at each end.
+    """
     return float(trapezoid(values, time) / (time[-1] - time[0]))
 
 

@@ -1,9 +1,10 @@
-"""The signals of one run that metrics are made of, with the sign turned so that the turn is positive.
+"""The signals of one run that metrics are made of, with the sign turned so that the turn is
+positive.
 
-Ground truth is used where the log has it, otherwise the sensors, or the sensors alone; `TurnSignals.source` says which.
-Turning the sign makes a left turn and its mirror image in a right turn equal: yaw rate and lateral acceleration are
-positive into the turn, roll and roll rate are positive outwards (to the right in a left turn: a positive rotation about
-x of B).
+Ground truth is used where the log has it, otherwise the sensors, or the sensors alone;
+`TurnSignals.source` says which. Turning the sign makes a left turn and its mirror image in a right
+turn equal: yaw rate and lateral acceleration are positive into the turn, roll and roll rate are
+positive outwards (to the right in a left turn: a positive rotation about x of B).
 """
 
 import itertools
@@ -31,7 +32,8 @@ _STRAIGHT = 1e-6
 _TIME_MARGIN = 1e-6
 """Log times are sums of steps: a sample this close to the edge of the window (s) belongs to it."""
 LOADED_FORCE = 0.1
-"""A wheel, cage, board or tail touches the ground from this force on, N; a part in the air feels exactly none."""
+"""A wheel, cage, board or tail touches the ground from this force on, N; a part in the air feels
+exactly none."""
 _RATE_MARGIN = 0.05
 """A log is not thinned out for this much of its rate."""
 
@@ -42,14 +44,15 @@ class TurnSignals:
 
     Attributes:
         time: s.
-        window: start and end of the turn (from the steering command until the wheels are straight again), s.
+        window: start and end of the turn (from the steering command until the wheels are straight
+            again), s.
         sign: +1 left turn, -1 right turn.
         source: `truth` or `sensors`.
         speed: ground speed, m/s.
         yaw_rate: body rate about z, into the turn, rad/s.
         lateral_acceleration: along y of B, gravity removed, into the turn, m/s2.
-        roll_rate: body rate about x, outwards, rad/s; without truth its mean before the turn (the bias of the
-            gyro) is removed.
+        roll_rate: body rate about x, outwards, rad/s; without truth its mean before the turn (the
+            bias of the gyro) is removed.
         roll: roll angle, outwards, unwrapped, rad.
         yaw: heading, into the turn, unwrapped, rad.
         tilt: angle of the body's z axis from the world's, 0 to pi, rad.
@@ -72,12 +75,20 @@ class TurnSignals:
     ground_contact: FloatArray | None
 
     def sampled(self, rate: float) -> "TurnSignals":
-        """What a logger of `rate` (Hz) would have kept: the newest row at each k / rate; all of a slower log."""
+        """What a logger of `rate` (Hz) would have kept: the newest row at each k / rate; all of a
+        slower log.
+        """
         count = self.time.size
         if (count - 1) / (self.time[-1] - self.time[0]) <= rate * (1.0 + _RATE_MARGIN):
             return self
-        first, last = (math.ceil(self.time[0] * rate - _TIME_MARGIN), math.floor(self.time[-1] * rate + _TIME_MARGIN))
-        rows = np.searchsorted(self.time, np.arange(first, last + 1) / rate + _TIME_MARGIN, side="right") - 1
+        first = math.ceil(self.time[0] * rate - _TIME_MARGIN)
+        last = math.floor(self.time[-1] * rate + _TIME_MARGIN)
+        rows = (
+            np.searchsorted(
+                self.time, np.arange(first, last + 1) / rate + _TIME_MARGIN, side="right"
+            )
+            - 1
+        )
         kept: dict[str, Any] = {
             field.name: values[rows]
             for field in fields(self)
@@ -88,7 +99,9 @@ class TurnSignals:
     @property
     def in_window(self) -> NDArray[np.bool_]:
         """Which samples lie in the window, both ends included."""
-        return (self.time >= self.window[0] - _TIME_MARGIN) & (self.time <= self.window[1] + _TIME_MARGIN)
+        return (self.time >= self.window[0] - _TIME_MARGIN) & (
+            self.time <= self.window[1] + _TIME_MARGIN
+        )
 
     @property
     def from_start(self) -> NDArray[np.bool_]:
@@ -97,13 +110,18 @@ class TurnSignals:
 
 
 def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = None) -> TurnSignals:
-    """Signals of a run's turn, from the given source; by default from the truth where the log has it.
+    """Signals of a run's turn, from the given source; by default from the truth where the log has
+    it.
 
     Raises:
-        LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends before the turn does.
+        LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends
+            before the turn does.
     """
     if run_log.kind == PLANT_RUN:
-        raise LogError(f"{run_log.name}: a turn and its metrics need a run of the car; plant_metrics() reads this log")
+        raise LogError(
+            f"{run_log.name}: a turn and its metrics need a run of the car; plant_metrics() reads "
+            "this log"
+        )
     time = run_log.time
     check_time(time)
     sign = turn_sign(run_log)
@@ -113,9 +131,12 @@ def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = N
     check_signals(time, {f"{name} ({source})": values for name, values in named.items()})
     if time[0] > window[0] + _TIME_MARGIN or time[-1] < window[1] - _TIME_MARGIN:
         raise LogError(
-            f"{run_log.name}: holds {time[0]:g} to {time[-1]:g} s, the turn is {window[0]:g} to {window[1]:g} s"
+            f"{run_log.name}: holds {time[0]:g} to {time[-1]:g} s, the turn is {window[0]:g} to "
+            f"{window[1]:g} s"
         )
-    turned = {name: sign * values for name, values in named.items() if name not in ("speed", "tilt")}
+    turned = {
+        name: sign * values for name, values in named.items() if name not in ("speed", "tilt")
+    }
     return TurnSignals(
         time=time,
         window=window,
@@ -124,13 +145,17 @@ def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = N
         speed=named["speed"],
         tilt=named["tilt"],
         wheel_loads=_columns(run_log, [f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS]),
-        ground_contact=_columns(run_log, [f"ground_contact_{part}_truth_n" for part in GROUND_CONTACTS]),
+        ground_contact=_columns(
+            run_log, [f"ground_contact_{part}_truth_n" for part in GROUND_CONTACTS]
+        ),
         **turned,
     )
 
 
 def turn_sign(run_log: RunLog) -> float:
-    """+1 for a left turn, -1 for a right one, the side of the first steering; +1 for a straight run or a slalom."""
+    """+1 for a left turn, -1 for a right one, the side of the first steering; +1 for a straight run
+    or a slalom.
+    """
     if DRIVEN_BY in run_log.extra:
         return -1.0 if np.sum(run_log.signal("steering_command_rad")) < 0.0 else 1.0
     if run_log.setting("manoeuvre", "kind") in ("straight", "slalom"):
@@ -141,37 +166,51 @@ def turn_sign(run_log: RunLog) -> float:
 def turn_window(run_log: RunLog) -> tuple[float, float]:
     """Start and end of the turn, s: from the steering command to straight wheels after it.
 
-    The end is that of the last step of steering + the time in which the servo brings the wheels back. A turn starts
-    when the scenario says, the turn of the AUTO sequence at the first steering command in the log. A fishhook ends
-    after the last steering command in the log, or with the log. For other kinds the window is the run from `turn_start`
-    on, or the whole run if it is shorter than that. That of a car that somebody steered is from the first to the last
-    steering command, the whole run without any.
+    The end is that of the last step of steering + the time in which the servo brings the wheels
+    back. A turn starts when the scenario says, the turn of the AUTO sequence at the first steering
+    command in the log. A fishhook ends after the last steering command in the log, or with the log.
+    For other kinds the window is the run from `turn_start` on, or the whole run if it is shorter
+    than that. That of a car that somebody steered is from the first to the last steering command,
+    the whole run without any.
     """
     if DRIVEN_BY in run_log.extra:
         steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
         first, last = (steered[0], steered[-1]) if steered.size else (0, -1)
         return float(run_log.time[first]), float(run_log.time[last])
     kind = run_log.setting("manoeuvre", "kind")
-    first, start, last = float(run_log.time[0]), run_log.number("manoeuvre", "turn_start"), float(run_log.time[-1])
+    first = float(run_log.time[0])
+    start = run_log.number("manoeuvre", "turn_start")
+    last = float(run_log.time[-1])
     if kind not in ("turn", "auto_turn", "fishhook"):
         return (start if first < start < last else first), last
     steer_angle = run_log.number("manoeuvre", "steer_angle")
     if kind == "auto_turn":
-        steering = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > 0.5 * steer_angle)
+        steering = np.flatnonzero(
+            np.abs(run_log.signal("steering_command_rad")) > 0.5 * steer_angle
+        )
         if steering.size == 0:
             raise LogError(f"{run_log.name}: no steering command in the run, so no turn to measure")
         start = float(run_log.time[steering[0]])
     rate = run_log.number("servo", "rate")
     if rate <= 0.0:
-        raise LogError(f"{run_log.name}: its scenario has servo.rate {rate:g}, but it must be above 0")
-    hold, settings = run_log.number("manoeuvre", "turn_hold"), run_log.scenario["manoeuvre"]
+        raise LogError(
+            f"{run_log.name}: its scenario has servo.rate {rate:g}, but it must be above 0"
+        )
+    hold = run_log.number("manoeuvre", "turn_hold")
+    settings = run_log.scenario["manoeuvre"]
     if kind == "fishhook":
         steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
         steered_until = float(run_log.time[steered[-1]]) if steered.size else start
         return start, min(steered_until + steer_angle / rate, last)
     # A log of before has one level and one step of steering and does not name others.
-    first_level = [run_log.number("manoeuvre", key) for key in ("first_angle", "first_hold") if key in settings]
-    steps = (int(settings.get("turns", 1)), float(settings.get("turn_gap", 0.0))) if kind == "turn" else ()
+    first_level = [
+        run_log.number("manoeuvre", key) for key in ("first_angle", "first_hold") if key in settings
+    ]
+    steps = (
+        (int(settings.get("turns", 1)), float(settings.get("turn_gap", 0.0)))
+        if kind == "turn"
+        else ()
+    )
     return start, start + steering_time(hold, *steps) + angle_to_straighten(
         steer_angle, hold, rate, *first_level
     ) / rate
@@ -181,7 +220,8 @@ class SteeredWindow(NamedTuple):
     """A time in which a car is steered to one side.
 
     Attributes:
-        start, end: s; the end is the first instant at which the command is that side's no more, or the end of the log.
+        start, end: s; the end is the first instant at which the command is that side's no more, or
+            the end of the log.
         side: +1 left, -1 right.
     """
 
@@ -191,9 +231,11 @@ class SteeredWindow(NamedTuple):
 
 
 def steered_windows(run_log: RunLog) -> list[SteeredWindow]:
-    """When a run was steered to which side, from the logged steering command, in the order of time; none if never.
+    """When a run was steered to which side, from the logged steering command, in the order of time;
+    none if never.
 
-    The pulses of a turn, both halves of a fishhook, the half waves of a slalom, what the driver of a path did.
+    The pulses of a turn, both halves of a fishhook, the half waves of a slalom, what the driver of
+    a path did.
 
     Raises:
         LogError: the log has no steering command.
@@ -202,7 +244,9 @@ def steered_windows(run_log: RunLog) -> list[SteeredWindow]:
 
 
 def windows_of_steering(time: FloatArray, angle: FloatArray) -> list[SteeredWindow]:
-    """Windows (see `steered_windows`) of angles (n), rad, at times (n), s; an angle below `STEERED` opens none."""
+    """Windows (see `steered_windows`) of angles (n), rad, at times (n), s; an angle below `STEERED`
+    opens none.
+    """
     side = np.sign(np.where(np.abs(angle) > _STRAIGHT, angle, 0.0))
     edges = [0, *(np.flatnonzero(np.diff(side)) + 1), side.size]
     return [
@@ -214,7 +258,9 @@ def windows_of_steering(time: FloatArray, angle: FloatArray) -> list[SteeredWind
 
 def _from_truth(run_log: RunLog) -> dict[str, FloatArray]:
     return {
-        "speed": np.hypot(run_log.signal("velocity_x_truth_m_per_s"), run_log.signal("velocity_y_truth_m_per_s")),
+        "speed": np.hypot(
+            run_log.signal("velocity_x_truth_m_per_s"), run_log.signal("velocity_y_truth_m_per_s")
+        ),
         "yaw_rate": run_log.signal("gyro_z_truth_rad_per_s"),
         "lateral_acceleration": run_log.signal("acceleration_y_truth_m_per_s2"),
         "roll_rate": run_log.signal("gyro_x_truth_rad_per_s"),
@@ -225,7 +271,8 @@ def _from_truth(run_log: RunLog) -> dict[str, FloatArray]:
 
 
 def _from_sensors(run_log: RunLog, window: tuple[float, float]) -> dict[str, FloatArray]:
-    roll, pitch = run_log.signal("imu_roll_rad"), run_log.signal("imu_pitch_rad")
+    roll = run_log.signal("imu_roll_rad")
+    pitch = run_log.signal("imu_pitch_rad")
     return {
         "speed": run_log.signal("speed_m_per_s"),
         "yaw_rate": run_log.signal("imu_gyro_z_rad_per_s"),
@@ -238,8 +285,11 @@ def _from_sensors(run_log: RunLog, window: tuple[float, float]) -> dict[str, Flo
 
 
 def _without_bias(run_log: RunLog, column: str, turn_start: float) -> FloatArray:
-    """A rate less its mean over the second half of the driving before the turn, when the car goes straight."""
-    time, rate = run_log.time, run_log.signal(column)
+    """A rate less its mean over the second half of the driving before the turn, when the car goes
+    straight.
+    """
+    time = run_log.time
+    rate = run_log.signal(column)
     check_signals(time, {column: rate})
     straight = (time >= 0.5 * (time[0] + turn_start)) & (time < turn_start)
     return rate - float(np.mean(rate[straight])) if np.any(straight) else rate
@@ -254,7 +304,8 @@ def _columns(run_log: RunLog, names: list[str]) -> FloatArray | None:
 
 
 EXIT_YAW_RATE = 0.1
-"""rad/s; a car that yaws less, its wheels straight, has left the turn. A large tail to one side alone gives 0.065."""
+"""rad/s; a car that yaws less, its wheels straight, has left the turn. A large tail to one side
+alone gives 0.065."""
 CALM_FOR = 0.1
 """So long must everything have been calm, s: a third of a period of roll on the suspension."""
 
@@ -267,7 +318,8 @@ CALM = {
     "tail_pitch_rate_rad_per_s": 0.3,
     "tail_roll_rate_rad_per_s": 0.3,
 }
-"""Largest magnitudes of a calm row. All wheels bear load in it too, and the law neither swings nor is about to."""
+"""Largest magnitudes of a calm row. All wheels bear load in it too, and the law neither swings nor
+is about to."""
 
 CALM_SPIN = math.hypot(*(limit for name, limit in CALM.items() if name.startswith("gyro")))
 """A car that turns faster than this, rad/s, about whatever axis, is not calm."""
@@ -280,7 +332,8 @@ _ROUNDING = 1e-9
 
 
 def settled_row(table: pd.DataFrame | Mapping[str, FloatArray], turn_end: float) -> int | None:
-    """First row of a run's table at which the car has been calm for `CALM_FOR`; None if it never was.
+    """First row of a run's table at which the car has been calm for `CALM_FOR`; None if it never
+    was.
 
     None too where the table lacks a column, as that of a real car does.
 

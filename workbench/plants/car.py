@@ -1,7 +1,8 @@
 """The car on level ground as a `MultibodyPlant`, with or without its tail arm.
 
-Discrete plant with point contact, `kLagged` approximation and tyres that stand on their edges (design section 7). Body
-frame B: x forward, y left, z up, origin on the ground under the rear axle at nominal ride height.
+Discrete plant with point contact, `kLagged` approximation and tyres that stand on their edges
+(design section 7). Body frame B: x forward, y left, z up, origin on the ground under the rear axle
+at nominal ride height.
 """
 
 from __future__ import annotations
@@ -21,7 +22,12 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import ContactModel, CoulombFriction, DiscreteContactApproximation, MultibodyPlant
+from pydrake.multibody.plant import (
+    ContactModel,
+    CoulombFriction,
+    DiscreteContactApproximation,
+    MultibodyPlant,
+)
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
@@ -36,13 +42,15 @@ if TYPE_CHECKING:
     from aerodima.workbench.aero.added_mass import AddedMass
 
 GROUND_STIFFNESS = 1.0e10
-"""Contact stiffness (N/m) of the ground: rigid against any tyre, so that the pair has the tyre's stiffness to 1e-5."""
+"""Contact stiffness (N/m) of the ground: rigid against any tyre, so that the pair has the tyre's
+stiffness to 1e-5."""
 
 HALF_SPACE_WARNING = (
     "Rigid (non-deformable) half spaces are not currently supported for deformable contact; "
     "registration is allowed, but no contact data will be reported."
 )
-"""What Drake says about every half space with which a deformable body could touch. The car has no deformable body."""
+"""What Drake says about every half space with which a deformable body could touch. The car has no
+deformable body."""
 
 MODELS_PACKAGE = "aerodima_models"
 
@@ -51,8 +59,8 @@ MODELS_PACKAGE = "aerodima_models"
 class CarPlant:
     """A finalised plant with its scene graph; `tail` is None for the car without tail arm.
 
-    Added mass of the air is neither car nor tail but a model instance of its own: sums over the vehicle go over these
-    two.
+    Added mass of the air is neither car nor tail but a model instance of its own: sums over the
+    vehicle go over these two.
     """
 
     plant: MultibodyPlant
@@ -83,19 +91,23 @@ def add_car_plant(
     """Adds the car of a scenario, standing at the origin and heading along x, to a diagram.
 
     Args:
-        wind_acceleration: of the air in W (3), m/s2; it pushes the added mass. Steady wind without it.
-        sampled_outputs: whether accelerations and contact forces on the plant's ports are those of the last step; if
-            not, they are those of the step that begins, and a step need not keep them.
+        wind_acceleration: of the air in W (3), m/s2; it pushes the added mass. Steady wind without
+            it.
+        sampled_outputs: whether accelerations and contact forces on the plant's ports are those of
+            the last step; if not, they are those of the step that begins, and a step need not keep
+            them.
         drawn: whether it has its visuals, each of which Drake places in every step.
 
     Raises:
-        ModelError: a model file is missing or does not load with these numbers, or `tail.added_mass` is too negative.
+        ModelError: a model file is missing or does not load with these numbers, or
+            `tail.added_mass` is too negative.
     """
     plant, scene_graph = add_plant(builder, scenario.simulation.step)
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -scenario.environment.gravity])
     _add_ground(plant, scenario.car.tyre_friction)
     car = parse_model(plant, car_sdf(scenario), drawn)
-    tail, added = None, None
+    tail = None
+    added = None
     if scenario.tail.mode != "none":
         arm = tail_sdf(scenario.tail, scenario.tail_motor, scenario.car)
         if scenario.tail.sail != "free":
@@ -116,14 +128,17 @@ def add_car_plant(
     _let_parts_pass_each_other(plant, scene_graph, result.instances)
     if added is not None:
         try:
-            added.add_to_builder(builder, wind_acceleration=wind_acceleration, least_left=LEAST_INERTIA_LEFT)
+            added.add_to_builder(
+                builder, wind_acceleration=wind_acceleration, least_left=LEAST_INERTIA_LEFT
+            )
         except ModelError as error:
             raise ModelError(f"tail.added_mass: {error}") from None
     return result
 
 
 def add_plant(builder: DiagramBuilder, step: float) -> tuple[Any, SceneGraph]:
-    """Adds a plant and its scene graph, as `AddMultibodyPlantSceneGraph` of Drake, which 1.51 never frees.
+    """Adds a plant and its scene graph, as `AddMultibodyPlantSceneGraph` of Drake, which 1.51 never
+    frees.
 
     Args:
         step: s; 0 for a continuous plant.
@@ -143,11 +158,15 @@ def _added_mass(plant: MultibodyPlant, scenario: Scenario) -> AddedMass | None:
         return None
     from aerodima.workbench.aero.added_mass import add_added_mass
 
-    return add_added_mass(plant, plant.GetBodyByName("tail_rod"), added_mass_layout(tail), tail.added_mass)
+    return add_added_mass(
+        plant, plant.GetBodyByName("tail_rod"), added_mass_layout(tail), tail.added_mass
+    )
 
 
 def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> ModelInstanceIndex:
-    """Parses a model strictly, with its visuals if `drawn`: a warning of Drake's parser is an error naming the file."""
+    """Parses a model strictly, with its visuals if `drawn`: a warning of Drake's parser is an error
+    naming the file.
+    """
     if not drawn:
         for link in model.model.findall("link"):
             model.remove_shapes(str(link.get("name")), kind="visual")
@@ -162,7 +181,9 @@ def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> M
 
 
 def _add_ground(plant: MultibodyPlant, friction: float) -> None:
-    logging.getLogger("drake").addFilter(is_news)  # a filter that is there already is not added again
+    logging.getLogger("drake").addFilter(
+        is_news
+    )  # a filter that is there already is not added again
     properties = ProximityProperties()
     AddContactMaterial(
         dissipation=0.0,
@@ -182,14 +203,18 @@ def _add_ground(plant: MultibodyPlant, friction: float) -> None:
 def _let_parts_pass_each_other(
     plant: MultibodyPlant, scene_graph: SceneGraph, instances: list[ModelInstanceIndex]
 ) -> None:
-    """Contact acts between car and ground only; the free range of the tail is a limit of its joints."""
+    """Contact acts between car and ground only; the free range of the tail is a limit of its
+    joints.
+    """
     geometries = [
         geometry
         for instance in instances
         for body in plant.GetBodyIndices(instance)
         for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(body))
     ]
-    scene_graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(geometries)))
+    scene_graph.collision_filter_manager().Apply(
+        CollisionFilterDeclaration().ExcludeWithin(GeometrySet(geometries))
+    )
 
 
 def is_news(record: logging.LogRecord) -> bool:

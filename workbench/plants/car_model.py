@@ -1,7 +1,9 @@
-"""The car's SDF (models/car/car.sdf) with the numbers of a scenario: masses, springs and what follows from statics.
+"""The car's SDF (models/car/car.sdf) with the numbers of a scenario: masses, springs and what
+follows from statics.
 
-At nominal ride height every suspension joint is at zero: the springs are preloaded with the static load of the car
-without its tail arm, and the wheel centres sit one static tyre deflection below the unloaded radius.
+At nominal ride height every suspension joint is at zero: the springs are preloaded with the static
+load of the car without its tail arm, and the wheel centres sit one static tyre deflection below the
+unloaded radius.
 """
 
 import math
@@ -25,7 +27,8 @@ CAGE_STIFFNESS = 1.0e5
 
 
 EDGE_HALF_WIDTH = 0.002
-"""Half the width (m) of each edge of a tyre: narrow against any tyre, so that its contact point stays on it."""
+"""Half the width (m) of each edge of a tyre: narrow against any tyre, so that its contact point
+stays on it."""
 
 
 ROLLING_RATE = 1.0
@@ -37,8 +40,9 @@ RIGID_SLIP = 1e-4
 def slip_speed(car: CarParameters, speed: float) -> float:
     """Slip (m/s) over which the friction of the tyres is spread, at the speed (m/s) of a run.
 
-    A tyre that slips at v feels friction x load x v / sqrt(v^2 + slip_speed^2), along and across alike: at small slip
-    angles its cornering stiffness is friction x load / `tyre_slip_angle`, the same for both axles.
+    A tyre that slips at v feels friction x load x v / sqrt(v^2 + slip_speed^2), along and across
+    alike: at small slip angles its cornering stiffness is friction x load / `tyre_slip_angle`, the
+    same for both axles.
     """
     return max(RIGID_SLIP, math.tan(car.tyre_slip_angle) * speed)
 
@@ -64,20 +68,28 @@ def axle_statics(car: CarParameters, gravity: float, axle: str) -> AxleStatics:
 
 
 def wheel_rates(car: CarParameters, axle: str) -> tuple[float, float]:
-    """Spring rate (N/m) and damping (N s/m) at one wheel: those of its suspension unit times the motion ratio squared.
+    """Spring rate (N/m) and damping (N s/m) at one wheel: those of its suspension unit times the
+    motion ratio squared.
 
-    Table 6.1 has the rates of the units, which were pressed on their own (thesis 6.1.2); the wheel moves further.
+    Table 6.1 has the rates of the units, which were pressed on their own (thesis 6.1.2); the wheel
+    moves further.
     """
-    front, squared = axle == "front", car.suspension_motion_ratio**2
+    front = axle == "front"
+    squared = car.suspension_motion_ratio**2
     stiffness = car.suspension_stiffness_front if front else car.suspension_stiffness_rear
     damping = car.suspension_damping_front if front else car.suspension_damping_rear
     return squared * stiffness, squared * damping
 
 
 def rolling_torques(car: CarParameters, gravity: float) -> dict[str, float]:
-    """Torque (N m) against the rolling of one wheel of each axle, at its standing load without tail arm."""
+    """Torque (N m) against the rolling of one wheel of each axle, at its standing load without tail
+    arm.
+    """
     statics = {axle: axle_statics(car, gravity, axle) for axle in AXLES}
-    return {axle: car.rolling_resistance * one.wheel_load * one.wheel_height for axle, one in statics.items()}
+    return {
+        axle: car.rolling_resistance * one.wheel_load * one.wheel_height
+        for axle, one in statics.items()
+    }
 
 
 def unsprung_mass(car: CarParameters, axle: str) -> float:
@@ -89,28 +101,38 @@ def chassis_inertial(car: CarParameters, tail: TailParameters, gravity: float) -
     """Chassis link so that the whole car has the mass and centre of mass of the scenario.
 
     Raises:
-        ModelError: gearbox and wheels alone are heavier than the car, or the chassis' own centre of mass would be
-            outside the car.
+        ModelError: gearbox and wheels alone are heavier than the car, or the chassis' own centre of
+            mass would be outside the car.
     """
     mass, x, z = chassis_centre(car, tail, gravity)
     if mass <= 0:
-        raise ModelError(f"car.mass: {car.mass:g} kg; allowed: more than its parts, {car.mass - mass:g} kg")
+        raise ModelError(
+            f"car.mass: {car.mass:g} kg; allowed: more than its parts, {car.mass - mass:g} kg"
+        )
     if not 0 < z < 2 * car.com_height:
         raise ModelError(
-            f"car.com_height: {car.com_height:g} m puts the chassis alone at {z:g} m; lower gearbox or raise it"
+            f"car.com_height: {car.com_height:g} m puts the chassis alone at {z:g} m; lower "
+            "gearbox or raise it"
         )
-    roll, pitch, yaw = car.gyration_roll, car.gyration_pitch, car.gyration_yaw
+    roll = car.gyration_roll
+    pitch = car.gyration_pitch
+    yaw = car.gyration_yaw
     return Inertial(mass, (x, 0.0, z), (mass * roll**2, mass * pitch**2, mass * yaw**2))
 
 
-def chassis_centre(car: CarParameters, tail: TailParameters, gravity: float) -> tuple[float, float, float]:
-    """Mass (kg) and place (x, z in B, m) of the chassis alone: the car without gearbox, wheels and anti-ramp board.
+def chassis_centre(
+    car: CarParameters, tail: TailParameters, gravity: float
+) -> tuple[float, float, float]:
+    """Mass (kg) and place (x, z in B, m) of the chassis alone: the car without gearbox, wheels and
+    anti-ramp board.
 
     Parameters that are arrays of one shape give arrays; nothing is checked.
     """
     parts = [(car.gearbox_mass, car.gearbox_x, gearbox_height(car, tail))]
     for axle, x in (("front", car.wheelbase), ("rear", 0.0)):
-        parts.append((2 * unsprung_mass(car, axle), x, axle_statics(car, gravity, axle).wheel_height))
+        parts.append(
+            (2 * unsprung_mass(car, axle), x, axle_statics(car, gravity, axle).wheel_height)
+        )
     parts.append((SHAFT_MASS, 0.0, axle_statics(car, gravity, "rear").wheel_height))
     if car.board:
         parts.append((car.board_mass, *board_centre(car)))
@@ -132,7 +154,9 @@ def gearbox_height(car: CarParameters, tail: TailParameters) -> float:
 
 def car_sdf(scenario: Scenario) -> SdfModel:
     """The car model with the numbers of a scenario."""
-    car, tail, drive = scenario.car, scenario.tail, scenario.drive
+    car = scenario.car
+    tail = scenario.tail
+    drive = scenario.drive
     gravity = scenario.environment.gravity
     model = SdfModel(model_path(CAR_SDF))
     model.set_inertial("chassis", chassis_inertial(car, tail, gravity))
@@ -152,20 +176,28 @@ def car_sdf(scenario: Scenario) -> SdfModel:
 
 
 def _set_gearbox(model: SdfModel, car: CarParameters, tail: TailParameters) -> None:
-    length, width, height = car.gearbox_length, car.gearbox_width, car.gearbox_height
+    length = car.gearbox_length
+    width = car.gearbox_width
+    height = car.gearbox_height
     model.set_link_position("gearbox", (car.gearbox_x, 0, gearbox_height(car, tail)))
     model.set_inertial("gearbox", _box(car.gearbox_mass, length, width, height))
     model.set_shape("gearbox", "gearbox", size=f"{length:.9g} {width:.9g} {height:.9g}")
     reach = tail.mount_x - car.gearbox_x
-    model.set_shape("gearbox", "shaft", (reach / 2, 0, height / 2), length=f"{max(abs(reach), 0.001):.9g}")
+    model.set_shape(
+        "gearbox", "shaft", (reach / 2, 0, height / 2), length=f"{max(abs(reach), 0.001):.9g}"
+    )
 
 
 def _set_board(model: SdfModel, car: CarParameters) -> None:
-    """Places the anti-ramp board, which touches the ground with the ends of its rear edge, or takes it away."""
+    """Places the anti-ramp board, which touches the ground with the ends of its rear edge, or takes
+    it away.
+    """
     if not car.board:
         model.remove_link("board", "board_mount")
         return
-    length, width, thickness = car.board_length, car.board_width, car.board_thickness
+    length = car.board_length
+    width = car.board_width
+    thickness = car.board_thickness
     x, z = board_centre(car)
     model.set_link_position("board", (x, 0, z))
     model.set_inertial("board", _box(car.board_mass, length, width, thickness))
@@ -179,7 +211,11 @@ def _set_board(model: SdfModel, car: CarParameters) -> None:
 def _box(mass: float, length: float, width: float, height: float) -> Inertial:
     """Solid box about its centre."""
     twelfth = mass / 12
-    moments = (twelfth * (width**2 + height**2), twelfth * (length**2 + height**2), twelfth * (length**2 + width**2))
+    moments = (
+        twelfth * (width**2 + height**2),
+        twelfth * (length**2 + height**2),
+        twelfth * (length**2 + width**2),
+    )
     return Inertial(mass, (0, 0, 0), moments)
 
 
@@ -195,7 +231,8 @@ def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStati
     front = axle == "front"
     stiffness, damping = wheel_rates(car, axle)
     tyre = car.tyre_stiffness_front if front else car.tyre_stiffness_rear
-    radius, width = car.tyre_radius, car.tyre_width
+    radius = car.tyre_radius
+    width = car.tyre_width
     diametral = car.wheel_mass * (3 * radius**2 + width**2) / 12
     upright = 0.4 * car.upright_mass * 0.03**2
     knuckle = 0.4 * car.knuckle_mass * 0.02**2
@@ -203,7 +240,9 @@ def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStati
         wheel = f"{axle}_{side}"
         position = (car.wheelbase if front else 0.0, sign * car.track / 2, statics.wheel_height)
         model.set_link_position(f"{wheel}_upright", position)
-        model.set_inertial(f"{wheel}_upright", Inertial(car.upright_mass, (0, 0, 0), (upright, upright, upright)))
+        model.set_inertial(
+            f"{wheel}_upright", Inertial(car.upright_mass, (0, 0, 0), (upright, upright, upright))
+        )
         model.set_joint(
             f"{wheel}_suspension",
             lower=-car.suspension_travel,
@@ -214,30 +253,48 @@ def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStati
         )
         if front:
             model.set_link_position(f"{wheel}_knuckle", position)
-            model.set_inertial(f"{wheel}_knuckle", Inertial(car.knuckle_mass, (0, 0, 0), (knuckle, knuckle, knuckle)))
+            model.set_inertial(
+                f"{wheel}_knuckle",
+                Inertial(car.knuckle_mass, (0, 0, 0), (knuckle, knuckle, knuckle)),
+            )
         model.set_link_position(f"{wheel}_wheel", position)
         model.set_inertial(
             f"{wheel}_wheel",
-            Inertial(car.wheel_mass, (0, 0, 0), (diametral, 0.5 * car.wheel_mass * radius**2, diametral)),
+            Inertial(
+                car.wheel_mass, (0, 0, 0), (diametral, 0.5 * car.wheel_mass * radius**2, diametral)
+            ),
         )
-        model.set_shape(f"{wheel}_wheel", "rim", radius=f"{0.6 * radius:.9g}", length=f"{width + 0.002:.9g}")
+        model.set_shape(
+            f"{wheel}_wheel", "rim", radius=f"{0.6 * radius:.9g}", length=f"{width + 0.002:.9g}"
+        )
         _set_tyre(model, f"{wheel}_wheel", car, tyre)
 
 
 def _set_tyre(model: SdfModel, link: str, car: CarParameters, stiffness: float) -> None:
-    """Shapes of one wheel. A cylinder stands on its two edges, each with half of the tyre's stiffness.
+    """Shapes of one wheel.
 
-    Drake gives a cylinder on level ground a single contact point, which hops from edge to edge with the sign of the
-    camber: roll moments up to the weight times half the width would then cost no roll, and each hop makes energy.
+    A cylinder stands on its two edges, each with half of the tyre's stiffness.
+
+    Drake gives a cylinder on level ground a single contact point, which hops from edge to edge with
+    the sign of the camber: roll moments up to the weight times half the width would then cost no
+    roll, and each hop makes energy.
     """
-    radius, width = car.tyre_radius, car.tyre_width
+    radius = car.tyre_radius
+    width = car.tyre_width
     model.set_shape(link, "tyre_tread", radius=f"{radius:.9g}", length=f"{width:.9g}")
-    model.set_shape(link, "spoke", size=f"{1.05 * radius:.9g} {width + 0.004:.9g} {0.18 * radius:.9g}")
+    model.set_shape(
+        link, "spoke", size=f"{1.05 * radius:.9g} {width + 0.004:.9g} {0.18 * radius:.9g}"
+    )
     edges = {"tyre_left": width / 2 - EDGE_HALF_WIDTH, "tyre_right": EDGE_HALF_WIDTH - width / 2}
     half_width = EDGE_HALF_WIDTH
     if car.tyre_shape == "ellipsoid":
         model.remove_shapes(link, "tyre_right", "collision")
-        edges, half_width = {"tyre_left": 0.0}, width / 2
+        edges = {"tyre_left": 0.0}
+        half_width = width / 2
     for shape, y in edges.items():
-        model.set_shape(link, shape, (0.0, y, 0.0), radii=f"{radius:.9g} {half_width:.9g} {radius:.9g}")
-        model.set_contact(link, shape, stiffness / len(edges), car.tyre_dissipation, car.tyre_friction)
+        model.set_shape(
+            link, shape, (0.0, y, 0.0), radii=f"{radius:.9g} {half_width:.9g} {radius:.9g}"
+        )
+        model.set_contact(
+            link, shape, stiffness / len(edges), car.tyre_dissipation, car.tyre_friction
+        )

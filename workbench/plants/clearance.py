@@ -1,8 +1,10 @@
-"""Where the tail can go without touching the car: clearance over pitch and roll by signed distances of drawn shapes.
+"""Where the tail can go without touching the car: clearance over pitch and roll by signed distances
+of drawn shapes.
 
-The contact model of a run knows only the few points of car and tail that meet the ground; here every shape that the
-model draws takes part: rod and sail against cage, deck, board, wheels and ground. The gearbox that carries the joints
-is left out, as the rod ends on it and its bracket is not published. Only rod and sail are asked, not the hub.
+The contact model of a run knows only the few points of car and tail that meet the ground; here
+every shape that the model draws takes part: rod and sail against cage, deck, board, wheels and
+ground. The gearbox that carries the joints is left out, as the rod ends on it and its bracket is
+not published. Only rod and sail are asked, not the hub.
 """
 
 from __future__ import annotations
@@ -33,15 +35,19 @@ class RangeOfMotion:
     Attributes:
         pitch: rad, increasing, shape (p,).
         roll: rad, increasing, shape (r,).
-        clearances: to each of `PARTS`, m, at most 0.3, negative where the shapes overlap, shape (p, r, 4).
+        clearances: to each of `PARTS`, m, at most 0.3, negative where the shapes overlap, shape (p,
+            r, 4).
     """
 
     pitch: NDArray[np.float64]
     roll: NDArray[np.float64]
     clearances: NDArray[np.float64]
 
-    def clearance(self, pitch: ArrayLike, roll: ArrayLike, parts: tuple[str, ...] = PARTS) -> NDArray[Any]:
-        """Least clearance to some parts, m: bilinear between the nodes, that of the edge beyond the map.
+    def clearance(
+        self, pitch: ArrayLike, roll: ArrayLike, parts: tuple[str, ...] = PARTS
+    ) -> NDArray[Any]:
+        """Least clearance to some parts, m: bilinear between the nodes, that of the edge beyond the
+        map.
 
         Args:
             pitch, roll: rad, shapes that broadcast.
@@ -50,12 +56,17 @@ class RangeOfMotion:
         from scipy.interpolate import RegularGridInterpolator
 
         values = self.clearances[:, :, [PARTS.index(part) for part in parts]].min(axis=2)
-        nodes, places = (self.pitch, self.roll), (pitch, roll)
-        held = [np.clip(place, axis[0], axis[-1]) for place, axis in zip(places, nodes, strict=True)]
+        nodes = (self.pitch, self.roll)
+        places = (pitch, roll)
+        held = [
+            np.clip(place, axis[0], axis[-1]) for place, axis in zip(places, nodes, strict=True)
+        ]
         return np.asarray(RegularGridInterpolator(nodes, values)(tuple(held)))
 
 
-def make_range_of_motion(scenario: Scenario, pitch_count: int = 37, roll_count: int = 37) -> RangeOfMotion:
+def make_range_of_motion(
+    scenario: Scenario, pitch_count: int = 37, roll_count: int = 37
+) -> RangeOfMotion:
     """Asks Drake's proximity engine at every node of a grid over the whole range of both joints.
 
     Args:
@@ -77,18 +88,22 @@ def make_range_of_motion(scenario: Scenario, pitch_count: int = 37, roll_count: 
     return RangeOfMotion(pitch, roll, clearances)
 
 
-def ground_clearance(scenario: Scenario, pitch: ArrayLike, roll: ArrayLike, car_roll: ArrayLike = 0.0) -> NDArray[Any]:
+def ground_clearance(
+    scenario: Scenario, pitch: ArrayLike, roll: ArrayLike, car_roll: ArrayLike = 0.0
+) -> NDArray[Any]:
     """Height of the lowest point of rod and sail above the ground while the car leans, m.
 
-    The car leans about the contact line of its outer wheels: to the right (positive) about the right ones. A locked
-    sail is the flat plate between its corners; one that turns is the cylinder that it sweeps, board included.
+    The car leans about the contact line of its outer wheels: to the right (positive) about the
+    right ones. A locked sail is the flat plate between its corners; one that turns is the cylinder
+    that it sweeps, board included.
 
     Args:
         scenario: geometry.
         pitch, roll: of the tail, rad.
         car_roll: rad, positive to the right.
     """
-    tail, half_track = scenario.tail, scenario.car.outer_half_track
+    tail = scenario.tail
+    half_track = scenario.car.outer_half_track
     pitch, roll, lean = np.broadcast_arrays(pitch, roll, car_roll)
     # Heights of the joints, and of unit steps along x, y and z of the tail.
     joints = np.abs(half_track * np.sin(lean)) + tail.mount_height * np.cos(lean)
@@ -114,13 +129,17 @@ class TailQuery:
         builder = DiagramBuilder()
         built = add_car_plant(builder, scenario)
         self._plant = built.plant
-        self._parts = _make_obstacles(built, None if scenario.tail.sail == "locked" else scenario.tail)
+        self._parts = _make_obstacles(
+            built, None if scenario.tail.sail == "locked" else scenario.tail
+        )
         diagram = builder.Build()
         context = diagram.CreateDefaultContext()
         self._context = self._plant.GetMyMutableContextFromRoot(context)
         self._query_port = built.scene_graph.get_query_output_port()
         self._graph_context = built.scene_graph.GetMyContextFromRoot(context)
-        self._joints: list[Any] = [self._plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")]
+        self._joints: list[Any] = [
+            self._plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")
+        ]
 
     def clearances(self, pitch: float, roll: float) -> list[float]:
         """To each of `PARTS`, m."""
@@ -136,10 +155,11 @@ class TailQuery:
 
 
 def _make_obstacles(built: Any, turning: TailParameters | None) -> dict[Any, str]:
-    """Gives every drawn shape of car and tail a proximity role, and the ground a body; obstacle -> part.
+    """Gives every drawn shape of car and tail a proximity role, and the ground a body; obstacle ->
+    part.
 
-    In the place of a turning sail's shapes stands the cylinder that they sweep. Filters leave only the pairs of rod or
-    sail with an obstacle.
+    In the place of a turning sail's shapes stands the cylinder that they sweep. Filters leave only
+    the pairs of rod or sail with an obstacle.
     """
     from pydrake.geometry import (
         Box,
@@ -152,20 +172,32 @@ def _make_obstacles(built: Any, turning: TailParameters | None) -> dict[Any, str
     )
     from pydrake.math import RigidTransform
 
-    plant, graph = built.plant, built.scene_graph
-    inspector, source = graph.model_inspector(), plant.get_source_id()
+    plant = built.plant
+    graph = built.scene_graph
+    inspector = graph.model_inspector()
+    source = plant.get_source_id()
     before = GeometrySet(inspector.GetAllGeometryIds(Role.kProximity))
-    parts, arm, rest = {}, [], []
+    parts = {}
+    arm = []
+    rest = []
     for instance in built.instances:
         for index in plant.GetBodyIndices(instance):
             body = plant.get_body(index)
             if body.name() == "tail_sail" and turning is not None:
-                middle = RigidTransform(np.array([0.0, 0.0, turning.length - turning.sail_length / 2]))
-                swept = GeometryInstance(middle, Cylinder(turning.sail_reach, turning.sail_length), "swept_sail")
+                middle = RigidTransform(
+                    np.array([0.0, 0.0, turning.length - turning.sail_length / 2])
+                )
+                swept = GeometryInstance(
+                    middle, Cylinder(turning.sail_reach, turning.sail_length), "swept_sail"
+                )
                 swept.set_proximity_properties(ProximityProperties())
-                arm.append(graph.RegisterGeometry(source, plant.GetBodyFrameIdOrThrow(index), swept))
+                arm.append(
+                    graph.RegisterGeometry(source, plant.GetBodyFrameIdOrThrow(index), swept)
+                )
                 continue
-            for geometry in inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(index), Role.kIllustration):
+            for geometry in inspector.GetGeometries(
+                plant.GetBodyFrameIdOrThrow(index), Role.kIllustration
+            ):
                 graph.AssignRole(source, geometry, ProximityProperties())
                 part = _part(body.name(), inspector.GetName(geometry))
                 if body.name() in _TAIL_LINKS:
@@ -175,7 +207,9 @@ def _make_obstacles(built: Any, turning: TailParameters | None) -> dict[Any, str
                 else:
                     parts[geometry] = part
     slab = GeometryInstance(
-        RigidTransform(np.array([0.0, 0.0, -0.5])), Box(_GROUND_SIZE, _GROUND_SIZE, 1.0), "range_of_motion_ground"
+        RigidTransform(np.array([0.0, 0.0, -0.5])),
+        Box(_GROUND_SIZE, _GROUND_SIZE, 1.0),
+        "range_of_motion_ground",
     )
     slab.set_proximity_properties(ProximityProperties())
     ground = graph.RegisterAnchoredGeometry(source, slab)

@@ -1,10 +1,12 @@
-"""The wind-tunnel rigs as a continuous `MultibodyPlant`: motion and the wrench of the support on the rig.
+"""The wind-tunnel rigs as a continuous `MultibodyPlant`: motion and the wrench of the support on
+the rig.
 
-Frame W: origin at the force sensor's point, z up, x along the motor axis, wind towards -y. The angle is 0 hanging and
-positive downstream: a revolute joint about -x (design section 4).
+Frame W: origin at the force sensor's point, z up, x along the motor axis, wind towards -y. The
+angle is 0 hanging and positive downstream: a revolute joint about -x (design section 4).
 
-The plant is continuous: its acceleration and its six reactions are those of the equations of motion at any state and
-torque. A discrete plant has reactions only after a step; README.md beside this file has the figures.
+The plant is continuous: its acceleration and its six reactions are those of the equations of motion
+at any state and torque. A discrete plant has reactions only after a step; README.md beside this
+file has the figures.
 """
 
 import math
@@ -16,7 +18,15 @@ from pydrake.common.value import Value
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem, OutputPort, System
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    Diagram,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+    System,
+)
 from pydrake.systems.primitives import Adder
 
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
@@ -31,7 +41,12 @@ from aerodima.workbench.plants.rig_layout import bar_layout, tail_layout
 from aerodima.workbench.plants.rig_model import cheetah_rig_sdf, robot_rig_sdf
 from aerodima.workbench.plants.rig_motion import rig_jet, rig_law
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, FrictionLaw, smooth_friction
-from aerodima.workbench.systems.system_ports import connected, declare_spatial_forces, vector_of, weakly
+from aerodima.workbench.systems.system_ports import (
+    connected,
+    declare_spatial_forces,
+    vector_of,
+    weakly,
+)
 
 
 @dataclass(frozen=True)
@@ -42,9 +57,11 @@ class RigPlant:
         plant: finalised, continuous.
         scene_graph: for a viewer; None without.
         tail_force: aerodynamic system of the tail; None for the bare bar.
-        motor_torque: input port number of the adder that takes the motor's torque (1), N m, along the joint axis.
+        motor_torque: input port number of the adder that takes the motor's torque (1), N m, along
+            the joint axis.
         torques: that adder.
-        wrench: port (6) of the wrench of the support on the rig at W: force N, torque N m, in W axes.
+        wrench: port (6) of the wrench of the support on the rig at W: force N, torque N m, in W
+            axes.
     """
 
     plant: MultibodyPlant
@@ -60,19 +77,22 @@ class RigReaction:
 
     Attributes:
         acceleration: of the angle, rad/s2.
-        wrench: of the support on the rig at W, W axes (6): F_x, F_y, F_z N, T_x, T_y, T_z N m. Hanging still F_z = m g.
+        wrench: of the support on the rig at W, W axes (6): F_x, F_y, F_z N, T_x, T_y, T_z N m.
+            Hanging still F_z = m g.
     """
 
     acceleration: float
     wrench: np.ndarray
 
 
-def add_rig_plant(builder: DiagramBuilder, scenario: RigScenario, scene_graph: bool = False) -> RigPlant:
+def add_rig_plant(
+    builder: DiagramBuilder, scenario: RigScenario, scene_graph: bool = False
+) -> RigPlant:
     """Adds the rig of a scenario with friction, wind and air to a diagram.
 
     Raises:
-        ModelError: a model does not load with these numbers, the tail hangs outside the jet at every angle, the added
-            mass is too negative, or the coefficients are not known.
+        ModelError: a model does not load with these numbers, the tail hangs outside the jet at
+            every angle, the added mass is too negative, or the coefficients are not known.
     """
     scene = None
     if scene_graph:
@@ -80,7 +100,9 @@ def add_rig_plant(builder: DiagramBuilder, scenario: RigScenario, scene_graph: b
     else:
         plant = builder.AddSystem(MultibodyPlant(0.0))
         plant.set_name("plant")
-    plant.mutable_gravity_field().set_gravity_vector(np.array([0.0, 0.0, -scenario.environment.gravity]))
+    plant.mutable_gravity_field().set_gravity_vector(
+        np.array([0.0, 0.0, -scenario.environment.gravity])
+    )
     parse_model(plant, robot_rig_sdf(scenario) if scenario.is_robot else cheetah_rig_sdf(scenario))
     sensor = plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("mount"))
     added = _added_mass(plant, scenario)
@@ -91,10 +113,14 @@ def add_rig_plant(builder: DiagramBuilder, scenario: RigScenario, scene_graph: b
     if added is not None:
         added.add_to_builder(builder)
         state = plant.get_state_output_port()
-        balance = connected(builder, SpanwiseBalance(plant, added), "spanwise_balance", plant_state=state)
+        balance = connected(
+            builder, SpanwiseBalance(plant, added), "spanwise_balance", plant_state=state
+        )
         connect_spatial_forces(builder, plant, balance.get_output_port())
     reactions = plant.get_reaction_forces_output_port()
-    support = connected(builder, SupportWrench(int(sensor.index())), "support", reaction_forces=reactions)
+    support = connected(
+        builder, SupportWrench(int(sensor.index())), "support", reaction_forces=reactions
+    )
     return RigPlant(plant, scene, tail_force, torques, support.get_output_port())
 
 
@@ -102,7 +128,9 @@ def _add_torques(builder: DiagramBuilder, plant: MultibodyPlant, scenario: RigSc
     """Friction and an open input for the motor, added into the actuation."""
     settings = scenario.robot_friction if scenario.is_robot else scenario.friction
     law = smooth_friction(settings.coulomb, settings.viscous, settings.tanh_gain)
-    friction = connected(builder, JointFriction(law), "friction", joint_state=plant.get_state_output_port())
+    friction = connected(
+        builder, JointFriction(law), "friction", joint_state=plant.get_state_output_port()
+    )
     torques = Adder(2, 1)
     builder.AddNamedSystem("torques", torques)
     builder.Connect(friction.get_output_port(), torques.get_input_port(1))
@@ -110,7 +138,9 @@ def _add_torques(builder: DiagramBuilder, plant: MultibodyPlant, scenario: RigSc
     return torques
 
 
-def _add_air(builder: DiagramBuilder, plant: MultibodyPlant, scenario: RigScenario) -> System | None:
+def _add_air(
+    builder: DiagramBuilder, plant: MultibodyPlant, scenario: RigScenario
+) -> System | None:
     if scenario.experiment.kind == "bar_swing":
         return None
     jet = rig_jet(scenario)
@@ -119,9 +149,19 @@ def _add_air(builder: DiagramBuilder, plant: MultibodyPlant, scenario: RigScenar
     law, limit = rig_law(scenario)
     if not scenario.is_robot:
         bar = PolarLaw(scenario.bar.drag_coefficient)
-        add_tail_force(builder, plant, "bar", bar_layout(scenario), bar, air=air, wind=wind, jet=jet)
+        add_tail_force(
+            builder, plant, "bar", bar_layout(scenario), bar, air=air, wind=wind, jet=jet
+        )
     return add_tail_force(
-        builder, plant, "tail", tail_layout(scenario), law, air=air, wind=wind, jet=jet, quasi_steady_limit=limit
+        builder,
+        plant,
+        "tail",
+        tail_layout(scenario),
+        law,
+        air=air,
+        wind=wind,
+        jet=jet,
+        quasi_steady_limit=limit,
     )
 
 
@@ -160,12 +200,14 @@ class Rig:
         return self._rig.plant
 
     def reaction(self, angle: float, rate: float, torque: float) -> RigReaction:
-        """Acceleration and wrench at a state and a motor torque; friction and air as in the scenario.
+        """Acceleration and wrench at a state and a motor torque; friction and air as in the
+        scenario.
 
         Args:
             angle: rad, positive downstream.
             rate: rad/s.
-            torque: of the motor on bar or tail along the joint axis, N m; positive swings downstream.
+            torque: of the motor on bar or tail along the joint axis, N m; positive swings
+                downstream.
 
         Raises:
             UserError: the angle is outside `mount.angle_limit`, or an argument is not finite.
@@ -176,11 +218,16 @@ class Rig:
         return RigReaction(float(acceleration[0]), np.array(wrench))
 
     def reaction_at_current(self, angle: float, rate: float, current: float) -> RigReaction:
-        """Like `reaction`, driven by a motor current (A); positive pushes upstream. UserError beyond the limit."""
+        """Like `reaction`, driven by a motor current (A); positive pushes upstream.
+
+        UserError beyond the limit.
+        """
         return self.reaction(angle, rate, self.torque_of(current))
 
     def torque_of(self, current: float) -> float:
-        """Motor torque along the joint axis (N m) at a current (A), which must be within the limit of the motor."""
+        """Motor torque along the joint axis (N m) at a current (A), which must be within the limit
+        of the motor.
+        """
         scenario = self.scenario
         if scenario.is_robot:
             limit = scenario.robot_motor.torque_limit / scenario.robot.torque_constant
@@ -202,7 +249,9 @@ class Rig:
         try:
             self.torque_of(current)
         except UserError as error:
-            raise UserError(f"holding {angle:g} rad ({math.degrees(angle):.1f} degrees) takes {error}") from None
+            raise UserError(
+                f"holding {angle:g} rad ({math.degrees(angle):.1f} degrees) takes {error}"
+            ) from None
         return current
 
     def is_exposed(self, angle: float) -> bool:
@@ -211,14 +260,18 @@ class Rig:
             return False
         self.set_state(angle, 0.0, 0.0)
         force = self._rig.tail_force
-        validity = vector_of(force.GetOutputPort("validity"), force.GetMyContextFromRoot(self._context))
+        validity = vector_of(
+            force.GetOutputPort("validity"), force.GetMyContextFromRoot(self._context)
+        )
         return bool(np.any(validity > 0.0))
 
     def set_state(self, angle: float, rate: float, torque: float) -> None:
         """Puts the rig into a state; see `reaction`."""
         limit = self.scenario.mount.angle_limit
         if not abs(angle) <= limit + 1e-9:
-            raise UserError(f"angle: {angle:g} rad; allowed: within mount.angle_limit, +-{limit:g} rad")
+            raise UserError(
+                f"angle: {angle:g} rad; allowed: within mount.angle_limit, +-{limit:g} rad"
+            )
         if not (math.isfinite(rate) and math.isfinite(torque)):
             raise UserError(f"rate {rate:g} rad/s, torque {torque:g} N m; allowed: finite numbers")
         self._rig.plant.SetPositionsAndVelocities(self._plant_context, np.array([angle, rate]))
@@ -251,7 +304,9 @@ class SupportWrench(LeafSystem):
     def __init__(self, joint: int):
         super().__init__()
         self._joint = joint
-        self._reactions = self.DeclareAbstractInputPort("reaction_forces", Value[list[SpatialForce]]())
+        self._reactions = self.DeclareAbstractInputPort(
+            "reaction_forces", Value[list[SpatialForce]]()
+        )
         self.DeclareVectorOutputPort("wrench", 6, weakly(self._calc), {self._reactions.ticket()})
 
     def _calc(self, context: Context, output: BasicVector) -> None:
@@ -261,10 +316,12 @@ class SupportWrench(LeafSystem):
 
 
 class SpanwiseBalance(LeafSystem):
-    """Takes the centripetal inertia of the added mass off the tail: added mass acts across the tail's axis only.
+    """Takes the centripetal inertia of the added mass off the tail: added mass acts across the
+    tail's axis only.
 
-    The added mass is a body welded to the tail. On a pendulum its only acceleration along the axis is the centripetal
-    one, so a push of that size makes the wrench exact, without a degree of freedom more.
+    The added mass is a body welded to the tail. On a pendulum its only acceleration along the axis
+    is the centripetal one, so a push of that size makes the wrench exact, without a degree of
+    freedom more.
 
     Input ports:
         plant_state (2): angle and rate.
@@ -282,12 +339,15 @@ class SpanwiseBalance(LeafSystem):
         declare_spatial_forces(self, self._calc, {self._state.ticket()})
 
     def _calc(self, context: Context, output: Any) -> None:
-        plant, mine = self._plant, self._context
+        plant = self._plant
+        mine = self._context
         state = vector_of(self._state, context)
         plant.SetPositionsAndVelocities(mine, state)
         pose = plant.EvalBodyPoseInWorld(mine, plant.get_body(self._body))
         axis = pose.rotation().matrix()[:, 2]
-        pivot = plant.EvalBodyPoseInWorld(mine, plant.GetJointByName("swing").child_body()).translation()
+        pivot = plant.EvalBodyPoseInWorld(
+            mine, plant.GetJointByName("swing").child_body()
+        ).translation()
         distance = axis @ (pose.translation() - pivot)
         force = ExternallyAppliedSpatialForce()
         force.body_index = self._body

@@ -12,11 +12,14 @@ UPSTREAM = (0.0, 1.0, 0.0)
 
 def pivot_position(mount: MountParameters) -> np.ndarray:
     """p_WP: the point of the motor axis above the bar (3), m."""
-    return np.array([mount.com_x + mount.pivot_x, mount.com_y + mount.pivot_y, mount.com_z + mount.pivot_z])
+    return np.array(
+        [mount.com_x + mount.pivot_x, mount.com_y + mount.pivot_y, mount.com_z + mount.pivot_z]
+    )
 
 
 def tail_layout(scenario: RigScenario, sections: int | None = None) -> SectionLayout:
-    """Sections over the whole tail under test, in the frame of the body `tail`; the jet cuts them to its exposed part.
+    """Sections over the whole tail under test, in the frame of the body `tail`; the jet cuts them
+    to its exposed part.
 
     Args:
         scenario: with a tail.
@@ -35,7 +38,12 @@ def tail_layout(scenario: RigScenario, sections: int | None = None) -> SectionLa
         )
     tail = scenario.cheetah_tail
     return SectionLayout.strip(
-        start=0.0, length=tail.length, width=tail.major_axis, number=number, axis_B=DOWN, normal_B=UPSTREAM
+        start=0.0,
+        length=tail.length,
+        width=tail.major_axis,
+        number=number,
+        axis_B=DOWN,
+        normal_B=UPSTREAM,
     )
 
 
@@ -43,5 +51,10 @@ def bar_layout(scenario: RigScenario) -> SectionLayout:
     """The bar as one section, in the frame of the body `bar`."""
     bar = scenario.bar
     return SectionLayout.strip(
-        start=0.0, length=bar.tail_distance, width=bar.width, number=1, axis_B=DOWN, normal_B=UPSTREAM
+        start=0.0,
+        length=bar.tail_distance,
+        width=bar.width,
+        number=1,
+        axis_B=DOWN,
+        normal_B=UPSTREAM,
     )

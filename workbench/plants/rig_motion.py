@@ -1,8 +1,10 @@
-"""The rig as the pendulum that it is, in plain floats: for fits, which ask for it hundreds of times.
+"""The rig as the pendulum that it is, in plain floats: for fits, which ask for it hundreds of
+times.
 
-J angle'' = weight + air + friction + motor, with the force law and the jet of `aerodima.workbench.aero`. It is the
-motion of `aerodima.workbench.plants.rig` to rounding (a test holds the two together). `dataclasses.replace` varies
-friction, laws, added mass; `aerodima.optimisation.identify.pendulum` rolls swings out.
+J angle'' = weight + air + friction + motor, with the force law and the jet of
+`aerodima.workbench.aero`. It is the motion of `aerodima.workbench.plants.rig` to rounding (a test
+holds the two together). `dataclasses.replace` varies friction, laws, added mass;
+`aerodima.optimisation.identify.pendulum` rolls swings out.
 """
 
 from __future__ import annotations
@@ -19,7 +21,11 @@ from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.rig_layout import bar_layout, pivot_position, tail_layout
-from aerodima.workbench.plants.rig_model import bar_properties, cheetah_tail_properties, robot_tail_properties
+from aerodima.workbench.plants.rig_model import (
+    bar_properties,
+    cheetah_tail_properties,
+    robot_tail_properties,
+)
 from aerodima.workbench.plants.sdf_model import Inertial
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, FrictionLaw, smooth_friction
 
@@ -28,18 +34,28 @@ def rig_jet(scenario: RigScenario) -> Jet:
     """The tunnel's jet as the rig of a scenario stands in it."""
     tunnel = scenario.tunnel
     return Jet.below_pivot(
-        pivot_position(scenario.mount), tunnel.jet_edge_depth, psi=tunnel.psi3, slope=tunnel.jet_slope
+        pivot_position(scenario.mount),
+        tunnel.jet_edge_depth,
+        psi=tunnel.psi3,
+        slope=tunnel.jet_slope,
     )
 
 
 def rig_law(scenario: RigScenario) -> tuple[SectionLaw, float | None]:
-    """Force law of the tail under test, and the relative speed (m/s) up to which it was shown to hold."""
-    aero, experiment = scenario.aero, scenario.experiment
+    """Force law of the tail under test, and the relative speed (m/s) up to which it was shown to
+    hold.
+    """
+    aero = scenario.aero
+    experiment = scenario.experiment
     if aero.source == "constant":
         if scenario.is_robot:
             return NormalForceLaw(aero.normal_force), None
         return PolarLaw(aero.drag, aero.lift, lift_blend=aero.lift_blend), None
-    name = "robot_tail_line" if scenario.is_robot else f"cheetah_tail_{experiment.tail}_{experiment.axis}"
+    name = (
+        "robot_tail_line"
+        if scenario.is_robot
+        else f"cheetah_tail_{experiment.tail}_{experiment.axis}"
+    )
     return _measured_law(name, aero.lift_blend)
 
 
@@ -50,12 +66,16 @@ def _measured_law(name: str, lift_blend: float) -> tuple[SectionLaw, float | Non
     if name == "robot_tail_line":
         return found.law(), found.quasi_steady_limit
     assert isinstance(found, PolarTable)
-    return PolarLaw(found.table("cd"), found.table("cl"), lift_blend=lift_blend), found.quasi_steady_limit
+    return PolarLaw(
+        found.table("cd"), found.table("cl"), lift_blend=lift_blend
+    ), found.quasi_steady_limit
 
 
 @dataclass(frozen=True)
 class SwingingMass:
-    """A body that swings: mass kg, centre of mass about the pivot (m, and rad from the bar), own inertia kg m2."""
+    """A body that swings: mass kg, centre of mass about the pivot (m, and rad from the bar), own
+    inertia kg m2.
+    """
 
     mass: float
     radius: float
@@ -65,7 +85,9 @@ class SwingingMass:
 
 @dataclass(frozen=True)
 class Blade:
-    """Sections on a straight body: their law, their places along it, its origin below the pivot (m), its tilt (rad)."""
+    """Sections on a straight body: their law, their places along it, its origin below the pivot
+    (m), its tilt (rad).
+    """
 
     law: SectionLaw
     layout: SectionLayout
@@ -81,7 +103,8 @@ class RigMotion:
         bodies: that swing.
         rotor: reflected inertia about the motor axis, kg m2.
         added_mass: of each part, kg.
-        added_distances: of the parts from the pivot along the axis of the tail, m; empty for the bare bar.
+        added_distances: of the parts from the pivot along the axis of the tail, m; empty for the
+            bare bar.
         friction: rate to torque.
         blades: tail and bar in the wind.
         jet: of the tunnel.
@@ -108,7 +131,8 @@ class RigMotion:
         """The motion of the rig of a scenario."""
         robot = scenario.is_robot
         friction = scenario.robot_friction if robot else scenario.friction
-        motor, maxon = scenario.robot_motor, scenario.maxon
+        motor = scenario.robot_motor
+        maxon = scenario.maxon
         bodies, blades = _parts(scenario)
         x, y, z = pivot_position(scenario.mount).tolist()
         parts = tail_layout(scenario, ADDED_MASS_PARTS).distances if blades else ()
@@ -128,7 +152,9 @@ class RigMotion:
 
     @property
     def inertia(self) -> float:
-        """About the motor axis, with rotor and added mass, kg m2; UserError when the added mass leaves none."""
+        """About the motor axis, with rotor and added mass, kg m2; UserError when the added mass
+        leaves none.
+        """
         own = sum(body.inertia + body.mass * body.radius**2 for body in self.bodies) + self.rotor
         total = own + self.added_mass * sum(s * s for s in self.added_distances)
         if not total > 0.0:
@@ -146,16 +172,27 @@ class RigMotion:
             if areas[0] == 0.0:
                 continue
             fx, fy, fz, tx, ty, tz = blade.law.line_force(line, distances, areas, self.density)
-            x, y, z = x + fx, y + fy, z + fz
-            mx, my, mz = mx + tx + ry * fz - rz * fy, my + ty + rz * fx, mz + tz - ry * fx
+            x = x + fx
+            y = y + fy
+            z = z + fz
+            mx = mx + tx + ry * fz - rz * fy
+            my = my + ty + rz * fx
+            mz = mz + tz - ry * fx
         return x, y, z, mx, my, mz
 
     def _met(self, blade: Blade, angle: float, rate: float) -> tuple[Any, ...]:
-        """Root of a blade from the pivot (y, z), its motion against the air, distances and areas of its sections."""
-        s, c = math.sin(angle), math.cos(angle)
-        st, ct = math.sin(angle + blade.tilt), math.cos(angle + blade.tilt)
-        root, (px, py, pz), (wx, wy, _) = blade.root, self.pivot, self.jet.downstream_W
-        a, arm = (0.0, -st, -ct), (-root * s, -root * c)
+        """Root of a blade from the pivot (y, z), its motion against the air, distances and areas of
+        its sections.
+        """
+        s = math.sin(angle)
+        c = math.cos(angle)
+        st = math.sin(angle + blade.tilt)
+        ct = math.cos(angle + blade.tilt)
+        root = blade.root
+        (px, py, pz) = self.pivot
+        (wx, wy, _) = self.jet.downstream_W
+        a = (0.0, -st, -ct)
+        arm = (-root * s, -root * c)
         u = (self.wind_speed * wx, self.wind_speed * wy + rate * root * c, -rate * root * s)
         met = self.jet.exposed_sections(blade.layout, (px, py + arm[0], pz + arm[1]), a)
         return arm, LineMotion(u, (0.0, rate * ct, -rate * st), a, (0.0, ct, -st)), *met
@@ -180,7 +217,8 @@ def _parts(scenario: RigScenario) -> tuple[tuple[SwingingMass, ...], tuple[Blade
     hanging = _swinging(bar_properties(bar), 0.0, 0.0)
     if not scenario.has_cheetah_tail:
         return (hanging,), ()
-    root, misalignment = bar.tail_distance + scenario.cheetah_tail.gap, scenario.tunnel.misalignment
+    root = bar.tail_distance + scenario.cheetah_tail.gap
+    misalignment = scenario.tunnel.misalignment
     tail = _swinging(cheetah_tail_properties(scenario.cheetah_tail), root, misalignment)
     return (hanging, tail), (
         Blade(PolarLaw(bar.drag_coefficient), bar_layout(scenario), 0.0, 0.0),
@@ -189,7 +227,12 @@ def _parts(scenario: RigScenario) -> tuple[tuple[SwingingMass, ...], tuple[Blade
 
 
 def _swinging(properties: Inertial, root: float, tilt: float) -> SwingingMass:
-    """A body whose origin is `root` below the pivot along the bar and whose axis is tilted from it."""
+    """A body whose origin is `root` below the pivot along the bar and whose axis is tilted from
+    it.
+    """
     beyond = -properties.com[2]
-    along, across = root + beyond * math.cos(tilt), beyond * math.sin(tilt)
-    return SwingingMass(properties.mass, math.hypot(along, across), math.atan2(across, along), properties.moments[0])
+    along = root + beyond * math.cos(tilt)
+    across = beyond * math.sin(tilt)
+    return SwingingMass(
+        properties.mass, math.hypot(along, across), math.atan2(across, along), properties.moments[0]
+    )

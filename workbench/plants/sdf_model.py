@@ -1,7 +1,8 @@
 """An SDF file as text whose numbers are set before Drake parses it.
 
-SDF files carry topology, geometry and nominal values; the numbers that matter come from the scenario. Poses, masses,
-inertias, springs and friction are written into the XML, so that what Drake parses is what the scenario says.
+SDF files carry topology, geometry and nominal values; the numbers that matter come from the
+scenario. Poses, masses, inertias, springs and friction are written into the XML, so that what Drake
+parses is what the scenario says.
 """
 
 import xml.etree.ElementTree as ElementTree
@@ -21,7 +22,8 @@ _MOMENTS, _PRODUCTS = ("ixx", "iyy", "izz"), ("ixy", "ixz", "iyz")
 
 @dataclass(frozen=True)
 class Inertial:
-    """Mass (kg), centre of mass in the link frame (m), moments and products of inertia about it (kg m2).
+    """Mass (kg), centre of mass in the link frame (m), moments and products of inertia about it (kg
+    m2).
 
     Moments are xx, yy, zz, products xy, xz, yz, along the link axes.
     """
@@ -50,7 +52,8 @@ class SdfModel:
     """
 
     def __init__(self, path: Path, digits: int = 9):
-        self.path, self._digits = path, digits
+        self.path = path
+        self._digits = digits
         try:
             reader = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
             self._root = ElementTree.fromstring(path.read_text(encoding="utf-8"), reader)
@@ -82,30 +85,50 @@ class SdfModel:
         inertia = self._child(element, "inertia")
         xx, yy, zz = (float(self._child(inertia, tag).text or "nan") for tag in _MOMENTS)
         xy, xz, yz = (float(inertia.findtext(tag, "0")) for tag in _PRODUCTS)
-        return Inertial(float(self._child(element, "mass").text or "nan"), (x, y, z), (xx, yy, zz), (xy, xz, yz))
+        return Inertial(
+            float(self._child(element, "mass").text or "nan"), (x, y, z), (xx, yy, zz), (xy, xz, yz)
+        )
 
-    def set_link_position(self, link: str, position: Sequence[float], roll: float | None = None) -> None:
-        """Sets the position (m) of a link in the model frame, and its roll (rad); without one its orientation stays."""
+    def set_link_position(
+        self, link: str, position: Sequence[float], roll: float | None = None
+    ) -> None:
+        """Sets the position (m) of a link in the model frame, and its roll (rad); without one its
+        orientation stays.
+        """
         element = self._named("link", link)
         if roll is not None:
             self._child(element, "pose").text = f"0 0 0 {self._text(roll)} 0 0"
         self._set_position(element, position)
 
-    def set_shape(self, link: str, shape: str, position: Sequence[float] | None = None, **sizes: str) -> None:
-        """Sets sizes (such as `radius="0.07"`) and position of a visual or collision shape of a link."""
+    def set_shape(
+        self, link: str, shape: str, position: Sequence[float] | None = None, **sizes: str
+    ) -> None:
+        """Sets sizes (such as `radius="0.07"`) and position of a visual or collision shape of a
+        link.
+        """
         for element in self._shapes(link, shape):
             if position is not None:
                 self._set_position(element, position)
             for tag, value in sizes.items():
                 matches = list(self._child(element, "geometry").iter(tag))
                 if len(matches) != 1:
-                    raise ModelError(f"{self.path}: shape {shape!r} of link {link!r} has no <{tag}>")
+                    raise ModelError(
+                        f"{self.path}: shape {shape!r} of link {link!r} has no <{tag}>"
+                    )
                 matches[0].text = value
 
     def add_shape(
-        self, link: str, name: str, pose: Sequence[float], shape: str, *, colour: str | None = None, **sizes: str
+        self,
+        link: str,
+        name: str,
+        pose: Sequence[float],
+        shape: str,
+        *,
+        colour: str | None = None,
+        **sizes: str,
     ) -> None:
-        """Adds a visual of a colour (`0.9 0.7 0.2 1`), or without one a collision shape for `set_contact`.
+        """Adds a visual of a colour (`0.9 0.7 0.2 1`), or without one a collision shape for
+        `set_contact`.
 
         Args:
             pose: position (m) and roll, pitch, yaw (rad) in the link frame.
@@ -119,14 +142,20 @@ class SdfModel:
         for tag, size in sizes.items():
             ElementTree.SubElement(form, tag).text = size
         if colour is not None:
-            ElementTree.SubElement(ElementTree.SubElement(element, "material"), "diffuse").text = colour
+            ElementTree.SubElement(
+                ElementTree.SubElement(element, "material"), "diffuse"
+            ).text = colour
             return
         properties = ElementTree.SubElement(element, _drake("proximity_properties"))
         for tag in _CONTACT:
             ElementTree.SubElement(properties, _drake(tag))
 
-    def set_contact(self, link: str, shape: str | None, stiffness: float, dissipation: float, friction: float) -> None:
-        """Sets point-contact stiffness (N/m), Hunt-Crossley dissipation (s/m), friction of collision shapes."""
+    def set_contact(
+        self, link: str, shape: str | None, stiffness: float, dissipation: float, friction: float
+    ) -> None:
+        """Sets point-contact stiffness (N/m), Hunt-Crossley dissipation (s/m), friction of
+        collision shapes.
+        """
         values = dict(zip(_CONTACT, (stiffness, dissipation, friction, friction), strict=True))
         for element in self._shapes(link, shape, "collision"):
             properties = self._child(element, _drake("proximity_properties"))
@@ -134,14 +163,20 @@ class SdfModel:
                 self._child(properties, _drake(tag)).text = self._text(value)
 
     def set_joint(self, joint: str, **values: float) -> None:
-        """Sets `damping`, `spring_stiffness`, `spring_reference`, `lower`, `upper`, `effort` of a joint."""
+        """Sets `damping`, `spring_stiffness`, `spring_reference`, `lower`, `upper`, `effort` of a
+        joint.
+        """
         axis = self._child(self._named("joint", joint), "axis")
         for tag, value in values.items():
-            parent = self._child(axis, "limit" if tag in ("lower", "upper", "effort") else "dynamics")
+            parent = self._child(
+                axis, "limit" if tag in ("lower", "upper", "effort") else "dynamics"
+            )
             self._child(parent, tag).text = self._text(value)
 
     def set_rotor(self, joint: str, inertia: float, gear_ratio: float) -> None:
-        """Sets rotor inertia (kg m2, before the gearbox) and gear ratio of the actuator of a joint."""
+        """Sets rotor inertia (kg m2, before the gearbox) and gear ratio of the actuator of a
+        joint.
+        """
         element = self._named("joint", joint)
         self._child(element, _drake("rotor_inertia")).text = f"{inertia:.15g}"
         self._child(element, _drake("gear_ratio")).text = self._text(gear_ratio)
@@ -159,7 +194,9 @@ class SdfModel:
         element.remove(self._child(element, "axis"))
 
     def remove_shapes(self, link: str, shape: str | None = None, kind: str = "*") -> None:
-        """Takes away the visuals and collision shapes of a link, or those of a name or of one kind alone."""
+        """Takes away the visuals and collision shapes of a link, or those of a name or of one kind
+        alone.
+        """
         element = self._named("link", link)
         for found in self._shapes(link, shape, kind):
             element.remove(found)
@@ -171,7 +208,9 @@ class SdfModel:
 
     def text(self) -> str:
         """The model as an SDF document."""
-        return '<?xml version="1.0"?>\n' + ElementTree.tostring(self._root, encoding="unicode") + "\n"
+        return (
+            '<?xml version="1.0"?>\n' + ElementTree.tostring(self._root, encoding="unicode") + "\n"
+        )
 
     def _named(self, kind: str, name: str) -> ElementTree.Element:
         for element in self.model.findall(kind):
@@ -193,7 +232,9 @@ class SdfModel:
     def _child(self, element: ElementTree.Element, tag: str) -> ElementTree.Element:
         child = element.find(tag)
         if child is None:
-            raise ModelError(f"{self.path}: <{element.tag} name={element.get('name')!r}> has no <{tag}>")
+            raise ModelError(
+                f"{self.path}: <{element.tag} name={element.get('name')!r}> has no <{tag}>"
+            )
         return child
 
     def _text(self, value: float) -> str:

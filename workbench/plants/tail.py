@@ -1,8 +1,10 @@
-"""The car's tail as a `TailGeometry`, and its SDF: hub, rod and sail with three joints (models/tail/tail.sdf).
+"""The car's tail as a `TailGeometry`, and its SDF: hub, rod and sail with three joints
+(models/tail/tail.sdf).
 
-Joint signs: roll 0 = straight up, positive to the right (-y), axis +x; pitch axis +y, positive tilts forward; sail
-about the tail's own axis (design section 4). At sail angle 0 the sail is hollow towards +y; one that faces the wind is
-welded there, since its angle follows from the wind at every instant (`TailForce`, port `wind_direction`).
+Joint signs: roll 0 = straight up, positive to the right (-y), axis +x; pitch axis +y, positive
+tilts forward; sail about the tail's own axis (design section 4). At sail angle 0 the sail is hollow
+towards +y; one that faces the wind is welded there, since its angle follows from the wind at every
+instant (`TailForce`, port `wind_direction`).
 """
 
 from __future__ import annotations
@@ -18,7 +20,12 @@ import yaml
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.config.car_parameters import SHELL_DEPTH, CarParameters, TailMotorParameters, TailParameters
+from aerodima.workbench.config.car_parameters import (
+    SHELL_DEPTH,
+    CarParameters,
+    TailMotorParameters,
+    TailParameters,
+)
 from aerodima.workbench.config.checked_files import checked, read_yaml
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
@@ -30,10 +37,13 @@ def read_tail(path: str | Path) -> TailGeometry:
     """Reads a tail file.
 
     Raises:
-        ModelError: no such file, a wrong key, value or unit, or a tail that cannot be; names the file.
+        ModelError: no such file, a wrong key, value or unit, or a tail that cannot be; names the
+            file.
     """
     place = Path(path)
-    return checked(TailGeometry, read_yaml(place, ModelError), str(place), ModelError, schema=SCHEMA)
+    return checked(
+        TailGeometry, read_yaml(place, ModelError), str(place), ModelError, schema=SCHEMA
+    )
 
 
 def write_tail(geometry: TailGeometry, path: str | Path, *, force: bool = False) -> Path:
@@ -55,17 +65,20 @@ BOARD_THICKNESS = 0.002
 """Thickness of the backing board as drawn, m."""
 
 SAIL_TIP_MARGIN = 0.01
-"""Radius (m) of the spheres that feel the ground at the corners of the sail's tip, as drawn in the SDF."""
+"""Radius (m) of the spheres that feel the ground at the corners of the sail's tip, as drawn in the
+SDF."""
 
 TAIL_CONTACT_STIFFNESS = 1.0e4
-"""Contact stiffness (N/m) of the sail's corners: film and a half ring, soft against the tyres; acts in a crash only."""
+"""Contact stiffness (N/m) of the sail's corners: film and a half ring, soft against the tyres; acts
+in a crash only."""
 
 ADDED_MASS_PARTS = 5
-"""Equal parts of the whole tail that carry the added mass (design section 5, thesis section 4.6)."""
+"""Equal parts of the whole tail that carry the added mass (design section 5, thesis section 4.6).
+"""
 
 LEAST_INERTIA_LEFT = 0.03
-"""Share of every inertia that a negative `tail.added_mass` must leave: a swing of the default tail with 3 % is the same
-at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
+"""Share of every inertia that a negative `tail.added_mass` must leave: a swing of the default tail
+with 3 % is the same at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
 
 
 FrictionLaw = Callable[[float], float]
@@ -73,7 +86,8 @@ FrictionLaw = Callable[[float], float]
 
 
 def smooth_friction(coulomb: float, viscous: float, tanh_gain: float) -> FrictionLaw:
-    """tau = -(Cf tanh(k w) + Vf w): thesis eq. 4.12 with the sign of ERRATA E14 and E15; k = 10 s/rad there.
+    """tau = -(Cf tanh(k w) + Vf w): thesis eq. 4.12 with the sign of ERRATA E14 and E15; k = 10
+    s/rad there.
 
     Drake's joints have no Coulomb friction (design section 6).
 
@@ -85,13 +99,15 @@ def smooth_friction(coulomb: float, viscous: float, tanh_gain: float) -> Frictio
 
 
 class ArmInertia(NamedTuple):
-    """Inertia (kg m2) of the moving arm about its joints with the added mass of the air, without the rotors.
+    """Inertia (kg m2) of the moving arm about its joints with the added mass of the air, without
+    the rotors.
 
     Args:
         roll: rod and sail about the roll axis.
         pitch_upright: hub, rod and sail about the pitch axis, arm straight up.
         pitch_sideways: the same with the arm along the pitch axis.
-        pitch_product: product of inertia yz of rod and sail about the joints; 0 for a tail that is even to both sides.
+        pitch_product: product of inertia yz of rod and sail about the joints; 0 for a tail that is
+            even to both sides.
     """
 
     roll: float
@@ -100,7 +116,9 @@ class ArmInertia(NamedTuple):
     pitch_product: float = 0.0
 
     def about_joints(self, roll_angle: float) -> tuple[float, float]:
-        """About the pitch and the roll axis at a roll angle (rad), the diagonal of the arm's mass matrix."""
+        """About the pitch and the roll axis at a roll angle (rad), the diagonal of the arm's mass
+        matrix.
+        """
         return inertia_about_joints(self, roll_angle)
 
 
@@ -114,12 +132,14 @@ def inertia_about_joints(arm: ArmInertia, roll_angle: float) -> tuple[float, flo
 def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParameters) -> ArmInertia:
     """Inertia of the arm as `tail_sdf` builds it, with the added mass on it.
 
-    Added mass acts across the tail only: about the roll axis and about the pitch axis of an upright arm it counts with
-    its distance from the joints; an arm along the pitch axis turns about itself and moves no air.
+    Added mass acts across the tail only: about the roll axis and about the pitch axis of an upright
+    arm it counts with its distance from the joints; an arm along the pitch axis turns about itself
+    and moves no air.
     """
     model = tail_sdf(tail, motor, car)
     hub = model.inertial("tail_hub")
-    about_root, product = [0.0, 0.0, 0.0], 0.0
+    about_root = [0.0, 0.0, 0.0]
+    product = 0.0
     for link in ("tail_rod", "tail_sail"):
         part = model.inertial(link)
         x, y, z = part.com
@@ -130,21 +150,24 @@ def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParame
     air = 0.0
     if tail.added_mass != 0.0:
         air = tail.added_mass * sum(distance**2 for distance in added_mass_layout(tail).distances)
-    upright, sideways = hub.moments[1] + about_root[1] + air, hub.moments[1] + about_root[2]
+    upright = hub.moments[1] + about_root[1] + air
+    sideways = hub.moments[1] + about_root[2]
     return ArmInertia(about_root[0] + air, upright, sideways, product)
 
 
 def added_mass_layout(tail: TailParameters) -> SectionLayout:
-    """Parts of the tail that carry added mass, in the frame of the body `tail_rod`: z along the tail."""
+    """Parts of the tail that carry added mass, in the frame of the body `tail_rod`: z along the
+    tail.
+    """
     return tail_geometry(tail).added_mass_layout(ADDED_MASS_PARTS)
 
 
 def tail_geometry(tail: TailParameters) -> TailGeometry:
     """The tail of a scenario as an object, with the mass and inertia that its parameters give.
 
-    The rod is a uniform thin rod from the roll axis to the tip, the sail ends at the tip, see `sail_inertial`. The
-    densities are those of these masses over length and area: `from_densities` is the same tail to rounding. With
-    `tail.geometry` it is that of the tail file.
+    The rod is a uniform thin rod from the roll axis to the tip, the sail ends at the tip, see
+    `sail_inertial`. The densities are those of these masses over length and area: `from_densities`
+    is the same tail to rounding. With `tail.geometry` it is that of the tail file.
 
     Raises:
         ModelError: the tail file is missing or wrong.
@@ -171,18 +194,24 @@ def tail_geometry(tail: TailParameters) -> TailGeometry:
         name=tail.name,
         arm=TailArm(lengths=(tail.length,), density=rod_mass / tail.length, radius=ROD_RADIUS),
         plates=(plate,),
-        arm_inertial=Inertial(rod_mass, (0, 0, tail.length / 2), (rod, rod, 0.5 * rod_mass * ROD_RADIUS**2)),
+        arm_inertial=Inertial(
+            rod_mass, (0, 0, tail.length / 2), (rod, rod, 0.5 * rod_mass * ROD_RADIUS**2)
+        ),
         sail_inertial=sail,
     )
 
 
 def tail_sdf(
-    tail: TailParameters, motor: TailMotorParameters, car: CarParameters, geometry: TailGeometry | None = None
+    tail: TailParameters,
+    motor: TailMotorParameters,
+    car: CarParameters,
+    geometry: TailGeometry | None = None,
 ) -> SdfModel:
     """The tail model with the numbers of a scenario.
 
     Args:
-        geometry: whose mass and inertia it has; by default that of the parameters, see `tail_geometry`.
+        geometry: whose mass and inertia it has; by default that of the parameters, see
+            `tail_geometry`.
     """
     model = SdfModel(model_path(TAIL_SDF))
     geometry = geometry or tail_geometry(tail)
@@ -195,7 +224,9 @@ def tail_sdf(
     else:
         corners = _set_sail_shapes(model, tail)
     for shape in corners:
-        model.set_contact("tail_sail", shape, TAIL_CONTACT_STIFFNESS, 1.0, ground_partner_friction(car))
+        model.set_contact(
+            "tail_sail", shape, TAIL_CONTACT_STIFFNESS, 1.0, ground_partner_friction(car)
+        )
     for joint, limit in (("tail_pitch", tail.pitch_limit), ("tail_roll", tail.roll_stop)):
         model.set_joint(joint, lower=-limit, upper=limit, effort=motor.torque_limit)
         model.set_rotor(joint, motor.rotor_inertia, motor.gear_ratio)
@@ -204,16 +235,27 @@ def tail_sdf(
 
 
 def sail_inertial(tail: TailParameters) -> Inertial:
-    """Shell and board: a uniform box as long and wide as the sail and as deep as both, balanced on its axis."""
+    """Shell and board: a uniform box as long and wide as the sail and as deep as both, balanced on
+    its axis.
+    """
     mass = tail.mass * tail.sail_mass_fraction
-    length, width, deep = (mass * size**2 / 12 for size in (tail.sail_length, tail.sail_width, tail.sail_depth))
-    return Inertial(mass, (0, 0, tail.length - tail.sail_length / 2), (length + deep, length + width, width + deep))
+    length, width, deep = (
+        mass * size**2 / 12 for size in (tail.sail_length, tail.sail_width, tail.sail_depth)
+    )
+    return Inertial(
+        mass,
+        (0, 0, tail.length - tail.sail_length / 2),
+        (length + deep, length + width, width + deep),
+    )
 
 
 def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> list[str]:
-    """The drawn shell opens to +y at its place before the bearing, with the board behind it; names of the corners."""
+    """The drawn shell opens to +y at its place before the bearing, with the board behind it; names
+    of the corners.
+    """
     model.set_shape("tail_rod", "rod", (0, 0, tail.length / 2), length=f"{tail.length:.9g}")
-    width, middle = tail.sail_width, tail.length - tail.sail_length / 2
+    width = tail.sail_width
+    middle = tail.length - tail.sail_length / 2
     deep = max(tail.shell_share / SHELL_DEPTH * width, BOARD_THICKNESS)
     scale = f"{width:.9g} {deep:.9g} {tail.sail_length:.9g}"
     model.set_shape("tail_sail", "sail", (0, tail.sail_front, middle), scale=scale)
@@ -231,10 +273,11 @@ def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> list[str]:
 
 
 def ground_partner_friction(car: CarParameters) -> float:
-    """Friction that cage, board and tail must carry so that Drake combines it with the ground's to `cage_friction`.
+    """Friction that cage, board and tail must carry so that Drake combines it with the ground's to
+    `cage_friction`.
 
-    Drake combines mu = 2 mu1 mu2 / (mu1 + mu2); the ground carries the tyre friction, so that the tyres' own pair
-    gives exactly that. A scenario's cage friction is below twice its tyre friction.
+    Drake combines mu = 2 mu1 mu2 / (mu1 + mu2); the ground carries the tyre friction, so that the
+    tyres' own pair gives exactly that. A scenario's cage friction is below twice its tyre friction.
     """
     return car.cage_friction * car.tyre_friction / (2 * car.tyre_friction - car.cage_friction)
 
@@ -250,11 +293,13 @@ def set_tail_shapes(model: SdfModel, geometry: TailGeometry, margin: float) -> l
     """Draws rod and plates, section by section, in place of what the model draws.
 
     Args:
-        model: models/tail/tail.sdf; its links `tail_rod` and `tail_sail` have the frame T of the geometry.
+        model: models/tail/tail.sdf; its links `tail_rod` and `tail_sail` have the frame T of the
+            geometry.
         margin: radius of the spheres that feel the ground, m; they lie that far inside the outline.
 
     Returns:
-        Names of these spheres, shapes of `tail_sail`: at the corners of plates, and at the tip of an arm without one.
+        Names of these spheres, shapes of `tail_sail`: at the corners of plates, and at the tip of
+        an arm without one.
     """
     for link in ("tail_rod", "tail_sail"):
         model.remove_shapes(link)
@@ -267,7 +312,13 @@ def set_tail_shapes(model: SdfModel, geometry: TailGeometry, margin: float) -> l
         pose = _pose((near + far) / 2, np.column_stack([across, np.cross(axis, across), axis]))
         radius = f"{geometry.arm.radius:.9g}"
         model.add_shape(
-            "tail_rod", f"rod_{number}", pose, "cylinder", colour=_ARM_COLOUR, radius=radius, length=f"{length:.9g}"
+            "tail_rod",
+            f"rod_{number}",
+            pose,
+            "cylinder",
+            colour=_ARM_COLOUR,
+            radius=radius,
+            length=f"{length:.9g}",
         )
     for plate in geometry.plates:
         for number, piece in enumerate(plate.pieces):
@@ -278,7 +329,9 @@ def set_tail_shapes(model: SdfModel, geometry: TailGeometry, margin: float) -> l
         corners.append(points[-1])
     names = [f"tail_corner_{number}" for number in range(len(corners))]
     for name, corner in zip(names, corners, strict=True):
-        model.add_shape("tail_sail", name, [*corner, 0.0, 0.0, 0.0], "sphere", radius=f"{margin:.9g}")
+        model.add_shape(
+            "tail_sail", name, [*corner, 0.0, 0.0, 0.0], "sphere", radius=f"{margin:.9g}"
+        )
     return names
 
 
@@ -294,28 +347,42 @@ def _draw(model: SdfModel, plate: Plate, piece: Piece, name: str) -> None:
         pose = _pose(piece.start + share * piece.length * piece.axis, frame)
         if plate.kind == "half_shell":
             size = {"uri": _HALF_CYLINDER, "scale": f"{width:.9g} {width:.9g} {part:.9g}"}
-            model.add_shape("tail_sail", f"{name}_{number}", pose, "mesh", colour=_PLATE_COLOUR, **size)
+            model.add_shape(
+                "tail_sail", f"{name}_{number}", pose, "mesh", colour=_PLATE_COLOUR, **size
+            )
         else:
             box = f"{width:.9g} {max(plate.depth, _THIN):.9g} {part:.9g}"
-            model.add_shape("tail_sail", f"{name}_{number}", pose, "box", colour=_PLATE_COLOUR, size=box)
+            model.add_shape(
+                "tail_sail", f"{name}_{number}", pose, "box", colour=_PLATE_COLOUR, size=box
+            )
 
 
 def _corners(plate: Plate, margin: float) -> list[np.ndarray]:
-    """Far corners of each piece in T, m, and near ones of a first piece that narrows; all lie inside the outline."""
+    """Far corners of each piece in T, m, and near ones of a first piece that narrows; all lie
+    inside the outline.
+    """
     found = []
     for number, piece in enumerate(plate.pieces):
         near, far = piece.chords
         inset = min(margin, piece.length / 2)
-        ends = [(far, piece.length - inset), *([(near, inset)] if number == 0 and near > far else [])]
+        ends = [
+            (far, piece.length - inset),
+            *([(near, inset)] if number == 0 and near > far else []),
+        ]
         for chord, along in ends:
             side = max(chord / 2 - margin, 0.0)
-            found += [piece.start + along * piece.axis + sign * side * piece.across for sign in (-1.0, 1.0)]
+            found += [
+                piece.start + along * piece.axis + sign * side * piece.across
+                for sign in (-1.0, 1.0)
+            ]
     return found
 
 
 def _covers(piece: Piece, point: np.ndarray) -> bool:
     """Whether a point in T lies on a piece, to a millimetre."""
-    along, across, off = (float((point - piece.start) @ axis) for axis in (piece.axis, piece.across, piece.normal))
+    along, across, off = (
+        float((point - piece.start) @ axis) for axis in (piece.axis, piece.across, piece.normal)
+    )
     near, far = piece.chords
     width = near + (far - near) * min(max(along / piece.length, 0.0), 1.0)
     return -1e-3 < along < piece.length + 1e-3 and abs(across) < width / 2 and abs(off) < 1e-3

@@ -1,19 +1,23 @@
-"""A tail as an object: an arm and its plates or half shells, with area, centre of pressure, mass and inertia.
+"""A tail as an object: an arm and its plates or half shells, with area, centre of pressure, mass
+and inertia.
 
-Frame T: origin where the joint axes of the tail cross, z along a straight tail from root to tip; on the car, x forward
-and y to the left while all joints are zero (design section 4).
+Frame T: origin where the joint axes of the tail cross, z along a straight tail from root to tip; on
+the car, x forward and y to the left while all joints are zero (design section 4).
 
-The arm is a thin rod, with the moment of a solid cylinder about its own axis. A plate is a row of straight pieces, each
-with a length, a direction and a width that goes linearly from end to end: straight, tapered, bent or swept.
+The arm is a thin rod, with the moment of a solid cylinder about its own axis. A plate is a row of
+straight pieces, each with a length, a direction and a width that goes linearly from end to end:
+straight, tapered, bent or swept.
 
 - Plate: flat, its mass spread evenly over the area, and over `depth` along the normal (0: thin).
-- Half shell: a half cylinder, or half a cone where it tapers. Its opening lies on the row of pieces, the normal leaves
-  the round side (as the sail in models/tail/tail.sdf), the material is pi/2 of the opening.
+- Half shell: a half cylinder, or half a cone where it tapers. Its opening lies on the row of
+  pieces, the normal leaves the round side (as the sail in models/tail/tail.sdf), the material is
+  pi/2 of the opening.
 
-All integrals are closed forms. Areas are planform areas. The centre of pressure is that of even pressure, which is
-where sections put the force of a steady broadside wind; how it moves with the angle of attack is not modelled. Sections
-do not shade one another. Behind a plate with C_D the air is slower by 0.976 sqrt(C_D c / x) of its speed, x behind a
-chord c (Schlichting, Boundary-Layer Theory): a second row of plates is worth less than its sections say.
+All integrals are closed forms. Areas are planform areas. The centre of pressure is that of even
+pressure, which is where sections put the force of a steady broadside wind; how it moves with the
+angle of attack is not modelled. Sections do not shade one another. Behind a plate with C_D the air
+is slower by 0.976 sqrt(C_D c / x) of its speed, x behind a chord c (Schlichting, Boundary-Layer
+Theory): a second row of plates is worth less than its sections say.
 """
 
 from __future__ import annotations
@@ -54,18 +58,27 @@ class MassMoments:
     @classmethod
     def of(cls, inertial: Inertial) -> MassMoments:
         """The moments of a body whose centre of mass and inertia about it are known."""
-        inertia, com = inertial.matrix, np.asarray(inertial.com)
+        inertia = inertial.matrix
+        com = np.asarray(inertial.com)
         about_com = np.trace(inertia) / 2 * np.eye(3) - inertia
-        return cls(inertial.mass, inertial.mass * com, about_com + inertial.mass * np.outer(com, com))
+        return cls(
+            inertial.mass, inertial.mass * com, about_com + inertial.mass * np.outer(com, com)
+        )
 
     def __add__(self, other: MassMoments) -> MassMoments:
-        return MassMoments(self.mass + other.mass, self.first + other.first, self.second + other.second)
+        return MassMoments(
+            self.mass + other.mass, self.first + other.first, self.second + other.second
+        )
 
     def moved(self, frame: np.ndarray, origin: np.ndarray) -> MassMoments:
-        """The same body in another frame: `frame` has its own axes as columns (3 x 3), `origin` its origin (3), m."""
+        """The same body in another frame: `frame` has its own axes as columns (3 x 3), `origin` its
+        origin (3), m.
+        """
         first = frame @ self.first
         mixed = np.outer(origin, first)
-        second = frame @ self.second @ frame.T + mixed + mixed.T + self.mass * np.outer(origin, origin)
+        second = (
+            frame @ self.second @ frame.T + mixed + mixed.T + self.mass * np.outer(origin, origin)
+        )
         return MassMoments(self.mass, first + self.mass * origin, second)
 
     def inertial(self) -> Inertial:
@@ -85,7 +98,9 @@ def _whole(product: float, inertia: np.ndarray) -> float:
 
 
 def rod_moments(density: float, length: float, radius: float) -> MassMoments:
-    """A thin rod along z of `density` kg/m, with the moment m r^2 / 2 of a solid cylinder about its own axis."""
+    """A thin rod along z of `density` kg/m, with the moment m r^2 / 2 of a solid cylinder about its
+    own axis.
+    """
     mass = density * length
     # m r^2 / 2 about z is x^2 + y^2; as a thin rod's, its transverse moments leave that out.
     about_z = 0.5 * mass * radius**2
@@ -93,7 +108,9 @@ def rod_moments(density: float, length: float, radius: float) -> MassMoments:
     return MassMoments(mass, np.array([0.0, 0.0, mass * length / 2]), second)
 
 
-def plate_moments(density: float, length: float, chords: tuple[float, float], depth: float) -> MassMoments:
+def plate_moments(
+    density: float, length: float, chords: tuple[float, float], depth: float
+) -> MassMoments:
     """A flat trapezoid of `density` kg/m2, its mass spread evenly over `depth`."""
     near, far = chords
     mass = density * length * (near + far) / 2
@@ -104,17 +121,26 @@ def plate_moments(density: float, length: float, chords: tuple[float, float], de
 
 
 def shell_moments(
-    density: float, length: float, chords: tuple[float, float], cap_density: float, closed: tuple[bool, bool]
+    density: float,
+    length: float,
+    chords: tuple[float, float],
+    cap_density: float,
+    closed: tuple[bool, bool],
 ) -> MassMoments:
-    """Half a cone of `density` kg/m2, round towards +y, with half discs of `cap_density` at the closed ends."""
-    near, far = chords[0] / 2, chords[1] / 2
+    """Half a cone of `density` kg/m2, round towards +y, with half discs of `cap_density` at the
+    closed ends.
+    """
+    near = chords[0] / 2
+    far = chords[1] / 2
     slant = density * math.hypot(1.0, (far - near) / length)
     mass = slant * math.pi * length * (near + far) / 2
     deep = slant * 2 * length * (near**2 + near * far + far**2) / 3
     along = slant * math.pi * length**2 * (near + 2 * far) / 6
     round_off = slant * math.pi / 2 * length * (near + far) * (near**2 + far**2) / 4
     second = np.diag([round_off, round_off, slant * math.pi * length**3 * (near + 3 * far) / 12])
-    second[1, 2] = second[2, 1] = slant * 2 * length**2 * (near**2 + 2 * near * far + 3 * far**2) / 12
+    second[1, 2] = second[2, 1] = (
+        slant * 2 * length**2 * (near**2 + 2 * near * far + 3 * far**2) / 12
+    )
     total = MassMoments(mass, np.array([0.0, deep, along]), second)
     for radius, place, is_closed in zip((near, far), (0.0, length), closed, strict=True):
         if is_closed and cap_density > 0.0:
@@ -184,7 +210,9 @@ _Sizes = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(strict=False
 
 
 class TailPart(QuantityModel):
-    """A part of a tail, made in Python or read from a file; ModelError names what is wrong, in one line."""
+    """A part of a tail, made in Python or read from a file; ModelError names what is wrong, in one
+    line.
+    """
 
     def __init__(self, **values: Any) -> None:
         try:
@@ -194,23 +222,34 @@ class TailPart(QuantityModel):
 
 
 class TailArm(TailPart):
-    """The rod that carries the plates: straight pieces from the origin of T, a thin rod of even mass."""
+    """The rod that carries the plates: straight pieces from the origin of T, a thin rod of even
+    mass.
+    """
 
     lengths: _Sizes = quantity("m", "of its straight pieces from the joints on")
     density: float = quantity("kg/m", "mass over length", gt=0)
-    radius: float = quantity("m", "drawn, and for its moment about its own axis", default=0.006, gt=0)
-    axes: _Directions = Field(default=(UP,), description="directions of the pieces; one is enough where all are alike")
+    radius: float = quantity(
+        "m", "drawn, and for its moment about its own axis", default=0.006, gt=0
+    )
+    axes: _Directions = Field(
+        default=(UP,), description="directions of the pieces; one is enough where all are alike"
+    )
 
     @model_validator(mode="after")
     def _fits_together(self) -> TailArm:
         if len(self.axes) not in (1, len(self.lengths)):
-            raise ValueError(f"{len(self.lengths)} lengths and {len(self.axes)} axes; allowed: n and 1 or n")
+            raise ValueError(
+                f"{len(self.lengths)} lengths and {len(self.axes)} axes; allowed: n and 1 or n"
+            )
         return self
 
     @property
     def points(self) -> np.ndarray:
         """Ends of its pieces in T (n + 1, 3), m, from the origin on."""
-        steps = [length * unit_vector(self.axes[n % len(self.axes)]) for n, length in enumerate(self.lengths)]
+        steps = [
+            length * unit_vector(self.axes[n % len(self.axes)])
+            for n, length in enumerate(self.lengths)
+        ]
         return np.cumsum([np.zeros(3), *steps], axis=0)
 
     @property
@@ -236,32 +275,49 @@ class Plate(TailPart):
         "1", "of the face, of a half shell out of its round side; the part across a piece counts"
     )
     density: float = quantity("kg/m2", "mass over area of the material", gt=0)
-    axes: _Directions = Field(default=(UP,), description="directions of the pieces; one is enough where all are alike")
-    kind: Literal["plate", "half_shell"] = Field(default="plate", description="flat, or a half cylinder")
-    depth: float = quantity("m", "over which a plate's mass is spread along its normal", default=0.0, ge=0)
-    cap_density: float = quantity("kg/m2", "of half discs at both ends of a half shell", default=0.0, ge=0)
+    axes: _Directions = Field(
+        default=(UP,), description="directions of the pieces; one is enough where all are alike"
+    )
+    kind: Literal["plate", "half_shell"] = Field(
+        default="plate", description="flat, or a half cylinder"
+    )
+    depth: float = quantity(
+        "m", "over which a plate's mass is spread along its normal", default=0.0, ge=0
+    )
+    cap_density: float = quantity(
+        "kg/m2", "of half discs at both ends of a half shell", default=0.0, ge=0
+    )
     sections: int = Field(default=5, description="of each piece, where the air acts", ge=1, le=100)
 
     @model_validator(mode="after")
     def _fits_together(self) -> Plate:
-        where, count = f"plate {self.name!r}", len(self.lengths)
+        where = f"plate {self.name!r}"
+        count = len(self.lengths)
         if len(self.chords) != count + 1 or len(self.axes) not in (1, count):
             raise ValueError(
-                f"{where}: {count} lengths, {len(self.chords)} chords and {len(self.axes)} axes; allowed: n lengths, "
+                f"{where}: {count} lengths, {len(self.chords)} chords and {len(self.axes)} axes; "
+                "allowed: n lengths, "
                 "n + 1 chords, and 1 or n axes"
             )
-        wrong = ("depth", self.depth) if self.kind == "half_shell" else ("cap_density", self.cap_density)
+        wrong = (
+            ("depth", self.depth)
+            if self.kind == "half_shell"
+            else ("cap_density", self.cap_density)
+        )
         if wrong[1] > 0.0:
             raise ValueError(f"{where}: {wrong[0]} is {wrong[1]:g}; allowed: 0 for a {self.kind}")
         for axis in self.axes:
             if np.linalg.norm(np.cross(unit_vector(axis), unit_vector(self.normal))) < 1e-3:
-                raise ValueError(f"{where}: normal {self.normal} runs along its axis; allowed: across it")
+                raise ValueError(
+                    f"{where}: normal {self.normal} runs along its axis; allowed: across it"
+                )
         return self
 
     @property
     def pieces(self) -> list[Piece]:
         """Its straight pieces, from the root on."""
-        pieces, start = [], np.asarray(self.root, float)
+        pieces = []
+        start = np.asarray(self.root, float)
         for number, length in enumerate(self.lengths):
             axis = unit_vector(self.axes[number % len(self.axes)])
             normal = np.asarray(self.normal, float)
@@ -292,12 +348,16 @@ class Plate(TailPart):
                 own = plate_moments(self.density, piece.length, piece.chords, self.depth)
             else:
                 closed = (number == 0, number == len(pieces) - 1)
-                own = shell_moments(self.density, piece.length, piece.chords, self.cap_density, closed)
+                own = shell_moments(
+                    self.density, piece.length, piece.chords, self.cap_density, closed
+                )
             total = total + own.moved(frame, piece.start)
         return total
 
     def section_layouts(self) -> list[SectionLayout]:
-        """Sections for `TailForce` in T: one layout per straight run, since those of a layout lie on one line."""
+        """Sections for `TailForce` in T: one layout per straight run, since those of a layout lie
+        on one line.
+        """
         runs: list[list[Piece]] = []
         for piece in self.pieces:
             if runs and np.linalg.norm(piece.axis - runs[-1][-1].axis) < 1e-12:
@@ -308,7 +368,9 @@ class Plate(TailPart):
 
 
 def _layout(run: list[Piece], sections: int) -> SectionLayout:
-    """Sections on a straight run; distances count from T's origin where the run's line goes through it."""
+    """Sections on a straight run; distances count from T's origin where the run's line goes through
+    it.
+    """
     first = run[0]
     start = float(first.start @ first.axis)
     through_origin = start >= 0.0 and np.linalg.norm(first.start - start * first.axis) < 1e-12
@@ -320,7 +382,9 @@ def _layout(run: list[Piece], sections: int) -> SectionLayout:
             start=start, length=length, width=first.chords[0], number=sections,
             p_BoRo_B=p_BoRo_B, axis_B=axis, normal_B=normal,
         )  # fmt: skip
-    distances, areas, near = [], [], start
+    distances = []
+    areas = []
+    near = start
     for piece in run:
         part = piece.length / sections
         for inner, outer in pairwise(np.linspace(*piece.chords, sections + 1).tolist()):
@@ -328,19 +392,30 @@ def _layout(run: list[Piece], sections: int) -> SectionLayout:
             areas.append(part * (inner + outer) / 2)
             near += part
     return SectionLayout(
-        p_BoRo_B, axis, normal, tuple(distances), tuple(areas), sum(areas) / length, start, start + length
+        p_BoRo_B,
+        axis,
+        normal,
+        tuple(distances),
+        tuple(areas),
+        sum(areas) / length,
+        start,
+        start + length,
     )
 
 
 def gap(one: Piece, other: Piece) -> float:
-    """Distance of the other piece's middle ahead of the first one's plane, m; infinite where their normals differ."""
+    """Distance of the other piece's middle ahead of the first one's plane, m; infinite where their
+    normals differ.
+    """
     if abs(float(one.normal @ other.normal)) < 0.99:
         return math.inf
     return float(one.normal @ (other.centre - one.start))
 
 
 def overlap(one: Piece, other: Piece) -> bool:
-    """Whether two outlines share area, seen along the first one's normal (separating axes of convex outlines)."""
+    """Whether two outlines share area, seen along the first one's normal (separating axes of convex
+    outlines).
+    """
     plane = np.column_stack([one.across, one.axis])
     shapes = [piece.corners @ plane for piece in (one, other)]
     for shape in shapes:
@@ -360,18 +435,25 @@ class _KnownInertial(QuantityModel):
     mass: float = quantity("kg", "of the part", gt=0)
     com: _Vector = quantity("m", "centre of mass")
     moments: _Vector = quantity("kg m2", "xx, yy, zz about that centre")
-    products: _Vector = Field(default=(0.0, 0.0, 0.0), description="xy, xz, yz about that centre, kg m2")
+    products: _Vector = Field(
+        default=(0.0, 0.0, 0.0), description="xy, xz, yz about that centre, kg m2"
+    )
 
 
 def _read_inertial(value: Any) -> Any:
-    return Inertial(**_KnownInertial.model_validate(value).model_dump()) if isinstance(value, dict) else value
+    return (
+        Inertial(**_KnownInertial.model_validate(value).model_dump())
+        if isinstance(value, dict)
+        else value
+    )
 
 
 _Known = Annotated[Inertial | None, BeforeValidator(_read_inertial)]
 
 
 class TailGeometry(TailPart):
-    """An arm with its plates; mass and inertia follow from the densities unless they are known better.
+    """An arm with its plates; mass and inertia follow from the densities unless they are known
+    better.
 
     Plates may cross or touch, but not lie on one another.
     """
@@ -380,20 +462,32 @@ class TailGeometry(TailPart):
     name: str = quantity("1", "of the tail", min_length=1, max_length=40)
     arm: TailArm
     plates: Annotated[tuple[Plate, ...], Field(strict=False, min_length=1)]
-    arm_inertial: _Known = Field(default=None, description="of the arm in T, in place of its density's")
-    sail_inertial: _Known = Field(default=None, description="of all plates in T, in place of their densities'")
+    arm_inertial: _Known = Field(
+        default=None, description="of the arm in T, in place of its density's"
+    )
+    sail_inertial: _Known = Field(
+        default=None, description="of all plates in T, in place of their densities'"
+    )
 
     @model_validator(mode="after")
     def _fits_together(self) -> TailGeometry:
         names = [plate.name for plate in self.plates]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise ValueError(f"tail {self.name!r}: plate name {twice[0]!r} is used twice; allowed: a name each")
+            raise ValueError(
+                f"tail {self.name!r}: plate name {twice[0]!r} is used twice; allowed: a name each"
+            )
         for one, other in combinations(self.plates, 2):
-            if any(overlap(a, b) and abs(gap(a, b)) < SAME_PLANE for a in one.pieces for b in other.pieces):
+            if any(
+                overlap(a, b) and abs(gap(a, b)) < SAME_PLANE
+                for a in one.pieces
+                for b in other.pieces
+            ):
                 raise ValueError(
-                    f"tail {self.name!r}: plates {one.name!r} and {other.name!r} overlap: the air would push twice on "
-                    "what they share; allowed: plates side by side, one behind the other, or across each other"
+                    f"tail {self.name!r}: plates {one.name!r} and {other.name!r} overlap: the air "
+                    "would push twice on "
+                    "what they share; allowed: plates side by side, one behind the other, or "
+                    "across each other"
                 )
         return self
 
@@ -409,7 +503,10 @@ class TailGeometry(TailPart):
     @property
     def sail_mass(self) -> Inertial:
         """Mass and inertia of all plates in T."""
-        return self.sail_inertial or sum((plate.moments for plate in self.plates), MassMoments.zero()).inertial()
+        return (
+            self.sail_inertial
+            or sum((plate.moments for plate in self.plates), MassMoments.zero()).inertial()
+        )
 
     @property
     def inertial(self) -> Inertial:
@@ -432,7 +529,8 @@ class TailGeometry(TailPart):
         return float(sum(facing * piece.area for facing, piece in self._facing(direction)))
 
     def centre_of_pressure(self, direction: Sequence[float] | None = None) -> np.ndarray:
-        """Centroid in T (3), m, of the planform seen along a direction, by default the first plate's normal.
+        """Centroid in T (3), m, of the planform seen along a direction, by default the first
+        plate's normal.
 
         Raises:
             ModelError: no plate faces that direction.
@@ -441,15 +539,23 @@ class TailGeometry(TailPart):
         seen = self.facing_area(chosen)
         if seen < 1e-12:
             raise ModelError(f"tail {self.name!r}: no plate faces the direction {tuple(chosen)}")
-        return np.asarray(sum(facing * piece.area * piece.centre for facing, piece in self._facing(chosen)) / seen)
+        return np.asarray(
+            sum(facing * piece.area * piece.centre for facing, piece in self._facing(chosen)) / seen
+        )
 
     def _facing(self, direction: Sequence[float]) -> list[tuple[float, Piece]]:
         along = unit_vector(direction)
-        return [(abs(float(piece.normal @ along)), piece) for plate in self.plates for piece in plate.pieces]
+        return [
+            (abs(float(piece.normal @ along)), piece)
+            for plate in self.plates
+            for piece in plate.pieces
+        ]
 
     @property
     def points(self) -> np.ndarray:
-        """Ends of the arm and corners of all pieces in T (n, 3), m; a half shell with the crown of its round side."""
+        """Ends of the arm and corners of all pieces in T (n, 3), m; a half shell with the crown of
+        its round side.
+        """
         points = [self.arm.points]
         for plate in self.plates:
             for piece in plate.pieces:
@@ -464,14 +570,17 @@ class TailGeometry(TailPart):
         return [layout for plate in self.plates for layout in plate.section_layouts()]
 
     def added_mass_layout(self, parts: int = 5) -> SectionLayout:
-        """Equal parts of the whole arm, for `add_added_mass`, in T; their normal and width mean nothing.
+        """Equal parts of the whole arm, for `add_added_mass`, in T; their normal and width mean
+        nothing.
 
         Raises:
             ModelError: a bent arm: added mass is modelled on a straight line.
         """
         axes = {as_tuple(unit_vector(axis)) for axis in self.arm.axes}
         if len(axes) > 1:
-            raise ModelError(f"tail {self.name!r}: added mass needs a straight arm; this one is bent")
+            raise ModelError(
+                f"tail {self.name!r}: added mass needs a straight arm; this one is bent"
+            )
         (axis,) = axes
         sideways = np.eye(3)[1] if abs(axis[1]) < 0.9 else np.eye(3)[0]
         normal = unit_vector(sideways - (sideways @ axis) * np.asarray(axis))

@@ -1,1 +1,3 @@
-"""Replays of run logs: in Meshcat, and as a strip of five pictures; and diagrams of one's own, watched and logged."""
+"""Replays of run logs: in Meshcat, and as a strip of five pictures; and diagrams of one's own,
+watched and logged.
+"""

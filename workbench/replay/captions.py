@@ -1,4 +1,6 @@
-"""What is said of a run beside its pictures: its title, how it ended, and what is read off at each moment."""
+"""What is said of a run beside its pictures: its title, how it ended, and what is read off at each
+moment.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -51,11 +53,16 @@ def caption_of(run_log: RunLog) -> Caption:
     """The caption of a run of the car that has a resolved scenario, or of another plant."""
     if run_log.kind == PLANT_RUN:
         return _caption_of_plant(run_log)
-    manoeuvre, tail = run_log.scenario["manoeuvre"], MODE_WORDS[tail_mode_of(run_log.scenario)]
+    manoeuvre = run_log.scenario["manoeuvre"]
+    tail = MODE_WORDS[tail_mode_of(run_log.scenario)]
     if TAIL_LAW in run_log.extra:
         tail = f"tail law {run_log.extra[TAIL_LAW]}"
     speed = float(manoeuvre["speed"])
-    turn = f"{manoeuvre['direction']} turn, " if manoeuvre["kind"] not in ("straight", "slalom") else ""
+    turn = (
+        f"{manoeuvre['direction']} turn, "
+        if manoeuvre["kind"] not in ("straight", "slalom")
+        else ""
+    )
     reckoned = ", path reckoned from the sensors" if RECKONED in run_log.extra else ""
     facts = f"{turn}{speed:.2f} m/s ({3.6 * speed:.1f} km/h), {tail}{reckoned}"
     if DIAGRAM in run_log.extra:
@@ -65,12 +72,16 @@ def caption_of(run_log: RunLog) -> Caption:
     try:
         outcome = outcome_of(run_log)
     except LogError:
-        return Caption(run_log.scenario["name"], facts, "outcome not known, the log ends too early", "unknown")
+        return Caption(
+            run_log.scenario["name"], facts, "outcome not known, the log ends too early", "unknown"
+        )
     return Caption(run_log.scenario["name"], facts, outcome_in_words(outcome), outcome.result)
 
 
 def outcome_in_words(outcome: Outcome) -> str:
-    """For example `survived, clean` or `survived, tail touched the ground, board down 0.36 s before the turn`."""
+    """For example `survived, clean` or `survived, tail touched the ground, board down 0.36 s before
+    the turn`.
+    """
     words: list[str] = [outcome.result]
     if outcome.result == "survived" and outcome.touched:
         words.append(f"{' and '.join(outcome.touched)} touched the ground")
@@ -83,8 +94,11 @@ def outcome_in_words(outcome: Outcome) -> str:
 
 def _caption_of_plant(run_log: RunLog) -> Caption:
     bodies = [body for _, body in tails_of(run_log)]
-    facts = f"{run_log.time[-1] - run_log.time[0]:.2f} s" + (f", air on {', '.join(bodies)}" if bodies else ", no tail")
-    name, outcome = str(run_log.scenario.get("name") or run_log.name), plant_outcome(run_log)
+    facts = f"{run_log.time[-1] - run_log.time[0]:.2f} s" + (
+        f", air on {', '.join(bodies)}" if bodies else ", no tail"
+    )
+    name = str(run_log.scenario.get("name") or run_log.name)
+    outcome = plant_outcome(run_log)
     if outcome is None:
         return Caption(name, facts, "no outcome: no base stands upright at the start", "unknown")
     return Caption(name, facts, outcome_in_words(outcome), outcome.result)
@@ -115,9 +129,13 @@ class Reading:
 
 
 def readings(run_log: RunLog) -> list[Reading]:
-    """For a car speed over ground and roll, positive to the right; for other plants speed, tilt, force of the air."""
+    """For a car speed over ground and roll, positive to the right; for other plants speed, tilt,
+    force of the air.
+    """
     if run_log.kind != PLANT_RUN:
-        speed = np.hypot(run_log.signal("velocity_x_truth_m_per_s"), run_log.signal("velocity_y_truth_m_per_s"))
+        speed = np.hypot(
+            run_log.signal("velocity_x_truth_m_per_s"), run_log.signal("velocity_y_truth_m_per_s")
+        )
         roll = np.degrees(run_log.signal("roll_truth_rad"))
         return [Reading("", " m/s", speed, 2, 5), Reading("roll", "°", roll, 1, 6)]
     found = [Reading("", " m/s", plant_speed(run_log), 2, 5)]
@@ -130,4 +148,6 @@ def readings(run_log: RunLog) -> list[Reading]:
 
 def now_text(run_log: RunLog, row: int) -> str:
     """Time and readings of one row of the log, in one line."""
-    return "    ".join([f"t = {run_log.time[row]:.2f} s", *(reading.text(row) for reading in readings(run_log))])
+    return "    ".join(
+        [f"t = {run_log.time[row]:.2f} s", *(reading.text(row) for reading in readings(run_log))]
+    )

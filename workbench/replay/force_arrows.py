@@ -49,7 +49,9 @@ class ForceArrow:
 
 
 def force_arrows(logged: LoggedRun) -> list[ForceArrow]:
-    """Every arrow of a run, one row per row of the log; none for a real car, whose log holds no forces."""
+    """Every arrow of a run, one row per row of the log; none for a real car, whose log holds no
+    forces.
+    """
     run_log = logged.run_log
     if RECKONED in run_log.extra:
         return []
@@ -57,7 +59,9 @@ def force_arrows(logged: LoggedRun) -> list[ForceArrow]:
     arrows = [_wheel_arrow(run_log, wheel) for wheel in wheels]
     for air in logged.air:
         points = point_on_axis(air.force, air.moment, air.root, air.tip)
-        arrows.append(ForceArrow(f"air_on_{air.name}", AIR_COLOUR, points, logged.air_scale * air.force))
+        arrows.append(
+            ForceArrow(f"air_on_{air.name}", AIR_COLOUR, points, logged.air_scale * air.force)
+        )
     return arrows
 
 
@@ -67,12 +71,15 @@ def _wheel_arrow(run_log: RunLog, wheel: str) -> ForceArrow:
     return ForceArrow(f"ground_on_{wheel}", WHEEL_COLOUR, points, WHEEL_SCALE * force)
 
 
-def point_on_axis(force: FloatArray, moment: FloatArray, root: FloatArray, tip: FloatArray) -> FloatArray:
+def point_on_axis(
+    force: FloatArray, moment: FloatArray, root: FloatArray, tip: FloatArray
+) -> FloatArray:
     """The point of the tail's axis that is nearest to the line of action of a force.
 
-    The line of action is q + s F with q = F x M / F.F, where M is the moment about the world origin. A point r + t u of
-    the axis is nearest to it where (r + t u - q) is perpendicular to both lines. Without a force, or where it acts
-    along the axis, it is the middle of the tail; beyond the ends it is the end.
+    The line of action is q + s F with q = F x M / F.F, where M is the moment about the world
+    origin. A point r + t u of the axis is nearest to it where (r + t u - q) is perpendicular to
+    both lines. Without a force, or where it acts along the axis, it is the middle of the tail;
+    beyond the ends it is the end.
 
     Args:
         force: F in W, N, shape (n, 3).
@@ -106,10 +113,16 @@ class DrawnArrow:
         """Adds the arrow of a force to the world that moves under the camera."""
         arrow = cls(f"{WORLD}/forces/{name}")
         meshcat.SetObject(f"{arrow.path}/shaft", Cylinder(_SHAFT_RADIUS, 1.0), Rgba(*colour))
-        meshcat.SetObject(f"{arrow.path}/head", MeshcatCone(_HEAD_LENGTH, _HEAD_RADIUS, _HEAD_RADIUS), Rgba(*colour))
+        meshcat.SetObject(
+            f"{arrow.path}/head",
+            MeshcatCone(_HEAD_LENGTH, _HEAD_RADIUS, _HEAD_RADIUS),
+            Rgba(*colour),
+        )
         return arrow
 
-    def placed(self, point: FloatArray, length: FloatArray) -> tuple[dict[str, RigidTransform], float]:
+    def placed(
+        self, point: FloatArray, length: FloatArray
+    ) -> tuple[dict[str, RigidTransform], float]:
         """Path -> pose of its parts, and the length of the shaft, m.
 
         Args:
@@ -118,7 +131,9 @@ class DrawnArrow:
         """
         whole = float(np.linalg.norm(length))
         shaft = max(whole - _HEAD_LENGTH, 1e-3)
-        turned = RotationMatrix.MakeXRotation(np.pi)  # the cone has its point at the origin and opens along z
+        turned = RotationMatrix.MakeXRotation(
+            np.pi
+        )  # the cone has its point at the origin and opens along z
         poses = {
             self.path: RigidTransform(shortest_turn(length / whole), point),
             f"{self.path}/shaft": RigidTransform(np.array([0.0, 0.0, shaft / 2])),
@@ -128,8 +143,12 @@ class DrawnArrow:
 
 
 def shortest_turn(direction: FloatArray) -> RotationMatrix:
-    """Rotation that turns z to a unit vector (3,) about the axis across both; half a turn about x for -z."""
+    """Rotation that turns z to a unit vector (3,) about the axis across both; half a turn about x
+    for -z.
+    """
     w = 1.0 + float(direction[2])
     if w < 1e-9:
         return RotationMatrix.MakeXRotation(np.pi)
-    return RotationMatrix(Quaternion(np.array([w, -direction[1], direction[0], 0.0]) / np.sqrt(2.0 * w)))
+    return RotationMatrix(
+        Quaternion(np.array([w, -direction[1], direction[0], 0.0]) / np.sqrt(2.0 * w))
+    )

@@ -1,7 +1,9 @@
-"""A run as Foxglove draws it (https://docs.foxglove.dev/docs/visualization/message-schemas): bodies, poses and forces.
+"""A run as Foxglove draws it (https://docs.foxglove.dev/docs/visualization/message-schemas):
+bodies, poses and forces.
 
-The bodies and the floor are drawn once, each in the frame of its own body; poses come as transforms to
-`world`, forces as arrows there, of the lengths and colours of the replay. `export_log` puts them beside the signals.
+The bodies and the floor are drawn once, each in the frame of its own body; poses come as transforms
+to `world`, forces as arrows there, of the lengths and colours of the replay. `export_log` puts them
+beside the signals.
 """
 
 from collections.abc import Iterator, Sequence
@@ -37,12 +39,15 @@ def foxglove_scene(run_log: RunLog) -> Iterator[SceneMessage]:
         run_log: the run.
 
     Raises:
-        LogError: the log cannot be replayed (see `replayable`), or `foxglove_schemas_protobuf` is not installed.
+        LogError: the log cannot be replayed (see `replayable`), or `foxglove_schemas_protobuf` is
+            not installed.
     """
     try:
         import foxglove_schemas_protobuf  # noqa: F401
     except ImportError:
-        raise LogError("a scene needs foxglove_schemas_protobuf: pip install 'aerodima-workbench[logs]'") from None
+        raise LogError(
+            "a scene needs foxglove_schemas_protobuf: pip install 'aerodima-workbench[logs]'"
+        ) from None
     builder = DiagramBuilder()
     logged = add_logged_run(builder, run_log)
     diagram = builder.Build()
@@ -55,8 +60,15 @@ def _messages(logged: LoggedRun, context: Context) -> Iterator[SceneMessage]:
     arrows = force_arrows(logged)
     scene = shapes_of(logged.plant, logged.scene_graph)
     plant_context = logged.plant.GetMyMutableContextFromRoot(context)
-    labels = {body_label(logged.plant, BodyIndex(index)): index for index in range(logged.plant.num_bodies())}
-    bodies = {entry["body"]: BodyIndex(labels[entry["body"]]) for entry in scene if entry["body"] != WORLD_BODY}
+    labels = {
+        body_label(logged.plant, BodyIndex(index)): index
+        for index in range(logged.plant.num_bodies())
+    }
+    bodies = {
+        entry["body"]: BodyIndex(labels[entry["body"]])
+        for entry in scene
+        if entry["body"] != WORLD_BODY
+    }
     yield SceneMessage(time[rows[0]], BODIES, _bodies(logged, scene, time[rows[0]]))
     for row in rows:
         logged.move(plant_context, row)
@@ -78,7 +90,9 @@ def _bodies(logged: LoggedRun, scene: list[dict[str, Any]], time: float) -> Any:
         _add_shape(entities[name], shape)
     x0, x1, y0, y1 = area_around(logged.path)
     slab = _entity(update, "floor", WORLD_FRAME, time).cubes.add()
-    _place(slab, RigidTransform(np.array([(x0 + x1) / 2, (y0 + y1) / 2, logged.floor - 0.012])), _FLOOR)
+    _place(
+        slab, RigidTransform(np.array([(x0 + x1) / 2, (y0 + y1) / 2, logged.floor - 0.012])), _FLOOR
+    )
     _set_vector(slab.size, (x1 - x0, y1 - y0, 0.01))
     return update
 
@@ -109,7 +123,9 @@ def _add_shape(entity: Any, shape: dict[str, Any]) -> None:
     _place(primitive, pose_of(shape), shape["colour"])
 
 
-def _poses(logged: LoggedRun, bodies: dict[str, BodyIndex], plant_context: Context, time: float) -> Any:
+def _poses(
+    logged: LoggedRun, bodies: dict[str, BodyIndex], plant_context: Context, time: float
+) -> Any:
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
     message = FrameTransforms()
@@ -140,7 +156,9 @@ def _forces(arrows: list[ForceArrow], row: int, time: float) -> Any:
             head_length=_HEAD_LENGTH,
             head_diameter=_HEAD,
         )
-        along_x = RotationMatrix.MakeYRotation(-np.pi / 2.0)  # Foxglove's arrows point along x, `shortest_turn` turns z
+        along_x = RotationMatrix.MakeYRotation(
+            -np.pi / 2.0
+        )  # Foxglove's arrows point along x, `shortest_turn` turns z
         turn = shortest_turn(arrow.lengths[row] / length) @ along_x
         _place(drawn, RigidTransform(turn, arrow.points[row]), arrow.colour)
     return update
@@ -159,4 +177,7 @@ def _set_vector(target: Any, values: Any) -> None:
 
 def _set_rotation(target: Any, rotation: RotationMatrix) -> None:
     quaternion = rotation.ToQuaternion()
-    target.w, target.x, target.y, target.z = quaternion.w(), quaternion.x(), quaternion.y(), quaternion.z()
+    target.w = quaternion.w()
+    target.x = quaternion.x()
+    target.y = quaternion.y()
+    target.z = quaternion.z()

@@ -1,7 +1,9 @@
-"""A simulated car that somebody drives: sliders, keys and gamepad of a Meshcat page, in simulated time.
+"""A simulated car that somebody drives: sliders, keys and gamepad of a Meshcat page, in simulated
+time.
 
-No device, no bus and no arming: the diagram is that of `simulate`, with a schedule that asks the driver instead of the
-clock. The run never skips: on a slow computer simulated time passes more slowly, and the page shows how slowly.
+No device, no bus and no arming: the diagram is that of `simulate`, with a schedule that asks the
+driver instead of the clock. The run never skips: on a slow computer simulated time passes more
+slowly, and the page shows how slowly.
 """
 
 import math
@@ -29,11 +31,13 @@ from aerodima.workbench.systems.system_ports import released
 SLICE = 0.02
 """s of the run between two looks at the controls."""
 LOOK = 0.1
-"""s of the run between two values shown: a page that draws in software falls behind with one per slice."""
+"""s of the run between two values shown: a page that draws in software falls behind with one per
+slice."""
 ACCELERATION = 3.0
 """Change of the commanded speed, m/s2: what the car's tyres and drive follow on a floor of 0.5."""
 TAIL_SPEED = 8.0
-"""Fastest commanded roll of a tail that is moved by hand, rad/s: the published swing (Table 6.4)."""
+"""Fastest commanded roll of a tail that is moved by hand, rad/s: the published swing (Table 6.4).
+"""
 LATE = 0.9
 """Below this share of the wanted pace a message warns the driver."""
 
@@ -46,7 +50,8 @@ class Wishes:
         steering: rad, positive to the left.
         speed: m/s.
         planned_turn: announced to the tail's law: +1 left, -1 right, 0 none.
-        tail_roll: of a tail that is moved by hand, rad, positive to the right; NaN leaves it to its law.
+        tail_roll: of a tail that is moved by hand, rad, positive to the right; NaN leaves it to its
+            law.
         pace: seconds of the run per second; 0 is a pause.
         attempt: counts the resets.
         over: the driver has had enough.
@@ -108,14 +113,18 @@ class WishedDriving:
         """Inputs at `time` s; asked in the order of time."""
         most = ACCELERATION * (time - self._time)
         change = float(np.clip(self.wishes.speed - self._speed, -most, most))
-        self._speed, self._time = self._speed + change, time
+        self._speed = self._speed + change
+        self._time = time
         acceleration = change / most * ACCELERATION if most > 0.0 else 0.0
         steering = float(np.clip(self.wishes.steering, -self.limit, self.limit))
-        return DriverInput(steering, self.line.throttle(self._speed, acceleration), self.wishes.planned_turn)
+        return DriverInput(
+            steering, self.line.throttle(self._speed, acceleration), self.wishes.planned_turn
+        )
 
 
 class HandOrLaw:
-    """A `TailLaw` that moves the tail's roll to where the driver wants it, or lets another law do as it does.
+    """A `TailLaw` that moves the tail's roll to where the driver wants it, or lets another law do
+    as it does.
 
     The hand moves it at `TAIL_SPEED` at most, with the gains that hold the tail, from where it is.
 
@@ -126,7 +135,9 @@ class HandOrLaw:
     """
 
     def __init__(self, law: TailLaw, driving: WishedDriving, gains: tuple[float, float]) -> None:
-        self._law, self._driving, self._gains = law, driving, gains
+        self._law = law
+        self._driving = driving
+        self._gains = gains
         self.rate = law.rate
         self.memory_size = law.memory_size + 1
 
@@ -134,10 +145,13 @@ class HandOrLaw:
         """Memory of the law, and the last angle of the hand, NaN before there is one."""
         return np.append(self._law.start(), math.nan)
 
-    def step(self, memory: np.ndarray, observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def step(
+        self, memory: np.ndarray, observation: Observation
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         """See `TailLaw`."""
         after, pitch, roll, state = self._law.step(memory[:-1], observation)
-        wanted, held = self._driving.wishes.tail_roll, observation.roll_angle if math.isnan(memory[-1]) else memory[-1]
+        wanted = self._driving.wishes.tail_roll
+        held = observation.roll_angle if math.isnan(memory[-1]) else memory[-1]
         if math.isnan(wanted) or math.isnan(held):
             return np.append(after, math.nan), pitch, roll, state
         most = TAIL_SPEED / self.rate
@@ -155,12 +169,14 @@ def drive_by_hand(
     force: bool = False,
     say: Callable[[str], None] = print,
 ) -> list[Path]:
-    """Simulates a car that is driven by hand until the driver ends it; gives the logs that were written.
+    """Simulates a car that is driven by hand until the driver ends it; gives the logs that were
+    written.
 
     Args:
         scenario: of a car; of its manoeuvre nothing is used.
         controls: the driver's.
-        log: Parquet file of the first attempt; after a reset the next one goes to `NAME_2.parquet`, and so on.
+        log: Parquet file of the first attempt; after a reset the next one goes to `NAME_2.parquet`,
+            and so on.
         meshcat: shows the car from behind.
         length: s of simulated time after which an attempt ends.
         force: replace existing logs.
@@ -180,12 +196,19 @@ def drive_by_hand(
         car = assemble(scenario, meshcat=meshcat, tail_law=hand, schedule=driving)
         extra = {**plant_facts(car.station), DRIVEN_BY: "hand (simulation)"}
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=extra)
-        with released(car.builder), open_log(path, recorded_columns(car.signals), metadata, force) as rows:
+        with (
+            released(car.builder),
+            open_log(path, recorded_columns(car.signals), metadata, force) as rows,
+        ):
             settings = scenario.simulation
-            RunRecorder.add_to_builder(car.builder, rows, car.signals, settings.log_rate, settings.step)
+            RunRecorder.add_to_builder(
+                car.builder, rows, car.signals, settings.log_rate, settings.step
+            )
             simulator = Simulator(car.builder.Build())
             simulator.Initialize()
-            again = _drive(simulator, ChaseCamera(car.station, meshcat), controls, driving, length, say)
+            again = _drive(
+                simulator, ChaseCamera(car.station, meshcat), controls, driving, length, say
+            )
         if path is not None:
             written.append(path)
         if not again:
@@ -203,15 +226,20 @@ def _drive(
 ) -> bool:
     """One drive from standstill on; whether another one is wanted."""
     context = simulator.get_context()
-    first, warned = controls.wishes().attempt, False
-    pace, begun, at, looked = 1.0, wall.monotonic(), 0.0, -math.inf
+    first = controls.wishes().attempt
+    warned = False
+    pace = 1.0
+    begun = wall.monotonic()
+    at = 0.0
+    looked = -math.inf
     while context.get_time() < length:
         wishes = controls.wishes()
         if wishes.over or wishes.attempt != first:
             return not wishes.over
         if wishes.pace <= 0.0:
             wall.sleep(SLICE)
-            begun, at = wall.monotonic(), context.get_time()
+            begun = wall.monotonic()
+            at = context.get_time()
             continue
         driving.wishes = wishes
         start = wall.monotonic()
@@ -220,17 +248,27 @@ def _drive(
         wall.sleep(max(0.0, SLICE / wishes.pace - (wall.monotonic() - start)))
         if context.get_time() - at >= 1.0:
             now = wall.monotonic()
-            pace, begun, at = (context.get_time() - at) / (now - begun), now, context.get_time()
+            pace = (context.get_time() - at) / (now - begun)
+            begun = now
+            at = context.get_time()
             if pace < LATE * wishes.pace and not warned:
                 warned = True
-                say(f"this computer keeps up at {pace:.2f} of real time, not {wishes.pace:g}: the run slows down")
+                say(
+                    f"this computer keeps up at {pace:.2f} of real time, not {wishes.pace:g}: the "
+                    "run slows down"
+                )
         if context.get_time() - looked >= LOOK - SLICE / 2:
             looked = context.get_time()
             controls.show(Shown(looked, speed, heading, pace))
     return False
 
 
-STEERING, SPEED, NEXT_TURN, TAIL = "steering, deg", "wanted speed, m/s", "next turn: left 1, right -1", "tail roll, deg"
+STEERING, SPEED, NEXT_TURN, TAIL = (
+    "steering, deg",
+    "wanted speed, m/s",
+    "next turn: left 1, right -1",
+    "tail roll, deg",
+)
 PACE, PACE_NOW, SPEED_NOW = "pace wanted", "pace now, 1 = real time", "speed now, m/s"
 TIME_NOW, HEADING_NOW = "time, s", "heading, deg, left +"
 LONGEST = 3600.0
@@ -238,13 +276,17 @@ LONGEST = 3600.0
 STRAIGHT, BY_HAND, PAUSE, RESET, END = "straight", "tail: hand or law", "pause", "reset", "end"
 KEYS = {STRAIGHT: "Space", BY_HAND: "KeyT", PAUSE: "KeyP", RESET: "KeyR", END: "Escape"}
 """Button -> key; the sliders have their keys in `MeshcatControls`."""
-HELP = """arrow keys: steer, and speed wanted; space: wheels straight; P: pause; R: reset; Escape: end
-Q, E: announce a left or a right turn to the tail's law; T: tail by hand or by its law; A, D: roll it by hand
-gamepad: left stick steers, right stick rolls the tail, the two triggers brake and accelerate"""
+HELP = """arrow keys: steer, and speed wanted; space: wheels straight
+P: pause; R: reset; Escape: end
+Q, E: announce a left or a right turn to the tail's law
+T: tail by hand or by its law; A, D: roll it by hand
+gamepad: left stick steers, right stick rolls the tail
+gamepad: the two triggers brake and accelerate"""
 DEAD_ZONE = 0.08
 """Deflection of a stick that counts as none."""
 LEFT_X, RIGHT_X = 0, 2
-"""Axes of a gamepad in the standard layout of browsers (https://w3c.github.io/gamepad/#remapping)."""
+"""Axes of a gamepad in the standard layout of browsers (https://w3c.github.io/gamepad/#remapping).
+"""
 BRAKE, ACCELERATE = 6, 7
 """Its buttons for the two triggers, from 0 to 1."""
 PAD_ACCELERATION = 4.0
@@ -252,7 +294,9 @@ PAD_ACCELERATION = 4.0
 
 
 class MeshcatControls:
-    """The driver's controls in a Meshcat page. A gamepad, where one is moved, goes before sliders and keys.
+    """The driver's controls in a Meshcat page.
+
+    A gamepad, where one is moved, goes before sliders and keys.
 
     Args:
         meshcat: gets the sliders and buttons.
@@ -261,12 +305,17 @@ class MeshcatControls:
         say: is called when a gamepad comes and goes.
     """
 
-    def __init__(self, meshcat: Meshcat, scenario: Scenario, pace: float, say: Callable[[str], None] = print) -> None:
-        self._meshcat, self._say = meshcat, say
+    def __init__(
+        self, meshcat: Meshcat, scenario: Scenario, pace: float, say: Callable[[str], None] = print
+    ) -> None:
+        self._meshcat = meshcat
+        self._say = say
         self._limit = math.degrees(scenario.servo.limit)
         line = throttle_line(scenario)
         self._top = math.floor(2.0 * (line.gain + line.offset)) / 2.0
-        self._pad, self._steering, self._pad_speed = False, 0.0, 0.0
+        self._pad = False
+        self._steering = 0.0
+        self._pad_speed = 0.0
         meshcat.AddSlider(STEERING, -self._limit, self._limit, 3.0, 0.0, "ArrowRight", "ArrowLeft")
         meshcat.AddSlider(SPEED, 0.0, self._top, 0.25, 0.0, "ArrowDown", "ArrowUp")
         meshcat.AddSlider(NEXT_TURN, -1.0, 1.0, 1.0, 0.0, "KeyE", "KeyQ")
@@ -310,20 +359,35 @@ class MeshcatControls:
 
     def _read_pad(self) -> bool:
         """Takes what a gamepad says; whether one is there."""
-        meshcat, pad = self._meshcat, self._meshcat.GetGamepad()
-        there = pad.index is not None and len(pad.axes) > RIGHT_X and len(pad.button_values) > ACCELERATE
+        meshcat = self._meshcat
+        pad = self._meshcat.GetGamepad()
+        there = (
+            pad.index is not None
+            and len(pad.axes) > RIGHT_X
+            and len(pad.button_values) > ACCELERATE
+        )
         if there != self._pad:
-            self._pad, self._pad_speed = there, meshcat.GetSliderValue(SPEED)
-            self._say("gamepad: it drives now" if there else "the gamepad is gone: wheels straight, wanted speed 0")
+            self._pad = there
+            self._pad_speed = meshcat.GetSliderValue(SPEED)
+            self._say(
+                "gamepad: it drives now"
+                if there
+                else "the gamepad is gone: wheels straight, wanted speed 0"
+            )
             if not there:
                 meshcat.SetSliderValue(STEERING, 0.0)
                 meshcat.SetSliderValue(SPEED, 0.0)
         if not there:
             return False
-        left, right = (value if abs(value) > DEAD_ZONE else 0.0 for value in (pad.axes[LEFT_X], pad.axes[RIGHT_X]))
+        left, right = (
+            value if abs(value) > DEAD_ZONE else 0.0
+            for value in (pad.axes[LEFT_X], pad.axes[RIGHT_X])
+        )
         self._steering = -math.radians(self._limit) * left
         pulled = pad.button_values[ACCELERATE] - pad.button_values[BRAKE]
-        self._pad_speed = min(self._top, max(0.0, self._pad_speed + PAD_ACCELERATION * pulled * SLICE))
+        self._pad_speed = min(
+            self._top, max(0.0, self._pad_speed + PAD_ACCELERATION * pulled * SLICE)
+        )
         meshcat.SetSliderValue(SPEED, self._pad_speed)
         if right:
             meshcat.SetSliderValue(TAIL, 120.0 * right)

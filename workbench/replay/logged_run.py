@@ -1,6 +1,9 @@
-"""A logged run: a plant, its positions over time, and the signals of its log. All replays are made of it.
+"""A logged run: a plant, its positions over time, and the signals of its log.
 
-The plant of a car is rebuilt from the scenario in its log, that of any other diagram from the shapes in its log.
+All replays are made of it.
+
+The plant of a car is rebuilt from the scenario in its log, that of any other diagram from the
+shapes in its log.
 """
 
 from __future__ import annotations
@@ -26,12 +29,15 @@ from aerodima.workbench.replay.scene_shapes import WORLD_BODY, add_shapes, point
 from aerodima.workbench.stations.ground_truth import air_columns, pose_columns
 
 SCENE, AIR_SCALE_KEY = "scene", "air_scale_m_per_n"
-"""Keys in `extra` of a `plant_run`: the shapes that its replay draws, and the length of arrows of the air."""
+"""Keys in `extra` of a `plant_run`: the shapes that its replay draws, and the length of arrows of
+the air."""
 AIR_SCALE = 0.10
-"""Length of the arrow of the air on a tail, m per N, unless the run says another: the car's gives a few newtons."""
+"""Length of the arrow of the air on a tail, m per N, unless the run says another: the car's gives a
+few newtons."""
 _SAIL_POSITION = f"{PLANT_POSITION_PREFIX}tail_tail_sail_turn_q"
 _BELOW = 0.02
-"""A plant that reaches further below z = 0 than this (m), such as a pendulum, is drawn above a lower floor."""
+"""A plant that reaches further below z = 0 than this (m), such as a pendulum, is drawn above a
+lower floor."""
 _LOOKS = 40
 """Rows that say how large the plant is and how low it reaches."""
 _LEAST_SIZE = 0.15
@@ -73,7 +79,8 @@ class LoggedRun:
         tips: name -> path of the tip of a tail in W, m, shape (n, 3).
         air: the air on each tail; none where the log holds no forces.
         air_scale: length of an arrow of the air, m per N.
-        camera_place: distance and height of the camera, and height of the point that it looks at, over the floor, m.
+        camera_place: distance and height of the camera, and height of the point that it looks at,
+            over the floor, m.
         floor: height of the floor, m.
     """
 
@@ -95,7 +102,8 @@ class LoggedRun:
     @property
     def camera_path(self) -> FloatArray:
         """The point of the floor that stays in the middle of the picture, W, m, shape (n, 3)."""
-        com, time = self.run_log.vector("com", "truth_m"), self.run_log.time
+        com = self.run_log.vector("com", "truth_m")
+        time = self.run_log.time
         com[:, 2] = self.floor
         width = _FOLLOW_TIME / float(np.median(np.diff(time)))
         reach = min(int(np.ceil(3.0 * width)), len(com) - 1)
@@ -104,9 +112,11 @@ class LoggedRun:
 
     @property
     def camera_azimuth(self) -> float:
-        """Direction (rad about z) from the robot to the camera: ahead, to the outside of the turn, halfway through it.
+        """Direction (rad about z) from the robot to the camera: ahead, to the outside of the turn,
+        halfway through it.
 
-        A plant without a base has no heading: the camera looks along y then, a little from the side.
+        A plant without a base has no heading: the camera looks along y then, a little from the
+        side.
         """
         if "yaw_truth_rad" not in self.run_log.table:
             return -0.5 * np.pi + _CAMERA_SIDE
@@ -120,12 +130,16 @@ def add_logged_run(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     """Adds the plant of a run log to a diagram.
 
     Raises:
-        LogError: the log cannot be replayed (see `replayable`): its scenario cannot be read, it has other plant
-            positions than the car of its scenario; it lacks shapes, or the columns of a body or a tail; a value is not
-            finite.
+        LogError: the log cannot be replayed (see `replayable`): its scenario cannot be read, it has
+            other plant positions than the car of its scenario; it lacks shapes, or the columns of a
+            body or a tail; a value is not finite.
     """
     check_time(run_log.time)
-    return _add_plant(builder, run_log) if run_log.kind == PLANT_RUN else _add_car(builder, replayable(run_log))
+    return (
+        _add_plant(builder, run_log)
+        if run_log.kind == PLANT_RUN
+        else _add_car(builder, replayable(run_log))
+    )
 
 
 def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
@@ -135,13 +149,21 @@ def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     except ScenarioError as error:
         raise LogError(f"{name}: the scenario in its metadata cannot be read: {error}") from None
     car = add_car_plant(builder, with_turning_sail(scenario))
-    plant, table = car.plant, run_log.table
-    if scenario.tail.sail == "facing" and car.tail is not None and _SAIL_POSITION not in table.columns:
-        table = table.assign(**{_SAIL_POSITION: run_log.signal("sail_angle_rad")})  # its simulation has no such joint
+    plant = car.plant
+    table = run_log.table
+    if (
+        scenario.tail.sail == "facing"
+        and car.tail is not None
+        and _SAIL_POSITION not in table.columns
+    ):
+        table = table.assign(
+            **{_SAIL_POSITION: run_log.signal("sail_angle_rad")}
+        )  # its simulation has no such joint
     wanted = [PLANT_POSITION_PREFIX + position for position in plant.GetPositionNames()]
     logged = {column for column in table.columns if column.startswith(PLANT_POSITION_PREFIX)}
     if set(wanted) != logged:
-        missing, foreign = sorted(set(wanted) - logged), sorted(logged - set(wanted))
+        missing = sorted(set(wanted) - logged)
+        foreign = sorted(logged - set(wanted))
         raise LogError(
             f"{name}: its plant positions are not those of the car of its scenario; "
             f"missing: {', '.join(missing) or 'none'}; unknown: {', '.join(foreign) or 'none'}"
@@ -150,21 +172,24 @@ def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     if not np.all(np.isfinite(positions)):
         row, column = np.argwhere(~np.isfinite(positions))[0]
         raise LogError(f"{name}: {wanted[column]} is not finite at {run_log.time[row]:g} s")
-    path, place = run_log.vector("position", "truth_m"), (2.0, 0.9, 0.25)
+    path = run_log.vector("position", "truth_m")
+    place = (2.0, 0.9, 0.25)
     tips: dict[str, FloatArray] = {}
     air = []
     if car.tail is not None:
         tip, place = run_log.vector("tail_tip", "truth_m"), (3.0, 1.3, 0.5)  # a tail needs room
         tips = {"tail_tip": tip}
         if "tail_force_x_truth_n" in table.columns:
-            force, moment = run_log.vector("tail_force", "truth_n"), run_log.vector("tail_force_moment", "truth_n_m")
+            force = run_log.vector("tail_force", "truth_n")
+            moment = run_log.vector("tail_force_moment", "truth_n_m")
             air = [AirOnTail("tail", force, moment, _origins(plant, "tail_rod", positions), tip)]
     return LoggedRun(run_log, plant, car.scene_graph, positions, path, tips, air, AIR_SCALE, place)
 
 
 def _origins(plant: MultibodyPlant, body: str, positions: FloatArray) -> FloatArray:
     """Where the origin of a body is in W, m, in each row of positions, shape (n, 3)."""
-    context, found = plant.CreateDefaultContext(), np.zeros((len(positions), 3))
+    context = plant.CreateDefaultContext()
+    found = np.zeros((len(positions), 3))
     for row, values in enumerate(positions):
         plant.SetPositions(context, values)
         found[row] = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(body)).translation()
@@ -173,37 +198,55 @@ def _origins(plant: MultibodyPlant, body: str, positions: FloatArray) -> FloatAr
 
 def _add_plant(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     """Each body that had visible shapes as a free body."""
-    name, extra = run_log.name, run_log.extra
+    name = run_log.name
+    extra = run_log.extra
     if not extra.get(SCENE):
-        raise LogError(f"{name}: has no shapes to be drawn; its plant was not registered with a scene graph")
+        raise LogError(
+            f"{name}: has no shapes to be drawn; its plant was not registered with a scene graph"
+        )
     plant, scene_graph = add_plant(builder, 0.0)
     bodies = add_shapes(plant, extra[SCENE], name)
     plant.Finalize()
     tails = [tail for tail, _ in tails_of(run_log)]
     wanted = [column for body in bodies for column in pose_columns(body)]
-    wanted += [column for tail in tails for column in air_columns(tail)] + [f"com_{axis}_truth_m" for axis in "xyz"]
+    wanted += [column for tail in tails for column in air_columns(tail)] + [
+        f"com_{axis}_truth_m" for axis in "xyz"
+    ]
     path = run_log.vector("com", "truth_m")
     check_signals(run_log.time, {column: run_log.signal(column) for column in wanted})
     positions = np.zeros((len(run_log.table), plant.num_positions()))
     for body in bodies:
         start = plant.GetBodyByName(body).floating_positions_start()
-        positions[:, start : start + 7] = run_log.table[pose_columns(body)].to_numpy(dtype=np.float64)
+        positions[:, start : start + 7] = run_log.table[pose_columns(body)].to_numpy(
+            dtype=np.float64
+        )
     air = [
-        AirOnTail(tail, *np.split(run_log.table[air_columns(tail)].to_numpy(dtype=np.float64), 4, axis=1))
+        AirOnTail(
+            tail, *np.split(run_log.table[air_columns(tail)].to_numpy(dtype=np.float64), 4, axis=1)
+        )
         for tail in tails
     ]
     tips = {one.name: one.tip for one in air}
     scale = float(extra.get(AIR_SCALE_KEY, AIR_SCALE))
-    context, size, lowest = plant.CreateDefaultContext(), _LEAST_SIZE, np.inf
-    moving = [(plant.GetBodyByName(one["body"]), points_of(one)) for one in extra[SCENE] if one["body"] != WORLD_BODY]
+    context = plant.CreateDefaultContext()
+    size = _LEAST_SIZE
+    lowest = np.inf
+    moving = [
+        (plant.GetBodyByName(one["body"]), points_of(one))
+        for one in extra[SCENE]
+        if one["body"] != WORLD_BODY
+    ]
     for row in np.unique(np.linspace(0, len(positions) - 1, _LOOKS).astype(int)):
         plant.SetPositions(context, positions[row])
-        points = [plant.EvalBodyPoseInWorld(context, body).multiply(points.T).T for body, points in moving]
+        points = [
+            plant.EvalBodyPoseInWorld(context, body).multiply(points.T).T for body, points in moving
+        ]
         points += [one.tip[row : row + 1] for one in air]
         for some in points:
             size = max(size, float(np.max(np.linalg.norm(some - path[row], axis=1))))
             lowest = min(lowest, float(np.min(some[:, 2])))
-    scale, floor = float(extra.get(AIR_SCALE_KEY, AIR_SCALE)), lowest if lowest < -_BELOW else 0.0
+    scale = float(extra.get(AIR_SCALE_KEY, AIR_SCALE))
+    floor = lowest if lowest < -_BELOW else 0.0
     target = float(np.median(path[:, 2])) - floor
     place = (3.6 * size, target + 0.9 * size, target)
     return LoggedRun(run_log, plant, scene_graph, positions, path, tips, air, scale, place, floor)

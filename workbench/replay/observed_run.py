@@ -1,4 +1,6 @@
-"""A diagram of the reader's own, watched: following camera, arrows of the air, and a run log of what its plant does."""
+"""A diagram of the reader's own, watched: following camera, arrows of the air, and a run log of
+what its plant does.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,8 @@ class ObservedRun:
     def __init__(self, path: Path | None, force: bool) -> None:
         if path is not None:
             refuse_existing(path, force, LogError)
-        self._path, self._force = path, force
+        self._path = path
+        self._force = force
         self._columns: list[str] = []
         self._metadata: dict[str, Any] = {}
         self._watches: dict[str, SectionWatch] = {}
@@ -66,13 +69,17 @@ class ObservedRun:
     def log(self) -> RunLog:
         """The run log, after the `with` block; UserError before its end."""
         if self._sink is None or not self._over:
-            raise UserError("observe: the log is there after the `with` block in which the diagram is simulated")
+            raise UserError(
+                "observe: the log is there after the `with` block in which the diagram is simulated"
+            )
         return self._sink.run_log()
 
     def append(self, row: np.ndarray) -> None:
         """Takes a row of the recorder; UserError outside the `with` block."""
         if self._sink is None or self._over:
-            raise UserError("observe: simulate the diagram inside the block `with observe(...) as run:`")
+            raise UserError(
+                "observe: simulate the diagram inside the block `with observe(...) as run:`"
+            )
         self._sink.append(row)
 
     def __enter__(self) -> Self:
@@ -82,16 +89,22 @@ class ObservedRun:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         assert self._sink is not None
-        self._sink.add_facts({f"{name}_sections": watch.facts() for name, watch in self._watches.items()})
+        self._sink.add_facts(
+            {f"{name}_sections": watch.facts() for name, watch in self._watches.items()}
+        )
         self._sink.__exit__(kind, error, trace)
         self._over = kind is None
         for name, watch in self._watches.items():
             if watch.felt_no_air:
                 warnings.warn(
-                    f"{name}: air passed its sections at up to {watch.fastest:.2g} m/s and made no force; is "
+                    f"{name}: air passed its sections at up to {watch.fastest:.2g} m/s and made "
+                    "no force; is "
                     "normal_B of their layout across the flow?",
                     UserWarning,
                     stacklevel=2,
@@ -104,14 +117,24 @@ class ObservedRun:
         self._watches[tail.get_name()] = watch
 
     def record(
-        self, builder: DiagramBuilder, signals: Signals, rate: float, step: float, metadata: dict[str, Any]
+        self,
+        builder: DiagramBuilder,
+        signals: Signals,
+        rate: float,
+        step: float,
+        metadata: dict[str, Any],
     ) -> None:
         """Adds the recorder of these ports; LogError when two columns have one name."""
-        decode_metadata({METADATA_KEY: encode_metadata(metadata)}, "observe")  # what cannot be read is not written
-        self._columns, self._metadata = recorded_columns(signals), metadata
+        decode_metadata(
+            {METADATA_KEY: encode_metadata(metadata)}, "observe"
+        )  # what cannot be read is not written
+        self._columns = recorded_columns(signals)
+        self._metadata = metadata
         twice = sorted({name for name in self._columns if self._columns.count(name) > 1})
         if twice:
-            raise LogError(f"observe: column(s) named twice: {', '.join(twice)}; give the ports other names")
+            raise LogError(
+                f"observe: column(s) named twice: {', '.join(twice)}; give the ports other names"
+            )
         RunRecorder.add_to_builder(builder, self, signals, rate, step)
 
 
@@ -129,30 +152,38 @@ def observe(
     air_scale: float = AIR_SCALE,
     force: bool = False,
 ) -> ObservedRun:
-    """Watches a diagram of one's own: call it last, before `builder.Build()`, and simulate within its `with` block.
+    """Watches a diagram of one's own: call it last, before `builder.Build()`, and simulate within
+    its `with` block.
 
-    Meshcat gets the plant, if nothing shows it yet, a camera that follows it, and the force of every `TailForce` on it
-    as an arrow. The log has the state of the plant, the motion of its centre of mass and its base, the poses of its
-    bodies with their shapes, per `TailForce` wrench and sections, the wind, and `signals`; `plant_metrics`, `aerodima
-    log metrics`, `replay` and `log compare` read it, with the outcome where it is defined (`plant_outcome`). A car's
-    station with driver, tail controller and roll estimator in the same builder gives the log of a car if `settings` is
-    its scenario.
+    Meshcat gets the plant, if nothing shows it yet, a camera that follows it, and the force of
+    every `TailForce` on it as an arrow. The log has the state of the plant, the motion of its
+    centre of mass and its base, the poses of its bodies with their shapes, per `TailForce` wrench
+    and sections, the wind, and `signals`; `plant_metrics`, `aerodima log metrics`, `replay` and
+    `log compare` read it, with the outcome where it is defined (`plant_outcome`). A car's station
+    with driver, tail controller and roll estimator in the same builder gives the log of a car if
+    `settings` is its scenario.
 
     Args:
         builder: that owns the plant.
-        plant: finalised, discrete or continuous; or a simulated station, whose port `plant_state_truth` is read.
+        plant: finalised, discrete or continuous; or a simulated station, whose port
+            `plant_state_truth` is read.
         meshcat: shows the run while it goes on; of a station, give it to `make_car_station` too.
-        log: the Parquet file to be; refused when it exists, unless `force`. None keeps the log in memory.
-        base: the body whose tilt, heading and speed count, its z axis up; by default the only floating base, if any.
+        log: the Parquet file to be; refused when it exists, unless `force`. None keeps the log in
+            memory.
+        base: the body whose tilt, heading and speed count, its z axis up; by default the only
+            floating base, if any.
         rate: rows per second, Hz.
         name: of the run, for titles; by default that of the plant.
-        settings: what `aerodima log compare` names when runs differ: numbers and texts, nested as one likes.
-        signals: further vector ports, by the name of their columns; with more than one element `<name>_0`, ...
+        settings: what `aerodima log compare` names when runs differ: numbers and texts, nested as
+            one likes.
+        signals: further vector ports, by the name of their columns; with more than one element
+            `<name>_0`, ...
         air_scale: length of the arrows, m per N.
         force: replace an existing log.
 
     Raises:
-        UserError: plant not finalised or not in the builder, no such body, a rate that is not above 0, an existing log.
+        UserError: plant not finalised or not in the builder, no such body, a rate that is not above
+            0, an existing log.
     """
     for what, value in (("rate", rate), ("air_scale", air_scale)):
         if not (math.isfinite(value) and value > 0.0):
@@ -169,18 +200,30 @@ def observe(
         and watched.station is not None
         and (car := _car_signals(builder, watched.station))
     ):
-        run.record(builder, car, rate, step, run_metadata(stated, settings.seed, extra=plant_facts(watched.station)))
+        run.record(
+            builder,
+            car,
+            rate,
+            step,
+            run_metadata(stated, settings.seed, extra=plant_facts(watched.station)),
+        )
         return run
     for tail in watched.tails:
         run.watch(builder, tail, rate)
     stated = {"name": name or stated.get("name") or watched.plant.get_name()} | stated
-    metadata = run_metadata(stated, seed=0, kind=PLANT_RUN, extra=watched.facts() | {AIR_SCALE_KEY: air_scale})
-    run.record(builder, watched.signals(truth) + _further(builder, signals or {}), rate, step, metadata)
+    metadata = run_metadata(
+        stated, seed=0, kind=PLANT_RUN, extra=watched.facts() | {AIR_SCALE_KEY: air_scale}
+    )
+    run.record(
+        builder, watched.signals(truth) + _further(builder, signals or {}), rate, step, metadata
+    )
     return run
 
 
 def _car_signals(builder: DiagramBuilder, station: Diagram) -> Signals:
-    """Every column of a car's log, if driver, tail controller and roll estimator are in the builder; else none."""
+    """Every column of a car's log, if driver, tail controller and roll estimator are in the
+    builder; else none.
+    """
     parts = (TurnDriver, TailController, RollEstimator)
     sources = [system for system in builder.GetSystems() if isinstance(system, parts)]
     signals = signals_of(CAR_PORTS, output_ports(*sources, station))
@@ -194,7 +237,10 @@ def _further(builder: DiagramBuilder, signals: Mapping[str, OutputPort]) -> Sign
     found: Signals = []
     for name, port in signals.items():
         if port.get_system() not in builder.GetSystems():
-            raise UserError(f"observe: signal {name!r} is a port of another diagram; allowed: ports of this builder")
+            raise UserError(
+                f"observe: signal {name!r} is a port of another diagram; allowed: ports of this "
+                "builder"
+            )
         if port.get_data_type() != PortDataType.kVectorValued:
             raise UserError(f"observe: signal {name!r}: port '{port.get_name()}' holds no vector")
         size = port.size()

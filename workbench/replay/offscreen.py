@@ -1,8 +1,10 @@
-"""Pictures of logged runs without a display: Drake's VTK draws the robot, NumPy the floor and the shadow.
+"""Pictures of logged runs without a display: Drake's VTK draws the robot, NumPy the floor and the
+shadow.
 
-VTK needs an EGL driver (Mesa's draws in software). Without one it takes the whole process down, so that a process of
-its own tries first. VTK's own floor lines flicker far away, and its shadows cost ten times as much as the robot
-(README.md of this folder has the figures): a second picture of the robot, from the sun, says where its shadow falls.
+VTK needs an EGL driver (Mesa's draws in software). Without one it takes the whole process down, so
+that a process of its own tries first. VTK's own floor lines flicker far away, and its shadows cost
+ten times as much as the robot (README.md of this folder has the figures): a second picture of the
+robot, from the sun, says where its shadow falls.
 """
 
 import math
@@ -48,7 +50,12 @@ _SUN = np.array([0.25, -0.35, 1.0]) / np.linalg.norm([0.25, -0.35, 1.0])
 """Direction to the sun in W."""
 _SUN_DISTANCE, _SUN_PIXELS = 40.0, 512
 _SHADOW = 0.72
-_SKY, _FLOOR, _FINE, _METRE = (0.93, 0.95, 0.97), (0.91, 0.92, 0.93), (0.82, 0.84, 0.86), (0.52, 0.56, 0.62)
+_SKY, _FLOOR, _FINE, _METRE = (
+    (0.93, 0.95, 0.97),
+    (0.91, 0.92, 0.93),
+    (0.82, 0.84, 0.86),
+    (0.52, 0.56, 0.62),
+)
 _METRE_WIDTH, _FINE_WIDTH = 0.012, 0.006
 """Half widths of the lines on the floor, m."""
 _FIELD_OF_VIEW = math.radians(34.0)
@@ -83,7 +90,9 @@ class Camera:
         return np.array([right, np.cross(forward, right), forward])
 
     def project(self, points: FloatArray) -> FloatArray:
-        """Points (..., 3) in W, m, as column, row (pixels) and inverse depth (1/m), shape (..., 3)."""
+        """Points (..., 3) in W, m, as column, row (pixels) and inverse depth (1/m), shape (...,
+        3).
+        """
         p_C = (points - self.p_WC) @ self.axes.T
         inverse = 1.0 / np.maximum(p_C[..., 2], 1e-3)
         column = 0.5 * self.width + self.focal_length * p_C[..., 0] * inverse
@@ -106,9 +115,11 @@ class Camera:
 
 
 def floor_picture(camera: Camera, height: float) -> tuple[FloatArray, FloatArray]:
-    """Floor at a height (m) and sky: colours from 0 to 1, shape (rows, columns, 3), and points of the floor in W.
+    """Floor at a height (m) and sky: colours from 0 to 1, shape (rows, columns, 3), and points of
+    the floor in W.
 
-    The camera has no roll: there are rows of sky, then rows of floor, whose points (m) have the shape (n, columns, 3).
+    The camera has no roll: there are rows of sky, then rows of floor, whose points (m) have the
+    shape (n, columns, 3).
     """
     rays = camera.rays()
     horizon = int(np.count_nonzero(rays[:, 0, 2] >= -1e-6))
@@ -121,7 +132,10 @@ def floor_picture(camera: Camera, height: float) -> tuple[FloatArray, FloatArray
         for step, half in ((0.25, _FINE_WIDTH), (1.0, _METRE_WIDTH))
     )
     clear = 1.0 - np.clip(distance / 40.0, 0.0, 1.0)
-    shares = np.stack([(1 - fine) * (1 - metre) * clear, fine * (1 - metre) * clear, metre * clear, 1 - clear], axis=-1)
+    shares = np.stack(
+        [(1 - fine) * (1 - metre) * clear, fine * (1 - metre) * clear, metre * clear, 1 - clear],
+        axis=-1,
+    )
     picture = np.empty((camera.height, camera.width, 3))
     picture[:horizon] = _SKY
     picture[horizon:] = shares @ np.array([_FLOOR, _FINE, _METRE, _SKY])
@@ -143,7 +157,8 @@ def check_renderer() -> None:
     """
     if not _renderer_works():
         raise UserError(
-            "no off-screen renderer: Drake's VTK finds no OpenGL through EGL here; install Mesa's (libegl1, "
+            "no off-screen renderer: Drake's VTK finds no OpenGL through EGL here; install Mesa's "
+            "(libegl1, "
             "libgl1-mesa-dri), or use `aerodima replay --html`, which needs none"
         )
 
@@ -176,8 +191,12 @@ class OffscreenRun:
         check_renderer()
         builder = DiagramBuilder()
         self.logged = logged = add_logged_run(builder, run_log)
-        sun = LightParameter(type="directional", direction=-_SUN, frame="world", intensity=_SUNLIGHT)
-        lamp = LightParameter(type="directional", direction=np.array([0.0, 0.0, 1.0]), frame="camera", intensity=_LAMP)
+        sun = LightParameter(
+            type="directional", direction=-_SUN, frame="world", intensity=_SUNLIGHT
+        )
+        lamp = LightParameter(
+            type="directional", direction=np.array([0.0, 0.0, 1.0]), frame="camera", intensity=_LAMP
+        )
         parameters = RenderEngineVtkParams(default_clear_color=_CLEAR / 255.0, lights=[sun, lamp])
         logged.scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(parameters))
         self._diagram = builder.Build()
@@ -185,9 +204,12 @@ class OffscreenRun:
         self._plant_context = logged.plant.GetMyMutableContextFromRoot(self._context)
         self._scene_context = logged.scene_graph.GetMyContextFromRoot(self._context)
         self._path = logged.camera_path
-        self._arrows, self._traces = force_arrows(logged), traces(logged)
+        self._arrows = force_arrows(logged)
+        self._traces = traces(logged)
 
-    def camera(self, row: int, azimuth: float, place: tuple[float, float, float], size: tuple[int, int]) -> Camera:
+    def camera(
+        self, row: int, azimuth: float, place: tuple[float, float, float], size: tuple[int, int]
+    ) -> Camera:
         """The camera that follows the robot in one row of the log; see `camera_pose`.
 
         Args:
@@ -201,7 +223,9 @@ class OffscreenRun:
         return Camera(self._path[row] + eye, self._path[row] + target, focal_length, *size)
 
     def picture(self, row: int, camera: Camera) -> Image.Image:
-        """The robot in one row of the log on its floor, with its shadow, paths so far and forces of the moment."""
+        """The robot in one row of the log on its floor, with its shadow, paths so far and forces of
+        the moment.
+        """
         self.logged.move(self._plant_context, row)
         picture, floor = floor_picture(camera, self.logged.floor)
         if floor.size:
@@ -230,7 +254,9 @@ class OffscreenRun:
         return drawn
 
     def _shadow(self, row: int, floor: FloatArray) -> FloatArray:
-        """How much of the sun the robot takes from points of the floor (m, n, 3), from 0 to 1, shape (m, n)."""
+        """How much of the sun the robot takes from points of the floor (m, n, 3), from 0 to 1,
+        shape (m, n).
+        """
         middle = self.logged.run_log.vector("com", "truth_m")[row]
         focal_length = 0.5 * _SUN_PIXELS * _SUN_DISTANCE / (0.5 * self.logged.camera_place[0])
         sun = Camera(middle + _SUN_DISTANCE * _SUN, middle, focal_length, _SUN_PIXELS, _SUN_PIXELS)
@@ -240,17 +266,21 @@ class OffscreenRun:
 
 
 def _draw_line(
-    draw: ImageDraw.ImageDraw, camera: Camera, points: FloatArray, colour: tuple[float, ...], width: int,
+    draw: ImageDraw.ImageDraw, camera: Camera, points: FloatArray, colour: tuple[float, ...],
+    width: int,
     head: bool = False,
 ) -> None:  # fmt: skip
-    """A line through points (n, 3) in W, m, as far as they lie before the camera; an arrow with a head."""
+    """A line through points (n, 3) in W, m, as far as they lie before the camera; an arrow with a
+    head.
+    """
     before = (points - camera.p_WC) @ camera.axes[2] > _CLIPPING.near()
     seen = camera.project(points[before])[:, :2]
     if len(seen) < 2:
         return
     fill = tuple(round(255 * part) for part in colour)
     if head:
-        tip, along = seen[-1].copy(), seen[-1] - seen[-2]
+        tip = seen[-1].copy()
+        along = seen[-1] - seen[-2]
         along *= _HEAD / max(float(np.linalg.norm(along)), 1e-9)
         across = 0.45 * np.array([-along[1], along[0]])
         seen[-1] -= along

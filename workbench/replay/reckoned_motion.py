@@ -1,8 +1,10 @@
-"""The motion of a real car, reckoned from its sensors, so that its log is replayed like that of a simulated one.
+"""The motion of a real car, reckoned from its sensors, so that its log is replayed like that of a
+simulated one.
 
-The heading is that of the IMU, the path is the speed integrated along it; roll and pitch are the IMU's, and the car is
-lifted so that no wheel and no corner of its box is below the ground. No slip, and the errors add up: a picture of what
-happened, not a measurement of where. Forces are not known and not drawn.
+The heading is that of the IMU, the path is the speed integrated along it; roll and pitch are the
+IMU's, and the car is lifted so that no wheel and no corner of its box is below the ground. No slip,
+and the errors add up: a picture of what happened, not a measurement of where. Forces are not known
+and not drawn.
 """
 
 from __future__ import annotations
@@ -27,7 +29,8 @@ from aerodima.workbench.plants.tail import tail_geometry
 RECKONED = "reckoned"
 """Key in the `extra` of a log whose motion was reckoned."""
 _BOX_HEIGHT = 0.25
-"""Height (m) of the box whose corners stay above the ground; the roof of a 1:10 car on its side or back."""
+"""Height (m) of the box whose corners stay above the ground; the roof of a 1:10 car on its side or
+back."""
 _JOINTS = {
     "tail_tail_pitch_q": "tail_pitch_angle_rad",
     "tail_tail_roll_q": "tail_roll_angle_rad",
@@ -38,25 +41,36 @@ _JOINTS = {
 
 
 def replayable(run_log: RunLog) -> RunLog:
-    """The log itself if it holds the motion of every joint, otherwise one with the motion reckoned from the sensors.
+    """The log itself if it holds the motion of every joint, otherwise one with the motion reckoned
+    from the sensors.
 
-    Needed are `speed_m_per_s`, a heading (`imu_yaw_rad`, or `imu_gyro_z_rad_per_s` to integrate) and the scenario. Roll
-    and pitch count as zero, a tail joint as at rest in its first position, when they were not logged.
+    Needed are `speed_m_per_s`, a heading (`imu_yaw_rad`, or `imu_gyro_z_rad_per_s` to integrate)
+    and the scenario. Roll and pitch count as zero, a tail joint as at rest in its first position,
+    when they were not logged.
 
     Raises:
         LogError: one of these is missing, NaN, gap or unsorted time in a column that is used.
     """
-    if run_log.kind == PLANT_RUN or any(name.startswith(PLANT_POSITION_PREFIX) for name in run_log.table.columns):
+    if run_log.kind == PLANT_RUN or any(
+        name.startswith(PLANT_POSITION_PREFIX) for name in run_log.table.columns
+    ):
         return run_log
     name = run_log.name
     if not run_log.scenario:
-        raise LogError(f"{name}: a replay needs the car's scenario, and the log has none; state it in the mapping")
+        raise LogError(
+            f"{name}: a replay needs the car's scenario, and the log has none; state it in the "
+            "mapping"
+        )
     try:
         scenario = scenario_from_dict(run_log.scenario)
     except ScenarioError as error:
-        raise LogError(f"{name}: a replay needs the car's scenario; state it in the mapping ({error})") from None
+        raise LogError(
+            f"{name}: a replay needs the car's scenario; state it in the mapping ({error})"
+        ) from None
     columns = _motion(scenario, run_log.time, _signals(run_log, name))
-    added = pd.DataFrame({key: values for key, values in columns.items() if key not in run_log.table.columns})
+    added = pd.DataFrame(
+        {key: values for key, values in columns.items() if key not in run_log.table.columns}
+    )
     table = pd.concat([run_log.table.reset_index(drop=True), added], axis=1)
     return replace(run_log, table=table, extra={**run_log.extra, RECKONED: True})
 
@@ -69,15 +83,21 @@ def with_turning_sail(scenario: Scenario) -> Scenario:
 
 
 def _signals(run_log: RunLog, name: str) -> dict[str, FloatArray]:
-    """Speed, heading, roll, pitch and joint angles, shape (n,) each; what may be missing is left out."""
-    time, present = run_log.time, set(run_log.table.columns)
+    """Speed, heading, roll, pitch and joint angles, shape (n,) each; what may be missing is left
+    out.
+    """
+    time = run_log.time
+    present = set(run_log.table.columns)
     if "speed_m_per_s" not in present or not {"imu_yaw_rad", "imu_gyro_z_rad_per_s"} & present:
         raise LogError(
-            f"{name}: a replay needs columns {PLANT_POSITION_PREFIX}*, or speed_m_per_s with imu_yaw_rad or "
+            f"{name}: a replay needs columns {PLANT_POSITION_PREFIX}*, or speed_m_per_s with "
+            "imu_yaw_rad or "
             "imu_gyro_z_rad_per_s"
         )
     heading = "imu_yaw_rad" if "imu_yaw_rad" in present else "imu_gyro_z_rad_per_s"
-    wanted = dict.fromkeys(("speed_m_per_s", heading, "imu_roll_rad", "imu_pitch_rad", *_JOINTS.values()))
+    wanted = dict.fromkeys(
+        ("speed_m_per_s", heading, "imu_roll_rad", "imu_pitch_rad", *_JOINTS.values())
+    )
     used = {key: run_log.signal(key) for key in wanted if key in present}
     check_signals(time, used)
     if heading == "imu_gyro_z_rad_per_s":
@@ -86,40 +106,61 @@ def _signals(run_log: RunLog, name: str) -> dict[str, FloatArray]:
     return used
 
 
-def _motion(scenario: Scenario, time: FloatArray, signals: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """Every column that a replay reads: plant positions and the motion of chassis, centre of mass and tail tip."""
+def _motion(
+    scenario: Scenario, time: FloatArray, signals: dict[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Every column that a replay reads: plant positions and the motion of chassis, centre of mass
+    and tail tip.
+    """
     zero = np.zeros(time.size)
-    roll, pitch = signals.get("imu_roll_rad", zero), signals.get("imu_pitch_rad", zero)
-    yaw, speed = signals["imu_yaw_rad"] - signals["imu_yaw_rad"][0], signals["speed_m_per_s"]
-    ahead, left = (cumulative_trapezoid(speed * part, time, initial=0.0) for part in (np.cos(yaw), np.sin(yaw)))
+    roll = signals.get("imu_roll_rad", zero)
+    pitch = signals.get("imu_pitch_rad", zero)
+    yaw = signals["imu_yaw_rad"] - signals["imu_yaw_rad"][0]
+    speed = signals["speed_m_per_s"]
+    ahead, left = (
+        cumulative_trapezoid(speed * part, time, initial=0.0) for part in (np.cos(yaw), np.sin(yaw))
+    )
     position = np.column_stack([ahead, left, zero])
     builder = DiagramBuilder()  # it owns the plant
     car = add_car_plant(builder, with_turning_sail(scenario))
-    plant, tail = car.plant, car.tail
+    plant = car.plant
+    tail = car.tail
     context = plant.CreateDefaultContext()
     names = list(plant.GetPositionNames())
-    chassis = [names.index(f"car_chassis_{part}") for part in ("qw", "qx", "qy", "qz", "x", "y", "z")]
+    chassis = [
+        names.index(f"car_chassis_{part}") for part in ("qw", "qx", "qy", "qz", "x", "y", "z")
+    ]
     positions = np.tile(plant.GetPositions(context), (time.size, 1))
     for name, source in _JOINTS.items():
         if name in names and source in signals:
             positions[:, names.index(name)] = signals[source]
-    com, tip = np.zeros((time.size, 3)), np.zeros((time.size, 3))
-    corners, p_ToTip_T = _corners(scenario), tail_geometry(scenario.tail).arm.points[-1]
+    com = np.zeros((time.size, 3))
+    tip = np.zeros((time.size, 3))
+    corners = _corners(scenario)
+    p_ToTip_T = tail_geometry(scenario.tail).arm.points[-1]
     for row in range(time.size):
         R_WB = RollPitchYaw(roll[row], pitch[row], yaw[row]).ToRotationMatrix()
         position[row, 2] = max(0.0, -float(np.min(R_WB.matrix()[2] @ corners)))
         positions[row, chassis] = [*R_WB.ToQuaternion().wxyz(), *position[row]]
         plant.SetPositions(context, positions[row])
-        com[row] = plant.CalcCenterOfMassPositionInWorld(context, [car.car] if tail is None else [car.car, tail])
+        com[row] = plant.CalcCenterOfMassPositionInWorld(
+            context, [car.car] if tail is None else [car.car, tail]
+        )
         if tail is not None:
-            X_WT: RigidTransform = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName("tail_rod"))
+            X_WT: RigidTransform = plant.EvalBodyPoseInWorld(
+                context, plant.GetBodyByName("tail_rod")
+            )
             tip[row] = X_WT.multiply(p_ToTip_T)
-    columns = {f"{PLANT_POSITION_PREFIX}{name}": positions[:, index] for index, name in enumerate(names)}
+    columns = {
+        f"{PLANT_POSITION_PREFIX}{name}": positions[:, index] for index, name in enumerate(names)
+    }
     vectors = {"position": position, "com": com} | ({} if tail is None else {"tail_tip": tip})
     for stem, values in vectors.items():
         columns |= {f"{stem}_{axis}_truth_m": values[:, index] for index, axis in enumerate("xyz")}
     return columns | {
-        "tail_roll_angle_rad": zero if tail is None else positions[:, names.index("tail_tail_roll_q")],
+        "tail_roll_angle_rad": zero
+        if tail is None
+        else positions[:, names.index("tail_tail_roll_q")],
         "roll_truth_rad": roll,
         "pitch_truth_rad": pitch,
         "yaw_truth_rad": yaw,
@@ -129,6 +170,11 @@ def _motion(scenario: Scenario, time: FloatArray, signals: dict[str, FloatArray]
 
 
 def _corners(scenario: Scenario) -> FloatArray:
-    """Corners of the car's box in B, m, shape (3, 8); its lower face touches the ground at nominal ride height."""
-    half, length = scenario.car.outer_half_track, scenario.car.wheelbase
-    return np.array([(x, y, z) for x in (0.0, length) for y in (-half, half) for z in (0.0, _BOX_HEIGHT)]).T
+    """Corners of the car's box in B, m, shape (3, 8); its lower face touches the ground at nominal
+    ride height.
+    """
+    half = scenario.car.outer_half_track
+    length = scenario.car.wheelbase
+    return np.array(
+        [(x, y, z) for x in (0.0, length) for y in (-half, half) for z in (0.0, _BOX_HEIGHT)]
+    ).T

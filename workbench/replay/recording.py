@@ -1,7 +1,9 @@
-"""A run log as an animation in Meshcat: robot, floor, traces and forces, with a camera that stays with the robot.
+"""A run log as an animation in Meshcat: robot, floor, traces and forces, with a camera that stays
+with the robot.
 
-Meshcat animates transforms, scale and visibility. So the camera stands still and the world moves under it (a visitor
-can still turn and zoom), an arrow is a unit shaft that is stretched, and a trace grows by short pieces that appear.
+Meshcat animates transforms, scale and visibility. So the camera stands still and the world moves
+under it (a visitor can still turn and zoom), an arrow is a unit shaft that is stretched, and a
+trace grows by short pieces that appear.
 """
 
 from itertools import pairwise
@@ -27,7 +29,8 @@ MOST_FRAMES = 1000
 """A replay of more than 20 s has fewer frames per second: a page of so many has 7 MB."""
 
 NEARER = 0.78
-"""Share of `LoggedRun.camera_place` for Meshcat's camera: a visitor can zoom out where a picture cannot."""
+"""Share of `LoggedRun.camera_place` for Meshcat's camera: a visitor can zoom out where a picture
+cannot."""
 TIP_COLOUR, COM_COLOUR = Rgba(0.93, 0.60, 0.10), Rgba(0.25, 0.30, 0.75)
 _TRACE_RADIUS = 0.006
 _TRACE_PIECES = 200
@@ -81,7 +84,9 @@ def check_rate(rate: float) -> None:
 
 
 def frame_rows(time: FloatArray, rate: float) -> tuple[NDArray[np.int64], float]:
-    """Row of the log nearest to each frame, first and last included, and the frames per second of the replay."""
+    """Row of the log nearest to each frame, first and last included, and the frames per second of
+    the replay.
+    """
     length = float(time[-1] - time[0]) / rate
     count = max(2, min(round(length * FRAMES_PER_SECOND), MOST_FRAMES) + 1)
     return nearest_rows(time, np.linspace(time[0], time[-1], count)), (count - 1) / length
@@ -94,14 +99,20 @@ def nearest_rows(time: FloatArray, wanted: FloatArray) -> NDArray[np.int64]:
     return rows.astype(np.int64)
 
 
-def _follow(meshcat: Meshcat, animation: MeshcatAnimation, logged: LoggedRun, rows: NDArray[np.int64]) -> None:
-    """Moves the world so that the car stays at the origin, and looks at it from ahead, where roll is seen best."""
+def _follow(
+    meshcat: Meshcat, animation: MeshcatAnimation, logged: LoggedRun, rows: NDArray[np.int64]
+) -> None:
+    """Moves the world so that the car stays at the origin, and looks at it from ahead, where roll
+    is seen best.
+    """
     path = logged.camera_path
     for frame, row in enumerate(rows):
         animation.SetTransform(frame, WORLD, RigidTransform(-path[row]))
     meshcat.SetTransform(WORLD, RigidTransform(-path[rows[0]]))
     distance, height, target = logged.camera_place
-    meshcat.SetCameraPose(*camera_pose(logged.camera_azimuth, (NEARER * distance, NEARER * height, target)))
+    meshcat.SetCameraPose(
+        *camera_pose(logged.camera_azimuth, (NEARER * distance, NEARER * height, target))
+    )
 
 
 def camera_pose(azimuth: float, place: tuple[float, float, float]) -> tuple[FloatArray, FloatArray]:
@@ -120,27 +131,37 @@ def camera_pose(azimuth: float, place: tuple[float, float, float]) -> tuple[Floa
 
 
 def traces(logged: LoggedRun) -> list[tuple[str, Rgba, FloatArray]]:
-    """Name, colour and points in W (n, 3), m, of the paths that are drawn: centre of mass and tail tip."""
+    """Name, colour and points in W (n, 3), m, of the paths that are drawn: centre of mass and tail
+    tip.
+    """
     tips = [(name, TIP_COLOUR, points) for name, points in logged.tips.items()]
     return [("com", COM_COLOUR, logged.run_log.vector("com", "truth_m")), *tips]
 
 
-def _draw_traces(meshcat: Meshcat, animation: MeshcatAnimation, logged: LoggedRun, rows: NDArray[np.int64]) -> None:
+def _draw_traces(
+    meshcat: Meshcat, animation: MeshcatAnimation, logged: LoggedRun, rows: NDArray[np.int64]
+) -> None:
     last = len(rows) - 1
     edges = np.unique(np.linspace(0, last, min(_TRACE_PIECES, last) + 1).round().astype(int))
     for name, colour, points in traces(logged):
         for index, (start, end) in enumerate(pairwise(edges)):
             path = f"{WORLD}/trace/{name}/{index}"
-            fine = np.unique(np.linspace(rows[start], rows[end], 4 * (end - start) + 1).round().astype(int))
+            fine = np.unique(
+                np.linspace(rows[start], rows[end], 4 * (end - start) + 1).round().astype(int)
+            )
             vertices, faces = tube(points[fine], _TRACE_RADIUS)
             meshcat.SetTriangleMesh(path, vertices, faces, colour)
             animation.SetProperty(0, path, "visible", False)
             animation.SetProperty(int(end), path, "visible", True)
-            animation.SetProperty(last, path, "visible", True)  # every track has the same length, for the loop
+            animation.SetProperty(
+                last, path, "visible", True
+            )  # every track has the same length, for the loop
 
 
 def tube(points: FloatArray, radius: float) -> tuple[FloatArray, NDArray[np.int32]]:
-    """A line of points (n, 3) as a square tube: vertices (3, 4 n) and faces (3, m); WebGL draws lines a pixel wide."""
+    """A line of points (n, 3) as a square tube: vertices (3, 4 n) and faces (3, m); WebGL draws
+    lines a pixel wide.
+    """
     along = np.gradient(points, axis=0) if len(points) > 1 else np.ones_like(points)
     side = np.cross(along, [0.0, 0.0, 1.0])
     norm = np.linalg.norm(side, axis=1, keepdims=True)
@@ -152,14 +173,21 @@ def tube(points: FloatArray, radius: float) -> tuple[FloatArray, NDArray[np.int3
     faces = []
     for ring in range(len(points) - 1):
         for corner in range(4):
-            a, b = 4 * ring + corner, 4 * ring + (corner + 1) % 4
+            a = 4 * ring + corner
+            b = 4 * ring + (corner + 1) % 4
             faces += [[a, a + 4, b + 4], [a, b + 4, b]]
-    return np.asfortranarray(rings.reshape(-1, 3).T), np.asfortranarray(np.array(faces, dtype=np.int32).T)
+    return np.asfortranarray(rings.reshape(-1, 3).T), np.asfortranarray(
+        np.array(faces, dtype=np.int32).T
+    )
 
 
-def _draw_arrow(meshcat: Meshcat, animation: MeshcatAnimation, arrow: ForceArrow, rows: NDArray[np.int64]) -> None:
+def _draw_arrow(
+    meshcat: Meshcat, animation: MeshcatAnimation, arrow: ForceArrow, rows: NDArray[np.int64]
+) -> None:
     drawn = DrawnArrow.make(meshcat, arrow.name, arrow.colour)
-    shown, last, was_shown = arrow.shown, len(rows) - 1, None
+    shown = arrow.shown
+    last = len(rows) - 1
+    was_shown = None
     for frame, row in enumerate(rows):
         if shown[row] != was_shown or frame == last:
             was_shown = shown[row]

@@ -1,7 +1,8 @@
-"""The visible shapes of a plant as plain data for a log, and back: a replay then needs no model file.
+"""The visible shapes of a plant as plain data for a log, and back: a replay then needs no model
+file.
 
-A mesh is kept as the convex hull of at most `MOST_POINTS` of its points, a capsule as a cylinder and two spheres. Half
-spaces are left out: a replay has a floor of its own.
+A mesh is kept as the convex hull of at most `MOST_POINTS` of its points, a capsule as a cylinder
+and two spheres. Half spaces are left out: a replay has a floor of its own.
 """
 
 from __future__ import annotations
@@ -42,7 +43,9 @@ _KINDS = {"box": Box, "cylinder": Cylinder, "sphere": Sphere, "ellipsoid": Ellip
 
 
 def body_label(plant: MultibodyPlant, index: BodyIndex) -> str:
-    """Name of a body in a log: with its model instance before it where another body has the same name."""
+    """Name of a body in a log: with its model instance before it where another body has the same
+    name.
+    """
     body = plant.get_body(index)
     if index == world_index():
         return WORLD_BODY
@@ -52,7 +55,9 @@ def body_label(plant: MultibodyPlant, index: BodyIndex) -> str:
 
 
 def shapes_of(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[dict[str, Any]]:
-    """Every visible shape of a plant that is registered with this scene graph: body, kind, size, pose, colour."""
+    """Every visible shape of a plant that is registered with this scene graph: body, kind, size,
+    pose, colour.
+    """
     inspector = scene_graph.model_inspector()
     bodies = [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
     own = {geometry for body in bodies for geometry in plant.GetVisualGeometriesForBody(body)}
@@ -61,13 +66,17 @@ def shapes_of(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[dict[str, 
         if geometry not in own:
             continue
         body: RigidBody = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
-        phong: Any = inspector.GetIllustrationProperties(geometry).GetPropertyOrDefault("phong", "diffuse", _GREY)
+        phong: Any = inspector.GetIllustrationProperties(geometry).GetPropertyOrDefault(
+            "phong", "diffuse", _GREY
+        )
         colour = [round(part, 4) for part in (phong.r(), phong.g(), phong.b())]
         for kind, size, X_GS in _parts(inspector.GetShape(geometry)):
             X_BS = inspector.GetPoseInFrame(geometry) @ X_GS
             pose = [*X_BS.rotation().ToQuaternion().wxyz().tolist(), *X_BS.translation().tolist()]
             label = body_label(plant, body.index())
-            scene.append({"body": label, "kind": kind, "size": size, "pose": pose, "colour": colour})
+            scene.append(
+                {"body": label, "kind": kind, "size": size, "pose": pose, "colour": colour}
+            )
     return scene
 
 
@@ -85,7 +94,11 @@ def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:
     elif isinstance(shape, Capsule):
         yield "cylinder", [shape.radius(), shape.length()], here
         for end in (-0.5, 0.5):
-            yield "sphere", [shape.radius()], RigidTransform(np.array([0.0, 0.0, end * shape.length()]))
+            yield (
+                "sphere",
+                [shape.radius()],
+                RigidTransform(np.array([0.0, 0.0, end * shape.length()])),
+            )
     elif isinstance(shape, Mesh | Convex):
         hull = shape.GetConvexHull()
         points = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
@@ -95,20 +108,25 @@ def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:
 def _directions() -> FloatArray:
     """Unit vectors spread evenly over the sphere, shape (`MOST_POINTS`, 3)."""
     place = np.arange(MOST_POINTS) + 0.5
-    height, turn = 1.0 - 2.0 * place / MOST_POINTS, np.pi * (1.0 + np.sqrt(5.0)) * place
+    height = 1.0 - 2.0 * place / MOST_POINTS
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * place
     radius = np.sqrt(1.0 - height**2)
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
 
 
 def _outermost(points: FloatArray) -> FloatArray:
-    """At most `MOST_POINTS` corners of a hull (n, 3): the farthest in directions spread evenly over the sphere."""
+    """At most `MOST_POINTS` corners of a hull (n, 3): the farthest in directions spread evenly over
+    the sphere.
+    """
     if len(points) <= MOST_POINTS:
         return points
     return np.asarray(points[np.unique(np.argmax(_directions() @ points.T, axis=1))])
 
 
 def points_of(entry: Mapping[str, Any]) -> FloatArray:
-    """Points that a shape of a log spans, in the frame of its body, m, shape (n, 3); of a round one many."""
+    """Points that a shape of a log spans, in the frame of its body, m, shape (n, 3); of a round one
+    many.
+    """
     size: FloatArray = np.asarray(entry["size"], dtype=float)
     if entry["kind"] == "hull":
         points = size
@@ -130,7 +148,9 @@ def pose_of(entry: Mapping[str, Any]) -> RigidTransform:
 
 
 def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
-    """Puts the shapes of a log into a plant, before Finalize: a free body for each that moves. Names of these bodies.
+    """Puts the shapes of a log into a plant, before Finalize: a free body for each that moves.
+
+    Names of these bodies.
 
     Args:
         plant: registered with a scene graph.
@@ -145,7 +165,9 @@ def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
         for number, entry in enumerate(scene):
             body = entry["body"]
             if body not in bodies:
-                bodies[body] = plant.AddRigidBody(body, SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+                bodies[body] = plant.AddRigidBody(
+                    body, SpatialInertia.SolidSphereWithMass(1.0, 0.1)
+                )
             colour = Rgba(*(float(part) for part in entry["colour"])).rgba
             shape = _shape(entry, f"shape_{number}")
             plant.RegisterVisualGeometry(bodies[body], pose_of(entry), shape, f"{number}", colour)

@@ -1,7 +1,7 @@
 """A run as a strip of five pictures in one PNG, with time, speed and roll or tilt under each.
 
-The moments tell the run: before, at the start of the turn, at its peak, on the way back, after. Of a tail that swings,
-the way over the top is shown in place of the way back.
+The moments tell the run: before, at the start of the turn, at its peak, on the way back, after. Of
+a tail that swings, the way over the top is shown in place of the way back.
 """
 
 from dataclasses import dataclass
@@ -36,7 +36,9 @@ class Moment:
 
 
 def five_moments(run_log: RunLog) -> list[Moment]:
-    """The moments of a strip, in the order of time; evenly spread for a log that ends before its turn does."""
+    """The moments of a strip, in the order of time; evenly spread for a log that ends before its
+    turn does.
+    """
     time = run_log.time
     try:
         signals = turn_signals(run_log)
@@ -49,7 +51,10 @@ def five_moments(run_log: RunLog) -> list[Moment]:
     else:
         found = _kept_upright(signals, trigger, _tail_on_top(run_log, signals))
     times = _spread(list(found.values()), float(time[0]), float(time[-1]))
-    return [Moment(int(np.argmin(np.abs(time - wanted))), label) for label, wanted in zip(found, times, strict=True)]
+    return [
+        Moment(int(np.argmin(np.abs(time - wanted))), label)
+        for label, wanted in zip(found, times, strict=True)
+    ]
 
 
 def _tail_on_top(run_log: RunLog, signals: TurnSignals) -> float | None:
@@ -59,11 +64,14 @@ def _tail_on_top(run_log: RunLog, signals: TurnSignals) -> float | None:
     return float(signals.time[passes[0] + 1]) if passes.size else None
 
 
-def _kept_upright(signals: TurnSignals, trigger: float, tail_on_top: float | None) -> dict[str, float]:
+def _kept_upright(
+    signals: TurnSignals, trigger: float, tail_on_top: float | None
+) -> dict[str, float]:
     """Label -> time, s."""
     start, end = signals.window
     roll = signals.roll[signals.from_start]
-    peak, highest = float(signals.time[signals.from_start][np.argmax(roll)]), float(np.max(roll))
+    peak = float(signals.time[signals.from_start][np.argmax(roll)])
+    highest = float(np.max(roll))
     middle = {"turning in": _first(signals, signals.yaw_rate > trigger, start), "peak roll": peak}
     if tail_on_top is not None:
         middle["tail over the top"] = tail_on_top
@@ -71,7 +79,11 @@ def _kept_upright(signals: TurnSignals, trigger: float, tail_on_top: float | Non
         half = (signals.roll < 0.5 * highest) & (signals.time > peak)
         middle["recovering"] = _first(signals, half, 0.5 * (peak + end))
     ordered = dict(sorted(middle.items(), key=lambda one: one[1]))
-    return {"before the turn": start - _BEFORE, **ordered, "after the turn": max(end, *middle.values()) + _AFTER}
+    return {
+        "before the turn": start - _BEFORE,
+        **ordered,
+        "after the turn": max(end, *middle.values()) + _AFTER,
+    }
 
 
 def _rollover(signals: TurnSignals, trigger: float) -> dict[str, float]:
@@ -94,7 +106,9 @@ def _first(signals: TurnSignals, condition: NDArray[np.bool_], otherwise: float)
 
 
 def _spread(times: list[float], first: float, last: float) -> list[float]:
-    """The same times in order, inside the log and apart from each other as far as it has room, s."""
+    """The same times in order, inside the log and apart from each other as far as it has room,
+    s.
+    """
     gap = min(_APART, (last - first) / len(times))
     ordered: list[float] = []
     for index, wanted in enumerate(times):
@@ -127,7 +141,10 @@ def write_strip(run_log: RunLog, path: Path | str, *, force: bool = False) -> Pa
     refuse_existing(path, force, UserError)
     figure = strip_figure(run_log)
     return write_atomically(
-        path, lambda temporary: figure.savefig(temporary, format="png", metadata={"Software": None}), force, UserError
+        path,
+        lambda temporary: figure.savefig(temporary, format="png", metadata={"Software": None}),
+        force,
+        UserError,
     )
 
 
@@ -139,12 +156,23 @@ def strip_figure(run_log: RunLog) -> Figure:
     FigureCanvasAgg(figure)
     for index, moment in enumerate(five_moments(logged.run_log)):
         left = _GAP + index * (FRAME[0] + _GAP)
-        axes = figure.add_axes((left / STRIP[0], _LABEL / STRIP[1], FRAME[0] / STRIP[0], FRAME[1] / STRIP[1]))
+        axes = figure.add_axes(
+            (left / STRIP[0], _LABEL / STRIP[1], FRAME[0] / STRIP[0], FRAME[1] / STRIP[1])
+        )
         camera = shown.camera(moment.row, logged.camera_azimuth, logged.camera_place, FRAME)
         axes.imshow(shown.picture(moment.row, camera), interpolation="nearest")
         axes.set_axis_off()
-        middle, now = (left + FRAME[0] / 2) / STRIP[0], now_text(logged.run_log, moment.row)
-        figure.text(middle, 58 / STRIP[1], moment.label, ha="center", va="center", fontsize=13, weight="bold")
+        middle = (left + FRAME[0] / 2) / STRIP[0]
+        now = now_text(logged.run_log, moment.row)
+        figure.text(
+            middle,
+            58 / STRIP[1],
+            moment.label,
+            ha="center",
+            va="center",
+            fontsize=13,
+            weight="bold",
+        )
         figure.text(middle, 26 / STRIP[1], now, ha="center", va="center", fontsize=13)
     _title(figure, logged.run_log)
     return figure
@@ -154,6 +182,23 @@ def _title(figure: Figure, run_log: RunLog) -> None:
     caption = caption_of(run_log)
     y = 1 - 0.5 * _TITLE / STRIP[1]
     left = 2 * _GAP / STRIP[0]
-    figure.text(left, y, f"{caption.name}: {caption.facts}", ha="left", va="center", fontsize=16, weight="bold")
+    figure.text(
+        left,
+        y,
+        f"{caption.name}: {caption.facts}",
+        ha="left",
+        va="center",
+        fontsize=16,
+        weight="bold",
+    )
     colour = RESULT_COLOURS[caption.result]
-    figure.text(1 - left, y, caption.outcome, ha="right", va="center", fontsize=16, weight="bold", color=colour)
+    figure.text(
+        1 - left,
+        y,
+        caption.outcome,
+        ha="right",
+        va="center",
+        fontsize=16,
+        weight="bold",
+        color=colour,
+    )

@@ -1,8 +1,9 @@
-"""Runs as a video, one or several in step: GIF and WebP by Pillow, MP4 by imageio-ffmpeg; drawn without a display.
+"""Runs as a video, one or several in step: GIF and WebP by Pillow, MP4 by imageio-ffmpeg; drawn
+without a display.
 
-Every picture has its own robot, followed as in the replay page, with the run's name and outcome above it. All are
-seen from the same direction, and shown at the same time since the beginning of their logs; a run that is over stays
-where it ended until the longest is.
+Every picture has its own robot, followed as in the replay page, with the run's name and outcome
+above it. All are seen from the same direction, and shown at the same time since the beginning of
+their logs; a run that is over stays where it ended until the longest is.
 """
 
 import math
@@ -32,7 +33,8 @@ MOST_SECONDS = 120.0
 """Longest video: a minute of drawing for each run."""
 MOST_RUNS = 6
 _ALONE, _TOGETHER = (640, 400), (480, 300)
-"""Width and height of the picture of one run, and of each of several, pixels; even, as MP4 wants them."""
+"""Width and height of the picture of one run, and of each of several, pixels; even, as MP4 wants
+them."""
 _HEADER, _GAP = 52, 4
 _INK = "#1c2430"
 
@@ -56,7 +58,8 @@ def write_video(
         start: how long after the beginning of the logs the video begins, s.
 
     Raises:
-        UserError: number of runs, ending or rate; encoder or renderer missing; the file exists or cannot be written.
+        UserError: number of runs, ending or rate; encoder or renderer missing; the file exists or
+            cannot be written.
         LogError: a run cannot be replayed, see `add_logged_run`.
     """
     path = Path(path)
@@ -82,20 +85,27 @@ class Film:
         """See `write_video`; a video of more than `MOST_SECONDS` is refused."""
         whole = max(float(run_log.time[-1] - run_log.time[0]) for run_log in runs.values())
         if not 0.0 <= start < whole:
-            raise UserError(f"--from {start:g}: allowed: 0 to below {whole:g} s, the length of the longest run")
+            raise UserError(
+                f"--from {start:g}: allowed: 0 to below {whole:g} s, the length of the longest run"
+            )
         longest = (whole - start) / rate
         if longest > MOST_SECONDS:
-            raise UserError(f"--video: {longest:.0f} s at --rate {rate:g}; allowed: up to {MOST_SECONDS:.0f} s")
+            raise UserError(
+                f"--video: {longest:.0f} s at --rate {rate:g}; allowed: up to {MOST_SECONDS:.0f} s"
+            )
         self.number = math.ceil(longest * FRAMES_PER_SECOND - 1e-9) + 1
         since = start + np.arange(self.number) * rate / FRAMES_PER_SECOND
-        self._rows = [nearest_rows(run_log.time, run_log.time[0] + since) for run_log in runs.values()]
+        self._rows = [
+            nearest_rows(run_log.time, run_log.time[0] + since) for run_log in runs.values()
+        ]
         self._pictures = [OffscreenRun(run_log) for run_log in runs.values()]
         self._panel = _ALONE if len(runs) == 1 else _TOGETHER
         self._columns = len(runs) if len(runs) <= 3 else math.ceil(len(runs) / 2)
         self._azimuth = float(np.median([one.logged.camera_azimuth for one in self._pictures]))
         self._place = max(one.logged.camera_place for one in self._pictures)
         self._headers = [
-            _header(name, one.logged.run_log, self._panel[0]) for name, one in zip(runs, self._pictures, strict=True)
+            _header(name, one.logged.run_log, self._panel[0])
+            for name, one in zip(runs, self._pictures, strict=True)
         ]
 
     @property
@@ -126,10 +136,16 @@ class Film:
             yield last
 
     def _panel_picture(self, which: int, number: int) -> Image.Image:
-        row, shown = int(self._rows[which][number]), self._pictures[which]
+        row = int(self._rows[which][number])
+        shown = self._pictures[which]
         picture = shown.picture(row, shown.camera(row, self._azimuth, self._place, self._panel))
         draw = ImageDraw.Draw(picture)
-        draw.text((10, self._panel[1] - 26), now_text(shown.logged.run_log, row), fill=_INK, font=_font(14))
+        draw.text(
+            (10, self._panel[1] - 26),
+            now_text(shown.logged.run_log, row),
+            fill=_INK,
+            font=_font(14),
+        )
         return picture
 
 
@@ -161,7 +177,8 @@ def _encoder(path: Path) -> Encoder:
         raise UserError(f"--video {path}: ending {path.suffix!r}; allowed: {', '.join(_ENCODERS)}")
     if ending == ".mp4" and find_spec("imageio_ffmpeg") is None:
         raise UserError(
-            f"--video {path}: no encoder for MP4; install it with `pip install 'aerodima-workbench[video]'`, or write "
+            f"--video {path}: no encoder for MP4; install it with `pip install "
+            "'aerodima-workbench[video]'`, or write "
             ".webp or .gif"
         )
     return _ENCODERS[ending]
@@ -169,9 +186,13 @@ def _encoder(path: Path) -> Encoder:
 
 def _write_gif(path: Path, film: Film, progress: Progress | None) -> None:
     """One palette for all frames and no dithering, so that what stands still costs nothing."""
-    sample = [np.asarray(film.frame(number)) for number in sorted({0, film.number // 2, film.number - 1})]
+    sample = [
+        np.asarray(film.frame(number)) for number in sorted({0, film.number // 2, film.number - 1})
+    ]
     palette = Image.fromarray(np.concatenate(sample)).quantize(256)
-    frames = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in film.frames(progress))
+    frames = (
+        frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in film.frames(progress)
+    )
     _save(path, frames, format="GIF", optimize=False)
 
 
@@ -190,7 +211,9 @@ def _write_mp4(path: Path, film: Film, progress: Progress | None) -> None:
 
     made = path.with_name(f"{path.name}.mp4")  # ffmpeg goes by the ending
     try:
-        writer = imageio_ffmpeg.write_frames(str(made), film.size, fps=FRAMES_PER_SECOND, macro_block_size=2, quality=7)
+        writer = imageio_ffmpeg.write_frames(
+            str(made), film.size, fps=FRAMES_PER_SECOND, macro_block_size=2, quality=7
+        )
         writer.send(None)
         try:
             for frame in film.frames(progress):

@@ -1,6 +1,8 @@
-"""Drake's Meshcat as the workbench shows it: on this machine only, a light floor with a metre grid, no axes.
+"""Drake's Meshcat as the workbench shows it: on this machine only, a light floor with a metre grid,
+no axes.
 
-Everything is drawn below the path `/drake`, so that a replay can move the world under a camera that stays with the car.
+Everything is drawn below the path `/drake`, so that a replay can move the world under a camera that
+stays with the car.
 """
 
 import ctypes
@@ -27,14 +29,16 @@ _FINE_STEP = 0.25
 _SHADOW_BIAS = -0.01 / 500.0
 """One centimetre of the 500 m that the shadow of Meshcat's lamp reaches."""
 _LIVE_AREA = (-4.0, 16.0, -8.0, 10.0)
-"""Floor of a live run (x from, x to, y from, y to; m): it is not known yet where the car will go."""
+"""Floor of a live run (x from, x to, y from, y to; m): it is not known yet where the car will go.
+"""
 
 
 def open_meshcat(port: int | None = None) -> Meshcat:
     """Starts a viewer on 127.0.0.1, with a floor and a camera that sees a whole run from the side.
 
     Args:
-        port: 1024 to 65535; None takes the first free one from 7000 on. Its address is `meshcat.web_url()`.
+        port: 1024 to 65535; None takes the first free one from 7000 on. Its address is
+            `meshcat.web_url()`.
 
     Raises:
         UserError: the port is in use or not in that range, or none is free.
@@ -60,8 +64,12 @@ def _start(port: int | None) -> Meshcat:
     try:
         meshcat = Meshcat(MeshcatParams(host=HOST, port=port))
     except RuntimeError as error:
-        place = f"port {port} of {HOST} is in use" if port is not None else f"no free port on {HOST}"
-        raise UserError(f"Meshcat: {place}; choose another --port ({PORTS[0]} to {PORTS[1]})") from error
+        place = (
+            f"port {port} of {HOST} is in use" if port is not None else f"no free port on {HOST}"
+        )
+        raise UserError(
+            f"Meshcat: {place}; choose another --port ({PORTS[0]} to {PORTS[1]})"
+        ) from error
     finally:
         log.setLevel(level)
     _keep_for_ever(meshcat)
@@ -71,15 +79,17 @@ def _start(port: int | None) -> Meshcat:
 def _keep_for_ever(meshcat: Meshcat) -> None:
     """One reference too many, so that nothing destroys the viewer before the process is gone.
 
-    Drake aborts the process when another thread than its maker's destroys a viewer. The garbage collector runs in
-    whatever thread it is due; the interpreter, when it ends, clears modules in the main thread, and a Dask worker has
-    made its replays in another one.
+    Drake aborts the process when another thread than its maker's destroys a viewer. The garbage
+    collector runs in whatever thread it is due; the interpreter, when it ends, clears modules in
+    the main thread, and a Dask worker has made its replays in another one.
     """
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(meshcat))
 
 
 def _set_lights(meshcat: Meshcat) -> None:
-    """One sun from above with soft light all around, so that the floor is even and the car throws a shadow."""
+    """One sun from above with soft light all around, so that the floor is even and the car throws a
+    shadow.
+    """
     for lamp in ("SpotLight", "PointLightNegativeX", "PointLightPositiveX"):
         meshcat.SetProperty(f"/Lights/{lamp}", "visible", False)
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.6)
@@ -92,14 +102,20 @@ def _set_lights(meshcat: Meshcat) -> None:
     meshcat.SetProperty(sun, "castShadow", True)
 
 
-def area_around(points: NDArray[np.float64], margin: float = 3.0) -> tuple[float, float, float, float]:
-    """Smallest floor with whole metres (x from, x to, y from, y to) that has a margin (m) about points (n, 3)."""
+def area_around(
+    points: NDArray[np.float64], margin: float = 3.0
+) -> tuple[float, float, float, float]:
+    """Smallest floor with whole metres (x from, x to, y from, y to) that has a margin (m) about
+    points (n, 3).
+    """
     low = np.floor(np.min(points[:, :2], axis=0) - margin)
     high = np.ceil(np.max(points[:, :2], axis=0) + margin)
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
 
-def draw_ground(meshcat: Meshcat, area: tuple[float, float, float, float], height: float = 0.0) -> None:
+def draw_ground(
+    meshcat: Meshcat, area: tuple[float, float, float, float], height: float = 0.0
+) -> None:
     """Draws the floor with a line every metre and a lighter one every quarter of a metre.
 
     Args:
@@ -110,8 +126,13 @@ def draw_ground(meshcat: Meshcat, area: tuple[float, float, float, float], heigh
     meshcat.SetTransform(GROUND, RigidTransform(np.array([0.0, 0.0, height])))
     floor = Box(x1 - x0, y1 - y0, 0.01)
     meshcat.SetObject(f"{GROUND}/floor", floor, _FLOOR)
-    meshcat.SetTransform(f"{GROUND}/floor", RigidTransform(np.array([(x0 + x1) / 2, (y0 + y1) / 2, -0.012])))
-    for name, step, height, colour in (("fine", _FINE_STEP, -0.004, _FINE), ("metre", 1.0, -0.001, _METRE)):
+    meshcat.SetTransform(
+        f"{GROUND}/floor", RigidTransform(np.array([(x0 + x1) / 2, (y0 + y1) / 2, -0.012]))
+    )
+    for name, step, height, colour in (
+        ("fine", _FINE_STEP, -0.004, _FINE),
+        ("metre", 1.0, -0.001, _METRE),
+    ):
         start, end = _grid_lines(area, step, height)
         meshcat.SetLineSegments(f"{GROUND}/{name}", start, end, 1.0, colour)
 
@@ -119,7 +140,9 @@ def draw_ground(meshcat: Meshcat, area: tuple[float, float, float, float], heigh
 def _grid_lines(
     area: tuple[float, float, float, float], step: float, height: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Ends of the lines of a grid, each of shape (3, n), metre by metre: some browsers drop lines that pass the eye."""
+    """Ends of the lines of a grid, each of shape (3, n), metre by metre: some browsers drop lines
+    that pass the eye.
+    """
     x0, x1, y0, y1 = area
     xs = x0 + step * np.arange(round((x1 - x0) / step) + 1)
     ys = y0 + step * np.arange(round((y1 - y0) / step) + 1)
@@ -127,7 +150,9 @@ def _grid_lines(
         [x, y, height] for y in ys for x in np.arange(x0, x1)
     ]
     along_y = len(xs) * round(y1 - y0)
-    end = [[x, y + 1, z] for x, y, z in start[:along_y]] + [[x + 1, y, z] for x, y, z in start[along_y:]]
+    end = [[x, y + 1, z] for x, y, z in start[:along_y]] + [
+        [x + 1, y, z] for x, y, z in start[along_y:]
+    ]
     return np.asfortranarray(np.transpose(start)), np.asfortranarray(np.transpose(end))
 
 
@@ -144,7 +169,8 @@ class ChaseCamera:
     """
 
     def __init__(self, station: Diagram, meshcat: Meshcat | None) -> None:
-        self._plant, self._meshcat = simulated_car(station).plant, meshcat
+        self._plant = simulated_car(station).plant
+        self._meshcat = meshcat
         self._chassis = self._plant.GetBodyByName("chassis")
         if meshcat is not None:
             draw_ground(meshcat, _AREA)
@@ -154,16 +180,21 @@ class ChaseCamera:
         """Turns the view after the car in a context of the whole diagram.
 
         Returns:
-            Its speed over ground, m/s, and its heading, rad, positive to the left of the x axis of the world.
+            Its speed over ground, m/s, and its heading, rad, positive to the left of the x axis of
+            the world.
         """
         plant_context = self._plant.GetMyContextFromRoot(context)
         X_WB = self._plant.EvalBodyPoseInWorld(plant_context, self._chassis)
-        velocity = self._plant.EvalBodySpatialVelocityInWorld(plant_context, self._chassis).translational()
+        velocity = self._plant.EvalBodySpatialVelocityInWorld(
+            plant_context, self._chassis
+        ).translational()
         ahead = X_WB.rotation().matrix()[:, 0]
         heading = math.atan2(ahead[1], ahead[0])
         if self._meshcat is not None:
             place = np.array([*X_WB.translation()[:2], 0.0])
             turned = RigidTransform(RotationMatrix.MakeZRotation(-heading), np.zeros(3))
             self._meshcat.SetTransform(WORLD, turned @ RigidTransform(-place))
-            self._meshcat.SetTransform(GROUND, RigidTransform(np.round(place)))  # whole metres: its lines stay in place
+            self._meshcat.SetTransform(
+                GROUND, RigidTransform(np.round(place))
+            )  # whole metres: its lines stay in place
         return float(np.hypot(velocity[0], velocity[1])), heading

@@ -1,4 +1,6 @@
-"""What of a diagram is watched: its plant or station, its base, its tail forces, and the columns that they fill."""
+"""What of a diagram is watched: its plant or station, its base, its tail forces, and the columns
+that they fill.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,15 @@ from pydrake.geometry import Meshcat, MeshcatVisualizer, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem, OutputPort, System
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    DiagramBuilder,
+    EventStatus,
+    LeafSystem,
+    OutputPort,
+    System,
+)
 
 from aerodima.workbench.aero.tail_force import TailForce, resolve_body
 from aerodima.workbench.config.array_types import FloatArray
@@ -19,7 +29,12 @@ from aerodima.workbench.config.signal_table import CAR_TRUTH, PLANT_POSITION_PRE
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.logs.recorder import Signals, output_ports, signals_of
 from aerodima.workbench.metrics.run_summary import TAILS
-from aerodima.workbench.replay.force_arrows import AIR_COLOUR, SHOWN_LENGTH, DrawnArrow, point_on_axis
+from aerodima.workbench.replay.force_arrows import (
+    AIR_COLOUR,
+    SHOWN_LENGTH,
+    DrawnArrow,
+    point_on_axis,
+)
 from aerodima.workbench.replay.logged_run import SCENE
 from aerodima.workbench.replay.scene_shapes import WORLD_BODY, body_label, points_of, shapes_of
 from aerodima.workbench.replay.viewer import WORLD, area_around, draw_ground
@@ -47,10 +62,12 @@ class WatchedPlant:
         station: the diagram that holds the plant; None where the builder itself does.
         state: port of [q; v].
         base: index of the body whose tilt, heading and speed count; None without one.
-        tails: `TailForce` systems on bodies of the plant; those in a station are computed once more.
+        tails: `TailForce` systems on bodies of the plant; those in a station are computed once
+            more.
         wind: port of the air that they feel; None in still air.
         scene: the plant's visible shapes, see `shapes_of`.
-        scene_graph: that the plant is registered with, in this builder; None without or in a station.
+        scene_graph: that the plant is registered with, in this builder; None without or in a
+            station.
         bodies: label and index of each body that has visible shapes.
     """
 
@@ -73,30 +90,48 @@ class WatchedPlant:
             raise ModelError(f"observe: '{plant.get_name()}' is not in this builder; add it first")
         inside, station = (builder, None) if isinstance(plant, MultibodyPlant) else (plant, plant)
         if station is not None:
-            plant, state = _plant_in(station), station.GetOutputPort("plant_state_truth")
+            plant = _plant_in(station)
+            state = station.GetOutputPort("plant_state_truth")
         assert isinstance(plant, MultibodyPlant)
         if not plant.is_finalized():
-            raise ModelError(f"observe: plant '{plant.get_name()}' is not finalised; call plant.Finalize() first")
+            raise ModelError(
+                f"observe: plant '{plant.get_name()}' is not finalised; call plant.Finalize() first"
+            )
         if station is None:
             state = plant.get_state_output_port()
         systems = inside.GetSystems()
-        tails = [system for system in systems if isinstance(system, TailForce) and system.plant is plant]
+        tails = [
+            system for system in systems if isinstance(system, TailForce) and system.plant is plant
+        ]
         shown = next((system for system in systems if isinstance(system, SceneGraph)), None)
-        scene = shapes_of(plant, shown) if shown is not None and plant.geometry_source_is_registered() else []
+        scene = (
+            shapes_of(plant, shown)
+            if shown is not None and plant.geometry_source_is_registered()
+            else []
+        )
         labels = {entry["body"] for entry in scene} - {WORLD_BODY}
-        indices = {body_label(plant, BodyIndex(index)): BodyIndex(index) for index in range(plant.num_bodies())}
+        indices = {
+            body_label(plant, BodyIndex(index)): BodyIndex(index)
+            for index in range(plant.num_bodies())
+        }
         bodies = {label: index for label, index in indices.items() if label in labels}
         wind = _wind(builder, tails) if station is None else output_ports(station).get("wind_truth")
         if station is not None:
             tails = [_again(builder, tail, state, wind) for tail in tails]
         scene_graph = shown if station is None else None
-        return cls(plant, station, state, _base_of(plant, base), tails, wind, scene, scene_graph, bodies)
+        return cls(
+            plant, station, state, _base_of(plant, base), tails, wind, scene, scene_graph, bodies
+        )
 
     def add_truth(self, builder: DiagramBuilder) -> PlantTruth:
-        """Adds the system that computes what is recorded and drawn; ModelError when this plant is watched already."""
+        """Adds the system that computes what is recorded and drawn; ModelError when this plant is
+        watched already.
+        """
         name = f"{self.plant.get_name()}_truth"
         if builder.HasSubsystemNamed(name):
-            raise ModelError(f"observe: plant '{self.plant.get_name()}' is observed already; once is enough")
+            raise ModelError(
+                f"observe: plant '{self.plant.get_name()}' is observed already; once is enough"
+            )
         truth = PlantTruth(self.plant, self.base, list(self.bodies.values()), self.tails)
         builder.AddNamedSystem(name, truth)
         builder.Connect(self.state, truth.GetInputPort("plant_state"))
@@ -104,7 +139,9 @@ class WatchedPlant:
             builder.Connect(tail.GetOutputPort("wrench"), truth.GetInputPort(tail.get_name()))
         return truth
 
-    def show(self, builder: DiagramBuilder, truth: PlantTruth, meshcat: Meshcat, air_scale: float) -> None:
+    def show(
+        self, builder: DiagramBuilder, truth: PlantTruth, meshcat: Meshcat, air_scale: float
+    ) -> None:
         """Adds camera, arrows, and the visualizer of the shapes unless there is one.
 
         Raises:
@@ -112,7 +149,8 @@ class WatchedPlant:
         """
         if not self.scene:
             raise ModelError(
-                f"observe: plant '{self.plant.get_name()}' has no visible shapes for Meshcat; make it with "
+                f"observe: plant '{self.plant.get_name()}' has no visible shapes for Meshcat; "
+                "make it with "
                 "AddMultibodyPlantSceneGraph and parse the model after that"
             )
         seen = any(isinstance(system, MeshcatVisualizer) for system in builder.GetSystems())
@@ -120,11 +158,19 @@ class WatchedPlant:
             MeshcatVisualizer.AddToBuilder(builder, self.scene_graph, meshcat)
         names = [tail.get_name() for tail in self.tails]
         reach = [
-            max(float(np.linalg.norm(points_of(entry), axis=1).max()) for entry in self.scene if entry["body"] == label)
+            max(
+                float(np.linalg.norm(points_of(entry), axis=1).max())
+                for entry in self.scene
+                if entry["body"] == label
+            )
             for label in self.bodies
         ]
         live = builder.AddNamedSystem("live_scene", LiveScene(meshcat, names, reach, air_scale))
-        for port in ("com", *(["poses"] if self.bodies else []), *(f"{name}_air" for name in names)):
+        for port in (
+            "com",
+            *(["poses"] if self.bodies else []),
+            *(f"{name}_air" for name in names),
+        ):
             builder.Connect(truth.GetOutputPort(port), live.GetInputPort(port))
 
     def signals(self, truth: PlantTruth) -> Signals:
@@ -132,7 +178,9 @@ class WatchedPlant:
         plant = self.plant
         names = [f"{PLANT_POSITION_PREFIX}{position}" for position in plant.GetPositionNames()]
         names += [f"plant_velocity_{velocity}" for velocity in plant.GetVelocityNames()]
-        names += [f"plant_state_{index}" for index in range(plant.num_multibody_states() - len(names))]
+        names += [
+            f"plant_state_{index}" for index in range(plant.num_multibody_states() - len(names))
+        ]
         found: Signals = [(self.state, names)] if names else []
         if self.base is not None:
             found.append((truth.GetOutputPort("base"), list(BASE_COLUMNS)))
@@ -141,14 +189,17 @@ class WatchedPlant:
             poses = [column for label in self.bodies for column in pose_columns(label)]
             found.append((truth.GetOutputPort("poses"), poses))
         for tail in self.tails:
-            name, number = tail.get_name(), tail.layout.number
+            name = tail.get_name()
+            number = tail.layout.number
             found.append((truth.GetOutputPort(f"{name}_air"), air_columns(name)))
             found.append((tail.GetOutputPort("sections"), section_columns(name, number)))
             validity = [f"{name}_section_{index}_validity" for index in range(number)]
             found.append((tail.GetOutputPort("validity"), validity))
         if self.station is not None:
             ports = output_ports(self.station)
-            found += signals_of(CAR_TRUTH, {name: ports[name] for name in _STATION_TRUTH if name in ports})
+            found += signals_of(
+                CAR_TRUTH, {name: ports[name] for name in _STATION_TRUTH if name in ports}
+            )
         elif self.wind is not None:
             found.append((self.wind, names_of(CAR_TRUTH["wind_truth"])))
         return found
@@ -166,7 +217,8 @@ def _plant_in(station: Diagram) -> MultibodyPlant:
     plant: Any = station.GetSubsystemByName("plant") if station.HasSubsystemNamed("plant") else None
     if plant is None or not station.HasOutputPort("plant_state_truth"):
         raise ModelError(
-            f"observe: '{station.get_name()}' has no plant to be watched; allowed: a MultibodyPlant of this builder, "
+            f"observe: '{station.get_name()}' has no plant to be watched; allowed: a "
+            "MultibodyPlant of this builder, "
             "or a simulated station, which has a subsystem 'plant' and a port 'plant_state_truth'"
         )
     return plant
@@ -191,7 +243,9 @@ def _wind(builder: DiagramBuilder, tails: list[Any]) -> OutputPort | None:
     return None
 
 
-def _again(builder: DiagramBuilder, tail: Any, state: OutputPort, wind: OutputPort | None) -> System:
+def _again(
+    builder: DiagramBuilder, tail: Any, state: OutputPort, wind: OutputPort | None
+) -> System:
     """A tail force inside a station once more, in this builder, where its ports can be read."""
     copy = builder.AddNamedSystem(tail.get_name(), tail.reporter())
     builder.Connect(state, copy.GetInputPort("plant_state"))
@@ -213,7 +267,8 @@ class LiveScene(LeafSystem):
     Input ports:
         com (6): position, m, and velocity of the centre of mass in W.
         poses (7 n): of the bodies that are drawn, see `PlantTruth`.
-        <name of a tail force>_air (12): force N, moment about Wo N m, root and tip m of its sections, W axes.
+        <name of a tail force>_air (12): force N, moment about Wo N m, root and tip m of its
+        sections, W axes.
 
     Args:
         meshcat: that shows the robot.
@@ -222,13 +277,20 @@ class LiveScene(LeafSystem):
         air_scale: length of an arrow, m per N.
     """
 
-    def __init__(self, meshcat: Meshcat, tails: Sequence[str], reach: Sequence[float], air_scale: float) -> None:
+    def __init__(
+        self, meshcat: Meshcat, tails: Sequence[str], reach: Sequence[float], air_scale: float
+    ) -> None:
         super().__init__()
-        self._meshcat, self._reach, self._air_scale = meshcat, np.asarray(reach), air_scale
+        self._meshcat = meshcat
+        self._reach = np.asarray(reach)
+        self._air_scale = air_scale
         self._com = self.DeclareVectorInputPort("com", 6)
         self._poses = self.DeclareVectorInputPort("poses", 7 * len(reach)) if len(reach) else None
         self._tails = [
-            (DrawnArrow.make(meshcat, f"air_on_{name}", AIR_COLOUR), self.DeclareVectorInputPort(f"{name}_air", 12))
+            (
+                DrawnArrow.make(meshcat, f"air_on_{name}", AIR_COLOUR),
+                self.DeclareVectorInputPort(f"{name}_air", 12),
+            )
             for name in tails
         ]
         self._placed = False
@@ -249,7 +311,9 @@ class LiveScene(LeafSystem):
         return EventStatus.Succeeded()
 
     def _place(self, context: Context, com: FloatArray) -> None:
-        """Puts the camera where all of the robot is seen, and a floor below it unless it hangs below z = 0."""
+        """Puts the camera where all of the robot is seen, and a floor below it unless it hangs
+        below z = 0.
+        """
         size = _LEAST_SIZE
         if self._poses is not None:
             places = vector_of(self._poses, context).reshape(-1, 7)[:, 4:]

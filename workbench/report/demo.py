@@ -1,4 +1,6 @@
-"""The demo: a manoeuvre of four cars in step and the thesis' own turn: logs, table, replays and page in one folder."""
+"""The demo: a manoeuvre of four cars in step and the thesis' own turn: logs, table, replays and
+page in one folder.
+"""
 
 import json
 import math
@@ -53,10 +55,12 @@ class DemoPlan:
     """Which turns are run and which of them are shown in full.
 
     Args:
-        turns: tail mode, of `none`, `held`, `swing`, `designed` (scenarios `turn_<mode>`), and commanded speed, m/s.
+        turns: tail mode, of `none`, `held`, `swing`, `designed` (scenarios `turn_<mode>`), and
+            commanded speed, m/s.
         shown: turns with a replay.
         seed: of every run.
-        opening: whether the page begins with the four cars of `models/entry/shown.yaml`, four runs more.
+        opening: whether the page begins with the four cars of `models/entry/shown.yaml`, four runs
+            more.
     """
 
     turns: tuple[tuple[str, float], ...] = (
@@ -76,7 +80,8 @@ class DemoRun:
         scenario: resolved.
         log: Parquet file.
         replay: HTML file; None for a run that has none of its own.
-        opening: the candidate that it shows at the beginning of the page; empty for a run of the published turn.
+        opening: the candidate that it shows at the beginning of the page; empty for a run of the
+            published turn.
     """
 
     name: str
@@ -101,19 +106,20 @@ def make_demo(
 ) -> Path:
     """Runs the demo and writes its page; the path of the page.
 
-    A demo that was interrupted goes on where it stopped when it is asked for again: finished logs of the same scenario
-    and versions are kept.
+    A demo that was interrupted goes on where it stopped when it is asked for again: finished logs
+    of the same scenario and versions are kept.
 
     Args:
         out: folder; made when it is not there.
-        plan: what to run; the four cars, and the thesis' turn on both sides of its two flips, by default.
+        plan: what to run; the four cars, and the thesis' turn on both sides of its two flips, by
+            default.
         workers: processes.
         force: make a finished demo again, or write among other files.
         progress: receives lines of progress.
 
     Raises:
-        UserError: workers out of range; the folder holds a finished demo, another one's logs or foreign files, or
-            cannot be written. Nothing is overwritten without `force`.
+        UserError: workers out of range; the folder holds a finished demo, another one's logs or
+            foreign files, or cannot be written. Nothing is overwritten without `force`.
     """
     plan = plan or DemoPlan()
     check_workers(workers)
@@ -126,7 +132,9 @@ def make_demo(
     kept = lambda: f"{sum(run.log.exists() for run in runs)} of {len(runs)} logs"  # noqa: E731
     with _claimed(out, runs, force) as store, saying_how_to_go_on(progress, kept):
         progress(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
-        summaries = run_batch(do_run, runs, workers, done, progress=progress, record=out / WORKER_RECORD)
+        summaries = run_batch(
+            do_run, runs, workers, done, progress=progress, record=out / WORKER_RECORD
+        )
         progress("writing table and page ...")
         _write_page(out, runs, summaries)
         store.add(FINISHED, {})
@@ -164,7 +172,10 @@ def do_run(run: DemoRun) -> RunSummary:
         except LogError as error:
             raise UserError(f"{error}; --force makes it again") from None
         if (log.scenario, log.versions) != (run.scenario, software_versions()):
-            raise UserError(f"{run.log}: is of another scenario, seed or version; choose another folder, or --force")
+            raise UserError(
+                f"{run.log}: is of another scenario, seed or version; choose another folder, or "
+                "--force"
+            )
     else:
         from aerodima.workbench.config.scenario import scenario_from_dict
         from aerodima.workbench.simulate.simulation import simulate
@@ -185,9 +196,14 @@ def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
     store = RowStore(out / MARK, identity, force=force, alone=True)
     if FINISHED in store.rows:
         store.close()
-        raise UserError(f"{out}: holds a finished demo already; choose another folder, or --force to make it again")
+        raise UserError(
+            f"{out}: holds a finished demo already; choose another folder, or --force to make it "
+            "again"
+        )
     make_folder(out / "logs", UserError)
-    for path in [out / PAGE, out / SUMMARY, *(path for run in runs for path in run.files)] if force else ():
+    for path in (
+        [out / PAGE, out / SUMMARY, *(path for run in runs for path in run.files)] if force else ()
+    ):
         path.unlink(missing_ok=True)
     return store
 
@@ -197,7 +213,8 @@ def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSumma
     thesis = {run.name: run for run in runs if not run.opening}
     modes = list(MODE_WORDS)
     ordered = sorted(
-        (s for s in summaries if s.name in thesis), key=lambda s: (modes.index(s.tail_mode), s.commanded_speed)
+        (s for s in summaries if s.name in thesis),
+        key=lambda s: (modes.index(s.tail_mode), s.commanded_speed),
     )
     numbers = pd.DataFrame([{"run": s.name, **s.as_row(), **s.impulses_row()} for s in ordered])
     sections = [thesis_turn_chapter(ordered), provenance(thesis, SUMMARY)]
@@ -205,17 +222,28 @@ def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSumma
         page = Page("The car turns, with and without its tail", "", sections)
     else:
         lead = "Same car, floor, speed and manoeuvre; the tail is a larger one than was built."
-        page = Page("One manoeuvre, four cars", lead, [*entry_chapter(load_shown_entry(), first), *sections])
+        page = Page(
+            "One manoeuvre, four cars", lead, [*entry_chapter(load_shown_entry(), first), *sections]
+        )
     write_files(out, {SUMMARY: numbers, PAGE: page})
 
 
 def thesis_turn_chapter(summaries: Sequence[RunSummary]) -> Section:
-    """Brackets of the flip, outcomes and metrics of the turn at full lock, beside those of the thesis."""
+    """Brackets of the flip, outcomes and metrics of the turn at full lock, beside those of the
+    thesis.
+    """
     said = (
-        "Flipped: the body tilts beyond 75 degrees, or ends beyond 20 degrees with a wheel in the air. Clean: it "
-        "survived, and neither cage nor tail touched the ground, nor the anti-ramp board from the start of the turn on."
+        "Flipped: the body tilts beyond 75 degrees, or ends beyond 20 degrees with a wheel in the "
+        "air. Clean: it "
+        "survived, and neither cage nor tail touched the ground, nor the anti-ramp board from the "
+        "start of the turn on."
     )
-    tables: list[Part] = [_bracket_table(summaries), _outcome_table(summaries), said, _metric_table(summaries)]
+    tables: list[Part] = [
+        _bracket_table(summaries),
+        _outcome_table(summaries),
+        said,
+        _metric_table(summaries),
+    ]
     return Section("The thesis' own turn, at full steering lock", tables)
 
 
@@ -227,13 +255,28 @@ def _bracket_table(summaries: Sequence[RunSummary]) -> Table:
         flipped = min((f"{s.commanded_speed:.2f}" for s in own if not s.survived), default="–")
         published = flip_bracket(configuration)  # type: ignore[arg-type]  # mypy reads str
         if own:
-            rows.append((MODE_WORDS[mode], survived, flipped, f"{published.survived:.2f}", f"{published.flipped:.2f}"))
-    header = ("tail", "survived up to [m/s]", "flipped from [m/s]", "published: survived", "published: flipped")
+            rows.append(
+                (
+                    MODE_WORDS[mode],
+                    survived,
+                    flipped,
+                    f"{published.survived:.2f}",
+                    f"{published.flipped:.2f}",
+                )
+            )
+    header = (
+        "tail",
+        "survived up to [m/s]",
+        "flipped from [m/s]",
+        "published: survived",
+        "published: flipped",
+    )
     return Table(header, rows)
 
 
 def _outcome_table(summaries: Sequence[RunSummary]) -> Table:
-    header = ("speed [m/s]", "tail", "outcome", "peak roll [deg]", "mean yaw rate [rad/s]", "heading change [deg]",
+    header = ("speed [m/s]", "tail", "outcome", "peak roll [deg]", "mean yaw rate [rad/s]",
+    "heading change [deg]",
               "tail energy [J]")  # fmt: skip
     rows = [
         (
@@ -243,7 +286,9 @@ def _outcome_table(summaries: Sequence[RunSummary]) -> Table:
             f"{math.degrees(s.metrics.peak_roll_rad):.1f}" if s.survived else "–",
             f"{s.metrics.raw.average_yaw_rate_rad_per_s:.2f}",
             f"{math.degrees(s.metrics.heading_change_rad):.1f}" if s.survived else "–",
-            "–" if s.tail_mode == "none" or s.metrics.tail_energy_j is None else f"{s.metrics.tail_energy_j:.1f}",
+            "–"
+            if s.tail_mode == "none" or s.metrics.tail_energy_j is None
+            else f"{s.metrics.tail_energy_j:.1f}",
         )
         for s in summaries
     ]
@@ -251,21 +296,35 @@ def _outcome_table(summaries: Sequence[RunSummary]) -> Table:
 
 
 def _metric_table(summaries: Sequence[RunSummary]) -> Folded:
-    """Metrics of the runs that the thesis made too; raw beside its simulation, filtered beside its car."""
+    """Metrics of the runs that the thesis made too; raw beside its simulation, filtered beside its
+    car.
+    """
     rows = [
-        (run.name, row.source, platform, metric_name(one.name), metric_unit(one.name), f"{ours:.2f}",
+        (run.name, row.source, platform, metric_name(one.name), metric_unit(one.name),
+        f"{ours:.2f}",
          f"{published:.2f}", percent(ours / published - 1.0))
         for run in summaries
         for platform, row in published_for(run).items()
         for one in fields(TurnMetrics)
-        for ours, published in [(getattr(run.metrics.like(platform), one.name), getattr(row.metrics, one.name))]
+        for ours, published in [(getattr(run.metrics.like(platform), one.name),
+        getattr(row.metrics, one.name))]
     ]  # fmt: skip
-    header = ("run", "published in", "platform", "metric", "unit", "this run", "published", "difference")
+    header = (
+        "run",
+        "published in",
+        "platform",
+        "metric",
+        "unit",
+        "this run",
+        "published",
+        "difference",
+    )
     return Folded("Metrics beside the published ones", [Table(header, rows)])
 
 
 def provenance(runs: Mapping[str, DemoRun], summary: str) -> Section:
-    """Versions, seeds, files beside the page and the scenario of the first run: what the page was made of.
+    """Versions, seeds, files beside the page and the scenario of the first run: what the page was
+    made of.
 
     Args:
         runs: name -> run, of at least one.
@@ -276,7 +335,11 @@ def provenance(runs: Mapping[str, DemoRun], summary: str) -> Section:
     rows = [*versions, ("seed", ", ".join(map(str, sorted({log.seed for log in logs}))))]
     rows += [("step of the plant", f"{logs[0].scenario['simulation']['step']:g} s")]
     linked = [
-        (name, Link(f"logs/{run.log.name}", "log"), "" if run.replay is None else Link(run.replay.name, "replay"))
+        (
+            name,
+            Link(f"logs/{run.log.name}", "log"),
+            "" if run.replay is None else Link(run.replay.name, "replay"),
+        )
         for name, run in runs.items()
     ]
     scenario = Preformatted(json.dumps(logs[0].scenario, indent=2, sort_keys=True))

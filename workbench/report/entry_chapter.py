@@ -1,4 +1,6 @@
-"""Entry speeds (`models/entry`): a table of `aerodima swing judge`, and some of its cars in step."""
+"""Entry speeds (`models/entry`): a table of `aerodima swing judge`, and some of its cars in
+step.
+"""
 
 import math
 from collections.abc import Mapping
@@ -25,7 +27,9 @@ UNKNOWN = ("error: ", "no reference", "not proved")
 
 
 class ShownCandidate(StrictModel):
-    """A candidate by its name in the table, its words on the page, and its settings of the scenario."""
+    """A candidate by its name in the table, its words on the page, and its settings of the
+    scenario.
+    """
 
     name: str
     words: str
@@ -33,7 +37,9 @@ class ShownCandidate(StrictModel):
 
 
 class ShownEntry(StrictModel):
-    """What is shown: manoeuvre, car and floor by their names in the table, with scenario, settings and speed."""
+    """What is shown: manoeuvre, car and floor by their names in the table, with scenario, settings
+    and speed.
+    """
 
     schema_: str = Field(alias="schema")
     manoeuvre: str
@@ -47,7 +53,9 @@ class ShownEntry(StrictModel):
 
     def run(self, who: ShownCandidate) -> Scenario:
         """The run of a candidate."""
-        car = next(member for member in load_ensemble(self.ensemble).members if member.name == self.car)
+        car = next(
+            member for member in load_ensemble(self.ensemble).members if member.name == self.car
+        )
         own = [*car.settings_on(self.scenario), *self.settings, *who.settings]
         return load_scenario(self.scenario, [*own, f"manoeuvre.speed={self.speed_m_per_s!r}"])
 
@@ -61,16 +69,21 @@ def load_shown_entry() -> ShownEntry:
 def _entries() -> pd.DataFrame:
     """The shipped table; a run that came to nothing leaves the entry speed unknown, NaN."""
     table = pd.read_csv(model_path(ENTRIES))
-    return table.assign(**{SPEED: table[SPEED].mask(table["ended_by"].fillna("").str.startswith(UNKNOWN))})
+    return table.assign(
+        **{SPEED: table[SPEED].mask(table["ended_by"].fillna("").str.startswith(UNKNOWN))}
+    )
 
 
 def entry_medians(floor: str = "x 1.2") -> pd.DataFrame:
-    """Median entry speeds of the shipped table on a floor as texts: a row per candidate, a column per manoeuvre.
+    """Median entry speeds of the shipped table on a floor as texts: a row per candidate, a column
+    per manoeuvre.
 
     In brackets: how many cars complete the manoeuvre.
     """
     table = _entries().query("floor == @floor")
-    cells = {case: _median(own) for case, own in table.groupby(["candidate", "manoeuvre"], sort=False)}
+    cells = {
+        case: _median(own) for case, own in table.groupby(["candidate", "manoeuvre"], sort=False)
+    }
     return pd.Series(cells).unstack()[table["manoeuvre"].unique()].loc[table["candidate"].unique()]
 
 
@@ -78,7 +91,8 @@ def _median(own: pd.DataFrame) -> str:
     speeds = own.dropna(subset=SPEED)
     if speeds.empty:
         return "none"
-    median, unbounded = speeds[SPEED].median(), speeds[SPEED].mask(speeds["at_ceiling"], math.inf).median()
+    median = speeds[SPEED].median()
+    unbounded = speeds[SPEED].mask(speeds["at_ceiling"], math.inf).median()
     return f"{'≥ ' if unbounded > median else ''}{median:.2f} ({len(speeds)} of {len(own)})"
 
 
@@ -92,20 +106,33 @@ def entry_chapter(shown: ShownEntry, run_logs: Mapping[str, RunLog]) -> list[Sec
     who = {one.name: one.words for one in shown.candidates}
     place = "manoeuvre == @shown.manoeuvre and car == @shown.car and floor == @shown.floor"
     there = _entries().query(place).set_index("candidate")[SPEED]
-    speeds = there.map("enters at {:.2f} m/s at most".format).mask(there.isna(), "completes it at no speed")
-    captions = [f"{words}: {_ending(run_logs[name])} ({speeds[name]})" for name, words in who.items()]
+    speeds = there.map("enters at {:.2f} m/s at most".format).mask(
+        there.isna(), "completes it at no speed"
+    )
+    captions = [
+        f"{words}: {_ending(run_logs[name])} ({speeds[name]})" for name, words in who.items()
+    ]
     case = f"{shown.manoeuvre} at {shown.speed_m_per_s:g} m/s ({shown.car}, friction {shown.floor})"
     medians = entry_medians(shown.floor)
-    rows = [[who.get(name, name), *row] for name, row in zip(medians.index, medians.to_numpy(), strict=True)]
+    rows = [
+        [who.get(name, name), *row]
+        for name, row in zip(medians.index, medians.to_numpy(), strict=True)
+    ]
     said = (
-        "Medians in m/s over the cars that complete a manoeuvre, and how many do: two wheels of one side never lift by "
-        "5 mm, only wheels touch the ground, the car goes straight again, and before that its mean lateral "
+        "Medians in m/s over the cars that complete a manoeuvre, and how many do: two wheels of "
+        "one side never lift by "
+        "5 mm, only wheels touch the ground, the car goes straight again, and before that its "
+        "mean lateral "
         "acceleration is nearly that without a tail. "
-        "The cars are few, each on its own floor, with a larger tail than was built, and ≥ says that climbs ended at "
+        "The cars are few, each on its own floor, with a larger tail than was built, and ≥ says "
+        "that climbs ended at "
         "their ceiling."
     )
     return [
-        Section(f"In step: {case}", [replays_in_step([run_logs[name] for name in who], list(who.values()), captions)]),
+        Section(
+            f"In step: {case}",
+            [replays_in_step([run_logs[name] for name in who], list(who.values()), captions)],
+        ),
         Section("How fast they may enter", [Table(["candidate", *medians], rows), said]),
     ]
 
@@ -115,7 +142,11 @@ def _ending(run_log: RunLog) -> str:
     if outcome_of(run_log).result == "flipped":
         return "rolls over"
     last = found.last_yaw_rate_rad_per_s or 0.0
-    said = f"{found.touched_when_steered} on the ground" if found.touched_when_steered else "stays upright"
+    said = (
+        f"{found.touched_when_steered} on the ground"
+        if found.touched_when_steered
+        else "stays upright"
+    )
     if (found.side_lift_m or 0.0) > TWO_WHEELS:
         said = "lifts two wheels"
     elif abs(last) > EXIT_YAW_RATE:

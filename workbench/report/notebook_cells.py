@@ -1,4 +1,6 @@
-"""What a notebook shows live: a replay or Meshcat inside the page, and sliders that call a function again."""
+"""What a notebook shows live: a replay or Meshcat inside the page, and sliders that call a function
+again.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LiveFrame:
-    """A page inside a notebook; where it cannot be shown, as in a stored notebook, a line says what it would be.
+    """A page inside a notebook; where it cannot be shown, as in a stored notebook, a line says what
+    it would be.
 
     Attributes:
         words: that line.
@@ -30,7 +33,9 @@ class LiveFrame:
     height: int
 
     def _repr_html_(self) -> str:
-        return f'<iframe {self.source} width="100%" height="{self.height}" style="border: 0"></iframe>'
+        return (
+            f'<iframe {self.source} width="100%" height="{self.height}" style="border: 0"></iframe>'
+        )
 
     def __repr__(self) -> str:
         """The line."""
@@ -59,12 +64,17 @@ def live_frame(shown: RunLog | Meshcat, height: int = 480) -> LiveFrame:
         words = f"live when this cell runs: the replay with its signals, {caption_of(shown).text}"
         return LiveFrame(words, f'srcdoc="{html.escape(replay_page(shown))}"', height)
     if not hasattr(shown, "web_url"):
-        raise UserError(f"live_frame: a {type(shown).__name__}; allowed: a run log, or an open Meshcat")
-    return LiveFrame("live when this cell runs: Meshcat", f'src="{html.escape(shown.web_url())}"', height)
+        raise UserError(
+            f"live_frame: a {type(shown).__name__}; allowed: a run log, or an open Meshcat"
+        )
+    return LiveFrame(
+        "live when this cell runs: Meshcat", f'src="{html.escape(shown.web_url())}"', height
+    )
 
 
 def sliders(function: Callable[..., Any], **ranges: tuple[float, float, float]) -> None:
-    """Calls a function with the values of sliders, again whenever one is let go; without ipywidgets once.
+    """Calls a function with the values of sliders, again whenever one is let go; without ipywidgets
+    once.
 
     Args:
         function: draws a figure or prints; called with a number per slider.
@@ -75,11 +85,16 @@ def sliders(function: Callable[..., Any], **ranges: tuple[float, float, float]) 
     """
     for name, (low, high, start) in ranges.items():
         if not low <= start <= high or low == high:
-            raise UserError(f"sliders: {name} starts at {start:g}; allowed: {low:g} to {high:g}, not one value")
+            raise UserError(
+                f"sliders: {name} starts at {start:g}; allowed: {low:g} to {high:g}, not one value"
+            )
     try:
         from ipywidgets import FloatSlider, interact
     except ImportError:
-        print("sliders need ipywidgets: pip install 'aerodima-workbench[notebooks]'; here with the values at the start")
+        print(
+            "sliders need ipywidgets: pip install 'aerodima-workbench[notebooks]'; here with the "
+            "values at the start"
+        )
         function(**{name: start for name, (_, _, start) in ranges.items()})
         return
     made = {

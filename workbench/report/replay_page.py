@@ -1,6 +1,8 @@
-"""Replays as HTML pages that need nothing else: of one run, and of several side by side with what differs between them.
+"""Replays as HTML pages that need nothing else: of one run, and of several side by side with what
+differs between them.
 
-A replay is Meshcat with the animation, a title over it, a bar below, and the signals of the run, its time as cursor.
+A replay is Meshcat with the animation, a title over it, a bar below, and the signals of the run,
+its time as cursor.
 """
 
 import json
@@ -34,7 +36,9 @@ from aerodima.workbench.report.run_channels import channels_of, line_looks
 from aerodima.workbench.text_table import shown_value
 
 
-def write_replay_html(run_log: RunLog, path: Path | str, *, force: bool = False, rate: float = 1.0) -> Path:
+def write_replay_html(
+    run_log: RunLog, path: Path | str, *, force: bool = False, rate: float = 1.0
+) -> Path:
     """Writes the replay of a run as one self-contained HTML file, which plays when it is opened.
 
     Args:
@@ -52,11 +56,12 @@ def write_replay_html(run_log: RunLog, path: Path | str, *, force: bool = False,
 
 
 def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> str:
-    """The page of `write_replay_html` as text: Drake's page of the scene, with title, readout, bar and signals.
+    """The page of `write_replay_html` as text: Drake's page of the scene, with title, readout, bar
+    and signals.
 
-    The script of the page has one clock, which drives Meshcat's animator and the cursor in the signals. A page that
-    holds several replays, without `signals` of their own, shows them at the same time: it calls `replay.follow()` once
-    and then `replay.show(seconds)` of each.
+    The script of the page has one clock, which drives Meshcat's animator and the cursor in the
+    signals. A page that holds several replays, without `signals` of their own, shows them at the
+    same time: it calls `replay.follow()` once and then `replay.show(seconds)` of each.
     """
     meshcat = open_meshcat()
     logged = record_run(run_log, meshcat, rate)
@@ -65,14 +70,23 @@ def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> 
     drake = {"head": head, "scene": scene, "end": "</body>" + end}
     run_log = logged.run_log
     channels = channels_of([run_log], [run_log.name]) if signals else None
-    shown = {"caption": caption_of(run_log), "keys": _keys(logged), "run": _frames(run_log, rate), "channels": channels}
+    shown = {
+        "caption": caption_of(run_log),
+        "keys": _keys(logged),
+        "run": _frames(run_log, rate),
+        "channels": channels,
+    }
     return render("replay.html", **drake, **shown, rate=rate)
 
 
 def _keys(logged: LoggedRun) -> list[tuple[str, str, tuple[int, ...]]]:
     """What arrows and lines mean: sign, words, colour."""
     own = logged.run_log.kind == PLANT_RUN
-    longer = f"{logged.air_scale:g} m per newton" if own else f"{logged.air_scale / WHEEL_SCALE:.0f} times longer"
+    longer = (
+        f"{logged.air_scale:g} m per newton"
+        if own
+        else f"{logged.air_scale / WHEEL_SCALE:.0f} times longer"
+    )
     wheels = [] if own else [("▲", "ground on the wheels", _css(WHEEL_COLOUR))]
     path = ("▬", "path of the centre of mass", _css(COM_COLOUR))
     if not logged.tips:
@@ -109,10 +123,14 @@ def _css(colour: Rgba | tuple[float, float, float]) -> tuple[int, ...]:
 
 
 def _split(page: str, mark: str) -> tuple[str, str]:
-    """What stands before and after the last `mark`; Drake's scripts before it may hold the same characters."""
+    """What stands before and after the last `mark`; Drake's scripts before it may hold the same
+    characters.
+    """
     before, found, after = page.rpartition(mark)
     if not found:
-        raise RuntimeError(f"Drake's page has no {mark!r} any more; the title of the replay has no place")
+        raise RuntimeError(
+            f"Drake's page has no {mark!r} any more; the title of the replay has no place"
+        )
     return before, after
 
 
@@ -135,7 +153,8 @@ def metrics_rows(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
 
 
 def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
-    """Key of the scenario -> value per run, for what was not the same in all; the car's own keys first.
+    """Key of the scenario -> value per run, for what was not the same in all; the car's own keys
+    first.
 
     A tail law of one's own stands beside them as `tail_law`, by its name.
 
@@ -144,9 +163,13 @@ def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
     """
     if not 2 <= len(run_logs) <= MOST_RUNS:
         raise LogError(f"{len(run_logs)} run(s) to compare; allowed: 2 to {MOST_RUNS}")
-    flat = [_flat(run_log.scenario) | {TAIL_LAW: run_log.extra.get(TAIL_LAW)} for run_log in run_logs]
+    flat = [
+        _flat(run_log.scenario) | {TAIL_LAW: run_log.extra.get(TAIL_LAW)} for run_log in run_logs
+    ]
     keys = {key for scenario in flat for key in scenario}
-    differing = [key for key in keys if len({json.dumps(scenario.get(key)) for scenario in flat}) > 1]
+    differing = [
+        key for key in keys if len({json.dumps(scenario.get(key)) for scenario in flat}) > 1
+    ]
     differing.sort(key=lambda key: (key.split(".")[0] not in _CAR_SECTIONS, key))
     return {key: [scenario.get(key) for scenario in flat] for key in differing}
 
@@ -200,7 +223,8 @@ _LIBRARY_MARK = "<!-- Meshcat -->"
 def replays_in_step(
     run_logs: Sequence[RunLog], names: Sequence[str], captions: Sequence[str] | None = None
 ) -> Templated:
-    """The replays with one clock, and their signals over one another; Drake's library stands once on the page.
+    """The replays with one clock, and their signals over one another; Drake's library stands once
+    on the page.
 
     Args:
         run_logs: the runs.
@@ -228,12 +252,19 @@ def _library(page: str) -> str:
     return page[start : page.index("</script>", start) + len("</script>")]
 
 
-def _settings(differences: Mapping[str, Sequence[Any]], names: Sequence[str], plants: bool) -> list[Part]:
+def _settings(
+    differences: Mapping[str, Sequence[Any]], names: Sequence[str], plants: bool
+) -> list[Part]:
     if not differences:
         return ["Nothing: the scenarios are equal, the seed included."]
-    rows = Table(["key", *names], [[key, *map(shown_value, values)] for key, values in differences.items()])
+    rows = Table(
+        ["key", *names], [[key, *map(shown_value, values)] for key, values in differences.items()]
+    )
     other = [] if plants else different_cars(differences)
     if not other:
         return [rows]
-    warning = f"These are different cars: {', '.join(other)}. What differs between the runs may come from that alone."
+    warning = (
+        f"These are different cars: {', '.join(other)}. What differs between the runs may "
+        "come from that alone."
+    )
     return [Finding([warning]), rows]

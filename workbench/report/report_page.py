@@ -1,7 +1,8 @@
-"""Pages: what stands on one as plain objects; `templates/` says how it looks, `write_files` puts it in a folder.
+"""Pages: what stands on one as plain objects; `templates/` says how it looks, `write_files` puts it
+in a folder.
 
-A part of a page is a text (a paragraph) or one of the classes below; a text is a string, a `Link`, or a tuple of these,
-which a blank separates.
+A part of a page is a text (a paragraph) or one of the classes below; a text is a string, a `Link`,
+or a tuple of these, which a blank separates.
 The templates escape every text once.
 """
 
@@ -27,14 +28,17 @@ if TYPE_CHECKING:
 
 
 _PIXELS_PER_INCH = 95
-"""Resolution of figures on the page. Their letters are equally large, and a figure of 11 inches fills the page."""
+"""Resolution of figures on the page. Their letters are equally large, and a figure of 11 inches
+fills the page."""
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?( ?%|°)?(\s(to\s|\().*)?|nan|[-–]?")
 """Cells that are set to the right: a number, a range, or none."""
 
 
 @dataclass(frozen=True)
 class Link:
-    """A link to a file beside the page or to an anchor; its words are the address when there are no others."""
+    """A link to a file beside the page or to an anchor; its words are the address when there are no
+    others.
+    """
 
     target: str
     words: str = ""
@@ -85,7 +89,10 @@ class Table:
         if not self.rows:
             return [False] * len(self.header)
         columns = zip(*self.rows, strict=True)
-        return [all(isinstance(cell, str) and _NUMBER.fullmatch(cell) for cell in column) for column in columns]
+        return [
+            all(isinstance(cell, str) and _NUMBER.fullmatch(cell) for cell in column)
+            for column in columns
+        ]
 
 
 @dataclass(frozen=True)
@@ -115,7 +122,11 @@ class Plot:
         """Address of the image."""
         if isinstance(self.drawing, str):
             return self.drawing
-        return f"{self.name}.png" if self.name else f"data:image/png;base64,{base64.b64encode(self.data).decode()}"
+        return (
+            f"{self.name}.png"
+            if self.name
+            else f"data:image/png;base64,{base64.b64encode(self.data).decode()}"
+        )
 
     @property
     def width(self) -> int | None:
@@ -127,7 +138,8 @@ class Plot:
 
 @dataclass(frozen=True)
 class InteractivePlot(Plot):
-    """A figure in which a reader can zoom and read values off; printed, or without scripts, it is the figure's image.
+    """A figure in which a reader can zoom and read values off; printed, or without scripts, it is
+    the figure's image.
 
     Its figure may hold no images and no words in the coordinates of the data (`NoChartError`).
     """
@@ -207,12 +219,18 @@ class Page:
 
     def plots(self) -> Iterator[Plot]:
         """The figures that lie beside the page."""
-        return (part for section in self.sections for part in section.parts if isinstance(part, Plot) and part.name)
+        return (
+            part
+            for section in self.sections
+            for part in section.parts
+            if isinstance(part, Plot) and part.name
+        )
 
 
 def _has_interactive(parts: Sequence[Part]) -> bool:
     return any(
-        isinstance(part, InteractivePlot) or (isinstance(part, Finding | Folded) and _has_interactive(part.parts))
+        isinstance(part, InteractivePlot)
+        or (isinstance(part, Finding | Folded) and _has_interactive(part.parts))
         for part in parts
     )
 
@@ -231,7 +249,8 @@ def write_files(
 
     Args:
         folder: made when it is not there.
-        contents: name -> content; a table becomes CSV or Parquet by the name, a page brings the plots beside it.
+        contents: name -> content; a table becomes CSV or Parquet by the name, a page brings the
+            plots beside it.
         force: replace files that exist.
         error: class of the errors raised: a file exists, or cannot be written.
     """
@@ -243,8 +262,14 @@ def write_files(
         elif isinstance(content, str | bytes):
             made[name] = content
         else:
-            made[name] = content.to_csv(index=False) if name.endswith(".csv") else content.to_parquet(index=False)
-    return [write_atomically(folder / name, content, force, error) for name, content in made.items()]
+            made[name] = (
+                content.to_csv(index=False)
+                if name.endswith(".csv")
+                else content.to_parquet(index=False)
+            )
+    return [
+        write_atomically(folder / name, content, force, error) for name, content in made.items()
+    ]
 
 
 def metric_name(metric: str) -> str:
@@ -266,7 +291,13 @@ def metric_name(metric: str) -> str:
 
 def metric_unit(metric: str) -> str:
     """Unit of a metric as it is printed."""
-    endings = (("rad_per_s", "rad/s"), ("m_per_s2", "m/s²"), ("m_per_s", "m/s"), ("_rad", "rad"), ("printed", "rad/s"))
+    endings = (
+        ("rad_per_s", "rad/s"),
+        ("m_per_s2", "m/s²"),
+        ("m_per_s", "m/s"),
+        ("_rad", "rad"),
+        ("printed", "rad/s"),
+    )
     if "kohut" in metric:
         return "deg m/s²"
     return next(unit for ending, unit in endings if metric.endswith(ending))
@@ -287,18 +318,27 @@ def _templates() -> "jinja2.Environment":
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     loader = FileSystemLoader(Path(__file__).parent / "templates")
-    made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    made = Environment(
+        loader=loader,
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     made.tests["a"] = lambda part, name: type(part).__name__ == name
     made.globals["shipped"] = _shipped
     return made
 
 
 PLOT_LIBRARY = "uPlot-1.6.32"
-"""Folder of the library that draws interactive plots, as its authors publish it, with its licence (MIT)."""
+"""Folder of the library that draws interactive plots, as its authors publish it, with its licence
+(MIT)."""
 
 
 def _shipped(name: str) -> "markupsafe.Markup":
     """A file of the plot library, for a page; its template syntax, if it had any, is not read."""
     from markupsafe import Markup
 
-    return Markup((Path(__file__).parent / "templates" / PLOT_LIBRARY / name).read_text(encoding="utf-8"))
+    return Markup(
+        (Path(__file__).parent / "templates" / PLOT_LIBRARY / name).read_text(encoding="utf-8")
+    )

@@ -1,7 +1,9 @@
-"""Signals of runs for a page: channels with names and units of the column table, their samples thinned out for a plot.
+"""Signals of runs for a page: channels with names and units of the column table, their samples
+thinned out for a plot.
 
-A run keeps every sample up to `MOST_POINTS`; of a longer one each of equal stretches keeps its smallest and its largest
-value in the order in which they came, so no peak is lost, and none is shown by more than a stretch too early or late.
+A run keeps every sample up to `MOST_POINTS`; of a longer one each of equal stretches keeps its
+smallest and its largest value in the order in which they came, so no peak is lost, and none is
+shown by more than a stretch too early or late.
 """
 
 import base64
@@ -41,7 +43,14 @@ _TABLE: Mapping[str, Column] = {
 _LEFT_OUT = ("plant_position_", "plant_velocity_", "pose_", "wheel_contact_")
 """Places that the 3-D view shows, and the rates of the plant's joints."""
 _ENDINGS = {
-    **{"_rad_per_s": "rad/s", "_m_per_s2": "m/s2", "_m_per_s": "m/s", "_n_m_s": "N m s", "_n_m": "N m", "_n_s": "N s"},
+    **{
+        "_rad_per_s": "rad/s",
+        "_m_per_s2": "m/s2",
+        "_m_per_s": "m/s",
+        "_n_m_s": "N m s",
+        "_n_m": "N m",
+        "_n_s": "N s",
+    },
     **{"_rad": "rad", "_m": "m", "_n": "N", "_s": "s", "_a": "A", "_w": "W"},
 }
 """Unit at the end of a column's name that the table does not have; the longer ones first."""
@@ -58,9 +67,11 @@ _SHOWN_OF_PLANT = ("com_z_truth_m", "com_velocity_x_truth_m_per_s", "tilt_truth_
 
 
 def channels_of(run_logs: Sequence[RunLog], names: Sequence[str]) -> dict[str, Any]:
-    """What `signals.js` draws, ready for JSON; samples are float32 in base64, a channel that never changes one number.
+    """What `signals.js` draws, ready for JSON; samples are float32 in base64, a channel that never
+    changes one number.
 
-    The time of a single run is that of its log, several runs are laid over one another from the first sample of each.
+    The time of a single run is that of its log, several runs are laid over one another from the
+    first sample of each.
 
     Args:
         run_logs: up to `len(RUN_STYLES)` runs; they may differ in length and step.
@@ -68,9 +79,15 @@ def channels_of(run_logs: Sequence[RunLog], names: Sequence[str]) -> dict[str, A
     """
     alone = len(run_logs) == 1
     starts = [0.0 if alone else float(run_log.time[0]) for run_log in run_logs]
-    ends = [float(run_log.time[-1]) - start for run_log, start in zip(run_logs, starts, strict=True)]
+    ends = [
+        float(run_log.time[-1]) - start for run_log, start in zip(run_logs, starts, strict=True)
+    ]
     most = min(MOST_POINTS, _MOST_IN_ALL // len(run_logs))
-    channels = [channel for name in _columns(run_logs) if (channel := _channel(name, run_logs, most)) is not None]
+    channels = [
+        channel
+        for name in _columns(run_logs)
+        if (channel := _channel(name, run_logs, most)) is not None
+    ]
     there = {channel["name"] for channel in channels}
     return {
         "runs": [
@@ -88,14 +105,21 @@ def channels_of(run_logs: Sequence[RunLog], names: Sequence[str]) -> dict[str, A
 
 def _first_chosen(run_logs: Sequence[RunLog], there: set[str]) -> list[str]:
     if any(run_log.kind == PLANT_RUN for run_log in run_logs):
-        air = [f"{tail}_{axis}_truth_n" for run_log in run_logs for tail, _ in tails_of(run_log) for axis in "yz"]
+        air = [
+            f"{tail}_{axis}_truth_n"
+            for run_log in run_logs
+            for tail, _ in tails_of(run_log)
+            for axis in "yz"
+        ]
         return [*_SHOWN_OF_PLANT, *dict.fromkeys(air)]
     roll = [] if "roll_truth_rad" in there else ["roll_estimate_rad"]
     return [*_SHOWN, *(_SHOWN_OF_ONE if len(run_logs) == 1 else roll)]
 
 
 def line_looks() -> list[dict[str, Any]]:
-    """Colour and dashes (pixels; none of a full line) of the first, second, ... line, as in printed figures."""
+    """Colour and dashes (pixels; none of a full line) of the first, second, ... line, as in printed
+    figures.
+    """
     looks = []
     for colour, line in RUN_STYLES:
         dash = [] if line == "-" else [round(1.6 * length, 1) for length in line[1]]
@@ -117,11 +141,19 @@ def _channel(name: str, run_logs: Sequence[RunLog], most: int) -> dict[str, Any]
         return None
     unit = next((unit for ending, unit in _ENDINGS.items() if name.endswith(ending)), "")
     column = _TABLE.get(name, Column(name, unit, name))
-    return {"name": name, "unit": column.unit, "meaning": column.meaning, "family": family(name), "values": values}
+    return {
+        "name": name,
+        "unit": column.unit,
+        "meaning": column.meaning,
+        "family": family(name),
+        "values": values,
+    }
 
 
 def family(name: str) -> str:
-    """What a column measures: equal for the sensor, the estimate and the truth of one quantity, and for the wheels."""
+    """What a column measures: equal for the sensor, the estimate and the truth of one quantity, and
+    for the wheels.
+    """
     for wheel in WHEELS:
         name = name.replace(wheel, "wheel")
     return re.sub(r"^imu_|_truth|_estimate", "", name)
@@ -140,16 +172,22 @@ def _values(run_log: RunLog, name: str, most: int) -> str | float | None:
 
 
 def thinned(values: FloatArray, most: int) -> FloatArray:
-    """At most so many of the samples (n,): of equal stretches the smallest and the largest; NaN where one is NaN."""
+    """At most so many of the samples (n,): of equal stretches the smallest and the largest; NaN
+    where one is NaN.
+    """
     if values.size <= most:
         return values
     stretches = _stretches(values, most)
-    picks = np.sort(np.column_stack([np.argmin(stretches, axis=1), np.argmax(stretches, axis=1)]), axis=1)
+    picks = np.sort(
+        np.column_stack([np.argmin(stretches, axis=1), np.argmax(stretches, axis=1)]), axis=1
+    )
     return np.take_along_axis(stretches, picks, axis=1).ravel()
 
 
 def _thin_time(time: FloatArray, most: int) -> FloatArray:
-    """Times of the samples that `thinned` keeps: beginning and middle of each stretch; the last one is the end."""
+    """Times of the samples that `thinned` keeps: beginning and middle of each stretch; the last one
+    is the end.
+    """
     if time.size <= most:
         return time
     length = _stretch_length(time.size, most)

@@ -1,8 +1,10 @@
-"""Sensors of the rig: the six-axis force sensor under it, the current of its motor, and its encoder.
+"""Sensors of the rig: the six-axis force sensor under it, the current of its motor, and its
+encoder.
 
-Reading = wrench - offset + bias + drift t + noise, clipped at the range. The offset is what the sensor was zeroed at
-(Table 4.4): add it to a reading. Table 4.8 is an accuracy, so it makes a bias per log; the noise of a sample is a
-hundredth of it (design section 11). Bias and drift are drawn once per log from its seed.
+Reading = wrench - offset + bias + drift t + noise, clipped at the range. The offset is what the
+sensor was zeroed at (Table 4.4): add it to a reading. Table 4.8 is an accuracy, so it makes a bias
+per log; the noise of a sample is a hundredth of it (design section 11). Bias and drift are drawn
+once per log from its seed.
 """
 
 import math
@@ -41,13 +43,18 @@ class SensorErrors:
     limits: np.ndarray
     stream: CounterNoise
 
-    def readings(self, values: np.ndarray, time: FloatArray | float, noise: np.ndarray) -> np.ndarray:
-        """Readings (..., n) of true values at times (..., 1), s, with numbers (..., n) of the stream."""
+    def readings(
+        self, values: np.ndarray, time: FloatArray | float, noise: np.ndarray
+    ) -> np.ndarray:
+        """Readings (..., n) of true values at times (..., 1), s, with numbers (..., n) of the
+        stream.
+        """
         found = values - self.offset + self.bias + self.drift * time + self.noise * noise
         return np.clip(found, -self.limits, self.limits)
 
     def first_readings(self, values: np.ndarray, count: int, rate: float) -> np.ndarray:
-        """The first readings of a log at once (count, n): the same numbers as a `RigSensor` gives one by one.
+        """The first readings of a log at once (count, n): the same numbers as a `RigSensor` gives
+        one by one.
 
         Args:
             values: true ones (n), or one row per sample (count, n).
@@ -57,13 +64,17 @@ class SensorErrors:
         return self.readings(values, np.arange(count)[:, None] / rate, self.stream.first(count))
 
 
-def force_errors(settings: ForceSensorParameters, offsets: Sequence[float], seed: int) -> SensorErrors:
+def force_errors(
+    settings: ForceSensorParameters, offsets: Sequence[float], seed: int
+) -> SensorErrors:
     """The errors that a seed gives a log of the force sensor."""
     accuracy = np.array(settings.accuracies)
     return SensorErrors(
         offset=np.asarray(offsets, dtype=float),
         bias=accuracy * CounterNoise(seed, "force_sensor_bias", AXES).constant(),
-        drift=accuracy * settings.drift_fraction * CounterNoise(seed, "force_sensor_drift", AXES).constant(),
+        drift=accuracy
+        * settings.drift_fraction
+        * CounterNoise(seed, "force_sensor_drift", AXES).constant(),
         noise=accuracy * settings.noise_fraction,
         limits=np.array(settings.ranges),
         stream=CounterNoise(seed, "force_sensor", AXES),
@@ -72,7 +83,8 @@ def force_errors(settings: ForceSensorParameters, offsets: Sequence[float], seed
 
 def current_errors(noise: float, seed: int) -> SensorErrors:
     """Errors of the logged current: white noise alone, A."""
-    none, stream = np.zeros(1), CounterNoise(seed, "maxon_current", 1)
+    none = np.zeros(1)
+    stream = CounterNoise(seed, "maxon_current", 1)
     return SensorErrors(none, none, none, np.array([noise]), np.array([math.inf]), stream)
 
 
@@ -95,7 +107,9 @@ class RigSensor(SampledSensor):
         UserError: the rate is above 1/step.
     """
 
-    def __init__(self, name: str, rate: float, errors: SensorErrors, step: float | None = None) -> None:
+    def __init__(
+        self, name: str, rate: float, errors: SensorErrors, step: float | None = None
+    ) -> None:
         size = len(errors.noise)
         super().__init__(name=name, outputs={"reading": size}, rate=rate, delay=0.0, step=step)
         self._errors = errors
@@ -103,7 +117,8 @@ class RigSensor(SampledSensor):
 
     def measure(self, context: Context, index: int) -> np.ndarray:
         """One sample (n,)."""
-        value, noise = vector_of(self._value, context), self._errors.stream.at(index)
+        value = vector_of(self._value, context)
+        noise = self._errors.stream.at(index)
         return self._errors.readings(value, index / self.rate, noise)
 
 
@@ -124,7 +139,9 @@ class RigEncoder(AngleEncoder):
         UserError: the rate is above 1/step.
     """
 
-    def __init__(self, settings: RigEncoderParameters, count: float, step: float | None = None) -> None:
+    def __init__(
+        self, settings: RigEncoderParameters, count: float, step: float | None = None
+    ) -> None:
         super().__init__("encoder", settings.rate, 0.0, settings.rate_window, step)
         self._count = count
 

@@ -1,4 +1,6 @@
-"""Roll angle and roll rate of the car from what its IMU reports, as a Drake system around `roll_filter`."""
+"""Roll angle and roll rate of the car from what its IMU reports, as a Drake system around
+`roll_filter`.
+"""
 
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
 
@@ -15,7 +17,8 @@ from aerodima.workbench.systems.system_ports import (
 
 
 class RollEstimator(LeafSystem):
-    """Complementary filter on the IMU's reported signals (`estimate_roll`), run at a fixed rate, held in between.
+    """Complementary filter on the IMU's reported signals (`estimate_roll`), run at a fixed rate,
+    held in between.
 
     Input ports:
         imu (9): from the station, `signal_table.IMU`.
@@ -29,7 +32,9 @@ class RollEstimator(LeafSystem):
         stage: of its ticks, beside a simulated car (`aerodima.workbench.systems.system_ports`).
     """
 
-    def __init__(self, settings: RollFilterSettings | None = None, stage: Stage | None = None) -> None:
+    def __init__(
+        self, settings: RollFilterSettings | None = None, stage: Stage | None = None
+    ) -> None:
         super().__init__()
         self.set_name("roll_estimator")
         self._settings = settings or RollFilterSettings()
@@ -46,7 +51,12 @@ class RollEstimator(LeafSystem):
     ) -> "RollEstimator":
         """Adds an estimator and connects it to the outputs `imu` and `speed` of a station."""
         estimator = cls(settings, stage_before(station, Stage.CONTROLLER))
-        return connected(builder, estimator, imu=station.GetOutputPort("imu"), speed=station.GetOutputPort("speed"))
+        return connected(
+            builder,
+            estimator,
+            imu=station.GetOutputPort("imu"),
+            speed=station.GetOutputPort("speed"),
+        )
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
         before = RollEstimate(*self._filter.read(context).tolist())

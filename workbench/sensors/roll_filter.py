@@ -1,4 +1,6 @@
-"""Complementary filter for roll and roll rate of the car from its IMU, as plain Python: it runs without Drake too."""
+"""Complementary filter for roll and roll rate of the car from its IMU, as plain Python: it runs
+without Drake too.
+"""
 
 import math
 from dataclasses import dataclass
@@ -15,9 +17,11 @@ class RollFilterSettings:
 
     Args:
         rate: Hz, at which the filter is called.
-        time_constant: s, with which the accelerometer corrects the integrated gyro while the car drives calmly.
-        trust_acceleration: m/s2; at this linear acceleration the correction has half its weight, beyond it fades with
-            the fourth power, so that a turn of 5 m/s2 keeps less than 1 % of it.
+        time_constant: s, with which the accelerometer corrects the integrated gyro while the car
+            drives calmly.
+        trust_acceleration: m/s2; at this linear acceleration the correction has half its weight,
+            beyond it fades with the fourth power, so that a turn of 5 m/s2 keeps less than 1 % of
+            it.
         gravity: m/s2.
 
     Raises:
@@ -31,9 +35,12 @@ class RollFilterSettings:
 
     def __post_init__(self) -> None:
         for name, unit in (
-            ("rate", "Hz"), ("time_constant", "s"), ("trust_acceleration", "m/s2"), ("gravity", "m/s2")
+            ("rate", "Hz"), ("time_constant", "s"), ("trust_acceleration", "m/s2"), ("gravity",
+            "m/s2")
         ):  # fmt: skip
-            check_range(f"roll_estimator.{name}", getattr(self, name), 0.0, math.inf, unit, above_low=True)
+            check_range(
+                f"roll_estimator.{name}", getattr(self, name), 0.0, math.inf, unit, above_low=True
+            )
 
 
 class RollEstimate(NamedTuple):
@@ -52,24 +59,30 @@ class RollEstimate(NamedTuple):
     started: float = 0.0
 
 
-def estimate_roll(estimate: RollEstimate, imu: np.ndarray, speed: float, settings: RollFilterSettings) -> RollEstimate:
+def estimate_roll(
+    estimate: RollEstimate, imu: np.ndarray, speed: float, settings: RollFilterSettings
+) -> RollEstimate:
     """One tick of the filter.
 
-    The gyro is integrated through the kinematics of roll and pitch; the direction of gravity, taken from the
-    accelerometer less the centripetal acceleration of a car that does not slip sideways, corrects slowly:
+    The gyro is integrated through the kinematics of roll and pitch; the direction of gravity, taken
+    from the accelerometer less the centripetal acceleration of a car that does not slip sideways,
+    corrects slowly:
 
-        d(roll)/dt  = p + tan(pitch) (q sin(roll) + r cos(roll)),   d(pitch)/dt = q cos(roll) - r sin(roll)
-        f = a + g up,  (f_x, f_y - v r, f_z + v q) = g (-sin(pitch), sin(roll) cos(pitch), cos(roll) cos(pitch))
+        d(roll)/dt  = p + tan(pitch) (q sin(roll) + r cos(roll)),   d(pitch)/dt = q cos(roll) - r
+        sin(roll) f = a + g up,  (f_x, f_y - v r, f_z + v q) = g (-sin(pitch), sin(roll) cos(pitch),
+        cos(roll) cos(pitch))
 
-    `up` is the vertical that the chip itself used to take gravity off, from its own roll and pitch: putting it back
-    gives what the accelerometer measured, whatever error that attitude has. In a hard turn the car slips and the GPS
-    speed is late, so the correction fades with the linear acceleration and the gyro alone carries the estimate: its
-    error then grows by the gyro bias (0.01 rad/s: 0.01 rad per second of turn) and by scale and sampling errors.
-    The estimate is that of the instant of the sample, so it is late by the sample's age.
+    `up` is the vertical that the chip itself used to take gravity off, from its own roll and pitch:
+    putting it back gives what the accelerometer measured, whatever error that attitude has. In a
+    hard turn the car slips and the GPS speed is late, so the correction fades with the linear
+    acceleration and the gyro alone carries the estimate: its error then grows by the gyro bias
+    (0.01 rad/s: 0.01 rad per second of turn) and by scale and sampling errors. The estimate is that
+    of the instant of the sample, so it is late by the sample's age.
 
     Args:
         estimate: of the tick before.
-        imu: (9), as `signal_table.IMU`. With a value that is not finite the angles are kept and the rate is 0.
+        imu: (9), as `signal_table.IMU`. With a value that is not finite the angles are kept and the
+            rate is 0.
         speed: forward speed, m/s; not finite counts as 0.
         settings: constant.
     """
@@ -86,7 +99,8 @@ def estimate_roll(estimate: RollEstimate, imu: np.ndarray, speed: float, setting
     pitch_seen = math.atan2(-fx, math.hypot(fy, fz))
     if not estimate.started:
         estimate = RollEstimate(roll_seen, pitch_seen, 0.0, 1.0)
-    roll, pitch = estimate.roll, estimate.pitch
+    roll = estimate.roll
+    pitch = estimate.pitch
     tan_pitch = math.sin(pitch) / max(math.cos(pitch), 0.1)
     roll_rate = p + tan_pitch * (q * math.sin(roll) + r * math.cos(roll))
     pitch_rate = q * math.cos(roll) - r * math.sin(roll)

@@ -1,4 +1,6 @@
-"""What all sensors share: they sample at a rate, and a sample appears on the output a delay after it was taken."""
+"""What all sensors share: they sample at a rate, and a sample appears on the output a delay after
+it was taken.
+"""
 
 import hashlib
 import math
@@ -7,14 +9,21 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, State
 
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.systems.system_ports import DiscreteVector, Stage, period_of, vector_of, weakly
+from aerodima.workbench.systems.system_ports import (
+    DiscreteVector,
+    Stage,
+    period_of,
+    vector_of,
+    weakly,
+)
 
 TOLERANCE = 1e-9
 """Relative; a rate of exactly 1/step, or a delay of whole periods, may miss by rounding."""
 
 
 def check_rate(rate: float, step: float | None, name: str) -> None:
-    """Raises UserError unless 0 < rate <= 1/step: a plant that moves every `step` s has nothing new to show earlier.
+    """Raises UserError unless 0 < rate <= 1/step: a plant that moves every `step` s has nothing new
+    to show earlier.
 
     Args:
         rate: Hz.
@@ -24,25 +33,31 @@ def check_rate(rate: float, step: float | None, name: str) -> None:
     if not (math.isfinite(rate) and rate > 0.0):
         raise UserError(f"{name}: {rate:g} Hz; allowed: > 0 Hz")
     if step is not None and rate * step > 1.0 + TOLERANCE:
-        raise UserError(f"{name}: {rate:g} Hz is above 1/step; allowed with step {step:g} s: <= {1.0 / step:g} Hz")
+        raise UserError(
+            f"{name}: {rate:g} Hz is above 1/step; allowed with step {step:g} s: <= "
+            f"{1.0 / step:g} Hz"
+        )
 
 
 class SampledSensor(LeafSystem):
     """A sensor that samples periodically and reports late; subclasses say what one sample is.
 
-    Sample k is taken at k / rate and appears on the output at k / rate + delay, where it stays until the next one:
-    whole periods of the delay are a queue in discrete state, the rest is the phase of the event that shows the
-    sample, so the delay is exact and nothing is interpolated. Before the run the robot is taken to have stood as it
-    does at the initial time: the output then holds the first sample, and its age is the delay.
+    Sample k is taken at k / rate and appears on the output at k / rate + delay, where it stays
+    until the next one: whole periods of the delay are a queue in discrete state, the rest is the
+    phase of the event that shows the sample, so the delay is exact and nothing is interpolated.
+    Before the run the robot is taken to have stood as it does at the initial time: the output then
+    holds the first sample, and its age is the delay.
 
-    Before a discrete plant, sampling and appearing come first of all that happens at an instant, and the plant's step
-    last (`aerodima.workbench.systems.system_ports`): the sensor sees the plant as it is at that instant, not one step
-    later, and a controller that acts at that instant already sees a sample without delay. Elsewhere sampling is an
-    unrestricted update, which Drake runs before the discrete updates of the same instant. An instant between two steps
-    of a discrete plant shows the plant as it will be after the step that has begun.
+    Before a discrete plant, sampling and appearing come first of all that happens at an instant,
+    and the plant's step last (`aerodima.workbench.systems.system_ports`): the sensor sees the plant
+    as it is at that instant, not one step later, and a controller that acts at that instant already
+    sees a sample without delay. Elsewhere sampling is an unrestricted update, which Drake runs
+    before the discrete updates of the same instant. An instant between two steps of a discrete
+    plant shows the plant as it will be after the step that has begun.
 
     Output ports:
-        <outputs>: the newest sample that has appeared, cut into ports; cost nothing between samples.
+        <outputs>: the newest sample that has appeared, cut into ports; cost nothing between
+        samples.
         sample_time (1): when it was taken, s.
         age (1): time since then, s; changes with time.
 
@@ -85,9 +100,12 @@ class SampledSensor(LeafSystem):
             for (port, width), end in zip(outputs.items(), ends, strict=True)
         ]
         self._sample_time = DiscreteVector(self, [0.0], output="sample_time")
-        self._queue_length, self._row_size = whole + 1, size + 1
+        self._queue_length = whole + 1
+        self._row_size = size + 1
         self._queue = DiscreteVector(self, np.zeros(self._queue_length * self._row_size))
-        self.DeclareVectorOutputPort("age", 1, weakly(self._calc_age), {self.time_ticket(), self._sample_time.ticket})
+        self.DeclareVectorOutputPort(
+            "age", 1, weakly(self._calc_age), {self.time_ticket(), self._sample_time.ticket}
+        )
         self.DeclareInitializationUnrestrictedUpdateEvent(self._initialise)
         period = period_of(rate, Stage.SENSOR) if discrete else 1.0 / rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._sample)
@@ -105,7 +123,9 @@ class SampledSensor(LeafSystem):
         return self._delay
 
     def measure(self, context: Context, index: int) -> np.ndarray:
-        """One sample (size,) of the inputs at this instant, with noise and resolution; samples are counted from 0."""
+        """One sample (size,) of the inputs at this instant, with noise and resolution; samples are
+        counted from 0.
+        """
         raise NotImplementedError
 
     def _row(self, context: Context) -> np.ndarray:
@@ -157,8 +177,9 @@ TURN = 2.0 * math.pi
 class AngleEncoder(SampledSensor):
     """Encoder of one joint: its angle in steps, and the rate from the difference of two readings.
 
-    Subclasses say what is read. The rate is the difference between the reading and the one a window earlier, by the
-    shorter way round: it is right up to half a turn per window, resolves one step per window, lags by half the window.
+    Subclasses say what is read. The rate is the difference between the reading and the one a window
+    earlier, by the shorter way round: it is right up to half a turn per window, resolves one step
+    per window, lags by half the window.
 
     Input ports:
         joint_angle (1): rad.
@@ -176,10 +197,18 @@ class AngleEncoder(SampledSensor):
     """
 
     def __init__(
-        self, name: str, rate: float, delay: float, window: float, step: float | None, discrete: bool = False
+        self,
+        name: str,
+        rate: float,
+        delay: float,
+        window: float,
+        step: float | None,
+        discrete: bool = False,
     ) -> None:
         outputs = {"angle": 1, "rate": 1}
-        super().__init__(name=name, outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete)
+        super().__init__(
+            name=name, outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete
+        )
         self._angle = self.DeclareVectorInputPort("joint_angle", 1)
         samples = max(1, round(window * rate))
         self._window = samples / rate
@@ -193,7 +222,14 @@ class AngleEncoder(SampledSensor):
         """One sample (2,): angle rad, rate rad/s."""
         angle = self.reading(float(vector_of(self._angle, context)[0]), index)
         earlier = self._past.read(context)[0]
-        return np.array([angle, 0.0 if math.isnan(earlier) else math.remainder(angle - earlier, TURN) / self._window])
+        return np.array(
+            [
+                angle,
+                0.0
+                if math.isnan(earlier)
+                else math.remainder(angle - earlier, TURN) / self._window,
+            ]
+        )
 
     def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
         """See `SampledSensor.take`; keeps the angle for the rate of later samples."""
@@ -208,10 +244,12 @@ BLOCK = 64
 
 
 class CounterNoise:
-    """Standard normal numbers addressed by sample index, so that a repeated run gets the same noise bit for bit.
+    """Standard normal numbers addressed by sample index, so that a repeated run gets the same noise
+    bit for bit.
 
-    A counter-based generator (Philox) is keyed by seed and name and positioned by the index: there is no hidden
-    state to reset, sensors do not disturb each other's streams, and the order of the calls does not matter.
+    A counter-based generator (Philox) is keyed by seed and name and positioned by the index: there
+    is no hidden state to reset, sensors do not disturb each other's streams, and the order of the
+    calls does not matter.
 
     Args:
         seed: of the run, 0 to 2**64 - 1.
@@ -234,14 +272,19 @@ class CounterNoise:
         return self._block[row]
 
     def first(self, count: int) -> np.ndarray:
-        """Numbers (count, width) of the first samples: the rows that `at` gives for 0 ... count - 1."""
+        """Numbers (count, width) of the first samples: the rows that `at` gives for 0 ...
+        count - 1.
+        """
         blocks = [
-            self._generator(1 + block).standard_normal((BLOCK, self._width)) for block in range(-(-count // BLOCK))
+            self._generator(1 + block).standard_normal((BLOCK, self._width))
+            for block in range(-(-count // BLOCK))
         ]
         return np.concatenate([np.empty((0, self._width)), *blocks])[:count]
 
     def constant(self) -> np.ndarray:
-        """Numbers (width,) that belong to the run as a whole, such as a bias; independent of all samples."""
+        """Numbers (width,) that belong to the run as a whole, such as a bias; independent of all
+        samples.
+        """
         return self._generator(0).standard_normal(self._width)
 
     def _generator(self, stream: int) -> np.random.Generator:

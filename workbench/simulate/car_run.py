@@ -1,4 +1,6 @@
-"""The whole diagram of a car's run: station, driver, controller and estimator; and its simulation."""
+"""The whole diagram of a car's run: station, driver, controller and estimator; and its
+simulation.
+"""
 
 import math
 from collections.abc import Callable, Iterator
@@ -26,7 +28,12 @@ from aerodima.workbench.config.signal_table import (
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.driver_law import DriverLaw, make_driver
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, swing_facts
-from aerodima.workbench.controllers.manoeuvre import Schedule, angle_to_straighten, run_time, steering_time
+from aerodima.workbench.controllers.manoeuvre import (
+    Schedule,
+    angle_to_straighten,
+    run_time,
+    steering_time,
+)
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.recorder import (
@@ -38,9 +45,19 @@ from aerodima.workbench.logs.recorder import (
     recorded_columns,
     signals_of,
 )
-from aerodima.workbench.logs.schema import DIAGRAM, TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.logs.schema import (
+    DIAGRAM,
+    TAIL_LAW,
+    RunLog,
+    run_log_from_metadata,
+    run_metadata,
+)
 from aerodima.workbench.plants.car_model import axle_statics
-from aerodima.workbench.stations.car_station import InterfaceFactory, make_car_station, simulated_car
+from aerodima.workbench.stations.car_station import (
+    InterfaceFactory,
+    make_car_station,
+    simulated_car,
+)
 from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
 from aerodima.workbench.systems.system_ports import LEAD, constant, released, step_instant
 
@@ -55,13 +72,22 @@ TOLD_EVERY, CHECKED_EVERY = 0.1, 0.02
 
 @dataclass(frozen=True)
 class LiveView:
-    """Meshcat that shows the run, its pace (0 as fast as possible, 1 in real time), and what receives its progress."""
+    """Meshcat that shows the run, its pace (0 as fast as possible, 1 in real time), and what
+    receives its progress.
+    """
 
     meshcat: Meshcat | None = None
     real_time_rate: float = 0.0
     progress: Progress | None = None
 
-    def run(self, simulator: Simulator, length: float, *, margin: float = 0.0, check: Check | None = None) -> None:
+    def run(
+        self,
+        simulator: Simulator,
+        length: float,
+        *,
+        margin: float = 0.0,
+        check: Check | None = None,
+    ) -> None:
         """Simulates from time 0 to `length` + `margin`, s."""
         self.begin(simulator, length, check)
         simulator.AdvanceTo(length + margin)
@@ -74,7 +100,8 @@ class LiveView:
         simulator.Initialize()
 
     def _monitor(self, length: float, check: Check | None) -> Callable[[Context], EventStatus]:
-        last, period = -np.inf, TOLD_EVERY if check is None else CHECKED_EVERY
+        last = -np.inf
+        period = TOLD_EVERY if check is None else CHECKED_EVERY
 
         def monitor(context: Context) -> EventStatus:
             nonlocal last
@@ -96,12 +123,14 @@ _TIME_MARGIN = 1e-9
 DRIVER_PORTS = ("planned_turn", "state")
 """Ports of driver and tail controller that the log has beside their commands."""
 LOOKS = 50.0
-"""Looks per second, Hz, for a certain outcome that ends a trial; its table ends at the row of the flip all the same."""
+"""Looks per second, Hz, for a certain outcome that ends a trial; its table ends at the row of the
+flip all the same."""
 
 
 @dataclass(frozen=True)
 class CarDiagram:
-    """A station with what drives it and the roll estimator around it, and the ports worth recording.
+    """A station with what drives it and the roll estimator around it, and the ports worth
+    recording.
 
     Attributes: own: those of `signals` that whoever built what drives has exported or logged.
     """
@@ -113,9 +142,9 @@ class CarDiagram:
 
 
 Build = Callable[[DiagramBuilder, Diagram], object]
-"""Adds what drives a station to the builder, in which the station stands, and connects its input ports. What it
-exports or logs fills columns of the log (`OpenBuilder.signals`); exported as `planned_turn` or `state`, those of
-driver and controller."""
+"""Adds what drives a station to the builder, in which the station stands, and connects its input
+ports. What it exports or logs fills columns of the log (`OpenBuilder.signals`); exported as
+`planned_turn` or `state`, those of driver and controller."""
 
 
 def build_of(
@@ -127,9 +156,14 @@ def build_of(
     """Driver and tail controller of a scenario. See `assemble`."""
 
     def build(builder: DiagramBuilder, station: Diagram) -> None:
-        law, rate = tail_law or law_of_scenario(scenario), scenario.controller.rate
+        law = tail_law or law_of_scenario(scenario)
+        rate = scenario.controller.rate
         driver = TurnDriver.add_to_builder(
-            builder, schedule or make_driver(scenario), rate, station=station, controller_rate=law.rate
+            builder,
+            schedule or make_driver(scenario),
+            rate,
+            station=station,
+            controller_rate=law.rate,
         )
         idle = lean and tail_law is None and scenario.tail.mode == "none"
         controller = TailController.add_to_builder(
@@ -152,12 +186,14 @@ def assemble(
 ) -> CarDiagram:
     """Connects station, what drives it, and estimator; the controllers stand outside the station.
 
-    The tail follows `tail_law`, the driver `schedule`, which may be a law, or by default what the scenario names;
-    `build` adds something else in place of both. With `lean`, what no metric of a run needs is left out: most of the
-    truth, the estimator of roll and, without tail, the ticks of its controller.
+    The tail follows `tail_law`, the driver `schedule`, which may be a law, or by default what the
+    scenario names; `build` adds something else in place of both. With `lean`, what no metric of a
+    run needs is left out: most of the truth, the estimator of roll and, without tail, the ticks of
+    its controller.
 
     Raises:
-        UserError: `build` leaves an input port of the station without connection, or names columns that are there.
+        UserError: `build` leaves an input port of the station without connection, or names columns
+            that are there.
     """
     builder = OpenBuilder()
     station = make_car_station(scenario, interface, meshcat, with_truth=not lean)
@@ -165,18 +201,29 @@ def assemble(
     (build or build_of(scenario, tail_law, schedule, lean))(builder, station)
     ports = builder.sources(station)
     if missing := [name for name in STATION_INPUTS if name not in ports]:
-        raise UserError(f"build: station port {', '.join(missing)}: not connected; each of them commands the car")
+        raise UserError(
+            f"build: station port {', '.join(missing)}: not connected; each of them commands the "
+            "car"
+        )
     for name in DRIVER_PORTS:
-        ports[name] = builder.exported.pop(name) if name in builder.exported else constant(builder, f"no_{name}", [0.0])
+        ports[name] = (
+            builder.exported.pop(name)
+            if name in builder.exported
+            else constant(builder, f"no_{name}", [0.0])
+        )
     sources: list[System] = [station]
     if not lean:
         from aerodima.workbench.sensors.roll_estimator import RollEstimator
         from aerodima.workbench.sensors.roll_filter import RollFilterSettings
 
-        settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)
+        settings = RollFilterSettings(
+            rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81
+        )
         sources.append(RollEstimator.add_to_builder(builder, settings, station=station))
     signals = signals_of(CAR_PORTS, ports | output_ports(*sources)) + truth_signals(station)
-    own = builder.signals(names_of(sensor_columns()) + [name for _, names in signals for name in names])
+    own = builder.signals(
+        names_of(sensor_columns()) + [name for _, names in signals for name in names]
+    )
     return CarDiagram(builder, station, signals + own, own)
 
 
@@ -211,15 +258,22 @@ def run_car(
     car = assemble(scenario, meshcat=view.meshcat, tail_law=law, build=build)
     watch: FlipWatch | None = None
     if stop_when_certain:
-        watch = FlipWatch.add_to_builder(car.builder, car.station, scenario.simulation.log_rate, turn_end(scenario))
-    columns, metadata = recorded_columns(car.signals), _metadata(car, scenario, law, build)
+        watch = FlipWatch.add_to_builder(
+            car.builder, car.station, scenario.simulation.log_rate, turn_end(scenario)
+        )
+    columns = recorded_columns(car.signals)
+    metadata = _metadata(car, scenario, law, build)
     with _over(car, build), open_log(log, columns, metadata, force) as rows:
         settings = scenario.simulation
         RunRecorder.add_to_builder(car.builder, rows, car.signals, settings.log_rate, settings.step)
         sections: SectionWatch | None = None
         if car.station.HasOutputPort("tail_sections_truth"):
-            seen, valid = (car.station.GetOutputPort(f"tail_{name}_truth") for name in ("sections", "validity"))
-            sections = SectionWatch.add_to_builder(car.builder, "section_watch", seen, valid, scenario.controller.rate)
+            seen, valid = (
+                car.station.GetOutputPort(f"tail_{name}_truth") for name in ("sections", "validity")
+            )
+            sections = SectionWatch.add_to_builder(
+                car.builder, "section_watch", seen, valid, scenario.controller.rate
+            )
         simulator = Simulator(car.builder.Build())
         _set_rolling(car, simulator.get_mutable_context(), scenario, start_speed(scenario))
         view.run(simulator, run_time(scenario))
@@ -239,13 +293,16 @@ def run_outcome(
     speed: float | None = None,
     build: Build | None = None,
 ) -> RunLog:
-    """Records what outcome and metrics need, as cheaply as it can be: for studies, which need thousands of runs.
+    """Records what outcome and metrics need, as cheaply as it can be: for studies, which need
+    thousands of runs.
 
-    Nothing is recorded in Python, and most of the truth and the roll estimator are left out. The driver follows
-    `schedule`, or by default the manoeuvre of the scenario; the car begins at `speed`, m/s, straight ahead,
-    or by default as the manoeuvre says.
+    Nothing is recorded in Python, and most of the truth and the roll estimator are left out. The
+    driver follows `schedule`, or by default the manoeuvre of the scenario; the car begins at
+    `speed`, m/s, straight ahead, or by default as the manoeuvre says.
     """
-    car = assemble(scenario, meshcat=view.meshcat, tail_law=law, lean=True, schedule=schedule, build=build)
+    car = assemble(
+        scenario, meshcat=view.meshcat, tail_law=law, lean=True, schedule=schedule, build=build
+    )
     with _over(car, build):
         outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
         metadata = _metadata(car, scenario, law, build)
@@ -284,16 +341,24 @@ def _set_rolling(car: CarDiagram, context: Context, scenario: Scenario, speed: f
     velocities = plant.GetVelocities(own)
     velocities[plant.GetBodyByName("chassis").floating_velocities_start_in_v() + 3] = speed
     for name in ("drive_shaft", *WHEELS):
-        axle = axle_statics(scenario.car, scenario.environment.gravity, "front" if name in WHEELS[:2] else "rear")
-        velocities[plant.GetJointByName(f"{name}_spin").velocity_start()] = speed / axle.wheel_height
+        axle = axle_statics(
+            scenario.car, scenario.environment.gravity, "front" if name in WHEELS[:2] else "rear"
+        )
+        velocities[plant.GetJointByName(f"{name}_spin").velocity_start()] = (
+            speed / axle.wheel_height
+        )
     plant.SetVelocities(own, velocities)
 
 
 def _looks(scenario: Scenario, first: float) -> Iterator[float]:
     """When a trial is looked at, s: behind the rows of that instant, before the plant's step."""
-    rate, end = min(LOOKS, scenario.simulation.log_rate), run_time(scenario)
+    rate = min(LOOKS, scenario.simulation.log_rate)
+    end = run_time(scenario)
     if first < end:
-        yield from (_behind_rows(scenario, k / rate) for k in range(math.ceil(first * rate), math.ceil(end * rate)))
+        yield from (
+            _behind_rows(scenario, k / rate)
+            for k in range(math.ceil(first * rate), math.ceil(end * rate))
+        )
 
 
 def _behind_rows(scenario: Scenario, time: float) -> float:
@@ -302,7 +367,9 @@ def _behind_rows(scenario: Scenario, time: float) -> float:
     return time * (1.0 - 0.5 * LEAD) if instant is None else instant
 
 
-def _metadata(car: CarDiagram, scenario: Scenario, law: TailLaw | None, build: Build | None) -> dict[str, Any]:
+def _metadata(
+    car: CarDiagram, scenario: Scenario, law: TailLaw | None, build: Build | None
+) -> dict[str, Any]:
     facts = swing_facts(scenario) if law is None else {TAIL_LAW: type(law).__name__}
     if build is not None:
         facts = {DIAGRAM: name_of(build)}
@@ -316,17 +383,28 @@ def turn_start(scenario: Scenario) -> float:
 
 
 def turn_end(scenario: Scenario) -> float:
-    """When the wheels are straight again after the (last) turn, s; the end of the run where no schedule says that."""
+    """When the wheels are straight again after the (last) turn, s; the end of the run where no
+    schedule says that.
+    """
     manoeuvre = scenario.manoeuvre
     if manoeuvre.kind not in ("turn", "auto_turn"):
         return run_time(scenario)
     servo = scenario.servo
     slack = 1.0 / servo.frame_rate + 1.0 / scenario.simulation.log_rate + _TIME_MARGIN
     angle = angle_to_straighten(
-        manoeuvre.steer_angle, manoeuvre.turn_hold, servo.rate, manoeuvre.first_angle, manoeuvre.first_hold
+        manoeuvre.steer_angle,
+        manoeuvre.turn_hold,
+        servo.rate,
+        manoeuvre.first_angle,
+        manoeuvre.first_hold,
     )
     steps = (manoeuvre.turns, manoeuvre.turn_gap) if manoeuvre.kind == "turn" else ()
-    return turn_start(scenario) + steering_time(manoeuvre.turn_hold, *steps) + angle / servo.rate + slack
+    return (
+        turn_start(scenario)
+        + steering_time(manoeuvre.turn_hold, *steps)
+        + angle / servo.rate
+        + slack
+    )
 
 
 def plant_facts(station: Diagram) -> dict[str, float]:
@@ -334,4 +412,7 @@ def plant_facts(station: Diagram) -> dict[str, float]:
     car = simulated_car(station)
     context = car.plant.CreateDefaultContext()
     tail_mass = 0.0 if car.tail is None else car.plant.CalcTotalMass(context, [car.tail])
-    return {"tail_mass_kg": tail_mass, "total_mass_kg": car.plant.CalcTotalMass(context, car.instances)}
+    return {
+        "tail_mass_kg": tail_mass,
+        "total_mass_kg": car.plant.CalcTotalMass(context, car.instances),
+    }

@@ -10,7 +10,13 @@ from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.config.signal_table import RIG_PORTS, RIG_TRUTH
 from aerodima.workbench.controllers.controller_systems import CurrentController, TailCommander
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.logs.recorder import RunRecorder, open_log, output_ports, recorded_columns, signals_of
+from aerodima.workbench.logs.recorder import (
+    RunRecorder,
+    open_log,
+    output_ports,
+    recorded_columns,
+    signals_of,
+)
 from aerodima.workbench.logs.schema import RunLog, read_run_log, write_run_log
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.sensors.rig_sensors import force_errors
@@ -44,7 +50,8 @@ def run_rig(
         view: of a swing.
 
     Raises:
-        UserError: the tail leaves its range, holding takes too much current, unwritable or existing log.
+        UserError: the tail leaves its range, holding takes too much current, unwritable or existing
+            log.
     """
     if scenario.experiment.kind == "static":
         held = simulate_static_log(scenario)
@@ -55,43 +62,63 @@ def run_rig(
     errors = force_errors(scenario.force_sensor, sensor_offsets(scenario), scenario.seed)
     metadata = rig_log_metadata(scenario, truth=known_truth(scenario), bias=errors.bias.tolist())
     with released(builder), open_log(log, recorded_columns(signals), metadata, force) as rows:
-        RunRecorder.add_to_builder(builder, rows, signals, scenario.simulation.log_rate, with_samples=True)
+        RunRecorder.add_to_builder(
+            builder, rows, signals, scenario.simulation.log_rate, with_samples=True
+        )
         simulator = Simulator(builder.Build())
         ResetIntegratorFromFlags(simulator, INTEGRATOR, scenario.simulation.step)
         simulator.get_mutable_integrator().set_fixed_step_mode(True)
         margin = 0.5 * scenario.simulation.step
-        view.run(simulator, scenario.experiment.duration, margin=margin, check=_range_check(scenario, station))
+        view.run(
+            simulator,
+            scenario.experiment.duration,
+            margin=margin,
+            check=_range_check(scenario, station),
+        )
     return rows.run_log()
 
 
-def assemble_rig(scenario: RigScenario, meshcat: Meshcat | None = None) -> tuple[DiagramBuilder, Diagram]:
-    """Station and the controller of the experiment, connected; the controller stands outside the station."""
+def assemble_rig(
+    scenario: RigScenario, meshcat: Meshcat | None = None
+) -> tuple[DiagramBuilder, Diagram]:
+    """Station and the controller of the experiment, connected; the controller stands outside the
+    station.
+    """
     builder = DiagramBuilder()
     station = make_rig_station(scenario, meshcat=meshcat)
     builder.AddSystem(station)
-    rig, experiment = Rig(scenario), scenario.experiment
+    rig = Rig(scenario)
+    experiment = scenario.experiment
     if scenario.is_robot:
         torque = rig.torque_of(rig.holding_current(experiment.angle))
         commander: System = builder.AddSystem(TailCommander(scenario, torque))
-        builder.Connect(commander.GetOutputPort("tail_command"), station.GetInputPort("tail_command"))
+        builder.Connect(
+            commander.GetOutputPort("tail_command"), station.GetInputPort("tail_command")
+        )
         return builder, station
     target = rig.holding_current(experiment.target) if experiment.actuated else 0.0
-    controller = builder.AddSystem(CurrentController(scenario, rig.holding_current(experiment.angle), target))
+    controller = builder.AddSystem(
+        CurrentController(scenario, rig.holding_current(experiment.angle), target)
+    )
     builder.Connect(station.GetOutputPort("rig_state"), controller.GetInputPort("rig_state"))
-    builder.Connect(controller.GetOutputPort("current_command"), station.GetInputPort("current_command"))
+    builder.Connect(
+        controller.GetOutputPort("current_command"), station.GetInputPort("current_command")
+    )
     return builder, station
 
 
 def _range_check(scenario: RigScenario, station: Diagram) -> Check:
     """Refuses a tail that leaves its range."""
-    limit, state = scenario.mount.angle_limit, station.GetOutputPort("rig_state")
+    limit = scenario.mount.angle_limit
+    state = station.GetOutputPort("rig_state")
 
     def check(context: Context) -> None:
         reported = vector_of(state, station.GetMyContextFromRoot(context))
         angle = float(reported[0])
         if abs(angle) > limit:
             raise UserError(
-                f"the tail left its range at {context.get_time():.2f} s: {angle:g} rad; allowed: within "
+                f"the tail left its range at {context.get_time():.2f} s: {angle:g} rad; allowed: "
+                "within "
                 f"mount.angle_limit, +-{limit:g} rad"
             )
 

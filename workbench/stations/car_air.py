@@ -1,4 +1,5 @@
-"""The air around the simulated car: the wind of a scenario, the sections of its sail and their coefficients.
+"""The air around the simulated car: the wind of a scenario, the sections of its sail and their
+coefficients.
 
 The air acts on the sail only; the chassis feels none.
 """
@@ -28,7 +29,9 @@ if TYPE_CHECKING:
 
 
 def wind_model(scenario: Scenario) -> WindModel | None:
-    """The wind that the scenario's tail meets; None in still air, and for a car without tail, which feels no wind."""
+    """The wind that the scenario's tail meets; None in still air, and for a car without tail, which
+    feels no wind.
+    """
     wind = scenario.wind
     if wind.is_still or scenario.tail.mode == "none":
         return None
@@ -56,17 +59,19 @@ def add_wind_source(builder: DiagramBuilder, scenario: Scenario) -> System | Non
 
 
 def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:
-    """Law of the sail as `tail.sail` lets it stand, and the relative speed (m/s) up to which it was shown to hold.
+    """Law of the sail as `tail.sail` lets it stand, and the relative speed (m/s) up to which it was
+    shown to hold.
 
     Raises:
-        ModelError: there is no such file or it is not a coefficient set; or its law does not know the sail's normal, so
-            that the air would not turn the sail.
+        ModelError: there is no such file or it is not a coefficient set; or its law does not know
+            the sail's normal, so that the air would not turn the sail.
     """
     law: SectionLaw
     shape = SAIL_SHAPES[tail.sail_shape].coefficients
     name = shape if shape is not None and tail.coefficients == CONSTANT else tail.coefficients
     if name == CONSTANT:
-        law, limit = NormalForceLaw(tail.normal_force_coefficient), ROBOT_LIMIT
+        law = NormalForceLaw(tail.normal_force_coefficient)
+        limit = ROBOT_LIMIT
     else:
         from aerodima.workbench.aero.coefficient_files import load_coefficients
 
@@ -74,27 +79,34 @@ def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:
             chosen = load_coefficients(name)
         except ModelError as error:
             raise ModelError(f"tail.coefficients: {error}") from None
-        law, limit = chosen.law(), chosen.quasi_steady_limit
+        law = chosen.law()
+        limit = chosen.quasi_steady_limit
     if tail.sail == "locked":
         return law, limit
     if not law.knows_normal:
         raise ModelError(
-            f"tail.coefficients: {tail.coefficients} has a {chosen.law_kind} law; allowed with tail.sail "
+            f"tail.coefficients: {tail.coefficients} has a {chosen.law_kind} law; allowed with "
+            "tail.sail "
             f"{tail.sail!r}: {', '.join(SAIL_LAWS)}"
         )
     return facing_law(law) if tail.sail == "facing" else law, limit
 
 
 def sail_layout(tail: TailParameters) -> SectionLayout:
-    """Sections of a sail that is locked or faces the wind, in the frame of the body `tail_sail`: z along the tail.
+    """Sections of a sail that is locked or faces the wind, in the frame of the body `tail_sail`: z
+    along the tail.
 
-    The sail is drawn hollow towards +y (models/tail/tail.sdf), and its normal leaves the round side.
+    The sail is drawn hollow towards +y (models/tail/tail.sdf), and its normal leaves the round
+    side.
 
     Raises:
-        ModelError: a tail of its own geometry, which may have several lines of sections; reduced cars have one.
+        ModelError: a tail of its own geometry, which may have several lines of sections; reduced
+            cars have one.
     """
     if tail.has_own_geometry:
-        raise ModelError(f"tail.geometry: {tail.geometry}; allowed: none, for a car with one straight sail")
+        raise ModelError(
+            f"tail.geometry: {tail.geometry}; allowed: none, for a car with one straight sail"
+        )
     (layout,) = tail_geometry(tail).section_layouts()
     return layout
 
@@ -115,14 +127,19 @@ def free_sail(tail: TailParameters, law: SectionLaw) -> FreeSail:
 
 
 def sail_strips(tail: TailParameters) -> list[tuple[SectionLayout, SectionLaw]]:
-    """Lines of sections of the sail with the law of each, all in the frame of the body `tail_sail`."""
+    """Lines of sections of the sail with the law of each, all in the frame of the body
+    `tail_sail`.
+    """
     law, _ = sail_law(tail)
     if tail.has_own_geometry:
         return [(layout, law) for layout in tail_geometry(tail).section_layouts()]
     if tail.sail != "free":
         return [(sail_layout(tail), law)]
     sail = free_sail(tail, law)
-    return [(sail.shell_layout, sail.shell_law), (sail.board_layout, NormalForceLaw(sail.side_coefficient))]
+    return [
+        (sail.shell_layout, sail.shell_law),
+        (sail.board_layout, NormalForceLaw(sail.side_coefficient)),
+    ]
 
 
 @dataclass(frozen=True)
@@ -130,7 +147,8 @@ class SailReport:
     """What the air does to the car's sail.
 
     Attributes:
-        sections, validity: of the sail's opening, or of all lines of a tail of its own geometry, as `TailForce`.
+        sections, validity: of the sail's opening, or of all lines of a tail of its own geometry, as
+            `TailForce`.
     """
 
     sections: OutputPort
@@ -146,7 +164,8 @@ def add_sail_report(
     air = Air(scenario.environment.air_density, scenario.environment.air_viscosity)
     lines = [
         add_tail_force(
-            builder, plant, "tail_sail", layout, law, air=air, wind=wind, quasi_steady_limit=limit, applied=False,
+            builder, plant, "tail_sail", layout, law, air=air, wind=wind, quasi_steady_limit=limit,
+            applied=False,
             name=f"tail_force_tail_sail_{number}" if number else None,
         )
         for number, (layout, law) in enumerate(sail_strips(tail))

@@ -1,7 +1,8 @@
-"""The car behind its ports: simulated plant with actuators and sensors, or the interface to the real car.
+"""The car behind its ports: simulated plant with actuators and sensors, or the interface to the
+real car.
 
-Both export the same ports (design section 9); whatever drives the car is connected to them and does not know which it
-is. The simulated station adds ground-truth ports, whose names end in `_truth`.
+Both export the same ports (design section 9); whatever drives the car is connected to them and does
+not know which it is. The simulated station adds ground-truth ports, whose names end in `_truth`.
 """
 
 from collections.abc import Callable
@@ -11,9 +12,20 @@ from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_STATE
+from aerodima.workbench.config.signal_table import (
+    STATION_INPUTS,
+    STATION_OUTPUTS,
+    STATUS,
+    TAIL_STATE,
+)
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
-from aerodima.workbench.sensors.car_sensors import GpsSpeed, Imu, MotorEncoder, MotorReply, SailEncoder
+from aerodima.workbench.sensors.car_sensors import (
+    GpsSpeed,
+    Imu,
+    MotorEncoder,
+    MotorReply,
+    SailEncoder,
+)
 from aerodima.workbench.stations.car_air import add_sail_report, add_wind_source
 from aerodima.workbench.stations.car_drives import LAST, DrivenCar, add_car_drives
 from aerodima.workbench.stations.ground_truth import CarTruth
@@ -28,14 +40,16 @@ from aerodima.workbench.systems.system_ports import (
 )
 
 NOT_FITTED = 1.0
-"""Fault code on `status` of a part that this car does not have, such as the motors of a car without tail arm."""
+"""Fault code on `status` of a part that this car does not have, such as the motors of a car without
+tail arm."""
 
 TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
 HEALTHY = ("imu_fault", "speed_fault", "operator_age", "operator_fault")
 """Fields of `status` that are 0 in simulation."""
 
 InterfaceFactory = Callable[[Scenario], System]
-"""Makes the system that talks to the real car, with exactly the ports of `STATION_INPUTS` and `STATION_OUTPUTS`."""
+"""Makes the system that talks to the real car, with exactly the ports of `STATION_INPUTS` and
+`STATION_OUTPUTS`."""
 
 
 def make_car_station(
@@ -51,8 +65,8 @@ def make_car_station(
         scenario: what to simulate, or what to drive.
         interface: None simulates; a factory (from `hardware`) talks to the car.
         meshcat: shows the simulated car live.
-        with_truth: of a simulated car, whether the station has every ground truth, or only the plant's state and the
-            torque of the tail motors in its last step, which costs nothing.
+        with_truth: of a simulated car, whether the station has every ground truth, or only the
+            plant's state and the torque of the tail motors in its last step, which costs nothing.
 
     Raises:
         ModelError: a model does not load with the numbers of the scenario.
@@ -69,7 +83,9 @@ def make_car_station(
     return station
 
 
-def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None, with_truth: bool) -> None:
+def _simulate(
+    builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None, with_truth: bool
+) -> None:
     wires = Wires(builder, STATION_INPUTS)
     wind = add_wind_source(builder, scenario)
     gusts = wind is not None and scenario.wind.gust_amplitude > 0.0
@@ -83,7 +99,9 @@ def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | No
         wires.feed("tail_state", *[driven.zero] * TAIL_STATE.size)
     else:
         reports = _add_tail(builder, wires, scenario, driven)
-    step, seed, gravity = scenario.simulation.step, scenario.seed, scenario.environment.gravity
+    step = scenario.simulation.step
+    seed = scenario.seed
+    gravity = scenario.environment.gravity
     place = (scenario.imu.x, 0.0, scenario.imu.z)
     imu = Imu(scenario.imu, p_BoImu_B=place, seed=seed, step=step, discrete=True, gravity=gravity)
     gps = GpsSpeed(scenario.gps, seed=seed, step=step, discrete=True)
@@ -110,41 +128,59 @@ def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | No
         MeshcatVisualizer.AddToBuilder(builder, car.scene_graph, meshcat)
 
 
-def _add_tail(builder: DiagramBuilder, wires: Wires, scenario: Scenario, driven: DrivenCar) -> dict[str, System]:
+def _add_tail(
+    builder: DiagramBuilder, wires: Wires, scenario: Scenario, driven: DrivenCar
+) -> dict[str, System]:
     """Adds the encoders; who reports, by field of its age."""
-    motor, step = scenario.tail_motor, scenario.simulation.step
+    motor = scenario.tail_motor
+    step = scenario.simulation.step
     reply = MotorReply(motor.position_range, motor.speed_range)
     encoders = MotorEncoder(scenario.controller.rate, reply, step=step, discrete=True)
     builder.AddSystem(encoders)
-    wires.feed(encoders.GetInputPort("joints"), *driven.moves("angles")[:2], *driven.moves("rates")[:2])
+    wires.feed(
+        encoders.GetInputPort("joints"), *driven.moves("angles")[:2], *driven.moves("rates")[:2]
+    )
     sail: System = encoders
     angle: Part = driven.zero
     rate: Part = driven.zero
     if scenario.tail.sail != "locked":
-        sail = builder.AddSystem(SailEncoder(scenario.sail_encoder, seed=scenario.seed, step=step, discrete=True))
+        sail = builder.AddSystem(
+            SailEncoder(scenario.sail_encoder, seed=scenario.seed, step=step, discrete=True)
+        )
         # A sail that faces the wind has no joint, its angle is that of the wind.
         free = scenario.tail.sail == "free"
         turn = driven.moves("angles")[2] if free else driven.system.GetOutputPort("wind_direction")
         wires.feed(sail.GetInputPort("joint_angle"), turn)
         angle, rate = map(sail.GetOutputPort, ("angle", "rate"))
-    wires.feed("tail_state", encoders.GetOutputPort("angles"), angle, encoders.GetOutputPort("rates"), rate)
+    wires.feed(
+        "tail_state", encoders.GetOutputPort("angles"), angle, encoders.GetOutputPort("rates"), rate
+    )
     return {f"{part}_age": sail if part == "sail" else encoders for part in TAIL_PARTS}
 
 
-def _add_status(builder: DiagramBuilder, reports: dict[str, System], tail: dict[str, System]) -> OutputPort:
+def _add_status(
+    builder: DiagramBuilder, reports: dict[str, System], tail: dict[str, System]
+) -> OutputPort:
     """From the sensors by field of their age; those of the tail are none without one."""
     return add_status(
         builder,
         STATUS,
         {},
         [*HEALTHY, *([] if tail else (f"{part}_age" for part in TAIL_PARTS))],
-        samples={name: sensor.GetOutputPort("sample_time") for name, sensor in (reports | tail).items()},
+        samples={
+            name: sensor.GetOutputPort("sample_time") for name, sensor in (reports | tail).items()
+        },
         faults={f"{part}_fault": 0.0 if tail else NOT_FITTED for part in TAIL_PARTS},
     )
 
 
 def _add_truth(
-    builder: DiagramBuilder, wires: Wires, scenario: Scenario, car: CarPlant, driven: DrivenCar, wind: OutputPort | None
+    builder: DiagramBuilder,
+    wires: Wires,
+    scenario: Scenario,
+    car: CarPlant,
+    driven: DrivenCar,
+    wind: OutputPort | None,
 ) -> dict[str, OutputPort]:
     """Adds what only a simulation knows; the ports to export."""
     plant = car.plant
@@ -177,6 +213,8 @@ def simulated_car(station: Diagram) -> CarPlant:
     plant: Any = station.GetSubsystemByName("plant")
     scene_graph: Any = station.GetSubsystemByName("scene_graph")
     instances = {
-        name: plant.GetModelInstanceByName(name) for name in ("car", "tail") if plant.HasModelInstanceNamed(name)
+        name: plant.GetModelInstanceByName(name)
+        for name in ("car", "tail")
+        if plant.HasModelInstanceNamed(name)
     }
     return CarPlant(plant, scene_graph, instances["car"], instances.get("tail"))

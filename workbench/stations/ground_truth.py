@@ -1,4 +1,6 @@
-"""Ground truth of the simulated car: motion, contact and tail quantities that no sensor gives, for logs and metrics."""
+"""Ground truth of the simulated car: motion, contact and tail quantities that no sensor gives, for
+logs and metrics.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,13 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from aerodima.workbench.aero.laws import cross
 from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX, SECTION_COLUMNS
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import CAR_TRUTH, GROUND_CONTACTS, WHEELS, PortFields, names_of
+from aerodima.workbench.config.signal_table import (
+    CAR_TRUTH,
+    GROUND_CONTACTS,
+    WHEELS,
+    PortFields,
+    names_of,
+)
 from aerodima.workbench.plants.car import CarPlant
 from aerodima.workbench.plants.tail import tail_geometry
 from aerodima.workbench.sensors.car_sensors import (
@@ -28,19 +36,30 @@ from aerodima.workbench.sensors.car_sensors import (
 from aerodima.workbench.systems.system_ports import vector_of, weakly
 
 _XYZ = ("x", "y", "z")
-BASE_COLUMNS = [name for name in names_of(CAR_TRUTH["body_truth"]) if not name.startswith(("acceleration", "com"))]
-"""Position, roll, pitch, yaw, tilt, velocity and angular velocity of the base: those of a car's body."""
-COM_COLUMNS = [f"com_{axis}_truth_m" for axis in _XYZ] + [f"com_velocity_{axis}_truth_m_per_s" for axis in _XYZ]
+BASE_COLUMNS = [
+    name
+    for name in names_of(CAR_TRUTH["body_truth"])
+    if not name.startswith(("acceleration", "com"))
+]
+"""Position, roll, pitch, yaw, tilt, velocity and angular velocity of the base: those of a car's
+body."""
+COM_COLUMNS = [f"com_{axis}_truth_m" for axis in _XYZ] + [
+    f"com_velocity_{axis}_truth_m_per_s" for axis in _XYZ
+]
 """Position and velocity of the centre of mass of the whole plant in W."""
 
 
 def pose_columns(body: str) -> list[str]:
     """Columns of the pose of a body in W: quaternion, then position of its origin, m."""
-    return [f"pose_{body}_{part}" for part in ("qw", "qx", "qy", "qz")] + [f"pose_{body}_{axis}_m" for axis in _XYZ]
+    return [f"pose_{body}_{part}" for part in ("qw", "qx", "qy", "qz")] + [
+        f"pose_{body}_{axis}_m" for axis in _XYZ
+    ]
 
 
 def air_columns(stem: str) -> list[str]:
-    """Columns of the air on a tail, W axes: force, moment about Wo, root and tip of its sections."""
+    """Columns of the air on a tail, W axes: force, moment about Wo, root and tip of its
+    sections.
+    """
     parts = (("", "n"), ("_moment", "n_m"), ("_root", "m"), ("_tip", "m"))
     return [f"{stem}{what}_{axis}_truth_{unit}" for what, unit in parts for axis in _XYZ]
 
@@ -51,21 +70,27 @@ def section_columns(stem: str, number: int) -> list[str]:
 
 
 def own_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
-    """Model instances that have bodies, without the world's and those of added mass, which weigh nothing."""
+    """Model instances that have bodies, without the world's and those of added mass, which weigh
+    nothing.
+    """
     instances = [ModelInstanceIndex(index) for index in range(1, plant.num_model_instances())]
     return [
         instance
         for instance in instances
-        if plant.GetBodyIndices(instance) and not plant.GetModelInstanceName(instance).startswith(ADDED_MASS_PREFIX)
+        if plant.GetBodyIndices(instance)
+        and not plant.GetModelInstanceName(instance).startswith(ADDED_MASS_PREFIX)
     ]
 
 
 class _Kinematics(LeafSystem):
-    """Reads a plant's state and puts a context of its own into it; bodies are kept by index, see design section 13."""
+    """Reads a plant's state and puts a context of its own into it; bodies are kept by index, see
+    design section 13.
+    """
 
     def __init__(self, plant: MultibodyPlant) -> None:
         super().__init__()
-        self._plant, self._kinematics = plant, plant.CreateDefaultContext()
+        self._plant = plant
+        self._kinematics = plant.CreateDefaultContext()
         self._state_port = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self._known = b""
 
@@ -78,7 +103,9 @@ class _Kinematics(LeafSystem):
 
 
 def _body_truth(place: Any, velocity: Any, motion: ChassisMotion, p_BoImu_B: Any) -> list[float]:
-    """Position, roll, pitch, yaw, tilt, velocity, angular velocity and acceleration at a point of a body."""
+    """Position, roll, pitch, yaw, tilt, velocity, angular velocity and acceleration at a point of a
+    body.
+    """
     angles, gyro, acceleration = motion_at_imu(motion, p_BoImu_B)
     tilt = math.acos(min(max(motion.R_WB[2][2], -1.0), 1.0))
     return [*place, *angles, tilt, *in_body(motion.R_WB, velocity), *gyro, *acceleration]
@@ -106,10 +133,15 @@ class PlantTruth(_Kinematics):
     """
 
     def __init__(
-        self, plant: MultibodyPlant, base: BodyIndex | None, bodies: Sequence[BodyIndex], tails: Sequence[Any]
+        self,
+        plant: MultibodyPlant,
+        base: BodyIndex | None,
+        bodies: Sequence[BodyIndex],
+        tails: Sequence[Any],
     ) -> None:
         super().__init__(plant)
-        self._base, self._bodies = base, list(bodies)
+        self._base = base
+        self._bodies = list(bodies)
         self._instances = own_instances(plant)
         self.DeclareVectorOutputPort("com", len(COM_COLUMNS), weakly(self._calc_com))
         if base is not None:
@@ -121,27 +153,37 @@ class PlantTruth(_Kinematics):
 
     def _declare_tail(self, tail: Any) -> None:
         wrench_port = self.DeclareVectorInputPort(tail.get_name(), 9)
-        body, root, tip = tail.body.index(), np.asarray(tail.layout.p_BoRo_B), tail.layout.p_BoTip_B
+        body = tail.body.index()
+        root = np.asarray(tail.layout.p_BoRo_B)
+        tip = tail.layout.p_BoTip_B
 
         def calc(context: Context, output: BasicVector) -> None:
             wrench = vector_of(wrench_port, context)
-            force, moment, p_WBo = wrench[:3], wrench[3:6], wrench[6:]
-            X_WB = self._plant.EvalBodyPoseInWorld(self._kinematics_at(context), self._plant.get_body(body))
+            force = wrench[:3]
+            moment = wrench[3:6]
+            p_WBo = wrench[6:]
+            X_WB = self._plant.EvalBodyPoseInWorld(
+                self._kinematics_at(context), self._plant.get_body(body)
+            )
             R_WB = X_WB.rotation().matrix()
             ends = [X_WB.translation() + R_WB @ place for place in (root, tip)]
-            output.SetFromVector(np.concatenate([force, moment + cross(p_WBo.tolist(), force.tolist()), *ends]))
+            output.SetFromVector(
+                np.concatenate([force, moment + cross(p_WBo.tolist(), force.tolist()), *ends])
+            )
 
         self.DeclareVectorOutputPort(f"{tail.get_name()}_air", 12, calc)
 
     def _calc_com(self, context: Context, output: BasicVector) -> None:
-        kinematics, plant = self._kinematics_at(context), self._plant
+        kinematics = self._kinematics_at(context)
+        plant = self._plant
         place = plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances)
         velocity = plant.CalcCenterOfMassTranslationalVelocityInWorld(kinematics, self._instances)
         output.SetFromVector(np.concatenate([place, velocity]))
 
     def _calc_base(self, context: Context, output: BasicVector) -> None:
         assert self._base is not None
-        kinematics, body = self._kinematics_at(context), self._plant.get_body(self._base)
+        kinematics = self._kinematics_at(context)
+        body = self._plant.get_body(self._base)
         X_WB = self._plant.EvalBodyPoseInWorld(kinematics, body)
         V_WB = self._plant.EvalBodySpatialVelocityInWorld(kinematics, body)
         still = np.zeros(3)
@@ -168,7 +210,9 @@ LEAST_LOAD = 1e-9
 
 
 class CarTruth(_Kinematics):
-    """What the plant knows and the car does not. Evaluated only when somebody reads it, such as the run log.
+    """What the plant knows and the car does not.
+
+    Evaluated only when somebody reads it, such as the run log.
 
     Accelerations and contact forces are those of the plant's last step. Fields, units and axes:
     `aerodima.workbench.config.signal_table`.
@@ -178,7 +222,8 @@ class CarTruth(_Kinematics):
         chassis_motion (20): see `CHASSIS_MOTION_SIZE`.
         contact_results: ContactResults, from the plant.
         drive_torque (1): N m on the shaft.
-        tail_torque (2), tail_air (6): only with a tail; motor torques, N m, and of the air on it the moment about the
+        tail_torque (2), tail_air (6): only with a tail; motor torques, N m, and of the air on it
+        the moment about the
             origin of the chassis, N m, and the force, N, in W.
     Output ports:
         body_truth, contact_truth, and with a tail tail_truth.
@@ -191,14 +236,19 @@ class CarTruth(_Kinematics):
         self._instances = car_plant.instances
         self._chassis = plant.GetBodyByName("chassis").index()
         self._p_BoImu_B = np.array([scenario.imu.x, 0.0, scenario.imu.z])
-        self._step, nq = plant.time_step(), plant.num_positions()
+        self._step = plant.time_step()
+        nq = plant.num_positions()
         self._shaft = nq + plant.GetJointByName("drive_shaft_spin").velocity_start()
         self._contact_slots = contact_slots(car_plant)
         self._motion_port = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
-        self._contact_port = self.DeclareAbstractInputPort("contact_results", Value(ContactResults()))
+        self._contact_port = self.DeclareAbstractInputPort(
+            "contact_results", Value(ContactResults())
+        )
         self._drive_port = self.DeclareVectorInputPort("drive_torque", 1)
         self.DeclareVectorOutputPort("body_truth", BODY_TRUTH.size, weakly(self._calc_body))
-        self.DeclareVectorOutputPort("contact_truth", CONTACT_TRUTH.size, weakly(self._calc_contact))
+        self.DeclareVectorOutputPort(
+            "contact_truth", CONTACT_TRUTH.size, weakly(self._calc_contact)
+        )
         if self._tail is not None:
             self._p_ToTip_T = tail_geometry(scenario.tail).arm.points[-1]
             self._rod = plant.GetBodyByName("tail_rod").index()
@@ -210,8 +260,11 @@ class CarTruth(_Kinematics):
 
     def _calc_body(self, context: Context, output: BasicVector) -> None:
         values = vector_of(self._motion_port, context)
-        x, motion = values.tolist(), chassis_motion(values, self._step)
-        com: Any = self._plant.CalcCenterOfMassPositionInWorld(self._kinematics_at(context), self._instances)
+        x = values.tolist()
+        motion = chassis_motion(values, self._step)
+        com: Any = self._plant.CalcCenterOfMassPositionInWorld(
+            self._kinematics_at(context), self._instances
+        )
         truth = _body_truth(x[4:7], x[10:13], motion, self._p_BoImu_B)
         output.SetFromVector(np.array([*truth, *com.tolist()]))
 
@@ -227,13 +280,21 @@ class CarTruth(_Kinematics):
                 forces[wheel] += force
                 points[wheel] += force[2] * info.contact_point()
         points /= np.maximum(forces[:, 2:], LEAST_LOAD)
-        power = vector_of(self._drive_port, context)[0] * vector_of(self._state_port, context)[self._shaft]
-        output.SetFromVector(np.concatenate([forces.ravel(), points.ravel(), [*ground.values(), power]]))
+        power = (
+            vector_of(self._drive_port, context)[0]
+            * vector_of(self._state_port, context)[self._shaft]
+        )
+        output.SetFromVector(
+            np.concatenate([forces.ravel(), points.ravel(), [*ground.values(), power]])
+        )
 
     def _calc_tail(self, context: Context, output: BasicVector) -> None:
-        kinematics, plant = self._kinematics_at(context), self._plant
+        kinematics = self._kinematics_at(context)
+        plant = self._plant
         X_WT = plant.EvalBodyPoseInWorld(kinematics, plant.get_body(self._rod))
-        momentum = plant.CalcSpatialMomentumInWorldAboutPoint(kinematics, self._instances[1:], np.zeros(3))
+        momentum = plant.CalcSpatialMomentumInWorldAboutPoint(
+            kinematics, self._instances[1:], np.zeros(3)
+        )
         moment, force = np.split(vector_of(self._air_port, context), 2)
         p_WBo = plant.EvalBodyPoseInWorld(kinematics, plant.get_body(self._chassis)).translation()
         torque = vector_of(self._torque_port, context)
@@ -256,7 +317,9 @@ class CarTruth(_Kinematics):
 def ground_forces(
     results: ContactResults, slots: dict[int, str]
 ) -> Iterator[tuple[str, np.ndarray, PointPairContactInfo]]:
-    """Slot (`contact_slots`), force (3) of the ground on it in W, N, and Drake's account of each contact."""
+    """Slot (`contact_slots`), force (3) of the ground on it in W, N, and Drake's account of each
+    contact.
+    """
     for index in range(results.num_point_pair_contacts()):
         info = results.point_pair_contact_info(index)
         pair = info.point_pair()
@@ -269,7 +332,9 @@ def ground_forces(
 
 
 def contact_slots(car_plant: CarPlant) -> dict[int, str]:
-    """Value of the GeometryId of every collision shape -> the wheel, or `cage`, `board`, `tail`, that it belongs to."""
+    """Value of the GeometryId of every collision shape -> the wheel, or `cage`, `board`, `tail`,
+    that it belongs to.
+    """
     plant = car_plant.plant
     inspector = car_plant.scene_graph.model_inspector()
     slots: dict[int, str] = {}
@@ -278,6 +343,10 @@ def contact_slots(car_plant: CarPlant) -> dict[int, str]:
             body = plant.get_body(index)
             for geometry in plant.GetCollisionGeometriesForBody(body):
                 shape = inspector.GetName(geometry).split("::")[-1]
-                part = body.name().removesuffix("_wheel") if shape.startswith("tyre") else shape.split("_")[0]
+                part = (
+                    body.name().removesuffix("_wheel")
+                    if shape.startswith("tyre")
+                    else shape.split("_")[0]
+                )
                 slots[geometry.get_value()] = part
     return slots

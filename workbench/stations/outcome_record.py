@@ -1,17 +1,18 @@
 """What outcome and metrics of a run need, recorded without Python at any step.
 
-Drake's own loggers keep the ports that are plain vectors: what the sensors hold, the state of the plant, the torques on
-the tail's joints. All else is computed from them after the run, for all rows at once: motion of the chassis, forces of
-the ground, whether and when the car has flipped.
+Drake's own loggers keep the ports that are plain vectors: what the sensors hold, the state of the
+plant, the torques on the tail's joints. All else is computed from them after the run, for all rows
+at once: motion of the chassis, forces of the ground, whether and when the car has flipped.
 
-Drake's contact results cost 40 us to read at every step, as much as the laws of all actuators; what they say follows
-from the motion. A contact of Drake's lagged approximation has the penetration x at the beginning of a step of length h
-and, with the velocity at its end, the rate of that penetration x':
+Drake's contact results cost 40 us to read at every step, as much as the laws of all actuators; what
+they say follows from the motion. A contact of Drake's lagged approximation has the penetration x at
+the beginning of a step of length h and, with the velocity at its end, the rate of that penetration
+x':
 
     f = k (x + h x')_+ (1 + d x')_+        where x > 0, else 0
 
-with stiffness k and dissipation d of the pair, and x' that of the point where Drake puts the contact. Shapes that touch
-the ground are spheres and ellipsoids.
+with stiffness k and dissipation d of the pair, and x' that of the point where Drake puts the
+contact. Shapes that touch the ground are spheres and ellipsoids.
 """
 
 import math
@@ -39,13 +40,20 @@ from aerodima.workbench.plants.car import GROUND_STIFFNESS, CarPlant
 from aerodima.workbench.sensors.car_sensors import ChassisMotion, felt_at, in_body
 from aerodima.workbench.stations.car_station import simulated_car
 from aerodima.workbench.stations.ground_truth import contact_slots
-from aerodima.workbench.systems.system_ports import Wires, connected, nominal_time, row_period, vector_of
+from aerodima.workbench.systems.system_ports import (
+    Wires,
+    connected,
+    nominal_time,
+    row_period,
+    vector_of,
+)
 
 IntArray = NDArray[np.int_]
 Signals = Sequence[tuple[Any, Sequence[str]]]
 
 COSTLY = ("roll_estimate", "status", "tail_pitch_torque", "tail_roll_torque")
-"""How columns begin that a Python system would compute at every row and no metric needs, or that come cheaper."""
+"""How columns begin that a Python system would compute at every row and no metric needs, or that
+come cheaper."""
 
 COS_FLIP = float(np.cos(FLIP_TILT))
 
@@ -53,7 +61,8 @@ STOPPED = "stopped_at_flip_s"
 """Key in `extra` of a log that ends at a flip: the time of its last row, s."""
 
 SETTLED = "settled_s"
-"""Key in `extra` of a log that ends once the car has settled after its turn: the time of its last row, s."""
+"""Key in `extra` of a log that ends once the car has settled after its turn: the time of its last
+row, s."""
 
 CONTACT_COLUMNS = (
     *(f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS),
@@ -70,7 +79,9 @@ _Height = tuple[FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class _Shape:
-    """A sphere or ellipsoid on a body: radii (3), m, rotation (3 x 3) and place (3), m, in it; k and d of its pair."""
+    """A sphere or ellipsoid on a body: radii (3), m, rotation (3 x 3) and place (3), m, in it; k
+    and d of its pair.
+    """
 
     slot: str
     body: BodyIndex
@@ -81,7 +92,9 @@ class _Shape:
     dissipation: float
 
     def contact(self, up: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How deep (n) it is in the ground, m, and where Drake puts the contact on its body (3, n), m."""
+        """How deep (n) it is in the ground, m, and where Drake puts the contact on its body (3, n),
+        m.
+        """
         up_G = self.R_BG.T @ up
         square = self.radii[:, None] ** 2
         half = np.sqrt(np.sum(square * up_G**2, axis=0))
@@ -106,12 +119,14 @@ class GroundLoads:
         self._inboard = {joint.child_body().index(): joint for joint in joints}
 
     def forces(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Forces (7, n) in the steps between two positions, N: on the wheels, then cage, board and tail.
+        """Forces (7, n) in the steps between two positions, N: on the wheels, then cage, board and
+        tail.
 
         Args:
             before, after: positions (nq, n) of the plant at the beginning and the end of each step.
         """
-        step, change = self._plant.time_step(), after - before
+        step = self._plant.time_step()
+        change = after - before
         now, ahead, behind = (before + side * _NUDGE * change for side in (0.0, 1.0, -1.0))
         known: list[dict[BodyIndex, _Height]] = [{}, {}, {}]
         slots = (*WHEELS, *GROUND_CONTACTS)
@@ -127,12 +142,17 @@ class GroundLoads:
                 )
             )
             rate = (earlier - later) / (2.0 * _NUDGE * step)
-            force = shape.stiffness * np.maximum(x + step * rate, 0.0) * np.maximum(1.0 + shape.dissipation * rate, 0.0)
+            force = (
+                shape.stiffness
+                * np.maximum(x + step * rate, 0.0)
+                * np.maximum(1.0 + shape.dissipation * rate, 0.0)
+            )
             total[slots.index(shape.slot)] += np.where(x > 0.0, force, 0.0)
         return total
 
     def lifts(self, positions: FloatArray) -> FloatArray:
-        """Heights (4, n) of the lowest point of each tyre above the ground, m; not above 0 where it presses into it.
+        """Heights (4, n) of the lowest point of each tyre above the ground, m; not above 0 where it
+        presses into it.
 
         Args:
             positions: of the plant (nq, n).
@@ -146,7 +166,9 @@ class GroundLoads:
                 lowest[wheel] = np.minimum(lowest[wheel], -depth)
         return lowest
 
-    def _height(self, body: BodyIndex, positions: FloatArray, known: dict[BodyIndex, _Height]) -> _Height:
+    def _height(
+        self, body: BodyIndex, positions: FloatArray, known: dict[BodyIndex, _Height]
+    ) -> _Height:
         if body not in known:
             joint = self._inboard.get(body)
             if joint is None:  # the world
@@ -162,11 +184,13 @@ def _through(joint: Joint, up: FloatArray, height: FloatArray, positions: FloatA
     if isinstance(joint, WeldJoint):
         X_PF = X_PF.multiply(joint.X_FM())
     X_MC = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
-    height, up = height + X_PF.translation() @ up, X_PF.rotation().matrix().T @ up
+    height = height + X_PF.translation() @ up
+    up = X_PF.rotation().matrix().T @ up
     start = joint.position_start()
     if isinstance(joint, RevoluteJoint):
         axis = joint.revolute_axis()[:, None]
-        c, s = np.cos(positions[start]), np.sin(positions[start])
+        c = np.cos(positions[start])
+        s = np.sin(positions[start])
         up = c * up - s * np.cross(axis, up, axis=0) + (1.0 - c) * axis * np.sum(axis * up, axis=0)
     elif isinstance(joint, PrismaticJoint):
         height = height + positions[start] * (joint.translation_axis() @ up)
@@ -177,7 +201,8 @@ def _through(joint: Joint, up: FloatArray, height: FloatArray, positions: FloatA
 
 
 def _shapes(car: CarPlant) -> Iterator[_Shape]:
-    inspector, slots = car.scene_graph.model_inspector(), contact_slots(car)
+    inspector = car.scene_graph.model_inspector()
+    slots = contact_slots(car)
     for geometry in inspector.GetAllGeometryIds():
         slot = slots.get(geometry.get_value())
         if slot is None:
@@ -188,14 +213,18 @@ def _shapes(car: CarPlant) -> Iterator[_Shape]:
         elif isinstance(shape, Ellipsoid):
             radii = np.array([shape.a(), shape.b(), shape.c()])
         else:
-            raise TypeError(f"{inspector.GetName(geometry)}: a {type(shape).__name__} meets the ground")
+            raise TypeError(
+                f"{inspector.GetName(geometry)}: a {type(shape).__name__} meets the ground"
+            )
         properties: Any = inspector.GetProximityProperties(geometry)
         k = properties.GetProperty("material", "point_contact_stiffness")
         d = properties.GetProperty("material", "hunt_crossley_dissipation")
         share = GROUND_STIFFNESS / (GROUND_STIFFNESS + k)
         X_BG = inspector.GetPoseInFrame(geometry)
         body = car.plant.GetBodyFromFrameId(inspector.GetFrameId(geometry)).index()
-        yield _Shape(slot, body, radii, X_BG.rotation().matrix(), X_BG.translation(), share * k, share * d)
+        yield _Shape(
+            slot, body, radii, X_BG.rotation().matrix(), X_BG.translation(), share * k, share * d
+        )
 
 
 class FlipWatch(LeafSystem):
@@ -214,14 +243,17 @@ class FlipWatch(LeafSystem):
         super().__init__()
         plant = simulated_car(station).plant
         self._quaternion = plant.GetBodyByName("chassis").floating_positions_start()
-        self._stop_after, self._rate = stop_after, rate
+        self._stop_after = stop_after
+        self._rate = rate
         self._flipped = False
         self.stopped: float | None = None
         self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self.DeclarePeriodicPublishEvent(row_period(rate, plant.time_step()), 0.0, self._look)
 
     @classmethod
-    def add_to_builder(cls, builder: DiagramBuilder, station: Diagram, rate: float, stop_after: float) -> "FlipWatch":
+    def add_to_builder(
+        cls, builder: DiagramBuilder, station: Diagram, rate: float, stop_after: float
+    ) -> "FlipWatch":
         """Adds a watch to the diagram of a simulated station."""
         state = station.GetOutputPort("plant_state_truth")
         return connected(builder, cls(station, rate, stop_after), "flip_watch", plant_state=state)
@@ -232,7 +264,9 @@ class FlipWatch(LeafSystem):
 
     def _look(self, context: Context) -> EventStatus:
         state = vector_of(self._state, context)
-        self._flipped = self._flipped or has_flipped(state[self._quaternion : self._quaternion + 4].tolist())
+        self._flipped = self._flipped or has_flipped(
+            state[self._quaternion : self._quaternion + 4].tolist()
+        )
         time = nominal_time(context.get_time(), self._rate)
         if not (self._flipped and time >= self._stop_after):
             return EventStatus.Succeeded()
@@ -241,30 +275,40 @@ class FlipWatch(LeafSystem):
 
 
 def has_flipped(quaternion: Any) -> Any:
-    """Whether a body of this orientation w, x, y, z has tilted beyond the angle of a flip; for arrays row by row."""
+    """Whether a body of this orientation w, x, y, z has tilted beyond the angle of a flip; for
+    arrays row by row.
+    """
     w, x, y, z = quaternion
     return 1.0 - 2.0 * (x * x + y * y) / (w * w + x * x + y * y + z * z) < COS_FLIP
 
 
 class OutcomeRecord:
-    """Loggers on the ports of a station and its controllers, and the table that they make after the run.
+    """Loggers on the ports of a station and its controllers, and the table that they make after the
+    run.
 
     Args:
         builder: of the diagram that holds the station.
         station: simulated, without the truth for a log.
         scenario: of the station.
-        signals: ports with their column names (`car_run.assemble`); those that cost Python at every row are left out.
+        signals: ports with their column names (`car_run.assemble`); those that cost Python at every
+            row are left out.
     """
 
-    def __init__(self, builder: DiagramBuilder, station: Diagram, scenario: Scenario, signals: Signals) -> None:
-        self._scenario, self._station = scenario, station
+    def __init__(
+        self, builder: DiagramBuilder, station: Diagram, scenario: Scenario, signals: Signals
+    ) -> None:
+        self._scenario = scenario
+        self._station = station
         self._car = simulated_car(station)
         self._plant = self._car.plant
-        self._rate, step = scenario.simulation.log_rate, scenario.simulation.step
+        self._rate = scenario.simulation.log_rate
+        step = scenario.simulation.step
         cheap = [(port, names) for port, names in signals if _is_cheap(names)]
         self._names = [name for _, names in cheap for name in names]
         # One logger for all ports: each has its share in every instant of the diagram.
-        self._rows = connected(builder, VectorLogSink(len(self._names), publish_period=row_period(self._rate, step)))
+        self._rows = connected(
+            builder, VectorLogSink(len(self._names), publish_period=row_period(self._rate, step))
+        )
         steps = [station.GetOutputPort("plant_state_truth")]
         self._has_tail = station.HasOutputPort("last_tail_torque_truth")
         if self._has_tail:
@@ -279,37 +323,46 @@ class OutcomeRecord:
         chassis = self._plant.GetBodyByName("chassis")
         q = chassis.floating_positions_start()
         v = self._plant.num_positions() + chassis.floating_velocities_start_in_v()
-        self._quaternion, self._spin = slice(q, q + 4), slice(v, v + 3)
+        self._quaternion = slice(q, q + 4)
+        self._spin = slice(v, v + 3)
         still = scenario.wind.is_still or scenario.tail.mode == "none"
         self._look_back = CALM_FOR + 0.05 + 1.0 / self._rate
         self._may_settle = still and scenario.manoeuvre.kind == "turn"
 
     def is_certain(self, context: Context, turn_end: float) -> bool:
-        """Whether the run may end: the car has flipped, or has settled after a single turn in still air.
+        """Whether the run may end: the car has flipped, or has settled after a single turn in still
+        air.
 
         Args:
             context: of the whole diagram.
             turn_end: s; from then on.
         """
-        state, time = self._states(context), self._times(context)
+        state = self._states(context)
+        time = self._times(context)
         if self._over(state, time, turn_end).any():
             return True
         return self._may_settle and self._is_calm(context, turn_end)
 
     def _is_calm(self, context: Context, since: float) -> bool:
         """Whether the car has been calm in the last instants, and not before `since`, s."""
-        state, time = self._states(context), self._times(context)
+        state = self._states(context)
+        time = self._times(context)
         first = int(np.searchsorted(time, max(since, time[-1] - self._look_back)))
         if first == time.size or np.sum(state[self._spin, -1] ** 2) > CALM_SPIN**2:
             return False
-        motion, since = self._motion(context, state, slice(first, None)), time[first]
+        motion = self._motion(context, state, slice(first, None))
+        since = time[first]
         pressed = dict.fromkeys(CONTACT_COLUMNS, np.full(time.size - first, math.inf))
         if settled_row(motion | pressed, since) is None:
             return False  # whatever the forces of the ground are, which cost most
-        return settled_row(motion | self._contacts(state, self._steps(time[first:])), since) is not None
+        return (
+            settled_row(motion | self._contacts(state, self._steps(time[first:])), since)
+            is not None
+        )
 
     def table(self, context: Context, stop_after: float) -> tuple[pd.DataFrame, dict[str, float]]:
-        """One row per log time, columns as in a run log; up to that at which a `FlipWatch` at every row would stop.
+        """One row per log time, columns as in a run log; up to that at which a `FlipWatch` at every
+        row would stop.
 
         The second answer is for `extra` of the log: when and why the run ended before its time.
 
@@ -317,7 +370,8 @@ class OutcomeRecord:
             context: of the whole diagram, at the end of the run.
             stop_after: s; a flipped car ends the table from then on.
         """
-        state, time = self._states(context), self._times(context)
+        state = self._states(context)
+        time = self._times(context)
         over = self._over(state, time, stop_after)
         rows = slice(0, int(np.argmax(over)) + 1 if over.any() else time.size)
         steps = self._steps(time[rows])
@@ -339,7 +393,9 @@ class OutcomeRecord:
     def _over(self, state: FloatArray, time: FloatArray, stop_after: float) -> NDArray[np.bool_]:
         """At which rows the run of a car that has flipped is over."""
         rotations = state[self._quaternion][:, self._steps(time)]
-        over: NDArray[np.bool_] = np.logical_or.accumulate(has_flipped(rotations)) & (time >= stop_after)
+        over: NDArray[np.bool_] = np.logical_or.accumulate(has_flipped(rotations)) & (
+            time >= stop_after
+        )
         return over
 
     def _steps(self, time: FloatArray) -> IntArray:
@@ -356,7 +412,8 @@ class OutcomeRecord:
 
     def _body(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
         """Motion of the chassis, by the definitions of `ground_truth.CarTruth`."""
-        chassis, step = self._plant.GetBodyByName("chassis"), self._scenario.simulation.step
+        chassis = self._plant.GetBodyByName("chassis")
+        step = self._scenario.simulation.step
         q = chassis.floating_positions_start()
         v = self._plant.num_positions() + chassis.floating_velocities_start_in_v()
         state = states[:, steps]
@@ -386,17 +443,24 @@ class OutcomeRecord:
         names = ("tail_pitch_torque_n_m", "tail_roll_torque_n_m")
         if not self._has_tail:
             return {name: np.zeros(steps.size) for name in names}
-        # At a step the log has what acted in the step before; at the end of the run nobody has stepped yet.
+        # At a step the log has what acted in the step before; at the end of the run nobody has
+        # stepped yet.
         port = self._station.GetOutputPort("tail_torque")
         at_end = vector_of(port, self._station.GetMyContextFromRoot(context))
         last = self._steps_log.FindLog(context).data()[self._plant.num_multibody_states() :]
         torques = np.column_stack((last[:, 1:], at_end))[:, steps]
         joints = [self._plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")]
-        rates = states[[self._plant.num_positions() + joint.velocity_start() for joint in joints]][:, steps]
-        return dict(zip(names, torques, strict=True)) | {"tail_power_truth_w": np.sum(torques * rates, axis=0)}
+        rates = states[[self._plant.num_positions() + joint.velocity_start() for joint in joints]][
+            :, steps
+        ]
+        return dict(zip(names, torques, strict=True)) | {
+            "tail_power_truth_w": np.sum(torques * rates, axis=0)
+        }
 
     def _contacts(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
-        """Vertical forces of the ground in the step before each row, N; none before the first step."""
+        """Vertical forces of the ground in the step before each row, N; none before the first
+        step.
+        """
         positions = states[: self._plant.num_positions()]
         forces = self._loads.forces(positions[:, np.maximum(steps - 1, 0)], positions[:, steps])
         forces[:, steps == 0] = 0.0
@@ -404,4 +468,6 @@ class OutcomeRecord:
 
 
 def _is_cheap(names: Sequence[str]) -> bool:
-    return not (names[0].startswith(COSTLY) or any("_truth_" in name or "plant_" in name for name in names))
+    return not (
+        names[0].startswith(COSTLY) or any("_truth_" in name or "plant_" in name for name in names)
+    )

@@ -1,8 +1,9 @@
-"""The rig behind its ports: simulated plant with motor and sensors, or the interface to the real rig.
+"""The rig behind its ports: simulated plant with motor and sensors, or the interface to the real
+rig.
 
-Both export the same ports (design section 9). The robot-tail rig has its AK70-10 on the bus and can be swapped for
-hardware; the cheetah rig takes a current and exists in simulation only. The simulated station adds ports whose names
-end in `_truth`.
+Both export the same ports (design section 9). The robot-tail rig has its AK70-10 on the bus and can
+be swapped for hardware; the cheetah rig takes a current and exists in simulation only. The
+simulated station adds ports whose names end in `_truth`.
 """
 
 import math
@@ -12,12 +13,26 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from pydrake.geometry import Meshcat, MeshcatVisualizer
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem, OutputPort, System
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    Diagram,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+    System,
+)
 
 from aerodima.workbench.actuators.ak70 import MitMotor
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.config.rig_scenario import MaxonParameters, RigScenario
-from aerodima.workbench.config.signal_table import RIG_OUTPUTS, RIG_STATUS, ROBOT_RIG_INPUTS, names_of, rig_columns
+from aerodima.workbench.config.signal_table import (
+    RIG_OUTPUTS,
+    RIG_STATUS,
+    ROBOT_RIG_INPUTS,
+    names_of,
+    rig_columns,
+)
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.plants.rig import Rig, add_rig_plant
@@ -43,10 +58,11 @@ from aerodima.workbench.systems.system_ports import (
 
 
 class MaxonMotor(LeafSystem):
-    """Current to torque on the bar: torque = -k_t N current, since a positive current pushes the tail upstream.
+    """Current to torque on the bar: torque = -k_t N current, since a positive current pushes the
+    tail upstream.
 
-    The current loop is taken as ideal inside the limit of the amplifier. The reflected rotor inertia is part of the
-    plant (cheetah_rig.sdf). A NaN in the command gives no current.
+    The current loop is taken as ideal inside the limit of the amplifier. The reflected rotor
+    inertia is part of the plant (cheetah_rig.sdf). A NaN in the command gives no current.
 
     Input ports:
         current_command (1): A.
@@ -70,7 +86,9 @@ class MaxonMotor(LeafSystem):
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         command = vector_of(self._command, context)
-        output.SetFromVector(np.array([-self._settings.torque_constant * self.current(float(command[0]))]))
+        output.SetFromVector(
+            np.array([-self._settings.torque_constant * self.current(float(command[0]))])
+        )
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
         command = vector_of(self._command, context)
@@ -88,7 +106,9 @@ def sensor_offsets(scenario: RigScenario) -> tuple[float, ...]:
 
 
 def rig_log_metadata(scenario: RigScenario, **facts: Any) -> dict[str, Any]:
-    """Metadata of a rig log: kind, and in `extra` tail, axis, wind speed, offsets, current sampling and more facts."""
+    """Metadata of a rig log: kind, and in `extra` tail, axis, wind speed, offsets, current sampling
+    and more facts.
+    """
     experiment = scenario.experiment
     extra = {
         "tail": scenario.tail_name,
@@ -102,8 +122,11 @@ def rig_log_metadata(scenario: RigScenario, **facts: Any) -> dict[str, Any]:
 
 
 def known_truth(scenario: RigScenario) -> dict[str, float]:
-    """What the fits of a simulated log should find, by their names and in their units; without the holding current."""
-    experiment, aero = scenario.experiment, scenario.aero
+    """What the fits of a simulated log should find, by their names and in their units; without the
+    holding current.
+    """
+    experiment = scenario.experiment
+    aero = scenario.aero
     if experiment.kind == "static":
         drag, lift = static_coefficients(scenario)
         return {"cd": drag, "cl": lift, "psi3": scenario.tunnel.psi3}
@@ -115,16 +138,24 @@ def known_truth(scenario: RigScenario) -> dict[str, float]:
 
 def static_coefficients(scenario: RigScenario) -> tuple[float, float]:
     """C_D and C_L at the wind speed and the angle of attack of a static hold."""
-    speed, tunnel = scenario.experiment.wind_speed, scenario.tunnel
-    attack = math.asin(abs(math.sin(scenario.experiment.angle + tunnel.misalignment)) * math.cos(tunnel.psi3))
+    speed = scenario.experiment.wind_speed
+    tunnel = scenario.tunnel
+    attack = math.asin(
+        abs(math.sin(scenario.experiment.angle + tunnel.misalignment)) * math.cos(tunnel.psi3)
+    )
     law, _ = rig_law(scenario)
     assert isinstance(law, PolarLaw)
-    drag, lift = (value(speed, attack) if callable(value) else value for value in (law.drag, law.lift))
+    drag, lift = (
+        value(speed, attack) if callable(value) else value for value in (law.drag, law.lift)
+    )
     return float(drag), float(lift)
 
 
-def simulate_static_log(scenario: RigScenario, rig: Rig | None = None, calm: Rig | None = None) -> RunLog:
-    """The log of a static hold, with a rest without wind in front when `experiment.wind_off` asks for one.
+def simulate_static_log(
+    scenario: RigScenario, rig: Rig | None = None, calm: Rig | None = None
+) -> RunLog:
+    """The log of a static hold, with a rest without wind in front when `experiment.wind_off` asks
+    for one.
 
     The wind is there at once after the rest, and the motor holds the angle throughout.
 
@@ -134,24 +165,29 @@ def simulate_static_log(scenario: RigScenario, rig: Rig | None = None, calm: Rig
         calm: the same without wind, likewise; asked only for a rest.
 
     Returns:
-        A log whose `extra` has, beside what every rig log has, `truth` (cd, cl, psi3, current in A), `true_wrench` in
-        the wind (6), `bias` (6, N and N m), `exposed`, and after a rest `rest_s`, its first and last time.
+        A log whose `extra` has, beside what every rig log has, `truth` (cd, cl, psi3, current in
+        A), `true_wrench` in the wind (6), `bias` (6, N and N m), `exposed`, and after a rest
+        `rest_s`, its first and last time.
 
     Raises:
         UserError: holding takes a current beyond the limit.
         ModelError: see `add_rig_plant`.
     """
     rig = rig or Rig(scenario)
-    experiment, sensor = scenario.experiment, scenario.force_sensor
+    experiment = scenario.experiment
+    sensor = scenario.force_sensor
     current, wrench = _hold(rig, experiment.angle)
     rate = scenario.simulation.log_rate
     count = round(experiment.duration * rate) + 1
     time = np.arange(count) / rate
     sampled = int(np.floor(time[-1] * sensor.rate + 1e-6)) + 1
-    currents, wrenches = np.full(count, current), np.tile(wrench, (sampled, 1))
+    currents = np.full(count, current)
+    wrenches = np.tile(wrench, (sampled, 1))
     facts: dict[str, Any] = {}
     if experiment.wind_off > 0.0:
-        still_current, still = _hold(calm or Rig(scenario.varied(experiment={"wind_speed": 0.0})), experiment.angle)
+        still_current, still = _hold(
+            calm or Rig(scenario.varied(experiment={"wind_speed": 0.0})), experiment.angle
+        )
         wrenches[np.arange(sampled) / sensor.rate <= experiment.wind_off + 1e-9] = still
         resting = time <= experiment.wind_off + 1e-9
         currents[resting] = still_current
@@ -162,7 +198,9 @@ def simulate_static_log(scenario: RigScenario, rig: Rig | None = None, calm: Rig
     table[:, 0] = time
     table[:, 1] = quantise(experiment.angle, scenario.count_angle)
     table[:, 2] = 0.0
-    noisy = current_errors(scenario.maxon.current_noise, scenario.seed).first_readings(currents[:, None], count, rate)
+    noisy = current_errors(scenario.maxon.current_noise, scenario.seed).first_readings(
+        currents[:, None], count, rate
+    )
     table[:, 3] = noisy[:, 0]
     table[:, 4:] = samples[np.floor(time * sensor.rate + 1e-6).astype(int)]
     metadata = rig_log_metadata(
@@ -183,17 +221,21 @@ def _hold(rig: Rig, angle: float) -> tuple[float, np.ndarray]:
 
 
 RigInterfaceFactory = Callable[[RigScenario], System]
-"""Makes the system that talks to the real rig, with exactly the ports of `ROBOT_RIG_INPUTS` and `RIG_OUTPUTS`."""
+"""Makes the system that talks to the real rig, with exactly the ports of `ROBOT_RIG_INPUTS` and
+`RIG_OUTPUTS`."""
 
 
 def make_rig_station(
-    scenario: RigScenario, interface: RigInterfaceFactory | None = None, meshcat: Meshcat | None = None
+    scenario: RigScenario,
+    interface: RigInterfaceFactory | None = None,
+    meshcat: Meshcat | None = None,
 ) -> Diagram:
     """The station of a rig scenario as a diagram.
 
-    Ports: in `tail_command` (5) of the robot-tail rig or `current_command` (1) of the cheetah rig; out `rig_state` (2),
-    `motor_current` (1), `force_torque` (6), `status` (7), and in simulation `state_truth` (2), `wrench_truth` (6),
-    `motor_torque_truth` (1), and with a tail `tail_sections_truth` (4 per section).
+    Ports: in `tail_command` (5) of the robot-tail rig or `current_command` (1) of the cheetah rig;
+    out `rig_state` (2), `motor_current` (1), `force_torque` (6), `status` (7), and in simulation
+    `state_truth` (2), `wrench_truth` (6), `motor_torque_truth` (1), and with a tail
+    `tail_sections_truth` (4 per section).
 
     Args:
         scenario: what to simulate, or what to drive.
@@ -202,14 +244,16 @@ def make_rig_station(
 
     Raises:
         ModelError: a model does not load with the numbers of the scenario.
-        UserError: the interface has other ports than the station must have, or is for a rig that has no hardware.
+        UserError: the interface has other ports than the station must have, or is for a rig that
+            has no hardware.
     """
     builder = DiagramBuilder()
     if interface is None:
         _simulate(builder, scenario, meshcat)
     elif not scenario.is_robot:
         raise UserError(
-            f"experiment.kind: {scenario.experiment.kind!r} has no hardware interface; allowed with one: 'robot_swing'"
+            f"experiment.kind: {scenario.experiment.kind!r} has no hardware interface; allowed "
+            "with one: 'robot_swing'"
         )
     else:
         export_interface(builder, interface(scenario), ROBOT_RIG_INPUTS, RIG_OUTPUTS)
@@ -226,12 +270,16 @@ def _simulate(builder: DiagramBuilder, scenario: RigScenario, meshcat: Meshcat |
     reported, age = _add_encoder(builder, scenario, state)
     step = scenario.simulation.step
     rate = scenario.robot.command_rate if scenario.is_robot else scenario.encoder.rate
-    errors = current_errors(0.0 if scenario.is_robot else scenario.maxon.current_noise, scenario.seed)
+    errors = current_errors(
+        0.0 if scenario.is_robot else scenario.maxon.current_noise, scenario.seed
+    )
     current = RigSensor("motor_current", rate, errors, step)
     connected(builder, current, value=motor.GetOutputPort("current"))
     sensor = scenario.force_sensor
     errors = force_errors(sensor, sensor_offsets(scenario), scenario.seed)
-    force = connected(builder, RigSensor("force_sensor", sensor.rate, errors, step), value=rig.wrench)
+    force = connected(
+        builder, RigSensor("force_sensor", sensor.rate, errors, step), value=rig.wrench
+    )
     export_outputs(
         builder,
         {
@@ -261,18 +309,24 @@ def _add_motor(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort
         maxon = builder.AddNamedSystem("maxon", MaxonMotor(scenario.maxon))
         builder.ExportInput(maxon.GetInputPort("current_command"), "current_command")
         return maxon
-    motor = builder.AddNamedSystem("ak70", MitMotor(scenario.robot_motor, scenario.robot.torque_constant))
+    motor = builder.AddNamedSystem(
+        "ak70", MitMotor(scenario.robot_motor, scenario.robot.torque_constant)
+    )
     builder.Connect(state, motor.GetInputPort("joint_state"))
     builder.ExportInput(motor.GetInputPort("tail_command"), "tail_command")
     return motor
 
 
-def _add_encoder(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort) -> tuple[OutputPort, OutputPort]:
+def _add_encoder(
+    builder: DiagramBuilder, scenario: RigScenario, state: OutputPort
+) -> tuple[OutputPort, OutputPort]:
     """Reported angle and rate (2), and the age of that sample (1)."""
     if not scenario.is_robot:
         encoder = RigEncoder(scenario.encoder, scenario.count_angle, scenario.simulation.step)
         connected(builder, encoder, joint_angle=stacked(builder, "joint_angle", [(state, [0])]))
-        both = stacked(builder, "rig_state", [encoder.GetOutputPort(name) for name in ("angle", "rate")])
+        both = stacked(
+            builder, "rig_state", [encoder.GetOutputPort(name) for name in ("angle", "rate")]
+        )
         return both, encoder.GetOutputPort("age")
     reply = MotorReply(scenario.robot_motor.position_range, scenario.robot_motor.speed_range)
     replies = MotorEncoder(scenario.robot.command_rate, reply, step=scenario.simulation.step)

@@ -1,1 +1,3 @@
-"""What the Drake systems of the workbench share: order of events, named state, noise, connections."""
+"""What the Drake systems of the workbench share: order of events, named state, noise,
+connections.
+"""

@@ -1,4 +1,6 @@
-"""Devices in memory for `WiredCar`: a bus with two motors in simulated time, a Teensy, sensors and a radio."""
+"""Devices in memory for `WiredCar`: a bus with two motors in simulated time, a Teensy, sensors and
+a radio.
+"""
 
 import math
 import time
@@ -71,7 +73,9 @@ class ImuAtRest(FakeSensor):
     @property
     def newest(self):
         tick = int(time.monotonic() / 0.01)
-        return 0.01 * tick, Bno055Sample((1.0, 0.0, 0.0, 0.0), (0.001 * (tick % 3), 0.0, 0.0), (0.01, 0.0, 0.0))
+        return 0.01 * tick, Bno055Sample(
+            (1.0, 0.0, 0.0, 0.0), (0.001 * (tick % 3), 0.0, 0.0), (0.01, 0.0, 0.0)
+        )
 
     @newest.setter
     def newest(self, value):
@@ -82,7 +86,9 @@ class ImuAtRest(FakeSensor):
 
 
 class FakeRadio(RadioLink):
-    """An operator who goes to IDLE first when the car asks for it, and then back to what was chosen."""
+    """An operator who goes to IDLE first when the car asks for it, and then back to what was
+    chosen.
+    """
 
     def __init__(self):
         self.car = None
@@ -140,7 +146,9 @@ class CarOnTheBench:
         self.motors = tail_motors(self.scenario, ports_from_dict(PORTS), mounting)
         group, closers = MotorGroup(self.motors, self.port), ExitStack()
         closers.callback(self.closed.append, 1)
-        devices = Devices(group, self.teensy, self.imu, self.gps, self.radio, closers, self.watchdog)
+        devices = Devices(
+            group, self.teensy, self.imu, self.gps, self.radio, closers, self.watchdog
+        )
 
         def authorise():
             if not authorised:

@@ -1,4 +1,6 @@
-"""The Teensy as watchdog on the bus, seen from the drive: answered beats, silence, what it says of itself."""
+"""The Teensy as watchdog on the bus, seen from the drive: answered beats, silence, what it says of
+itself.
+"""
 
 import itertools
 import time
@@ -63,7 +65,8 @@ def turn(watch, clock, seconds=0.1):
 
 def test_it_is_not_armed_before_the_teensy_has_answered(watch, clock):
     with pytest.raises(
-        HardwareError, match=r"has not answered on the CAN bus yet; was it built with --wiring watched_can"
+        HardwareError,
+        match=r"has not answered on the CAN bus yet; was it built with --wiring watched_can",
     ):
         watch.arm()
     turn(watch, clock)

@@ -24,7 +24,9 @@ PAIRS = [pair for pair in itertools.product(AXES, AXES) if AXES[pair[0]] @ AXES[
 def test_what_an_emulator_writes_is_what_the_car_reads_however_the_chip_is_mounted(axes):
     mounting = load_mounting().model_copy(update={"imu_x": axes[0], "imu_y": axes[1]})
     reading = np.array([0.1, -0.2, 2.9, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
-    np.testing.assert_allclose(mounting.imu_reading(mounting.imu_sample(reading)), reading, atol=1e-12)
+    np.testing.assert_allclose(
+        mounting.imu_reading(mounting.imu_sample(reading)), reading, atol=1e-12
+    )
 
 
 def test_a_chip_turned_to_the_left_feels_the_cars_acceleration_forwards_on_its_minus_y_axis():
@@ -41,11 +43,17 @@ def test_chip_axes_that_are_none_are_refused():
 
 
 def test_pulses_and_sail_go_both_ways():
-    mounting = load_mounting().model_copy(update={"sail_zero": 0.3, "sail_direction": -1, "steering_direction": -1})
+    mounting = load_mounting().model_copy(
+        update={"sail_zero": 0.3, "sail_direction": -1, "steering_direction": -1}
+    )
     for angle in (-0.5, -0.1, 0.0, 0.3):
-        assert mounting.steering_angle(mounting.servo_pulse(angle)) == pytest.approx(angle, abs=5e-4)
+        assert mounting.steering_angle(mounting.servo_pulse(angle)) == pytest.approx(
+            angle, abs=5e-4
+        )
         assert mounting.throttle(mounting.throttle_pulse(angle)) == pytest.approx(angle, abs=1.3e-3)
-        assert mounting.sail_angle(mounting.encoder_angle(angle)) == pytest.approx(angle % (2 * math.pi))
+        assert mounting.sail_angle(mounting.encoder_angle(angle)) == pytest.approx(
+            angle % (2 * math.pi)
+        )
     assert mounting.servo_pulse(0.1) < 1500
 
 
@@ -68,7 +76,10 @@ WRONG = {
     "schema": ({**PORTS, "schema": "aerodima/ports/2"}, "allowed is 'aerodima/ports/1'"),
     "device twice": ({**PORTS, "gps": {"path": "/dev/b"}}, "gps.path: /dev/b is that of imu too"),
     "profile": ({**PORTS, "firmware_profile": "ak70_10_v9"}, "is unknown; allowed: ak70_10_v1_0_8"),
-    "ids": ({**PORTS, "tail_roll": {"motor_id": 1}}, "both motors have the id 1; each needs its own"),
+    "ids": (
+        {**PORTS, "tail_roll": {"motor_id": 1}},
+        "both motors have the id 1; each needs its own",
+    ),
     "id": ({**PORTS, "tail_roll": {"motor_id": 64}}, "tail_roll.motor_id: 64"),
     "v3": ({**PORTS, "firmware_profile": "V3.0"}, "V3 firmware"),
     "list": ([], "holds a list; allowed is a mapping"),
@@ -96,9 +107,15 @@ def test_no_file_and_no_json_are_told(tmp_path):
 
 def test_a_wiring_without_its_adapter_is_refused():
     scenario = load_scenario("auto_turn")
-    with pytest.raises(HardwareError, match=r"teensy: /dev/a: cannot be opened: there is no such device"):
+    with pytest.raises(
+        HardwareError, match=r"teensy: /dev/a: cannot be opened: there is no such device"
+    ):
         wire_car(scenario, ports_from_dict(PORTS), "teensy_bridge", lambda: None).start()
     with pytest.raises(HardwareError, match="watched_can needs a CAN adapter"):
         wire_car(scenario, ports_from_dict(PORTS), "watched_can", lambda: None)
     with pytest.raises(HardwareError, match="set the zero nearer"):
-        tail_motors(scenario, ports_from_dict({**PORTS, "tail_roll": {"motor_id": 2, "zero": 12.0}}), load_mounting())
+        tail_motors(
+            scenario,
+            ports_from_dict({**PORTS, "tail_roll": {"motor_id": 2, "zero": 12.0}}),
+            load_mounting(),
+        )

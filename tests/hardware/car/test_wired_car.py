@@ -1,4 +1,6 @@
-"""One cycle of the wired car: readings in the station's units, commands as pulses and frames, and the way out."""
+"""One cycle of the wired car: readings in the station's units, commands as pulses and frames, and
+the way out.
+"""
 
 import math
 import time
@@ -17,7 +19,9 @@ from aerodima.workbench.config.signal_table import STATUS
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.car.fake_devices import CarOnTheBench
 
-HOLD = CarCommand(0.0, 0.0, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([-1.5, 0.0, 17.0, 5.0, 0.0]))
+HOLD = CarCommand(
+    0.0, 0.0, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([-1.5, 0.0, 17.0, 5.0, 0.0])
+)
 
 
 @pytest.fixture
@@ -50,10 +54,17 @@ def test_readings_have_the_units_and_signs_of_the_station(bench):
     assert sail == 0.0  # no reply of the Teensy with a time yet
     bench.teensy.sent_time = bench.now
     assert bench.cycle(HOLD).tail_state[2] == pytest.approx(2 * math.pi - 0.2)
-    np.testing.assert_allclose(reading.imu, [0.0, 0.0, 0.0, 0.1, -0.2, 0.9, 1.0, 2.0, 3.0], atol=1e-12)
+    np.testing.assert_allclose(
+        reading.imu, [0.0, 0.0, 0.0, 0.1, -0.2, 0.9, 1.0, 2.0, 3.0], atol=1e-12
+    )
     assert reading.speed == pytest.approx([3.3])
     named = status(reading)
-    assert (named.armed, named.tail_roll_fault, named.imu_fault, named.speed_fault) == (1.0, 0.0, 0.0, 0.0)
+    assert (named.armed, named.tail_roll_fault, named.imu_fault, named.speed_fault) == (
+        1.0,
+        0.0,
+        0.0,
+        0.0,
+    )
     assert named.operator_age == 0.05
     assert bench.imu.aligned == pytest.approx(bench.now + 0.01)
 
@@ -102,7 +113,9 @@ def test_a_watchdog_that_died_switches_the_motors_off(bench):
     assert bench.port.exits(2, bench.now)
 
 
-@pytest.mark.parametrize("broken", [CarCommand(throttle=math.nan), CarCommand(tail_roll=np.full(5, math.inf))])
+@pytest.mark.parametrize(
+    "broken", [CarCommand(throttle=math.nan), CarCommand(tail_roll=np.full(5, math.inf))]
+)
 def test_a_command_that_is_not_finite_exits_both_motors_and_centres_the_pulses(bench, broken):
     armed(bench)
     bench.cycle(CarCommand(0.3, 0.5), 1)
@@ -221,11 +234,16 @@ def test_the_guard_on_the_wired_car_disarms_when_the_operator_falls_silent(bench
 
 
 def test_a_car_without_a_tail_has_no_motors_and_says_so():
-    bench = CarOnTheBench("tail.mode=none", authorised=False)  # a watchdog test would need the motors of a tail
+    bench = CarOnTheBench(
+        "tail.mode=none", authorised=False
+    )  # a watchdog test would need the motors of a tail
     bench.car.authorise()
     bench.car.start()
     named = status(bench.cycle(CarCommand(), 3))
-    assert (named.tail_pitch_fault, named.tail_roll_fault) == (SourceFault.NOT_FITTED, SourceFault.NOT_FITTED)
+    assert (named.tail_pitch_fault, named.tail_roll_fault) == (
+        SourceFault.NOT_FITTED,
+        SourceFault.NOT_FITTED,
+    )
     assert named.armed == 0.0
     bench.car.arm()
     assert bench.port.sent == []

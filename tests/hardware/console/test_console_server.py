@@ -1,4 +1,6 @@
-"""The console's door and what passes it: tokens, origins, one page that controls, stops; a real server, no browser."""
+"""The console's door and what passes it: tokens, origins, one page that controls, stops; a real
+server, no browser.
+"""
 
 import contextlib
 import http.client
@@ -22,7 +24,13 @@ from aerodima.hardware.console.console import Console, ConsoleRecord, Limits
 from aerodima.hardware.console.console_server import make_app, make_server, open_socket, run_server
 from aerodima.hardware.console.operator_radio import OperatorRadio
 from aerodima.hardware.console.page_access import Access
-from aerodima.hardware.protocol.radio import CarReport, EmergencyStop, Heartbeat, OperatorCommand, RadioMode
+from aerodima.hardware.protocol.radio import (
+    CarReport,
+    EmergencyStop,
+    Heartbeat,
+    OperatorCommand,
+    RadioMode,
+)
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.console.test_operator_radio import CAR, FakeLink
@@ -39,7 +47,9 @@ class Served:
         self.listener = listener or open_socket(0)
         self.port = self.listener.getsockname()[1]
         self.access = Access(self.port)
-        self.console = Console(OperatorRadio(self.link, CAR), ConsoleRecord(self.record), Limits(0.5, 1.0, 2.0), car)
+        self.console = Console(
+            OperatorRadio(self.link, CAR), ConsoleRecord(self.record), Limits(0.5, 1.0, 2.0), car
+        )
         self.server = make_server(make_app(self.console, self.access, self.said.append, self.end))
         self.thread = threading.Thread(target=lambda: self.server.run(sockets=[self.listener]))
         self.thread.start()
@@ -72,10 +82,17 @@ class Served:
     def page(self, cookie, origin=""):
         headers = {"Cookie": cookie.partition(";")[0]}
         origin = f"http://127.0.0.1:{self.port}" if origin == "" else origin
-        return Page(connect(f"ws://127.0.0.1:{self.port}/socket", origin=origin, additional_headers=headers))
+        return Page(
+            connect(f"ws://127.0.0.1:{self.port}/socket", origin=origin, additional_headers=headers)
+        )
 
     def sent(self, kind):
-        return [message for piece in list(self.link.sent) for message in piece if isinstance(message, kind)]
+        return [
+            message
+            for piece in list(self.link.sent)
+            for message in piece
+            if isinstance(message, kind)
+        ]
 
 
 class Page:
@@ -137,7 +154,15 @@ def test_token_opens_once_and_the_cookie_afterwards(served):
 
 def test_pages_name_nothing_outside(served):
     cookie = served.enter().partition(";")[0]
-    for name in ("", "console.css", "console.js", "gamepads.js", "inputs.js", "news.js", "plots.js"):
+    for name in (
+        "",
+        "console.css",
+        "console.js",
+        "gamepads.js",
+        "inputs.js",
+        "news.js",
+        "plots.js",
+    ):
         body = served.get(f"/{name}", Cookie=cookie).body
         assert "http://" not in body
         assert "https://" not in body
@@ -158,7 +183,10 @@ def test_foreign_host_and_origin_are_refused(served):
         served.page(f"{served.access.cookie}=guessed")
     upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
     key = {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", "Cookie": plain}
-    rebound = {"Host": f"evil.example:{served.port}", "Origin": f"http://evil.example:{served.port}"}
+    rebound = {
+        "Host": f"evil.example:{served.port}",
+        "Origin": f"http://evil.example:{served.port}",
+    }
     assert served.get("/socket", **upgrade, **key, **rebound).status == 403
     same = {"Host": own, "Origin": f"http://{own}"}
     assert served.get("/socket", **upgrade, **{**key, "Cookie": "a=b"}, **same).status == 403
@@ -252,7 +280,10 @@ def test_what_a_lost_port_does_not_take_is_not_recorded_as_sent(served):
     eventually(lambda: len(served.sent(OperatorCommand)) == 2)
     served.link.fault = "there is no such device"
     told = page.state(lambda state: state["radio"]["fault"])["radio"]
-    assert (told["fault"], told["armed"]) == ("the radio's port is lost: there is no such device", False)
+    assert (told["fault"], told["armed"]) == (
+        "the radio's port is lost: there is no such device",
+        False,
+    )
     page.beat(mode="manual", throttle=0.5)
     page.say(type="stop", by="key")
     page.state(lambda state: state["radio"]["stopped_by"])
@@ -290,32 +321,56 @@ def test_a_part_of_the_console_that_dies_sends_the_car_to_rest_says_so_and_ends_
 
 
 def test_a_console_that_has_failed_ends_with_its_reason(tmp_path):
-    console = Console(OperatorRadio(FakeLink(), CAR), ConsoleRecord(tmp_path / "record.jsonl"), Limits(0.5, 1.0, 2.0))
+    console = Console(
+        OperatorRadio(FakeLink(), CAR),
+        ConsoleRecord(tmp_path / "record.jsonl"),
+        Limits(0.5, 1.0, 2.0),
+    )
     console.turn = die
     with contextlib.closing(open_socket(0)) as listener, ThreadPoolExecutor(1) as thread:
-        served = thread.submit(run_server, listener, console, Access(listener.getsockname()[1]), print)
+        served = thread.submit(
+            run_server, listener, console, Access(listener.getsockname()[1]), print
+        )
         with pytest.raises(HardwareError, match="has failed: ZeroDivision"):
             served.result(10)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("between", [0.0, 0.1, 0.4], ids=["at once", "while it ends", "near the end"])
+@pytest.mark.parametrize(
+    "between", [0.0, 0.1, 0.4], ids=["at once", "while it ends", "near the end"]
+)
 def test_a_second_ctrl_c_ends_it_without_a_traceback(tmp_path, between):
     radio, module = pty.openpty()
-    command = [sys.executable, "-P", "-m", "aerodima", "console", "--radio", os.ttyname(module), "--port", "0"]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "aerodima",
+        "console",
+        "--radio",
+        os.ttyname(module),
+        "--port",
+        "0",
+    ]
     with subprocess.Popen(
         [*command, "--record", str(tmp_path / "record.jsonl")],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # deaf below a background job
+        preexec_fn=lambda: signal.signal(
+            signal.SIGINT, signal.default_int_handler
+        ),  # deaf below a background job
     ) as console:
         url = console.stdout.readline().removeprefix("open once: ").strip()
         server, path = urlsplit(url).netloc, url.partition("/?")[2]
         page = http.client.HTTPConnection(server, timeout=10)
         page.request("GET", f"/?{path}")
         cookie = page.getresponse().getheader("Set-Cookie").partition(";")[0]
-        with connect(f"ws://{server}/socket", origin=f"http://{server}", additional_headers={"Cookie": cookie}):
+        with connect(
+            f"ws://{server}/socket",
+            origin=f"http://{server}",
+            additional_headers={"Cookie": cookie},
+        ):
             console.send_signal(signal.SIGINT)
             time.sleep(between)
             console.send_signal(signal.SIGINT)
@@ -323,7 +378,11 @@ def test_a_second_ctrl_c_ends_it_without_a_traceback(tmp_path, between):
     os.close(radio)
     os.close(module)
     assert errors in ("", "interrupted\n")
-    assert console.returncode in (0, 130, -signal.SIGINT)  # the last: Python had ended but for its own exit
+    assert console.returncode in (
+        0,
+        130,
+        -signal.SIGINT,
+    )  # the last: Python had ended but for its own exit
 
 
 def test_nonsense_from_a_page_is_one_line_and_ends_nothing(served):
@@ -358,7 +417,9 @@ def test_port_in_use_is_one_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with contextlib.closing(open_socket(0)) as taken:
         port = taken.getsockname()[1]
-        result = CliRunner().invoke(build_app(), ["console", "--radio", "/dev/none", "--port", str(port)])
+        result = CliRunner().invoke(
+            build_app(), ["console", "--radio", "/dev/none", "--port", str(port)]
+        )
     assert result.exit_code == 2
     assert f"--port {port}: Address already in use" in result.stderr
     assert len(result.stderr.splitlines()) == 1

@@ -1,4 +1,6 @@
-"""What goes out on the operator's radio: nothing but what a page sent, and a stop until the car reports it."""
+"""What goes out on the operator's radio: nothing but what a page sent, and a stop until the car
+reports it.
+"""
 
 import dataclasses
 import math
@@ -31,7 +33,19 @@ CAR = 7
 MANUAL = OperatorCommand(RadioMode.MANUAL, 0.25, -0.125, 0.5, -1.0)
 REST = OperatorCommand(RadioMode.IDLE)
 REPORT = CarReport(
-    True, False, RadioMode.MANUAL, (0, 0, 3, 0, 6, 0), 0.5, -0.25, 1.0, -1.5, 2.0, -3.0, 3.5, 0.0625, "no fix"
+    True,
+    False,
+    RadioMode.MANUAL,
+    (0, 0, 3, 0, 6, 0),
+    0.5,
+    -0.25,
+    1.0,
+    -1.5,
+    2.0,
+    -3.0,
+    3.5,
+    0.0625,
+    "no fix",
 )
 
 
@@ -67,7 +81,9 @@ STOPPED = CarReport(False, True, RadioMode.IDLE)
 
 
 @pytest.mark.parametrize(
-    ("sender", "number"), [(CAR + 1, 0), (CAR, 3), (CAR + 1, 3)], ids=["other module", "other car", "both"]
+    ("sender", "number"),
+    [(CAR + 1, 0), (CAR, 3), (CAR + 1, 3)],
+    ids=["other module", "other car", "both"],
 )
 def test_a_stop_is_confirmed_by_the_car_and_by_no_other(radio, link, sender, number):
     radio.stop("button", 1.0)
@@ -111,7 +127,9 @@ def test_an_armed_car_gets_the_command_and_the_counter_of_the_page(radio, link):
 @pytest.mark.parametrize(
     ("report", "age"), [(None, 0.0), (REPORT, 0.6), (CarReport(False, False, RadioMode.IDLE), 0.0)]
 )
-def test_a_car_that_has_not_just_reported_that_it_is_armed_is_left_at_rest(radio, link, report, age):
+def test_a_car_that_has_not_just_reported_that_it_is_armed_is_left_at_rest(
+    radio, link, report, age
+):
     if report is not None:
         link.report(report, 1.0)
     radio.turn(1.0)
@@ -181,7 +199,9 @@ def test_a_port_that_is_lost_takes_nothing_and_the_car_is_left_at_rest_when_it_i
     assert (len(link.sent), radio.mode) == (2, RadioMode.IDLE)
     link.fault = ""
     radio.turn(1.3)
-    assert "was lost" in radio.fault(1.3), "a port that comes back to fail again is shown all the time"
+    assert "was lost" in radio.fault(1.3), (
+        "a port that comes back to fail again is shown all the time"
+    )
     link.report(REPORT, 2.2)
     radio.turn(2.2)
     assert radio.fault(2.2) == ""
@@ -257,14 +277,25 @@ def test_a_car_that_is_armed_anew_under_a_stop_is_stopped_again(radio, link):
 
 def test_report_survives_the_frame_and_wrong_ones_are_refused():
     assert decode_report(make_report(REPORT)) == REPORT
-    assert decode_report(make_report(CarReport(False, True, RadioMode.AUTO))).operator_age == math.inf
+    assert (
+        decode_report(make_report(CarReport(False, True, RadioMode.AUTO))).operator_age == math.inf
+    )
     for asks in Asks:
-        assert decode_report(make_report(CarReport(True, True, RadioMode.IDLE, asks=asks))).asks is asks
+        assert (
+            decode_report(make_report(CarReport(True, True, RadioMode.IDLE, asks=asks))).asks
+            is asks
+        )
         tailless = CarReport(True, False, RadioMode.IDLE, asks=asks, has_tail=False)
         assert decode_report(make_report(tailless)) == tailless
     data = make_report(CarReport(True, False, RadioMode.IDLE, text="long " * 40))
     assert len(data) == 100
-    for wrong in (data[:41], data + b"x", b"\x05" + data[1:], data[:4] + b"\x09" + data[5:], data[:11] + b"\xff" * 32):
+    for wrong in (
+        data[:41],
+        data + b"x",
+        b"\x05" + data[1:],
+        data[:4] + b"\x09" + data[5:],
+        data[:11] + b"\xff" * 32,
+    ):
         with pytest.raises(FrameError):
             decode_report(wrong)
 

@@ -1,4 +1,6 @@
-"""Connections that ask for nothing take neither the files of the console nor the operator's place."""
+"""Connections that ask for nothing take neither the files of the console nor the operator's
+place.
+"""
 
 import contextlib
 import socket
@@ -36,7 +38,9 @@ def connections():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\nHost: 127.0."], ids=["nothing", "half a request"])
+@pytest.mark.parametrize(
+    "sent", [b"", b"GET / HTTP/1.1\r\nHost: 127.0."], ids=["nothing", "half a request"]
+)
 def test_a_flood_is_kept_out_and_the_operator_gets_in(tmp_path, connections, monkeypatch, sent):
     monkeypatch.setattr(waiting, "REQUEST_TIME", 60.0)
     with contextlib.closing(Served(tmp_path)) as served:
@@ -47,13 +51,17 @@ def test_a_flood_is_kept_out_and_the_operator_gets_in(tmp_path, connections, mon
         assert page.state()["controls"]
         more = [connections(open_connection(served, sent)) for _ in range(FLOOD)]
         eventually(lambda: sum(map(is_closed, more)) >= FLOOD - MOST_WAITING)
-        assert page.state()["controls"]  # one that has asked for something is not among those that are closed
+        assert page.state()[
+            "controls"
+        ]  # one that has asked for something is not among those that are closed
 
 
 def test_one_that_never_ends_its_request_is_closed(tmp_path, connections, monkeypatch):
     monkeypatch.setattr(waiting, "REQUEST_TIME", 0.3)
     with contextlib.closing(Served(tmp_path)) as served:
-        silent, trickling = (connections(open_connection(served, sent)) for sent in (b"", b"GET / HTTP/1.1\r\n"))
+        silent, trickling = (
+            connections(open_connection(served, sent)) for sent in (b"", b"GET / HTTP/1.1\r\n")
+        )
         kept = connections(open_connection(served, b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"))
         page = served.page(served.enter())
         begin = time.monotonic()

@@ -36,7 +36,9 @@ def test_requests_are_the_bytes_of_the_data_sheet():
 
 
 def test_words_have_the_units_of_the_data_sheet():
-    sample = Bno055Sample((HALF, 0.0, 0.0, HALF), (1.0, -2.0, 0.5), (9.81, -0.01, 3.27), -4, (3, 2, 1, 0))
+    sample = Bno055Sample(
+        (HALF, 0.0, 0.0, HALF), (1.0, -2.0, 0.5), (9.81, -0.01, 3.27), -4, (3, 2, 1, 0)
+    )
     data = encode_sample(sample)
     assert len(data) == SAMPLE_BYTES == 34
     assert np.frombuffer(data[:6], "<i2").tolist() == [900, -1800, 450]
@@ -51,7 +53,9 @@ def test_words_have_the_units_of_the_data_sheet():
 
 
 def test_a_turn_to_the_left_carries_the_chips_x_axis_to_the_worlds_y_axis():
-    turned = decode_sample(encode_sample(Bno055Sample((HALF, 0.0, 0.0, HALF), (0.0,) * 3, (0.0,) * 3)))
+    turned = decode_sample(
+        encode_sample(Bno055Sample((HALF, 0.0, 0.0, HALF), (0.0,) * 3, (0.0,) * 3))
+    )
     np.testing.assert_allclose(turned.rotation[:, 0], [0.0, 1.0, 0.0], atol=1e-4)
 
 
@@ -77,17 +81,25 @@ def test_the_chip_answers_reads_and_writes_and_has_no_sample_before_its_fusion_r
     request = make_write(Register.MODE, bytes([Mode.IMU]))
     assert chip.feed(request[:3]) == b""
     assert chip.feed(request[3:]) == bytes.fromhex("EE01")
-    assert decode_sample(stream.feed(chip.feed(make_sample_request()))[0].data).quaternion == LEVEL.quaternion
+    assert (
+        decode_sample(stream.feed(chip.feed(make_sample_request()))[0].data).quaternion
+        == LEVEL.quaternion
+    )
     assert chip.feed(make_read(0x7F, 2)) == bytes.fromhex("EE04")
     assert chip.feed(b"\x55") == bytes.fromhex("EE06")
 
 
-@given(st.binary(max_size=20).filter(lambda noise: 0xBB not in noise and 0xEE not in noise), st.integers(1, 40))
+@given(
+    st.binary(max_size=20).filter(lambda noise: 0xBB not in noise and 0xEE not in noise),
+    st.integers(1, 40),
+)
 @settings(max_examples=200, deadline=None)
 def test_noise_before_an_answer_costs_nothing_however_it_is_cut(noise, piece):
     stream = AnswerStream()
     data = noise + bytes.fromhex("BB02A0FBEE01")
-    found = [answer for at in range(0, len(data), piece) for answer in stream.feed(data[at : at + piece])]
+    found = [
+        answer for at in range(0, len(data), piece) for answer in stream.feed(data[at : at + piece])
+    ]
     assert found == [Answer(data=b"\xa0\xfb"), Answer(status=1)]
     assert stream.rejected == len(noise)
 
@@ -109,7 +121,9 @@ def test_whatever_bytes_arrive_a_sample_is_finite_and_turns_or_is_refused(count)
         assert again[20:26] == data[20:26]
         assert again[32:] == data[32:]
 
-    fuzz(check, count, st.binary(min_size=SAMPLE_BYTES - 1, max_size=SAMPLE_BYTES + 1), st.booleans())
+    fuzz(
+        check, count, st.binary(min_size=SAMPLE_BYTES - 1, max_size=SAMPLE_BYTES + 1), st.booleans()
+    )
 
 
 @given(st.binary(max_size=200))

@@ -15,7 +15,12 @@ from aerodima.hardware.devices.motor_settings import (
     pd_torque,
     to_motor,
 )
-from aerodima.hardware.protocol.ak70 import AK70_10_24_N_M, MANUAL_SAMPLE_CODE, MitCommand, make_command
+from aerodima.hardware.protocol.ak70 import (
+    AK70_10_24_N_M,
+    MANUAL_SAMPLE_CODE,
+    MitCommand,
+    make_command,
+)
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.workbench.errors import HardwareError, ScenarioError
 from tests.hardware.fake_motors import PROFILE, Bench, hold, settings, tail_motor_parameters
@@ -55,7 +60,10 @@ def test_torque_within_the_limit_passes_unchanged():
 def test_position_is_kept_in_the_range_and_speed_below_its_limit():
     limited = limit_command(MitCommand(3.0, 40.0, 1.0, 0.0, 0.0), 1.0, 0.0, ROLL)
     assert (limited.position, limited.velocity) == (math.pi / 2, 25.0)
-    assert limit_command(MitCommand(-3.0, -40.0, 1.0, 0.0, 0.0), 1.0, 0.0, ROLL).position == -math.pi / 2
+    assert (
+        limit_command(MitCommand(-3.0, -40.0, 1.0, 0.0, 0.0), 1.0, 0.0, ROLL).position
+        == -math.pi / 2
+    )
 
 
 @pytest.mark.parametrize(("side", "place"), [(1, math.pi / 2), (-1, -math.pi / 2)])
@@ -67,7 +75,13 @@ def test_at_an_end_nothing_leads_further_out(side, place):
 
 
 @given(
-    st.tuples(st.floats(-20, 20), st.floats(-60, 60), st.floats(0, 600), st.floats(0, 8), st.floats(-40, 40)),
+    st.tuples(
+        st.floats(-20, 20),
+        st.floats(-60, 60),
+        st.floats(0, 600),
+        st.floats(0, 8),
+        st.floats(-40, 40),
+    ),
     st.floats(-1.7, 1.7),
     st.floats(-25, 25),
 )

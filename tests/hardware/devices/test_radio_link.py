@@ -1,4 +1,6 @@
-"""The operator's radio over a pseudo-terminal: ages, the latch of the stop, frames that count for nothing."""
+"""The operator's radio over a pseudo-terminal: ages, the latch of the stop, frames that count for
+nothing.
+"""
 
 import math
 import os

@@ -68,7 +68,9 @@ def imu(tmp_path):
     chip, count = Bno055Chip(), itertools.count()
 
     def living(data):
-        chip.set_sample(dataclasses.replace(LEVEL, acceleration=(0.01 * (next(count) % 5), 0.0, 0.0)))
+        chip.set_sample(
+            dataclasses.replace(LEVEL, acceleration=(0.01 * (next(count) % 5), 0.0, 0.0))
+        )
         return chip.feed(data)
 
     terminal = Terminal(tmp_path, living)
@@ -89,7 +91,9 @@ def test_the_chip_is_set_up_and_read_at_100_hz(imu):
         assert wait_until(lambda: thread.newest[0] > asked[-1])
         asked.append(thread.newest[0])
     # The median: a busy computer makes some samples late.
-    assert statistics.median(after - before for before, after in pairwise(asked)) == pytest.approx(0.01, abs=5e-4)
+    assert statistics.median(after - before for before, after in pairwise(asked)) == pytest.approx(
+        0.01, abs=5e-4
+    )
 
 
 def test_samples_come_in_step_with_the_loop(imu):

@@ -1,4 +1,6 @@
-"""Motors, pulses and sail through the Teensy's strings on a pseudo-terminal, with the same checks as on the CAN bus."""
+"""Motors, pulses and sail through the Teensy's strings on a pseudo-terminal, with the same checks
+as on the CAN bus.
+"""
 
 import math
 import time
@@ -10,7 +12,12 @@ from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.teensy_link import TeensyLink, pulse
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit, make_neutral
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES, MotorRequest, TeensyStatus
+from aerodima.hardware.protocol.teensy import (
+    SERVO_PULSES,
+    THROTTLE_PULSES,
+    MotorRequest,
+    TeensyStatus,
+)
 from aerodima.hardware.transport.serial_link import SerialLink, SerialSettings, open_serial
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.fake_can import wait_until
@@ -46,7 +53,9 @@ class Car:
         self.group.set_enter(time.monotonic())
         self.turn(20)
         self.turn(20, hold(0.0))
-        assert [motor.state for motor in self.group.motors] == [MotorState.RUNNING] * 2, self.group.fault_text
+        assert [motor.state for motor in self.group.motors] == [MotorState.RUNNING] * 2, (
+            self.group.fault_text
+        )
         return self
 
     def first_exit(self, motor, since):
@@ -77,13 +86,19 @@ def test_motors_are_entered_moved_and_exited_through_the_strings(car):
     assert car.group.motors[1].temperature == 30.0
     car.group.set_exit(time.monotonic())
     assert car.link.flush()
-    assert wait_until(lambda: not car.teensy.motors[1].entered and not car.teensy.motors[2].entered, 0.5)
+    assert wait_until(
+        lambda: not car.teensy.motors[1].entered and not car.teensy.motors[2].entered, 0.5
+    )
 
 
 def test_motor_that_nobody_asked_anything_is_ordered_to_exit(car):
     car.turn(5)
-    assert {order.request for _, command in car.teensy.commands for order in command.motors} == {MotorRequest.EXIT}
-    assert car.group.motors[0].position == pytest.approx(0.0, abs=1e-3)  # its position is known before it is entered
+    assert {order.request for _, command in car.teensy.commands for order in command.motors} == {
+        MotorRequest.EXIT
+    }
+    assert car.group.motors[0].position == pytest.approx(
+        0.0, abs=1e-3
+    )  # its position is known before it is entered
 
 
 def test_sail_and_pulses_pass_through(car):
@@ -150,7 +165,9 @@ def test_motor_fault_comes_through(car):
     assert car.group.motors[0].fault_text == "tail pitch: reports encoder"
 
 
-@pytest.mark.parametrize("damage", [lambda text: b"", lambda text: text.replace(b"90", b"91"), lambda text: text[:-8]])
+@pytest.mark.parametrize(
+    "damage", [lambda text: b"", lambda text: text.replace(b"90", b"91"), lambda text: text[:-8]]
+)
 def test_silent_or_damaged_teensy_switches_the_motors_off(car, damage):
     car.run()
     start = time.monotonic()
@@ -162,7 +179,9 @@ def test_silent_or_damaged_teensy_switches_the_motors_off(car, damage):
     car.teensy.damage = lambda text: text
     car.turn(20, hold(0.0))
     assert car.link.fault is SourceFault.NONE
-    assert {motor.state for motor in car.group.motors} == {MotorState.FAULTED}  # nothing is re-armed by itself
+    assert {motor.state for motor in car.group.motors} == {
+        MotorState.FAULTED
+    }  # nothing is re-armed by itself
 
 
 def test_watchdog_of_the_teensy_is_a_fault(car):
@@ -195,7 +214,9 @@ def test_cable_pulled_and_put_back_reconnects_and_re_arms_nothing(car):
     car.turn(60, hold(0.0))
     assert car.serial.losses == 1
     assert car.link.fault is SourceFault.NONE
-    after = [order.request for _, command in car.teensy.commands[before:] for order in command.motors]
+    after = [
+        order.request for _, command in car.teensy.commands[before:] for order in command.motors
+    ]
     assert after
     assert set(after) == {MotorRequest.EXIT}
     car.group.reset(time.monotonic())
@@ -210,7 +231,9 @@ def test_motors_are_not_entered_before_the_teensy_has_answered():
 
 
 def test_missing_device_is_one_line():
-    with pytest.raises(HardwareError, match=r"/dev/ttyNOT_THERE: cannot be opened: there is no such device"):
+    with pytest.raises(
+        HardwareError, match=r"/dev/ttyNOT_THERE: cannot be opened: there is no such device"
+    ):
         SerialLink.open(SerialSettings(path="/dev/ttyNOT_THERE"))
 
 

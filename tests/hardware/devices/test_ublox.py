@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aerodima.hardware.devices.ublox import GpsSample, GpsStream, decode_nav_pvt, make_nav_pvt, ubx_checksum
+from aerodima.hardware.devices.ublox import (
+    GpsSample,
+    GpsStream,
+    decode_nav_pvt,
+    make_nav_pvt,
+    ubx_checksum,
+)
 from aerodima.hardware.protocol.can_frame import FrameError
 from tests.hardware.fuzzing import fuzz
 
@@ -69,11 +75,15 @@ def test_encoder_refuses_what_no_receiver_says():
 def test_noise_and_cuts_cost_no_frame(noise, piece):
     stream = GpsStream()
     data = noise + nav_pvt(1000) + noise + make_nav_pvt(SAMPLE) + RMC + noise + nav_pvt(2000)
-    speeds = [s.speed for at in range(0, len(data), piece) for s in stream.feed(data[at : at + piece])]
+    speeds = [
+        s.speed for at in range(0, len(data), piece) for s in stream.feed(data[at : at + piece])
+    ]
     assert speeds == pytest.approx([1.0, 3.333, 2.0], abs=1e-3)
 
 
-@pytest.mark.parametrize("start", [b"\xb5\x62\x01\x07\xff\x00", RMC, b"\xb5", b"\xb5\x62\x01\x07\x20\x03"])
+@pytest.mark.parametrize(
+    "start", [b"\xb5\x62\x01\x07\xff\x00", RMC, b"\xb5", b"\xb5\x62\x01\x07\x20\x03"]
+)
 def test_a_false_start_costs_at_most_the_frames_that_it_swallows(start):
     stream = GpsStream()
     speeds = [sample.speed for sample in stream.feed(start + nav_pvt(1000) * 4)]

@@ -1,4 +1,6 @@
-"""A wiring in memory: a tail that follows its commands without mass, a yaw rate by the tick, faults by hand."""
+"""A wiring in memory: a tail that follows its commands without mass, a yaw rate by the tick, faults
+by hand.
+"""
 
 import math
 
@@ -17,13 +19,21 @@ PERIOD = 0.01
 
 def quick_turn(**settings):
     """The AUTO sequence in two seconds: turn at 0.5 s for 0.5 s, throttle off at 1.2 s."""
-    times = {"straight_time": 0.5, "speed_ramp": 0.3, "wait_after_turn": 0.2, "log_end": 2.0, **settings}
+    times = {
+        "straight_time": 0.5,
+        "speed_ramp": 0.3,
+        "wait_after_turn": 0.2,
+        "log_end": 2.0,
+        **settings,
+    }
     return load_scenario("auto_turn", [f"manoeuvre.{key}={value}" for key, value in times.items()])
 
 
 class FakeWiring:
-    """Attributes: commands: as exchanged; calls: of arm, hold, disarm, reset, stop; faults: on the status by name;
-    operator: what is chosen, by one who goes to IDLE first when the car asks for it, unless `stubborn`.
+    """Attributes: commands: as exchanged; calls: of arm, hold, disarm, reset, stop; faults: on the
+    status by name;
+    operator: what is chosen, by one who goes to IDLE first when the car asks for it, unless
+    `stubborn`.
     """
 
     def __init__(self, roll=-math.pi / 2, yaw_rate=lambda tick: 0.0):
@@ -82,7 +92,10 @@ class FakeWiring:
             raise self.raises
         imu = np.zeros(9)
         imu[:2] = self.attitude
-        imu[2], imu[5] = math.remainder(3.0 + 0.05 * len(self.commands), 2 * math.pi), self.yaw_rate(len(self.commands))
+        imu[2], imu[5] = (
+            math.remainder(3.0 + 0.05 * len(self.commands), 2 * math.pi),
+            self.yaw_rate(len(self.commands)),
+        )
         status = {f"{source}_age": self.ages.get(source, 0.004) for source in STATUS_SOURCES}
         status |= {name.replace("_age", "_fault"): 0.0 for name in status}
         status |= {f"{source}_fault": float(code) for source, code in self.faults.items()}

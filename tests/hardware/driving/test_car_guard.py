@@ -15,7 +15,9 @@ from aerodima.workbench.errors import HardwareError
 from tests.hardware.driving.fake_wiring import PERIOD, FakeWiring
 
 SAFETY = load_drive_safety()
-FORWARD = CarCommand(0.1, 0.05, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([-1.57, 0.0, 17.0, 5.0, 0.0]))
+FORWARD = CarCommand(
+    0.1, 0.05, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([-1.57, 0.0, 17.0, 5.0, 0.0])
+)
 STOP = CarCommand()
 
 
@@ -44,7 +46,9 @@ class Car:
 
 
 def same(a, b):
-    return (a.steering_angle, a.throttle) == (b.steering_angle, b.throttle) and np.array_equal(a.tail_roll, b.tail_roll)
+    return (a.steering_angle, a.throttle) == (b.steering_angle, b.throttle) and np.array_equal(
+        a.tail_roll, b.tail_roll
+    )
 
 
 @pytest.fixture
@@ -124,7 +128,9 @@ SOFT = {
     "imu error": soft("imu", SourceFault.REPORTED),
     "gps silent": soft("speed", SourceFault.SILENT),
     "left AUTO": lambda car: setattr(car.wiring, "operator", OperatorCommand(RadioMode.IDLE)),
-    "took over": lambda car: setattr(car.wiring, "operator", OperatorCommand(RadioMode.MANUAL, 1.0)),
+    "took over": lambda car: setattr(
+        car.wiring, "operator", OperatorCommand(RadioMode.MANUAL, 1.0)
+    ),
     "run over": lambda car: car.guard.stop("the run is over", car.now),
 }
 
@@ -172,8 +178,15 @@ def test_a_hard_reason_exits_at_once(car, cause):
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_command_that_is_not_finite_never_reaches_the_car(car, place, value):
     car.driving()
-    values = {"steering_angle": 0.1, "throttle": 0.05, "tail_pitch": np.ones(5), "tail_roll": np.ones(5)}
-    values[place] = value if place in ("steering_angle", "throttle") else np.array([0.0, value, 1.0, 1.0, 0.0])
+    values = {
+        "steering_angle": 0.1,
+        "throttle": 0.05,
+        "tail_pitch": np.ones(5),
+        "tail_roll": np.ones(5),
+    }
+    values[place] = (
+        value if place in ("steering_angle", "throttle") else np.array([0.0, value, 1.0, 1.0, 0.0])
+    )
     car.turn(CarCommand(**values))
     assert same(car.last, STOP)
     assert car.guard.stage is Stage.EXITING
@@ -318,4 +331,6 @@ def test_an_operator_who_leaves_the_mode_and_falls_silent_was_lost(car, heard):
     car.turn(count=100)
     assert car.guard.finished
     assert (car.guard.left, car.guard.hard) == (heard, False)
-    assert car.guard.reason == "the operator left AUTO for IDLE" + " and was not heard any more" * (not heard)
+    assert car.guard.reason == "the operator left AUTO for IDLE" + " and was not heard any more" * (
+        not heard
+    )

@@ -72,12 +72,16 @@ def test_the_throttle_comes_on_at_its_rate_and_goes_back_at_once(car):
 
 
 def test_the_rate_keeps_a_car_without_its_board_on_its_wheels():
-    """Below the 3.0 m/s2 that it bears in simulation (at 3.5 it tips backwards), with and without governor."""
+    """Below the 3.0 m/s2 that it bears in simulation (at 3.5 it tips backwards), with and without
+    governor.
+    """
     drive = load_scenario("auto_turn").drive
     assert drive.throttle_gain * SAFETY.throttle_rate <= 0.85 * 3.0
     fastest = drive.throttle_gain * SAFETY.throttle_limit + drive.throttle_offset
     assert fastest / 3.0 <= 0.85 * 3.0, "open loop, with the least time constant of its prior"
-    assert SAFETY.throttle_start == pytest.approx(-drive.throttle_offset / drive.throttle_gain, abs=2e-3)
+    assert SAFETY.throttle_start == pytest.approx(
+        -drive.throttle_offset / drive.throttle_gain, abs=2e-3
+    )
 
 
 def test_a_car_that_is_too_fast_is_stopped_softly(car):
@@ -88,7 +92,10 @@ def test_a_car_that_is_too_fast_is_stopped_softly(car):
     assert car.guard.stage is Stage.HOLDING
     assert SAFETY.speed_time <= car.now - begin <= SAFETY.speed_time + 0.021
     assert car.last.throttle == 0.0
-    assert car.guard.reason == f"the car drives {SAFETY.speed_limit + 0.1:.1f} m/s; allowed is {SAFETY.speed_limit:g}"
+    assert (
+        car.guard.reason
+        == f"the car drives {SAFETY.speed_limit + 0.1:.1f} m/s; allowed is {SAFETY.speed_limit:g}"
+    )
 
 
 def test_a_speed_that_is_not_known_is_no_speed(car):

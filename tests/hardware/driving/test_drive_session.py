@@ -1,4 +1,6 @@
-"""A whole drive on devices in memory: however it ends, exit frames and throttle 0 go out, and the log can be read."""
+"""A whole drive on devices in memory: however it ends, exit frames and throttle 0 go out, and the
+log can be read.
+"""
 
 import os
 import signal
@@ -55,7 +57,9 @@ class Drive:
         scenario = self.bench.scenario
         chosen = DriveOptions(self.log, with_drake=self.with_drake, **options)
         law = LawThatBreaks(scenario, fail)
-        return run_drive(self.bench.car, scenario, ports_from_dict(PORTS), chosen, self.said.append, law=law)
+        return run_drive(
+            self.bench.car, scenario, ports_from_dict(PORTS), chosen, self.said.append, law=law
+        )
 
     def assert_safe(self):
         assert not any(motor.entered for motor in self.bench.port.motors)
@@ -83,7 +87,9 @@ def test_the_sequence_runs_and_ends_in_order(drive):
 
 
 def test_a_traffic_log_that_stopped_is_told_in_the_outcome(drive):
-    drive.bench.devices.bus = SimpleNamespace(log_error="CAN traffic log stopped: No space left on device")
+    drive.bench.devices.bus = SimpleNamespace(
+        log_error="CAN traffic log stopped: No space left on device"
+    )
     result = drive.run()
     assert (result.reason, result.orderly) == (RUN_OVER, True)
     assert result.traffic_error == "CAN traffic log stopped: No space left on device"
@@ -173,9 +179,14 @@ def test_an_operator_who_is_lost_in_auto_is_no_orderly_end(drive):
     ticks = []
 
     def vanish(result):
-        """The console sends the car to rest when the page has gone; the heartbeat ends with the page."""
+        """The console sends the car to rest when the page has gone; the heartbeat ends with the
+        page.
+        """
         ticks.append(len(ticks))
-        drive.bench.radio.command, drive.bench.radio.silence = OperatorCommand(RadioMode.IDLE), 0.05 + 0.01 * len(ticks)
+        drive.bench.radio.command, drive.bench.radio.silence = (
+            OperatorCommand(RadioMode.IDLE),
+            0.05 + 0.01 * len(ticks),
+        )
         return result
 
     result = drive.run(vanish)
@@ -222,6 +233,8 @@ def test_a_motor_that_does_not_answer_fails_the_start(drive):
 
 def test_a_tail_far_from_its_mark_fails_the_start(drive):
     drive.bench.port.motors[1].position = -0.8
-    with pytest.raises(HardwareError, match=r"tail roll zero: at -4[3-5]"):  # moved by the trial of direction
+    with pytest.raises(
+        HardwareError, match=r"tail roll zero: at -4[3-5]"
+    ):  # moved by the trial of direction
         drive.run()
     drive.assert_safe()

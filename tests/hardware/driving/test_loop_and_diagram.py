@@ -1,4 +1,6 @@
-"""The plain loop and the diagram are one drive: same commands, same log; both write what a simulation writes."""
+"""The plain loop and the diagram are one drive: same commands, same log; both write what a
+simulation writes.
+"""
 
 import math
 import os
@@ -18,7 +20,13 @@ from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.driving import run_journal
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.driving.drive_diagram import CarInterface, DiagramPilot
-from aerodima.hardware.driving.plain_loop import PERIOD, AutoPilot, ManualPilot, idle_until, run_loop
+from aerodima.hardware.driving.plain_loop import (
+    PERIOD,
+    AutoPilot,
+    ManualPilot,
+    idle_until,
+    run_loop,
+)
 from aerodima.hardware.driving.run_journal import RunJournal, drive_columns, open_run_journal
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS
@@ -62,7 +70,9 @@ def plain(path, wiring, scenario=SCENARIO, length=2.0, pilot=None):
     clock = Time()
     guard = armed(wiring, clock)
     journal = open_run_journal(path, scenario, "watched_can")
-    stopped = run_loop(guard, pilot or AutoPilot(scenario), scenario, length, journal, clock, clock.wait)
+    stopped = run_loop(
+        guard, pilot or AutoPilot(scenario), scenario, length, journal, clock, clock.wait
+    )
     journal.close()
     return guard, stopped
 
@@ -79,7 +89,11 @@ def test_ports_are_those_of_the_simulated_station():
         inputs = [station.get_input_port(index) for index in range(station.num_input_ports())]
         outputs = [station.get_output_port(index) for index in range(station.num_output_ports())]
         named = {f"in {port.get_name()}": port.size() for port in inputs}
-        return named | {f"out {port.get_name()}": port.size() for port in outputs if "_truth" not in port.get_name()}
+        return named | {
+            f"out {port.get_name()}": port.size()
+            for port in outputs
+            if "_truth" not in port.get_name()
+        }
 
     assert ports(real) == ports(simulated)
     assert len(ports(real)) == len(STATION_INPUTS) + len(STATION_OUTPUTS)
@@ -96,7 +110,9 @@ def test_plain_loop_and_diagram_give_the_same_commands_and_the_same_log(tmp_path
         np.testing.assert_array_equal(ours.tail_pitch, theirs.tail_pitch)
     logs = [read_run_log(tmp_path / f"{name}.parquet") for name in ("plain", "drake")]
     assert list(logs[0].table.columns) == list(logs[1].table.columns) == drive_columns()
-    np.testing.assert_allclose(logs[0].table.to_numpy(), logs[1].table.to_numpy(), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        logs[0].table.to_numpy(), logs[1].table.to_numpy(), rtol=0, atol=1e-12
+    )
 
 
 def test_the_sequence_turns_swings_and_cuts_the_throttle(tmp_path):
@@ -108,7 +124,9 @@ def test_the_sequence_turns_swings_and_cuts_the_throttle(tmp_path):
     states = log.signal("controller_state")
     assert {SwingState.HOLD, SwingState.SWING, SwingState.SETTLE} <= set(states)
     turning = log.signal("steering_command_rad") > 0.5
-    assert log.time[turning][[0, -1]] == pytest.approx([0.51, 1.0])  # a row shows what left one tick before
+    assert log.time[turning][[0, -1]] == pytest.approx(
+        [0.51, 1.0]
+    )  # a row shows what left one tick before
     assert np.all(log.signal("throttle_command")[log.time > 1.21] == 0.0)
     assert log.signal("tail_roll_angle_rad")[0] == pytest.approx(-math.pi / 2)
     assert log.signal("tail_roll_angle_rad")[-1] > 1.3
@@ -162,7 +180,9 @@ def test_a_stick_that_jumps_does_not_swing_the_tail():
         operator=OperatorCommand(RadioMode.MANUAL, pitch_tail=-0.2, roll_tail=1.5),
     )
     steps = [pilot.step(tick * PERIOD, reading).command for tick in range(301)]
-    roll, pitch = (np.array([getattr(step, name)[0] for step in steps]) for name in ("tail_roll", "tail_pitch"))
+    roll, pitch = (
+        np.array([getattr(step, name)[0] for step in steps]) for name in ("tail_roll", "tail_pitch")
+    )
     most = load_motor_safety().ramp_speed * PERIOD
     assert roll[0] == pytest.approx(-1.5 + most)
     assert np.all(np.abs(np.diff(roll)) <= most + 1e-12)
@@ -171,7 +191,9 @@ def test_a_stick_that_jumps_does_not_swing_the_tail():
 
 @pytest.mark.skipif(not permitted()[0], reason="real-time priority is not permitted here")
 def test_the_log_of_a_loop_with_priority_is_written_with_priority(tmp_path):
-    """An ordinary thread, displaced by another program while it holds the interpreter's lock, would stop the loop."""
+    """An ordinary thread, displaced by another program while it holds the interpreter's lock, would
+    stop the loop.
+    """
     found = []
 
     def drive():
@@ -189,7 +211,9 @@ def test_the_log_of_a_loop_with_priority_is_written_with_priority(tmp_path):
     assert found == [os.SCHED_RR]
 
 
-def test_a_full_disk_stops_the_car_and_what_it_did_not_take_is_in_the_log_once_there_is_room(tmp_path):
+def test_a_full_disk_stops_the_car_and_what_it_did_not_take_is_in_the_log_once_there_is_room(
+    tmp_path,
+):
     class FullDisk(RunJournal):
         def _write_batch(self):
             if self.rows + self._filled > 60:
@@ -221,7 +245,9 @@ def test_a_full_disk_stops_the_car_and_what_it_did_not_take_is_in_the_log_once_t
 
 
 @pytest.mark.parametrize("taken", [False, True])
-def test_a_log_whose_folder_is_removed_is_said_at_once_and_written_all_the_same(tmp_path, monkeypatch, taken):
+def test_a_log_whose_folder_is_removed_is_said_at_once_and_written_all_the_same(
+    tmp_path, monkeypatch, taken
+):
     monkeypatch.setattr(run_journal, "_LOOK", 0.01)
     said, path = [], tmp_path / "logs" / "run.parquet"
     journal = open_run_journal(path, SCENARIO, "watched_can", say=said.append)
@@ -258,7 +284,9 @@ while True:
 
 @pytest.mark.realtime
 def test_a_killed_drive_loses_a_tenth_of_a_second_of_its_log_at_most(tmp_path):
-    process = subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path / "run.parquet")], stdout=subprocess.PIPE)
+    process = subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(tmp_path / "run.parquet")], stdout=subprocess.PIPE
+    )
     assert process.stdout.readline() == b"ready\n"
     time.sleep(1.23)
     killed = time.monotonic()

@@ -1,4 +1,6 @@
-"""The whole way on the emulated car: command line, real byte streams, both wirings, against the simulation."""
+"""The whole way on the emulated car: command line, real byte streams, both wirings, against the
+simulation.
+"""
 
 import os
 import signal
@@ -27,16 +29,19 @@ pytestmark = [pytest.mark.emulated, pytest.mark.slow]
 
 SETTINGS = [
     "drive.governor=true",  # at its speed in a second, where the open-loop car takes a dozen
-    # The car's throttle comes on at a limited rate, the simulated one's at once: after ten seconds both are as fast.
+    # The car's throttle comes on at a limited rate, the simulated one's at once: after ten seconds
+    # both are as fast.
     "manoeuvre.speed=2.0",  # at that of the parameter files it tips over, and the drive stops it
     "manoeuvre.straight_time=10",
     "manoeuvre.log_end=13",
-    # Both events of the swing come well after a tick of the simulation's controller, so that readings that are some
-    # milliseconds older show them at the same tick or at the next one: a tick more or less is 0.08 rad of the swing.
+    # Both events of the swing come well after a tick of the simulation's controller, so that
+    # readings that are some milliseconds older show them at the same tick or at the next one: a
+    # tick more or less is 0.08 rad of the swing.
     "controller.trigger_yaw_rate=0.297",
     "controller.travel=2.225",
     "servo.frame_rate=250",  # frames of 100 Hz begin at any time within a tick of the drive
-    "simulation.step=0.004",  # half the load of a step of 2 ms for a machine that runs car and drive
+    # half the load of a step of 2 ms for a machine that runs car and drive
+    "simulation.step=0.004",
     "simulation.log_rate=250",
 ]
 FLAGS = [word for setting in SETTINGS for word in ("--set", setting)]
@@ -60,7 +65,15 @@ class Emulated(EmulatorProcess):
         self.log = folder / "drive.parquet"
 
     def drive(self, *flags, scenario=("auto_turn", *FLAGS), program=(PROGRAM,)):
-        command = [*program, "drive", *scenario, "--ports", str(self.folder / "ports.json"), "--wiring", self.wiring]
+        command = [
+            *program,
+            "drive",
+            *scenario,
+            "--ports",
+            str(self.folder / "ports.json"),
+            "--wiring",
+            self.wiring,
+        ]
         return subprocess.Popen(
             [*command, "--out", str(self.log), "--arm", *flags],
             env={**os.environ, "OMP_NUM_THREADS": "1"},
@@ -88,10 +101,11 @@ def finish(process):
 
 
 def from_the_turn(log, before=0.5, after=2.5):
-    """Times since the steering command at which the roll angle of the tail was sampled, and the angle.
+    """Times since the steering command at which the roll angle of the tail was sampled, and the
+    angle.
 
-    A row shows what stood on the ports before its tick: the command of the tick before, and in a drive's log the
-    reading of the tick before; the age of a sample is on the status.
+    A row shows what stood on the ports before its tick: the command of the tick before, and in a
+    drive's log the reading of the tick before; the age of a sample is on the status.
     """
     step = float(np.median(np.diff(log.time)))
     start = log.time[np.argmax(np.abs(log.signal("steering_command_rad")) > 0.1)] - step
@@ -103,7 +117,9 @@ def from_the_turn(log, before=0.5, after=2.5):
 
 def rms_to(simulated, log):
     time, angle = from_the_turn(log)
-    return float(np.sqrt(np.mean((angle - np.interp(time, *from_the_turn(simulated, 0.6, 2.6))) ** 2)))
+    return float(
+        np.sqrt(np.mean((angle - np.interp(time, *from_the_turn(simulated, 0.6, 2.6))) ** 2))
+    )
 
 
 def driven(folder, wiring, *flags, **how):
@@ -116,12 +132,16 @@ def driven(folder, wiring, *flags, **how):
 
 
 @each_wiring
-def test_same_swing_and_outcome_as_in_simulation_and_a_log_that_everything_reads(tmp_path, wiring, simulated):
+def test_same_swing_and_outcome_as_in_simulation_and_a_log_that_everything_reads(
+    tmp_path, wiring, simulated
+):
     def same_swing(folder):
         emulated = driven(folder, wiring)
         log, truth = read_run_log(emulated.log), read_run_log(emulated.folder / "truth.parquet")
         found = rms_to(simulated, truth), rms_to(simulated, log)
-        print(f"{wiring}: RMS of truth and log to the simulation: {found[0]:.4f}, {found[1]:.4f} rad")
+        print(
+            f"{wiring}: RMS of truth and log to the simulation: {found[0]:.4f}, {found[1]:.4f} rad"
+        )
         assert max(found) <= 0.03, found
         return log, truth
 
@@ -129,13 +149,16 @@ def test_same_swing_and_outcome_as_in_simulation_and_a_log_that_everything_reads
     outcome, planned = (metrics_of(run).outcome for run in (truth, simulated))
     tips = [run.signal("tail_tip_z_truth_m").min() for run in (truth, simulated)]
     print(
-        f"{wiring}: {outcome.result}, {planned.result}; tip down to {tips} m, tilt {outcome.max_tilt_rad:.3f}, "
+        f"{wiring}: {outcome.result}, {planned.result}; tip down to {tips} m, tilt "
+        f"{outcome.max_tilt_rad:.3f}, "
         f"{planned.max_tilt_rad:.3f} rad"
     )
     assert outcome.result == planned.result
     assert tips[0] == pytest.approx(tips[1], abs=0.02)
     assert outcome.max_tilt_rad == pytest.approx(planned.max_tilt_rad, abs=0.05)
-    assert [column.name for column in sensor_columns()] == list(log.table.columns)[: len(sensor_columns())]
+    assert [column.name for column in sensor_columns()] == list(log.table.columns)[
+        : len(sensor_columns())
+    ]
     assert log.extra["stop_reason"] == "the run is over"
     assert np.all(log.signal("status_armed") == 1.0)
     metrics = metrics_of(log)
@@ -149,7 +172,9 @@ def test_same_swing_and_outcome_as_in_simulation_and_a_log_that_everything_reads
 def test_without_drake_from_a_bundle_the_car_swings_the_same(tmp_path, wiring, simulated):
     bundle = tmp_path / "bundle.json"
     subprocess.run(
-        [PROGRAM, "models", "export", "auto_turn", *FLAGS, "--out", str(bundle)], check=True, capture_output=True
+        [PROGRAM, "models", "export", "auto_turn", *FLAGS, "--out", str(bundle)],
+        check=True,
+        capture_output=True,
     )
     program = (sys.executable, "-c", NO_DRAKE)
 
@@ -163,7 +188,9 @@ def test_without_drake_from_a_bundle_the_car_swings_the_same(tmp_path, wiring, s
 
 
 @each_wiring
-def test_motors_are_not_armed_without_a_recorded_watchdog_test_and_a_dry_run_moves_nothing(tmp_path, wiring):
+def test_motors_are_not_armed_without_a_recorded_watchdog_test_and_a_dry_run_moves_nothing(
+    tmp_path, wiring
+):
     with Emulated(tmp_path, wiring) as emulated:
         status, _, err = finish(emulated.drive())
         assert status == 2
@@ -185,7 +212,10 @@ def test_the_command_makes_the_watchdog_test(tmp_path, wiring):
             status, out, err = finish(emulated.drive("--watchdog-test"))
             assert status == 0, out + err
             assert "exit frames after" in out
-            assert {event["joint"] for event in emulated.named("off")} == {"tail_pitch", "tail_roll"}
+            assert {event["joint"] for event in emulated.named("off")} == {
+                "tail_pitch",
+                "tail_roll",
+            }
 
     undisturbed(recorded, tmp_path)
 
@@ -209,7 +239,10 @@ def test_a_signal_switches_everything_off_and_leaves_a_log(tmp_path, wiring, num
         assert {event["joint"] for event in off} == {"tail_pitch", "tail_roll"}
         assert all(event["reason"] == "exit frame" for event in off)
         times = [max(event["time_s"] for event in off) - sent, neutral["time_s"] - sent]
-        print(f"{wiring} {signal.Signals(number).name}: motors off {times[0]:.3f} s, throttle {times[1]:.3f} s")
+        print(
+            f"{wiring} {signal.Signals(number).name}: motors off {times[0]:.3f} s, throttle "
+            f"{times[1]:.3f} s"
+        )
         assert max(times) < 0.2
         log = read_run_log(emulated.log)
         assert log.extra["stop_reason"] == signal.Signals(number).name

@@ -1,4 +1,6 @@
-"""A diagram of one's own: simulated, refused before the motors are on, broken while it drives, on the emulated car."""
+"""A diagram of one's own: simulated, refused before the motors are on, broken while it drives, on
+the emulated car.
+"""
 
 import math
 
@@ -26,7 +28,12 @@ from tests.hardware.car.fake_devices import PORTS, CarOnTheBench, ImuAtRest
 from tests.hardware.driving.fake_wiring import quick_turn
 from tests.hardware.emulator.emulator_process import undisturbed
 
-SETTINGS = ["drive.governor=true", "manoeuvre.duration=4", "simulation.step=0.004", "simulation.log_rate=250"]
+SETTINGS = [
+    "drive.governor=true",
+    "manoeuvre.duration=4",
+    "simulation.step=0.004",
+    "simulation.log_rate=250",
+]
 SCENARIO = load_scenario("turn_swing", SETTINGS)
 
 
@@ -38,11 +45,15 @@ def simulated():
 @pytest.mark.slow
 def test_simulation_runs_its_discrete_and_continuous_states_and_logs_them(simulated):
     assert simulated.extra["diagram"] == "build"
-    steering, turned, way = (simulated.signal(name) for name in ("steering_command_rad", "turned_rad", "way_m"))
+    steering, turned, way = (
+        simulated.signal(name) for name in ("steering_command_rad", "turned_rad", "way_m")
+    )
     assert simulated.time[steering > 0.1][[0, -1]] == pytest.approx([2.0, 2.4], abs=0.02)
     felt = np.trapezoid(simulated.signal("imu_gyro_z_rad_per_s"), simulated.time)
     assert turned[-1] == pytest.approx(felt, abs=0.01)  # a sum of the samples that the rows have
-    assert way[-1] == pytest.approx(np.trapezoid(simulated.signal("speed_m_per_s"), simulated.time), rel=0.01)
+    assert way[-1] == pytest.approx(
+        np.trapezoid(simulated.signal("speed_m_per_s"), simulated.time), rel=0.01
+    )
     lifted = simulated.signal("tail_roll_command_position_rad") + math.pi / 2
     np.testing.assert_allclose(lifted, np.clip(2.0 * turned, 0.0, 1.0), atol=1e-12)
     assert metrics_of(simulated).outcome.result == "survived"
@@ -56,7 +67,9 @@ def test_diagram_on_the_car_gives_the_commands_of_its_tick():
     steps = [pilot.step(tick * PERIOD, reading) for tick in range(211)]
     ticks, turned, rates, way = np.array([step.own for step in steps]).T
     np.testing.assert_allclose(ticks, np.arange(211) * PERIOD, atol=1e-9)
-    np.testing.assert_allclose(turned, 0.5 * PERIOD * np.arange(1, 212), rtol=1e-9)  # the rehearsal left nothing
+    np.testing.assert_allclose(
+        turned, 0.5 * PERIOD * np.arange(1, 212), rtol=1e-9
+    )  # the rehearsal left nothing
     np.testing.assert_allclose(way, 2.0 * (np.arange(211) * PERIOD + 0.001), atol=1e-6)
     assert set(rates) == {0.5}
     assert [step.command.steering_angle for step in steps[199:202]] == [0.0, 0.2, 0.2]
@@ -71,20 +84,29 @@ def test_diagram_on_the_car_gives_the_commands_of_its_tick():
     ],
 )
 def test_turn_refuses_what_cannot_drive(function, said):
-    result = CliRunner().invoke(build_app(), ["run", "turn_swing", "--diagram", f"{own_diagram.__file__}:{function}"])
+    result = CliRunner().invoke(
+        build_app(), ["run", "turn_swing", "--diagram", f"{own_diagram.__file__}:{function}"]
+    )
     assert result.exit_code == 2
     assert said in result.stderr
     assert "Traceback" not in result.stderr
 
 
-def test_turn_shows_the_traceback_of_a_diagram_once_and_the_reason_in_one_line(tmp_path, monkeypatch):
+def test_turn_shows_the_traceback_of_a_diagram_once_and_the_reason_in_one_line(
+    tmp_path, monkeypatch
+):
     monkeypatch.setenv(own_diagram.BROKE_FILE, str(tmp_path / "broke"))
-    result = CliRunner().invoke(build_app(), ["run", "turn_swing", "--diagram", f"{own_diagram.__file__}:raises"])
+    result = CliRunner().invoke(
+        build_app(), ["run", "turn_swing", "--diagram", f"{own_diagram.__file__}:raises"]
+    )
     assert result.exit_code == 2
     assert result.stderr.count("Traceback") == 1
     assert "in _raise" in result.stderr
     assert "car_run.py" not in result.stderr
-    assert "ZeroDivisionError: in my controller (own_diagram.py, line" in result.stderr.splitlines()[-1]
+    assert (
+        "ZeroDivisionError: in my controller (own_diagram.py, line"
+        in result.stderr.splitlines()[-1]
+    )
 
 
 def test_column_that_is_there_already_is_refused():
@@ -92,7 +114,9 @@ def test_column_that_is_there_already_is_refused():
         own_diagram.build(builder, station)
         builder.ExportOutput(station.GetOutputPort("speed"), "speed_m_per_s")
 
-    with pytest.raises(UserError, match="'speed_m_per_s': 1 elements; allowed: as many new columns"):
+    with pytest.raises(
+        UserError, match="'speed_m_per_s': 1 elements; allowed: as many new columns"
+    ):
         simulate(SCENARIO, build=build)
 
 
@@ -105,7 +129,9 @@ class Bench:
     def drive(self, build):
         options = DriveOptions(self.log)
         car, scenario = self.car.car, self.car.scenario
-        return run_drive(car, scenario, ports_from_dict(PORTS), options, self.said.append, build=build)
+        return run_drive(
+            car, scenario, ports_from_dict(PORTS), options, self.said.append, build=build
+        )
 
     def assert_off(self):
         assert not any(motor.entered for motor in self.car.port.motors)
@@ -127,7 +153,9 @@ def test_drive_logs_what_the_diagram_exports_and_how_long_it_takes(bench):
     assert (log.extra["diagram"], log.extra["slow_ticks"]) == ("build", 0)
     assert np.all(log.signal("controller_time_s")[1:] > 0.0)
     assert log.signal("tick_s")[-1] == pytest.approx(1.99)
-    assert any(text.startswith("ok") and "diagram: a tick of it takes" in text for text in bench.said)
+    assert any(
+        text.startswith("ok") and "diagram: a tick of it takes" in text for text in bench.said
+    )
 
 
 @pytest.mark.realtime
@@ -137,10 +165,16 @@ def test_drive_logs_what_the_diagram_exports_and_how_long_it_takes(bench):
         (own_diagram.raises, "ZeroDivisionError: in my controller (own_diagram.py, line", 1),
         (own_diagram.commands_nan, "the controller commands NaN or infinity", 0),
         (own_diagram.stalls, "", 0),
-        (own_diagram.hangs, "TickTimeout: the controller does not come to an end (own_diagram.py, line", 1),
+        (
+            own_diagram.hangs,
+            "TickTimeout: the controller does not come to an end (own_diagram.py, line",
+            1,
+        ),
     ],
 )
-def test_diagram_that_breaks_switches_the_motors_off_and_keeps_the_log(bench, build, reason, tracebacks):
+def test_diagram_that_breaks_switches_the_motors_off_and_keeps_the_log(
+    bench, build, reason, tracebacks
+):
     result = bench.drive(build)
     assert not result.orderly
     assert result.reason.startswith(reason)
@@ -153,7 +187,9 @@ def test_diagram_that_breaks_switches_the_motors_off_and_keeps_the_log(bench, bu
 
 @pytest.mark.realtime
 def test_port_without_connection_is_found_before_the_motors_are_on(bench):
-    with pytest.raises(HardwareError, match=r"before the car is armed: RuntimeError: .*imu.* is not connected"):
+    with pytest.raises(
+        HardwareError, match=r"before the car is armed: RuntimeError: .*imu.* is not connected"
+    ):
         bench.drive(own_diagram.unconnected)
     assert not [frame for _, frame in bench.car.port.sent if frame.data.endswith(b"\xfc")]
     assert not list(bench.log.parent.glob("run*"))
@@ -162,17 +198,34 @@ def test_port_without_connection_is_found_before_the_motors_are_on(bench):
 @pytest.mark.emulated
 @pytest.mark.slow
 @pytest.mark.parametrize("wiring", WIRINGS)
-def test_same_file_drives_the_emulated_car_and_everything_reads_its_log(tmp_path, wiring, simulated):
+def test_same_file_drives_the_emulated_car_and_everything_reads_its_log(
+    tmp_path, wiring, simulated
+):
     def driven(folder):
         with emulated_car(SCENARIO, wiring, folder / "car") as car:
-            result = drive(own_diagram.build, SCENARIO, car.ports, folder / "run.parquet", wiring=wiring, arm=True)
+            result = drive(
+                own_diagram.build,
+                SCENARIO,
+                car.ports,
+                folder / "run.parquet",
+                wiring=wiring,
+                arm=True,
+            )
             assert (result.reason, result.orderly) == (RUN_OVER, True)
             assert len(car.events("off")) >= 2
         return read_run_log(result.log)
 
     log = undisturbed(driven, tmp_path)
-    last = {name: (run.signal(name)[-1], simulated.signal(name)[-1]) for run in [log] for name in own_diagram.OWN}
-    print(wiring, {name: f"{found:.3f} {expected:.3f}" for name, (found, expected) in last.items()}, log.extra)
+    last = {
+        name: (run.signal(name)[-1], simulated.signal(name)[-1])
+        for run in [log]
+        for name in own_diagram.OWN
+    }
+    print(
+        wiring,
+        {name: f"{found:.3f} {expected:.3f}" for name, (found, expected) in last.items()},
+        log.extra,
+    )
     assert last["turned_rad"][0] == pytest.approx(last["turned_rad"][1], abs=0.15)
     assert metrics_of(log).raw.max_yaw_rate_rad_per_s > 0.2
     assert "drive.governor" not in scenario_differences([log, simulated])

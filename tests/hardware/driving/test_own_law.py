@@ -1,4 +1,6 @@
-"""A tail law of one's own drives the real car as it does the simulated one, and the log of the drive names it."""
+"""A tail law of one's own drives the real car as it does the simulated one, and the log of the
+drive names it.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ class Upright:
     def start(self) -> np.ndarray:
         return np.zeros(0)
 
-    def step(self, memory: np.ndarray, observation: object) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def step(
+        self, memory: np.ndarray, observation: object
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         return memory, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([0.3, 0.0, 17.0, 5.0, 0.0]), 1
 
 
@@ -41,7 +45,9 @@ def test_law_drives_the_car_and_is_named_in_the_log(tmp_path: Path, with_drake: 
     bench, path = CarOnTheBench(*QUICK), tmp_path / "run.parquet"
     bench.devices.imu = ImuAtRest()
     options = DriveOptions(path, with_drake=with_drake, law_name="Upright")
-    result = run_drive(bench.car, bench.scenario, ports_from_dict(PORTS), options, lambda line: None, law=Upright())
+    result = run_drive(
+        bench.car, bench.scenario, ports_from_dict(PORTS), options, lambda line: None, law=Upright()
+    )
     assert result.orderly
     log = read_run_log(path)
     assert log.extra["tail_law"] == "Upright"
@@ -56,6 +62,8 @@ def test_law_drives_the_car_and_is_named_in_the_log(tmp_path: Path, with_drake: 
     ],
 )
 def test_drive_refuses_what_is_no_law(tmp_path: Path, words: tuple[str, ...], said: str) -> None:
-    result = CliRunner().invoke(build_app(), ["drive", "auto_turn", "--ports", str(tmp_path / "ports.json"), *words])
+    result = CliRunner().invoke(
+        build_app(), ["drive", "auto_turn", "--ports", str(tmp_path / "ports.json"), *words]
+    )
     assert result.exit_code == 2
     assert said in result.stderr

@@ -1,4 +1,6 @@
-"""CONTROL: the operator steers and drives, the tail swings by its law for the turn that is steered."""
+"""CONTROL: the operator steers and drives, the tail swings by its law for the turn that is
+steered.
+"""
 
 import math
 
@@ -50,7 +52,9 @@ def drive(steering, yaw_rate, ticks=300, turn_at=100):
     pilot, roll, steps = ControlPilot(SCENARIO), -math.copysign(math.pi / 2, steering), []
     pilot.start()
     for tick in range(ticks):
-        step = pilot.step(tick * PERIOD, reading(steering, roll, yaw_rate if tick >= turn_at else 0.0))
+        step = pilot.step(
+            tick * PERIOD, reading(steering, roll, yaw_rate if tick >= turn_at else 0.0)
+        )
         position, velocity, kp, _, _ = step.command.tail_roll
         roll += PERIOD * (velocity if kp == 0.0 else 10.0 * (position - roll))
         steps.append((step, roll))
@@ -59,7 +63,12 @@ def drive(steering, yaw_rate, ticks=300, turn_at=100):
 
 def test_steering_and_throttle_are_the_operators_within_the_servo():
     pilot = ControlPilot(SCENARIO)
-    for asked, limited in ((0.1, 0.1), (-0.1, -0.1), (3.0, SCENARIO.servo.limit), (-3.0, -SCENARIO.servo.limit)):
+    for asked, limited in (
+        (0.1, 0.1),
+        (-0.1, -0.1),
+        (3.0, SCENARIO.servo.limit),
+        (-3.0, -SCENARIO.servo.limit),
+    ):
         command = pilot.step(0.0, reading(asked, 0.0, throttle=-0.3)).command
         assert (command.steering_angle, command.throttle) == (limited, -0.3)
 
@@ -68,7 +77,10 @@ def test_the_law_is_shown_the_turn_that_was_steered_one_tick_before():
     law = NotingLaw()
     pilot = ControlPilot(SCENARIO, law)
     steered = (0.0, 0.3, 0.3, -0.2, 0.0)
-    plans = [pilot.step(tick * PERIOD, reading(angle, 0.0)).planned_turn for tick, angle in enumerate(steered)]
+    plans = [
+        pilot.step(tick * PERIOD, reading(angle, 0.0)).planned_turn
+        for tick, angle in enumerate(steered)
+    ]
     assert plans == [0.0, 0.0, 1.0, 1.0, -1.0]
     assert [seen.planned_turn for seen in law.seen] == plans
     assert [seen.steering_angle for seen in law.seen] == [0.0, *steered[:-1]]

@@ -5,7 +5,13 @@ import math
 import pytest
 
 from aerodima.hardware.driving.drive_checks import check_profile
-from aerodima.hardware.protocol.ak70 import AK70_10_24_N_M, AK70_10_V1_0_8, MANUAL_SAMPLE_CODE, MitReply, make_reply
+from aerodima.hardware.protocol.ak70 import (
+    AK70_10_24_N_M,
+    AK70_10_V1_0_8,
+    MANUAL_SAMPLE_CODE,
+    MitReply,
+    make_reply,
+)
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.errors import HardwareError
 
@@ -14,7 +20,10 @@ AT_REST = [(0.01 * i, 0.3, 0.0) for i in range(200)]
 
 
 def replies(motion, firmware, **long_form):
-    return [(time, make_reply(MitReply(1, place, speed, 0.0, **long_form), firmware)) for time, place, speed in motion]
+    return [
+        (time, make_reply(MitReply(1, place, speed, 0.0, **long_form), firmware))
+        for time, place, speed in motion
+    ]
 
 
 @pytest.mark.parametrize("firmware", [AK70_10_V1_0_8, MANUAL_SAMPLE_CODE])
@@ -25,7 +34,9 @@ def test_right_profile_reports_the_speed_of_its_position(firmware):
 
 
 def test_sample_code_ranges_on_a_motor_of_the_manual_are_refused_with_what_fits():
-    with pytest.raises(HardwareError, match=r"manual_sample_code.*profiles that fit: ak70_10_v1_0_8") as caught:
+    with pytest.raises(
+        HardwareError, match=r"manual_sample_code.*profiles that fit: ak70_10_v1_0_8"
+    ) as caught:
         check_profile(MANUAL_SAMPLE_CODE, replies(BY_HAND, AK70_10_V1_0_8))
     assert "manual_sample_code" not in str(caught.value).split("fit:")[1]
 
@@ -41,13 +52,19 @@ def test_resting_motor_tells_nothing_about_the_ranges():
 
 
 def test_torque_range_cannot_be_told():
-    assert check_profile(AK70_10_24_N_M, replies(BY_HAND, AK70_10_V1_0_8)).speed_ratio == pytest.approx(1, abs=0.1)
+    assert check_profile(
+        AK70_10_24_N_M, replies(BY_HAND, AK70_10_V1_0_8)
+    ).speed_ratio == pytest.approx(1, abs=0.1)
 
 
 def test_replies_of_another_length_are_refused():
     with pytest.raises(HardwareError, match="reply of 8 bytes; manual_sample_code sends 6"):
-        check_profile(MANUAL_SAMPLE_CODE, replies(AT_REST, AK70_10_V1_0_8, temperature=30.0, fault=0))
-    mixed = replies(AT_REST, AK70_10_V1_0_8) + replies(AT_REST, AK70_10_V1_0_8, temperature=30.0, fault=0)
+        check_profile(
+            MANUAL_SAMPLE_CODE, replies(AT_REST, AK70_10_V1_0_8, temperature=30.0, fault=0)
+        )
+    mixed = replies(AT_REST, AK70_10_V1_0_8) + replies(
+        AT_REST, AK70_10_V1_0_8, temperature=30.0, fault=0
+    )
     with pytest.raises(HardwareError, match="two motors on one id"):
         check_profile(AK70_10_V1_0_8, mixed)
 

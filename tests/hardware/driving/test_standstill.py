@@ -1,4 +1,6 @@
-"""A car that is moved, tilted, not calibrated, whose IMU has frozen or whose tail is off its marks is not armed."""
+"""A car that is moved, tilted, not calibrated, whose IMU has frozen or whose tail is off its marks
+is not armed.
+"""
 
 import dataclasses
 import math
@@ -87,7 +89,9 @@ def test_a_car_that_lies_somehow_is_tilted(place, angle):
 )
 def test_the_tail_is_held_where_its_law_waits_or_on_its_stop(law, pitch, roll, off):
     tail = np.zeros(TAIL_STATE.size)
-    tail[TAIL_STATE.index("pitch_angle")], tail[TAIL_STATE.index("roll_angle")] = np.radians([pitch, roll])
+    tail[TAIL_STATE.index("pitch_angle")], tail[TAIL_STATE.index("roll_angle")] = np.radians(
+        [pitch, roll]
+    )
     scenario = load_scenario("turn_designed", ["tail.mode=swing", f"controller.law={law}"])
     checks = zero_checks(CarReading(tail_state=tail), scenario, SAFETY)
     assert [check.name for check in checks if not check.passed] == off

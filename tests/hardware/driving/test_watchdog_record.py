@@ -17,7 +17,11 @@ from aerodima.workbench.errors import HardwareError
 
 
 def ports(teensy="/dev/ttyACM0", can=None):
-    data = {"schema": "aerodima/ports/1", "teensy": {"path": teensy}, "imu": {"path": "/dev/ttyUSB0"}}
+    data = {
+        "schema": "aerodima/ports/1",
+        "teensy": {"path": teensy},
+        "imu": {"path": "/dev/ttyUSB0"},
+    }
     return ports_from_dict(data if can is None else {**data, "can": can})
 
 
@@ -40,7 +44,9 @@ def test_a_test_of_this_wiring_allows_arming(tmp_path, wiring):
 
 def test_without_a_record_it_says_how_to_make_one(tmp_path):
     recorded(tmp_path, "teensy_bridge")
-    with pytest.raises(HardwareError, match=r"no watchdog test of watched_can is recorded.*--watchdog-test"):
+    with pytest.raises(
+        HardwareError, match=r"no watchdog test of watched_can is recorded.*--watchdog-test"
+    ):
         require_watchdog_test("watched_can", REAL, tmp_path)
 
 
@@ -50,9 +56,18 @@ def test_without_a_record_it_says_how_to_make_one(tmp_path):
         ({"emulated": True}, "was made on the emulator; the motors are real"),
         ({"firmware": "0" * 64}, "another firmware"),
         ({"time_to_exit": 0.5}, "took 0.5 s"),
-        ({"ports": ports("/dev/ttyACM7").model_dump(mode="json", by_alias=True)}, "other ports: teensy"),
-        ({"ports": {**REAL.model_dump(mode="json"), "firmware_profile": "ak70_10_24_n_m"}}, "firmware_profile"),
-        ({"ports": {**REAL.model_dump(mode="json"), "tail_roll": {"motor_id": 5}}}, r"tail_roll\.motor_id"),
+        (
+            {"ports": ports("/dev/ttyACM7").model_dump(mode="json", by_alias=True)},
+            "other ports: teensy",
+        ),
+        (
+            {"ports": {**REAL.model_dump(mode="json"), "firmware_profile": "ak70_10_24_n_m"}},
+            "firmware_profile",
+        ),
+        (
+            {"ports": {**REAL.model_dump(mode="json"), "tail_roll": {"motor_id": 5}}},
+            r"tail_roll\.motor_id",
+        ),
         ({"ports": {}}, "other ports: teensy, firmware_profile"),
     ],
 )
@@ -69,7 +84,9 @@ def test_a_record_of_another_wiring_under_this_name_is_refused(tmp_path):
 
 
 def test_exit_frames_that_came_too_late_are_not_recorded():
-    with pytest.raises(HardwareError, match=r"exit frames 0\.400 s after the cut; allowed is 0\.3 s"):
+    with pytest.raises(
+        HardwareError, match=r"exit frames 0\.400 s after the cut; allowed is 0\.3 s"
+    ):
         new_record("watched_can", REAL, "heartbeat stopped", 0.4, "operator")
 
 
@@ -96,10 +113,20 @@ def test_a_record_with_an_unknown_key_is_refused(tmp_path):
         ("watched_can", REAL, False),
         ("watched_can", ports(can={"interface": "slcan", "channel": "/dev/ttyACM3"}), False),
         ("watched_can", ports(can={"interface": "virtual", "channel": "x"}), True),
-        ("watched_can", ports("/dev/pts/0", can={"interface": "socketcan", "channel": "can0"}), False),
         (
             "watched_can",
-            ports(can={"interface": "socketcand", "channel": "can0", "options": {"host": "127.0.0.1", "port": 1}}),
+            ports("/dev/pts/0", can={"interface": "socketcan", "channel": "can0"}),
+            False,
+        ),
+        (
+            "watched_can",
+            ports(
+                can={
+                    "interface": "socketcand",
+                    "channel": "can0",
+                    "options": {"host": "127.0.0.1", "port": 1},
+                }
+            ),
             False,
         ),
     ],
@@ -112,7 +139,9 @@ def test_only_a_pseudo_terminal_of_an_emulator_is_no_real_motor(tmp_path):
     (tmp_path / "ports").mkdir()
     link = tmp_path / "ports" / "teensy"
     link.symlink_to("/dev/pts/0")
-    assert not is_emulated("teensy_bridge", ports(str(link))), "a real device may hang behind a pseudo-terminal"
+    assert not is_emulated("teensy_bridge", ports(str(link))), (
+        "a real device may hang behind a pseudo-terminal"
+    )
     (tmp_path / READY_FILE).write_text(json.dumps({"schema": READY_SCHEMA}))
     assert is_emulated("teensy_bridge", ports(str(link)))
     link.unlink()
@@ -140,4 +169,7 @@ def test_other_timing_is_another_watchdog(monkeypatch, tmp_path):
 
 def test_the_default_place_is_the_users_state_folder(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert record.record_path("watched_can") == tmp_path / "aerodima" / "watchdog_tests" / "watched_can.json"
+    assert (
+        record.record_path("watched_can")
+        == tmp_path / "aerodima" / "watchdog_tests" / "watched_can.json"
+    )

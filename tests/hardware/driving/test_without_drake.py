@@ -1,4 +1,6 @@
-"""The drive without Drake: nothing on its way imports pydrake, and the plain loop swings the tail."""
+"""The drive without Drake: nothing on its way imports pydrake, and the plain loop swings the
+tail.
+"""
 
 from tests.blocked_drake import run_without_drake
 

@@ -1,4 +1,6 @@
-"""What breaks in the computer itself while it drives: controller, clock, log disk, receiving threads."""
+"""What breaks in the computer itself while it drives: controller, clock, log disk, receiving
+threads.
+"""
 
 from __future__ import annotations
 
@@ -75,7 +77,9 @@ class ClockJumps(Breaker):
 
 
 class DiskFull(Breaker):
-    """The journal may not grow any more: a limit of the process, for want of a disk that can be filled."""
+    """The journal may not grow any more: a limit of the process, for want of a disk that can be
+    filled.
+    """
 
     removed = False
 
@@ -99,7 +103,9 @@ class DiskFull(Breaker):
         lost, error = self.journal.lost, self.journal.error
         log = read_run_log(self.journal.close())
         assert (lost, bool(error)) == (0, not self.removed)
-        assert len(log.table) >= self.journal.rows + (not self.removed) > 1, "and what the disk did not take"
+        assert len(log.table) >= self.journal.rows + (not self.removed) > 1, (
+            "and what the disk did not take"
+        )
 
 
 class FolderRemoved(DiskFull):
@@ -117,17 +123,23 @@ class FolderRemoved(DiskFull):
         shutil.rmtree(self.journal.path.parent)
 
     def end(self) -> None:
-        assert [text for text in self.said if "was removed or renamed" in text], "said while it drives"
+        assert [text for text in self.said if "was removed or renamed" in text], (
+            "said while it drives"
+        )
         super().end()
         assert str(self.journal.path) in self.said[-1]
 
 
 class OpenedAgain(Breaker):
-    """A port that is back under another name is not taken for the one of before: the next drive is refused."""
+    """A port that is back under another name is not taken for the one of before: the next drive is
+    refused.
+    """
 
     def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
         super().begin(car, scenario, folder)
-        self.again = wire_car(scenario, read_ports(folder / "emulated" / PORTS_FILE), car.name, lambda: None)
+        self.again = wire_car(
+            scenario, read_ports(folder / "emulated" / PORTS_FILE), car.name, lambda: None
+        )
 
     def end(self) -> None:
         with pytest.raises(HardwareError, match=r"cannot be opened"):
@@ -135,7 +147,9 @@ class OpenedAgain(Breaker):
 
 
 class SecondProgram(Breaker):
-    """Another program reaches for the devices of the car that drives; it must be refused, and say who has them."""
+    """Another program reaches for the devices of the car that drives; it must be refused, and say
+    who has them.
+    """
 
     def __init__(self, program: Callable[[Scenario, CarPorts, str], None]) -> None:
         super().__init__()
@@ -146,7 +160,9 @@ class SecondProgram(Breaker):
         ports = read_ports(folder / "emulated" / PORTS_FILE)
         self.answer, theirs = multiprocessing.get_context("forkserver").Pipe(duplex=False)
         arguments = (self.program, scenario, ports, car.name, theirs)
-        self.process = multiprocessing.get_context("forkserver").Process(target=_try, args=arguments, daemon=True)
+        self.process = multiprocessing.get_context("forkserver").Process(
+            target=_try, args=arguments, daemon=True
+        )
 
     def strike(self) -> None:
         super().strike()
@@ -173,7 +189,9 @@ def watchdog_test(scenario: Scenario, ports: CarPorts, wiring: str) -> None:
     run_watchdog_test(scenario, ports, wiring, lambda _: True, "emulator", Path(tempfile.mkdtemp()))  # type: ignore[arg-type]
 
 
-def _try(program: Callable[..., None], scenario: Scenario, ports: CarPorts, wiring: str, answer: Any) -> None:
+def _try(
+    program: Callable[..., None], scenario: Scenario, ports: CarPorts, wiring: str, answer: Any
+) -> None:
     try:
         program(scenario, ports, wiring)
         answer.send("it was let in")
@@ -194,7 +212,9 @@ class Blind(Breaker):
 
 
 class ThrottleSteps(Breaker):
-    """Full throttle from one cycle to the next: the pulse comes on slowly, and the wheels stay on the ground."""
+    """Full throttle from one cycle to the next: the pulse comes on slowly, and the wheels stay on
+    the ground.
+    """
 
     def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
         super().begin(car, scenario, folder)
@@ -207,7 +227,9 @@ class ThrottleSteps(Breaker):
             self.pulses.append((time.monotonic() - self.struck, devices.teensy._throttle))
 
     def end(self) -> None:
-        assert math.degrees(self.most_pitch) < 10.0, f"pitched by {math.degrees(self.most_pitch):.1f} degrees"
+        assert math.degrees(self.most_pitch) < 10.0, (
+            f"pitched by {math.degrees(self.most_pitch):.1f} degrees"
+        )
         late = [pulse for since, pulse in self.pulses if 0.4 < since < 0.6]
         assert late, "the drive did not go on"
         most = 1500 + 400 * (0.3 + 0.6 * load_drive_safety().throttle_rate + 0.01)

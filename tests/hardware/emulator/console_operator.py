@@ -1,4 +1,6 @@
-"""An operator at the console's radio who drives the emulated car in MANUAL and can press the emergency stop."""
+"""An operator at the console's radio who drives the emulated car in MANUAL and can press the
+emergency stop.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ class ConsoleOperator:
     def __init__(self, ports: CarPorts) -> None:
         assert ports.console is not None
         self._locked = ExitStack()
-        self._locked.enter_context(lock_devices([ports.console.path], "a console"))  # as `aerodima console` does
+        self._locked.enter_context(
+            lock_devices([ports.console.path], "a console")
+        )  # as `aerodima console` does
         self._link = _CountedLink.open(ports.console)
         self._radio = OperatorRadio(self._link, ports.console.receiver, ports.car)
         self._lock, self._end = threading.Lock(), threading.Event()

@@ -1,4 +1,5 @@
-"""Emulators of the tests: processes of their own, forked from one that has loaded Drake once for all of them.
+"""Emulators of the tests: processes of their own, forked from one that has loaded Drake once for
+all of them.
 
 A start of `aerodima emulate` costs three seconds of processor time, nearly all of it for imports.
 """
@@ -17,7 +18,14 @@ from typing import Any, TypeVar
 
 import can
 
-from aerodima.hardware.car.car_ports import EVENTS_FILE, PORTS_FILE, READY_FILE, TRAFFIC_FILE, CarPorts, read_ports
+from aerodima.hardware.car.car_ports import (
+    EVENTS_FILE,
+    PORTS_FILE,
+    READY_FILE,
+    TRAFFIC_FILE,
+    CarPorts,
+    read_ports,
+)
 from aerodima.hardware.emulator.emulator import EmulatorSettings, run_emulator
 from aerodima.hardware.emulator.fault_script import Script, read_events
 from aerodima.workbench.config.scenario import Scenario
@@ -25,14 +33,19 @@ from aerodima.workbench.errors import HardwareError
 from tests.hardware.emulator.console_operator import ConsoleOperator
 
 DISTURBED = 0.02
-"""A pause of that length, s, is not of our making: the loops of drive and emulator take 2 ms of their 10."""
+"""A pause of that length, s, is not of our making: the loops of drive and emulator take 2 ms of
+their 10."""
 _READY_TIME = 60.0
 _ATTEMPTS = 3
 _IDLE = 3
 """Place of the idle time in the first line of /proc/stat."""
 _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(
-    ["aerodima.hardware.emulator.emulator", "aerodima.workbench.simulate.car_run", "aerodima.workbench.config.scenario"]
+    [
+        "aerodima.hardware.emulator.emulator",
+        "aerodima.workbench.simulate.car_run",
+        "aerodima.workbench.config.scenario",
+    ]
 )
 
 T = TypeVar("T")
@@ -44,11 +57,17 @@ class EmulatorProcess:
     Args:
         folder: gets the folder `emulated` with the emulator's files.
         script: content of a script of faults, without its schema.
-        console: the car is driven by `operator`, at the console's end of the radio, instead of by the script.
+        console: the car is driven by `operator`, at the console's end of the radio, instead of by
+            the script.
     """
 
     def __init__(
-        self, folder: Path, scenario: Scenario, wiring: Any, script: dict | None = None, console: bool = False
+        self,
+        folder: Path,
+        scenario: Scenario,
+        wiring: Any,
+        script: dict | None = None,
+        console: bool = False,
     ) -> None:
         self.folder, self.wiring = folder / "emulated", wiring
         arguments = (scenario, wiring, self.folder, script or {}, console)
@@ -104,7 +123,9 @@ class EmulatorProcess:
 
 def _run(scenario: Scenario, wiring: Any, folder: Path, script: dict, console: bool) -> None:
     threading.Thread(target=_end_with_tests, name="end-with-tests", daemon=True).start()
-    run_emulator(EmulatorSettings(scenario, wiring, folder, Script.model_validate(script), console=console))
+    run_emulator(
+        EmulatorSettings(scenario, wiring, folder, Script.model_validate(script), console=console)
+    )
 
 
 def _end_with_tests() -> None:
@@ -116,7 +137,8 @@ def _end_with_tests() -> None:
 
 
 class PauseWitness:
-    """Watches how late a thread that sleeps wakes up: what the computer does to all real-time loops.
+    """Watches how late a thread that sleeps wakes up: what the computer does to all real-time
+    loops.
 
     Attributes: longest: s.
     """
@@ -143,10 +165,12 @@ class PauseWitness:
 
 
 def undisturbed(run: Callable[[Path], T], folder: Path) -> T:
-    """What `run` returns for a new folder; again, at most twice, when it failed while the computer stood still.
+    """What `run` returns for a new folder; again, at most twice, when it failed while the computer
+    stood still.
 
-    That it stood still is witnessed by the emulator, which notes its delays, and by a thread of this process. A failure
-    without such a witness stands. Before the next attempt it waits for an idle computer, for ten seconds at most.
+    That it stood still is witnessed by the emulator, which notes its delays, and by a thread of
+    this process. A failure without such a witness stands. Before the next attempt it waits for an
+    idle computer, for ten seconds at most.
     """
     for attempt in range(_ATTEMPTS):
         made = folder / f"attempt_{attempt}"
@@ -181,6 +205,8 @@ def _processor_times() -> list[int]:
 
 def _longest_delay(folder: Path) -> float:
     """Of the emulators that ran in a folder, s."""
-    files = [Path(place) / EVENTS_FILE for place, _, names in os.walk(folder) if EVENTS_FILE in names]
+    files = [
+        Path(place) / EVENTS_FILE for place, _, names in os.walk(folder) if EVENTS_FILE in names
+    ]
     events = [event for file in files for event in read_events(file)]
     return max((event["delay_s"] for event in events if event["event"] == "late"), default=0.0)

@@ -1,4 +1,6 @@
-"""The faults of hardware/emulator/fault_table.csv, for both wirings, and what must follow of each."""
+"""The faults of hardware/emulator/fault_table.csv, for both wirings, and what must follow of
+each.
+"""
 
 from __future__ import annotations
 
@@ -40,12 +42,15 @@ class Case:
 
     Attributes:
         name: as the table calls it.
-        fault: entry of the script, at `AT` unless it has a time; None: `broken_command`, `breaker` or the operator.
-        stops: whether the car must stop. within: s from the fault to the motors off, as long as the cause allows.
+        fault: entry of the script, at `AT` unless it has a time; None: `broken_command`, `breaker`
+            or the operator.
+        stops: whether the car must stop. within: s from the fault to the motors off, as long as the
+            cause allows.
         throttle_within: s to the neutral pulse, where that takes longer; 0: as `within`.
-        reason: part of the reason that the drive gives. acts: who switches the car off, for the table.
-        breaker: what breaks in the computer itself. broken_command: what the controller commands from `AT` on, also as
-            a function of the time since then (s).
+        reason: part of the reason that the drive gives. acts: who switches the car off, for the
+            table.
+        breaker: what breaks in the computer itself. broken_command: what the controller commands
+            from `AT` on, also as a function of the time since then (s).
         run_time: s, of a drive that nothing stops.
     """
 
@@ -65,18 +70,31 @@ class Case:
     @property
     def of_the_computer(self) -> bool:
         """Whether nothing of the emulated car breaks."""
-        return self.fault is None and (self.broken_command is not None or self.breaker is not Breaker)
+        return self.fault is None and (
+            self.broken_command is not None or self.breaker is not Breaker
+        )
 
 
-def _motor(name: str, fault: str, reason: str, on_the_bridge: str | None = None, **keys) -> tuple[Case, ...]:
-    """A fault of the roll motor on both wirings; `on_the_bridge`: the reason there, where it is another."""
-    extra = {key: keys.pop(key) for key in ("duration", "count", "code", "delay", "time") if key in keys}
+def _motor(
+    name: str, fault: str, reason: str, on_the_bridge: str | None = None, **keys
+) -> tuple[Case, ...]:
+    """A fault of the roll motor on both wirings; `on_the_bridge`: the reason there, where it is
+    another.
+    """
+    extra = {
+        key: keys.pop(key) for key in ("duration", "count", "code", "delay", "time") if key in keys
+    }
     entry = {"fault": fault, "part": "tail_roll", **extra}
     reasons = (reason, reason if on_the_bridge is None else on_the_bridge)
-    return tuple(Case(name, wiring, entry, reason=why, **keys) for wiring, why in zip(_BOTH, reasons, strict=True))
+    return tuple(
+        Case(name, wiring, entry, reason=why, **keys)
+        for wiring, why in zip(_BOTH, reasons, strict=True)
+    )
 
 
-def _device(name: str, wiring: str, device: str, fault: str, duration: float | None = None, **keys) -> Case:
+def _device(
+    name: str, wiring: str, device: str, fault: str, duration: float | None = None, **keys
+) -> Case:
     entry = {"fault": fault, "part": device} | ({} if duration is None else {"duration": duration})
     return Case(name, wiring, entry, **keys)
 
@@ -89,7 +107,9 @@ _MOVING = CarCommand(0.1, 0.3, PITCH, np.array([-0.6, 0.0, 17.0, 5.0, 0.0]))
 
 
 def _swinging(since: float) -> CarCommand:
-    """The roll joint to and fro between its stop and 10 degrees from upright, 1.5 times a second."""
+    """The roll joint to and fro between its stop and 10 degrees from upright, 1.5 times a
+    second.
+    """
     roll = -0.87 - 0.7 * math.cos(2.0 * math.pi * 1.5 * since)
     return CarCommand(0.1, 0.3, PITCH, np.array([roll, 0.0, 17.0, 5.0, 0.0]))
 
@@ -158,7 +178,11 @@ CASES: tuple[Case, ...] = (
         acts="processor's watchdog, after 0.5 s",
     ),
     *_on_both(
-        "IMU silent", fault={"fault": "silent", "part": "imu"}, reason="IMU", within=0.3 + _SOFT, acts="drive, soft"
+        "IMU silent",
+        fault={"fault": "silent", "part": "imu"},
+        reason="IMU",
+        within=0.3 + _SOFT,
+        acts="drive, soft",
     ),
     *_on_both(
         "GPS silent",
@@ -182,7 +206,11 @@ CASES: tuple[Case, ...] = (
         breaker=lambda: ClockJumps(3600.0),
         reason="between two cycles",
     ),
-    *_on_both("clock jumps back by an hour", breaker=lambda: ClockJumps(-3600.0), reason="between two cycles"),
+    *_on_both(
+        "clock jumps back by an hour",
+        breaker=lambda: ClockJumps(-3600.0),
+        reason="between two cycles",
+    ),
     *_on_both(
         "log disk full",
         breaker=DiskFull,
@@ -232,8 +260,19 @@ CASES: tuple[Case, ...] = (
         broken_command=_swinging,
         acts="drive: reported torque",
     ),
-    *_motor("feedback reversed while driving", "feedback_reversed", "jumped", acts="drive: position jumped"),
-    *_motor("motor reversed while driving", "motor_reversed", "tail roll", time=AT + 0.6, broken_command=_swinging),
+    *_motor(
+        "feedback reversed while driving",
+        "feedback_reversed",
+        "jumped",
+        acts="drive: position jumped",
+    ),
+    *_motor(
+        "motor reversed while driving",
+        "motor_reversed",
+        "tail roll",
+        time=AT + 0.6,
+        broken_command=_swinging,
+    ),
     *_motor("low battery: motor reports under-voltage", "motor_fault", "under-voltage", code=4),
     *_motor("over-temperature flag", "motor_fault", "over-temperature", code=1),
     *_on_both(
@@ -275,7 +314,12 @@ CASES: tuple[Case, ...] = (
         run_time=AT + 1.0,
         acts="nothing stops; rate limited",
     ),
-    Case("Teensy loses its power", "watched_can", {"fault": "teensy_unpowered"}, acts="drive; no pulses"),
+    Case(
+        "Teensy loses its power",
+        "watched_can",
+        {"fault": "teensy_unpowered"},
+        acts="drive; no pulses",
+    ),
     Case(
         "Teensy loses its power for 0.4 s",
         "teensy_bridge",

@@ -1,6 +1,7 @@
 """A car that drives on the emulator until something goes wrong, and what was seen on its bus.
 
-`python -m tests.hardware.emulator.fault_runs` measures the lines of hardware/emulator/fault_table.csv.
+`python -m tests.hardware.emulator.fault_runs` measures the lines of
+hardware/emulator/fault_table.csv.
 """
 
 from __future__ import annotations
@@ -52,12 +53,15 @@ SETTINGS = ("simulation.step=0.004", "simulation.log_rate=250")
 """A car that takes a third of a processor instead of two thirds."""
 RUN_OVER = "the run is over"
 _AFTER = 0.2
-"""s after the second motor was off in which exit frames are counted: those of ten cycles, or of the watchdog."""
+"""s after the second motor was off in which exit frames are counted: those of ten cycles, or of the
+watchdog."""
 _LAST_WAIT = 2.0
 
 
 class EndedEarlyError(AssertionError):
-    """The drive had ended before the fault came, as it must on a computer that stands still; it showed nothing."""
+    """The drive had ended before the fault came, as it must on a computer that stands still; it
+    showed nothing.
+    """
 
 
 @dataclass
@@ -87,14 +91,18 @@ def drive_until_stopped(
 ) -> None:
     """Arms, drives with the commands for `run_time` s, and lets the car stop."""
 
-    def turn(condition: Callable[[], bool], limit: float, command: Callable[[float], CarCommand]) -> bool:
+    def turn(
+        condition: Callable[[], bool], limit: float, command: Callable[[float], CarCommand]
+    ) -> bool:
         begin = due = time.monotonic()
         while not condition():
             now = time.monotonic()
             if now - begin > limit:
                 return False
             breaker.turn(guard)
-            guard.exchange(command(now), breaker.clock(), due if guard.stage is Stage.DRIVING else None)
+            guard.exchange(
+                command(now), breaker.clock(), due if guard.stage is Stage.DRIVING else None
+            )
             due = max(due + PERIOD, now - 0.05)
             wait_until(due)
         return True
@@ -140,7 +148,11 @@ def run_case(case: Case, folder: Path) -> Outcome:
                 breaker.strike()
             if since < AT or case.broken_command is None:
                 return good
-            return case.broken_command(since - AT) if callable(case.broken_command) else case.broken_command
+            return (
+                case.broken_command(since - AT)
+                if callable(case.broken_command)
+                else case.broken_command
+            )
 
         prefer_realtime(DRIVE_PRIORITY)  # as the drive does
         try:
@@ -168,11 +180,17 @@ def run_case(case: Case, folder: Path) -> Outcome:
 
 
 def _wait_for_end(emulator: EmulatorProcess) -> None:
-    """Until both motors are off and the throttle is neutral, whoever does it, and for what may come after that."""
+    """Until both motors are off and the throttle is neutral, whoever does it, and for what may come
+    after that.
+    """
     end = time.monotonic() + _LAST_WAIT
     while time.monotonic() < end:
-        last = {event["event"] + event.get("joint", ""): event["time_s"] for event in emulator.events}
-        off = all(last.get(f"off{joint}", 0.0) > last.get(f"entered{joint}", 0.0) for joint in JOINTS)
+        last = {
+            event["event"] + event.get("joint", ""): event["time_s"] for event in emulator.events
+        }
+        off = all(
+            last.get(f"off{joint}", 0.0) > last.get(f"entered{joint}", 0.0) for joint in JOINTS
+        )
         if off and last.get("throttle_neutral", 0.0) > last.get("throttle_on", 0.0):
             break
         time.sleep(0.02)
@@ -189,12 +207,20 @@ def _fault_time(events: list[dict], case: Case) -> float | None:
 
 def _outcome(reason: str, began: float, events: list[dict], traffic: list[can.Message]) -> Outcome:
     def when(name: str, joint: str | None = None) -> float:
-        found = [e["time_s"] for e in events if e["event"] == name and e.get("joint") == joint and e["time_s"] >= began]
+        found = [
+            e["time_s"]
+            for e in events
+            if e["event"] == name and e.get("joint") == joint and e["time_s"] >= began
+        ]
         return found[0] - began if found else math.nan
 
     clock = time.time() - time.monotonic()
     off = float(np.max([when("off", joint) for joint in JOINTS]))
-    sent = [(message.timestamp - clock - began, bytes(message.data)) for message in traffic if not message.is_rx]
+    sent = [
+        (message.timestamp - clock - began, bytes(message.data))
+        for message in traffic
+        if not message.is_rx
+    ]
     exits = sum(0.0 <= at <= off + _AFTER and data == make_exit(1).data for at, data in sent)
     enters = sum(at >= 0.0 and data == make_enter(1).data for at, data in sent)
     return Outcome(reason, off, when("throttle_neutral"), exits, enters, events)
@@ -221,12 +247,16 @@ def _measured(case: Case) -> Outcome:
 
 def _measured_process(case: ProcessCase) -> Found:
     with tempfile.TemporaryDirectory() as folder:
-        return undisturbed(lambda place: check_process(case, run_process_case(case, place)), Path(folder))
+        return undisturbed(
+            lambda place: check_process(case, run_process_case(case, place)), Path(folder)
+        )
 
 
 def _measured_refusal(case: RefusedCase) -> str:
     with tempfile.TemporaryDirectory() as folder:
-        return refused_row(case, undisturbed(lambda place: run_refused_case(case, place), Path(folder)))
+        return refused_row(
+            case, undisturbed(lambda place: run_refused_case(case, place), Path(folder))
+        )
 
 
 def _tried(case: Case | ProcessCase | RefusedCase, make: Callable[[], str]) -> str:

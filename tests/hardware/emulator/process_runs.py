@@ -1,4 +1,6 @@
-"""Whole drives as processes of their own, killed, stopped or tipped over: the rows of the fault table that need one."""
+"""Whole drives as processes of their own, killed, stopped or tipped over: the rows of the fault
+table that need one.
+"""
 
 from __future__ import annotations
 
@@ -37,9 +39,11 @@ _FIRMWARE, _LONGEST = load_teensy_timing().watchdog_timeout, load_drive_safety()
 
 @dataclass
 class Found:
-    """Times in s since the cause; NaN: never. status: exit status of the drive; None while it lives or was killed.
+    """Times in s since the cause; NaN: never. status: exit status of the drive; None while it lives
+    or was killed.
 
-    confirmed: whether a console took its stop as confirmed within `_CONFIRMED`; None without a console.
+    confirmed: whether a console took its stop as confirmed within `_CONFIRMED`; None without a
+    console.
     """
 
     motors_off: float
@@ -51,7 +55,9 @@ class Found:
 
 @dataclass(frozen=True)
 class ProcessCase:
-    """A row. within: s from the cause to motors off and neutral throttle. cause: done to the drive; it returns when."""
+    """A row. within: s from the cause to motors off and neutral throttle. cause: done to the drive;
+    it returns when.
+    """
 
     name: str
     wiring: str
@@ -68,7 +74,8 @@ class ProcessCase:
     confirmed: bool | None = None
     """Given: somebody at the console drives, and its stop is confirmed or not."""
     diagram: str = ""
-    """Function of `tests/hardware/own_diagram.py` that drives; empty: the scenario's own law, without Drake."""
+    """Function of `tests/hardware/own_diagram.py` that drives; empty: the scenario's own law,
+    without Drake."""
 
 
 def kill(number: int) -> Callable[[subprocess.Popen[str], EmulatorProcess], float]:
@@ -91,11 +98,17 @@ def stop_for_a_while(process: subprocess.Popen[str], _: EmulatorProcess) -> floa
 
 
 def second_console(process: subprocess.Popen[str], emulator: EmulatorProcess) -> float:
-    """Another console on the same module is refused; the first one goes on driving and stops the car."""
+    """Another console on the same module is refused; the first one goes on driving and stops the
+    car.
+    """
     command = ["console", "--ports", str(emulator.folder / PORTS_FILE), "--port", "0"]
     record = ["--record", str(emulator.folder / "second.jsonl")]
     second = subprocess.run(
-        [sys.executable, "-m", "aerodima", *command, *record], capture_output=True, text=True, timeout=60.0, check=False
+        [sys.executable, "-m", "aerodima", *command, *record],
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        check=False,
     )
     assert second.returncode != 0
     assert "is in use by a console (process" in second.stderr, second.stderr
@@ -110,7 +123,9 @@ def tips_over(process: subprocess.Popen[str], emulator: EmulatorProcess) -> floa
 
 
 def presses_stop(process: subprocess.Popen[str], emulator: EmulatorProcess) -> float:
-    """The operator at the console, after a second of driving: the fault is on by then, where there is one."""
+    """The operator at the console, after a second of driving: the fault is on by then, where there
+    is one.
+    """
     del process
     time.sleep(1.0)
     assert emulator.operator is not None
@@ -161,7 +176,10 @@ CASES: tuple[ProcessCase, ...] = (
             "firmware; the drive ends",
             reason=reason,
         )
-        for wiring, reason in (("teensy_bridge", "the Teensy"), ("watched_can", "between two cycles"))
+        for wiring, reason in (
+            ("teensy_bridge", "the Teensy"),
+            ("watched_can", "between two cycles"),
+        )
     ),
     *(
         ProcessCase(
@@ -175,11 +193,23 @@ CASES: tuple[ProcessCase, ...] = (
             operator=operator,
             reason="tipped over",
         )
-        for mode, operator in (("AUTO", ({"time": 0.0, "mode": "auto_when_asked"},)), ("MANUAL", _MANUAL))
+        for mode, operator in (
+            ("AUTO", ({"time": 0.0, "mode": "auto_when_asked"},)),
+            ("MANUAL", _MANUAL),
+        )
         for wiring in WIRINGS
     ),
     *(
-        ProcessCase(name, wiring, cause, 0.3, acts, reason="emergency stop", faults=faults, confirmed=not faults)
+        ProcessCase(
+            name,
+            wiring,
+            cause,
+            0.3,
+            acts,
+            reason="emergency stop",
+            faults=faults,
+            confirmed=not faults,
+        )
         for name, cause, acts, faults in (
             ("emergency stop at the console", presses_stop, "drive; confirmed", ()),
             (
@@ -195,10 +225,28 @@ CASES: tuple[ProcessCase, ...] = (
     *(
         ProcessCase(name, wiring, breaks, within, acts, reason=reason, diagram=function)
         for name, function, within, reason, acts in (
-            ("exception in a diagram", "raises", 0.3, "ZeroDivisionError: in my controller (own_diagram.py", "drive"),
+            (
+                "exception in a diagram",
+                "raises",
+                0.3,
+                "ZeroDivisionError: in my controller (own_diagram.py",
+                "drive",
+            ),
             ("NaN from a diagram", "commands_nan", 0.3, "commands NaN or infinity", "drive"),
-            ("diagram stalls for 50 ms in every tick", "stalls", 0.5, "ms", "drive: five slow ticks"),
-            ("infinite loop in a diagram", "hangs", _LONGEST + MARGIN, "TickTimeout", "drive: interrupts it"),
+            (
+                "diagram stalls for 50 ms in every tick",
+                "stalls",
+                0.5,
+                "ms",
+                "drive: five slow ticks",
+            ),
+            (
+                "infinite loop in a diagram",
+                "hangs",
+                _LONGEST + MARGIN,
+                "TickTimeout",
+                "drive: interrupts it",
+            ),
             (
                 "infinite loop that cannot be interrupted",
                 "hangs_for_good",
@@ -214,10 +262,11 @@ CASES: tuple[ProcessCase, ...] = (
 
 @dataclass(frozen=True)
 class RefusedCase:
-    """A car that must not be armed. fault: entry of the script, on before the drive. reason: what the drive says.
+    """A car that must not be armed. fault: entry of the script, on before the drive. reason: what
+    the drive says.
 
-    damage: done to the settings between the checks and the arming, in place of a fault. enters: the motors are switched
-    on, with little torque.
+    damage: done to the settings between the checks and the arming, in place of a fault. enters: the
+    motors are switched on, with little torque.
     """
 
     name: str
@@ -238,8 +287,17 @@ REFUSED: tuple[RefusedCase, ...] = tuple(
     RefusedCase(name, wiring, *rest)
     for name, *rest in (
         ("frozen IMU before arming", {"fault": "frozen", "part": "imu"}, "it has frozen"),
-        ("car on its side before arming", {"fault": "tipped_over"}, "car stands upright: tilted by 90 degrees"),
-        ("settings damaged between check and arming", None, "watched_can.json|teensy_bridge.json", cut_settings),
+        (
+            "car on its side before arming",
+            {"fault": "tipped_over"},
+            "car stands upright: tilted by 90 degrees",
+        ),
+        (
+            "settings damaged between check and arming",
+            None,
+            "watched_can.json|teensy_bridge.json",
+            cut_settings,
+        ),
         *(
             (f"{what} of the {joint} motor reversed before arming", entry, "reversed", None, True)
             for what, fault in (("feedback", "feedback_reversed"), ("sign", "motor_reversed"))
@@ -252,16 +310,25 @@ REFUSED: tuple[RefusedCase, ...] = tuple(
 
 
 _TESTED_WITHIN = 8.0
-"""s after the start of the emulator, at which the fault comes on: the watchdog test needs a car that is well."""
+"""s after the start of the emulator, at which the fault comes on: the watchdog test needs a car
+that is well."""
 
 
 def run_refused_case(case: RefusedCase, folder: Path) -> float:
-    """Tries to drive; neither motors nor throttle may come on. The most torque that the motors made, N m."""
+    """Tries to drive; neither motors nor throttle may come on.
+
+    The most torque that the motors made, N m.
+    """
     car = load_scenario("turn_swing", list(SETTINGS))
-    script = {"clock": "start", "faults": [{"time": _TESTED_WITHIN, **case.fault}] if case.fault else []}
+    script = {
+        "clock": "start",
+        "faults": [{"time": _TESTED_WITHIN, **case.fault}] if case.fault else [],
+    }
     with EmulatorProcess(folder, car, case.wiring, script) as emulator:
         begun = time.monotonic()
-        _, record = run_watchdog_test(car, emulator.ports, emulator.wiring, lambda _: True, "emulator")
+        _, record = run_watchdog_test(
+            car, emulator.ports, emulator.wiring, lambda _: True, "emulator"
+        )
         rest = begun + _TESTED_WITHIN - time.monotonic()
         assert rest > 0.0, "the watchdog test met the fault"
         time.sleep(rest)
@@ -282,7 +349,12 @@ def run_refused_case(case: RefusedCase, folder: Path) -> float:
 
 def _largest_torque(emulator: EmulatorProcess) -> float:
     """In the replies of the last arming, N m."""
-    since = max(event["time_s"] for event in emulator.named("entered")) + time.time() - time.monotonic() - 0.05
+    since = (
+        max(event["time_s"] for event in emulator.named("entered"))
+        + time.time()
+        - time.monotonic()
+        - 0.05
+    )
     replies = [
         decode_reply(CanFrame(message.arbitration_id, bytes(message.data)), AK70_10_V1_0_8)
         for message in emulator.traffic()
@@ -303,7 +375,17 @@ def _start(
 ) -> subprocess.Popen[str]:
     words = [word for setting in settings for word in ("--set", setting)]
     ports, log = str(emulator.folder / PORTS_FILE), str(folder / "drive.parquet")
-    command = ["drive", scenario, *words, "--ports", ports, "--wiring", emulator.wiring, "--out", log]
+    command = [
+        "drive",
+        scenario,
+        *words,
+        "--ports",
+        ports,
+        "--wiring",
+        emulator.wiring,
+        "--out",
+        log,
+    ]
     driver = ["--diagram", f"{own_diagram.__file__}:{diagram}"] if diagram else ["--no-drake"]
     return subprocess.Popen(
         [sys.executable, "-m", "aerodima", *command, *driver, *(["--arm"] if arm else [])],
@@ -325,7 +407,14 @@ def table_line(*cells: object) -> str:
 def refused_row(case: RefusedCase, torque: float) -> str:
     """A line of the fault table."""
     found = f"{torque:.1f} N m" if case.enters else "never on"
-    return table_line(case.name, case.wiring, found, "never on", "seen" if case.enters else "-", "drive: not armed")
+    return table_line(
+        case.name,
+        case.wiring,
+        found,
+        "never on",
+        "seen" if case.enters else "-",
+        "drive: not armed",
+    )
 
 
 @contextmanager
@@ -352,8 +441,12 @@ def driving(
         process.wait()
 
 
-def after(emulator: EmulatorProcess, since: float, joints: tuple[str, ...] = JOINTS) -> tuple[float, float]:
-    """Seconds from `since` to both motors off (0 without motors) and to the neutral throttle; NaN: not yet."""
+def after(
+    emulator: EmulatorProcess, since: float, joints: tuple[str, ...] = JOINTS
+) -> tuple[float, float]:
+    """Seconds from `since` to both motors off (0 without motors) and to the neutral throttle; NaN:
+    not yet.
+    """
     found: dict[str, float] = {}
     for event in emulator.events:
         if event["time_s"] >= since:
@@ -373,7 +466,9 @@ def run_process_case(case: ProcessCase, folder: Path) -> Found:
         driving(emulator, folder, case, car) as process,
     ):
         since = case.cause(process, emulator)
-        wait_until(lambda: not any(math.isnan(value) for value in after(emulator, since, joints)), 2.0)
+        wait_until(
+            lambda: not any(math.isnan(value) for value in after(emulator, since, joints)), 2.0
+        )
         off, neutral = after(emulator, since, joints)
         entered = len(emulator.named("entered"))
         status, said = None, ""

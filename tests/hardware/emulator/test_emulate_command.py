@@ -44,12 +44,19 @@ def test_a_folder_with_something_in_it_is_not_used(tmp_path):
     (tmp_path / "mine.txt").touch()
     result = _run(tmp_path, "--duration", "0.1")
     assert result.returncode == 2
-    assert result.stderr == f"error: {tmp_path}: is not empty; an emulator writes into a folder of its own\n"
+    assert (
+        result.stderr
+        == f"error: {tmp_path}: is not empty; an emulator writes into a folder of its own\n"
+    )
 
 
 @pytest.mark.slow
 def test_a_missing_compiler_is_one_line(tmp_path):
-    environment = {"PATH": str(tmp_path), "HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    environment = {
+        "PATH": str(tmp_path),
+        "HOME": str(tmp_path),
+        "XDG_CACHE_HOME": str(tmp_path / "cache"),
+    }
     result = _run(tmp_path / "out", "--duration", "0.1", environment=environment)
     assert result.returncode == 2
     assert result.stderr.startswith("error: the firmware's core needs a C++17 compiler")
@@ -71,8 +78,14 @@ def test_a_signal_ends_it_in_order_with_logs_that_can_be_read(tmp_path, number):
     log = read_run_log(out / "truth.parquet")
     assert log.has_truth
     assert log.extra["emulated"] == "watched_can"
-    said = [bytes(message.data) for message in can.BLFReader(out / "traffic.blf") if message.arbitration_id in (1, 2)]
-    assert set(said[2:]) == {make_exit(1).data}  # the Teensy switches off what it finds, after a neutral command each
+    said = [
+        bytes(message.data)
+        for message in can.BLFReader(out / "traffic.blf")
+        if message.arbitration_id in (1, 2)
+    ]
+    assert set(said[2:]) == {
+        make_exit(1).data
+    }  # the Teensy switches off what it finds, after a neutral command each
     assert list((out / "ports").iterdir()) == []
 
 

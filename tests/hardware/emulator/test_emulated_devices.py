@@ -1,4 +1,6 @@
-"""Motors, slcan adapter, Teensy and radio of the emulator, without processes and in simulated time."""
+"""Motors, slcan adapter, Teensy and radio of the emulator, without processes and in simulated
+time.
+"""
 
 import can
 import pytest
@@ -68,11 +70,16 @@ class Bench:
     def __init__(self, folder, *faults, zero=0.0, direction=1):
         self.path = folder / "events.jsonl"
         self.events = EventLog(self.path)
-        self.board = FaultBoard(Script.model_validate({"clock": "start", "faults": faults}), self.events)
+        self.board = FaultBoard(
+            Script.model_validate({"clock": "start", "faults": faults}), self.events
+        )
         self.board.begin("start", 0.0)
         self.board.look(0.0)
         common = (self.board, self.events, zero, direction)
-        self.motors = [EmulatedMotor("tail_pitch", 1, *common), EmulatedMotor("tail_roll", 2, *common)]
+        self.motors = [
+            EmulatedMotor("tail_pitch", 1, *common),
+            EmulatedMotor("tail_roll", 2, *common),
+        ]
         self.log = NoLog()
         self.bus = EmulatedBus(self.motors, self.board, self.log)
 
@@ -94,7 +101,9 @@ def test_a_motor_makes_torque_between_enter_and_exit_only(tmp_path):
     bench.ask(make_command(2, PUSH, PROFILE))
     assert motor.joint_command == NEUTRAL
     bench.ask(make_enter(2))
-    assert motor.joint_command.position == pytest.approx(0.4, abs=4e-4), "it jumps to what it was told before"
+    assert motor.joint_command.position == pytest.approx(0.4, abs=4e-4), (
+        "it jumps to what it was told before"
+    )
     bench.ask(make_exit(2))
     assert motor.joint_command == NEUTRAL
     assert bench.names() == ["script_begins", "entered", "off"]
@@ -112,7 +121,9 @@ def test_angles_and_signs_of_the_motor_are_those_of_its_mounting(tmp_path):
     bench = Bench(tmp_path, zero=1.0, direction=-1)
     bench.motors[1].set_joint(0.3, 2.0, 5.0)
     reply = bench.ask(make_neutral(2, PROFILE))
-    assert (reply.position, reply.velocity, reply.torque) == pytest.approx((0.7, -2.0, -5.0), abs=0.02)
+    assert (reply.position, reply.velocity, reply.torque) == pytest.approx(
+        (0.7, -2.0, -5.0), abs=0.02
+    )
     bench.ask(make_enter(2))
     bench.ask(make_command(2, PUSH, PROFILE))
     command = bench.motors[1].joint_command
@@ -122,7 +133,9 @@ def test_angles_and_signs_of_the_motor_are_those_of_its_mounting(tmp_path):
 def test_the_zero_frame_zeroes_silently(tmp_path):
     bench = Bench(tmp_path)
     bench.motors[0].set_joint(0.5, 0.0, 0.0)
-    assert bench.ask(CanFrame(1, bytes.fromhex("FFFFFFFFFFFFFFFE"))).position == pytest.approx(0.0, abs=4e-4)
+    assert bench.ask(CanFrame(1, bytes.fromhex("FFFFFFFFFFFFFFFE"))).position == pytest.approx(
+        0.0, abs=4e-4
+    )
 
 
 def test_positions_wrap_at_the_range_of_the_profile(tmp_path):
@@ -131,7 +144,9 @@ def test_positions_wrap_at_the_range_of_the_profile(tmp_path):
     assert bench.ask(make_neutral(1, PROFILE)).position == pytest.approx(-12.0, abs=4e-4)
 
 
-@pytest.mark.parametrize("fault", ["v3_frame", "foreign_id", "reply_corrupted", "reply_short", "reply_long"])
+@pytest.mark.parametrize(
+    "fault", ["v3_frame", "foreign_id", "reply_corrupted", "reply_short", "reply_long"]
+)
 def test_frames_that_are_no_reply_are_refused_by_the_decoder(tmp_path, fault):
     bench = Bench(tmp_path, roll(fault=fault))
     (answer,) = bench.bus.carry(make_neutral(2, PROFILE))
@@ -143,7 +158,11 @@ def test_frames_that_are_no_reply_are_refused_by_the_decoder(tmp_path, fault):
 
 
 def test_lost_and_doubled_replies(tmp_path):
-    bench = Bench(tmp_path, roll(fault="reply_lost", count=1), {**roll(fault="double_id"), "part": "tail_pitch"})
+    bench = Bench(
+        tmp_path,
+        roll(fault="reply_lost", count=1),
+        {**roll(fault="double_id"), "part": "tail_pitch"},
+    )
     assert bench.bus.carry(make_neutral(2, PROFILE)) == []
     assert len(bench.bus.carry(make_neutral(2, PROFILE))) == 1
     assert len(bench.bus.carry(make_neutral(1, PROFILE))) == 2
@@ -222,12 +241,22 @@ def test_a_hung_teensy_keeps_its_outputs_until_the_processor_restarts(tmp_path):
     while now < 2.5:
         now += 0.005
         bench.board.look(now)
-        request = MotorRequest.EXIT if now < 0.02 else MotorRequest.ENTER if now < 0.04 else MotorRequest.COMMAND
-        teensy.feed((b"|" if now < 0.006 else b"") + _strings(request, 1500 if now < 0.02 else 1520), now)
+        request = (
+            MotorRequest.EXIT
+            if now < 0.02
+            else MotorRequest.ENTER
+            if now < 0.04
+            else MotorRequest.COMMAND
+        )
+        teensy.feed(
+            (b"|" if now < 0.006 else b"") + _strings(request, 1500 if now < 0.02 else 1520), now
+        )
         teensy.turn(now)
         seen[round(now, 3)] = (teensy.state.throttle, bench.motors[1].entered)
     assert seen[0.95] == seen[1.3] == (1520, True), "nothing stops a motor whose master hangs"
-    assert seen[1.6] == seen[2.5] == (1500, False), "the restarted firmware exits it and waits for a neutral string"
+    assert seen[1.6] == seen[2.5] == (1500, False), (
+        "the restarted firmware exits it and waits for a neutral string"
+    )
     assert "teensy_restarted" in bench.names()
 
 
@@ -244,12 +273,19 @@ def test_the_operator_sends_commands_with_a_living_heartbeat_and_stops(tmp_path)
     beats = [message.counter for _, message in messages if isinstance(message, radio.Heartbeat)]
     assert beats == list(range(1, len(beats) + 1))
     assert len(beats) == pytest.approx(2.0 * OPERATOR_RATE, abs=2)
-    assert next(when for when, message in messages if isinstance(message, radio.EmergencyStop)) >= 1.0
-    assert max(when for when, message in messages if isinstance(message, radio.OperatorCommand)) < 1.0
+    assert (
+        next(when for when, message in messages if isinstance(message, radio.EmergencyStop)) >= 1.0
+    )
+    assert (
+        max(when for when, message in messages if isinstance(message, radio.OperatorCommand)) < 1.0
+    )
 
 
 def test_the_operator_chooses_auto_when_the_car_asks_and_rests_when_it_asks_for_that(tmp_path):
-    operator, stream = EmulatedOperator((OperatorEntry(time=0.0),), Bench(tmp_path).board), ApiStream()
+    operator, stream = (
+        EmulatedOperator((OperatorEntry(time=0.0),), Bench(tmp_path).board),
+        ApiStream(),
+    )
     now = 0.0
 
     def mode_after(asks):

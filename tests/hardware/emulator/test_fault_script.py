@@ -45,11 +45,18 @@ def test_a_script_is_read(tmp_path):
             operator=[{"time": 0.5, "mode": "manual", "throttle": 0.2}],
         )
     )
-    assert (read.clock, read.faults[0].fault, read.faults[0].duration) == ("start", Fault.REPLY_LOST, 0.1)
+    assert (read.clock, read.faults[0].fault, read.faults[0].duration) == (
+        "start",
+        Fault.REPLY_LOST,
+        0.1,
+    )
     command = read.operator[0].command(asked=False)
     assert (command.mode, command.throttle) == (RadioMode.MANUAL, 0.2)
     usual = Script.model_validate({}).operator[0]
-    assert (usual.command(asked=False).mode, usual.command(asked=True).mode) == (RadioMode.IDLE, RadioMode.AUTO)
+    assert (usual.command(asked=False).mode, usual.command(asked=True).mode) == (
+        RadioMode.IDLE,
+        RadioMode.AUTO,
+    )
 
 
 @pytest.mark.parametrize(
@@ -61,7 +68,10 @@ def test_a_script_is_read(tmp_path):
             {"faults": [{"time": 1.0, "fault": "reply_lost"}]},
             "part of reply_lost: None; allowed: tail_pitch, tail_roll",
         ),
-        ({"faults": [{"time": 1.0, "fault": "unplugged", "part": "wheel"}]}, "'wheel'; allowed: can, teensy"),
+        (
+            {"faults": [{"time": 1.0, "fault": "unplugged", "part": "wheel"}]},
+            "'wheel'; allowed: can, teensy",
+        ),
         ({"faults": [{"time": 1.0, "fault": "bus_off", "part": "can"}]}, "allowed: none"),
         ({"faults": [{"time": 1.0, "fault": "bus_off", "length": 2}]}, "length"),
         ({"faults": [{"time": float("nan"), "fault": "bus_off"}]}, "time"),
@@ -100,7 +110,12 @@ def test_a_fault_lasts_from_its_time_for_its_duration(events, tmp_path):
 def test_a_counted_fault_meets_that_many(events):
     faults = board(events, {"time": 0.0, "fault": "reply_lost", "part": "tail_roll", "count": 2})
     faults.look(100.0)
-    assert [faults.meets(Fault.REPLY_LOST, "tail_roll") for _ in range(4)] == [True, True, False, False]
+    assert [faults.meets(Fault.REPLY_LOST, "tail_roll") for _ in range(4)] == [
+        True,
+        True,
+        False,
+        False,
+    ]
     faults.look(100.1)
     assert not faults.meets(Fault.REPLY_LOST, "tail_roll")
 

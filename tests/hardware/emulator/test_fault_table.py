@@ -1,4 +1,6 @@
-"""The fault table: every fault on the emulated car, with the real drive code, until the car is safe."""
+"""The fault table: every fault on the emulated car, with the real drive code, until the car is
+safe.
+"""
 
 import csv
 from pathlib import Path
@@ -29,7 +31,9 @@ def test_a_fault_ends_in_a_safe_car(case, tmp_path):
 
 
 def test_every_fault_of_a_script_has_a_case():
-    entries = [case.fault for case in (*CASES, *REFUSED)] + [entry for case in PROCESS_CASES for entry in case.faults]
+    entries = [case.fault for case in (*CASES, *REFUSED)] + [
+        entry for case in PROCESS_CASES for entry in case.faults
+    ]
     assert {entry["fault"] for entry in entries if entry} == set(Fault)
 
 

@@ -1,4 +1,6 @@
-"""First contact with new motors on the emulated car: one joint by five degrees, and the zero into the ports file."""
+"""First contact with new motors on the emulated car: one joint by five degrees, and the zero into
+the ports file.
+"""
 
 import json
 import math
@@ -26,9 +28,13 @@ pytestmark = pytest.mark.emulated
 CAR = load_scenario(SCENARIO, list(SETTINGS))
 
 
-@pytest.mark.parametrize(("joint", "way"), [("tail_pitch", "forward"), ("tail_roll", "to the right")])
+@pytest.mark.parametrize(
+    ("joint", "way"), [("tail_pitch", "forward"), ("tail_roll", "to the right")]
+)
 @pytest.mark.parametrize("wiring", WIRINGS)
-def test_one_joint_moves_by_five_degrees_and_the_motors_are_off_after_it(tmp_path, wiring, joint, way):
+def test_one_joint_moves_by_five_degrees_and_the_motors_are_off_after_it(
+    tmp_path, wiring, joint, way
+):
     def tried(folder):
         with EmulatorProcess(folder, CAR, wiring) as emulator:
             said = []
@@ -47,9 +53,17 @@ def test_one_joint_moves_by_five_degrees_and_the_motors_are_off_after_it(tmp_pat
 @pytest.mark.parametrize("wiring", ["watched_can", "teensy_bridge"])
 def test_a_motor_that_is_off_fails_the_test(tmp_path, wiring):
     def tried(folder):
-        script = {"clock": "entered", "faults": [{"time": 0.8, "fault": "motor_off", "part": "tail_roll"}]}
-        with EmulatorProcess(folder, CAR, wiring, script) as emulator, pytest.raises(HardwareError, match="motor test"):
-            run_motor_test(open_car(CAR, emulator.ports, wiring), "tail_roll", lambda _: None, lambda _: True)
+        script = {
+            "clock": "entered",
+            "faults": [{"time": 0.8, "fault": "motor_off", "part": "tail_roll"}],
+        }
+        with (
+            EmulatorProcess(folder, CAR, wiring, script) as emulator,
+            pytest.raises(HardwareError, match="motor test"),
+        ):
+            run_motor_test(
+                open_car(CAR, emulator.ports, wiring), "tail_roll", lambda _: None, lambda _: True
+            )
 
     undisturbed(tried, tmp_path)
 
@@ -78,7 +92,13 @@ def test_the_example_moves_one_motor_and_leaves_it_off(tmp_path, wiring):
     def tried(folder):
         with EmulatorProcess(folder, CAR, wiring) as emulator:
             ports = emulator.folder / PORTS_FILE
-            command = [sys.executable, "-m", "aerodima.hardware.examples.one_motor", str(ports), wiring]
+            command = [
+                sys.executable,
+                "-m",
+                "aerodima.hardware.examples.one_motor",
+                str(ports),
+                wiring,
+            ]
             refused = subprocess.run(command, capture_output=True, text=True, timeout=120)
             assert "no watchdog test" in refused.stderr
             assert not emulator.named("entered")
@@ -88,8 +108,12 @@ def test_the_example_moves_one_motor_and_leaves_it_off(tmp_path, wiring):
             lines = found.stdout.splitlines()
             angles = [float(line.split()[0]) for line in lines]
             assert len(angles) == 300
-            assert 0.06 < max(angles) - min(angles) < 0.25  # it lies at its limit, and rises from there
+            assert (
+                0.06 < max(angles) - min(angles) < 0.25
+            )  # it lies at its limit, and rises from there
             assert all(line.endswith("N m ") for line in lines)  # no fault
-            assert len(emulator.named("entered")) == len(emulator.named("off")) == 4  # the watchdog test, the example
+            assert (
+                len(emulator.named("entered")) == len(emulator.named("off")) == 4
+            )  # the watchdog test, the example
 
     undisturbed(tried, tmp_path)

@@ -1,4 +1,6 @@
-"""The drive process is killed or stopped while it drives: the watchdog of the wiring switches the car off."""
+"""The drive process is killed or stopped while it drives: the watchdog of the wiring switches the
+car off.
+"""
 
 import json
 
@@ -13,7 +15,14 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.emulator.fault_runs import SCENARIO, SETTINGS
-from tests.hardware.emulator.process_runs import CASES, REFUSED, check, process_row, run_process_case, run_refused_case
+from tests.hardware.emulator.process_runs import (
+    CASES,
+    REFUSED,
+    check,
+    process_row,
+    run_process_case,
+    run_refused_case,
+)
 from tests.hardware.fake_can import wait_until
 
 pytestmark = pytest.mark.emulated  # processes and a car in real time
@@ -21,13 +30,17 @@ pytestmark = pytest.mark.emulated  # processes and a car in real time
 CAR = load_scenario(SCENARIO, list(SETTINGS))
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.name}-{case.wiring}".replace(" ", "_"))
+@pytest.mark.parametrize(
+    "case", CASES, ids=lambda case: f"{case.name}-{case.wiring}".replace(" ", "_")
+)
 def test_a_drive_that_dies_hangs_or_tips_over_leaves_a_safe_car(tmp_path, case):
     found = undisturbed(lambda folder: check(case, run_process_case(case, folder)), tmp_path)
     print(process_row(case, found))
 
 
-@pytest.mark.parametrize("case", REFUSED, ids=lambda case: f"{case.name}-{case.wiring}".replace(" ", "_"))
+@pytest.mark.parametrize(
+    "case", REFUSED, ids=lambda case: f"{case.name}-{case.wiring}".replace(" ", "_")
+)
 def test_a_car_that_must_not_be_armed_is_refused(tmp_path, case):
     undisturbed(lambda folder: run_refused_case(case, folder), tmp_path)
 
@@ -38,7 +51,9 @@ def emulator(request, tmp_path):
         yield running
 
 
-def test_a_watchdog_test_on_the_emulator_is_recorded_and_worth_nothing_for_real_motors(emulator, tmp_path):
+def test_a_watchdog_test_on_the_emulator_is_recorded_and_worth_nothing_for_real_motors(
+    emulator, tmp_path
+):
     wiring = emulator.wiring
     seen = []
 
@@ -47,7 +62,9 @@ def test_a_watchdog_test_on_the_emulator_is_recorded_and_worth_nothing_for_real_
         seen.append(question)
         return True
 
-    record, path = run_watchdog_test(CAR, emulator.ports, wiring, confirm, "emulator", tmp_path / "records")
+    record, path = run_watchdog_test(
+        CAR, emulator.ports, wiring, confirm, "emulator", tmp_path / "records"
+    )
     assert path == record_path(wiring, tmp_path / "records")
     assert len(seen) == 1
     assert record.emulated
@@ -63,5 +80,7 @@ def test_a_watchdog_test_on_the_emulator_is_recorded_and_worth_nothing_for_real_
 
 def test_motors_that_were_not_seen_off_are_not_recorded(emulator, tmp_path):
     with pytest.raises(HardwareError, match="were not seen off; nothing is recorded"):
-        run_watchdog_test(CAR, emulator.ports, emulator.wiring, lambda _: False, folder=tmp_path / "records")
+        run_watchdog_test(
+            CAR, emulator.ports, emulator.wiring, lambda _: False, folder=tmp_path / "records"
+        )
     assert not (tmp_path / "records").exists()

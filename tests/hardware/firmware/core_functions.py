@@ -1,19 +1,46 @@
-"""The pure functions of the firmware's core behind ctypes, for comparison with Python and for the fake Teensy."""
+"""The pure functions of the firmware's core behind ctypes, for comparison with Python and for the
+fake Teensy.
+"""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from ctypes import POINTER, Structure, c_char_p, c_double, c_int, c_int32, c_size_t, c_uint8, c_uint32, c_void_p
+from ctypes import (
+    POINTER,
+    Structure,
+    c_char_p,
+    c_double,
+    c_int,
+    c_int32,
+    c_size_t,
+    c_uint8,
+    c_uint32,
+    c_void_p,
+)
 from dataclasses import astuple
 from functools import cache
 from typing import Any
 
 from aerodima.hardware.firmware import teensy_firmware
-from aerodima.hardware.firmware.teensy_firmware import Frame, Limits, Profile, fields, profile_fields, to_core, to_plain
+from aerodima.hardware.firmware.teensy_firmware import (
+    Frame,
+    Limits,
+    Profile,
+    fields,
+    profile_fields,
+    to_core,
+    to_plain,
+)
 from aerodima.hardware.protocol.ak70 import FirmwareProfile, MitCommand, MitReply
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.hardware.protocol.teensy import Attitude, MotorOrder, MotorRequest, TeensyCommand, TeensyReply
+from aerodima.hardware.protocol.teensy import (
+    Attitude,
+    MotorOrder,
+    MotorRequest,
+    TeensyCommand,
+    TeensyReply,
+)
 
 _LONGEST = 512
 _UNKNOWN_AGE = 65535
@@ -39,7 +66,12 @@ class _Report(Structure):
 
 
 class _Reply(Structure):
-    _fields_ = (("reports", _Report * 2), ("sail", c_double), ("clock", c_uint32), ("status", c_int32))
+    _fields_ = (
+        ("reports", _Report * 2),
+        ("sail", c_double),
+        ("clock", c_uint32),
+        ("status", c_int32),
+    )
 
 
 _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
@@ -48,7 +80,10 @@ _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
     "ad_make_reply": (c_size_t, [POINTER(_Reply), c_char_p, c_size_t]),
     "ad_make_command": (c_int, [c_int, POINTER(c_double), POINTER(Profile), POINTER(Frame)]),
     "ad_decode_reply": (c_int, [POINTER(Frame), POINTER(Profile), POINTER(_Report)]),
-    "ad_limit": (c_int, [POINTER(Limits), POINTER(c_double), c_size_t, POINTER(c_double), POINTER(c_double)]),
+    "ad_limit": (
+        c_int,
+        [POINTER(Limits), POINTER(c_double), c_size_t, POINTER(c_double), POINTER(c_double)],
+    ),
     "ad_reader_new": (c_void_p, []),
     "ad_reader_free": (None, [c_void_p]),
     "ad_reader_feed": (c_int, [c_void_p, c_char_p, c_size_t, POINTER(_Command), POINTER(c_uint32)]),
@@ -139,7 +174,9 @@ def decode_reply(frame: CanFrame, profile: FirmwareProfile) -> MitReply:
     """The state in a motor's reply as the core reads it; `FrameError` if it refuses."""
     report = _Report()
     if not library().ad_decode_reply(
-        ctypes.byref(to_core(frame)), ctypes.byref(Profile(**profile_fields(profile))), ctypes.byref(report)
+        ctypes.byref(to_core(frame)),
+        ctypes.byref(Profile(**profile_fields(profile))),
+        ctypes.byref(report),
     ):
         raise FrameError(f"the firmware refuses the reply {frame}")
     health = (float(report.temperature), report.fault) if report.replies else (None, None)
@@ -147,7 +184,9 @@ def decode_reply(frame: CanFrame, profile: FirmwareProfile) -> MitReply:
 
 
 def limit_command(
-    command: MitCommand, replies: Sequence[tuple[float, float, float, float]], limits: dict[str, float]
+    command: MitCommand,
+    replies: Sequence[tuple[float, float, float, float]],
+    limits: dict[str, float],
 ) -> MitCommand:
     """What the core leaves of a command after replies (position, velocity, torque, time in s)."""
     flat = [value for *state, when in replies for value in (*state, 1000.0 * when)]
@@ -164,7 +203,8 @@ def limit_command(
 
 def _command(command: _Command) -> TeensyCommand:
     first, second = (
-        MotorOrder(order.motor_id, MotorRequest(order.request), MitCommand(*order.values)) for order in command.orders
+        MotorOrder(order.motor_id, MotorRequest(order.request), MitCommand(*order.values))
+        for order in command.orders
     )
     known = command.age != _UNKNOWN_AGE
     attitude = Attitude(command.roll, command.pitch, command.age) if known else None

@@ -1,4 +1,6 @@
-"""The firmware compiled for the Teensy's processor and run by QEMU on an emulated Cortex-M7 (mps2-an500), or here."""
+"""The firmware compiled for the Teensy's processor and run by QEMU on an emulated Cortex-M7
+(mps2-an500), or here.
+"""
 
 import shutil
 import subprocess
@@ -33,20 +35,27 @@ def need_tools() -> None:
     missing = [name for name in TOOLS if shutil.which(name) is None]
     if missing:
         pytest.skip(
-            f"not on the path: {', '.join(missing)} (gcc-arm-none-eabi, libnewlib-arm-none-eabi, qemu-system-arm)"
+            f"not on the path: {', '.join(missing)} (gcc-arm-none-eabi, libnewlib-arm-none-eabi, "
+            "qemu-system-arm)"
         )
 
 
 def run(*command: object, folder: Path | None = None) -> str:
     """Standard output of a command that must succeed."""
-    done = subprocess.run(list(map(str, command)), cwd=folder, capture_output=True, text=True, timeout=_LONGEST)
-    assert done.returncode == 0, f"{command[0]}: status {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-4000:]}"
+    done = subprocess.run(
+        list(map(str, command)), cwd=folder, capture_output=True, text=True, timeout=_LONGEST
+    )
+    assert done.returncode == 0, (
+        f"{command[0]}: status {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-4000:]}"
+    )
     return done.stdout
 
 
 def export(folder: Path) -> Path:
     """The sketch of the wiring teensy_bridge, in the form in which the programs include it."""
-    export_sketch(FirmwareSettings("teensy_bridge", AK70_10_V1_0_8), folder).rename(folder / "sketch.ino")
+    export_sketch(FirmwareSettings("teensy_bridge", AK70_10_V1_0_8), folder).rename(
+        folder / "sketch.ino"
+    )
     return folder
 
 
@@ -58,16 +67,44 @@ def on_host(program: str, sketch: Path) -> str:
 
 
 def build(program: str, sketch: Path, core: Path | None = None) -> Path:
-    """A program of `cortex_m7/` and a core, `sketch/src` when None, as an image for the emulator."""
+    """A program of `cortex_m7/` and a core, `sketch/src` when None, as an image for the
+    emulator.
+    """
     core = core or sketch / "src"
     objects = [sketch / f"{program}.start.o"]
-    run("arm-none-eabi-gcc", *CPU, "-O2", "-Wall", "-Wextra", "-Werror", "-c", PROGRAMS / "start.c", "-o", objects[0])
+    run(
+        "arm-none-eabi-gcc",
+        *CPU,
+        "-O2",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-c",
+        PROGRAMS / "start.c",
+        "-o",
+        objects[0],
+    )
     for source in (PROGRAMS / f"{program}.cpp", PROGRAMS / "new.cpp", *sorted(core.glob("*.cpp"))):
         objects.append(sketch / f"{program}.{source.stem}.o")
         strict = STRICT if source.parent == core else ()
-        run("arm-none-eabi-g++", *TEENSY, *strict, f"-I{sketch}", f"-I{core}", "-c", source, "-o", objects[-1])
+        run(
+            "arm-none-eabi-g++",
+            *TEENSY,
+            *strict,
+            f"-I{sketch}",
+            f"-I{core}",
+            "-c",
+            source,
+            "-o",
+            objects[-1],
+        )
     image = sketch / f"{program}.elf"
-    link = ("-nostartfiles", "--specs=rdimon.specs", "-Wl,--gc-sections", f"-T{PROGRAMS / 'mps2.ld'}")
+    link = (
+        "-nostartfiles",
+        "--specs=rdimon.specs",
+        "-Wl,--gc-sections",
+        f"-T{PROGRAMS / 'mps2.ld'}",
+    )
     run("arm-none-eabi-gcc", *CPU, *link, *objects, "-lm", "-o", image)
     return image
 

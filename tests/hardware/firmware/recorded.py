@@ -1,6 +1,8 @@
-"""The calls that the tests make of the core, with every result, in a file that `cortex_m7/replay.cpp` repeats.
+"""The calls that the tests make of the core, with every result, in a file that
+`cortex_m7/replay.cpp` repeats.
 
-`python -m tests.hardware.firmware.recorded FILE [pytest's words]`. The exit status is that of pytest.
+`python -m tests.hardware.firmware.recorded FILE [pytest's words]`. The exit status is that of
+pytest.
 """
 
 import struct
@@ -39,7 +41,9 @@ def recorded(function: Callable[..., Any], name: str, stream: BinaryIO) -> Calla
         stream.write(b"".join(_field(_content(argument)) for argument in arguments))
         result = function(*arguments)
         written = [not isinstance(argument, bytes | int) for argument in arguments]
-        stream.write(struct.pack("<qB", result or 0, sum(bit << index for index, bit in enumerate(written))))
+        stream.write(
+            struct.pack("<qB", result or 0, sum(bit << index for index, bit in enumerate(written)))
+        )
         for argument, may_be_written in zip(arguments, written, strict=True):
             if may_be_written:
                 stream.write(_field(_content(argument)[: result if name in _WRITE_TEXT else None]))
@@ -61,7 +65,11 @@ def main() -> int:
     with open(sys.argv[1], "wb") as stream:
         library = _Library(stream)
         build.library = core_functions.library = lambda: library
-        return int(pytest.main(["-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", *sys.argv[2:], *tests]))
+        return int(
+            pytest.main(
+                ["-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", *sys.argv[2:], *tests]
+            )
+        )
 
 
 if __name__ == "__main__":

@@ -36,7 +36,9 @@ def settings(**changes):
 
 def test_without_a_compiler_one_line_says_what_is_missing(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(HardwareError, match=r"needs a C\+\+17 compiler on the path; looked for g\+\+"):
+    with pytest.raises(
+        HardwareError, match=r"needs a C\+\+17 compiler on the path; looked for g\+\+"
+    ):
         build_core(tmp_path / "cache")
 
 
@@ -88,9 +90,12 @@ def test_the_exported_configuration_compiles_and_carries_the_parameters(tmp_path
     compiler = next(found for name in COMPILERS if (found := shutil.which(name)))
     sources = [str(path) for path in (folder / "src").glob("*.cpp")]
     subprocess.run(
-        [compiler, "-std=c++17", "-Wall", "-Werror", str(program), *sources, "-o", tmp_path / "p"], check=True
+        [compiler, "-std=c++17", "-Wall", "-Werror", str(program), *sources, "-o", tmp_path / "p"],
+        check=True,
     )
-    shown = subprocess.run([tmp_path / "p"], capture_output=True, text=True, check=True).stdout.split()
+    shown = subprocess.run(
+        [tmp_path / "p"], capture_output=True, text=True, check=True
+    ).stdout.split()
     watchdog = round(1000 * exported.timing.watchdog_timeout)
     assert shown == ["0", "24", str(watchdog), "10", "4", "9", "1500"]
 

@@ -39,7 +39,12 @@ def within(limit):
 
 
 COMMANDS = st.builds(
-    MitCommand, within(100.0), within(200.0), st.floats(0.0, 500.0), st.floats(0.0, 5.0), within(200.0)
+    MitCommand,
+    within(100.0),
+    within(200.0),
+    st.floats(0.0, 500.0),
+    st.floats(0.0, 5.0),
+    within(200.0),
 )
 ORDERS = st.tuples(st.integers(0, 70), st.sampled_from(MotorRequest), COMMANDS)
 
@@ -48,8 +53,12 @@ ORDERS = st.tuples(st.integers(0, 70), st.sampled_from(MotorRequest), COMMANDS)
 def commands(draw):
     """A command, also one of ids that the protocol refuses."""
     orders = tuple(MotorOrder(motor_id, *rest) for motor_id, *rest in (draw(ORDERS), draw(ORDERS)))
-    attitude = draw(st.none() | st.builds(Attitude, within(3.2), within(3.2), st.integers(0, 65534)))
-    return TeensyCommand(orders, draw(st.integers(950, 2050)), draw(st.integers(1100, 1900)), attitude)
+    attitude = draw(
+        st.none() | st.builds(Attitude, within(3.2), within(3.2), st.integers(0, 65534))
+    )
+    return TeensyCommand(
+        orders, draw(st.integers(950, 2050)), draw(st.integers(1100, 1900)), attitude
+    )
 
 
 def closed(body):
@@ -61,14 +70,32 @@ PLAIN = b"1;0;0;0;0;0;0|;2;0;0;0;0;0;0|;1500;1500;0;0;65535"
 
 @st.composite
 def damaged_strings(draw):
-    """A command string with some of its bytes replaced, removed or put in, of the kinds that the grammar looks at."""
+    """A command string with some of its bytes replaced, removed or put in, of the kinds that the
+    grammar looks at.
+    """
     made = refused(teensy.make_command, draw(commands()))
     text = bytearray(PLAIN if made is None else made[:-5])
     for _ in range(draw(st.integers(0, 3))):
         place = draw(st.integers(0, len(text)))
         text[place : place + draw(st.integers(0, 2))] = draw(
             st.sampled_from(
-                [b"", b" ", b";", b"|", b"-", b"+", b".", b"0", b"9", b"\r\n", b"*", b"\0", b"\xff", b"e", b"nan"]
+                [
+                    b"",
+                    b" ",
+                    b";",
+                    b"|",
+                    b"-",
+                    b"+",
+                    b".",
+                    b"0",
+                    b"9",
+                    b"\r\n",
+                    b"*",
+                    b"\0",
+                    b"\xff",
+                    b"e",
+                    b"nan",
+                ]
             )
         )
     return closed(bytes(text))
@@ -77,7 +104,11 @@ def damaged_strings(draw):
 def numbers(command):
     """All of a command, flat."""
     attitude = command.attitude or Attitude(0.0, 0.0, 65535)
-    orders = [value for order in command.motors for value in (order.motor_id, order.request, *astuple(order.command))]
+    orders = [
+        value
+        for order in command.motors
+        for value in (order.motor_id, order.request, *astuple(order.command))
+    ]
     return [*orders, command.servo, command.throttle, *astuple(attitude)]
 
 
@@ -94,7 +125,9 @@ def test_a_command_arrives_as_it_was_written(command):
 def test_what_the_core_reads_out_of_a_damaged_string_is_a_command(text):
     command = refused(core.decode_command, text)
     if command is not None:
-        assert numbers(core.decode_command(teensy.make_command(command))) == pytest.approx(numbers(command), abs=6e-5)
+        assert numbers(core.decode_command(teensy.make_command(command))) == pytest.approx(
+            numbers(command), abs=6e-5
+        )
 
 
 @EXAMPLES
@@ -180,7 +213,9 @@ def test_a_stream_that_begins_in_the_middle_of_a_string_is_read_from_the_next_on
 @FEW
 @given(
     st.lists(
-        st.tuples(*[within(100.0)] * 3, st.integers(0, 255), st.integers(-40, 255), st.integers(0, 255)),
+        st.tuples(
+            *[within(100.0)] * 3, st.integers(0, 255), st.integers(-40, 255), st.integers(0, 255)
+        ),
         min_size=2,
         max_size=2,
     ),
@@ -190,7 +225,9 @@ def test_a_stream_that_begins_in_the_middle_of_a_string_is_read_from_the_next_on
     st.sampled_from(teensy.TeensyStatus),
 )
 def test_a_reply_arrives_as_it_was_written(states, ids, sail, clock, status):
-    reports = tuple(MotorReport(motor_id, *state) for motor_id, state in zip(ids, states, strict=True))
+    reports = tuple(
+        MotorReport(motor_id, *state) for motor_id, state in zip(ids, states, strict=True)
+    )
     text = refused(core.make_reply, TeensyReply(reports, sail, clock, status))
     if text is None:
         assert min(ids) < 1 or max(ids) > ak70.MOST_ID or ids[0] == ids[1]
@@ -204,7 +241,9 @@ def test_a_reply_arrives_as_it_was_written(states, ids, sail, clock, status):
 
 def test_a_reply_that_is_not_finite_is_refused():
     reports = (MotorReport(1, math.nan, 0.0, 0.0, 0, 0, 0), MotorReport(2, 0.0, 0.0, 0.0, 0, 0, 0))
-    assert refused(core.make_reply, TeensyReply(reports, 0.0, 0, teensy.TeensyStatus.RUNNING)) is None
+    assert (
+        refused(core.make_reply, TeensyReply(reports, 0.0, 0, teensy.TeensyStatus.RUNNING)) is None
+    )
 
 
 @EXAMPLES
@@ -226,12 +265,16 @@ def test_command_frames_are_made_alike(motor_id, shares, profile):
 
 
 @EXAMPLES
-@given(st.integers(0, 0x7F), st.integers(0, 70), st.binary(max_size=7), st.booleans(), st.booleans())
+@given(
+    st.integers(0, 0x7F), st.integers(0, 70), st.binary(max_size=7), st.booleans(), st.booleans()
+)
 def test_replies_of_motors_are_read_alike(arbitration_id, first, rest, extended, own):
     data = bytes([first]) + rest
     frame = CanFrame(first if own else arbitration_id, data, extended)
     for profile in (AK70_10_V1_0_8, MANUAL_SAMPLE_CODE):
-        assert refused(core.decode_reply, frame, profile) == refused(ak70.decode_reply, frame, profile)
+        assert refused(core.decode_reply, frame, profile) == refused(
+            ak70.decode_reply, frame, profile
+        )
 
 
 @pytest.mark.parametrize("profile", PROFILES.values(), ids=lambda profile: profile.name)

@@ -1,4 +1,6 @@
-"""Anything at all on the core's three inputs: it never crashes, never leaves its ranges, and falls silent in time."""
+"""Anything at all on the core's three inputs: it never crashes, never leaves its ranges, and falls
+silent in time.
+"""
 
 import random
 
@@ -40,12 +42,24 @@ class Chaos:
         if draw.random() < 0.2:  # what its watchdog lets go at
             orders = tuple(MotorOrder(motor_id, MotorRequest.EXIT, NEUTRAL) for motor_id in (1, 2))
             return make_command(TeensyCommand(orders, SERVO_PULSES[1], THROTTLE_PULSES[1], LEVEL))
-        values = (draw.uniform(-13, 13), draw.uniform(-50, 50), draw.uniform(0, 500), draw.uniform(0, 5))
+        values = (
+            draw.uniform(-13, 13),
+            draw.uniform(-50, 50),
+            draw.uniform(0, 500),
+            draw.uniform(0, 5),
+        )
         orders = tuple(
-            MotorOrder(motor_id, draw.choice(list(MotorRequest)), MitCommand(*values, draw.uniform(-26, 26)))
+            MotorOrder(
+                motor_id,
+                draw.choice(list(MotorRequest)),
+                MitCommand(*values, draw.uniform(-26, 26)),
+            )
             for motor_id in draw.choices([(1, 2), (2, 1), (7, 63)], (20, 1, 1))[0]
         )
-        pulses = (draw.randint(SERVO_PULSES[0], SERVO_PULSES[2]), draw.randint(THROTTLE_PULSES[0], THROTTLE_PULSES[2]))
+        pulses = (
+            draw.randint(SERVO_PULSES[0], SERVO_PULSES[2]),
+            draw.randint(THROTTLE_PULSES[0], THROTTLE_PULSES[2]),
+        )
         tilted = Attitude(draw.uniform(-3.1, 3.1), draw.uniform(-1.5, 1.5), draw.randint(0, 1000))
         attitude = draw.choices([LEVEL, tilted, None], (40, 1, 1))[0]
         return make_command(TeensyCommand(orders, *pulses, attitude))
@@ -54,7 +68,9 @@ class Chaos:
         text, draw = bytearray(self.command()), self.draw
         for _ in range(draw.randint(1, 4)):
             place = draw.randrange(len(text))
-            text[place : place + draw.randint(0, 3)] = bytes(draw.choices(CHARACTERS, k=draw.randint(0, 3)))
+            text[place : place + draw.randint(0, 3)] = bytes(
+                draw.choices(CHARACTERS, k=draw.randint(0, 3))
+            )
         return bytes(text)
 
     def noise(self):
@@ -83,13 +99,24 @@ def test_anything_at_all_leaves_it_within_its_ranges(wiring):
         if what < 0.7 and step % 300 >= 200:  # a computer of which only noise is left
             core.feed(chaos.noise().replace(b"|", b""), now)
         elif what < 0.7:
-            core.feed(chaos.command() if what < 0.45 else chaos.damaged() if what < 0.6 else chaos.noise(), now)
+            core.feed(
+                chaos.command()
+                if what < 0.45
+                else chaos.damaged()
+                if what < 0.6
+                else chaos.noise(),
+                now,
+            )
             valid = now
         elif what < 0.9:
             core.receive(chaos.frame())
         else:
             core.set_sail_word(draw.getrandbits(32))
-        now += draw.choice([0.0, 0.001, 0.002, 0.01]) if draw.random() < 0.99 else draw.uniform(0.0, 0.4)
+        now += (
+            draw.choice([0.0, 0.001, 0.002, 0.01])
+            if draw.random() < 0.99
+            else draw.uniform(0.0, 0.4)
+        )
         core.step(now)
         if draw.random() < 0.8:  # sometimes the bus takes nothing, and the queue runs over
             for frame in core.frames():

@@ -1,4 +1,6 @@
-"""What the firmware stops and limits by itself: attitude, throttle, the heartbeat on the bus, torque and range."""
+"""What the firmware stops and limits by itself: attitude, throttle, the heartbeat on the bus,
+torque and range.
+"""
 
 import math
 from dataclasses import replace
@@ -22,7 +24,9 @@ OVER = Attitude(SAFETY.attitude_limit + 0.02, 0.0, 8)
 
 
 def commanding(bench, seconds, **what):
-    """A drive that goes on commanding; when the Teensy switched everything off, s after the beginning."""
+    """A drive that goes on commanding; when the Teensy switched everything off, s after the
+    beginning.
+    """
     begin, acted = bench.now, math.inf
     for _ in range(round(seconds / 0.01)):
         bench.write(MotorRequest.COMMAND, PUSH, **{"throttle": 1520, **what})
@@ -33,7 +37,9 @@ def commanding(bench, seconds, **what):
     return acted
 
 
-@pytest.mark.parametrize("attitude", [OVER, Attitude(-3.1, 0.0, 8), Attitude(0.0, 1.2, 8), Attitude(0.0, -1.2, 8)])
+@pytest.mark.parametrize(
+    "attitude", [OVER, Attitude(-3.1, 0.0, 8), Attitude(0.0, 1.2, 8), Attitude(0.0, -1.2, 8)]
+)
 def test_a_car_on_its_side_is_stopped_although_the_drive_goes_on_commanding(attitude):
     bench = Bench().drive()
     begin = bench.now
@@ -55,7 +61,9 @@ def test_a_car_that_rocks_is_not_stopped():
         assert math.isinf(commanding(bench, 0.02))
 
 
-@pytest.mark.parametrize("attitude", [None, Attitude(0.0, 0.0, round(1000 * TIMING.attitude_age) + 1)])
+@pytest.mark.parametrize(
+    "attitude", [None, Attitude(0.0, 0.0, round(1000 * TIMING.attitude_age) + 1)]
+)
 def test_the_car_does_not_drive_with_an_attitude_that_is_old_or_unknown(attitude):
     bench = Bench().drive()
     assert commanding(bench, 0.05, attitude=attitude) <= 0.002
@@ -70,7 +78,10 @@ def test_motors_alone_may_be_moved_without_an_attitude(attitude):
 
 def test_an_old_attitude_on_the_side_still_stops_the_tail():
     bench = Bench().drive()
-    assert commanding(bench, 0.5, attitude=replace(OVER, age=60000), throttle=1500) < TIMING.attitude_time + 0.011
+    assert (
+        commanding(bench, 0.5, attitude=replace(OVER, age=60000), throttle=1500)
+        < TIMING.attitude_time + 0.011
+    )
 
 
 @pytest.mark.parametrize("wiring", ["teensy_bridge", "watched_can"])
@@ -95,7 +106,9 @@ def test_a_throttle_step_is_clipped_and_comes_on_slowly(wiring, asked, end):
         bench.write(MotorRequest.EXIT, throttle=asked)
         bench.wait(0.01)
     bench.write(MotorRequest.EXIT, throttle=3000 - asked)
-    assert abs(bench.core.state.throttle - 1500) <= SAFETY.throttle_start * 400 + 1, "the other way begins anew"
+    assert abs(bench.core.state.throttle - 1500) <= SAFETY.throttle_start * 400 + 1, (
+        "the other way begins anew"
+    )
 
 
 class BusBench(Bench):
@@ -114,7 +127,11 @@ class BusBench(Bench):
             self.wait(0.01)
 
     def answers(self, since):
-        return [decode_answer(frame) for when, frame in self.sent if when >= since and frame.arbitration_id == 0x7A1]
+        return [
+            decode_answer(frame)
+            for when, frame in self.sent
+            if when >= since and frame.arbitration_id == 0x7A1
+        ]
 
 
 def driving_on_the_bus():
@@ -128,7 +145,9 @@ def test_on_the_bus_it_answers_every_beat_and_sends_nothing_else_while_all_is_we
     bench = driving_on_the_bus()
     begin = bench.now
     bench.beat(BeatState.ARMED, 0.2)
-    assert bench.answers(begin) == [(TeensyStatus.RUNNING, (bench.counter - 19 + i) % 256) for i in range(20)]
+    assert bench.answers(begin) == [
+        (TeensyStatus.RUNNING, (bench.counter - 19 + i) % 256) for i in range(20)
+    ]
     assert {frame.arbitration_id for when, frame in bench.sent if when >= begin} == {0x7A1}
 
 
@@ -211,7 +230,10 @@ def test_torque_and_range_are_limited_as_on_the_computer():
     random = np.random.default_rng(7)
     for _ in range(400):
         command = MitCommand(
-            *(random.uniform(low, high) for low, high in ((-6, 6), (-50, 50), (0, 500), (0, 5), (-25, 25)))
+            *(
+                random.uniform(low, high)
+                for low, high in ((-6, 6), (-50, 50), (0, 500), (0, 5), (-25, 25))
+            )
         )
         position, speed = random.uniform(-1.85, 1.85), random.uniform(-30, 30)
         load, replies = MotorLoad(motor.safety.rated_torque, motor.safety.overload), []
@@ -219,17 +241,23 @@ def test_torque_and_range_are_limited_as_on_the_computer():
             torque, when = float(random.uniform(-25, 25)), 0.1 * k
             load.add(torque, when)
             replies.append((position, speed, torque, when))
-        ours = limit_on_the_computer(command, position, speed, motor, load.allowed(motor.torque_limit))
+        ours = limit_on_the_computer(
+            command, position, speed, motor, load.allowed(motor.torque_limit)
+        )
         theirs = limit_command(command, replies, limits)
         for name in ("position", "velocity", "kp", "kd", "torque"):
-            assert getattr(theirs, name) == pytest.approx(getattr(ours, name), rel=1e-9, abs=1e-9), (name, command)
+            assert getattr(theirs, name) == pytest.approx(
+                getattr(ours, name), rel=1e-9, abs=1e-9
+            ), (name, command)
 
 
 @pytest.mark.parametrize("position", [-1.9, 1.9, 6.0])
 def test_a_motor_far_beyond_its_range_gets_no_torque(position):
     """Its zero is wrong: the way back into the range is not known."""
     limits = motor_limits(joint())
-    limited = limit_command(MitCommand(0.0, 1.0, 500.0, 5.0, 20.0), [(position, 0.0, 0.0, 0.0)], limits)
+    limited = limit_command(
+        MitCommand(0.0, 1.0, 500.0, 5.0, 20.0), [(position, 0.0, 0.0, 0.0)], limits
+    )
     assert (limited.velocity, limited.kp, limited.kd, limited.torque) == (0.0, 0.0, 0.0, 0.0)
 
 

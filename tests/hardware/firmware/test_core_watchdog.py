@@ -52,7 +52,9 @@ class Bench:
         for frame in self.core.frames():
             self.sent.append((self.now, frame))
             if not self.deaf and frame.arbitration_id in (1, 2):
-                answer = make_reply(MitReply(frame.arbitration_id, 0.5, -1.0, 2.0, 31.0, 0), PROFILE)
+                answer = make_reply(
+                    MitReply(frame.arbitration_id, 0.5, -1.0, 2.0, 31.0, 0), PROFILE
+                )
                 self.core.receive(answer)
         reply = self.core.reply()
         if reply:
@@ -64,9 +66,13 @@ class Bench:
             self.core.step(self.now)
             self._collect()
 
-    def write(self, request, command=NEUTRAL, throttle=1500, servo=1500, ids=(1, 2), attitude=LEVEL):
+    def write(
+        self, request, command=NEUTRAL, throttle=1500, servo=1500, ids=(1, 2), attitude=LEVEL
+    ):
         first, second = (MotorOrder(motor_id, request, command) for motor_id in ids)
-        self.core.feed(make_string(TeensyCommand((first, second), servo, throttle, attitude)), self.now)
+        self.core.feed(
+            make_string(TeensyCommand((first, second), servo, throttle, attitude)), self.now
+        )
         self._collect()
 
     def drive(self, cycles=20):
@@ -81,7 +87,11 @@ class Bench:
         return self
 
     def exits(self, motor_id, since=0.0):
-        return [when for when, frame in self.sent if frame == make_exit(motor_id) and when >= since - 1e-9]
+        return [
+            when
+            for when, frame in self.sent
+            if frame == make_exit(motor_id) and when >= since - 1e-9
+        ]
 
     def last_reply(self):
         return decode_reply(self.replies[-1][1])
@@ -108,7 +118,9 @@ def test_it_bridges_enter_command_and_exit():
     del bench.sent[:]
     bench.write(MotorRequest.COMMAND, PUSH, throttle=1520, servo=1700)
     bench.wait(MS)
-    assert [frame for _, frame in bench.sent] == [make_command(motor_id, PUSH, PROFILE) for motor_id in (1, 2)]
+    assert [frame for _, frame in bench.sent] == [
+        make_command(motor_id, PUSH, PROFILE) for motor_id in (1, 2)
+    ]
     assert (bench.core.state.servo, bench.core.state.throttle) == (1700, 1520)
     reply = bench.last_reply()
     assert reply.motors[0].position == pytest.approx(0.5, abs=4e-4)
@@ -151,14 +163,19 @@ def test_strings_that_are_not_neutral_do_not_end_it():
         bench.write(MotorRequest.COMMAND, PUSH, throttle=1520, servo=1700)
         bench.wait(0.01)
     assert bench.core.state.throttle == 1500
-    commands = [frame for when, frame in bench.sent if when > begin and frame == make_command(1, PUSH, PROFILE)]
+    commands = [
+        frame
+        for when, frame in bench.sent
+        if when > begin and frame == make_command(1, PUSH, PROFILE)
+    ]
     assert not commands
     assert bench.exits(1, since=begin)
     assert bench.last_reply().status is TeensyStatus.WATCHDOG_ACTED
 
 
 @pytest.mark.parametrize(
-    ("request_", "throttle"), [(MotorRequest.EXIT, 1501), (MotorRequest.ENTER, 1500), (MotorRequest.COMMAND, 1500)]
+    ("request_", "throttle"),
+    [(MotorRequest.EXIT, 1501), (MotorRequest.ENTER, 1500), (MotorRequest.COMMAND, 1500)],
 )
 def test_only_exit_with_idle_throttle_is_neutral(request_, throttle):
     bench = Bench().drive()
@@ -192,7 +209,11 @@ def test_other_motors_need_a_new_session(ids):
     bench.write(MotorRequest.COMMAND, PUSH, ids=ids)
     assert bench.core.state.rejected == rejected + 1
     bench.write(MotorRequest.EXIT, ids=ids)
-    assert {1, 2} <= {frame.arbitration_id for when, frame in bench.sent if frame == make_exit(frame.arbitration_id)}
+    assert {1, 2} <= {
+        frame.arbitration_id
+        for when, frame in bench.sent
+        if frame == make_exit(frame.arbitration_id)
+    }
     bench.write(MotorRequest.COMMAND, PUSH, ids=ids)
     bench.wait(0.005)
     assert {frame.arbitration_id for _, frame in bench.sent[-2:]} == set(ids)
@@ -235,7 +256,9 @@ def test_it_tells_a_computer_that_only_listens():
     assert len(bench.replies) - count >= 0.8 / TIMING.reminder
 
 
-@pytest.mark.parametrize(("bits", "word", "degrees"), [(12, 1024, 90.0), (12, 4095, 359.912), (10, 512, 180.0)])
+@pytest.mark.parametrize(
+    ("bits", "word", "degrees"), [(12, 1024, 90.0), (12, 4095, 359.912), (10, 512, 180.0)]
+)
 def test_words_of_the_sail_encoder_become_degrees(bits, word, degrees):
     bench = Bench(sail_bits=bits)
     bench.core.set_sail_word(word)

@@ -1,4 +1,6 @@
-"""Core and sketch on the Teensy's instruction set: compiled without a warning, and the same bits as on the host."""
+"""Core and sketch on the Teensy's instruction set: compiled without a warning, and the same bits as
+on the host.
+"""
 
 import sys
 
@@ -9,7 +11,8 @@ from tests.hardware.firmware import cortex_m7
 from tests.hardware.firmware.recorded import FUNCTIONS
 
 LONGEST_STEP = 60_000
-"""Instructions; 0.1 ms of the Teensy at 600 MHz when each takes one cycle. Its loop must pass in a millisecond."""
+"""Instructions; 0.1 ms of the Teensy at 600 MHz when each takes one cycle. Its loop must pass in a
+millisecond."""
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +31,9 @@ def numbers(line):
 def test_every_call_that_the_tests_make_of_the_core_gives_the_same_bits(sketch):
     calls = sketch / "calls.bin"
     cortex_m7.run(sys.executable, "-m", "tests.hardware.firmware.recorded", calls)
-    lines = cortex_m7.emulate(cortex_m7.build("replay", sketch, SKETCH / "src"), "-icount", "shift=0").splitlines()
+    lines = cortex_m7.emulate(
+        cortex_m7.build("replay", sketch, SKETCH / "src"), "-icount", "shift=0"
+    ).splitlines()
     calls.unlink()
     assert numbers(lines[0])["equal"] > 100_000, lines[0]
     rows = {FUNCTIONS[row["function"]]: row for row in map(numbers, lines[1:])}
@@ -45,10 +50,14 @@ def test_a_day_of_drives_over_the_end_of_the_clock(sketch):
     drives = 24 * 6
     assert counted["enters"] == 2 * drives
     assert counted["exits"] > 100 * drives
-    assert {name for name in ("wrong_order", "not_running", "not_stopped", "rejected") if counted[name]} == set()
+    assert {
+        name for name in ("wrong_order", "not_running", "not_stopped", "rejected") if counted[name]
+    } == set()
     assert counted["heap"] == 1  # what was free at the start is free at the end
 
 
 @pytest.mark.slow
 def test_the_sketch_does_on_the_processor_what_it_does_on_the_host(sketch):
-    assert cortex_m7.emulate(cortex_m7.build("sketch_run", sketch)) == cortex_m7.on_host("sketch_run", sketch)
+    assert cortex_m7.emulate(cortex_m7.build("sketch_run", sketch)) == cortex_m7.on_host(
+        "sketch_run", sketch
+    )

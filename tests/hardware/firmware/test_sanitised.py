@@ -1,4 +1,6 @@
-"""The core under the sanitisers of addresses and undefined behaviour: its tests and fuzzed inputs once more."""
+"""The core under the sanitisers of addresses and undefined behaviour: its tests and fuzzed inputs
+once more.
+"""
 
 import os
 import shutil
@@ -11,7 +13,8 @@ import pytest
 from aerodima.hardware.firmware import teensy_firmware as build
 
 DEFECTS = {
-    "AddressSanitizer": "volatile size_t place = 4; char* four = new char[place]; four[place] = 1; delete[] four;",
+    "AddressSanitizer": "volatile size_t place = 4; char* four = new char[place]; four[place] = "
+    "1; delete[] four;",
     "signed integer overflow": "volatile int most = 2147483647; most = most + 1;",
 }
 

@@ -1,4 +1,6 @@
-"""The sketch on a model of the Teensy: a bus that is late, does not acknowledge or is off, and a clock that stands."""
+"""The sketch on a model of the Teensy: a bus that is late, does not acknowledge or is off, and a
+clock that stands.
+"""
 
 import shutil
 
@@ -29,7 +31,9 @@ def test_no_old_order_reaches_the_bus_and_no_exit_is_overtaken(runs):
 
 def test_exit_frames_go_out_first_when_the_bus_is_back(runs):
     back = [
-        row for name, row in runs.items() if name.startswith(("others", "unack", "bus_off")) and name.endswith(STOPPED)
+        row
+        for name, row in runs.items()
+        if name.startswith(("others", "unack", "bus_off")) and name.endswith(STOPPED)
     ]
     assert len(back) == 7
     for row in back:

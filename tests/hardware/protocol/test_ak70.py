@@ -1,4 +1,7 @@
-"""Byte-exact vectors of the MIT frames. The expected bytes are written out by hand from the field widths."""
+"""Byte-exact vectors of the MIT frames.
+
+The expected bytes are written out by hand from the field widths.
+"""
 
 import math
 
@@ -35,7 +38,8 @@ TORQUE_STEP = 50.0 / 4095
 @pytest.mark.parametrize(
     ("command", "expected"),
     [
-        # position 16 | velocity 12 | kp 12 | kd 12 | torque 12; zero lies half way between 7FFF and 8000 and rounds up
+        # position 16 | velocity 12 | kp 12 | kd 12 | torque 12; zero lies half way between 7FFF and
+        # 8000 and rounds up
         (NEUTRAL, "8000 800 000 000 800"),
         (MitCommand(-12.5, 0, 0, 0, 0), "0000 800 000 000 800"),
         (MitCommand(12.5, 0, 0, 0, 0), "FFFF 800 000 000 800"),
@@ -64,7 +68,9 @@ def test_hold_vector_is_the_nearest_step():
 
 
 @pytest.mark.parametrize("step", [0, 1, 2047, 2048, 4094, 4095])
-@pytest.mark.parametrize(("offset", "up"), [(-0.49, 0), (0.0, 0), (0.49, 0), (0.51, 1), (-0.51, -1)])
+@pytest.mark.parametrize(
+    ("offset", "up"), [(-0.49, 0), (0.0, 0), (0.49, 0), (0.51, 1), (-0.51, -1)]
+)
 def test_every_field_rounds_to_the_nearest_step(step, offset, up):
     wanted = step + up
     if not 0 <= step + offset <= 4095:
@@ -81,7 +87,10 @@ def test_every_field_rounds_to_the_nearest_step(step, offset, up):
 def test_special_frames_are_seven_ff_and_a_letter():
     assert make_enter(2) == CanFrame(2, bytes.fromhex("FFFFFFFFFFFFFFFC"))
     assert make_exit(2) == CanFrame(2, bytes.fromhex("FFFFFFFFFFFFFFFD"))
-    assert all(is_special(data) for data in (make_enter(2).data, make_exit(2).data, bytes.fromhex("FFFFFFFFFFFFFFFE")))
+    assert all(
+        is_special(data)
+        for data in (make_enter(2).data, make_exit(2).data, bytes.fromhex("FFFFFFFFFFFFFFFE"))
+    )
     assert not is_special(make_neutral(2, PROFILE).data)
 
 
@@ -158,7 +167,9 @@ def test_v3_frame_is_refused_by_name():
         decode_reply(CanFrame(0x2901, bytes(8), extended=True), PROFILE)
 
 
-@pytest.mark.parametrize(("arbitration_id", "first"), [(2, 1), (0, 0), (0, 0x40), (0x40, 0x40), (0x123, 1)])
+@pytest.mark.parametrize(
+    ("arbitration_id", "first"), [(2, 1), (0, 0), (0, 0x40), (0x40, 0x40), (0x123, 1)]
+)
 def test_reply_under_a_foreign_id_is_refused(arbitration_id, first):
     with pytest.raises(FrameError, match="no reply"):
         decode_reply(CanFrame(arbitration_id, bytes([first, 0x80, 0, 0x80, 8, 0])), PROFILE)
@@ -185,7 +196,13 @@ def test_command_survives_decoding_within_half_a_step():
 
 @pytest.mark.parametrize(
     ("previous", "reading", "expected"),
-    [(12.4, -12.4, 12.6), (-12.4, 12.4, -12.6), (37.4, 12.4, 37.4), (37.6, -12.4, 37.6), (0.0, 1.0, 1.0)],
+    [
+        (12.4, -12.4, 12.6),
+        (-12.4, 12.4, -12.6),
+        (37.4, 12.4, 37.4),
+        (37.6, -12.4, 37.6),
+        (0.0, 1.0, 1.0),
+    ],
 )
 def test_reply_is_unwrapped_at_the_profile_range(previous, reading, expected):
     assert unwrap(previous, reading, PROFILE) == pytest.approx(expected, abs=1e-12)
@@ -215,7 +232,9 @@ def test_unknown_fault_byte_is_a_fault():
     assert PROFILE.fault_name(77) == "unknown fault 77"
 
 
-@pytest.mark.parametrize(("arbitration_id", "extended"), [(0x800, False), (-1, False), (1 << 29, True)])
+@pytest.mark.parametrize(
+    ("arbitration_id", "extended"), [(0x800, False), (-1, False), (1 << 29, True)]
+)
 def test_can_id_that_does_not_exist_is_refused(arbitration_id, extended):
     with pytest.raises(FrameError, match="CAN id"):
         CanFrame(arbitration_id, b"", extended)

@@ -1,4 +1,6 @@
-"""The DBC for other tools describes the same frames: cantools reads and writes what our code writes and reads."""
+"""The DBC for other tools describes the same frames: cantools reads and writes what our code writes
+and reads.
+"""
 
 import random
 
@@ -51,7 +53,9 @@ def test_commands_between_the_steps_agree(database):
             generator.uniform(0, 5),
             generator.uniform(-25, 25),
         )
-        values = {name: getattr(command, name) for name in ("position", "velocity", "kp", "kd", "torque")}
+        values = {
+            name: getattr(command, name) for name in ("position", "velocity", "kp", "kd", "torque")
+        }
         assert make_command(2, command, PROFILE).data == message.encode(values)
 
 

@@ -1,4 +1,5 @@
-"""Whatever bytes arrive: a decoder returns a value that stands for exactly these bytes, or says `FrameError`.
+"""Whatever bytes arrive: a decoder returns a value that stands for exactly these bytes, or says
+`FrameError`.
 
 The slow set gives each decoder its share of 100,000 inputs, the fast one a few hundred.
 """
@@ -20,13 +21,18 @@ SHARES = {"reply": 25_000, "command": 15_000, "radio": 25_000, "string": 10_000,
 
 
 def fuzzed(decoder: str, *strategies):
-    """Makes a property test of two sizes: a few hundred inputs in the fast set, its share of all in the slow one."""
+    """Makes a property test of two sizes: a few hundred inputs in the fast set, its share of all in
+    the slow one.
+    """
 
     def decorate(test):
         def run(count):
             fuzz(test, count, *strategies)
 
-        counts = [pytest.param(FAST, id="fast"), pytest.param(SHARES[decoder], id="slow", marks=pytest.mark.slow)]
+        counts = [
+            pytest.param(FAST, id="fast"),
+            pytest.param(SHARES[decoder], id="slow", marks=pytest.mark.slow),
+        ]
         return pytest.mark.parametrize("count", counts)(run)
 
     return decorate
@@ -77,7 +83,9 @@ def test_motor_command(data, name):
     "radio",
     st.one_of(
         st.binary(max_size=24),
-        st.builds(radio.PACKED.pack, st.integers(0, 4), st.integers(0, 4), *4 * [st.floats(width=32)]),
+        st.builds(
+            radio.PACKED.pack, st.integers(0, 4), st.integers(0, 4), *4 * [st.floats(width=32)]
+        ),
     ),
 )
 def test_radio_frame(data):
@@ -103,8 +111,12 @@ numbers = st.one_of(
 )
 strings = st.one_of(
     st.binary(max_size=120),
-    st.lists(numbers, min_size=7, max_size=18).map(lambda fields: (";".join(fields) + "|").encode()),
-    st.lists(numbers, min_size=5, max_size=18).map(lambda fields: ("1;0.5;0;0;2;" + ";".join(fields) + "|").encode()),
+    st.lists(numbers, min_size=7, max_size=18).map(
+        lambda fields: (";".join(fields) + "|").encode()
+    ),
+    st.lists(numbers, min_size=5, max_size=18).map(
+        lambda fields: ("1;0.5;0;0;2;" + ";".join(fields) + "|").encode()
+    ),
 )
 
 
@@ -122,7 +134,9 @@ def test_teensy_string(text, close):
     assert finite(value for motor in result.motors for value in astuple(motor))
 
 
-@fuzzed("stream", st.lists(strings, max_size=4), st.lists(st.integers(1, 60), min_size=1, max_size=6))
+@fuzzed(
+    "stream", st.lists(strings, max_size=4), st.lists(st.integers(1, 60), min_size=1, max_size=6)
+)
 def test_streams_resynchronise_after_any_noise(noise, sizes):
     good = checked(b"1;0.5;0;0;2;0;0;0;90;1;20;0;1;20;0;5;0")
     stream, data, found, i = ReplyStream(), b"".join(noise) + b"|" + 2 * good, [], 0

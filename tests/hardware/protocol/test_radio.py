@@ -1,4 +1,6 @@
-"""Radio frames: packed to the byte, the other alignment refused, the heartbeat alive only while it changes."""
+"""Radio frames: packed to the byte, the other alignment refused, the heartbeat alive only while it
+changes.
+"""
 
 import math
 import struct
@@ -22,7 +24,9 @@ from aerodima.hardware.protocol.radio import (
 )
 from aerodima.workbench.config.signal_table import STATUS_SOURCES
 
-COMMAND = OperatorCommand(RadioMode.MANUAL, throttle=0.5, steering=-0.25, pitch_tail=1.0, roll_tail=-1.5)
+COMMAND = OperatorCommand(
+    RadioMode.MANUAL, throttle=0.5, steering=-0.25, pitch_tail=1.0, roll_tail=-1.5
+)
 
 
 def test_command_is_eighteen_bytes_little_endian():
@@ -33,7 +37,8 @@ def test_command_is_eighteen_bytes_little_endian():
 
 def test_report_has_a_code_for_every_source_and_its_layout_is_that_of_its_class():
     message = (
-        "another number of STATUS_SOURCES is another radio report: change FAULT_CODES and take the next REPORT_CLASS"
+        "another number of STATUS_SOURCES is another radio report: change FAULT_CODES and "
+        "take the next REPORT_CLASS"
     )
     assert len(STATUS_SOURCES) == FAULT_CODES, message
     report = make_report(CarReport(armed=False, stopped=False, mode=RadioMode.IDLE))
@@ -67,7 +72,9 @@ def test_other_lengths_are_refused(length):
 
 @pytest.mark.parametrize("message_class", [0, 4, 255])
 def test_unknown_class_is_refused(message_class):
-    with pytest.raises(FrameError, match=f"radio class {message_class}; allowed: 1 .command., 2 .heartbeat."):
+    with pytest.raises(
+        FrameError, match=f"radio class {message_class}; allowed: 1 .command., 2 .heartbeat."
+    ):
         decode(bytes([message_class]) + bytes(17))
 
 

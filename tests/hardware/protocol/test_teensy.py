@@ -1,4 +1,6 @@
-"""Strings of the Teensy: the printed fields and the added ones to the letter, and streams with noise."""
+"""Strings of the Teensy: the printed fields and the added ones to the letter, and streams with
+noise.
+"""
 
 import dataclasses
 import math
@@ -41,7 +43,9 @@ def closed(body: bytes) -> bytes:
     return body + f";*{crc8(body):02X}|".encode()
 
 
-TEXT = closed(b"1;-1.50000;8.0000;0.2500;2;0.00000;-0.5000;-3.0000;271.250;7;31;0;255;-5;2;4000000000;1")
+TEXT = closed(
+    b"1;-1.50000;8.0000;0.2500;2;0.00000;-0.5000;-3.0000;271.250;7;31;0;255;-5;2;4000000000;1"
+)
 
 
 @pytest.mark.parametrize(
@@ -52,8 +56,13 @@ TEXT = closed(b"1;-1.50000;8.0000;0.2500;2;0.00000;-0.5000;-3.0000;271.250;7;31;
         (Attitude(0, 0, 10**9), b"65534"),
     ],
 )
-def test_a_command_has_the_printed_order_and_three_ends_then_attitude_and_checksum(attitude, fields):
-    printed = b"1;2;-1.50000;8.0000;17.0000;5.00000;0.2500|;2;0;0.00000;0.0000;0.0000;0.00000;0.0000|;1500;1622"
+def test_a_command_has_the_printed_order_and_three_ends_then_attitude_and_checksum(
+    attitude, fields
+):
+    printed = (
+        b"1;2;-1.50000;8.0000;17.0000;5.00000;0.2500|"
+        b";2;0;0.00000;0.0000;0.0000;0.00000;0.0000|;1500;1622"
+    )
     text = make_command(dataclasses.replace(COMMAND, attitude=attitude))
     assert text.startswith(printed)
     body = text[:-5]
@@ -66,11 +75,16 @@ def test_a_reply_is_read():
 
 
 def test_crc_is_the_one_of_the_catalogue():
-    assert crc8(b"123456789") == 0xF4  # CRC-8/SMBUS, check value of the catalogue of parametrised CRCs
+    assert (
+        crc8(b"123456789") == 0xF4
+    )  # CRC-8/SMBUS, check value of the catalogue of parametrised CRCs
 
 
 def test_spaces_and_line_ends_as_printed_in_the_thesis_are_read():
-    body = b"1 ; -1.5 ; 8 ; 0.25 ; 2 ; 0 ; -0.5 ; -3 ; 271.25 ; 7 ; 31 ; 0 ; 255 ; -5 ; 2 ; 4000000000 ; 1 "
+    body = (
+        b"1 ; -1.5 ; 8 ; 0.25 ; 2 ; 0 ; -0.5 ; -3 ; 271.25 ; 7 ; 31 ; 0 ; 255 ; -5 ; 2 ; "
+        b"4000000000 ; 1 "
+    )
     assert decode_reply(b"\r\n" + closed(body)) == REPLY
 
 
@@ -86,7 +100,11 @@ def test_stream_joined_in_the_middle_waits_for_the_next_string(cut):
 def test_strings_cut_anywhere_arrive_whole():
     for size in (1, 2, 3, 7, 50, 500):
         stream = ReplyStream()
-        found = [item for start in range(0, 4 * len(TEXT), size) for item in stream.feed((TEXT * 4)[start:][:size])]
+        found = [
+            item
+            for start in range(0, 4 * len(TEXT), size)
+            for item in stream.feed((TEXT * 4)[start:][:size])
+        ]
         assert found == [REPLY] * 3  # the first one ends the unsynchronised beginning
 
 
@@ -106,7 +124,8 @@ def test_every_changed_byte_is_noticed():
                 decoded = decode_reply(changed)
             except FrameError:
                 continue
-            # blanks may stand between fields and around the string, nothing else may change unnoticed
+            # blanks may stand between fields and around the string, nothing else may change
+            # unnoticed
             assert decoded == REPLY, changed
 
 
@@ -128,7 +147,9 @@ def test_endless_noise_does_not_grow():
 @pytest.mark.parametrize("field", ["position", "velocity", "kp", "kd", "torque"])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_nan_is_never_written(field, value):
-    order = dataclasses.replace(COMMAND.motors[0], command=dataclasses.replace(NEUTRAL, **{field: value}))
+    order = dataclasses.replace(
+        COMMAND.motors[0], command=dataclasses.replace(NEUTRAL, **{field: value})
+    )
     with pytest.raises(FrameError, match=field):
         make_command(dataclasses.replace(COMMAND, motors=(order, COMMAND.motors[1])))
 

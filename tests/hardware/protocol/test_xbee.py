@@ -11,7 +11,8 @@ from aerodima.hardware.protocol.xbee import ApiStream, ReceivedPacket, make_rece
 
 addresses = st.integers(0, 2**64 - 1)
 payloads = st.one_of(
-    st.binary(max_size=60), st.lists(st.sampled_from([0x7E, 0x7D, 0x11, 0x13, 0x5D]), max_size=20).map(bytes)
+    st.binary(max_size=60),
+    st.lists(st.sampled_from([0x7E, 0x7D, 0x11, 0x13, 0x5D]), max_size=20).map(bytes),
 )
 
 
@@ -22,7 +23,9 @@ def digi_address(number):
 @given(addresses, payloads)
 @settings(max_examples=300, deadline=None)
 def test_received_frames_are_those_of_the_vendors_library(sender, data):
-    theirs = ReceivePacket(digi_address(sender), XBee16BitAddress.UNKNOWN_ADDRESS, 1, rf_data=bytearray(data))
+    theirs = ReceivePacket(
+        digi_address(sender), XBee16BitAddress.UNKNOWN_ADDRESS, 1, rf_data=bytearray(data)
+    )
     assert make_received(ReceivedPacket(sender, data)) == bytes(theirs.output(False))
     assert ApiStream().feed(bytes(theirs.output(False))) == [ReceivedPacket(sender, data)]
 
@@ -30,7 +33,9 @@ def test_received_frames_are_those_of_the_vendors_library(sender, data):
 @given(addresses, payloads)
 @settings(max_examples=300, deadline=None)
 def test_frames_to_send_are_those_of_the_vendors_library(receiver, data):
-    theirs = TransmitPacket(0, digi_address(receiver), XBee16BitAddress.UNKNOWN_ADDRESS, 0, 0, rf_data=bytearray(data))
+    theirs = TransmitPacket(
+        0, digi_address(receiver), XBee16BitAddress.UNKNOWN_ADDRESS, 0, 0, rf_data=bytearray(data)
+    )
     assert make_transmit(data, receiver) == bytes(theirs.output(False))
 
 
@@ -38,7 +43,8 @@ def test_frames_to_send_are_those_of_the_vendors_library(receiver, data):
 @settings(max_examples=500, deadline=None)
 def test_noise_costs_no_good_frame(noise, sizes):
     good = ReceivedPacket(0x13A20040000001, b"\x02\x07" + bytes(16))
-    # Noise may announce a frame of up to 128 bytes that swallows what follows until its checksum fails.
+    # Noise may announce a frame of up to 128 bytes that swallows what follows until its checksum
+    # fails.
     data, found, i = noise + 12 * make_received(good), [], 0
     stream = ApiStream()
     while data:

@@ -1,4 +1,6 @@
-"""The bus over a fake adapter, python-can's virtual bus, slcan on a pseudo-terminal and socketcand on the loopback."""
+"""The bus over a fake adapter, python-can's virtual bus, slcan on a pseudo-terminal and socketcand
+on the loopback.
+"""
 
 import errno
 import socket
@@ -72,7 +74,9 @@ def test_echo_is_dropped_once_only(bus, adapter):
     bus.send(COMMAND)
     bus.flush()
     adapter.deliver(1, COMMAND.data)
-    adapter.deliver(1, COMMAND.data)  # a second one is somebody else's: another program commands this motor
+    adapter.deliver(
+        1, COMMAND.data
+    )  # a second one is somebody else's: another program commands this motor
     assert received(bus) == [COMMAND]
     assert bus.echoes == 1
 
@@ -95,7 +99,9 @@ def test_listen_filter_keeps_its_ids_and_every_extended_frame(adapter):
 
 def test_remote_and_fd_frames_are_counted_not_read(bus, adapter):
     adapter.incoming.put(can.Message(arbitration_id=0, is_remote_frame=True, is_extended_id=False))
-    adapter.incoming.put(can.Message(arbitration_id=0, is_fd=True, data=bytes(12), is_extended_id=False))
+    adapter.incoming.put(
+        can.Message(arbitration_id=0, is_fd=True, data=bytes(12), is_extended_id=False)
+    )
     assert wait_until(lambda: bus.garbage == 2)
     assert bus.poll() == []
     assert bus.fault is BusFault.NONE
@@ -119,12 +125,18 @@ def test_a_command_that_may_have_left_is_not_sent_twice_and_an_exit_is(bus, adap
     assert bus.flush()
     bus.send(EXIT, urgent=True)
     assert bus.flush()
-    assert [bytes(message.data) for message in adapter.outgoing] == [COMMAND.data, EXIT.data, EXIT.data]
+    assert [bytes(message.data) for message in adapter.outgoing] == [
+        COMMAND.data,
+        EXIT.data,
+        EXIT.data,
+    ]
     assert bus.fault is BusFault.NONE
 
 
 def test_full_buffer_is_retried_and_the_newest_command_wins(bus, adapter):
-    adapter.send_error = can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS)
+    adapter.send_error = can.CanOperationError(
+        "Failed to transmit: No buffer space available", errno.ENOBUFS
+    )
     bus.send(COMMAND)
     time.sleep(0.01)
     bus.send(LATER)
@@ -223,7 +235,9 @@ def test_receive_thread_that_hangs_is_noticed(bus, adapter):
 
 def test_bus_off_is_reported_by_the_controller(bus, adapter):
     adapter.deliver(0x04, bytes(8), extended=True, is_error_frame=True)
-    assert not wait_until(lambda: bus.fault is not BusFault.NONE, 0.05)  # error-passive warnings are no bus-off
+    assert not wait_until(
+        lambda: bus.fault is not BusFault.NONE, 0.05
+    )  # error-passive warnings are no bus-off
     adapter.deliver(0x40, bytes(8), extended=True, is_error_frame=True)
     assert wait_until(lambda: bus.fault is BusFault.BUS_OFF)
 
@@ -265,7 +279,10 @@ def test_traffic_log_holds_both_directions(adapter, tmp_path):
     adapter.deliver(0, REPLY.data)
     received(bus)
     bus.close()
-    logged = [(message.arbitration_id, bytes(message.data), message.is_rx) for message in can.BLFReader(path)]
+    logged = [
+        (message.arbitration_id, bytes(message.data), message.is_rx)
+        for message in can.BLFReader(path)
+    ]
     assert logged == [(1, COMMAND.data, False), (0, REPLY.data, True)]
     with pytest.raises(HardwareError, match="never overwritten"):
         TrafficLog.create(path)
@@ -301,7 +318,8 @@ def test_full_disk_stops_the_log_and_not_the_bus(adapter):
 def test_log_folder_that_is_not_there_is_one_line(tmp_path):
     with pytest.raises(HardwareError, match="cannot be written: No such file or directory"):
         CanBus.open(
-            CanSettings(interface="virtual", channel="log_test"), traffic_log=tmp_path / "nowhere" / "traffic.blf"
+            CanSettings(interface="virtual", channel="log_test"),
+            traffic_log=tmp_path / "nowhere" / "traffic.blf",
         )
 
 
@@ -322,7 +340,9 @@ def test_virtual_bus_end_to_end():
 @pytest.fixture
 def slcan():
     adapter = SlcanAdapter()
-    bus = CanBus.open(CanSettings(interface="slcan", channel=adapter.path, options={"sleep_after_open": 0.0}))
+    bus = CanBus.open(
+        CanSettings(interface="slcan", channel=adapter.path, options={"sleep_after_open": 0.0})
+    )
     yield bus, adapter
     bus.close()
 
@@ -403,7 +423,8 @@ class Socketcand:
                     return
 
     def close(self):
-        # A thread that waits in `accept` keeps a closed socket listening, and the client would get through once more.
+        # A thread that waits in `accept` keeps a closed socket listening, and the client would get
+        # through once more.
         self.socket.shutdown(socket.SHUT_RDWR)
         self.socket.close()
         self.client.shutdown(socket.SHUT_RDWR)
@@ -428,12 +449,17 @@ def test_socketcand_end_to_end_and_its_server_gone():
 
 
 def test_unknown_interface_lists_the_known_ones():
-    with pytest.raises(HardwareError, match=r"CAN interface 'can0' is unknown; allowed: .*slcan.*socketcan"):
+    with pytest.raises(
+        HardwareError, match=r"CAN interface 'can0' is unknown; allowed: .*slcan.*socketcan"
+    ):
         open_bus(CanSettings(interface="can0", channel="can0"))
 
 
 def test_missing_device_is_one_line():
-    with pytest.raises(HardwareError, match=r"CAN slcan:/dev/ttyNOT_THERE: cannot be opened: there is no such device"):
+    with pytest.raises(
+        HardwareError,
+        match=r"CAN slcan:/dev/ttyNOT_THERE: cannot be opened: there is no such device",
+    ):
         open_bus(CanSettings(interface="slcan", channel="/dev/ttyNOT_THERE"))
 
 
@@ -457,7 +483,11 @@ def test_server_that_is_not_there_is_refused_quickly():
         port = free.getsockname()[1]
     start = time.monotonic()
     with pytest.raises(HardwareError, match=r"no socketcand at 127\.0\.0\.1"):
-        open_bus(CanSettings(interface="socketcand", channel="can0", options={"host": "127.0.0.1", "port": port}))
+        open_bus(
+            CanSettings(
+                interface="socketcand", channel="can0", options={"host": "127.0.0.1", "port": port}
+            )
+        )
     assert time.monotonic() - start < 2.5
 
 
@@ -469,5 +499,12 @@ def test_socketcand_without_host_is_refused():
 def test_wrong_bitrate_is_refused():
     adapter = SlcanAdapter()
     with pytest.raises(HardwareError, match="bitrate"):
-        open_bus(CanSettings(interface="slcan", channel=adapter.path, bitrate=123, options={"sleep_after_open": 0.0}))
+        open_bus(
+            CanSettings(
+                interface="slcan",
+                channel=adapter.path,
+                bitrate=123,
+                options={"sleep_after_open": 0.0},
+            )
+        )
     adapter.unplug()

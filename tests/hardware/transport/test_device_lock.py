@@ -24,7 +24,9 @@ time.sleep(60)
 @contextmanager
 def holder(*devices):
     """Another program that has the devices."""
-    process = subprocess.Popen([sys.executable, "-c", HOLD, *devices], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, *devices], stdout=subprocess.PIPE, text=True
+    )
     try:
         assert process.stdout.readline() == "held\n"
         yield process
@@ -44,7 +46,9 @@ def device(tmp_path):
 def test_a_second_program_is_refused_at_once_and_told_who_has_the_device(device):
     with holder(device) as process:
         begin = time.monotonic()
-        with pytest.raises(HardwareError, match=rf"ttyTeensy: is in use by a drive \(process {process.pid}, since"):
+        with pytest.raises(
+            HardwareError, match=rf"ttyTeensy: is in use by a drive \(process {process.pid}, since"
+        ):
             lock_devices([device], "a console")
         assert time.monotonic() - begin < 0.5
 
@@ -91,8 +95,13 @@ def test_an_adapter_that_is_no_device_of_this_computer_is_locked_by_its_address(
     assert address(host="localhost", port=29536) == address(host="127.0.0.1", port=29536)
     assert address(host="127.0.0.1", port=29536) != address(host="127.0.0.1", port=29537)
     assert can_address(CanSettings(interface="socketcan", channel="can0")) == "socketcan:can0"
-    assert can_address(CanSettings(interface="slcan", channel="/dev/ttyACM0@1000000")) == "/dev/ttyACM0"
+    assert (
+        can_address(CanSettings(interface="slcan", channel="/dev/ttyACM0@1000000"))
+        == "/dev/ttyACM0"
+    )
     lock = lock_devices([address(host="127.0.0.1", port=1)], "a drive")
-    with pytest.raises(HardwareError, match=r"socketcand:127\.0\.0\.1:1:can0: is in use by a drive"):
+    with pytest.raises(
+        HardwareError, match=r"socketcand:127\.0\.0\.1:1:can0: is in use by a drive"
+    ):
         lock_devices([address(host="localhost", port=1)], "a drive")
     lock.close()

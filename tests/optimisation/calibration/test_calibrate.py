@@ -1,4 +1,6 @@
-"""Runs of the calibration: figures of a known motion, reduced against full cars, and the whole job, which goes on."""
+"""Runs of the calibration: figures of a known motion, reduced against full cars, and the whole job,
+which goes on.
+"""
 
 from dataclasses import fields
 
@@ -35,7 +37,9 @@ STILL = {"window": 0.6, "latency": 0.0, "gyro_bias": 0.0, "forward": 0.0}
 
 
 def motion(begin: float = 0.0, end: float = 2.0) -> Motion:
-    """Yaws at 2 rad/s and rolls at 0.5 rad/s between two times after the steering; the inner wheels lift at 0.3 s."""
+    """Yaws at 2 rad/s and rolls at 0.5 rad/s between two times after the steering; the inner wheels
+    lift at 0.3 s.
+    """
     time = STEP * np.arange(round((BEFORE + AFTER) / STEP)) - BEFORE
     turning = 1.0 * ((time >= begin - 1e-9) & (time < end - 1e-9))
     return Motion(2.0 * turning, 6.0 * turning, 0.5 * turning, time < 0.3)
@@ -49,7 +53,9 @@ def test_figures_of_a_steady_turn_in_the_simulated_system() -> None:
 
 
 def test_latency_moves_the_window_back_and_bias_adds() -> None:
-    late = figures_of_motion(motion(0.0, 0.5), SLOW["physical"], STILL | {"latency": 0.1, "gyro_bias": 0.03})
+    late = figures_of_motion(
+        motion(0.0, 0.5), SLOW["physical"], STILL | {"latency": 0.1, "gyro_bias": 0.03}
+    )
     assert late["average_yaw_rate_rad_per_s"] == pytest.approx(2.0 * 0.5 / 0.6 + 0.03, rel=0.02)
     short = STILL | {"window": 0.5}
     ended = figures_of_motion(motion(0.0, 0.25), SLOW["physical"], short)
@@ -62,7 +68,8 @@ def test_latency_moves_the_window_back_and_bias_adds() -> None:
 
 def test_filter_that_runs_forwards_only_is_late() -> None:
     both, forwards = (
-        figures_of_motion(motion(), SLOW["physical"], STILL | {"forward": forward}) for forward in (0.0, 1.0)
+        figures_of_motion(motion(), SLOW["physical"], STILL | {"forward": forward})
+        for forward in (0.0, 1.0)
     )
     name = "average_yaw_rate_rad_per_s"
     delay = np.sqrt(2.0) / (2.0 * np.pi * 5.0)  # s, of a second-order Butterworth of 5 Hz
@@ -71,15 +78,21 @@ def test_filter_that_runs_forwards_only_is_late() -> None:
 
 
 def test_acceleration_at_the_imu_is_that_of_its_path() -> None:
-    """A body that turns about all axes while its origin moves on a curve: second differences of the path of the IMU."""
+    """A body that turns about all axes while its origin moves on a curve: second differences of the
+    path of the IMU.
+    """
     turning, imu = np.array([0.4, -0.5, 0.9]), np.array([0.13, 0.0, 0.21])
     time = STEP * np.arange(-1, round(AFTER / STEP) + 1)
     turned = Rotation.from_rotvec((time + 0.8 * time**2)[:, None] * turning)
     rates = (1.0 + 1.6 * time[1:-1])[:, None] * turning
-    place = np.stack([2.0 * time + time**2, 0.4 * np.sin(3.0 * time), 0.1 * np.cos(2.0 * time)], axis=1)
+    place = np.stack(
+        [2.0 * time + time**2, 0.4 * np.sin(3.0 * time), 0.1 * np.cos(2.0 * time)], axis=1
+    )
     path = place + turned.apply(imu)
     expected = turned[1:-1].inv().apply((path[2:] - 2.0 * path[1:-1] + path[:-2]) / STEP**2)[:, 1]
-    moved = np.stack([2.0 + 2.0 * time, 1.2 * np.cos(3.0 * time), -0.2 * np.sin(2.0 * time)], axis=1)
+    moved = np.stack(
+        [2.0 + 2.0 * time, 1.2 * np.cos(3.0 * time), -0.2 * np.sin(2.0 * time)], axis=1
+    )
     history = np.zeros((len(time) - 2, len(STATES), 1))
     history[:, RATES][:, W, 0] = rates
     history[:, RATES][:, V, 0] = turned[1:-1].inv().apply(moved[1:-1])
@@ -101,13 +114,21 @@ def test_reduced_cars_show_the_figures_of_full_ones(system) -> None:
     cars[:, friction] = 0.5
     plan = PLAN.model_copy(update={"size": PLAN.size.model_copy(update={"rounds": 2})})
     reduced = run_reduced(Piece(plan, turn, tuple(map(tuple, cars.tolist())), reach=0.02))
-    middle = [place for place, car in enumerate(reduced["inputs"]) if car[friction] == pytest.approx(0.5)]
+    middle = [
+        place for place, car in enumerate(reduced["inputs"]) if car[friction] == pytest.approx(0.5)
+    ]
     inputs = [reduced["inputs"][place] for place in middle]
     assert len(inputs) == 2
-    for full, figures in zip(run_full(Piece(plan, turn, tuple(map(tuple, inputs)))), middle, strict=True):
+    for full, figures in zip(
+        run_full(Piece(plan, turn, tuple(map(tuple, inputs)))), middle, strict=True
+    ):
         assert full["survived"]
-        assert [full[name] for name in FIGURES[:2]] == pytest.approx(reduced["figures"][figures][:2], rel=0.05)
-        assert [full[name] for name in FIGURES[2:4]] == pytest.approx(reduced["figures"][figures][2:4], rel=0.15)
+        assert [full[name] for name in FIGURES[:2]] == pytest.approx(
+            reduced["figures"][figures][:2], rel=0.05
+        )
+        assert [full[name] for name in FIGURES[2:4]] == pytest.approx(
+            reduced["figures"][figures][2:4], rel=0.15
+        )
         assert full[FIGURES[4]] == pytest.approx(reduced["figures"][figures][4], rel=0.2, abs=0.01)
         assert full[LIFT] == pytest.approx(reduced["figures"][figures][5], rel=0.1)
 
@@ -122,7 +143,9 @@ def test_car_that_cannot_be_run_is_a_row_with_its_error() -> None:
 def test_full_car_that_cannot_be_run_has_no_flip_and_its_error_is_kept() -> None:
     car = PRIOR.draw(1, seed=4)[0]
     car[PRIOR.column("car.mass")] = 1.0
-    found = search_full(Piece(PLAN, SLOW["simulated"], (tuple(car.tolist()),), reach=0.05, margins=(0.0,)))
+    found = search_full(
+        Piece(PLAN, SLOW["simulated"], (tuple(car.tolist()),), reach=0.05, margins=(0.0,))
+    )
     assert (found["flips"], found["inputs"]) == ([None], [])
     assert "car.mass: 1 kg" in found["errors"][0]
 
@@ -151,12 +174,20 @@ SHORT = ("manoeuvre.speed_ramp=1.2", "manoeuvre.turn_start=1.5", "manoeuvre.dura
 @pytest.mark.slow
 def test_full_car_flips_at_the_friction_of_the_reduced_one() -> None:
     """Without a tail within 5 %, which is three times what the calibration found them apart."""
-    plan, turn, car = small_plan(), SLOW["physical"], CarPrior(small_plan()).ranges.mean(axis=1)[None]
-    plan = plan.model_copy(update={"size": plan.size.model_copy(update={"rounds": 6, "full_rounds": 3})})
+    plan, turn, car = (
+        small_plan(),
+        SLOW["physical"],
+        CarPrior(small_plan()).ranges.mean(axis=1)[None],
+    )
+    plan = plan.model_copy(
+        update={"size": plan.size.model_copy(update={"rounds": 6, "full_rounds": 3})}
+    )
     (flip,) = run_reduced(Piece(plan, turn, tuple(map(tuple, car.tolist())), reach=0.8))["flips"]
     column = CarPrior(plan).column("physical car.tyre_friction")
     car[0, column] = np.exp(flip)
-    found = search_full(Piece(plan, turn, tuple(map(tuple, car.tolist())), reach=0.05, margins=(0.0,)))
+    found = search_full(
+        Piece(plan, turn, tuple(map(tuple, car.tolist())), reach=0.05, margins=(0.0,))
+    )
     assert found["flips"][0] == pytest.approx(flip, abs=0.05)
     for tried, shown in zip(found["inputs"], found["figures"], strict=True):
         assert tried[column] < np.exp(found["flips"][0])
@@ -189,7 +220,9 @@ def test_whole_job_writes_pages_and_ensembles_and_goes_on_with_its_runs(tmp_path
 
 
 def test_wrong_plan_is_one_line(tmp_path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("sys.argv", ["aerodima", "calibrate", "--plan", "no_such", "--out", str(tmp_path)])
+    monkeypatch.setattr(
+        "sys.argv", ["aerodima", "calibrate", "--plan", "no_such", "--out", str(tmp_path)]
+    )
     with pytest.raises(SystemExit):
         main()
     assert "no_such" in capsys.readouterr().err

@@ -8,14 +8,22 @@ import pytest
 from scipy.stats import norm
 
 from aerodima.optimisation.calibration import validation
-from aerodima.optimisation.calibration.calibration import Posterior, log_density, log_likelihood, sample
+from aerodima.optimisation.calibration.calibration import (
+    Posterior,
+    log_density,
+    log_likelihood,
+    sample,
+)
 from aerodima.optimisation.calibration.emulator import METRICS, Emulator, Surface, _unseen
 from aerodima.optimisation.calibration.two_systems import LIFT, OFF, CarPrior, figures_of, load_plan
 from aerodima.optimisation.sweep.runs import Runs
 
 SHIPPED = load_plan()
 PLAN = SHIPPED.model_copy(
-    update={"size": SHIPPED.size.model_copy(update={"walkers": 60, "steps": 600}), "discrepancy": (0.049, 0.051)}
+    update={
+        "size": SHIPPED.size.model_copy(update={"walkers": 60, "steps": 600}),
+        "discrepancy": (0.049, 0.051),
+    }
 )
 PRIOR = CarPrior(PLAN)
 RNG = np.random.default_rng(0)
@@ -30,10 +38,12 @@ def _level(value, inputs):
 
 
 def emulator(slope: tuple[str, str, float] | None = None, level: float = 0.0) -> Emulator:
-    """All figures as published, whatever the car, but one that is a line in one coordinate; all outcomes certain.
+    """All figures as published, whatever the car, but one that is a line in one coordinate; all
+    outcomes certain.
 
     Args:
-        slope: name of the figure, of the coordinate, and the figure's change over half of the coordinate's range.
+        slope: name of the figure, of the coordinate, and the figure's change over half of the
+            coordinate's range.
         level: added to that figure.
     """
     figures = {}
@@ -61,15 +71,22 @@ def _line(row, line, inputs):
 def test_curved_figures_are_learnt_and_what_is_missed_is_said() -> None:
     cars = PRIOR.spread(900, seed=1)
     scaled = PRIOR.scaled(cars)
-    bent = 2.0 + scaled[:, 0] - 0.5 * scaled[:, 0] * scaled[:, 2] + 0.3 * np.tanh(2.0 * scaled[:, 1])
+    bent = (
+        2.0 + scaled[:, 0] - 0.5 * scaled[:, 0] * scaled[:, 2] + 0.3 * np.tanh(2.0 * scaled[:, 1])
+    )
     values = np.column_stack([bent, 1.0 - bent]) + 0.05 * RNG.standard_normal((len(cars), 1))
     fitted = Surface.process([0, 1, 2], scaled, values, np.arange(len(cars)))
     assert np.std(fitted(scaled)[:, 0] - bent) < 0.04
     assert fitted.deviation == pytest.approx([0.05, 0.05], rel=0.35)
     repeated = Surface.process(
-        [0, 1, 2], np.vstack([scaled, scaled]), np.vstack([values, values]), np.tile(np.arange(900), 2)
+        [0, 1, 2],
+        np.vstack([scaled, scaled]),
+        np.vstack([values, values]),
+        np.tile(np.arange(900), 2),
     )
-    assert repeated.deviation == pytest.approx([0.05, 0.05], rel=0.35)  # a car does not vouch for itself
+    assert repeated.deviation == pytest.approx(
+        [0.05, 0.05], rel=0.35
+    )  # a car does not vouch for itself
 
 
 def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_car() -> None:
@@ -78,7 +95,9 @@ def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_ca
     values = scaled[:, :1] + 0.01 * RNG.standard_normal((len(cars), 1))
     values[7] += 1.0
     for fit in (Surface.process, Surface.line):
-        assert fit([0], scaled, values, np.arange(len(cars))).missed[7, 0] == pytest.approx(1.0, abs=0.15)
+        assert fit([0], scaled, values, np.arange(len(cars))).missed[7, 0] == pytest.approx(
+            1.0, abs=0.15
+        )
 
 
 def test_margin_of_a_car_that_was_not_seen_lacks_what_is_missed_of_its_flip() -> None:
@@ -92,9 +111,13 @@ def test_margin_of_a_car_that_was_not_seen_lacks_what_is_missed_of_its_flip() ->
 
 @pytest.mark.slow
 def test_full_cars_shift_flips_and_figures_go_with_the_margin() -> None:
-    """Full cars flip at a tenth more friction, and show a figure that is 3 less the logarithm of their margin."""
+    """Full cars flip at a tenth more friction, and show a figure that is 3 less the logarithm of
+    their margin.
+    """
     at_last = len(PRIOR.names)
-    leaning = Surface((at_last,), lambda inputs: 3.0 - inputs @ np.ones((1, len(METRICS))), np.ones(len(METRICS)))
+    leaning = Surface(
+        (at_last,), lambda inputs: 3.0 - inputs @ np.ones((1, len(METRICS))), np.ones(len(METRICS))
+    )
     flips = {turn.name: constant(np.log(0.6)) for turn in PLAN.turns}
     figures = {turn.name: leaning for turn in PLAN.turns if turn.table}
     first, cars = replace(emulator(), flips=flips, figures=figures), PRIOR.spread(20, seed=2)
@@ -103,7 +126,11 @@ def test_full_cars_shift_flips_and_figures_go_with_the_margin() -> None:
         tried = cars.copy()
         tried[:, PRIOR.column(f"{t.system} car.tyre_friction")] = 0.66 * np.exp(-0.2)
         shown = np.full((len(cars), len(METRICS)), 3.0 - np.log(0.2))
-        found[t.name] = {"flips": [np.log(0.66)] * len(cars), "inputs": tried.tolist(), "figures": shown.tolist()}
+        found[t.name] = {
+            "flips": [np.log(0.66)] * len(cars),
+            "inputs": tried.tolist(),
+            "figures": shown.tolist(),
+        }
     found[PLAN.turns[0].name]["flips"][0] = None
     corrected, car = first.corrected(cars, found), PRIOR.draw(1, seed=3)
     figure = next(f for f in figures_of(PLAN) if f.turn == PLAN.turns[0])
@@ -115,7 +142,9 @@ def test_full_cars_shift_flips_and_figures_go_with_the_margin() -> None:
 
 @pytest.mark.parametrize("margin", [0.0, -0.15])
 def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin: float) -> None:
-    """A car that survives the slower turn by a hair, or against three deviations, and flips in the faster one."""
+    """A car that survives the slower turn by a hair, or against three deviations, and flips in the
+    faster one.
+    """
     slow, fast = PLAN.turns[:2]
     car, missed, width = PRIOR.draw(1, seed=4), 0.05, PLAN.outcome_width["none"]
     car[0, PRIOR.column(f"{slow.system} car.tyre_friction")] = 0.6 * np.exp(-margin)
@@ -128,7 +157,9 @@ def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin: float) -> 
     assert np.exp(made.log_outcomes(margins)[0]) == pytest.approx(expected, rel=0.01)
     rng = np.random.default_rng(5)
     drawn = [made.draw_outcomes(car, rng) for _ in range(4000)]
-    assert np.mean([ends[slow.name] and not ends[fast.name] for ends in drawn]) == pytest.approx(expected, abs=0.015)
+    assert np.mean([ends[slow.name] and not ends[fast.name] for ends in drawn]) == pytest.approx(
+        expected, abs=0.015
+    )
     if margin == 0.0:
         assert expected < 0.1 < made.survival(car, slow)[0] * (1.0 - made.survival(car, fast)[0])
 
@@ -143,20 +174,26 @@ def test_outcomes_count_on_the_right_side() -> None:
 
 
 def test_likelihood_knows_who_survived_and_whose_wheel_lifted() -> None:
-    """Friction 0.5 or 0.7 at a flip of 0.6; the inner wheel lifts at 0.8 or 1.2 rad/s, published 1."""
+    """Friction 0.5 or 0.7 at a flip of 0.6; the inner wheel lifts at 0.8 or 1.2 rad/s, published
+    1.
+    """
     first, turn = emulator(), PLAN.turns[0]
     low, high = PRIOR.draw(1, seed=4), PRIOR.draw(1, seed=4)
     column = PRIOR.column(f"{turn.system} car.tyre_friction")
     low[0, column], high[0, column] = 0.5, 0.7
     made = replace(first, flips=first.flips | {turn.name: constant(np.log(0.6))})
     assert log_likelihood(made, (), low)[0] > log_likelihood(made, (), high)[0] + 5.0
-    ends = tuple(one.model_copy(update={"ends": "flipped"}) if one == turn else one for one in PLAN.turns)
+    ends = tuple(
+        one.model_copy(update={"ends": "flipped"}) if one == turn else one for one in PLAN.turns
+    )
     flipped = replace(made, prior=CarPrior(PLAN.model_copy(update={"turns": ends})))
     assert log_likelihood(flipped, (), low)[0] < log_likelihood(flipped, (), high)[0] - 5.0
     place = METRICS.index(LIFT)
     early, late = (
         replace(
-            first, figures=first.figures | {turn.name: Surface((0,), partial(_lifting, place, at), np.full(6, 1e-6))}
+            first,
+            figures=first.figures
+            | {turn.name: Surface((0,), partial(_lifting, place, at), np.full(6, 1e-6))},
         )
         for at in (0.8, 1.2)
     )
@@ -195,7 +232,9 @@ def test_density_of_a_figure_is_a_normal_of_its_share() -> None:
 @pytest.mark.slow
 def test_intervals_hold_what_they_promise_when_the_model_is_perfect() -> None:
     posterior = Posterior(PRIOR.draw(400, seed=6), 400.0, 0.3)
-    inside = validation.perfect_model(emulator(), posterior, ("Table 7.3", "Table 7.4"), 2, 7, Runs())
+    inside = validation.perfect_model(
+        emulator(), posterior, ("Table 7.3", "Table 7.4"), 2, 7, Runs()
+    )
     assert 0.75 <= inside <= 1.0
 
 
@@ -203,8 +242,13 @@ def test_intervals_hold_what_they_promise_when_the_model_is_perfect() -> None:
 def test_left_out_table_is_predicted_without_its_figures() -> None:
     """Its own figures, however far off, leave the prediction where the other tables put it."""
     table = "Table 7.4"
-    moved = [replace(f, published=9.0 * f.published) if f.turn.table == table else f for f in figures_of(PLAN)]
-    honest, far = (validation.leave_out(emulator(), figures, table, 8) for figures in (figures_of(PLAN), moved))
+    moved = [
+        replace(f, published=9.0 * f.published) if f.turn.table == table else f
+        for f in figures_of(PLAN)
+    ]
+    honest, far = (
+        validation.leave_out(emulator(), figures, table, 8) for figures in (figures_of(PLAN), moved)
+    )
     assert honest.rows.inside.all()
     assert not far.rows.inside.any()
     assert honest.density > far.density + 20.0
@@ -233,7 +277,9 @@ def test_information_of_a_normal_is_half_the_logarithm_of_the_narrowing() -> Non
     cars[:, PRIOR.column("tail.mass")] = 0.15 + 0.02 * RNG.standard_normal(len(cars))
     measured = next(m for m in validation.measurements(PRIOR) if m.name == "tail mass")
     wide = replace(measured, deviation=0.01)
-    assert validation.information(wide, cars, 13, draws=3000) == pytest.approx(0.5 * np.log(5.0), abs=0.05)
+    assert validation.information(wide, cars, 13, draws=3000) == pytest.approx(
+        0.5 * np.log(5.0), abs=0.05
+    )
 
 
 def test_best_determined_combination_is_the_one_that_was_measured() -> None:

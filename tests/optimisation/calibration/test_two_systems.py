@@ -16,7 +16,10 @@ PRIOR = CarPrior(PLAN)
 
 
 def changed(tmp_path: Path, **changes: object) -> Path:
-    content = yaml.safe_load(model_path("calibration/plans/two_systems.yaml").read_text(encoding="utf-8")) | changes
+    content = (
+        yaml.safe_load(model_path("calibration/plans/two_systems.yaml").read_text(encoding="utf-8"))
+        | changes
+    )
     path = tmp_path / "plan.yaml"
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
     return path
@@ -26,26 +29,47 @@ def changed(tmp_path: Path, **changes: object) -> Path:
     ("changes", "words"),
     [
         ({"body": [*PLAN.body, "car.com_hight"]}, "car.com_hight: unknown key.*com_height"),
-        ({"ranges": {"car.tyre_slip_angel": [0.1, 0.2]}}, "car.tyre_slip_angel.*car.tyre_slip_angle"),
+        (
+            {"ranges": {"car.tyre_slip_angel": [0.1, 0.2]}},
+            "car.tyre_slip_angel.*car.tyre_slip_angle",
+        ),
         ({"ranges": {"car.tyre_slip_angle": [0.2, 0.1]}}, "0.2 to 0.1"),
         ({"nuisances": {"window": [0.5, 0.9]}}, "latency.*missing"),
         ({"outcome_width": {"none": 0.01, "held": 0.01}}, "outcome_width: 'swing' is missing"),
         ({"left_out": {"Table 7.1 roll": "no"}}, "Table 7.1 roll"),
         ({"size": PLAN.size.model_dump() | {"rounds": 40}}, "rounds.*40"),
-        ({"nuisances": PLAN.nuisances | {"latency": [0.0, 0.6]}}, "latency: 0 to 0.6 s; allowed: within 0 to 0.3 s"),
-        ({"turns": [turn.model_dump() for turn in PLAN.turns if turn.table in ("", "Table 7.3")]}, "needed are two"),
-        ({"turns": [turn.model_dump() for turn in (*PLAN.turns, PLAN.turns[0])]}, "Table 7.1' stands there twice"),
+        (
+            {"nuisances": PLAN.nuisances | {"latency": [0.0, 0.6]}},
+            "latency: 0 to 0.6 s; allowed: within 0 to 0.3 s",
+        ),
+        (
+            {
+                "turns": [
+                    turn.model_dump() for turn in PLAN.turns if turn.table in ("", "Table 7.3")
+                ]
+            },
+            "needed are two",
+        ),
+        (
+            {"turns": [turn.model_dump() for turn in (*PLAN.turns, PLAN.turns[0])]},
+            "Table 7.1' stands there twice",
+        ),
         ({"size": PLAN.size.model_dump() | {"cars": 1990}}, "cars and full: 2002; allowed: 2000"),
         ({"schema": "aerodima/calibration-plan/2"}, "calibration-plan/2.*calibration-plan/3"),
     ],
 )
-def test_wrong_plan_is_refused_with_place_value_and_what_is_allowed(tmp_path, changes, words) -> None:
+def test_wrong_plan_is_refused_with_place_value_and_what_is_allowed(
+    tmp_path, changes, words
+) -> None:
     with pytest.raises(ScenarioError, match=rf"(?s)plan.yaml.*{words}"):
         load_plan(changed(tmp_path, **changes))
 
 
 def test_parameter_without_a_prior_is_refused(tmp_path) -> None:
-    with pytest.raises(ScenarioError, match=r"car.gearbox_mass: has no prior range; allowed in car: car.*com_height"):
+    with pytest.raises(
+        ScenarioError,
+        match=r"car.gearbox_mass: has no prior range; allowed in car: car.*com_height",
+    ):
         load_plan(changed(tmp_path, body=[*PLAN.body, "car.gearbox_mass"]))
 
 
@@ -75,7 +99,9 @@ def test_a_biased_gyro_swings_earlier() -> None:
     car = PRIOR.draw(1, seed=3)[0]
     car[PRIOR.column("gyro_bias")] = 0.04
     fast = next(turn for turn in PLAN.turns if turn.table == "Table 7.4")
-    assert load_scenario("turn_swing", PRIOR.settings(car, fast)).controller.trigger_yaw_rate == pytest.approx(0.96)
+    assert load_scenario(
+        "turn_swing", PRIOR.settings(car, fast)
+    ).controller.trigger_yaw_rate == pytest.approx(0.96)
 
 
 def test_density_is_that_of_the_plan_and_nothing_outside() -> None:

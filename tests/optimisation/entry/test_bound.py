@@ -1,4 +1,6 @@
-"""Bound of the entry speed on a path: its motion reaches the tail, and its command names what it cannot do."""
+"""Bound of the entry speed on a path: its motion reaches the tail, and its command names what it
+cannot do.
+"""
 
 import numpy as np
 import pytest
@@ -6,7 +8,13 @@ import pytest
 from aerodima.optimisation.entry.bound import SEARCHED, paths, search_bound
 from aerodima.optimisation.entry.feedback_search import gains_of, reduced_cars
 from aerodima.optimisation.entry.suite import FEEDBACK, floors, manoeuvres
-from aerodima.optimisation.screening.entry_runs import Entering, PathMotion, at_speeds, between, enter
+from aerodima.optimisation.screening.entry_runs import (
+    Entering,
+    PathMotion,
+    at_speeds,
+    between,
+    enter,
+)
 from aerodima.optimisation.sweep.runs import Runs
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import load_scenario
@@ -19,16 +27,26 @@ SCENARIO = load_scenario(CORNER.scenario, (*CORNER.settings, *FEEDBACK.settings)
 
 def motion_of(roll: float, pitch: float) -> PathMotion:
     one = np.ones(1)
-    return PathMotion(0.28 * one, 1.2 * one, 0.1 * one, np.full((12, 1), roll), np.full((4, 1), pitch))
+    return PathMotion(
+        0.28 * one, 1.2 * one, 0.1 * one, np.full((12, 1), roll), np.full((4, 1), pitch)
+    )
 
 
 def test_values_between_places_are_linear() -> None:
     places = np.array([[0.0], [2.0], [1.0]])
-    assert [between(np.array([share]), places)[0] for share in (0.0, 0.25, 0.5, 0.75, 1.0)] == [0.0, 1.0, 2.0, 1.5, 1.0]
+    assert [between(np.array([share]), places)[0] for share in (0.0, 0.25, 0.5, 0.75, 1.0)] == [
+        0.0,
+        1.0,
+        2.0,
+        1.5,
+        1.0,
+    ]
 
 
 def test_the_tail_goes_where_the_motion_says_and_the_path_is_counted_from_its_end() -> None:
-    car = at_speeds(reduced_cars(CORNER, [tuple(CAR.settings_on(CORNER.scenario))], FEEDBACK), np.array([1.6]))
+    car = at_speeds(
+        reduced_cars(CORNER, [tuple(CAR.settings_on(CORNER.scenario))], FEEDBACK), np.array([1.6])
+    )
     gains = gains_of([{}], SCENARIO)
     entering = Entering(car, SCENARIO, gains, np.ones(1), motion_of(0.5, -0.4))
     for step in range(300):

@@ -26,7 +26,9 @@ SEARCH = EntrySearch(start=2.0, ceiling=4.0)
 
 
 def climbed(fails, search=SEARCH):
-    """What failed at each speed of a climb, in the order in which they were run; none is run twice."""
+    """What failed at each speed of a climb, in the order in which they were run; none is run
+    twice.
+    """
     found = {}
     while (speed := search.following(found)) is not None:
         assert speed not in found
@@ -38,7 +40,9 @@ def above(limit, failure="two wheels"):
     return lambda speed: failure if speed > limit else ""
 
 
-@pytest.mark.parametrize(("limit", "entry"), [(2.57, 2.55), (2.55, 2.55), (2.53, 2.5), (2.0, 2.0), (2.05, 2.05)])
+@pytest.mark.parametrize(
+    ("limit", "entry"), [(2.57, 2.55), (2.55, 2.55), (2.53, 2.5), (2.0, 2.0), (2.05, 2.05)]
+)
 def test_entry_speed_is_the_highest_twentieth_below_the_limit(limit, entry):
     found = climbed(above(limit))
     assert SEARCH.entry(found) == entry
@@ -77,7 +81,9 @@ def test_a_climb_that_nothing_ends_comes_to_the_ceiling():
 def test_a_lack_of_yaw_is_passed_on_the_way_up_and_ends_a_climb_beyond():
     found = climbed(lambda speed: "" if 2.35 < speed < 2.72 else "lateral")
     assert (SEARCH.entry(found), SEARCH.ended_by(found), max(found)) == (2.7, "lateral", 2.8)
-    found = climbed(lambda speed: "two wheels" if speed > 2.42 else "" if speed > 2.35 else "lateral")
+    found = climbed(
+        lambda speed: "two wheels" if speed > 2.42 else "" if speed > 2.35 else "lateral"
+    )
     assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (2.4, "two wheels")
 
 
@@ -90,7 +96,9 @@ def test_a_car_that_never_yaws_enough_has_no_entry_speed(limit):
 def test_speeds_off_the_grid_or_out_of_order_are_refused():
     with pytest.raises(SweepError, match=r"start 2\.03.*multiples of fine, 0\.05"):
         EntrySearch(start=2.03)
-    with pytest.raises(SweepError, match=r"allowed: step from 0.05 m.s on, and 1 <= start <= ceiling"):
+    with pytest.raises(
+        SweepError, match=r"allowed: step from 0.05 m.s on, and 1 <= start <= ceiling"
+    ):
         EntrySearch(start=2.0, ceiling=1.5)
 
 
@@ -116,7 +124,10 @@ CLEAN = {"outcome": "survived", "error": "", "side_lift_m": 0.004, "touched_when
     [
         ({}, ""),
         ({"side_lift_m": 0.006}, "two wheels"),
-        ({"side_lift_m": 0.006, "touched_when_steered": "board", "outcome": "flipped"}, "two wheels"),
+        (
+            {"side_lift_m": 0.006, "touched_when_steered": "board", "outcome": "flipped"},
+            "two wheels",
+        ),
         ({"touched_when_steered": "board"}, "ground: board"),
         ({"outcome": "flipped"}, "flipped"),
         ({"outcome": None, "error": "NaN"}, "error: NaN"),
@@ -129,7 +140,9 @@ def test_each_rule_has_its_name(row, failure, rule):
     assert failed_rule(CLEAN | kept | row, rule, 5.0, 4.5) == failure
 
 
-@pytest.mark.parametrize(("last", "failure"), [(0.11, "exit"), (-0.11, "exit"), (-0.09, ""), (None, "")])
+@pytest.mark.parametrize(
+    ("last", "failure"), [(0.11, "exit"), (-0.11, "exit"), (-0.09, ""), (None, "")]
+)
 def test_a_car_goes_straight_again_unless_it_is_steered_to_the_end(last, failure):
     row = CLEAN | {"last_yaw_rate_rad_per_s": last, "off_path_m": 0.0, "path_end_reached": True}
     assert failed_rule(row, "lateral", 5.0, 4.5) == failure
@@ -140,13 +153,20 @@ def test_lateral_acceleration_counts_beside_paths_alone():
     assert failed_rule(CLEAN, "lateral", 4.51, 4.5) == ""
     assert failed_rule(CLEAN, "lateral", 4.49, 4.5) == "lateral"
     assert failed_rule(CLEAN, "lateral", math.nan, 4.5) == "lateral"
-    assert failed_rule(CLEAN | {"off_path_m": 0.0, "path_end_reached": True}, "path", 0.0, 4.5) == ""
+    assert (
+        failed_rule(CLEAN | {"off_path_m": 0.0, "path_end_reached": True}, "path", 0.0, 4.5) == ""
+    )
 
 
-@pytest.mark.parametrize(("off", "end"), [(0.01, True), (0.01, False), (-0.01, False), (None, True), (math.nan, True)])
+@pytest.mark.parametrize(
+    ("off", "end"), [(0.01, True), (0.01, False), (-0.01, False), (None, True), (math.nan, True)]
+)
 def test_a_path_is_kept_to_its_end(off, end):
     expected = "end of the path" if off == -0.01 else "path"
-    assert failed_rule(CLEAN | {"off_path_m": off, "path_end_reached": end}, "path", 0.0, 0.0) == expected
+    assert (
+        failed_rule(CLEAN | {"off_path_m": off, "path_end_reached": end}, "path", 0.0, 0.0)
+        == expected
+    )
     assert "no off_path_m" in failed_rule(CLEAN, "path", 0.0, 0.0)
 
 
@@ -155,13 +175,17 @@ LIMIT = {"none": 2.3, "held": 2.83, "swing": 2.62}
 TURNS = {"none": 1.0, "held": 1.0, "swing": 0.82}
 """Lateral acceleration over speed, 1/s."""
 SWING = Candidate("swings", ("tail.mode=swing", "controller.swing_file=none"))
-BROKEN = Candidate("broken", ("tail.mode=swing", "controller.swing_file=none", "controller.swing_speed=7.0"))
+BROKEN = Candidate(
+    "broken", ("tail.mode=swing", "controller.swing_file=none", "controller.swing_speed=7.0")
+)
 TURN = Manoeuvre("turn", "turn_none")
 CASE = (Member("light", 1.0, {"car.mass": 6.5}), EntryFloor("own"))
 
 
 class MadeUp(Engine):
-    """Survival and lateral acceleration by tail and speed; the heavy car lifts its wheels at any speed."""
+    """Survival and lateral acceleration by tail and speed; the heavy car lifts its wheels at any
+    speed.
+    """
 
     def __init__(self):
         self.tasks = []
@@ -204,14 +228,24 @@ def test_entry_speeds_are_those_that_the_fine_step_bears_out():
 
 
 def test_a_speed_is_completed_where_one_of_several_drivers_completes_it():
-    """Heavy steering lifts at any speed: the first driver serves no candidate, the second one all of them."""
+    """Heavy steering lifts at any speed: the first driver serves no candidate, the second one all
+    of them.
+    """
     poor, good = ("car.mass=7.5",), ("car.mass=6.5",)
     table, engine = entries([HELD], manoeuvres=[replace(TURN, drivers=(poor, good))])
     assert list(table["entry_speed_m_per_s"]) == [2.3, 2.7]
     assert list(table["driver"]) == list(good) * 2
-    climbs = [task for task in engine.tasks if task.name.startswith("turn no tail") and "0.002" in str(task.settings)]
-    speeds = [(float(task.settings[-1].partition("=")[2]), poor[0] in task.settings) for task in climbs]
-    assert speeds[:3] == [(2.0, True), (2.0, False), (2.1, False)], "the one that completed a speed is the first"
+    climbs = [
+        task
+        for task in engine.tasks
+        if task.name.startswith("turn no tail") and "0.002" in str(task.settings)
+    ]
+    speeds = [
+        (float(task.settings[-1].partition("=")[2]), poor[0] in task.settings) for task in climbs
+    ]
+    assert speeds[:3] == [(2.0, True), (2.0, False), (2.1, False)], (
+        "the one that completed a speed is the first"
+    )
     assert speeds[-2:] == [(2.35, False), (2.35, True)], "a speed fails where all drivers fail"
 
 
@@ -219,7 +253,9 @@ def test_a_tail_that_turns_less_needs_as_much_speed_more():
     """0.82 of the lateral acceleration makes 0.9 of the figure of 2.3 m/s from 2.52 m/s on."""
     table, engine = entries([SWING])
     assert table.loc["swings", "entry_speed_m_per_s"] == 2.6
-    speeds = [float(task.settings[-1].partition("=")[2]) for task in engine.tasks if "swings" in task.name]
+    speeds = [
+        float(task.settings[-1].partition("=")[2]) for task in engine.tasks if "swings" in task.name
+    ]
     assert speeds[:8] == [2.0, 2.1, 2.2, 2.3, 2.4, 2.5, 2.6, 2.7]
 
 
@@ -266,4 +302,6 @@ def test_a_slow_real_car_completes_its_turn_and_yaws_into_it():
     row = table.iloc[0]
     assert isinstance(table, pd.DataFrame)
     assert (row["entry_speed_m_per_s"], row["at_ceiling"], row["runs"]) == (1.0, True, 2)
-    assert 0.2 < row["figure_m_per_s2"] < 2.5, "v2 / R of 0.28 m wheelbase at 30 degrees, on the way to it, is 2"
+    assert 0.2 < row["figure_m_per_s2"] < 2.5, (
+        "v2 / R of 0.28 m wheelbase at 30 degrees, on the way to it, is 2"
+    )

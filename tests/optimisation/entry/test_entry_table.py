@@ -50,7 +50,9 @@ def test_gains_are_over_the_same_car_and_its_worst_is_named():
     assert row["median_m_per_s"] == 2.2
     assert row["gain_over_no_tail"] == pytest.approx(0.10)
     assert row["worst_over_no_tail"] == pytest.approx(-0.05)
-    assert -0.05 - 1e-12 <= row["low_over_no_tail"] < 0.10 < row["high_over_no_tail"] <= 0.20 + 1e-12
+    assert (
+        -0.05 - 1e-12 <= row["low_over_no_tail"] < 0.10 < row["high_over_no_tail"] <= 0.20 + 1e-12
+    )
     assert math.isnan(row["gain_over_low_mass"])
     assert row["cars_over_low_mass"] == 0
 
@@ -73,7 +75,10 @@ def test_the_better_of_held_and_published_is_chosen_car_by_car():
     gains = entry_gains(table, (HELD.name, THESIS.name))[table["candidate"] == "new"]
     assert list(gains) == pytest.approx([0.2, 0.2, 0.5, 0.5, 0.5])
     row = summarise_entries(table).set_index("candidate").loc["new"]
-    assert (row["gain_over_better_tail"], row["worst_over_better_tail"]) == (pytest.approx(0.5), pytest.approx(0.2))
+    assert (row["gain_over_better_tail"], row["worst_over_better_tail"]) == (
+        pytest.approx(0.5),
+        pytest.approx(0.2),
+    )
     assert row["gain_over_low_mass"] == pytest.approx(0.25)
 
 
@@ -81,8 +86,16 @@ def test_no_entry_speed_is_the_worst_gain_but_an_error_is_none():
     nan = math.nan
     failed = rows("new", [nan, 2.2, 2.2, 2.2, 2.2], "lateral")
     row = summarise_entries(made_up(NONE, failed)).set_index("candidate").loc["new"]
-    assert (row["worst_over_no_tail"], row["cars_over_no_tail"], row["without_entry"]) == (-1.0, 5, 1)
-    for ended_by, speed in (("error: NaN", 9.0), (NO_REFERENCE, nan), (f"{NOT_PROVED}: lateral", nan)):
+    assert (row["worst_over_no_tail"], row["cars_over_no_tail"], row["without_entry"]) == (
+        -1.0,
+        5,
+        1,
+    )
+    for ended_by, speed in (
+        ("error: NaN", 9.0),
+        (NO_REFERENCE, nan),
+        (f"{NOT_PROVED}: lateral", nan),
+    ):
         unknown = rows("new", [speed, 2.2, 2.2, 2.2, 2.2])
         unknown[0]["ended_by"] = ended_by
         row = summarise_entries(made_up(NONE, unknown)).set_index("candidate").loc["new"]
@@ -94,7 +107,9 @@ def test_no_entry_speed_is_the_worst_gain_but_an_error_is_none():
 
 def test_a_car_counts_once_on_however_many_floors():
     slippery = rows(NO_TAIL.name, [4.0] * 5, floor="ice")
-    new = rows("new", [2.2, 2.2, 2.2, 2.0, 2.0]) + rows("new", [4.0, 4.0, 4.0, 8.0, 8.0], floor="ice")
+    new = rows("new", [2.2, 2.2, 2.2, 2.0, 2.0]) + rows(
+        "new", [4.0, 4.0, 4.0, 8.0, 8.0], floor="ice"
+    )
     row = summarise_entries(made_up(NONE, slippery, new)).set_index("candidate").loc["new"]
     assert row["cars_over_no_tail"] == 5
     assert row["gain_over_no_tail"] == pytest.approx(0.05), "of 5 %, 5 %, 5 %, 50 % and 50 %"
@@ -117,7 +132,8 @@ def test_the_interval_narrows_with_the_cars_and_repeats_with_its_seed():
     few, many = (np.random.default_rng(3).normal(0.1, 0.05, number) for number in (8, 200))
     low, high = median_interval(many, 1)
     assert low < np.median(many) < high
-    # The median of n draws from a normal distribution has the standard deviation sigma sqrt(pi / 2 n).
+    # The median of n draws from a normal distribution has the standard deviation sigma sqrt(pi / 2
+    # n).
     assert high - low == pytest.approx(2 * 1.96 * 0.05 * math.sqrt(math.pi / 400), rel=0.5)
     assert np.diff(median_interval(few, 1)) > 2.0 * (high - low)
     assert median_interval(many, 1) == (low, high) != median_interval(many, 2)
@@ -128,7 +144,10 @@ def test_lines_have_a_heading_per_manoeuvre_and_a_dash_for_what_is_not_known():
     table = made_up(NONE, rows("new", [2.1, 2.2, 2.3, 2.4, 1.9]))
     lines = entry_lines(summarise_entries(table))
     assert lines[1] == "turn"
-    assert " ".join(lines[-1].split()) == "new 2.20 29 0 of 5 0 0 +10.0 % -5.0 % to +20.0 % -5.0 % – – two wheels"
+    assert (
+        " ".join(lines[-1].split())
+        == "new 2.20 29 0 of 5 0 0 +10.0 % -5.0 % to +20.0 % -5.0 % – – two wheels"
+    )
 
 
 def test_page_says_the_fastest_first_and_has_a_picture_for_every_manoeuvre():

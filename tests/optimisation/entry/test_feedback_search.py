@@ -1,4 +1,6 @@
-"""Search of the feedback law: its score, reduced against full cars, and the search itself on one car."""
+"""Search of the feedback law: its score, reduced against full cars, and the search itself on one
+car.
+"""
 
 import numpy as np
 import pytest
@@ -46,12 +48,17 @@ def test_a_rolled_car_lifts_its_inner_wheels_by_the_sine_of_its_roll() -> None:
 
 @pytest.mark.parametrize("manoeuvre", ["turn", "fishhook"])
 def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre) -> None:
-    """Measured: 1 to 2 %. The fishhook is steered to both sides, the second time by its roll rate."""
+    """Measured: 1 to 2 %.
+
+    The fishhook is steered to both sides, the second time by its roll rate.
+    """
     from aerodima.optimisation.entry.feedback_search import _reference, gains_of
 
     (chosen,) = manoeuvres([manoeuvre], "designed")
     drivers, cars, _, _ = _reference(manoeuvre, "designed", (SETTINGS,))
-    upright, figure = climb(cars, np.array([[3.2]]), drivers, gains_of([{}], drivers[0]), np.ones(1))
+    upright, figure = climb(
+        cars, np.array([[3.2]]), drivers, gains_of([{}], drivers[0]), np.ones(1)
+    )
     task = (*SETTINGS, *chosen.settings, *FEEDBACK.settings, "manoeuvre.speed=3.2")
     full = evaluate(RunTask("full", chosen.scenario, task))
     assert upright[0, 0]
@@ -74,7 +81,9 @@ def test_a_tail_that_stays_leant_is_no_completed_turn() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("manoeuvre", ["lane-change", "corner"])
 def test_reduced_cars_keep_to_a_path_up_to_the_speed_of_the_full_ones(manoeuvre) -> None:
-    """With the law and the first driver of the suite: 0.1 m/s below and above the reduced car's entry speed."""
+    """With the law and the first driver of the suite: 0.1 m/s below and above the reduced car's
+    entry speed.
+    """
     from aerodima.optimisation.entry.feedback_search import _reference, gains_of
 
     (chosen,) = manoeuvres([manoeuvre], "designed")
@@ -85,13 +94,24 @@ def test_reduced_cars_keep_to_a_path_up_to_the_speed_of_the_full_ones(manoeuvre)
     entry = speeds[np.argmin(fits[:, 0]) - 1]
     assert 1.8 < entry < 3.0
     for speed, expected in ((entry - 0.1, {""}), (entry + 0.1, {"path", "two wheels"})):
-        words = (*settings, *chosen.settings, *chosen.drivers[0], *FEEDBACK.settings, f"manoeuvre.speed={speed:.2f}")
-        assert failed_rule(evaluate(RunTask("full", chosen.scenario, words)), "path", 0.0, 0.0) in expected
+        words = (
+            *settings,
+            *chosen.settings,
+            *chosen.drivers[0],
+            *FEEDBACK.settings,
+            f"manoeuvre.speed={speed:.2f}",
+        )
+        assert (
+            failed_rule(evaluate(RunTask("full", chosen.scenario, words)), "path", 0.0, 0.0)
+            in expected
+        )
 
 
 @pytest.mark.slow
 def test_search_finds_a_law_that_a_file_of_candidates_brings_back(tmp_path) -> None:
-    found = search_feedback(floors(CARS, [1.2]), "designed", LawSearch(laws=3, generations=0), Runs())
+    found = search_feedback(
+        floors(CARS, [1.2]), "designed", LawSearch(laws=3, generations=0), Runs()
+    )
     assert {setting.split("=")[0] for setting in found.settings} >= set(RANGES)
     path = write_candidates(tmp_path / "laws.yaml", [found], "test")
     assert candidates([str(path)])[1].settings == found.settings
@@ -115,10 +135,14 @@ def test_the_search_comes_to_the_best_law_and_begins_with_the_present_one() -> N
 def test_laws_that_keep_no_car_upright_are_one_error() -> None:
     (start,) = laws_at(np.full((1, len(RANGES)), 0.5))
     with pytest.raises(UserError, match="no law that was tried"):
-        search_laws(LawSearch(laws=3, generations=0), start, lambda laws: np.zeros(len(laws)), [].append)
+        search_laws(
+            LawSearch(laws=3, generations=0), start, lambda laws: np.zeros(len(laws)), [].append
+        )
 
 
-@pytest.mark.parametrize(("wrong", "words"), [({"laws": 2}, "at least 3"), ({"around": 0.0}, "around 0")])
+@pytest.mark.parametrize(
+    ("wrong", "words"), [({"laws": 2}, "at least 3"), ({"around": 0.0}, "around 0")]
+)
 def test_wrong_sizes_of_a_search_name_what_is_allowed(wrong, words) -> None:
     with pytest.raises(UserError, match=words):
         LawSearch(**wrong)

@@ -36,7 +36,9 @@ def test_floors_are_shares_of_the_friction_of_each_car() -> None:
     assert [floor.name for _, floor in cases] == ["x 0.8", "x 0.8", "x 1.2", "x 1.2"]
     for car, floor in cases:
         friction = load_scenario("turn_none", car.settings_on("turn_none")).car.tyre_friction
-        there = load_scenario("turn_none", (*car.settings_on("turn_none"), *floor.settings)).car.tyre_friction
+        there = load_scenario(
+            "turn_none", (*car.settings_on("turn_none"), *floor.settings)
+        ).car.tyre_friction
         assert there / friction == pytest.approx(float(floor.name[2:]), rel=1e-5)
 
 
@@ -60,9 +62,13 @@ def test_what_is_not_there_is_refused(make, words) -> None:
         make()
 
 
-@pytest.mark.parametrize(("flags", "words"), [(["--cars", "99"], "--cars 99"), (["--tail", "long"], "tail 'long'")])
+@pytest.mark.parametrize(
+    ("flags", "words"), [(["--cars", "99"], "--cars 99"), (["--tail", "long"], "tail 'long'")]
+)
 def test_wrong_flags_are_one_line(tmp_path, capsys, monkeypatch, flags, words) -> None:
-    monkeypatch.setattr("sys.argv", ["aerodima", "swing", "judge", "--out", str(tmp_path / "out"), *flags])
+    monkeypatch.setattr(
+        "sys.argv", ["aerodima", "swing", "judge", "--out", str(tmp_path / "out"), *flags]
+    )
     with pytest.raises(SystemExit):
         main()
     assert words in capsys.readouterr().err
@@ -107,7 +113,10 @@ def law_file(tmp_path):
 def test_a_law_of_ones_own_climbs_and_one_that_fails_is_named(law_file) -> None:
     who = suite.candidates([], [f"{law_file}:Upright", f"{law_file}:Failing"])
     turn = Manoeuvre("turn", "turn_swing", tuple(f"manoeuvre.{setting}" for setting in SHORT))
-    search, case = EntrySearch(start=1.0, lowest=1.0, ceiling=1.0), (Member("own", 1.0, {}), EntryFloor("own"))
+    search, case = (
+        EntrySearch(start=1.0, lowest=1.0, ceiling=1.0),
+        (Member("own", 1.0, {}), EntryFloor("own")),
+    )
     table = climb([turn], who, [case], Runs(), search).set_index("candidate")
     assert list(table.index) == ["no tail", "Upright", "Failing"]
     assert table.loc["Upright", "entry_speed_m_per_s"] == 1.0
@@ -115,7 +124,9 @@ def test_a_law_of_ones_own_climbs_and_one_that_fails_is_named(law_file) -> None:
 
 
 def test_a_law_is_run_again_when_its_file_has_changed(law_file) -> None:
-    law, other = (RunTask("", "turn_swing", law=f"{law_file}:{name}") for name in ("Upright", "Failing"))
+    law, other = (
+        RunTask("", "turn_swing", law=f"{law_file}:{name}") for name in ("Upright", "Failing")
+    )
     before = run_key(law)
     assert before not in (run_key(other), run_key(RunTask("", "turn_swing")))
     law_file.write_text(LAW.replace("17.0", "18.0"))
@@ -133,7 +144,9 @@ def test_a_law_is_run_again_when_its_file_has_changed(law_file) -> None:
         (["{folder}/my_law.py:Upright"] * 2, "candidate 'Upright': named twice"),
     ],
 )
-def test_what_is_no_law_is_one_line_before_any_run(law_file, capsys, monkeypatch, laws, words) -> None:
+def test_what_is_no_law_is_one_line_before_any_run(
+    law_file, capsys, monkeypatch, laws, words
+) -> None:
     out = law_file.parent / "out"
     flags = [part for law in laws for part in ("--law", law.format(folder=law_file.parent))]
     monkeypatch.setattr("sys.argv", ["aerodima", "swing", "judge", "--out", str(out), *flags])

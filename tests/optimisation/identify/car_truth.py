@@ -1,4 +1,6 @@
-"""Logs of emulated drives whose truth is known: another car each, with latency, bias, and a plant of finer steps."""
+"""Logs of emulated drives whose truth is known: another car each, with latency, bias, and a plant
+of finer steps.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +22,11 @@ RANGES = {
     "gyro_bias_z": (-0.03, 0.03),
     "speed": (2.6, 3.2),
 }
-"""Of the truth; the height only where friction times height over half the track is below `STABLE`, so that most cars
-stay on their wheels."""
+"""Of the truth; the height only where friction times height over half the track is below `STABLE`,
+so that most cars stay on their wheels."""
 STABLE, STEP = 1.0, 0.0005
-"""Step of the true plant, s, a quarter of that of the fitted one: so there is an error of the model."""
+"""Step of the true plant, s, a quarter of that of the fitted one: so there is an error of the
+model."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,9 @@ def drawn(number: int) -> Truth:
 
 
 def emulated(truth: Truth, name: str = "turn_none", step: float = STEP) -> RunLog:
-    """A log as the car would write it: sensors and commands alone, and the scenario as it is taken to be."""
+    """A log as the car would write it: sensors and commands alone, and the scenario as it is taken
+    to be.
+    """
     settings = [
         f"manoeuvre.speed={truth.values['speed']}",
         "manoeuvre.duration=3.05",
@@ -58,8 +63,12 @@ def emulated(truth: Truth, name: str = "turn_none", step: float = STEP) -> RunLo
     schedule = make_schedule(planned)
     table["steering_command_rad"] = [schedule.at(time).steering_angle for time in table["time_s"]]
     gyro = "imu_gyro_z_rad_per_s"
-    rounding = np.random.default_rng(truth.seed).uniform(-0.5, 0.5, len(table))  # undone, before it is rounded again
-    table[gyro] = np.rint((table[gyro] + truth.values["gyro_bias_z"]) / STEPS[3] + rounding) * STEPS[3]
+    rounding = np.random.default_rng(truth.seed).uniform(
+        -0.5, 0.5, len(table)
+    )  # undone, before it is rounded again
+    table[gyro] = (
+        np.rint((table[gyro] + truth.values["gyro_bias_z"]) / STEPS[3] + rounding) * STEPS[3]
+    )
     for source, sensor in (("imu", planned.imu), ("speed", planned.gps)):
         taken = np.floor((table["time_s"] - sensor.delay) * sensor.rate + 1e-6) / sensor.rate
         table[f"status_{source}_age_s"] = table["time_s"] - taken

@@ -1,4 +1,6 @@
-"""A fit that takes no time, of a file: stands in for the fits of logs where only their batch is tested."""
+"""A fit that takes no time, of a file: stands in for the fits of logs where only their batch is
+tested.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,10 @@
-"""A laboratory that is not ours: logs from formulae of its own, with the truth beside them and no scenario in them.
+"""A laboratory that is not ours: logs from formulae of its own, with the truth beside them and no
+scenario in them.
 
-Nothing of the workbench's rig, force laws or rollouts is used. The held rig is a closed form, the swings are the
-equation of motion given to scipy. Frames and signs are those of docs/design.md, section 4; the force law that of
-section 5; the numbers below are typed off the thesis (Tables 4.2, 4.5, 4.6).
+Nothing of the workbench's rig, force laws or rollouts is used. The held rig is a closed form, the
+swings are the equation of motion given to scipy. Frames and signs are those of docs/design.md,
+section 4; the force law that of section 5; the numbers below are typed off the thesis (Tables 4.2,
+4.5, 4.6).
 """
 
 from __future__ import annotations
@@ -84,7 +86,9 @@ def _exposed(lab: Lab, q: float, psi: float, start: float, length: float) -> tup
 
 
 def _force(v: np.ndarray, a: np.ndarray, cd: float, cl: float, scale: float) -> np.ndarray:
-    """Drag along v and lift across it, to the root; the lift turns over within a degree and fades at the end."""
+    """Drag along v and lift across it, to the root; the lift turns over within a degree and fades
+    at the end.
+    """
     speed = float(np.linalg.norm(v))
     if speed < 1e-9:
         return np.zeros(3)
@@ -97,8 +101,12 @@ def _force(v: np.ndarray, a: np.ndarray, cd: float, cl: float, scale: float) -> 
     return scale * speed * (cd * v + cl * turned * speed * lift)
 
 
-def _loads(lab: Lab, q: float, rate: float, psi: float, wind: float, cd: float, cl: float) -> tuple[np.ndarray, ...]:
-    """Force, moment about W and torque about the motor axis (downstream positive) of the air on tail and bar."""
+def _loads(
+    lab: Lab, q: float, rate: float, psi: float, wind: float, cd: float, cl: float
+) -> tuple[np.ndarray, ...]:
+    """Force, moment about W and torque about the motor axis (downstream positive) of the air on
+    tail and bar.
+    """
     a, w = _axis(q), wind * np.array([math.sin(psi), -math.cos(psi), 0.0])
     total, moment, torque = np.zeros(3), np.zeros(3), 0.0
     root = lab.bar_end + lab.gap
@@ -154,7 +162,8 @@ def hold(
     wander: Callable[[np.ndarray], np.ndarray] | None = None,
     **extra: Any,
 ) -> RunLog:
-    """A static hold whose first `rest` seconds are without wind; the sensor was zeroed at nothing (offset 0).
+    """A static hold whose first `rest` seconds are without wind; the sensor was zeroed at nothing
+    (offset 0).
 
     Args:
         wander: of the times (n) in units of each axis' accuracy (n), added to all six readings.
@@ -172,12 +181,20 @@ def hold(
     if wander is not None:
         readings += np.outer(wander(time), ACCURACY)
     readings += lab.force_noise * rng.normal(size=readings.shape)
-    table = pd.DataFrame({"time_s": time, "angle_rad": np.full(len(time), _count(lab, angle - lab.encoder_zero))})
+    table = pd.DataFrame(
+        {"time_s": time, "angle_rad": np.full(len(time), _count(lab, angle - lab.encoder_zero))}
+    )
     table["current_a"] = current + lab.current_noise * rng.normal(size=len(time))
     for column, values in zip(READINGS, readings.T, strict=True):
         table[column] = values
     truth = {"cd": cd, "cl": cl, "psi3": psi, "current": float(current[-1])}
-    facts = {"tail": "1", "axis": "major", "wind_speed_m_per_s": wind, "offsets_to_add": [0.0] * 6, "truth": truth}
+    facts = {
+        "tail": "1",
+        "axis": "major",
+        "wind_speed_m_per_s": wind,
+        "offsets_to_add": [0.0] * 6,
+        "truth": truth,
+    }
     if rest > 0.0:
         facts["rest_s"] = [0.0, float(rest)]
     return _log(table, "static", {**facts, **extra})
@@ -225,7 +242,8 @@ def flick(
     """Tail 1 let go at `angle` and driven by a smooth current; C_D and C_L are constant.
 
     Args:
-        convention: whether a sample of the current is its value then, or the `mean` since the sample before.
+        convention: whether a sample of the current is its value then, or the `mean` since the
+            sample before.
         seed, drive: of noise and drive; one draw for both without the latter.
     """
     rng = np.random.default_rng(seed)
@@ -235,12 +253,16 @@ def flick(
 
     def motion(t: float, state: np.ndarray) -> list[float]:
         q, w = state
-        load = weight(lab, q)[1] + float(_loads(lab, q, w or 1e-300, 0.0, lab.wind_gain * wind, cd, cl)[2])
+        load = weight(lab, q)[1] + float(
+            _loads(lab, q, w or 1e-300, 0.0, lab.wind_gain * wind, cd, cl)[2]
+        )
         return [w, (load - lab.torque_constant * sine.value(t) - _friction(lab, w)) / inertia]
 
     table = _swing(lab, motion, (angle, start_rate), duration, rate)
     late = table.time_s.to_numpy() - lab.current_delay
-    current = sine.value(late) if convention == "instantaneous" else sine.mean(late - 1.0 / rate, late)
+    current = (
+        sine.value(late) if convention == "instantaneous" else sine.mean(late - 1.0 / rate, late)
+    )
     table["current_a"] = current + lab.current_noise * rng.normal(size=len(late))
     facts = {"tail": "1", "axis": "major", "wind_speed_m_per_s": wind, "rest_s": [-1.0, 0.0]}
     return _log(table, "swing", {**facts, "truth": {"added_mass": added_mass}, **extra})
@@ -258,7 +280,9 @@ class Sine:
         return self.size * np.sin(self.frequency * t + self.phase)
 
     def mean(self, start: Any, end: Any) -> Any:
-        ends = np.cos(self.frequency * start + self.phase) - np.cos(self.frequency * end + self.phase)
+        ends = np.cos(self.frequency * start + self.phase) - np.cos(
+            self.frequency * end + self.phase
+        )
         return self.size * ends / (self.frequency * (end - start))
 
 
@@ -271,7 +295,9 @@ def swinging_inertia(lab: Lab, added_mass: float) -> float:
     """Of bar, tail, rotor and added mass per fifth of the tail (kg) about the motor axis, kg m2."""
     arms = lab.bar_end + lab.gap + lab.tail_length * (np.arange(5) + 0.5) / 5.0
     inertia = lab.bar_inertia + lab.bar_mass * lab.bar_com**2 + lab.rotor_inertia
-    inertia += lab.tail_mass * (lab.tail_length**2 / 12.0 + (lab.bar_end + lab.gap + lab.tail_com) ** 2)
+    inertia += lab.tail_mass * (
+        lab.tail_length**2 / 12.0 + (lab.bar_end + lab.gap + lab.tail_com) ** 2
+    )
     return inertia + added_mass * float(arms @ arms)
 
 
@@ -283,13 +309,24 @@ def _count(lab: Lab, angle: Any) -> Any:
     return np.round(angle / lab.count) * lab.count
 
 
-def _swing(lab: Lab, motion: Callable, start: tuple[float, float], duration: float, rate: float) -> pd.DataFrame:
+def _swing(
+    lab: Lab, motion: Callable, start: tuple[float, float], duration: float, rate: float
+) -> pd.DataFrame:
     time = np.arange(round(duration * rate) + 1) / rate
-    found = solve_ivp(motion, (0.0, time[-1]), start, "DOP853", time, rtol=1e-11, atol=1e-13, max_step=0.004)
+    found = solve_ivp(
+        motion, (0.0, time[-1]), start, "DOP853", time, rtol=1e-11, atol=1e-13, max_step=0.004
+    )
     assert found.success, found.message
     return pd.DataFrame({"time_s": time, "angle_rad": _count(lab, found.y[0] - lab.encoder_zero)})
 
 
 def _log(table: pd.DataFrame, kind: str, extra: dict[str, Any]) -> RunLog:
-    metadata = {"schema": "aerodima/run-log/1", "scenario": {}, "seed": 0, "versions": {}, "created": "", "kind": kind}
+    metadata = {
+        "schema": "aerodima/run-log/1",
+        "scenario": {},
+        "seed": 0,
+        "versions": {},
+        "created": "",
+        "kind": kind,
+    }
     return run_log_from_metadata(table, {**metadata, "extra": extra}, f"other laboratory, {kind}")

@@ -1,4 +1,6 @@
-"""Static logs whose truth is known: made by the rig's plant, with or without a rest phase in front."""
+"""Static logs whose truth is known: made by the rig's plant, with or without a rest phase in
+front.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,12 @@ CD, CL = 0.9, 0.25
 
 def static_scenario(tail: int, axis: str, degrees: float, speed: float, psi: float) -> RigScenario:
     return load_rig_scenario("static").varied(
-        experiment={"tail": tail, "axis": axis, "angle": math.radians(degrees), "wind_speed": speed},
+        experiment={
+            "tail": tail,
+            "axis": axis,
+            "angle": math.radians(degrees),
+            "wind_speed": speed,
+        },
         aero={"source": "constant", "drag": CD, "lift": CL},
         tunnel={"psi3": psi},
     )
@@ -36,7 +43,9 @@ def truth_of(log: RunLog) -> dict[str, float]:
     return dict(log.extra["truth"])
 
 
-def static_logs(tests: int, rest: float | None, duration: float = 20.0, seed: int = 0) -> Iterator[RunLog]:
+def static_logs(
+    tests: int, rest: float | None, duration: float = 20.0, seed: int = 0
+) -> Iterator[RunLog]:
     """Three tails, two axes, six angles, three speeds, `tests` logs each: 540 logs with five."""
     rng = np.random.default_rng(seed)
     number = 1000 * seed
@@ -44,11 +53,17 @@ def static_logs(tests: int, rest: float | None, duration: float = 20.0, seed: in
         for axis in ("major", "minor"):
             for degrees in ANGLES_DEG:
                 for speed in SPEEDS:
-                    scenario = static_scenario(tail, axis, degrees, speed, float(rng.uniform(-0.1, 0.1)))
+                    scenario = static_scenario(
+                        tail, axis, degrees, speed, float(rng.uniform(-0.1, 0.1))
+                    )
                     scenario = scenario.varied(experiment={"duration": duration})
                     rig = Rig(scenario)
                     calm = Rig(scenario.varied(experiment={"wind_speed": 0.0}))
                     for _ in range(tests):
                         number += 1
                         one = scenario.varied(seed=number)
-                        yield simulate_static_log(one, rig) if rest is None else log_with_rest(one, rig, calm, rest)
+                        yield (
+                            simulate_static_log(one, rig)
+                            if rest is None
+                            else log_with_rest(one, rig, calm, rest)
+                        )

@@ -1,7 +1,8 @@
-"""Swings whose truth is known: the pendulum's rollout, read by the encoder and the current sensor of the rig.
+"""Swings whose truth is known: the pendulum's rollout, read by the encoder and the current sensor
+of the rig.
 
-A test shows that the pendulum moves as the rig's plant does; the rollout takes milliseconds where the plant takes
-seconds.
+A test shows that the pendulum moves as the rig's plant does; the rollout takes milliseconds where
+the plant takes seconds.
 """
 
 from __future__ import annotations
@@ -23,14 +24,24 @@ RATE = 1000.0
 
 def bar_log(coulomb: float, viscous: float, angle: float = 1.5, duration: float = 5.0) -> RunLog:
     """A free swing of the bare bar, let go at once."""
-    scenario = load_rig_scenario("bar").varied(experiment={"angle": angle, "duration": duration, "rest": 0.0})
+    scenario = load_rig_scenario("bar").varied(
+        experiment={"angle": angle, "duration": duration, "rest": 0.0}
+    )
     return _log(scenario, [friction_torque(coulomb, viscous, 10.0)], 0.0, None)
 
 
-def flick_log(added_mass: float, seed: int, wind_speed: float = 10.0, duration: float = 1.5) -> RunLog:
+def flick_log(
+    added_mass: float, seed: int, wind_speed: float = 10.0, duration: float = 1.5
+) -> RunLog:
     """Tail 1 let go at 60 degrees and driven by a current that is logged with its noise."""
     scenario = load_rig_scenario("flick").varied(
-        experiment={"angle": math.radians(60.0), "wind_speed": wind_speed, "duration": duration, "rest": 0.0}, seed=seed
+        experiment={
+            "angle": math.radians(60.0),
+            "wind_speed": wind_speed,
+            "duration": duration,
+            "rest": 0.0,
+        },
+        seed=seed,
     )
     air = air_torque(scenario)
     assert air is not None
@@ -42,10 +53,15 @@ def flick_log(added_mass: float, seed: int, wind_speed: float = 10.0, duration: 
     return _log(scenario, [air, smooth], added_mass, current, rng)
 
 
-def robot_log(cn: float, angle: float, wind_speed: float, kp: float, duration: float = 2.0) -> RunLog:
-    """The robot's tail let go under its motor, with a constant C_N; only the counts of its angle are not exact."""
+def robot_log(
+    cn: float, angle: float, wind_speed: float, kp: float, duration: float = 2.0
+) -> RunLog:
+    """The robot's tail let go under its motor, with a constant C_N; only the counts of its angle
+    are not exact.
+    """
     scenario = load_rig_scenario("robot").varied(
-        experiment={"angle": angle, "wind_speed": wind_speed, "duration": duration, "rest": 0.0}, robot={"kp": kp}
+        experiment={"angle": angle, "wind_speed": wind_speed, "duration": duration, "rest": 0.0},
+        robot={"kp": kp},
     )
     air, friction = air_torque(scenario, NormalForceLaw(cn)), scenario.robot_friction
     assert air is not None
@@ -77,7 +93,9 @@ def _log(
         logged[1:] = current + scenario.maxon.current_noise * rng.normal(size=count - 1)
     step = scenario.count_angle
     if scenario.is_robot:
-        step = 2.0 * scenario.robot_motor.position_range / (2**16 - 1)  # its position in a reply has 16 bits
+        step = (
+            2.0 * scenario.robot_motor.position_range / (2**16 - 1)
+        )  # its position in a reply has 16 bits
     table = pd.DataFrame(
         {
             "time_s": np.arange(count) / RATE,

@@ -1,4 +1,6 @@
-"""A car from the log of its own drive: what is refused, what is used, and whether the truth lies in the intervals."""
+"""A car from the log of its own drive: what is refused, what is used, and whether the truth lies in
+the intervals.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +28,16 @@ from tests.optimisation.identify.car_truth import drawn, emulated
 def still_log(steered: float = 0.5, **columns: float) -> RunLog:
     """A log without motion of the first 4 s of `turn_none`, steered from 2.0 to 2.5 s."""
     scenario, time = load_scenario("turn_none"), np.arange(0.0, 4.0, 0.002)
-    table = pd.DataFrame({"time_s": time, "steering_command_rad": steered * ((time >= 2.0) & (time < 2.5))})
-    zeros = ["planned_turn", "imu_roll_rad", "imu_pitch_rad", "imu_gyro_x_rad_per_s", "imu_gyro_z_rad_per_s"]
+    table = pd.DataFrame(
+        {"time_s": time, "steering_command_rad": steered * ((time >= 2.0) & (time < 2.5))}
+    )
+    zeros = [
+        "planned_turn",
+        "imu_roll_rad",
+        "imu_pitch_rad",
+        "imu_gyro_x_rad_per_s",
+        "imu_gyro_z_rad_per_s",
+    ]
     table[[*zeros, "imu_acceleration_y_m_per_s2"]] = 0.0
     table = table.assign(**{"throttle_command": 0.35, "speed_m_per_s": 3.3, **columns})
     for source, rate in (("imu", 100.0), ("speed", 10.0)):
@@ -41,10 +51,20 @@ def changed(**columns: Callable[[pd.DataFrame], Any]) -> RunLog:
 
 
 REFUSED: dict[str, tuple[Callable[[], RunLog], str]] = {
-    "rig": (lambda: replace(still_log(), kind="swing"), "is a log of kind 'swing'; this fit needs a drive of the car"),
-    "straight": (lambda: still_log(0.0), "column 'steering_command_rad' stays within 0.01 rad; a fit needs a turn"),
+    "rig": (
+        lambda: replace(still_log(), kind="swing"),
+        "is a log of kind 'swing'; this fit needs a drive of the car",
+    ),
+    "straight": (
+        lambda: still_log(0.0),
+        "column 'steering_command_rad' stays within 0.01 rad; a fit needs a turn",
+    ),
     "nan": (
-        lambda: changed(imu_gyro_z_rad_per_s=lambda table: np.where(table.time_s == table.time_s[1100], math.nan, 0.0)),
+        lambda: changed(
+            imu_gyro_z_rad_per_s=lambda table: np.where(
+                table.time_s == table.time_s[1100], math.nan, 0.0
+            )
+        ),
         r"column 'imu_gyro_z_rad_per_s': 1 sample\(s\) not finite, first nan at 2.2 s",
     ),
     "no IMU": (
@@ -55,9 +75,14 @@ REFUSED: dict[str, tuple[Callable[[], RunLog], str]] = {
         lambda: changed(status_speed_age_s=lambda table: table.time_s % 1.0),
         "only 2 samples of 'speed_m_per_s' around the turn; a fit needs 5",
     ),
-    "at rest": (lambda: still_log(throttle_command=0.0), "column 'throttle_command' drives the car at 0 m/s into"),
+    "at rest": (
+        lambda: still_log(throttle_command=0.0),
+        "column 'throttle_command' drives the car at 0 m/s into",
+    ),
     "cut": (
-        lambda: replace(still_log(), table=still_log().table.query("time_s > 1.9 and time_s < 2.1")),
+        lambda: replace(
+            still_log(), table=still_log().table.query("time_s > 1.9 and time_s < 2.1")
+        ),
         "holds 1.9 to 2.098 s, steered from 2 s on; a fit needs 0.5 s to either side",
     ),
 }
@@ -77,10 +102,14 @@ def test_of_a_flipped_run_what_is_before_the_flip_is_used() -> None:
 
 
 @pytest.mark.parametrize(("stop", "cut"), [(math.pi / 2, True), (3.1416, False)])
-def test_a_swung_log_ends_at_the_stop_of_the_tail_not_at_the_limit_of_its_command(stop: float, cut: bool) -> None:
+def test_a_swung_log_ends_at_the_stop_of_the_tail_not_at_the_limit_of_its_command(
+    stop: float, cut: bool
+) -> None:
     log, scenario = still_log(), load_scenario("turn_swing", [f"tail.roll_stop={stop}"])
     angle = np.interp(log.table["time_s"], [2.0, 2.3], [-math.pi / 2, math.pi / 2])
-    columns = dict.fromkeys((name for joint in TAIL.values() for name in joint), 0.0) | {"tail_roll_angle_rad": angle}
+    columns = dict.fromkeys((name for joint in TAIL.values() for name in joint), 0.0) | {
+        "tail_roll_angle_rad": angle
+    }
     found = car_drive(replace(log, table=log.table.assign(**columns), scenario=scenario.resolved()))
     assert any("strikes its stop" in warning for warning in found.warnings) == cut
 
@@ -94,9 +123,13 @@ def test_commands_are_held_and_steering_alone_is_late() -> None:
 
 
 class Formula(CarDrive):
-    """A drive whose car is a formula in place of a simulation, as rough as one; its height shows nowhere."""
+    """A drive whose car is a formula in place of a simulation, as rough as one; its height shows
+    nowhere.
+    """
 
-    def run(self, changes: Mapping[str, Mapping[str, float]], latency: float, speed: float) -> Mapping[str, Any]:
+    def run(
+        self, changes: Mapping[str, Mapping[str, float]], latency: float, speed: float
+    ) -> Mapping[str, Any]:
         time, car = np.arange(1.4, 3.2, 0.002), changes["car"]
         late = time - self.turn - latency
         turning, begins = np.clip(late / 0.2, 0.0, 1.0), np.exp(-np.square((late - 0.2) / 0.1))
@@ -104,7 +137,9 @@ class Formula(CarDrive):
         gain = 1.0 - math.exp(-3.0 * (time[-1] - time[0]))
         return {
             "time": time,
-            "yaw_rate": 3.0 * car["tyre_friction"] * turning - 2.0 * car["tyre_slip_angle"] * begins + rough,
+            "yaw_rate": 3.0 * car["tyre_friction"] * turning
+            - 2.0 * car["tyre_slip_angle"] * begins
+            + rough,
             "roll_rate": 5.0 * car["tyre_slip_angle"] * begins + rough,
             "lateral_acceleration": 7.0 * car["tyre_friction"] * turning + rough,
             "speed": speed + gain * (changes["manoeuvre"]["speed"] - speed) * (time > self.turn),
@@ -119,11 +154,15 @@ def test_a_rough_cost_settles_and_what_the_log_does_not_show_is_named() -> None:
     noise = np.random.default_rng(5)
     channels = {
         name: replace(channel, value=value + noise.normal(0.0, 0.3, value.size) * channel.deviation)
-        for (name, value), channel in zip(drive.sampled(run, 0.03).items(), drive.channels.values(), strict=True)
+        for (name, value), channel in zip(
+            drive.sampled(run, 0.03).items(), drive.channels.values(), strict=True
+        )
     }
     found = fit_car(replace(drive, channels=channels))
     assert found.success, found.status
-    assert found.warnings == ("the log does not determine com_height; its interval is that of the prior",)
+    assert found.warnings == (
+        "the log does not determine com_height; its interval is that of the prior",
+    )
     assert all(found[name].holds(value) for name, value in (truth | {"delay": 0.03}).items())
     assert found["com_height"].upper - found["com_height"].lower > 0.2
 
@@ -134,7 +173,9 @@ def test_the_truth_lies_in_the_intervals() -> None:
     truth = drawn(4)
     found = fit_car(car_drive(emulated(truth)))
     assert found.success
-    assert {name: found[name].holds(truth.values[name]) for name in UNKNOWNS} == dict.fromkeys(UNKNOWNS, True)
+    assert {name: found[name].holds(truth.values[name]) for name in UNKNOWNS} == dict.fromkeys(
+        UNKNOWNS, True
+    )
     assert found["tyre_friction"].upper - found["tyre_friction"].lower < 0.03
     assert not found.warnings
 
@@ -144,7 +185,9 @@ def test_settings_are_refused_before_any_log_is_read(tmp_path: Path) -> None:
     arguments = ["fit", "car", str(tmp_path / "run.parquet"), "--out", str(tmp_path / "fits")]
     done = CliRunner().invoke(build_app(), [*arguments, "--set", "car.mas=6"])
     assert done.exit_code == 2
-    assert done.stderr.splitlines() == ["error: scenario: car.mas: unknown key; did you mean 'mass'?"]
+    assert done.stderr.splitlines() == [
+        "error: scenario: car.mas: unknown key; did you mean 'mass'?"
+    ]
     assert not (tmp_path / "fits").exists()
     done = CliRunner().invoke(build_app(), [*arguments, "--workers", "1"])
     assert done.exit_code == 2

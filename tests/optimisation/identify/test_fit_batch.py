@@ -24,7 +24,9 @@ def fit_or_die(path: str, *, poison: Path) -> FitResult:
 def test_a_log_that_kills_its_worker_does_not_stop_the_others(tmp_path: Path) -> None:
     logs = []
     for number in range(4):
-        rows = [f"{x / 1000},{(1000 + 100 * number) * x / 1000 + (-1) ** x * 0.01}" for x in range(20)]
+        rows = [
+            f"{x / 1000},{(1000 + 100 * number) * x / 1000 + (-1) ** x * 0.01}" for x in range(20)
+        ]
         logs.append(tmp_path / f"spring_{number}.csv")
         logs[-1].write_text("\n".join(["displacement_m,force_n", *rows]))
     poison = tmp_path / "poison"
@@ -44,7 +46,12 @@ def test_a_damaged_journal_costs_only_the_damaged_lines(tmp_path: Path, damage: 
     for number in range(3):
         logs.append(tmp_path / f"spring_{number}.csv")
         logs[-1].write_text(
-            "\n".join(["displacement_m,force_n", *(f"{x / 1000},{2 * x + (-1) ** x * 0.01}" for x in range(20))])
+            "\n".join(
+                [
+                    "displacement_m,force_n",
+                    *(f"{x / 1000},{2 * x + (-1) ** x * 0.01}" for x in range(20)),
+                ]
+            )
         )
     first = fit_logs(fit_line_file, logs, tmp_path / "fits", settings={"a": 1})
     journal = tmp_path / "fits" / "fits.jsonl"
@@ -63,7 +70,9 @@ def test_a_damaged_journal_costs_only_the_damaged_lines(tmp_path: Path, damage: 
         assert [r.free[0].value for r in again.results] == [r.free[0].value for r in first.results]
 
 
-def test_fits_of_another_version_are_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fits_of_another_version_are_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     log = tmp_path / "spring.csv"
     rows = [f"{x / 1000},{2 * x + (-1) ** x * 0.01}" for x in range(20)]
     log.write_text("\n".join(["displacement_m,force_n", *rows]))

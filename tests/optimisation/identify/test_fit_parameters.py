@@ -55,6 +55,8 @@ def test_a_seed_of_an_unknown_name_lists_the_known_ones() -> None:
 
 
 def test_active_bounds_are_named_by_side() -> None:
-    parameters = Parameters.of([Parameter("a", "1", 1.0, 0.0, 2.0), Parameter("b", "1", 1.0, 0.0, 2.0)])
+    parameters = Parameters.of(
+        [Parameter("a", "1", 1.0, 0.0, 2.0), Parameter("b", "1", 1.0, 0.0, 2.0)]
+    )
     assert parameters.active(np.array([0.0, 1.0])) == {"a": "lower"}
     assert parameters.active(np.array([1.0, 2.0])) == {"b": "upper"}

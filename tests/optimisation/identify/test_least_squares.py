@@ -1,4 +1,6 @@
-"""The solvers of least-squares problems, and Huber's loss: wild values do not decide, without them nothing is lost."""
+"""The solvers of least-squares problems, and Huber's loss: wild values do not decide, without them
+nothing is lost.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,11 @@ from aerodima.optimisation.identify.least_squares import (
     solve_huber,
     spread,
 )
-from aerodima.optimisation.identify.least_squares_solvers import solve_algebraic, solve_formula, solve_rollout
+from aerodima.optimisation.identify.least_squares_solvers import (
+    solve_algebraic,
+    solve_formula,
+    solve_rollout,
+)
 from aerodima.optimisation.identify.published_check import fit_line
 from aerodima.workbench.errors import FitError
 
@@ -34,7 +40,11 @@ def decay(amplitude_size: float = 1.0, **bounds: float) -> Problem:
             Parameter("c", "N", 0.0, scale=amplitude_size),
         ]
     )
-    return Problem(parameters, lambda x: (x[0] * np.exp(-x[1] * TIME) + x[2] - y) / amplitude_size, name="decay")
+    return Problem(
+        parameters,
+        lambda x: (x[0] * np.exp(-x[1] * TIME) + x[2] - y) / amplitude_size,
+        name="decay",
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -43,7 +53,11 @@ def test_agrees_with_scipy_whatever_the_units(method: Solver, size: float) -> No
     problem = decay(size)
     scales = np.array([size, 1.0, size])
     reference = least_squares(
-        lambda z: problem.residual(z * scales), problem.parameters.seed / scales, xtol=1e-14, ftol=1e-14, gtol=1e-14
+        lambda z: problem.residual(z * scales),
+        problem.parameters.seed / scales,
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-14,
     )
     solution = solve(problem, method)
     assert solution.best.success
@@ -54,7 +68,9 @@ def test_agrees_with_scipy_whatever_the_units(method: Solver, size: float) -> No
 @pytest.mark.parametrize("method", METHODS)
 def test_stops_on_a_bound_at_the_constrained_minimum(method: Solver) -> None:
     problem = decay(k=1.0)
-    reference = least_squares(problem.residual, problem.parameters.seed, bounds=([0, 0, -np.inf], [10, 1.0, np.inf]))
+    reference = least_squares(
+        problem.residual, problem.parameters.seed, bounds=([0, 0, -np.inf], [10, 1.0, np.inf])
+    )
     solution = solve(problem, method)
     assert problem.parameters.active(solution.x) == {"k": "upper"}
     # scipy's interior method stays about 1e-8 short of the bound.
@@ -64,9 +80,14 @@ def test_stops_on_a_bound_at_the_constrained_minimum(method: Solver) -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_a_residual_that_is_not_finite_at_the_seed_names_the_unknowns(method: Solver) -> None:
     problem = Problem(
-        Parameters.of([Parameter("mass", "kg", -0.1)]), lambda x: np.array([np.sqrt(x[0]) - 1.0]), name="pendulum"
+        Parameters.of([Parameter("mass", "kg", -0.1)]),
+        lambda x: np.array([np.sqrt(x[0]) - 1.0]),
+        name="pendulum",
     )
-    with np.errstate(invalid="ignore"), pytest.raises(FitError, match=r"pendulum.*not finite.*mass = -0\.1 kg"):
+    with (
+        np.errstate(invalid="ignore"),
+        pytest.raises(FitError, match=r"pendulum.*not finite.*mass = -0\.1 kg"),
+    ):
         solve(problem, method)
 
 
@@ -85,11 +106,14 @@ def test_other_seeds_are_tried_when_one_has_no_model(method: Solver) -> None:
 
 
 def test_a_rollout_that_breaks_down_within_the_solve_shortens_the_step() -> None:
-    # From 0.2 the full Gauss-Newton step of log(x) - 3 goes to 1.1, from there to 4.2; beyond 25 there is no model.
+    # From 0.2 the full Gauss-Newton step of log(x) - 3 goes to 1.1, from there to 4.2; beyond 25
+    # there is no model.
     def residual(x: np.ndarray) -> np.ndarray:
         return np.array([np.log(x[0]) - 3.0, 0.0]) if x[0] < 25.0 else np.array([np.nan, 0.0])
 
-    solution = solve(Problem(Parameters.of([Parameter("x", "1", 0.2, 0.0, 100.0)]), residual), solve_rollout)
+    solution = solve(
+        Problem(Parameters.of([Parameter("x", "1", 0.2, 0.0, 100.0)]), residual), solve_rollout
+    )
     assert solution.x[0] == pytest.approx(np.exp(3.0), rel=1e-6)
 
 
@@ -102,18 +126,26 @@ def test_a_model_that_ends_beside_the_solution_has_a_one_sided_derivative(ends: 
             return np.full(2, np.nan)
         return np.array([np.log(x[0] - 0.9) - np.log(0.10001), x[0] - 1.00001])
 
-    problem = Problem(Parameters.of([Parameter("x", "1", 2.0, 0.0, 5.0, scale=1.0)]), residual, name="edge")
+    problem = Problem(
+        Parameters.of([Parameter("x", "1", 2.0, 0.0, 5.0, scale=1.0)]), residual, name="edge"
+    )
     solution = solve(problem, solve_formula)
     assert solution.x[0] == pytest.approx(1.00001, abs=1e-8)
     assert solution.jacobian[:, 0] == pytest.approx([10.0, 1.0], rel=0.01)
-    alone = Problem(problem.parameters, lambda x: residual(x) * (1.0 if x[0] == 1.1 else np.nan), name="edge")
-    with pytest.raises(FitError, match=r"edge: no derivative by x: the model ends on both sides of x = 1\.1"):
+    alone = Problem(
+        problem.parameters, lambda x: residual(x) * (1.0 if x[0] == 1.1 else np.nan), name="edge"
+    )
+    with pytest.raises(
+        FitError, match=r"edge: no derivative by x: the model ends on both sides of x = 1\.1"
+    ):
         alone.central_differences(np.array([1.1]))
 
 
 def test_a_model_that_ends_within_snopt_is_a_failed_attempt() -> None:
     parameters = Parameters.of([Parameter("x", "1", 2.0, 0.0, 5.0)])
-    problem = Problem(parameters, lambda x: np.array([x[0] - 1.00001]) * (1.0 if x[0] >= 1.0 else np.nan))
+    problem = Problem(
+        parameters, lambda x: np.array([x[0] - 1.00001]) * (1.0 if x[0] >= 1.0 else np.nan)
+    )
     attempt = solve_algebraic(problem, np.array([2.0]))
     assert not attempt.success
     assert "the residual is not finite (nan in row 0) at x = " in attempt.status
@@ -121,7 +153,8 @@ def test_a_model_that_ends_within_snopt_is_a_failed_attempt() -> None:
 
 def test_of_several_minima_the_lowest_is_kept_and_all_are_listed() -> None:
     parameters = Parameters.of([Parameter("x", "1", 3.0, -5.0, 5.0)])
-    # The cost is stationary where (x + 2) (2 x (x - 2) + 1/4) = 0: minima at 1 + sqrt(7/8) and, lower, at -2.
+    # The cost is stationary where (x + 2) (2 x (x - 2) + 1/4) = 0: minima at 1 + sqrt(7/8) and,
+    # lower, at -2.
     problem = Problem(parameters, lambda x: np.array([(x[0] ** 2 - 4.0), 0.5 * (x[0] + 2.0)]))
     solution = solve(problem, solve_rollout, parameters.starts([{"x": -3.0}]))
     assert len(solution.attempts) == 2
@@ -139,7 +172,9 @@ def test_jacobian_at_the_solution_is_that_of_the_formula() -> None:
 
 def test_a_bent_valley_that_stops_gauss_newton_is_followed_by_snopt() -> None:
     # Rosenbrock's valley with a weight of 1e5: Gauss-Newton from here needs many short steps.
-    parameters = Parameters.of([Parameter("x", "1", -1.5, -5.0, 5.0), Parameter("y", "1", 2.0, -5.0, 5.0)])
+    parameters = Parameters.of(
+        [Parameter("x", "1", -1.5, -5.0, 5.0), Parameter("y", "1", 2.0, -5.0, 5.0)]
+    )
     problem = Problem(parameters, lambda x: np.array([1e5 * (x[1] - x[0] ** 2), 1.0 - x[0]]))
     assert not solve_rollout(problem, parameters.seed, 8).success
     solution = solve(problem, solve_formula)
@@ -215,8 +250,8 @@ def test_given_and_differenced_jacobians_lead_to_the_same_minimum() -> None:
     assert found[0].solution.x == pytest.approx(found[1].solution.x, abs=1e-5)
     assert found[0].solution.x[0] == pytest.approx(1.3, abs=0.02)
     assert found[0].scale == pytest.approx(0.01, rel=0.3)
-    # At the minimum the clipped residual asks for no step (against 0.003, the standard deviation): the intervals stand
-    # around it.
+    # At the minimum the clipped residual asks for no step (against 0.003, the standard deviation):
+    # the intervals stand around it.
     influence = found[1].influence
     assert abs(np.linalg.lstsq(influence.jacobian, influence.residual, rcond=None)[0][0]) < 1e-4
 

@@ -19,7 +19,8 @@ def test_constants_of_the_models_predict_tail_1_as_the_design_says() -> None:
     rows = rows[(rows["tail"] == 1) & (rows.axis == "major")]
     error = np.abs(predicted_currents(balances(), rows) / rows.current_a - 1.0)
     by_angle = error.groupby(rows.angle_of_attack_deg).median()
-    # Design section 5: median error 0.3 % at 0, 0.7 % at 15, 1.6 % at 30 degrees; rounded constants leave 0.1-0.2 %.
+    # Design section 5: median error 0.3 % at 0, 0.7 % at 15, 1.6 % at 30 degrees; rounded constants
+    # leave 0.1-0.2 %.
     assert by_angle.to_dict() == pytest.approx({0: 0.003, 15: 0.007, 30: 0.016}, abs=0.002)
 
 
@@ -34,7 +35,12 @@ def test_joint_fit_meets_the_published_currents_within_physical_bounds() -> None
     assert all(e.lower <= e.value <= e.upper for e in found.fit.estimates)
     # The tests without wind (ERRATA E4) are listed by table and row.
     listed = set(
-        zip(found.outliers.source_table, found.outliers.wind_speed_m_per_s, found.outliers.test_no, strict=True)
+        zip(
+            found.outliers.source_table,
+            found.outliers.wind_speed_m_per_s,
+            found.outliers.test_no,
+            strict=True,
+        )
     )
     assert {("Table 10.6", 20, 5), ("Table 10.16", 20, 1)} <= listed
 
@@ -43,7 +49,10 @@ def test_known_constants_are_found_again_from_currents_made_with_them() -> None:
     rows = static_rows()
     rows = rows[(rows.current_a > 0.2) & (rows.test_no <= 2)].copy()
     changes = {"maxon": {"torque_constant": 0.33}, "tunnel": {"jet_edge_depth": 0.26}}
-    truth = {tail: StaticBalance.of(with_values(rig.scenario, changes)) for tail, rig in balances().items()}
+    truth = {
+        tail: StaticBalance.of(with_values(rig.scenario, changes))
+        for tail, rig in balances().items()
+    }
     rows["current_a"] = predicted_currents(truth, rows)
     found = fit_rig_constants(rows).fit
     assert found["torque_constant"].value == pytest.approx(0.33, rel=1e-4)

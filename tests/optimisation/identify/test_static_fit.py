@@ -1,4 +1,6 @@
-"""Static fits: the balance against the rig's plant, synthetic truth, and what is wrong with a log."""
+"""Static fits: the balance against the rig's plant, synthetic truth, and what is wrong with a
+log.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ from tests.optimisation.identify import static_truth as truth
 @pytest.fixture(scope="module")
 def windy() -> RunLog:
     """Tail 1 at 15 degrees in 20 m/s with psi3 = 0.05 rad, 5 s, the first without wind."""
-    scenario = truth.static_scenario(1, "major", 15.0, 20.0, 0.05).varied(experiment={"duration": 5.0})
+    scenario = truth.static_scenario(1, "major", 15.0, 20.0, 0.05).varied(
+        experiment={"duration": 5.0}
+    )
     calm = Rig(scenario.varied(experiment={"wind_speed": 0.0}))
     return truth.log_with_rest(scenario, Rig(scenario), calm, 1.0)
 
@@ -32,7 +36,9 @@ def changed(log: RunLog, **columns: np.ndarray) -> RunLog:
     return replace(log, table=log.table.assign(**columns))
 
 
-@pytest.mark.parametrize(("tail", "degrees"), [(1, 0), (2, 0.3), (1, 30), (2, 45), (3, 60), (2, 75)])
+@pytest.mark.parametrize(
+    ("tail", "degrees"), [(1, 0), (2, 0.3), (1, 30), (2, 45), (3, 60), (2, 75)]
+)
 def test_balance_is_that_of_the_plant(tail: int, degrees: float) -> None:
     scenario = truth.static_scenario(tail, "major", degrees, 20.0, -0.08)
     rig, balance, angle = Rig(scenario), StaticBalance.of(scenario), math.radians(degrees)
@@ -41,7 +47,9 @@ def test_balance_is_that_of_the_plant(tail: int, degrees: float) -> None:
     effect = np.array([1.0, truth.CD, truth.CL]) @ np.array(balance.wind_effect(angle, 20.0, -0.08))
     wrench = balance.hanging(angle)[0] + effect[:6]
     # Same law and jet, another arrangement of the sums: rounding only.
-    np.testing.assert_allclose(wrench, rig.reaction_at_current(angle, 0.0, current).wrench, atol=1e-10)
+    np.testing.assert_allclose(
+        wrench, rig.reaction_at_current(angle, 0.0, current).wrench, atol=1e-10
+    )
 
 
 def test_hanging_rig_weighs_its_mass_and_turns_it_about_the_sensor() -> None:
@@ -58,7 +66,9 @@ def test_jacobian_of_the_residual_is_that_of_differences(windy: RunLog) -> None:
     problem = static_problem(static_data(windy))
     assert problem.jacobian is not None
     x, step = np.array([0.9, 0.3, 0.07, 5.0]), 1e-6
-    ends = [[problem.residual(x + sign * step * unit) for unit in np.eye(4)] for sign in (1.0, -1.0)]
+    ends = [
+        [problem.residual(x + sign * step * unit) for unit in np.eye(4)] for sign in (1.0, -1.0)
+    ]
     numeric = (np.array(ends[0]) - np.array(ends[1])).T / (2.0 * step)
     np.testing.assert_allclose(problem.jacobian(x), numeric, rtol=1e-6, atol=1e-6)
 
@@ -72,8 +82,12 @@ def test_truth_lies_within_narrow_intervals_and_scipy_agrees(windy: RunLog) -> N
         assert abs(estimate.value - value) < 3.0 * estimate.standard_deviation
         assert estimate.standard_deviation < 0.02 * max(abs(value), 0.1)
     problem = static_problem(data)
-    reference = least_squares(problem.residual, problem.parameters.seed, x_scale="jac", xtol=1e-12, ftol=1e-12)
-    assert [result[name].value for name in problem.parameters.names] == pytest.approx(reference.x.tolist(), rel=1e-5)
+    reference = least_squares(
+        problem.residual, problem.parameters.seed, x_scale="jac", xtol=1e-12, ftol=1e-12
+    )
+    assert [result[name].value for name in problem.parameters.names] == pytest.approx(
+        reference.x.tolist(), rel=1e-5
+    )
 
 
 @pytest.mark.slow
@@ -93,12 +107,15 @@ def test_intervals_hold_the_truth_in_95_percent() -> None:
     assert [len(held[name]) for name in ("cd", "cl", "psi3", "current")] == [450, 450, 450, 540]
     for values in held.values():
         assert 0.92 <= np.mean(values) <= 0.98
-    # 1890 intervals, about four of them bound together by one log's noise: other seeds scatter by 0.9 %.
+    # 1890 intervals, about four of them bound together by one log's noise: other seeds scatter by
+    # 0.9 %.
     assert 0.94 <= np.mean(np.concatenate(list(held.values()))) <= 0.96
 
 
 def test_without_exposure_only_the_current_is_determined() -> None:
-    scenario = truth.static_scenario(1, "major", 75.0, 20.0, 0.0).varied(experiment={"duration": 2.0})
+    scenario = truth.static_scenario(1, "major", 75.0, 20.0, 0.0).varied(
+        experiment={"duration": 2.0}
+    )
     result = fit_static(static_data(simulate_static_log(scenario)))
     assert set(result.unidentifiable) == {"cd", "cl", "psi3"}
     assert result["cd"].upper == math.inf
@@ -118,7 +135,9 @@ def test_without_rest_phase_the_bias_widens_the_intervals_and_is_told(windy: Run
 def test_a_log_that_was_cut_and_starts_at_zero_again_keeps_its_rest_phase(windy: RunLog) -> None:
     kept = windy.table[windy.time > 0.5 - 1e-9].reset_index(drop=True)
     rest = [at - 0.5 for at in windy.extra["rest_s"]]
-    part = replace(windy, table=kept.assign(time_s=kept.time_s - 0.5), extra={**windy.extra, "rest_s": rest})
+    part = replace(
+        windy, table=kept.assign(time_s=kept.time_s - 0.5), extra={**windy.extra, "rest_s": rest}
+    )
     assert part.time[0] == 0.0
     assert fit_static(static_data(part))["cd"].holds(truth.CD)
 
@@ -137,21 +156,46 @@ def test_a_missing_and_a_dead_axis_are_left_out_and_told(windy: RunLog) -> None:
     ("damage", "message"),
     [
         (
-            lambda log: changed(log, force_y_n=np.where(log.time == 2.0, np.nan, log.signal("force_y_n"))),
+            lambda log: changed(
+                log, force_y_n=np.where(log.time == 2.0, np.nan, log.signal("force_y_n"))
+            ),
             "force_y_n.*2 s",
         ),
-        (lambda log: replace(log, table=log.table.drop(index=range(2000, 2500)).reset_index(drop=True)), "gap"),
+        (
+            lambda log: replace(
+                log, table=log.table.drop(index=range(2000, 2500)).reset_index(drop=True)
+            ),
+            "gap",
+        ),
         (lambda log: changed(log, time_s=log.time[::-1].copy()), "not increasing"),
         (lambda log: changed(log, angle_rad=np.degrees(log.signal("angle_rad"))), "degrees"),
         (lambda log: changed(log, torque_x_n_m=1000.0 * log.signal("torque_x_n_m")), "wrong unit"),
-        (lambda log: changed(log, angle_rad=log.signal("angle_rad") + 0.1 * log.time), "holds it within 1 degree"),
+        (
+            lambda log: changed(log, angle_rad=log.signal("angle_rad") + 0.1 * log.time),
+            "holds it within 1 degree",
+        ),
         (lambda log: replace(log, table=log.table.head(3)), "3 samples"),
         (lambda log: replace(log, kind="swing"), "of kind 'swing'"),
-        (lambda log: replace(log, extra={**log.extra, "wind_speed_m_per_s": 200.0}), "200.0; allowed"),
-        (lambda log: replace(log, extra={**log.extra, "wind_speed_m_per_s": True}), "True; allowed"),
-        (lambda log: replace(log, extra={**log.extra, "offsets_to_add": [1, 2]}), r"is \[1, 2\]; 6 numbers"),
-        (lambda log: replace(log, extra={**log.extra, "tail": "7"}), "'tail' is '7'; allowed: 1, 2, 3"),
-        (lambda log: replace(log, extra={**log.extra, "rest_s": [0.0, 0.01]}), "samples in the rest phase"),
+        (
+            lambda log: replace(log, extra={**log.extra, "wind_speed_m_per_s": 200.0}),
+            "200.0; allowed",
+        ),
+        (
+            lambda log: replace(log, extra={**log.extra, "wind_speed_m_per_s": True}),
+            "True; allowed",
+        ),
+        (
+            lambda log: replace(log, extra={**log.extra, "offsets_to_add": [1, 2]}),
+            r"is \[1, 2\]; 6 numbers",
+        ),
+        (
+            lambda log: replace(log, extra={**log.extra, "tail": "7"}),
+            "'tail' is '7'; allowed: 1, 2, 3",
+        ),
+        (
+            lambda log: replace(log, extra={**log.extra, "rest_s": [0.0, 0.01]}),
+            "samples in the rest phase",
+        ),
         (lambda log: replace(log, extra={**log.extra, "rest_s": 1}), "'rest_s' is 1; 2 numbers"),
     ],
 )
@@ -166,4 +210,6 @@ def test_a_bound_of_the_user_stops_what_the_wide_ones_allow(windy: RunLog) -> No
     assert fit_static(shifted)["psi3"].value > 0.13
     printed = fit_static(shifted, FitOptions(bounds=(("psi3", -0.12, 0.12),)))
     assert (printed["psi3"].value, printed["psi3"].bound) == (0.12, "upper")
-    assert any("psi3 stopped at its upper bound 0.12 rad" in warning for warning in printed.warnings)
+    assert any(
+        "psi3 stopped at its upper bound 0.12 rad" in warning for warning in printed.warnings
+    )

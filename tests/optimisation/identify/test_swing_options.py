@@ -7,7 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodima.optimisation.identify.least_squares import Attempt, Parameter, Parameters, Problem, solve
+from aerodima.optimisation.identify.least_squares import (
+    Attempt,
+    Parameter,
+    Parameters,
+    Problem,
+    solve,
+)
 from aerodima.optimisation.identify.log_rig import FitOptions
 from aerodima.optimisation.identify.pendulum import Pendulum
 from aerodima.optimisation.identify.swing_coefficients import (
@@ -33,8 +39,14 @@ def test_it_starts_from_zero_and_a_scan_and_from_the_table_where_that_leaves_ine
     assert result["added_mass"].value == pytest.approx(0.02, abs=0.001)
     # Table 4.12 has -0.1 kg at 10 m/s, more than the inertia that tail 1 has.
     assert [round(attempt["start"]["added_mass"], 1) for attempt in result.attempts] == [0.0, 0.0]
-    fast = fit_added_mass(swing_data(truth.flick_log(0.02, seed=1, wind_speed=20.0, duration=0.5), "swing"))
-    assert [round(attempt["start"]["added_mass"], 1) for attempt in fast.attempts] == [0.0, 0.1, 0.0]
+    fast = fit_added_mass(
+        swing_data(truth.flick_log(0.02, seed=1, wind_speed=20.0, duration=0.5), "swing")
+    )
+    assert [round(attempt["start"]["added_mass"], 1) for attempt in fast.attempts] == [
+        0.0,
+        0.1,
+        0.0,
+    ]
     # rho pi R^2 of a part: 1.2 kg/m3, a cylinder of some 27 mm radius and 78 mm length.
     assert 1e-4 < potential_flow_mass(short) < 5e-4
     times = result["added_mass"].value / potential_flow_mass(short)
@@ -57,7 +69,9 @@ def test_a_fit_that_stops_at_a_bound_says_so_and_bounds_need_a_parameter() -> No
     assert result["coulomb"].bound == "upper"
     assert result["coulomb"].lower < result["coulomb"].value == result["coulomb"].upper
     assert all(e.lower <= e.value <= e.upper for e in result.estimates)
-    assert any("coulomb stopped at its upper bound 0.0399 N m" in warning for warning in result.warnings)
+    assert any(
+        "coulomb stopped at its upper bound 0.0399 N m" in warning for warning in result.warnings
+    )
     with pytest.raises(FitError, match=r"bound on 'cd': the free parameters are coulomb, viscous"):
         fit_friction(data, options=FitOptions(bounds=(("cd", 0.0, 1.0),)))
     far = fit_friction(data, options=FitOptions(bounds=(("viscous", 0.5, 1.0),)))

@@ -10,7 +10,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, friction_torque, roll_out, torque_response
+from aerodima.optimisation.identify.pendulum import (
+    Pendulum,
+    air_torque,
+    friction_torque,
+    roll_out,
+    torque_response,
+)
 from aerodima.optimisation.identify.swing_coefficients import (
     added_mass_parameter,
     fit_added_mass,
@@ -27,7 +33,9 @@ from aerodima.workbench.simulate.simulation import simulate
 from tests.optimisation.identify import swing_truth as truth
 
 
-@pytest.mark.parametrize(("name", "added"), [("bar", 0.0), ("flick", 0.0), ("flick", 0.03), ("robot", 0.0)])
+@pytest.mark.parametrize(
+    ("name", "added"), [("bar", 0.0), ("flick", 0.0), ("flick", 0.03), ("robot", 0.0)]
+)
 def test_pendulum_accelerates_as_the_plant(name: str, added: float) -> None:
     scenario = load_rig_scenario(name).varied(aero={"added_mass": added})
     rig, pendulum, air = Rig(scenario), Pendulum.of(scenario), air_torque(scenario)
@@ -52,10 +60,15 @@ def test_rollout_without_loss_keeps_its_energy() -> None:
 
 @pytest.mark.parametrize("name", ["flick", "bar", "robot"])
 def test_rollout_converges_below_an_encoder_count(name: str) -> None:
-    """The step of the fits against an eighth of it; the forces have kinks at the jet's edge, so not to rounding."""
+    """The step of the fits against an eighth of it; the forces have kinks at the jet's edge, so not
+    to rounding.
+    """
     scenario = load_rig_scenario(name)
     settings = scenario.robot_friction if scenario.is_robot else scenario.friction
-    air, friction = air_torque(scenario), friction_torque(settings.coulomb, settings.viscous, settings.tanh_gain)
+    air, friction = (
+        air_torque(scenario),
+        friction_torque(settings.coulomb, settings.viscous, settings.tanh_gain),
+    )
     torques = [friction] if air is None else [air, friction]
     coarse = np.array(roll_out(Pendulum.of(scenario), torques, (1.2, 0.5), 0.004, 251))
     fine = np.array(roll_out(Pendulum.of(scenario), torques, (1.2, 0.5), 0.0005, 2001))[:, ::8]
@@ -73,9 +86,14 @@ def test_motor_torque_moves_it_downstream_and_a_motion_without_bounds_is_refused
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "settings", "kind"),
-    [("bar", ["experiment.duration=4"], "bar_swing"), ("robot", ["experiment.duration=2"], "robot_swing")],
+    [
+        ("bar", ["experiment.duration=4"], "bar_swing"),
+        ("robot", ["experiment.duration=2"], "robot_swing"),
+    ],
 )
-def test_friction_of_a_simulated_swing_is_found(tmp_path: Path, name: str, settings: list[str], kind: str) -> None:
+def test_friction_of_a_simulated_swing_is_found(
+    tmp_path: Path, name: str, settings: list[str], kind: str
+) -> None:
     scenario = load_rig_scenario(name, settings)
     result = fit_friction(swing_data(simulate(scenario, tmp_path / "log.parquet"), kind))
     known = scenario.robot_friction if scenario.is_robot else scenario.friction
@@ -85,7 +103,9 @@ def test_friction_of_a_simulated_swing_is_found(tmp_path: Path, name: str, setti
 
 
 @pytest.mark.slow
-def test_added_mass_of_a_simulated_flick_is_found_and_brings_the_motion_to_the_noise(tmp_path: Path) -> None:
+def test_added_mass_of_a_simulated_flick_is_found_and_brings_the_motion_to_the_noise(
+    tmp_path: Path,
+) -> None:
     scenario = load_rig_scenario("flick", ["aero.added_mass=0.02", "experiment.duration=2.5"])
     log = simulate(scenario, tmp_path / "flick.parquet")
     result = fit_added_mass(swing_data(log, "swing"))
@@ -104,7 +124,11 @@ def test_robot_tail_line_is_found_and_bins_lie_on_it(tmp_path: Path) -> None:
     assert line["cn_intercept"].value == pytest.approx(1.581, abs=0.02)
     bins = fit_robot_tail(data, "bins")
     for estimate in bins.free:
-        if estimate.name.startswith("cn_at_") and estimate.identifiable and estimate.standard_deviation < 0.02:
+        if (
+            estimate.name.startswith("cn_at_")
+            and estimate.identifiable
+            and estimate.standard_deviation < 0.02
+        ):
             speed = float(estimate.name.removeprefix("cn_at_"))
             assert estimate.value == pytest.approx(0.0449 * speed + 1.581, abs=0.06)
 
@@ -130,7 +154,8 @@ def test_intervals_of_added_mass_hold_the_truth_although_the_current_is_noisy() 
         data = swing_data(truth.flick_log(mass, seed), "swing")
         found = SwingModel(data, still_tail_law).fit([added_mass_parameter(data)])["added_mass"]
         scores.append((found.value - mass) / found.standard_deviation)
-    # 16 standard scores: their deviation is known to 18 %; 60 gave 0.97, and 95 % of the intervals held.
+    # 16 standard scores: their deviation is known to 18 %; 60 gave 0.97, and 95 % of the intervals
+    # held.
     assert 0.5 <= np.std(scores) <= 1.5
     assert np.mean(np.abs(scores) < 1.96) >= 0.8
 
@@ -150,8 +175,13 @@ def test_intervals_of_the_robot_tail_hold_the_truth() -> None:
 
 
 def test_resting_on_after_the_swing_makes_an_interval_neither_wider_nor_narrower() -> None:
-    """At rest the reading repeats one rounding error; the saw of a slow approach is no slow error of the model."""
-    short, long = (swing_data(truth.robot_log(2.0, 0.9, 7.5, 10.0, duration), "robot_swing") for duration in (1.5, 4.0))
+    """At rest the reading repeats one rounding error; the saw of a slow approach is no slow error
+    of the model.
+    """
+    short, long = (
+        swing_data(truth.robot_log(2.0, 0.9, 7.5, 10.0, duration), "robot_swing")
+        for duration in (1.5, 4.0)
+    )
     assert long.time[-1] < 2.0
     count = 25.0 / (2**16 - 1)  # 16 bits over +-12.5 rad
     assert long.rounding == pytest.approx(count)
@@ -165,15 +195,23 @@ def test_resting_on_after_the_swing_makes_an_interval_neither_wider_nor_narrower
 
 @pytest.mark.parametrize("told", ["metadata", "scenario"])
 def test_the_release_of_a_log_that_was_cut_is_found(told: str) -> None:
-    """A log of a rest of 1 s and a swing, of which the first 0.6 s are cut off and the times begin at zero again."""
+    """A log of a rest of 1 s and a swing, of which the first 0.6 s are cut off and the times begin
+    at zero again.
+    """
     swing = truth.bar_log(0.04, 0.036, 1.4, 2.0)
     rest = pd.concat([swing.table.head(1)] * 1000).assign(time_s=np.arange(1000) / 1000.0)
-    table = pd.concat([rest, swing.table.assign(time_s=swing.table.time_s + 1.0)], ignore_index=True)
+    table = pd.concat(
+        [rest, swing.table.assign(time_s=swing.table.time_s + 1.0)], ignore_index=True
+    )
     experiment = {**swing.scenario["experiment"], "rest": 1.0}
     extra = {**swing.extra, **({"rest_s": [0.0, 1.0]} if told == "metadata" else {})}
-    log = replace(swing, table=table, scenario={**swing.scenario, "experiment": experiment}, extra=extra)
+    log = replace(
+        swing, table=table, scenario={**swing.scenario, "experiment": experiment}, extra=extra
+    )
     kept = table[table.time_s > 0.6 - 1e-9].reset_index(drop=True)
-    moved = {"rest_s": [-0.6, 0.4]} if told == "metadata" else {"conditioning": [{"time_shift_s": 0.6}]}
+    moved = (
+        {"rest_s": [-0.6, 0.4]} if told == "metadata" else {"conditioning": [{"time_shift_s": 0.6}]}
+    )
     part = replace(log, table=kept.assign(time_s=kept.time_s - 0.6), extra={**extra, **moved})
     assert swing_data(log, "bar_swing").release == pytest.approx(1.0)
     assert swing_data(part, "bar_swing").release == pytest.approx(0.4)
@@ -182,7 +220,10 @@ def test_the_release_of_a_log_that_was_cut_is_found(told: str) -> None:
 def test_a_filtered_angle_is_no_count() -> None:
     log = truth.robot_log(2.0, 0.9, 7.5, 10.0, 1.5)
     angle = log.table.angle_rad.rolling(5, min_periods=1).mean()
-    assert swing_data(replace(log, table=log.table.assign(angle_rad=angle)), "robot_swing").rounding == 0.0
+    assert (
+        swing_data(replace(log, table=log.table.assign(angle_rad=angle)), "robot_swing").rounding
+        == 0.0
+    )
 
 
 def test_response_to_a_push_is_that_of_two_rollouts() -> None:
@@ -194,8 +235,11 @@ def test_response_to_a_push_is_that_of_two_rollouts() -> None:
     response = torque_response(pendulum, torques, motion, 0.004, motor.tolist())
     motor[20] = 1e-3
     pushed = roll_out(pendulum, torques, (1.0, 0.0), 0.004, 61, motor=motor.tolist())
-    # Damping within the step of the push is left out of it: half a percent, of no weight in an interval.
-    np.testing.assert_allclose((pushed[0] - motion[0]) / 1e-3, response[:, 20], atol=1e-2 * np.max(response[:, 20]))
+    # Damping within the step of the push is left out of it: half a percent, of no weight in an
+    # interval.
+    np.testing.assert_allclose(
+        (pushed[0] - motion[0]) / 1e-3, response[:, 20], atol=1e-2 * np.max(response[:, 20])
+    )
 
 
 def test_an_added_mass_beyond_the_inertia_names_the_least_one() -> None:
@@ -220,21 +264,47 @@ def test_jacobian_of_a_rollout_is_smooth_enough_for_differences() -> None:
     [
         (lambda log: replace(log, kind="swing"), "of kind 'swing'"),
         (lambda log: replace(log, table=log.table.head(3)), "3 samples"),
-        (lambda log: replace(log, table=log.table.assign(angle_rad=np.degrees(log.table.angle_rad))), "degrees"),
-        (lambda log: replace(log, table=log.table.drop(index=range(500, 900)).reset_index(drop=True)), "gap"),
         (
             lambda log: replace(
-                log, table=log.table.assign(angle_rad=1.0), scenario={key: {} for key in ("mount",)}, extra={}
+                log, table=log.table.assign(angle_rad=np.degrees(log.table.angle_rad))
+            ),
+            "degrees",
+        ),
+        (
+            lambda log: replace(
+                log, table=log.table.drop(index=range(500, 900)).reset_index(drop=True)
+            ),
+            "gap",
+        ),
+        (
+            lambda log: replace(
+                log,
+                table=log.table.assign(angle_rad=1.0),
+                scenario={key: {} for key in ("mount",)},
+                extra={},
             ),
             "no swing in it",
         ),
         (
-            lambda log: replace(log, table=log.table.assign(angle_rad=1.0), extra={**log.extra, "rest_s": [0.0, 0.5]}),
+            lambda log: replace(
+                log,
+                table=log.table.assign(angle_rad=1.0),
+                extra={**log.extra, "rest_s": [0.0, 0.5]},
+            ),
             r"the angle stays at 1\.0000 rad after the release",
         ),
-        (lambda log: replace(log, extra={**log.extra, "rest_s": [0.0, 99.0]}), "rest ends at 99 s, but the log at 2 s"),
-        (lambda log: replace(log, table=log.table.assign(time_s=1e3 * log.table.time_s)), "is the time in ms"),
-        (lambda log: replace(log, table=log.table.assign(current_a=900.0)), "beyond 60 A; is it in mA"),
+        (
+            lambda log: replace(log, extra={**log.extra, "rest_s": [0.0, 99.0]}),
+            "rest ends at 99 s, but the log at 2 s",
+        ),
+        (
+            lambda log: replace(log, table=log.table.assign(time_s=1e3 * log.table.time_s)),
+            "is the time in ms",
+        ),
+        (
+            lambda log: replace(log, table=log.table.assign(current_a=900.0)),
+            "beyond 60 A; is it in mA",
+        ),
     ],
 )
 def test_a_bad_swing_log_is_refused_with_its_reason(damage, message: str) -> None:

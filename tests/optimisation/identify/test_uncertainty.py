@@ -1,4 +1,6 @@
-"""Intervals of fits: what is not determined, correlated noise, and parameters that stop at a bound."""
+"""Intervals of fits: what is not determined, correlated noise, and parameters that stop at a
+bound.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,13 @@ from scipy.stats import norm, t
 
 from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
 from aerodima.optimisation.identify.fit_report import format_estimate
-from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution, solve
+from aerodima.optimisation.identify.least_squares import (
+    Parameter,
+    Parameters,
+    Problem,
+    Solution,
+    solve,
+)
 from aerodima.optimisation.identify.least_squares_solvers import solve_algebraic, solve_rollout
 from aerodima.optimisation.identify.uncertainty import (
     Noise,
@@ -24,7 +32,9 @@ from aerodima.optimisation.identify.uncertainty import (
 
 
 def line(y: np.ndarray, t: np.ndarray, *more: Parameter) -> Problem:
-    parameters = Parameters.of([Parameter("slope", "N/s", 1.0), Parameter("offset", "N", 0.0), *more])
+    parameters = Parameters.of(
+        [Parameter("slope", "N/s", 1.0), Parameter("offset", "N", 0.0), *more]
+    )
     return Problem(parameters, lambda x: x[0] * t + x[1] - y)
 
 
@@ -57,7 +67,9 @@ def test_a_parameter_without_effect_has_an_infinite_interval_and_is_named() -> N
 
 def test_a_direction_that_is_not_determined_is_named_with_both_its_parameters() -> None:
     t = np.linspace(0.0, 1.0, 20)
-    parameters = Parameters.of([Parameter("a", "1", 1.0), Parameter("b", "1", 1.0), Parameter("c", "1", 1.0)])
+    parameters = Parameters.of(
+        [Parameter("a", "1", 1.0), Parameter("b", "1", 1.0), Parameter("c", "1", 1.0)]
+    )
     problem = Problem(parameters, lambda x: (x[0] + x[1]) * t + x[2] - 4.0 * t)
     result = fit(problem, solve_rollout, lambda s: independent_noise(s.residual, 3))
     assert [e.identifiable for e in result.estimates] == [False, False, True]
@@ -69,9 +81,10 @@ def test_filtered_white_noise_counts_as_far_fewer_samples() -> None:
     noise = np.random.default_rng(1).normal(size=40_000)
     assert correlation_time(noise) == pytest.approx(1.0, abs=0.1)
     filtered = sosfiltfilt(butter(6, 10.0, output="sos", fs=1000.0), noise)
-    # Two passes leave white noise with the power spectrum 1 / (1 + (f / f_c)^12)^2; its integral from 0 is
-    # B = f_c (pi / 12) / sin(pi / 12) (11 / 12) = 9.27 Hz, and the correlation time in samples is f_s / (2 B).
-    # The first lobe of the ringing autocorrelation alone gives up to 1.18 times that (sine integral at pi over pi / 2).
+    # Two passes leave white noise with the power spectrum 1 / (1 + (f / f_c)^12)^2; its integral
+    # from 0 is B = f_c (pi / 12) / sin(pi / 12) (11 / 12) = 9.27 Hz, and the correlation time in
+    # samples is f_s / (2 B). The first lobe of the ringing autocorrelation alone gives up to 1.18
+    # times that (sine integral at pi over pi / 2).
     expected = 1000.0 / (2.0 * 9.27)
     assert 0.95 * expected <= correlation_time(filtered) <= 1.25 * expected
 
@@ -87,14 +100,18 @@ def test_first_order_noise_has_its_known_correlation_time() -> None:
 
 def test_rounding_counts_as_white_and_only_what_is_left_by_its_correlation() -> None:
     t = np.arange(2000) * 0.001
-    saw = np.round(20.0 * t) - 20.0 * t  # a slow passage through 40 steps: evenly spread, a period of 50 samples
+    saw = (
+        np.round(20.0 * t) - 20.0 * t
+    )  # a slow passage through 40 steps: evenly spread, a period of 50 samples
     assert correlation_time(saw) > 5.0
     rounded = serial_noise(saw, [slice(None)], 2, rounding=1.0)
     assert rounded.effective_samples == pytest.approx(2000, rel=0.05)
     assert rounded.covariance[0] == pytest.approx(1.0 / 12.0, rel=0.05)
     slow = saw + np.sin(4.0 * t)  # the model's error
     noise = serial_noise(slow, [slice(None)], 2, rounding=1.0)
-    assert noise.covariance[0] == pytest.approx(serial_noise(slow, [slice(None)], 2).covariance[0], rel=0.2)
+    assert noise.covariance[0] == pytest.approx(
+        serial_noise(slow, [slice(None)], 2).covariance[0], rel=0.2
+    )
 
 
 def test_intervals_of_filtered_data_hold_the_truth_in_95_percent() -> None:
@@ -107,7 +124,10 @@ def test_intervals_of_filtered_data_hold_the_truth_in_95_percent() -> None:
         A = np.column_stack([t, np.ones_like(t)])
         x = np.linalg.lstsq(A, y, rcond=None)[0]
         solution = Solution(line(y, t), x, A @ x - y, A, None, ())  # type: ignore[arg-type]
-        for noise in (serial_noise(solution.residual, [slice(None)], 2), independent_noise(solution.residual, 2)):
+        for noise in (
+            serial_noise(solution.residual, [slice(None)], 2),
+            independent_noise(solution.residual, 2),
+        ):
             sure = uncertainty(solution, noise)
             good = int(np.sum((sure.lower <= [0.7, 0.2]) & (sure.upper >= [0.7, 0.2])))
             if np.isclose(noise.effective_samples, len(t)):
@@ -125,17 +145,23 @@ def test_interval_of_a_rounded_reading_holds_95_percent(even: float) -> None:
     """One reading with a normal error of 1 and an evenly spread one within +-even."""
     parameters = Parameters.of([Parameter("x", "1", 0.0)])
     solution = solve(Problem(parameters, lambda x: x - 0.0), solve_algebraic)
-    sure = uncertainty(solution, Noise(np.array([[1.0 + even**2 / 3.0]]), rounding=np.array([even])))
+    sure = uncertainty(
+        solution, Noise(np.array([[1.0 + even**2 / 3.0]]), rounding=np.array([even]))
+    )
     rng = np.random.default_rng(3)
     error = rng.normal(size=200_000) + even * rng.uniform(-1.0, 1.0, size=200_000)
     # 200 000 trials know 95 % to 0.05 %; below a share of 0.6 the sum is taken as normal.
     assert np.mean(np.abs(error) <= sure.upper[0]) == pytest.approx(0.95, abs=0.003)
 
 
-def fitted(y: np.ndarray, x: np.ndarray, low: float = -math.inf, high: float = math.inf) -> FitResult:
+def fitted(
+    y: np.ndarray, x: np.ndarray, low: float = -math.inf, high: float = math.inf
+) -> FitResult:
     """A line through points of unit noise, its slope within bounds."""
     seed = min(max(0.5, low), high)
-    parameters = Parameters.of([Parameter("slope", "N/m", seed, low, high), Parameter("offset", "N", 0.0)])
+    parameters = Parameters.of(
+        [Parameter("slope", "N/m", seed, low, high), Parameter("offset", "N", 0.0)]
+    )
     problem = Problem(parameters, lambda p: p[0] * x + p[1] - y)
     return fit(problem, solve_rollout, lambda solution: Noise(np.ones(len(x))))
 
@@ -144,7 +170,8 @@ def test_what_stopped_at_a_bound_is_one_sided_and_the_others_are_given_it() -> N
     x = np.linspace(0.0, 10.0, 11)
     free, bound = fitted(2.0 * x + 1.0, x), fitted(2.0 * x + 1.0, x, high=1.9)
     slope = bound["slope"]
-    # Deviations of the textbook: 1 / sqrt(sum (x - mean)^2) of the slope, 1 / sqrt(n) of the offset with it given.
+    # Deviations of the textbook: 1 / sqrt(sum (x - mean)^2) of the slope, 1 / sqrt(n) of the offset
+    # with it given.
     deviation = 1.0 / math.sqrt(110.0)
     beyond = 0.1 / deviation
     inside = norm.isf(0.05 * norm.sf(beyond)) - beyond
@@ -154,10 +181,17 @@ def test_what_stopped_at_a_bound_is_one_sided_and_the_others_are_given_it() -> N
     offset = bound["offset"]
     assert offset.value == pytest.approx(1.5, rel=1e-6)
     given = 1.959964 / math.sqrt(11.0)
-    assert offset.lower == pytest.approx(1.5 - given, rel=1e-5)  # a smaller slope means a larger offset only
-    assert offset.upper == pytest.approx(1.5 + math.hypot(given, 5.0 * inside * deviation), rel=1e-5)
+    assert offset.lower == pytest.approx(
+        1.5 - given, rel=1e-5
+    )  # a smaller slope means a larger offset only
+    assert offset.upper == pytest.approx(
+        1.5 + math.hypot(given, 5.0 * inside * deviation), rel=1e-5
+    )
     assert bound.covariance[1][1] < free.covariance[1][1]
-    assert any("slope stopped at its upper bound 1.9 N/m, 1 standard deviations" in w for w in bound.warnings)
+    assert any(
+        "slope stopped at its upper bound 1.9 N/m, 1 standard deviations" in w
+        for w in bound.warnings
+    )
     assert "the intervals of the others take slope to lie within bounds" in bound.warnings
     assert "one-sided: at its upper bound" in format_estimate(slope)
     assert not free["slope"].bound
@@ -177,11 +211,15 @@ def test_intervals_hold_their_estimates_however_wrong_the_bound(far: float) -> N
 
 
 def test_intervals_hold_a_truth_near_the_bound_in_95_percent() -> None:
-    """Two parameters that errors couple by 0.9; the truth of the first stands 0 to 3 deviations inside its bound."""
+    """Two parameters that errors couple by 0.9; the truth of the first stands 0 to 3 deviations
+    inside its bound.
+    """
     rng = np.random.default_rng(4)
     root = np.linalg.cholesky(np.array([[1.0, 0.9], [0.9, 1.0]]))
     jacobian = np.linalg.inv(root)
-    parameters = Parameters.of([Parameter("a", "1", 1.0, 0.0, scale=1.0), Parameter("b", "1", 0.0, scale=1.0)])
+    parameters = Parameters.of(
+        [Parameter("a", "1", 1.0, 0.0, scale=1.0), Parameter("b", "1", 0.0, scale=1.0)]
+    )
     held: dict[float, list[np.ndarray]] = {}
     stopped = []
     for inside in (0.0, 0.5, 1.0, 2.0, 3.0):
@@ -211,7 +249,10 @@ def test_the_reach_inside_is_that_of_the_tail_and_stays_finite_far_out(freedom: 
     for beyond in (0.0, 1.0, 4.0):
         q = reach_inside(beyond, freedom)
         assert t.sf(beyond + q, freedom) == pytest.approx(0.05 * t.sf(beyond, freedom))
-    near, far = reach_inside(33.0, freedom), reach_inside(34.0, freedom)  # on both sides of the smallest tail
+    near, far = (
+        reach_inside(33.0, freedom),
+        reach_inside(34.0, freedom),
+    )  # on both sides of the smallest tail
     assert far == pytest.approx(near, rel=0.05)
     assert 0.0 < reach_inside(1e6, freedom) < math.inf
     assert reach_inside(0.0, math.inf) == pytest.approx(1.959964, rel=1e-6)
@@ -219,7 +260,9 @@ def test_the_reach_inside_is_that_of_the_tail_and_stays_finite_far_out(freedom: 
 
 def test_a_bound_that_the_data_do_not_see_is_no_active_one() -> None:
     x = np.linspace(0.0, 10.0, 11)
-    parameters = Parameters.of([Parameter("slope", "N/m", 0.5), Parameter("speed", "m/s", 0.0, 0.0, 1.0)])
+    parameters = Parameters.of(
+        [Parameter("slope", "N/m", 0.5), Parameter("speed", "m/s", 0.0, 0.0, 1.0)]
+    )
     problem = Problem(parameters, lambda p: p[0] * x - 2.0 * x)
     result = fit(problem, solve_rollout, lambda solution: Noise(np.ones(len(x))))
     assert not result["speed"].identifiable
@@ -230,9 +273,15 @@ def test_a_bound_that_the_data_do_not_see_is_no_active_one() -> None:
 def test_two_bounds_at_once() -> None:
     x = np.linspace(-1.0, 1.0, 21)
     parameters = Parameters.of(
-        [Parameter("a", "1", 0.0, -1.0, 1.0), Parameter("b", "1", 0.0, -1.0, 1.0), Parameter("c", "1", 0.0, -9.0, 9.0)]
+        [
+            Parameter("a", "1", 0.0, -1.0, 1.0),
+            Parameter("b", "1", 0.0, -1.0, 1.0),
+            Parameter("c", "1", 0.0, -9.0, 9.0),
+        ]
     )
-    problem = Problem(parameters, lambda p: p[0] + p[1] * x + p[2] * x**2 - (2.0 - 3.0 * x + 0.5 * x**2))
+    problem = Problem(
+        parameters, lambda p: p[0] + p[1] * x + p[2] * x**2 - (2.0 - 3.0 * x + 0.5 * x**2)
+    )
 
     result = fit(problem, solve_rollout, lambda solution: Noise(np.full(21, 0.01)))
     assert (result["a"].bound, result["b"].bound, result["c"].bound) == ("upper", "lower", "")

@@ -1,4 +1,6 @@
-"""Compiled steps give what their NumPy functions give, for every car, and refuse what they do not know."""
+"""Compiled steps give what their NumPy functions give, for every car, and refuse what they do not
+know.
+"""
 
 from collections.abc import Callable
 from copy import deepcopy
@@ -39,20 +41,36 @@ def batch_of(function: Callable[..., Any], **arrays: np.ndarray) -> Any:
     "function",
     [
         lambda a, b: [np.sin(a) * np.cos(b) - np.tanh(a) / (2.0 + np.abs(b))],
-        lambda a, b: [np.sin(300.0 * a), np.cos(300.0 * b), np.tanh(30.0 * a), np.tanh(1e-5 * b), np.arctan(100.0 * a)],
+        lambda a, b: [
+            np.sin(300.0 * a),
+            np.cos(300.0 * b),
+            np.tanh(30.0 * a),
+            np.tanh(1e-5 * b),
+            np.arctan(100.0 * a),
+        ],
         lambda a, b: [np.tan(0.4 * np.tanh(a)), np.arctan(b), np.rint(10.0 * b)],
         lambda a, b: [np.maximum(a, b), np.minimum(a, 0.3), np.clip(a, -0.5, b)],
-        lambda a, b: [1.0 * (a > b), 1.0 * (a >= b), (a < 0.1) & (b <= a), np.where(a > b, a, np.inf)],
+        lambda a, b: [
+            1.0 * (a > b),
+            1.0 * (a >= b),
+            (a < 0.1) & (b <= a),
+            np.where(a > b, a, np.inf),
+        ],
         lambda a, b: [1.0 * (a == a), (a < 0.1) | ~(b <= a), np.isnan(np.where(a > b, np.nan, a))],
         lambda a, b: [np.logical_and.reduce(np.stack([a, b]) > -0.5)],
-        lambda a, b: [np.sum(np.stack([a, b, -a]) ** 2, axis=(0, 1)), np.min(np.concatenate([a, b]), axis=0)],
+        lambda a, b: [
+            np.sum(np.stack([a, b, -a]) ** 2, axis=(0, 1)),
+            np.min(np.concatenate([a, b]), axis=0),
+        ],
         lambda a, b: [(a * a + 1.0) ** 0.5, 0.0 * a + 3.0, np.zeros_like(a) + b],
     ],
 )
 @pytest.mark.parametrize("cars", [1, LANES, 2 * LANES + 3])
 def test_functions_of_arrays(function: Callable[..., Any], cars: int) -> None:
     a, b = RNG.normal(size=(2, 3, cars))
-    for found, expected in zip(run(batch_of(function, a=a, b=b), ONCE, keep=True), function(a, b), strict=True):
+    for found, expected in zip(
+        run(batch_of(function, a=a, b=b), ONCE, keep=True), function(a, b), strict=True
+    ):
         assert_allclose(found[0], expected, rtol=1e-14, atol=1e-15)
 
 
@@ -70,7 +88,9 @@ def test_steps_change_arrays_by_what_they_are_given() -> None:
     still = {"ticks": 0.0 * mobility, "speed": 0.0 * mobility, "fast": mobility > np.inf}
     batch, twin = (Falling(own=SimpleNamespace(mobility=mobility), **still) for _ in range(2))
     given = np.array([True, False, True]), np.array([1.0, 2.0, 4.0]), np.array([1.0, 0.5, 0.25])
-    assert_allclose(run(batch, *given, keep=True), run_in_numpy(twin, *given, keep=True), rtol=1e-15)
+    assert_allclose(
+        run(batch, *given, keep=True), run_in_numpy(twin, *given, keep=True), rtol=1e-15
+    )
     assert_allclose(batch.speed, 1.75 * mobility, rtol=1e-15)
     assert np.array_equal(batch.ticks, np.full(LANES + 3, 5.0))
     assert np.array_equal(batch.fast, 1.75 * mobility > 2.0)
@@ -98,7 +118,9 @@ def test_what_cannot_be_compiled_is_refused() -> None:
             run(batch_of(lambda a, b: [a], a=np.ones((1, cars)), b=np.ones((1, 0))), ONCE)
 
 
-def run_in_numpy(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -> list[np.ndarray]:
+def run_in_numpy(
+    batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False
+) -> list[np.ndarray]:
     """What `run` compiles."""
     kept = []
     for tick, *numbers in zip(ticks, *given, strict=True):
@@ -111,7 +133,9 @@ def run_in_numpy(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool =
 
 
 def agree(batch: Any, ticks: np.ndarray, *given: np.ndarray) -> None:
-    """All arrays of a batch after steps, compiled and in NumPy from the same states; 6 of 50, the others compiled."""
+    """All arrays of a batch after steps, compiled and in NumPy from the same states; 6 of 50, the
+    others compiled.
+    """
     for index in range(len(ticks)):
         now = [one[index : index + 1] for one in (ticks, *given)]
         if index % 50 < 6:
@@ -119,9 +143,17 @@ def agree(batch: Any, ticks: np.ndarray, *given: np.ndarray) -> None:
             run_in_numpy(twin, *now)
         run(batch, *now)
         if index % 50 < 6:
-            for (found, name), (expected, _) in zip(_attributes(batch, set()), _attributes(twin, set()), strict=True):
+            for (found, name), (expected, _) in zip(
+                _attributes(batch, set()), _attributes(twin, set()), strict=True
+            ):
                 if isinstance(found[name], np.ndarray):  # not the constants
-                    assert_allclose(found[name], expected[name], rtol=1e-9, atol=1e-9, err_msg=f"{name}, {index}")
+                    assert_allclose(
+                        found[name],
+                        expected[name],
+                        rtol=1e-9,
+                        atol=1e-9,
+                        err_msg=f"{name}, {index}",
+                    )
 
 
 def test_steps_of_turns() -> None:
@@ -145,12 +177,29 @@ DRIVERS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("manoeuvre", DRIVERS)
 def test_steps_of_entries(manoeuvre: str) -> None:
-    """From 3 to 6 m/s, steered to one side and then, by the roll rate, to the other; or along a path."""
-    words = ("manoeuvre.kind=turn", "manoeuvre.turns=1", "manoeuvre.rolling_start=false", "manoeuvre.turn_start=2")
+    """From 3 to 6 m/s, steered to one side and then, by the roll rate, to the other; or along a
+    path.
+    """
+    words = (
+        "manoeuvre.kind=turn",
+        "manoeuvre.turns=1",
+        "manoeuvre.rolling_start=false",
+        "manoeuvre.turn_start=2",
+    )
     scenarios = [load_scenario("turn_designed", (*settings, *words)) for settings in FRICTIONS]
     cars = Vehicles.of(scenarios)
     cars.speed[:] = np.linspace(3.0, 6.0, cars.count)
     driven = scenarios[0].varied(manoeuvre=DRIVERS[manoeuvre])
-    entering, index = Entering(cars, driven, gains_of([{}] * cars.count, driven), np.ones(4)), np.arange(500)
-    agree(entering, index % 5 == 0, 1.9 + 0.002 * index, 0.0 * index, 1.0 * (index > 50), (index > 400) / 99)
+    entering, index = (
+        Entering(cars, driven, gains_of([{}] * cars.count, driven), np.ones(4)),
+        np.arange(500),
+    )
+    agree(
+        entering,
+        index % 5 == 0,
+        1.9 + 0.002 * index,
+        0.0 * index,
+        1.0 * (index > 50),
+        (index > 400) / 99,
+    )
     assert np.all(np.abs(entering.state[STATES.index("yaw")]) > 0.01)

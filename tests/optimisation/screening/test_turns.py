@@ -1,4 +1,6 @@
-"""Turns of reduced cars: the law that swings their tails, and what the full car of the same scenario survives."""
+"""Turns of reduced cars: the law that swings their tails, and what the full car of the same
+scenario survives.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -21,9 +23,13 @@ from aerodima.workbench.metrics.turn_course import turn_course
 from tests.optimisation.screening_gate import screened_friction
 
 
-@pytest.mark.parametrize("changes", [(), ("controller.delay=0.03",), ("controller.travel=3.1",), ("tail.mode=held",)])
+@pytest.mark.parametrize(
+    "changes", [(), ("controller.delay=0.03",), ("controller.travel=3.1",), ("tail.mode=held",)]
+)
 def test_the_law_commands_what_the_one_on_the_car_does(changes: tuple[str, ...]) -> None:
-    """Over a made-up path of yaw rate and tail: released, swung over the top, or given up where the tail is stopped."""
+    """Over a made-up path of yaw rate and tail: released, swung over the top, or given up where the
+    tail is stopped.
+    """
     scenario = load_scenario("turn_designed", changes)
     own = SwingLaw(SwingSettings.from_scenario(scenario))
     batch = BatchLaw(TurnPlans.of([scenario]), Vehicles.of([scenario]), np.zeros(1))
@@ -44,12 +50,21 @@ def test_critical_friction_is_that_of_the_full_car() -> None:
     full = {"none": 0.5375, "held": 0.4875, "swing": 0.8875}
     scenarios = [load_scenario("turn_designed", (f"tail.mode={mode}",)) for mode in full]
     found = screened_friction(scenarios, Search(FRICTION, 0.4, 1.0, 0.1, 0.0125))
-    assert [each.survived for each in found] == pytest.approx(list(full.values()), rel=0.05)  # screening/README.md
+    assert [each.survived for each in found] == pytest.approx(
+        list(full.values()), rel=0.05
+    )  # screening/README.md
 
 
 def test_course_of_a_turn_is_that_of_the_full_car() -> None:
-    """The reduced car in one go, and from the end of its straight on, against a log of the full one, both at 2 ms."""
-    settings = ("manoeuvre.steer_angle=0.06", f"{FRICTION}=0.9", "tail.mode=held", "manoeuvre.duration=3.0")
+    """The reduced car in one go, and from the end of its straight on, against a log of the full
+    one, both at 2 ms.
+    """
+    settings = (
+        "manoeuvre.steer_angle=0.06",
+        f"{FRICTION}=0.9",
+        "tail.mode=held",
+        "manoeuvre.duration=3.0",
+    )
     scenario = load_scenario("turn_designed", settings)
     full = turn_course(simulate(scenario, record="outcome"))
     cars, plans = Vehicles.of([scenario]), TurnPlans.of([scenario])
@@ -67,7 +82,9 @@ def test_course_of_a_turn_is_that_of_the_full_car() -> None:
 
 
 def test_heading_is_that_of_the_full_car_once_it_has_settled() -> None:
-    """The designed tail, held to the outside, turns the car back by another 2 degrees until the end of the run."""
+    """The designed tail, held to the outside, turns the car back by another 2 degrees until the end
+    of the run.
+    """
     scenario = load_scenario("turn_designed", ("car.tyre_friction=0.5",))
     full = np.degrees(metrics_of(simulate(scenario, record="outcome")).heading_change_rad)
     turns = drive_turns(Vehicles.of([scenario]), TurnPlans.of([scenario]), history=True)
@@ -86,8 +103,12 @@ def test_what_it_does_not_know_is_refused() -> None:
         with pytest.raises(UserError, match="rolling_start false, turns 1"):
             Vehicles.of([load_scenario(name)])
     with pytest.raises(UserError, match="turn_start, s: 2 and 3"):
-        TurnPlans.of([load_scenario("turn_none", (f"manoeuvre.turn_start={start}",)) for start in (2.0, 3.0)])
-    with pytest.raises(UserError, match="swing_file: thesis_8_rad_per_s; the screening model knows: none"):
+        TurnPlans.of(
+            [load_scenario("turn_none", (f"manoeuvre.turn_start={start}",)) for start in (2.0, 3.0)]
+        )
+    with pytest.raises(
+        UserError, match="swing_file: thesis_8_rad_per_s; the screening model knows: none"
+    ):
         TurnPlans.of([load_scenario("turn_swing", ("controller.swing_file=thesis_8_rad_per_s",))])
     with pytest.raises(UserError, match="trigger: lateral_acceleration"):
         TurnPlans.of([load_scenario("turn_designed", ("controller.trigger=lateral_acceleration",))])
@@ -108,9 +129,17 @@ def plans_of(scenario: Scenario, swing: SwingFile) -> TurnPlans:
     """Of a car that plays a swing file, which the steering releases in a turn to the left."""
     (phase,), threshold = swing.gains.phases, swing.trigger.threshold_rad
     plans = TurnPlans.of([scenario.varied(controller={"swing_file": "none"})])
-    knots = [values[:, None] for values in (np.array(swing.knots.time_s), *swing.knots.states("roll"))]
-    gains = [np.array([gain]) for joint in (phase.roll, phase.pitch) for gain in (joint.kp, joint.kd)]
-    numbers: dict[str, Any] = {"trigger_yaw_rate": np.inf, "trigger_steering": threshold, "delay": 0.0}
+    knots = [
+        values[:, None] for values in (np.array(swing.knots.time_s), *swing.knots.states("roll"))
+    ]
+    gains = [
+        np.array([gain]) for joint in (phase.roll, phase.pitch) for gain in (joint.kp, joint.kd)
+    ]
+    numbers: dict[str, Any] = {
+        "trigger_yaw_rate": np.inf,
+        "trigger_steering": threshold,
+        "delay": 0.0,
+    }
     numbers |= {"hold_kp": swing.gains.hold.kp, "hold_kd": swing.gains.hold.kd}
     numbers = {name: np.array([value]) for name, value in numbers.items()}
     return replace(plans, **numbers, played=PlayedRoll(np.ones(1), *knots, *gains))
@@ -118,7 +147,11 @@ def plans_of(scenario: Scenario, swing: SwingFile) -> TurnPlans:
 
 @pytest.mark.slow
 def test_two_levels_and_a_played_swing_take_the_car_where_the_full_car_goes() -> None:
-    levels = ("manoeuvre.steer_angle=0.05", "manoeuvre.first_angle=0.08", "manoeuvre.first_hold=0.15")
+    levels = (
+        "manoeuvre.steer_angle=0.05",
+        "manoeuvre.first_angle=0.08",
+        "manoeuvre.first_hold=0.15",
+    )
     levels += ("manoeuvre.duration=3.2",)
     tailless = load_scenario("turn_designed", (*levels, "tail.mode=none", "car.tyre_friction=0.6"))
     tailed, swing = load_scenario("turn_designed", (*levels, "car.tyre_friction=0.9")), played()
@@ -128,18 +161,34 @@ def test_two_levels_and_a_played_swing_take_the_car_where_the_full_car_goes() ->
         (tailed, plans_of(tailed, swing), player),
     ):
         reduced = drive_turns(Vehicles.of([scenario]), plans, duration=1.2)
-        run = simulate(scenario.varied(controller={"swing_file": "none"}), record="outcome", law=law)
+        run = simulate(
+            scenario.varied(controller={"swing_file": "none"}), record="outcome", law=law
+        )
         full, peak_roll = turn_course(run), metrics_of(run).peak_roll_rad
-        assert reduced.course[0] == pytest.approx(full.course_change_rad, rel=0.04)  # runs differ by 2 %
+        assert reduced.course[0] == pytest.approx(
+            full.course_change_rad, rel=0.04
+        )  # runs differ by 2 %
         assert reduced.exit_time[0] == pytest.approx(full.exit_time_s, abs=0.02)
         assert reduced.peak_roll[0] == pytest.approx(peak_roll, abs=0.02)
     assert reduced.trigger[0] == pytest.approx(0.01, abs=0.011)
 
 
 def test_the_wheels_follow_two_levels_at_the_rate_of_the_servo() -> None:
-    words = ("manoeuvre.steer_angle=0.1", "manoeuvre.first_angle=0.4", "manoeuvre.first_hold=0.2", "servo.rate=2.0")
+    words = (
+        "manoeuvre.steer_angle=0.1",
+        "manoeuvre.first_angle=0.4",
+        "manoeuvre.first_hold=0.2",
+        "servo.rate=2.0",
+    )
     plans = TurnPlans.of([load_scenario("turn_none", words)])
     times = (-0.1, 0.1, 0.2, 0.25, 0.4, 0.52, 0.6)
-    assert [float(plans.steering(time)[0]) for time in times] == pytest.approx([0, 0.2, 0.4, 0.3, 0.1, 0.06, 0])
+    assert [float(plans.steering(time)[0]) for time in times] == pytest.approx(
+        [0, 0.2, 0.4, 0.3, 0.1, 0.06, 0]
+    )
     assert plans.straight[0] == pytest.approx(0.55)
-    assert [float(plans.commanded(time)[0]) for time in (-0.01, 0.0, 0.2, 0.5)] == [0.0, 0.4, 0.1, 0.0]
+    assert [float(plans.commanded(time)[0]) for time in (-0.01, 0.0, 0.2, 0.5)] == [
+        0.0,
+        0.4,
+        0.1,
+        0.0,
+    ]

@@ -1,4 +1,6 @@
-"""The reduced vehicle against closed forms: energy, loads at rest, circles, load transfer; the sign of every moment."""
+"""The reduced vehicle against closed forms: energy, loads at rest, circles, load transfer; the sign
+of every moment.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -76,7 +78,8 @@ def energy(state: np.ndarray, cars: Vehicles) -> float:
 def test_a_thrown_car_with_a_swinging_tail_keeps_its_energy() -> None:
     cars = replace(without_air_and_friction(cars_of()), shaft_gain=np.zeros(1))
     state = state_of(
-        z=5.0, roll=0.2, pitch=-0.1, tail_pitch=0.3, tail_roll=-0.8, w_x=1.0, w_y=-0.7, w_z=2.0, v_x=4.0, v_y=0.5,
+        z=5.0, roll=0.2, pitch=-0.1, tail_pitch=0.3, tail_roll=-0.8, w_x=1.0, w_y=-0.7, w_z=2.0,
+        v_x=4.0, v_y=0.5,
         spin_front_left=60.0, spin_front_right=50.0, spin_rear_left=70.0, spin_rear_right=65.0,
         tail_pitch_rate=2.0, tail_roll_rate=5.0,
     )  # fmt: skip
@@ -96,14 +99,21 @@ def test_loads_at_rest_are_those_of_the_full_car() -> None:
     turns = rolling("turn_none", steer=0.0, speed=1.0)
     state = turns.history[-1]
     cars = Vehicles.of([scenario])
-    loads = equations(state, Commands(np.zeros((2, 1)), cars.speed / cars.rolling_radius, FREE), cars).loads[:, 0]
+    loads = equations(
+        state, Commands(np.zeros((2, 1)), cars.speed / cars.rolling_radius, FREE), cars
+    ).loads[:, 0]
     for place, axle in enumerate(("front", "rear")):
         expected = axle_statics(scenario.car, GRAVITY, axle).wheel_load
         assert loads[2 * place : 2 * place + 2] == pytest.approx(expected, rel=5e-3)
 
 
 def rolling(name: str, steer: float, speed: float, *settings: str, **changes: Any) -> Any:
-    words = (f"manoeuvre.speed={speed}", f"manoeuvre.steer_angle={steer}", "manoeuvre.turn_hold=3.0", *settings)
+    words = (
+        f"manoeuvre.speed={speed}",
+        f"manoeuvre.steer_angle={steer}",
+        "manoeuvre.turn_hold=3.0",
+        *settings,
+    )
     scenario = load_scenario(name, words)
     cars = replace(Vehicles.of([scenario]), **changes)
     return drive_turns(cars, TurnPlans.of([scenario]), duration=2.5, history=True)
@@ -115,12 +125,20 @@ def test_a_slow_circle_has_the_radius_of_the_steering() -> None:
     wheelbase = load_scenario("turn_none").car.wheelbase
     state = turns.history[-1]
     # Parallel wheels scrub a little; the rear axle's middle goes round at the speed of its wheels.
-    assert state[STATES.index("w_z"), 0] == pytest.approx(speed * np.tan(steer) / wheelbase, rel=0.02)
+    assert state[STATES.index("w_z"), 0] == pytest.approx(
+        speed * np.tan(steer) / wheelbase, rel=0.02
+    )
 
 
 def test_load_moves_outwards_by_height_over_track() -> None:
-    stiff = {"spring": np.full((4, 1), 1e5), "tyre_stiffness": np.full((4, 1), 1e5), "damper": np.full((4, 1), 2e3)}
-    turns = rolling("turn_none", 0.1, 2.0, "car.tyre_shape=ellipsoid", "car.tyre_friction=0.9", **stiff)
+    stiff = {
+        "spring": np.full((4, 1), 1e5),
+        "tyre_stiffness": np.full((4, 1), 1e5),
+        "damper": np.full((4, 1), 2e3),
+    }
+    turns = rolling(
+        "turn_none", 0.1, 2.0, "car.tyre_shape=ellipsoid", "car.tyre_friction=0.9", **stiff
+    )
     scenario, state = load_scenario("turn_none"), turns.history[-1]
     cars = replace(Vehicles.of([scenario]), friction=np.array([0.9]), **stiff)
     cars = replace(cars, tyre_half_width=np.array([scenario.car.tyre_width / 2]), edge=np.zeros(1))
@@ -134,31 +152,45 @@ def test_load_moves_outwards_by_height_over_track() -> None:
 
 
 def test_a_car_tips_where_friction_passes_the_static_stability_factor() -> None:
-    """In a turn that begins slowly, on stiff springs; the steered wheels push backwards in part, which costs grip."""
+    """In a turn that begins slowly, on stiff springs; the steered wheels push backwards in part,
+    which costs grip.
+    """
     words = ("tail.mode=none", "manoeuvre.turn_hold=3.0", "servo.rate=0.3", "manoeuvre.speed=5.0")
     scenario = load_scenario("turn_designed", words)
     car = scenario.car
     friction = np.arange(0.3, 1.2, 0.02)
-    cars = replace(Vehicles.of([scenario]).take(np.zeros(len(friction), int)), friction=np.array(friction))
+    cars = replace(
+        Vehicles.of([scenario]).take(np.zeros(len(friction), int)), friction=np.array(friction)
+    )
     stiff = np.full((4, len(friction)), 1e5)
     cars = replace(cars, spring=stiff, tyre_stiffness=stiff, damper=0.02 * stiff)
-    turns = drive_turns(cars, TurnPlans.of([scenario]).take(np.zeros(len(friction), int)), duration=3.0)
+    turns = drive_turns(
+        cars, TurnPlans.of([scenario]).take(np.zeros(len(friction), int)), duration=3.0
+    )
     critical = friction[np.argmin(turns.survived)]
     assert not turns.survived[-1]
-    assert 0.97 * car.outer_half_track / car.com_height < critical < 1.25 * car.outer_half_track / car.com_height
+    assert (
+        0.97 * car.outer_half_track / car.com_height
+        < critical
+        < 1.25 * car.outer_half_track / car.com_height
+    )
 
 
 def test_every_moment_has_its_sign() -> None:
     cars = cars_of()
     ahead = {"v_x": 4.5, **{f"spin_{w}": 4.5 / cars.rolling_radius[0] for w in
              ("front_left", "front_right", "rear_left", "rear_right")}}  # fmt: skip
-    steered = coasting(cars)._replace(steering=np.full((2, 1), 0.3), shaft_speed=cars.speed / cars.rolling_radius)
+    steered = coasting(cars)._replace(
+        steering=np.full((2, 1), 0.3), shaft_speed=cars.speed / cars.rolling_radius
+    )
     straight = steered._replace(steering=np.zeros((2, 1)))
     turning = acceleration(cars, steered, **ahead) - acceleration(cars, straight, **ahead)
     assert min(turning[2], turning[4], turning[0]) > 0.0  # yaw and force to the left, roll outwards
     pushed = straight._replace(tail=FREE.copy())
     pushed.tail[1] = np.array([[0.0], [8.0], [0.0], [3.0]])
-    swung = acceleration(cars, pushed, tail_roll=-1.2, **ahead) - acceleration(cars, straight, tail_roll=-1.2, **ahead)
+    swung = acceleration(cars, pushed, tail_roll=-1.2, **ahead) - acceleration(
+        cars, straight, tail_roll=-1.2, **ahead
+    )
     assert swung[0] < 0.0 < swung[11]  # the tail is pushed outwards, the car inwards
     still = replace(cars, air_density=np.zeros(1))
     weight = acceleration(still, straight, tail_roll=-1.4, **ahead)
@@ -167,5 +199,7 @@ def test_every_moment_has_its_sign() -> None:
         still, straight, tail_roll=-1.4, **ahead
     )
     assert max(sail[3], sail[10]) < 0.0 < sail[2]  # drags, turns the car inwards, tail backwards
-    rates = (acceleration(each, straight, tail_roll_rate=8.0, **ahead)[11] for each in (cars, still))
+    rates = (
+        acceleration(each, straight, tail_roll_rate=8.0, **ahead)[11] for each in (cars, still)
+    )
     assert next(rates) < next(rates)  # the air brakes a swing

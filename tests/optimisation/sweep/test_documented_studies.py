@@ -11,7 +11,9 @@ from aerodima.optimisation.sweep.run_study import read_table
 from aerodima.optimisation.sweep.study import load_study, plan_runs
 from aerodima.workbench.cli.program import build_app
 
-PAGE = (Path(__file__).resolve().parents[3] / "docs" / "howto" / "studies.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parents[3] / "docs" / "howto" / "studies.md").read_text(
+    encoding="utf-8"
+)
 SECTION = PAGE[: PAGE.index("## Workers")]
 
 

@@ -31,7 +31,10 @@ class MadeUp(Engine):
             self.runs.append(value)
             outcome = self.survives(value)
             kind = outcome if isinstance(outcome, str) else "survived" if outcome else "flipped"
-            speeds = {"speed_m_per_s": 0.5 if kind == "tipped" else 3.3, "commanded_speed_m_per_s": 3.33}
+            speeds = {
+                "speed_m_per_s": 0.5 if kind == "tipped" else 3.3,
+                "commanded_speed_m_per_s": 3.33,
+            }
             kind = "flipped" if kind == "tipped" else kind
             row = {
                 "clean": kind == "survived",
@@ -45,7 +48,13 @@ class MadeUp(Engine):
 
 
 def search(survives, **changes):
-    settings = {"factor": FRICTION, "low": 0.4, "high": 1.0, "scan": 0.1, "tolerance": 0.01} | changes
+    settings = {
+        "factor": FRICTION,
+        "low": 0.4,
+        "high": 1.0,
+        "scan": 0.1,
+        "tolerance": 0.01,
+    } | changes
     engine = MadeUp(survives, settings["factor"])
     return find_thresholds([Case("", "turn_none")], Search(**settings), Runs(engine))[0], engine
 
@@ -116,6 +125,8 @@ def test_scenario_that_cannot_be_resolved_is_refused_before_any_run():
 
 @pytest.mark.slow
 def test_tailless_car_has_its_critical_friction_between_a_slippery_and_a_gripping_floor():
-    found = critical_friction("turn_none", ["manoeuvre.speed=4.0"], low=0.5, high=0.8, scan=0.15, tolerance=0.05)
+    found = critical_friction(
+        "turn_none", ["manoeuvre.speed=4.0"], low=0.5, high=0.8, scan=0.15, tolerance=0.05
+    )
     assert found.found
     assert 0.5 <= found.survived < found.lost <= 0.8

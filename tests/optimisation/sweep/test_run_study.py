@@ -1,4 +1,6 @@
-"""A stopped study goes on, its table is the same as without a stop; one client at a time; a full disk loses nothing."""
+"""A stopped study goes on, its table is the same as without a stop; one client at a time; a full
+disk loses nothing.
+"""
 
 import errno
 import json
@@ -81,7 +83,8 @@ from aerodima.optimisation.sweep.run_study import run_study
 from aerodima.optimisation.sweep.runs import make_frame
 from aerodima.optimisation.sweep.study import load_study
 from aerodima.workbench.batch.engine import Engine
-run_study(load_study(Path({str(tiny_study(tmp_path))!r})), Path({str(tmp_path / "out")!r}), Engine())
+run_study(load_study(Path({str(tiny_study(tmp_path))!r})), Path({str(tmp_path / "out")!r}),
+Engine())
 """
     subprocess.run([sys.executable, "-c", code], check=True)
     assert (tmp_path / "out" / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
@@ -133,7 +136,9 @@ class Full:
         pass
 
 
-def test_full_disk_is_one_clear_error_and_what_was_written_is_used_again(tmp_path, undisturbed, monkeypatch):
+def test_full_disk_is_one_clear_error_and_what_was_written_is_used_again(
+    tmp_path, undisturbed, monkeypatch
+):
     study, out = load_study(tiny_study(tmp_path)), tmp_path / "out"
     whole, rows = RowStore._write, []
 
@@ -166,10 +171,18 @@ def test_damaged_line_costs_its_row_alone(tmp_path):
 
 
 def test_kind_of_a_column_does_not_depend_on_the_order_of_the_rows():
-    rows = [{"clean": None, "peak": None, "n": 1, "error": "x"}, {"clean": True, "peak": 0.5, "n": 2.0, "error": ""}]
+    rows = [
+        {"clean": None, "peak": None, "n": 1, "error": "x"},
+        {"clean": True, "peak": 0.5, "n": 2.0, "error": ""},
+    ]
     there, back = make_frame(rows), make_frame(rows[::-1])
     assert there.dtypes.to_dict() == back.dtypes.to_dict()
-    assert [str(kind) for kind in there.dtypes] == ["boolean", "float64", "float64", str(pd.Series(["x"]).dtype)]
+    assert [str(kind) for kind in there.dtypes] == [
+        "boolean",
+        "float64",
+        "float64",
+        str(pd.Series(["x"]).dtype),
+    ]
 
 
 def test_study_of_a_rig_keeps_its_logs_and_makes_only_those_that_are_missing(tmp_path):
@@ -204,7 +217,8 @@ sample:
 def test_log_of_a_rig_that_cannot_be_made_is_a_row_with_its_reason(tmp_path):
     path = tmp_path / "rig.yaml"
     path.write_text(
-        "scenario: static\nlogs: true\nsettings: [experiment.duration=0.3, maxon.current_limit=2.3]\n"
+        "scenario: static\nlogs: true\nsettings: [experiment.duration=0.3, "
+        "maxon.current_limit=2.3]\n"
         "grid: {experiment.angle: [0.0, 1.3]}\n"
     )
     table = run_study(load_study(path), tmp_path / "out", Engine())

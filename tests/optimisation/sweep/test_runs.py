@@ -1,4 +1,6 @@
-"""Workers give what a serial loop gives; a run that kills its worker is reported and takes nothing with it."""
+"""Workers give what a serial loop gives; a run that kills its worker is reported and takes nothing
+with it.
+"""
 
 import re
 
@@ -22,7 +24,10 @@ from tests.optimisation.sweep.tiny import POISON, TINY_SETTINGS, evaluate_or_die
 
 def tasks(number, *settings):
     speeds = [f"manoeuvre.speed={1.0 + 0.1 * place!r}" for place in range(number)]
-    return [RunTask(f"{place}", "straight", (*TINY_SETTINGS, speed, *settings)) for place, speed in enumerate(speeds)]
+    return [
+        RunTask(f"{place}", "straight", (*TINY_SETTINGS, speed, *settings))
+        for place, speed in enumerate(speeds)
+    ]
 
 
 def test_row_has_outcome_metrics_and_provenance_and_nothing_that_changes():
@@ -65,14 +70,18 @@ def test_workers_give_the_rows_of_a_serial_loop_in_order(engine):
 
 
 @pytest.mark.slow
-def test_run_that_kills_its_worker_is_a_row_with_an_error_and_its_neighbours_are_there(engine, monkeypatch):
+def test_run_that_kills_its_worker_is_a_row_with_an_error_and_its_neighbours_are_there(
+    engine, monkeypatch
+):
     monkeypatch.setattr(engine_module, "evaluate", evaluate_or_die)
     work = tasks(6)
     rows = Runs(engine).rows([*work[:2], RunTask(POISON, "straight"), *work[3:]])
     assert [row["run"] for row in rows] == ["0", "1", POISON, "3", "4", "5"]
     assert rows[2]["outcome"] is None
     assert rows[2]["error"].startswith(WORKER_LOST)
-    assert [row for row in rows if row["run"] != POISON] == [evaluate(task) for task in work if task.name != "2"]
+    assert [row for row in rows if row["run"] != POISON] == [
+        evaluate(task) for task in work if task.name != "2"
+    ]
 
 
 def test_wrong_number_of_workers_and_absent_scheduler_are_refused(monkeypatch):
@@ -80,7 +89,10 @@ def test_wrong_number_of_workers_and_absent_scheduler_are_refused(monkeypatch):
         pass
     monkeypatch.setattr(dask_cluster, "CONNECT_TIMEOUT", 0.5)
     absent = "tcp://127.0.0.1:1"
-    with pytest.raises(UserError, match=f"--scheduler {absent}: no Dask scheduler"), open_run_engine(2, absent):
+    with (
+        pytest.raises(UserError, match=f"--scheduler {absent}: no Dask scheduler"),
+        open_run_engine(2, absent),
+    ):
         pass
     with pytest.raises(UserError, match="--scheduler nonsense:"), open_run_engine(2, "nonsense:/"):
         pass
@@ -91,7 +103,9 @@ def test_another_swing_of_the_same_name_is_another_run(tmp_path):
     keys = []
     for number, limit in enumerate((8.0, 9.0)):
         limits = thesis.limits.model_copy(update={"velocity_rad_per_s": limit})
-        path = write_swing(thesis.model_copy(update={"limits": limits}), tmp_path / f"{number}.yaml")
+        path = write_swing(
+            thesis.model_copy(update={"limits": limits}), tmp_path / f"{number}.yaml"
+        )
         keys.append(run_key(RunTask("", "turn_fast", (f"controller.swing_file={path}",))))
     assert keys[0] != keys[1]
     plain = ("turn_fast", ("controller.swing_file=none",))

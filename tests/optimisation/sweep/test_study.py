@@ -11,17 +11,27 @@ from tests.optimisation.sweep.tiny import tiny_study, write_study
 
 
 def test_grid_is_every_combination_in_order(tmp_path):
-    text = "grid:\n  manoeuvre.speed: [2.0, 3.0]\n  car.tyre_friction: {first: 0.5, last: 0.6, number: 3}\n"
+    text = (
+        "grid:\n  manoeuvre.speed: [2.0, 3.0]\n  car.tyre_friction: {first: 0.5, last: 0.6, "
+        "number: 3}\n"
+    )
     runs = plan_runs(load_study(write_study(tmp_path / "s.yaml", text)))
     points = [(run.place["manoeuvre.speed"], run.place["car.tyre_friction"]) for run in runs]
     assert points == [(v, mu) for v in (2.0, 3.0) for mu in (0.5, 0.55, 0.6)]
     scenario = load_scenario(runs[1].task.scenario, list(runs[1].task.settings))
-    assert (scenario.manoeuvre.speed, scenario.car.tyre_friction, scenario.tail.mode) == (2.0, 0.55, "none")
+    assert (scenario.manoeuvre.speed, scenario.car.tyre_friction, scenario.tail.mode) == (
+        2.0,
+        0.55,
+        "none",
+    )
 
 
 @pytest.mark.parametrize("method", ["sobol", "lhs"])
 def test_sample_is_even_within_its_limits_and_the_same_for_the_same_seed(method):
-    factors = {"car.mass": Uniform(low=5.0, high=6.0), "manoeuvre.speed": Normal(mean=4.0, deviation=0.1)}
+    factors = {
+        "car.mass": Uniform(low=5.0, high=6.0),
+        "manoeuvre.speed": Normal(mean=4.0, deviation=0.1),
+    }
     sample = Sample(method=method, number=64, seed=3, factors=factors, new_seeds=True)
     rows = sample.rows()
     assert rows == sample.rows()
@@ -40,7 +50,9 @@ def test_ensemble_multiplies_the_runs_and_overrides_come_after_the_member(tmp_pa
     members = load_ensemble("car").drawn(2)
     assert [run.place["member"] for run in runs] == [member.name for member in members]
     assert sum(float(run.place["weight"]) for run in runs) == pytest.approx(1.0)
-    assert {load_scenario("straight", list(run.task.settings)).car.com_height for run in runs} == {0.2}
+    assert {load_scenario("straight", list(run.task.settings)).car.com_height for run in runs} == {
+        0.2
+    }
 
 
 def test_small_and_large_numbers_reach_the_scenario_as_numbers(tmp_path):
@@ -53,7 +65,10 @@ def test_small_and_large_numbers_reach_the_scenario_as_numbers(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("grid:\n  car.tyre_frction: [0.5]\n", "'car.tyre_frction': no such number; did you mean 'car.tyre_friction'"),
+        (
+            "grid:\n  car.tyre_frction: [0.5]\n",
+            "'car.tyre_frction': no such number; did you mean 'car.tyre_friction'",
+        ),
         ("grid:\n  cars.mass: [5.0]\n", "'cars' is no section; did you mean 'car'"),
         ("grid:\n  speed: [5.0]\n", "'speed': allowed is section.key"),
         ("grid:\n  car.mass: []\n", "grid: car.mass: [] is no value; allowed: at least one"),
@@ -67,7 +82,8 @@ def test_small_and_large_numbers_reach_the_scenario_as_numbers(tmp_path):
         ),
         ("samples: {number: 4}\n", "samples: unknown key"),
         (
-            "grid: {car.mass: {first: 5, last: 6, number: 9999}, car.track: {first: 0.2, last: 0.3, number: 99}}",
+            "grid: {car.mass: {first: 5, last: 6, number: 9999}, car.track: {first: 0.2, last: "
+            "0.3, number: 99}}",
             "989901 runs; allowed: at most 100000",
         ),
         ("ensemble: nothing\n", "nothing"),
@@ -90,7 +106,9 @@ def test_missing_file_other_schema_and_missing_scenario_are_refused(tmp_path):
         load_study(old)
     other = tiny_study(tmp_path)
     other.write_text(other.read_text().replace("scenario: straight", "scenario: sideways"))
-    with pytest.raises(UserError, match=r"scenario 'sideways': models/scenarios has none of this name"):
+    with pytest.raises(
+        UserError, match=r"scenario 'sideways': models/scenarios has none of this name"
+    ):
         load_study(other)
 
 

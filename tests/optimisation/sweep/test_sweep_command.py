@@ -1,4 +1,6 @@
-"""`aerodima sweep run`, end to end in processes: a worker killed, Ctrl-C, a scheduler that was started by hand."""
+"""`aerodima sweep run`, end to end in processes: a worker killed, Ctrl-C, a scheduler that was
+started by hand.
+"""
 
 import json
 import os
@@ -23,7 +25,8 @@ from tests.optimisation.sweep.tiny import tiny_study, write_study
 PATIENCE = 300.0
 """s; a busy machine starts workers slowly."""
 MANY = 80
-"""Runs of a study that cannot end before a test that watches it has stepped in, however late that test is served."""
+"""Runs of a study that cannot end before a test that watches it has stepped in, however late that
+test is served."""
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "howto" / "studies.md"
 AERODIMA = [sys.executable, "-m", "aerodima"]
 
@@ -43,7 +46,9 @@ def listen_to_ctrl_c() -> None:
 
 @contextmanager
 def started(*command):
-    """A process that is gone at the end; it has a process group of its own, so that a Ctrl-C reaches it alone."""
+    """A process that is gone at the end; it has a process group of its own, so that a Ctrl-C
+    reaches it alone.
+    """
     process = subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
@@ -98,16 +103,29 @@ def test_killed_worker_and_ctrl_c_lose_and_double_nothing(tmp_path):
 def test_scheduler_and_worker_of_the_page_give_the_same_table(tmp_path):
     study, found = tiny_study(tmp_path), tmp_path / "scheduler.json"
     dask = str(Path(sys.executable).with_name("dask"))
-    scheduler, worker = (line.split()[1:] for line in re.findall(r"^dask .*", PAGE.read_text(), re.MULTILINE))
+    scheduler, worker = (
+        line.split()[1:] for line in re.findall(r"^dask .*", PAGE.read_text(), re.MULTILINE)
+    )
     with ExitStack() as stack:
-        stack.enter_context(started(dask, *scheduler, "--port", "0", "--scheduler-file", str(found)))
+        stack.enter_context(
+            started(dask, *scheduler, "--port", "0", "--scheduler-file", str(found))
+        )
         wait_for(found.exists)
         address = json.loads(found.read_text())["address"]
         chosen = {"tcp://127.0.0.1:8786": address, "32": "1"}
         worker = [chosen.get(word, word) for word in worker]
         stack.enter_context(started(dask, *worker, "--local-directory", str(tmp_path)))
         wait_for(lambda: _has_worker(address))
-        command = [*AERODIMA, "sweep", "run", str(study), "--out", str(tmp_path / "out"), "--scheduler", address]
+        command = [
+            *AERODIMA,
+            "sweep",
+            "run",
+            str(study),
+            "--out",
+            str(tmp_path / "out"),
+            "--scheduler",
+            address,
+        ]
         done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
         assert done.returncode == 0, done.stderr
     run_study(load_study(study), tmp_path / "here", Engine())
@@ -132,7 +150,9 @@ def test_mistakes_end_in_one_line_before_any_worker_is_started(tmp_path):
     wrong = write_study(tmp_path / "wrong.yaml", "grid:\n  car.tyre_frction: [0.5]\n")
     out = str(tmp_path / "out")
     assert "did you mean 'car.tyre_friction'" in refused("sweep", "run", str(wrong), "--out", out)
-    assert "--workers 0" in refused("sweep", "run", str(tiny_study(tmp_path)), "--out", out, "--workers", "0")
+    assert "--workers 0" in refused(
+        "sweep", "run", str(tiny_study(tmp_path)), "--out", out, "--workers", "0"
+    )
     assert "did you mean 'trigger'" in refused("sweep", "run", "triger", "--out", out)
     assert "study.yaml: no such file" in refused("sweep", "run", "study.yaml", "--out", out)
     words = ("sweep", "threshold", "friction", "turn_none", "--from", "0.9", "--to", "0.5")

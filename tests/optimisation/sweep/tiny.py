@@ -8,7 +8,9 @@ from aerodima.optimisation.sweep.runs import RunTask, evaluate
 POISON = "poison"
 """Name of a task that ends the process that works on it."""
 
-TINY = "[manoeuvre.duration=0.2, manoeuvre.speed_ramp=0.1, manoeuvre.turn_start=0.1, tail.mode=none]"
+TINY = (
+    "[manoeuvre.duration=0.2, manoeuvre.speed_ramp=0.1, manoeuvre.turn_start=0.1, tail.mode=none]"
+)
 TINY_SETTINGS = (
     "manoeuvre.duration=0.2",
     "manoeuvre.speed_ramp=0.1",
@@ -18,13 +20,16 @@ TINY_SETTINGS = (
 
 
 def write_study(path: Path, text: str) -> Path:
-    path.write_text(f"schema: aerodima/study/1\nname: tiny\nscenario: straight\nsettings: {TINY}\n{text}")
+    path.write_text(
+        f"schema: aerodima/study/1\nname: tiny\nscenario: straight\nsettings: {TINY}\n{text}"
+    )
     return path
 
 
 def tiny_study(folder: Path, number: int = 4) -> Path:
     return write_study(
-        folder / "study.yaml", f"grid:\n  manoeuvre.speed: {{first: 1.0, last: 2.0, number: {number}}}\n"
+        folder / "study.yaml",
+        f"grid:\n  manoeuvre.speed: {{first: 1.0, last: 2.0, number: {number}}}\n",
     )
 
 

@@ -29,10 +29,17 @@ candidates:
             ("controller.swing_speed=3.0", "car.com_height=0.1"),
             "'car.com_height=0.1' is no setting of a candidate; allowed: KEY=... of tail",
         ),
-        (("controller.swing_speed=3.0", "controller.swing_sped=3.0"), "candidate 'slow': .*swing_sped"),
+        (
+            ("controller.swing_speed=3.0", "controller.swing_sped=3.0"),
+            "candidate 'slow': .*swing_sped",
+        ),
         (("candidates/1", "candidates/2"), "allowed is 'aerodima/candidates/1'"),
         (
-            ("settings: [tail.mode=swing, controller.swing_file=none, controller.swing_speed=3.0]", ""),
+            (
+                "settings: [tail.mode=swing, controller.swing_file=none, "
+                "controller.swing_speed=3.0]",
+                "",
+            ),
             "settings: missing",
         ),
         (
@@ -59,7 +66,10 @@ def test_candidates_that_ship_take_part_by_name() -> None:
     assert "controller.pitch_angle=0.593" in best.settings
     _, thesis = candidates(["thesis_8_rad_per_s"])
     assert any(setting.startswith("controller.swing_file=") for setting in thesis.settings)
-    for name, words in (("best_swin", r"no such file, and none ships by this name; .*best_swing"), ("hold", "held")):
+    for name, words in (
+        ("best_swin", r"no such file, and none ships by this name; .*best_swing"),
+        ("hold", "held"),
+    ):
         with pytest.raises(UserError, match=words):
             candidates([name])
     with pytest.raises(UserError, match="candidate 'held': named twice; allowed: once"):
@@ -73,7 +83,9 @@ def test_low_ballast_moves_gearbox_and_arm_and_leaves_the_chassis() -> None:
     arm = before.tail.mass + before.tail.hub_mass
     assert after.car.mass == pytest.approx(before.car.mass + arm)
     gravity = before.environment.gravity
-    (m0, x0, z0), (m1, x1, z1) = (chassis_centre(one.car, one.tail, gravity) for one in (before, after))
+    (m0, x0, z0), (m1, x1, z1) = (
+        chassis_centre(one.car, one.tail, gravity) for one in (before, after)
+    )
     assert m1 == pytest.approx(m0 + arm)
     # What the chassis has more is the arm's mass where it was put; its tyres sink in a little more.
     assert (m1 * x1 - m0 * x0) / arm == pytest.approx(before.car.gearbox_x)
@@ -87,11 +99,17 @@ def test_low_ballast_moves_gearbox_and_arm_and_leaves_the_chassis() -> None:
         (lambda: Task(speeds=[4.5, 4.5]), "speed '4.5': named twice; allowed: once"),
         (lambda: Task(floors=[1.3, 1.1, 1.3]), "floor '1.3': named twice"),
         (lambda: Task(floors=[9.0]), "floor 9: allowed: 0.2 to 3"),
-        (lambda: Task(steering=(-2.0, 20.0)), "steering -2 to 20 degrees: allowed: 0 < first < second"),
+        (
+            lambda: Task(steering=(-2.0, 20.0)),
+            "steering -2 to 20 degrees: allowed: 0 < first < second",
+        ),
         (lambda: Task(scenario="slalom"), "slalom: manoeuvre.kind slalom; allowed: turn"),
         (lambda: Task(scenario="entry_twice"), "entry_twice: manoeuvre.turns 2; allowed: 1"),
         (lambda: Task(steering=(2.0, 40.0)), "manoeuvre.steer_angle"),
-        (lambda: load_task("short_turns"), "task 'short_turns': models/tasks has none of this name"),
+        (
+            lambda: load_task("short_turns"),
+            "task 'short_turns': models/tasks has none of this name",
+        ),
         (lambda: load_task("short_turn", ["pulse=5"]), "pulse: 5"),
         (lambda: load_task("short_turn", ["car=3"]), "--set car=3: allowed is KEY=VALUE"),
     ],

@@ -1,4 +1,6 @@
-"""Steering and tail as one programme: its slopes, that it climbs to a turn within all limits, and its swing file."""
+"""Steering and tail as one programme: its slopes, that it climbs to a turn within all limits, and
+its swing file.
+"""
 
 import math
 from pathlib import Path
@@ -12,7 +14,13 @@ from typer.testing import CliRunner
 from aerodima.optimisation import turn_programme
 from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.sweep.runs import Runs
-from aerodima.optimisation.swing.motion_search import OWN_CAR, MotionSearch, search_motion, steering_of, swing_of
+from aerodima.optimisation.swing.motion_search import (
+    OWN_CAR,
+    MotionSearch,
+    search_motion,
+    steering_of,
+    swing_of,
+)
 from aerodima.optimisation.swing.task import Floor, Task
 from aerodima.optimisation.swing.turn_programme import FEASIBLE, TurnProgramme
 from aerodima.optimisation.swing.turn_shooting import TurnVariables
@@ -30,13 +38,23 @@ TASK = Task(scenario="turn_designed", training=0, floors=[1.3])
 
 
 def variables(**changes: Any) -> TurnVariables:
-    data = {"members": 2, "rates": 4, "interval": 0.12, "start": -1.5, "most_roll": 1.5, "most_rate": 20.0}
+    data = {
+        "members": 2,
+        "rates": 4,
+        "interval": 0.12,
+        "start": -1.5,
+        "most_roll": 1.5,
+        "most_rate": 20.0,
+    }
     return TurnVariables(**{**data, "steering": (0.04, 0.5), **changes})
 
 
 @pytest.fixture(scope="module")
 def programme() -> TurnProgramme:
-    turns = [load_scenario("turn_designed", (f"car.tyre_friction={friction}",)) for friction in (1.1, 0.9)]
+    turns = [
+        load_scenario("turn_designed", (f"car.tyre_friction={friction}",))
+        for friction in (1.1, 0.9)
+    ]
     return turn_programme(turns, FEW)
 
 
@@ -75,9 +93,13 @@ def test_slopes_are_those_of_differences(programme: TurnProgramme, start: np.nda
     assert len(bindings) == 3
     for binding in bindings:
         ahead, here, behind = (
-            np.atleast_1d(prog.EvalBinding(binding, x)) for x in (start + h * turn, start, start - h * turn)
+            np.atleast_1d(prog.EvalBinding(binding, x))
+            for x in (start + h * turn, start, start - h * turn)
         )
-        slopes = ExtractGradient(np.atleast_1d(binding.evaluator().Eval(InitializeAutoDiff(start)))) @ turn
+        slopes = (
+            ExtractGradient(np.atleast_1d(binding.evaluator().Eval(InitializeAutoDiff(start))))
+            @ turn
+        )
         assert slopes == pytest.approx((ahead - behind) / (2 * h), rel=1e-5, abs=1e-6)
         assert np.all(np.isfinite(here))
     tail, found = programme.shooting.variables.tail, programme.at(start)
@@ -96,7 +118,9 @@ def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path: Path)
     assert solution.violation <= FEASIBLE
     assert solution.course[0] > alone.at(start).course[0] + math.radians(3.0)
     floor = Floor(OWN_CAR, 4.5, 1.3, 1.1 / 1.3)
-    path = write_swing(swing_of("found", TASK, [(floor, turn)], alone, [solution], FEW), tmp_path / "found.yaml")
+    path = write_swing(
+        swing_of("found", TASK, [(floor, turn)], alone, [solution], FEW), tmp_path / "found.yaml"
+    )
     swing, steering = read_swing(path), steering_of(alone.shooting, solution.x, 0)
     assert f"manoeuvre.first_hold={steering['first_hold']!r}" in swing.provenance.settings
     driven = turn.varied(manoeuvre={**steering, "turn_hold": TASK.pulse})
@@ -133,10 +157,14 @@ def test_a_constraint_that_is_not_kept_is_named() -> None:
 
 def test_pulse_and_limits_are_those_of_the_task() -> None:
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
-    long = turn_programme([turn], FEW, Task(scenario="turn_designed", pulse=1.0, most_roll=0.2, most_sideslip=0.3))
+    long = turn_programme(
+        [turn], FEW, Task(scenario="turn_designed", pulse=1.0, most_roll=0.2, most_sideslip=0.3)
+    )
     shooting = long.shooting
     assert shooting.plans.hold == pytest.approx([1.0])
-    _, first, time = shooting.variables.steered(shooting.variables.bounds[1][shooting.variables.own(0)])
+    _, first, time = shooting.variables.steered(
+        shooting.variables.bounds[1][shooting.variables.own(0)]
+    )
     assert first <= turn.servo.limit
     assert time == pytest.approx(0.99)
     rows = {row.name: row for row in shooting.rows}
@@ -171,17 +199,27 @@ def test_the_command_refuses_before_it_drives(tmp_path: Path) -> None:
         (["--set", "training=9999"], "training: 9999"),
         (["--knots", "3"], "knots: 3"),
     ):
-        result = CliRunner().invoke(build_app(), ["swing", "search", "short_turn", "--out", str(tmp_path), *flags])
+        result = CliRunner().invoke(
+            build_app(), ["swing", "search", "short_turn", "--out", str(tmp_path), *flags]
+        )
         assert words in result.output + str(result.exception), flags
         assert not list(tmp_path.glob("*.yaml"))
 
 
 @pytest.mark.slow
 def test_a_swing_is_found_from_the_floor_on() -> None:
-    """Whole way: floor from the full car, programme, and the full car drives what was found as far."""
+    """Whole way: floor from the full car, programme, and the full car drives what was found as
+    far.
+    """
     swing = search_motion("whole", TASK, MotionSearch(1, knots=6, length=0.6, iterations=6), Runs())
     found, settings = swing.provenance.found, swing.provenance.settings
-    assert found["car_4.5_1.3_friction"] == pytest.approx(1.3 * 0.85, rel=0.05)  # docs/reproduced.md
+    assert found["car_4.5_1.3_friction"] == pytest.approx(
+        1.3 * 0.85, rel=0.05
+    )  # docs/reproduced.md
     turn = load_scenario("turn_designed", (*settings, "tail.mode=swing"))
-    run = simulate(turn, record="outcome", law=SwingPlayer.from_scenario(swing, turn), stop_when_certain=True)
-    assert turn_course(run).course_change_rad == pytest.approx(found["car_4.5_1.3_course_rad"], rel=0.1)
+    run = simulate(
+        turn, record="outcome", law=SwingPlayer.from_scenario(swing, turn), stop_when_certain=True
+    )
+    assert turn_course(run).course_change_rad == pytest.approx(
+        found["car_4.5_1.3_course_rad"], rel=0.1
+    )

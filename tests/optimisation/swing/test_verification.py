@@ -22,7 +22,9 @@ def thesis() -> SwingFile:
 
 
 def call(*words: object) -> Result:
-    return CliRunner().invoke(build_app(), ["swing", "verify", *map(str, words)], catch_exceptions=False)
+    return CliRunner().invoke(
+        build_app(), ["swing", "verify", *map(str, words)], catch_exceptions=False
+    )
 
 
 def test_each_limit_that_is_broken_is_named_with_value_and_limit() -> None:
@@ -66,8 +68,16 @@ def test_bad_swings_are_refused_before_anything_runs(tmp_path: Path) -> None:
     good = yaml.safe_dump(data)
     for name, change, message in (
         ("gains", lambda d: d.pop("gains"), "gains: missing"),
-        ("time", lambda d: d["knots"].update(time_s=[0.0, 0.5, 0.4]), "allowed: strictly increasing times"),
-        ("nan", lambda d: d["knots"].update(roll_velocity_rad_per_s=[8.0, math.nan, 0.0]), "nan is not allowed"),
+        (
+            "time",
+            lambda d: d["knots"].update(time_s=[0.0, 0.5, 0.4]),
+            "allowed: strictly increasing times",
+        ),
+        (
+            "nan",
+            lambda d: d["knots"].update(roll_velocity_rad_per_s=[8.0, math.nan, 0.0]),
+            "nan is not allowed",
+        ),
     ):
         bad = yaml.safe_load(good)
         change(bad)
@@ -86,7 +96,9 @@ def test_bad_swings_are_refused_before_anything_runs(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_swing_that_is_never_released_is_said_to_be(tmp_path: Path) -> None:
-    lazy = thesis().model_copy(update={"trigger": thesis().trigger.model_copy(update={"threshold_rad_per_s": 50.0})})
+    lazy = thesis().model_copy(
+        update={"trigger": thesis().trigger.model_copy(update={"threshold_rad_per_s": 50.0})}
+    )
     path = write_swing(lazy, tmp_path / "lazy.yaml")
     short = ("--set", "manoeuvre.duration=2.7", "--step", 0.002)
     result = call(path, "--out", tmp_path / "out", *short)

@@ -1,4 +1,6 @@
-"""The AK70-10 in MIT mode: exact torques, limits, and a damping that stays damping at the step of the plant."""
+"""The AK70-10 in MIT mode: exact torques, limits, and a damping that stays damping at the step of
+the plant.
+"""
 
 import math
 
@@ -27,7 +29,9 @@ def test_each_term_of_the_mit_law_has_its_own_gain_and_sign():
     assert torque(speed=2.0, qd=8.0, kd=3.0) == pytest.approx(18.0)
     assert torque(speed=2.0, kd=3.0) == pytest.approx(-6.0)
     assert torque(ff=-1.25) == -1.25
-    assert torque(0.1, 0.4, q=0.3, qd=-0.6, kp=20.0, kd=2.0, ff=0.5) == pytest.approx(4.0 - 2.0 + 0.5)
+    assert torque(0.1, 0.4, q=0.3, qd=-0.6, kp=20.0, kd=2.0, ff=0.5) == pytest.approx(
+        4.0 - 2.0 + 0.5
+    )
 
 
 def test_torque_is_clipped_to_the_peak_on_both_sides():
@@ -73,12 +77,15 @@ def test_law_at_the_end_of_a_step_holds_at_the_end_of_the_step(load, inertia):
 
 @pytest.mark.parametrize("kd", [1.0, 5.0])
 def test_damping_calms_a_light_joint_at_any_step(kd):
-    # kd h / I = 2.2 at 2 ms and 11 at 10 ms: a torque from the old rate would grow from step to step beyond 2.
+    # kd h / I = 2.2 at 2 ms and 11 at 10 ms: a torque from the old rate would grow from step to
+    # step beyond 2.
     inertia = 0.0045
     for step in (0.0005, 0.002, 0.01):
         speed = 1.0
         for _ in range(50):
-            tau = mit_torque(0.0, speed, (0.0, 0.0, 0.0, kd, 0.0), MOTOR, UNLIMITED, (step, inertia, 0.0))
+            tau = mit_torque(
+                0.0, speed, (0.0, 0.0, 0.0, kd, 0.0), MOTOR, UNLIMITED, (step, inertia, 0.0)
+            )
             slower = speed + step * tau / inertia
             assert 0.0 <= slower < speed
             speed = slower
@@ -91,7 +98,9 @@ def motors_output(commands, state, past=(0.0, 0.0), torques=(0.0, 0.0), step=0.0
 
 def test_friction_of_the_joints_is_told_apart_from_the_torque_of_the_motors():
     joints = TailJoints(MOTOR, ArmInertia(0.08, 0.08, 0.0003), lambda rate: -0.1 * rate, 0.0)
-    torques = joints.torques([0.0, 0.0], [3.0, -2.0], (0.0, 0.0), (0.0, 0.0), ([0.0] * 5, [0.0] * 5))
+    torques = joints.torques(
+        [0.0, 0.0], [3.0, -2.0], (0.0, 0.0), (0.0, 0.0), ([0.0] * 5, [0.0] * 5)
+    )
     np.testing.assert_allclose(torques, [[0.0, -0.3], [0.0, 0.2]])
 
 
@@ -113,7 +122,8 @@ def test_nan_in_a_command_gives_no_torque_on_that_joint_only(index):
 
 
 def test_held_load_is_met_exactly_whatever_the_step():
-    # At rest, motor and friction balance the load of 1 N m: nothing moves, and the law gives kp times the deflection.
+    # At rest, motor and friction balance the load of 1 N m: nothing moves, and the law gives kp
+    # times the deflection.
     hold = [0.05, 0.0, 20.0, 5.0, 0.0]
     output = motors_output((hold, hold), [0.0] * 4, torques=(1.0, 1.0), step=0.01)
     np.testing.assert_allclose(output, [1.0, 1.0], rtol=1e-12)

@@ -25,7 +25,9 @@ def test_throttle_line_meets_the_two_published_points():
 
 def test_reverse_mirrors_forward_and_the_dead_band_stands_still():
     assert steady_speed(-0.5, DRIVE) == -steady_speed(0.5, DRIVE)
-    assert steady_speed(0.04, DRIVE) == steady_speed(-0.04, DRIVE) == steady_speed(0.0, DRIVE) == 0.0
+    assert (
+        steady_speed(0.04, DRIVE) == steady_speed(-0.04, DRIVE) == steady_speed(0.0, DRIVE) == 0.0
+    )
 
 
 def test_torque_pulls_the_shaft_towards_the_speed_of_the_line():
@@ -55,7 +57,9 @@ def test_without_governor_the_car_answers_with_its_time_constant():
     # m v' = tau / R with tau = k (v_d - v) / R, rotor included: time constant (m R^2 + J) / k.
     frozen = DRIVE.model_copy(update={"governor": False})
     gain = shaft_gain(frozen, CAR)
-    assert (CAR.mass * CAR.tyre_radius**2 + DRIVE.rotor_inertia) / gain == pytest.approx(DRIVE.time_constant)
+    assert (CAR.mass * CAR.tyre_radius**2 + DRIVE.rotor_inertia) / gain == pytest.approx(
+        DRIVE.time_constant
+    )
     assert shaft_gain(DRIVE, CAR) == DRIVE.governor_gain > 10 * gain
     assert np.isclose(torque(0.3, 0.0, gain), gain * steady_speed(0.3, DRIVE) / RADIUS)
 

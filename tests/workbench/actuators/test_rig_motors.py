@@ -19,11 +19,14 @@ def outputs(system, **inputs) -> tuple[float, float]:
     context = system.CreateDefaultContext()
     for name, value in inputs.items():
         system.GetInputPort(name).FixValue(context, np.atleast_1d(np.asarray(value, dtype=float)))
-    return tuple(float(system.GetOutputPort(name).Eval(context)[0]) for name in ("torque", "current"))
+    return tuple(
+        float(system.GetOutputPort(name).Eval(context)[0]) for name in ("torque", "current")
+    )
 
 
 @pytest.mark.parametrize(
-    ("command", "current"), [(2.0, 2.0), (-2.0, -2.0), (40.0, 30.0), (-40.0, -30.0), (math.nan, 0.0)]
+    ("command", "current"),
+    [(2.0, 2.0), (-2.0, -2.0), (40.0, 30.0), (-40.0, -30.0), (math.nan, 0.0)],
 )
 def test_positive_current_pushes_upstream_within_the_limit(command: float, current: float) -> None:
     torque, flowing = outputs(MaxonMotor(SCENARIO.maxon), current_command=command)
@@ -42,7 +45,9 @@ def test_positive_current_pushes_upstream_within_the_limit(command: float, curre
     ],
 )
 def test_mit_law_on_the_rig(command: tuple[float, ...], torque: float) -> None:
-    """tau = kp (0 - 0.5) + kd (0 - 2) + tau_ff within 24.8 N m; the current has the other sign, 1.23 N m/A."""
+    """tau = kp (0 - 0.5) + kd (0 - 2) + tau_ff within 24.8 N m; the current has the other sign,
+    1.23 N m/A.
+    """
     motor = MitMotor(SCENARIO.robot_motor, SCENARIO.robot.torque_constant)
     given, current = outputs(motor, joint_state=(0.5, 2.0), tail_command=command)
     assert given == pytest.approx(torque)

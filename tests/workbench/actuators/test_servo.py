@@ -1,11 +1,18 @@
-"""The steering servo: 30 degrees in 0.14 s, its limit, and the linkage that turns both wheels about one centre."""
+"""The steering servo: 30 degrees in 0.14 s, its limit, and the linkage that turns both wheels about
+one centre.
+"""
 
 import math
 
 import numpy as np
 import pytest
 
-from aerodima.workbench.actuators.chassis_actuators import ackermann, knuckle_motion, servo_frame, steering_motion
+from aerodima.workbench.actuators.chassis_actuators import (
+    ackermann,
+    knuckle_motion,
+    servo_frame,
+    steering_motion,
+)
 from aerodima.workbench.config.scenario import scenario_from_dict
 
 SCENARIO = scenario_from_dict({})
@@ -15,7 +22,9 @@ LIMIT = math.radians(30.0)
 
 
 def bicycle_angle(knuckles):
-    """Bicycle angle of two knuckle angles: the cotangents of both wheels have that of the bicycle as their mean."""
+    """Bicycle angle of two knuckle angles: the cotangents of both wheels have that of the bicycle
+    as their mean.
+    """
     left, right = knuckles[:2]
     return math.atan(2.0 / (1.0 / math.tan(left) + 1.0 / math.tan(right))) if left else 0.0
 
@@ -35,7 +44,11 @@ class ServoRun:
 
     def knuckles(self):
         """Angles (2), rad, then rates (2), rad/s, that the linkage demands now."""
-        return np.array(knuckle_motion(*steering_motion(self.frame, self.time, self.settings.rate), self.settings, CAR))
+        return np.array(
+            knuckle_motion(
+                *steering_motion(self.frame, self.time, self.settings.rate), self.settings, CAR
+            )
+        )
 
 
 def test_thirty_degrees_take_0_14_seconds():
@@ -62,7 +75,9 @@ def test_command_is_read_once_per_frame():
     run = ServoRun()
     run.command(0.0, 0.003)
     assert bicycle_angle(run.command(LIMIT, 0.0099)) == 0.0
-    assert bicycle_angle(run.command(LIMIT, 0.01 + 5 * STEP)) == pytest.approx(5 * STEP * SERVO.rate)
+    assert bicycle_angle(run.command(LIMIT, 0.01 + 5 * STEP)) == pytest.approx(
+        5 * STEP * SERVO.rate
+    )
 
 
 def test_nan_holds_the_last_angle():
@@ -82,15 +97,20 @@ def test_left_steering_turns_both_wheels_left_and_the_inner_one_more():
 def test_parallel_linkage_turns_both_wheels_alike():
     run = ServoRun(SCENARIO.servo)
     assert SCENARIO.servo.linkage == "parallel"
-    np.testing.assert_allclose(run.command(LIMIT, 0.07), [LIMIT / 2, LIMIT / 2, SERVO.rate, SERVO.rate], rtol=1e-9)
+    np.testing.assert_allclose(
+        run.command(LIMIT, 0.07), [LIMIT / 2, LIMIT / 2, SERVO.rate, SERVO.rate], rtol=1e-9
+    )
     np.testing.assert_allclose(run.command(LIMIT, 0.2), [LIMIT, LIMIT, 0.0, 0.0], atol=1e-12)
 
 
 def test_both_wheels_roll_about_one_centre_on_the_rear_axle():
     delta = 0.4
     radius = CAR.wheelbase / math.tan(delta)
-    for angle, y in zip(ackermann(delta, CAR.wheelbase, CAR.track), (CAR.track / 2, -CAR.track / 2), strict=True):
-        # The wheel at (wheelbase, y) is perpendicular to the line from the centre of turn at (0, radius).
+    for angle, y in zip(
+        ackermann(delta, CAR.wheelbase, CAR.track), (CAR.track / 2, -CAR.track / 2), strict=True
+    ):
+        # The wheel at (wheelbase, y) is perpendicular to the line from the centre of turn at (0,
+        # radius).
         assert math.tan(angle) == pytest.approx(CAR.wheelbase / (radius - y))
 
 
@@ -99,6 +119,7 @@ def test_knuckle_rates_are_the_derivatives_of_the_knuckle_angles():
     earlier = run.command(LIMIT, 0.1 - STEP).copy()
     middle = run.command(LIMIT, 0.1).copy()
     later = run.command(LIMIT, 0.1 + STEP)
-    # Central difference: the error is the third derivative times STEP^2 / 6, below 1e-4 of the rate here.
+    # Central difference: the error is the third derivative times STEP^2 / 6, below 1e-4 of the rate
+    # here.
     np.testing.assert_allclose((later[:2] - earlier[:2]) / (2 * STEP), middle[2:], rtol=1e-4)
     assert middle[2] > middle[3] > 0.0

@@ -8,7 +8,9 @@ from pydrake.multibody.tree import RigidBody, SpatialInertia
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 
-def add_plant(builder: DiagramBuilder, time_step: float = 0.0, gravity: bool = True) -> MultibodyPlant:
+def add_plant(
+    builder: DiagramBuilder, time_step: float = 0.0, gravity: bool = True
+) -> MultibodyPlant:
     """A plant in the builder, without scene graph."""
     plant = builder.AddSystem(MultibodyPlant(time_step))
     plant.set_name("plant")

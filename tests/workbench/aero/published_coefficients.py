@@ -21,24 +21,34 @@ def weighted(values: pd.Series, resnorms: pd.Series) -> float:
 
 
 def robot_tail_rows() -> pd.DataFrame:
-    """The 160 distinct coefficients of the robot tail: Table 11.3 repeats 11.6 and is left out (ERRATA E24)."""
+    """The 160 distinct coefficients of the robot tail: Table 11.3 repeats 11.6 and is left out
+    (ERRATA E24).
+    """
     rows = published_table("robot_tail_drag")
     return rows[rows.source_table != "Table 11.3"]
 
 
 def averages(group: pd.DataFrame, columns: dict[str, str]) -> dict[str, Any]:
-    """Weighted average and percentiles by the name in the file, of columns of the table, and their number."""
+    """Weighted average and percentiles by the name in the file, of columns of the table, and their
+    number.
+    """
     found: dict[str, Any] = {}
     for name, column in columns.items():
         low, high = np.percentile(group[column], BAND)
-        values = {name: weighted(group[column], group.resnorm), f"{name}_p10": low, f"{name}_p90": high}
+        values = {
+            name: weighted(group[column], group.resnorm),
+            f"{name}_p10": low,
+            f"{name}_p90": high,
+        }
         found |= {key: round(float(value), 4) for key, value in values.items()}
     return found | {"samples": len(group)}
 
 
 def robot_tail_nodes() -> list[dict[str, Any]]:
     groups = robot_tail_rows().groupby("relative_velocity_m_per_s")
-    return [{"speed_m_per_s": float(speed), **averages(group, {"cn": "cd"})} for speed, group in groups]
+    return [
+        {"speed_m_per_s": float(speed), **averages(group, {"cn": "cd"})} for speed, group in groups
+    ]
 
 
 def robot_tail_line() -> dict[str, float]:
@@ -48,10 +58,14 @@ def robot_tail_line() -> dict[str, float]:
 
 
 def cheetah_nodes(tail: int, axis: str) -> list[dict[str, Any]]:
-    """The 18 nodes of one cheetah tail: measured ones from the static fits, the others seeds (ERRATA E1, E3, E4, F)."""
+    """The 18 nodes of one cheetah tail: measured ones from the static fits, the others seeds
+    (ERRATA E1, E3, E4, F).
+    """
     fits = published_table("static_fits")
     fits = fits[(fits["tail"] == tail) & (fits.axis == axis)]
-    fits = fits[fits.derived_repeats_wind_speed_m_per_s.isna() & ~fits.published_bold_outlier.eq(True)]
+    fits = fits[
+        fits.derived_repeats_wind_speed_m_per_s.isna() & ~fits.published_bold_outlier.eq(True)
+    ]
     seeds = published_table("static_seeds")
     seeds = seeds[seeds["tail"] == tail]
     nodes = []
@@ -67,7 +81,12 @@ def cheetah_nodes(tail: int, axis: str) -> list[dict[str, Any]]:
                 source = group.source_table.iloc[0]
             else:
                 start = seed.set_index("variable").x0
-                found = {"status": "seed", "cd": float(start["cd"]), "cl": float(start["cl"]), "samples": 0}
+                found = {
+                    "status": "seed",
+                    "cd": float(start["cd"]),
+                    "cl": float(start["cl"]),
+                    "samples": 0,
+                }
                 source = seed.source_table.iloc[0]
             nodes.append({**place, **found, "source": str(source)})
     return nodes

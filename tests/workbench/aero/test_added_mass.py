@@ -18,7 +18,13 @@ from pydrake.multibody.plant import (
     ExternallyAppliedSpatialForce,
     MultibodyPlant,
 )
-from pydrake.multibody.tree import FixedOffsetFrame, JacobianWrtVariable, RevoluteJoint, RigidBody, SpatialInertia
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    JacobianWrtVariable,
+    RevoluteJoint,
+    RigidBody,
+    SpatialInertia,
+)
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource
@@ -54,7 +60,9 @@ def analytic_frequency(added: float) -> float:
     return math.sqrt(MASS * GRAVITY * LENGTH / 2 / inertia)
 
 
-def zero_crossing_period(plant, diagram, amplitude: float, duration: float, step: float, joint) -> float:
+def zero_crossing_period(
+    plant, diagram, amplitude: float, duration: float, step: float, joint
+) -> float:
     """Mean period from the interpolated upward zero crossings."""
     simulator = Simulator(diagram)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
@@ -68,7 +76,8 @@ def zero_crossing_period(plant, diagram, amplitude: float, duration: float, step
         if not plant.time_step():
             now = (simulator.get_context().get_time(), now[1], now[2])
         if last[1] < 0.0 <= now[1]:
-            # The acceleration is zero at the crossing: extrapolating back with the rate errs by third order only.
+            # The acceleration is zero at the crossing: extrapolating back with the rate errs by
+            # third order only.
             crossings.append(now[0] - now[1] / now[2])
         last = now
     return float(np.mean(np.diff(crossings)))
@@ -78,7 +87,10 @@ def zero_crossing_period(plant, diagram, amplitude: float, duration: float, step
 @pytest.mark.parametrize("ratio", [0.1, 10.0, -0.05])
 @pytest.mark.parametrize("spanwise_free", [True, False])
 def test_a_pendulum_has_the_analytic_period(ratio, spanwise_free) -> None:
-    """To 1e-6 in a continuous plant. An amplitude of 1e-3 rad lengthens the period by theta^2/16 = 6e-8 only."""
+    """To 1e-6 in a continuous plant.
+
+    An amplitude of 1e-3 rad lengthens the period by theta^2/16 = 6e-8 only.
+    """
     added = ratio * MASS / LAYOUT.number
     builder = DiagramBuilder()
     plant = add_plant(builder)
@@ -115,12 +127,18 @@ def test_in_a_discrete_plant_the_period_converges_with_the_step(ratio) -> None:
 
 
 def two_joint_tail(plant, added, **options):
-    """A tail on pitch and roll joints that do not meet, on a body that floats: nothing in it favours the added mass."""
+    """A tail on pitch and roll joints that do not meet, on a body that floats: nothing in it
+    favours the added mass.
+    """
     base = plant.AddRigidBody("base", SpatialInertia.SolidBoxWithMass(3.0, 0.4, 0.2, 0.1))
     link = plant.AddRigidBody("link", SpatialInertia.SolidSphereWithMass(0.2, 0.03))
     tail = plant.AddRigidBody("tail", rod())
-    deck = plant.AddFrame(FixedOffsetFrame("deck", base.body_frame(), RigidTransform([-0.2, 0.0, 0.1])))
-    top = plant.AddFrame(FixedOffsetFrame("top", link.body_frame(), RigidTransform([0.0, 0.03, 0.05])))
+    deck = plant.AddFrame(
+        FixedOffsetFrame("deck", base.body_frame(), RigidTransform([-0.2, 0.0, 0.1]))
+    )
+    top = plant.AddFrame(
+        FixedOffsetFrame("top", link.body_frame(), RigidTransform([0.0, 0.03, 0.05]))
+    )
     plant.AddJoint(RevoluteJoint("pitch", deck, link.body_frame(), [0.0, 1.0, 0.0]))
     plant.AddJoint(RevoluteJoint("roll", top, tail.body_frame(), [1.0, 0.0, 0.0]))
     return tail, add_added_mass(plant, tail, LAYOUT, added, **options)
@@ -143,7 +161,9 @@ def random_tail_state(plant, rng) -> np.ndarray:
 
 @pytest.mark.parametrize("added", [0.02, 0.2, -0.003])
 def test_a_two_joint_tail_accelerates_by_the_mass_matrix_of_the_jacobians(added) -> None:
-    """(M + M_added) vdot = tau(q, v) - sum J_i^T m (1 - a a^T) Jdot_i v, on a plant without added mass."""
+    """(M + M_added) vdot = tau(q, v) - sum J_i^T m (1 - a a^T) Jdot_i v, on a plant without added
+    mass.
+    """
     builder = DiagramBuilder()
     plant = add_plant(builder)
     _, mass = two_joint_tail(plant, added)
@@ -160,15 +180,21 @@ def test_a_two_joint_tail_accelerates_by_the_mass_matrix_of_the_jacobians(added)
         state = random_tail_state(plant, rng)
         context = diagram.CreateDefaultContext()
         plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
-        vdot = plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[plant.num_positions() :]
+        vdot = plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[
+            plant.num_positions() :
+        ]
         bare_context = bare.CreateDefaultContext()
         bare.SetPositions(bare_context, state[: bare.num_positions()])
         bare.SetVelocities(bare_context, state[plant.num_positions() :][: bare.num_velocities()])
         tau = bare.CalcGravityGeneralizedForces(bare_context) - bare.CalcBiasTerm(bare_context)
         tau -= transport_of_parts(bare, bare_context, tail, added)
-        total = bare.CalcMassMatrix(bare_context) + added_mass_matrix(bare, bare_context, tail, LAYOUT, added)
+        total = bare.CalcMassMatrix(bare_context) + added_mass_matrix(
+            bare, bare_context, tail, LAYOUT, added
+        )
         expected = np.linalg.solve(total, tau)
-        np.testing.assert_allclose(vdot[own], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+        np.testing.assert_allclose(
+            vdot[own], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max()
+        )
 
 
 def transport_of_parts(plant, context, body, added) -> np.ndarray:
@@ -194,13 +220,17 @@ def car_on_the_ground(added: float, angle: float = 1.2):
     box = plant.AddRigidBody("car", SpatialInertia.SolidBoxWithMass(3.0, 0.6, 0.4, 0.2))
     tail = plant.AddRigidBody("tail", rod())
     top = plant.AddFrame(FixedOffsetFrame("top", box.body_frame(), RigidTransform([0.0, 0.0, 0.1])))
-    plant.WeldFrames(top, tail.body_frame(), RigidTransform(RotationMatrix.MakeXRotation(angle), np.zeros(3)))
+    plant.WeldFrames(
+        top, tail.body_frame(), RigidTransform(RotationMatrix.MakeXRotation(angle), np.zeros(3))
+    )
     properties = ProximityProperties()
     properties.AddProperty("material", "coulomb_friction", CoulombFriction(0.8, 0.8))
     properties.AddProperty("material", "point_contact_stiffness", 1e5)
     properties.AddProperty("material", "hunt_crossley_dissipation", 5.0)
     ground = RigidTransform([0.0, 0.0, -0.5])
-    plant.RegisterCollisionGeometry(plant.world_body(), ground, Box(10, 10, 1), "ground", properties)
+    plant.RegisterCollisionGeometry(
+        plant.world_body(), ground, Box(10, 10, 1), "ground", properties
+    )
     for x in (-0.3, 0.3):
         for y in (-0.2, 0.2):
             corner = RigidTransform([x, y, -0.1 + 0.01])
@@ -218,23 +248,31 @@ def ground_force(plant, context) -> float:
     """Vertical force of the ground on the car, N."""
     results = plant.get_contact_results_output_port().Eval(plant.GetMyContextFromRoot(context))
     return sum(
-        abs(results.point_pair_contact_info(i).contact_force()[2]) for i in range(results.num_point_pair_contacts())
+        abs(results.point_pair_contact_info(i).contact_force()[2])
+        for i in range(results.num_point_pair_contacts())
     )
 
 
 def test_a_resting_car_feels_nothing() -> None:
-    """With added mass of ten times the tail's, the ground still carries the weight of car and tail and nothing else."""
+    """With added mass of ten times the tail's, the ground still carries the weight of car and tail
+    and nothing else.
+    """
     diagram, context, plant, _ = car_on_the_ground(10 * MASS / 5)
     simulator = Simulator(diagram, context)
     simulator.AdvanceTo(1.0)
     weight = (3.0 + MASS) * GRAVITY
     assert ground_force(plant, simulator.get_context()) == pytest.approx(weight, rel=1e-6)
-    assert np.abs(plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))).max() < 1e-6
+    assert (
+        np.abs(plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))).max()
+        < 1e-6
+    )
 
 
 @pytest.mark.parametrize("added", [0.2, -0.003])
 def test_an_impulse_gives_the_analytic_response(added) -> None:
-    """A floating vehicle without gravity, at rest: one step of force F on the base gives (M + M_added)^-1 J^T F h."""
+    """A floating vehicle without gravity, at rest: one step of force F on the base gives (M +
+    M_added)^-1 J^T F h.
+    """
 
     step = 2e-3
     builder = DiagramBuilder()
@@ -245,7 +283,9 @@ def test_an_impulse_gives_the_analytic_response(added) -> None:
     push = ExternallyAppliedSpatialForce()
     push.body_index, push.p_BoBq_B = base.index(), [0.1, 0.0, 0.2]
     push.F_Bq_W = SpatialForce([0.0, 0.0, 0.0], [30.0, -200.0, 90.0])
-    source = builder.AddSystem(ConstantValueSource(Value[list[ExternallyAppliedSpatialForce]]([push])))
+    source = builder.AddSystem(
+        ConstantValueSource(Value[list[ExternallyAppliedSpatialForce]]([push]))
+    )
     builder.Connect(source.get_output_port(), plant.get_applied_spatial_force_input_port())
     mass.add_to_builder(builder)
     diagram = builder.Build()
@@ -259,7 +299,9 @@ def test_an_impulse_gives_the_analytic_response(added) -> None:
     bare.Finalize()
     bare_context = bare.CreateDefaultContext()
     bare.SetPositions(bare_context, state[: bare.num_positions()])
-    total = bare.CalcMassMatrix(bare_context) + added_mass_matrix(bare, bare_context, bare_tail, LAYOUT, added)
+    total = bare.CalcMassMatrix(bare_context) + added_mass_matrix(
+        bare, bare_context, bare_tail, LAYOUT, added
+    )
 
     J = bare.CalcJacobianTranslationalVelocity(
         bare_context,
@@ -277,7 +319,9 @@ def test_an_impulse_gives_the_analytic_response(added) -> None:
 
 
 def test_the_slides_stay_beside_the_tail_in_a_fast_swing() -> None:
-    """A tail on a floating base that turns at 8 rad/s: the added mass leaves its place by less than 1 mm."""
+    """A tail on a floating base that turns at 8 rad/s: the added mass leaves its place by less than
+    1 mm.
+    """
     builder = DiagramBuilder()
     plant = add_plant(builder, time_step=2e-3)
     _, mass = two_joint_tail(plant, 0.05)
@@ -296,14 +340,19 @@ def test_the_slides_stay_beside_the_tail_in_a_fast_swing() -> None:
 
 
 def rig(added: float):
-    """The rig's swinging part (design section 4 and 6): bar, reflected rotor inertia and tail 1, on one joint."""
+    """The rig's swinging part (design section 4 and 6): bar, reflected rotor inertia and tail 1, on
+    one joint.
+    """
     builder = DiagramBuilder()
     plant = add_plant(builder)
     tail = plant.AddRigidBody(
-        "cheetah_tail_1", SpatialInertia.ThinRodWithMass(0.0982, 0.390, [0.0, 0.0, 1.0]).Shift([0, 0, 0.433])
+        "cheetah_tail_1",
+        SpatialInertia.ThinRodWithMass(0.0982, 0.390, [0.0, 0.0, 1.0]).Shift([0, 0, 0.433]),
     )
     bar = plant.AddRigidBody("bar", SpatialInertia.SolidSphereWithMass(0.313, 0.124))
-    joint = plant.AddJoint(RevoluteJoint("swing", plant.world_frame(), tail.body_frame(), [1.0, 0.0, 0.0]))
+    joint = plant.AddJoint(
+        RevoluteJoint("swing", plant.world_frame(), tail.body_frame(), [1.0, 0.0, 0.0])
+    )
     plant.WeldFrames(tail.body_frame(), bar.body_frame(), RigidTransform([0.0, 0.0, 0.100]))
     actuator = plant.AddJointActuator("motor", joint)
     actuator.set_default_rotor_inertia(6.731e-3)
@@ -324,14 +373,18 @@ def test_admissible_negative_values_work(added) -> None:
 def test_the_published_minus_0_033_kg_is_refused_by_name() -> None:
     """Tail 1 minor at 20 m/s (Table 11.2): five times -0.033 kg outweighs tail, bar and rotor."""
     mass, builder = rig(-0.033)
-    with pytest.raises(ModelError, match=r"-0\.033 kg per part on body 'cheetah_tail_1'.*must be above -0\.0\d+ kg"):
+    with pytest.raises(
+        ModelError, match=r"-0\.033 kg per part on body 'cheetah_tail_1'.*must be above -0\.0\d+ kg"
+    ):
         mass.add_to_builder(builder)
 
 
 def test_bad_calls_are_refused() -> None:
     plant = MultibodyPlant(0.0)
     body = plant.AddRigidBody("tail", rod())
-    with pytest.raises(ModelError, match="per part on body 'tail': nan kg; allowed: a finite number"):
+    with pytest.raises(
+        ModelError, match="per part on body 'tail': nan kg; allowed: a finite number"
+    ):
         add_added_mass(plant, body, LAYOUT, math.nan)
     mass = add_added_mass(plant, body, LAYOUT, 0.01)
     with pytest.raises(ModelError, match="not finalised"):
@@ -342,15 +395,22 @@ def test_bad_calls_are_refused() -> None:
 
 
 def test_the_rejected_methods_fail_where_the_slide_does_not() -> None:
-    """Why the added mass is inertia in the plant: a force from (M + M_added) vdot = tau, which cannot know the contact
-    forces, would take 8 % of this resting car's weight off the ground; a weld without slide has spanwise inertia."""
+    """Why the added mass is inertia in the plant: a force from (M + M_added) vdot = tau, which
+    cannot know the contact
+    forces, would take 8 % of this resting car's weight off the ground; a weld without slide has
+    spanwise inertia.
+    """
     plant = MultibodyPlant(0.0)
     tail, _ = two_joint_tail(plant, 0.0)
     plant.Finalize()
     context = plant.CreateDefaultContext()
-    plant.GetJointByName("roll").set_angle(context, math.pi / 2)  # tail level: its normal is vertical
+    plant.GetJointByName("roll").set_angle(
+        context, math.pi / 2
+    )  # tail level: its normal is vertical
     added = added_mass_matrix(plant, context, tail, LAYOUT, 0.2)
-    vdot = np.linalg.solve(plant.CalcMassMatrix(context) + added, plant.CalcGravityGeneralizedForces(context))
+    vdot = np.linalg.solve(
+        plant.CalcMassMatrix(context) + added, plant.CalcGravityGeneralizedForces(context)
+    )
     lift = -(added @ vdot)[5]  # velocities of a floating base: three turns, then x, y, z
     print(f"lift of the contact-blind force: {lift:.2f} N of {3.3 * GRAVITY:.2f} N")
     assert lift > 0.05 * 3.3 * GRAVITY
@@ -369,7 +429,9 @@ def test_the_rejected_methods_fail_where_the_slide_does_not() -> None:
 
 @pytest.mark.parametrize("spanwise_free", [True, False])
 def test_only_the_acceleration_relative_to_the_air_counts(spanwise_free) -> None:
-    """A free rod in air that starts to move: across the rod it is carried along by M / (m + M), along it not at all."""
+    """A free rod in air that starts to move: across the rod it is carried along by M / (m + M),
+    along it not at all.
+    """
     added, gust = 0.03, np.array([0.4, 0.0, 0.7])
     builder = DiagramBuilder()
     plant = add_plant(builder, gravity=False)
@@ -381,7 +443,9 @@ def test_only_the_acceleration_relative_to_the_air_counts(spanwise_free) -> None
     mass.add_to_builder(builder, wind_acceleration=wind.GetOutputPort("wind_acceleration"))
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
-    vdot = plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[plant.num_positions() :]
+    vdot = plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[
+        plant.num_positions() :
+    ]
     # The rod's centre of mass is the middle of the parts, so it does not turn.
     np.testing.assert_allclose(vdot[:3], 0.0, atol=1e-9)
     carried = 5 * added / (5 * added + MASS) * 2 * math.pi * gust[0]
@@ -395,11 +459,22 @@ def test_gradients_pass_through_added_mass_jet_and_gusts() -> None:
     tail, mass = two_joint_tail(plant, 0.02)
     plant.Finalize()
     wind = builder.AddNamedSystem(
-        "wind", WindSource(WindModel(mean=(1.0, -4.0, 0.5), gust=(0.0, 1.0, 0.0), turbulence=(0.3, 0.3, 0.0)))
+        "wind",
+        WindSource(
+            WindModel(mean=(1.0, -4.0, 0.5), gust=(0.0, 1.0, 0.0), turbulence=(0.3, 0.3, 0.0))
+        ),
     )
     mass.add_to_builder(builder, wind_acceleration=wind.GetOutputPort("wind_acceleration"))
     jet = Jet((0.0, 0.0, 0.2))
-    add_tail_force(builder, plant, tail, LAYOUT, PolarLaw(1.2, 0.3), wind=wind.GetOutputPort("wind_velocity"), jet=jet)
+    add_tail_force(
+        builder,
+        plant,
+        tail,
+        LAYOUT,
+        PolarLaw(1.2, 0.3),
+        wind=wind.GetOutputPort("wind_velocity"),
+        jet=jet,
+    )
     diagram = builder.Build()
     state = random_tail_state(plant, np.random.default_rng(10))
     nq = plant.num_positions()
@@ -411,7 +486,9 @@ def test_gradients_pass_through_added_mass_jet_and_gusts() -> None:
 
     converted = diagram.ToAutoDiffXd()
     twin, context = converted.GetSubsystemByName("plant"), converted.CreateDefaultContext()
-    twin.SetPositionsAndVelocities(twin.GetMyMutableContextFromRoot(context), InitializeAutoDiff(state))
+    twin.SetPositionsAndVelocities(
+        twin.GetMyMutableContextFromRoot(context), InitializeAutoDiff(state)
+    )
     values = twin.EvalTimeDerivatives(twin.GetMyContextFromRoot(context)).CopyToVector()[nq:]
     exact = np.array([value.derivatives() for value in values])
     step = 1e-6 * np.eye(len(state))

@@ -1,4 +1,6 @@
-"""A plate on other plants: drag in closed form at three orientations, and what is said of a wrong layout."""
+"""A plate on other plants: drag in closed form at three orientations, and what is said of a wrong
+layout.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Linearize
 
-from aerodima.workbench import SectionLayout, UserError, WindModel, add_tail_force, add_wind, observe
+from aerodima.workbench import (
+    SectionLayout,
+    UserError,
+    WindModel,
+    add_tail_force,
+    add_wind,
+    observe,
+)
 from aerodima.workbench.aero.polar_law import PolarLaw
 from tests.workbench.aero.plants import add_free_body, add_plant
 
@@ -24,7 +33,11 @@ MASS, WIDTH, HEIGHT, C_N, DENSITY, START = 0.4, 0.3, 0.5, 1.3, 1.225, 8.0
 def plate(angle: float) -> SectionLayout:
     """Upright; its normal is turned from x by an angle about z."""
     return SectionLayout.strip(
-        start=0.1, length=HEIGHT, width=WIDTH, normal_B=(math.cos(angle), math.sin(angle), 0.0), number=3
+        start=0.1,
+        length=HEIGHT,
+        width=WIDTH,
+        normal_B=(math.cos(angle), math.sin(angle), 0.0),
+        number=3,
     )
 
 
@@ -49,7 +62,9 @@ def pole(builder: DiagramBuilder) -> MultibodyPlant:
 @pytest.mark.parametrize("angle", [0.0, math.pi / 4, math.radians(80.0)])
 @pytest.mark.parametrize("time_step", [0.0, 1e-3])
 def test_drag_of_a_plate_slows_a_sled_as_the_formula_says(angle: float, time_step: float) -> None:
-    """m v' = -1/2 rho A C_N cos^2(angle) v^2, so v = v0 / (1 + k v0 t); a discrete step errs by its length."""
+    """m v' = -1/2 rho A C_N cos^2(angle) v^2, so v = v0 / (1 + k v0 t); a discrete step errs by its
+    length.
+    """
     builder = DiagramBuilder()
     plant = sled(builder, time_step)
     force = add_tail_force(builder, plant, "sled", plate(angle), C_N)
@@ -61,14 +76,20 @@ def test_drag_of_a_plate_slows_a_sled_as_the_formula_says(angle: float, time_ste
     pressed = 0.5 * DENSITY * area * C_N * START**2
     simulator.Initialize()
     if time_step == 0.0:
-        wrench = force.GetOutputPort("wrench").Eval(force.GetMyContextFromRoot(simulator.get_context()))
+        wrench = force.GetOutputPort("wrench").Eval(
+            force.GetMyContextFromRoot(simulator.get_context())
+        )
         expected = -pressed * math.cos(angle) * np.array([math.cos(angle), math.sin(angle), 0.0])
         assert wrench[:3] == pytest.approx(expected, rel=1e-12)
-        assert wrench[3:6] == pytest.approx(np.cross([0.0, 0.0, 0.1 + HEIGHT / 2], expected), rel=1e-12)
+        assert wrench[3:6] == pytest.approx(
+            np.cross([0.0, 0.0, 0.1 + HEIGHT / 2], expected), rel=1e-12
+        )
     simulator.AdvanceTo(1.0)
     k = 0.5 * DENSITY * area * C_N * math.cos(angle) ** 2 / MASS
     exact = START / (1.0 + k * START)
-    assert plant.GetVelocities(context)[0] == pytest.approx(exact, rel=1e-6 if time_step == 0.0 else 2e-3)
+    assert plant.GetVelocities(context)[0] == pytest.approx(
+        exact, rel=1e-6 if time_step == 0.0 else 2e-3
+    )
 
 
 def test_plate_along_the_flow_feels_nothing_and_it_is_said() -> None:
@@ -85,7 +106,9 @@ def test_plate_along_the_flow_feels_nothing_and_it_is_said() -> None:
 
 def test_normal_across_a_swing_is_said() -> None:
     builder = DiagramBuilder()
-    with pytest.warns(UserWarning, match=r"along normal_B \(0, 1, 0\).*it moves them along \(1, 0, 0\)"):
+    with pytest.warns(
+        UserWarning, match=r"along normal_B \(0, 1, 0\).*it moves them along \(1, 0, 0\)"
+    ):
         add_tail_force(builder, pole(builder), "pole", plate(math.pi / 2), C_N)
 
 
@@ -100,9 +123,13 @@ def test_right_normals_and_plants_that_move_any_way_are_not_warned_of(wrong: boo
         plant.Finalize()
         add_tail_force(builder, plant, "tail", layout, C_N)
         builder = DiagramBuilder()
-        add_tail_force(builder, sled(builder), "sled", layout, PolarLaw(1.2, 0.4))  # it knows no normal
+        add_tail_force(
+            builder, sled(builder), "sled", layout, PolarLaw(1.2, 0.4)
+        )  # it knows no normal
         builder = DiagramBuilder()
-        add_tail_force(builder, sled(builder), "sled", layout, C_N, wind=add_wind(builder, WindModel()))
+        add_tail_force(
+            builder, sled(builder), "sled", layout, C_N, wind=add_wind(builder, WindModel())
+        )
         if not wrong:
             builder = DiagramBuilder()
             add_tail_force(builder, pole(builder), "pole", layout, C_N)
@@ -121,19 +148,32 @@ def test_observed_wind_that_makes_no_force_is_said_after_the_run(along: bool) ->
     lines = [str(warning.message) for warning in said if "sections" in str(warning.message)]
     if along:
         (line,) = lines
-        assert line.startswith("tail_force_sled: air passed its sections at up to 3 m/s and made no force")
+        assert line.startswith(
+            "tail_force_sled: air passed its sections at up to 3 m/s and made no force"
+        )
     else:
         assert lines == []
 
 
 def test_linearised_damping_in_wind_is_that_of_the_formula() -> None:
-    """dF/dv = -rho A C_N U broadside, so the slide's eigenvalue is -rho A C_N U / m; AutoDiff gives the same."""
+    """dF/dv = -rho A C_N U broadside, so the slide's eigenvalue is -rho A C_N U / m; AutoDiff gives
+    the same.
+    """
     builder = DiagramBuilder()
     plant = sled(builder)
-    add_tail_force(builder, plant, "sled", plate(0.0), C_N, wind=add_wind(builder, WindModel(mean=(-5.0, 0.0, 0.0))))
+    add_tail_force(
+        builder,
+        plant,
+        "sled",
+        plate(0.0),
+        C_N,
+        wind=add_wind(builder, WindModel(mean=(-5.0, 0.0, 0.0))),
+    )
     builder.ExportOutput(plant.get_state_output_port(), "state")
     diagram = builder.Build()
-    linear = Linearize(diagram, diagram.CreateDefaultContext(), equilibrium_check_tolerance=math.inf)
+    linear = Linearize(
+        diagram, diagram.CreateDefaultContext(), equilibrium_check_tolerance=math.inf
+    )
     expected = -DENSITY * WIDTH * HEIGHT * C_N * 5.0 / MASS
     assert linear.A()[1, 1] == pytest.approx(expected, rel=1e-12)
     gradients = diagram.ToAutoDiffXd()
@@ -146,7 +186,9 @@ def test_linearised_damping_in_wind_is_that_of_the_formula() -> None:
 def test_symbolic_is_refused_in_one_line_that_names_the_force() -> None:
     builder = DiagramBuilder()
     add_tail_force(builder, sled(builder), "sled", plate(0.0), C_N)
-    with pytest.raises(RuntimeError, match=r"tail_force_sled .* does not support scalar conversion") as refused:
+    with pytest.raises(
+        RuntimeError, match=r"tail_force_sled .* does not support scalar conversion"
+    ) as refused:
         builder.Build().ToSymbolic()
     assert "\n" not in str(refused.value)
 
@@ -157,7 +199,10 @@ def test_wrong_input_is_refused_in_one_line() -> None:
     with pytest.raises(UserError, match=r"no body named 'tail' \(bodies: world, sled\)"):
         add_tail_force(builder, plant, "tail", plate(0.0), C_N)
     add_tail_force(builder, plant, "sled", plate(0.0), C_N)
-    with pytest.raises(UserError, match=r"a system named 'tail_force_sled' already; a second one on body 'sled' needs"):
+    with pytest.raises(
+        UserError,
+        match=r"a system named 'tail_force_sled' already; a second one on body 'sled' needs",
+    ):
         add_tail_force(builder, plant, "sled", plate(0.0), C_N)
     with pytest.raises(UserError, match=r"width: -0\.1 m; allowed: > 0 m"):
         SectionLayout.strip(start=0.0, length=0.1, width=-0.1)
@@ -166,9 +211,17 @@ def test_wrong_input_is_refused_in_one_line() -> None:
 def test_two_plates_with_names_of_their_own_add_up() -> None:
     builder = DiagramBuilder()
     plant = sled(builder)
-    forces = [add_tail_force(builder, plant, "sled", plate(0.0), C_N, name=name) for name in ("upper", "lower")]
+    forces = [
+        add_tail_force(builder, plant, "sled", plate(0.0), C_N, name=name)
+        for name in ("upper", "lower")
+    ]
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     plant.SetVelocities(plant.GetMyMutableContextFromRoot(context), [START])
-    (one,) = {force.GetOutputPort("wrench").Eval(force.GetMyContextFromRoot(context))[0] for force in forces}
-    assert diagram.EvalTimeDerivatives(context).CopyToVector()[1] == pytest.approx(2 * one / MASS, rel=1e-12)
+    (one,) = {
+        force.GetOutputPort("wrench").Eval(force.GetMyContextFromRoot(context))[0]
+        for force in forces
+    }
+    assert diagram.EvalTimeDerivatives(context).CopyToVector()[1] == pytest.approx(
+        2 * one / MASS, rel=1e-12
+    )

@@ -23,16 +23,22 @@ from tests.workbench.aero.plants import add_plant, plant_context, port_value
 
 EDGE_DEPTH = 0.265  # h0, design section 5
 DOWN = {"axis_B": (0.0, 0.0, -1.0), "normal_B": (0.0, 1.0, 0.0)}
-TAIL = SectionLayout.strip(start=0.270, length=0.390, width=0.0639, axis_B=(0.0, 0.0, -1.0), normal_B=(0.0, 1.0, 0.0))
+TAIL = SectionLayout.strip(
+    start=0.270, length=0.390, width=0.0639, axis_B=(0.0, 0.0, -1.0), normal_B=(0.0, 1.0, 0.0)
+)
 """Tail 1 of Table 4.2 on the rig."""
 BAR = SectionLayout.strip(start=0.0, length=0.270, width=0.02, number=1, **DOWN)
 
 
 def pendulum(builder, pivot_height=0.0, limits=None):
-    """A tail that hangs from the pivot on a joint about -x: positive angles swing it towards -y, downstream."""
+    """A tail that hangs from the pivot on a joint about -x: positive angles swing it towards -y,
+    downstream.
+    """
     plant = add_plant(builder)
     body = plant.AddRigidBody("tail", SpatialInertia.SolidSphereWithMass(0.1, 0.05))
-    pivot = plant.AddFrame(FixedOffsetFrame("pivot", plant.world_frame(), RigidTransform([0.0, 0.0, pivot_height])))
+    pivot = plant.AddFrame(
+        FixedOffsetFrame("pivot", plant.world_frame(), RigidTransform([0.0, 0.0, pivot_height]))
+    )
     joint = plant.AddJoint(RevoluteJoint("swing", pivot, body.body_frame(), [-1.0, 0.0, 0.0]))
     if limits:
         joint.set_position_limits([limits[0]], [limits[1]])
@@ -56,18 +62,30 @@ def test_exposure_starts_where_the_edge_crosses_the_axis(angle_deg) -> None:
 
 
 def test_without_exposure_the_force_is_zero_and_flagged() -> None:
-    """Above about 68 degrees nothing hangs in the jet: cos + sin/18 = 0.265/0.660 at 69.4 degrees."""
+    """Above about 68 degrees nothing hangs in the jet: cos + sin/18 = 0.265/0.660 at 69.4
+    degrees.
+    """
     builder = DiagramBuilder()
     plant = pendulum(builder)
     wind = builder.AddSystem(ConstantVectorSource([0.0, -10.0, 0.0]))
     jet = Jet.below_pivot((0, 0, 0), EDGE_DEPTH)
-    force = add_tail_force(builder, plant, "tail", TAIL, PolarLaw(1.0, 0.2), wind=wind.get_output_port(), jet=jet)
+    force = add_tail_force(
+        builder, plant, "tail", TAIL, PolarLaw(1.0, 0.2), wind=wind.get_output_port(), jet=jet
+    )
     diagram = builder.Build()
-    for angle_deg, exposed in ((60.0, True), (69.0, True), (70.0, False), (90.0, False), (-90.0, False)):
+    for angle_deg, exposed in (
+        (60.0, True),
+        (69.0, True),
+        (70.0, False),
+        (90.0, False),
+        (-90.0, False),
+    ):
         context = plant_context(diagram, plant, np.array([math.radians(angle_deg), 0.0]))
         wrench = port_value(force, context, "wrench")
         assert (np.linalg.norm(wrench[:6]) > 0.0) == exposed, angle_deg
-        np.testing.assert_array_equal(port_value(force, context, "validity"), np.full(5, 1.0 if exposed else 0.0))
+        np.testing.assert_array_equal(
+            port_value(force, context, "validity"), np.full(5, 1.0 if exposed else 0.0)
+        )
 
 
 def test_the_wind_pushes_the_exposed_tail_downstream() -> None:
@@ -75,7 +93,9 @@ def test_the_wind_pushes_the_exposed_tail_downstream() -> None:
     plant = pendulum(builder)
     wind = builder.AddSystem(ConstantVectorSource([0.0, -10.0, 0.0]))
     jet = Jet.below_pivot((0, 0, 0), EDGE_DEPTH)
-    add_tail_force(builder, plant, "tail", TAIL, PolarLaw(1.3), wind=wind.get_output_port(), jet=jet)
+    add_tail_force(
+        builder, plant, "tail", TAIL, PolarLaw(1.3), wind=wind.get_output_port(), jet=jet
+    )
     diagram = builder.Build()
     context = plant_context(diagram, plant, np.zeros(2))
     acceleration = plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[1]
@@ -99,13 +119,20 @@ def test_a_jet_that_no_reachable_angle_meets_is_refused() -> None:
 
 
 def holding_moment(cd: float, cl: float, angle: float, speed: float, psi: float) -> float:
-    """Moment that the motor must hold against the wind, upstream positive, N m: air minus gravity."""
+    """Moment that the motor must hold against the wind, upstream positive, N m: air minus
+    gravity.
+    """
     jet, a = Jet.below_pivot((0, 0, 0), EDGE_DEPTH, psi), (0.0, -math.sin(angle), -math.cos(angle))
     air = 0.0
     for layout, law in ((TAIL, PolarLaw(cd, cl, lift_blend=0.0)), (BAR, PolarLaw(2.0))):
         distances, areas = jet.exposed_sections(layout, (0.0, 0.0, 0.0), a)
         moment = law.line_force(
-            LineMotion((speed * math.sin(psi), -speed * math.cos(psi), 0.0), (0.0, 0.0, 0.0), a, (1.0, 0.0, 0.0)),
+            LineMotion(
+                (speed * math.sin(psi), -speed * math.cos(psi), 0.0),
+                (0.0, 0.0, 0.0),
+                a,
+                (1.0, 0.0, 0.0),
+            ),
             distances,
             areas,
             1.225,
@@ -120,25 +147,35 @@ def test_the_published_holding_currents_of_tail_1_are_predicted() -> None:
     Lift to the tip misses by tens of percent (ERRATA E39).
     """
     fits = pd.read_csv(model_path("published/static_fits.csv"))
-    fits = fits[(fits["tail"] == 1) & (fits["axis"] == "major") & fits.derived_repeats_wind_speed_m_per_s.isna()]
+    fits = fits[
+        (fits["tail"] == 1)
+        & (fits["axis"] == "major")
+        & fits.derived_repeats_wind_speed_m_per_s.isna()
+    ]
     for angle_deg, bound in ((0, 0.005), (15, 0.009), (30, 0.020)):
         rows = fits[fits.angle_of_attack_deg == angle_deg]
         predicted = [
             holding_moment(cd, cl, math.radians(angle_deg), speed, psi) / 0.346
-            for cd, cl, speed, psi in zip(rows.cd, rows.cl, rows.wind_speed_m_per_s, rows.psi3_rad, strict=True)
+            for cd, cl, speed, psi in zip(
+                rows.cd, rows.cl, rows.wind_speed_m_per_s, rows.psi3_rad, strict=True
+            )
         ]
         error = np.abs(np.array(predicted) / rows.current_a.to_numpy() - 1.0)
         assert np.median(error) < bound, angle_deg
         flipped = [
             holding_moment(cd, -cl, math.radians(angle_deg), speed, psi) / 0.346
-            for cd, cl, speed, psi in zip(rows.cd, rows.cl, rows.wind_speed_m_per_s, rows.psi3_rad, strict=True)
+            for cd, cl, speed, psi in zip(
+                rows.cd, rows.cl, rows.wind_speed_m_per_s, rows.psi3_rad, strict=True
+            )
         ]
         if angle_deg == 30:
             assert np.median(np.abs(np.array(flipped) / rows.current_a.to_numpy() - 1.0)) > 0.3
 
 
 def test_above_the_quasi_steady_limit_a_section_is_marked() -> None:
-    """The cheetah tables go to 30 m/s, the quasi-steady model was shown up to 10 m/s only (design section 5)."""
+    """The cheetah tables go to 30 m/s, the quasi-steady model was shown up to 10 m/s only (design
+    section 5).
+    """
     coefficients = load_coefficients("cheetah_tail_1_major")
     for speed, mark in ((9.0, 2.0), (10.0, 1.0), (15.0, 3.0), (31.0, 2.0)):
         builder = DiagramBuilder()

@@ -1,4 +1,6 @@
-"""The polar law against an independent sum, the continuous rod, the published currents, and energy."""
+"""The polar law against an independent sum, the continuous rod, the published currents, and
+energy.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +16,29 @@ from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.errors import ModelError
-from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value, random_state
+from tests.workbench.aero.plants import (
+    add_free_body,
+    add_plant,
+    plant_context,
+    port_value,
+    random_state,
+)
 
 LAYOUT = SectionLayout.strip(
-    start=0.27, length=0.39, width=0.0639, p_BoRo_B=(0.1, -0.2, 0.3), axis_B=(0.0, 0.6, 0.8), normal_B=(0.0, 0.8, -0.6)
+    start=0.27,
+    length=0.39,
+    width=0.0639,
+    p_BoRo_B=(0.1, -0.2, 0.3),
+    axis_B=(0.0, 0.6, 0.8),
+    normal_B=(0.0, 0.8, -0.6),
 )
 DRAG, LIFT = 1.3, 0.4
 
 
 def five_point_sum(state: np.ndarray, wind: np.ndarray, layout: SectionLayout) -> np.ndarray:
-    """Force and moment about the body origin, written from the text of design section 5 with trigonometry and NumPy."""
+    """Force and moment about the body origin, written from the text of design section 5 with
+    trigonometry and NumPy.
+    """
     w, x, y, z = state[:4]
     R = np.array(
         [
@@ -74,11 +89,15 @@ def test_constant_coefficients_equal_an_independent_five_point_sum() -> None:
         wind.get_mutable_source_value(wind.GetMyMutableContextFromRoot(context)).SetFromVector(air)
         expected = five_point_sum(state, air, LAYOUT)
         wrench = port_value(force, context, "wrench")[:6]
-        np.testing.assert_allclose(wrench, expected, rtol=1e-10, atol=1e-10 * np.abs(expected).max())
+        np.testing.assert_allclose(
+            wrench, expected, rtol=1e-10, atol=1e-10 * np.abs(expected).max()
+        )
 
 
 def test_more_sections_approach_the_continuous_rod_as_one_over_n_squared() -> None:
-    """A rod that turns about its root: the root moment is 1/8 rho c C_D w^2 L^4, the midpoint rule errs as 1/n^2."""
+    """A rod that turns about its root: the root moment is 1/8 rho c C_D w^2 L^4, the midpoint rule
+    errs as 1/n^2.
+    """
     length, width, omega = 0.4, 0.06, 9.0
     exact = 0.5 * 1.225 * width * DRAG * omega**2 * length**4 / 4
     errors = []
@@ -86,14 +105,18 @@ def test_more_sections_approach_the_continuous_rod_as_one_over_n_squared() -> No
         layout = SectionLayout.strip(start=0.0, length=length, width=width, number=number)
         diagram, plant, force, _ = free_tail(PolarLaw(DRAG), layout)
         state = np.array([1.0, 0, 0, 0, 0, 0, 0, omega, 0, 0, 0, 0, 0])
-        errors.append(abs(port_value(force, plant_context(diagram, plant, state), "wrench")[3] + exact))
+        errors.append(
+            abs(port_value(force, plant_context(diagram, plant, state), "wrench")[3] + exact)
+        )
     ratios = np.array(errors[:-1]) / np.array(errors[1:])
     # The leading term gives exactly 4; the next one is O(1/n^2) smaller.
     np.testing.assert_allclose(ratios, 4.0, rtol=0.02)
 
 
 def test_lift_points_to_the_root_side_of_a_tail_that_hangs_downstream() -> None:
-    """Tail hanging, swung 30 degrees towards -y, wind towards -y: gamma = +30 degrees and positive lift is up."""
+    """Tail hanging, swung 30 degrees towards -y, wind towards -y: gamma = +30 degrees and positive
+    lift is up.
+    """
     angle = math.radians(30.0)
     a = (0.0, -math.sin(angle), -math.cos(angle))
     force = PolarLaw(0.0, 1.0).section_force((0.0, -10.0, 0.0), a, (1.0, 0, 0), 0.02, 1.225)
@@ -102,7 +125,9 @@ def test_lift_points_to_the_root_side_of_a_tail_that_hangs_downstream() -> None:
     assert upstream[2] == pytest.approx(-force[2])
 
 
-@pytest.mark.parametrize("law", [PolarLaw(DRAG, LIFT), NormalForceLaw(1.7)], ids=["polar", "normal"])
+@pytest.mark.parametrize(
+    "law", [PolarLaw(DRAG, LIFT), NormalForceLaw(1.7)], ids=["polar", "normal"]
+)
 def test_the_air_never_feeds_energy_to_a_body_in_still_air(law) -> None:
     """Power of the wrench on the moving body, over 1,000 random states: at most zero."""
     diagram, plant, force, _ = free_tail(law)

@@ -1,4 +1,6 @@
-"""The example "On the car" of `workbench/aero/README.md`, as it stands there, and the figures beside it."""
+"""The example "On the car" of `workbench/aero/README.md`, as it stands there, and the figures
+beside it.
+"""
 
 import re
 import shlex
@@ -12,7 +14,11 @@ from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 
-SECTION = (Path(aero.__file__).parent / "README.md").read_text(encoding="utf-8").split("## On the car\n")[1]
+SECTION = (
+    (Path(aero.__file__).parent / "README.md")
+    .read_text(encoding="utf-8")
+    .split("## On the car\n")[1]
+)
 
 
 def block(language):

@@ -1,4 +1,6 @@
-"""The sail on its bearing: it faces the wind broadside like a vane, or turns away with its bearing too far back."""
+"""The sail on its bearing: it faces the wind broadside like a vane, or turns away with its bearing
+too far back.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.aero.coefficient_files import load_coefficients
-from aerodima.workbench.aero.laws import LineMotion, NormalForceLaw, TwoSidedLaw, dot, facing_law, float_of
+from aerodima.workbench.aero.laws import (
+    LineMotion,
+    NormalForceLaw,
+    TwoSidedLaw,
+    dot,
+    facing_law,
+    float_of,
+)
 from aerodima.workbench.aero.sail import FreeSail
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, add_wind
@@ -32,14 +41,18 @@ def in_wind(vane: Vane, angle: float, time_step: float = 0.0):
     plant = add_plant(builder, time_step)
     _, joint = add_vane(plant, vane)
     plant.Finalize()
-    systems = add_air(builder, plant, vane.sail, wind=add_wind(builder, WindModel(mean=(0.0, -WIND, 0.0))))
+    systems = add_air(
+        builder, plant, vane.sail, wind=add_wind(builder, WindModel(mean=(0.0, -WIND, 0.0)))
+    )
     simulator = Simulator(builder.Build())
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     joint.set_angle(context, angle)
     return simulator, plant, joint, systems
 
 
-def swing(vane: Vane, angle: float, duration: float, time_step: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def swing(
+    vane: Vane, angle: float, duration: float, time_step: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Times and angles, s and rad."""
     simulator, plant, joint, _ = in_wind(vane, angle, time_step)
     times, angles = [], []
@@ -51,13 +64,17 @@ def swing(vane: Vane, angle: float, duration: float, time_step: float = 0.0) -> 
 
 
 def side_moment_by_hand() -> tuple[float, float]:
-    """S and S2 of `SAIL`: shell 0.05 m deep at 0.025 m, board 0.05 m at 0.025 + 0.025 + 0.025 m behind the bearing."""
+    """S and S2 of `SAIL`: shell 0.05 m deep at 0.025 m, board 0.05 m at 0.025 + 0.025 + 0.025 m
+    behind the bearing.
+    """
     return 0.4 * (0.05 * 0.025 + 0.05 * 0.075), 0.4 * (0.05 * 0.025**2 + 0.05 * 0.075**2)
 
 
 @pytest.mark.parametrize("time_step", [0.0, 2e-3])
 def test_it_swings_and_settles_as_theory_says(time_step) -> None:
-    """Frequency to 2 % and decay per period to 10 % of the linear vane; 2 ms steps add damping of their own."""
+    """Frequency to 2 % and decay per period to 10 % of the linear vane; 2 ms steps add damping of
+    their own.
+    """
     first, second = side_moment_by_hand()
     omega = math.sqrt(0.5 * RHO * 2.0 * WIND**2 * first / 5e-3)
     zeta = 0.5 * RHO * 2.0 * WIND * second / (2 * 5e-3 * omega)
@@ -67,7 +84,9 @@ def test_it_swings_and_settles_as_theory_says(time_step) -> None:
     crossings = times[1:][(angles[:-1] < 0.0) & (angles[1:] >= 0.0)]
     period = np.mean(np.diff(crossings))
     assert 2 * math.pi / period == pytest.approx(omega * math.sqrt(1 - zeta**2), rel=0.02)
-    first_peak, second_peak = (np.abs(angles[(times > i * period) & (times <= (i + 1) * period)]).max() for i in (1, 2))
+    first_peak, second_peak = (
+        np.abs(angles[(times > i * period) & (times <= (i + 1) * period)]).max() for i in (1, 2)
+    )
     assert math.log(first_peak / second_peak) == pytest.approx(zeta * omega * period, rel=0.1)
 
 
@@ -97,7 +116,10 @@ def test_bearing_damping_slows_the_vane() -> None:
 
 
 def test_a_half_cylinder_is_pushed_more_on_its_hollow_side() -> None:
-    """Table 2.1: 2.30 against 1.20. The normal leaves the round side: wind along +n meets the hollow one."""
+    """Table 2.1: 2.30 against 1.20.
+
+    The normal leaves the round side: wind along +n meets the hollow one.
+    """
     law = load_coefficients("half_cylinder").law()
     arguments = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), 0.02, 1.225)
     hollow, round_side = (law.section_force((0.0, v, 0.0), *arguments)[1] for v in (5.0, -5.0))
@@ -108,7 +130,10 @@ def test_a_half_cylinder_is_pushed_more_on_its_hollow_side() -> None:
     )
     assert even == pytest.approx(
         NormalForceLaw(2.0).line_force(
-            LineMotion((1.0, 2.0, 3.0), (0.3, 0.1, 0.0), *arguments[:2]), (0.1, 0.2), (0.01, 0.02), 1.2
+            LineMotion((1.0, 2.0, 3.0), (0.3, 0.1, 0.0), *arguments[:2]),
+            (0.1, 0.2),
+            (0.01, 0.02),
+            1.2,
         )
     )
 
@@ -126,9 +151,13 @@ def test_facing_drag_points_where_the_air_goes_and_leaves_the_spanwise_part_out(
     expected = 0.5 * RHO * 0.02 * 2.0 * 5.0 * np.array([3.0, -4.0, 0.0])
     np.testing.assert_allclose(section_force(law, v), expected)
     turned = (math.sin(0.7), math.cos(0.7), 0.0)
-    np.testing.assert_allclose(section_force(law, v, n=turned), expected)  # the normal does not matter
+    np.testing.assert_allclose(
+        section_force(law, v, n=turned), expected
+    )  # the normal does not matter
     locked = section_force(NormalForceLaw(2.0), v)
-    np.testing.assert_allclose(locked, expected * [0.0, 1.0, 0.0])  # the part of it along the normal
+    np.testing.assert_allclose(
+        locked, expected * [0.0, 1.0, 0.0]
+    )  # the part of it along the normal
 
 
 def test_a_facing_half_cylinder_shows_its_hollow_side() -> None:
@@ -138,7 +167,9 @@ def test_a_facing_half_cylinder_shows_its_hollow_side() -> None:
 
 
 def test_facing_force_does_no_positive_work_on_the_relative_motion() -> None:
-    """F . v_rel >= 0 per section, so the body loses energy to still air, and never gains from the motion against it."""
+    """F . v_rel >= 0 per section, so the body loses energy to still air, and never gains from the
+    motion against it.
+    """
     law, rng = facing_law(NormalForceLaw(2.0)), np.random.default_rng(3)
     for _ in range(100):
         u, w = rng.normal(size=3) * 5, rng.normal(size=3) * 10
@@ -146,10 +177,12 @@ def test_facing_force_does_no_positive_work_on_the_relative_motion() -> None:
         k[2] = 0.0
         distances, areas = (0.2, 0.5, 0.9), (0.01, 0.02, 0.01)
         force = np.array(law.line_force(LineMotion(u, k, AXIS, NORMAL), distances, areas, RHO))
-        # Power of force and moment on the body, relative to the air: -(F . u - M . w), with the moment about the root.
+        # Power of force and moment on the body, relative to the air: -(F . u - M . w), with the
+        # moment about the root.
         power = -force[:3] @ u + force[3:] @ np.array([w[0], w[1], 0.0])
         parts = sum(
-            -section_force(law, u + s * k, area) @ (u + s * k) for s, area in zip(distances, areas, strict=True)
+            -section_force(law, u + s * k, area) @ (u + s * k)
+            for s, area in zip(distances, areas, strict=True)
         )
         assert power == pytest.approx(parts)
         assert power < 0.0
@@ -165,13 +198,17 @@ def test_gradient_of_the_facing_law_is_finite_and_zero_without_wind() -> None:
     v = InitializeAutoDiff(np.array([3.0, -4.0, 1.0])).ravel()
     force = law.section_force(tuple(v), AXIS, NORMAL, 0.02, RHO)
     half = 0.5 * RHO * 0.02 * 2.0
-    exact = half * (5.0 * np.diag([1.0, 1.0, 0.0]) + np.outer([3.0, -4.0, 0.0], [3.0, -4.0, 0.0]) / 5.0)
+    exact = half * (
+        5.0 * np.diag([1.0, 1.0, 0.0]) + np.outer([3.0, -4.0, 0.0], [3.0, -4.0, 0.0]) / 5.0
+    )
     np.testing.assert_allclose([f.derivatives() for f in force], exact, atol=1e-12)
 
 
 @pytest.mark.parametrize("direction", [0.0, 0.4, -2.0, 3.0])
 def test_wind_direction_is_the_angle_to_which_a_free_sail_turns(direction) -> None:
-    """`TailForce.wind_direction` on a sail welded at angle 0 is where the free one comes to rest in the same wind."""
+    """`TailForce.wind_direction` on a sail welded at angle 0 is where the free one comes to rest in
+    the same wind.
+    """
     wind = WindModel(mean=(WIND * math.sin(direction), -WIND * math.cos(direction), 1.0))
     builder = DiagramBuilder()
     plant = add_plant(builder, 0.0)
@@ -180,7 +217,9 @@ def test_wind_direction_is_the_angle_to_which_a_free_sail_turns(direction) -> No
     plant.Finalize()
     port = add_wind(builder, wind)
     add_air(builder, plant, LIGHT.sail, body, wind=port)
-    welded = add_tail_force(builder, plant, fixed, LIGHT.sail.shell_layout, 0.0, wind=port)  # no force: it stays at 0
+    welded = add_tail_force(
+        builder, plant, fixed, LIGHT.sail.shell_layout, 0.0, wind=port
+    )  # no force: it stays at 0
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(4.0)
     context = simulator.get_context()

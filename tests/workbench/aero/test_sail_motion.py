@@ -28,7 +28,9 @@ def test_pose_velocity_and_forces_are_those_of_the_plant(plant, seed):
     plant.SetPositions(context, q)
     plant.SetVelocities(context, v)
     joints = [plant.GetJointByName(name) for name in JOINTS]
-    p_BoSo_B = plant.CalcRelativeTransform(context, chassis.body_frame(), sail.body_frame()).translation()
+    p_BoSo_B = plant.CalcRelativeTransform(
+        context, chassis.body_frame(), sail.body_frame()
+    ).translation()
     w = chassis.floating_velocities_start_in_v()
     motion = sail_motion(
         q[start : start + 4].tolist(),
@@ -38,7 +40,10 @@ def test_pose_velocity_and_forces_are_those_of_the_plant(plant, seed):
         p_BoSo_B.tolist(),
     )
     np.testing.assert_allclose(
-        motion.R_WS, plant.EvalBodyPoseInWorld(context, sail).rotation().matrix(), rtol=0.0, atol=1e-13
+        motion.R_WS,
+        plant.EvalBodyPoseInWorld(context, sail).rotation().matrix(),
+        rtol=0.0,
+        atol=1e-13,
     )
     V_WS = plant.EvalBodySpatialVelocityInWorld(context, sail)
     np.testing.assert_allclose(motion.w_WS, V_WS.rotational(), rtol=0.0, atol=1e-12)
@@ -46,7 +51,11 @@ def test_pose_velocity_and_forces_are_those_of_the_plant(plant, seed):
 
     force, moment = rng.normal(size=3), rng.normal(size=3)
     world = plant.world_frame()
-    J = plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, sail.body_frame(), np.zeros(3), world, world)
+    J = plant.CalcJacobianSpatialVelocity(
+        context, JacobianWrtVariable.kV, sail.body_frame(), np.zeros(3), world, world
+    )
     found = np.zeros(plant.num_velocities())
-    found[[*range(w, w + 6), *(joint.velocity_start() for joint in joints)]] = generalised_force(motion, force, moment)
+    found[[*range(w, w + 6), *(joint.velocity_start() for joint in joints)]] = generalised_force(
+        motion, force, moment
+    )
     np.testing.assert_allclose(found, J.T @ np.concatenate([moment, force]), rtol=0.0, atol=1e-12)

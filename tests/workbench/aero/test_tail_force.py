@@ -1,4 +1,6 @@
-"""The wrench on a body: against Drake's Wing, in free fall, and with several aerodynamic bodies on one plant."""
+"""The wrench on a body: against Drake's Wing, in free fall, and with several aerodynamic bodies on
+one plant.
+"""
 
 from __future__ import annotations
 
@@ -18,21 +20,34 @@ from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.errors import ModelError
-from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value, random_state
+from tests.workbench.aero.plants import (
+    add_free_body,
+    add_plant,
+    plant_context,
+    port_value,
+    random_state,
+)
 
 AXIS = (0.0, 0.6, 0.8)
 NORMAL = (0.0, 0.8, -0.6)
-LAYOUT = SectionLayout.strip(start=0.1, length=0.7, width=0.15, p_BoRo_B=(0.1, -0.2, 0.3), axis_B=AXIS, normal_B=NORMAL)
+LAYOUT = SectionLayout.strip(
+    start=0.1, length=0.7, width=0.15, p_BoRo_B=(0.1, -0.2, 0.3), axis_B=AXIS, normal_B=NORMAL
+)
 
 
 def wing_pose(layout: SectionLayout, i: int) -> RigidTransform:
     """Wing frame of section i: span along the axis, z along the normal."""
     y, z = np.asarray(layout.axis_B), np.asarray(layout.normal_B)
-    return RigidTransform(RotationMatrix(np.column_stack([np.cross(y, z), y, z])), layout.p_BoSi_B[i])
+    return RigidTransform(
+        RotationMatrix(np.column_stack([np.cross(y, z), y, z])), layout.p_BoSi_B[i]
+    )
 
 
 def test_constant_two_equals_one_drake_wing_per_section() -> None:
-    """C_N = 2 is Drake's flat plate. A wing takes the velocity of its body's origin, so each gets one."""
+    """C_N = 2 is Drake's flat plate.
+
+    A wing takes the velocity of its body's origin, so each gets one.
+    """
     builder = DiagramBuilder()
     plant = add_plant(builder)
     body = add_free_body(plant)
@@ -47,9 +62,14 @@ def test_constant_two_equals_one_drake_wing_per_section() -> None:
     force = add_tail_force(builder, plant, body, LAYOUT, 2.0, air=air, wind=wind.get_output_port())
     wings = []
     for station in stations:
-        wing = builder.AddSystem(Wing(station.index(), LAYOUT.areas[0], RigidTransform(), air.density))
+        wing = builder.AddSystem(
+            Wing(station.index(), LAYOUT.areas[0], RigidTransform(), air.density)
+        )
         builder.Connect(plant.get_body_poses_output_port(), wing.get_body_poses_input_port())
-        builder.Connect(plant.get_body_spatial_velocities_output_port(), wing.get_body_spatial_velocities_input_port())
+        builder.Connect(
+            plant.get_body_spatial_velocities_output_port(),
+            wing.get_body_spatial_velocities_input_port(),
+        )
         builder.Connect(wind.get_output_port(), wing.get_wind_velocity_input_port())
         wings.append(wing)
     diagram = builder.Build()
@@ -63,17 +83,26 @@ def test_constant_two_equals_one_drake_wing_per_section() -> None:
         X_WB = plant.EvalBodyPoseInWorld(plant_ctx, body)
         expected = np.zeros(6)
         for wing, station in zip(wings, stations, strict=True):
-            [applied] = wing.get_spatial_force_output_port().Eval(wing.GetMyContextFromRoot(context))
+            [applied] = wing.get_spatial_force_output_port().Eval(
+                wing.GetMyContextFromRoot(context)
+            )
             f = applied.F_Bq_W.translational()
-            arm = plant.EvalBodyPoseInWorld(plant_ctx, station).multiply(applied.p_BoBq_B) - X_WB.translation()
+            arm = (
+                plant.EvalBodyPoseInWorld(plant_ctx, station).multiply(applied.p_BoBq_B)
+                - X_WB.translation()
+            )
             expected += np.concatenate([f, np.cross(arm, f) + applied.F_Bq_W.rotational()])
         assert np.abs(wrench[:3] - expected[:3]).max() <= 1e-12 * np.linalg.norm(expected[:3])
-        assert np.abs(wrench[3:6] - expected[3:]).max() <= 1e-12 * max(np.linalg.norm(expected[3:]), 1.0)
+        assert np.abs(wrench[3:6] - expected[3:]).max() <= 1e-12 * max(
+            np.linalg.norm(expected[3:]), 1.0
+        )
         np.testing.assert_allclose(wrench[6:], X_WB.translation(), atol=1e-15)
 
 
 def test_the_force_the_plant_receives_is_the_logged_wrench() -> None:
-    """The list port acts at the root of the axis, the wrench port at the body origin: shifted, they agree."""
+    """The list port acts at the root of the axis, the wrench port at the body origin: shifted, they
+    agree.
+    """
     builder = DiagramBuilder()
     plant = add_plant(builder)
     body = add_free_body(plant)
@@ -93,13 +122,21 @@ def test_the_force_the_plant_receives_is_the_logged_wrench() -> None:
 
 def test_a_plate_falls_broadside_at_terminal_velocity() -> None:
     """m g = 1/2 rho A C_N v^2; a plate that falls edge-on is not slowed at all."""
-    for normal, axis, broadside in (((0, 0, 1.0), (1.0, 0, 0), True), ((0, 1.0, 0), (1.0, 0, 0), False)):
+    for normal, axis, broadside in (
+        ((0, 0, 1.0), (1.0, 0, 0), True),
+        ((0, 1.0, 0), (1.0, 0, 0), False),
+    ):
         builder = DiagramBuilder()
         plant = add_plant(builder, time_step=1e-3)
         body = add_free_body(plant, mass=0.2)
         plant.Finalize()
         layout = SectionLayout.strip(
-            start=-0.3, length=0.6, width=0.2, p_BoRo_B=(0.0, 0.0, 0.0), axis_B=axis, normal_B=normal
+            start=-0.3,
+            length=0.6,
+            width=0.2,
+            p_BoRo_B=(0.0, 0.0, 0.0),
+            axis_B=axis,
+            normal_B=normal,
         )
         add_tail_force(builder, plant, body, layout, 2.0)
         simulator = Simulator(builder.Build())
@@ -113,7 +150,9 @@ def test_a_plate_falls_broadside_at_terminal_velocity() -> None:
 
 @pytest.mark.slow
 def test_the_energy_that_a_swing_loses_is_the_power_of_the_drag() -> None:
-    """A body that turns and flies in still air: its kinetic energy falls by the integral of the wrench power."""
+    """A body that turns and flies in still air: its kinetic energy falls by the integral of the
+    wrench power.
+    """
     builder = DiagramBuilder()
     plant = add_plant(builder, gravity=False)
     body = add_free_body(plant)
@@ -139,7 +178,9 @@ def test_the_energy_that_a_swing_loses_is_the_power_of_the_drag() -> None:
 
 
 def test_a_tail_swung_to_the_right_is_pushed_back_to_the_left() -> None:
-    """Design section 4: positive roll about +x moves a tail that points up towards -y; the air pushes towards +y."""
+    """Design section 4: positive roll about +x moves a tail that points up towards -y; the air
+    pushes towards +y.
+    """
     builder = DiagramBuilder()
     plant = add_plant(builder)
     add_free_body(plant)
@@ -147,7 +188,9 @@ def test_a_tail_swung_to_the_right_is_pushed_back_to_the_left() -> None:
     layout = SectionLayout.strip(start=0.2, length=0.6, width=0.1, normal_B=(0.0, 1.0, 0.0))
     force = add_tail_force(builder, plant, "tail", layout, 2.0)
     diagram = builder.Build()
-    state = np.array([1.0, 0, 0, 0, 0, 0, 0, 3.0, 0, 0, 0, 0, 0])  # quaternion, position, w_x = 3 rad/s
+    state = np.array(
+        [1.0, 0, 0, 0, 0, 0, 0, 3.0, 0, 0, 0, 0, 0]
+    )  # quaternion, position, w_x = 3 rad/s
     wrench = port_value(force, plant_context(diagram, plant, state), "wrench")
     # integral of 1/2 rho c C_N w^2 s^2 ds, in five sections: sum of s_i^2 times the part length.
     expected = 0.5 * 1.225 * 0.1 * 2.0 * 9.0 * sum(s * s * 0.12 for s in layout.distances)
@@ -157,7 +200,9 @@ def test_a_tail_swung_to_the_right_is_pushed_back_to_the_left() -> None:
 
 
 def test_the_sections_report_speed_angle_reynolds_number_and_force() -> None:
-    """A tail that points up and drives forward and up at 45 degrees: gamma < 0, the air flows towards the root."""
+    """A tail that points up and drives forward and up at 45 degrees: gamma < 0, the air flows
+    towards the root.
+    """
     builder = DiagramBuilder()
     plant = add_plant(builder)
     add_free_body(plant)
@@ -169,7 +214,9 @@ def test_the_sections_report_speed_angle_reynolds_number_and_force() -> None:
     rows = port_value(force, context, "sections").reshape(5, 4)
     np.testing.assert_allclose(rows[:, 0], 3.0 * math.sqrt(2.0), rtol=1e-12)
     np.testing.assert_allclose(rows[:, 1], -math.pi / 4, rtol=1e-12)
-    np.testing.assert_allclose(rows[:, 2], 1.225 * 3.0 * math.sqrt(2.0) * 0.1 / 1.849e-5, rtol=1e-12)
+    np.testing.assert_allclose(
+        rows[:, 2], 1.225 * 3.0 * math.sqrt(2.0) * 0.1 / 1.849e-5, rtol=1e-12
+    )
     np.testing.assert_allclose(rows[:, 3], 0.5 * 1.225 * 0.012 * 2.0 * 9.0, rtol=1e-12)
     np.testing.assert_array_equal(port_value(force, context, "validity"), np.ones(5))
 
@@ -180,18 +227,25 @@ def test_several_aerodynamic_bodies_share_a_plant() -> None:
     plant = add_plant(builder)
     bodies = [add_free_body(plant, name) for name in ("tail", "wing", "bar")]
     plant.Finalize()
-    forces = [add_tail_force(builder, plant, body, LAYOUT, c) for body, c in zip(bodies, (1.0, 2.0, 0.5), strict=True)]
+    forces = [
+        add_tail_force(builder, plant, body, LAYOUT, c)
+        for body, c in zip(bodies, (1.0, 2.0, 0.5), strict=True)
+    ]
     diagram = builder.Build()
     context = plant_context(diagram, plant, random_state(plant, np.random.default_rng(3)))
     applied = plant.get_applied_spatial_force_input_port().Eval(plant.GetMyContextFromRoot(context))
     assert sorted(int(f.body_index) for f in applied) == sorted(int(b.index()) for b in bodies)
     for force, body in zip(forces, bodies, strict=True):
         [got] = [f for f in applied if f.body_index == body.index()]
-        np.testing.assert_allclose(got.F_Bq_W.translational(), port_value(force, context, "wrench")[:3], rtol=1e-13)
+        np.testing.assert_allclose(
+            got.F_Bq_W.translational(), port_value(force, context, "wrench")[:3], rtol=1e-13
+        )
 
 
 def test_a_foreign_body_or_plant_is_refused_by_name() -> None:
-    """A body of another plant, an unknown name, a plant outside the builder, a plant before Finalize."""
+    """A body of another plant, an unknown name, a plant outside the builder, a plant before
+    Finalize.
+    """
     builder = DiagramBuilder()
     plant, other = add_plant(builder), add_plant(DiagramBuilder())
     add_free_body(plant)

@@ -1,4 +1,6 @@
-"""Gradients of the wrench: AutoDiff against central differences, and finite values where the laws are singular."""
+"""Gradients of the wrench: AutoDiff against central differences, and finite values where the laws
+are singular.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,13 @@ from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
-from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value, random_state
+from tests.workbench.aero.plants import (
+    add_free_body,
+    add_plant,
+    plant_context,
+    port_value,
+    random_state,
+)
 
 LAYOUT = SectionLayout.strip(start=0.1, length=0.5, width=0.1, p_BoRo_B=(0.05, 0.1, -0.1))
 LAWS = {
@@ -32,7 +40,9 @@ def diagrams(law, jet=None):
     add_free_body(plant)
     plant.Finalize()
     wind = builder.AddSystem(ConstantVectorSource([1.0, -2.0, 0.5]))
-    force = add_tail_force(builder, plant, "tail", LAYOUT, law, wind=wind.get_output_port(), jet=jet)
+    force = add_tail_force(
+        builder, plant, "tail", LAYOUT, law, wind=wind.get_output_port(), jet=jet
+    )
     diagram = builder.Build()
     converted = diagram.ToAutoDiffXd()
     return (
@@ -45,13 +55,17 @@ def diagrams(law, jet=None):
 def gradient(parts, state, wind=None):
     _, (plant, force, source), converted = parts
     context = converted.CreateDefaultContext()
-    plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), InitializeAutoDiff(state))
+    plant.SetPositionsAndVelocities(
+        plant.GetMyMutableContextFromRoot(context), InitializeAutoDiff(state)
+    )
     if wind is not None:
         air = source.get_mutable_source_value(source.GetMyMutableContextFromRoot(context))
         air.SetFromVector([AutoDiffXd(w) for w in wind])
     value = force.GetOutputPort("wrench").Eval(force.GetMyContextFromRoot(context))
     # A constant carries no derivatives at all.
-    return np.array([v.derivatives() if len(v.derivatives()) else np.zeros(len(state)) for v in value[:6]])
+    return np.array(
+        [v.derivatives() if len(v.derivatives()) else np.zeros(len(state)) for v in value[:6]]
+    )
 
 
 def differences(parts, state, step=1e-6):
@@ -69,7 +83,9 @@ def differences(parts, state, step=1e-6):
 
 @pytest.mark.parametrize("name", LAWS)
 def test_gradients_equal_central_differences(name) -> None:
-    """To 1e-6 of the largest entry; central differences with a step of 1e-6 err by about 1e-9 of it."""
+    """To 1e-6 of the largest entry; central differences with a step of 1e-6 err by about 1e-9 of
+    it.
+    """
     parts = diagrams(LAWS[name])
     rng = np.random.default_rng(7)
     for _ in range(20):
@@ -88,7 +104,9 @@ def test_gradients_inside_a_jet_follow_the_moving_exposure() -> None:
 
 @pytest.mark.parametrize("name", LAWS)
 def test_gradients_are_finite_in_still_air_and_at_ninety_degrees(name) -> None:
-    """Body at rest without wind; and wind exactly along the axis (+z), where lift has no direction."""
+    """Body at rest without wind; and wind exactly along the axis (+z), where lift has no
+    direction.
+    """
     parts = diagrams(LAWS[name])
     rest = np.array([1.0] + [0.0] * 12)
     for wind, along in ((np.zeros(3), False), (np.array([0.0, 0.0, 6.0]), True)):
@@ -103,4 +121,7 @@ def test_other_outputs_convert_too() -> None:
     context = converted.CreateDefaultContext()
     rows = force.GetOutputPort("sections").Eval(force.GetMyContextFromRoot(context)).reshape(5, 4)
     assert rows[0, 0].value() == pytest.approx(math.sqrt(1 + 4 + 0.25))
-    assert len(plant.get_applied_spatial_force_input_port().Eval(plant.GetMyContextFromRoot(context))) == 1
+    assert (
+        len(plant.get_applied_spatial_force_input_port().Eval(plant.GetMyContextFromRoot(context)))
+        == 1
+    )

@@ -1,4 +1,6 @@
-"""Wind: constant, gusts, turbulence with a seed, the jet, and the apparent wind of a driving car."""
+"""Wind: constant, gusts, turbulence with a seed, the jet, and the apparent wind of a driving
+car.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ def test_a_gust_is_a_sine_about_the_mean() -> None:
 
 
 def test_turbulence_has_the_given_spread_and_memory() -> None:
-    """500 time constants: spread and memory are known to 1/sqrt(500) = 4.5 %; bounds allow three times that."""
+    """500 time constants: spread and memory are known to 1/sqrt(500) = 4.5 %; bounds allow three
+    times that.
+    """
     model = WindModel(turbulence=(1.0, 2.0, 0.0), time_constant=0.1, seed=3)
     rows = history(model, 50.0)
     assert np.std(rows[:, 0]) == pytest.approx(1.0, rel=0.15)
@@ -60,7 +64,9 @@ def test_equal_seeds_give_equal_turbulence() -> None:
 
 
 def test_wind_and_motion_give_the_same_force() -> None:
-    """Only the relative velocity counts: a tail at rest in 5 m/s equals one that moves at -5 m/s in still air."""
+    """Only the relative velocity counts: a tail at rest in 5 m/s equals one that moves at -5 m/s in
+    still air.
+    """
     wrenches = []
     for wind, motion in ((5.0, 0.0), (0.0, -5.0), (2.0, -3.0)):
         builder = DiagramBuilder()
@@ -69,7 +75,12 @@ def test_wind_and_motion_give_the_same_force() -> None:
         plant.Finalize()
         layout = SectionLayout.strip(start=0.1, length=0.5, width=0.2, normal_B=(0.0, 1.0, 0.0))
         force = add_tail_force(
-            builder, plant, "tail", layout, 2.0, wind=add_wind(builder, WindModel(mean=(0.0, wind, 0.0)))
+            builder,
+            plant,
+            "tail",
+            layout,
+            2.0,
+            wind=add_wind(builder, WindModel(mean=(0.0, wind, 0.0))),
         )
         state = np.array([1.0] + [0.0] * 10 + [motion, 0.0])
         wrenches.append(port_value(force, plant_context(builder.Build(), plant, state), "wrench"))

@@ -1,4 +1,6 @@
-"""The program as a user calls it, in this process, so that Drake is imported once for all tests of a folder."""
+"""The program as a user calls it, in this process, so that Drake is imported once for all tests of
+a folder.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ def call() -> Call:
 
 @pytest.fixture
 def refused(call: Call) -> Callable[..., str]:
-    """Runs `aerodima` and returns the message of a user error: exit status 2, one line on stderr, no traceback."""
+    """Runs `aerodima` and returns the message of a user error: exit status 2, one line on stderr,
+    no traceback.
+    """
 
     def run(*words: object) -> str:
         result = call(*words)

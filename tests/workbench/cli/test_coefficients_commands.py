@@ -1,4 +1,6 @@
-"""`aerodima models coefficients`: every embedded set has a picture, and wrong calls end in one line."""
+"""`aerodima models coefficients`: every embedded set has a picture, and wrong calls end in one
+line.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,14 @@ def test_the_list_names_every_set_with_its_range_and_source() -> None:
 
 def test_a_plot_is_written_and_not_overwritten_unasked(tmp_path) -> None:
     target = tmp_path / "tail.png"
-    command = ["models", "coefficients", "plot", "robot_tail_weighted_average", "--out", str(target)]
+    command = [
+        "models",
+        "coefficients",
+        "plot",
+        "robot_tail_weighted_average",
+        "--out",
+        str(target),
+    ]
     assert RUNNER.invoke(app(), command).exit_code == 0
     assert target.read_bytes().startswith(b"\x89PNG")
     assert isinstance(RUNNER.invoke(app(), command).exception, UserError)
@@ -64,7 +73,8 @@ def test_legend_covers_no_node(name) -> None:
 def test_curve_and_limit_beyond_the_measured_speeds_stand_within_the_frame(tmp_path) -> None:
     path = tmp_path / "sail.yaml"
     path.write_text(
-        "schema: aerodima/coefficients/1\nlaw: normal_force\nquasi_steady_limit_m_per_s: 15.0\nname: sail\n"
+        "schema: aerodima/coefficients/1\nlaw: normal_force\nquasi_steady_limit_m_per_s: "
+        "15.0\nname: sail\n"
         "source: mine\nkind: speed_line\nrange: {speed_m_per_s: [3.0, 12.0]}\n"
         "cn_slope_s_per_m: 0.02\ncn_intercept: 1.8\n"
     )

@@ -85,13 +85,17 @@ def test_tail_of_a_car_without_one_is_not_drawn(runs: dict[str, RunLog]) -> None
 def test_page_holds_both_replays_and_one_bar(runs: dict[str, RunLog]) -> None:
     page = comparison_page([runs["none"], runs["held"]], ["none", "held"]).html()
     assert page.count('id="both"') == 1
-    pages = re.findall(r'<script type="application/json" id="replay-page-\d+">(.*?)</script>', page, re.DOTALL)
+    pages = re.findall(
+        r'<script type="application/json" id="replay-page-\d+">(.*?)</script>', page, re.DOTALL
+    )
     assert [json.loads(held)[:15] for held in pages] == ["<!DOCTYPE html>"] * 2
     assert page.count("MeshCat.Viewer") == 2
 
 
 def test_library_of_the_3d_view_stands_once_on_the_page(runs: dict[str, RunLog]) -> None:
-    sizes = [len(comparison_page([runs["none"]] * count, list("abc")[:count]).html()) for count in (2, 3)]
+    sizes = [
+        len(comparison_page([runs["none"]] * count, list("abc")[:count]).html()) for count in (2, 3)
+    ]
     alone = len(replay_page(runs["none"], signals=False))
     assert sizes[1] - sizes[0] < 0.6 * alone
 

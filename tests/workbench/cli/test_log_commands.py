@@ -15,7 +15,12 @@ from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.simulate.simulation import simulate
 
-SETTINGS = ["manoeuvre.turn_start=0.9", "manoeuvre.speed_ramp=0.7", "manoeuvre.duration=1.7", "manoeuvre.speed=1.5"]
+SETTINGS = [
+    "manoeuvre.turn_start=0.9",
+    "manoeuvre.speed_ramp=0.7",
+    "manoeuvre.duration=1.7",
+    "manoeuvre.speed=1.5",
+]
 """At 2 m/s2: harder, up to the tyres' friction, the short car rears up on its board."""
 
 
@@ -26,7 +31,9 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_metrics_prints_and_writes_the_figures_of_the_log(call: Callable, log: Path, tmp_path: Path) -> None:
+def test_metrics_prints_and_writes_the_figures_of_the_log(
+    call: Callable, log: Path, tmp_path: Path
+) -> None:
     table = tmp_path / "metrics.csv"
     result = call("log", "metrics", log, "--out", table)
     assert result.exit_code == 0, result.output
@@ -34,7 +41,11 @@ def test_metrics_prints_and_writes_the_figures_of_the_log(call: Callable, log: P
     written = pd.read_csv(table, index_col="run").loc[str(log)]
     expected = metrics_of(read_run_log(log)).as_row()
     assert written["outcome"] == "survived"
-    for name in ("speed_m_per_s", "average_yaw_rate_rad_per_s", "filtered_max_linear_acceleration_m_per_s2"):
+    for name in (
+        "speed_m_per_s",
+        "average_yaw_rate_rad_per_s",
+        "filtered_max_linear_acceleration_m_per_s2",
+    ):
         assert written[name] == pytest.approx(expected[name], rel=1e-12)
 
 
@@ -70,7 +81,9 @@ def test_truncated_log_points_to_recover(refused: Callable, log: Path, tmp_path:
 
 
 def test_recover_says_what_it_saved(call: Callable, refused: Callable, tmp_path: Path) -> None:
-    """A journal as a killed run leaves it: the run is interrupted by an exception, its journal stays."""
+    """A journal as a killed run leaves it: the run is interrupted by an exception, its journal
+    stays.
+    """
     path = tmp_path / "run.parquet"
 
     def interrupt(time: float, _length: float) -> None:

@@ -1,4 +1,6 @@
-"""`aerodima log import`, `log export` and `log condition`: what they refuse; what they do is in the README's test."""
+"""`aerodima log import`, `log export` and `log condition`: what they refuse; what they do is in the
+README's test.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -30,7 +32,9 @@ def folder(tmp_path: Path) -> Path:
 def test_import_refuses_an_existing_log_before_it_reads_anything(
     refused: Callable, folder: Path, untouched: Path
 ) -> None:
-    message = refused("log", "import", folder / "none.csv", "--mapping", folder / "m.yaml", "--out", untouched)
+    message = refused(
+        "log", "import", folder / "none.csv", "--mapping", folder / "m.yaml", "--out", untouched
+    )
     assert "--force" in message
     assert untouched.read_text() == "precious"
 
@@ -39,7 +43,9 @@ def test_import_names_the_file_that_is_missing(refused: Callable, folder: Path) 
     out = folder / "out.parquet"
     mapping = ("--mapping", folder / "m.yaml", "--out", out)
     assert "none.csv: no such file" in refused("log", "import", folder / "none.csv", *mapping)
-    assert "none.yaml" in refused("log", "import", folder / "log.csv", "--mapping", folder / "none.yaml", "--out", out)
+    assert "none.yaml" in refused(
+        "log", "import", folder / "log.csv", "--mapping", folder / "none.yaml", "--out", out
+    )
     assert not out.exists()
 
 
@@ -47,7 +53,12 @@ def test_condition_keeps_the_raw_log_and_refuses_to_overwrite(
     call: Callable, refused: Callable, folder: Path, untouched: Path
 ) -> None:
     raw, out = folder / "raw.parquet", folder / "out.parquet"
-    assert call("log", "import", folder / "log.csv", "--mapping", folder / "m.yaml", "--out", raw).exit_code == 0
+    assert (
+        call(
+            "log", "import", folder / "log.csv", "--mapping", folder / "m.yaml", "--out", raw
+        ).exit_code
+        == 0
+    )
     condition = ("log", "condition", raw, "--columns", "angle_rad", "--low-pass", "5", "--out")
     assert "raw logs are kept" in refused(*condition, raw, "--force")
     assert "--force" in refused(*condition, untouched)
@@ -59,8 +70,12 @@ def test_condition_keeps_the_raw_log_and_refuses_to_overwrite(
     assert 0.0 < np.max(np.abs(read_run_log(out).signal("angle_rad") - ours)) < 0.05
 
 
-def test_export_goes_beside_the_log_and_names_a_wrong_format(call: Callable, refused: Callable, folder: Path) -> None:
-    assert "--to: 'xlsx'; allowed: csv, mcap" in refused("log", "export", folder / "run.parquet", "--to", "xlsx")
+def test_export_goes_beside_the_log_and_names_a_wrong_format(
+    call: Callable, refused: Callable, folder: Path
+) -> None:
+    assert "--to: 'xlsx'; allowed: csv, mcap" in refused(
+        "log", "export", folder / "run.parquet", "--to", "xlsx"
+    )
     result = call("log", "export", folder / "run.parquet", "--to", "csv")
     assert result.stdout.split() == [str(folder / "run.csv"), str(folder / "run.csv.json")]
     assert "--force" in refused("log", "export", folder / "run.parquet", "--to", "csv")
@@ -74,8 +89,12 @@ def test_export_keeps_the_log_and_what_is_there_until_the_run_is_found(
     run = folder / "run.parquet"
     before = run.read_bytes()
     for form in ("csv", "mcap"):
-        assert "allowed: .csv, .mcap" in refused("log", "export", run, "--out", run, "--force", "--to", form)
-    assert "allowed with --to csv: .csv" in refused("log", "export", run, "--out", folder / "run.mcap", "--to", "csv")
+        assert "allowed: .csv, .mcap" in refused(
+            "log", "export", run, "--out", run, "--force", "--to", form
+        )
+    assert "allowed with --to csv: .csv" in refused(
+        "log", "export", run, "--out", folder / "run.mcap", "--to", "csv"
+    )
     assert run.read_bytes() == before
     missing = ("log", "export", folder / "none.parquet", "--to", "mcap", "--out")
     kept = untouched.rename(untouched.with_suffix(".mcap"))

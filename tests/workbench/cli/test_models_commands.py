@@ -30,7 +30,9 @@ URDF = """
 def sdf(tmp_path: Path, dynamics: str = "", mass: float = 1.0, izz: float = 0.1) -> Path:
     links = LINK.format(name="a", mass=1.0, izz=0.1) + LINK.format(name="b", mass=mass, izz=izz)
     path = tmp_path / "model.sdf"
-    path.write_text(f'<sdf version="1.9"><model name="m">{links}{JOINT.format(dynamics=dynamics)}</model></sdf>')
+    path.write_text(
+        f'<sdf version="1.9"><model name="m">{links}{JOINT.format(dynamics=dynamics)}</model></sdf>'
+    )
     return path
 
 
@@ -50,12 +52,18 @@ def test_everything_that_ships_passes() -> None:
         assert part in subjects
 
 
-def test_broken_coefficients_and_hardware_parameters_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_broken_coefficients_and_hardware_parameters_are_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     models = tmp_path / "models"
     shutil.copytree(models_dir(), models)
     for name, old, new in (
         ("coefficients/robot_tail_line.yaml", "cn_intercept: 1.58", "cn_intercept: -9.58"),
-        ("parameters/hardware/motor_safety.yaml", "unit: degC, source: chosen", "unit: degC, source: hearsay"),
+        (
+            "parameters/hardware/motor_safety.yaml",
+            "unit: degC, source: chosen",
+            "unit: degC, source: hearsay",
+        ),
     ):
         text = (models / name).read_text()
         assert old in text
@@ -91,7 +99,9 @@ def test_joint_friction_is_refused(failed: Callable, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("attribute", ["friction", "spring_stiffness"])
-def test_urdf_attributes_that_drake_drops_are_refused(failed: Callable, tmp_path: Path, attribute: str) -> None:
+def test_urdf_attributes_that_drake_drops_are_refused(
+    failed: Callable, tmp_path: Path, attribute: str
+) -> None:
     path = tmp_path / "model.urdf"
     path.write_text(URDF.format(attribute=attribute))
     message = failed(path)
@@ -108,7 +118,9 @@ def test_negative_mass_is_refused(failed: Callable, tmp_path: Path) -> None:
     assert "model.sdf" in failed(sdf(tmp_path, mass=-1.0))
 
 
-def test_missing_and_foreign_files_are_named(refused: Callable, tmp_path: Path, untouched: Path) -> None:
+def test_missing_and_foreign_files_are_named(
+    refused: Callable, tmp_path: Path, untouched: Path
+) -> None:
     assert "nothing.sdf" in refused("models", "check", tmp_path / "nothing.sdf")
     assert "allowed: .sdf, .urdf" in refused("models", "check", untouched)
 

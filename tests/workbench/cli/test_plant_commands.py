@@ -19,7 +19,9 @@ def swings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return files
 
 
-def test_metrics_of_a_plant_are_printed_and_written(swings: list[Path], call: Callable, tmp_path: Path) -> None:
+def test_metrics_of_a_plant_are_printed_and_written(
+    swings: list[Path], call: Callable, tmp_path: Path
+) -> None:
     printed = call("log", "metrics", *swings, "--out", tmp_path / "metrics.csv").output
     assert "tail_force_pole_max_n" in printed
     assert "tail_force_pole_max_n" in (tmp_path / "metrics.csv").read_text(encoding="utf-8")
@@ -43,7 +45,9 @@ def test_comparison_names_what_differs(swings: list[Path], call: Callable, tmp_p
     assert "zero-phase" not in page
 
 
-def test_car_and_plant_are_not_put_into_one_table(swings: list[Path], refused: Callable, standard_runs: dict) -> None:
+def test_car_and_plant_are_not_put_into_one_table(
+    swings: list[Path], refused: Callable, standard_runs: dict
+) -> None:
     car = standard_runs["none"].source
     assert "is a run of another plant than the car" in refused("log", "metrics", swings[0], car)
     assert "is a run of another plant than the car" in refused("log", "compare", swings[0], car)

@@ -1,4 +1,6 @@
-"""The program `aerodima` seen from outside: commands found by entry point, exit statuses, one line per user error."""
+"""The program `aerodima` seen from outside: commands found by entry point, exit statuses, one line
+per user error.
+"""
 
 from __future__ import annotations
 
@@ -56,8 +58,13 @@ def environment(tmp_path: Path) -> dict[str, str]:
     metadata = tmp_path / "probe-1.0.dist-info"
     metadata.mkdir()
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: probe\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text("[aerodima.commands]\nprobe = probe_commands:register\n")
-    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
+    (metadata / "entry_points.txt").write_text(
+        "[aerodima.commands]\nprobe = probe_commands:register\n"
+    )
+    return {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]),
+    }
 
 
 @pytest.fixture
@@ -75,7 +82,9 @@ def test_help_lists_the_commands_of_every_distribution(aerodima: Run) -> None:
     assert re.search(r"^\s+probe\s+A command of another package\.$", done.stdout, re.MULTILINE)
 
 
-def test_help_begins_with_what_a_newcomer_runs_and_gives_every_command_a_section(aerodima: Run) -> None:
+def test_help_begins_with_what_a_newcomer_runs_and_gives_every_command_a_section(
+    aerodima: Run,
+) -> None:
     sections = re.findall(r"^(\S[^\n]*):\n((?:  .*\n)+)", aerodima("--help").stdout, re.MULTILINE)
     titles = [title for title, _ in sections]
     assert titles == ["Options", *SECTIONS, "Commands"]
@@ -109,7 +118,8 @@ def test_what_a_user_can_mend_is_one_line_and_status_2(aerodima: Run, kind: str,
 
 
 @pytest.mark.parametrize(
-    ("kind", "last"), [("bug", "ValueError: a bug"), ("nameless", "OSError: [Errno 5] Input/output error")]
+    ("kind", "last"),
+    [("bug", "ValueError: a bug"), ("nameless", "OSError: [Errno 5] Input/output error")],
 )
 def test_bug_keeps_its_traceback(aerodima: Run, kind: str, last: str) -> None:
     done = aerodima("probe", kind)
@@ -120,7 +130,13 @@ def test_bug_keeps_its_traceback(aerodima: Run, kind: str, last: str) -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    [("--no-such-flag",), ("no-such-command",), ("probe",), ("probe", "fine", "--times", "many"), ("probe", "a", "b")],
+    [
+        ("--no-such-flag",),
+        ("no-such-command",),
+        ("probe",),
+        ("probe", "fine", "--times", "many"),
+        ("probe", "a", "b"),
+    ],
     ids=["flag", "command", "missing", "type", "extra"],
 )
 def test_bad_flag_is_status_2_without_traceback(aerodima: Run, arguments: tuple[str, ...]) -> None:
@@ -152,7 +168,9 @@ def test_ctrl_c_is_one_line_and_status_130(environment: dict[str, str]) -> None:
     assert (process.returncode, errors) == (130, "interrupted\n")
 
 
-def test_package_that_fails_to_register_is_named(environment: dict[str, str], tmp_path: Path) -> None:
+def test_package_that_fails_to_register_is_named(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
     (tmp_path / "probe_commands.py").write_text("raise ImportError('no module named gears')")
     done = subprocess.run(
         [sys.executable, "-m", "aerodima", "--help"],
@@ -166,16 +184,21 @@ def test_package_that_fails_to_register_is_named(environment: dict[str, str], tm
     assert "while registering the commands of 'probe' (probe_commands:register)" in done.stderr
 
 
-LAW = "class Stop:\n    rate, memory_size = 100.0, 0\n    def step(self, memory, observation): ...\n"
+LAW = (
+    "class Stop:\n    rate, memory_size = 100.0, 0\n    def step(self, memory, observation): ...\n"
+)
 INTERRUPTED = "    def start(self):\n        raise KeyboardInterrupt\n"
 TABLE = re.findall(
-    r"^\| (\d+) \|", (Path(__file__).parents[3] / "docs" / "commands.md").read_text(encoding="utf-8"), re.MULTILINE
+    r"^\| (\d+) \|",
+    (Path(__file__).parents[3] / "docs" / "commands.md").read_text(encoding="utf-8"),
+    re.MULTILINE,
 )
 COMMANDS = {
     Status.DONE: "scenarios list",
     Status.NO: "models check {folder}/broken.sdf",
     Status.WRONG: "run nowhere",
-    Status.LEFT_OUT: "fit friction {folder}/swing.parquet {folder}/cut.parquet --workers 1 --out {folder}/fits",
+    Status.LEFT_OUT: "fit friction {folder}/swing.parquet {folder}/cut.parquet --workers 1 --out "
+    "{folder}/fits",
     Status.BUG: "probe bug",
     Status.INTERRUPTED: "run turn_swing --law {folder}/law.py:Stop",
 }
@@ -186,7 +209,9 @@ def test_table_of_the_documentation_has_every_exit_status() -> None:
 
 
 @pytest.mark.parametrize("status", COMMANDS, ids=lambda status: status.name)
-def test_exit_status_is_that_of_the_table(aerodima: Run, call: Callable, tmp_path: Path, status: Status) -> None:
+def test_exit_status_is_that_of_the_table(
+    aerodima: Run, call: Callable, tmp_path: Path, status: Status
+) -> None:
     if status == Status.LEFT_OUT:
         simulate(load_rig_scenario("bar", ["experiment.duration=3"]), tmp_path / "swing.parquet")
     (tmp_path / "cut.parquet").write_text("cut")
@@ -210,15 +235,21 @@ def commands() -> Commands:
             key: one for name, sub in inner for key, one in below(f"{words} {name}", sub).items()
         }
 
-    return {words.strip(): command for words, command in below("", get_command(build_app())).items()}
+    return {
+        words.strip(): command for words, command in below("", get_command(build_app())).items()
+    }
 
 
 def options_of(command: Any) -> dict[str, Any]:
-    return {name: option for option in command.params for name in option.opts if name.startswith("-")}
+    return {
+        name: option for option in command.params for name in option.opts if name.startswith("-")
+    }
 
 
 @pytest.mark.slow
-def test_help_pages_cut_nothing_at_80_columns(commands: Commands, call: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_help_pages_cut_nothing_at_80_columns(
+    commands: Commands, call: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     assert len(commands[""].commands) <= 18
     for words in commands:
@@ -238,7 +269,9 @@ def test_one_thing_has_one_name(commands: Commands) -> None:
 
 
 @pytest.mark.parametrize("old", [name for name in RENAMED if name[0] != "-"])
-def test_old_command_says_the_new_one_which_exists(refused: Callable, commands: Commands, old: str) -> None:
+def test_old_command_says_the_new_one_which_exists(
+    refused: Callable, commands: Commands, old: str
+) -> None:
     assert refused(*old.split()) == f"`aerodima {old}` is now `aerodima {RENAMED[old]}`"
     found = max((words for words in commands if RENAMED[old].startswith(words)), key=len)
     assert found
@@ -254,7 +287,10 @@ def test_old_command_says_the_new_one_which_exists(refused: Callable, commands: 
         ("models tail --save tail.yaml", "--save is now --out"),
         ("run turn_swing --replay run.html", "--replay is now --html"),
         ("console --emulate auto_turn", "--emulate is now the argument SCENARIO"),
-        ("swing verify thesis_8_rad_per_s --out out --scenario turn_none", "--scenario is now the argument SCENARIO"),
+        (
+            "swing verify thesis_8_rad_per_s --out out --scenario turn_none",
+            "--scenario is now the argument SCENARIO",
+        ),
         ("calibrate --played 3", "--played is now --cars"),
     ],
 )
@@ -269,7 +305,10 @@ def test_old_option_says_the_new_one(refused: Callable, words: str, new: str) ->
         ("ru", {"run"}),
         ("run turn_sw", {"turn_swing", "turn_swing_free_sail", "turn_swing_wind"}),
         ("rig fl", {"flick"}),
-        ("run turn_none --set tail.mo", {"tail.mode=none", "tail.mode=held", "tail.mode=swing", "tail.mount_x="}),
+        (
+            "run turn_none --set tail.mo",
+            {"tail.mode=none", "tail.mode=held", "tail.mode=swing", "tail.mount_x="},
+        ),
         ("rig static -s maxon.torque", {"maxon.torque_constant="}),
         ("swing search short_turn --set tra", {"training="}),
         ("swing judge --candidate fe", {"feedback"}),
@@ -284,9 +323,19 @@ def test_shell_completes(
     monkeypatch.chdir(tmp_path)
     Path("my_law.py").write_text("import numpy\n\n\nclass Mine:\n    pass\n")
     line = f"aerodima {words}"
-    asked = {"COMP_WORDS": line, "COMP_CWORD": str(len(words.split())), "_TYPER_COMPLETE_ARGS": line}
-    done = CliRunner().invoke(build_app(), [], env=asked | {"_AERODIMA_COMPLETE": f"complete_{shell}"})
+    asked = {
+        "COMP_WORDS": line,
+        "COMP_CWORD": str(len(words.split())),
+        "_TYPER_COMPLETE_ARGS": line,
+    }
+    done = CliRunner().invoke(
+        build_app(), [], env=asked | {"_AERODIMA_COMPLETE": f"complete_{shell}"}
+    )
     out = done.stdout.replace(r"\\:", ":")
-    found = set(re.findall(r"^(?:_arguments .*\(\()?\"(.*?)\"", out, re.MULTILINE) if shell == "zsh" else out.split())
+    found = set(
+        re.findall(r"^(?:_arguments .*\(\()?\"(.*?)\"", out, re.MULTILINE)
+        if shell == "zsh"
+        else out.split()
+    )
     assert found >= offered, done.output
     assert all(word.startswith(words.split()[-1]) for word in found)

@@ -50,7 +50,9 @@ def test_viewer_tells_its_address_and_ends_with_ctrl_c(call: Callable, log: Path
 
 def test_port_in_use_is_refused(refused: Callable, log: Path) -> None:
     other = open_meshcat()
-    assert f"port {other.port()} of 127.0.0.1 is in use" in refused("replay", log, "--port", other.port())
+    assert f"port {other.port()} of 127.0.0.1 is in use" in refused(
+        "replay", log, "--port", other.port()
+    )
 
 
 @pytest.mark.parametrize("option", ["--html", "--strip", "--video"])
@@ -59,7 +61,10 @@ def test_existing_output_is_refused_before_anything_is_written(
 ) -> None:
     ending = {"--html": ".html", "--strip": ".png", "--video": ".gif"}
     other = "--strip" if option == "--html" else "--html"
-    present, absent = untouched.rename(untouched.with_suffix(ending[option])), tmp_path / f"other{ending[other]}"
+    present, absent = (
+        untouched.rename(untouched.with_suffix(ending[option])),
+        tmp_path / f"other{ending[other]}",
+    )
     message = refused("replay", log, other, absent, option, present)
     assert "exists already" in message
     assert present.read_text() == "precious"
@@ -71,7 +76,9 @@ def test_strip_is_a_png(refused: Callable, log: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "strip.jpg").exists()
 
 
-def test_video_of_two_runs_is_named_after_their_files(call: Callable, log: Path, tmp_path: Path) -> None:
+def test_video_of_two_runs_is_named_after_their_files(
+    call: Callable, log: Path, tmp_path: Path
+) -> None:
     other, video = tmp_path / "other.parquet", tmp_path / "both.gif"
     other.write_bytes(log.read_bytes())
     result = call("replay", log, other, "--video", video)
@@ -82,14 +89,22 @@ def test_video_of_two_runs_is_named_after_their_files(call: Callable, log: Path,
     assert video.read_bytes().startswith(b"GIF89a")
 
 
-def test_several_runs_without_video_are_refused(refused: Callable, log: Path, tmp_path: Path) -> None:
-    assert "2 runs: allowed with --video alone; `aerodima log compare`" in refused("replay", log, log)
-    message = refused("replay", log, log, "--video", tmp_path / "run.gif", "--html", tmp_path / "run.html")
+def test_several_runs_without_video_are_refused(
+    refused: Callable, log: Path, tmp_path: Path
+) -> None:
+    assert "2 runs: allowed with --video alone; `aerodima log compare`" in refused(
+        "replay", log, log
+    )
+    message = refused(
+        "replay", log, log, "--video", tmp_path / "run.gif", "--html", tmp_path / "run.html"
+    )
     assert "2 runs: allowed with --video alone" in message
     assert "named twice" in refused("replay", log, log, "--video", tmp_path / "run.gif")
 
 
-def test_video_of_another_ending_is_refused_before_the_log_is_read(refused: Callable, tmp_path: Path) -> None:
+def test_video_of_another_ending_is_refused_before_the_log_is_read(
+    refused: Callable, tmp_path: Path
+) -> None:
     message = refused("replay", tmp_path / "missing.parquet", "--video", tmp_path / "run.mov")
     assert "'.mov'; allowed: .mp4, .gif, .webp" in message
 
@@ -99,5 +114,7 @@ def test_file_that_is_no_log_is_refused(refused: Callable, untouched: Path) -> N
 
 
 @pytest.mark.parametrize("rate", ["0", "-1", "100"])
-def test_rate_out_of_range_is_refused(refused: Callable, log: Path, tmp_path: Path, rate: str) -> None:
+def test_rate_out_of_range_is_refused(
+    refused: Callable, log: Path, tmp_path: Path, rate: str
+) -> None:
     assert "--rate" in refused("replay", log, "--html", tmp_path / "run.html", "--rate", rate)

@@ -13,20 +13,45 @@ from aerodima.workbench.logs.schema import read_run_log
 
 def test_static_hold_writes_its_log(call: Callable, tmp_path: Path) -> None:
     out = tmp_path / "new folder" / "hold.parquet"
-    flags = ("--tail", 2, "--axis", "minor", "--wind", 20, "--angle", 15, "--seed", 7, "--duration", 0.5)
+    flags = (
+        "--tail",
+        2,
+        "--axis",
+        "minor",
+        "--wind",
+        20,
+        "--angle",
+        15,
+        "--seed",
+        7,
+        "--duration",
+        0.5,
+    )
     result = call("rig", "static", *flags, "--out", out)
     assert result.exit_code == 0, result.output
     shown = dict(line.split()[:2] for line in result.stdout.splitlines() if line)
-    assert (shown["kind"], shown["tail"], shown["axis"], shown["wind_speed_m_per_s"]) == ("static", "2", "minor", "20")
+    assert (shown["kind"], shown["tail"], shown["axis"], shown["wind_speed_m_per_s"]) == (
+        "static",
+        "2",
+        "minor",
+        "20",
+    )
     assert float(shown["angle_rad"]) == pytest.approx(math.radians(15.0), abs=1e-3)
     log = read_run_log(out)
     assert log.kind == "static"
-    assert (log.seed, log.extra["tail"], log.extra["axis"], log.extra["wind_speed_m_per_s"]) == (7, "2", "minor", 20.0)
+    assert (log.seed, log.extra["tail"], log.extra["axis"], log.extra["wind_speed_m_per_s"]) == (
+        7,
+        "2",
+        "minor",
+        20.0,
+    )
     assert log.scenario["experiment"]["angle"] == pytest.approx(math.radians(15.0))
     assert len(log.table) == 501
 
 
-@pytest.mark.parametrize(("command", "kind"), [("flick", "swing"), ("bar", "bar_swing"), ("robot", "robot_swing")])
+@pytest.mark.parametrize(
+    ("command", "kind"), [("flick", "swing"), ("bar", "bar_swing"), ("robot", "robot_swing")]
+)
 def test_swings_write_their_logs(call: Callable, tmp_path: Path, command: str, kind: str) -> None:
     out = tmp_path / "swing.parquet"
     result = call("rig", command, "--duration", 0.2, "--set", "experiment.rest=0.05", "--out", out)
@@ -38,13 +63,18 @@ def test_swings_write_their_logs(call: Callable, tmp_path: Path, command: str, k
 def test_gain_of_the_robot_tail(call: Callable, tmp_path: Path) -> None:
     out = tmp_path / "swing.parquet"
     short = ("--duration", 0.1, "--set", "experiment.rest=0.05")
-    assert call("rig", "robot", "--set", "robot.kp=10", "--wind", 7.5, *short, "--out", out).exit_code == 0
+    assert (
+        call("rig", "robot", "--set", "robot.kp=10", "--wind", 7.5, *short, "--out", out).exit_code
+        == 0
+    )
     log = read_run_log(out)
     assert (log.scenario["robot"]["kp"], log.extra["wind_speed_m_per_s"]) == (10.0, 7.5)
 
 
 def test_a_tail_without_exposure_is_said(call: Callable, tmp_path: Path) -> None:
-    result = call("rig", "static", "--angle", 75, "--duration", 0.1, "--out", tmp_path / "hold.parquet")
+    result = call(
+        "rig", "static", "--angle", 75, "--duration", 0.1, "--out", tmp_path / "hold.parquet"
+    )
     assert ["exposed", "False"] in [line.split() for line in result.stdout.splitlines()]
 
 
@@ -53,19 +83,27 @@ def test_a_tail_without_exposure_is_said(call: Callable, tmp_path: Path) -> None
     [
         (("--tail", 4), "experiment.tail: 4 is not allowed"),
         (("--axis", "sideways"), "experiment.axis: 'sideways' is not allowed"),
-        (("--wind", -10), "experiment.wind_speed: -10.0 is not allowed; input should be greater than or equal to 0"),
+        (
+            ("--wind", -10),
+            "experiment.wind_speed: -10.0 is not allowed; input should be greater than or equal "
+            "to 0",
+        ),
         (("--angle", 120), "experiment.angle"),
         (("--set", "force_sensor.rate=5000"), "force_sensor.rate: 5000 Hz is above 1/step"),
         (("--set", "maxon.torque_const=1"), "did you mean 'torque_constant'?"),
         (("--wind", 40), "takes current"),
     ],
 )
-def test_wrong_input_is_one_line(refused: Callable, tmp_path: Path, flags: tuple, message: str) -> None:
+def test_wrong_input_is_one_line(
+    refused: Callable, tmp_path: Path, flags: tuple, message: str
+) -> None:
     assert message in refused("rig", "static", *flags, "--out", tmp_path / "hold.parquet")
     assert not (tmp_path / "hold.parquet").exists()
 
 
-def test_existing_log_is_kept_without_force(call: Callable, refused: Callable, untouched: Path) -> None:
+def test_existing_log_is_kept_without_force(
+    call: Callable, refused: Callable, untouched: Path
+) -> None:
     flags = ("rig", "static", "--duration", 0.1, "--out", untouched)
     assert "--force" in refused(*flags)
     assert untouched.read_text() == "precious"

@@ -1,4 +1,6 @@
-"""`aerodima rig ... --live`: the viewer is there while the swing goes on, and on this computer only."""
+"""`aerodima rig ... --live`: the viewer is there while the swing goes on, and on this computer
+only.
+"""
 
 import re
 import subprocess
@@ -22,7 +24,9 @@ def test_a_live_swing_can_be_watched_on_the_local_address(tmp_path: Path) -> Non
         "--duration",
         "3",
     ]
-    process = subprocess.Popen([*command, "--out", str(log)], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [*command, "--out", str(log)], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
     try:
         assert process.stderr is not None
         told = next(line for line in process.stderr if line.startswith("watch: "))

@@ -12,13 +12,32 @@ import pytest
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.replay.captions import caption_of
 
-SHORT = ("--set", "manoeuvre.turn_start=0.4", "--set", "manoeuvre.speed_ramp=0.3", "--set", "manoeuvre.duration=1.2")
+SHORT = (
+    "--set",
+    "manoeuvre.turn_start=0.4",
+    "--set",
+    "manoeuvre.speed_ramp=0.3",
+    "--set",
+    "manoeuvre.duration=1.2",
+)
 """A turn of 1.2 s: enough for the window of the metrics, quick to simulate."""
 
 
 def test_turn_writes_the_log_it_was_asked_for(call: Callable, tmp_path: Path) -> None:
     log = tmp_path / "new folder" / "run.parquet"
-    result = call("run", "turn_swing", "--speed", 1.5, "--tail", "held", "--direction", "right", *SHORT, "--out", log)
+    result = call(
+        "run",
+        "turn_swing",
+        "--speed",
+        1.5,
+        "--tail",
+        "held",
+        "--direction",
+        "right",
+        *SHORT,
+        "--out",
+        log,
+    )
     assert result.exit_code == 0, result.output
     assert "outcome: survived" in result.stdout
     assert f"log: {log}" in result.stdout
@@ -26,8 +45,12 @@ def test_turn_writes_the_log_it_was_asked_for(call: Callable, tmp_path: Path) ->
     assert run.scenario["manoeuvre"]["speed"] == 1.5
     assert run.scenario["tail"]["mode"] == "held"
     assert run.scenario["manoeuvre"]["direction"] == "right"
-    assert run.table["steering_command_rad"].min() == pytest.approx(-0.5236, abs=1e-4)  # right is negative
-    assert run.table["tail_roll_angle_rad"].iloc[0] == pytest.approx(1.5708, abs=1e-3)  # inside of a right turn: right
+    assert run.table["steering_command_rad"].min() == pytest.approx(
+        -0.5236, abs=1e-4
+    )  # right is negative
+    assert run.table["tail_roll_angle_rad"].iloc[0] == pytest.approx(
+        1.5708, abs=1e-3
+    )  # inside of a right turn: right
 
 
 @pytest.mark.parametrize("manoeuvre", ["straight", "slalom"])
@@ -38,14 +61,20 @@ def test_other_manoeuvres_run(call: Callable, tmp_path: Path, manoeuvre: str) ->
     assert read_run_log(log).scenario["manoeuvre"]["kind"] == manoeuvre
 
 
-def test_law_of_a_file_drives_the_tail_and_is_named_in_log_and_caption(call: Callable, tmp_path: Path) -> None:
+def test_law_of_a_file_drives_the_tail_and_is_named_in_log_and_caption(
+    call: Callable, tmp_path: Path
+) -> None:
     own, log = tmp_path / "my_law.py", tmp_path / "run.parquet"
     own.write_text(
         "import numpy as np\n\n\nclass Upright:\n    rate = 100.0\n    memory_size = 0\n\n"
-        "    def start(self):\n        return np.zeros(0)\n\n    def step(self, memory, observation):\n"
-        "        return memory, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([0.3, 0.0, 17.0, 5.0, 0.0]), 1\n"
+        "    def start(self):\n        return np.zeros(0)\n\n    def step(self, memory, "
+        "observation):\n"
+        "        return memory, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([0.3, 0.0, 17.0, "
+        "5.0, 0.0]), 1\n"
     )
-    result = call("run", "turn_swing", "--speed", 1.0, *SHORT, "--law", f"{own}:Upright", "--out", log)
+    result = call(
+        "run", "turn_swing", "--speed", 1.0, *SHORT, "--law", f"{own}:Upright", "--out", log
+    )
     assert result.exit_code == 0, result.output
     run = read_run_log(log)
     assert run.extra["tail_law"] == "Upright"
@@ -57,16 +86,26 @@ def test_law_of_a_file_drives_the_tail_and_is_named_in_log_and_caption(call: Cal
     ("returned", "said"),
     [
         ("memory, command, command", "ValueError: not enough values to unpack (expected 4, got 3)"),
-        ("memory, command[:4], command, 1", "pitch command: [0.0, 0.0, 0.0, 0.0]; allowed: 5 finite numbers"),
-        ("memory, command, command * float('nan'), 1", "at 0 s: roll command: [nan, nan, nan, nan, nan]; allowed: 5"),
+        (
+            "memory, command[:4], command, 1",
+            "pitch command: [0.0, 0.0, 0.0, 0.0]; allowed: 5 finite numbers",
+        ),
+        (
+            "memory, command, command * float('nan'), 1",
+            "at 0 s: roll command: [nan, nan, nan, nan, nan]; allowed: 5",
+        ),
         ("memory, command, observation.yawrate, 1", "no attribute 'yawrate' (my_law.py, line 9)"),
     ],
 )
-def test_law_that_fails_is_named_in_one_line_after_its_own_traceback(call: Callable, tmp_path, returned, said) -> None:
+def test_law_that_fails_is_named_in_one_line_after_its_own_traceback(
+    call: Callable, tmp_path, returned, said
+) -> None:
     own = tmp_path / "my_law.py"
     own.write_text(
-        "import numpy as np\n\nclass Mine:\n    rate, memory_size = 100.0, 0\n    def start(self):\n"
-        "        return np.zeros(0)\n    def step(self, memory, observation):\n        command = np.zeros(5)\n"
+        "import numpy as np\n\nclass Mine:\n    rate, memory_size = 100.0, 0\n    def "
+        "start(self):\n"
+        "        return np.zeros(0)\n    def step(self, memory, observation):\n        command = "
+        "np.zeros(5)\n"
         f"        return {returned}\n"
     )
     result = call("run", "turn_swing", *SHORT, "--law", f"{own}:Mine")
@@ -78,7 +117,9 @@ def test_law_that_fails_is_named_in_one_line_after_its_own_traceback(call: Calla
 @pytest.mark.slow
 def test_tail_that_never_swung_is_noted(call: Callable) -> None:
     steered = (["--set", f"manoeuvre.steer_angle={angle}"] for angle in (0.05, 0.5))
-    little, far = (call("run", "turn_swing", "--speed", 1.5, *SHORT, *settings).stdout for settings in steered)
+    little, far = (
+        call("run", "turn_swing", "--speed", 1.5, *SHORT, *settings).stdout for settings in steered
+    )
     assert "note: the tail did not swing" in little
     assert "note" not in far
 
@@ -106,23 +147,36 @@ except SystemExit as end:
         ("log", "compare", "nowhere.parquet", "here.parquet"),
     ],
 )
-def test_wrong_input_is_told_before_drake_is_imported(untouched: Path, words: tuple[str, ...]) -> None:
+def test_wrong_input_is_told_before_drake_is_imported(
+    untouched: Path, words: tuple[str, ...]
+) -> None:
     result = subprocess.run(
-        [sys.executable, "-c", SLOW_TO_IMPORT, *words], cwd=untouched.parent, capture_output=True, text=True, check=True
+        [sys.executable, "-c", SLOW_TO_IMPORT, *words],
+        cwd=untouched.parent,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert result.stderr.startswith("error: ")
     assert result.stdout.split() == ["2", "False"]
 
 
 @pytest.mark.slow
-def test_existing_log_is_kept_without_force(call: Callable, refused: Callable, untouched: Path) -> None:
+def test_existing_log_is_kept_without_force(
+    call: Callable, refused: Callable, untouched: Path
+) -> None:
     assert "--force" in refused("run", "turn_swing", *SHORT, "--out", untouched)
     assert untouched.read_text() == "precious"
-    assert call("run", "turn_swing", "--speed", 1.0, *SHORT, "--out", untouched, "--force").exit_code == 0
+    assert (
+        call("run", "turn_swing", "--speed", 1.0, *SHORT, "--out", untouched, "--force").exit_code
+        == 0
+    )
     assert len(read_run_log(untouched).table) == 601  # 1.2 s at 500 Hz, both ends
 
 
-def test_existing_page_is_refused_before_anything_is_simulated(refused: Callable, untouched: Path) -> None:
+def test_existing_page_is_refused_before_anything_is_simulated(
+    refused: Callable, untouched: Path
+) -> None:
     log, page = untouched.parent / "run.parquet", untouched.rename(untouched.with_suffix(".html"))
     assert "precious.html" in refused("run", "turn_swing", *SHORT, "--out", log, "--html", page)
     assert page.read_text() == "precious"
@@ -130,7 +184,9 @@ def test_existing_page_is_refused_before_anything_is_simulated(refused: Callable
 
 
 def test_log_below_a_file_is_refused(refused: Callable, untouched: Path) -> None:
-    assert str(untouched) in refused("run", "turn_swing", *SHORT, "--out", untouched / "run.parquet")
+    assert str(untouched) in refused(
+        "run", "turn_swing", *SHORT, "--out", untouched / "run.parquet"
+    )
 
 
 @pytest.mark.parametrize(
@@ -139,7 +195,10 @@ def test_log_below_a_file_is_refused(refused: Callable, untouched: Path) -> None
         (("--speed", "nan"), ("manoeuvre.speed", "nan", "finite")),
         (("--speed", "-1"), ("manoeuvre.speed", "-1", "greater than or equal to 0", "m/s")),
         (("--speed", "25"), ("25", "m/s")),  # beyond the throttle line
-        (("--tail", "wagging"), ("with --set tail.mode=wagging", "tail.mode", "'none', 'held' or 'swing'")),
+        (
+            ("--tail", "wagging"),
+            ("with --set tail.mode=wagging", "tail.mode", "'none', 'held' or 'swing'"),
+        ),
         (("--set", "com_height=0.2"), ("com_height", "did you mean car.com_height?")),
         (("turn_swin",), ("turn_swin", "did you mean 'turn_swing'?")),
         (("--law", "nowhere.py:Law"), ("nowhere.py", "no such Python file")),
@@ -156,29 +215,43 @@ def test_log_below_a_file_is_refused(refused: Callable, untouched: Path) -> None
         (("nowhere.yaml",), ("nowhere.yaml", "no such file")),
     ],
 )
-def test_wrong_input_is_one_clear_line(refused: Callable, words: tuple[str, ...], named: tuple[str, ...]) -> None:
-    message = refused("run", *words, *SHORT) if words[0][0] != "-" else refused("run", "turn_swing", *SHORT, *words)
+def test_wrong_input_is_one_clear_line(
+    refused: Callable, words: tuple[str, ...], named: tuple[str, ...]
+) -> None:
+    message = (
+        refused("run", *words, *SHORT)
+        if words[0][0] != "-"
+        else refused("run", "turn_swing", *SHORT, *words)
+    )
     for part in named:
         assert part in message
     assert "\n" not in message
 
 
 @pytest.mark.parametrize(("option", "allowed"), [("--out", ".parquet"), ("--html", ".html")])
-def test_file_of_another_kind_is_refused(refused: Callable, tmp_path: Path, option: str, allowed: str) -> None:
+def test_file_of_another_kind_is_refused(
+    refused: Callable, tmp_path: Path, option: str, allowed: str
+) -> None:
     message = refused("run", "turn_swing", *SHORT, option, tmp_path / "run.csv")
     assert message == f"{option} {tmp_path}/run.csv: ending '.csv'; allowed: {allowed}"
     assert not list(tmp_path.iterdir())
 
 
-def test_run_without_scenario_or_swing_says_what_is_missing(call: Callable, refused: Callable) -> None:
+def test_run_without_scenario_or_swing_says_what_is_missing(
+    call: Callable, refused: Callable
+) -> None:
     assert "scenarios list" in refused("run", "--speed", 3)
     names = [line.split()[0] for line in call("scenarios", "list").stdout.splitlines() if line]
     assert {"turn_swing", "straight", "slalom", "static"} <= set(names)
 
 
-def test_replay_below_a_file_is_refused_before_anything_is_simulated(refused: Callable, untouched: Path) -> None:
+def test_replay_below_a_file_is_refused_before_anything_is_simulated(
+    refused: Callable, untouched: Path
+) -> None:
     log = untouched.parent / "run.parquet"
-    assert str(untouched) in refused("run", "turn_swing", *SHORT, "--out", log, "--html", untouched / "run.html")
+    assert str(untouched) in refused(
+        "run", "turn_swing", *SHORT, "--out", log, "--html", untouched / "run.html"
+    )
     assert not log.exists()
 
 
@@ -195,7 +268,9 @@ def test_scenario_file_may_have_no_ending(call: Callable, tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_slalom_of_the_thesis_stays_upright_while_it_gathers_speed_and_rolls_over_at_4_m_per_s(call: Callable) -> None:
+def test_slalom_of_the_thesis_stays_upright_while_it_gathers_speed_and_rolls_over_at_4_m_per_s(
+    call: Callable,
+) -> None:
     """The thesis steers while it accelerates (6.1.3), and shows the first second of it."""
     assert "outcome: survived, clean" in call("run", "slalom").stdout
     assert "outcome: flipped" in call("run", "slalom", "--set", "manoeuvre.duration=6").stdout

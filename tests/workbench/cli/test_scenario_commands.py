@@ -16,11 +16,15 @@ def test_export_is_the_whole_scenario(call: Callable) -> None:
     result = call("models", "export", "turn_swing", "--set", "manoeuvre.speed=4.0")
     assert result.exit_code == 0, result.output
     bundle = json.loads(result.stdout)
-    assert bundle["car"]["tyre_stiffness_front"] == 9869.34  # Table 6.1: not in the scenario file, so resolved
+    assert (
+        bundle["car"]["tyre_stiffness_front"] == 9869.34
+    )  # Table 6.1: not in the scenario file, so resolved
     assert scenario_from_dict(bundle) == load_scenario("turn_swing", ["manoeuvre.speed=4.0"])
 
 
-def test_export_to_a_file_is_not_overwritten(call: Callable, refused: Callable, tmp_path: Path) -> None:
+def test_export_to_a_file_is_not_overwritten(
+    call: Callable, refused: Callable, tmp_path: Path
+) -> None:
     out = tmp_path / "bundle.json"
     assert call("models", "export", "turn_none", "--out", out).exit_code == 0
     before = out.read_text()
@@ -28,9 +32,13 @@ def test_export_to_a_file_is_not_overwritten(call: Callable, refused: Callable, 
     assert out.read_text() == before
 
 
-def test_diagram_is_a_picture(call: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_diagram_is_a_picture(
+    call: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     drawn: list[DiagramPicture] = []
-    monkeypatch.setattr(DiagramPicture, "render", lambda picture, kind: drawn.append(picture) or kind.encode())
+    monkeypatch.setattr(
+        DiagramPicture, "render", lambda picture, kind: drawn.append(picture) or kind.encode()
+    )
     out = tmp_path / "car.svg"
     assert call("models", "diagram", "turn_swing", "--out", out).exit_code == 0
     assert out.read_text() == "svg"
@@ -42,7 +50,9 @@ def test_diagram_without_graphviz_is_refused(
     refused: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert "Graphviz is not installed" in refused("models", "diagram", "turn_none", "--out", tmp_path / "car.svg")
+    assert "Graphviz is not installed" in refused(
+        "models", "diagram", "turn_none", "--out", tmp_path / "car.svg"
+    )
     assert ".jpeg" in refused("models", "diagram", "turn_none", "--out", tmp_path / "car.jpeg")
 
 

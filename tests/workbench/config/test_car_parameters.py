@@ -1,4 +1,6 @@
-"""Every physical number has one home, with a unit and a source; an assumed one says why and within what range."""
+"""Every physical number has one home, with a unit and a source; an assumed one says why and within
+what range.
+"""
 
 import re
 from importlib import import_module
@@ -7,15 +9,28 @@ import pytest
 
 from aerodima.workbench.config import scenario
 from aerodima.workbench.config.checked_files import read_yaml, unit_of
-from aerodima.workbench.config.scenario import SECTIONS, ParameterEntry, load_parameter_entries, scenario_from_dict
+from aerodima.workbench.config.scenario import (
+    SECTIONS,
+    ParameterEntry,
+    load_parameter_entries,
+    scenario_from_dict,
+)
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.resources import models_dir
 
-GOOD = {"value": 6.0, "unit": "kg", "source": "assumed", "prior": [4.5, 8.0], "reason": "not published"}
+GOOD = {
+    "value": 6.0,
+    "unit": "kg",
+    "source": "assumed",
+    "prior": [4.5, 8.0],
+    "reason": "not published",
+}
 
 
 def entry(**changes) -> ParameterEntry:
-    return ParameterEntry.model_validate({key: value for key, value in (GOOD | changes).items() if value is not None})
+    return ParameterEntry.model_validate(
+        {key: value for key, value in (GOOD | changes).items() if value is not None}
+    )
 
 
 def test_every_section_has_its_file():
@@ -49,13 +64,21 @@ def test_every_field_says_what_it_is(section):
 
 
 @pytest.mark.parametrize(
-    "source", ["published: Table 6.1", "datasheet: AK series manual", "calibrated: out/run.parquet", "assumed"]
+    "source",
+    [
+        "published: Table 6.1",
+        "datasheet: AK series manual",
+        "calibrated: out/run.parquet",
+        "assumed",
+    ],
 )
 def test_sources_of_the_design_are_allowed(source):
     assert entry(source=source).source == source
 
 
-@pytest.mark.parametrize("source", ["", "guessed", "published", "published:", "assumed: mine", "Table 6.1"])
+@pytest.mark.parametrize(
+    "source", ["", "guessed", "published", "published:", "assumed: mine", "Table 6.1"]
+)
 def test_other_sources_are_refused(source):
     with pytest.raises(ValueError, match="source"):
         entry(source=source)
@@ -130,9 +153,13 @@ def _spoilt(text: str) -> str:
         ("aerodima.hardware.car.safety_settings", "load_teensy_timing", "teensy_firmware"),
     ],
 )
-def test_value_out_of_range_in_a_file_of_the_real_car_is_one_line(tmp_path, monkeypatch, module, read, file):
+def test_value_out_of_range_in_a_file_of_the_real_car_is_one_line(
+    tmp_path, monkeypatch, module, read, file
+):
     path = tmp_path / f"{file}.yaml"
-    path.write_text(_spoilt((models_dir() / "parameters" / "hardware" / f"{file}.yaml").read_text()))
+    path.write_text(
+        _spoilt((models_dir() / "parameters" / "hardware" / f"{file}.yaml").read_text())
+    )
     monkeypatch.setattr(f"{module}.model_path", lambda relative: path)
     with pytest.raises(ScenarioError, match=rf"{file}\.yaml: .*-1000000000.*allowed") as caught:
         getattr(import_module(module), read)()

@@ -32,7 +32,9 @@ def test_weights_are_scaled_to_one_and_the_best_is_found(tmp_path: Path) -> None
     assert ensemble.effective_size == pytest.approx(1 / (0.75**2 + 0.25**2))
 
 
-def test_a_member_overrides_the_parameters_and_a_setting_overrides_the_member(tmp_path: Path) -> None:
+def test_a_member_overrides_the_parameters_and_a_setting_overrides_the_member(
+    tmp_path: Path,
+) -> None:
     ensemble = load_ensemble(written(tmp_path, TEXT))
     car = ensemble.scenario(ensemble.members[0], "turn_none", ["car.com_height=0.2"])
     assert (car.car.com_height, car.tail.sail) == (0.2, "free")
@@ -51,7 +53,11 @@ def test_shipped_ensembles_load_and_every_member_is_a_scenario() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("ensemble/1", "ensemble/0", "schema: 'aerodima/ensemble/0' is not read by this version; allowed is"),
+        (
+            "ensemble/1",
+            "ensemble/0",
+            "schema: 'aerodima/ensemble/0' is not read by this version; allowed is",
+        ),
         ("best: b", "best: c", "best: 'c' is no member"),
         ("car.mass:", "car.masss:", "member 'b': car.masss: unknown key; did you mean 'mass'?"),
         ("car.mass:", "cart.mass:", "'cart' is no section; did you mean 'car'?"),
@@ -61,7 +67,9 @@ def test_shipped_ensembles_load_and_every_member_is_a_scenario() -> None:
         ("provenance:", "origin:", "origin: unknown key"),
     ],
 )
-def test_a_wrong_file_is_one_line_that_says_what_is_allowed(tmp_path: Path, old: str, new: str, said: str) -> None:
+def test_a_wrong_file_is_one_line_that_says_what_is_allowed(
+    tmp_path: Path, old: str, new: str, said: str
+) -> None:
     path = written(tmp_path, TEXT.replace(old, new))
     with pytest.raises(EnsembleError, match=r"two\.yaml") as caught:
         load_ensemble(path)
@@ -70,23 +78,34 @@ def test_a_wrong_file_is_one_line_that_says_what_is_allowed(tmp_path: Path, old:
 
 
 def test_an_unknown_name_and_a_missing_file_are_told() -> None:
-    with pytest.raises(EnsembleError, match="'carr': models/calibration has none of this name; did you mean 'car'"):
+    with pytest.raises(
+        EnsembleError, match="'carr': models/calibration has none of this name; did you mean 'car'"
+    ):
         load_ensemble("carr")
     with pytest.raises(EnsembleError, match=r"nowhere\.yaml: no such file"):
         load_ensemble("nowhere.yaml")
 
 
 def test_a_member_whose_values_do_not_go_together_is_named(tmp_path: Path) -> None:
-    ensemble = load_ensemble(written(tmp_path, TEXT.replace("car.mass: 6.5", "car.gyration_roll: 0.4")))
-    with pytest.raises(EnsembleError, match=r"two\.yaml: member 'b': .*gyration_roll: 0.4 m; allowed: <="):
+    ensemble = load_ensemble(
+        written(tmp_path, TEXT.replace("car.mass: 6.5", "car.gyration_roll: 0.4"))
+    )
+    with pytest.raises(
+        EnsembleError, match=r"two\.yaml: member 'b': .*gyration_roll: 0.4 m; allowed: <="
+    ):
         ensemble.scenario(ensemble.members[1], "turn_none")
 
 
 def test_drawn_members_stand_for_all_of_the_weight(tmp_path: Path) -> None:
     ensemble = load_ensemble(written(tmp_path, TEXT))
-    members = tuple(Member(str(place), weight, {}) for place, weight in enumerate((0.1, 0.55, 0.02, 0.33)))
+    members = tuple(
+        Member(str(place), weight, {}) for place, weight in enumerate((0.1, 0.55, 0.02, 0.33))
+    )
     many = replace(ensemble, members=members)
-    assert [(m.name, m.weight) for m in many.drawn(3)] == [("1", pytest.approx(2 / 3)), ("3", pytest.approx(1 / 3))]
+    assert [(m.name, m.weight) for m in many.drawn(3)] == [
+        ("1", pytest.approx(2 / 3)),
+        ("3", pytest.approx(1 / 3)),
+    ]
     assert many.drawn(4) == many.members
     assert sum(member.weight for member in ensemble.drawn(1)) == 1.0
     with pytest.raises(EnsembleError, match="0 members of"):
@@ -98,7 +117,11 @@ def test_another_tail_than_the_built_one_keeps_its_size_on_the_car_of_a_member()
     member = ensemble.members[0]
     built, designed = (ensemble.scenario(member, name) for name in ("turn_swing", "turn_designed"))
     assert built.tail.sail_width == pytest.approx(float(member.values["tail.sail_width"]))
-    assert designed.tail.sail_width == load_scenario("turn_designed").tail.sail_width != built.tail.sail_width
+    assert (
+        designed.tail.sail_width
+        == load_scenario("turn_designed").tail.sail_width
+        != built.tail.sail_width
+    )
     assert designed.tail.mount_height == built.tail.mount_height
     assert designed.car == built.car
 
@@ -110,9 +133,12 @@ def test_no_car_is_in_two_parts_of_the_split() -> None:
     assert sorted(names) == sorted(m.name for m in ensemble.members if m.name != ensemble.best.name)
     assert split == ensemble.split(1)
     assert split != ensemble.split(2)
-    # The first cars of all parts are drawn by weight: over many seeds the likeliest car is among them most often.
+    # The first cars of all parts are drawn by weight: over many seeds the likeliest car is among
+    # them most often.
     first = [part[0] for seed in range(400) for part in ensemble.split(seed)[:1]]
-    heavy = max((m for m in ensemble.members if m.name != ensemble.best.name), key=lambda m: m.weight)
+    heavy = max(
+        (m for m in ensemble.members if m.name != ensemble.best.name), key=lambda m: m.weight
+    )
     share = heavy.weight / (1.0 - ensemble.best.weight)
     drawn = sum(member.name == heavy.name for member in first) / len(first)
     assert drawn == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / len(first)))

@@ -46,7 +46,9 @@ def test_read_and_write_are_inverse():
 
 
 def test_unknown_field_and_wrong_length_are_named():
-    with pytest.raises(ValueError, match="TailState has no field 'yaw'; it has pitch_angle, roll_angle"):
+    with pytest.raises(
+        ValueError, match="TailState has no field 'yaw'; it has pitch_angle, roll_angle"
+    ):
         TAIL_STATE.index("yaw")
     with pytest.raises(ValueError, match="TailCommand has 5 elements, got 4"):
         TAIL_COMMAND.read([0.0] * 4)

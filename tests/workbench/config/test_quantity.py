@@ -1,11 +1,20 @@
-"""Numbers with units: read in their own unit, refused in any other, and errors that say what is allowed."""
+"""Numbers with units: read in their own unit, refused in any other, and errors that say what is
+allowed.
+"""
 
 from typing import Literal
 
 import pytest
 from pydantic import ValidationError
 
-from aerodima.workbench.config.checked_files import NO_UNIT, QuantityModel, checked, nearest, quantity, unit_of
+from aerodima.workbench.config.checked_files import (
+    NO_UNIT,
+    QuantityModel,
+    checked,
+    nearest,
+    quantity,
+    unit_of,
+)
 from aerodima.workbench.errors import ScenarioError
 
 
@@ -33,7 +42,10 @@ def test_number_in_its_own_unit_is_read(text):
 @pytest.mark.parametrize("text", ["5 N/mm", "5 kN/m", "5 n/m", "5 N m"])
 def test_other_unit_is_refused_and_not_converted(text):
     unit = text.split(" ", 1)[1]
-    assert refusal(stiffness=text) == f"spring.yaml: stiffness: {text!r} has the unit {unit!r}; allowed is 'N/m'"
+    assert (
+        refusal(stiffness=text)
+        == f"spring.yaml: stiffness: {text!r} has the unit {unit!r}; allowed is 'N/m'"
+    )
 
 
 def test_text_that_is_no_number_is_refused_with_the_unit():
@@ -50,7 +62,8 @@ def test_numbers_that_are_not_finite_are_refused(value):
 
 def test_range_is_named_with_its_unit():
     assert refusal(stiffness=101.0) == (
-        "spring.yaml: stiffness: 101.0 is not allowed; input should be less than or equal to 100 (N/m)"
+        "spring.yaml: stiffness: 101.0 is not allowed; input should be less than or equal to 100 "
+        "(N/m)"
     )
     assert "greater than 0 (N/m)" in refusal(stiffness=0.0)
 

@@ -1,4 +1,6 @@
-"""Rig scenarios: the parameters are the published ones, and what is refused names what is allowed."""
+"""Rig scenarios: the parameters are the published ones, and what is refused names what is
+allowed.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,11 @@ from typing import Any
 
 import pytest
 
-from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario, rig_scenario_from_dict
+from aerodima.workbench.config.rig_scenario import (
+    RigScenario,
+    load_rig_scenario,
+    rig_scenario_from_dict,
+)
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.resources import model_path
@@ -23,7 +29,10 @@ def rows(name: str) -> list[dict[str, str]]:
 
 def test_tails_are_those_of_the_published_tables() -> None:
     for tail, properties, offsets in zip(
-        (RIG.tail_1, RIG.tail_2, RIG.tail_3), rows("tail_properties"), rows("force_offsets"), strict=True
+        (RIG.tail_1, RIG.tail_2, RIG.tail_3),
+        rows("tail_properties"),
+        rows("force_offsets"),
+        strict=True,
     ):
         for key, column in (
             ("length", "length_m"),
@@ -32,13 +41,17 @@ def test_tails_are_those_of_the_published_tables() -> None:
             ("mass", "mass_kg"),
         ):
             assert getattr(tail, key) == float(properties[column])
-        assert tail.offsets == tuple(float(value) for key, value in offsets.items() if "_offset_" in key)
+        assert tail.offsets == tuple(
+            float(value) for key, value in offsets.items() if "_offset_" in key
+        )
 
 
 def test_mount_bar_and_pivot_are_those_of_the_published_tables() -> None:
     mount, bar = rows("rig_bodies")
     for key in ("xx", "yy", "zz", "xy", "xz", "yz"):
-        assert getattr(RIG.mount, f"inertia_{key}") == pytest.approx(float(mount[f"inertia_{key}_kg_m2"]), rel=1e-12)
+        assert getattr(RIG.mount, f"inertia_{key}") == pytest.approx(
+            float(mount[f"inertia_{key}_kg_m2"]), rel=1e-12
+        )
     assert (RIG.mount.mass, RIG.bar.mass) == (float(mount["mass_kg"]), float(bar["mass_kg"]))
     # ERRATA E11: the remainders behind the common offset, in g cm2.
     for key in ("xx", "yy", "zz"):
@@ -46,14 +59,18 @@ def test_mount_bar_and_pivot_are_those_of_the_published_tables() -> None:
         assert getattr(RIG.bar, f"inertia_{key}") == pytest.approx(remainder * 1e-7, rel=1e-9)
     terms = {(row["body"], row["term_no"]): row for row in rows("rig_positions")}
     for key in "xyz":
-        assert getattr(RIG.mount, f"com_{key}") == float(terms["Mounting Structure", "1"][f"{key}_m"])
+        assert getattr(RIG.mount, f"com_{key}") == float(
+            terms["Mounting Structure", "1"][f"{key}_m"]
+        )
         assert getattr(RIG.mount, f"pivot_{key}") == float(terms["Steel Bar", "2"][f"{key}_m"])
     assert -RIG.bar.com_distance == float(terms["Steel Bar", "3"]["z_m"])
     assert -RIG.bar.tail_distance == float(terms["Tail", "3"]["z_m"])
 
 
 def test_friction_and_accuracies_are_those_of_the_published_tables() -> None:
-    (average,) = (row for row in rows("bar_friction") if row["record"] == "published_weighted_average")
+    (average,) = (
+        row for row in rows("bar_friction") if row["record"] == "published_weighted_average"
+    )
     assert RIG.friction.coulomb == float(average["coulomb_friction_n_m"])
     assert RIG.friction.viscous == float(average["viscous_friction_n_m_s_per_rad"])
     accuracies = [float(row["uncertainty_factor"]) for row in rows("residual_weights")][:6]
@@ -99,10 +116,22 @@ def test_what_is_not_varied_stays() -> None:
     ("overrides", "message"),
     [
         ({"experiment": {"kind": "spin"}}, "experiment.kind: 'spin' is not allowed"),
-        ({"experiment": {"kind": "bar_swing"}}, "experiment.wind_speed: 10 m/s; allowed: 0 m/s in a bar_swing"),
-        ({"experiment": {"kind": "swing", "rest": 30.0}}, "experiment.rest: 30 s; allowed: < duration 20 s"),
-        ({"experiment": {"target": 1.749}}, "experiment.target: 1.749 rad; allowed: within mount.angle_limit"),
-        ({"encoder": {"rate": 1001.0}}, "encoder.rate: 1001 Hz is above 1/step; allowed with step 0.001 s: <= 1000 Hz"),
+        (
+            {"experiment": {"kind": "bar_swing"}},
+            "experiment.wind_speed: 10 m/s; allowed: 0 m/s in a bar_swing",
+        ),
+        (
+            {"experiment": {"kind": "swing", "rest": 30.0}},
+            "experiment.rest: 30 s; allowed: < duration 20 s",
+        ),
+        (
+            {"experiment": {"target": 1.749}},
+            "experiment.target: 1.749 rad; allowed: within mount.angle_limit",
+        ),
+        (
+            {"encoder": {"rate": 1001.0}},
+            "encoder.rate: 1001 Hz is above 1/step; allowed with step 0.001 s: <= 1000 Hz",
+        ),
         ({"tunel": {"psi3": 0.1}}, "tunel: unknown key; did you mean 'tunnel'?"),
         ({"tunnel": {"psi3": "5 deg"}}, "allowed is 'rad'"),
         ({"bar": 3}, "bar: 3 is not allowed; it takes keys with values"),

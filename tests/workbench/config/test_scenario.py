@@ -28,14 +28,18 @@ def file_refusal(path: Path, content: str | bytes, settings: Sequence[str] = ())
 
 
 def test_every_shipped_scenario_resolves():
-    assert {"turn_none", "turn_held", "turn_swing", "straight", "slalom", "auto_turn"} <= set(Scenario.names())
+    assert {"turn_none", "turn_held", "turn_swing", "straight", "slalom", "auto_turn"} <= set(
+        Scenario.names()
+    )
     for name in Scenario.names():
         assert isinstance(load_scenario(name), Scenario)
 
 
 @pytest.mark.parametrize("name", Scenario.names())
 def test_name_says_nothing_of_the_tail_which_a_flag_can_change(name):
-    assert not {"tail", "none", "held", "swing"} & set(load_scenario(name).name.replace(",", "").split())
+    assert not {"tail", "none", "held", "swing"} & set(
+        load_scenario(name).name.replace(",", "").split()
+    )
 
 
 def test_published_turn_in_si_units():
@@ -66,7 +70,10 @@ def test_scenario_is_frozen():
 
 def test_unknown_section_and_key_are_answered_with_the_nearest():
     assert refusal({"carr": {}}) == "run.yaml: carr: unknown key; did you mean 'car'?"
-    assert refusal({"car": {"com_hight": 0.2}}) == "run.yaml: car.com_hight: unknown key; did you mean 'com_height'?"
+    assert (
+        refusal({"car": {"com_hight": 0.2}})
+        == "run.yaml: car.com_hight: unknown key; did you mean 'com_height'?"
+    )
 
 
 def test_speed_in_kilometres_per_hour_is_refused_and_not_converted():
@@ -101,15 +108,17 @@ def test_whole_number_is_taken_for_a_real_one_but_a_flag_is_not():
 
 
 def test_unknown_mode_is_answered_with_the_known_ones():
-    assert "tail.mode: 'flying' is not allowed; input should be 'none', 'held' or 'swing'" in refusal(
-        {"tail": {"mode": "flying"}}
+    assert (
+        "tail.mode: 'flying' is not allowed; input should be 'none', 'held' or 'swing'"
+        in refusal({"tail": {"mode": "flying"}})
     )
 
 
 @pytest.mark.parametrize("schema", ["aerodima/scenario/2", "", None, 1])
 def test_other_schema_is_refused_by_name(schema):
     assert refusal({"schema": schema}) == (
-        f"run.yaml: schema: {schema!r} is not read by this version; allowed is 'aerodima/scenario/1'"
+        f"run.yaml: schema: {schema!r} is not read by this version; allowed is "
+        "'aerodima/scenario/1'"
     )
 
 
@@ -124,7 +133,9 @@ def test_section_must_be_a_mapping(content):
     assert "keys with values" in refusal({"car": content})
 
 
-@pytest.mark.parametrize("key", ["imu.rate", "gps.rate", "sail_encoder.rate", "controller.rate", "simulation.log_rate"])
+@pytest.mark.parametrize(
+    "key", ["imu.rate", "gps.rate", "sail_encoder.rate", "controller.rate", "simulation.log_rate"]
+)
 def test_nothing_is_sampled_faster_than_the_plant_steps(key):
     section, name = key.split(".")
     assert refusal({section: {name: 501.0}}) == (
@@ -135,7 +146,10 @@ def test_nothing_is_sampled_faster_than_the_plant_steps(key):
 
 def test_steering_beyond_the_servo_is_refused():
     message = refusal({"manoeuvre": {"steer_angle": 0.5237}})
-    assert message == "run.yaml: manoeuvre.steer_angle: 0.5237 rad; allowed: <= servo.limit 0.523598776 rad"
+    assert (
+        message
+        == "run.yaml: manoeuvre.steer_angle: 0.5237 rad; allowed: <= servo.limit 0.523598776 rad"
+    )
 
 
 def test_sail_longer_than_the_tail_is_refused():
@@ -145,11 +159,15 @@ def test_sail_longer_than_the_tail_is_refused():
 
 
 def test_turn_that_starts_before_the_speed_is_reached_is_refused():
-    assert "manoeuvre.speed_ramp: 3 s; allowed: <= turn_start 2 s" in refusal({"manoeuvre": {"speed_ramp": 3.0}})
+    assert "manoeuvre.speed_ramp: 3 s; allowed: <= turn_start 2 s" in refusal(
+        {"manoeuvre": {"speed_ramp": 3.0}}
+    )
 
 
 def test_tail_that_would_rest_behind_its_stop_is_refused():
-    assert "controller.hold_angle: 1.8 rad; allowed: <= tail.roll_limit" in refusal({"controller": {"hold_angle": 1.8}})
+    assert "controller.hold_angle: 1.8 rad; allowed: <= tail.roll_limit" in refusal(
+        {"controller": {"hold_angle": 1.8}}
+    )
     assert "controller.pitch_angle: -1.8 rad; allowed: within tail.pitch_limit" in refusal(
         {"controller": {"pitch_angle": -1.8}}
     )
@@ -188,7 +206,13 @@ def test_empty_file_is_the_nominal_scenario(tmp_path):
 def test_settings_override_the_file():
     scenario = load_scenario(
         "turn_none",
-        ["car.com_height=0.21", "manoeuvre.speed = 3.5 m/s", "seed=7", "name=low car", "drive.governor=false"],
+        [
+            "car.com_height=0.21",
+            "manoeuvre.speed = 3.5 m/s",
+            "seed=7",
+            "name=low car",
+            "drive.governor=false",
+        ],
     )
     assert scenario.car.com_height == 0.21
     assert scenario.manoeuvre.speed == 3.5
@@ -200,16 +224,22 @@ def test_last_of_two_equal_settings_counts():
     assert load_scenario("turn_none", ["seed=1", "seed=2"]).seed == 2
 
 
-@pytest.mark.parametrize("setting", ["car.com_height", "=3", "car.=3", ".mass=3", "car.mass.x=1", "", "car=="])
+@pytest.mark.parametrize(
+    "setting", ["car.com_height", "=3", "car.=3", ".mass=3", "car.mass.x=1", "", "car=="]
+)
 def test_setting_of_another_form_is_refused(setting):
     with pytest.raises(ScenarioError, match="--set"):
         load_scenario("turn_none", [setting])
 
 
 def test_setting_is_named_in_its_error():
-    with pytest.raises(ScenarioError, match=r"--set carr\.mass=1: 'carr' is no section; did you mean 'car'"):
+    with pytest.raises(
+        ScenarioError, match=r"--set carr\.mass=1: 'carr' is no section; did you mean 'car'"
+    ):
         load_scenario("turn_none", ["carr.mass=1"])
-    with pytest.raises(ScenarioError, match=r"--set car\.mas=1: car\.mas: unknown key; did you mean 'mass'"):
+    with pytest.raises(
+        ScenarioError, match=r"--set car\.mas=1: car\.mas: unknown key; did you mean 'mass'"
+    ):
         load_scenario("turn_none", ["car.mas=1"])
     with pytest.raises(ScenarioError, match=r"manoeuvre\.speed.*unit 'km/h'; allowed is 'm/s'"):
         load_scenario("turn_none", ["manoeuvre.speed=12 km/h"])

@@ -39,9 +39,15 @@ def changed(key: str, value) -> dict:
 
 
 def test_the_thesis_swing_travels_130_degrees_at_8_rad_per_s_and_settles_outside() -> None:
-    """Table 6.4 with ERRATA E28, for a left turn: from the left (-90 degrees) over the top to the right (+90)."""
+    """Table 6.4 with ERRATA E28, for a left turn: from the left (-90 degrees) over the top to the
+    right (+90).
+    """
     swing = read_swing(model_path(THESIS))
-    assert (swing.direction, swing.trigger.threshold_rad_per_s, swing.trigger.delay_s) == ("left", 1.0, 0.0)
+    assert (swing.direction, swing.trigger.threshold_rad_per_s, swing.trigger.delay_s) == (
+        "left",
+        1.0,
+        0.0,
+    )
     travel = math.radians(130.0)
     during = np.linspace(0.0, travel / 8.0, 50)
     point = swing_at(swing, during)
@@ -57,7 +63,8 @@ def test_the_thesis_swing_travels_130_degrees_at_8_rad_per_s_and_settles_outside
 def test_the_thesis_gains_follow_the_phases_of_the_table() -> None:
     swing = read_swing(model_path(THESIS))
     travelled = math.radians(130.0) / 8.0
-    assert [(g.kp, g.kd) for g in (gains_at(swing, t)[0] for t in (-0.01, 0.0, 0.28, travelled, 2.0))] == [
+    assert [(g.kp, g.kd) for g in (gains_at(swing, t)[0] for t in (-0.01, 0.0, 0.28, travelled,
+    2.0))] == [
         (17.0, 5.0), (0.0, 3.0), (0.0, 3.0), (5.0, 2.0), (5.0, 2.0),
     ]  # fmt: skip
 
@@ -118,29 +125,67 @@ def test_what_is_written_comes_back_equal_and_is_not_overwritten(tmp_path: Path)
             r"schema: 'aerodima/swing/2' is not read .*; allowed is 'aerodima/swing/1'",
         ),
         ("direction", "up", r"direction: 'up' is not allowed; .*'left' or 'right'"),
-        ("knots.time_s", [0.0, 0.3, 0.3], r"knots\.time_s\.2: 0\.3 follows 0\.3; allowed: strictly increasing"),
+        (
+            "knots.time_s",
+            [0.0, 0.3, 0.3],
+            r"knots\.time_s\.2: 0\.3 follows 0\.3; allowed: strictly increasing",
+        ),
         ("knots.time_s", [0.1, 0.3, 0.5], r"knots\.time_s: 0\.1 is first; allowed: 0"),
         ("knots.time_s.1", float("nan"), r"knots\.time_s\.1: nan is not allowed"),
         ("knots.time_s", [0.0], r"knots\.time_s: \[0\.0\] is not allowed; .*at least 2"),
-        ("knots.roll_velocity_rad_per_s", [8.0, 0.0], r"knots\.roll_velocity_rad_per_s: 2 values; allowed: 3"),
-        ("knots.roll_position_rad.0", "-90 deg", r"knots\.roll_position_rad\.0: '-90 deg' is not allowed"),
+        (
+            "knots.roll_velocity_rad_per_s",
+            [8.0, 0.0],
+            r"knots\.roll_velocity_rad_per_s: 2 values; allowed: 3",
+        ),
+        (
+            "knots.roll_position_rad.0",
+            "-90 deg",
+            r"knots\.roll_position_rad\.0: '-90 deg' is not allowed",
+        ),
         ("knots.roll_position_rad.0", True, r"knots\.roll_position_rad\.0: True is not allowed"),
-        ("knots.roll_position_rad.2", 90.0, r"knots\.roll_position_rad\.2: 90\.0; allowed: -1\.5708 to 1\.5708"),
-        ("knots.roll_velocity_rad_per_s.0", 9.0, r"knots\.roll_velocity_rad_per_s\.0: 9\.0; allowed: -8 to 8"),
-        ("knots.roll_torque_n_m", [0.0, 25.0, 0.0], r"knots\.roll_torque_n_m\.1: 25\.0; allowed: -24\.8 to 24\.8"),
+        (
+            "knots.roll_position_rad.2",
+            90.0,
+            r"knots\.roll_position_rad\.2: 90\.0; allowed: -1\.5708 to 1\.5708",
+        ),
+        (
+            "knots.roll_velocity_rad_per_s.0",
+            9.0,
+            r"knots\.roll_velocity_rad_per_s\.0: 9\.0; allowed: -8 to 8",
+        ),
+        (
+            "knots.roll_torque_n_m",
+            [0.0, 25.0, 0.0],
+            r"knots\.roll_torque_n_m\.1: 25\.0; allowed: -24\.8 to 24\.8",
+        ),
         ("knots.roll_speed", [0.0], r"knots\.roll_speed: unknown key"),
         ("knots.pitch_position_rad", None, r"knots\.pitch_position_rad: missing"),
-        ("gains.feedback", {"states": ["tail_roll"]}, r"gains\.feedback: unknown key; allowed: hold, phases"),
+        (
+            "gains.feedback",
+            {"states": ["tail_roll"]},
+            r"gains\.feedback: unknown key; allowed: hold, phases",
+        ),
         ("gains.hold.kp", 501.0, r"gains\.hold\.kp: 501\.0 is not allowed; .*500"),
-        ("gains.phases.1.start_s", 0.0, r"gains\.phases\.1: 0\.0 follows 0\.0; allowed: strictly increasing"),
+        (
+            "gains.phases.1.start_s",
+            0.0,
+            r"gains\.phases\.1: 0\.0 follows 0\.0; allowed: strictly increasing",
+        ),
         ("trigger.kind", "roll", r"trigger\.kind: 'roll' is not allowed"),
-        ("trigger.threshold_rad_per_s", -1.0, r"trigger\.threshold_rad_per_s: -1\.0 is not allowed"),
+        (
+            "trigger.threshold_rad_per_s",
+            -1.0,
+            r"trigger\.threshold_rad_per_s: -1\.0 is not allowed",
+        ),
         ("limits.torque_n_m", float("inf"), r"limits\.torque_n_m: inf is not allowed"),
         ("car", {"car.mass": "6 kg"}, r"car\.car\.mass: '6 kg' is not allowed"),
         ("trigger", None, r"trigger: missing"),
     ],
 )
-def test_errors_name_file_key_value_and_what_is_allowed(tmp_path: Path, key: str, value, message: str) -> None:
+def test_errors_name_file_key_value_and_what_is_allowed(
+    tmp_path: Path, key: str, value, message: str
+) -> None:
     path = tmp_path / "swing.yaml"
     path.write_text(yaml.safe_dump(changed(key, value)))
     with pytest.raises(SwingFileError, match=rf"swing\.yaml: {message}"):
@@ -148,7 +193,9 @@ def test_errors_name_file_key_value_and_what_is_allowed(tmp_path: Path, key: str
 
 
 def test_a_curve_that_overshoots_its_limit_between_the_knots_is_refused() -> None:
-    """Knots at 85 degrees with opposite rates of 8 rad/s, 0.1 s apart, bulge by 8 x 0.1 / 4 = 0.2 rad."""
+    """Knots at 85 degrees with opposite rates of 8 rad/s, 0.1 s apart, bulge by 8 x 0.1 / 4 = 0.2
+    rad.
+    """
     data = thesis_data()
     edge = math.radians(85.0)
     data["knots"] |= {
@@ -156,7 +203,9 @@ def test_a_curve_that_overshoots_its_limit_between_the_knots_is_refused() -> Non
         "roll_position_rad": [edge, edge, 0.0],
         "roll_velocity_rad_per_s": [8.0, -8.0, 0.0],
     }
-    with pytest.raises(SwingFileError, match=r"the curve reaches 1\.68353 at 0\.05 s; allowed: -1\.5708 to 1\.5708"):
+    with pytest.raises(
+        SwingFileError, match=r"the curve reaches 1\.68353 at 0\.05 s; allowed: -1\.5708 to 1\.5708"
+    ):
         swing_from_dict(data)
 
 
@@ -169,7 +218,9 @@ def test_a_curve_that_overshoots_its_limit_between_the_knots_is_refused() -> Non
     ],
 )
 def test_a_trigger_has_a_threshold_if_it_looks_at_the_yaw_rate(trigger: dict) -> None:
-    with pytest.raises(SwingFileError, match=r"trigger\.threshold_rad_per_s: allowed and needed with kind yaw_rate"):
+    with pytest.raises(
+        SwingFileError, match=r"trigger\.threshold_rad_per_s: allowed and needed with kind yaw_rate"
+    ):
         swing_from_dict(changed("trigger", trigger))
 
 
@@ -195,7 +246,9 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 
 def test_another_car_is_named_parameter_by_parameter() -> None:
-    swing = swing_from_dict(changed("car", {"car.mass": 6.1, "tail.length": 0.9, "tail.colour": 1.0}))
+    swing = swing_from_dict(
+        changed("car", {"car.mass": 6.1, "tail.length": 0.9, "tail.colour": 1.0})
+    )
     scenario = {"car": {"mass": 6.1}, "tail": {"length": 0.8}}
     assert car_mismatches(swing, scenario) == [
         "tail.length: made for 0.9, the scenario has 0.8",

@@ -51,14 +51,18 @@ def test_fishhook_counter_steers_when_the_car_stops_rolling_outwards(end):
 
 
 def test_fishhook_holds_the_wheels_at_the_second_angle_for_its_time():
-    """The servo takes 0.28 s from one side to the other (0.14 s for 30 degrees), then 0.95 s, in ticks of 10 ms."""
+    """The servo takes 0.28 s from one side to the other (0.14 s for 30 degrees), then 0.95 s, in
+    ticks of 10 ms.
+    """
     steering, _ = driven(FISHHOOK, roll_until(0.6))
     assert np.count_nonzero(steering < 0.0) == pytest.approx(28 + 95, abs=1)
     assert steering[-1] == 0.0
 
 
 def test_fishhook_waits_for_the_wheels_before_it_believes_that_nothing_rolls():
-    """A car that does not roll at all is counter-steered when its wheels have arrived, 0.14 s after the command."""
+    """A car that does not roll at all is counter-steered when its wheels have arrived, 0.14 s after
+    the command.
+    """
     steering, _ = driven(FISHHOOK, lambda time: 0.0)
     assert 0.01 * np.argmax(steering < 0.0) == pytest.approx(0.44, abs=0.0101)
 
@@ -93,7 +97,8 @@ def test_a_schedule_is_a_driver_that_looks_at_nothing():
 
 
 @pytest.mark.parametrize(
-    ("name", "sources"), [("entry_fishhook", ("imu",)), ("entry_corner", ("imu", "pose")), ("entry_rising_steer", ())]
+    ("name", "sources"),
+    [("entry_fishhook", ("imu",)), ("entry_corner", ("imu", "pose")), ("entry_rising_steer", ())],
 )
 def test_a_driver_names_what_it_looks_at_and_starts_without_seeing_it(name, sources):
     law = make_driver(load_scenario(name))
@@ -105,7 +110,9 @@ def test_a_driver_names_what_it_looks_at_and_starts_without_seeing_it(name, sour
 
 
 def bicycle(scenario, law) -> Iterator[tuple[float, float, float, float, float]]:
-    """Place, heading, steering command and announced side of a kinematic bicycle behind the scenario's servo."""
+    """Place, heading, steering command and announced side of a kinematic bicycle behind the
+    scenario's servo.
+    """
     x = y = heading = angle = yaw_rate = 0.0
     speed, step, memory = scenario.manoeuvre.speed, 0.002, law.start()
     for tick in range(round(scenario.manoeuvre.duration / step)):
@@ -130,12 +137,16 @@ def follow(name, *settings):
 @pytest.mark.parametrize("name", ["entry_lane_change", "entry_corner"])
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_path_driver_keeps_a_slow_kinematic_car_in_its_lane(name, side):
-    """At 1 m/s the tyres need a tenth of their grip in the corner, so that the kinematic car is a fair one."""
+    """At 1 m/s the tyres need a tenth of their grip in the corner, so that the kinematic car is a
+    fair one.
+    """
     scenario, law, (x, y, heading, *_) = follow(name, f"manoeuvre.direction={side}")
     half_width = 0.5 * (scenario.car.track + scenario.car.tyre_width)
     assert np.max(off_path(law.path, x, y, heading, half_width, scenario.car.wheelbase)) < 0.0
     assert law.path.station(x[-1], y[-1]) >= law.path.end
-    assert abs(heading[-1]) == pytest.approx(0.0 if name == "entry_lane_change" else 0.5 * math.pi, abs=0.02)
+    assert abs(heading[-1]) == pytest.approx(
+        0.0 if name == "entry_lane_change" else 0.5 * math.pi, abs=0.02
+    )
 
 
 @pytest.mark.parametrize("name", ["entry_lane_change", "entry_corner"])
@@ -147,7 +158,9 @@ def test_a_mirrored_path_is_steered_as_its_mirror_image(name):
 
 
 def test_path_driver_reacts_late_and_turns_the_wheel_no_faster_than_hands_do():
-    """Beside its path by 0.3 m it wants to steer at once: the first movement comes after 6 ticks of delay."""
+    """Beside its path by 0.3 m it wants to steer at once: the first movement comes after 6 ticks of
+    delay.
+    """
     law = make_driver(load_scenario("entry_corner", ["manoeuvre.driver_rate=2"]))
     memory, angles = law.start(), []
     for tick in range(40):
@@ -170,23 +183,38 @@ def test_path_driver_steers_no_further_than_the_angle_of_the_manoeuvre():
 def test_path_driver_without_yaw_rate_takes_it_for_none():
     law = make_driver(load_scenario("entry_corner", ["manoeuvre.driver_delay=0"]))
     seen = Seen(0.0, (1.0, 0.05), 0.1, 0.1, 2.0, 0.0)
-    assert law.step(law.start(), seen._replace(yaw_rate=math.nan))[1] == law.step(law.start(), seen)[1]
+    assert (
+        law.step(law.start(), seen._replace(yaw_rate=math.nan))[1] == law.step(law.start(), seen)[1]
+    )
 
 
 def test_path_driver_steers_more_when_the_car_lacks_curvature():
     """Soft tyres: the same place and course at half the yaw rate of the kinematic car."""
-    law = make_driver(load_scenario("entry_corner", ["manoeuvre.driver_delay=0", "manoeuvre.driver_rate=100"]))
+    law = make_driver(
+        load_scenario("entry_corner", ["manoeuvre.driver_delay=0", "manoeuvre.driver_rate=100"])
+    )
     x, y = law.path.centre(law.path.bend + 0.8)
     heading = 0.8 / law.path.radius
     steered = {}
     for share in (1.0, 0.5):
         memory = law.start()
         for tick in range(100):
-            seen = Seen(0.01 * tick, (float(x), float(y)), heading, heading, 2.0, share * 2.0 / law.path.radius)
+            seen = Seen(
+                0.01 * tick,
+                (float(x), float(y)),
+                heading,
+                heading,
+                2.0,
+                share * 2.0 / law.path.radius,
+            )
             memory, given = law.step(memory, seen)
         steered[share] = math.tan(given.steering_angle) * law.path.radius / 0.27
-    assert steered[1.0] == pytest.approx(1.0, abs=1e-3), "the angle of the kinematic car on this circle"
-    assert steered[0.5] == pytest.approx(1.0 + 0.5 * law.correction, abs=1e-3), "after ten time constants"
+    assert steered[1.0] == pytest.approx(1.0, abs=1e-3), (
+        "the angle of the kinematic car on this circle"
+    )
+    assert steered[0.5] == pytest.approx(1.0 + 0.5 * law.correction, abs=1e-3), (
+        "after ten time constants"
+    )
 
 
 def test_a_car_on_rigid_tyres_is_not_steered_from_side_to_side():
@@ -217,13 +245,19 @@ print(given.planned_turn)
 
 @pytest.mark.parametrize("name", ["entry_turn", "entry_fishhook", "slalom"])
 def test_a_real_car_drives_by_time_and_imu_and_starts_at_rest(name):
-    refuse_simulated_only(load_scenario(name, ["manoeuvre.rolling_start=false", "manoeuvre.turn_start=3"]))
+    refuse_simulated_only(
+        load_scenario(name, ["manoeuvre.rolling_start=false", "manoeuvre.turn_start=3"])
+    )
     with pytest.raises(UserError, match=r"manoeuvre.rolling_start: true; allowed on a car: false"):
         refuse_simulated_only(load_scenario(name, ["manoeuvre.rolling_start=true"]))
 
 
 def test_a_real_car_follows_a_path_only_by_a_driver_of_ones_own():
-    lane_change = load_scenario("entry_lane_change", ["manoeuvre.rolling_start=false", "manoeuvre.turn_start=3"])
-    with pytest.raises(UserError, match=r"manoeuvre.kind: path.*allowed on a car: turn, .*fishhook, or a diagram"):
+    lane_change = load_scenario(
+        "entry_lane_change", ["manoeuvre.rolling_start=false", "manoeuvre.turn_start=3"]
+    )
+    with pytest.raises(
+        UserError, match=r"manoeuvre.kind: path.*allowed on a car: turn, .*fishhook, or a diagram"
+    ):
         refuse_simulated_only(lane_change)
     refuse_simulated_only(lane_change, own_driver=True)

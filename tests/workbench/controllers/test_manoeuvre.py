@@ -43,7 +43,11 @@ def scenario(governor=True, **changes):
         "log_end": 20.0,
     } | changes
     drive = SimpleNamespace(
-        throttle_gain=10.0, throttle_offset=-1.0, time_constant=0.5, governor=governor, breakaway_throttle=0.25
+        throttle_gain=10.0,
+        throttle_offset=-1.0,
+        time_constant=0.5,
+        governor=governor,
+        breakaway_throttle=0.25,
     )
     return SimpleNamespace(manoeuvre=SimpleNamespace(**manoeuvre), drive=drive)
 
@@ -72,7 +76,9 @@ def test_a_turn_of_two_levels_has_each_for_its_time():
     assert set(angles[220:250]) == {STEER}
     assert not angles[:200].any()
     assert not angles[250:].any()
-    assert set(steering(make_schedule(scenario(first_angle=0.1)), 0.01 * np.arange(200, 250))) == {STEER}
+    assert set(steering(make_schedule(scenario(first_angle=0.1)), 0.01 * np.arange(200, 250))) == {
+        STEER
+    }
 
 
 def test_ticks_reach_the_instants_whatever_their_rounding():
@@ -86,11 +92,17 @@ def test_right_turn_mirrors_the_left_one():
     left, right = make_schedule(scenario()), make_schedule(scenario(direction="right"))
     for time in 0.01 * np.arange(400):
         a, b = left.at(time), right.at(time)
-        assert (b.steering_angle, b.throttle, b.planned_turn) == (-a.steering_angle, a.throttle, -a.planned_turn)
+        assert (b.steering_angle, b.throttle, b.planned_turn) == (
+            -a.steering_angle,
+            a.throttle,
+            -a.planned_turn,
+        )
 
 
 def test_throttle_inverts_the_line_along_the_ramp():
-    """speed = 10 throttle - 1: standstill at 0.1, 2 m/s half way up the ramp at 0.3, 4 m/s at 0.5."""
+    """speed = 10 throttle - 1: standstill at 0.1, 2 m/s half way up the ramp at 0.3, 4 m/s at
+    0.5.
+    """
     schedule = make_schedule(scenario())
     assert schedule.at(0.0).throttle == pytest.approx(0.1)
     assert schedule.at(0.6).throttle == pytest.approx(0.3)
@@ -99,7 +111,9 @@ def test_throttle_inverts_the_line_along_the_ramp():
 
 
 def test_frozen_throttle_reaches_the_speed_and_is_constant_through_the_turn():
-    """A first-order car (0.5 s) driven by the schedule follows the ramp and holds the speed, tick by tick exactly."""
+    """A first-order car (0.5 s) driven by the schedule follows the ramp and holds the speed, tick
+    by tick exactly.
+    """
     schedule = make_schedule(scenario(governor=False))
     speed, decay = 0.0, math.exp(-0.01 / 0.5)
     for tick in range(400):
@@ -116,12 +130,17 @@ def test_frozen_throttle_reaches_the_speed_and_is_constant_through_the_turn():
 
 def test_auto_sequence_of_an_open_loop_car_is_one_throttle_from_the_first_tick():
     schedule = make_schedule(scenario(governor=False, kind="auto_turn"))
-    assert [schedule.at(time).throttle for time in (0.0, 0.5, 5.0, 15.2, 16.4)] == pytest.approx([0.5] * 5)
+    assert [schedule.at(time).throttle for time in (0.0, 0.5, 5.0, 15.2, 16.4)] == pytest.approx(
+        [0.5] * 5
+    )
     assert schedule.at(16.5).throttle == 0.0
 
 
 def test_open_loop_car_is_not_asked_for_less_than_it_breaks_away_with():
-    with pytest.raises(UserError, match=r"manoeuvre.speed: 1.4 m/s; allowed without governor: 0, or from 1.5 m/s on"):
+    with pytest.raises(
+        UserError,
+        match=r"manoeuvre.speed: 1.4 m/s; allowed without governor: 0, or from 1.5 m/s on",
+    ):
         make_schedule(scenario(governor=False, speed=1.4))
     assert make_schedule(scenario(governor=True, speed=1.4)).at(3.0).throttle == pytest.approx(0.24)
 
@@ -197,11 +216,15 @@ def test_slalom_announces_each_half_wave_with_the_side_it_steers_to():
 def test_slalom_may_steer_while_it_gathers_speed():
     schedule = SlalomSchedule(SpeedRamp(4.0, 2.0, ThrottleLine(10.0, 0.0)), 1.0, STEER, 0.0, 2.0)
     assert steering(schedule, [0.5]) == pytest.approx([STEER])
-    assert [schedule.at(time).throttle for time in (0.5, 1.0, 2.0)] == pytest.approx([0.1, 0.2, 0.4])
+    assert [schedule.at(time).throttle for time in (0.5, 1.0, 2.0)] == pytest.approx(
+        [0.1, 0.2, 0.4]
+    )
 
 
 def test_wheels_are_straightened_from_what_is_left_of_a_larger_first_level() -> None:
-    """At 2 rad/s, from 0.5 rad: none is left after 0.2 s; 0.3 rad after 0.1 s; all of it without a second level."""
+    """At 2 rad/s, from 0.5 rad: none is left after 0.2 s; 0.3 rad after 0.1 s; all of it without a
+    second level.
+    """
     assert angle_to_straighten(0.1, 0.5, 2.0) == 0.1
     left = [angle_to_straighten(0.1, 0.5, 2.0, 0.5, first_hold) for first_hold in (0.2, 0.4, 0.5)]
     assert left == pytest.approx([0.1, 0.3, 0.5])
@@ -209,10 +232,14 @@ def test_wheels_are_straightened_from_what_is_left_of_a_larger_first_level() -> 
 
 
 def test_two_turns_are_the_same_pulse_twice_with_straight_wheels_in_between():
-    """0.5 s of 30 degrees from 2.0 s and again 1 s after its end, from 3.5 s; sampled at ticks of 10 ms."""
+    """0.5 s of 30 degrees from 2.0 s and again 1 s after its end, from 3.5 s; sampled at ticks of
+    10 ms.
+    """
     twice, ticks = make_schedule(scenario(turns=2, turn_gap=1.0)), 0.01 * np.arange(500)
     angles = steering(twice, ticks)
-    np.testing.assert_array_equal(ticks[angles > 0.0], np.concatenate([ticks[200:250], ticks[350:400]]))
+    np.testing.assert_array_equal(
+        ticks[angles > 0.0], np.concatenate([ticks[200:250], ticks[350:400]])
+    )
     once = steering(make_schedule(scenario()), ticks)
     np.testing.assert_array_equal(angles[150:300], once[150:300])
     np.testing.assert_array_equal(angles[300:450], once[150:300])
@@ -229,17 +256,23 @@ def test_the_published_law_brings_the_tail_back_for_the_second_turn():
     for tick in range(730):
         time = 0.01 * tick
         planned, turning = twice.at(time).planned_turn, 2.0 <= time < 2.5 or 6.5 <= time < 7.0
-        memory, _, command, state = law.step(memory, Observation(time, 3.0 * turning, roll, 0.0, planned, True))
+        memory, _, command, state = law.step(
+            memory, Observation(time, 3.0 * turning, roll, 0.0, planned, True)
+        )
         roll = roll + 0.01 * command[1] if command[2] == 0.0 else float(command[0])
         states.append(state)
-    order = [state for state, before in zip(states, [None, *states], strict=False) if state != before]
+    order = [
+        state for state, before in zip(states, [None, *states], strict=False) if state != before
+    ]
     swing = [SwingState.HOLD, SwingState.SWING, SwingState.SETTLE]
     assert order == [*swing, SwingState.RECOCK, *swing]
 
 
 def test_both_turns_have_two_levels_if_one_has():
     schedule = make_schedule(scenario(turns=2, turn_gap=0.5, first_angle=0.1, first_hold=0.2))
-    assert steering(schedule, [2.1, 2.3, 2.6, 3.1, 3.3, 3.6]) == pytest.approx([0.1, STEER, 0.0, 0.1, STEER, 0.0])
+    assert steering(schedule, [2.1, 2.3, 2.6, 3.1, 3.3, 3.6]) == pytest.approx(
+        [0.1, STEER, 0.0, 0.1, STEER, 0.0]
+    )
 
 
 @pytest.mark.parametrize("changes", [{"turns": 2}, {"kind": "rising"}, {"kind": "slalom"}])
@@ -257,18 +290,24 @@ def test_right_is_the_mirror_image_of_left(changes):
 def test_rising_steering_grows_in_proportion_to_time_up_to_its_angle():
     schedule = make_schedule(scenario(kind="rising"))
     assert isinstance(schedule, RisingSchedule)
-    assert steering(schedule, [0.0, 2.0, 3.0, 6.0, 12.0, 60.0]) == pytest.approx([0.0, 0.0, 0.05, 0.2, 0.5, STEER])
+    assert steering(schedule, [0.0, 2.0, 3.0, 6.0, 12.0, 60.0]) == pytest.approx(
+        [0.0, 0.0, 0.05, 0.2, 0.5, STEER]
+    )
 
 
 @pytest.mark.parametrize("governor", [True, False])
 def test_a_rolling_start_has_the_throttle_of_its_speed_from_time_0(governor):
     schedule = make_schedule(scenario(governor, rolling_start=True, turn_start=0.3))
-    assert {schedule.at(time).throttle for time in (0.0, 0.1, 0.3, 2.0)} == {0.5}, "(4 + 1) / 10 of the throttle line"
+    assert {schedule.at(time).throttle for time in (0.0, 0.1, 0.3, 2.0)} == {0.5}, (
+        "(4 + 1) / 10 of the throttle line"
+    )
 
 
 @pytest.mark.parametrize("kind", ["fishhook", "path"])
 def test_a_driver_that_looks_at_the_car_is_no_schedule(kind):
-    with pytest.raises(UserError, match=rf"manoeuvre.kind: {kind}.*allowed as a function of time: turn, auto_turn"):
+    with pytest.raises(
+        UserError, match=rf"manoeuvre.kind: {kind}.*allowed as a function of time: turn, auto_turn"
+    ):
         make_schedule(scenario(kind=kind))
 
 

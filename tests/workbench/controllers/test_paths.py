@@ -17,7 +17,9 @@ def lane_change(begin=0.0, side=1.0):
 
 
 def off(path, x, y, heading, half_width=0.5 * WIDTH):
-    return off_path(path, np.array([x]), np.array([y]), np.array([heading]), half_width, WHEELBASE)[0]
+    return off_path(path, np.array([x]), np.array([y]), np.array([heading]), half_width, WHEELBASE)[
+        0
+    ]
 
 
 def test_lengths_of_the_lane_change_are_those_of_iso_3888_2_at_a_tenth():
@@ -29,14 +31,18 @@ def test_lengths_of_the_lane_change_are_those_of_iso_3888_2_at_a_tenth():
 
 
 def test_widths_and_offset_of_the_lane_change_are_those_of_iso_3888_2_at_a_tenth():
-    """1.1 b + 0.25 m, b + 1 m, 1.3 b + 0.25 m but at least 3 m, and 1 m between the lanes: here b is 1.8 m."""
+    """1.1 b + 0.25 m, b + 1 m, 1.3 b + 0.25 m but at least 3 m, and 1 m between the lanes: here b
+    is 1.8 m.
+    """
     first, middle, last = lane_change().lanes
     widths = [lane.left - lane.right for lane in (first, middle, last)]
     assert widths == pytest.approx([0.1 * (1.1 * 1.8 + 0.25), 0.1 * 2.8, 0.3])
     assert middle.right - first.left == pytest.approx(0.1)
     assert middle.right - last.left == pytest.approx(0.1)
     wide = LaneChange(0.294, 0.0, 1.0).lanes[2]
-    assert wide.left - wide.right == pytest.approx(1.3 * 0.294 + 0.025), "more than 3 m at full size"
+    assert wide.left - wide.right == pytest.approx(1.3 * 0.294 + 0.025), (
+        "more than 3 m at full size"
+    )
 
 
 def test_centre_line_runs_through_the_middle_of_the_lanes_without_a_kink():
@@ -46,7 +52,9 @@ def test_centre_line_runs_through_the_middle_of_the_lanes_without_a_kink():
     for lane in path.lanes:
         np.testing.assert_allclose(y[(x >= lane.start) & (x <= lane.end)], lane.centre, atol=1e-12)
     slope = np.diff(y) / np.diff(x)
-    assert np.max(np.abs(np.diff(slope))) < 0.005, "in 1 mm: curvature below 5 per m, where a kink would jump by 0.4"
+    assert np.max(np.abs(np.diff(slope))) < 0.005, (
+        "in 1 mm: curvature below 5 per m, where a kink would jump by 0.4"
+    )
 
 
 @pytest.mark.parametrize("path", [lane_change(0.4), Corner(1.2, 0.4, 0.4, 1.0)])
@@ -88,25 +96,36 @@ def test_between_the_lanes_there_are_no_cones():
 
 
 def test_a_corner_of_the_car_that_heads_out_of_the_lane_counts():
-    """The front outer corner is ahead by the wheelbase and beside by half the width, turned by the heading."""
+    """The front outer corner is ahead by the wheelbase and beside by half the width, turned by the
+    heading.
+    """
     path, heading = lane_change(), 0.2
     corner = WHEELBASE * math.sin(heading) + 0.5 * WIDTH * math.cos(heading)
     assert off(path, 0.5, 0.0, heading) == pytest.approx(corner - path.lanes[0].left)
 
 
 def test_a_car_meets_the_last_cone_with_its_side():
-    """Both axles are clear of the lane's end, front ahead and rear inside of the edge; the side is over the cone."""
+    """Both axles are clear of the lane's end, front ahead and rear inside of the edge; the side is
+    over the cone.
+    """
     path, heading = lane_change(), 0.5
     lane = path.lanes[0]
     rear = lane.end - 0.5 * WHEELBASE * math.cos(heading), -0.03
     side = rear[1] + 0.5 * WHEELBASE * math.sin(heading) + 0.5 * WIDTH / math.cos(heading)
-    # On the left side y = y_rear + tan(heading) (x - x_rear) + half width / cos(heading); points are 7 mm apart.
-    assert off(path, *rear, heading) == pytest.approx(side - lane.left, abs=0.007 * math.sin(heading))
+    # On the left side y = y_rear + tan(heading) (x - x_rear) + half width / cos(heading); points
+    # are 7 mm apart.
+    assert off(path, *rear, heading) == pytest.approx(
+        side - lane.left, abs=0.007 * math.sin(heading)
+    )
 
 
 def test_mirrored_paths_judge_mirrored_cars_alike():
     rng = np.random.default_rng(3)
-    x, y, heading = rng.uniform(0.0, 6.0, 200), rng.uniform(-0.6, 0.6, 200), rng.uniform(-0.6, 0.6, 200)
+    x, y, heading = (
+        rng.uniform(0.0, 6.0, 200),
+        rng.uniform(-0.6, 0.6, 200),
+        rng.uniform(-0.6, 0.6, 200),
+    )
     for make in (lane_change, lambda side: Corner(1.2, 0.4, 0.0, side)):
         left = off_path(make(side=1.0), x, y, heading, 0.09, WHEELBASE)
         right = off_path(make(side=-1.0), x, -y, -heading, 0.09, WHEELBASE)
@@ -119,13 +138,20 @@ def test_a_car_along_the_centre_line_keeps_the_path_to_its_end_and_a_wide_one_do
     x, y = path.centre(stations)
     heading = np.clip((stations - path.bend) / 1.2, 0.0, 0.5 * math.pi)
     assert path.station(x[-1], y[-1]) == pytest.approx(path.end)
-    assert np.max(off_path(path, x, y, heading, 0.05, 0.1)) < 0.0 < np.max(off_path(path, x, y, heading, 0.3, 0.1))
+    assert (
+        np.max(off_path(path, x, y, heading, 0.05, 0.1))
+        < 0.0
+        < np.max(off_path(path, x, y, heading, 0.3, 0.1))
+    )
 
 
 def test_the_announced_side_is_that_of_the_next_shift():
     path = lane_change(side=-1.0)
     _, middle, last = path.lanes
-    sides = [path.next_side(station) for station in (-math.inf, 0.0, middle.start - 0.01, middle.start, last.end + 1.0)]
+    sides = [
+        path.next_side(station)
+        for station in (-math.inf, 0.0, middle.start - 0.01, middle.start, last.end + 1.0)
+    ]
     assert sides == [-1.0, -1.0, -1.0, 1.0, 1.0]
     assert Corner(1.2, 0.4, 0.0, -1.0).next_side(2.0) == -1.0
 
@@ -134,9 +160,16 @@ def test_the_announced_side_is_that_of_the_next_shift():
 def test_first_cones_stand_where_the_car_is_at_turn_start(rolling, begin):
     """2 m/s for 1 s; with a ramp of 0.6 s it has come 0.6 m less far."""
     manoeuvre = SimpleNamespace(
-        direction="left", path="lane_change", rolling_start=rolling, speed_ramp=0.6, speed=2.0, turn_start=1.0
+        direction="left",
+        path="lane_change",
+        rolling_start=rolling,
+        speed_ramp=0.6,
+        speed=2.0,
+        turn_start=1.0,
     )
-    path = path_of(SimpleNamespace(manoeuvre=manoeuvre, car=SimpleNamespace(track=0.13, tyre_width=0.05)))
+    path = path_of(
+        SimpleNamespace(manoeuvre=manoeuvre, car=SimpleNamespace(track=0.13, tyre_width=0.05))
+    )
     assert path.lanes[0].start == pytest.approx(begin)
     assert path.vehicle_width == pytest.approx(WIDTH)
 
@@ -144,7 +177,10 @@ def test_first_cones_stand_where_the_car_is_at_turn_start(rolling, begin):
 def test_wrong_input_names_what_is_allowed():
     with pytest.raises(UserError, match=r"manoeuvre.corner_radius: 0.2 m; allowed: > 0.2 m"):
         Corner(0.2, 0.4, 0.0, 1.0)
-    with pytest.raises(ScenarioError, match=r"manoeuvre.corner_radius: 0.2 m; allowed: > half of corner_width, 0.2 m"):
+    with pytest.raises(
+        ScenarioError,
+        match=r"manoeuvre.corner_radius: 0.2 m; allowed: > half of corner_width, 0.2 m",
+    ):
         load_scenario("entry_corner", ["manoeuvre.corner_radius=0.2"])
     with pytest.raises(UserError, match=r"off_path: y: shape \(1,\); allowed: finite"):
         off(lane_change(), 0.0, math.nan, 0.0)

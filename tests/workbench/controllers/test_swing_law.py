@@ -45,7 +45,9 @@ def memory_in(state, settings=SETTINGS, plan=LEFT):
         return memory
     memory = run([see(0.5, inside, yaw_rate=plan * 1.5, plan=plan)], settings, memory)[2]
     if memory.state == SwingState.DELAY and state != SwingState.DELAY:
-        memory = run([see(0.5 + settings.delay, inside, yaw_rate=plan * 1.5, plan=plan)], settings, memory)[2]
+        memory = run(
+            [see(0.5 + settings.delay, inside, yaw_rate=plan * 1.5, plan=plan)], settings, memory
+        )[2]
     if state == SwingState.SETTLE:
         memory = run([see(0.8, inside + plan * settings.travel, plan=plan)], settings, memory)[2]
     assert memory.state == state
@@ -99,7 +101,9 @@ def test_a_left_turn_from_hold_to_the_end():
 
 def test_the_swing_leads_over_the_top_to_the_outside():
     """Velocity from the left (-90 deg) towards the right (+90 deg) in a left turn."""
-    _, pitch_command, roll_command = SwingLaw(SETTINGS).tick(memory_in(SwingState.HOLD), see(1.0, yaw_rate=1.5))
+    _, pitch_command, roll_command = SwingLaw(SETTINGS).tick(
+        memory_in(SwingState.HOLD), see(1.0, yaw_rate=1.5)
+    )
     assert roll_command[1] > 0.0
     np.testing.assert_allclose(pitch_command, [0.0, 0.0, 17.0, 5.0, 0.0])
 
@@ -110,7 +114,9 @@ def test_travel_is_measured_from_where_the_swing_began():
     assert memory.state == SwingState.SWING
     at_nominal = run([see(0.7, INSIDE_LEFT + SETTINGS.travel + 0.01)], memory=memory)[0]
     assert at_nominal == [SwingState.SWING]
-    assert run([see(0.7, drooped + SETTINGS.travel + 0.01)], memory=memory)[0] == [SwingState.SETTLE]
+    assert run([see(0.7, drooped + SETTINGS.travel + 0.01)], memory=memory)[0] == [
+        SwingState.SETTLE
+    ]
 
 
 @pytest.mark.parametrize(
@@ -125,7 +131,16 @@ def test_travel_is_measured_from_where_the_swing_began():
         see(0.5, yaw_rate=3.0, plan=math.nan),
         see(0.5, yaw_rate=3.0, plan=NONE),
     ],
-    ids=["wrong sign", "at the limit", "silent", "NaN rate", "NaN angle", "NaN time", "NaN plan", "no plan"],
+    ids=[
+        "wrong sign",
+        "at the limit",
+        "silent",
+        "NaN rate",
+        "NaN angle",
+        "NaN time",
+        "NaN plan",
+        "no plan",
+    ],
 )
 def test_what_must_not_trigger(observation):
     memory = memory_in(SwingState.HOLD)
@@ -136,13 +151,20 @@ def test_what_must_not_trigger(observation):
 
 def test_wrong_sign_does_not_trigger_a_right_turn_either():
     memory = memory_in(SwingState.HOLD, plan=RIGHT)
-    assert run([see(0.5, math.pi / 2, yaw_rate=3.0, plan=RIGHT)], memory=memory)[0] == [SwingState.HOLD]
-    assert run([see(0.5, math.pi / 2, yaw_rate=-3.0, plan=RIGHT)], memory=memory)[0] == [SwingState.SWING]
+    assert run([see(0.5, math.pi / 2, yaw_rate=3.0, plan=RIGHT)], memory=memory)[0] == [
+        SwingState.HOLD
+    ]
+    assert run([see(0.5, math.pi / 2, yaw_rate=-3.0, plan=RIGHT)], memory=memory)[0] == [
+        SwingState.SWING
+    ]
 
 
 def test_delay_state_waits_with_the_hold_command_even_if_the_yaw_rate_is_gone():
     settings = SwingSettings.published(delay=0.05)
-    observations = [see(0.0), *(see(0.01 * tick, yaw_rate=1.5 if tick == 10 else 0.0) for tick in range(10, 17))]
+    observations = [
+        see(0.0),
+        *(see(0.01 * tick, yaw_rate=1.5 if tick == 10 else 0.0) for tick in range(10, 17)),
+    ]
     states, commands, _ = run(observations, settings)
     assert states == [SwingState.HOLD, *[SwingState.DELAY] * 5, SwingState.SWING, SwingState.SWING]
     np.testing.assert_allclose(commands[3], [-math.pi / 2, 0.0, 17.0, 5.0, 0.0])
@@ -182,21 +204,27 @@ def test_blocked_swing_gives_up_instead_of_pushing_for_ever():
 
 def test_held_tail_never_swings():
     settings = SwingSettings.published(mode="held")
-    states, commands, _ = run([see(0.0), *(see(0.1 * k, yaw_rate=4.0) for k in range(1, 20))], settings)
+    states, commands, _ = run(
+        [see(0.0), *(see(0.1 * k, yaw_rate=4.0) for k in range(1, 20))], settings
+    )
     assert set(states) == {SwingState.HOLD}
     assert np.all(commands == commands[0])
 
 
 def test_no_tail_gets_no_command():
     settings = SwingSettings.published(mode="none")
-    memory, pitch_command, roll_command = SwingLaw(settings).tick(SwingMemory(), see(0.0, yaw_rate=4.0))
+    memory, pitch_command, roll_command = SwingLaw(settings).tick(
+        SwingMemory(), see(0.0, yaw_rate=4.0)
+    )
     assert memory.state == SwingState.OFF
     assert not pitch_command.any()
     assert not roll_command.any()
 
 
 def test_gains_are_zero_until_the_tail_angle_is_known():
-    memory, pitch_command, roll_command = SwingLaw(SETTINGS).tick(SwingMemory(), see(0.0, roll=math.nan))
+    memory, pitch_command, roll_command = SwingLaw(SETTINGS).tick(
+        SwingMemory(), see(0.0, roll=math.nan)
+    )
     assert not pitch_command.any()
     assert not roll_command.any()
     assert run([see(0.01)], memory=memory)[0] == [SwingState.HOLD]
@@ -238,7 +266,9 @@ def test_next_turn_to_the_other_side_finds_the_tail_on_its_inside():
 def test_change_of_plan_turns_the_recock_round_without_a_jump():
     memory = run([see(0.0, math.pi / 2)])[2]
     states, commands, memory = run([see(0.4, math.pi / 2 - 0.6)], memory=memory)
-    states, commands, memory = run([see(0.41, 0.95, plan=RIGHT), see(0.51, 1.0, plan=RIGHT)], memory=memory)
+    states, commands, memory = run(
+        [see(0.41, 0.95, plan=RIGHT), see(0.51, 1.0, plan=RIGHT)], memory=memory
+    )
     assert states == [SwingState.RECOCK, SwingState.RECOCK]
     np.testing.assert_allclose(commands[:, 0], [0.95, 0.95 + 0.1 * SETTINGS.recock_speed])
     assert commands[1][1] == SETTINGS.recock_speed
@@ -266,7 +296,10 @@ def test_right_turn_is_the_mirror_image_of_the_left_turn(delay):
     rolls = np.interp(times, [0.0, 1.0, 1.4, 3.0, 6.0], [-1.5, -1.5, 1.5, 1.5, -1.5])
     yaw_rates = np.where((times > 0.9) & (times < 2.0), 2.0, 0.0) + 0.1 * rng.standard_normal(600)
     plans = np.where(times < 2.5, 1.0, np.where(times < 2.8, 0.0, 1.0))
-    left = [see(t, roll, rate, plan) for t, roll, rate, plan in zip(times, rolls, yaw_rates, plans, strict=True)]
+    left = [
+        see(t, roll, rate, plan)
+        for t, roll, rate, plan in zip(times, rolls, yaw_rates, plans, strict=True)
+    ]
     right = [see(o.time, -o.roll_angle, -o.yaw_rate, -o.planned_turn) for o in left]
     left_states, left_commands, _ = run(left, settings)
     right_states, right_commands, _ = run(right, settings)
@@ -301,12 +334,19 @@ def test_law_carries_its_memory_through_a_vector():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"mode": "swung"}, "mode: 'swung' is not allowed; input should be 'none', 'held' or 'swing'"),
-        ({"swing_speed": 0.0}, "controller: swing_speed: 0.0 is not allowed; input should be greater than 0 (rad/s)"),
+        (
+            {"mode": "swung"},
+            "mode: 'swung' is not allowed; input should be 'none', 'held' or 'swing'",
+        ),
+        (
+            {"swing_speed": 0.0},
+            "controller: swing_speed: 0.0 is not allowed; input should be greater than 0 (rad/s)",
+        ),
         ({"swing_speed": math.nan}, "controller: swing_speed: nan is not allowed"),
         (
             {"hold_kd": 5.1},
-            "controller: hold_kd: 5.1 is not allowed; input should be less than or equal to 5 (N m s/rad)",
+            "controller: hold_kd: 5.1 is not allowed; input should be less than or equal to 5 (N "
+            "m s/rad)",
         ),
         ({"hold_kp": 501.0}, "controller: hold_kp: 501.0"),
         ({"delay": -0.1}, "controller: delay: -0.1 is not"),
@@ -323,7 +363,9 @@ def test_impossible_settings_are_named(change, message):
 
 
 def test_settings_come_from_the_scenario():
-    scenario = load_scenario("turn_held", ["controller.swing_speed=6 rad/s", "controller.delay=0.02 s"])
+    scenario = load_scenario(
+        "turn_held", ["controller.swing_speed=6 rad/s", "controller.delay=0.02 s"]
+    )
     settings = SwingSettings.from_scenario(scenario)
     expected = SwingSettings.published(
         mode="held", swing_speed=6.0, delay=0.02, recock_speed=scenario.controller.recock_speed
@@ -331,9 +373,13 @@ def test_settings_come_from_the_scenario():
     assert settings == expected
 
 
-def other_trigger(trigger, acceleration=0.0, steering=math.nan, yaw_rate=0.0, plan=LEFT, valid=True):
+def other_trigger(
+    trigger, acceleration=0.0, steering=math.nan, yaw_rate=0.0, plan=LEFT, valid=True
+):
     """State after one look at a tail that waits inside, with another trigger than the yaw rate."""
-    settings = SwingSettings.published(trigger=trigger, trigger_lateral_acceleration=3.0, trigger_steering_angle=0.1)
+    settings = SwingSettings.published(
+        trigger=trigger, trigger_lateral_acceleration=3.0, trigger_steering_angle=0.1
+    )
     memory = run([see(0.0, -plan * math.pi / 2, plan=plan)], settings)[2]
     seen = Observation(
         0.5,
@@ -349,18 +395,36 @@ def other_trigger(trigger, acceleration=0.0, steering=math.nan, yaw_rate=0.0, pl
 
 
 @pytest.mark.parametrize("plan", [LEFT, RIGHT])
-def test_lateral_acceleration_and_steering_into_the_turn_start_the_swing_where_they_are_the_trigger(plan):
-    assert other_trigger("lateral_acceleration", acceleration=plan * 3.1, plan=plan) == SwingState.SWING
+def test_lateral_acceleration_and_steering_into_the_turn_start_the_swing_where_they_are_the_trigger(
+    plan,
+):
     assert (
-        other_trigger("lateral_acceleration", acceleration=plan * 2.9, yaw_rate=plan * 5, plan=plan) == SwingState.HOLD
+        other_trigger("lateral_acceleration", acceleration=plan * 3.1, plan=plan)
+        == SwingState.SWING
     )
-    assert other_trigger("lateral_acceleration", acceleration=-plan * 9.0, plan=plan) == SwingState.HOLD
-    assert other_trigger("lateral_acceleration", acceleration=plan * 9.0, plan=plan, valid=False) == SwingState.HOLD
-    assert other_trigger("steering", steering=plan * 0.5, plan=plan, valid=False) == SwingState.SWING
+    assert (
+        other_trigger("lateral_acceleration", acceleration=plan * 2.9, yaw_rate=plan * 5, plan=plan)
+        == SwingState.HOLD
+    )
+    assert (
+        other_trigger("lateral_acceleration", acceleration=-plan * 9.0, plan=plan)
+        == SwingState.HOLD
+    )
+    assert (
+        other_trigger("lateral_acceleration", acceleration=plan * 9.0, plan=plan, valid=False)
+        == SwingState.HOLD
+    )
+    assert (
+        other_trigger("steering", steering=plan * 0.5, plan=plan, valid=False) == SwingState.SWING
+    )
     assert other_trigger("steering", steering=-plan * 0.5, plan=plan) == SwingState.HOLD
-    assert other_trigger("steering", yaw_rate=plan * 5.0, plan=plan) == SwingState.HOLD  # command not known
+    assert (
+        other_trigger("steering", yaw_rate=plan * 5.0, plan=plan) == SwingState.HOLD
+    )  # command not known
 
 
 def test_unknown_trigger_is_refused():
-    with pytest.raises(UserError, match=r"controller: trigger: 'roll' is not allowed; .*'yaw_rate'"):
+    with pytest.raises(
+        UserError, match=r"controller: trigger: 'roll' is not allowed; .*'yaw_rate'"
+    ):
         SwingSettings.published(trigger="roll")

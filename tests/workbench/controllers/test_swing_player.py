@@ -11,7 +11,12 @@ import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, swing_from_dict
-from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, own_turn, refuse_other_car, turn_words
+from aerodima.workbench.controllers.law_of_scenario import (
+    law_of_scenario,
+    own_turn,
+    refuse_other_car,
+    turn_words,
+)
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingState
 from aerodima.workbench.controllers.swing_player import SwingPlayer
 from aerodima.workbench.controllers.tail_law import UNKNOWN_IMU, Observation
@@ -28,15 +33,19 @@ def swing(**changes: Any) -> SwingFile:
         "schema": "aerodima/swing/1", "name": "made up", "direction": "left",
         "trigger": {"kind": "yaw_rate", "threshold_rad_per_s": 1.0},
         "knots": {
-            "time_s": [0.0, LENGTH], "roll_position_rad": [INSIDE, OUTSIDE], "roll_velocity_rad_per_s": [rate, rate],
-            "pitch_position_rad": [0.1, 0.3], "pitch_velocity_rad_per_s": [0.4, 0.4], "roll_torque_n_m": [0.4, 0.4],
+            "time_s": [0.0, LENGTH], "roll_position_rad": [INSIDE, OUTSIDE],
+            "roll_velocity_rad_per_s": [rate, rate],
+            "pitch_position_rad": [0.1, 0.3], "pitch_velocity_rad_per_s": [0.4, 0.4],
+            "roll_torque_n_m": [0.4, 0.4],
         },
         "gains": {
             "hold": {"kp": 17.0, "kd": 5.0},
-            "phases": [{"start_s": 0.0, "roll": {"kp": 6.0, "kd": 1.0}, "pitch": {"kp": 17.0, "kd": 2.0}}],
+            "phases": [{"start_s": 0.0, "roll": {"kp": 6.0, "kd": 1.0}, "pitch": {"kp": 17.0,
+            "kd": 2.0}}],
         },
         "limits": {
-            "roll_position_rad": 1.571, "pitch_position_rad": 0.6, "velocity_rad_per_s": 12.0, "torque_n_m": 3.0,
+            "roll_position_rad": 1.571, "pitch_position_rad": 0.6, "velocity_rad_per_s": 12.0,
+            "torque_n_m": 3.0,
         },
         "provenance": {"source": "a test"},
     }  # fmt: skip
@@ -53,10 +62,13 @@ def player(**changes: Any) -> SwingPlayer:
     return SwingPlayer(swing(**changes))
 
 
-def see(time: float, roll: float = INSIDE, *, yaw_rate: float = 0.0, plan: float = 1.0, **more: Any) -> Observation:
+def see(
+    time: float, roll: float = INSIDE, *, yaw_rate: float = 0.0, plan: float = 1.0, **more: Any
+) -> Observation:
     imu = (0.1, 0.0, 0.0, 0.0, 0.0, yaw_rate, 0.0, 0.0, 0.0)
     given: dict[str, Any] = {
-        "time": time, "yaw_rate": yaw_rate, "roll_angle": roll, "pitch_angle": 0.1, "planned_turn": plan,
+        "time": time, "yaw_rate": yaw_rate, "roll_angle": roll, "pitch_angle": 0.1,
+        "planned_turn": plan,
         "imu_valid": True, "roll_rate": 0.0, "pitch_rate": 0.0, "imu": imu, "speed": 0.0,
     }  # fmt: skip
     return Observation(**(given | more))
@@ -77,7 +89,13 @@ def released(time: float, **at_release: Any) -> list[Observation]:
 
 
 def test_waits_at_the_first_knot_and_releases_on_a_yaw_rate_into_the_turn_only() -> None:
-    ticks = run(player(), see(0.0), see(0.1, yaw_rate=-2.0), see(0.2, yaw_rate=math.nan), see(0.3, yaw_rate=1.2))
+    ticks = run(
+        player(),
+        see(0.0),
+        see(0.1, yaw_rate=-2.0),
+        see(0.2, yaw_rate=math.nan),
+        see(0.3, yaw_rate=1.2),
+    )
     assert [state for state, _, _ in ticks] == [SwingState.HOLD] * 3 + [SwingState.SWING]
     _, pitch, roll = ticks[0]
     np.testing.assert_allclose(roll, [INSIDE, 0.0, 17.0, 5.0, 0.0])
@@ -91,16 +109,26 @@ def test_a_silent_imu_releases_nothing() -> None:
 
 def test_delay_and_time_since_the_announcement() -> None:
     delayed = player(trigger={"kind": "yaw_rate", "threshold_rad_per_s": 1.0, "delay_s": 0.05})
-    states = [tick[0].name for tick in run(delayed, see(0.0), see(0.1, yaw_rate=2.0), see(0.14), see(0.15))]
+    states = [
+        tick[0].name
+        for tick in run(delayed, see(0.0), see(0.1, yaw_rate=2.0), see(0.14), see(0.15))
+    ]
     assert states == ["HOLD", "DELAY", "DELAY", "SWING"]
     later = replace(delayed, settings=delayed.settings.model_copy(update={"delay": 0.02}))
-    states = [tick[0].name for tick in run(later, see(0.0), see(0.1, yaw_rate=2.0), see(0.16), see(0.17))]
-    assert states == ["HOLD", "DELAY", "DELAY", "SWING"], "the controller's delay comes on top of the file's"
+    states = [
+        tick[0].name for tick in run(later, see(0.0), see(0.1, yaw_rate=2.0), see(0.16), see(0.17))
+    ]
+    assert states == ["HOLD", "DELAY", "DELAY", "SWING"], (
+        "the controller's delay comes on top of the file's"
+    )
     steered = player(trigger={"kind": "steering", "threshold_rad": 0.1})
     looks = [see(0.0, steering_angle=-0.5), see(0.1, yaw_rate=2.0), see(0.2, steering_angle=0.5)]
     assert [tick[0].name for tick in run(steered, *looks)] == ["HOLD", "HOLD", "SWING"]
     timed = player(trigger={"kind": "time", "delay_s": 0.3})
-    states = [tick[0].name for tick in run(timed, see(1.0, plan=0.0), see(2.0), see(2.29, yaw_rate=3.0), see(2.3))]
+    states = [
+        tick[0].name
+        for tick in run(timed, see(1.0, plan=0.0), see(2.0), see(2.29, yaw_rate=3.0), see(2.3))
+    ]
     assert states == ["HOLD", "HOLD", "HOLD", "SWING"]
 
 
@@ -129,13 +157,24 @@ def test_a_blocked_tail_is_given_up_and_the_thesis_law_finishes() -> None:
     seen = [*released(0.25), see(0.76, roll=-1.4), see(1.0, roll=1.0), see(1.01, roll=1.0)]
     ticks = run(player(), *seen)
     assert [state.name for state, _, _ in ticks] == ["HOLD", "SWING", *["FALLBACK"] * 4]
-    np.testing.assert_allclose(ticks[3][2], [0.0, 8.0, 0.0, 3.0, 0.0])  # Table 6.4: over the top with 8 rad/s
-    np.testing.assert_allclose(ticks[5][2], [math.pi / 2, 0.0, 5.0, 2.0, 0.0])  # then to the outside
+    np.testing.assert_allclose(
+        ticks[3][2], [0.0, 8.0, 0.0, 3.0, 0.0]
+    )  # Table 6.4: over the top with 8 rad/s
+    np.testing.assert_allclose(
+        ticks[5][2], [math.pi / 2, 0.0, 5.0, 2.0, 0.0]
+    )  # then to the outside
 
 
 def test_is_led_back_slowly_for_a_second_turn_to_the_same_side() -> None:
-    """Announcement withdrawn and given again: from where it is, at 1 rad/s, without a step, then a second swing."""
-    first = [see(0.0), see(0.5, yaw_rate=1.5), see(1.0, roll=OUTSIDE), see(1.5, roll=OUTSIDE, plan=0.0)]
+    """Announcement withdrawn and given again: from where it is, at 1 rad/s, without a step, then a
+    second swing.
+    """
+    first = [
+        see(0.0),
+        see(0.5, yaw_rate=1.5),
+        see(1.0, roll=OUTSIDE),
+        see(1.5, roll=OUTSIDE, plan=0.0),
+    ]
     angles = OUTSIDE - np.arange(0.0, 2.7, TICK)
     back = [see(2.0 + i * TICK, roll=roll) for i, roll in enumerate(angles)]
     ticks = run(player(), *first, *back, see(4.8), see(4.9, yaw_rate=1.5))
@@ -148,7 +187,9 @@ def test_is_led_back_slowly_for_a_second_turn_to_the_same_side() -> None:
 
 
 def test_a_right_turn_is_the_exact_mirror_image() -> None:
-    """Every angle about x, every yaw rate and the plan change sign: so do the roll commands, and nothing else."""
+    """Every angle about x, every yaw rate and the plan change sign: so do the roll commands, and
+    nothing else.
+    """
     rng = np.random.default_rng(3)
     seen, mirrored = [], []
     for tick in range(90):
@@ -158,7 +199,14 @@ def test_a_right_turn_is_the_exact_mirror_image() -> None:
         seen.append(one)
         flip = np.array([-1, 1, -1, -1, 1, -1, 1, -1, 1])
         mirrored.append(
-            see(t, roll=-roll, yaw_rate=-1.5, plan=-1.0, roll_rate=-5.0, imu=tuple((flip * noise).tolist()))
+            see(
+                t,
+                roll=-roll,
+                yaw_rate=-1.5,
+                plan=-1.0,
+                roll_rate=-5.0,
+                imu=tuple((flip * noise).tolist()),
+            )
         )
     for (state, pitch, roll), (state_m, pitch_m, roll_m) in zip(
         run(player(), *seen), run(player(), *mirrored), strict=True
@@ -194,7 +242,9 @@ def test_a_swing_for_another_car_is_refused_by_name(tmp_path: Any) -> None:
 
     path = write_swing(swing(car={"car.mass": 6.5}), tmp_path / "heavy.yaml")
     scenario = load_scenario("turn_swing", [f"controller.swing_file={path}"])
-    said = rf"made for another car: car\.mass: made for 6\.5, the scenario has {scenario.car.mass:g};"
+    said = (
+        rf"made for another car: car\.mass: made for 6\.5, the scenario has {scenario.car.mass:g};"
+    )
     with pytest.raises(SwingFileError, match=said):
         refuse_other_car(scenario)
     refuse_other_car(load_scenario("turn_swing", [f"controller.swing_file={path}", "car.mass=6.5"]))
@@ -203,11 +253,15 @@ def test_a_swing_for_another_car_is_refused_by_name(tmp_path: Any) -> None:
 
 
 def made_with(scenario: str | None, *settings: str, **found: float) -> SwingFile:
-    return swing(provenance={"source": "made up", "scenario": scenario, "settings": settings, "found": found})
+    return swing(
+        provenance={"source": "made up", "scenario": scenario, "settings": settings, "found": found}
+    )
 
 
 def test_a_swing_brings_its_turn_along() -> None:
-    """Car and turn of its file, at the speed and friction that it claims to survive; another turn sets nothing."""
+    """Car and turn of its file, at the speed and friction that it claims to survive; another turn
+    sets nothing.
+    """
     claims = {"survived_speed_m_per_s": 4.44, "survived_friction": 0.7}
     mine = made_with("turn_fast", "car.mass=6.5", "tail.mode=held", **claims)
     turn = load_scenario(*own_turn(mine))
@@ -215,11 +269,15 @@ def test_a_swing_brings_its_turn_along() -> None:
     assert (turn.manoeuvre.speed, turn.car.tyre_friction) == (4.44, 0.7)
     assert turn_words(mine, turn) == "4.44 m/s, friction 0.7; its file claims that"
     slippery = turn.varied(car={"tyre_friction": 0.9})
-    assert turn_words(mine, slippery) == "4.44 m/s, friction 0.9; its file claims 4.44 m/s, friction 0.7"
+    assert (
+        turn_words(mine, slippery)
+        == "4.44 m/s, friction 0.9; its file claims 4.44 m/s, friction 0.7"
+    )
     assert own_turn(mine, "turn_held") == ("turn_held", ("tail.mode=swing",))
     assert own_turn(made_with(None)) == ("turn_swing", ("tail.mode=swing",))
     assert turn_words(made_with(None), turn).endswith("its file claims nothing")
     with pytest.raises(
-        SwingFileError, match=r"its own turn: my_car\.yaml: no such file; allowed: another scenario beside it"
+        SwingFileError,
+        match=r"its own turn: my_car\.yaml: no such file; allowed: another scenario beside it",
     ):
         own_turn(made_with("my_car.yaml"))

@@ -26,7 +26,9 @@ class Bench:
         zeros = dict.fromkeys(TAIL_STATE.fields, 0.0)
         self.fix("tail_state", TAIL_STATE.write(**(zeros | {"roll_angle": roll})))
         self.fix("imu", IMU.write(**(dict.fromkeys(IMU.fields, 0.0) | {"gyro_z": yaw_rate})))
-        self.fix("status", STATUS.write(**(dict.fromkeys(STATUS.fields, 0.0) | {"armed": 1.0} | status)))
+        self.fix(
+            "status", STATUS.write(**(dict.fromkeys(STATUS.fields, 0.0) | {"armed": 1.0} | status))
+        )
         self.fix("planned_turn", [plan])
 
     def fix(self, port, value):
@@ -45,7 +47,11 @@ class CountingLaw:
 
     def __init__(self, settings=None):
         self._law = SwingLaw(settings or SwingSettings.published())
-        self.rate, self.memory_size, self.start = self._law.rate, self._law.memory_size, self._law.start
+        self.rate, self.memory_size, self.start = (
+            self._law.rate,
+            self._law.memory_size,
+            self._law.start,
+        )
         self.times = []
 
     def step(self, memory, observation):
@@ -131,7 +137,9 @@ def test_age_limit_must_be_positive():
 
 
 def test_a_tick_is_cheap():
-    """Well below the 10 ms of its period; the bound leaves room for a busy machine (about 20 us when idle)."""
+    """Well below the 10 ms of its period; the bound leaves room for a busy machine (about 20 us
+    when idle).
+    """
     bench = Bench()
     bench.advance(0.1)
     start = time.perf_counter()

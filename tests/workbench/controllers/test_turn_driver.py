@@ -5,7 +5,12 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 
 from aerodima.workbench.controllers.controller_systems import TurnDriver
-from aerodima.workbench.controllers.manoeuvre import DriverInput, SpeedRamp, ThrottleLine, TurnSchedule
+from aerodima.workbench.controllers.manoeuvre import (
+    DriverInput,
+    SpeedRamp,
+    ThrottleLine,
+    TurnSchedule,
+)
 from aerodima.workbench.errors import UserError
 
 SCHEDULE = TurnSchedule(SpeedRamp(4.0, 1.0, ThrottleLine(10.0, -1.0)), 1.0, 0.5, 2.0, 0.5)
@@ -45,7 +50,8 @@ def test_steering_step_lasts_from_2_0_to_2_5_s():
     simulator.AdvanceTo(3.0)
     record = log.FindLog(simulator.get_context())
     turning = record.sample_times()[record.data()[0] > 0.0]
-    # Published values are those before the updates of the same instant, so the step shows one log step late.
+    # Published values are those before the updates of the same instant, so the step shows one log
+    # step late.
     assert turning[0] == pytest.approx(2.002)
     assert turning[-1] == pytest.approx(2.5)
 
@@ -90,7 +96,9 @@ def test_a_law_sees_pose_and_rates_of_its_ports():
     imu[3], imu[5] = 0.2, 0.3  # gyro about x and z
     driver.GetInputPort("imu").FixValue(context, imu)
     half = 0.5 * np.pi / 3.0
-    driver.GetInputPort("pose").FixValue(context, [np.cos(half), 0.0, 0.0, np.sin(half), 4.0, 5.0, 0.0, 2.0])
+    driver.GetInputPort("pose").FixValue(
+        context, [np.cos(half), 0.0, 0.0, np.sin(half), 4.0, 5.0, 0.0, 2.0]
+    )
     seen = driver.seen(context)
     assert (seen.position, seen.speed, seen.roll_rate, seen.yaw_rate) == ((4.0, 5.0), 2.0, 0.2, 0.3)
     assert seen.heading == pytest.approx(np.pi / 3.0)
@@ -126,7 +134,9 @@ def test_a_driver_that_needs_the_pose_is_refused_beside_a_real_car():
     builder = DiagramBuilder()
     ports = {"steering_angle": 1, "throttle": 1}
     station = builder.AddSystem(NoPlant(ports))
-    with pytest.raises(UserError, match=r"driver: follows a path.*allowed with a simulated car only"):
+    with pytest.raises(
+        UserError, match=r"driver: follows a path.*allowed with a simulated car only"
+    ):
         TurnDriver.add_to_builder(builder, LooksAtTheCar(), station=station)
 
 

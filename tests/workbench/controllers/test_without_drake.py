@@ -1,10 +1,13 @@
-"""The laws, the schedules and the port names must run on a computer for which Drake has no wheel."""
+"""The laws, the schedules and the port names must run on a computer for which Drake has no
+wheel.
+"""
 
 from tests.blocked_drake import run_without_drake
 
 PROGRAM = """
 from aerodima.workbench.controllers.manoeuvre import SpeedRamp, ThrottleLine, TurnSchedule
-from aerodima.workbench.controllers.swing_law import SwingLaw, SwingMemory, SwingSettings, SwingState
+from aerodima.workbench.controllers.swing_law import SwingLaw, SwingMemory, SwingSettings,
+SwingState
 from aerodima.workbench.controllers.tail_law import Observation
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
 

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.figures.chart_panels import NoChartError, chart_panels
-from aerodima.workbench.figures.figure_style import BLUE, GREY, SKY, VERMILION, new_figure, shade_turn
+from aerodima.workbench.figures.figure_style import (
+    BLUE,
+    GREY,
+    SKY,
+    VERMILION,
+    new_figure,
+    shade_turn,
+)
 from aerodima.workbench.figures.run_figures import plot_overlay, plot_turn
 from aerodima.workbench.logs.schema import RunLog
 
@@ -51,7 +58,9 @@ def test_samples_outside_the_shown_range_are_left_out() -> None:
 
 def test_path_that_turns_back_is_drawn_as_it_is() -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 30)
-    found = panel(lambda axes: axes.plot(np.cos(angle), np.sin(angle), color=VERMILION, label="circle"))
+    found = panel(
+        lambda axes: axes.plot(np.cos(angle), np.sin(angle), color=VERMILION, label="circle")
+    )
     assert found["series"] == []
     (shape,) = found["shapes"]
     assert shape["stroke"] == VERMILION.lower()
@@ -72,7 +81,9 @@ def test_stripe_and_rule_reach_from_edge_to_edge() -> None:
 def test_bars_bands_points_and_error_bars_are_where_they_were() -> None:
     bar = panel(lambda axes: axes.bar([1.0], [3.0], width=0.5, color=BLUE))["shapes"][0]
     assert (min(bar["x"]), max(bar["x"]), max(bar["y"])) == (0.75, 1.25, 3.0)
-    band = panel(lambda axes: axes.fill_between(X, X - 1.0, X + 1.0, color=SKY, alpha=0.5))["shapes"][0]
+    band = panel(lambda axes: axes.fill_between(X, X - 1.0, X + 1.0, color=SKY, alpha=0.5))[
+        "shapes"
+    ][0]
     assert (min(band["y"]), max(band["y"])) == (-1.0, 5.0)
     assert band["fill"].startswith(SKY.lower())
     dots = panel(lambda axes: axes.scatter([1.0, 2.0], [3.0, 4.0], s=[9.0, 36.0]))["shapes"][0]
@@ -97,7 +108,9 @@ def test_ticks_with_words_keep_them() -> None:
 
 
 def test_logarithmic_and_turned_axes_stay_so() -> None:
-    found = panel(lambda axes: (axes.plot(X + 1.0, X + 1.0), axes.set_xscale("log"), axes.set_ylim(5.0, 1.0)))
+    found = panel(
+        lambda axes: (axes.plot(X + 1.0, X + 1.0), axes.set_xscale("log"), axes.set_ylim(5.0, 1.0))
+    )
     assert (found["x_log"], found["y_log"]) == (True, False)
     assert found["y_range"] == [5.0, 1.0]
 
@@ -105,7 +118,10 @@ def test_logarithmic_and_turned_axes_stay_so() -> None:
 def test_panels_that_share_x_are_linked_and_others_are_not() -> None:
     shared, _ = new_figure(6.0, 3.0, 2, 1, sharex=True)
     apart, _ = new_figure(6.0, 3.0, 2, 1)
-    linked = [[cell["panels"][0]["linked"] for cell in chart_panels(figure)["cells"]] for figure in (shared, apart)]
+    linked = [
+        [cell["panels"][0]["linked"] for cell in chart_panels(figure)["cells"]]
+        for figure in (shared, apart)
+    ]
     assert linked == [[0, 0], [0, 1]]
 
 

@@ -1,4 +1,6 @@
-"""The block diagram as a picture: Graphviz draws it, a line stands for it where Graphviz is missing."""
+"""The block diagram as a picture: Graphviz draws it, a line stands for it where Graphviz is
+missing.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Foreign logs made up for the tests: a swing of the rig and a turn of the car, with the truth beside them."""
+"""Foreign logs made up for the tests: a swing of the rig and a turn of the car, with the truth
+beside them.
+"""
 
 from pathlib import Path
 
@@ -7,7 +9,9 @@ import pandas as pd
 
 from aerodima.workbench.config.signal_table import rig_columns
 
-WRENCH = tuple(column.name for column in rig_columns() if column.name.startswith(("force_", "torque_")))
+WRENCH = tuple(
+    column.name for column in rig_columns() if column.name.startswith(("force_", "torque_"))
+)
 RATE = 500.0
 GAP = (9.0, 9.04)
 """The laboratory's program lost the samples between these times, s."""
@@ -18,12 +22,21 @@ HANGING_UNTIL, LIFTED_AT, RELEASED_AT, LENGTH = 3.0, 4.5, 5.0, 26.0
 
 
 def swing_truth(time: np.ndarray) -> pd.DataFrame:
-    """A tail that hangs, is lifted to 90 degrees, falls and swings out. At rest the wrench is zero: a zeroed sensor."""
-    lift = 0.5 * (1 - np.cos(np.pi * np.clip((time - HANGING_UNTIL) / (LIFTED_AT - HANGING_UNTIL), 0, 1)))
+    """A tail that hangs, is lifted to 90 degrees, falls and swings out.
+
+    At rest the wrench is zero: a zeroed sensor.
+    """
+    lift = 0.5 * (
+        1 - np.cos(np.pi * np.clip((time - HANGING_UNTIL) / (LIFTED_AT - HANGING_UNTIL), 0, 1))
+    )
     since = np.maximum(time - RELEASED_AT, 0.0)
-    angle = 0.5 * np.pi * np.where(time < RELEASED_AT, lift, np.exp(-0.7 * since) * np.cos(4.0 * since))
+    angle = (
+        0.5 * np.pi * np.where(time < RELEASED_AT, lift, np.exp(-0.7 * since) * np.cos(4.0 * since))
+    )
     moment = np.sin(angle)
-    wrench = np.outer(moment, [0.5, -3.0, 0.0, 0.9, -0.2, 0.1]) + np.outer(1 - np.cos(angle), [0, 0, 2.5, 0, 0, 0])
+    wrench = np.outer(moment, [0.5, -3.0, 0.0, 0.9, -0.2, 0.1]) + np.outer(
+        1 - np.cos(angle), [0, 0, 2.5, 0, 0, 0]
+    )
     table = pd.DataFrame(wrench, columns=list(WRENCH))
     table.insert(0, "current_a", np.where(time < RELEASED_AT, 2.0 * moment, 0.0))
     table.insert(0, "angle_rad", angle)
@@ -75,7 +88,9 @@ IMU_RATE, GPS_RATE, GPS_LATE = 100.0, 10.0, 0.055
 
 
 def car_files(folder: Path) -> tuple[Path, Path]:
-    """A left turn with yaw rate 2 rad/s and lateral acceleration v r, as IMU and GPS files (README, example 2)."""
+    """A left turn with yaw rate 2 rad/s and lateral acceleration v r, as IMU and GPS files (README,
+    example 2).
+    """
     time = np.arange(round(18.0 * IMU_RATE) + 1) / IMU_RATE
     rate = np.where((time >= TURN[0]) & (time < TURN[1] + 0.14), YAW_RATE, 0.0)
     yaw = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) / IMU_RATE])
@@ -95,7 +110,12 @@ def car_files(folder: Path) -> tuple[Path, Path]:
         }
     )
     gps_time = np.arange(round(17.9 * GPS_RATE)) / GPS_RATE + GPS_LATE
-    gps = pd.DataFrame({"stamp": START + gps_time, "speed": 3.6 * CAR_SPEED + 0.36 * np.minimum(gps_time - 10.0, 0.0)})
+    gps = pd.DataFrame(
+        {
+            "stamp": START + gps_time,
+            "speed": 3.6 * CAR_SPEED + 0.36 * np.minimum(gps_time - 10.0, 0.0),
+        }
+    )
     imu.to_csv(folder / "imu.csv", index=False)
     gps.to_csv(folder / "gps.csv", index=False)
     return folder / "imu.csv", folder / "gps.csv"

@@ -23,10 +23,15 @@ TIMES = np.arange(5001) / 500.0
 
 
 def rig_log(
-    signals: Mapping[str, Any] | None = None, time: np.ndarray = TIMES, kind: str = "swing", **extra: Any
+    signals: Mapping[str, Any] | None = None,
+    time: np.ndarray = TIMES,
+    kind: str = "swing",
+    **extra: Any,
 ) -> RunLog:
     table = pd.DataFrame({"time_s": time, "angle_rad": np.zeros(time.size), **(signals or {})})
-    return run_log_from_metadata(table, run_metadata({}, 0, kind=kind, extra=extra), source="rig.parquet")
+    return run_log_from_metadata(
+        table, run_metadata({}, 0, kind=kind, extra=extra), source="rig.parquet"
+    )
 
 
 def test_drift_between_two_rests_is_removed_and_the_swing_is_kept() -> None:
@@ -36,10 +41,13 @@ def test_drift_between_two_rests_is_removed_and_the_swing_is_kept() -> None:
     truth = swing_truth(run_log.time)
     for name, noise, slope in zip(WRENCH, NOISE, DRIFT, strict=True):
         error = done.signal(name) - truth[name].to_numpy()
-        # The line's error at either rest is noise / sqrt(1450 samples), and what is left of the swing at 20 s.
+        # The line's error at either rest is noise / sqrt(1450 samples), and what is left of the
+        # swing at 20 s.
         assert np.sqrt(np.mean(error**2)) < 1.02 * noise, name
         assert abs(np.mean(error)) < 0.05 * noise, name
-        stated = float(conditioning_notes(done)[WRENCH.index(name)].split(": ")[1].split(" per s")[0])
+        stated = float(
+            conditioning_notes(done)[WRENCH.index(name)].split(": ")[1].split(" per s")[0]
+        )
         assert stated == pytest.approx(slope, rel=0.02)
 
 
@@ -59,11 +67,15 @@ def test_drift_with_the_wind_on_keeps_the_level() -> None:
     run_log = rig_log({"force_y_n": -2.5 + 0.1 * TIMES})
     kept = remove_drift(run_log, ["force_y_n"], [(0.0, 3.0)], level="keep")
     assert np.allclose(kept.signal("force_y_n"), -2.5, atol=1e-12)
-    assert np.allclose(remove_drift(run_log, ["force_y_n"], [(0.0, 3.0)]).signal("force_y_n"), 0.0, atol=1e-12)
+    assert np.allclose(
+        remove_drift(run_log, ["force_y_n"], [(0.0, 3.0)]).signal("force_y_n"), 0.0, atol=1e-12
+    )
 
 
 def holed() -> RunLog:
-    """A straight line with a gap of 0.02 s after 2 s and NaN from 4 to 4.01 s; a state that changes in the gap."""
+    """A straight line with a gap of 0.02 s after 2 s and NaN from 4 to 4.01 s; a state that changes
+    in the gap.
+    """
     lost = (TIMES > 2.0) & (TIMES < 2.02 - 1e-9)
     table = {"force_y_n": 3.0 * TIMES, "planned_turn": (TIMES > 2.01).astype(float)}
     table["force_y_n"] = np.where((TIMES >= 4.0) & (TIMES <= 4.01), np.nan, table["force_y_n"])
@@ -83,19 +95,28 @@ def test_fill_draws_straight_lines_and_holds_states() -> None:
 
 
 def test_fill_refuses_what_is_too_long_or_at_an_end() -> None:
-    with pytest.raises(LogError, match=r"rig\.parquet: column 'time_s': 1 gap\(s\), the first of 0\.02 s after 2 s"):
+    with pytest.raises(
+        LogError, match=r"rig\.parquet: column 'time_s': 1 gap\(s\), the first of 0\.02 s after 2 s"
+    ):
         fill_gaps(holed(), 0.015)
     lost = rig_log({"force_y_n": np.where((TIMES > 4) & (TIMES < 5), np.nan, 1.0)})
-    with pytest.raises(LogError, match=r"column 'force_y_n': no numbers for 1 s after 4 s; at most 0\.5 s is filled"):
+    with pytest.raises(
+        LogError,
+        match=r"column 'force_y_n': no numbers for 1 s after 4 s; at most 0\.5 s is filled",
+    ):
         fill_gaps(lost, 0.5)
-    with pytest.raises(LogError, match=r"column 'force_y_n': not a number at 0 s, with no sample on both sides"):
+    with pytest.raises(
+        LogError, match=r"column 'force_y_n': not a number at 0 s, with no sample on both sides"
+    ):
         fill_gaps(rig_log({"force_y_n": np.where(TIMES < 1, np.nan, 1.0)}), 5.0)
 
 
 def test_a_filter_shifts_nothing_and_takes_the_mains_out() -> None:
     clean = np.sin(2 * np.pi * 0.5 * TIMES)
     done = low_pass_columns(
-        rig_log({"force_y_n": clean + 0.3 * np.sin(2 * np.pi * 50 * TIMES)}), ["force_y_n"], RIG_FILTER
+        rig_log({"force_y_n": clean + 0.3 * np.sin(2 * np.pi * 50 * TIMES)}),
+        ["force_y_n"],
+        RIG_FILTER,
     )
     middle = (TIMES > 1) & (TIMES < 9)
     assert np.max(np.abs(done.signal("force_y_n") - clean)[middle]) < 1e-4
@@ -104,9 +125,18 @@ def test_a_filter_shifts_nothing_and_takes_the_mains_out() -> None:
 @pytest.mark.parametrize(
     ("run_log", "message"),
     [
-        (rig_log({"force_y_n": 0.0}, TIMES[:3]), r"rig\.parquet: column 'force_y_n': 3 samples are too few"),
-        (rig_log({"force_y_n": np.nan}), r"column 'force_y_n': 5001 sample\(s\) not finite, first nan at 0 s"),
-        (rig_log({"force_y_n": 0.0}, TIMES[::-1].copy()), r"not increasing in row 1, 9\.998 s after 10 s"),
+        (
+            rig_log({"force_y_n": 0.0}, TIMES[:3]),
+            r"rig\.parquet: column 'force_y_n': 3 samples are too few",
+        ),
+        (
+            rig_log({"force_y_n": np.nan}),
+            r"column 'force_y_n': 5001 sample\(s\) not finite, first nan at 0 s",
+        ),
+        (
+            rig_log({"force_y_n": 0.0}, TIMES[::-1].copy()),
+            r"not increasing in row 1, 9\.998 s after 10 s",
+        ),
         (rig_log(), r"force_y_n"),
         (holed(), r"column 'time_s': 1 gap\(s\), the first of 0\.02 s after 2 s"),
     ],

@@ -17,7 +17,9 @@ from tests.workbench.made_up_runs import made_up_run, signals_equal
 def mcap_table(path: Path) -> pd.DataFrame:
     """The signals of an exported run."""
     columns = read_mcap(path).columns
-    return pd.DataFrame({name.split(".", 1)[1]: values for name, values in columns.items() if "@" not in name})
+    return pd.DataFrame(
+        {name.split(".", 1)[1]: values for name, values in columns.items() if "@" not in name}
+    )
 
 
 def mcap_metadata(path: Path) -> str:
@@ -28,9 +30,13 @@ def mcap_metadata(path: Path) -> str:
 
 def awkward_run() -> RunLog:
     """Signals that a text loses easily: neighbours of 1, the smallest number, minus zero, NaN."""
-    run = made_up_run({"imu_gyro_x_rad_per_s": np.nextafter(1.0, 2.0), "throttle_command": -0.0}, truth=False)
+    run = made_up_run(
+        {"imu_gyro_x_rad_per_s": np.nextafter(1.0, 2.0), "throttle_command": -0.0}, truth=False
+    )
     run.table.loc[3, "roll_estimate_rad"] = np.nan
-    run.table["imu_gyro_z_rad_per_s"] = np.random.default_rng(1).standard_normal(len(run.table)) * 1e-5
+    run.table["imu_gyro_z_rad_per_s"] = (
+        np.random.default_rng(1).standard_normal(len(run.table)) * 1e-5
+    )
     run.table.loc[4, "imu_gyro_y_rad_per_s"] = 5e-324
     return run
 
@@ -87,7 +93,16 @@ def test_every_column_has_one_topic() -> None:
     assert sorted(name for names in topics.values() for name in names) == sorted(
         name for name in columns if name != "time_s"
     )
-    assert set(topics) == {"/driver", "/tail", "/sail", "/imu", "/speed", "/status", "/truth", "/plant"}
+    assert set(topics) == {
+        "/driver",
+        "/tail",
+        "/sail",
+        "/imu",
+        "/speed",
+        "/status",
+        "/truth",
+        "/plant",
+    }
     assert topics_of(["time_s", "angle_rad", "force_x_n"]) == {"/rig": ["angle_rad", "force_x_n"]}
 
 

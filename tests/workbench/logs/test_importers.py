@@ -29,12 +29,24 @@ def swing_mapping(prefix: str = "", time: str | None = None, kind: str = "swing"
     columns |= {"force_y_n": {"from": f"{prefix}Fy"}, **more.pop("columns", {})}
     source = {"from": time or f"{prefix}t", "unit": "s" if time else "ms"}
     return mapping_from(
-        {"schema": "aerodima/log-mapping/1", "kind": kind, "time": source, "columns": columns, **more}, "m.yaml"
+        {
+            "schema": "aerodima/log-mapping/1",
+            "kind": kind,
+            "time": source,
+            "columns": columns,
+            **more,
+        },
+        "m.yaml",
     )
 
 
 def foreign(**columns: Any) -> pd.DataFrame:
-    table = {"t": TIMES * 1e3, "theta": np.rad2deg(ANGLE), "omega": np.rad2deg(RATE), "Fy": np.cos(TIMES)}
+    table = {
+        "t": TIMES * 1e3,
+        "theta": np.rad2deg(ANGLE),
+        "omega": np.rad2deg(RATE),
+        "Fy": np.cos(TIMES),
+    }
     return pd.DataFrame({**table, **columns})
 
 
@@ -49,13 +61,19 @@ def write_mat_7_3(path: Path, columns: dict[str, np.ndarray]) -> None:
         group = file.create_group("data")
         group.attrs["MATLAB_class"] = np.bytes_("struct")
         for name, values in columns.items():
-            group.create_dataset(name, data=np.atleast_2d(values)).attrs["MATLAB_class"] = np.bytes_("double")
-        file.create_dataset("F", data=np.stack([columns["Fy"], -columns["Fy"]])).attrs["MATLAB_class"] = b"double"
+            group.create_dataset(name, data=np.atleast_2d(values)).attrs["MATLAB_class"] = (
+                np.bytes_("double")
+            )
+        file.create_dataset("F", data=np.stack([columns["Fy"], -columns["Fy"]])).attrs[
+            "MATLAB_class"
+        ] = b"double"
     with open(path, "r+b") as stream:
         stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64")
 
 
-def write_mcap(path: Path, messages: list[tuple[str, float, dict[str, Any]]], encoding: str = "json") -> None:
+def write_mcap(
+    path: Path, messages: list[tuple[str, float, dict[str, Any]]], encoding: str = "json"
+) -> None:
     with open(path, "wb") as stream:
         writer = Writer(stream)
         writer.start()
@@ -63,7 +81,9 @@ def write_mcap(path: Path, messages: list[tuple[str, float, dict[str, Any]]], en
         channels = {}
         for topic, time, message in messages:
             if topic not in channels:
-                channels[topic] = writer.register_channel(topic=topic, message_encoding=encoding, schema_id=schema)
+                channels[topic] = writer.register_channel(
+                    topic=topic, message_encoding=encoding, schema_id=schema
+                )
             stamp = round(time * 1e9)
             data = json.dumps(message).encode()
             writer.add_message(channels[topic], log_time=stamp, data=data, publish_time=stamp)
@@ -86,7 +106,10 @@ def test_csv_and_parquet_give_the_same_log(tmp_path: Path) -> None:
 
 
 def test_mat_of_version_5_with_structs(tmp_path: Path) -> None:
-    savemat(tmp_path / "log.mat", {"data": {name: foreign()[name].to_numpy() for name in foreign()}, "note": "text"})
+    savemat(
+        tmp_path / "log.mat",
+        {"data": {name: foreign()[name].to_numpy() for name in foreign()}, "note": "text"},
+    )
     assert_is_the_swing(import_log(tmp_path / "log.mat", swing_mapping("data.")).run_log.table)
 
 
@@ -99,22 +122,33 @@ def test_mat_of_version_7_3_with_a_matrix(tmp_path: Path) -> None:
 
 def test_mcap_puts_a_slow_topic_on_the_grid_of_the_fast_one(tmp_path: Path) -> None:
     fast = [
-        ("/imu", time, {"t": 0.0, "theta": np.rad2deg(angle), "omega": np.rad2deg(rate), "Fy": np.cos(time)})
+        (
+            "/imu",
+            time,
+            {"t": 0.0, "theta": np.rad2deg(angle), "omega": np.rad2deg(rate), "Fy": np.cos(time)},
+        )
         for time, angle, rate in zip(TIMES, ANGLE, RATE, strict=True)
     ]
-    slow = [("/motor", 0.1 * index, {"state": {"current": [0.0, 1000.0 * index]}}) for index in range(40)]
+    slow = [
+        ("/motor", 0.1 * index, {"state": {"current": [0.0, 1000.0 * index]}})
+        for index in range(40)
+    ]
     write_mcap(tmp_path / "log.mcap", sorted([*fast, *slow], key=lambda message: message[1]))
     current = {"current_a": {"from": "/motor.state.current(2)", "unit": "mA"}}
     table = import_log(
         tmp_path / "log.mcap", swing_mapping("/imu.", time="/imu@log_time", columns=current)
     ).run_log.table
     assert_is_the_swing(table)
-    assert np.array_equal(table["current_a"], np.floor(np.arange(400) / 10.0)), "held from the row of its own time on"
+    assert np.array_equal(table["current_a"], np.floor(np.arange(400) / 10.0)), (
+        "held from the row of its own time on"
+    )
 
 
 def test_mcap_in_another_encoding_is_refused_by_name(tmp_path: Path) -> None:
     write_mcap(tmp_path / "log.mcap", [("/imu", 0.0, {})], encoding="cdr")
-    with pytest.raises(LogError, match=r"log\.mcap: no messages that can be read \(/imu: its messages are 'cdr'"):
+    with pytest.raises(
+        LogError, match=r"log\.mcap: no messages that can be read \(/imu: its messages are 'cdr'"
+    ):
         import_log(tmp_path / "log.mcap", swing_mapping("/imu.", time="/imu@log_time"))
 
 
@@ -156,9 +190,15 @@ def test_dates_are_times(tmp_path: Path) -> None:
     stamps = pd.Timestamp("2026-11-20T12:00:00Z") + pd.to_timedelta(TIMES, unit="s")
     path = write_csv(tmp_path, foreign(t=[stamp.isoformat() for stamp in stamps]))
     mapping = swing_mapping(time="t")
-    shifted = mapping.model_copy(update={"time": mapping.time.model_copy(update={"starts_at": 0.0})})
+    shifted = mapping.model_copy(
+        update={"time": mapping.time.model_copy(update={"starts_at": 0.0})}
+    )
     assert import_log(path, mapping).run_log.time[0] == stamps[0].timestamp()
-    assert_is_the_swing(import_log(path, shifted).run_log.table.assign(time_s=lambda table: table["time_s"].round(6)))
+    assert_is_the_swing(
+        import_log(path, shifted).run_log.table.assign(
+            time_s=lambda table: table["time_s"].round(6)
+        )
+    )
 
 
 def test_hold_last_holds_until_the_next_sample_and_knows_nothing_before_the_first() -> None:
@@ -180,16 +220,28 @@ def test_empty_cells_of_a_sparse_table_are_no_samples(tmp_path: Path) -> None:
 
 def test_a_slow_source_that_stops_is_reported(tmp_path: Path) -> None:
     savemat(
-        tmp_path / "a.mat", {**{name: foreign()[name] for name in foreign()}, "tg": np.arange(10.0), "g": np.ones(10)}
+        tmp_path / "a.mat",
+        {**{name: foreign()[name] for name in foreign()}, "tg": np.arange(10.0), "g": np.ones(10)},
     )
     savemat(
-        tmp_path / "b.mat", {**{name: foreign()[name] for name in foreign()}, "tg": [0.0, 1.0, 2.0], "g": np.ones(3)}
+        tmp_path / "b.mat",
+        {**{name: foreign()[name] for name in foreign()}, "tg": [0.0, 1.0, 2.0], "g": np.ones(3)},
     )
     mapping = swing_mapping(columns={"current_a": {"from": "g", "time": "tg", "time_unit": "s"}})
-    assert not [found for found in import_log(tmp_path / "a.mat", mapping).findings if found.time is not None]
+    assert not [
+        found
+        for found in import_log(tmp_path / "a.mat", mapping).findings
+        if found.time is not None
+    ]
     late = import_log(tmp_path / "b.mat", mapping).findings[0]
-    assert str(late) == "column 'current_a' at 2 s: no sample in the last 1.99 s of the log, the value is held"
-    with pytest.raises(LogError, match=r"column 'g' has 10 samples for 400 times of 't'; name the column with its own"):
+    assert (
+        str(late)
+        == "column 'current_a' at 2 s: no sample in the last 1.99 s of the log, the value is held"
+    )
+    with pytest.raises(
+        LogError,
+        match=r"column 'g' has 10 samples for 400 times of 't'; name the column with its own",
+    ):
         import_log(tmp_path / "a.mat", swing_mapping(columns={"current_a": {"from": "g"}}))
 
 
@@ -202,7 +254,9 @@ def test_gap_and_nan_are_reported_with_column_and_time_and_stay(tmp_path: Path) 
         "column 'time_s' at 1.99 s: gap of 0.11 s, about 10 samples lost",
         "column 'force_y_n' at 1 s: 3 of 390 samples are not numbers, the first here",
     ]
-    assert imported.run_log.extra["imported"]["findings"] == [str(found) for found in imported.findings]
+    assert imported.run_log.extra["imported"]["findings"] == [
+        str(found) for found in imported.findings
+    ]
     assert np.isnan(imported.run_log.signal("force_y_n")).sum() == 3
     assert len(imported.run_log.table) == 390
 
@@ -210,7 +264,9 @@ def test_gap_and_nan_are_reported_with_column_and_time_and_stay(tmp_path: Path) 
 def test_reversed_time_names_row_and_time(tmp_path: Path) -> None:
     table = foreign()
     table.loc[[50, 51], "t"] = table.loc[[51, 50], "t"].to_numpy()
-    with pytest.raises(LogError, match=r"log\.csv: column 't': not increasing in row 51, 0\.5 s after 0\.51 s"):
+    with pytest.raises(
+        LogError, match=r"log\.csv: column 't': not increasing in row 51, 0\.5 s after 0\.51 s"
+    ):
         import_log(write_csv(tmp_path, table), swing_mapping())
     table.loc[50, "t"] = np.nan
     with pytest.raises(LogError, match=r"column 't': nan in row 50; times must be finite"):
@@ -235,8 +291,14 @@ def test_text_among_the_numbers_names_the_row(tmp_path: Path) -> None:
             {"current_a": {"from": "I", "unit": "A"}},
             r"column 'current_a': 1500 A at 0 s; .* Is the unit in the mapping",
         ),
-        ({"angular_velocity_rad_per_s": {"from": "omega", "unit": "rpm"}}, r"6 times the derivative of 'angle_rad'"),
-        ({"angular_velocity_rad_per_s": {"from": "omega", "unit": "deg/s", "scale": -1}}, r"-1 times the derivative"),
+        (
+            {"angular_velocity_rad_per_s": {"from": "omega", "unit": "rpm"}},
+            r"6 times the derivative of 'angle_rad'",
+        ),
+        (
+            {"angular_velocity_rad_per_s": {"from": "omega", "unit": "deg/s", "scale": -1}},
+            r"-1 times the derivative",
+        ),
     ],
 )
 def test_a_wrong_unit_betrays_itself(tmp_path: Path, columns: dict[str, Any], message: str) -> None:
@@ -245,7 +307,9 @@ def test_a_wrong_unit_betrays_itself(tmp_path: Path, columns: dict[str, Any], me
 
 
 def test_milliseconds_taken_for_seconds_betray_themselves(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"column 'time_s': steps of 10 s; .* Is the unit of the times right"):
+    with pytest.raises(
+        LogError, match=r"column 'time_s': steps of 10 s; .* Is the unit of the times right"
+    ):
         import_log(write_csv(tmp_path, foreign()), swing_mapping(time="t"))
 
 
@@ -255,7 +319,8 @@ def test_the_checks_of_units_give_way_when_told(tmp_path: Path) -> None:
         "angular_velocity_rad_per_s": {"from": "omega", "unit": "rpm"},
     }
     imported = import_log(
-        write_csv(tmp_path, foreign(I=TIMES + 1500)), swing_mapping(columns=columns, check_rates=False)
+        write_csv(tmp_path, foreign(I=TIMES + 1500)),
+        swing_mapping(columns=columns, check_rates=False),
     )
     assert imported.run_log.signal("current_a")[0] == 1500.0
 
@@ -264,19 +329,30 @@ def test_a_missing_force_axis_is_said_and_the_rest_kept(tmp_path: Path) -> None:
     columns = {"force_z_n": {"from": "FZ"}, "torque_x_n_m": {"from": "dead"}}
     imported = import_log(write_csv(tmp_path, foreign(dead=np.nan)), swing_mapping(columns=columns))
     assert [str(found) for found in imported.findings] == [
-        "column 'force_z_n': left out: the file has no column 'FZ'; it has t, theta, omega, Fy, dead",
+        "column 'force_z_n': left out: the file has no column 'FZ'; it has t, theta, omega, Fy, "
+        "dead",
         "column 'torque_x_n_m': left out: not one sample is a number",
     ]
     assert_is_the_swing(imported.run_log.table)
 
 
 def test_rows_with_more_values_than_names_are_refused_and_not_cut(tmp_path: Path) -> None:
-    """Decimal commas beside commas as delimiters; what is not in the mapping is told of the file, not of a column."""
-    (tmp_path / "log.csv").write_text("t,theta,Fy\n" + "".join(f"0,{i},1,5,2\n" for i in range(9)), encoding="utf-8")
-    with pytest.raises(LogError, match=r"more values than its first line has names; are `csv.delimiter` ','"):
+    """Decimal commas beside commas as delimiters; what is not in the mapping is told of the file,
+    not of a column.
+    """
+    (tmp_path / "log.csv").write_text(
+        "t,theta,Fy\n" + "".join(f"0,{i},1,5,2\n" for i in range(9)), encoding="utf-8"
+    )
+    with pytest.raises(
+        LogError, match=r"more values than its first line has names; are `csv.delimiter` ','"
+    ):
         import_log(tmp_path / "log.csv", swing_mapping())
-    found = import_log(write_csv(tmp_path, foreign(extra=np.arange(len(TIMES)))), swing_mapping()).findings
-    assert [str(finding) for finding in found] == ["columns of the file that are not in the mapping: extra"]
+    found = import_log(
+        write_csv(tmp_path, foreign(extra=np.arange(len(TIMES)))), swing_mapping()
+    ).findings
+    assert [str(finding) for finding in found] == [
+        "columns of the file that are not in the mapping: extra"
+    ]
 
 
 def test_a_missing_angle_or_time_is_an_error(tmp_path: Path) -> None:
@@ -303,10 +379,14 @@ def test_a_held_angle_is_constant_and_nothing_odd(tmp_path: Path) -> None:
 
 
 def test_scale_and_zero_are_in_foreign_units(tmp_path: Path) -> None:
-    """An encoder of 2048 counts per turn that reads 512 with the tail hanging, and counts backwards."""
+    """An encoder of 2048 counts per turn that reads 512 with the tail hanging, and counts
+    backwards.
+    """
     counts = 512 - 2048 * ANGLE / (2 * np.pi)
     columns = {"angle_rad": {"from": "n", "unit": "rev", "scale": -1 / 2048, "zero": 512}}
-    table = import_log(write_csv(tmp_path, foreign(n=counts)), swing_mapping(columns=columns)).run_log.table
+    table = import_log(
+        write_csv(tmp_path, foreign(n=counts)), swing_mapping(columns=columns)
+    ).run_log.table
     assert np.allclose(table["angle_rad"], ANGLE, atol=1e-12)
 
 

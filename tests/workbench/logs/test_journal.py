@@ -53,7 +53,9 @@ def test_the_caller_may_reuse_its_row(tmp_path: Path) -> None:
         for number in range(5):
             buffer[:] = row(number)
             journal.append(buffer)
-    np.testing.assert_array_equal(read_run_log(tmp_path / "run.parquet").table.to_numpy(), expected(5))
+    np.testing.assert_array_equal(
+        read_run_log(tmp_path / "run.parquet").table.to_numpy(), expected(5)
+    )
 
 
 def test_closing_twice_is_harmless_and_appending_after_it_is_not(tmp_path: Path) -> None:
@@ -91,7 +93,9 @@ def test_an_exception_keeps_the_journal_with_every_row(tmp_path: Path) -> None:
 
 
 def test_any_cut_rescues_the_complete_batches_and_nothing_else(tmp_path: Path) -> None:
-    """Every length of the file: inside the header, a batch's metadata, its numbers, and the end mark."""
+    """Every length of the file: inside the header, a batch's metadata, its numbers, and the end
+    mark.
+    """
     journal = written(tmp_path / "run.parquet", 12, rows_per_batch=4).abandon()
     content = journal.read_bytes()
     cut = tmp_path / "cut.parquet.journal"
@@ -119,7 +123,9 @@ def test_recover_writes_what_a_cut_left(tmp_path: Path, lost: int) -> None:
     rescued = recover(journal, tmp_path / "rescued.parquet")
     assert not rescued.complete
     assert rescued.rows == (12 if lost <= 8 else 8)
-    np.testing.assert_array_equal(read_run_log(rescued.path).table.to_numpy(), expected(rescued.rows))
+    np.testing.assert_array_equal(
+        read_run_log(rescued.path).table.to_numpy(), expected(rescued.rows)
+    )
 
 
 def test_recover_refuses_what_it_cannot_or_must_not_do(tmp_path: Path) -> None:
@@ -134,7 +140,9 @@ def test_recover_refuses_what_it_cannot_or_must_not_do(tmp_path: Path) -> None:
         recover(tmp_path / "none.parquet.journal")
     with pytest.raises(LogError, match=r"a journal is named \*\.journal"):
         recover(tmp_path / "run.parquet")
-    (tmp_path / "text.journal").write_text("not an Arrow stream at all, but long enough to look like one")
+    (tmp_path / "text.journal").write_text(
+        "not an Arrow stream at all, but long enough to look like one"
+    )
     with pytest.raises(LogError, match="nothing to rescue"):
         recover(tmp_path / "text.journal")
     empty = written(tmp_path / "empty.parquet", 0).abandon()
@@ -183,7 +191,9 @@ def test_a_killed_process_loses_at_most_the_batch_it_was_filling(tmp_path: Path)
     )
     path = tmp_path / "run.parquet"
     root = Path(__file__).parents[3]
-    child = subprocess.Popen([sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE, cwd=root)
+    child = subprocess.Popen(
+        [sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE, cwd=root
+    )
     try:
         assert child.stdout is not None
         assert child.stdout.readline() == b"running\n"

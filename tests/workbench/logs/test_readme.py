@@ -55,7 +55,9 @@ def call(words: list[str]) -> Result:
 
 
 def test_swing_of_the_readme_comes_out_as_it_was(folder: Path) -> None:
-    """Degrees, mA, N mm, turned signs, 500 Hz, a gap, drift and offsets: the truth is met within the noise left."""
+    """Degrees, mA, N mm, turned signs, 500 Hz, a gap, drift and offsets: the truth is met within
+    the noise left.
+    """
     write_laboratory_csv(folder / "swing.csv", swing_readings())
     importing, conditioning = commands(0)
     notes = call(importing).stderr
@@ -69,14 +71,16 @@ def test_swing_of_the_readme_comes_out_as_it_was(folder: Path) -> None:
     assert run_log.extra["tail"] == "1"
     assert run_log.extra["wind_speed_m_per_s"] == pytest.approx(10.0)
     assert np.allclose(np.diff(run_log.time), 1 / 500.0)
-    # The kinks at lift and release ring in a 20 Hz filter of order 6; the swing itself (0.64 Hz) passes it.
+    # The kinks at lift and release ring in a 20 Hz filter of order 6; the swing itself (0.64 Hz)
+    # passes it.
     swinging = run_log.time > RELEASED_AT + 1.0
     truth = swing_truth(run_log.time)[swinging]
     away = np.abs(truth["time_s"].to_numpy() - np.mean(GAP)) > 0.2
     for name, noise in zip(WRENCH, [0.01, 0.01, 0.02, 5e-4, 5e-4, 5e-4], strict=True):
         error = (run_log.signal(name)[swinging] - truth[name].to_numpy())[away]
-        # 20 of 250 Hz are left of the white noise. One rest of 2.9 s leaves a slope of sqrt(12 / 1450) / 2.9 s of the
-        # noise, 0.03 per s, half of it noise of the mean; over up to 24.5 s that is 0.8 of it, twice that at 2 sigma.
+        # 20 of 250 Hz are left of the white noise. One rest of 2.9 s leaves a slope of sqrt(12 /
+        # 1450) / 2.9 s of the noise, 0.03 per s, half of it noise of the mean; over up to 24.5 s
+        # that is 0.8 of it, twice that at 2 sigma.
         assert np.sqrt(np.mean(error**2)) < 1.6 * noise, name
     (in_python,) = blocks("python")
     done: dict[str, Any] = {}
@@ -85,7 +89,8 @@ def test_swing_of_the_readme_comes_out_as_it_was(folder: Path) -> None:
         error = (done["log"].signal(name)[swinging] - truth[name].to_numpy())[away]
         # 0.28 of the noise passes the filter; the drift line adds about as much.
         assert np.sqrt(np.mean(error**2)) < 0.5 * noise, name
-    # The gap is bridged by straight lines: the angle bends by at most pi/2 * 16.5/s2 * (0.04 s)2 / 8 = 5e-3 rad there.
+    # The gap is bridged by straight lines: the angle bends by at most pi/2 * 16.5/s2 * (0.04 s)2 /
+    # 8 = 5e-3 rad there.
     assert np.max(np.abs(run_log.signal("angle_rad")[swinging] - truth["angle_rad"])) < 6e-3
 
 
@@ -101,12 +106,16 @@ def test_run_of_the_car_of_the_readme_gives_its_metrics(folder: Path) -> None:
     run_log = read_run_log(folder / "car.parquet")
     speed = run_log.signal("speed_m_per_s")
     changes = run_log.time[1:][np.diff(speed) != 0.0]
-    assert changes[0] == pytest.approx(0.1 + GPS_LATE - 0.055, abs=1e-6)  # rows start at the first after 55 ms: 60 ms
+    assert changes[0] == pytest.approx(
+        0.1 + GPS_LATE - 0.055, abs=1e-6
+    )  # rows start at the first after 55 ms: 60 ms
     assert np.allclose(np.diff(changes), 0.1, atol=1e-6), "a GPS sample is held for ten rows"
     measured = metrics_of(run_log)
     assert measured.direction == "left"
     assert measured.raw.average_yaw_rate_rad_per_s == pytest.approx(YAW_RATE, rel=0.02)
-    assert measured.raw.max_linear_acceleration_m_per_s2 == pytest.approx(CAR_SPEED * YAW_RATE, rel=1e-9)
+    assert measured.raw.max_linear_acceleration_m_per_s2 == pytest.approx(
+        CAR_SPEED * YAW_RATE, rel=1e-9
+    )
     assert measured.raw.speed_m_per_s == pytest.approx(CAR_SPEED)
     assert measured.heading_change_rad == pytest.approx(YAW_RATE * 0.64, abs=YAW_RATE / 100.0)
     assert measured.tail_energy_j is None, "the log has no tail"

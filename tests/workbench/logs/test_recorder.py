@@ -1,4 +1,6 @@
-"""The recorder writes one row per period, names what does not fit, and takes whole turns out of headings."""
+"""The recorder writes one row per period, names what does not fit, and takes whole turns out of
+headings.
+"""
 
 import numpy as np
 import pytest
@@ -29,10 +31,15 @@ class Spinner(LeafSystem):
 def record(tmp_path, rate, until, names):
     builder = DiagramBuilder()
     spinner = builder.AddSystem(Spinner())
-    signals = [(spinner.GetOutputPort("heading"), names[:1]), (spinner.GetOutputPort("both"), names[1:])]
+    signals = [
+        (spinner.GetOutputPort("heading"), names[:1]),
+        (spinner.GetOutputPort("both"), names[1:]),
+    ]
     columns = recorded_columns(signals)
     assert columns == ["time_s", *names]
-    journal = JournalWriter(tmp_path / "spin.parquet", columns, run_metadata({}, seed=0, kind="spin"))
+    journal = JournalWriter(
+        tmp_path / "spin.parquet", columns, run_metadata({}, seed=0, kind="spin")
+    )
     RunRecorder.add_to_builder(builder, journal, signals, rate)
     Simulator(builder.Build()).AdvanceTo(until)
     return read_journal(journal.abandon())[0].to_pandas()

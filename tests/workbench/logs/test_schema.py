@@ -16,17 +16,25 @@ from aerodima.workbench.config.signal_table import (
     truth_columns,
 )
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.schema import METADATA_KEY, encode_metadata, read_run_log, write_run_log
+from aerodima.workbench.logs.schema import (
+    METADATA_KEY,
+    encode_metadata,
+    read_run_log,
+    write_run_log,
+)
 from tests.workbench.made_up_runs import car_run_columns, made_up_run, signals_equal
 
 UNIT_ENDINGS = {
-    "m": "_m", "m/s": "_m_per_s", "m/s2": "_m_per_s2", "rad": "_rad", "rad/s": "_rad_per_s", "N": "_n",
+    "m": "_m", "m/s": "_m_per_s", "m/s2": "_m_per_s2", "rad": "_rad", "rad/s": "_rad_per_s",
+    "N": "_n",
     "N m": "_n_m", "N s": "_n_s", "N m s": "_n_m_s", "W": "_w", "s": "_s",
 }  # fmt: skip
 
 
 def awkward_run():
-    """A run whose signals hold what text formats lose: NaN, both zeros, infinities, neighbours of 1."""
+    """A run whose signals hold what text formats lose: NaN, both zeros, infinities, neighbours
+    of 1.
+    """
     run = made_up_run({"gyro_x_truth_rad_per_s": np.nextafter(1.0, 2.0), "throttle_command": -0.0})
     run.table.loc[3, "roll_estimate_rad"] = np.nan
     run.table.loc[4, "roll_estimate_rad"] = -np.inf
@@ -44,12 +52,18 @@ def test_columns_of_the_contract_are_there_once() -> None:
     names = [column.name for column in car_run_columns(("chassis_qw",))]
     assert len(names) == len(set(names))
     assert {
-        "time_s", "planned_turn", "tail_pitch_command_kp", "tail_roll_command_torque_n_m", "sail_rate_rad_per_s",
-        "imu_acceleration_y_m_per_s2", "status_operator_age_s", "status_tail_roll_fault", "status_armed",
-        "roll_rate_estimate_rad_per_s", "tilt_truth_rad", "velocity_y_truth_m_per_s", "gyro_z_truth_rad_per_s",
-        "acceleration_y_truth_m_per_s2", "com_z_truth_m", "tail_tip_x_truth_m", "tail_momentum_z_truth_n_s",
-        "tail_angular_momentum_x_truth_n_m_s", "tail_force_moment_y_truth_n_m", "wheel_force_rear_left_z_truth_n",
-        "wheel_contact_front_right_x_truth_m", "ground_contact_tail_truth_n", "plant_position_chassis_qw",
+        "time_s", "planned_turn", "tail_pitch_command_kp", "tail_roll_command_torque_n_m",
+        "sail_rate_rad_per_s",
+        "imu_acceleration_y_m_per_s2", "status_operator_age_s", "status_tail_roll_fault",
+        "status_armed",
+        "roll_rate_estimate_rad_per_s", "tilt_truth_rad", "velocity_y_truth_m_per_s",
+        "gyro_z_truth_rad_per_s",
+        "acceleration_y_truth_m_per_s2", "com_z_truth_m", "tail_tip_x_truth_m",
+        "tail_momentum_z_truth_n_s",
+        "tail_angular_momentum_x_truth_n_m_s", "tail_force_moment_y_truth_n_m",
+        "wheel_force_rear_left_z_truth_n",
+        "wheel_contact_front_right_x_truth_m", "ground_contact_tail_truth_n",
+        "plant_position_chassis_qw",
         "drive_power_truth_w", "tail_power_truth_w",
     } <= set(names)  # fmt: skip
 
@@ -70,7 +84,9 @@ def test_what_is_written_comes_back_bit_for_bit(tmp_path: Path) -> None:
 
 def test_metadata_apart_the_same_signals_are_equal() -> None:
     run = awkward_run()
-    assert signals_equal(run, dataclasses.replace(run, created="another time", table=run.table.copy()))
+    assert signals_equal(
+        run, dataclasses.replace(run, created="another time", table=run.table.copy())
+    )
 
 
 @pytest.mark.parametrize(
@@ -97,7 +113,9 @@ def test_pandas_reads_the_file_without_this_project(tmp_path: Path) -> None:
 
 def test_folder_names_with_an_equals_sign_add_no_column(tmp_path: Path) -> None:
     run = made_up_run()
-    assert signals_equal(run, read_run_log(write_run_log(run, tmp_path / "speed=3" / "run.parquet")))
+    assert signals_equal(
+        run, read_run_log(write_run_log(run, tmp_path / "speed=3" / "run.parquet"))
+    )
 
 
 def test_existing_file_is_kept_without_force(tmp_path: Path) -> None:
@@ -110,7 +128,9 @@ def test_existing_file_is_kept_without_force(tmp_path: Path) -> None:
     assert len(read_run_log(path).table) == 2001
 
 
-def test_a_failed_write_keeps_the_old_file_and_leaves_nothing_behind(tmp_path: Path, monkeypatch) -> None:
+def test_a_failed_write_keeps_the_old_file_and_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch
+) -> None:
     path = write_run_log(made_up_run(), tmp_path / "run.parquet")
     before = path.read_bytes()
 
@@ -147,7 +167,9 @@ def test_missing_file_with_a_journal_points_to_the_journal(tmp_path: Path) -> No
         read_run_log(tmp_path / "run.parquet")
 
 
-@pytest.mark.parametrize("kept", [0.0, 0.001, 0.5, 0.999], ids=["empty", "magic only", "half", "footer cut"])
+@pytest.mark.parametrize(
+    "kept", [0.0, 0.001, 0.5, 0.999], ids=["empty", "magic only", "half", "footer cut"]
+)
 def test_truncated_parquet_points_to_recovery(tmp_path: Path, kept: float) -> None:
     path = write_run_log(made_up_run(), tmp_path / "run.parquet")
     content = path.read_bytes()
@@ -159,7 +181,9 @@ def test_truncated_parquet_points_to_recovery(tmp_path: Path, kept: float) -> No
 def test_other_schema_version_says_which_is_read(tmp_path: Path) -> None:
     path = tmp_path / "run.parquet"
     metadata = {**made_up_run().metadata(), "schema": "aerodima/run-log/9"}
-    table = pa.table({"time_s": [0.0]}).replace_schema_metadata({METADATA_KEY: encode_metadata(metadata)})
+    table = pa.table({"time_s": [0.0]}).replace_schema_metadata(
+        {METADATA_KEY: encode_metadata(metadata)}
+    )
     pq.write_table(table, path)
     with pytest.raises(LogError, match=r"schema 'aerodima/run-log/9'.*reads 'aerodima/run-log/1'"):
         read_run_log(path)
@@ -178,7 +202,9 @@ def test_other_schema_version_says_which_is_read(tmp_path: Path) -> None:
         ("kind", 3, "kind: 3 is not allowed; .*string"),
     ],
 )
-def test_metadata_of_another_type_are_named(tmp_path: Path, name: str, value: object, message: str) -> None:
+def test_metadata_of_another_type_are_named(
+    tmp_path: Path, name: str, value: object, message: str
+) -> None:
     run = made_up_run()
     encoded = encode_metadata({**run.metadata(), name: value})
     table = pa.Table.from_pandas(run.table).replace_schema_metadata({METADATA_KEY: encoded})
@@ -206,15 +232,21 @@ def test_missing_columns_are_named_on_writing_and_reading(tmp_path: Path) -> Non
         read_run_log(tmp_path / "other.parquet")
 
 
-def test_optional_column_that_a_log_lacks_is_read_as_nan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_optional_column_that_a_log_lacks_is_read_as_nan(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = write_run_log(made_up_run(), tmp_path / "before.parquet")
     later = Column("speed_accuracy_m_per_s", "m/s", "accuracy of the speed", optional=True)
     monkeypatch.setitem(CAR_PORTS, "speed", [*CAR_PORTS["speed"], later])
     run = read_run_log(path)
     assert np.isnan(run.signal(later.name)).all()
     run.table[later.name] = 0.5
-    assert (read_run_log(write_run_log(run, tmp_path / "after.parquet")).signal(later.name) == 0.5).all()
-    monkeypatch.setitem(CAR_PORTS, "speed", [*CAR_PORTS["speed"][:1], dataclasses.replace(later, optional=False)])
+    assert (
+        read_run_log(write_run_log(run, tmp_path / "after.parquet")).signal(later.name) == 0.5
+    ).all()
+    monkeypatch.setitem(
+        CAR_PORTS, "speed", [*CAR_PORTS["speed"][:1], dataclasses.replace(later, optional=False)]
+    )
     with pytest.raises(LogError, match=later.name):
         read_run_log(path)
 
@@ -232,7 +264,9 @@ def test_a_car_without_a_tail_needs_no_tail_truth(tmp_path: Path) -> None:
 def test_nan_in_the_metadata_and_text_in_a_signal_are_refused(tmp_path: Path) -> None:
     run = made_up_run()
     with pytest.raises(LogError, match="JSON"):
-        write_run_log(dataclasses.replace(run, extra={"tail_mass_kg": float("nan")}), tmp_path / "a.parquet")
+        write_run_log(
+            dataclasses.replace(run, extra={"tail_mass_kg": float("nan")}), tmp_path / "a.parquet"
+        )
     table = run.table.astype({"throttle_command": object})
     table.loc[0, "throttle_command"] = "full"
     with pytest.raises(LogError, match="'throttle_command' is not made of numbers"):

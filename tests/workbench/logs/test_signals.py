@@ -30,13 +30,23 @@ def gain_and_lag(design: LowPass, hertz: float) -> tuple[float, float]:
 
 
 def test_the_filters_are_those_of_the_car_and_the_rig() -> None:
-    assert [(design.order, design.cutoff_hz) for design in FILTERS] == [(2, 5.0), (2, 1.0), (6, 20.0)]
+    assert [(design.order, design.cutoff_hz) for design in FILTERS] == [
+        (2, 5.0),
+        (2, 1.0),
+        (6, 20.0),
+    ]
 
 
-@pytest.mark.parametrize("design", FILTERS, ids=lambda design: f"order {design.order}, {design.cutoff_hz:g} Hz")
+@pytest.mark.parametrize(
+    "design", FILTERS, ids=lambda design: f"order {design.order}, {design.cutoff_hz:g} Hz"
+)
 @pytest.mark.parametrize("ratio", [0.3, 1.0, 1.5])
-def test_two_passes_square_the_butterworth_gain_and_shift_nothing(design: LowPass, ratio: float) -> None:
-    """1/(1 + (f/fc)^2n) is the analogue gain squared; at 200 samples per period of fc the digital filter meets it."""
+def test_two_passes_square_the_butterworth_gain_and_shift_nothing(
+    design: LowPass, ratio: float
+) -> None:
+    """1/(1 + (f/fc)^2n) is the analogue gain squared; at 200 samples per period of fc the digital
+    filter meets it.
+    """
     gain, lag = gain_and_lag(design, ratio * design.cutoff_hz)
     assert gain == pytest.approx(1.0 / (1.0 + ratio ** (2 * design.order)), rel=1e-2)
     assert lag == pytest.approx(0.0, abs=1e-3)
@@ -51,13 +61,16 @@ def test_jittered_times_are_filtered_like_even_ones() -> None:
     rng = np.random.default_rng(1)
     time = np.arange(2000) / 100.0 + rng.uniform(-0.002, 0.002, 2000)
     out = low_pass(time, sine(time, 0.5), IMU_FILTER)
-    # Linear interpolation of a 0.5 Hz sine at 10 ms errs by (2 pi 0.5)^2 0.01^2 / 8 = 1.2e-4 each way.
+    # Linear interpolation of a 0.5 Hz sine at 10 ms errs by (2 pi 0.5)^2 0.01^2 / 8 = 1.2e-4 each
+    # way.
     np.testing.assert_allclose(out[300:-300], sine(time, 0.5)[300:-300], atol=1e-3)
 
 
 def test_a_filter_that_the_sample_rate_cannot_carry_is_refused() -> None:
     time = np.arange(100) / 10.0
-    with pytest.raises(LogError, match="'gyro': cut-off 5 Hz needs more than 10 samples per second"):
+    with pytest.raises(
+        LogError, match="'gyro': cut-off 5 Hz needs more than 10 samples per second"
+    ):
         low_pass(time, np.zeros(100), IMU_FILTER, "gyro")
     with pytest.raises(LogError, match="too few"):
         low_pass(time[:4] / 10.0, np.zeros(4), IMU_FILTER, "gyro")
@@ -71,7 +84,9 @@ def test_a_nan_is_reported_with_column_and_time() -> None:
         lambda: check_signals(time, {"fine": np.zeros(100), "current_a": bad}),
         lambda: low_pass(time, bad, IMU_FILTER, "current_a"),
     ):
-        with pytest.raises(LogError, match=r"'current_a': 2 sample\(s\) not finite, first nan at 0.42 s"):
+        with pytest.raises(
+            LogError, match=r"'current_a': 2 sample\(s\) not finite, first nan at 0.42 s"
+        ):
             act()
 
 
@@ -80,7 +95,9 @@ def test_unsorted_and_repeated_times_are_reported() -> None:
     for row, value in ((4, 0.2), (7, 0.6)):
         wrong = time.copy()
         wrong[row] = value
-        with pytest.raises(LogError, match=rf"'time_s': not increasing in row {row}, {value:g} s after"):
+        with pytest.raises(
+            LogError, match=rf"'time_s': not increasing in row {row}, {value:g} s after"
+        ):
             check_signals(wrong, {})
     time[3] = np.nan
     with pytest.raises(LogError, match="nan in row 3"):
@@ -89,7 +106,9 @@ def test_unsorted_and_repeated_times_are_reported() -> None:
 
 def test_a_gap_is_reported_with_its_place_and_length() -> None:
     time = np.concatenate([np.arange(50), np.arange(56, 100)]) / 100.0
-    with pytest.raises(LogError, match=r"1 gap\(s\), the first of 0.07 s after 0.49 s; at most 0.015 s"):
+    with pytest.raises(
+        LogError, match=r"1 gap\(s\), the first of 0.07 s after 0.49 s; at most 0.015 s"
+    ):
         check_signals(time, {})
     check_gaps(time, largest_step=0.1)
 

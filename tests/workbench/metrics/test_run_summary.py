@@ -1,4 +1,6 @@
-"""What a summary says of a run, its rows, and the published figures beside the runs that the thesis made."""
+"""What a summary says of a run, its rows, and the published figures beside the runs that the thesis
+made.
+"""
 
 import pytest
 
@@ -25,7 +27,9 @@ def test_a_swing_that_the_log_cuts_off_has_no_end() -> None:
 @pytest.mark.parametrize(("direction", "sign"), [("left", 1.0), ("right", -1.0)])
 def test_peak_of_the_gyro_counts_into_the_turn(direction: str, sign: float) -> None:
     # Into the turn 0.8 rad/s within the window, out of it 2 rad/s, and 5 rad/s after the window.
-    gyro = sign * (0.8 * (times() < 2.3) - 2.0 * ((times() >= 2.3) & (times() < 2.6)) + 5.0 * (times() > 2.7))
+    gyro = sign * (
+        0.8 * (times() < 2.3) - 2.0 * ((times() >= 2.3) & (times() < 2.6)) + 5.0 * (times() > 2.7)
+    )
     summary = summarise(made_up_run({"imu_gyro_z_rad_per_s": gyro}, direction=direction), "run")
     assert summary.peak_gyro == pytest.approx(0.8)
 
@@ -33,7 +37,9 @@ def test_peak_of_the_gyro_counts_into_the_turn(direction: str, sign: float) -> N
 def test_only_the_runs_of_the_thesis_have_published_figures() -> None:
     # Commanded 12 km/h without tail: Tables 7.1 and 7.3; 16 km/h with the swing: Table 7.2.
     sources = {
-        (mode, whole): {row.source for row in published_for(made_up_summary(mode, whole / 3.6)).values()}
+        (mode, whole): {
+            row.source for row in published_for(made_up_summary(mode, whole / 3.6)).values()
+        }
         for mode in ("none", "held", "swing")
         for whole in range(12, 19)
     }
@@ -49,7 +55,9 @@ def test_a_swing_from_a_file_is_a_mode_of_its_own_and_has_no_published_figures()
     assert tail_mode_of({"tail": {"mode": "swing"}, "controller": played}) == "optimised"
     assert tail_mode_of({"tail": {"mode": "swing", "name": "mine"}}) == "designed"
     assert tail_mode_of({"tail": {"mode": "held"}, "controller": played}) == "held"
-    assert tail_mode_of({"tail": {"mode": "swing"}, "controller": {"swing_file": "none"}}) == "swing"
+    assert (
+        tail_mode_of({"tail": {"mode": "swing"}, "controller": {"swing_file": "none"}}) == "swing"
+    )
     assert not published_for(made_up_summary("optimised", 16 / 3.6))
 
 
@@ -57,4 +65,6 @@ def test_every_number_has_its_unit_at_the_end_of_the_column() -> None:
     units = ("_m_per_s", "_rad", "_rad_per_s", "_m_per_s2", "_s", "_j", "_n", "_n_m", "_n_m_s")
     summary = made_up_summary("swing", 16 / 3.6, trigger=2.2)
     row = summary.as_row() | summary.impulses_row()
-    assert [name for name, value in row.items() if type(value) is float and not name.endswith(units)] == []
+    assert [
+        name for name, value in row.items() if type(value) is float and not name.endswith(units)
+    ] == []

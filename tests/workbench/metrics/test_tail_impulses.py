@@ -25,18 +25,32 @@ def sides(values: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def point_mass_run(
-    roll: np.ndarray, roll_rate: np.ndarray, yaw: float = 0.0, direction: str = "left", lateral: float = 0.0
+    roll: np.ndarray,
+    roll_rate: np.ndarray,
+    yaw: float = 0.0,
+    direction: str = "left",
+    lateral: float = 0.0,
 ) -> RunLog:
-    """A car that goes straight at heading `yaw` from (5, -2) m, with acceleration `lateral` to its left from the start
+    """A car that goes straight at heading `yaw` from (5, -2) m, with acceleration `lateral` to its
+    left from the start
     of the turn on, its tail at these roll angles (0 up, positive to the right).
     """
     t = times()
-    ahead, left = np.array([math.cos(yaw), math.sin(yaw), 0.0]), np.array([-math.sin(yaw), math.cos(yaw), 0.0])
+    ahead, left = (
+        np.array([math.cos(yaw), math.sin(yaw), 0.0]),
+        np.array([-math.sin(yaw), math.cos(yaw), 0.0]),
+    )
     up = np.array([0.0, 0.0, 1.0])
     since = np.maximum(t - START, 0.0)
-    ground = np.array([5.0, -2.0, 0.0]) + np.outer(FORWARD * t, ahead) + np.outer(0.5 * lateral * since**2, left)
+    ground = (
+        np.array([5.0, -2.0, 0.0])
+        + np.outer(FORWARD * t, ahead)
+        + np.outer(0.5 * lateral * since**2, left)
+    )
     arm = LENGTH * (np.outer(-np.sin(roll), left) + np.outer(np.cos(roll), up))
-    swing = LENGTH * roll_rate[:, None] * (np.outer(-np.cos(roll), left) + np.outer(-np.sin(roll), up))
+    swing = (
+        LENGTH * roll_rate[:, None] * (np.outer(-np.cos(roll), left) + np.outer(-np.sin(roll), up))
+    )
     com = ground + HEIGHT * up + arm
     momentum = TAIL_MASS * (FORWARD * ahead + np.outer(lateral * since, left) + swing)
     columns = {"yaw_truth_rad": np.full(t.size, yaw)}
@@ -71,8 +85,12 @@ def at(time: float) -> int:
 
 @pytest.mark.parametrize(("direction", "inside"), [("left", -math.pi / 2), ("right", math.pi / 2)])
 @pytest.mark.parametrize("yaw", [0.0, 2.1])
-def test_the_weight_of_a_tail_on_the_inside_helps(direction: str, inside: float, yaw: float) -> None:
-    """m g l about the ground point, in any heading and however far the car is from the origin of the world."""
+def test_the_weight_of_a_tail_on_the_inside_helps(
+    direction: str, inside: float, yaw: float
+) -> None:
+    """m g l about the ground point, in any heading and however far the car is from the origin of
+    the world.
+    """
     result = tail_impulses(point_mass_run(*at_rest(inside), yaw=yaw, direction=direction))
     assert result is not None
     expected = TAIL_MASS * GRAVITY * LENGTH
@@ -87,9 +105,11 @@ def test_the_weight_of_a_tail_on_the_inside_helps(direction: str, inside: float,
 @pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
 @pytest.mark.parametrize("yaw", [0.0, 2.1])
 def test_speeding_the_tail_up_outwards_helps(direction: str, side: float, yaw: float) -> None:
-    """Angular momentum about the ground point along the heading: m (l^2 + h l cos(roll)) times the roll rate.
+    """Angular momentum about the ground point along the heading: m (l^2 + h l cos(roll)) times the
+    roll rate.
 
-    The swing starts on the inside, so the tail gains momentum that points outwards and the car gains as much inwards.
+    The swing starts on the inside, so the tail gains momentum that points outwards and the car
+    gains as much inwards.
     """
     roll, rate = speeding_up(side)
     result = tail_impulses(point_mass_run(roll, rate, yaw=yaw, direction=direction))
@@ -109,17 +129,25 @@ def test_a_swing_that_stops_again_gives_its_inertial_impulse_back() -> None:
 
 @pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
 def test_an_upright_tail_carried_into_the_turn_hurts(direction: str, side: float) -> None:
-    """m a (h + l): what accelerates towards the inside at a height pulls the car over to the outside."""
+    """m a (h + l): what accelerates towards the inside at a height pulls the car over to the
+    outside.
+    """
     result = tail_impulses(point_mass_run(*at_rest(0.0), direction=direction, lateral=side * 4.0))
     assert result is not None
-    assert result.inertial == pytest.approx(-TAIL_MASS * 4.0 * (HEIGHT + LENGTH) * 0.64, rel=5e-3)  # its first step
+    assert result.inertial == pytest.approx(
+        -TAIL_MASS * 4.0 * (HEIGHT + LENGTH) * 0.64, rel=5e-3
+    )  # its first step
     assert result.weight == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
-def test_air_that_holds_the_tail_back_while_it_swings_outwards_helps(direction: str, side: float) -> None:
-    """Upright tail moving outwards: drag points to the inside at height h + l. The log has its moment about Wo, 2 m
-    beside the car, about which the lift has one too; about the ground point the lift has none.
+def test_air_that_holds_the_tail_back_while_it_swings_outwards_helps(
+    direction: str, side: float
+) -> None:
+    """Upright tail moving outwards: drag points to the inside at height h + l.
+
+    The log has its moment about Wo, 2 m beside the car, about which the lift has one too; about the
+    ground point the lift has none.
     """
     run = point_mass_run(*at_rest(0.0), direction=direction)
     force = np.tile([0.0, side * 2.0, 1.0], (times().size, 1))
@@ -144,15 +172,19 @@ def test_a_jump_of_the_momentum_counts_in_full() -> None:
 
 
 def test_inertial_moment_of_any_motion_is_minus_arm_cross_mass_times_acceleration() -> None:
-    """Car on a curve with a turning heading while the tail swings: -(c - p) x m d2c/dt2 about the heading axis.
+    """Car on a curve with a turning heading while the tail swings: -(c - p) x m d2c/dt2 about the
+    heading axis.
 
-    The independent side differentiates the path twice; all motions are slow sines, so both differ by (w dt)^2 < 1e-3.
+    The independent side differentiates the path twice; all motions are slow sines, so both differ
+    by (w dt)^2 < 1e-3.
     """
     t = times()
     yaw = 0.4 * np.sin(2.0 * t)
     ground = np.column_stack([5.0 + 3.0 * t, -2.0 + 1.5 * np.sin(3.0 * t), np.zeros_like(t)])
     roll = 1.2 * np.sin(4.0 * t)
-    arm = LENGTH * np.column_stack([np.sin(roll) * np.sin(yaw), -np.sin(roll) * np.cos(yaw), np.cos(roll)])
+    arm = LENGTH * np.column_stack(
+        [np.sin(roll) * np.sin(yaw), -np.sin(roll) * np.cos(yaw), np.cos(roll)]
+    )
     com = ground + np.array([0.0, 0.0, HEIGHT]) + arm
     momentum = TAIL_MASS * np.gradient(com, t, axis=0)
     columns: dict[str, np.ndarray] = {"yaw_truth_rad": yaw}
@@ -170,7 +202,9 @@ def test_inertial_moment_of_any_motion_is_minus_arm_cross_mass_times_acceleratio
     about_heading = np.sum(-np.cross(com - ground, TAIL_MASS * acceleration) * heading, axis=1)
     scale = float(np.max(np.abs(about_heading)))
     impulse = float(np.sum(-about_heading[at(2.0) : at(2.64)]) * (t[1] - t[0]))
-    assert result.inertial == pytest.approx(impulse, abs=2e-3 * scale * 0.64 + scale * (t[1] - t[0]))
+    assert result.inertial == pytest.approx(
+        impulse, abs=2e-3 * scale * 0.64 + scale * (t[1] - t[0])
+    )
 
 
 def test_no_tail_no_impulses_and_no_truth_is_an_error() -> None:
@@ -186,7 +220,9 @@ def test_no_tail_no_impulses_and_no_truth_is_an_error() -> None:
 def test_a_tail_behind_the_centre_of_mass_that_speeds_up_outwards_turns_the_car_out_of_the_turn(
     direction: str, side: float, yaw: float
 ) -> None:
-    """Lever times change of momentum; the window ends while the tail still moves outwards, before it is upright."""
+    """Lever times change of momentum; the window ends while the tail still moves outwards, before
+    it is upright.
+    """
     lever = 0.15
     run = point_mass_run(*speeding_up(side), yaw=yaw, direction=direction)
     ahead = np.array([math.cos(yaw), math.sin(yaw), 0.0])
@@ -194,7 +230,10 @@ def test_a_tail_behind_the_centre_of_mass_that_speeds_up_outwards_turns_the_car_
     run = dataclasses.replace(
         run, table=run.table.assign(**{f"com_{a}_truth_m": com[:, n] for n, a in enumerate("xyz")})
     )
-    shorter = {**run.scenario, "manoeuvre": {**run.scenario["manoeuvre"], "turn_hold": 0.1}}  # until 2.24 s
+    shorter = {
+        **run.scenario,
+        "manoeuvre": {**run.scenario["manoeuvre"], "turn_hold": 0.1},
+    }  # until 2.24 s
     found = tail_yaw_impulses(dataclasses.replace(run, scenario=shorter))
     roll, rate = speeding_up(1.0)
     outwards = LENGTH * rate[at(2.24)] * math.cos(roll[at(2.24)])

@@ -28,20 +28,31 @@ def test_two_wheels_of_two_sides_are_no_tip_up(axle_or_diagonal):
 
 def test_lateral_acceleration_is_speed_times_rate_of_the_course_into_each_turn():
     time = np.arange(0.0, 4.001, 0.01)
-    course = np.interp(time, [0.0, 1.0, 2.0, 2.5, 4.0], [0.0, 2.0, 11.0, 10.5, 24.0])  # rad/s: 2, 9, -1, 9
+    course = np.interp(
+        time, [0.0, 1.0, 2.0, 2.5, 4.0], [0.0, 2.0, 11.0, 10.5, 24.0]
+    )  # rad/s: 2, 9, -1, 9
     speed = np.where(time <= 1.0, 3.0, 2.0)
     parts = [(0.0, 1.0, 1), (2.0, 2.5, -1)]
-    assert lateral_acceleration(time, speed, course, parts) == pytest.approx((3.0 * 2.0 + 2.0 * 0.5) / 1.5)
+    assert lateral_acceleration(time, speed, course, parts) == pytest.approx(
+        (3.0 * 2.0 + 2.0 * 0.5) / 1.5
+    )
     assert lateral_acceleration(time, speed, course, [(0.0, 1.0, -1)]) == pytest.approx(-6.0)
-    assert lateral_acceleration(time, speed, course, [(3.5, 9.0, 1)]) == pytest.approx(18.0), "as far as samples go"
+    assert lateral_acceleration(time, speed, course, [(3.5, 9.0, 1)]) == pytest.approx(18.0), (
+        "as far as samples go"
+    )
     assert lateral_acceleration(time, speed, course, [(5.0, 6.0, 1)]) is None
 
 
 @pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
 def test_a_turned_path_is_lateral_acceleration_and_a_spin_is_none(direction, side):
     yaw = side * 1.5 * np.clip(times() - 2.0, 0.0, 0.64)
-    assert tip_up(made_up_run({"yaw_truth_rad": yaw}, direction)).lateral_acceleration_m_per_s2 == pytest.approx(4.5)
-    spin = {"velocity_x_truth_m_per_s": 3.0 * np.cos(yaw), "velocity_y_truth_m_per_s": -3.0 * np.sin(yaw)}
+    assert tip_up(
+        made_up_run({"yaw_truth_rad": yaw}, direction)
+    ).lateral_acceleration_m_per_s2 == pytest.approx(4.5)
+    spin = {
+        "velocity_x_truth_m_per_s": 3.0 * np.cos(yaw),
+        "velocity_y_truth_m_per_s": -3.0 * np.sin(yaw),
+    }
     found = tip_up(made_up_run({"yaw_truth_rad": yaw, **spin}, direction))
     assert found.lateral_acceleration_m_per_s2 == pytest.approx(0.0, abs=1e-9)
 
@@ -74,10 +85,14 @@ def test_the_board_counts_while_the_car_is_steered_and_the_tail_always():
 
 def test_the_last_yaw_rate_is_that_of_the_end_where_nothing_is_steered():
     end = times()[-1]
-    run = made_up_run({"gyro_z_truth_rad_per_s": np.where(times() > end - 0.201, -0.3, 2.0)}, "left")
+    run = made_up_run(
+        {"gyro_z_truth_rad_per_s": np.where(times() > end - 0.201, -0.3, 2.0)}, "left"
+    )
     assert tip_up(run).last_yaw_rate_rad_per_s == pytest.approx(-0.3)
     assert tip_up(run, [(end - 0.5, end - 0.1, 1)]).last_yaw_rate_rad_per_s is None
 
 
 def test_columns_of_the_lifts_are_in_the_order_of_the_wheels():
-    assert [name.removeprefix("wheel_lift_").removesuffix("_truth_m") for name in LIFT_COLUMNS] == list(WHEELS)
+    assert [
+        name.removeprefix("wheel_lift_").removesuffix("_truth_m") for name in LIFT_COLUMNS
+    ] == list(WHEELS)

@@ -14,11 +14,13 @@ V = 3.0
 """Below the centre of mass, m/s."""
 
 
-def moving(course: Any, heading: Any, yaw_rate: Any, roll: Any = 0.0, speed: Any = V, side: float = 1.0) -> TurnCourse:
+def moving(
+    course: Any, heading: Any, yaw_rate: Any, roll: Any = 0.0, speed: Any = V, side: float = 1.0
+) -> TurnCourse:
     """Of a run in which the point below the centre of mass moves along `course`.
 
-    The body points along `heading` and leans by `roll`. The columns are those of the chassis' own origin, in its frame:
-    the rear axle, on the ground.
+    The body points along `heading` and leans by `roll`. The columns are those of the chassis' own
+    origin, in its frame: the rear axle, on the ground.
     """
     t = times()
     course, heading, yaw_rate, roll = (
@@ -30,7 +32,10 @@ def moving(course: Any, heading: Any, yaw_rate: Any, roll: Any = 0.0, speed: Any
     v_WC_B = np.column_stack((ahead, np.cos(roll) * left, -np.sin(roll) * left))
     w_WB_B = np.column_stack((roll_rate, np.sin(roll) * yaw_rate, np.cos(roll) * yaw_rate))
     v_WBo_B = v_WC_B - np.cross(w_WB_B, [COM_X, 0.0, 0.0])
-    columns = {"yaw_truth_rad": np.remainder(heading + math.pi, 2 * math.pi) - math.pi, "roll_truth_rad": roll}
+    columns = {
+        "yaw_truth_rad": np.remainder(heading + math.pi, 2 * math.pi) - math.pi,
+        "roll_truth_rad": roll,
+    }
     for index, axis in enumerate("xyz"):
         columns |= {
             f"velocity_{axis}_truth_m_per_s": v_WBo_B[:, index],
@@ -49,7 +54,9 @@ def arc(rate: float, until: float = 2.64) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("away", [0.0, 3.0])
 def test_a_circle_turns_course_and_body_alike(side: float, away: float) -> None:
-    """On whatever heading it begins, also across the branch of the angle; the origin behind slides outwards."""
+    """On whatever heading it begins, also across the branch of the angle; the origin behind slides
+    outwards.
+    """
     angle, rate = arc(2.0)
     found = moving(away + angle, away + angle, rate, side=side)
     assert found.course_change_rad == pytest.approx(1.28)
@@ -61,7 +68,10 @@ def test_a_circle_turns_course_and_body_alike(side: float, away: float) -> None:
 
 def test_a_straight_line_turns_nothing() -> None:
     found = moving(0.4, 0.4, 0.0)
-    assert (found.course_change_rad, found.exit_heading_change_rad) == (pytest.approx(0.0), pytest.approx(0.0))
+    assert (found.course_change_rad, found.exit_heading_change_rad) == (
+        pytest.approx(0.0),
+        pytest.approx(0.0),
+    )
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -76,7 +86,8 @@ def test_a_spin_turns_the_body_and_not_the_course(side: float) -> None:
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_lean_is_no_course(side: float) -> None:
-    """A car that slides by 0.2 rad while it rolls to 0.4 rad about the ground and back: its path is straight.
+    """A car that slides by 0.2 rad while it rolls to 0.4 rad about the ground and back: its path is
+    straight.
 
     At the exit it rolls back by 1 rad/s, which moves its centre of mass by 0.2 m/s.
     """
@@ -89,7 +100,9 @@ def test_a_lean_is_no_course(side: float) -> None:
 
 def test_the_turn_ends_when_it_yaws_less_than_a_tenth() -> None:
     """From 2 s on at 1 rad/s, from 2.64 s on slower by 2 rad/s2: below 0.1 rad/s after 0.45 s."""
-    rate = np.where(times() < 2.64, 1.0, np.maximum(1.0 - 2.0 * (times() - 2.64), 0.0)) * (times() >= 2.0)
+    rate = np.where(times() < 2.64, 1.0, np.maximum(1.0 - 2.0 * (times() - 2.64), 0.0)) * (
+        times() >= 2.0
+    )
     angle = np.concatenate(([0.0], np.cumsum(0.5 * STEP * (rate[1:] + rate[:-1]))))
     found = moving(angle, angle, rate)
     assert found.exit_time_s == pytest.approx(0.64 + 0.45, abs=1.5 * STEP)
@@ -99,7 +112,11 @@ def test_the_turn_ends_when_it_yaws_less_than_a_tenth() -> None:
 def test_a_car_that_goes_on_yawing_has_no_exit() -> None:
     angle, rate = arc(0.5, until=9.0)
     found = moving(angle, angle, rate)
-    assert (found.exit_time_s, found.course_change_rad, found.exit_speed_m_per_s) == (None, None, None)
+    assert (found.exit_time_s, found.course_change_rad, found.exit_speed_m_per_s) == (
+        None,
+        None,
+        None,
+    )
 
 
 def test_the_course_is_that_of_the_path_in_a_simulated_run(tailless: RunLog) -> None:
@@ -107,10 +124,14 @@ def test_the_course_is_that_of_the_path_in_a_simulated_run(tailless: RunLog) -> 
     found = turn_course(tailless)
     assert found.exit_time_s is not None
     pitch, yaw = (tailless.signal(f"{name}_truth_rad") for name in ("pitch", "yaw"))
-    ahead = tailless.number("car", "com_x") * np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch)])
+    ahead = tailless.number("car", "com_x") * np.array(
+        [np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch)]
+    )
     places = ahead + [tailless.signal(f"position_{axis}_truth_m") for axis in "xy"]
     x, y = np.gradient(places, tailless.time, axis=1)
     start, end = np.searchsorted(tailless.time, [0.6 - 1e-6, 0.6 + found.exit_time_s - 1e-6])
     assert found.course_change_rad > 0.05
-    assert found.course_change_rad == pytest.approx(np.arctan2(y, x)[end] - np.arctan2(y, x)[start], abs=2e-3)
+    assert found.course_change_rad == pytest.approx(
+        np.arctan2(y, x)[end] - np.arctan2(y, x)[start], abs=2e-3
+    )
     assert found.exit_speed_m_per_s == pytest.approx(np.hypot(x, y)[end], abs=2e-3)

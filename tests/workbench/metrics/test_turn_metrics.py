@@ -17,7 +17,9 @@ PEAK = 2.0
 """Of the yaw-rate pulse, rad/s."""
 
 
-def pulse(peak: float = PEAK, start: float = TURN[0], length: float = TURN[1] - TURN[0]) -> np.ndarray:
+def pulse(
+    peak: float = PEAK, start: float = TURN[0], length: float = TURN[1] - TURN[0]
+) -> np.ndarray:
     """Half a sine over the window: mean 2/pi of the peak, integral 2/pi of peak x length."""
     phase = np.clip((times() - start) / length, 0.0, 1.0)
     return peak * np.sin(np.pi * phase)
@@ -28,13 +30,20 @@ def ramp(size: float, start: float = TURN[0], end: float = TURN[1]) -> np.ndarra
 
 
 def doublet(size: float, start: float = 2.1, half: float = 0.25) -> np.ndarray:
-    """A roll rate out and back: +size for `half` seconds, then -size for as long; leans by size x half in between."""
+    """A roll rate out and back: +size for `half` seconds, then -size for as long; leans by size x
+    half in between.
+    """
     t = times()
-    return size * (((t >= start) & (t < start + half)) * 1.0 - ((t >= start + half) & (t < start + 2 * half)) * 1.0)
+    return size * (
+        ((t >= start) & (t < start + half)) * 1.0
+        - ((t >= start + half) & (t < start + 2 * half)) * 1.0
+    )
 
 
 def turning(side: float) -> dict[str, np.ndarray | float]:
-    """A turn to the left (side +1): yaw to the left, acceleration to the left, body and tail moving accordingly."""
+    """A turn to the left (side +1): yaw to the left, acceleration to the left, body and tail moving
+    accordingly.
+    """
     return {
         "imu_gyro_z_rad_per_s": side * pulse(),
         "imu_acceleration_y_m_per_s2": side * np.where(times() >= 1.9, 4.0, 0.0),
@@ -57,7 +66,9 @@ def test_a_known_yaw_rate_pulse_gives_the_known_metrics() -> None:
     assert raw.max_yaw_rate_rad_per_s == pytest.approx(PEAK, rel=1e-5)
     assert raw.average_yaw_rate_rad_per_s == pytest.approx(PEAK * 2.0 / math.pi, rel=1e-5)
     assert raw.max_kohut_deg_m_per_s2 == pytest.approx(SPEED * PEAK * 180.0 / math.pi, rel=1e-5)
-    assert raw.average_kohut_deg_m_per_s2 == pytest.approx(SPEED * PEAK * 360.0 / math.pi**2, rel=1e-5)
+    assert raw.average_kohut_deg_m_per_s2 == pytest.approx(
+        SPEED * PEAK * 360.0 / math.pi**2, rel=1e-5
+    )
 
 
 def test_a_constant_lateral_acceleration_is_its_own_maximum_and_mean() -> None:
@@ -70,11 +81,19 @@ def test_only_the_window_counts_and_both_its_ends_do() -> None:
     t = times()
     inside = (t >= TURN[0] - 1e-9) & (t <= TURN[1] + 1e-9)
     assert np.count_nonzero(turn_signals(made_up_run()).in_window) == 321
-    raw = metrics_of(made_up_run({"acceleration_y_truth_m_per_s2": np.where(inside, 1.0, 50.0)})).raw
-    assert (raw.max_linear_acceleration_m_per_s2, raw.average_linear_acceleration_m_per_s2) == (1.0, 1.0)
+    raw = metrics_of(
+        made_up_run({"acceleration_y_truth_m_per_s2": np.where(inside, 1.0, 50.0)})
+    ).raw
+    assert (raw.max_linear_acceleration_m_per_s2, raw.average_linear_acceleration_m_per_s2) == (
+        1.0,
+        1.0,
+    )
     for edge in TURN:
         spike = np.where(np.abs(t - edge) < 0.5 * STEP, 7.0, 0.0)
-        assert metrics_of(made_up_run({"gyro_z_truth_rad_per_s": spike})).raw.max_yaw_rate_rad_per_s == 7.0
+        assert (
+            metrics_of(made_up_run({"gyro_z_truth_rad_per_s": spike})).raw.max_yaw_rate_rad_per_s
+            == 7.0
+        )
 
 
 def test_maxima_are_magnitudes_and_averages_are_signed() -> None:
@@ -84,12 +103,17 @@ def test_maxima_are_magnitudes_and_averages_are_signed() -> None:
 
 
 def test_left_and_right_turns_that_mirror_each_other_measure_the_same() -> None:
-    left, right = metrics_of(made_up_run(turning(1.0))), metrics_of(made_up_run(turning(-1.0), direction="right"))
+    left, right = (
+        metrics_of(made_up_run(turning(1.0))),
+        metrics_of(made_up_run(turning(-1.0), direction="right")),
+    )
     assert (left.direction, right.direction) == ("left", "right")
     for one, other in ((left.raw, right.raw), (left.filtered, right.filtered)):
         assert dataclasses.astuple(one) == pytest.approx(dataclasses.astuple(other), rel=1e-12)
     assert left.raw.average_yaw_rate_rad_per_s > 0
-    assert dataclasses.replace(right, direction="left", raw=left.raw, filtered=left.filtered) == left
+    assert (
+        dataclasses.replace(right, direction="left", raw=left.raw, filtered=left.filtered) == left
+    )
 
 
 def test_a_turn_to_the_wrong_side_counts_negative() -> None:
@@ -100,11 +124,17 @@ def test_a_turn_to_the_wrong_side_counts_negative() -> None:
 
 @pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
 def test_the_roll_integral_is_the_largest_lean_outwards(direction: str, side: float) -> None:
-    """1.2 rad/s for 0.25 s outwards and back is a lean of 0.3 rad; each edge of the doublet is blurred by a step."""
+    """1.2 rad/s for 0.25 s outwards and back is a lean of 0.3 rad; each edge of the doublet is
+    blurred by a step.
+    """
     outwards = {"gyro_x_truth_rad_per_s": side * doublet(1.2)}
-    assert metrics_of(made_up_run(outwards, direction)).raw.roll_integral_rad == pytest.approx(0.3, abs=1.2 * STEP)
+    assert metrics_of(made_up_run(outwards, direction)).raw.roll_integral_rad == pytest.approx(
+        0.3, abs=1.2 * STEP
+    )
     inwards = {"gyro_x_truth_rad_per_s": -side * doublet(1.2)}
-    assert metrics_of(made_up_run(inwards, direction)).raw.roll_integral_rad == pytest.approx(0.0, abs=1.2 * STEP)
+    assert metrics_of(made_up_run(inwards, direction)).raw.roll_integral_rad == pytest.approx(
+        0.0, abs=1.2 * STEP
+    )
 
 
 def test_the_roll_integral_runs_over_the_whole_run() -> None:
@@ -128,18 +158,28 @@ def test_filtered_metrics_are_those_of_the_imu_at_100_hz_after_the_filter() -> N
 
 
 def test_filtered_metrics_are_the_sensors_and_raw_ones_the_truth() -> None:
-    """Published tables of the real car are from its IMU and GPS; those of the simulated one from an ideal IMU."""
-    run = made_up_run({**turning(1.0), "imu_gyro_z_rad_per_s": 3.0 * pulse(), "speed_m_per_s": 1.1 * SPEED})
+    """Published tables of the real car are from its IMU and GPS; those of the simulated one from an
+    ideal IMU.
+    """
+    run = made_up_run(
+        {**turning(1.0), "imu_gyro_z_rad_per_s": 3.0 * pulse(), "speed_m_per_s": 1.1 * SPEED}
+    )
     metrics, honest = metrics_of(run), metrics_of(made_up_run(turning(1.0)))
     assert metrics.like("simulated") == metrics.raw == honest.raw
     assert metrics.like("physical") == metrics.filtered
-    assert metrics.filtered.max_yaw_rate_rad_per_s == pytest.approx(3.0 * honest.filtered.max_yaw_rate_rad_per_s)
+    assert metrics.filtered.max_yaw_rate_rad_per_s == pytest.approx(
+        3.0 * honest.filtered.max_yaw_rate_rad_per_s
+    )
     assert metrics.filtered.speed_m_per_s == pytest.approx(1.1 * SPEED)
 
 
-@pytest.mark.parametrize(("rate", "kept"), [(100.0, 401), (250.0, 1001), (333.0, 1333), (500.0, 2001), (1000.0, 2001)])
+@pytest.mark.parametrize(
+    ("rate", "kept"), [(100.0, 401), (250.0, 1001), (333.0, 1333), (500.0, 2001), (1000.0, 2001)]
+)
 def test_signals_at_a_rate_are_the_newest_rows_of_its_instants(rate: float, kept: int) -> None:
-    """A log of 500 Hz: a slower logger keeps the row at or just before k / rate, a faster one nothing more."""
+    """A log of 500 Hz: a slower logger keeps the row at or just before k / rate, a faster one
+    nothing more.
+    """
     signals = turn_signals(made_up_run({"gyro_z_truth_rad_per_s": times()})).sampled(rate)
     assert signals.time.size == signals.yaw_rate.size == len(signals.wheel_loads) == kept
     np.testing.assert_array_equal(signals.yaw_rate, signals.time)
@@ -150,7 +190,9 @@ def test_signals_at_a_rate_are_the_newest_rows_of_its_instants(rate: float, kept
 
 
 def test_speed_passes_the_filter_of_the_gps() -> None:
-    """A 3 Hz wave with its crest at the start of the turn: 1/(1 + 3^4) of it is left at a cut-off of 1 Hz."""
+    """A 3 Hz wave with its crest at the start of the turn: 1/(1 + 3^4) of it is left at a cut-off
+    of 1 Hz.
+    """
     speed = SPEED + np.cos(2.0 * np.pi * 3.0 * (times() - TURN[0]))
     metrics = metrics_of(made_up_run({"velocity_x_truth_m_per_s": speed, "speed_m_per_s": speed}))
     assert metrics.raw.speed_m_per_s == pytest.approx(SPEED + 1.0)
@@ -159,7 +201,9 @@ def test_speed_passes_the_filter_of_the_gps() -> None:
 
 def test_speed_is_that_at_the_start_of_the_turn_over_the_ground() -> None:
     speed = {"velocity_x_truth_m_per_s": 1.5 * times(), "velocity_y_truth_m_per_s": 2.0 * times()}
-    assert metrics_of(made_up_run(speed)).raw.speed_m_per_s == pytest.approx(2.5 * TURN[0], rel=1e-12)
+    assert metrics_of(made_up_run(speed)).raw.speed_m_per_s == pytest.approx(
+        2.5 * TURN[0], rel=1e-12
+    )
 
 
 def test_the_rest_of_a_run_is_measured_from_the_turn_on() -> None:
@@ -194,7 +238,9 @@ def test_speed_in_the_turn_counts_where_the_car_turns() -> None:
         "gyro_z_truth_rad_per_s": np.where(first, 2.0, 1.0),
     }
     expected = (3.0 * 2.0 + 2.0 * 1.0) / (2.0 + 1.0)
-    assert metrics_of(made_up_run(signals)).speed_in_turn_m_per_s == pytest.approx(expected, rel=STEP / 0.32)
+    assert metrics_of(made_up_run(signals)).speed_in_turn_m_per_s == pytest.approx(
+        expected, rel=STEP / 0.32
+    )
     assert metrics_of(made_up_run()).speed_in_turn_m_per_s == SPEED
 
 
@@ -214,7 +260,9 @@ def test_the_lift_of_an_inner_wheel_ends_the_contact_and_that_of_an_outer_one_do
 
 
 def test_without_truth_the_sensors_are_used_and_the_result_says_so() -> None:
-    """A gyro bias of 0.05 rad/s would add 0.2 rad to the integral over 4 s; the straight driving before shows it."""
+    """A gyro bias of 0.05 rad/s would add 0.2 rad to the integral over 4 s; the straight driving
+    before shows it.
+    """
     sensed = {
         "imu_gyro_z_rad_per_s": pulse(),
         "imu_acceleration_y_m_per_s2": 4.0,
@@ -247,22 +295,27 @@ def test_the_turn_of_the_auto_sequence_starts_at_the_first_steering_command() ->
         kind="auto_turn",
     )
     assert turn_signals(run).window == pytest.approx((2.5, 3.14))
-    assert metrics_of(run).raw.average_yaw_rate_rad_per_s == pytest.approx(PEAK * 2.0 / math.pi, rel=1e-5)
+    assert metrics_of(run).raw.average_yaw_rate_rad_per_s == pytest.approx(
+        PEAK * 2.0 / math.pi, rel=1e-5
+    )
     with pytest.raises(LogError, match="no steering command"):
         metrics_of(made_up_run(kind="auto_turn"))
 
 
 def test_a_straight_run_is_measured_over_all_of_it() -> None:
     assert turn_signals(made_up_run(kind="straight")).window == pytest.approx((2.0, 4.0))
-    assert turn_signals(made_up_run(kind="slalom", turn_start=9.0, direction="right")).window == pytest.approx(
-        (0.0, 4.0)
-    )
+    assert turn_signals(
+        made_up_run(kind="slalom", turn_start=9.0, direction="right")
+    ).window == pytest.approx((0.0, 4.0))
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"gyro_z_truth_rad_per_s": np.where(times() == times()[1000], np.nan, 0.0)}, "yaw_rate .*not finite.* at 2 s"),
+        (
+            {"gyro_z_truth_rad_per_s": np.where(times() == times()[1000], np.nan, 0.0)},
+            "yaw_rate .*not finite.* at 2 s",
+        ),
         ({"tail_power_truth_w": np.nan}, "tail motor power.*not finite"),
         ({"time_s": times()[::-1].copy()}, "'time_s': not increasing in row 1"),
         ({"time_s": times() + (times() > 3.0) * 0.5}, r"1 gap\(s\).* after 3 s"),
@@ -352,11 +405,16 @@ def test_board_may_carry_the_car_before_the_turn_and_not_in_it() -> None:
     assert (turning.clean, turning.touched) == (False, ("board",))
     assert turning.board_before_turn_s == started.board_before_turn_s
     touching[early] = [0.0, 0.0, 1.0]
-    assert outcome_from(time, degrees(0, 5), LOADED, touching, turn_start=2.0).touched == ("board", "tail")
+    assert outcome_from(time, degrees(0, 5), LOADED, touching, turn_start=2.0).touched == (
+        "board",
+        "tail",
+    )
 
 
 def test_outcome_reads_the_log() -> None:
-    outcome = outcome_of(made_up_run({"tilt_truth_rad": degrees(0, 30), "ground_contact_board_truth_n": 2.0}))
+    outcome = outcome_of(
+        made_up_run({"tilt_truth_rad": degrees(0, 30), "ground_contact_board_truth_n": 2.0})
+    )
     assert (outcome.result, outcome.clean, outcome.touched, outcome.end_wheels_loaded) == (
         "survived", False, ("board",), 4,
     )  # fmt: skip
@@ -368,8 +426,14 @@ def test_the_published_rows_are_the_printed_ones() -> None:
     rows = {(row.platform, row.configuration): row for row in published_values()}
     assert set(rows) == {(p, c) for p in ("simulated", "physical") for c in ("tailless", "tailed")}
     tailless = rows["simulated", "tailless"]
-    assert (tailless.metrics.speed_m_per_s, tailless.metrics.max_kohut_deg_m_per_s2) == (3.30, 413.31)
-    assert (tailless.metrics.roll_integral_rad, tailless.source) == (pytest.approx(0.93243), "Table 7.1")
+    assert (tailless.metrics.speed_m_per_s, tailless.metrics.max_kohut_deg_m_per_s2) == (
+        3.30,
+        413.31,
+    )
+    assert (tailless.metrics.roll_integral_rad, tailless.source) == (
+        pytest.approx(0.93243),
+        "Table 7.1",
+    )
     # ERRATA E35: sums of samples, 1 ms in simulation and 10 ms on the car.
     assert tailless.metrics.roll_integral_rad == pytest.approx(0.93243)
     assert rows["physical", "tailless"].metrics.roll_integral_rad == pytest.approx(0.2543)

@@ -5,7 +5,12 @@ import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.manoeuvre import make_schedule
-from aerodima.workbench.metrics.turn_signals import steered_windows, turn_sign, turn_window, windows_of_steering
+from aerodima.workbench.metrics.turn_signals import (
+    steered_windows,
+    turn_sign,
+    turn_window,
+    windows_of_steering,
+)
 from tests.workbench.made_up_runs import made_up_run, times
 
 STEER = math.radians(30.0)
@@ -34,7 +39,9 @@ def test_both_halves_of_a_fishhook_are_windows_of_opposite_sides():
 
 
 def test_the_half_waves_of_a_slalom_are_windows_of_changing_sides():
-    """Half waves of 1 s from 0.3 s on; a row of 2 ms may belong to either side of a zero, and the log ends at 4 s."""
+    """Half waves of 1 s from 0.3 s on; a row of 2 ms may belong to either side of a zero, and the
+    log ends at 4 s.
+    """
     windows = steered_windows(made_up_run({"steering_command_rad": commanded("entry_slalom")}))
     expected = [(0.3, 1.3, 1.0), (1.3, 2.3, -1.0), (2.3, 3.3, 1.0), (3.3, 4.0, -1.0)]
     np.testing.assert_allclose(windows, expected, atol=0.0021)
@@ -53,8 +60,12 @@ def test_a_car_that_is_steered_all_the_time_has_one_window():
 
 
 def test_window_of_two_turns_reaches_until_the_wheels_are_straight_after_the_second():
-    """0.5 s twice with 1 s in between from 2.0 s on would end behind the log, from 0.3 s on at 2.3 s + 0.14 s."""
-    run = made_up_run({"steering_command_rad": commanded("entry_twice")}, turn_start=0.3, turns=2, turn_gap=1.0)
+    """0.5 s twice with 1 s in between from 2.0 s on would end behind the log, from 0.3 s on at 2.3
+    s + 0.14 s.
+    """
+    run = made_up_run(
+        {"steering_command_rad": commanded("entry_twice")}, turn_start=0.3, turns=2, turn_gap=1.0
+    )
     assert turn_window(run) == pytest.approx((0.3, 2.44))
 
 
@@ -64,7 +75,9 @@ def test_window_of_a_fishhook_ends_with_straight_wheels_after_the_logged_command
     assert turn_window(run) == pytest.approx((0.3, 1.998 + 0.14))
     held = np.where(times() >= 0.3, STEER, 0.0)
     run = made_up_run({"steering_command_rad": held}, kind="fishhook", turn_start=0.3)
-    assert turn_window(run) == pytest.approx((0.3, 4.0)), "never counter-steered: to the end of the log"
+    assert turn_window(run) == pytest.approx((0.3, 4.0)), (
+        "never counter-steered: to the end of the log"
+    )
 
 
 @pytest.mark.parametrize("kind", ["path", "rising"])

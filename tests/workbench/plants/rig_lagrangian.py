@@ -1,8 +1,10 @@
-"""The bare rig derived by Lagrange's method with SymPy: an oracle that shares nothing with the plant.
+"""The bare rig derived by Lagrange's method with SymPy: an oracle that shares nothing with the
+plant.
 
-The support is let go: it may move by (x, y, z) and turn by (a, b, c) about the sensor point W. The force sensor is the
-constraint that holds all six at zero, so its wrench is the six generalised forces of Lagrange's equations there. The
-motor's torque acts between mount and bar: on the angle alone.
+The support is let go: it may move by (x, y, z) and turn by (a, b, c) about the sensor point W. The
+force sensor is the constraint that holds all six at zero, so its wrench is the six generalised
+forces of Lagrange's equations there. The motor's torque acts between mount and bar: on the angle
+alone.
 """
 
 from __future__ import annotations
@@ -19,7 +21,11 @@ MOUNT_MASS, MOUNT_COM = 1.189, np.array([-0.00569, -0.00011, 0.03149])
 PIVOT = MOUNT_COM + np.array([0.10145, 0.0, 0.13989])
 BAR_MASS, BAR_DISTANCE, BAR_INERTIA = 0.313, 0.100, 1.9198e-3
 ROTOR = 6.731e-3
-TAILS = {1: (0.0982, 0.390, 0.270 + 0.163), 2: (0.0975, 0.365, 0.295 + 0.181), 3: (0.0937, 0.365, 0.295 + 0.182)}
+TAILS = {
+    1: (0.0982, 0.390, 0.270 + 0.163),
+    2: (0.0975, 0.365, 0.295 + 0.181),
+    3: (0.0937, 0.365, 0.295 + 0.182),
+}
 """Mass, length, distance of the centre of mass from the motor axis."""
 ROOTS = {1: 0.270, 2: 0.295, 3: 0.295}
 """Distance of the tail's root, where the misalignment angle bends it, from the motor axis."""
@@ -27,8 +33,12 @@ ROOTS = {1: 0.270, 2: 0.295, 3: 0.295}
 Motion = Callable[..., tuple[float, ...]]
 
 
-def derived(tail: int, angle: float, rate: float, torque: float, misalignment: float = 0.0) -> tuple[float, np.ndarray]:
-    """Acceleration of the angle (rad/s2) and the support's wrench at W (6): force (N) and moment (N m)."""
+def derived(
+    tail: int, angle: float, rate: float, torque: float, misalignment: float = 0.0
+) -> tuple[float, np.ndarray]:
+    """Acceleration of the angle (rad/s2) and the support's wrench at W (6): force (N) and moment (N
+    m).
+    """
     mass, length, distance = TAILS[tail]
     root = ROOTS[tail]
     numbers = (mass, mass * length**2 / 12, root, distance - root)
@@ -38,7 +48,9 @@ def derived(tail: int, angle: float, rate: float, torque: float, misalignment: f
 
 @cache
 def _equations() -> Motion:
-    """Acceleration and wrench as a function of (angle, rate, torque, misalignment, the four numbers of the tail)."""
+    """Acceleration and wrench as a function of (angle, rate, torque, misalignment, the four numbers
+    of the tail).
+    """
     q, w, torque, misalignment = sp.symbols("q w torque misalignment")
     mass, inertia, root, beyond = sp.symbols("mass inertia root beyond")
     support, speeds = sp.symbols("x y z a b c"), sp.symbols("vx vy vz va vb vc")
@@ -50,7 +62,9 @@ def _equations() -> Motion:
         return vector.jacobian([*support, q]) * sp.Matrix([*speeds, w])
 
     def along(phase: sp.Expr) -> sp.Matrix:
-        """Hanging straight down at zero, downstream (-y) with a growing angle; turned with the support."""
+        """Hanging straight down at zero, downstream (-y) with a growing angle; turned with the
+        support.
+        """
         return turn * sp.Matrix([0, -sp.sin(q + phase), -sp.cos(q + phase)])
 
     pivot = shift + turn * sp.Matrix([sp.Float(v, 17) for v in PIVOT])
@@ -60,8 +74,9 @@ def _equations() -> Motion:
         (BAR_MASS, pivot + BAR_DISTANCE * bar, bar, BAR_INERTIA),
         (mass, pivot + root * bar + beyond * bent, bent, inertia),
     ]
-    # The mount's own inertia does not matter, since it is held. Bar and tail are slender: their turning has the kinetic
-    # energy I |d axis / dt|^2 / 2. The rotor's inertia, reflected through its gear, goes with the angle alone.
+    # The mount's own inertia does not matter, since it is held. Bar and tail are slender: their
+    # turning has the kinetic energy I |d axis / dt|^2 / 2. The rotor's inertia, reflected through
+    # its gear, goes with the angle alone.
     lagrangian = ROTOR * w**2 / 2
     for m, place, axis, own in bodies:
         lagrangian += m * rate_of(place).dot(rate_of(place)) / 2 - m * GRAVITY * place[2]
@@ -80,6 +95,9 @@ def _equations() -> Motion:
     own_equation = generalised_force(q, w)
     coefficient = own_equation.diff(acceleration)
     solved = (torque - own_equation.subs(acceleration, 0)) / coefficient
-    wrench = [generalised_force(s, v).subs(acceleration, solved) for s, v in zip(support, speeds, strict=True)]
+    wrench = [
+        generalised_force(s, v).subs(acceleration, solved)
+        for s, v in zip(support, speeds, strict=True)
+    ]
     symbols = (q, w, torque, misalignment, mass, inertia, root, beyond)
     return sp.lambdify(symbols, (solved, *wrench), modules="math", cse=True)

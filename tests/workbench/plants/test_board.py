@@ -25,9 +25,12 @@ def test_full_throttle_from_rest_lifts_the_front_wheels_and_the_board_stops_it(t
     log, car = started(f"tail.mode={tail}"), load_scenario("straight").car
     assert metrics_of(log).outcome.result == "survived"
     assert log.signal("ground_contact_board_truth_n").max() > 10.0
-    # The pitch at which the lower face of the rear edge meets the ground, with the rear suspension on its stops.
+    # The pitch at which the lower face of the rear edge meets the ground, with the rear suspension
+    # on its stops.
     lever = math.hypot(car.board_x, car.tyre_radius - car.board_height)
-    touch = math.asin(car.tyre_radius / lever) - math.asin((car.tyre_radius - car.board_height) / lever)
+    touch = math.asin(car.tyre_radius / lever) - math.asin(
+        (car.tyre_radius - car.board_height) / lever
+    )
     assert 0.1 < -log.signal("pitch_truth_rad").min() < touch + 0.05
 
 
@@ -40,7 +43,9 @@ def test_without_its_board_the_car_tips_over_backwards(tail: str) -> None:
 
 
 def test_board_clears_the_ground_in_a_level_turn() -> None:
-    """The whole published turn, from rest to standing upright again: the corners never come down."""
+    """The whole published turn, from rest to standing upright again: the corners never come
+    down.
+    """
     run = simulate(load_scenario("turn_none"), record="outcome")
     outcome = metrics_of(run).outcome
     assert outcome.clean
@@ -49,7 +54,9 @@ def test_board_clears_the_ground_in_a_level_turn() -> None:
 
 
 def test_car_weighs_and_balances_the_same_without_its_board() -> None:
-    with_board, without = (CarStand(load_scenario("turn_none", [f"car.board={word}"])) for word in ("true", "false"))
+    with_board, without = (
+        CarStand(load_scenario("turn_none", [f"car.board={word}"])) for word in ("true", "false")
+    )
     assert without.plant.CalcTotalMass(without.plant_context) == pytest.approx(
         with_board.plant.CalcTotalMass(with_board.plant_context), rel=1e-9
     )
@@ -61,8 +68,14 @@ def test_replay_draws_the_board_behind_the_rear_tyres() -> None:
     scenario: Scenario = load_scenario("turn_none")
     stand = CarStand(scenario)
     car_plant = simulated_car(stand.station)
-    (board,) = [shape for shape in shapes_of(car_plant.plant, car_plant.scene_graph) if shape["body"] == "board"]
-    X_WBoard = stand.plant.EvalBodyPoseInWorld(stand.plant_context, stand.plant.GetBodyByName("board"))
+    (board,) = [
+        shape
+        for shape in shapes_of(car_plant.plant, car_plant.scene_graph)
+        if shape["body"] == "board"
+    ]
+    X_WBoard = stand.plant.EvalBodyPoseInWorld(
+        stand.plant_context, stand.plant.GetBodyByName("board")
+    )
     corners = X_WBoard.multiply(points_of(board).T).T
     car = scenario.car
     assert corners[:, 0].min() == pytest.approx(car.board_x, abs=1e-6)

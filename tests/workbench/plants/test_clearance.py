@@ -31,9 +31,14 @@ def test_an_upright_tail_swings_freely_in_roll_and_backwards(motion: RangeOfMoti
 
 
 def test_a_tail_pitched_forwards_meets_the_rear_bar_of_the_cage(motion: RangeOfMotion) -> None:
-    """The bar is 80 mm ahead of and 80 mm above the joints, 6 mm thick like the rod: it is met near 45 degrees."""
+    """The bar is 80 mm ahead of and 80 mm above the joints, 6 mm thick like the rod: it is met near
+    45 degrees.
+    """
     cage = motion.clearance(np.radians([0.0, 15.0, 30.0, 45.0]), 0.0, ("cage",))
-    by_hand = [math.hypot(0.08, 0.08) * math.sin(math.radians(45 - pitch)) - 0.012 for pitch in (0, 15, 30, 45)]
+    by_hand = [
+        math.hypot(0.08, 0.08) * math.sin(math.radians(45 - pitch)) - 0.012
+        for pitch in (0, 15, 30, 45)
+    ]
     np.testing.assert_allclose(cage, by_hand, atol=2e-3)
     assert motion.clearance(0.8, 0.0) < 0.0 < motion.clearance(-0.8, 0.0), "forwards is positive"
 
@@ -41,26 +46,33 @@ def test_a_tail_pitched_forwards_meets_the_rear_bar_of_the_cage(motion: RangeOfM
 def test_the_map_is_that_of_a_car_with_two_equal_sides(motion: RangeOfMotion) -> None:
     for part in ("cage", "wheels"):
         there = motion.clearance(0.3, motion.roll, (part,))
-        np.testing.assert_allclose(there, there[::-1], atol=0.03)  # the drawn sail stands out to one side only
+        np.testing.assert_allclose(
+            there, there[::-1], atol=0.03
+        )  # the drawn sail stands out to one side only
 
 
 def test_ground_under_a_car_on_its_wheels_and_under_one_that_leans(motion: RangeOfMotion) -> None:
     scenario = load_scenario("turn_swing")
     mount, half_track = scenario.tail.mount_height, scenario.car.outer_half_track
-    # A sail that turns sweeps 0.15 m about the rod: half of the shell and the board are behind the bearing.
+    # A sail that turns sweeps 0.15 m about the rod: half of the shell and the board are behind the
+    # bearing.
     assert scenario.tail.sail_reach == pytest.approx(
         (0.5 + scenario.tail.sail_board_share) * scenario.tail.sail_width - scenario.tail.sail_front
     )
-    assert ground_clearance(scenario, 0.0, -LIMIT) == pytest.approx(mount - scenario.tail.sail_reach, abs=1e-6)
+    assert ground_clearance(scenario, 0.0, -LIMIT) == pytest.approx(
+        mount - scenario.tail.sail_reach, abs=1e-6
+    )
     flat = load_scenario("turn_swing", ["tail.sail=locked"])
     assert ground_clearance(flat, 0.0, -LIMIT) == pytest.approx(mount)
-    assert ground_clearance(flat, LIMIT, LIMIT) == pytest.approx(mount - scenario.tail.sail_width / 2)
+    assert ground_clearance(flat, LIMIT, LIMIT) == pytest.approx(
+        mount - scenario.tail.sail_width / 2
+    )
     by_query = motion.clearance(0.0, np.array([-LIMIT, LIMIT]), ("ground",))
     assert np.all(by_query <= mount)
     assert np.all(by_query > mount - 0.041 - scenario.tail.sail_reach - 1e-3)  # mounted 41 mm lower
-    assert motion.clearance(0.0, -LIMIT, ("ground",)) == pytest.approx(0.24 - scenario.tail.sail_reach, abs=5e-3), (
-        "mounted at 0.24 m"
-    )
+    assert motion.clearance(0.0, -LIMIT, ("ground",)) == pytest.approx(
+        0.24 - scenario.tail.sail_reach, abs=5e-3
+    ), "mounted at 0.24 m"
     scenario = flat
     leaning = float(ground_clearance(scenario, 0.0, LIMIT, 0.2))
     tip = (half_track - scenario.tail.length) * math.sin(0.2) + mount * math.cos(0.2)

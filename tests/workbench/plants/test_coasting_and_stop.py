@@ -1,4 +1,7 @@
-"""Rolling resistance slows a car as a closed form says; without a stop the motor holds the tail. Full car and batch."""
+"""Rolling resistance slows a car as a closed form says; without a stop the motor holds the tail.
+
+Full car and batch.
+"""
 
 import math
 from dataclasses import replace
@@ -22,14 +25,18 @@ NO_STOP = "tail.roll_stop=3.1416"
 def deceleration(scenario: Scenario) -> float:
     """Of the car without tail, m/s2: wheels and drive turn with it."""
     car = scenario.car
-    turning = (4 * 0.5 * car.wheel_mass * car.tyre_radius**2 + scenario.drive.rotor_inertia) / car.tyre_radius**2
+    turning = (
+        4 * 0.5 * car.wheel_mass * car.tyre_radius**2 + scenario.drive.rotor_inertia
+    ) / car.tyre_radius**2
     return RESISTANCE * scenario.environment.gravity * car.mass / (car.mass + turning)
 
 
 @pytest.mark.slow
 def test_car_coasts_as_its_resistance_says_and_stops() -> None:
-    settings = ("tail.mode=none", "manoeuvre.straight_time=2", "manoeuvre.speed=1.0", "manoeuvre.steer_angle=0",
-                "manoeuvre.wait_after_turn=0", "manoeuvre.log_end=5.7", "drive.governor=true")  # fmt: skip
+    settings = ("tail.mode=none", "manoeuvre.straight_time=2", "manoeuvre.speed=1.0",
+    "manoeuvre.steer_angle=0",
+                "manoeuvre.wait_after_turn=0", "manoeuvre.log_end=5.7",
+                "drive.governor=true")  # fmt: skip
     scenario = load_scenario("auto_turn", (*settings, f"car.rolling_resistance={RESISTANCE}"))
     log = simulate(scenario)
     speed, off = log.signal("velocity_x_truth_m_per_s"), int(np.searchsorted(log.time, 2.65))
@@ -48,7 +55,9 @@ def test_throttle_line_is_that_of_the_rolling_car() -> None:
 
 
 def test_reduced_car_coasts_alike() -> None:
-    scenario = load_scenario("turn_none", (f"car.rolling_resistance={RESISTANCE}", "manoeuvre.steer_angle=0"))
+    scenario = load_scenario(
+        "turn_none", (f"car.rolling_resistance={RESISTANCE}", "manoeuvre.steer_angle=0")
+    )
     cars = Vehicles.of([scenario])
     driven = drive_turns(cars, TurnPlans.of([scenario]), duration=0.1).last
     speed = float(driven[FORWARD, 0])
@@ -68,12 +77,16 @@ def test_without_a_stop_the_motor_carries_the_tail_that_is_held() -> None:
     cars = Vehicles.of([resting, free])
     weight = float(cars.tail_mass[1] * cars.tail_centre[1]) * free.environment.gravity
     logs = [simulate(scenario) for scenario in (resting, free)]
-    angle, torque = (log_at(logs[1], name) for name in ("tail_roll_angle_rad", "tail_roll_torque_n_m"))
+    angle, torque = (
+        log_at(logs[1], name) for name in ("tail_roll_angle_rad", "tail_roll_torque_n_m")
+    )
     assert torque == pytest.approx(weight * abs(math.sin(angle)), abs=free.friction.coulomb)
     assert torque == pytest.approx(-free.controller.hold_kp * (angle + math.pi / 2), rel=1e-2)
     assert log_at(logs[0], "tail_roll_angle_rad") == pytest.approx(-math.pi / 2, abs=1e-3)
     assert log_at(logs[0], "tail_roll_torque_n_m") == pytest.approx(0.0, abs=1e-2)
-    reduced = drive_turns(cars, TurnPlans.of([resting, free]), duration=1.0).last[STATES.index("tail_roll")]
+    reduced = drive_turns(cars, TurnPlans.of([resting, free]), duration=1.0).last[
+        STATES.index("tail_roll")
+    ]
     assert reduced == pytest.approx([-math.pi / 2, angle], abs=5e-3)
 
 

@@ -65,10 +65,13 @@ def drive(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("tail", "speed_error", "heading_error"), [("none", 1e-5, 1e-9), ("held", 5e-3, 0.04)])
+@pytest.mark.parametrize(
+    ("tail", "speed_error", "heading_error"), [("none", 1e-5, 1e-9), ("held", 5e-3, 0.04)]
+)
 def test_straight_driving_holds_speed_and_heading(drive, tail, speed_error, heading_error):
-    # The governor droops by the drag of the air and of tyres that roll on two edges over its gain; under a tail on one
-    # side they stand more on one edge than on the other, which turns the car by 0.012 rad/s (2 degrees in 14 m).
+    # The governor droops by the drag of the air and of tyres that roll on two edges over its gain;
+    # under a tail on one side they stand more on one edge than on the other, which turns the car by
+    # 0.012 rad/s (2 degrees in 14 m).
     settings = ("manoeuvre.speed=4.0", "manoeuvre.speed_ramp=3.0", "manoeuvre.duration=5.0")
     run = drive("straight", f"tail.mode={tail}", *settings)
     steady = run.time > 4.4
@@ -76,22 +79,35 @@ def test_straight_driving_holds_speed_and_heading(drive, tail, speed_error, head
     assert np.abs(run.signal("yaw_truth_rad")).max() < heading_error
     along, across = (run.signal(f"position_{axis}_truth_m")[steady] for axis in "xy")
     distance = math.hypot(along[-1] - along[0], across[-1] - across[0])
-    assert distance == pytest.approx(4.0 * (run.time[steady][-1] - run.time[steady][0]), rel=speed_error)
+    assert distance == pytest.approx(
+        4.0 * (run.time[steady][-1] - run.time[steady][0]), rel=speed_error
+    )
     assert np.abs(run.signal("position_y_truth_m")).max() < 4.0 * 5.0 * heading_error
 
 
 @pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
 def test_hard_start_turns_the_car_to_the_side_of_its_held_tail(drive, direction, side):
-    # Its nose in the air, only the rear tyres push, in the middle; the centre of mass c lies beside it, to the side of
-    # the tail. About the rear axle: yaw acceleration = a c / (k_z^2 + x^2), undamped: more than the car turns.
-    settings = ("tail.mode=held", "manoeuvre.speed=4.0", "manoeuvre.duration=1.3", f"manoeuvre.direction={direction}")
+    # Its nose in the air, only the rear tyres push, in the middle; the centre of mass c lies beside
+    # it, to the side of the tail. About the rear axle: yaw acceleration = a c / (k_z^2 + x^2),
+    # undamped: more than the car turns.
+    settings = (
+        "tail.mode=held",
+        "manoeuvre.speed=4.0",
+        "manoeuvre.duration=1.3",
+        f"manoeuvre.direction={direction}",
+    )
     run = drive("straight", *settings)
     car, tail = run.scenario["car"], run.scenario["tail"]
-    nose_up = (run.signal("wheel_force_front_left_z_truth_n") + run.signal("wheel_force_front_right_z_truth_n")) < 1.0
+    nose_up = (
+        run.signal("wheel_force_front_left_z_truth_n")
+        + run.signal("wheel_force_front_right_z_truth_n")
+    ) < 1.0
     lifted = run.time[nose_up & (run.time < 1.2)][-1]
     assert lifted > 0.3
     beside = tail["mass"] / (car["mass"] + tail["mass"]) * 0.7 * tail["length"]
-    undamped = 0.5 * lifted**2 * (4.0 / 1.2) * beside / (car["gyration_yaw"] ** 2 + car["com_x"] ** 2)
+    undamped = (
+        0.5 * lifted**2 * (4.0 / 1.2) * beside / (car["gyration_yaw"] ** 2 + car["com_x"] ** 2)
+    )
     yaw = side * run.signal("yaw_truth_rad")[-1]
     assert 0.25 * undamped < yaw < undamped
 
@@ -113,7 +129,8 @@ def test_slow_turn_follows_the_kinematic_bicycle(drive, direction):
     steady = run.time > 2.0
     yaw_rate = run.signal("gyro_z_truth_rad_per_s")[steady].mean()
     wheelbase = run.scenario["car"]["wheelbase"]
-    # At 0.6 m/s2 the slip of the tyres is small; 1 % is far below the 3.5 % between tan and sine of the angle.
+    # At 0.6 m/s2 the slip of the tyres is small; 1 % is far below the 3.5 % between tan and sine of
+    # the angle.
     assert yaw_rate == pytest.approx(side * 0.8 * math.tan(angle) / wheelbase, rel=0.01)
     # The body leans outwards: to the right (positive) in a left turn.
     assert side * run.signal("roll_truth_rad")[steady].mean() > 0.003
@@ -129,10 +146,13 @@ def test_left_and_right_turns_mirror_each_other(drive):
     for sign, names in ((-1.0, ODD), (1.0, EVEN)):
         for name in names:
             values = left.signal(name)
-            # Only rounding differs, which a tyre's stick and slip amplifies; a lost sign would be of the signal's size.
+            # Only rounding differs, which a tyre's stick and slip amplifies; a lost sign would be
+            # of the signal's size.
             scale = np.abs(values).max()
             assert scale > 0.0, name
-            np.testing.assert_allclose(right.signal(name), sign * values, atol=1e-6 * scale, err_msg=name)
+            np.testing.assert_allclose(
+                right.signal(name), sign * values, atol=1e-6 * scale, err_msg=name
+            )
     for wheel in WHEELS:
         other = wheel.replace("left", "LEFT").replace("right", "left").replace("LEFT", "right")
         np.testing.assert_allclose(
@@ -143,7 +163,11 @@ def test_left_and_right_turns_mirror_each_other(drive):
 
 
 def test_left_turn_leans_to_the_right_and_turns_left(standard_runs):
-    for name in ("none", "held", "swing"):  # the designed tail's drag holds the car back from turning
+    for name in (
+        "none",
+        "held",
+        "swing",
+    ):  # the designed tail's drag holds the car back from turning
         run = standard_runs[name]
         turning = (run.time > 2.2) & (run.time < 2.5)
         assert run.signal("steering_command_rad")[turning].min() > 0.5
@@ -168,11 +192,15 @@ def test_tail_swings_over_the_top_to_the_outside(standard_runs):
     for row, side in ((run_start, 1.0), (end, -1.0)):
         yaw = run.signal("yaw_truth_rad")[row]
         offset = (run.vector("tail_tip", "truth_m") - run.vector("position", "truth_m"))[row]
-        assert side * (-math.sin(yaw) * offset[0] + math.cos(yaw) * offset[1]) > 0.85 * tail["length"]
+        assert (
+            side * (-math.sin(yaw) * offset[0] + math.cos(yaw) * offset[1]) > 0.85 * tail["length"]
+        )
 
 
 @pytest.mark.slow
-def test_tailless_car_survives_the_lower_and_flips_at_the_upper_published_speed(standard_runs, drive):
+def test_tailless_car_survives_the_lower_and_flips_at_the_upper_published_speed(
+    standard_runs, drive
+):
     survivor = metrics_of(standard_runs["none"]).outcome
     assert (survivor.result, survivor.clean) == ("survived", True)
     assert metrics_of(drive("turn_none", "manoeuvre.speed=3.61")).outcome.result == "flipped"
@@ -191,14 +219,19 @@ def energy(car: CarStand) -> float:
     total = car.plant.EvalKineticEnergy(context) + car.plant.EvalPotentialEnergy(context)
     for wheel in WHEELS:
         height = car.plant.GetBodyByName(f"{wheel}_wheel").EvalPoseInWorld(context).translation()[2]
-        stiffness = numbers.tyre_stiffness_front if wheel.startswith("front") else numbers.tyre_stiffness_rear
+        stiffness = (
+            numbers.tyre_stiffness_front
+            if wheel.startswith("front")
+            else numbers.tyre_stiffness_rear
+        )
         total += 0.5 * stiffness * max(0.0, numbers.tyre_radius - height) ** 2
     return total
 
 
 @pytest.mark.parametrize("tail", ["none", "swing"])
 def test_energy_never_grows_with_the_drive_off_in_still_air(tail):
-    # Dropped from 3 cm at 2 m/s onto still wheels, the tail free to fall from 30 degrees left of upright.
+    # Dropped from 3 cm at 2 m/s onto still wheels, the tail free to fall from 30 degrees left of
+    # upright.
     car = CarStand(scenario_from_dict({"tail": {"mode": tail}}))
     car.place(RigidTransform([0.0, 0.0, 0.03]), (2.0, 0.0, 0.0))
     if tail == "swing":

@@ -1,4 +1,6 @@
-"""The rig's motion and reactions against Lagrange's equations, its signs, and the published currents."""
+"""The rig's motion and reactions against Lagrange's equations, its signs, and the published
+currents.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,8 @@ def without_air(tail: int = 1, friction: bool = False, **sections: dict[str, flo
 def test_bare_rig_moves_and_reacts_as_lagrange_derives_it(tail: int, misalignment: float) -> None:
     """Acceleration and all six reactions over 100 random states.
 
-    Both sides carry twelve or more digits, so 1e-9 is far above rounding and far below any modelling difference.
+    Both sides carry twelve or more digits, so 1e-9 is far above rounding and far below any
+    modelling difference.
     """
     rig = Rig(without_air(tail, tunnel={"misalignment": misalignment}))
     rng = np.random.default_rng(7)
@@ -81,15 +84,20 @@ def test_gravity_pulls_a_tail_that_hangs_downstream_back_upstream() -> None:
     rig = Rig(without_air())
     assert rig.reaction(0.5, 0.0, 0.0).acceleration < 0.0
     assert rig.holding_current(0.5) < 0.0
-    # The support carries the weight at its place: T_x = y F_z, and y of what swung downstream is negative.
+    # The support carries the weight at its place: T_x = y F_z, and y of what swung downstream is
+    # negative.
     assert rig.reaction(0.5, 0.0, rig.torque_of(rig.holding_current(0.5))).wrench[3] < 0.0
 
 
 def test_misalignment_turns_the_wind_about_z() -> None:
-    """Broadside drag D on the turned wind: the support answers with -D sin psi along x and +D cos psi along y."""
+    """Broadside drag D on the turned wind: the support answers with -D sin psi along x and +D cos
+    psi along y.
+    """
     psi = 0.12
     scenario = STATIC.varied(
-        tunnel={"psi3": psi}, aero={"source": "constant", "drag": 1.2, "lift": 0.0}, bar={"drag_coefficient": 1.2}
+        tunnel={"psi3": psi},
+        aero={"source": "constant", "drag": 1.2, "lift": 0.0},
+        bar={"drag_coefficient": 1.2},
     )
     rig = Rig(scenario)
     wrench = rig.reaction_at_current(0.0, 0.0, rig.holding_current(0.0)).wrench
@@ -102,18 +110,26 @@ def test_friction_brakes_by_the_published_law() -> None:
     """Table 4.7 and eq. 4.12 with ERRATA E14."""
     smooth, rubbing = Rig(without_air()), Rig(without_air(friction=True))
     for rate in (-8.0, -0.05, 0.05, 8.0):
-        lost = rubbing.reaction(0.3, rate, 0.0).acceleration - smooth.reaction(0.3, rate, 0.0).acceleration
+        lost = (
+            rubbing.reaction(0.3, rate, 0.0).acceleration
+            - smooth.reaction(0.3, rate, 0.0).acceleration
+        )
         inertia = ROTOR + BAR_INERTIA + BAR_MASS * 0.01 + 0.0982 * 0.39**2 / 12 + 0.0982 * 0.433**2
-        assert inertia * lost == pytest.approx(-(0.0435 * math.tanh(10 * rate) + 0.0364 * rate), rel=1e-9)
+        assert inertia * lost == pytest.approx(
+            -(0.0435 * math.tanh(10 * rate) + 0.0364 * rate), rel=1e-9
+        )
 
 
 def test_reaction_in_the_wind_closes_the_balance_of_forces() -> None:
-    """Support + weight + air = momentum change; the air from the section law, the rest is what moves without air."""
+    """Support + weight + air = momentum change; the air from the section law, the rest is what
+    moves without air.
+    """
     wind, still = Rig(STATIC), Rig(without_air(friction=True))
     angle, rate, torque = 0.4, 3.0, 0.5
     moved = wind.reaction(angle, rate, torque)
     calm = still.reaction(angle, rate, torque)
-    # The same acceleration without air needs the torque of the air from the motor: only the force of the air differs.
+    # The same acceleration without air needs the torque of the air from the motor: only the force
+    # of the air differs.
     inertia = ROTOR + BAR_INERTIA + BAR_MASS * 0.01 + 0.0982 * 0.39**2 / 12 + 0.0982 * 0.433**2
     push = inertia * (moved.acceleration - calm.acceleration)
     same = still.reaction(angle, rate, torque + push)
@@ -126,15 +142,25 @@ def test_reaction_in_the_wind_closes_the_balance_of_forces() -> None:
 
 @pytest.mark.parametrize("tail", [1, 2, 3])
 def test_published_currents_are_predicted_from_the_published_coefficients(tail: int) -> None:
-    """Median error per angle, both orientations, without the copied rows (ERRATA E1) and the two without wind (E4)."""
+    """Median error per angle, both orientations, without the copied rows (ERRATA E1) and the two
+    without wind (E4).
+    """
     errors = defaultdict(list)
     with open(model_path("published/static_fits.csv"), newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             current = float(row["current_a"])
-            if row["tail"] != str(tail) or row["derived_repeats_wind_speed_m_per_s"] or current < 0.1:
+            if (
+                row["tail"] != str(tail)
+                or row["derived_repeats_wind_speed_m_per_s"]
+                or current < 0.1
+            ):
                 continue
             scenario = STATIC.varied(
-                experiment={"tail": tail, "axis": row["axis"], "wind_speed": float(row["wind_speed_m_per_s"])},
+                experiment={
+                    "tail": tail,
+                    "axis": row["axis"],
+                    "wind_speed": float(row["wind_speed_m_per_s"]),
+                },
                 aero={"source": "constant", "drag": float(row["cd"]), "lift": float(row["cl"])},
                 tunnel={"psi3": float(row["psi3_rad"])},
             )
@@ -155,13 +181,20 @@ def test_published_currents_are_predicted_from_the_published_coefficients(tail: 
         ("experiment", "tail", 4, "experiment.tail: 4 is not allowed"),
         ("experiment", "axis", "diagonal", "experiment.axis: 'diagonal' is not allowed"),
         ("experiment", "wind_speed", -10.0, "experiment.wind_speed: -10.0 is not allowed"),
-        ("experiment", "angle", 1.749, "experiment.angle: 1.749 rad; allowed: within mount.angle_limit"),
+        (
+            "experiment",
+            "angle",
+            1.749,
+            "experiment.angle: 1.749 rad; allowed: within mount.angle_limit",
+        ),
         ("experiment", "angle", math.nan, "experiment.angle"),
         ("force_sensor", "rate", 2000.0, "force_sensor.rate: 2000 Hz is above 1/step"),
         ("maxon", "torque_constant", "0.3 Nm/A", "allowed is 'N m/A'"),
     ],
 )
-def test_wrong_settings_are_refused_by_name(section: str, key: str, value: object, message: str) -> None:
+def test_wrong_settings_are_refused_by_name(
+    section: str, key: str, value: object, message: str
+) -> None:
     with pytest.raises(ScenarioError) as error:
         STATIC.varied(**{section: {key: value}})
     assert message in str(error.value)
@@ -185,13 +218,17 @@ def test_zero_exposure_is_normal_and_no_exposure_at_all_an_error() -> None:
     assert not rig.is_exposed(math.radians(75.0))
     calm = Rig(without_air(friction=True))
     high = math.radians(80.0)
-    np.testing.assert_allclose(rig.reaction(high, 1.0, 0.2).wrench, calm.reaction(high, 1.0, 0.2).wrench, atol=1e-12)
+    np.testing.assert_allclose(
+        rig.reaction(high, 1.0, 0.2).wrench, calm.reaction(high, 1.0, 0.2).wrench, atol=1e-12
+    )
     with pytest.raises(ModelError, match="meets the jet at no reachable angle"):
         Rig(STATIC.varied(tunnel={"jet_edge_depth": 0.9}))
 
 
 def test_added_mass_acts_across_the_tail_only() -> None:
-    """Five parts at s_i: (J + m sum s^2) angle'' = tau; the support carries their normal inertia alone."""
+    """Five parts at s_i: (J + m sum s^2) angle'' = tau; the support carries their normal inertia
+    alone.
+    """
     mass = 0.02
     rig = Rig(without_air().varied(aero={"added_mass": mass}))
     distances = 0.270 + 0.39 * (np.arange(5) + 0.5) / 5
@@ -203,7 +240,8 @@ def test_added_mass_acts_across_the_tail_only() -> None:
         acceleration = bare * inertia / (inertia + mass * np.sum(distances**2))
         reaction = rig.reaction(angle, rate, torque)
         assert reaction.acceleration == pytest.approx(acceleration, rel=1e-9)
-        # The same acceleration without added mass, plus m times the normal acceleration of each part.
+        # The same acceleration without added mass, plus m times the normal acceleration of each
+        # part.
         _, wrench = derived(1, angle, rate, torque + (acceleration - bare) * inertia)
         down = np.array([0.0, -math.sin(angle), -math.cos(angle)])
         normal = np.array([0.0, -math.cos(angle), math.sin(angle)])
@@ -217,4 +255,6 @@ def test_added_mass_that_takes_all_inertia_away_is_refused_by_name() -> None:
     """The published -0.033 kg of tail 1; its rig stays positive definite down to J / sum(s^2)."""
     with pytest.raises(ModelError, match=r"-0.033 kg per part on body 'tail'"):
         Rig(STATIC.varied(aero={"added_mass": -0.033}))
-    assert Rig(STATIC.varied(aero={"added_mass": -0.0167})).reaction(0.2, 1.0, 0.0).acceleration != 0.0
+    assert (
+        Rig(STATIC.varied(aero={"added_mass": -0.0167})).reaction(0.2, 1.0, 0.0).acceleration != 0.0
+    )

@@ -32,8 +32,12 @@ def scenario(name: str, changes: dict[str, Any]) -> RigScenario:
     return load_rig_scenario(name).varied(**changes)
 
 
-def wrench_on(motion: RigMotion, mount: Inertial, angle: float, rate: float, acceleration: float) -> np.ndarray:
-    """Of the support on the rig at W (6), N and N m, from the momenta of what swings and the weight of what stands."""
+def wrench_on(
+    motion: RigMotion, mount: Inertial, angle: float, rate: float, acceleration: float
+) -> np.ndarray:
+    """Of the support on the rig at W (6), N and N m, from the momenta of what swings and the weight
+    of what stands.
+    """
     px, py, pz = motion.pivot
     x, y, z, mx, my, mz = -np.array(motion.air(angle, rate))
     mx, my, mz = mx + py * z - pz * y, my + pz * x - px * z, mz + px * y - py * x
@@ -53,7 +57,9 @@ def wrench_on(motion: RigMotion, mount: Inertial, angle: float, rate: float, acc
 
 @pytest.mark.parametrize(("name", "changes"), VARIANTS)
 def test_it_moves_and_reacts_as_the_plant(name: str, changes: dict[str, Any]) -> None:
-    """The same physics written twice: to 1e-9, with room for the rounding of two different orders of summation."""
+    """The same physics written twice: to 1e-9, with room for the rounding of two different orders
+    of summation.
+    """
     rig, motion = Rig(scenario(name, changes)), RigMotion.of(scenario(name, changes))
     mount = mount_properties(scenario(name, changes).mount)
     rng = np.random.default_rng(11)
@@ -68,10 +74,14 @@ def test_it_moves_and_reacts_as_the_plant(name: str, changes: dict[str, Any]) ->
 
 def test_added_mass_that_leaves_no_inertia_is_refused() -> None:
     motion = replace(RigMotion.of(scenario("flick", {})), added_mass=-0.033)
-    with pytest.raises(UserError, match=r"added_mass: -0.033 kg per part; allowed on this rig: above -0.02\d+ kg"):
+    with pytest.raises(
+        UserError, match=r"added_mass: -0.033 kg per part; allowed on this rig: above -0.02\d+ kg"
+    ):
         motion.acceleration(1.0, 0.0, 0.0)
 
 
 def test_added_mass_on_a_tilted_tail_is_refused() -> None:
-    with pytest.raises(ScenarioError, match=r"aero.added_mass: 0.02 kg; allowed: 0 kg with tunnel.misal"):
+    with pytest.raises(
+        ScenarioError, match=r"aero.added_mass: 0.02 kg; allowed: 0 kg with tunnel.misal"
+    ):
         scenario("flick", {"aero": {"added_mass": 0.02}, "tunnel": {"misalignment": 0.05}})

@@ -1,4 +1,6 @@
-"""SDF files as text with numbers: what is set is what Drake parses, and the files on disk carry the parameters."""
+"""SDF files as text with numbers: what is set is what Drake parses, and the files on disk carry the
+parameters.
+"""
 
 import re
 
@@ -69,7 +71,9 @@ def test_difference_between_file_and_parameters_is_found():
     inertial = car.inertial("chassis")
     car.set_inertial("chassis", Inertial(inertial.mass * 1.001, inertial.com, inertial.moments))
     (problem,) = sdf_differences(car)
-    assert re.fullmatch(r"line \d+: <mass>.*</mass> in the file, <mass>.*</mass> from the parameters", problem)
+    assert re.fullmatch(
+        r"line \d+: <mass>.*</mass> in the file, <mass>.*</mass> from the parameters", problem
+    )
 
 
 def test_numbers_that_are_set_are_the_numbers_of_the_document(rod):
@@ -82,11 +86,19 @@ def test_numbers_that_are_set_are_the_numbers_of_the_document(rod):
     link, joint = "link[@name='rod']", "joint[@name='hinge']"
     assert numbers(rod, f"{link}/inertial/mass") == [2.5]
     assert numbers(rod, f"{link}/inertial/pose") == [0.1, -0.2, 0.3, 0, 0, 0]
-    assert [numbers(rod, f"{link}/inertial/inertia/{tag}") for tag in ("ixx", "iyy", "izz")] == [[0.4], [0.5], [0.6]]
+    assert [numbers(rod, f"{link}/inertial/inertia/{tag}") for tag in ("ixx", "iyy", "izz")] == [
+        [0.4],
+        [0.5],
+        [0.6],
+    ]
     contact = f"{link}/collision/{DRAKE}proximity_properties"
     assert numbers(rod, f"{contact}/{DRAKE}point_contact_stiffness") == [2e4]
     assert numbers(rod, f"{contact}/{DRAKE}hunt_crossley_dissipation") == [3.0]
-    assert numbers(rod, f"{contact}/{DRAKE}mu_static") == numbers(rod, f"{contact}/{DRAKE}mu_dynamic") == [0.7]
+    assert (
+        numbers(rod, f"{contact}/{DRAKE}mu_static")
+        == numbers(rod, f"{contact}/{DRAKE}mu_dynamic")
+        == [0.7]
+    )
     assert numbers(rod, f"{link}/collision/pose") == [1, 2, 3, 0, 0, 0]
     assert numbers(rod, f"{link}/collision/geometry/sphere/radius") == [0.25]
     assert numbers(rod, f"{joint}/axis/limit/lower") == [-0.5]
@@ -95,7 +107,10 @@ def test_numbers_that_are_set_are_the_numbers_of_the_document(rod):
     assert numbers(rod, f"{joint}/axis/dynamics/damping") == [0.1]
     assert numbers(rod, f"{joint}/{DRAKE}rotor_inertia") == [4.14e-5]
     assert numbers(rod, f"{joint}/{DRAKE}gear_ratio") == [10]
-    assert dict(rod.model.find(f"{joint}/{DRAKE}controller_gains").items()) == {"p": "200", "d": "2"}
+    assert dict(rod.model.find(f"{joint}/{DRAKE}controller_gains").items()) == {
+        "p": "200",
+        "d": "2",
+    }
 
 
 def test_inertial_reads_back_what_was_set(rod):
@@ -129,9 +144,15 @@ def test_fixed_joint_has_no_axis(rod):
     [
         (lambda m: m.inertial("rud"), r"no link 'rud'; it has rod"),
         (lambda m: m.set_joint("hinj", effort=1), r"no joint 'hinj'; it has hinge"),
-        (lambda m: m.set_joint("hinge", spring_stiffness=1), r"<dynamics .*has no <spring_stiffness>"),
+        (
+            lambda m: m.set_joint("hinge", spring_stiffness=1),
+            r"<dynamics .*has no <spring_stiffness>",
+        ),
         (lambda m: m.set_shape("rod", "top", radius="1"), r"link 'rod' has no shape 'top'"),
-        (lambda m: m.set_shape("rod", "tip", length="1"), r"shape 'tip' of link 'rod' has no <length>"),
+        (
+            lambda m: m.set_shape("rod", "tip", length="1"),
+            r"shape 'tip' of link 'rod' has no <length>",
+        ),
     ],
 )
 def test_place_that_does_not_exist_is_named(rod, edit, message):
@@ -141,7 +162,11 @@ def test_place_that_does_not_exist_is_named(rod, edit, message):
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [("<sdf><model>", "cannot be read as SDF"), ("", "cannot be read as SDF"), ("<sdf/>", "holds no <model>")],
+    [
+        ("<sdf><model>", "cannot be read as SDF"),
+        ("", "cannot be read as SDF"),
+        ("<sdf/>", "holds no <model>"),
+    ],
 )
 def test_file_that_is_no_model_is_named(tmp_path, content, message):
     (tmp_path / "bad.sdf").write_text(content)

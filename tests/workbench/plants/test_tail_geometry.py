@@ -1,4 +1,6 @@
-"""A tail as an object: closed forms of its shapes, the car's tail made of densities, files, and what is refused."""
+"""A tail as an object: closed forms of its shapes, the car's tail made of densities, files, and
+what is refused.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ EXACT = {"rtol": 1e-9, "atol": 1e-13}
 
 def plate(**changes) -> Plate:
     values = {
-        "name": "sail", "root": (0.0, 0.0, 0.3), "lengths": (0.4,), "chords": (0.2, 0.2), "normal": (0.0, -1.0, 0.0),
+        "name": "sail", "root": (0.0, 0.0, 0.3), "lengths": (0.4,), "chords": (0.2, 0.2),
+        "normal": (0.0, -1.0, 0.0),
         "density": 0.5,
     }  # fmt: skip
     return Plate(**(values | changes))
@@ -34,7 +37,9 @@ def arm(*lengths: float, density: float = 0.06, **changes) -> TailArm:
 
 
 def tail(*plates: Plate, **changes) -> TailGeometry:
-    return TailGeometry(**({"name": "t", "arm": arm(0.7), "plates": plates or (plate(),)} | changes))
+    return TailGeometry(
+        **({"name": "t", "arm": arm(0.7), "plates": plates or (plate(),)} | changes)
+    )
 
 
 def about_origin(moments: MassMoments) -> np.ndarray:
@@ -59,7 +64,9 @@ def test_trapezoid_is_a_triangle_less_its_tip() -> None:
     shape, length, near, far = plate(chords=(0.2, 0.1)), 0.4, 0.2, 0.1
 
     def triangle(base: float, height: float, start: float) -> tuple[float, np.ndarray, np.ndarray]:
-        """Area, its first and its second moments (x^2, 0, z^2), of a triangle with its base at z = start."""
+        """Area, its first and its second moments (x^2, 0, z^2), of a triangle with its base at z =
+        start.
+        """
         area, middle = base * height / 2, start + height / 3
         return (
             area,
@@ -82,7 +89,9 @@ def test_half_cylinder_has_the_moments_of_a_half_ring() -> None:
     found = shape.moments
     assert shape.area == pytest.approx(2 * radius * length, rel=1e-9)
     assert found.mass == pytest.approx(mass, rel=1e-9)
-    np.testing.assert_allclose(found.inertial().com, [0, -2 * radius / math.pi, 0.5], **EXACT)  # round towards -y
+    np.testing.assert_allclose(
+        found.inertial().com, [0, -2 * radius / math.pi, 0.5], **EXACT
+    )  # round towards -y
     inertia = about_origin(found)
     assert inertia[2, 2] == pytest.approx(mass * radius**2, rel=1e-9)
     along = mass * (length**2 / 12 + 0.5**2)
@@ -93,12 +102,19 @@ def test_half_cylinder_has_the_moments_of_a_half_ring() -> None:
 def test_end_caps_are_half_discs_at_both_ends() -> None:
     shell, capped = plate(kind="half_shell"), plate(kind="half_shell", cap_density=1.5)
     radius, disc = 0.1, 1.5 * math.pi * 0.1**2 / 2
-    caps = {name: getattr(capped.moments, name) - getattr(shell.moments, name) for name in ("mass", "first", "second")}
+    caps = {
+        name: getattr(capped.moments, name) - getattr(shell.moments, name)
+        for name in ("mass", "first", "second")
+    }
     assert capped.area == shell.area
     assert caps["mass"] == pytest.approx(2 * disc, rel=1e-9)
-    np.testing.assert_allclose(caps["first"], [0, -2 * disc * 4 * radius / (3 * math.pi), disc * (0.3 + 0.7)], **EXACT)
+    np.testing.assert_allclose(
+        caps["first"], [0, -2 * disc * 4 * radius / (3 * math.pi), disc * (0.3 + 0.7)], **EXACT
+    )
     square = 2 * disc * radius**2 / 4
-    np.testing.assert_allclose(np.diag(caps["second"]), [square, square, disc * (0.3**2 + 0.7**2)], **EXACT)
+    np.testing.assert_allclose(
+        np.diag(caps["second"]), [square, square, disc * (0.3**2 + 0.7**2)], **EXACT
+    )
 
 
 def test_half_cone_is_a_cone_less_its_tip() -> None:
@@ -106,10 +122,16 @@ def test_half_cone_is_a_cone_less_its_tip() -> None:
     near, far, height = 0.1, 0.05, 0.8
 
     def cone(radius: float, high: float) -> tuple[float, np.ndarray, float]:
-        """Mass, second moments about the apex and the product of depth and height, of half a cone's shell."""
+        """Mass, second moments about the apex and the product of depth and height, of half a cone's
+        shell.
+        """
         mass = 0.5 * math.pi * radius * math.hypot(radius, high) / 2
         square = mass * radius**2 / 4
-        return mass, np.array([square, square, mass * high**2 / 2]), mass * (2 * radius / math.pi) * high / 2
+        return (
+            mass,
+            np.array([square, square, mass * high**2 / 2]),
+            mass * (2 * radius / math.pi) * high / 2,
+        )
 
     (mass, second, mixed), (off, less, other) = cone(near, height), cone(far, height / 2)
     found = shape.moments
@@ -146,7 +168,9 @@ def test_moments_do_not_depend_on_how_the_plate_is_turned() -> None:
         axes=(tuple(turn @ [0.0, 0.0, 1.0]),),
         normal=tuple(turn @ straight.normal),
     )
-    np.testing.assert_allclose(turned.moments.second, turn @ straight.moments.second @ turn.T, **EXACT)
+    np.testing.assert_allclose(
+        turned.moments.second, turn @ straight.moments.second @ turn.T, **EXACT
+    )
     np.testing.assert_allclose(turned.moments.first, turn @ straight.moments.first, **EXACT)
 
 
@@ -162,7 +186,9 @@ def test_sections_share_the_area_and_have_its_centre() -> None:
 
 
 def test_centre_of_pressure_counts_what_a_direction_sees() -> None:
-    both = tail(plate(), plate(name="rudder", normal=(1.0, 0.0, 0.0), chords=(0.1, 0.1), lengths=(0.1,)))
+    both = tail(
+        plate(), plate(name="rudder", normal=(1.0, 0.0, 0.0), chords=(0.1, 0.1), lengths=(0.1,))
+    )
     np.testing.assert_allclose(both.centre_of_pressure(), [0, 0, 0.5], **EXACT)
     np.testing.assert_allclose(both.centre_of_pressure((1.0, 0.0, 0.0)), [0, 0, 0.35], **EXACT)
     assert both.facing_area((1.0, 1.0, 0.0)) == pytest.approx((0.08 + 0.01) / math.sqrt(2))
@@ -194,13 +220,20 @@ def test_sections_of_the_cars_tail_are_those_of_its_parameters_to_the_last_bit()
     assert layout == SectionLayout.strip(
         start=length - sail, length=sail, width=parameters.sail_width, normal_B=(0.0, -1.0, 0.0)
     )
-    whole = SectionLayout.strip(start=0.0, length=length, width=parameters.sail_width, normal_B=(0.0, 1.0, 0.0))
+    whole = SectionLayout.strip(
+        start=0.0, length=length, width=parameters.sail_width, normal_B=(0.0, 1.0, 0.0)
+    )
     assert geometry.added_mass_layout() == whole
 
 
 def test_file_gives_the_same_tail_to_the_last_bit(tmp_path: Path) -> None:
     bent = tail(
-        plate(kind="half_shell", cap_density=1.5, lengths=(0.1, 0.3), chords=(0.1, 0.2, 0.123456789012345)),
+        plate(
+            kind="half_shell",
+            cap_density=1.5,
+            lengths=(0.1, 0.3),
+            chords=(0.1, 0.2, 0.123456789012345),
+        ),
         plate(name="board", normal=(1.0, 0.0, 0.0), root=(0.0, -0.2, 0.3), depth=0.01),
         arm=arm(0.4, 0.4, axes=((0.0, 0.0, 1.0), (0.1, 0.0, 1.0))),
     )
@@ -222,16 +255,31 @@ def test_known_mass_and_inertia_replace_those_of_the_densities() -> None:
     ("changes", "words"),
     [
         ({"chords": (0.2, -0.1)}, "chords.1: -0.1 is not allowed; input should be greater than 0"),
-        ({"lengths": (math.nan,)}, "lengths.0: nan is not allowed; input should be a finite number"),
+        (
+            {"lengths": (math.nan,)},
+            "lengths.0: nan is not allowed; input should be a finite number",
+        ),
         ({"lengths": ()}, "lengths: () is not allowed; tuple should have at least 1 item"),
         ({"density": 0.0}, "density: 0.0 is not allowed; input should be greater than 0 (kg/m2)"),
         ({"chords": (0.2,)}, "plate 'sail': 1 lengths, 1 chords and 1 axes; allowed: n lengths"),
-        ({"normal": (0.0, 0.0, 2.0)}, "plate 'sail': normal (0.0, 0.0, 2.0) runs along its axis; allowed: across it"),
+        (
+            {"normal": (0.0, 0.0, 2.0)},
+            "plate 'sail': normal (0.0, 0.0, 2.0) runs along its axis; allowed: across it",
+        ),
         ({"normal": (0.0, 0.0, 0.0)}, "normal: direction (0.0, 0.0, 0.0) has no length"),
-        ({"kind": "sphere"}, "kind: 'sphere' is not allowed; input should be 'plate' or 'half_shell'"),
-        ({"depth": -1.0}, "depth: -1.0 is not allowed; input should be greater than or equal to 0 (m)"),
+        (
+            {"kind": "sphere"},
+            "kind: 'sphere' is not allowed; input should be 'plate' or 'half_shell'",
+        ),
+        (
+            {"depth": -1.0},
+            "depth: -1.0 is not allowed; input should be greater than or equal to 0 (m)",
+        ),
         ({"cap_density": 1.0}, "plate 'sail': cap_density is 1; allowed: 0 for a plate"),
-        ({"kind": "half_shell", "depth": 0.1}, "plate 'sail': depth is 0.1; allowed: 0 for a half_shell"),
+        (
+            {"kind": "half_shell", "depth": 0.1},
+            "plate 'sail': depth is 0.1; allowed: 0 for a half_shell",
+        ),
         ({"sections": 0}, "sections: 0 is not allowed; input should be greater than or equal to 1"),
         ({"colour": "red"}, "colour: unknown key; allowed: "),
     ],
@@ -245,7 +293,9 @@ def test_impossible_plate_is_refused_in_one_line(changes: dict, words: str) -> N
 
 def test_plates_that_overlap_are_refused_and_those_that_touch_or_cross_are_not() -> None:
     with pytest.raises(ModelError, match="plates 'sail' and 'other' overlap"):
-        tail(plate(), plate(name="other", root=(0.05, 0.0, 0.5), lengths=(0.1,), chords=(0.01, 0.01)))
+        tail(
+            plate(), plate(name="other", root=(0.05, 0.0, 0.5), lengths=(0.1,), chords=(0.01, 0.01))
+        )
     tail(plate(), plate(name="above", root=(0.0, 0.0, 0.7)))
     tail(plate(), plate(name="beside", root=(0.2, 0.0, 0.3)))
     tail(plate(), plate(name="across", normal=(1.0, 0.0, 0.0)))
@@ -280,7 +330,11 @@ def test_tails_that_cannot_be_are_refused() -> None:
             "plates.0.chords.1: -0.2 is not allowed; input should be",
         ),
         ("root: [0.0, 0.0, 0.3]", "root: [0.0, 0.3]", "plates.0.root"),
-        ("kind: plate", "kind: disc", "'disc' is not allowed; input should be 'plate' or 'half_shell'"),
+        (
+            "kind: plate",
+            "kind: disc",
+            "'disc' is not allowed; input should be 'plate' or 'half_shell'",
+        ),
         ("lengths: [0.4]", "length: [0.4]", "did you mean 'lengths'?"),
         ("aerodima/tail/1", "aerodima/tail/9", "is not read by this version"),
     ],
@@ -301,7 +355,12 @@ def test_wrong_file_is_one_line_that_names_file_place_and_what_is_allowed(
 
 def test_picture_shows_every_section_and_its_normal() -> None:
     shell = plate(kind="half_shell", lengths=(0.2, 0.2), chords=(0.1, 0.2, 0.1), sections=4)
-    figure = plot_tail(tail(shell, plate(name="rudder", normal=(1.0, 0.0, 0.0), root=(0.0, 0.0, 0.1), lengths=(0.1,))))
+    figure = plot_tail(
+        tail(
+            shell,
+            plate(name="rudder", normal=(1.0, 0.0, 0.0), root=(0.0, 0.0, 0.1), lengths=(0.1,)),
+        )
+    )
     face, side = figure.axes
     for axes, plate_normals in ((face, {"rudder": 5}), (side, {"sail": 8})):
         arrows = [drawn.N for drawn in axes.collections if isinstance(drawn, Quiver)]

@@ -1,4 +1,6 @@
-"""Tyres with a slip angle against the bicycle that has the same tyres: steady circle, step of the steering, grip."""
+"""Tyres with a slip angle against the bicycle that has the same tyres: steady circle, step of the
+steering, grip.
+"""
 
 import math
 from typing import Any
@@ -41,13 +43,19 @@ def circle(speed: float, *settings: str, angle: float = STEERED) -> Scenario:
 @pytest.mark.slow
 @pytest.mark.parametrize("speed", [2.0, 3.0, 4.0])
 def test_steady_circle_is_that_of_the_neutral_bicycle(speed: float) -> None:
-    """Front and rear slip alike, so the understeer gradient is zero; the rear axle slips as its side force asks."""
+    """Front and rear slip alike, so the understeer gradient is zero; the rear axle slips as its
+    side force asks.
+    """
     scenario = circle(speed)
     log = simulate(scenario)
     last = (log.time > 4.0) & (log.time < 4.9)
     rate, ahead, left = (
         float(np.mean(log.signal(name)[last]))
-        for name in ("gyro_z_truth_rad_per_s", "velocity_x_truth_m_per_s", "velocity_y_truth_m_per_s")
+        for name in (
+            "gyro_z_truth_rad_per_s",
+            "velocity_x_truth_m_per_s",
+            "velocity_y_truth_m_per_s",
+        )
     )
     assert rate * scenario.car.wheelbase / ahead == pytest.approx(math.tan(STEERED), rel=0.04)
     used = ahead * rate / (FRICTION * scenario.environment.gravity)
@@ -63,7 +71,9 @@ def test_yaw_rate_after_a_step_of_the_steering_is_that_of_the_linear_bicycle() -
     start, end = scenario.manoeuvre.turn_start, scenario.manoeuvre.turn_start + 0.5
     during = (log.time >= start) & (log.time <= end)
     late = 0.5 * STEERED / scenario.servo.rate  # a ramp in place of a step
-    expected = np.array([bicycle(scenario, max(0.0, time - start - late)) for time in log.time[during]])
+    expected = np.array(
+        [bicycle(scenario, max(0.0, time - start - late)) for time in log.time[during]]
+    )
     assert expected[-1] == pytest.approx(3.0 * math.tan(STEERED) / scenario.car.wheelbase, rel=0.02)
     assert rate[during] == pytest.approx(expected, abs=0.06 * expected[-1])
 
@@ -79,7 +89,10 @@ def bicycle(scenario: Scenario, time: float) -> float:
     turning = c_front * front - c_rear * rear
     system = np.zeros((3, 3))
     system[0, :2] = -(c_front + c_rear) / (mass * speed), -turning / (mass * speed) - speed
-    system[1, :2] = -turning / (inertia * speed), -(c_front * front**2 + c_rear * rear**2) / (inertia * speed)
+    system[1, :2] = (
+        -turning / (inertia * speed),
+        -(c_front * front**2 + c_rear * rear**2) / (inertia * speed),
+    )
     system[:2, 2] = c_front * STEERED / mass, c_front * front * STEERED / inertia
     state: Any = expm(system * time)[:, 2]
     return float(state[1])
@@ -88,7 +101,9 @@ def bicycle(scenario: Scenario, time: float) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "slip_angle"), [("", 0.0), ("", SLIP_ANGLE), ("turn_swing", 0.0)])
 def test_friction_stays_within_its_circle_on_every_row(name: str, slip_angle: float) -> None:
-    """The lagged approximation bounds the friction of a step by the load at its start, one row before."""
+    """The lagged approximation bounds the friction of a step by the load at its start, one row
+    before.
+    """
     settings = (f"car.tyre_slip_angle={slip_angle}", "manoeuvre.duration=3.0")
     scenario = load_scenario(name, settings) if name else circle(4.0, *settings, angle=0.5)
     log = simulate(scenario)
@@ -104,7 +119,9 @@ def test_friction_stays_within_its_circle_on_every_row(name: str, slip_angle: fl
 
 @pytest.mark.slow
 def test_reduced_car_has_the_same_tyre() -> None:
-    """Yaw rate and sideslip of the full car while they build up; a row is 2 ms, as a step of the reduced car."""
+    """Yaw rate and sideslip of the full car while they build up; a row is 2 ms, as a step of the
+    reduced car.
+    """
     settings = ("manoeuvre.turn_hold=0.6", "manoeuvre.duration=3.0")
     both = [circle(3.0, *settings, f"car.tyre_slip_angle={angle}") for angle in (SLIP_ANGLE, 0.0)]
     cars = Vehicles.of(both)
@@ -115,7 +132,10 @@ def test_reduced_car_has_the_same_tyre() -> None:
         log = simulate(scenario)
         for after in (0.05, 0.1, 0.2, 0.4):
             row = int(np.searchsorted(log.time, scenario.manoeuvre.turn_start + after))
-            rate, left = (log.signal(name)[row] for name in ("gyro_z_truth_rad_per_s", "velocity_y_truth_m_per_s"))
+            rate, left = (
+                log.signal(name)[row]
+                for name in ("gyro_z_truth_rad_per_s", "velocity_y_truth_m_per_s")
+            )
             assert history[row - 1, 14, place] == pytest.approx(rate, rel=0.04)
             assert history[row - 1, 16, place] == pytest.approx(left, abs=0.003)
 

@@ -15,21 +15,32 @@ from aerodima.workbench.logs.schema import RunLog
 URDF = """
 <robot name="cart_pole">
   <link name="cart">
-    <inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+    <inertial>
+      <mass value="1"/>
+      <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>
+    </inertial>
     <visual><geometry><box size="0.3 0.2 0.1"/></geometry></visual>
   </link>
-  <joint name="slide" type="prismatic"><parent link="world"/><child link="cart"/><axis xyz="1 0 0"/></joint>
+  <joint name="slide" type="prismatic">
+    <parent link="world"/><child link="cart"/><axis xyz="1 0 0"/>
+  </joint>
   <link name="pole">
     <inertial>
       <origin xyz="0 0 -0.5"/><mass value="0.2"/>
       <inertia ixx="0.01" iyy="0.01" izz="0.0001" ixy="0" ixz="0" iyz="0"/>
     </inertial>
-    <visual><origin xyz="0 0 -0.5"/><geometry><capsule radius="0.02" length="0.96"/></geometry></visual>
+    <visual>
+      <origin xyz="0 0 -0.5"/><geometry><capsule radius="0.02" length="0.96"/></geometry>
+    </visual>
   </link>
-  <joint name="swing" type="continuous"><parent link="cart"/><child link="pole"/><axis xyz="0 1 0"/></joint>
+  <joint name="swing" type="continuous">
+    <parent link="cart"/><child link="pole"/><axis xyz="0 1 0"/>
+  </joint>
 </robot>
 """
-PLATE = SectionLayout.strip(start=0.4, length=0.6, width=0.2, axis_B=(0.0, 0.0, -1.0), normal_B=(1.0, 0.0, 0.0))
+PLATE = SectionLayout.strip(
+    start=0.4, length=0.6, width=0.2, axis_B=(0.0, 0.0, -1.0), normal_B=(1.0, 0.0, 0.0)
+)
 
 
 def add_cart_pole(builder: DiagramBuilder, time_step: float) -> MultibodyPlant:
@@ -42,8 +53,12 @@ def add_cart_pole(builder: DiagramBuilder, time_step: float) -> MultibodyPlant:
     return plant
 
 
-def observed_swing(time_step: float, path: Any = None, **options: Any) -> tuple[RunLog, MultibodyPlant, Any]:
-    """Half a second of a swing from 1 rad: its log, the plant, and the plant's context at the end."""
+def observed_swing(
+    time_step: float, path: Any = None, **options: Any
+) -> tuple[RunLog, MultibodyPlant, Any]:
+    """Half a second of a swing from 1 rad: its log, the plant, and the plant's context at the
+    end.
+    """
     builder = DiagramBuilder()
     plant = add_cart_pole(builder, time_step)
     with observe(builder, plant, log=path, base="pole", name="my cart", **options) as run:

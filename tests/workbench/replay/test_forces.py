@@ -25,7 +25,9 @@ def test_point_is_the_nearest_to_a_line_of_action_beside_the_axis() -> None:
     force = np.array([[0.0, 3.0, 0.0]])
     root, tip = np.zeros((1, 3)), np.array([[0.0, 0.0, 2.0]])
     beside = np.array([[0.1, -5.0, 0.8]])
-    assert point_on_axis(force, np.cross(beside, force), root, tip) == pytest.approx(np.array([[0.0, 0.0, 0.8]]))
+    assert point_on_axis(force, np.cross(beside, force), root, tip) == pytest.approx(
+        np.array([[0.0, 0.0, 0.8]])
+    )
 
 
 def test_point_stays_on_the_tail() -> None:
@@ -53,7 +55,9 @@ def test_air_of_a_run_acts_on_the_sail(tailed: RunLog) -> None:
     blowing = strength > 0.2 * strength.max()
     assert strength.max() > 0.01
     from_root = np.linalg.norm(arrow.points - root, axis=1)[blowing]
-    assert from_root.min() > tail["length"] - tail["sail_length"]  # the sail is the outer end of the tail
+    assert (
+        from_root.min() > tail["length"] - tail["sail_length"]
+    )  # the sail is the outer end of the tail
     assert from_root.max() < tail["length"]
 
 
@@ -66,9 +70,12 @@ def test_ground_acts_below_the_wheel_of_its_name(tailless: RunLog) -> None:
     arrows = {arrow.name: arrow for arrow in force_arrows(logged)}
     assert set(arrows) == {f"ground_on_{wheel}" for wheel in WHEELS}
     for wheel in WHEELS:
-        centre = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(f"{wheel}_wheel")).translation()
+        centre = plant.EvalBodyPoseInWorld(
+            context, plant.GetBodyByName(f"{wheel}_wheel")
+        ).translation()
         arrow = arrows[f"ground_on_{wheel}"]
-        # Wheels are 0.27 m apart; contact is below the centre but for the lean of the wheel and one step of travel.
+        # Wheels are 0.27 m apart; contact is below the centre but for the lean of the wheel and one
+        # step of travel.
         assert np.linalg.norm(arrow.points[row, :2] - centre[:2]) < 0.02
         assert arrow.lengths[row, 2] == pytest.approx(
             WHEEL_SCALE * tailless.signal(f"wheel_force_{wheel}_z_truth_n")[row]

@@ -1,4 +1,6 @@
-"""A run in MCAP, read back with the classes of Foxglove's schemas: bodies, poses and forces are those of the run."""
+"""A run in MCAP, read back with the classes of Foxglove's schemas: bodies, poses and forces are
+those of the run.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +20,13 @@ from aerodima.workbench.logs.exporters import export_log
 from aerodima.workbench.logs.foreign_files import read_mcap
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.force_arrows import force_arrows
-from aerodima.workbench.replay.foxglove_scene import BODIES, FORCES, POSES, _add_shape, foxglove_scene
+from aerodima.workbench.replay.foxglove_scene import (
+    BODIES,
+    FORCES,
+    POSES,
+    _add_shape,
+    foxglove_scene,
+)
 from aerodima.workbench.replay.logged_run import add_logged_run
 from tests.workbench.made_up_runs import signals_equal
 from tests.workbench.replay.cart_poles import observed_swing
@@ -29,7 +37,9 @@ CLASSES = {"foxglove.FrameTransforms": FrameTransforms, "foxglove.SceneUpdate": 
 @pytest.fixture(scope="module")
 def exported(short_runs: dict[str, RunLog], tmp_path_factory: pytest.TempPathFactory) -> Path:
     tailed = short_runs["swing"]
-    (path,) = export_log(tailed, tmp_path_factory.mktemp("mcap") / "run.mcap", "mcap", scene=foxglove_scene(tailed))
+    (path,) = export_log(
+        tailed, tmp_path_factory.mktemp("mcap") / "run.mcap", "mcap", scene=foxglove_scene(tailed)
+    )
     return path
 
 
@@ -57,9 +67,15 @@ def test_poses_are_those_of_the_plant(tailed: RunLog, exported: Path) -> None:
     for time, message in poses[:: len(poses) // 5]:
         logged.move(context, row_at(tailed, time))
         for name in ("chassis", "tail_rod"):
-            (found,) = [transform for transform in message.transforms if transform.child_frame_id == name]
+            (found,) = [
+                transform for transform in message.transforms if transform.child_frame_id == name
+            ]
             X_WB = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
-            place, turn, wanted = found.translation, found.rotation, X_WB.rotation().ToQuaternion().wxyz()
+            place, turn, wanted = (
+                found.translation,
+                found.rotation,
+                X_WB.rotation().ToQuaternion().wxyz(),
+            )
             assert [place.x, place.y, place.z] == pytest.approx(X_WB.translation())
             assert [turn.w, turn.x, turn.y, turn.z] == pytest.approx(wanted)
             assert found.parent_frame_id == "world"
@@ -69,18 +85,34 @@ def test_every_body_is_drawn_once_in_its_own_frame(exported: Path) -> None:
     ((_, update),) = messages(exported, BODIES)
     drawn = {entity.id: entity for entity in update.entities}
     assert all(
-        entity.frame_id == entity.id and entity.frame_locked for name, entity in drawn.items() if name != "floor"
+        entity.frame_id == entity.id and entity.frame_locked
+        for name, entity in drawn.items()
+        if name != "floor"
     )
     wheel = max(drawn["front_left_wheel"].cylinders, key=lambda cylinder: cylinder.size.x)
     assert 0.08 < wheel.size.x == wheel.size.y < 0.16, "m: a wheel of 1:10"
     turn = wheel.pose.orientation
-    assert abs(rotation(turn.w, turn.x, turn.y, turn.z) @ [0.0, 0.0, 1.0]) == pytest.approx([0.0, 1.0, 0.0], abs=1e-6)
+    assert abs(rotation(turn.w, turn.x, turn.y, turn.z) @ [0.0, 0.0, 1.0]) == pytest.approx(
+        [0.0, 1.0, 0.0], abs=1e-6
+    )
 
 
 def test_a_hull_comes_as_triangles_about_its_middle() -> None:
     entity = SceneEntity()
-    corners = [[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.1], [0.05, 0.05, 0.01]]  # one inside
-    shape = {"body": "", "kind": "hull", "size": corners, "pose": [1, 0, 0, 0, 1, 2, 3], "colour": [1, 0, 0]}
+    corners = [
+        [0.0, 0.0, 0.0],
+        [0.3, 0.0, 0.0],
+        [0.0, 0.2, 0.0],
+        [0.0, 0.0, 0.1],
+        [0.05, 0.05, 0.01],
+    ]  # one inside
+    shape = {
+        "body": "",
+        "kind": "hull",
+        "size": corners,
+        "pose": [1, 0, 0, 0, 1, 2, 3],
+        "colour": [1, 0, 0],
+    }
     _add_shape(entity, shape)
     (hull,) = entity.triangles
     points = {(round(point.x, 6), round(point.y, 6), round(point.z, 6)) for point in hull.points}
@@ -88,7 +120,9 @@ def test_a_hull_comes_as_triangles_about_its_middle() -> None:
     assert (hull.pose.position.x, hull.pose.position.y, hull.pose.position.z) == (1.0, 2.0, 3.0)
 
 
-def test_arrows_are_those_of_the_replay_and_go_when_the_force_does(tailed: RunLog, exported: Path) -> None:
+def test_arrows_are_those_of_the_replay_and_go_when_the_force_does(
+    tailed: RunLog, exported: Path
+) -> None:
     arrows = {arrow.name: arrow for arrow in force_arrows(add_logged_run(DiagramBuilder(), tailed))}
     seen = 0
     for time, update in messages(exported, FORCES):
@@ -99,7 +133,11 @@ def test_arrows_are_those_of_the_replay_and_go_when_the_force_does(tailed: RunLo
         for entity in update.entities:
             (arrow,) = entity.arrows
             turn = arrow.pose.orientation
-            along = rotation(turn.w, turn.x, turn.y, turn.z) @ [arrow.shaft_length + arrow.head_length, 0.0, 0.0]
+            along = rotation(turn.w, turn.x, turn.y, turn.z) @ [
+                arrow.shaft_length + arrow.head_length,
+                0.0,
+                0.0,
+            ]
             wanted = arrows[entity.id].lengths[row]
             if np.linalg.norm(wanted) > 0.06:  # a shorter one is all head
                 assert along == pytest.approx(wanted, abs=1e-6)
@@ -112,7 +150,11 @@ def rotation(*wxyz: float) -> np.ndarray:
 
 
 def test_signals_beside_a_scene_come_back_bit_for_bit(tailed: RunLog, exported: Path) -> None:
-    columns = {name.split(".", 1)[1]: values for name, values in read_mcap(exported).columns.items() if "@" not in name}
+    columns = {
+        name.split(".", 1)[1]: values
+        for name, values in read_mcap(exported).columns.items()
+        if "@" not in name
+    }
     table = pd.DataFrame(columns)[list(tailed.table.columns)]
     assert signals_equal(replace(tailed, table=table), tailed)
 
@@ -122,6 +164,9 @@ def test_scene_of_another_plant_has_its_bodies_and_the_air(tmp_path: Path) -> No
     (path,) = export_log(log, tmp_path / "cart.mcap", "mcap", scene=foxglove_scene(log))
     ((_, bodies),) = messages(path, BODIES)
     assert {entity.id for entity in bodies.entities} == {"cart", "pole", "floor"}
-    assert {transform.child_frame_id for transform in messages(path, POSES)[0][1].transforms} == {"cart", "pole"}
+    assert {transform.child_frame_id for transform in messages(path, POSES)[0][1].transforms} == {
+        "cart",
+        "pole",
+    }
     entities = {entity.id for _, message in messages(path, FORCES) for entity in message.entities}
     assert entities == {"air_on_tail_force_pole"}

@@ -1,4 +1,6 @@
-"""A car that is driven by hand: what the driver asks for is done, logged and measured, in simulated time."""
+"""A car that is driven by hand: what the driver asks for is done, logged and measured, in simulated
+time.
+"""
 
 import math
 import subprocess
@@ -16,7 +18,14 @@ from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.metrics.turn_signals import turn_signals
 from aerodima.workbench.replay import hand_drive
 from aerodima.workbench.replay.captions import caption_of
-from aerodima.workbench.replay.hand_drive import LOOK, SLICE, TAIL_SPEED, Shown, Wishes, drive_by_hand
+from aerodima.workbench.replay.hand_drive import (
+    LOOK,
+    SLICE,
+    TAIL_SPEED,
+    Shown,
+    Wishes,
+    drive_by_hand,
+)
 
 
 class Clock:
@@ -49,17 +58,23 @@ class Script:
 
 
 def left_turn(look: int) -> Wishes:
-    """2 m/s; from 1.2 s on to the left, the tail's roll by hand to 0.5 rad; straight again from 2 s on."""
+    """2 m/s; from 1.2 s on to the left, the tail's roll by hand to 0.5 rad; straight again from 2 s
+    on.
+    """
     time = look * SLICE
     steering = 0.2 if 1.2 <= time < 2.0 else 0.0
     return Wishes(steering, 2.0, 1.0, 0.5 if time >= 1.2 else math.nan)
 
 
-def driven(folder: Path, plan: Callable[[int], Wishes], clock: Clock, **options: Any) -> tuple[Script, list[Path]]:
+def driven(
+    folder: Path, plan: Callable[[int], Wishes], clock: Clock, **options: Any
+) -> tuple[Script, list[Path]]:
     script = Script(plan)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hand_drive, "wall", clock)
-        return script, drive_by_hand(load_scenario("turn_swing"), script, log=folder / "run.parquet", **options)
+        return script, drive_by_hand(
+            load_scenario("turn_swing"), script, log=folder / "run.parquet", **options
+        )
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +89,13 @@ def left(left_drive: tuple[Script, RunLog]) -> RunLog:
 
 
 @pytest.mark.slow
-def test_driver_is_shown_time_speed_and_heading_of_the_run(left_drive: tuple[Script, RunLog]) -> None:
-    (script, log), columns = left_drive, ("velocity_x_truth_m_per_s", "velocity_y_truth_m_per_s", "yaw_truth_rad")
+def test_driver_is_shown_time_speed_and_heading_of_the_run(
+    left_drive: tuple[Script, RunLog],
+) -> None:
+    (script, log), columns = (
+        left_drive,
+        ("velocity_x_truth_m_per_s", "velocity_y_truth_m_per_s", "yaw_truth_rad"),
+    )
     time = np.array([now.time for now in script.shown])
     assert np.diff(time) == pytest.approx(LOOK)
     along, across, yaw = (np.interp(time, log.time, log.signal(name)) for name in columns)
@@ -84,7 +104,9 @@ def test_driver_is_shown_time_speed_and_heading_of_the_run(left_drive: tuple[Scr
 
 
 def test_speed_steering_and_tail_do_what_was_asked_for(left: RunLog) -> None:
-    assert left.signal("velocity_x_truth_m_per_s")[left.time > 1.1][0] == pytest.approx(2.0, abs=0.1)
+    assert left.signal("velocity_x_truth_m_per_s")[left.time > 1.1][0] == pytest.approx(
+        2.0, abs=0.1
+    )
     assert left.signal("yaw_truth_rad")[-1] > 0.3, "to the left"
     tail, time = left.signal("tail_roll_angle_rad"), left.time
     before, after = tail[time < 1.2], tail[-1]
@@ -130,7 +152,9 @@ def test_half_speed_takes_twice_as_long(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_slow_computer_slows_the_run_down_says_so_once_and_skips_nothing(tmp_path: Path) -> None:
     said: list[str] = []
-    script, (log,) = driven(tmp_path, lambda look: Wishes(), Clock(0.02), length=2.5, say=said.append)
+    script, (log,) = driven(
+        tmp_path, lambda look: Wishes(), Clock(0.02), length=2.5, say=said.append
+    )
     assert len(said) == 1
     assert "this computer keeps up at 0.4" in said[0] or "this computer keeps up at 0.5" in said[0]
     assert 0.4 < script.shown[-1].pace < 0.6

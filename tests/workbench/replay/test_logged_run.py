@@ -1,4 +1,6 @@
-"""A car rebuilt from its log stands where the log says, and a log that cannot be replayed is refused in one line."""
+"""A car rebuilt from its log stands where the log says, and a log that cannot be replayed is
+refused in one line.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ def test_order_of_columns_does_not_matter(tailed: RunLog) -> None:
 
 
 def test_run_without_plant_positions_moves_as_its_sensors_say(tailed: RunLog) -> None:
-    plain = tailed.table[[name for name in tailed.table.columns if not name.startswith("plant_position_")]]
+    plain = tailed.table[
+        [name for name in tailed.table.columns if not name.startswith("plant_position_")]
+    ]
     logged = logged_car(replace(tailed, table=plain))
     assert logged.run_log.extra["reckoned"] is True
     assert logged.positions.shape == logged_car(tailed).positions.shape
@@ -52,8 +56,14 @@ def test_camera_of_a_right_turn_mirrors_that_of_a_left_turn(tailed: RunLog) -> N
 
 def test_positions_of_another_car_are_named(tailed: RunLog) -> None:
     old = "plant_position_tail_tail_roll_q"
-    renamed = replace(tailed, table=tailed.table.rename(columns={old: "plant_position_wing_q"}), source="x.parquet")
-    with pytest.raises(LogError, match=f"x.parquet: .*missing: {old}; unknown: plant_position_wing_q"):
+    renamed = replace(
+        tailed,
+        table=tailed.table.rename(columns={old: "plant_position_wing_q"}),
+        source="x.parquet",
+    )
+    with pytest.raises(
+        LogError, match=f"x.parquet: .*missing: {old}; unknown: plant_position_wing_q"
+    ):
         logged_car(renamed)
 
 

@@ -29,20 +29,34 @@ def told(run: RunLog) -> dict[str, float]:
 
 def test_turn_that_is_survived() -> None:
     moments = told(run_with(roll_truth_rad=hump(2.6, 0.2)))
-    assert list(moments) == ["before the turn", "turning in", "peak roll", "recovering", "after the turn"]
+    assert list(moments) == [
+        "before the turn",
+        "turning in",
+        "peak roll",
+        "recovering",
+        "after the turn",
+    ]
     half = 2.6 + 0.2 * np.sqrt(2 * np.log(2))  # where the hump has half its height
     assert list(moments.values()) == pytest.approx([1.75, 2.1, 2.6, half, half + 0.75], abs=0.003)
 
 
 def test_peak_is_that_of_the_roll_outwards() -> None:
-    roll = hump(2.6, 0.2, 0.05) - hump(3.2, 0.5, 0.05)  # leans to the right first, then more, to the left
+    roll = hump(2.6, 0.2, 0.05) - hump(
+        3.2, 0.5, 0.05
+    )  # leans to the right first, then more, to the left
     assert told(run_with(roll_truth_rad=roll))["peak roll"] == pytest.approx(2.6, abs=0.003)
 
 
 def test_swing_shows_the_tail_on_top() -> None:
     angle = np.radians(np.clip((times() - 2.2) * 450.0, 0.0, 180.0) - 90.0)  # upright at 2.4 s
     moments = told(run_with(roll_truth_rad=hump(2.6, 0.05), tail_roll_angle_rad=angle))
-    assert list(moments) == ["before the turn", "turning in", "tail over the top", "peak roll", "after the turn"]
+    assert list(moments) == [
+        "before the turn",
+        "turning in",
+        "tail over the top",
+        "peak roll",
+        "after the turn",
+    ]
     assert moments["tail over the top"] == pytest.approx(2.4, abs=0.004)
 
 
@@ -55,7 +69,9 @@ def test_rollover() -> None:
 
 
 def test_moments_are_in_order_inside_the_log_even_when_they_coincide() -> None:
-    rows = [moment.row for moment in five_moments(run_with(roll_truth_rad=hump(4.0, 0.2)))]  # still growing at the end
+    rows = [
+        moment.row for moment in five_moments(run_with(roll_truth_rad=hump(4.0, 0.2)))
+    ]  # still growing at the end
     assert rows == sorted(set(rows))
     assert rows[-1] <= times().size - 1
 

@@ -53,12 +53,14 @@ def test_log_has_a_row_per_period_and_the_state_of_its_instant(swings: dict, nam
     last = log.table.iloc[-1]
     q, v = plant.GetPositions(context), plant.GetVelocities(context)
     # The row of the end stands a few nanoseconds before it.
-    assert [last["plant_position_cart_pole_slide_x"], last["plant_position_cart_pole_swing_q"]] == pytest.approx(
-        q, abs=1e-7
-    )
-    assert [last["plant_velocity_cart_pole_slide_v"], last["plant_velocity_cart_pole_swing_w"]] == pytest.approx(
-        v, abs=1e-6
-    )
+    assert [
+        last["plant_position_cart_pole_slide_x"],
+        last["plant_position_cart_pole_swing_q"],
+    ] == pytest.approx(q, abs=1e-7)
+    assert [
+        last["plant_velocity_cart_pole_slide_v"],
+        last["plant_velocity_cart_pole_swing_w"],
+    ] == pytest.approx(v, abs=1e-6)
     first = log.table.iloc[0]
     assert first["tilt_truth_rad"] == pytest.approx(1.0)
     assert first["plant_position_cart_pole_swing_q"] == 1.0
@@ -66,14 +68,20 @@ def test_log_has_a_row_per_period_and_the_state_of_its_instant(swings: dict, nam
 
 @pytest.mark.parametrize("name", STEPS)
 def test_force_of_the_log_is_that_of_the_plate_in_its_wind(swings: dict, name: str) -> None:
-    """At the start only the wind blows: 1/2 rho A C_N |v_p| v_n along the normal, which is 1 rad from the wind."""
+    """At the start only the wind blows: 1/2 rho A C_N |v_p| v_n along the normal, which is 1 rad
+    from the wind.
+    """
     log, *_ = swings[name]
     normal = np.array([np.cos(1.0), 0.0, -np.sin(1.0)])
-    speed = 2.0 * np.cos(1.0)  # without the part along the axis; the wind lies in the plane of axis and normal
+    speed = 2.0 * np.cos(
+        1.0
+    )  # without the part along the axis; the wind lies in the plane of axis and normal
     expected = 0.5 * 1.225 * 0.12 * 1.2 * speed * speed * normal
     assert log.vector("tail_force_pole", "truth_n")[0] == pytest.approx(expected)
     assert log.vector("wind", "truth_m_per_s")[0] == pytest.approx([2.0, 0.0, 0.0])
-    sections = [log.signal(f"tail_force_pole_section_{index}_force_n") for index in range(PLATE.number)]
+    sections = [
+        log.signal(f"tail_force_pole_section_{index}_force_n") for index in range(PLATE.number)
+    ]
     assert sum(sections)[0] == pytest.approx(np.linalg.norm(expected))
 
 
@@ -83,7 +91,9 @@ def test_arrow_acts_on_the_plate_also_of_a_plant_below_the_floor(swings: dict) -
     (arrow,) = force_arrows(logged)
     (air,) = logged.air
     from_pivot = np.linalg.norm(arrow.points - air.root, axis=1)
-    assert from_pivot[0] == pytest.approx(0.5 * (PLATE.start + PLATE.end))  # at rest in an even wind: the middle
+    assert from_pivot[0] == pytest.approx(
+        0.5 * (PLATE.start + PLATE.end)
+    )  # at rest in an even wind: the middle
     assert from_pivot.max() <= PLATE.end
     assert arrow.lengths == pytest.approx(0.1 * log.vector("tail_force_pole", "truth_n"))
     assert logged.tips["tail_force_pole"][:, 2].min() == pytest.approx(logged.floor, abs=0.05)
@@ -108,14 +118,20 @@ def test_metrics_are_those_of_the_motion(swings: dict) -> None:
     log, *_ = swings["continuous"]
     row = plant_metrics(log)
     assert row["duration_s"] == pytest.approx(0.5)
-    assert row["tail_force_pole_max_n"] == np.linalg.norm(log.vector("tail_force_pole", "truth_n"), axis=1).max()
+    assert (
+        row["tail_force_pole_max_n"]
+        == np.linalg.norm(log.vector("tail_force_pole", "truth_n"), axis=1).max()
+    )
     assert row["max_tilt_rad"] == log.signal("tilt_truth_rad").max()
     assert row["tail_force_pole_sections_outside_measured_range"] == 0.0
     assert row["outcome"] == plant_outcome(log).result  # type: ignore[union-attr]
 
 
 def test_turn_metrics_of_another_plant_are_refused_in_one_line(swings: dict) -> None:
-    with pytest.raises(LogError, match=r"continuous.parquet: a turn and its metrics need a run of the car; plant_met"):
+    with pytest.raises(
+        LogError,
+        match=r"continuous.parquet: a turn and its metrics need a run of the car; plant_met",
+    ):
         metrics_of(swings["continuous"][0])
 
 
@@ -139,26 +155,36 @@ def test_outcome_is_that_of_a_base_that_starts_upright() -> None:
 def test_strips_of_equal_runs_are_equal(swings: dict, tmp_path: Path) -> None:
     again, *_ = observed_swing(0.002)
     assert signals_equal(again, swings["discrete"][0])
-    first, second = (write_strip(log, tmp_path / f"{n}.png") for n, log in enumerate((again, swings["discrete"][0])))
+    first, second = (
+        write_strip(log, tmp_path / f"{n}.png")
+        for n, log in enumerate((again, swings["discrete"][0]))
+    )
     assert first.read_bytes() == second.read_bytes()
 
 
 def test_settings_are_what_a_comparison_names(swings: dict) -> None:
     from aerodima.workbench.report.replay_page import scenario_differences
 
-    runs = [observed_swing(0.002, settings={"plate": {"width_m": width}})[0] for width in (0.1, 0.2)]
+    runs = [
+        observed_swing(0.002, settings={"plate": {"width_m": width}})[0] for width in (0.1, 0.2)
+    ]
     assert scenario_differences(runs) == {"plate.width_m": [0.1, 0.2]}
 
 
 def test_car_and_another_plant_are_not_compared(swings: dict, tailless: RunLog) -> None:
-    with pytest.raises(LogError, match=r"continuous\.parquet is a run of another plant than the car"):
+    with pytest.raises(
+        LogError, match=r"continuous\.parquet is a run of another plant than the car"
+    ):
         plot_overlay([tailless, swings["continuous"][0]], ["car", "cart"])
 
 
 def test_further_signals_have_columns_of_their_own() -> None:
     builder = DiagramBuilder()
     plant = add_cart_pole(builder, 0.01)
-    ports = {"reaction_time": plant.get_state_output_port(), "wind_x": builder.GetSubsystemByName("wind")}
+    ports = {
+        "reaction_time": plant.get_state_output_port(),
+        "wind_x": builder.GetSubsystemByName("wind"),
+    }
     ports["wind_x"] = ports["wind_x"].GetOutputPort("wind_velocity")
     with observe(builder, plant, signals=ports, rate=50.0) as run:
         Simulator(builder.Build()).AdvanceTo(0.1)
@@ -170,7 +196,9 @@ def test_further_signals_have_columns_of_their_own() -> None:
 def test_station_of_a_car_in_a_builder_of_ones_own_gives_the_log_of_a_car(tailed: RunLog) -> None:
     scenario = scenario_from_dict(tailed.scenario)
     car = assemble(scenario)
-    with observe(car.builder, car.station, rate=scenario.simulation.log_rate, settings=scenario) as run:
+    with observe(
+        car.builder, car.station, rate=scenario.simulation.log_rate, settings=scenario
+    ) as run:
         Simulator(car.builder.Build()).AdvanceTo(tailed.time[-1])
     assert run.log.kind == "car_run"
     assert signals_equal(run.log, replace(tailed, table=tailed.table))
@@ -187,7 +215,9 @@ def test_station_without_a_scenario_gives_the_log_of_a_plant(tailed: RunLog) -> 
     for axis in "xyz":
         expected = rows[f"tail_force_{axis}_truth_n"].to_numpy()
         assert log.signal(f"{tail['name']}_{axis}_truth_n") == pytest.approx(expected, abs=1e-9)
-        assert log.signal(f"com_{axis}_truth_m") == pytest.approx(rows[f"com_{axis}_truth_m"].to_numpy(), abs=1e-9)
+        assert log.signal(f"com_{axis}_truth_m") == pytest.approx(
+            rows[f"com_{axis}_truth_m"].to_numpy(), abs=1e-9
+        )
     assert plant_outcome(log).result == "survived"  # type: ignore[union-attr]
     arrows = {arrow.name for arrow in force_arrows(add_logged_run(DiagramBuilder(), log))}
     assert arrows == {
@@ -197,13 +227,19 @@ def test_station_without_a_scenario_gives_the_log_of_a_plant(tailed: RunLog) -> 
 
 
 def test_impulse_of_the_logged_air_is_the_change_of_momentum() -> None:
-    """Of a trunk in the air whose tail turns: the motor's torque is internal, only the air changes the momentum."""
+    """Of a trunk in the air whose tail turns: the motor's torque is internal, only the air changes
+    the momentum.
+    """
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(0.0))
     plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
     trunk = plant.AddRigidBody("trunk", SpatialInertia.SolidBoxWithMass(2.0, 0.4, 0.2, 0.1))
-    tail = plant.AddRigidBody("tail", SpatialInertia.SolidBoxWithMass(0.1, 0.05, 0.01, 0.5).Shift([0.0, 0.0, -0.25]))
-    plant.AddJoint(RevoluteJoint("tail_roll", trunk.body_frame(), tail.body_frame(), [1.0, 0.0, 0.0]))
+    tail = plant.AddRigidBody(
+        "tail", SpatialInertia.SolidBoxWithMass(0.1, 0.05, 0.01, 0.5).Shift([0.0, 0.0, -0.25])
+    )
+    plant.AddJoint(
+        RevoluteJoint("tail_roll", trunk.body_frame(), tail.body_frame(), [1.0, 0.0, 0.0])
+    )
     plant.Finalize()
     sail = SectionLayout.strip(start=0.2, length=0.3, width=0.2, normal_B=(0.0, 1.0, 0.0))
     add_tail_force(builder, plant, "tail", sail, 1.2)
@@ -216,7 +252,9 @@ def test_impulse_of_the_logged_air_is_the_change_of_momentum() -> None:
         simulator.AdvanceTo(0.2)
     change = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3)).get_coeffs() - before
     columns = [("tail_force_tail_moment", "truth_n_m"), ("tail_force_tail", "truth_n")]
-    impulse = np.hstack([trapezoid(run.log.vector(*names), run.log.time, axis=0) for names in columns])
+    impulse = np.hstack(
+        [trapezoid(run.log.vector(*names), run.log.time, axis=0) for names in columns]
+    )
     assert np.linalg.norm(change[:3]) > 0.05
     # The trapezium rule at 0.5 ms on forces that change within 50 ms errs by some 1e-5 of them.
     assert impulse == pytest.approx(change, abs=2e-5)
@@ -263,7 +301,10 @@ def test_run_that_dies_leaves_a_journal(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"base": "chassis"}, r"observe: the plant has no body named 'chassis' \(bodies: world, cart, pole\)"),
+        (
+            {"base": "chassis"},
+            r"observe: the plant has no body named 'chassis' \(bodies: world, cart, pole\)",
+        ),
         ({"rate": 0.0}, "observe: rate is 0, but it must be a finite number above 0"),
         ({"rate": float("nan")}, "observe: rate is nan"),
         ({"air_scale": -1.0}, "observe: air_scale is -1, but"),
@@ -286,7 +327,11 @@ def test_wrong_plants_and_signals_are_refused_in_one_line() -> None:
         observe(builder, plant, signals={"state": cart_pole()[1].get_state_output_port()})
     builder, plant = cart_pole()
     with pytest.raises(UserError, match=r"column\(s\) named twice: time_s"):
-        observe(builder, plant, signals={"time_s": builder.AddSystem(ConstantVectorSource([1.0])).get_output_port()})
+        observe(
+            builder,
+            plant,
+            signals={"time_s": builder.AddSystem(ConstantVectorSource([1.0])).get_output_port()},
+        )
     builder, plant = cart_pole()
     with pytest.raises(UserError, match="metadata cannot be written as JSON"):
         observe(builder, plant, settings={"width_m": np.zeros(2)})
@@ -309,7 +354,9 @@ def test_plant_without_shapes_is_logged_and_not_replayed() -> None:
     plant.Finalize()
     with observe(builder, plant) as run:
         Simulator(builder.Build()).AdvanceTo(0.1)
-    assert run.log.vector("com", "truth_m")[-1, 2] == pytest.approx(-0.5 * 9.81 * 0.1**2, rel=0.11)  # one Euler step
+    assert run.log.vector("com", "truth_m")[-1, 2] == pytest.approx(
+        -0.5 * 9.81 * 0.1**2, rel=0.11
+    )  # one Euler step
     with pytest.raises(LogError, match="has no shapes to be drawn"):
         add_logged_run(DiagramBuilder(), run.log)
 

@@ -1,4 +1,6 @@
-"""The camera sees left on the left, up above; the robot stands on its floor, and its shadow lies away from the sun."""
+"""The camera sees left on the left, up above; the robot stands on its floor, and its shadow lies
+away from the sun.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +24,17 @@ from aerodima.workbench.replay.offscreen import Camera, OffscreenRun, check_rend
 
 def along_x(height: float = 2.0, target: float = 2.0) -> Camera:
     """Looks along x from 4 m behind the origin."""
-    return Camera(np.array([-4.0, 0.0, height]), np.array([0.0, 0.0, target]), 100.0, width=120, height=100)
+    return Camera(
+        np.array([-4.0, 0.0, height]), np.array([0.0, 0.0, target]), 100.0, width=120, height=100
+    )
 
 
 def test_point_ahead_is_in_the_middle_left_is_left_and_up_is_up() -> None:
     column, row, inverse_depth = along_x().project(np.array([0.0, 0.0, 2.0]))
     assert (column, row, inverse_depth) == pytest.approx((60.0, 50.0, 0.25))
-    column, row, _ = along_x().project(np.array([0.0, 1.0, 2.4]))  # 1 m to the left, 0.4 m up, 4 m away
+    column, row, _ = along_x().project(
+        np.array([0.0, 1.0, 2.4])
+    )  # 1 m to the left, 0.4 m up, 4 m away
     assert (column, row) == pytest.approx((60.0 - 25.0, 50.0 - 10.0))
 
 
@@ -48,7 +54,9 @@ def plate_above_the_floor(low: float) -> RunLog:
     plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
     plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
     body = plant.AddRigidBody("plate", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
-    plant.RegisterVisualGeometry(body, RigidTransform(), Box(0.6, 0.6, 0.01), "plate", np.array([1.0, 0.0, 0.0, 1.0]))
+    plant.RegisterVisualGeometry(
+        body, RigidTransform(), Box(0.6, 0.6, 0.01), "plate", np.array([1.0, 0.0, 0.0, 1.0])
+    )
     plant.Finalize()
     with observe(builder, plant, rate=10.0) as run:
         simulator = Simulator(builder.Build())
@@ -67,7 +75,9 @@ def test_robot_stands_where_it_is_and_its_shadow_away_from_the_sun(low: float) -
     pixels = np.asarray(shown.picture(1, camera)).astype(float)
     red = pixels[..., 0] > pixels[..., 1] + 60.0
     rows, columns = np.nonzero(red)
-    assert (columns.mean() + 0.5, rows.mean() + 0.5) == pytest.approx(camera.project(np.array([0, 0, low]))[:2], abs=1)
+    assert (columns.mean() + 0.5, rows.mean() + 0.5) == pytest.approx(
+        camera.project(np.array([0, 0, low]))[:2], abs=1
+    )
     empty = 255.0 * floor_picture(camera, shown.logged.floor)[0]
     darker = (pixels.sum(axis=-1) < 0.85 * empty.sum(axis=-1)) & ~red
     if low < 0.0:  # it lies on its floor
@@ -94,7 +104,9 @@ def without_driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.mark.usefixtures("without_driver")
 def test_missing_renderer_is_one_line(tailed: RunLog) -> None:
-    with pytest.raises(UserError, match=r"no off-screen renderer: .* install .*, or use `aerodima replay --html`"):
+    with pytest.raises(
+        UserError, match=r"no off-screen renderer: .* install .*, or use `aerodima replay --html`"
+    ):
         check_renderer()
     with pytest.raises(UserError, match="no off-screen renderer"):
         OffscreenRun(tailed)

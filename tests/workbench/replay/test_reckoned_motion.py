@@ -25,14 +25,23 @@ SPEED, YAW_RATE = 3.0, 1.5
 
 def circle(scenario: str = "turn_held", **signals: object) -> RunLog:
     """A car that drives a circle to the left at 3 m/s and 1.5 rad/s, heading 0.7 rad at first."""
-    columns = {"time_s": TIMES, "speed_m_per_s": SPEED, "imu_yaw_rad": 0.7 + YAW_RATE * TIMES, **signals}
+    columns = {
+        "time_s": TIMES,
+        "speed_m_per_s": SPEED,
+        "imu_yaw_rad": 0.7 + YAW_RATE * TIMES,
+        **signals,
+    }
     table = pd.DataFrame({name: values for name, values in columns.items() if values is not None})
     resolved = load_scenario(scenario).model_dump(mode="json", by_alias=True)
-    return run_log_from_metadata(table, run_metadata(resolved, 0, kind="car_log"), source="car.parquet")
+    return run_log_from_metadata(
+        table, run_metadata(resolved, 0, kind="car_log"), source="car.parquet"
+    )
 
 
 def test_a_circle_is_driven_with_the_radius_of_speed_over_yaw_rate() -> None:
-    """Radius 2 m, centre to the left of the start; the path begins along x whatever the compass says."""
+    """Radius 2 m, centre to the left of the start; the path begins along x whatever the compass
+    says.
+    """
     run_log = replayable(circle())
     path = run_log.vector("position", "truth_m")
     radius = np.hypot(path[:, 0], path[:, 1] - SPEED / YAW_RATE)
@@ -48,8 +57,12 @@ def test_without_a_heading_the_yaw_rate_is_integrated() -> None:
 
 
 def test_the_plant_takes_the_reckoned_pose_and_joints() -> None:
-    """Rolled 0.3 rad to the right, the car stands on its right wheels; the tail lies where it was logged."""
-    run_log = replayable(circle(imu_roll_rad=0.3, tail_roll_angle_rad=0.5 * TIMES, tail_pitch_angle_rad=0.1))
+    """Rolled 0.3 rad to the right, the car stands on its right wheels; the tail lies where it was
+    logged.
+    """
+    run_log = replayable(
+        circle(imu_roll_rad=0.3, tail_roll_angle_rad=0.5 * TIMES, tail_pitch_angle_rad=0.1)
+    )
     logged = add_logged_run(DiagramBuilder(), run_log)
     plant = logged.plant
     context = plant.CreateDefaultContext()
@@ -83,12 +96,18 @@ def test_a_simulated_run_is_left_as_it_is(tailed: RunLog) -> None:
 
 
 def test_what_a_replay_needs_is_named() -> None:
-    with pytest.raises(LogError, match=r"car\.parquet: a replay needs columns .* or speed_m_per_s with imu_yaw_rad"):
+    with pytest.raises(
+        LogError, match=r"car\.parquet: a replay needs columns .* or speed_m_per_s with imu_yaw_rad"
+    ):
         replayable(circle(imu_yaw_rad=None))
     with pytest.raises(LogError, match=r"car\.parquet: a replay needs the car's scenario"):
         replayable(dataclasses.replace(circle(), scenario={"name": 3}))
-    with pytest.raises(LogError, match=r"car\.parquet: a replay needs the car's scenario, and the log has none"):
+    with pytest.raises(
+        LogError, match=r"car\.parquet: a replay needs the car's scenario, and the log has none"
+    ):
         replayable(dataclasses.replace(circle(), scenario={}))
     lost = np.where(TIMES > 1.0, np.nan, SPEED)
-    with pytest.raises(LogError, match=r"column 'speed_m_per_s': 200 sample\(s\) not finite, first nan at 1\.01 s"):
+    with pytest.raises(
+        LogError, match=r"column 'speed_m_per_s': 200 sample\(s\) not finite, first nan at 1\.01 s"
+    ):
         replayable(circle(speed_m_per_s=lost))

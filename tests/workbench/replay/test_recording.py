@@ -1,4 +1,6 @@
-"""What is recorded: frames, arrows whose points are where the forces say, a world that moves under the camera."""
+"""What is recorded: frames, arrows whose points are where the forces say, a world that moves under
+the camera.
+"""
 
 from __future__ import annotations
 
@@ -76,7 +78,9 @@ def test_rate_out_of_range_is_refused(tailed: RunLog, rate: float) -> None:
         record_run(tailed, None, rate)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("direction", [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, 0.0, 0.8], [0.0, -0.8, -0.6]])
+@pytest.mark.parametrize(
+    "direction", [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, 0.0, 0.8], [0.0, -0.8, -0.6]]
+)
 def test_shortest_turn_takes_z_to_the_direction(direction: list[float]) -> None:
     assert shortest_turn(np.array(direction)).matrix()[:, 2] == pytest.approx(np.array(direction))
 
@@ -91,7 +95,10 @@ def test_point_of_an_arrow_is_force_times_scale_from_its_foot() -> None:
     for frame in (0, 2):
         X_WA = tracks.transforms[path][frame]
         shaft = tracks.properties[f"{path}/shaft", "scale"][frame][2]
-        X_AH, X_AS = tracks.transforms[f"{path}/head"][frame], tracks.transforms[f"{path}/shaft"][frame]
+        X_AH, X_AS = (
+            tracks.transforms[f"{path}/head"][frame],
+            tracks.transforms[f"{path}/shaft"][frame],
+        )
         assert X_WA.multiply(X_AH.translation()) == pytest.approx(points[frame] + lengths[frame])
         foot = X_WA.multiply(X_AS.multiply(np.array([0.0, 0.0, -shaft / 2])))
         assert foot == pytest.approx(points[frame], abs=1e-12)

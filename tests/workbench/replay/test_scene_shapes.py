@@ -1,4 +1,6 @@
-"""Shapes of a plant go into a log as plain data and come back with the same extent, place and colour."""
+"""Shapes of a plant go into a log as plain data and come back with the same extent, place and
+colour.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Mesh, Shape, Sphere
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Convex,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
+    Mesh,
+    Shape,
+    Sphere,
+)
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import SpatialInertia
@@ -31,7 +43,9 @@ def scene_with(shape: Shape) -> list[dict[str, Any]]:
 
 
 def corners(scene: list[dict[str, Any]]) -> np.ndarray:
-    """Points in the shape's own frame (n, 3) of the scene put into another plant; the colours are still those."""
+    """Points in the shape's own frame (n, 3) of the scene put into another plant; the colours are
+    still those.
+    """
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
     assert add_shapes(plant, scene, "log") == ["thing"]
@@ -50,11 +64,17 @@ def corners(scene: list[dict[str, Any]]) -> np.ndarray:
         (Ellipsoid(0.1, 0.2, 0.3), (0.2, 0.4, 0.6)),
         (Sphere(0.4), (0.8, 0.8, 0.8)),
         (Capsule(0.1, 0.5), (0.2, 0.2, 0.7)),
-        (Convex(points=np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.1]]).T, label="wedge"), (0.3, 0.2, 0.1)),
+        (
+            Convex(
+                points=np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.1]]).T, label="wedge"
+            ),
+            (0.3, 0.2, 0.1),
+        ),
     ],
 )
 def test_shape_comes_back_with_its_extent_and_colour(shape: Shape, size: tuple) -> None:
-    # Of a round shape 200 points stand for the whole: a fifteenth of a radian apart, so up to 1 % too small.
+    # Of a round shape 200 points stand for the whole: a fifteenth of a radian apart, so up to 1 %
+    # too small.
     assert np.ptp(corners(scene_with(shape)), axis=0) == pytest.approx(np.array(size), rel=0.01)
 
 
@@ -76,7 +96,8 @@ def test_hull_of_many_points_is_thinned_out_and_keeps_its_extent() -> None:
     scene = scene_with(Convex(points=ball, label="ball"))
     assert 100 < len(scene[0]["size"]) <= MOST_POINTS
     points = corners(scene)
-    # Directions that are 0.25 rad apart: the farthest corner along an axis is within 1 - cos(0.25) = 3 %.
+    # Directions that are 0.25 rad apart: the farthest corner along an axis is within 1 - cos(0.25)
+    # = 3 %.
     assert np.ptp(points, axis=0) == pytest.approx(np.ones(3), abs=0.03)
 
 
@@ -90,19 +111,29 @@ def test_wheels_turn_about_y_and_the_resting_tail_points_inside(tailed: RunLog) 
     shapes = shapes_of(plant, logged.scene_graph)
     wheel = [points_of(shape) for shape in shapes if shape["body"] == "front_left_wheel"]
     tread = max((np.ptp(points, axis=0) for points in wheel), key=lambda extent: extent[0])
-    assert tread == pytest.approx([2 * car["tyre_radius"], car["tyre_width"], 2 * car["tyre_radius"]], rel=0.01)
+    assert tread == pytest.approx(
+        [2 * car["tyre_radius"], car["tyre_width"], 2 * car["tyre_radius"]], rel=0.01
+    )
     context = plant.CreateDefaultContext()
     logged.move(context, 0)
     sideways = [
-        plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(shape["body"])).multiply(points_of(shape).T)[1]
+        plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(shape["body"])).multiply(
+            points_of(shape).T
+        )[1]
         for shape in shapes
         if shape["body"] in ("tail_sail", "tail_rod")
     ]
-    assert max(map(np.max, sideways)) == pytest.approx(tail["length"], abs=0.01)  # left, inside of a left turn
+    assert max(map(np.max, sideways)) == pytest.approx(
+        tail["length"], abs=0.01
+    )  # left, inside of a left turn
     assert min(map(np.min, sideways)) > -0.02
 
 
 def test_colours_are_those_of_the_model(tailed: RunLog) -> None:
     logged = add_logged_run(DiagramBuilder(), tailed)
-    sail, _board = [shape for shape in shapes_of(logged.plant, logged.scene_graph) if shape["body"] == "tail_sail"]
+    sail, _board = [
+        shape
+        for shape in shapes_of(logged.plant, logged.scene_graph)
+        if shape["body"] == "tail_sail"
+    ]
     assert sail["colour"] == pytest.approx((0.93, 0.74, 0.18))

@@ -46,7 +46,9 @@ def test_labels_tell_time_speed_roll_and_outcome(tailless: RunLog) -> None:
     assert len(under) == 5
     assert len(figure.axes) == 5
     assert all("roll \u22122.0°" in text for text in under)
-    speed = float(np.hypot(*(tailless.signal(f"velocity_{axis}_truth_m_per_s")[-1] for axis in "xy")))
+    speed = float(
+        np.hypot(*(tailless.signal(f"velocity_{axis}_truth_m_per_s")[-1] for axis in "xy"))
+    )
     assert f"t = {tailless.time[-1]:.2f} s    {speed:.2f} m/s" in under[-1]
     assert "survived, clean" in texts
     assert any("1.00 m/s (3.6 km/h), no tail" in text for text in texts)
@@ -56,7 +58,9 @@ def test_car_fits_into_every_picture(tailed: RunLog) -> None:
     for axes in strip_figure(tailed).axes:
         pixels = np.asarray(axes.images[0].get_array()).astype(int)
         assert pixels.shape == (FRAME[1], FRAME[0], 3)
-        yellow = (pixels[..., 0] > 120) & (pixels[..., 2] < 0.5 * pixels[..., 1]) & (pixels[..., 1] > 80)
+        yellow = (
+            (pixels[..., 0] > 120) & (pixels[..., 2] < 0.5 * pixels[..., 1]) & (pixels[..., 1] > 80)
+        )
         edge = np.concatenate([yellow[0], yellow[-1], yellow[:, 0], yellow[:, -1]])
         assert yellow.any()
         assert not edge.any()
@@ -81,9 +85,12 @@ def green_rows(run_log: RunLog) -> list[int]:
 
 
 def test_arrow_of_a_heavily_loaded_wheel_is_drawn_whole(tailless: RunLog) -> None:
-    """At 37 N, as of the outer wheels of a car that tips, it is as much longer as the force is than at 15 N."""
+    """At 37 N, as of the outer wheels of a car that tips, it is as much longer as the force is than
+    at 15 N.
+    """
     light, heavy = (np.array(green_rows(loaded(tailless, force))) for force in (15.0, 37.0))
-    # The camera looks down, so that the point of the longer arrow is nearer to it and seen a little larger.
+    # The camera looks down, so that the point of the longer arrow is nearer to it and seen a little
+    # larger.
     assert heavy / light == pytest.approx(np.full(5, 37.0 / 15.0), rel=0.25)
     assert np.all(heavy < FRAME[1])
 

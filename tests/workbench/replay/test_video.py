@@ -1,4 +1,6 @@
-"""Videos: what is on the frames, several runs in step, and what is told when an encoder is missing."""
+"""Videos: what is on the frames, several runs in step, and what is told when an encoder is
+missing.
+"""
 
 from __future__ import annotations
 
@@ -80,7 +82,9 @@ def test_runs_of_different_step_show_the_same_moment(brief: dict[str, RunLog]) -
 
 
 @pytest.mark.usefixtures("renderer")
-@pytest.mark.parametrize(("result", "colour"), [("survived", (20, 113, 58)), ("flipped", (179, 38, 30))])
+@pytest.mark.parametrize(
+    ("result", "colour"), [("survived", (20, 113, 58)), ("flipped", (179, 38, 30))]
+)
 def test_outcome_stands_above_the_picture_in_its_colour(
     short_runs: dict[str, RunLog], result: str, colour: tuple[int, int, int]
 ) -> None:
@@ -94,7 +98,9 @@ def test_outcome_stands_above_the_picture_in_its_colour(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("renderer")
-@pytest.mark.parametrize(("ending", "rate", "frames"), [("gif", 1.0, 6), ("webp", 1.0, 6), ("webp", 0.5, 11)])
+@pytest.mark.parametrize(
+    ("ending", "rate", "frames"), [("gif", 1.0, 6), ("webp", 1.0, 6), ("webp", 0.5, 11)]
+)
 def test_file_has_every_frame_and_rests_at_the_end(
     brief: dict[str, RunLog], tmp_path: Path, ending: str, rate: float, frames: int
 ) -> None:
@@ -120,7 +126,9 @@ def test_file_has_every_frame_and_rests_at_the_end(
 
 @pytest.mark.usefixtures("renderer")
 def test_mp4_has_every_frame(brief: dict[str, RunLog], tmp_path: Path) -> None:
-    ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg (the extra `video`) is not installed")
+    ffmpeg = pytest.importorskip(
+        "imageio_ffmpeg", reason="imageio-ffmpeg (the extra `video`) is not installed"
+    )
     path = write_video({"run": brief["tailed"]}, tmp_path / "run.mp4")
     frames, seconds = ffmpeg.count_frames_and_secs(str(path))
     assert frames == 6 + REST
@@ -128,10 +136,13 @@ def test_mp4_has_every_frame(brief: dict[str, RunLog], tmp_path: Path) -> None:
     assert [other.name for other in tmp_path.iterdir()] == ["run.mp4"]
 
 
-def test_missing_encoder_is_one_line(brief: dict[str, RunLog], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_encoder_is_one_line(
+    brief: dict[str, RunLog], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(video, "find_spec", lambda name: None)
     with pytest.raises(
-        UserError, match=r"no encoder for MP4; install it with `pip install 'aerodima-workbench\[video]'"
+        UserError,
+        match=r"no encoder for MP4; install it with `pip install 'aerodima-workbench\[video]'",
     ):
         write_video({"run": brief["tailed"]}, tmp_path / "run.mp4")
     assert list(tmp_path.iterdir()) == []
@@ -150,7 +161,9 @@ def test_wrong_number_ending_or_rate(
     brief: dict[str, RunLog], tmp_path: Path, number: int, name: str, rate: float, message: str
 ) -> None:
     with pytest.raises(UserError, match=message):
-        write_video({str(place): brief["tailed"] for place in range(number)}, tmp_path / name, rate=rate)
+        write_video(
+            {str(place): brief["tailed"] for place in range(number)}, tmp_path / name, rate=rate
+        )
 
 
 def test_video_of_many_minutes_is_refused(brief: dict[str, RunLog]) -> None:

@@ -35,14 +35,21 @@ def test_a_viewer_may_be_forgotten_while_another_thread_collects_garbage() -> No
 def test_a_process_whose_replays_were_made_in_another_thread_ends_in_order() -> None:
     """As a worker process of an engine, whose pieces run in a thread of their own."""
     make = "from aerodima.workbench.replay.viewer import open_meshcat"
-    code = f"{make}\nfrom threading import Thread\nthread = Thread(target=open_meshcat)\nthread.start()\nthread.join()"
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    code = (
+        f"{make}\nfrom threading import Thread\nthread = "
+        "Thread(target=open_meshcat)\nthread.start()\nthread.join()"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120
+    )
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
 def test_port_in_use_is_one_clear_error() -> None:
     first = open_meshcat()
-    with pytest.raises(UserError, match=rf"port {first.port()} of 127\.0\.0\.1 is in use; choose another --port"):
+    with pytest.raises(
+        UserError, match=rf"port {first.port()} of 127\.0\.0\.1 is in use; choose another --port"
+    ):
         open_meshcat(first.port())
 
 

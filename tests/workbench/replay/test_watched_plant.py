@@ -1,4 +1,6 @@
-"""What a viewer gets during a simulation: a world that moves under the camera, arrows with their points right."""
+"""What a viewer gets during a simulation: a world that moves under the camera, arrows with their
+points right.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""The demo: every number again from its logs, going on after Ctrl-C, and folders that are not its own."""
+"""The demo: every number again from its logs, going on after Ctrl-C, and folders that are not its
+own.
+"""
 
 import csv
 import math
@@ -72,7 +74,9 @@ def unfinished(out: Path) -> None:
 
 
 def test_everything_is_there_and_the_page_links_only_to_it(made: Made) -> None:
-    found = {path.relative_to(made.out).as_posix() for path in made.out.rglob("*") if path.is_file()}
+    found = {
+        path.relative_to(made.out).as_posix() for path in made.out.rglob("*") if path.is_file()
+    }
     assert found == {
         "index.html",
         "summary.csv",
@@ -88,7 +92,9 @@ def test_everything_is_there_and_the_page_links_only_to_it(made: Made) -> None:
 def test_ctrl_c_keeps_finished_runs_and_says_how_to_go_on(made: Made) -> None:
     (stopped,) = [line for line in made.messages if line.startswith("stopped")]
     assert "1 of 4 logs are kept; the same command goes on with the rest" in stopped
-    log = made.out / "logs" / "turn_swing_4.44.parquet"  # shown in full, so it is the first piece of work
+    log = (
+        made.out / "logs" / "turn_swing_4.44.parquet"
+    )  # shown in full, so it is the first piece of work
     assert log.stat().st_mtime_ns == made.first_log_when_interrupted
 
 
@@ -98,7 +104,9 @@ def test_summary_has_one_row_per_run_in_order(rows: dict[str, dict[str, str]]) -
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_metric_is_computed_again_from_the_log(made: Made, rows: dict[str, dict[str, str]], name: str) -> None:
+def test_every_metric_is_computed_again_from_the_log(
+    made: Made, rows: dict[str, dict[str, str]], name: str
+) -> None:
     row, log = rows[name], read_run_log(made.out / "logs" / f"turn_{name}.parquet")
     for column, value in metrics_of(log).as_row().items():
         expected = "" if value is None else str(value)
@@ -110,12 +118,17 @@ def test_every_metric_is_computed_again_from_the_log(made: Made, rows: dict[str,
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_figures_follow_from_the_columns_by_hand(made: Made, rows: dict[str, dict[str, str]], name: str) -> None:
-    # Straight from the table; of our metrics only when the car has settled. Window [2, 2.64] s of a left turn.
+def test_figures_follow_from_the_columns_by_hand(
+    made: Made, rows: dict[str, dict[str, str]], name: str
+) -> None:
+    # Straight from the table; of our metrics only when the car has settled. Window [2, 2.64] s of a
+    # left turn.
     table = read_run_log(made.out / "logs" / f"turn_{name}.parquet").table
     window = table[(table.time_s > 2.0 - 1e-6) & (table.time_s < 2.64 + 1e-6)]
     after = table[table.time_s > 2.0 - 1e-6]
-    speed = math.hypot(window.velocity_x_truth_m_per_s.iloc[0], window.velocity_y_truth_m_per_s.iloc[0])
+    speed = math.hypot(
+        window.velocity_x_truth_m_per_s.iloc[0], window.velocity_y_truth_m_per_s.iloc[0]
+    )
     mean_yaw_rate = np.trapezoid(window.gyro_z_truth_rad_per_s, window.time_s) / 0.64
     expected = {
         "commanded_speed_m_per_s": (12.0 if name.endswith("3.33") else 16.0) / 3.6,
@@ -124,18 +137,22 @@ def test_figures_follow_from_the_columns_by_hand(made: Made, rows: dict[str, dic
         "average_yaw_rate_rad_per_s": mean_yaw_rate,
         "max_linear_acceleration_m_per_s2": window.acceleration_y_truth_m_per_s2.abs().max(),
         "average_kohut_deg_m_per_s2": speed * math.degrees(mean_yaw_rate),
-        "heading_change_rad": table.yaw_truth_rad.iloc[settled_row(table, 2.64) or -1] - after.yaw_truth_rad.iloc[0],
+        "heading_change_rad": table.yaw_truth_rad.iloc[settled_row(table, 2.64) or -1]
+        - after.yaw_truth_rad.iloc[0],
         "imu_peak_yaw_rate_rad_per_s": window.imu_gyro_z_rad_per_s.max(),
         "max_tilt_rad": table.tilt_truth_rad.max(),
     }
     for column, value in expected.items():
         assert float(rows[name][column]) == pytest.approx(value, rel=1e-9), column
     swinging = table.time_s[table.controller_state == 3]
-    assert rows[name]["swing_trigger_time_s"] == ("" if swinging.empty else repr(float(swinging.iloc[0])))
+    assert rows[name]["swing_trigger_time_s"] == (
+        "" if swinging.empty else repr(float(swinging.iloc[0]))
+    )
 
 
 def test_the_published_turn_ends_as_published(rows: dict[str, dict[str, str]]) -> None:
-    # Thesis 7.1: without tail 3.33 m/s is survived and 4.44 m/s is not; with the swinging tail both are.
+    # Thesis 7.1: without tail 3.33 m/s is survived and 4.44 m/s is not; with the swinging tail both
+    # are.
     outcomes = {name: row["outcome"] for name, row in rows.items()}
     assert outcomes["none_3.33"] == outcomes["swing_3.33"] == outcomes["swing_4.44"] == "survived"
     assert outcomes["none_4.44"] == "flipped"
@@ -158,10 +175,15 @@ def test_a_finished_demo_is_kept(made: Made) -> None:
     ("changed", "message"),
     [
         (DemoPlan(**(PLAN.__dict__ | {"seed": 2})), "of other parameters, settings or versions"),
-        (DemoPlan(**(PLAN.__dict__ | {"turns": (("none", 3.0),)})), "of other parameters, settings or versions"),
+        (
+            DemoPlan(**(PLAN.__dict__ | {"turns": (("none", 3.0),)})),
+            "of other parameters, settings or versions",
+        ),
     ],
 )
-def test_logs_of_another_demo_are_not_mixed_in(made: Made, tmp_path: Path, changed: DemoPlan, message: str) -> None:
+def test_logs_of_another_demo_are_not_mixed_in(
+    made: Made, tmp_path: Path, changed: DemoPlan, message: str
+) -> None:
     out = tmp_path / "out"
     shutil.copytree(made.out, out)
     unfinished(out)
@@ -174,7 +196,9 @@ def test_a_damaged_log_is_named(made: Made, tmp_path: Path) -> None:
     shutil.copytree(made.out, out)
     unfinished(out)
     (out / "logs" / "turn_none_3.33.parquet").write_bytes(b"PAR1")
-    with pytest.raises(UserError, match=r"turn_none_3\.33\.parquet: cut off.*--force makes it again"):
+    with pytest.raises(
+        UserError, match=r"turn_none_3\.33\.parquet: cut off.*--force makes it again"
+    ):
         make_demo(out, PLAN, workers=1)
 
 
@@ -227,15 +251,20 @@ def test_wrong_input_is_one_line_and_changes_nothing(
 
 
 def test_the_plan_of_the_command_has_both_sides_of_the_published_flips() -> None:
-    # Thesis 7.1, speeds in whole km/h (ERRATA E37): without tail 3.33 and 3.61 m/s, swung 4.44 and 4.72 m/s.
+    # Thesis 7.1, speeds in whole km/h (ERRATA E37): without tail 3.33 and 3.61 m/s, swung 4.44 and
+    # 4.72 m/s.
     everything = demo_runs(Path("out"), DemoPlan())
     first = [run for run in everything if run.opening]
     assert len({run.log.stem for run in first}) == len(load_shown_entry().candidates) == 4
     assert all(re.fullmatch(r"\w+", run.log.stem) for run in first)
-    assert len({str(run.scenario[section]) for run in first for section in ("car", "manoeuvre")}) == 2
+    assert (
+        len({str(run.scenario[section]) for run in first for section in ("car", "manoeuvre")}) == 2
+    )
     runs = [run for run in everything if not run.opening]
     brackets = {"none": flip_bracket("tailless"), "swing": flip_bracket("tailed")}
-    both = [(mode, speed) for mode, one in brackets.items() for speed in (one.survived, one.flipped)]
+    both = [
+        (mode, speed) for mode, one in brackets.items() for speed in (one.survived, one.flipped)
+    ]
     assert sorted(run.name for run in runs) == sorted(f"{mode}_{speed:.2f}" for mode, speed in both)
     assert {run.scenario["tail"]["name"] for run in runs} == {"built"}
     assert {run.name for run in runs if run.replay is not None} == {"none_3.61", "swing_4.44"}

@@ -1,4 +1,6 @@
-"""The entry speeds that the demo begins with: choice, suite and table go together, and what the page says."""
+"""The entry speeds that the demo begins with: choice, suite and table go together, and what the
+page says.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ def test_what_is_shown_is_what_the_suite_drives() -> None:
     (key,) = [key for key, one in MANOEUVRES.items() if one.name == CHOSEN.manoeuvre]
     (driven,) = manoeuvres([key], "designed")
     assert CHOSEN.scenario == driven.scenario
-    car = next(one for one in load_ensemble(CHOSEN.ensemble).split(1).test if one.name == CHOSEN.car)
+    car = next(
+        one for one in load_ensemble(CHOSEN.ensemble).split(1).test if one.name == CHOSEN.car
+    )
     ((_, floor),) = floors([car], [float(CHOSEN.floor.removeprefix("x "))])
     assert CHOSEN.floor == floor.name
     assert tuple(CHOSEN.settings) == (*driven.settings, *floor.settings, *step_settings(FINE_STEP))
@@ -53,21 +57,39 @@ def test_the_shipped_table_has_the_columns_of_a_climb_and_what_is_shown() -> Non
 
 
 def row(
-    candidate: str, speed: float | None, ended_by: str = "", ceiling: bool = False, floor: str = "x 1"
+    candidate: str,
+    speed: float | None,
+    ended_by: str = "",
+    ceiling: bool = False,
+    floor: str = "x 1",
 ) -> dict[str, Any]:
     place = {"manoeuvre": "turn", "candidate": candidate, "floor": floor}
     return place | {"entry_speed_m_per_s": speed, "ended_by": ended_by, "at_ceiling": ceiling}
 
 
-def test_medians_say_how_many_cars_and_what_a_ceiling_hides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = [row("b", speed, "two wheels") for speed in (3.0, 3.5, None)] + [row("b", 9.0, "error: NaN")]
+def test_medians_say_how_many_cars_and_what_a_ceiling_hides(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = [row("b", speed, "two wheels") for speed in (3.0, 3.5, None)] + [
+        row("b", 9.0, "error: NaN")
+    ]
     rows += [row("a", 3.0), row("a", 4.0, ceiling=True), row("none of it", None, "lateral")]
-    rows += [row("known", 3.0), row("known", 3.2), row("known", 5.0, ceiling=True), row("known", 1.0, floor="x 1.2")]
+    rows += [
+        row("known", 3.0),
+        row("known", 3.2),
+        row("known", 5.0, ceiling=True),
+        row("known", 1.0, floor="x 1.2"),
+    ]
     path = tmp_path / "entries.csv"
     pd.DataFrame(rows).to_csv(path, index=False)
     monkeypatch.setattr(chapter, "model_path", lambda _name: path)
     found = chapter.entry_medians("x 1")["turn"]
-    said = {"b": "3.25 (2 of 4)", "a": "≥ 3.50 (2 of 2)", "none of it": "none", "known": "3.20 (3 of 3)"}
+    said = {
+        "b": "3.25 (2 of 4)",
+        "a": "≥ 3.50 (2 of 2)",
+        "none of it": "none",
+        "known": "3.20 (3 of 3)",
+    }
     assert found.to_dict() == said
     assert list(found.index) == list(said), "in the order of the table"
 
@@ -75,11 +97,15 @@ def test_medians_say_how_many_cars_and_what_a_ceiling_hides(tmp_path: Path, monk
 def test_a_run_is_on_the_car_and_at_the_speed_that_are_named() -> None:
     first, *others = [CHOSEN.run(one) for one in CHOSEN.candidates]
     assert first.manoeuvre.speed == CHOSEN.speed_m_per_s
-    car = next(member for member in load_ensemble(CHOSEN.ensemble).members if member.name == CHOSEN.car)
+    car = next(
+        member for member in load_ensemble(CHOSEN.ensemble).members if member.name == CHOSEN.car
+    )
     own = (*car.settings_on(CHOSEN.scenario), *CHOSEN.settings)
     assert first.car == load_scenario(CHOSEN.scenario, own).car
     assert all((one.car, one.manoeuvre) == (first.car, first.manoeuvre) for one in others)
-    assert len({str((one.tail.mode, one.controller)) for one in (first, *others)}) == len(CHOSEN.candidates)
+    assert len({str((one.tail.mode, one.controller)) for one in (first, *others)}) == len(
+        CHOSEN.candidates
+    )
 
 
 @pytest.mark.slow
@@ -92,7 +118,9 @@ def test_chapter_has_the_replays_and_the_medians(standard_runs: dict[str, Any]) 
     assert [run["name"] for run in shown.parts[0].values["runs"]] == words
     assert [caption.split(":")[0] for caption in captions] == words
     assert ": rolls over (" in captions[1]
-    assert all("m/s² to the side" in caption for index, caption in enumerate(captions) if index != 1)
+    assert all(
+        "m/s² to the side" in caption for index, caption in enumerate(captions) if index != 1
+    )
     table = medians.parts[0]
     assert len(table.rows) == len(chapter.entry_medians(CHOSEN.floor))
     assert {one.words for one in CHOSEN.candidates} <= {cells[0] for cells in table.rows}

@@ -1,4 +1,6 @@
-"""What a notebook shows live: frames that a stored notebook replaces by their line, sliders that start as asked."""
+"""What a notebook shows live: frames that a stored notebook replaces by their line, sliders that
+start as asked.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def test_meshcat_stands_in_a_frame() -> None:
 def test_a_replay_stands_in_a_frame_whole_and_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
     page = '<p title="a & b">replay</p>'
     monkeypatch.setattr(replay_page, "replay_page", lambda run_log: page)
-    monkeypatch.setattr(captions, "caption_of", lambda run_log: SimpleNamespace(text="turn: survived"))
+    monkeypatch.setattr(
+        captions, "caption_of", lambda run_log: SimpleNamespace(text="turn: survived")
+    )
     frame = live_frame(object.__new__(RunLog))
     inside = frame._repr_html_().partition('srcdoc="')[2].partition('"')[0]
     assert html.unescape(inside) == page
@@ -44,7 +48,9 @@ def test_a_frame_that_nobody_could_see_is_refused(height: int) -> None:
 
 
 def test_what_cannot_be_shown_is_named() -> None:
-    with pytest.raises(UserError, match="live_frame: a str; allowed: a run log, or an open Meshcat"):
+    with pytest.raises(
+        UserError, match="live_frame: a str; allowed: a run log, or an open Meshcat"
+    ):
         live_frame("swing.parquet")  # type: ignore[arg-type]
 
 
@@ -54,11 +60,14 @@ def test_sliders_begin_where_they_are_told(monkeypatch: pytest.MonkeyPatch) -> N
     def slider(value: float, **settings: Any) -> dict[str, Any]:
         return {"value": value, **settings}
 
-    widgets = SimpleNamespace(FloatSlider=slider, interact=lambda function, **given: made.update(given))
+    widgets = SimpleNamespace(
+        FloatSlider=slider, interact=lambda function, **given: made.update(given)
+    )
     monkeypatch.setitem(sys.modules, "ipywidgets", widgets)
     sliders(print, friction=(0.5, 0.9, 0.6))
     assert made["friction"] == {
-        "value": 0.6, "min": 0.5, "max": 0.9, "step": pytest.approx(0.02), "continuous_update": False
+        "value": 0.6, "min": 0.5, "max": 0.9, "step": pytest.approx(0.02),
+        "continuous_update": False
     }  # fmt: skip
 
 
@@ -72,7 +81,9 @@ def test_without_ipywidgets_the_function_is_called_once_and_a_line_says_why(
     assert capsys.readouterr().out.count("\n") == 1
 
 
-@pytest.mark.parametrize("given", [(0.5, 0.9, 1.0), (0.9, 0.5, 0.6), (0.5, 0.5, 0.5), (0.5, 0.9, float("nan"))])
+@pytest.mark.parametrize(
+    "given", [(0.5, 0.9, 1.0), (0.9, 0.5, 0.6), (0.5, 0.5, 0.5), (0.5, 0.9, float("nan"))]
+)
 def test_a_start_outside_the_range_is_refused(given: tuple[float, float, float]) -> None:
     with pytest.raises(UserError, match=r"sliders: friction starts at .*; allowed:"):
         sliders(print, friction=given)

@@ -79,7 +79,11 @@ def test_outcome_says_what_the_anti_ramp_board_did(
 
 def test_title_tells_a_swing_from_a_file_from_the_published_one(tailless: RunLog) -> None:
     named = []
-    for tail, swing in (("swing", "none"), ("swing", "thesis_8_rad_per_s"), ("held", "thesis_8_rad_per_s")):
+    for tail, swing in (
+        ("swing", "none"),
+        ("swing", "thesis_8_rad_per_s"),
+        ("held", "thesis_8_rad_per_s"),
+    ):
         scenario = tailless.scenario | {"tail": {"mode": tail}, "controller": {"swing_file": swing}}
         named.append(caption_of(replace(tailless, scenario=scenario)).facts.split(", ")[-1])
     assert named == ["tail swings", "optimised swing", "tail held"]
@@ -111,11 +115,15 @@ def test_name_of_a_scenario_cannot_become_a_script(tailed: RunLog) -> None:
 
 
 @pytest.mark.parametrize("rate", [1.0, 0.5])
-def test_clock_of_the_page_runs_from_the_first_to_the_last_log_time(tailed: RunLog, rate: float) -> None:
+def test_clock_of_the_page_runs_from_the_first_to_the_last_log_time(
+    tailed: RunLog, rate: float
+) -> None:
     data = json.loads(re.search(r"const run = (\{.*?\});", replay_page(tailed, rate)).group(1))
     assert data["time"][0] == tailed.time[0]
     assert data["time"][-1] == pytest.approx(tailed.time[-1])
-    assert (len(data["time"]) - 1) / data["frames_per_second"] == pytest.approx(tailed.time[-1] / rate)
+    assert (len(data["time"]) - 1) / data["frames_per_second"] == pytest.approx(
+        tailed.time[-1] / rate
+    )
     speed, roll = (reading["values"] for reading in data["readings"])
     assert speed[-1] == pytest.approx(tailed.signal("velocity_x_truth_m_per_s")[-1], abs=0.02)
     assert roll[-1] == pytest.approx(np.degrees(tailed.signal("roll_truth_rad")[-1]), abs=0.005)
@@ -132,7 +140,9 @@ def test_existing_file_is_kept_unless_forced(tailed: RunLog, tmp_path: Path) -> 
     assert path.stat().st_size > 1e6
 
 
-def test_nothing_is_written_for_a_log_that_cannot_be_replayed(tailed: RunLog, tmp_path: Path) -> None:
+def test_nothing_is_written_for_a_log_that_cannot_be_replayed(
+    tailed: RunLog, tmp_path: Path
+) -> None:
     left_out = ("plant_position_", "speed_m_per_s")
     plain = tailed.table[[name for name in tailed.table.columns if not name.startswith(left_out)]]
     with pytest.raises(LogError):

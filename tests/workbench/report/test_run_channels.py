@@ -23,7 +23,9 @@ def unpacked(text: str) -> np.ndarray:
 def longer(run: RunLog, times: int) -> RunLog:
     """The run as if logged so many times as fast, each sample held."""
     table = run.table.loc[run.table.index.repeat(times)].reset_index(drop=True)
-    return replace(run, table=table.assign(time_s=np.linspace(run.time[0], run.time[-1], len(table))))
+    return replace(
+        run, table=table.assign(time_s=np.linspace(run.time[0], run.time[-1], len(table)))
+    )
 
 
 def test_every_channel_has_unit_and_meaning_of_the_column_table(tailed: RunLog) -> None:
@@ -39,7 +41,9 @@ def test_short_run_is_embedded_whole(tailed: RunLog) -> None:
     data = channels_of([tailed], ["run"])
     (gyro,) = [channel for channel in data["channels"] if channel["name"] == "imu_gyro_z_rad_per_s"]
     np.testing.assert_allclose(unpacked(data["runs"][0]["time"]), tailed.time, rtol=1e-6)
-    np.testing.assert_allclose(unpacked(gyro["values"][0]), tailed.signal("imu_gyro_z_rad_per_s"), rtol=1e-6)
+    np.testing.assert_allclose(
+        unpacked(gyro["values"][0]), tailed.signal("imu_gyro_z_rad_per_s"), rtol=1e-6
+    )
 
 
 def test_long_run_keeps_its_peaks_and_times_in_order(tailed: RunLog) -> None:
@@ -94,12 +98,17 @@ def test_runs_of_other_length_and_start_begin_at_zero(tailed: RunLog, tailless: 
 
 def test_many_runs_share_the_room_of_a_few(tailed: RunLog) -> None:
     run = longer(tailed, 20)
-    sizes = [unpacked(channels_of([run] * count, ["r"] * count)["runs"][0]["time"]).size for count in (1, 5, 20)]
+    sizes = [
+        unpacked(channels_of([run] * count, ["r"] * count)["runs"][0]["time"]).size
+        for count in (1, 5, 20)
+    ]
     assert sizes[0] == sizes[1] > 3 * sizes[2]
 
 
 def test_sensor_estimate_truth_and_the_wheels_are_of_one_family() -> None:
-    assert len({family(name) for name in ("imu_roll_rad", "roll_estimate_rad", "roll_truth_rad")}) == 1
+    assert (
+        len({family(name) for name in ("imu_roll_rad", "roll_estimate_rad", "roll_truth_rad")}) == 1
+    )
     assert family("wheel_force_front_left_z_truth_n") == family("wheel_force_rear_right_z_truth_n")
     assert family("tail_roll_angle_rad") != family("roll_truth_rad")
 
@@ -111,9 +120,12 @@ def test_plot_library_is_shipped_as_published_with_its_licence() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "unit"), [("spring_force_n", "N"), ("pump_rad_per_s", "rad/s"), ("knob", ""), ("hip_torque_n_m", "N m")]
+    ("name", "unit"),
+    [("spring_force_n", "N"), ("pump_rad_per_s", "rad/s"), ("knob", ""), ("hip_torque_n_m", "N m")],
 )
-def test_column_that_the_table_does_not_have_says_its_unit_itself(tailed: RunLog, name: str, unit: str) -> None:
+def test_column_that_the_table_does_not_have_says_its_unit_itself(
+    tailed: RunLog, name: str, unit: str
+) -> None:
     data = channels_of([replace(tailed, table=tailed.table.assign(**{name: tailed.time}))], ["run"])
     assert data["channels"][-1]["name"] == name
     assert data["channels"][-1]["unit"] == unit

@@ -13,10 +13,20 @@ LISTS = {
 }
 
 
-def motion_vector(X_WB: RigidTransform, V_WB: SpatialVelocity, A_WB: SpatialAcceleration, step: float) -> np.ndarray:
+def motion_vector(
+    X_WB: RigidTransform, V_WB: SpatialVelocity, A_WB: SpatialAcceleration, step: float
+) -> np.ndarray:
     """A vector of `CHASSIS_MOTION_SIZE` for a plant of this step, s."""
     before = V_WB.get_coeffs() - step * A_WB.get_coeffs()
-    return np.array([*X_WB.rotation().ToQuaternion().wxyz(), *X_WB.translation(), *V_WB.get_coeffs(), *before, 1.0])
+    return np.array(
+        [
+            *X_WB.rotation().ToQuaternion().wxyz(),
+            *X_WB.translation(),
+            *V_WB.get_coeffs(),
+            *before,
+            1.0,
+        ]
+    )
 
 
 class BodyMotion(LeafSystem):

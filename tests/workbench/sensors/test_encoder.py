@@ -11,7 +11,12 @@ from pydrake.systems.primitives import Multiplexer
 
 from aerodima.workbench.config.signal_table import TAIL_STATE
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.sensors.car_sensors import MotorEncoder, MotorReply, SailEncoder, quantise_symmetric
+from aerodima.workbench.sensors.car_sensors import (
+    MotorEncoder,
+    MotorReply,
+    SailEncoder,
+    quantise_symmetric,
+)
 from aerodima.workbench.systems.system_ports import connected, stacked
 
 
@@ -28,7 +33,9 @@ def reading(angle, bits=12):
 
 
 def turning(rate_of_turn, until, **arguments):
-    """Angle and rate shown at `until` by an encoder whose shaft turns steadily, moved every 2 ms."""
+    """Angle and rate shown at `until` by an encoder whose shaft turns steadily, moved every 2
+    ms.
+    """
     encoder = sail_encoder(**arguments)
     simulator = Simulator(encoder)
     context = simulator.get_mutable_context()
@@ -57,7 +64,9 @@ def test_angle_is_the_lower_edge_of_one_of_2_to_the_n_steps(bits):
 def test_angle_is_absolute_within_one_turn(angle, expected):
     shown = reading(angle)
     assert 0.0 <= shown < 2 * math.pi
-    assert math.remainder(shown - expected, 2 * math.pi) == pytest.approx(0.0, abs=2 * math.pi / 4095)
+    assert math.remainder(shown - expected, 2 * math.pi) == pytest.approx(
+        0.0, abs=2 * math.pi / 4095
+    )
 
 
 @pytest.mark.parametrize("rate_of_turn", [12.0, -12.0, 0.4])
@@ -96,7 +105,9 @@ def test_noise_has_its_standard_deviation_and_belongs_to_the_seed():
     np.testing.assert_array_equal(noisy_readings(seed=3)[0], angle)
     assert np.any(noisy_readings(seed=4)[0] != angle)
     assert np.ptp(noisy_readings(seed=3, noise=0.0)[0]) == 0.0
-    np.testing.assert_allclose(rate[10:], (angle[10:] - angle[:-10]) / 0.02, atol=1e-9)  # of the shown angles
+    np.testing.assert_allclose(
+        rate[10:], (angle[10:] - angle[:-10]) / 0.02, atol=1e-9
+    )  # of the shown angles
 
 
 @pytest.mark.parametrize("bits", [3, 21])
@@ -132,24 +143,35 @@ def test_motor_reply_saturates_at_its_ranges():
 
 
 def test_encoders_of_a_plant_make_the_tail_state():
-    """Three joints with different angles and rates, in an order of the plant that differs from the port's."""
+    """Three joints with different angles and rates, in an order of the plant that differs from the
+    port's.
+    """
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(0.002))
     joints = {}
     parent = plant.world_frame()
     for name in ("roll", "pitch", "sail"):
         body = plant.AddRigidBody(name, SpatialInertia.SolidSphereWithMass(1.0, 0.1))
-        joints[name] = plant.AddJoint(RevoluteJoint(name, parent, body.body_frame(), np.array([0.0, 0.0, 1.0])))
+        joints[name] = plant.AddJoint(
+            RevoluteJoint(name, parent, body.body_frame(), np.array([0.0, 0.0, 1.0]))
+        )
         parent = body.body_frame()
     plant.Finalize()
     state, step = plant.get_state_output_port(), plant.time_step()
     places = [joints[name].position_start() for name in ("pitch", "roll", "sail")]
     both = stacked(builder, "both", [(state, [*places[:2], *(3 + place for place in places[:2])])])
-    motors = connected(builder, MotorEncoder(100.0, MotorReply(), step=step, discrete=True), joints=both)
+    motors = connected(
+        builder, MotorEncoder(100.0, MotorReply(), step=step, discrete=True), joints=both
+    )
     turn = stacked(builder, "turn", [(state, places[2:])])
     sail = connected(builder, sail_encoder(rate=100.0, step=step, discrete=True), joint_angle=turn)
     multiplexer = builder.AddSystem(Multiplexer([2, 1, 2, 1]))
-    for source, port, index in ((motors, "angles", 0), (sail, "angle", 1), (motors, "rates", 2), (sail, "rate", 3)):
+    for source, port, index in (
+        (motors, "angles", 0),
+        (sail, "angle", 1),
+        (motors, "rates", 2),
+        (sail, "rate", 3),
+    ):
         builder.Connect(source.GetOutputPort(port), multiplexer.get_input_port(index))
     diagram = builder.Build()
     simulator = Simulator(diagram)
@@ -158,7 +180,9 @@ def test_encoders_of_a_plant_make_the_tail_state():
         joints[name].set_angle(context, angle)
         joints[name].set_angular_rate(context, rate)
     simulator.AdvanceTo(0.101)
-    state = multiplexer.get_output_port().Eval(multiplexer.GetMyContextFromRoot(simulator.get_context()))
+    state = multiplexer.get_output_port().Eval(
+        multiplexer.GetMyContextFromRoot(simulator.get_context())
+    )
     shown = TAIL_STATE.read(state)
     assert shown.roll_angle == pytest.approx(-1.5 + 0.3, abs=2e-4)
     assert shown.pitch_angle == pytest.approx(0.2, abs=2e-4)

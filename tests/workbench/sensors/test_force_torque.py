@@ -1,4 +1,6 @@
-"""The force sensor as a system: the same numbers as a log made at once, and a rate that fits the step."""
+"""The force sensor as a system: the same numbers as a log made at once, and a rate that fits the
+step.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ WRENCH = np.array([1.0, -2.0, 16.0, 0.3, -0.4, 0.05])
 
 def shown(count: int, **arguments: object) -> np.ndarray:
     """The first readings, seen half a period after each sample."""
-    sensor = RigSensor("force_sensor", SETTINGS.rate, force_errors(SETTINGS, OFFSETS, 4), **arguments)
+    sensor = RigSensor(
+        "force_sensor", SETTINGS.rate, force_errors(SETTINGS, OFFSETS, 4), **arguments
+    )
     simulator = Simulator(sensor)
     sensor.GetInputPort("value").FixValue(simulator.get_mutable_context(), WRENCH)
     rows = []
@@ -36,7 +40,9 @@ def test_system_and_whole_log_give_the_same_readings() -> None:
 
 
 def test_reading_plus_offset_is_the_wrench_of_a_faultless_sensor() -> None:
-    faultless = SETTINGS.model_copy(update={f"{axis}_accuracy": 0.0 for axis in ("fx", "fy", "fz", "tx", "ty", "tz")})
+    faultless = SETTINGS.model_copy(
+        update={f"{axis}_accuracy": 0.0 for axis in ("fx", "fy", "fz", "tx", "ty", "tz")}
+    )
     readings = sensor_readings(WRENCH, 3, faultless)
     np.testing.assert_allclose(readings + OFFSETS, np.tile(WRENCH, (3, 1)), atol=1e-12)
 

@@ -14,7 +14,10 @@ from tests.workbench.sensors.body_motion import motion_vector
 def chassis_motion_at(velocity):
     still = np.zeros(3)
     return motion_vector(
-        RigidTransform(), SpatialVelocity([9.0, 9.0, 9.0], velocity), SpatialAcceleration(still, still), 0.002
+        RigidTransform(),
+        SpatialVelocity([9.0, 9.0, 9.0], velocity),
+        SpatialAcceleration(still, still),
+        0.002,
     )
 
 
@@ -63,7 +66,9 @@ def test_reading_is_repeated_with_the_seed():
 def test_change_of_speed_shows_after_the_delay():
     gps, simulator = receiver([1.0, 0.0, 0.0], delay=0.13)
     simulator.AdvanceTo(0.95)
-    gps.get_input_port().FixValue(simulator.get_mutable_context(), chassis_motion_at([2.0, 0.0, 0.0]))
+    gps.get_input_port().FixValue(
+        simulator.get_mutable_context(), chassis_motion_at([2.0, 0.0, 0.0])
+    )
     shown = []
     for time in (1.1299, 1.1301):
         simulator.AdvanceTo(time)

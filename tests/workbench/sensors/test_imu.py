@@ -66,11 +66,15 @@ def test_hanging_still_shows_no_linear_acceleration_in_any_attitude():
         assert (shown.acceleration_x, shown.acceleration_y, shown.acceleration_z) == (0.0, 0.0, 0.0)
         assert (shown.gyro_x, shown.gyro_y, shown.gyro_z) == (0.0, 0.0, 0.0)
         # One count of the attitude is 1/900 rad; rounding makes half of it.
-        np.testing.assert_allclose([shown.roll, shown.pitch, shown.yaw], roll_pitch_yaw, atol=0.51 / 900)
+        np.testing.assert_allclose(
+            [shown.roll, shown.pitch, shown.yaw], roll_pitch_yaw, atol=0.51 / 900
+        )
 
 
 def test_constant_turn_to_the_left_gives_centripetal_acceleration_to_the_left():
-    """Car on a circle of 2 m to the left at 4 m/s: r = +2 rad/s, a_y = v r = +8 m/s2, at any heading."""
+    """Car on a circle of 2 m to the left at 4 m/s: r = +2 rad/s, a_y = v r = +8 m/s2, at any
+    heading.
+    """
     for heading in (0.0, 1.0, 2.5):
         forward = np.array([math.cos(heading), math.sin(heading), 0.0])
         left = np.array([-math.sin(heading), math.cos(heading), 0.0])
@@ -97,7 +101,9 @@ def test_lever_arm_adds_centripetal_and_tangential_acceleration():
 
 
 def test_motion_at_the_imu_is_the_second_derivative_of_its_path():
-    """A body that rolls, pitches and yaws at once, against finite differences of the path (error about 1e-5)."""
+    """A body that rolls, pitches and yaws at once, against finite differences of the path (error
+    about 1e-5).
+    """
     p_BoImu_B = np.array([0.12, -0.05, 0.2])
 
     def X_WB(t):
@@ -126,7 +132,9 @@ def test_motion_at_the_imu_is_the_second_derivative_of_its_path():
     expected = X_WB(t).rotation().inverse() @ ((path[2] - 2 * path[1] + path[0]) / h**2)
     np.testing.assert_allclose(acceleration, expected, atol=1e-3)
     np.testing.assert_allclose(gyro, X_WB(t).rotation().inverse() @ omega, atol=1e-9)
-    np.testing.assert_allclose(roll_pitch_yaw, RollPitchYaw(X_WB(t).rotation()).vector(), atol=1e-12)
+    np.testing.assert_allclose(
+        roll_pitch_yaw, RollPitchYaw(X_WB(t).rotation()).vector(), atol=1e-12
+    )
 
 
 def test_gyro_is_in_body_axes():
@@ -141,9 +149,15 @@ def test_gyro_is_in_body_axes():
 
 
 def test_ranges_of_the_chip():
-    """The gyro stops at 2000 deg/s; the accelerometer at 4 g of specific force, so 3 g upwards and 5 g downwards."""
+    """The gyro stops at 2000 deg/s; the accelerometer at 4 g of specific force, so 3 g upwards and
+    5 g downwards.
+    """
     hard = np.array([100.0, -100.0, 100.0])
-    up = (RigidTransform(), SpatialVelocity(hard, np.zeros(3)), SpatialAcceleration(np.zeros(3), [90.0, -90.0, 90.0]))
+    up = (
+        RigidTransform(),
+        SpatialVelocity(hard, np.zeros(3)),
+        SpatialAcceleration(np.zeros(3), [90.0, -90.0, 90.0]),
+    )
     shown = sample(up)
     limit = math.radians(2000.0)
     np.testing.assert_allclose(shown[3:6], [limit, -limit, limit], atol=1e-3)
@@ -159,50 +173,76 @@ def test_ranges_of_the_chip():
 
 
 def test_free_fall_of_a_plant_body_and_the_wiring():
-    """In free fall the linear acceleration is g downwards; the welded body beside it would show zero."""
+    """In free fall the linear acceleration is g downwards; the welded body beside it would show
+    zero.
+    """
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(0.002))
     plant.AddRigidBody("other", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
     body = plant.AddRigidBody("chassis", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("other"))
     plant.Finalize()
-    imu = add_sensor(builder, Imu(settings(), p_BoImu_B=ORIGIN, seed=1, step=STEP, discrete=True), plant, body)
+    imu = add_sensor(
+        builder, Imu(settings(), p_BoImu_B=ORIGIN, seed=1, step=STEP, discrete=True), plant, body
+    )
     diagram = builder.Build()
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.1)
-    shown = IMU.read(imu.GetOutputPort("imu").Eval(imu.GetMyContextFromRoot(simulator.get_context())))
+    shown = IMU.read(
+        imu.GetOutputPort("imu").Eval(imu.GetMyContextFromRoot(simulator.get_context()))
+    )
     np.testing.assert_allclose(shown[6:], [0.0, 0.0, -9.81], atol=0.006)
 
 
 def test_spinning_arm_shows_the_centripetal_acceleration_of_its_rate():
-    """Plant of one body that spins freely about the vertical at 3 rad/s, IMU 0.2 m off the axis: a = -w^2 d."""
+    """Plant of one body that spins freely about the vertical at 3 rad/s, IMU 0.2 m off the axis: a
+    = -w^2 d.
+    """
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(0.002))
     body = plant.AddRigidBody("arm", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
-    joint = plant.AddJoint(RevoluteJoint("spin", plant.world_frame(), body.body_frame(), np.array([0.0, 0.0, 1.0])))
+    joint = plant.AddJoint(
+        RevoluteJoint("spin", plant.world_frame(), body.body_frame(), np.array([0.0, 0.0, 1.0]))
+    )
     joint.set_default_angle(0.3)
     plant.Finalize()
     imu = add_sensor(
-        builder, Imu(settings(), p_BoImu_B=np.array([0.0, 0.2, 0.0]), seed=1, step=STEP, discrete=True), plant, body
+        builder,
+        Imu(settings(), p_BoImu_B=np.array([0.0, 0.2, 0.0]), seed=1, step=STEP, discrete=True),
+        plant,
+        body,
     )
     diagram = builder.Build()
     simulator = Simulator(diagram)
     joint.set_angular_rate(plant.GetMyMutableContextFromRoot(simulator.get_mutable_context()), 3.0)
     simulator.AdvanceTo(0.205)
-    shown = IMU.read(imu.GetOutputPort("imu").Eval(imu.GetMyContextFromRoot(simulator.get_context())))
+    shown = IMU.read(
+        imu.GetOutputPort("imu").Eval(imu.GetMyContextFromRoot(simulator.get_context()))
+    )
     np.testing.assert_allclose(shown[6:], [0.0, -1.8, 0.0], atol=0.006)
     assert shown.gyro_z == pytest.approx(3.0, abs=1e-3)
     assert shown.yaw == pytest.approx(0.3 + 3.0 * 0.2, abs=1e-3)
 
 
 def test_noise_has_the_asked_deviations_and_one_bias_per_run():
-    """2000 samples per axis: a standard deviation is known to 1.6 %, so 8 % is five standard errors."""
-    noisy = {"gyro_noise": 0.05, "gyro_bias": 0.2, "accelerometer_noise": 0.5, "attitude_noise": 0.02}
+    """2000 samples per axis: a standard deviation is known to 1.6 %, so 8 % is five standard
+    errors.
+    """
+    noisy = {
+        "gyro_noise": 0.05,
+        "gyro_bias": 0.2,
+        "accelerometer_noise": 0.5,
+        "attitude_noise": 0.02,
+    }
     rows = samples(2000, motion=still(), **noisy)
     np.testing.assert_allclose(rows.std(axis=0), np.repeat([0.02, 0.05, 0.5], 3), rtol=0.08)
     bias = rows[:, 3:6].mean(axis=0)
-    assert np.all(np.abs(bias) > 0.006), "more than five standard errors of the mean: a bias, not noise"
-    np.testing.assert_allclose(rows[:, [0, 1, 2]].mean(axis=0), 0.0, atol=5 * 0.02 / math.sqrt(2000))
+    assert np.all(np.abs(bias) > 0.006), (
+        "more than five standard errors of the mean: a bias, not noise"
+    )
+    np.testing.assert_allclose(
+        rows[:, [0, 1, 2]].mean(axis=0), 0.0, atol=5 * 0.02 / math.sqrt(2000)
+    )
     np.testing.assert_allclose(rows[:, 6:].mean(axis=0), 0.0, atol=5 * 0.5 / math.sqrt(2000))
     biases = [sample(still(), seed=seed, gyro_bias=0.2)[3:6] for seed in range(300)]
     # 900 biases: their deviation is known to 2.4 %.
@@ -210,7 +250,12 @@ def test_noise_has_the_asked_deviations_and_one_bias_per_run():
 
 
 def test_runs_repeat_bit_for_bit_with_the_seed():
-    noisy = {"gyro_noise": 0.05, "gyro_bias": 0.2, "accelerometer_noise": 0.5, "attitude_noise": 0.02}
+    noisy = {
+        "gyro_noise": 0.05,
+        "gyro_bias": 0.2,
+        "accelerometer_noise": 0.5,
+        "attitude_noise": 0.02,
+    }
     first = samples(50, motion=still(), seed=5, **noisy)
     np.testing.assert_array_equal(first, samples(50, motion=still(), seed=5, **noisy))
     assert not np.array_equal(first, samples(50, motion=still(), seed=6, **noisy))
@@ -227,7 +272,9 @@ def test_reset_context_repeats_the_noise():
 
 
 def test_resolution_of_the_data_sheet():
-    rows = samples(20, motion=still(), gyro_noise=0.05, accelerometer_noise=0.5, attitude_noise=0.02)
+    rows = samples(
+        20, motion=still(), gyro_noise=0.05, accelerometer_noise=0.5, attitude_noise=0.02
+    )
     counts = rows * np.repeat([900.0, 900.0, 100.0], 3)
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
     assert STEPS[0] == pytest.approx(1 / 900)
@@ -245,7 +292,10 @@ def test_log_shows_ten_milliseconds_steps():
     body = plant.AddRigidBody("chassis", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
     plant.Finalize()
     imu = add_sensor(
-        builder, Imu(settings(gyro_noise=0.1), p_BoImu_B=ORIGIN, seed=1, step=STEP, discrete=True), plant, body
+        builder,
+        Imu(settings(gyro_noise=0.1), p_BoImu_B=ORIGIN, seed=1, step=STEP, discrete=True),
+        plant,
+        body,
     )
     log = LogVectorOutput(imu.GetOutputPort("imu"), builder, publish_period=0.002)
     diagram = builder.Build()

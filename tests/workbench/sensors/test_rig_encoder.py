@@ -26,7 +26,9 @@ def turning(rate: float, until: float) -> tuple[float, float]:
 
 
 def test_one_count_is_the_published_angle() -> None:
-    """512 pulses x 4 x 26: 53248 counts per turn of the bar, 1.18e-4 rad (section 4.7, ERRATA E19)."""
+    """512 pulses x 4 x 26: 53248 counts per turn of the bar, 1.18e-4 rad (section 4.7, ERRATA
+    E19).
+    """
     assert SCENARIO.count_angle == pytest.approx(2 * math.pi / 53248, rel=1e-12)
     assert SCENARIO.count_angle == pytest.approx(1.18e-4, abs=1e-7)
 

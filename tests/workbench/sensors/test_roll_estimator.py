@@ -18,10 +18,12 @@ def smooth_pulse(times, start, length, height):
 
 
 def imu_rows(times, roll, pitch, yaw_rate, speed, attitude_error=0.0, side_slip_acceleration=0.0):
-    """What a perfect gyro and accelerometer report on a car with these histories, through a chip with a wrong roll.
+    """What a perfect gyro and accelerometer report on a car with these histories, through a chip
+    with a wrong roll.
 
-    Body rates from the kinematics of roll, pitch, yaw; acceleration of a point that drives ahead at `speed` (so
-    omega x v) in body axes; the chip removes gravity with its own roll, wrong by `attitude_error`.
+    Body rates from the kinematics of roll, pitch, yaw; acceleration of a point that drives ahead at
+    `speed` (so omega x v) in body axes; the chip removes gravity with its own roll, wrong by
+    `attitude_error`.
     """
     roll_rate, pitch_rate = np.gradient(roll, times), np.gradient(pitch, times)
     p = roll_rate - yaw_rate * np.sin(pitch)
@@ -29,7 +31,9 @@ def imu_rows(times, roll, pitch, yaw_rate, speed, attitude_error=0.0, side_slip_
     r = -pitch_rate * np.sin(roll) + yaw_rate * np.cos(roll) * np.cos(pitch)
 
     def up(angle):
-        return np.array([-np.sin(pitch), np.sin(angle) * np.cos(pitch), np.cos(angle) * np.cos(pitch)]).T
+        return np.array(
+            [-np.sin(pitch), np.sin(angle) * np.cos(pitch), np.cos(angle) * np.cos(pitch)]
+        ).T
 
     motion = np.array([np.gradient(speed, times), speed * r + side_slip_acceleration, -speed * q]).T
     linear = motion + G * up(roll) - G * up(roll + attitude_error)
@@ -45,7 +49,9 @@ def run(rows, speed, settings=None):
 
 
 def hard_left_turn(times, side=1.0):
-    """Left turn at 4 m/s, yaw rate up to 2.5 rad/s; the car rolls outwards (right, +) by up to 0.5 rad."""
+    """Left turn at 4 m/s, yaw rate up to 2.5 rad/s; the car rolls outwards (right, +) by up to 0.5
+    rad.
+    """
     roll = side * smooth_pulse(times, 2.0, 0.9, 0.5)
     pitch = 0.02 * np.ones_like(times)
     yaw_rate = side * smooth_pulse(times, 2.0, 0.7, 2.5)
@@ -56,7 +62,9 @@ TIMES = np.arange(0.0, 4.0, 1.0 / RATE)
 
 
 def test_error_in_a_hard_turn_stays_below_three_hundredths_of_a_radian():
-    """Perfect sensors: what remains is the integration at 100 Hz, one tick of the peak rate of 1.75 rad/s at most."""
+    """Perfect sensors: what remains is the integration at 100 Hz, one tick of the peak rate of 1.75
+    rad/s at most.
+    """
     roll, pitch, yaw_rate, speed = hard_left_turn(TIMES)
     estimate = run(imu_rows(TIMES, roll, pitch, yaw_rate, speed), speed)
     assert np.max(np.abs(estimate[:, 0] - roll)) < 0.03
@@ -65,16 +73,27 @@ def test_error_in_a_hard_turn_stays_below_three_hundredths_of_a_radian():
 
 
 def test_slip_late_speed_and_gyro_bias_cost_less_than_a_tenth_of_a_radian():
-    """The car slides (2 m/s2 less than v r), the GPS says 3 instead of 4 m/s, the gyro is off by 0.02 rad/s."""
+    """The car slides (2 m/s2 less than v r), the GPS says 3 instead of 4 m/s, the gyro is off by
+    0.02 rad/s.
+    """
     roll, pitch, yaw_rate, speed = hard_left_turn(TIMES)
-    rows = imu_rows(TIMES, roll, pitch, yaw_rate, speed, side_slip_acceleration=-smooth_pulse(TIMES, 2.0, 0.7, 2.0))
+    rows = imu_rows(
+        TIMES,
+        roll,
+        pitch,
+        yaw_rate,
+        speed,
+        side_slip_acceleration=-smooth_pulse(TIMES, 2.0, 0.7, 2.0),
+    )
     rows[:, 3] += 0.02
     estimate = run(rows, np.where(TIMES > 2.0, 3.0, 4.0))
     assert np.max(np.abs(estimate[:, 0] - roll)) < 0.1
 
 
 def test_without_the_centripetal_term_and_the_fading_weight_the_estimate_would_be_useless():
-    """Guards the two tests above: a plain accelerometer tilt is wrong by about atan(v r / g) = 0.8 rad."""
+    """Guards the two tests above: a plain accelerometer tilt is wrong by about atan(v r / g) = 0.8
+    rad.
+    """
     roll, pitch, yaw_rate, speed = hard_left_turn(TIMES)
     rows = imu_rows(TIMES, roll, pitch, yaw_rate, speed)
     trusting = RollFilterSettings(time_constant=0.02, trust_acceleration=1e6)
@@ -91,7 +110,9 @@ def test_right_turn_mirrors_the_left_one():
 
 
 def test_yawing_while_pitched_is_no_roll():
-    """Constant pitch of 0.1 rad and a slow circle: the body's p is not zero, the roll angle stays."""
+    """Constant pitch of 0.1 rad and a slow circle: the body's p is not zero, the roll angle
+    stays.
+    """
     times = np.arange(0.0, 6.0, 0.01)
     zeros = np.zeros_like(times)
     rows = imu_rows(times, zeros, zeros + 0.1, zeros + 0.3, zeros + 1.0)
@@ -122,7 +143,9 @@ def test_gyro_bias_leaves_bias_times_time_constant():
 
 @pytest.mark.parametrize("error", [0.2, -0.1])
 def test_wrong_attitude_of_the_chip_does_not_matter_at_rest(error):
-    """The chip's own gravity removal is undone: whatever roll it shows, it has felt gravity where it is."""
+    """The chip's own gravity removal is undone: whatever roll it shows, it has felt gravity where
+    it is.
+    """
     times = np.arange(0.0, 20.0, 0.01)
     roll = np.full_like(times, 0.15)
     zeros = np.zeros_like(times)
@@ -162,7 +185,9 @@ def test_system_runs_the_filter_at_100_hz():
     estimator.GetInputPort("speed").FixValue(context, [0.0])
     simulator.AdvanceTo(0.195)
     expected = run(np.tile(row, (20, 1)), np.zeros(20))[-1]
-    assert estimator.GetOutputPort("roll_estimate").Eval(context)[0] == pytest.approx(expected[0], abs=1e-15)
+    assert estimator.GetOutputPort("roll_estimate").Eval(context)[0] == pytest.approx(
+        expected[0], abs=1e-15
+    )
     assert estimator.GetOutputPort("roll_rate_estimate").Eval(context)[0] == pytest.approx(0.5)
     assert not estimator.HasAnyDirectFeedthrough()
 

@@ -14,7 +14,9 @@ class Clock(SampledSensor):
     """Measures the time and its square, and counts."""
 
     def __init__(self, rate=100.0, delay=0.0, step=None):
-        super().__init__(name="clock", outputs={"time": 1, "more": 2}, rate=rate, delay=delay, step=step)
+        super().__init__(
+            name="clock", outputs={"time": 1, "more": 2}, rate=rate, delay=delay, step=step
+        )
         self.indices = []
 
     def measure(self, context, index):
@@ -31,13 +33,17 @@ def record(clock, times):
     for time in times:
         simulator.AdvanceTo(time)
         context = simulator.get_context()
-        rows.append([clock.GetOutputPort(port).Eval(context)[0] for port in ("time", "sample_time", "age")])
+        rows.append(
+            [clock.GetOutputPort(port).Eval(context)[0] for port in ("time", "sample_time", "age")]
+        )
     return np.array(rows).T
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.004, 0.01, 0.025, 0.1])
 def test_delay_is_exact_for_whole_and_broken_periods(delay):
-    """Between its appearances the output holds the sample of k / rate that is at least `delay` old."""
+    """Between its appearances the output holds the sample of k / rate that is at least `delay`
+    old.
+    """
     times = 0.3 + 0.0011 + 0.002 * np.arange(200)
     shown, sample_time, age = record(Clock(delay=delay), times)
     expected = np.floor((times - delay) * 100.0 + 1e-6) / 100.0
@@ -58,7 +64,9 @@ def test_before_the_run_the_robot_stood_still(delay):
     """The first sample is there from the start, aged as in steady running."""
     times = 0.0011 + 0.002 * np.arange(25)
     shown, _, age = record(Clock(delay=delay), times)
-    np.testing.assert_allclose(shown, np.maximum(0.0, np.floor((times - delay) * 100.0 + 1e-6) / 100.0), atol=1e-12)
+    np.testing.assert_allclose(
+        shown, np.maximum(0.0, np.floor((times - delay) * 100.0 + 1e-6) / 100.0), atol=1e-12
+    )
     assert np.all(age >= delay - 1e-12)
     assert np.all(age <= delay + 0.01)
 
@@ -72,8 +80,11 @@ def test_exactly_one_sample_every_period():
     assert clock.indices == list(range(100))
 
 
-def test_reader_of_the_same_instant_sees_the_plant_before_its_step_and_a_controller_the_fresh_sample():
-    """Plant: counts its steps of 10 ms. At 0.1 s it has made 10; sensor and controller both know it at that instant."""
+def test_reader_sees_the_plant_before_its_step_and_a_controller_the_fresh_sample():
+    """Plant: counts its steps of 10 ms.
+
+    At 0.1 s it has made 10; sensor and controller both know it at that instant.
+    """
 
     class Plant(LeafSystem):
         def __init__(self):
@@ -83,7 +94,9 @@ def test_reader_of_the_same_instant_sees_the_plant_before_its_step_and_a_control
             self.DeclarePeriodicUnrestrictedUpdateEvent(0.01, 0.0, self.advance)
 
         def advance(self, context, state):
-            state.get_mutable_discrete_state().set_value(0, [context.get_discrete_state(0).value()[0] + 1.0])
+            state.get_mutable_discrete_state().set_value(
+                0, [context.get_discrete_state(0).value()[0] + 1.0]
+            )
 
     class Sensor(SampledSensor):
         def __init__(self):
@@ -110,7 +123,9 @@ def test_several_outputs_cut_the_sample():
     clock = Clock()
     simulator = Simulator(clock)
     simulator.AdvanceTo(0.055)
-    np.testing.assert_allclose(clock.GetOutputPort("more").Eval(simulator.get_context()), [0.05**2, 5.0])
+    np.testing.assert_allclose(
+        clock.GetOutputPort("more").Eval(simulator.get_context()), [0.05**2, 5.0]
+    )
 
 
 def test_outputs_have_no_feedthrough():
@@ -118,13 +133,17 @@ def test_outputs_have_no_feedthrough():
     assert not Clock().HasAnyDirectFeedthrough()
 
 
-@pytest.mark.parametrize(("rate", "step"), [(500.0, 0.002), (1000.0, 0.001), (3.0, 1.0 / 3.0), (100.0, None)])
+@pytest.mark.parametrize(
+    ("rate", "step"), [(500.0, 0.002), (1000.0, 0.001), (3.0, 1.0 / 3.0), (100.0, None)]
+)
 def test_rate_up_to_one_per_step_is_allowed(rate, step):
     check_rate(rate, step, "imu.rate")
 
 
 def test_rate_above_one_per_step_is_refused():
-    with pytest.raises(UserError, match=r"imu.rate: 501 Hz is above 1/step; allowed with step 0.002 s: <= 500 Hz"):
+    with pytest.raises(
+        UserError, match=r"imu.rate: 501 Hz is above 1/step; allowed with step 0.002 s: <= 500 Hz"
+    ):
         check_rate(501.0, 0.002, "imu.rate")
     with pytest.raises(UserError, match=r"clock.rate: 1000 Hz is above 1/step"):
         Clock(rate=1000.0, step=0.002)

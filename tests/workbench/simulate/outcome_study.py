@@ -1,8 +1,10 @@
-"""Outcome trials, which end early, against runs of full length, near the limit; not run by pytest, but for two cars.
+"""Outcome trials, which end early, against runs of full length, near the limit; not run by pytest,
+but for two cars.
 
-Cars of drawn speed, direction and tail, each at frictions within 5 % of that which just flips it. One trial of each car
-is compared with a run that records everything, the others with one that does not end early. What is
-done is kept in the folder and not done again; seeds tell drawn lists apart, so that two processes share the work:
+Cars of drawn speed, direction and tail, each at frictions within 5 % of that which just flips it.
+One trial of each car is compared with a run that records everything, the others with one that does
+not end early. What is done is kept in the folder and not done again; seeds tell drawn lists apart,
+so that two processes share the work:
 
     python -m tests.workbench.simulate.outcome_study 50 1 out/outcome_study
     python -m tests.workbench.simulate.outcome_study 50 2 out/outcome_study
@@ -32,7 +34,8 @@ PER_CAR = 5
 HALVINGS = 4
 """Of the range of friction in which the critical one is looked for."""
 HEADING = 1e-4
-"""Largest difference of heading changes, rad: wheel loads from the motion may tell a row later that the car is calm."""
+"""Largest difference of heading changes, rad: wheel loads from the motion may tell a row later that
+the car is calm."""
 
 
 @dataclass(frozen=True)
@@ -45,14 +48,18 @@ class DrawnCar:
 
     def at(self, friction: float) -> Scenario:
         """Its scenario at a friction."""
-        return load_scenario(f"turn_{self.mode}", [*self.settings, f"car.tyre_friction={friction:.6f}"])
+        return load_scenario(
+            f"turn_{self.mode}", [*self.settings, f"car.tyre_friction={friction:.6f}"]
+        )
 
     def scenarios(self) -> Iterator[Scenario]:
         """Its scenarios near the limit."""
         low, high = 0.45, 0.95
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
-            survived = metrics_of(simulate(self.at(middle), record="outcome")).outcome.result == "survived"
+            survived = (
+                metrics_of(simulate(self.at(middle), record="outcome")).outcome.result == "survived"
+            )
             low, high = (middle, high) if survived else (low, middle)
         yield from (self.at(0.5 * (low + high) * (1.0 + NEAR * share)) for share in self.shares)
 
@@ -73,7 +80,9 @@ def drawn_cars(seed: int, count: int) -> Iterator[DrawnCar]:
 
 
 class Compared(NamedTuple):
-    """What a trial says otherwise than the full run; whether the car flipped; share of the run that was simulated."""
+    """What a trial says otherwise than the full run; whether the car flipped; share of the run that
+    was simulated.
+    """
 
     wrong: list[str]
     flipped: bool
@@ -81,19 +90,27 @@ class Compared(NamedTuple):
 
 
 def differences(scenario: Scenario, recorded: bool = True) -> Compared:
-    """Compares an outcome trial with a run of full length, `recorded` whole or a trial too that does not end early.
+    """Compares an outcome trial with a run of full length, `recorded` whole or a trial too that
+    does not end early.
 
-    Roll and heading are compared as far as the trial goes, and of a car that survives peak roll and heading change.
+    Roll and heading are compared as far as the trial goes, and of a car that survives peak roll and
+    heading change.
     """
     found = simulate(scenario, record="outcome")
-    whole = simulate(scenario) if recorded else simulate(scenario, record="outcome", stop_when_certain=False)
+    whole = (
+        simulate(scenario)
+        if recorded
+        else simulate(scenario, record="outcome", stop_when_certain=False)
+    )
     trial, run = summarise(found, scenario.name), summarise(whole, scenario.name)
     same = {
         "outcome": (trial.metrics.outcome.result, run.metrics.outcome.result),
         "clean": (trial.metrics.outcome.clean, run.metrics.outcome.clean),
         "trigger": (trial.trigger_time, run.trigger_time),
     }
-    wrong = [f"{name} {one} instead of {other}" for name, (one, other) in same.items() if one != other]
+    wrong = [
+        f"{name} {one} instead of {other}" for name, (one, other) in same.items() if one != other
+    ]
     flipped = run.metrics.outcome.result == "flipped"
     rows = len(found.table)
     for name in ("roll_truth_rad", "yaw_truth_rad"):
@@ -117,7 +134,9 @@ def main() -> None:
         for car in drawn_cars(int(seed), int(cars)):
             key = content_key(car.mode, car.settings, car.shares)
             if key not in store.rows:
-                runs = [differences(at, recorded=place == 0) for place, at in enumerate(car.scenarios())]
+                runs = [
+                    differences(at, recorded=place == 0) for place, at in enumerate(car.scenarios())
+                ]
                 store.add(key, {"car": [car.mode, *car.settings], "runs": runs})
             compared += [Compared(*run) for run in store.rows[key]["runs"]]
             for line in (line for run in compared[-PER_CAR:] for line in run.wrong):
@@ -129,9 +148,13 @@ def _summary(compared: list[Compared]) -> str:
     shares: dict[Any, list[float]] = {True: [], False: []}
     for run in compared:
         shares[run.flipped].append(run.share)
-    simulated = [f"{100.0 * np.mean(found):.0f} %" if found else "-" for found in (shares[False], shares[True])]
+    simulated = [
+        f"{100.0 * np.mean(found):.0f} %" if found else "-"
+        for found in (shares[False], shares[True])
+    ]
     return (
-        f"{len(compared)} runs, {len(shares[True])} flipped, {sum(bool(run.wrong) for run in compared)} differ; "
+        f"{len(compared)} runs, {len(shares[True])} flipped, "
+        f"{sum(bool(run.wrong) for run in compared)} differ; "
         f"simulated of a run that survives {simulated[0]}, that flips {simulated[1]}"
     )
 

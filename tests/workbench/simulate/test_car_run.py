@@ -31,7 +31,11 @@ def test_log_has_every_column_in_order_and_one_row_per_step(standard_runs):
     for mode in ("held", "swing"):
         log = standard_runs[mode]
         names = list(log.table.columns)
-        positions = [name.removeprefix("plant_position_") for name in names if name.startswith("plant_position_")]
+        positions = [
+            name.removeprefix("plant_position_")
+            for name in names
+            if name.startswith("plant_position_")
+        ]
         assert len(positions) == len(set(positions)) > 15
         expected = [column.name for column in car_run_columns(positions)]
         assert names[: len(expected)] == expected
@@ -49,13 +53,17 @@ def test_log_of_a_car_without_tail_leaves_out_the_truth_of_the_tail_only(standar
 
 def test_log_says_what_was_run(standard_runs):
     for mode, log in standard_runs.items():
-        assert scenario_from_dict(log.scenario) == load_scenario(f"turn_{mode}", ["manoeuvre.speed=3.33"])
+        assert scenario_from_dict(log.scenario) == load_scenario(
+            f"turn_{mode}", ["manoeuvre.speed=3.33"]
+        )
         assert (log.kind, log.seed) == ("car_run", 1)
         assert {"drake", "python", "numpy"} <= set(log.versions)
         arm = log.scenario["tail"]
         tail = 0.0 if mode == "none" else arm["mass"] + arm["hub_mass"] + 0.001
         assert log.extra["tail_mass_kg"] == pytest.approx(tail, abs=1e-9)
-        assert log.extra["total_mass_kg"] == pytest.approx(log.scenario["car"]["mass"] + tail, rel=1e-8)
+        assert log.extra["total_mass_kg"] == pytest.approx(
+            log.scenario["car"]["mass"] + tail, rel=1e-8
+        )
 
 
 def test_repeated_run_is_equal_bit_for_bit(run):
@@ -64,19 +72,32 @@ def test_repeated_run_is_equal_bit_for_bit(run):
 
 def test_another_seed_changes_what_the_noisy_sensors_say_and_nothing_else(run):
     one, other = run(name="one"), run("seed=2", name="other")
-    changed = {name for name in one.table.columns if not np.array_equal(one.signal(name), other.signal(name))}
-    assert {"imu_gyro_z_rad_per_s", "imu_acceleration_y_m_per_s2", "imu_roll_rad", "speed_m_per_s"} <= changed
+    changed = {
+        name
+        for name in one.table.columns
+        if not np.array_equal(one.signal(name), other.signal(name))
+    }
+    assert {
+        "imu_gyro_z_rad_per_s",
+        "imu_acceleration_y_m_per_s2",
+        "imu_roll_rad",
+        "speed_m_per_s",
+    } <= changed
     noisy = ("imu_", "roll_estimate", "roll_rate_estimate", "sail_", "speed_m_per_s")
     assert all(name.startswith(noisy) for name in changed)
 
 
 def test_controller_and_driver_act_at_100_hz(standard_runs):
     log = standard_runs["swing"]
-    held = [name for name in log.table.columns if "_command" in name] + ["planned_turn", "controller_state"]
+    held = [name for name in log.table.columns if "_command" in name] + [
+        "planned_turn",
+        "controller_state",
+    ]
     changes = 0
     for name in held:
         rows = np.flatnonzero(np.diff(log.signal(name)))
-        # The row of an instant shows what controllers do at it: a change at 10 ms is between rows 4 and 5.
+        # The row of an instant shows what controllers do at it: a change at 10 ms is between rows 4
+        # and 5.
         assert np.all(rows % 5 == 4), name
         changes += rows.size
     assert changes > 10
@@ -84,7 +105,12 @@ def test_controller_and_driver_act_at_100_hz(standard_runs):
 
 
 def test_controller_at_another_rate(run):
-    log = run("controller.rate=50", "manoeuvre.turn_start=0.3", "manoeuvre.speed_ramp=0.3", "manoeuvre.speed=2.0")
+    log = run(
+        "controller.rate=50",
+        "manoeuvre.turn_start=0.3",
+        "manoeuvre.speed_ramp=0.3",
+        "manoeuvre.speed=2.0",
+    )
     rows = np.flatnonzero(np.diff(log.signal("steering_command_rad")))
     assert rows.size == 1
     assert rows[0] == 149
@@ -93,7 +119,8 @@ def test_controller_at_another_rate(run):
 def test_sensors_hold_their_sample_at_their_own_rate(standard_runs):
     log = standard_runs["none"]
     imu_rows = np.flatnonzero(np.diff(log.signal("imu_gyro_y_rad_per_s")))
-    # 100 Hz with a delay of 5 ms, seen at the 2 ms rows: 5 rows apart unless two samples are equal, at the same phase.
+    # 100 Hz with a delay of 5 ms, seen at the 2 ms rows: 5 rows apart unless two samples are equal,
+    # at the same phase.
     assert np.mean(np.diff(imu_rows) == 5) > 0.9
     assert len(set(imu_rows % 5)) == 1
     gps_rows = np.flatnonzero(np.diff(log.signal("speed_m_per_s")))
@@ -104,7 +131,10 @@ def test_sensors_follow_the_truth(standard_runs):
     log = standard_runs["swing"]
     scenario = log.scenario["imu"]
     late = round((scenario["delay"] + 0.5 / scenario["rate"]) / 0.002)
-    yaw_rate, truth = log.signal("imu_gyro_z_rad_per_s")[late:], log.signal("gyro_z_truth_rad_per_s")[:-late]
+    yaw_rate, truth = (
+        log.signal("imu_gyro_z_rad_per_s")[late:],
+        log.signal("gyro_z_truth_rad_per_s")[:-late],
+    )
     # Bias and noise of 0.01 rad/s, and half a period of hold on 20 rad/s2.
     assert np.abs(yaw_rate - truth).max() < 0.2
     assert np.corrcoef(yaw_rate, truth)[0, 1] > 0.999
@@ -138,7 +168,9 @@ def test_existing_log_is_refused_and_left_alone(run, tmp_path):
         run("seed=3")
     assert (tmp_path / "run.parquet").read_bytes() == content
     assert not journal_path(tmp_path / "run.parquet").exists()
-    again = simulate(load_scenario("turn_swing", [*SHORT, "seed=3"]), tmp_path / "run.parquet", force=True)
+    again = simulate(
+        load_scenario("turn_swing", [*SHORT, "seed=3"]), tmp_path / "run.parquet", force=True
+    )
     assert (first.seed, again.seed) == (1, 3)
     assert read_run_log(tmp_path / "run.parquet").seed == 3
 
@@ -166,7 +198,11 @@ def test_scenario_that_cannot_be_built_leaves_no_log(tmp_path, settings, message
 
 def test_progress_is_told_ten_times_a_second(tmp_path):
     told = []
-    simulate(load_scenario("turn_none", SHORT), tmp_path / "run.parquet", progress=lambda *times: told.append(times))
+    simulate(
+        load_scenario("turn_none", SHORT),
+        tmp_path / "run.parquet",
+        progress=lambda *times: told.append(times),
+    )
     times = np.array([time for time, _ in told])
     assert {length for _, length in told} == {0.5}
     assert 5 <= len(told) <= 7
@@ -185,8 +221,12 @@ def test_run_that_is_killed_leaves_a_journal_that_becomes_a_log(run, tmp_path):
     try:
         deadline = time.monotonic() + 60.0
         while process.poll() is None and time.monotonic() < deadline:
-            # Twice 500 rows of 150 columns: on a busy machine half of the journal is the frames of small batches.
-            if journal_path(path).is_file() and journal_path(path).stat().st_size > 2 * 500 * 150 * 8:
+            # Twice 500 rows of 150 columns: on a busy machine half of the journal is the frames of
+            # small batches.
+            if (
+                journal_path(path).is_file()
+                and journal_path(path).stat().st_size > 2 * 500 * 150 * 8
+            ):
                 break
             time.sleep(0.05)
         assert process.poll() is None

@@ -16,8 +16,11 @@ SLIPPING = ("tail.mode=none", "car.tyre_slip_angle=0.2")
 
 @pytest.mark.parametrize("name", ["entry_lane_change", "entry_corner"])
 def test_full_car_without_tail_keeps_the_path_at_2_m_per_s(name: str) -> None:
-    """With tyres that slip. Measured: by 10 mm in the lane change, which leaves the car 27 mm to either side, and by 26
-    in the corner."""
+    """With tyres that slip.
+
+    Measured: by 10 mm in the lane change, which leaves the car 27 mm to either side, and by 26 in
+    the corner.
+    """
     scenario = load_scenario(name, SLIPPING)
     run = simulate(scenario, record="outcome")
     assert outcome_of(run).result == "survived"
@@ -30,11 +33,14 @@ def test_full_car_without_tail_keeps_the_path_at_2_m_per_s(name: str) -> None:
 
 @pytest.mark.parametrize("record", ["all", "outcome"])
 @pytest.mark.parametrize(("mode", "jolt"), [("none", 1e-4), ("held", 0.2)])
-def test_a_rolling_start_has_its_speed_at_time_0_and_no_jolt(record: str, mode: str, jolt: float) -> None:
-    """Springs stand as at rest and no wheel slips, so that a car without tail is in equilibrium (measured: 3e-6 m/s2).
+def test_a_rolling_start_has_its_speed_at_time_0_and_no_jolt(
+    record: str, mode: str, jolt: float
+) -> None:
+    """Springs stand as at rest and no wheel slips, so that a car without tail is in equilibrium
+    (measured: 3e-6 m/s2).
 
-    The tail's motors take up its weight in the first steps, as in a run from rest (measured: 0.11 m/s2). A start at
-    rest with this throttle would accelerate by several m/s2.
+    The tail's motors take up its weight in the first steps, as in a run from rest (measured: 0.11
+    m/s2). A start at rest with this throttle would accelerate by several m/s2.
     """
     scenario = load_scenario("entry_turn", [f"tail.mode={mode}", "manoeuvre.duration=0.25"])
     run = simulate(scenario, record=record)
@@ -46,7 +52,8 @@ def test_a_rolling_start_has_its_speed_at_time_0_and_no_jolt(record: str, mode: 
 
 def test_the_tail_waits_where_it_does_before_a_turn_from_rest() -> None:
     at_rest, rolling = (
-        simulate(load_scenario(name, ["manoeuvre.duration=0.02"])) for name in ("turn_swing", "entry_turn")
+        simulate(load_scenario(name, ["manoeuvre.duration=0.02"]))
+        for name in ("turn_swing", "entry_turn")
     )
     for column in ("tail_roll_angle_rad", "tail_pitch_angle_rad", "tail_roll_rate_rad_per_s"):
         assert rolling.signal(column)[0] == pytest.approx(at_rest.signal(column)[0], abs=1e-9)
@@ -55,6 +62,12 @@ def test_the_tail_waits_where_it_does_before_a_turn_from_rest() -> None:
 def test_two_turns_end_after_the_second_and_other_kinds_with_their_run() -> None:
     """0.3 + 0.5 + 1 + 0.5 s, 0.14 s of the servo, a frame of 10 ms and a row of 2 ms."""
     assert turn_end(load_scenario("entry_twice")) == pytest.approx(2.3 + 0.14 + 0.012)
-    for name in ("entry_fishhook", "entry_corner", "entry_lane_change", "entry_slalom", "entry_rising_steer"):
+    for name in (
+        "entry_fishhook",
+        "entry_corner",
+        "entry_lane_change",
+        "entry_slalom",
+        "entry_rising_steer",
+    ):
         scenario = load_scenario(name)
         assert turn_end(scenario) == scenario.manoeuvre.duration

@@ -1,4 +1,6 @@
-"""Swings on the rigs: logs that agree with the equations of motion and with what the sensors can resolve."""
+"""Swings on the rigs: logs that agree with the equations of motion and with what the sensors can
+resolve.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,11 @@ def test_columns_and_metadata_are_those_of_the_contract(logs, name, kind, tail, 
     _, log = logs[name]
     assert tuple(log.table.columns[:10]) == RIG_COLUMN_NAMES
     assert log.kind == kind
-    assert (log.extra["tail"], log.extra["axis"], log.extra["wind_speed_m_per_s"]) == (tail, axis, wind)
+    assert (log.extra["tail"], log.extra["axis"], log.extra["wind_speed_m_per_s"]) == (
+        tail,
+        axis,
+        wind,
+    )
     np.testing.assert_allclose(log.time, np.arange(1001) / 1000.0, atol=1e-12)
     assert np.all(np.isfinite(log.table.to_numpy()))
 
@@ -66,7 +72,9 @@ def test_it_rests_at_the_start_angle_and_then_swings_upstream(logs, name) -> Non
 
 
 def test_free_bar_swing_decays_with_the_published_friction(logs) -> None:
-    """J angle'' = -m g d sin(angle) - Cf tanh(10 w) - Vf w with Tables 4.5 to 4.7, integrated by scipy."""
+    """J angle'' = -m g d sin(angle) - Cf tanh(10 w) - Vf w with Tables 4.5 to 4.7, integrated by
+    scipy.
+    """
     _, log = logs["bar"]
     inertia = 6.731e-3 + 1.9198e-3 + 0.313 * 0.1**2
     begin = 201  # let go at 0.2 s
@@ -77,7 +85,9 @@ def test_free_bar_swing_decays_with_the_published_friction(logs) -> None:
         return [x[1], (-0.313 * 9.81 * 0.1 * math.sin(x[0]) - friction) / inertia]
 
     span = (log.time[begin], log.time[-1])
-    solution = solve_ivp(motion, span, [angle[begin], rate[begin]], t_eval=log.time[begin:], rtol=1e-10, atol=1e-12)
+    solution = solve_ivp(
+        motion, span, [angle[begin], rate[begin]], t_eval=log.time[begin:], rtol=1e-10, atol=1e-12
+    )
     np.testing.assert_allclose(angle[begin:], solution.y[0], atol=1e-7)
     np.testing.assert_allclose(rate[begin:], solution.y[1], atol=1e-6)
     energy = 0.5 * inertia * rate**2 - 0.313 * 9.81 * 0.1 * np.cos(angle)
@@ -91,35 +101,52 @@ def test_logged_wrench_is_the_reaction_at_the_logged_state_and_torque(logs, name
     rows = log.table.iloc[::97]
     for index, row in rows.iterrows():
         reaction = rig.reaction(
-            row["angle_truth_rad"], row["angular_velocity_truth_rad_per_s"], row["motor_torque_truth_n_m"]
+            row["angle_truth_rad"],
+            row["angular_velocity_truth_rad_per_s"],
+            row["motor_torque_truth_n_m"],
         )
         np.testing.assert_allclose(wrench_truth(log)[index], reaction.wrench, atol=1e-9)
 
 
 def test_motor_torque_is_minus_the_current(logs) -> None:
-    """0.346 N m/A on the cheetah rig; the current in the log has noise of 0.01 A, here averaged over 200 samples."""
+    """0.346 N m/A on the cheetah rig; the current in the log has noise of 0.01 A, here averaged
+    over 200 samples.
+    """
     _, log = logs["flick"]
     rest = log.time < 0.2
     torque = np.mean(log.signal("motor_torque_truth_n_m")[rest])
-    assert torque == pytest.approx(-0.346 * np.mean(log.signal("current_a")[rest]), abs=0.346 * 0.004)
+    assert torque == pytest.approx(
+        -0.346 * np.mean(log.signal("current_a")[rest]), abs=0.346 * 0.004
+    )
     _, log = logs["robot"]
-    np.testing.assert_allclose(log.signal("motor_torque_truth_n_m"), -1.23 * log.signal("current_a"), atol=1e-9)
+    np.testing.assert_allclose(
+        log.signal("motor_torque_truth_n_m"), -1.23 * log.signal("current_a"), atol=1e-9
+    )
 
 
 def test_encoder_counts(logs) -> None:
-    """Whole counts, nearest to the angle at that instant; the rate over 2 ms resolves 0.059 rad/s and lags 1 ms."""
+    """Whole counts, nearest to the angle at that instant; the rate over 2 ms resolves 0.059 rad/s
+    and lags 1 ms.
+    """
     _, log = logs["flick"]
     counts = log.signal("angle_rad") / COUNT
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
-    assert np.max(np.abs(log.signal("angle_rad") - log.signal("angle_truth_rad"))) <= 0.5 * COUNT * (1 + 1e-9)
-    rate, truth = log.signal("angular_velocity_rad_per_s"), log.signal("angular_velocity_truth_rad_per_s")
+    assert np.max(
+        np.abs(log.signal("angle_rad") - log.signal("angle_truth_rad"))
+    ) <= 0.5 * COUNT * (1 + 1e-9)
+    rate, truth = (
+        log.signal("angular_velocity_rad_per_s"),
+        log.signal("angular_velocity_truth_rad_per_s"),
+    )
     delayed = np.interp(log.time - 0.001, log.time, truth)
     assert np.max(np.abs(rate - delayed)[5:]) < COUNT / 0.002 * 1.1
 
 
 def test_robot_motor_reports_words_of_the_mit_frame(logs) -> None:
     _, log = logs["robot"]
-    assert np.max(np.abs(log.signal("angle_rad") - log.signal("angle_truth_rad"))) <= 12.5 / 65535 * (1 + 1e-9)
+    assert np.max(
+        np.abs(log.signal("angle_rad") - log.signal("angle_truth_rad"))
+    ) <= 12.5 / 65535 * (1 + 1e-9)
 
 
 def test_force_readings_are_wrench_less_offset_plus_bias_and_noise(logs) -> None:
@@ -133,7 +160,10 @@ def test_force_readings_are_wrench_less_offset_plus_bias_and_noise(logs) -> None
 
 @pytest.mark.slow
 def test_robot_tail_comes_to_rest_where_spring_and_wind_balance(tmp_path: Path) -> None:
-    """Held by kp (0 - angle): the same torque that holds that angle statically. Friction 0.161 N m may keep it away."""
+    """Held by kp (0 - angle): the same torque that holds that angle statically.
+
+    Friction 0.161 N m may keep it away.
+    """
     scenario = load_rig_scenario("robot", ["experiment.rest=0.2", "experiment.duration=2.5"])
     angle = simulate(scenario, tmp_path / "robot.parquet").signal("angle_truth_rad")[-1]
     rig = Rig(scenario)
@@ -158,7 +188,13 @@ def test_unactuated_flick_is_let_go(tmp_path: Path) -> None:
 
 def test_tail_that_leaves_its_range_is_refused_and_its_rows_are_kept(tmp_path: Path) -> None:
     scenario = load_rig_scenario(
-        "flick", ["experiment.wind_speed=30", "experiment.angle=1", "experiment.rest=0.01", "mount.angle_limit=1.1"]
+        "flick",
+        [
+            "experiment.wind_speed=30",
+            "experiment.angle=1",
+            "experiment.rest=0.01",
+            "mount.angle_limit=1.1",
+        ],
     ).varied(experiment={"target": -1.0, "kp": 60.0, "kd": 0.0, "duration": 2.0})
     with pytest.raises(UserError, match="the tail left its range at"):
         simulate(scenario, tmp_path / "wild.parquet")

@@ -26,28 +26,38 @@ def turn(mode, speed, *settings):
 
 
 def flat(values):
-    return {key: value for key, value in values.items() if not isinstance(value, dict | tuple | str)}
+    return {
+        key: value for key, value in values.items() if not isinstance(value, dict | tuple | str)
+    }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("mode", "direction"), [("none", "left"), ("swing", "right")])
-def test_trial_of_a_surviving_car_has_the_outcome_and_metrics_of_its_logged_run(tmp_path, mode, direction):
+def test_trial_of_a_surviving_car_has_the_outcome_and_metrics_of_its_logged_run(
+    tmp_path, mode, direction
+):
     scenario = turn(mode, 2.5, f"manoeuvre.direction={direction}")
     logged = simulate(scenario, tmp_path / "run.parquet")
     run = simulate(scenario, record="outcome", stop_when_certain=False)
     expected, found = summarise(logged, scenario.name), summarise(run, scenario.name)
     assert not {STOPPED, SETTLED} & set(run.extra)
     for name in ("raw", "filtered", "outcome"):
-        theirs, ours = (dataclasses.asdict(getattr(each.metrics, name)) for each in (expected, found))
+        theirs, ours = (
+            dataclasses.asdict(getattr(each.metrics, name)) for each in (expected, found)
+        )
         assert flat(ours) == pytest.approx(flat(theirs), rel=1e-9, abs=1e-9)
     assert found.metrics.outcome.result == "survived"
-    assert flat(found.metrics.as_row()) == pytest.approx(flat(expected.metrics.as_row()), rel=1e-9, abs=1e-9)
+    assert flat(found.metrics.as_row()) == pytest.approx(
+        flat(expected.metrics.as_row()), rel=1e-9, abs=1e-9
+    )
     assert (found.trigger_time, found.window) == (expected.trigger_time, expected.window)
     for name in run.table.columns:  # rounding alone sets them apart, 1e-9 of the largest value
         if name in (*CONTACT_COLUMNS, *LIFT_COLUMNS):  # from the motion: see test_ground_loads.py
             continue
         scale = max(1.0, float(np.max(np.abs(logged.signal(name)))))
-        np.testing.assert_allclose(run.signal(name), logged.signal(name), atol=1e-9 * scale, err_msg=name)
+        np.testing.assert_allclose(
+            run.signal(name), logged.signal(name), atol=1e-9 * scale, err_msg=name
+        )
 
 
 @pytest.mark.slow
@@ -83,13 +93,19 @@ def test_flipped_run_stops_once_the_turn_is_over_with_the_metrics_of_the_turn():
 
 
 @pytest.mark.parametrize("mode", ["none", "swing"])
-def test_surviving_car_ends_its_trial_once_it_has_settled_and_every_metric_is_that_of_the_whole_run(mode):
+def test_surviving_car_ends_its_trial_once_it_has_settled_and_every_metric_is_that_of_the_whole_run(
+    mode,
+):
     scenario = turn(mode, 2.5, "manoeuvre.duration=3.0")
-    early, whole = (simulate(scenario, record="outcome", stop_when_certain=stop) for stop in (None, False))
+    early, whole = (
+        simulate(scenario, record="outcome", stop_when_certain=stop) for stop in (None, False)
+    )
     rows = len(early.table)
     assert early.extra[SETTLED] == early.time[-1] < 2.8 < 2.99 < whole.time[-1]
     # Wheel loads of a table of another length: rounding.
-    np.testing.assert_allclose(early.table.to_numpy(), whole.table.to_numpy()[:rows], rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(
+        early.table.to_numpy(), whole.table.to_numpy()[:rows], rtol=0.0, atol=1e-8
+    )
     found, expected = (flat(metrics_of(run).as_row()) for run in (early, whole))
     ends = {name for name in found if name.startswith("filtered_") or name == "tail_energy_j"}
     for name in set(found) - ends:
@@ -107,7 +123,9 @@ def test_car_that_meets_wind_drives_its_trial_to_the_end():
 
 @pytest.mark.slow
 def test_trials_near_the_limit_say_what_full_runs_say():
-    compared = [differences(scenario) for car in drawn_cars(seed=3, count=2) for scenario in car.scenarios()]
+    compared = [
+        differences(scenario) for car in drawn_cars(seed=3, count=2) for scenario in car.scenarios()
+    ]
     assert {run.flipped for run in compared} == {True, False}
     assert [run.wrong for run in compared if run.wrong] == []
 

@@ -1,4 +1,6 @@
-"""What a scenario may say about the air: names, ranges, files, and scenarios written before the air could move."""
+"""What a scenario may say about the air: names, ranges, files, and scenarios written before the air
+could move.
+"""
 
 import math
 import subprocess
@@ -26,7 +28,12 @@ def tail(**keys):
 @pytest.mark.parametrize(
     ("section", "key", "value", "named"),
     [
-        ("tail", "coefficients", "robot_tail_lne", ("'robot_tail_lne'", "did you mean 'robot_tail_line'?", ".csv")),
+        (
+            "tail",
+            "coefficients",
+            "robot_tail_lne",
+            ("'robot_tail_lne'", "did you mean 'robot_tail_line'?", ".csv"),
+        ),
         (
             "tail",
             "coefficients",
@@ -78,7 +85,9 @@ def test_every_set_gives_a_law_to_every_sail(name, sail):
     if sail == "facing":
         assert isinstance(law, CrossedPlatesLaw)
         law = law.normal
-    assert isinstance(law, TwoSidedLaw if name == "half_cylinder" and sail != "facing" else NormalForceLaw)
+    assert isinstance(
+        law, TwoSidedLaw if name == "half_cylinder" and sail != "facing" else NormalForceLaw
+    )
     assert limit == 15.0  # Table 11.7 ends there
 
 
@@ -90,10 +99,18 @@ def test_constant_is_the_number_of_the_scenario():
 
 
 def test_shell_and_board_of_a_free_sail_stand_behind_its_bearing():
-    sizes = {"length": 0.9, "sail_length": 0.6, "sail_width": 0.2, "sail_shell_offset": 0.25, "sail_board_share": 0.5}
+    sizes = {
+        "length": 0.9,
+        "sail_length": 0.6,
+        "sail_width": 0.2,
+        "sail_shell_offset": 0.25,
+        "sail_board_share": 0.5,
+    }
     parameters = tail(sail="free", **sizes)
     sail = free_sail(parameters, sail_law(parameters)[0])
-    assert sail.shell_layout.p_BoRo_B == pytest.approx((0.0, -0.05, 0.0))  # behind is -y, hollow to +y
+    assert sail.shell_layout.p_BoRo_B == pytest.approx(
+        (0.0, -0.05, 0.0)
+    )  # behind is -y, hollow to +y
     assert sail.board_layout.p_BoRo_B == pytest.approx((0.0, -0.15, 0.0))
     assert sum(sail.board_layout.areas) == pytest.approx(0.06)
     for layout in (sail.shell_layout, sail_layout(parameters)):
@@ -119,7 +136,9 @@ def test_file_of_coefficients_is_read_when_the_car_is_built(tmp_path):
 def test_turning_sail_refuses_a_law_that_does_not_know_its_normal(tmp_path, sail):
     path = tmp_path / "mine.csv"
     path.write_text(POLAR)
-    with pytest.raises(ModelError, match=rf"tail\.coefficients: .*polar.*'{sail}': normal_force, two_sided"):
+    with pytest.raises(
+        ModelError, match=rf"tail\.coefficients: .*polar.*'{sail}': normal_force, two_sided"
+    ):
         sail_law(tail(coefficients=str(path), sail=sail))
 
 
@@ -130,7 +149,13 @@ def test_sets_for_a_sail_are_those_whose_law_knows_its_normal(name):
 
 
 def test_wind_of_the_scenario_in_world_axes():
-    wind = {"mean_x": -3.0, "gust_amplitude": 2.0, "gust_period": 4.0, "gust_direction": math.pi, "turbulence": 0.5}
+    wind = {
+        "mean_x": -3.0,
+        "gust_amplitude": 2.0,
+        "gust_period": 4.0,
+        "gust_direction": math.pi,
+        "turbulence": 0.5,
+    }
     model = wind_model(scenario_from_dict({"seed": 8, "wind": wind}))
     assert model is not None
     assert model.mean == (-3.0, 0.0, 0.0)
@@ -141,14 +166,25 @@ def test_wind_of_the_scenario_in_world_axes():
 
 
 def test_still_air_is_the_default_and_a_car_without_tail_has_no_wind():
-    assert wind_model(scenario_from_dict({"wind": {"gust_period": 1.0, "gust_direction": 1.0}})) is None
-    assert wind_model(scenario_from_dict({"tail": {"mode": "none"}, "wind": {"mean_x": 5.0}})) is None
+    assert (
+        wind_model(scenario_from_dict({"wind": {"gust_period": 1.0, "gust_direction": 1.0}}))
+        is None
+    )
+    assert (
+        wind_model(scenario_from_dict({"tail": {"mode": "none"}, "wind": {"mean_x": 5.0}})) is None
+    )
 
 
 def test_scenario_from_before_the_air_could_move_is_one_in_still_air():
     resolved = scenario_from_dict({"seed": 3}).resolved()
     del resolved["wind"]
-    for key in ("coefficients", "sail_shell_offset", "sail_board_share", "sail_bearing_damping", "added_mass"):
+    for key in (
+        "coefficients",
+        "sail_shell_offset",
+        "sail_board_share",
+        "sail_bearing_damping",
+        "added_mass",
+    ):
         del resolved["tail"][key]
     resolved["tail"]["sail_centre_of_pressure"] = 0.02  # of the flat sail of earlier versions
     assert scenario_from_dict(resolved) == scenario_from_dict({"seed": 3})

@@ -1,4 +1,6 @@
-"""What drives the plant: the same with and without the truth beside it, and the air as Drake's kinematics have it."""
+"""What drives the plant: the same with and without the truth beside it, and the air as Drake's
+kinematics have it.
+"""
 
 import numpy as np
 import pytest
@@ -19,20 +21,32 @@ RUNS = {
     "no tail": ("turn_none", []),
     "no tail, flips": ("turn_none", ["manoeuvre.speed=3.61"]),
     "locked sail": ("turn_swing", ["tail.sail=locked"]),
-    "coefficients over speed": ("turn_swing", ["tail.coefficients=robot_tail_line", "manoeuvre.duration=2.7"]),
+    "coefficients over speed": (
+        "turn_swing",
+        ["tail.coefficients=robot_tail_line", "manoeuvre.duration=2.7"],
+    ),
     "free sail through the turn": ("turn_swing", ["tail.sail=free", "manoeuvre.duration=2.7"]),
     "added mass in wind": ("turn_swing", ["tail.added_mass=0.003", *WIND]),
-    "held, to the right, smaller step": ("turn_held", ["manoeuvre.direction=right", "simulation.step=0.001"]),
+    "held, to the right, smaller step": (
+        "turn_held",
+        ["manoeuvre.direction=right", "simulation.step=0.001"],
+    ),
 }
 
 
 def run(scenario, lean):
-    """State of the plant at every step, and every output of the contract at 100 Hz, by name of the port."""
+    """State of the plant at every step, and every output of the contract at 100 Hz, by name of the
+    port.
+    """
     car = assemble(scenario, lean=lean)
-    rates = {"plant_state_truth": 1.0 / scenario.simulation.step} | dict.fromkeys(STATION_OUTPUTS, 100.0)
+    rates = {"plant_state_truth": 1.0 / scenario.simulation.step} | dict.fromkeys(
+        STATION_OUTPUTS, 100.0
+    )
     sinks = {
         name: LogVectorOutput(
-            car.station.GetOutputPort(name), car.builder, publish_period=period_of(rate, Stage.RECORD)
+            car.station.GetOutputPort(name),
+            car.builder,
+            publish_period=period_of(rate, Stage.RECORD),
         )
         for name, rate in rates.items()
     }
@@ -56,13 +70,21 @@ def test_station_moves_alike_with_and_without_its_truth_over_a_whole_run(case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [["tail.sail=free"], ["tail.sail=locked", "tail.added_mass=0.003"]])
+@pytest.mark.parametrize(
+    "settings", [["tail.sail=free"], ["tail.sail=locked", "tail.added_mass=0.003"]]
+)
 def test_air_in_wind_is_what_a_tail_force_says_at_every_state_of_a_run(settings):
-    """`TailForce` asks Drake where the sail is and how it moves; what drives the plant has that in closed form."""
+    """`TailForce` asks Drake where the sail is and how it moves; what drives the plant has that in
+    closed form.
+    """
     car = assemble(load_scenario("turn_swing", [*settings, *WIND]))
     station, plant = car.station, simulated_car(car.station).plant
     drives = station.GetSubsystemByName("car_drives").GetOutputPort("drives")
-    reporters = [system for system in station.GetSystems() if system.get_name().startswith("tail_force_tail_sail")]
+    reporters = [
+        system
+        for system in station.GetSystems()
+        if system.get_name().startswith("tail_force_tail_sail")
+    ]
     wrenches = [system.GetOutputPort("wrench") for system in reporters]
     chassis, sail = plant.GetBodyByName("chassis"), plant.GetBodyByName("tail_sail")
     simulator, strongest = Simulator(car.builder.Build()), 0.0
@@ -75,7 +97,10 @@ def test_air_in_wind_is_what_a_tail_force_says_at_every_state_of_a_run(settings)
         plant_context = plant.GetMyContextFromRoot(context)
         arm = p_WSo - plant.EvalBodyPoseInWorld(plant_context, chassis).translation()
         np.testing.assert_allclose(
-            found[DRIVES["air_on_chassis"]], [*moment + np.cross(arm, force), *force], rtol=0.0, atol=1e-9
+            found[DRIVES["air_on_chassis"]],
+            [*moment + np.cross(arm, force), *force],
+            rtol=0.0,
+            atol=1e-9,
         )
         axis = plant.EvalBodyPoseInWorld(plant_context, sail).rotation().matrix()[:, 2]
         assert found[DRIVES["air_on_joints"]][2] == pytest.approx(axis @ moment, abs=1e-9)
@@ -95,5 +120,12 @@ def test_station_has_the_ports_of_the_contract_with_and_without_its_truth(mode):
         )
     )
     assert inputs[0] == inputs[1]
-    contract = [{name: size for name, size in ports.items() if not name.endswith("_truth")} for ports in outputs]
-    assert contract[0] == contract[1] == {name: fields.size for name, fields in STATION_OUTPUTS.items()}
+    contract = [
+        {name: size for name, size in ports.items() if not name.endswith("_truth")}
+        for ports in outputs
+    ]
+    assert (
+        contract[0]
+        == contract[1]
+        == {name: fields.size for name, fields in STATION_OUTPUTS.items()}
+    )

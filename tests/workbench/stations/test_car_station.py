@@ -1,4 +1,6 @@
-"""The station exports the ports of the contract, simulated or not, and keeps the controller outside."""
+"""The station exports the ports of the contract, simulated or not, and keeps the controller
+outside.
+"""
 
 import numpy as np
 import pytest
@@ -39,12 +41,16 @@ def stand(mode, **sections):
 
 
 class DummyInterface(LeafSystem):
-    """Has the ports of the station and does nothing; `changes` gives other sizes, None takes a port away."""
+    """Has the ports of the station and does nothing; `changes` gives other sizes, None takes a port
+    away.
+    """
 
     def __init__(self, **changes):
         super().__init__()
         self.set_name("dummy_car")
-        ports = {name: fields.size for name, fields in (STATION_INPUTS | STATION_OUTPUTS).items()} | changes
+        ports = {
+            name: fields.size for name, fields in (STATION_INPUTS | STATION_OUTPUTS).items()
+        } | changes
         for name, size in ports.items():
             if size is None:
                 continue
@@ -69,7 +75,9 @@ def test_simulated_station_has_the_ports_of_the_contract_and_truth(mode):
 
 def test_interface_takes_the_place_of_the_plant_with_the_same_ports():
     scenario = scenario_from_dict({})
-    station = make_car_station(scenario, lambda given: DummyInterface() if given is scenario else None)
+    station = make_car_station(
+        scenario, lambda given: DummyInterface() if given is scenario else None
+    )
     assert sizes(station) == (INPUTS, OUTPUTS)
     simulated_inputs, simulated_outputs = sizes(make_car_station(scenario))
     assert simulated_inputs == INPUTS
@@ -78,14 +86,23 @@ def test_interface_takes_the_place_of_the_plant_with_the_same_ports():
 
 def test_driver_and_controller_connect_to_an_interface_as_to_the_simulation():
     car = assemble(load_scenario("turn_swing"), lambda scenario: DummyInterface())
-    assert not [name for _, names in car.signals for name in names if "truth" in name or name.startswith("plant_")]
+    assert not [
+        name
+        for _, names in car.signals
+        for name in names
+        if "truth" in name or name.startswith("plant_")
+    ]
     assert car.builder.Build().num_input_ports() == 0
 
 
 @pytest.mark.parametrize(
     ("changes", "wrong", "allowed"),
     [
-        ({"imu": None}, r"outputs speed \(1\), status \(13\), tail_state \(6\), tail_torque \(2\)", r"imu \(9\)"),
+        (
+            {"imu": None},
+            r"outputs speed \(1\), status \(13\), tail_state \(6\), tail_torque \(2\)",
+            r"imu \(9\)",
+        ),
         ({"imu": 6}, r"outputs imu \(6\)", r"imu \(9\)"),
         ({"throttle": None}, r"inputs steering_angle \(1\), tail_pitch", r"throttle \(1\)"),
         ({"brake_in": 1}, r"inputs brake_in \(1\)", r"steering_angle \(1\)"),
@@ -94,7 +111,9 @@ def test_driver_and_controller_connect_to_an_interface_as_to_the_simulation():
     ],
 )
 def test_interface_with_other_ports_is_refused_by_name(changes, wrong, allowed):
-    with pytest.raises(UserError, match=rf"interface of 'dummy_car': .*{wrong}.*allowed: .*{allowed}"):
+    with pytest.raises(
+        UserError, match=rf"interface of 'dummy_car': .*{wrong}.*allowed: .*{allowed}"
+    ):
         make_car_station(scenario_from_dict({}), lambda scenario: DummyInterface(**changes))
 
 
@@ -106,7 +125,9 @@ def test_simulation_without_a_port_of_the_contract_is_refused(monkeypatch):
 
 def test_status_needs_every_field_once():
     healthy = ("motor_age", "motor_fault", "force_age", "operator_age", "operator_fault")
-    with pytest.raises(ValueError, match="status: force_fault; needed once each: motor_age, motor_fault, force_age"):
+    with pytest.raises(
+        ValueError, match="status: force_fault; needed once each: motor_age, motor_fault, force_age"
+    ):
         add_status(DiagramBuilder(), RIG_STATUS, {}, healthy)
 
 
@@ -141,7 +162,8 @@ def test_tail_state_names_pitch_and_roll_with_their_signs():
     assert state.roll_angle == pytest.approx(0.8, abs=4e-4)
     assert state.pitch_rate == pytest.approx(1.5, abs=0.025)
     assert state.roll_rate == pytest.approx(-2.5, abs=0.025)
-    # The sail faces the wind that the sideways tip makes, 0.9 m below: within a word of 12 bit and its noise.
+    # The sail faces the wind that the sideways tip makes, 0.9 m below: within a word of 12 bit and
+    # its noise.
     assert state.sail_rate == 0.0
     locked = CarStand(scenario_from_dict({"tail": {"mode": "held", "sail": "locked"}}))
     locked.simulator.Initialize()
@@ -164,7 +186,10 @@ def test_tail_torque_answers_each_command_on_its_own_joint():
 
 
 def test_steering_and_throttle_move_the_car_where_they_say():
-    gentle = {"tail": {"mode": "none"}, "drive": {"governor": False}}  # a governed step lifts the front wheels
+    gentle = {
+        "tail": {"mode": "none"},
+        "drive": {"governor": False},
+    }  # a governed step lifts the front wheels
     car = CarStand(scenario_from_dict(gentle), steering_angle=[0.3], throttle=[0.4])
     car.advance(1.0)
     body = BODY_TRUTH.read(car.output("body_truth"))
@@ -180,10 +205,14 @@ def test_each_knuckle_gets_its_own_angle_of_the_linkage():
     car = CarStand(scenario_from_dict(sections), steering_angle=[0.3], throttle=[0.3])
     car.advance(1.0)
     angles = [
-        car.plant.GetJointByName(f"front_{side}_steering").get_angle(car.plant_context) for side in ("left", "right")
+        car.plant.GetJointByName(f"front_{side}_steering").get_angle(car.plant_context)
+        for side in ("left", "right")
     ]
-    # The servo gives way by 200 N m/rad: a few milliradians, where the linkage parts the wheels by 100.
-    np.testing.assert_allclose(angles, knuckle_angles(0.3, car.scenario.servo, car.scenario.car), atol=0.01)
+    # The servo gives way by 200 N m/rad: a few milliradians, where the linkage parts the wheels
+    # by 100.
+    np.testing.assert_allclose(
+        angles, knuckle_angles(0.3, car.scenario.servo, car.scenario.car), atol=0.01
+    )
 
 
 def test_status_of_a_simulated_car_is_fresh_armed_and_without_fault():
@@ -212,7 +241,10 @@ def test_status_of_a_simulated_car_is_fresh_armed_and_without_fault():
 
 
 def test_station_without_tail_ignores_the_commands_and_says_so():
-    loud = {"tail_pitch_command": [1.0, 2.0, 300.0, 4.0, 5.0], "tail_roll_command": [1.0, 2.0, 300.0, 4.0, 5.0]}
+    loud = {
+        "tail_pitch_command": [1.0, 2.0, 300.0, 4.0, 5.0],
+        "tail_roll_command": [1.0, 2.0, 300.0, 4.0, 5.0],
+    }
     scenario = scenario_from_dict({"tail": {"mode": "none"}})
     with_commands, without = CarStand(scenario, **loud), CarStand(scenario)
     for car in (with_commands, without):
@@ -220,7 +252,11 @@ def test_station_without_tail_ignores_the_commands_and_says_so():
         np.testing.assert_array_equal(car.output("tail_state"), np.zeros(6))
         np.testing.assert_array_equal(car.output("tail_torque"), np.zeros(2))
         status = STATUS.read(car.output("status"))
-        assert (status.tail_pitch_fault, status.tail_roll_fault, status.sail_fault) == (1.0, 1.0, 1.0)
+        assert (status.tail_pitch_fault, status.tail_roll_fault, status.sail_fault) == (
+            1.0,
+            1.0,
+            1.0,
+        )
         assert (status.imu_fault, status.speed_fault, status.operator_fault) == (0.0, 0.0, 0.0)
     np.testing.assert_array_equal(with_commands.output("body_truth"), without.output("body_truth"))
     assert with_commands.tail is None

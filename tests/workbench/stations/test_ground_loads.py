@@ -1,4 +1,6 @@
-"""Forces of the ground that follow from the motion are those that Drake's solver found; lifts are those of a pose."""
+"""Forces of the ground that follow from the motion are those that Drake's solver found; lifts are
+those of a pose.
+"""
 
 import numpy as np
 import pytest
@@ -18,7 +20,11 @@ from aerodima.workbench.stations.outcome_record import GroundLoads
     ("name", "settings", "parts"),
     [
         ("turn_swing", [], ()),
-        ("turn_swing", ["manoeuvre.speed=4.5", "car.tyre_friction=0.9", "tail.sail=free"], ("cage", "tail")),
+        (
+            "turn_swing",
+            ["manoeuvre.speed=4.5", "car.tyre_friction=0.9", "tail.sail=free"],
+            ("cage", "tail"),
+        ),
         ("turn_none", ["manoeuvre.speed=3.61", "car.tyre_shape=ellipsoid"], ("cage",)),
     ],
 )
@@ -27,11 +33,19 @@ def test_loads_are_those_of_the_contact_solver(name, settings, parts):
     log = simulate(scenario)
     positions = log.table.filter(like="plant_position_").to_numpy().T
     loads = GroundLoads(simulated_car(assemble(scenario).station))
-    found = dict(zip((*WHEELS, *GROUND_CONTACTS), loads.forces(positions[:, :-1], positions[:, 1:]), strict=True))
+    found = dict(
+        zip(
+            (*WHEELS, *GROUND_CONTACTS),
+            loads.forces(positions[:, :-1], positions[:, 1:]),
+            strict=True,
+        )
+    )
     for wheel in WHEELS:
         expected = log.signal(f"wheel_force_{wheel}_z_truth_n")[1:]
         assert expected.max() > 10.0
-        np.testing.assert_allclose(found[wheel], expected, rtol=0.0, atol=0.2 * LOADED_FORCE, err_msg=wheel)
+        np.testing.assert_allclose(
+            found[wheel], expected, rtol=0.0, atol=0.2 * LOADED_FORCE, err_msg=wheel
+        )
     for part in GROUND_CONTACTS:
         expected = log.signal(f"ground_contact_{part}_truth_n")[1:]
         assert expected.max() > 1.0 or part not in parts, part
@@ -55,7 +69,9 @@ def test_heights_are_those_of_the_plant_wherever_it_stands(sail):
             plant.SetPositions(context, positions[:, column])
             X_WB = plant.EvalBodyPoseInWorld(context, plant.get_body(body))
             np.testing.assert_allclose(height[column], X_WB.translation()[2], rtol=0.0, atol=1e-12)
-            np.testing.assert_allclose(up[:, column], X_WB.rotation().matrix()[2], rtol=0.0, atol=1e-12)
+            np.testing.assert_allclose(
+                up[:, column], X_WB.rotation().matrix()[2], rtol=0.0, atol=1e-12
+            )
 
 
 @pytest.mark.parametrize("shape", ["cylinder", "ellipsoid"])
@@ -65,8 +81,11 @@ def test_a_car_that_leans_on_its_outer_wheels_lifts_the_inner_ones(shape, angle,
     car = simulated_car(assemble(scenario).station)
     plant, loads, width = car.plant, GroundLoads(car), scenario.car.tyre_width
     level = plant.GetPositions(plant.CreateDefaultContext())[:, None]
-    # It rolls about a line on the ground below the outer edges of its tyres; an ellipsoid has no edge.
-    outwards = -np.sign(angle) * (0.5 * scenario.car.track + (0.5 * width if shape == "cylinder" else 0.0))
+    # It rolls about a line on the ground below the outer edges of its tyres; an ellipsoid has no
+    # edge.
+    outwards = -np.sign(angle) * (
+        0.5 * scenario.car.track + (0.5 * width if shape == "cylinder" else 0.0)
+    )
     start = plant.GetBodyByName("chassis").floating_positions_start()
     rolled = level.copy()
     rolled[start : start + 4, 0] = np.cos(0.5 * angle), np.sin(0.5 * angle), 0.0, 0.0
@@ -77,12 +96,21 @@ def test_a_car_that_leans_on_its_outer_wheels_lifts_the_inner_ones(shape, angle,
         difference = risen[f"{axle}_{inner}"] - risen[f"{axle}_{outer}"]
         assert difference == pytest.approx(scenario.car.track * abs(np.sin(angle)), abs=1e-3)
         if shape == "cylinder":
-            assert risen[f"{axle}_{outer}"] == pytest.approx(0.0, abs=2e-3), "half the rounding of an edge"
+            assert risen[f"{axle}_{outer}"] == pytest.approx(0.0, abs=2e-3), (
+                "half the rounding of an edge"
+            )
 
 
 def test_wheels_without_load_are_those_in_the_air():
-    """A load is that of the step before its row: of a wheel that was pressed when the step began."""
-    short = ["manoeuvre.speed_ramp=0.8", "manoeuvre.turn_start=1.0", "manoeuvre.duration=2.1", "manoeuvre.speed=3.4"]
+    """A load is that of the step before its row: of a wheel that was pressed when the step
+    began.
+    """
+    short = [
+        "manoeuvre.speed_ramp=0.8",
+        "manoeuvre.turn_start=1.0",
+        "manoeuvre.duration=2.1",
+        "manoeuvre.speed=3.4",
+    ]
     log = simulate(load_scenario("turn_none", short), record="outcome")
     lifts = np.column_stack([log.signal(name) for name in LIFT_COLUMNS])
     loads = np.column_stack([log.signal(f"wheel_force_{wheel}_z_truth_n") for wheel in WHEELS])

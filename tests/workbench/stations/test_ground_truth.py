@@ -1,4 +1,6 @@
-"""The ground truth agrees with itself: derivatives, Newton's law, momentum, lines of action, power."""
+"""The ground truth agrees with itself: derivatives, Newton's law, momentum, lines of action,
+power.
+"""
 
 import math
 
@@ -33,9 +35,21 @@ def rotation(run):
     """R_WB per row from roll, pitch and yaw, shape (n, 3, 3)."""
     roll, pitch, yaw = (run.signal(f"{name}_truth_rad") for name in ("roll", "pitch", "yaw"))
     zero, one = np.zeros_like(roll), np.ones_like(roll)
-    about_x = [[one, zero, zero], [zero, np.cos(roll), -np.sin(roll)], [zero, np.sin(roll), np.cos(roll)]]
-    about_y = [[np.cos(pitch), zero, np.sin(pitch)], [zero, one, zero], [-np.sin(pitch), zero, np.cos(pitch)]]
-    about_z = [[np.cos(yaw), -np.sin(yaw), zero], [np.sin(yaw), np.cos(yaw), zero], [zero, zero, one]]
+    about_x = [
+        [one, zero, zero],
+        [zero, np.cos(roll), -np.sin(roll)],
+        [zero, np.sin(roll), np.cos(roll)],
+    ]
+    about_y = [
+        [np.cos(pitch), zero, np.sin(pitch)],
+        [zero, one, zero],
+        [-np.sin(pitch), zero, np.cos(pitch)],
+    ]
+    about_z = [
+        [np.cos(yaw), -np.sin(yaw), zero],
+        [np.sin(yaw), np.cos(yaw), zero],
+        [zero, zero, one],
+    ]
     x, y, z = (np.moveaxis(np.array(matrix), -1, 0) for matrix in (about_x, about_y, about_z))
     return z @ y @ x
 
@@ -46,7 +60,8 @@ def in_world(run, vectors):
 
 def test_velocity_is_the_derivative_of_position_in_body_axes(run):
     velocity = in_world(run, run.vector("velocity", "truth_m_per_s"))
-    # The plant moves with the velocity of the end of the step; the turning of the body adds |gyro| v dt = 0.02 m/s.
+    # The plant moves with the velocity of the end of the step; the turning of the body adds |gyro|
+    # v dt = 0.02 m/s.
     np.testing.assert_allclose(rate_of(run.vector("position", "truth_m")), velocity[1:], atol=0.02)
 
 
@@ -55,15 +70,21 @@ def test_yaw_is_the_integral_of_what_the_gyros_say(standard_runs):
     roll, pitch = (run.signal(f"{name}_truth_rad")[1:] for name in ("roll", "pitch"))
     y, z = (run.signal(f"gyro_{axis}_truth_rad_per_s")[1:] for axis in ("y", "z"))
     assert z.max() > 1.0
-    # Rate of the yaw angle of roll-pitch-yaw angles; the turning of the body within a step adds 5e-4.
+    # Rate of the yaw angle of roll-pitch-yaw angles; the turning of the body within a step adds
+    # 5e-4.
     np.testing.assert_allclose(
-        rate_of(run.signal("yaw_truth_rad")), (y * np.sin(roll) + z * np.cos(roll)) / np.cos(pitch), atol=0.005
+        rate_of(run.signal("yaw_truth_rad")),
+        (y * np.sin(roll) + z * np.cos(roll)) / np.cos(pitch),
+        atol=0.005,
     )
 
 
 def test_roll_gyro_is_the_derivative_of_roll(run):
     moving = np.abs(run.signal("roll_truth_rad")[1:]) < 1.0
-    roll_rate, p = rate_of(run.signal("roll_truth_rad"))[moving], run.signal("gyro_x_truth_rad_per_s")[1:][moving]
+    roll_rate, p = (
+        rate_of(run.signal("roll_truth_rad"))[moving],
+        run.signal("gyro_x_truth_rad_per_s")[1:][moving],
+    )
     assert p.max() > 0.2
     # roll' = p + tan(pitch) (...), and the car yaws by at most 3 rad/s.
     pitch = np.abs(run.signal("pitch_truth_rad")).max()
@@ -96,19 +117,28 @@ def test_acceleration_is_that_of_the_imu_with_the_turning_of_the_axes(run):
 
 def test_left_turn_accelerates_the_car_to_its_left(run):
     turning = (run.time > 2.2) & (run.time < 2.5)
-    expected = (run.signal("velocity_x_truth_m_per_s") * run.signal("gyro_z_truth_rad_per_s"))[turning].mean()
-    assert run.signal("acceleration_y_truth_m_per_s2")[turning].mean() == pytest.approx(expected, rel=0.25)
+    expected = (run.signal("velocity_x_truth_m_per_s") * run.signal("gyro_z_truth_rad_per_s"))[
+        turning
+    ].mean()
+    assert run.signal("acceleration_y_truth_m_per_s2")[turning].mean() == pytest.approx(
+        expected, rel=0.25
+    )
     assert expected > 2.0
 
 
 def test_wheels_air_and_weight_accelerate_the_centre_of_mass(run):
     com, mass = run.vector("com", "truth_m"), run.extra["total_mass_kg"]
     acceleration = np.diff(com, n=2, axis=0) / STEP**2
-    force = sum(run.vector(f"wheel_force_{wheel}", "truth_n") for wheel in WHEELS)[2:] - [0.0, 0.0, mass * G]
+    force = sum(run.vector(f"wheel_force_{wheel}", "truth_n") for wheel in WHEELS)[2:] - [
+        0.0,
+        0.0,
+        mass * G,
+    ]
     if run.has_tail:
         force = force + run.vector("tail_force", "truth_n")[1:-1]
     error = force / mass - acceleration
-    # Rows of the second difference see the force of the step between them: noise of first order in the step.
+    # Rows of the second difference see the force of the step between them: noise of first order in
+    # the step.
     assert np.sqrt((error**2).mean(axis=0)).max() < 0.05
     assert np.abs(acceleration[:, :2]).max() > 2.0
 
@@ -130,12 +160,17 @@ def test_contact_points_lie_on_the_ground_under_their_wheels(run):
     row, scenario = 950, run.scenario["car"]
     # Contact is that of the plant's last step, which began at the row before.
     origin, yaw = run.vector("position", "truth_m")[row - 1], run.signal("yaw_truth_rad")[row - 1]
-    R_BW = np.array([[np.cos(yaw), np.sin(yaw), 0.0], [-np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    R_BW = np.array(
+        [[np.cos(yaw), np.sin(yaw), 0.0], [-np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
+    )
     for wheel in WHEELS:
         x = scenario["wheelbase"] if wheel.startswith("front") else 0.0
         y = scenario["track"] / 2 * (1 if wheel.endswith("left") else -1)
-        point = R_BW @ (run.vector(f"wheel_contact_{wheel}", "truth_m")[row] - [origin[0], origin[1], 0.0])
-        # The tyres of a car that leans by a few mrad stand more on one edge than on the other, and 2 mm deep.
+        point = R_BW @ (
+            run.vector(f"wheel_contact_{wheel}", "truth_m")[row] - [origin[0], origin[1], 0.0]
+        )
+        # The tyres of a car that leans by a few mrad stand more on one edge than on the other, and
+        # 2 mm deep.
         np.testing.assert_allclose(point[[0, 2]], [x, 0.0], atol=0.003)
         assert abs(point[1] - y) < 0.4 * scenario["tyre_width"]
 
@@ -149,21 +184,28 @@ def test_tail_momentum_is_its_mass_times_the_velocity_of_its_centre_of_mass(tail
     mass = tailed.extra["tail_mass_kg"]
     momentum = tailed.vector("tail_momentum", "truth_n_s")[1:]
     assert np.abs(momentum).max() > 0.5
-    # Along an arc at 8 rad/s the chord of a step differs from the velocity at its end by 1 % of 0.5 N s.
-    np.testing.assert_allclose(mass * rate_of(tailed.vector("tail_com", "truth_m")), momentum, atol=0.006)
+    # Along an arc at 8 rad/s the chord of a step differs from the velocity at its end by 1 % of 0.5
+    # N s.
+    np.testing.assert_allclose(
+        mass * rate_of(tailed.vector("tail_com", "truth_m")), momentum, atol=0.006
+    )
 
 
 def test_angular_momentum_counts_about_the_world_origin(standard_runs):
     run = standard_runs["held"]
     com, momentum = run.vector("tail_com", "truth_m"), run.vector("tail_momentum", "truth_n_s")
     spin = run.vector("tail_angular_momentum", "truth_n_m_s") - np.cross(com, momentum)
-    # The held tail turns with the car only: inertia about its own centre of mass times the car's rates.
+    # The held tail turns with the car only: inertia about its own centre of mass times the car's
+    # rates.
     straight = (run.time > 1.5) & (run.time < 2.0)
     np.testing.assert_allclose(spin[straight], 0.0, atol=1e-3)
     turning = (run.time > 2.2) & (run.time < 2.5)
     inertia = spin[turning, 2] / run.signal("gyro_z_truth_rad_per_s")[turning]
     tail = run.scenario["tail"]
-    rod, sail = tail["mass"] * (1 - tail["sail_mass_fraction"]), tail["mass"] * tail["sail_mass_fraction"]
+    rod, sail = (
+        tail["mass"] * (1 - tail["sail_mass_fraction"]),
+        tail["mass"] * tail["sail_mass_fraction"],
+    )
     middle = tail["length"] - tail["sail_length"] / 2
     about_root = (
         rod * tail["length"] ** 2 / 3
@@ -172,13 +214,19 @@ def test_angular_momentum_counts_about_the_world_origin(standard_runs):
     )
     offset = (rod * tail["length"] / 2 + sail * middle) / run.extra["tail_mass_kg"]
     # The hub of 0.05 kg adds its own 2e-5 kg m2.
-    np.testing.assert_allclose(inertia, about_root - run.extra["tail_mass_kg"] * offset**2, rtol=0.02)
+    np.testing.assert_allclose(
+        inertia, about_root - run.extra["tail_mass_kg"] * offset**2, rtol=0.02
+    )
 
 
 def test_tip_is_one_length_from_the_joints_and_on_the_side_of_the_roll_angle(tailed):
     length = tailed.scenario["tail"]["length"]
-    mount = np.array([tailed.scenario["tail"]["mount_x"], 0.0, tailed.scenario["tail"]["mount_height"]])
-    root = tailed.vector("position", "truth_m") + in_world(tailed, np.tile(mount, (len(tailed.table), 1)))
+    mount = np.array(
+        [tailed.scenario["tail"]["mount_x"], 0.0, tailed.scenario["tail"]["mount_height"]]
+    )
+    root = tailed.vector("position", "truth_m") + in_world(
+        tailed, np.tile(mount, (len(tailed.table), 1))
+    )
     arm = tailed.vector("tail_tip", "truth_m") - root
     # The chassis frame is B: the joints move with it exactly.
     np.testing.assert_allclose(np.linalg.norm(arm, axis=1), length, atol=1e-6)
@@ -192,15 +240,21 @@ def test_air_pushes_on_the_sail():
     # Locked, all sections push along one normal, so that a single centre of pressure says it all.
     settings = ["manoeuvre.speed=3.33", "tail.sail=locked"]
     run = simulate(load_scenario("turn_designed", settings))
-    force, moment = run.vector("tail_force", "truth_n"), run.vector("tail_force_moment", "truth_n_m")
+    force, moment = (
+        run.vector("tail_force", "truth_n"),
+        run.vector("tail_force_moment", "truth_n_m"),
+    )
     strong = np.linalg.norm(force, axis=1) > 1.0
     assert np.count_nonzero(strong) > 20
     tip = run.vector("tail_tip", "truth_m")[strong]
     mount = [run.scenario["tail"]["mount_x"], 0.0, run.scenario["tail"]["mount_height"]]
-    root = (run.vector("position", "truth_m") + in_world(run, np.tile(mount, (len(run.table), 1))))[strong]
+    root = (run.vector("position", "truth_m") + in_world(run, np.tile(mount, (len(run.table), 1))))[
+        strong
+    ]
     axis = (tip - root) / run.scenario["tail"]["length"]
     force, moment = force[strong], moment[strong]
-    # M - root x F = s a x F with the centre of pressure s on the outer part of the sail, which moves fastest.
+    # M - root x F = s a x F with the centre of pressure s on the outer part of the sail, which
+    # moves fastest.
     about_root = moment - np.cross(root, force)
     lever = np.cross(axis, force)
     s = np.einsum("ni,ni->n", about_root, lever) / np.einsum("ni,ni->n", lever, lever)
@@ -230,7 +284,8 @@ def test_drive_power_becomes_kinetic_energy(standard_runs):
 
 def test_tail_power_is_torque_times_rate_of_both_joints(tailed):
     power = sum(
-        tailed.signal(f"tail_{joint}_torque_n_m") * tailed.signal(f"plant_velocity_tail_tail_{joint}_w")
+        tailed.signal(f"tail_{joint}_torque_n_m")
+        * tailed.signal(f"plant_velocity_tail_tail_{joint}_w")
         for joint in ("pitch", "roll")
     )
     np.testing.assert_allclose(tailed.signal("tail_power_truth_w"), power, rtol=1e-9, atol=1e-9)

@@ -25,7 +25,8 @@ class FakeInterface(LeafSystem):
 
 def ports(station):
     inputs = {
-        station.get_input_port(i).get_name(): station.get_input_port(i).size() for i in range(station.num_input_ports())
+        station.get_input_port(i).get_name(): station.get_input_port(i).size()
+        for i in range(station.num_input_ports())
     }
     outputs = {
         station.get_output_port(i).get_name(): station.get_output_port(i).size()
@@ -43,7 +44,10 @@ def test_simulated_and_real_robot_rig_have_the_same_ports() -> None:
         {"tail_command": 5},
         {"rig_state": 2, "motor_current": 1, "force_torque": 6, "status": 7},
     )
-    assert not any(real.get_output_port(i).get_name().endswith("_truth") for i in range(real.num_output_ports()))
+    assert not any(
+        real.get_output_port(i).get_name().endswith("_truth")
+        for i in range(real.num_output_ports())
+    )
 
 
 @pytest.mark.parametrize("name", ["flick", "bar"])
@@ -54,14 +58,20 @@ def test_cheetah_rig_takes_a_current(name: str) -> None:
 
 
 def test_cheetah_rig_has_no_hardware() -> None:
-    with pytest.raises(UserError, match="'swing' has no hardware interface; allowed with one: 'robot_swing'"):
+    with pytest.raises(
+        UserError, match="'swing' has no hardware interface; allowed with one: 'robot_swing'"
+    ):
         make_rig_station(load_rig_scenario("flick"), interface=lambda scenario: FakeInterface())
 
 
 def test_interface_with_other_ports_is_refused_by_name() -> None:
     short = {name: fields for name, fields in RIG_OUTPUTS.items() if name != "force_torque"}
-    with pytest.raises(UserError, match=r"interface of 'fake_interface': outputs .* allowed: .*force_torque"):
-        make_rig_station(load_rig_scenario("robot"), interface=lambda scenario: FakeInterface(outputs=short))
+    with pytest.raises(
+        UserError, match=r"interface of 'fake_interface': outputs .* allowed: .*force_torque"
+    ):
+        make_rig_station(
+            load_rig_scenario("robot"), interface=lambda scenario: FakeInterface(outputs=short)
+        )
     with pytest.raises(UserError, match=r"inputs .* allowed: .*tail_command"):
         make_rig_station(
             load_rig_scenario("robot"),

@@ -1,4 +1,6 @@
-"""The eight shapes of thesis 5.2: depth, board and coefficient of each, and what the text does not have."""
+"""The eight shapes of thesis 5.2: depth, board and coefficient of each, and what the text does not
+have.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ def test_coefficients_are_those_of_table_2_1() -> None:
     flat = sail_law(tail("flat", "tail.sail=locked"))[0]
     assert broadside(flat, 1.0) == broadside(flat, -1.0) == pytest.approx(planar[7])
     shell = sail_law(tail("half_cylinder_caps", "tail.sail=locked"))[0]
-    assert sorted((broadside(shell, 1.0), broadside(shell, -1.0))) == pytest.approx([planar[2], planar[9]])
+    assert sorted((broadside(shell, 1.0), broadside(shell, -1.0))) == pytest.approx(
+        [planar[2], planar[9]]
+    )
     assert broadside(sail_law(tail("built", "tail.sail=locked"))[0], 1.0) == 2.0
     # A set that is named stands above the shape.
     named = sail_law(tail("flat", "tail.sail=locked", "tail.coefficients=robot_tail_constant"))[0]
@@ -48,9 +52,12 @@ def test_depth_and_board_follow_the_shape() -> None:
     mass, width = built.mass * built.sail_mass_fraction, built.sail_width
     assert sail_inertial(tail("flat")).moments[2] == pytest.approx(mass * width**2 / 12)
     vane = free_sail(tail("flat_board", "tail.sail=free"), NormalForceLaw(2.0))
-    # Only the board turns a flat sail: half a width deep, its middle a quarter of a width behind the shell's place.
+    # Only the board turns a flat sail: half a width deep, its middle a quarter of a width behind
+    # the shell's place.
     offset = built.sail_shell_offset * width
-    assert side_moment(vane) == pytest.approx(built.sail_length * 0.5 * width * (offset + 0.25 * width))
+    assert side_moment(vane) == pytest.approx(
+        built.sail_length * 0.5 * width * (offset + 0.25 * width)
+    )
 
 
 def test_drawing_has_a_board_where_the_shape_has_one() -> None:
@@ -67,7 +74,11 @@ def test_flat_sail_turns_a_car() -> None:
 
 def test_what_the_text_does_not_have_is_refused_in_one_line() -> None:
     for shape, settings, words in (
-        ("disc_gap_band", [], r"in a picture of the thesis only \(Fig. 5.7\); allowed: with tail.coefficients"),
+        (
+            "disc_gap_band",
+            [],
+            r"in a picture of the thesis only \(Fig. 5.7\); allowed: with tail.coefficients",
+        ),
         ("flat", ["tail.sail=free"], "sail: 'free'; allowed: facing, locked .*: it has no board"),
         ("round", [], "sail_shape: 'round' is not allowed"),
     ):

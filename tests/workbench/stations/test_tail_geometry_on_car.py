@@ -1,4 +1,6 @@
-"""A tail file on the car: the built tail as one is the same car, and another shape moves and is drawn as it is."""
+"""A tail file on the car: the built tail as one is the same car, and another shape moves and is
+drawn as it is.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,13 @@ from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.errors import ModelError, ScenarioError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.car import add_car_plant
-from aerodima.workbench.plants.tail import arm_inertia, read_tail, tail_geometry, tail_sdf, write_tail
+from aerodima.workbench.plants.tail import (
+    arm_inertia,
+    read_tail,
+    tail_geometry,
+    tail_sdf,
+    write_tail,
+)
 from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.car_air import sail_layout, sail_strips
 
@@ -24,9 +32,12 @@ schema: aerodima/tail/1
 name: bent
 arm: {lengths: [0.4, 0.4], density: 0.06, axes: [[0, 0, 1], [0, 0.3, 1]]}
 plates:
-  - {name: sail, kind: half_shell, root: [0, 0.06, 0.6], lengths: [0.1, 0.1], chords: [0.1, 0.14, 0.08],
-     axes: [[0, 0.3, 1], [0, 0.3, 1]], normal: [0, -1, 0], density: 0.27, cap_density: 1.5, sections: 2}
-  - {name: inner, root: [0, 0, 0.2], lengths: [0.1], chords: [0.05, 0.05], normal: [0, 1, 0], density: 0.5, sections: 1}
+  - {name: sail, kind: half_shell, root: [0, 0.06, 0.6], lengths: [0.1, 0.1], chords: [0.1, 0.14,
+  0.08],
+     axes: [[0, 0.3, 1], [0, 0.3, 1]], normal: [0, -1, 0], density: 0.27, cap_density: 1.5,
+     sections: 2}
+  - {name: inner, root: [0, 0, 0.2], lengths: [0.1], chords: [0.05, 0.05], normal: [0, 1, 0],
+  density: 0.5, sections: 1}
 """
 
 
@@ -44,7 +55,9 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def scenario(files: dict[str, Path], name: str | None) -> Scenario:
-    return load_scenario("turn_swing", [*LOCKED, *([f"tail.geometry={files[name]}"] if name else [])])
+    return load_scenario(
+        "turn_swing", [*LOCKED, *([f"tail.geometry={files[name]}"] if name else [])]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +65,9 @@ def runs(files: dict[str, Path]) -> dict[str | None, RunLog]:
     return {name: simulate(scenario(files, name)) for name in (None, "known", "densities", "bent")}
 
 
-def test_built_tail_as_an_object_with_its_known_inertia_runs_as_before(files: dict[str, Path]) -> None:
+def test_built_tail_as_an_object_with_its_known_inertia_runs_as_before(
+    files: dict[str, Path],
+) -> None:
     parameters, own = scenario(files, None), scenario(files, "known")
     one, other = (tail_sdf(car.tail, car.tail_motor, car.car) for car in (parameters, own))
     for link in ("tail_hub", "tail_rod", "tail_sail"):
@@ -65,12 +80,16 @@ def test_built_tail_as_an_object_with_its_known_inertia_runs_as_before(files: di
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["known", "densities"])
-def test_run_of_the_built_tail_as_a_file_is_that_of_its_parameters_to_the_last_bit(runs: dict, name: str) -> None:
+def test_run_of_the_built_tail_as_a_file_is_that_of_its_parameters_to_the_last_bit(
+    runs: dict, name: str
+) -> None:
     assert runs[name].table.equals(runs[None].table)
     assert runs[None].table["tail_roll_angle_rad"].max() > 1.0  # it swung
 
 
-def test_bent_tail_drives_with_its_own_mass_sections_and_tip(runs: dict, files: dict[str, Path]) -> None:
+def test_bent_tail_drives_with_its_own_mass_sections_and_tip(
+    runs: dict, files: dict[str, Path]
+) -> None:
     log, geometry = runs["bent"], read_tail(files["bent"])
     car = scenario(files, "bent")
     builder = DiagramBuilder()
@@ -87,11 +106,15 @@ def test_bent_tail_drives_with_its_own_mass_sections_and_tip(runs: dict, files: 
     tip, roll = log.vector("tail_tip", "truth_m")[0], -np.pi / 2
     # At rest the tail lies to the left: its own y points down then.
     _, y, z = geometry.arm.points[-1]
-    np.testing.assert_allclose(tip[1:], [np.cos(roll) * y - np.sin(roll) * z, car.tail.mount_height - y], atol=0.01)
+    np.testing.assert_allclose(
+        tip[1:], [np.cos(roll) * y - np.sin(roll) * z, car.tail.mount_height - y], atol=0.01
+    )
 
 
 @pytest.mark.parametrize("roll", [0.0, 0.7])
-def test_motors_count_with_the_inertia_of_a_tail_that_is_bent_sideways(files: dict[str, Path], roll: float) -> None:
+def test_motors_count_with_the_inertia_of_a_tail_that_is_bent_sideways(
+    files: dict[str, Path], roll: float
+) -> None:
     car = scenario(files, "bent")
     builder = DiagramBuilder()
     plant = add_car_plant(builder, car).plant
@@ -100,17 +123,27 @@ def test_motors_count_with_the_inertia_of_a_tail_that_is_bent_sideways(files: di
     joints = [plant.GetJointByName(f"tail_{name}").velocity_start() for name in ("pitch", "roll")]
     rotor = car.tail_motor.rotor_inertia * car.tail_motor.gear_ratio**2
     found = np.diag(plant.CalcMassMatrix(context))[joints] - rotor
-    np.testing.assert_allclose(arm_inertia(car.tail, car.tail_motor, car.car).about_joints(roll), found, rtol=1e-6)
+    np.testing.assert_allclose(
+        arm_inertia(car.tail, car.tail_motor, car.car).about_joints(roll), found, rtol=1e-6
+    )
 
 
 def test_wrong_uses_of_a_tail_file_are_one_line(files: dict[str, Path], tmp_path: Path) -> None:
     for settings, words in (
-        (["tail.geometry=known.yaml"], "sail: 'facing'; allowed: locked, with tail.geometry known.yaml"),
-        (["tail.geometry=known", "tail.sail=locked"], "geometry: 'known'; allowed: none, or a tail file"),
+        (
+            ["tail.geometry=known.yaml"],
+            "sail: 'facing'; allowed: locked, with tail.geometry known.yaml",
+        ),
+        (
+            ["tail.geometry=known", "tail.sail=locked"],
+            "geometry: 'known'; allowed: none, or a tail file",
+        ),
     ):
         with pytest.raises(ScenarioError, match=words):
             load_scenario("turn_swing", settings)
-    missing = load_scenario("turn_swing", ["tail.sail=locked", f"tail.geometry={tmp_path / 'none.yaml'}"])
+    missing = load_scenario(
+        "turn_swing", ["tail.sail=locked", f"tail.geometry={tmp_path / 'none.yaml'}"]
+    )
     with pytest.raises(ModelError, match=r"tail\.geometry: .*none\.yaml: no such file"):
         tail_geometry(missing.tail)
     with pytest.raises(ModelError, match="allowed: none, for a car with one straight sail"):

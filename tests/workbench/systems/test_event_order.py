@@ -15,7 +15,14 @@ from aerodima.workbench.sensors.car_sensors import GpsSpeed, Imu, MotorEncoder
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.simulate.simulation import simulate
-from aerodima.workbench.systems.system_ports import LEAD, Stage, nominal_time, period_of, row_period, step_instant
+from aerodima.workbench.systems.system_ports import (
+    LEAD,
+    Stage,
+    nominal_time,
+    period_of,
+    row_period,
+    step_instant,
+)
 
 STEPS = [0.004, 0.002, 0.001, 0.0005, 0.0003]
 """s; the last one divides no period of a tick, and no power of ten."""
@@ -45,7 +52,12 @@ class Ticker(LeafSystem):
 
 def scenario_at(step, duration=2.9, **more):
     rate = 250.0 if step == 0.004 else min(1.0 / step, 1000.0)
-    settings = {"simulation.step": step, "simulation.log_rate": rate, "manoeuvre.duration": duration, **more}
+    settings = {
+        "simulation.step": step,
+        "simulation.log_rate": rate,
+        "manoeuvre.duration": duration,
+        **more,
+    }
     return load_scenario("turn_swing", [f"{key}={value!r}" for key, value in settings.items()])
 
 
@@ -65,7 +77,9 @@ def trace_of(step, monkeypatch):
     scenario = scenario_at(step)
     car = assemble(scenario)
     sink = type("Sink", (), {"append": lambda self, row: None})()
-    RunRecorder.add_to_builder(car.builder, sink, car.signals[:6], scenario.simulation.log_rate, step)
+    RunRecorder.add_to_builder(
+        car.builder, sink, car.signals[:6], scenario.simulation.log_rate, step
+    )
     car.builder.AddSystem(Ticker(step, trace))
     simulator = Simulator(car.builder.Build())
     simulator.Initialize()
@@ -76,7 +90,9 @@ def trace_of(step, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("step", STEPS)
 def test_all_that_happens_at_one_instant_happens_in_one_order_at_every_tick(step, monkeypatch):
-    """Times apart by more than rounding are two instants; within one, stages follow each other and the step is last."""
+    """Times apart by more than rounding are two instants; within one, stages follow each other and
+    the step is last.
+    """
     trace = trace_of(step, monkeypatch)
     start = [who for who, time in trace if time == 0.0]
     assert {"controller", "row"} <= set(start[: start.index("step")])
@@ -105,7 +121,9 @@ def test_all_that_happens_at_one_instant_happens_in_one_order_at_every_tick(step
 @pytest.mark.slow
 @pytest.mark.parametrize("step", [0.002, 0.001, 0.0005])
 def test_steering_and_swing_act_on_the_step_of_the_tick_that_commands_them(step):
-    """No latency but what is modelled, at any step: the row after a command has the knuckle and the tail moving."""
+    """No latency but what is modelled, at any step: the row after a command has the knuckle and the
+    tail moving.
+    """
     log = simulate(scenario_at(step, 2.7, **{"simulation.log_rate": 1.0 / step}))
     time, command = log.time, log.signal("steering_command_rad")
     assert time[np.flatnonzero(command)[0]] == pytest.approx(2.0, abs=1e-12)
@@ -115,7 +133,9 @@ def test_steering_and_swing_act_on_the_step_of_the_tick_that_commands_them(step)
     assert time[np.flatnonzero(steered & (time >= 2.0))[0]] == pytest.approx(2.0 + step, abs=1e-9)
     swing = np.flatnonzero(log.signal("controller_state") == SwingState.SWING)[0]
     torque = log.signal("tail_roll_torque_n_m")
-    assert abs(torque[swing] - torque[swing - 1]) > 1.0, "the motor follows the command within the row of the tick"
+    assert abs(torque[swing] - torque[swing - 1]) > 1.0, (
+        "the motor follows the command within the row of the tick"
+    )
 
 
 class Watching:
@@ -136,7 +156,10 @@ class Watching:
 
 @pytest.mark.parametrize(("rate", "later"), [(100.0, 0.01), (50.0, 0.02), (333.0, 1 / 333)])
 def test_a_law_sees_what_the_driver_did_at_the_tick_before_at_one_rate_and_at_two(rate, later):
-    law, scenario = Watching(rate), scenario_at(0.004, **{"manoeuvre.speed_ramp": 0.5, "manoeuvre.turn_start": 1.0})
+    law, scenario = (
+        Watching(rate),
+        scenario_at(0.004, **{"manoeuvre.speed_ramp": 0.5, "manoeuvre.turn_start": 1.0}),
+    )
     simulator = Simulator(assemble(scenario, tail_law=law, lean=True).builder.Build())
     simulator.AdvanceTo(1.05)
     first = next(time for time, angle in law.seen if angle != 0.0)
@@ -165,14 +188,19 @@ def test_stages_are_further_apart_than_rounding_and_closer_than_anything_physica
         gaps = np.diff(early, axis=0)
         assert np.all(gaps > 1e5 * np.spacing(exact))
         assert np.all(exact - early[0] <= 7 * LEAD * exact)
-        np.testing.assert_allclose([nominal_time(time, rate) for time in early[0][:100]], exact[:100], rtol=1e-15)
+        np.testing.assert_allclose(
+            [nominal_time(time, rate) for time in early[0][:100]], exact[:100], rtol=1e-15
+        )
 
 
 @pytest.mark.parametrize(
-    ("rate", "step"), [(500.0, 0.002), (500.0, 0.0005), (250.0, 0.001), (500.0, 0.0004), (100.0, 0.003)]
+    ("rate", "step"),
+    [(500.0, 0.002), (500.0, 0.0005), (250.0, 0.001), (500.0, 0.0004), (100.0, 0.003)],
 )
 def test_rows_share_the_bits_of_a_step_or_come_before_it(rate, step):
-    """Every row is at the step's instant to the bit, or between the step before and its own instant; never after."""
+    """Every row is at the step's instant to the bit, or between the step before and its own
+    instant; never after.
+    """
     period, numbers = row_period(rate, step), np.arange(1.0, 20_001.0)
     steps = numbers * step
     rows, ratio = numbers * period, 1.0 / (rate * step)

@@ -11,17 +11,25 @@ def test_same_seed_and_name_repeat_bit_for_bit_in_any_order():
 
 
 def test_other_seed_or_name_is_independent():
-    """20000 numbers each: the correlation of independent streams is 0 +- 0.007; 0.03 is four deviations."""
+    """20000 numbers each: the correlation of independent streams is 0 +- 0.007; 0.03 is four
+    deviations.
+    """
     streams = [
         np.array([noise.at(k) for k in range(20000)])[:, 0]
-        for noise in (CounterNoise(7, "imu", 1), CounterNoise(8, "imu", 1), CounterNoise(7, "gps", 1))
+        for noise in (
+            CounterNoise(7, "imu", 1),
+            CounterNoise(8, "imu", 1),
+            CounterNoise(7, "gps", 1),
+        )
     ]
     correlation = np.corrcoef(streams)
     assert np.max(np.abs(correlation - np.eye(3))) < 0.03
 
 
 def test_numbers_are_standard_normal_and_white():
-    """Mean, deviation, kurtosis and autocorrelation of 45000 numbers, within five standard errors."""
+    """Mean, deviation, kurtosis and autocorrelation of 45000 numbers, within five standard
+    errors.
+    """
     noise = CounterNoise(1, "imu", 9)
     x = np.array([noise.at(k) for k in range(5000)])
     n = x.size
