@@ -49,7 +49,10 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    draw, wrong, longest, killed = random.Random(arguments.seed), 0, 0.0, list[int]()
+    draw = random.Random(arguments.seed)
+    wrong = 0
+    longest = 0.0
+    killed = list[int]()
     busy = [
         subprocess.Popen(["nice", sys.executable, "-c", "while True: pass"])
         for _ in range(os.cpu_count() or 1)

@@ -33,7 +33,8 @@ def run_blocks(page: Path, folder: Path, command: Callable[[str, str], None]) ->
     """
     names: dict[str, object] = {}
     for block in blocks(page):
-        text, where = block["text"], f"{page.name}:{block['language']}"
+        text = block["text"]
+        where = f"{page.name}:{block['language']}"
         if block["title"]:
             (folder / block["title"]).write_text(text, encoding="utf-8")
         if block["language"] == "python":

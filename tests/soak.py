@@ -51,7 +51,8 @@ class MemoryLog:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path, self._over = path, threading.Event()
+        self._path = path
+        self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self.peak: dict[int, float] = {}
 

@@ -120,7 +120,8 @@ def circles(arrows: dict[Path, set[Path]]) -> list[tuple[str, str]]:
     """Pairs of files that reach each other."""
 
     def reached(start: Path) -> set[Path]:
-        found, waiting = set[Path](), [start]
+        found = set[Path]()
+        waiting = [start]
         while waiting:
             new = arrows[waiting.pop()] - found
             found |= new

@@ -137,7 +137,8 @@ def stale(dotted: str, name: str) -> bool:
     A module of one word, such as `tail`, may also be a section of a scenario or a variable:
     `tail.mode` passes.
     """
-    first, module = dotted.split(".")[0], dotted.split(".")[-1]
+    first = dotted.split(".")[0]
+    module = dotted.split(".")[-1]
     if first in {"aerodima", *OTHERS} or re.fullmatch(KINDS, name):
         return False
     if name[0].isupper() or ("_" in module and module in names_of_modules()):

@@ -189,7 +189,8 @@ def test_what_is_stored_is_the_same_each_time() -> None:
     [("1.505", False), ("1.6", True), ("1.5 1.5", True)],
 )
 def test_an_execution_that_gives_something_else_is_seen(changed: str, seen: bool) -> None:
-    stored, found = cleaned(executed()), cleaned(executed())
+    stored = cleaned(executed())
+    found = cleaned(executed())
     found["cells"][0]["outputs"][1]["text"] = f"peak {changed} rad\n"
     assert bool(differences(stored, found)) is seen
     stored["cells"][0]["metadata"]["tags"] = ["varies"]
@@ -197,6 +198,7 @@ def test_an_execution_that_gives_something_else_is_seen(changed: str, seen: bool
 
 
 def test_a_picture_that_is_gone_is_seen() -> None:
-    stored, found = cleaned(executed()), cleaned(executed())
+    stored = cleaned(executed())
+    found = cleaned(executed())
     del found["cells"][0]["outputs"][0]
     assert differences(stored, found)

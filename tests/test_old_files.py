@@ -64,16 +64,15 @@ def test_two_versions_are_here() -> None:
 
 @pytest.mark.parametrize("name", LOGS)
 def test_log_has_its_rows_columns_and_last_values(old: Path, name: str) -> None:
-    table, was = read_run_log(old / f"{name}.parquet").table, values(old, f"{name}.parquet")
+    table = read_run_log(old / f"{name}.parquet").table
+    was = values(old, f"{name}.parquet")
     assert table.shape == (was["rows"], was["columns"])
     assert {column: table[column].iloc[-1] for column in was["last"]} == was["last"]
 
 
 def test_outcome_of_an_old_run_is_that_of_its_day(old: Path) -> None:
-    outcome, was = (
-        outcome_of(read_run_log(old / "turn.parquet")),
-        values(old, "turn.parquet")["outcome"],
-    )
+    outcome = outcome_of(read_run_log(old / "turn.parquet"))
+    was = values(old, "turn.parquet")["outcome"]
     assert (outcome.result, outcome.clean, list(outcome.touched)) == (
         was["result"],
         was["clean"],
@@ -104,7 +103,8 @@ def test_old_run_can_be_made_again(old: Path) -> None:
 
 
 def test_scenario_files_give_the_numbers_that_they_name(old: Path) -> None:
-    turn, hold = load_scenario(old / "turn.yaml"), load_rig_scenario(old / "hold.yaml")
+    turn = load_scenario(old / "turn.yaml")
+    hold = load_rig_scenario(old / "hold.yaml")
     assert (turn.car.com_height, turn.tail.sail, turn.wind.mean_y, turn.seed) == (
         0.21,
         "free",
@@ -131,10 +131,8 @@ def test_swing_with_feedback_is_refused_and_plays_what_it_played_without(old: Pa
         UserError, match=r"swing\.yaml: gains\.feedback: unknown key; allowed: hold, phases$"
     ):
         read_swing(old / "swing.yaml")
-    data, was = (
-        yaml.safe_load((old / "swing.yaml").read_text(encoding="utf-8")),
-        values(old, "swing.yaml"),
-    )
+    data = yaml.safe_load((old / "swing.yaml").read_text(encoding="utf-8"))
+    was = values(old, "swing.yaml")
     del data["gains"]["feedback"]
     swing = swing_from_dict(data)
     assert (swing.name, swing.trigger.threshold_rad_per_s) == (was["name"], was["threshold"])
@@ -142,7 +140,8 @@ def test_swing_with_feedback_is_refused_and_plays_what_it_played_without(old: Pa
 
 
 def test_ensemble_has_its_members(old: Path) -> None:
-    ensemble, was = load_ensemble(old / "ensemble.yaml"), values(old, "ensemble.yaml")
+    ensemble = load_ensemble(old / "ensemble.yaml")
+    was = values(old, "ensemble.yaml")
     assert (ensemble.name, len(ensemble.members), ensemble.best.name) == (
         was["name"],
         was["members"],
@@ -156,10 +155,8 @@ def test_ensemble_has_its_members(old: Path) -> None:
 
 
 def test_coefficients_give_the_same_force(old: Path) -> None:
-    found, was = (
-        load_coefficients(old / "robot_tail_bins.yaml"),
-        values(old, "robot_tail_bins.yaml"),
-    )
+    found = load_coefficients(old / "robot_tail_bins.yaml")
+    was = values(old, "robot_tail_bins.yaml")
     assert (found.name, found.kind) == (was["name"], was["kind"])
     force = found.law().section_force(
         v=(0.0, 6.0, 0.0), a=(0.0, 0.0, 1.0), n=(0.0, 1.0, 0.0), area=0.1, density=1.2
@@ -171,7 +168,8 @@ def test_study_file_plans_the_runs_that_its_table_has(old: Path) -> None:
     from aerodima.optimisation.sweep.run_study import read_table
     from aerodima.optimisation.sweep.study import plan_runs
 
-    runs, table = plan_runs(load_study(old / "study.yaml")), read_table(old / "study")
+    runs = plan_runs(load_study(old / "study.yaml"))
+    table = read_table(old / "study")
     assert [run.task.name for run in runs] == list(table["run"])
     for factor in ("manoeuvre.speed", "car.tyre_friction", "car.mass"):
         planned = np.array(
@@ -183,7 +181,8 @@ def test_study_file_plans_the_runs_that_its_table_has(old: Path) -> None:
 def test_table_of_a_study_is_that_of_its_csv(old: Path) -> None:
     from aerodima.optimisation.sweep.run_study import read_table
 
-    table, text = read_table(old / "study"), pd.read_csv(old / "study" / "table.csv")
+    table = read_table(old / "study")
+    text = pd.read_csv(old / "study" / "table.csv")
     assert list(table.columns) == list(text.columns)
     assert np.allclose(
         table["peak_roll_rad"].to_numpy(float), text["peak_roll_rad"].to_numpy(float)

@@ -56,7 +56,8 @@ def run(benchmarks: Iterable[Benchmark], out: Path) -> int:
     line = "{:<44} {:>12} {:<6} {:<9} {:>12} {:>8}  {}"
     print(line.format(*CSV_HEADER, ""))
     for benchmark in benchmarks:
-        name, before = f"{benchmark.__module__}.{benchmark.__name__}", len(rows)
+        name = f"{benchmark.__module__}.{benchmark.__name__}"
+        before = len(rows)
         try:
             for row in benchmark():
                 rows.append(row)

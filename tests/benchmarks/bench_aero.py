@@ -135,10 +135,8 @@ def bench_autodiff() -> Iterator[BenchRow]:
     diagram: Any = _diagram(_RIG, _tail(2.0)).ToAutoDiffXd()
     plant, force = (diagram.GetSubsystemByName(s.get_name()) for s in diagram.GetSystems()[:2])
     context = diagram.CreateDefaultContext()
-    plant_context, force_context = (
-        plant.GetMyMutableContextFromRoot(context),
-        force.GetMyContextFromRoot(context),
-    )
+    plant_context = plant.GetMyMutableContextFromRoot(context)
+    force_context = force.GetMyContextFromRoot(context)
     state = InitializeAutoDiff(np.linspace(0.1, 1.0, plant.num_multibody_states()))
     best = np.inf
     for _ in range(_REPEATS):

@@ -156,7 +156,8 @@ def _drive(wiring: str, flags: list[str]) -> tuple[RunLog, int | None]:
                 "--wiring",
                 wiring,
             ]
-            log, traffic = folder / "run.parquet", folder / "run.blf"
+            log = folder / "run.parquet"
+            traffic = folder / "run.blf"
             frames = ["--traffic", str(traffic)] if wiring == "watched_can" else []
             for more in (["--watchdog-test"], ["--arm", "--out", str(log), *frames, *flags]):
                 run = subprocess.run(

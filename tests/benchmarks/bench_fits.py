@@ -73,7 +73,8 @@ def _in_turns(
         (method(p, p.parameters.seed).cost + 1e-9) / (float(_scipy(p, jacobian).cost) + 1e-9)
         for p in problems
     )
-    ours, peer = [], []
+    ours = []
+    peer = []
     for _ in range(REPEATS):
         ours.append(_seconds(lambda: [method(p, p.parameters.seed) for p in problems]))
         peer.append(_seconds(lambda: [_scipy(p, jacobian) for p in problems]))

@@ -50,7 +50,8 @@ def _struct_decode() -> tuple[float, ...]:
     motor_id, position, high, middle, low, temperature, fault = struct.unpack(
         ">BHBBBBB", _REPLY.data
     )
-    velocity, torque = high << 4 | middle >> 4, (middle & 15) << 8 | low
+    velocity = high << 4 | middle >> 4
+    torque = (middle & 15) << 8 | low
     return (
         motor_id,
         position / 2621.4 - 12.5,

@@ -65,7 +65,8 @@ def bench_run_log() -> list[BenchRow]:
     megabytes = run.table.to_numpy().nbytes / 1e6
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        path, peer_path = Path(folder) / "run.parquet", Path(folder) / "pandas.parquet"
+        path = Path(folder) / "run.parquet"
+        peer_path = Path(folder) / "pandas.parquet"
         timed = {
             "write": _alternating(
                 lambda: write_run_log(run, path, force=True),

@@ -26,7 +26,8 @@ def _growth(name: str) -> tuple[str, float]:
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.simulate.simulation import simulate
 
-    scenario, process = load_scenario(name), psutil.Process()
+    scenario = load_scenario(name)
+    process = psutil.Process()
     start = 0.0
     for number in range(RUNS):
         simulate(scenario, record="outcome")

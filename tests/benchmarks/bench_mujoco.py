@@ -41,7 +41,8 @@ def bench_flip_speed() -> Iterator[BenchRow]:
     sufficient step.
     """
     engines: dict[str, Flips] = {"Drake": _flips_in_drake, "MuJoCo": flips_in_mujoco}
-    seconds, speeds = {}, {}
+    seconds = {}
+    speeds = {}
     for name, flips in engines.items():
         fine, _ = _flip_speed(flips, FINE)
         speeds[name] = fine
@@ -88,7 +89,8 @@ def bench_raw_step() -> Iterator[BenchRow]:
 
 def _flip_speed(flips: Flips, step: float) -> tuple[float, float]:
     """Middle of the bracket (m/s), and the wall time (s) of the bisection."""
-    low, high = SLOW, FAST
+    low = SLOW
+    high = FAST
     start = time.perf_counter()
     while high - low > TOLERANCE:
         middle = 0.5 * (low + high)
@@ -110,7 +112,8 @@ def _flips_in_drake(scenario: Scenario, step: float) -> bool:
     """The plant alone, driven as MuJoCo's; the run ends at the flip."""
     builder = DiagramBuilder()
     car = add_car_plant(builder, scenario, sampled_outputs=False)
-    plant, joints = car.plant, car.actuated_joints
+    plant = car.plant
+    joints = car.actuated_joints
     knuckles, rates = commanded(scenario, step)
 
     def played(rows: FloatArray) -> OutputPort:
@@ -122,13 +125,16 @@ def _flips_in_drake(scenario: Scenario, step: float) -> bool:
     place = np.zeros((2, 2 * len(joints)))
     place[[0, 1], [joints.index(f"front_{side}_steering") for side in ("left", "right")]] = 1.0
     builder.Connect(played(knuckles @ place), plant.get_desired_state_input_port(car.car))
-    gain, limit = shaft_gain(scenario.drive, scenario.car), np.array([scenario.drive.torque_limit])
-    braking, torque = np.zeros((1, plant.num_multibody_states())), np.zeros((len(joints), 1))
+    gain = shaft_gain(scenario.drive, scenario.car)
+    limit = np.array([scenario.drive.torque_limit])
+    braking = np.zeros((1, plant.num_multibody_states()))
+    torque = np.zeros((len(joints), 1))
     braking[
         0, plant.num_positions() + plant.GetJointByName("drive_shaft_spin").velocity_start()
     ] = -gain
     torque[joints.index("drive_shaft_spin"), 0] = 1.0
-    total, limited = builder.AddSystem(Adder(2, 1)), builder.AddSystem(Saturation(-limit, limit))
+    total = builder.AddSystem(Adder(2, 1))
+    limited = builder.AddSystem(Saturation(-limit, limit))
     slowed = transformed(builder, "braking", plant.get_state_output_port(), braking)
     for index, port in enumerate((played(gain * rates[:, None]), slowed)):
         builder.Connect(port, total.get_input_port(index))

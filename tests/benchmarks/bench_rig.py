@@ -56,7 +56,9 @@ def _diagram_swing(scenario: RigScenario, step: float) -> Callable[[], np.ndarra
 
 def _pendulum_swing(scenario: RigScenario) -> Callable[[], np.ndarray]:
     """The same second as fits roll it out, at 4 ms; gives the angles."""
-    pendulum, air, settings = Pendulum.of(scenario), air_torque(scenario), scenario.friction
+    pendulum = Pendulum.of(scenario)
+    air = air_torque(scenario)
+    settings = scenario.friction
     friction = friction_torque(settings.coulomb, settings.viscous, settings.tanh_gain)
     torques = [friction] if air is None else [air, friction]
     return lambda: roll_out(pendulum, torques, _START, 0.004, 251)[0]
@@ -67,7 +69,8 @@ def bench_rollouts() -> Iterator[BenchRow]:
     each at 4 ms.
     """
     scenario = load_rig_scenario("flick")
-    swing, diagram = _pendulum_swing(scenario), _diagram_swing(scenario, 0.004)
+    swing = _pendulum_swing(scenario)
+    diagram = _diagram_swing(scenario, 0.004)
     plain = _best(swing)
     drake = _best(diagram)
     yield BenchRow("rig: rollouts of 1 s per second", 1.0 / plain, "1/s", ">= 1", 1.0 / drake)
@@ -84,7 +87,8 @@ def bench_reaction() -> Iterator[BenchRow]:
     """Acceleration and wrench of the plant at one state among a thousand."""
     scenario = load_rig_scenario("flick")
     rig = Rig(scenario)
-    angles, rates = np.linspace(-0.5, 1.0, 1000), np.linspace(-5.0, 5.0, 1000)
+    angles = np.linspace(-0.5, 1.0, 1000)
+    rates = np.linspace(-5.0, 5.0, 1000)
 
     def plant() -> None:
         for angle, rate in zip(angles, rates, strict=True):

@@ -54,7 +54,9 @@ def bench_step() -> list[BenchRow]:
             for name, step_seconds in taken.items():
                 seconds.setdefault(name, []).append(step_seconds)
     least = {name: min(values) * 1e6 for name, values in seconds.items()}
-    idle, driven, step = least["idle"], least["driven"], scenario.simulation.step
+    idle = least["idle"]
+    driven = least["driven"]
+    step = scenario.simulation.step
     return [
         BenchRow("station_step_over_idle_plant", least["lean"], "us", "", idle),
         BenchRow("station_step_over_driven_plant", least["lean"], "us", "<= 1.6", driven),

@@ -37,12 +37,18 @@ and with a fine step no car rolls over."""
 
 def mjcf(scenario: Scenario, step: float) -> str:
     """The car of a scenario as MJCF text; it stands at the origin and heads along x."""
-    car, tail, drive, servo = scenario.car, scenario.tail, scenario.drive, scenario.servo
+    car = scenario.car
+    tail = scenario.tail
+    drive = scenario.drive
+    servo = scenario.servo
     gravity = scenario.environment.gravity
     chassis = chassis_inertial(car, tail, gravity)
     m = car.gearbox_mass / 12
-    w, length, h = car.gearbox_width**2, car.gearbox_length**2, car.gearbox_height**2
-    parts, knuckles = [], []
+    w = car.gearbox_width**2
+    length = car.gearbox_length**2
+    h = car.gearbox_height**2
+    parts = []
+    knuckles = []
     for axle in ("front", "rear"):
         for side, sign in (("left", 1), ("right", -1)):
             parts.append(_corner(scenario, axle, side, sign))
@@ -91,9 +97,11 @@ def _corner(scenario: Scenario, axle: str, side: str, sign: int) -> str:
     moving = unsprung_mass(car, axle)
     stiffness = (1.0 - IMPEDANCE) * tyre / moving
     damping = statics.wheel_load * car.tyre_dissipation / moving
-    radius, half = car.tyre_radius, 0.5 * car.tyre_width
+    radius = car.tyre_radius
+    half = 0.5 * car.tyre_width
     diametral = car.wheel_mass * (3 * radius**2 + car.tyre_width**2) / 12
-    upright, knuckle = 0.4 * car.upright_mass * 0.03**2, 0.4 * car.knuckle_mass * 0.02**2
+    upright = 0.4 * car.upright_mass * 0.03**2
+    knuckle = 0.4 * car.knuckle_mass * 0.02**2
     wheel = f"""<body name="{name}_wheel">
         <joint name="{name}_spin" type="hinge" axis="0 1 0"/>
         {
@@ -114,7 +122,8 @@ def _corner(scenario: Scenario, axle: str, side: str, sign: int) -> str:
         {_inertial(car.knuckle_mass, (0, 0, 0), (knuckle,) * 3)}
         {wheel}
       </body>"""
-    x, y = car.wheelbase if front else 0.0, sign * car.track / 2
+    x = car.wheelbase if front else 0.0
+    y = sign * car.track / 2
     travel = car.suspension_travel
     return f"""<body name="{name}_upright" pos="{x} {y} {statics.wheel_height}">
       <joint name="{name}_suspension" type="slide" axis="0 0 1"
@@ -143,10 +152,13 @@ def commanded(scenario: Scenario, step: float) -> tuple[FloatArray, FloatArray]:
 
     Ramp, steering step through the linkage, straight again.
     """
-    manoeuvre, servo = scenario.manoeuvre, scenario.servo
+    manoeuvre = scenario.manoeuvre
+    servo = scenario.servo
     radius = axle_statics(scenario.car, scenario.environment.gravity, "rear").wheel_height
     times = np.arange(round(manoeuvre.duration / step)) * step
-    begin, travel, angle = manoeuvre.turn_start, servo.rate * step, 0.0
+    begin = manoeuvre.turn_start
+    travel = servo.rate * step
+    angle = 0.0
     angles = []
     for turning in (begin <= times + 1e-9) & (times + 1e-9 < begin + manoeuvre.turn_hold):
         target = manoeuvre.steer_angle if turning else 0.0
@@ -162,11 +174,14 @@ def flips_in_mujoco(scenario: Scenario, step: float) -> bool:
     import mujoco  # type: ignore[import-not-found, unused-ignore]
 
     model = load_model(scenario, step)
-    data, cosine = mujoco.MjData(model), math.cos(FLIP_TILT)
+    data = mujoco.MjData(model)
+    cosine = math.cos(FLIP_TILT)
     for knuckles, rate in zip(*commanded(scenario, step), strict=True):
-        data.ctrl[:2], data.ctrl[2] = knuckles, rate
+        data.ctrl[:2] = knuckles
+        data.ctrl[2] = rate
         mujoco.mj_step(model, data)
-        x, y = data.qpos[4], data.qpos[5]
+        x = data.qpos[4]
+        y = data.qpos[5]
         if 1.0 - 2.0 * (x * x + y * y) < cosine:
             return True
     return False

@@ -35,7 +35,9 @@ def main() -> None:
     """Turns until SIGTERM."""
     scenario = load_scenario("auto_turn", sys.argv[2:])
     car = wire_car(scenario, read_ports(Path(sys.argv[1])), "teensy_bridge", lambda: None)
-    guard, pilot, stopped = CarGuard(car, load_drive_safety()), ManualPilot(scenario), 0.0
+    guard = CarGuard(car, load_drive_safety())
+    pilot = ManualPilot(scenario)
+    stopped = 0.0
     ended = threading.Event()  # an exception of the handler may be raised where Python ignores it
     signal.signal(signal.SIGTERM, lambda *_: ended.set())
     try:

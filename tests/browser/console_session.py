@@ -32,7 +32,8 @@ class ConsoleSession:
     """The processes; a context manager."""
 
     def __init__(self, folder: Path, *flags: str) -> None:
-        self.car, self.record = folder / "car", folder / "record.jsonl"
+        self.car = folder / "car"
+        self.record = folder / "record.jsonl"
         words = [word for setting in SETTINGS for word in ("--set", setting)]
         command = ["console", "auto_turn", "--out", str(self.car), "--port", "0", *words, *flags]
         record = ["--record", str(self.record)]
@@ -100,7 +101,8 @@ class OperatorPage:
     """
 
     def __init__(self, page: Any, session: ConsoleSession) -> None:
-        self.page, self.session = page, session
+        self.page = page
+        self.session = session
         page.set_default_timeout(8000.0)
         page.goto(session.url)
         self.until("state !== null && (state.controls || state.can_take)")

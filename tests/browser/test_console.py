@@ -232,7 +232,8 @@ def stopped_in_order(log: RunLog) -> tuple[float, float]:
     By the drive's own clock and log: how long a busy computer took for it is another question,
     which the benchmark answers (`bench_console`).
     """
-    ages, late = log.signal("status_operator_age_s"), float(np.max(log.signal("loop_lateness_s")))
+    ages = log.signal("status_operator_age_s")
+    late = float(np.max(log.signal("loop_lateness_s")))
     stop = (
         round(log.extra["stop_time_s"] / PERIOD) + 1
     )  # a row has the reading of the tick before it

@@ -220,7 +220,9 @@ def test_a_stop_that_was_pressed_without_connection_is_sent_when_it_is_back(
 
 def test_without_webgl_the_view_says_so_and_the_rest_works(page: Any, tmp_path: Path) -> None:
     class Viewed:
-        view, driving, said = "http://127.0.0.1:9/", False, ""
+        view = "http://127.0.0.1:9/"
+        driving = False
+        said = ""
 
     page.add_init_script(
         "const real = HTMLCanvasElement.prototype.getContext;"

@@ -38,7 +38,8 @@ class Driver:
     """
 
     def __init__(self, page: Any, folder: Path) -> None:
-        self.page, self.log = page, folder / "by_hand.parquet"
+        self.page = page
+        self.log = folder / "by_hand.parquet"
         command = [sys.executable, "-P", "-m", "aerodima", "play", *QUICK, "--out", str(self.log)]
         self.process = subprocess.Popen(
             command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True

@@ -286,7 +286,8 @@ def all_loaded(page: Any, count: int) -> None:
 def test_comparison_keeps_replays_and_signals_in_step(
     page: Any, runs: dict[str, RunLog], tmp_path: Path
 ) -> None:
-    longer, shorter = runs["none"], cut(runs["held"], 0.63, step=3)
+    longer = runs["none"]
+    shorter = cut(runs["held"], 0.63, step=3)
     open_offline(page, comparison_of([longer, shorter], tmp_path / "comparison.html"))
     all_loaded(page, 2)
     for seconds, last in ((0.3, 0.3), (0.68, shorter.time[-1])):

@@ -90,7 +90,8 @@ def sail_turns_into_the_wind_with_its_bearing_further_back() -> Value:
 @check
 def torque_in_a_wind_of_30() -> Value:
     """Moment (N m) of the air about the roll axis, sail broadside at rest in a wind of 30 m/s."""
-    tail, air = car()[0].tail, car()[0].environment
+    tail = car()[0].tail
+    air = car()[0].environment
     arm = tail.length - 0.5 * tail.sail_length
     area = tail.sail_length * tail.sail_width
     return 0.5 * air.air_density * tail.normal_force_coefficient * area * 30.0**2 * arm
@@ -109,7 +110,8 @@ def sail_area() -> Value:
 def end_of_the_anti_ramp_board() -> Value:
     """Where the board's body stands in the plant, against the axles."""
     scenario, built = car()
-    plant, half = built.plant, 0.5 * scenario.car.board_length
+    plant = built.plant
+    half = 0.5 * scenario.car.board_length
     chassis, board = (plant.GetFrameByName(name) for name in ("chassis", "board"))
     middle = plant.CalcRelativeTransform(
         plant.CreateDefaultContext(), chassis, board
@@ -138,7 +140,8 @@ def gearbox_stands_within_the_cage() -> Value:
         if "cage" in collision.get("name", "")
     ]
     assert len(corners) >= 4
-    low, high = np.min(corners, axis=0)[:2], np.max(corners, axis=0)[:2]
+    low = np.min(corners, axis=0)[:2]
+    high = np.max(corners, axis=0)[:2]
     half = 0.5 * np.array([scenario.car.gearbox_length, scenario.car.gearbox_width])
     middle = np.array([scenario.car.gearbox_x, 0.0])
     return bool(np.all(middle - half >= low) and np.all(middle + half <= high))
@@ -253,7 +256,8 @@ def speed_at_50_percent() -> Value:
 @check
 def speed_at_full_throttle() -> Value:
     """Fastest speed (m/s) that a scenario may ask for, bisected."""
-    low, high = 0.0, 100.0
+    low = 0.0
+    high = 100.0
     while high - low > 1e-6:
         middle = 0.5 * (low + high)
         try:
@@ -329,10 +333,8 @@ def force_at_45_degrees_over_equation_6_8() -> Value:
 
 @check
 def torque_constant_at_the_rotor() -> Value:
-    output, ratio = (
-        parameter_entry("rig/robot.torque_constant"),
-        parameter_entry("tail_motor.gear_ratio"),
-    )
+    output = parameter_entry("rig/robot.torque_constant")
+    ratio = parameter_entry("tail_motor.gear_ratio")
     return float(output.value) / float(ratio.value)
 
 

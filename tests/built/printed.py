@@ -38,7 +38,8 @@ def loss_of_roll_integral() -> Value:
 
 @check
 def gain_of_kohut() -> Value:
-    slow, fast = physical("tailless"), physical("tailed")
+    slow = physical("tailless")
+    fast = physical("tailed")
     return 100.0 * (fast.max_kohut_deg_m_per_s2 / slow.max_kohut_deg_m_per_s2 - 1.0)
 
 
@@ -52,7 +53,8 @@ def metrics_that_improve() -> Value:
     """Of the eight, between the best physical runs: larger is better but for the roll integral
     (ERRATA E34).
     """
-    slow, fast = physical("tailless"), physical("tailed")
+    slow = physical("tailless")
+    fast = physical("tailed")
     pairs = [
         (field.name, getattr(slow, field.name), getattr(fast, field.name))
         for field in fields(TurnMetrics)

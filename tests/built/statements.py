@@ -85,7 +85,8 @@ class Statement(StrictModel):
         if isinstance(ours, bool | str) or isinstance(self.published, bool | str):
             return type(ours) is type(self.published) and ours == self.published
         within = ROUNDING * abs(self.published) if self.within is None else self.within
-        above, below = ours >= self.published - within, ours <= self.published + within
+        above = ours >= self.published - within
+        below = ours <= self.published + within
         return {"equal": above and below, "at least": above, "at most": below}[self.compare]
 
     @model_validator(mode="after")
@@ -202,7 +203,8 @@ def published_row(address: str) -> dict[str, str]:
 
 
 def _published(address: str) -> Value:
-    entry, column = published_row(address), [*address.split("/"), "value_si"][2]
+    entry = published_row(address)
+    column = [*address.split("/"), "value_si"][2]
     if column not in entry:
         raise ModelError(f"published value {address!r}: allowed columns: {', '.join(entry)}")
     try:
@@ -255,7 +257,8 @@ def _statement_row(one: Statement) -> str:
 
 
 def _settled_row(number: int, point: Settled) -> str:
-    about, settled = f"{number}. {point.about}", f"**{point.settled}**"
+    about = f"{number}. {point.about}"
+    settled = f"**{point.settled}**"
     return _row(about, point.section, point.thesis, point.had, settled, point.how)
 
 

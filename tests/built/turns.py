@@ -212,7 +212,8 @@ def tipping_acceleration_over_that_of_a_box() -> Value:
 
     A rigid box tips at g x half the width it stands on / height of the centre of mass.
     """
-    scenario, signals = load_scenario("turn_none"), signals_of(trial("none", TAILLESS))
+    scenario = load_scenario("turn_none")
+    signals = signals_of(trial("none", TAILLESS))
     box = scenario.environment.gravity * scenario.car.outer_half_track / scenario.car.com_height
     loads = signals.wheel_loads
     assert loads is not None

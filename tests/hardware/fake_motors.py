@@ -65,11 +65,16 @@ class FakeMotor:
 
     def __init__(self, motor_id, position=0.0):
         self.motor_id = motor_id
-        self.position, self.speed, self.torque = position, 0.0, 0.0
+        self.position = position
+        self.speed = 0.0
+        self.torque = 0.0
         self.entered = self.blocked = False
         self.command = NEUTRAL
-        self.temperature, self.fault, self.long_reply = 30.0, 0, True
-        self.reading_offset, self.sign = 0.0, 1.0
+        self.temperature = 30.0
+        self.fault = 0
+        self.long_reply = True
+        self.reading_offset = 0.0
+        self.sign = 1.0
         self.respond = lambda frame: [frame]
         self.torques = []
 
@@ -106,8 +111,10 @@ class FakePort:
 
     def __init__(self, motors):
         self.motors = motors
-        self.now, self._turned = 0.0, time.monotonic()
-        self.fault, self.fault_text = 0, ""
+        self.now = 0.0
+        self._turned = time.monotonic()
+        self.fault = 0
+        self.fault_text = ""
         self.sent: list[tuple[float, CanFrame]] = []
         self.inbox: deque[tuple[float, CanFrame]] = deque()
         self.send_error = None
@@ -117,7 +124,8 @@ class FakePort:
         if self.send_error is not None:
             raise self.send_error
         if self.now == 0.0:
-            before, self._turned = self._turned, time.monotonic()
+            before = self._turned
+            self._turned = time.monotonic()
             for motor in self.motors:
                 motor.advance(min(self._turned - before, PERIOD))
         self.sent.append((self.now, frame))

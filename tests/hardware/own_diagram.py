@@ -47,7 +47,8 @@ class LeanIn(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(0.01, 0.0, self._tick)
 
     def _tick(self, context: Context, state: DiscreteValues) -> None:
-        time_now, yaw_rate = context.get_time(), float(self._imu.Eval(context)[5])
+        time_now = context.get_time()
+        yaw_rate = float(self._imu.Eval(context)[5])
         turned = float(context.get_discrete_state_vector().value()[1]) + 0.01 * yaw_rate
         if time_now > BREAKS_AT:
             turned += self._broken()

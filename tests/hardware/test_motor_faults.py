@@ -220,7 +220,8 @@ def test_a_motor_that_switches_itself_off_is_noticed_once_torque_is_asked_of_it(
 def test_a_tail_that_is_held_away_from_its_command_is_switched_off(bench):
     bench.cycle(RUN, count=200)
     held = bench.now
-    bench.fakes[1].blocked, bench.fakes[1].speed = True, 0.0
+    bench.fakes[1].blocked = True
+    bench.fakes[1].speed = 0.0
     bench.fakes[1].position += 0.09
     for _ in range(6):
         bench.fakes[1].position += 0.09
@@ -237,11 +238,13 @@ def test_a_motor_that_works_against_something_is_taken_back_to_its_rated_torque_
     bench,
 ):
     """I2t: the budget of `overload` beyond the rated torque, then off."""
-    motor, fake = bench.motors[1], bench.fakes[1]
+    motor = bench.motors[1]
+    fake = bench.fakes[1]
     safety = motor.settings.safety
     hard = dataclasses.replace(RUN, kp=0.0, kd=0.0, torque=20.0)
     fake.blocked = True
-    begin, torques = bench.now, []
+    begin = bench.now
+    torques = []
     while motor.state is not MotorState.FAULTED and bench.now < begin + 60.0:
         bench.cycle(RUN, hard)
         torques.append(fake.torque)
@@ -272,7 +275,8 @@ def test_commanded_nan_is_a_fault_at_once_and_never_on_the_bus(bench, field, val
 
 def test_bus_fault_switches_off_both(bench):
     start = bench.now
-    bench.port.fault, bench.port.fault_text = 1, "the controller reports bus-off"
+    bench.port.fault = 1
+    bench.port.fault_text = "the controller reports bus-off"
     bench.cycle(RUN, count=5)
     assert [motor.fault for motor in bench.motors] == [MotorFault.BUS] * 2
     assert bench.port.exits(1, start)[0] - start <= PERIOD + 1e-9
@@ -281,7 +285,8 @@ def test_bus_fault_switches_off_both(bench):
 
 def test_bus_with_a_fault_is_not_entered():
     bench = Bench()
-    bench.port.fault, bench.port.fault_text = 3, "adapter gone"
+    bench.port.fault = 3
+    bench.port.fault_text = "adapter gone"
     with pytest.raises(HardwareError, match="the bus has a fault: adapter gone"):
         bench.group.set_enter(0.0)
     assert bench.port.sent == []
@@ -380,7 +385,8 @@ class HeldUp:
     """Replies that wait; of those that wait, `most` come at once."""
 
     def __init__(self):
-        self._waiting, self.most = [], 0
+        self._waiting = []
+        self.most = 0
 
     def __call__(self, frame):
         answers = [*self._waiting, frame][: self.most]

@@ -23,7 +23,9 @@ class Bench(CarOnTheBench):
     def __init__(self, monkeypatch):
         super().__init__()
         self.pitch, self.roll = self.port.motors
-        self.roll.position, self.begin, self.spoil = 0.05, None, lambda bench: None
+        self.roll.position = 0.05
+        self.begin = None
+        self.spoil = lambda bench: None
         clock = SimpleNamespace(monotonic=lambda: self.now, sleep=lambda _: None)
         monkeypatch.setattr(held_car, "time", clock)
         monkeypatch.setattr(wired_car, "time", clock)
@@ -77,7 +79,8 @@ def test_at_the_end_of_its_range_a_joint_goes_the_other_way(bench):
 
 
 def block(motor):
-    motor.blocked, motor.speed = True, 0.0
+    motor.blocked = True
+    motor.speed = 0.0
 
 
 def block_at_the_end_of_arming(bench):

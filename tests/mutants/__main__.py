@@ -1,5 +1,7 @@
-"""Applies each mutant of the tables in this folder to a copy of the checkout, one at a time, and runs
-the tests that should notice it: `python -m tests.mutants [--area AREA] [--file PART] [--jobs N]`.
+"""Applies each mutant of the tables in this folder to a copy of the checkout, one at a time, and
+runs the tests that should notice it.
+
+Usage: `python -m tests.mutants [--area AREA] [--file PART] [--jobs N]`.
 
 A mutant is one plausible mistake: `file`, the text `find` that stands there exactly once, and
 `replace`. `tests` names the files that are expected to notice it; they run first. If they pass, the
@@ -146,7 +148,8 @@ def judge(mutant: Mutant, copy: Path) -> Outcome:
     # A compiled file counts as current when time and size agree, and a mutant may keep both.
     os.utime(path, (time.time() + 10, time.time() + 10))
     try:
-        status, detail = 0, ""
+        status = 0
+        detail = ""
         for paths in ([*mutant.tests], [mutant.folder]):
             if paths and all((copy / name).exists() for name in paths):
                 status, detail = run_tests(copy, paths)

@@ -69,10 +69,8 @@ def main() -> None:
     assert not found.failed, found.failed
     table = table_of(found.results)
     print(table.to_string(index=False, float_format="%.4g"))
-    cpu, settled = (
-        [result.facts["cpu"] for result in found.results],
-        sum(result.success for result in found.results),
-    )
+    cpu = [result.facts["cpu"] for result in found.results]
+    settled = sum(result.success for result in found.results)
     print(
         f"{settled} of {count} settled; CPU of a fit: median {np.median(cpu):.1f} s, most "
         f"{np.max(cpu):.1f} s"

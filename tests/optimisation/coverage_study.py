@@ -91,16 +91,15 @@ Case = tuple[Callable[[lab.Lab], RunLog], Callable[[RunLog], FitResult]]
 
 def draw_static(rng: np.random.Generator) -> Case:
     """A hold at a random angle and wind, with rest."""
-    angle, wind = (
-        rng.uniform(math.radians(5.0), math.radians(45.0)),
-        float(rng.choice([10.0, 20.0, 30.0])),
-    )
+    angle = rng.uniform(math.radians(5.0), math.radians(45.0))
+    wind = float(rng.choice([10.0, 20.0, 30.0]))
     truth = {
         "cd": rng.uniform(0.6, 1.2),
         "cl": rng.uniform(0.05, 0.5),
         "psi": rng.uniform(-0.1, 0.1),
     }
-    bias, drift = rng.normal(size=6) * lab.ACCURACY, rng.normal(size=6) * 2e-4 * lab.ACCURACY
+    bias = rng.normal(size=6) * lab.ACCURACY
+    drift = rng.normal(size=6) * 2e-4 * lab.ACCURACY
     seed = int(rng.integers(1 << 30))
 
     def make(rig: lab.Lab) -> RunLog:
@@ -123,7 +122,9 @@ def draw_friction(rng: np.random.Generator) -> Case:
 
 def draw_added_mass(rng: np.random.Generator) -> Case:
     """A driven swing in the wind with coefficients that are known."""
-    angle, seed, mass = rng.uniform(0.7, 1.3), int(rng.integers(1 << 30)), rng.uniform(0.0, 0.06)
+    angle = rng.uniform(0.7, 1.3)
+    seed = int(rng.integers(1 << 30))
+    mass = rng.uniform(0.0, 0.06)
     options = FitOptions(settings=AIR)
 
     def make(rig: lab.Lab) -> RunLog:

@@ -84,8 +84,10 @@ class Pairs(NamedTuple):
         neither.
         """
         both = np.isfinite(self.full) & np.isfinite(self.reduced)
-        full, reduced = self.full[both], self.reduced[both]
-        rank, off = float(spearmanr(full, reduced)[0]), np.abs(reduced - full)
+        full = self.full[both]
+        reduced = self.reduced[both]
+        rank = float(spearmanr(full, reduced)[0])
+        off = np.abs(reduced - full)
         return (
             f"{rank:8.3f} {np.median(off):8.4f} {off.max():8.4f} {both.sum():5d} "
             f"{100 * self.alike.mean():6.0f} %"
@@ -125,10 +127,12 @@ def screened_friction(scenarios: Sequence[Scenario], search: Search) -> list[Thr
     Raises:
         UserError: what `Vehicles.of` refuses.
     """
-    cars, plans = Vehicles.of(scenarios), TurnPlans.of(scenarios)
+    cars = Vehicles.of(scenarios)
+    plans = TurnPlans.of(scenarios)
 
     def run(wanted: Sequence[tuple[int, float]]) -> list[bool]:
-        places, frictions = [place for place, _ in wanted], [value for _, value in wanted]
+        places = [place for place, _ in wanted]
+        frictions = [value for _, value in wanted]
         turns = drive_turns(
             replace(cars.take(places), friction=np.array(frictions)), plans.take(places)
         )
@@ -221,9 +225,11 @@ def searched(engine: Runs, car: Settings, seed: int) -> Searched:
 
     limit = search_rows(SEARCH, ["bisect"], run, bool)[0].survived
     first = place = -1 if limit is None else SEARCH.index(limit)
-    best, left = order[:1], order[1:]
+    best = order[:1]
+    left = order[1:]
     while place < SEARCH.index(SEARCH.high) and (left := clean(left, SEARCH.value(place + 1))):
-        best, place = left, place + 1
+        best = left
+        place = place + 1
     ranks = [order.index(law) + 1 for law in best]
     return Searched(ranks, SEARCH.value(place), SEARCH.value(first), driven)
 
@@ -265,7 +271,8 @@ def picture(
 
 def main() -> None:
     """Prints the table of the gate."""
-    folder, (number, with_laws, searches, cores) = Path(sys.argv[1]), map(int, sys.argv[2:])
+    folder = Path(sys.argv[1])
+    (number, with_laws, searches, cores) = map(int, sys.argv[2:])
     ensemble = load_ensemble()
     tuned = {member.name for member in ensemble.drawn(TUNED)}
     others = [m for m in ensemble.drawn(len(ensemble.members)) if m.name not in tuned]
@@ -291,7 +298,8 @@ def main() -> None:
             )
             done.append(found)
         print(f"{'':36s} Spearman difference (most) pairs  clean alike")
-        frictions, headings = [], []
+        frictions = []
+        headings = []
         for name, law in CONTROLLERS.items():
             frictions.append(compared_friction(engine, [(*car, *law) for car in cars]))
             print(f"{name:18s} critical friction {frictions[-1].words()}", flush=True)
@@ -323,7 +331,8 @@ def main() -> None:
 def reduced_seconds(scenarios: Sequence[Scenario], count: int = 768) -> float:
     """CPU time of one run among many, s."""
     places = np.arange(count) % len(scenarios)
-    vehicles, plans = Vehicles.of(scenarios).take(places), TurnPlans.of(scenarios).take(places)
+    vehicles = Vehicles.of(scenarios).take(places)
+    plans = TurnPlans.of(scenarios).take(places)
     begin = time.process_time()
     drive_turns(vehicles, plans)
     return (time.process_time() - begin) / count

@@ -29,7 +29,9 @@ def run(*arguments: str | Path):
 @pytest.fixture
 def springs(tmp_path: Path) -> list[Path]:
     """Front and rear suspension of Table 6.1 with 1 N of noise, and a file without forces."""
-    x, rng, paths = np.linspace(0.0, 0.03, 31), np.random.default_rng(1), []
+    x = np.linspace(0.0, 0.03, 31)
+    rng = np.random.default_rng(1)
+    paths = []
     for name, rate in (("front", 3463.30), ("rear", 3024.78)):
         paths.append(tmp_path / f"{name}.csv")
         force = rate * x + 2.0 + rng.normal(size=len(x))
@@ -42,7 +44,8 @@ def springs(tmp_path: Path) -> list[Path]:
 def test_a_second_call_takes_up_what_is_there_and_does_the_rest(
     springs: list[Path], tmp_path: Path
 ) -> None:
-    out, calls = tmp_path / "fits", []
+    out = tmp_path / "fits"
+    calls = []
 
     def work(name: str):
         calls.append(name)

@@ -194,10 +194,8 @@ def test_what_a_sample_of_the_current_is_belongs_to_the_log(rate: float, convent
         found[sampling] = SwingModel(data, still_tail_law).fit([added_mass_parameter(data)])
     # What is left at 100 Hz is the step of the rollout; a convention taken for the other is off by
     # half a sample.
-    right, wrong = (
-        found[convention],
-        found["mean" if convention == "instantaneous" else "instantaneous"],
-    )
+    right = found[convention]
+    wrong = found["mean" if convention == "instantaneous" else "instantaneous"]
     assert right["added_mass"].value == pytest.approx(0.05, rel=2e-4 if rate > 500.0 else 1e-3)
     assert right["added_mass"].identifiable
     assert right["start_angle"].value == pytest.approx(math.radians(60.0), abs=2e-5)
@@ -235,7 +233,8 @@ def static_scores(log: RunLog, exact: bool = True, **options) -> dict[str, float
     default.
     """
     data = static_data(log, options=FitOptions(**options))
-    found, truth = fit_static(replace(data, constants=()) if exact else data), log.extra["truth"]
+    found = fit_static(replace(data, constants=()) if exact else data)
+    truth = log.extra["truth"]
     return {
         name: (found[name].value - truth[name]) / found[name].standard_deviation
         for name in ("cd", "cl", "psi3")

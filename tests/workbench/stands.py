@@ -24,7 +24,9 @@ class CarStand:
                 self.context, inputs.get(name, [0.0] * fields.size)
             )
         car = simulated_car(self.station)
-        self.plant, self.car, self.tail = car.plant, car.car, car.tail
+        self.plant = car.plant
+        self.car = car.car
+        self.tail = car.tail
         self.plant_context = self.plant.GetMyMutableContextFromRoot(self.context)
         self.chassis = self.plant.GetBodyByName("chassis")
 

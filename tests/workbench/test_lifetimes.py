@@ -28,7 +28,8 @@ from aerodima.workbench.systems.system_ports import released
 def test_diagram_and_station_of_a_car_die(name: str, settings: list[str]) -> None:
     car = assemble(load_scenario(name, settings))
     with released(car.builder):
-        station, diagram = weakref.ref(car.station), weakref.ref(car.builder.Build())
+        station = weakref.ref(car.station)
+        diagram = weakref.ref(car.builder.Build())
     del car
     gc.collect()
     assert (station(), diagram()) == (None, None)
@@ -39,7 +40,8 @@ def test_diagram_and_station_of_a_car_die(name: str, settings: list[str]) -> Non
 def test_diagram_and_station_of_a_rig_die(name: str, settings: list[str]) -> None:
     builder, station = assemble_rig(load_rig_scenario(name, settings))
     with released(builder):
-        station_ref, diagram = weakref.ref(station), weakref.ref(builder.Build())
+        station_ref = weakref.ref(station)
+        diagram = weakref.ref(builder.Build())
     del builder, station
     gc.collect()
     assert (station_ref(), diagram()) == (None, None)
@@ -48,7 +50,8 @@ def test_diagram_and_station_of_a_rig_die(name: str, settings: list[str]) -> Non
 @pytest.mark.parametrize("record", ["all", "outcome"])
 def test_systems_of_a_user_outlive_the_run(record: str) -> None:
     """Who built the diagram may still ask its systems."""
-    scenario, held = load_scenario("turn_none", ["manoeuvre.duration=2.7"]), []
+    scenario = load_scenario("turn_none", ["manoeuvre.duration=2.7"])
+    held = []
 
     def build(builder, station) -> None:
         build_of(scenario)(builder, station)

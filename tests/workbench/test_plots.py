@@ -56,7 +56,8 @@ def test_the_turn_is_shaded_from_steering_command_to_straight_wheels(
         if axes.get_ylabel().startswith("roll motor"):
             continue
         (shade,) = [patch for patch in axes.patches if to_hex(patch.get_facecolor()) == TURN_SHADE]
-        left, right = shade.get_x(), shade.get_x() + shade.get_width()
+        left = shade.get_x()
+        right = shade.get_x() + shade.get_width()
         assert (left, right) == pytest.approx((2.0, 2.64))
 
 

@@ -77,7 +77,8 @@ def swing_load(speed, wind, rate):
     chord.
     """
     s = ROOT + LENGTH * (np.arange(5) + 0.5) / 5
-    across, along = rate * s, speed - wind
+    across = rate * s
+    along = speed - wind
     return 0.5 * RHO * CN * AREA / 5 * np.sum(np.hypot(across, along) * across)
 
 
@@ -157,7 +158,8 @@ def test_free_sail_of_a_driving_car_is_a_weather_vane(start):
     ).tail
     inertial = sail_inertial(parameters)
     vane = Vane(free_sail(parameters, sail_law(parameters)[0]), inertial.mass, inertial.moments[2])
-    times, angles = [0.0], [start]
+    times = [0.0]
+    angles = [start]
     while angles[-1] * start > 0.0 and times[-1] < 1.0:
         car.advance(car.context.get_time() + 0.002)
         times.append(car.context.get_time())
@@ -165,7 +167,8 @@ def test_free_sail_of_a_driving_car_is_a_weather_vane(start):
     crossing = times[-1] - 0.002 * angles[-1] / (angles[-1] - angles[-2])
     # First crossing of a damped swing: (pi - acos zeta) / omega_d; 5 %: explicit steps and a car
     # that gives way.
-    omega, zeta = vane.frequency(speed), vane.damping_ratio(speed)
+    omega = vane.frequency(speed)
+    zeta = vane.damping_ratio(speed)
     expected = (math.pi - math.acos(zeta)) / (omega * math.sqrt(1 - zeta**2))
     assert crossing == pytest.approx(expected, rel=0.05)
 
@@ -223,7 +226,8 @@ def expected_rate_after_a_step(mass, torque):
     the plant.
     """
     car = floating((0.0, 0.0, 0.0))
-    plant, context = car.plant, car.plant_context
+    plant = car.plant
+    context = car.plant_context
     layout = SectionLayout.strip(
         start=0.0, length=0.9, width=0.2, number=ADDED_MASS_PARTS, normal_B=(0.0, 1.0, 0.0)
     )
@@ -250,7 +254,8 @@ def test_added_mass_slows_the_swing_as_its_inertia_says_to_both_sides(mass):
 
 
 def test_added_mass_has_no_weight_and_is_no_part_of_the_vehicle():
-    heavy, plain = stand({"added_mass": 0.1}), stand()
+    heavy = stand({"added_mass": 0.1})
+    plain = stand()
     start = BODY_TRUTH.index("com_x_truth_m")
     np.testing.assert_allclose(
         heavy.output("body_truth")[start:][:3], plain.output("body_truth")[start:][:3], atol=1e-12

@@ -131,7 +131,8 @@ def test_a_worker_killed_or_stopped_is_said_and_only_its_run_is_made_again(
 def test_result_that_dies_with_its_worker_is_made_again(opened, marks, tmp_path, monkeypatch):
     """The worker is killed after it has ended a piece and before the result is fetched."""
     engine, said = opened(2)
-    ended, killed = type(engine)._ended, list[int]()
+    ended = type(engine)._ended
+    killed = list[int]()
 
     def kill_before_fetching(self):
         found = ended(self)
@@ -283,7 +284,8 @@ def test_worker_frees_what_a_piece_leaves_at_once_and_what_became_garbage_later_
 ):
     monkeypatch.setattr(dask_cluster, "ALL_GARBAGE", 3)
     monkeypatch.setattr(dask_cluster, "_pieces", itertools.count(1))
-    held, seen = [], []
+    held = []
+    seen = []
 
     def work(number):
         for kept in (held, []):

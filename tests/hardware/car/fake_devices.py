@@ -28,9 +28,12 @@ PORTS = {"schema": "aerodima/ports/1", "teensy": {"path": "/dev/a"}, "imu": {"pa
 
 class FakeTeensyLink:
     def __init__(self):
-        self.fault, self.fault_text = SourceFault.NONE, ""
-        self.sail, self.sent_time = -0.2, math.nan
-        self.pulses, self.noted = [], None
+        self.fault = SourceFault.NONE
+        self.fault_text = ""
+        self.sail = -0.2
+        self.sent_time = math.nan
+        self.pulses = []
+        self.noted = None
 
     def age(self, now):
         return 0.005
@@ -51,7 +54,8 @@ class FakeTeensyLink:
 class FakeSensor:
     def __init__(self, sample):
         self.newest = (0.0, sample)
-        self.code, self.text = SourceFault.NONE, ""
+        self.code = SourceFault.NONE
+        self.text = ""
         self.aligned = None
 
     def align(self, due):
@@ -93,7 +97,8 @@ class FakeRadio(RadioLink):
     def __init__(self):
         self.car = None
         super().__init__(SimpleNamespace(fault=""), load_drive_safety().operator_silence)
-        self.command, self.silence = OperatorCommand(RadioMode.AUTO), 0.05
+        self.command = OperatorCommand(RadioMode.AUTO)
+        self.silence = 0.05
         self.reports = []
 
     @property
@@ -119,7 +124,9 @@ class FakeRadio(RadioLink):
 
 class FakeWatchdog:
     def __init__(self):
-        self.calls, self.healthy, self.reason = [], True, ""
+        self.calls = []
+        self.healthy = True
+        self.reason = ""
 
     def arm(self):
         self.calls.append("arm")
@@ -138,13 +145,17 @@ class CarOnTheBench:
     def __init__(self, *settings, authorised=True):
         self.scenario = load_scenario("auto_turn", list(settings))
         self.port = FakePort([FakeMotor(1, 0.05), FakeMotor(2, -1.5)])
-        self.teensy, self.radio, self.watchdog = FakeTeensyLink(), FakeRadio(), FakeWatchdog()
+        self.teensy = FakeTeensyLink()
+        self.radio = FakeRadio()
+        self.watchdog = FakeWatchdog()
         level = Bno055Sample((1.0, 0.0, 0.0, 0.0), (0.1, -0.2, 0.9), (1.0, 2.0, 3.0))
-        self.imu, self.gps = FakeSensor(level), FakeSensor(GpsSample(3.3, True, 10.0))
+        self.imu = FakeSensor(level)
+        self.gps = FakeSensor(GpsSample(3.3, True, 10.0))
         self.closed = []
         mounting = load_mounting()
         self.motors = tail_motors(self.scenario, ports_from_dict(PORTS), mounting)
-        group, closers = MotorGroup(self.motors, self.port), ExitStack()
+        group = MotorGroup(self.motors, self.port)
+        closers = ExitStack()
         closers.callback(self.closed.append, 1)
         devices = Devices(
             group, self.teensy, self.imu, self.gps, self.radio, closers, self.watchdog

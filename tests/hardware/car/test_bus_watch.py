@@ -19,10 +19,14 @@ ANSWER = load_drive_safety().heartbeat_answer
 class Bus:
     """A port behind which a Teensy answers every beat with `status`, while it is there."""
 
-    fault, fault_text = 0, ""
+    fault = 0
+    fault_text = ""
 
     def __init__(self):
-        self.status, self.there, self.beats, self.inbox = TeensyStatus.RUNNING, True, [], []
+        self.status = TeensyStatus.RUNNING
+        self.there = True
+        self.beats = []
+        self.inbox = []
 
     def send(self, frame, urgent=False):
         if frame.arbitration_id == BEAT_ID:
@@ -35,7 +39,8 @@ class Bus:
         return True
 
     def poll(self):
-        frames, self.inbox = self.inbox, []
+        frames = self.inbox
+        self.inbox = []
         return frames
 
     def flush(self, timeout=0.2):

@@ -106,7 +106,8 @@ def test_the_watchdog_is_armed_before_the_motors_and_beaten_in_every_cycle(bench
 
 def test_a_watchdog_that_died_switches_the_motors_off(bench):
     armed(bench)
-    bench.watchdog.healthy, bench.watchdog.reason = False, "the Teensy does not answer: watchdog"
+    bench.watchdog.healthy = False
+    bench.watchdog.reason = "the Teensy does not answer: watchdog"
     reading = bench.cycle(HOLD)
     assert status(reading).tail_roll_fault == MotorFault.BUS
     assert "watchdog" in reading.fault_text
@@ -198,7 +199,8 @@ def test_hold_and_disarm_after_the_end_do_nothing(bench):
 
 def test_an_emergency_stop_is_named_before_everything_else_and_needs_a_hand_to_be_forgotten(bench):
     bench.radio.stopped = True
-    bench.teensy.fault, bench.teensy.fault_text = SourceFault.SILENT, "the Teensy is silent"
+    bench.teensy.fault = SourceFault.SILENT
+    bench.teensy.fault_text = "the Teensy is silent"
     reading = bench.cycle(CarCommand())
     assert status(reading).operator_fault == SourceFault.STOPPED
     assert status(reading).sail_fault == SourceFault.SILENT

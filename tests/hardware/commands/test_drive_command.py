@@ -117,7 +117,8 @@ def test_without_a_terminal_nothing_is_armed():
 
 def test_a_device_without_permission_says_what_to_do(monkeypatch):
     master, slave = pty.openpty()
-    name, opened = os.ttyname(slave), os.open
+    name = os.ttyname(slave)
+    opened = os.open
 
     def denied(
         path, *arguments, **named

@@ -42,7 +42,8 @@ class Served:
     """A console on a free port with a radio in memory."""
 
     def __init__(self, folder, listener=None, car=None):
-        self.link, self.said = FakeLink(), []
+        self.link = FakeLink()
+        self.said = []
         self.record = folder / "record.jsonl"
         self.listener = listener or open_socket(0)
         self.port = self.listener.getsockname()[1]
@@ -97,7 +98,8 @@ class Served:
 
 class Page:
     def __init__(self, socket):
-        self.socket, self.count = socket.__enter__(), 0
+        self.socket = socket.__enter__()
+        self.count = 0
 
     def say(self, **message):
         self.socket.send(json.dumps(message))
@@ -213,7 +215,8 @@ def test_beats_are_passed_on_one_for_one_and_none_is_invented(served):
 
 def test_second_page_is_read_only_but_may_stop_the_car(served):
     cookie = served.enter()
-    first, second = served.page(cookie), served.page(cookie)
+    first = served.page(cookie)
+    second = served.page(cookie)
     assert first.state()["controls"]
     assert not second.state()["controls"]
     second.beat(mode="manual")
@@ -234,7 +237,8 @@ def test_second_page_is_read_only_but_may_stop_the_car(served):
 
 def test_a_page_that_looks_on_takes_nothing_from_the_car_when_it_goes(served):
     cookie = served.enter()
-    first, second = served.page(cookie), served.page(cookie)
+    first = served.page(cookie)
+    second = served.page(cookie)
     served.link.report(ARMED, time.monotonic())
     first.state(lambda state: state["radio"]["armed"])
     first.beat()
@@ -362,7 +366,8 @@ def test_a_second_ctrl_c_ends_it_without_a_traceback(tmp_path, between):
         ),  # deaf below a background job
     ) as console:
         url = console.stdout.readline().removeprefix("open once: ").strip()
-        server, path = urlsplit(url).netloc, url.partition("/?")[2]
+        server = urlsplit(url).netloc
+        path = url.partition("/?")[2]
         page = http.client.HTTPConnection(server, timeout=10)
         page.request("GET", f"/?{path}")
         cookie = page.getresponse().getheader("Set-Cookie").partition(";")[0]

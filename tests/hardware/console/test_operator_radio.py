@@ -51,8 +51,11 @@ REPORT = CarReport(
 
 class FakeLink:
     def __init__(self):
-        self.sent, self.inbox = [], []
-        self.fault, self.error, self.losses = "", "", 0
+        self.sent = []
+        self.inbox = []
+        self.fault = ""
+        self.error = ""
+        self.losses = 0
 
     def write(self, data):
         packets = ApiStream().feed_transmits(data)
@@ -60,7 +63,8 @@ class FakeLink:
         self.sent.append([frames.decode(packet.data) for packet in packets])
 
     def poll(self):
-        inbox, self.inbox = self.inbox, []
+        inbox = self.inbox
+        self.inbox = []
         return inbox
 
     def report(self, report, now, sender=CAR):
@@ -309,7 +313,8 @@ def test_beats_that_were_held_up_are_not_passed_on():
 
 def test_control_is_free_only_when_the_page_that_has_it_has_gone():
     seats = Seats()
-    first, second = seats.enter(0.0), seats.enter(0.0)
+    first = seats.enter(0.0)
+    second = seats.enter(0.0)
     seats.hear(first, 1.0)
     assert not seats.take(second, 1.1)
     assert seats.controller == first

@@ -73,7 +73,8 @@ def test_a_chip_without_fusion_is_refused():
 
 
 def test_the_chip_answers_reads_and_writes_and_has_no_sample_before_its_fusion_runs():
-    chip, stream = Bno055Chip(), AnswerStream()
+    chip = Bno055Chip()
+    stream = AnswerStream()
     chip.set_sample(LEVEL)
     assert chip.feed(make_read(Register.CHIP_ID, 1)) == bytes.fromhex("BB01A0")
     with pytest.raises(FrameError, match="fusion"):

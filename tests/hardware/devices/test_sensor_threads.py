@@ -65,7 +65,8 @@ def fault(thread):
 
 @pytest.fixture
 def imu(tmp_path):
-    chip, count = Bno055Chip(), itertools.count()
+    chip = Bno055Chip()
+    count = itertools.count()
 
     def living(data):
         chip.set_sample(
@@ -74,7 +75,8 @@ def imu(tmp_path):
         return chip.feed(data)
 
     terminal = Terminal(tmp_path, living)
-    terminal.chip, terminal.living = chip, living
+    terminal.chip = chip
+    terminal.living = living
     thread = SensorThread("IMU", terminal.open, Bno055Session(), 0.1)
     yield terminal, thread
     thread.close()

@@ -26,7 +26,8 @@ def nav_pvt(speed, flags=0x01, fix=3):
     """A NAV-PVT by the offsets of UBX-13003221: fixType 20, flags 21, gSpeed 60."""
     payload = bytearray(92)
     payload[8:12] = bytes([1, 2, 3, 0x07])  # 01:02:03, date and time valid
-    payload[20], payload[21] = fix, flags
+    payload[20] = fix
+    payload[21] = flags
     struct.pack_into("<i", payload, 60, speed)
     body = b"\x01\x07" + struct.pack("<H", 92) + bytes(payload)
     return b"\xb5\x62" + body + ubx_checksum(body)

@@ -38,16 +38,21 @@ class FakeWiring:
 
     def __init__(self, roll=-math.pi / 2, yaw_rate=lambda tick: 0.0):
         self.name = "watched_can"
-        self.roll, self.roll_rate = roll, 0.0
+        self.roll = roll
+        self.roll_rate = 0.0
         self.yaw_rate = yaw_rate
-        self.attitude, self.speed = (0.0, 0.0), 3.0
+        self.attitude = (0.0, 0.0)
+        self.speed = 3.0
         self.imu_time = self.teensy_time = 0.0
         self.armed = False
-        self.faults, self.ages = {}, {}
+        self.faults = {}
+        self.ages = {}
         self.fault_text = ""
         self.operator = OperatorCommand(RadioMode.AUTO)
-        self.asks, self.stubborn = Asks.NOTHING, False
-        self.commands, self.calls = [], []
+        self.asks = Asks.NOTHING
+        self.stubborn = False
+        self.commands = []
+        self.calls = []
         self.refuse = ""
         self.raises = None
 
@@ -78,7 +83,8 @@ class FakeWiring:
     def motor_fault(self):
         """As `MotorGroup` does it: both motors are off with it."""
         self.faults |= {"tail_roll": MotorFault.NO_REPLY, "tail_pitch": MotorFault.OTHER_MOTOR}
-        self.fault_text, self.armed = "tail roll: no reply for 5 cycles", False
+        self.fault_text = "tail roll: no reply for 5 cycles"
+        self.armed = False
 
     def write(self, command, now):
         self.commands.append(command)
@@ -92,10 +98,8 @@ class FakeWiring:
             raise self.raises
         imu = np.zeros(9)
         imu[:2] = self.attitude
-        imu[2], imu[5] = (
-            math.remainder(3.0 + 0.05 * len(self.commands), 2 * math.pi),
-            self.yaw_rate(len(self.commands)),
-        )
+        imu[2] = math.remainder(3.0 + 0.05 * len(self.commands), 2 * math.pi)
+        imu[5] = self.yaw_rate(len(self.commands))
         status = {f"{source}_age": self.ages.get(source, 0.004) for source in STATUS_SOURCES}
         status |= {name.replace("_age", "_fault"): 0.0 for name in status}
         status |= {f"{source}_fault": float(code) for source, code in self.faults.items()}

@@ -74,7 +74,8 @@ def test_driving_needs_armed_motors(car):
 
 @pytest.mark.parametrize("mode", [RadioMode.AUTO, RadioMode.MANUAL, RadioMode.CONTROL])
 def test_a_switch_that_stands_on_a_mode_from_before_is_not_obeyed_until_it_was_in_idle(car, mode):
-    car.wiring.operator, car.wiring.stubborn = OperatorCommand(mode, 1.0), True
+    car.wiring.operator = OperatorCommand(mode, 1.0)
+    car.wiring.stubborn = True
     car.turn(count=2)
     car.guard.arm(car.now)
     car.turn(count=100)

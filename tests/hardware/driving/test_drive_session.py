@@ -33,8 +33,11 @@ class LawThatBreaks:
     """The law of the scenario, and after some ticks whatever `fail` does."""
 
     def __init__(self, scenario, fail=None, ticks=30):
-        self._law, self._fail, self._left = law_of_scenario(scenario), fail, ticks
-        self.rate, self.memory_size = self._law.rate, self._law.memory_size
+        self._law = law_of_scenario(scenario)
+        self._fail = fail
+        self._left = ticks
+        self.rate = self._law.rate
+        self.memory_size = self._law.memory_size
 
     def start(self):
         return self._law.start()
@@ -183,10 +186,8 @@ def test_an_operator_who_is_lost_in_auto_is_no_orderly_end(drive):
         page.
         """
         ticks.append(len(ticks))
-        drive.bench.radio.command, drive.bench.radio.silence = (
-            OperatorCommand(RadioMode.IDLE),
-            0.05 + 0.01 * len(ticks),
-        )
+        drive.bench.radio.command = OperatorCommand(RadioMode.IDLE)
+        drive.bench.radio.silence = 0.05 + 0.01 * len(ticks)
         return result
 
     result = drive.run(vanish)

@@ -220,7 +220,8 @@ def test_a_full_disk_stops_the_car_and_what_it_did_not_take_is_in_the_log_once_t
                 raise OSError(28, "No space left on device")
             super()._write_batch()
 
-    clock, wiring = Time(), FakeWiring()
+    clock = Time()
+    wiring = FakeWiring()
     guard = armed(wiring, clock)
     good = open_run_journal(tmp_path / "good.parquet", SCENARIO, "watched_can")
     journal = FullDisk(tmp_path / "run.parquet", drive_columns(), good._metadata)
@@ -249,7 +250,8 @@ def test_a_log_whose_folder_is_removed_is_said_at_once_and_written_all_the_same(
     tmp_path, monkeypatch, taken
 ):
     monkeypatch.setattr(run_journal, "_LOOK", 0.01)
-    said, path = [], tmp_path / "logs" / "run.parquet"
+    said = []
+    path = tmp_path / "logs" / "run.parquet"
     journal = open_run_journal(path, SCENARIO, "watched_can", say=said.append)
     for index in range(50):
         journal.append(np.full(len(journal.columns), PERIOD * index))

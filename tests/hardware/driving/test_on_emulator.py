@@ -137,7 +137,8 @@ def test_same_swing_and_outcome_as_in_simulation_and_a_log_that_everything_reads
 ):
     def same_swing(folder):
         emulated = driven(folder, wiring)
-        log, truth = read_run_log(emulated.log), read_run_log(emulated.folder / "truth.parquet")
+        log = read_run_log(emulated.log)
+        truth = read_run_log(emulated.folder / "truth.parquet")
         found = rms_to(simulated, truth), rms_to(simulated, log)
         print(
             f"{wiring}: RMS of truth and log to the simulation: {found[0]:.4f}, {found[1]:.4f} rad"

@@ -124,11 +124,13 @@ class Bench:
     def __init__(self, folder):
         self.car = CarOnTheBench("manoeuvre.log_end=2.0")
         self.car.devices.imu = ImuAtRest()
-        self.log, self.said = folder / "run.parquet", []
+        self.log = folder / "run.parquet"
+        self.said = []
 
     def drive(self, build):
         options = DriveOptions(self.log)
-        car, scenario = self.car.car, self.car.scenario
+        car = self.car.car
+        scenario = self.car.scenario
         return run_drive(
             car, scenario, ports_from_dict(PORTS), options, self.said.append, build=build
         )
@@ -241,7 +243,8 @@ def test_single_stall_is_counted_and_stops_nothing(tmp_path, wiring, monkeypatch
     def driven(folder):
         monkeypatch.setenv(own_diagram.BROKE_FILE, str(folder / "broke"))
         with emulated_car(SCENARIO, wiring, folder / "car") as car:
-            build, log = own_diagram.stalls_once, folder / "run.parquet"
+            build = own_diagram.stalls_once
+            log = folder / "run.parquet"
             result = drive(build, SCENARIO, car.ports, log, wiring=wiring, arm=True)
         assert result.reason == RUN_OVER
         return read_run_log(log)

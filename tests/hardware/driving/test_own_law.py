@@ -42,7 +42,8 @@ class Upright:
 @pytest.mark.realtime
 @pytest.mark.parametrize("with_drake", [True, False])
 def test_law_drives_the_car_and_is_named_in_the_log(tmp_path: Path, with_drake: bool) -> None:
-    bench, path = CarOnTheBench(*QUICK), tmp_path / "run.parquet"
+    bench = CarOnTheBench(*QUICK)
+    path = tmp_path / "run.parquet"
     bench.devices.imu = ImuAtRest()
     options = DriveOptions(path, with_drake=with_drake, law_name="Upright")
     result = run_drive(

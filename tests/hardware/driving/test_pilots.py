@@ -25,7 +25,8 @@ class NotingLaw:
 
     def __init__(self):
         self._law = law_of_scenario(SCENARIO)
-        self.rate, self.memory_size = self._law.rate, self._law.memory_size
+        self.rate = self._law.rate
+        self.memory_size = self._law.memory_size
         self.seen = []
 
     def start(self):
@@ -49,7 +50,9 @@ def reading(steering, roll, yaw_rate=0.0, throttle=0.2, **operator):
 
 def drive(steering, yaw_rate, ticks=300, turn_at=100):
     """A tail without mass that waits where the law wants it; the car yaws from `turn_at` on."""
-    pilot, roll, steps = ControlPilot(SCENARIO), -math.copysign(math.pi / 2, steering), []
+    pilot = ControlPilot(SCENARIO)
+    roll = -math.copysign(math.pi / 2, steering)
+    steps = []
     pilot.start()
     for tick in range(ticks):
         step = pilot.step(
@@ -101,7 +104,8 @@ def test_sticks_of_the_tail_are_not_obeyed():
 def test_the_tail_waits_inside_and_swings_to_the_outside_of_the_turn_that_is_steered(side):
     steps = drive(side * 0.4, side * 2.0)
     states = [step.state for step, _ in steps]
-    before, after = steps[99], steps[-1]
+    before = steps[99]
+    after = steps[-1]
     assert before[0].state == SwingState.HOLD
     assert before[1] == pytest.approx(-side * math.pi / 2, abs=0.01)
     swinging = [step.command.tail_roll[1] for step, _ in steps if step.state == SwingState.SWING]

@@ -100,7 +100,8 @@ class DiskFull(Breaker):
 
     def end(self) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, self.before)
-        lost, error = self.journal.lost, self.journal.error
+        lost = self.journal.lost
+        error = self.journal.error
         log = read_run_log(self.journal.close())
         assert (lost, bool(error)) == (0, not self.removed)
         assert len(log.table) >= self.journal.rows + (not self.removed) > 1, (
@@ -218,7 +219,8 @@ class ThrottleSteps(Breaker):
 
     def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
         super().begin(car, scenario, folder)
-        self.most_pitch, self.pulses = 0.0, []
+        self.most_pitch = 0.0
+        self.pulses = []
 
     def turn(self, guard: CarGuard) -> None:
         self.most_pitch = max(self.most_pitch, abs(float(guard.reading.imu[IMU.index("pitch")])))

@@ -40,12 +40,15 @@ class ConsoleOperator:
         )  # as `aerodima console` does
         self._link = _CountedLink.open(ports.console)
         self._radio = OperatorRadio(self._link, ports.console.receiver, ports.car)
-        self._lock, self._end = threading.Lock(), threading.Event()
+        self._lock = threading.Lock()
+        self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name="console-operator", daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
-        count, due, asked = 0, 0.0, False
+        count = 0
+        due = 0.0
+        asked = False
         while not self._end.wait(_TURN):
             now = time.monotonic()
             with self._lock:
@@ -54,7 +57,8 @@ class ConsoleOperator:
                 if report is not None and report.asks is not Asks.NOTHING:
                     asked = report.asks is Asks.CHOICE
                 if now >= due:
-                    count, due = count + 1, now + _BEAT
+                    count = count + 1
+                    due = now + _BEAT
                     self._radio.beat(count, MANUAL.command(asked), now)
 
     def press_stop(self) -> float:

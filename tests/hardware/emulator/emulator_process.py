@@ -69,9 +69,11 @@ class EmulatorProcess:
         script: dict | None = None,
         console: bool = False,
     ) -> None:
-        self.folder, self.wiring = folder / "emulated", wiring
+        self.folder = folder / "emulated"
+        self.wiring = wiring
         arguments = (scenario, wiring, self.folder, script or {}, console)
-        self._console, self.operator = console, None
+        self._console = console
+        self.operator = None
         self.process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)
 
     def __enter__(self) -> EmulatorProcess:

@@ -374,7 +374,8 @@ def _start(
     diagram: str = "",
 ) -> subprocess.Popen[str]:
     words = [word for setting in settings for word in ("--set", setting)]
-    ports, log = str(emulator.folder / PORTS_FILE), str(folder / "drive.parquet")
+    ports = str(emulator.folder / PORTS_FILE)
+    log = str(folder / "drive.parquet")
     command = [
         "drive",
         scenario,
@@ -471,7 +472,8 @@ def run_process_case(case: ProcessCase, folder: Path) -> Found:
         )
         off, neutral = after(emulator, since, joints)
         entered = len(emulator.named("entered"))
-        status, said = None, ""
+        status = None
+        said = ""
         if case.reason:
             said = (process.stdout.read() if process.stdout else "") or ""
             status = process.wait(30.0)

@@ -237,7 +237,8 @@ def test_a_hung_teensy_keeps_its_outputs_until_the_processor_restarts(tmp_path):
     bench = Bench(tmp_path, {"time": 1.0, "fault": "teensy_hung"})
     settings = FirmwareSettings("teensy_bridge", PROFILE)
     teensy = EmulatedTeensy(settings, bench.bus, bench.board, bench.events, 0.0)
-    now, seen = 0.0, {}
+    now = 0.0
+    seen = {}
     while now < 2.5:
         now += 0.005
         bench.board.look(now)
@@ -263,7 +264,8 @@ def test_a_hung_teensy_keeps_its_outputs_until_the_processor_restarts(tmp_path):
 def test_the_operator_sends_commands_with_a_living_heartbeat_and_stops(tmp_path):
     bench = Bench(tmp_path, {"time": 2.0, "fault": "silent", "part": "radio"})
     entries = (OperatorEntry(time=0.0, mode="auto"), OperatorEntry(time=1.0, stop=True))
-    operator, stream = EmulatedOperator(entries, bench.board), ApiStream()
+    operator = EmulatedOperator(entries, bench.board)
+    stream = ApiStream()
     found = []
     for tick in range(300):
         bench.board.look(0.01 * tick)
@@ -282,10 +284,8 @@ def test_the_operator_sends_commands_with_a_living_heartbeat_and_stops(tmp_path)
 
 
 def test_the_operator_chooses_auto_when_the_car_asks_and_rests_when_it_asks_for_that(tmp_path):
-    operator, stream = (
-        EmulatedOperator((OperatorEntry(time=0.0),), Bench(tmp_path).board),
-        ApiStream(),
-    )
+    operator = EmulatedOperator((OperatorEntry(time=0.0),), Bench(tmp_path).board)
+    stream = ApiStream()
     now = 0.0
 
     def mode_after(asks):
@@ -297,7 +297,8 @@ def test_the_operator_chooses_auto_when_the_car_asks_and_rests_when_it_asks_for_
         (command,) = [message for message in messages if isinstance(message, radio.OperatorCommand)]
         return command.mode
 
-    idle, auto = radio.RadioMode.IDLE, radio.RadioMode.AUTO
+    idle = radio.RadioMode.IDLE
+    auto = radio.RadioMode.AUTO
     asked = (Asks.NOTHING, Asks.REST, Asks.CHOICE, Asks.NOTHING, Asks.REST)
     assert [mode_after(asks) for asks in asked] == [idle, idle, auto, auto, idle]
 
@@ -308,7 +309,8 @@ def test_imu_and_gps_answer_until_they_fall_silent(tmp_path):
         {"time": 1.0, "fault": "silent", "part": "imu"},
         {"time": 1.0, "fault": "silent", "part": "gps"},
     )
-    imu, gps = EmulatedImu(load_mounting(), bench.board), EmulatedGps(10.0, bench.board)
+    imu = EmulatedImu(load_mounting(), bench.board)
+    gps = EmulatedGps(10.0, bench.board)
     assert imu.feed(make_sample_request())
     (sample,) = GpsStream().feed(gps.turn(3.33, 0.0))
     assert sample.speed == pytest.approx(3.33, abs=1e-3)

@@ -95,7 +95,8 @@ def library() -> Any:
     loaded = teensy_firmware.library()
     for name, (result, arguments) in _FUNCTIONS.items():
         function = getattr(loaded, name)
-        function.restype, function.argtypes = result, arguments
+        function.restype = result
+        function.argtypes = arguments
     return loaded
 
 
@@ -117,7 +118,8 @@ class CommandReader:
 
     def feed(self, data: bytes) -> tuple[int, TeensyCommand | None]:
         """How many commands became complete with these bytes, and the newest of them."""
-        command, rejected = _Command(), c_uint32()
+        command = _Command()
+        rejected = c_uint32()
         found = self._library.ad_reader_feed(
             self._reader, data, len(data), ctypes.byref(command), ctypes.byref(rejected)
         )
@@ -162,7 +164,8 @@ def make_reply(reply: TeensyReply) -> bytes:
 
 def make_command(motor_id: int, command: MitCommand, profile: FirmwareProfile) -> CanFrame:
     """The frame of a command as the core makes it; `FrameError` if it refuses."""
-    frame, values = Frame(), (c_double * 5)(*astuple(command))
+    frame = Frame()
+    values = (c_double * 5)(*astuple(command))
     if not library().ad_make_command(
         motor_id, values, ctypes.byref(Profile(**profile_fields(profile))), ctypes.byref(frame)
     ):

@@ -192,7 +192,10 @@ def test_a_stream_with_noise_and_partial_strings_gives_whole_commands(data):
     )
     pieces = data.draw(st.lists(noise, max_size=4), label="noise")
     last = data.draw(strings, label="last")
-    stream, reader, found, place = b"".join(pieces) + b"|" + 2 * last, core.CommandReader(), None, 0
+    stream = b"".join(pieces) + b"|" + 2 * last
+    reader = core.CommandReader()
+    found = None
+    place = 0
     while place < len(stream):
         size = data.draw(st.integers(1, 90), label="chunk")
         count, newest = reader.feed(stream[place : place + size])

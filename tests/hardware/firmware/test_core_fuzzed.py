@@ -65,7 +65,8 @@ class Chaos:
         return make_command(TeensyCommand(orders, *pulses, attitude))
 
     def damaged(self):
-        text, draw = bytearray(self.command()), self.draw
+        text = bytearray(self.command())
+        draw = self.draw
         for _ in range(draw.randint(1, 4)):
             place = draw.randrange(len(text))
             text[place : place + draw.randint(0, 3)] = bytes(
@@ -92,7 +93,8 @@ class Chaos:
 def test_anything_at_all_leaves_it_within_its_ranges(wiring):
     chaos = Chaos(f"{wiring} checked")
     draw, now = chaos.draw, 2**32 / 1000 - 20.0  # its clock runs over on the way
-    core, valid = TeensyCore(FirmwareSettings(wiring, PROFILE), now), now
+    core = TeensyCore(FirmwareSettings(wiring, PROFILE), now)
+    valid = now
     obeyed = acted = 0
     for step in range(STEPS):
         what = draw.random()

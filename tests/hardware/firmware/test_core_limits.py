@@ -27,7 +27,8 @@ def commanding(bench, seconds, **what):
     """A drive that goes on commanding; when the Teensy switched everything off, s after the
     beginning.
     """
-    begin, acted = bench.now, math.inf
+    begin = bench.now
+    acted = math.inf
     for _ in range(round(seconds / 0.01)):
         bench.write(MotorRequest.COMMAND, PUSH, **{"throttle": 1520, **what})
         for _ in range(10):
@@ -89,7 +90,8 @@ def test_an_old_attitude_on_the_side_still_stops_the_tail():
 def test_a_throttle_step_is_clipped_and_comes_on_slowly(wiring, asked, end):
     bench = Bench(wiring)
     bench.write(MotorRequest.EXIT)
-    pulses, begin = [], bench.now
+    pulses = []
+    begin = bench.now
     for _ in range(300):
         bench.write(MotorRequest.EXIT, throttle=asked)
         bench.wait(0.01)
@@ -235,10 +237,13 @@ def test_torque_and_range_are_limited_as_on_the_computer():
                 for low, high in ((-6, 6), (-50, 50), (0, 500), (0, 5), (-25, 25))
             )
         )
-        position, speed = random.uniform(-1.85, 1.85), random.uniform(-30, 30)
-        load, replies = MotorLoad(motor.safety.rated_torque, motor.safety.overload), []
+        position = random.uniform(-1.85, 1.85)
+        speed = random.uniform(-30, 30)
+        load = MotorLoad(motor.safety.rated_torque, motor.safety.overload)
+        replies = []
         for k in range(int(random.integers(1, 30))):
-            torque, when = float(random.uniform(-25, 25)), 0.1 * k
+            torque = float(random.uniform(-25, 25))
+            when = 0.1 * k
             load.add(torque, when)
             replies.append((position, speed, torque, when))
         ours = limit_on_the_computer(

@@ -139,10 +139,14 @@ def test_teensy_string(text, close):
 )
 def test_streams_resynchronise_after_any_noise(noise, sizes):
     good = checked(b"1;0.5;0;0;2;0;0;0;90;1;20;0;1;20;0;5;0")
-    stream, data, found, i = ReplyStream(), b"".join(noise) + b"|" + 2 * good, [], 0
+    stream = ReplyStream()
+    data = b"".join(noise) + b"|" + 2 * good
+    found = []
+    i = 0
     while data:
         size = sizes[i % len(sizes)]
         found += stream.feed(data[:size])
-        data, i = data[size:], i + 1
+        data = data[size:]
+        i = i + 1
     assert found
     assert found[-1].motors[0].position == 0.5

@@ -45,12 +45,15 @@ def test_noise_costs_no_good_frame(noise, sizes):
     good = ReceivedPacket(0x13A20040000001, b"\x02\x07" + bytes(16))
     # Noise may announce a frame of up to 128 bytes that swallows what follows until its checksum
     # fails.
-    data, found, i = noise + 12 * make_received(good), [], 0
+    data = noise + 12 * make_received(good)
+    found = []
+    i = 0
     stream = ApiStream()
     while data:
         size = sizes[i % len(sizes)]
         found += stream.feed(data[:size])
-        data, i = data[size:], i + 1
+        data = data[size:]
+        i = i + 1
     assert len([packet for packet in found if packet == good]) >= 6
     assert len(stream._open) <= 300
 

@@ -81,7 +81,8 @@ def test_acceleration_at_the_imu_is_that_of_its_path() -> None:
     """A body that turns about all axes while its origin moves on a curve: second differences of the
     path of the IMU.
     """
-    turning, imu = np.array([0.4, -0.5, 0.9]), np.array([0.13, 0.0, 0.21])
+    turning = np.array([0.4, -0.5, 0.9])
+    imu = np.array([0.13, 0.0, 0.21])
     time = STEP * np.arange(-1, round(AFTER / STEP) + 1)
     turned = Rotation.from_rotvec((time + 0.8 * time**2)[:, None] * turning)
     rates = (1.0 + 1.6 * time[1:-1])[:, None] * turning
@@ -109,7 +110,8 @@ def test_acceleration_at_the_imu_is_that_of_its_path() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("system", ["simulated", "physical"])
 def test_reduced_cars_show_the_figures_of_full_ones(system) -> None:
-    turn, cars = SLOW[system], PRIOR.draw(2, seed=3)
+    turn = SLOW[system]
+    cars = PRIOR.draw(2, seed=3)
     friction = PRIOR.column(f"{system} car.tyre_friction")
     cars[:, friction] = 0.5
     plan = PLAN.model_copy(update={"size": PLAN.size.model_copy(update={"rounds": 2})})
@@ -174,11 +176,9 @@ SHORT = ("manoeuvre.speed_ramp=1.2", "manoeuvre.turn_start=1.5", "manoeuvre.dura
 @pytest.mark.slow
 def test_full_car_flips_at_the_friction_of_the_reduced_one() -> None:
     """Without a tail within 5 %, which is three times what the calibration found them apart."""
-    plan, turn, car = (
-        small_plan(),
-        SLOW["physical"],
-        CarPrior(small_plan()).ranges.mean(axis=1)[None],
-    )
+    plan = small_plan()
+    turn = SLOW["physical"]
+    car = CarPrior(small_plan()).ranges.mean(axis=1)[None]
     plan = plan.model_copy(
         update={"size": plan.size.model_copy(update={"rounds": 6, "full_rounds": 3})}
     )
@@ -196,7 +196,8 @@ def test_full_car_flips_at_the_friction_of_the_reduced_one() -> None:
 
 @pytest.mark.slow
 def test_whole_job_writes_pages_and_ensembles_and_goes_on_with_its_runs(tmp_path) -> None:
-    plan, runs = small_plan(), Runs()
+    plan = small_plan()
+    runs = Runs()
     page = calibrate(plan, runs, tmp_path, played=1)
     html = page.read_text(encoding="utf-8")
     assert "of the car on the field" in html

@@ -101,7 +101,8 @@ def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_ca
 
 
 def test_margin_of_a_car_that_was_not_seen_lacks_what_is_missed_of_its_flip() -> None:
-    turn, tried = PLAN.turns[0], PRIOR.draw(2, seed=17)
+    turn = PLAN.turns[0]
+    tried = PRIOR.draw(2, seed=17)
     tried[:, PRIOR.column(f"{turn.system} car.tyre_friction")] = 0.5
     surface = replace(constant(0.0), missed=np.array([[0.1], [-0.05]]))
     flip = np.array([np.log(0.6), np.nan, np.log(0.7)])
@@ -120,7 +121,8 @@ def test_full_cars_shift_flips_and_figures_go_with_the_margin() -> None:
     )
     flips = {turn.name: constant(np.log(0.6)) for turn in PLAN.turns}
     figures = {turn.name: leaning for turn in PLAN.turns if turn.table}
-    first, cars = replace(emulator(), flips=flips, figures=figures), PRIOR.spread(20, seed=2)
+    first = replace(emulator(), flips=flips, figures=figures)
+    cars = PRIOR.spread(20, seed=2)
     found = {}
     for t in PLAN.turns:
         tried = cars.copy()
@@ -132,7 +134,8 @@ def test_full_cars_shift_flips_and_figures_go_with_the_margin() -> None:
             "figures": shown.tolist(),
         }
     found[PLAN.turns[0].name]["flips"][0] = None
-    corrected, car = first.corrected(cars, found), PRIOR.draw(1, seed=3)
+    corrected = first.corrected(cars, found)
+    car = PRIOR.draw(1, seed=3)
     figure = next(f for f in figures_of(PLAN) if f.turn == PLAN.turns[0])
     car[0, PRIOR.column(f"{figure.turn.system} car.tyre_friction")] = 0.66 * np.exp(-0.05)
     assert corrected.margin(car, figure.turn)[0] == pytest.approx(0.05, abs=1e-6)
@@ -146,7 +149,9 @@ def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin: float) -> 
     faster one.
     """
     slow, fast = PLAN.turns[:2]
-    car, missed, width = PRIOR.draw(1, seed=4), 0.05, PLAN.outcome_width["none"]
+    car = PRIOR.draw(1, seed=4)
+    missed = 0.05
+    width = PLAN.outcome_width["none"]
     car[0, PRIOR.column(f"{slow.system} car.tyre_friction")] = 0.6 * np.exp(-margin)
     one = Surface((0,), lambda inputs: np.full((len(inputs), 1), np.log(0.6)), np.array([missed]))
     made = replace(emulator(), flips=emulator().flips | {slow.name: one, fast.name: one})
@@ -166,9 +171,11 @@ def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin: float) -> 
 
 def test_outcomes_count_on_the_right_side() -> None:
     first = replace(emulator(), flips={turn.name: constant(np.log(0.6)) for turn in PLAN.turns})
-    low, high = PRIOR.draw(1, seed=4), PRIOR.draw(1, seed=4)
+    low = PRIOR.draw(1, seed=4)
+    high = PRIOR.draw(1, seed=4)
     for name in ("simulated car.tyre_friction", "physical car.tyre_friction"):
-        low[0, PRIOR.column(name)], high[0, PRIOR.column(name)] = 0.5, 0.7
+        low[0, PRIOR.column(name)] = 0.5
+        high[0, PRIOR.column(name)] = 0.7
     assert first.survival(low, PLAN.turns[0])[0] > 0.999
     assert first.survival(high, PLAN.turns[0])[0] < 0.001
 
@@ -177,10 +184,13 @@ def test_likelihood_knows_who_survived_and_whose_wheel_lifted() -> None:
     """Friction 0.5 or 0.7 at a flip of 0.6; the inner wheel lifts at 0.8 or 1.2 rad/s, published
     1.
     """
-    first, turn = emulator(), PLAN.turns[0]
-    low, high = PRIOR.draw(1, seed=4), PRIOR.draw(1, seed=4)
+    first = emulator()
+    turn = PLAN.turns[0]
+    low = PRIOR.draw(1, seed=4)
+    high = PRIOR.draw(1, seed=4)
     column = PRIOR.column(f"{turn.system} car.tyre_friction")
-    low[0, column], high[0, column] = 0.5, 0.7
+    low[0, column] = 0.5
+    high[0, column] = 0.7
     made = replace(first, flips=first.flips | {turn.name: constant(np.log(0.6))})
     assert log_likelihood(made, (), low)[0] > log_likelihood(made, (), high)[0] + 5.0
     ends = tuple(
@@ -221,7 +231,8 @@ def test_posterior_is_that_of_the_closed_form() -> None:
 
 
 def test_density_of_a_figure_is_a_normal_of_its_share() -> None:
-    figure, car = figures_of(PLAN)[0], PRIOR.draw(1, seed=5)
+    figure = figures_of(PLAN)[0]
+    car = PRIOR.draw(1, seed=5)
     made = emulator((figure.name, "imu.x", 0.0), 0.1 * figure.published)
     spread = car[0, PRIOR.column(OFF)]
     spread *= 1.1  # a share of what is predicted
@@ -262,7 +273,8 @@ def test_simulated_measurement_narrows_the_posterior_as_promised(name: str) -> N
     cars = PRIOR.draw(1500, seed=9)
     measured = next(m for m in validation.measurements(PRIOR) if m.name == name)
     promised = validation.information(measured, cars, seed=10)
-    rng, gains = np.random.default_rng(11), []
+    rng = np.random.default_rng(11)
+    gains = []
     for truth in rng.choice(measured.value(cars), 300):
         seen = truth + measured.deviation * rng.standard_normal()
         weights = norm.pdf(seen, measured.value(cars), measured.deviation)
@@ -284,7 +296,8 @@ def test_information_of_a_normal_is_half_the_logarithm_of_the_narrowing() -> Non
 
 def test_best_determined_combination_is_the_one_that_was_measured() -> None:
     cars = PRIOR.draw(3000, seed=14)
-    friction, height = PRIOR.column("physical car.tyre_friction"), PRIOR.column("car.com_height")
+    friction = PRIOR.column("physical car.tyre_friction")
+    height = PRIOR.column("car.com_height")
     product = cars[:, friction] * cars[:, height]
     kept = cars[np.abs(product / np.median(product) - 1.0) < 0.05]
     ratio, weights = validation.combinations(PRIOR, kept, 15)[0]

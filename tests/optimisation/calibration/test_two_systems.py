@@ -106,9 +106,12 @@ def test_a_biased_gyro_swings_earlier() -> None:
 
 def test_density_is_that_of_the_plan_and_nothing_outside() -> None:
     car = PRIOR.draw(1, seed=4)
-    height, mean = PRIOR.column("car.com_height"), PLAN.density["car.com_height"].mean
+    height = PRIOR.column("car.com_height")
+    mean = PLAN.density["car.com_height"].mean
     here, there, outside = (np.repeat(car, 1, axis=0) for _ in range(3))
-    here[0, height], there[0, height], outside[0, height] = mean, mean + 0.04, 0.5
+    here[0, height] = mean
+    there[0, height] = mean + 0.04
+    outside[0, height] = 0.5
     both = PRIOR.log_density(np.vstack([here, there, outside]))
     assert both[0] - both[1] == pytest.approx(0.5)
     assert both[2] == -np.inf

@@ -195,7 +195,8 @@ class MadeUp(Engine):
         for index, task in enumerate(tasks):
             self.tasks.append(task)
             settings = dict(setting.partition("=")[::2] for setting in task.settings)
-            speed, mode = float(settings[SPEED]), settings["tail.mode"]
+            speed = float(settings[SPEED])
+            mode = settings["tail.mode"]
             limit = 0.0 if settings["car.mass"] == "7.5" else LIMIT[mode]
             limit -= 0.1 if (mode, settings["simulation.step"]) == ("held", "0.0005") else 0.0
             row = CLEAN | {"side_lift_m": 0.02 if speed > limit else -0.001}
@@ -231,7 +232,8 @@ def test_a_speed_is_completed_where_one_of_several_drivers_completes_it():
     """Heavy steering lifts at any speed: the first driver serves no candidate, the second one all
     of them.
     """
-    poor, good = ("car.mass=7.5",), ("car.mass=6.5",)
+    poor = ("car.mass=7.5",)
+    good = ("car.mass=6.5",)
     table, engine = entries([HELD], manoeuvres=[replace(TURN, drivers=(poor, good))])
     assert list(table["entry_speed_m_per_s"]) == [2.3, 2.7]
     assert list(table["driver"]) == list(good) * 2

@@ -113,10 +113,8 @@ def law_file(tmp_path):
 def test_a_law_of_ones_own_climbs_and_one_that_fails_is_named(law_file) -> None:
     who = suite.candidates([], [f"{law_file}:Upright", f"{law_file}:Failing"])
     turn = Manoeuvre("turn", "turn_swing", tuple(f"manoeuvre.{setting}" for setting in SHORT))
-    search, case = (
-        EntrySearch(start=1.0, lowest=1.0, ceiling=1.0),
-        (Member("own", 1.0, {}), EntryFloor("own")),
-    )
+    search = EntrySearch(start=1.0, lowest=1.0, ceiling=1.0)
+    case = (Member("own", 1.0, {}), EntryFloor("own"))
     table = climb([turn], who, [case], Runs(), search).set_index("candidate")
     assert list(table.index) == ["no tail", "Upright", "Failing"]
     assert table.loc["Upright", "entry_speed_m_per_s"] == 1.0

@@ -13,5 +13,6 @@ from aerodima.optimisation.identify.published_check import fit_line
 def fit_line_file(path: str) -> FitResult:
     """Rate and preload of a CSV file with `displacement_m` and `force_n`."""
     table = pd.read_csv(path)
-    x, force = table["displacement_m"].to_numpy(float), table["force_n"].to_numpy(float)
+    x = table["displacement_m"].to_numpy(float)
+    force = table["force_n"].to_numpy(float)
     return fit_line(x, force, ("rate", "N/m"), ("preload", "N"), name=path, channel="force")

@@ -107,8 +107,11 @@ def _loads(
     """Force, moment about W and torque about the motor axis (downstream positive) of the air on
     tail and bar.
     """
-    a, w = _axis(q), wind * np.array([math.sin(psi), -math.cos(psi), 0.0])
-    total, moment, torque = np.zeros(3), np.zeros(3), 0.0
+    a = _axis(q)
+    w = wind * np.array([math.sin(psi), -math.cos(psi), 0.0])
+    total = np.zeros(3)
+    moment = np.zeros(3)
+    torque = 0.0
     root = lab.bar_end + lab.gap
     parts = 5 if rate else 1
     for start, length, width, drag, lift, number in (
@@ -132,7 +135,8 @@ def _loads(
 
 def weight(lab: Lab, q: float) -> tuple[np.ndarray, float]:
     """Wrench of the support (6) and torque about the motor axis of the weight alone."""
-    a, p = _axis(q), np.array(lab.pivot)
+    a = _axis(q)
+    p = np.array(lab.pivot)
     bodies = [
         (lab.mount_mass, np.array(lab.mount_com)),
         (lab.bar_mass, p + lab.bar_com * a),

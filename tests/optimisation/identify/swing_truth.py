@@ -63,7 +63,8 @@ def robot_log(
         experiment={"angle": angle, "wind_speed": wind_speed, "duration": duration, "rest": 0.0},
         robot={"kp": kp},
     )
-    air, friction = air_torque(scenario, NormalForceLaw(cn)), scenario.robot_friction
+    air = air_torque(scenario, NormalForceLaw(cn))
+    friction = scenario.robot_friction
     assert air is not None
     smooth = friction_torque(friction.coulomb, friction.viscous, friction.tanh_gain)
     return _log(scenario, [air, smooth, motor_of(scenario)], 0.0, None)

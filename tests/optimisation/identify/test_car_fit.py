@@ -27,7 +27,8 @@ from tests.optimisation.identify.car_truth import drawn, emulated
 
 def still_log(steered: float = 0.5, **columns: float) -> RunLog:
     """A log without motion of the first 4 s of `turn_none`, steered from 2.0 to 2.5 s."""
-    scenario, time = load_scenario("turn_none"), np.arange(0.0, 4.0, 0.002)
+    scenario = load_scenario("turn_none")
+    time = np.arange(0.0, 4.0, 0.002)
     table = pd.DataFrame(
         {"time_s": time, "steering_command_rad": steered * ((time >= 2.0) & (time < 2.5))}
     )
@@ -105,7 +106,8 @@ def test_of_a_flipped_run_what_is_before_the_flip_is_used() -> None:
 def test_a_swung_log_ends_at_the_stop_of_the_tail_not_at_the_limit_of_its_command(
     stop: float, cut: bool
 ) -> None:
-    log, scenario = still_log(), load_scenario("turn_swing", [f"tail.roll_stop={stop}"])
+    log = still_log()
+    scenario = load_scenario("turn_swing", [f"tail.roll_stop={stop}"])
     angle = np.interp(log.table["time_s"], [2.0, 2.3], [-math.pi / 2, math.pi / 2])
     columns = dict.fromkeys((name for joint in TAIL.values() for name in joint), 0.0) | {
         "tail_roll_angle_rad": angle
@@ -130,9 +132,11 @@ class Formula(CarDrive):
     def run(
         self, changes: Mapping[str, Mapping[str, float]], latency: float, speed: float
     ) -> Mapping[str, Any]:
-        time, car = np.arange(1.4, 3.2, 0.002), changes["car"]
+        time = np.arange(1.4, 3.2, 0.002)
+        car = changes["car"]
         late = time - self.turn - latency
-        turning, begins = np.clip(late / 0.2, 0.0, 1.0), np.exp(-np.square((late - 0.2) / 0.1))
+        turning = np.clip(late / 0.2, 0.0, 1.0)
+        begins = np.exp(-np.square((late - 0.2) / 0.1))
         rough = 2e-4 * np.sign(math.sin(2e5 * car["tyre_friction"])) * turning
         gain = 1.0 - math.exp(-3.0 * (time[-1] - time[0]))
         return {

@@ -206,7 +206,8 @@ def test_wild_points_tear_the_least_squares_line_away_and_not_the_huber_line() -
     x = np.linspace(0.0, 1.0, 60)
     y = 4.0 * x - 1.0 + 0.05 * rng.normal(size=60)
     y[[50, 54, 58]] += 6.0
-    torn, held = line(y, x, "squares"), line(y, x, "huber")
+    torn = line(y, x, "squares")
+    held = line(y, x, "huber")
     assert torn["slope"].value > 5.0
     assert held["slope"].value == pytest.approx(4.0, abs=0.1)
     assert held["slope"].holds(4.0)

@@ -41,7 +41,9 @@ def changed(log: RunLog, **columns: np.ndarray) -> RunLog:
 )
 def test_balance_is_that_of_the_plant(tail: int, degrees: float) -> None:
     scenario = truth.static_scenario(tail, "major", degrees, 20.0, -0.08)
-    rig, balance, angle = Rig(scenario), StaticBalance.of(scenario), math.radians(degrees)
+    rig = Rig(scenario)
+    balance = StaticBalance.of(scenario)
+    angle = math.radians(degrees)
     current = balance.holding_current(angle, 20.0, truth.CD, truth.CL, -0.08)
     assert current == pytest.approx(rig.holding_current(angle), abs=1e-10)
     effect = np.array([1.0, truth.CD, truth.CL]) @ np.array(balance.wind_effect(angle, 20.0, -0.08))
@@ -65,7 +67,8 @@ def test_hanging_rig_weighs_its_mass_and_turns_it_about_the_sensor() -> None:
 def test_jacobian_of_the_residual_is_that_of_differences(windy: RunLog) -> None:
     problem = static_problem(static_data(windy))
     assert problem.jacobian is not None
-    x, step = np.array([0.9, 0.3, 0.07, 5.0]), 1e-6
+    x = np.array([0.9, 0.3, 0.07, 5.0])
+    step = 1e-6
     ends = [
         [problem.residual(x + sign * step * unit) for unit in np.eye(4)] for sign in (1.0, -1.0)
     ]

@@ -38,7 +38,9 @@ from tests.optimisation.identify import swing_truth as truth
 )
 def test_pendulum_accelerates_as_the_plant(name: str, added: float) -> None:
     scenario = load_rig_scenario(name).varied(aero={"added_mass": added})
-    rig, pendulum, air = Rig(scenario), Pendulum.of(scenario), air_torque(scenario)
+    rig = Rig(scenario)
+    pendulum = Pendulum.of(scenario)
+    air = air_torque(scenario)
     settings = scenario.robot_friction if scenario.is_robot else scenario.friction
     friction = friction_torque(settings.coulomb, settings.viscous, settings.tanh_gain)
     rng = np.random.default_rng(1)
@@ -65,10 +67,8 @@ def test_rollout_converges_below_an_encoder_count(name: str) -> None:
     """
     scenario = load_rig_scenario(name)
     settings = scenario.robot_friction if scenario.is_robot else scenario.friction
-    air, friction = (
-        air_torque(scenario),
-        friction_torque(settings.coulomb, settings.viscous, settings.tanh_gain),
-    )
+    air = air_torque(scenario)
+    friction = friction_torque(settings.coulomb, settings.viscous, settings.tanh_gain)
     torques = [friction] if air is None else [air, friction]
     coarse = np.array(roll_out(Pendulum.of(scenario), torques, (1.2, 0.5), 0.004, 251))
     fine = np.array(roll_out(Pendulum.of(scenario), torques, (1.2, 0.5), 0.0005, 2001))[:, ::8]
@@ -228,7 +228,8 @@ def test_a_filtered_angle_is_no_count() -> None:
 
 def test_response_to_a_push_is_that_of_two_rollouts() -> None:
     scenario = load_rig_scenario("flick")
-    pendulum, air = Pendulum.of(scenario), air_torque(scenario)
+    pendulum = Pendulum.of(scenario)
+    air = air_torque(scenario)
     torques = [air, friction_torque(0.04, 0.036, 10.0)]
     motor = np.zeros(60)
     motion = roll_out(pendulum, torques, (1.0, 0.0), 0.004, 61, motor=motor.tolist())
@@ -254,7 +255,8 @@ def test_jacobian_of_a_rollout_is_smooth_enough_for_differences() -> None:
     data = swing_data(truth.flick_log(0.01, seed=3), "swing")
     problem = SwingModel(data, still_tail_law).problem([added_mass_parameter(data)])
     x = problem.parameters.seed
-    one_sided, central = problem.differences(x, problem.residual(x)), problem.central_differences(x)
+    one_sided = problem.differences(x, problem.residual(x))
+    central = problem.central_differences(x)
     size = np.linalg.norm(central, axis=0)
     assert np.all(np.linalg.norm(one_sided - central, axis=0) < 1e-2 * size)
 

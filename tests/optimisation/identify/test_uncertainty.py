@@ -90,7 +90,8 @@ def test_filtered_white_noise_counts_as_far_fewer_samples() -> None:
 
 
 def test_first_order_noise_has_its_known_correlation_time() -> None:
-    rng, rho = np.random.default_rng(2), 0.9
+    rng = np.random.default_rng(2)
+    rho = 0.9
     x = np.empty(100_000)
     x[0] = 0.0
     for i, e in enumerate(rng.normal(size=len(x) - 1)):
@@ -115,7 +116,8 @@ def test_rounding_counts_as_white_and_only_what_is_left_by_its_correlation() -> 
 
 
 def test_intervals_of_filtered_data_hold_the_truth_in_95_percent() -> None:
-    rng, t = np.random.default_rng(3), np.arange(4000) * 0.001
+    rng = np.random.default_rng(3)
+    t = np.arange(4000) * 0.001
     sos = butter(6, 10.0, output="sos", fs=1000.0)
     held = naive = 0
     runs = 300
@@ -168,7 +170,8 @@ def fitted(
 
 def test_what_stopped_at_a_bound_is_one_sided_and_the_others_are_given_it() -> None:
     x = np.linspace(0.0, 10.0, 11)
-    free, bound = fitted(2.0 * x + 1.0, x), fitted(2.0 * x + 1.0, x, high=1.9)
+    free = fitted(2.0 * x + 1.0, x)
+    bound = fitted(2.0 * x + 1.0, x, high=1.9)
     slope = bound["slope"]
     # Deviations of the textbook: 1 / sqrt(sum (x - mean)^2) of the slope, 1 / sqrt(n) of the offset
     # with it given.

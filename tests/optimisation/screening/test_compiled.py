@@ -159,9 +159,11 @@ def agree(batch: Any, ticks: np.ndarray, *given: np.ndarray) -> None:
 def test_steps_of_turns() -> None:
     """The tails swing, the cars slide or tip, and some have left the turn."""
     scenarios = [load_scenario("turn_designed", words) for words in FRICTIONS]
-    cars, plans = Vehicles.of(scenarios), TurnPlans.of(scenarios)
+    cars = Vehicles.of(scenarios)
+    plans = TurnPlans.of(scenarios)
     begun = drive_turns(cars, plans, duration=0.0).last
-    driven, index = Driven(cars, plans, begun, 0.002), np.arange(600)
+    driven = Driven(cars, plans, begun, 0.002)
+    index = np.arange(600)
     agree(driven, index % 5 == 0, 0.002 * index)
     assert np.isfinite(driven.law.trigger).all()
     assert np.isfinite(driven.record.exits(0.002)["course"]).any()
@@ -190,10 +192,8 @@ def test_steps_of_entries(manoeuvre: str) -> None:
     cars = Vehicles.of(scenarios)
     cars.speed[:] = np.linspace(3.0, 6.0, cars.count)
     driven = scenarios[0].varied(manoeuvre=DRIVERS[manoeuvre])
-    entering, index = (
-        Entering(cars, driven, gains_of([{}] * cars.count, driven), np.ones(4)),
-        np.arange(500),
-    )
+    entering = Entering(cars, driven, gains_of([{}] * cars.count, driven), np.ones(4))
+    index = np.arange(500)
     agree(
         entering,
         index % 5 == 0,

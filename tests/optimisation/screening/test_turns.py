@@ -33,12 +33,15 @@ def test_the_law_commands_what_the_one_on_the_car_does(changes: tuple[str, ...])
     scenario = load_scenario("turn_designed", changes)
     own = SwingLaw(SwingSettings.from_scenario(scenario))
     batch = BatchLaw(TurnPlans.of([scenario]), Vehicles.of([scenario]), np.zeros(1))
-    memory, seen = own.start(), 0.0
+    memory = own.start()
+    seen = 0.0
     for tick in range(200):
         time = 0.01 * tick
-        yaw_rate, angle = 3.0 * max(0.0, time - 0.2), min(-1.57 + 7.0 * max(0.0, time - 0.6), 1.45)
+        yaw_rate = 3.0 * max(0.0, time - 0.2)
+        angle = min(-1.57 + 7.0 * max(0.0, time - 0.6), 1.45)
         state = np.zeros((len(STATES), 1))
-        state[STATES.index("tail_roll")], state[STATES.index("w_z")] = angle, yaw_rate
+        state[STATES.index("tail_roll")] = angle
+        state[STATES.index("w_z")] = yaw_rate
         batch.tick(time, state)
         memory, pitch, roll, _ = own.step(memory, Observation(time, seen, angle, 0.0, 1.0, True))
         seen = yaw_rate  # of the IMU, one tick late
@@ -67,7 +70,8 @@ def test_course_of_a_turn_is_that_of_the_full_car() -> None:
     )
     scenario = load_scenario("turn_designed", settings)
     full = turn_course(simulate(scenario, record="outcome"))
-    cars, plans = Vehicles.of([scenario]), TurnPlans.of([scenario])
+    cars = Vehicles.of([scenario])
+    plans = TurnPlans.of([scenario])
     whole = drive_turns(cars, plans, duration=0.7, history=True)
     assert whole.history is not None
     again = drive_turns(cars, plans, duration=0.7, begun=whole.history[999])
@@ -127,7 +131,8 @@ def played() -> SwingFile:
 
 def plans_of(scenario: Scenario, swing: SwingFile) -> TurnPlans:
     """Of a car that plays a swing file, which the steering releases in a turn to the left."""
-    (phase,), threshold = swing.gains.phases, swing.trigger.threshold_rad
+    (phase,) = swing.gains.phases
+    threshold = swing.trigger.threshold_rad
     plans = TurnPlans.of([scenario.varied(controller={"swing_file": "none"})])
     knots = [
         values[:, None] for values in (np.array(swing.knots.time_s), *swing.knots.states("roll"))
@@ -154,7 +159,8 @@ def test_two_levels_and_a_played_swing_take_the_car_where_the_full_car_goes() ->
     )
     levels += ("manoeuvre.duration=3.2",)
     tailless = load_scenario("turn_designed", (*levels, "tail.mode=none", "car.tyre_friction=0.6"))
-    tailed, swing = load_scenario("turn_designed", (*levels, "car.tyre_friction=0.9")), played()
+    tailed = load_scenario("turn_designed", (*levels, "car.tyre_friction=0.9"))
+    swing = played()
     player = SwingPlayer.from_scenario(swing, tailed)
     for scenario, plans, law in (
         (tailless, TurnPlans.of([tailless]), None),
@@ -164,7 +170,8 @@ def test_two_levels_and_a_played_swing_take_the_car_where_the_full_car_goes() ->
         run = simulate(
             scenario.varied(controller={"swing_file": "none"}), record="outcome", law=law
         )
-        full, peak_roll = turn_course(run), metrics_of(run).peak_roll_rad
+        full = turn_course(run)
+        peak_roll = metrics_of(run).peak_roll_rad
         assert reduced.course[0] == pytest.approx(
             full.course_change_rad, rel=0.04
         )  # runs differ by 2 %

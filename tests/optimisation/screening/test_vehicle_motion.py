@@ -33,7 +33,8 @@ FREE = np.zeros((2, 4, 1))
 def derivative(state: np.ndarray, commands: Commands, cars: Vehicles) -> np.ndarray:
     """dx/dt (24, n)."""
     found = equations(state, commands, cars)
-    acceleration, rates = solve(found.mass, found.force), state[RATES]
+    acceleration = solve(found.mass, found.force)
+    rates = state[RATES]
     acceleration[V] -= cross(rates[W], rates[V])
     return np.concatenate([configuration_rate(state, rates, found.travel_rate), acceleration])
 
@@ -84,7 +85,9 @@ def test_a_thrown_car_with_a_swinging_tail_keeps_its_energy() -> None:
         tail_pitch_rate=2.0, tail_roll_rate=5.0,
     )  # fmt: skip
     state[STATES.index("travel_front_left") : STATES.index("w_x")] = -0.005
-    commands, length, before = coasting(cars), 1e-3, energy(state, cars)
+    commands = coasting(cars)
+    length = 1e-3
+    before = energy(state, cars)
     for _ in range(200):
         k1 = derivative(state, commands, cars)
         k2 = derivative(state + 0.5 * length * k1, commands, cars)
@@ -120,7 +123,8 @@ def rolling(name: str, steer: float, speed: float, *settings: str, **changes: An
 
 
 def test_a_slow_circle_has_the_radius_of_the_steering() -> None:
-    speed, steer = 1.0, 0.2
+    speed = 1.0
+    steer = 0.2
     turns = rolling("turn_none", steer, speed, "car.tyre_shape=ellipsoid")
     wheelbase = load_scenario("turn_none").car.wheelbase
     state = turns.history[-1]
@@ -139,7 +143,8 @@ def test_load_moves_outwards_by_height_over_track() -> None:
     turns = rolling(
         "turn_none", 0.1, 2.0, "car.tyre_shape=ellipsoid", "car.tyre_friction=0.9", **stiff
     )
-    scenario, state = load_scenario("turn_none"), turns.history[-1]
+    scenario = load_scenario("turn_none")
+    state = turns.history[-1]
     cars = replace(Vehicles.of([scenario]), friction=np.array([0.9]), **stiff)
     cars = replace(cars, tyre_half_width=np.array([scenario.car.tyre_width / 2]), edge=np.zeros(1))
     commands = Commands(np.full((2, 1), 0.1), np.array([2.0]) / cars.rolling_radius, FREE)

@@ -15,7 +15,8 @@ class MadeUpEngine(Engine):
         rows = []
         for place, task in enumerate(tasks):
             settings = dict(setting.split("=", 1) for setting in task.settings)
-            friction, speed = float(settings.get(FRICTION, 0.6)), float(settings.get(SPEED, 3.33))
+            friction = float(settings.get(FRICTION, 0.6))
+            speed = float(settings.get(SPEED, 3.33))
             survived = friction <= LIMITS[task.scenario] - 0.02 * (speed - 3.33)
             row = {
                 "run": task.name,

@@ -22,7 +22,9 @@ class MadeUp(Engine):
     """Survival as a function of the searched factor instead of a run."""
 
     def __init__(self, survives, factor):
-        self.survives, self.factor, self.runs = survives, factor, []
+        self.survives = survives
+        self.factor = factor
+        self.runs = []
 
     def map(self, work, tasks, done=None, lost=None):
         rows = []

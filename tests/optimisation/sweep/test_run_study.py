@@ -56,9 +56,11 @@ def undisturbed(tmp_path_factory):
 
 
 def test_stopped_study_goes_on_without_losing_or_doubling_a_run(tmp_path, undisturbed):
-    study, out = load_study(tiny_study(tmp_path)), tmp_path / "out"
+    study = load_study(tiny_study(tmp_path))
+    out = tmp_path / "out"
     said = []
-    first, second = Stopping(3), Stopping(-1)
+    first = Stopping(3)
+    second = Stopping(-1)
     with pytest.raises(KeyboardInterrupt):
         run_study(study, out, first, progress=said.append)
     assert "stopped: 3 of 4 runs are kept" in said[-1]
@@ -112,7 +114,8 @@ def test_member_that_makes_no_plant_is_a_row_with_its_reason(tmp_path):
 
 
 def test_second_client_and_another_study_are_refused(tmp_path, undisturbed):
-    study, out = load_study(tiny_study(tmp_path)), tmp_path / "out"
+    study = load_study(tiny_study(tmp_path))
+    out = tmp_path / "out"
     busy = pytest.raises(SweepError, match="another process works in it")
     with open_store(out, {"runs": "others"}), busy:
         run_study(study, out, Engine())
@@ -139,8 +142,10 @@ class Full:
 def test_full_disk_is_one_clear_error_and_what_was_written_is_used_again(
     tmp_path, undisturbed, monkeypatch
 ):
-    study, out = load_study(tiny_study(tmp_path)), tmp_path / "out"
-    whole, rows = RowStore._write, []
+    study = load_study(tiny_study(tmp_path))
+    out = tmp_path / "out"
+    whole = RowStore._write
+    rows = []
 
     def full_after_two_rows(store, data):
         if b'"key"' in data:
@@ -175,7 +180,8 @@ def test_kind_of_a_column_does_not_depend_on_the_order_of_the_rows():
         {"clean": None, "peak": None, "n": 1, "error": "x"},
         {"clean": True, "peak": 0.5, "n": 2.0, "error": ""},
     ]
-    there, back = make_frame(rows), make_frame(rows[::-1])
+    there = make_frame(rows)
+    back = make_frame(rows[::-1])
     assert there.dtypes.to_dict() == back.dtypes.to_dict()
     assert [str(kind) for kind in there.dtypes] == [
         "boolean",
@@ -200,7 +206,10 @@ sample:
   factors: {tunnel.psi3: {low: -0.1, high: 0.1}, experiment.angle: {low: 0.001, high: 0.003}}
 """
     )
-    study, out, first, second = load_study(path), tmp_path / "out", Stopping(-1), Stopping(-1)
+    study = load_study(path)
+    out = tmp_path / "out"
+    first = Stopping(-1)
+    second = Stopping(-1)
     table = run_study(study, out, first)
     assert len(first.names) == len(set(table["seed"])) == len(set(table["tunnel.psi3"])) == 8
     angles = table["angle_rad"] - [0.0, 0.0, 1.3, 1.3] * 2

@@ -101,7 +101,8 @@ def test_killed_worker_and_ctrl_c_lose_and_double_nothing(tmp_path):
 
 @pytest.mark.slow
 def test_scheduler_and_worker_of_the_page_give_the_same_table(tmp_path):
-    study, found = tiny_study(tmp_path), tmp_path / "scheduler.json"
+    study = tiny_study(tmp_path)
+    found = tmp_path / "scheduler.json"
     dask = str(Path(sys.executable).with_name("dask"))
     scheduler, worker = (
         line.split()[1:] for line in re.findall(r"^dask .*", PAGE.read_text(), re.MULTILINE)

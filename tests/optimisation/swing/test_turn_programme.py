@@ -87,7 +87,8 @@ def test_a_car_shares_the_tail_and_has_its_own_steering() -> None:
 
 def test_slopes_are_those_of_differences(programme: TurnProgramme, start: np.ndarray) -> None:
     """Of all costs and rows as the solver sees them; another car's steering changes nothing."""
-    prog, h = programme.prog, 1e-6
+    prog = programme.prog
+    h = 1e-6
     turn = np.random.default_rng(2).normal(size=start.size)
     bindings = [*prog.GetAllCosts(), *prog.generic_constraints()]
     assert len(bindings) == 3
@@ -102,7 +103,8 @@ def test_slopes_are_those_of_differences(programme: TurnProgramme, start: np.nda
         )
         assert slopes == pytest.approx((ahead - behind) / (2 * h), rel=1e-5, abs=1e-6)
         assert np.all(np.isfinite(here))
-    tail, found = programme.shooting.variables.tail, programme.at(start)
+    tail = programme.shooting.variables.tail
+    found = programme.at(start)
     assert not found.course_slopes[0, tail + 3 :].any()
     assert found.course_slopes[0, tail : tail + 3].any()
 
@@ -121,7 +123,8 @@ def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path: Path)
     path = write_swing(
         swing_of("found", TASK, [(floor, turn)], alone, [solution], FEW), tmp_path / "found.yaml"
     )
-    swing, steering = read_swing(path), steering_of(alone.shooting, solution.x, 0)
+    swing = read_swing(path)
+    steering = steering_of(alone.shooting, solution.x, 0)
     assert f"manoeuvre.first_hold={steering['first_hold']!r}" in swing.provenance.settings
     driven = turn.varied(manoeuvre={**steering, "turn_hold": TASK.pulse})
     plans = plans_of(driven, swing)
@@ -134,7 +137,8 @@ def test_a_constraint_of_the_user_is_kept() -> None:
     """A tail that may swing at 4 rad/s only; without it the programme swings faster."""
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
     rates = slice(1, 1 + FEW.knots - 2)
-    free, slow = turn_programme([turn], FEW), turn_programme([turn], FEW)
+    free = turn_programme([turn], FEW)
+    slow = turn_programme([turn], FEW)
     start = free.shooting.random_start(np.random.default_rng([1, 0]))
     unit = slow.shooting.variables.units[1]
     slow.prog.AddBoundingBoxConstraint(-4.0 / unit, 4.0 / unit, slow.x[rates])
@@ -146,7 +150,8 @@ def test_a_constraint_of_the_user_is_kept() -> None:
 def test_a_constraint_that_is_not_kept_is_named() -> None:
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
     late = turn_programme([turn], FEW)
-    unit, (_, high) = late.shooting.variables.units[0], late.shooting.variables.bounds
+    unit = late.shooting.variables.units[0]
+    (_, high) = late.shooting.variables.bounds
     added = late.prog.AddBoundingBoxConstraint(high[0] + 0.5, high[0] + 1.0, late.x[0])
     added.evaluator().set_description("release in time")
     solution = late.solve(late.shooting.random_start(np.random.default_rng([1, 0])), 1)
@@ -212,7 +217,8 @@ def test_a_swing_is_found_from_the_floor_on() -> None:
     far.
     """
     swing = search_motion("whole", TASK, MotionSearch(1, knots=6, length=0.6, iterations=6), Runs())
-    found, settings = swing.provenance.found, swing.provenance.settings
+    found = swing.provenance.found
+    settings = swing.provenance.settings
     assert found["car_4.5_1.3_friction"] == pytest.approx(
         1.3 * 0.85, rel=0.05
     )  # docs/reproduced.md

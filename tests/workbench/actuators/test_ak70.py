@@ -68,7 +68,10 @@ def test_at_the_speeds_of_the_swing_the_line_does_not_act():
 @pytest.mark.parametrize("load", [0.0, 3.0, -7.0])
 @pytest.mark.parametrize("inertia", [0.005, 0.08])
 def test_law_at_the_end_of_a_step_holds_at_the_end_of_the_step(load, inertia):
-    position, speed, command, step = 0.1, -0.7, (0.4, 1.5, 17.0, 5.0, 0.3), 0.002
+    position = 0.1
+    speed = -0.7
+    command = (0.4, 1.5, 17.0, 5.0, 0.3)
+    step = 0.002
     tau = mit_torque(position, speed, command, MOTOR, UNLIMITED, (step, inertia, load))
     end_speed = speed + step * (tau + load) / inertia
     end_position = position + step * end_speed

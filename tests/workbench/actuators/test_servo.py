@@ -33,7 +33,10 @@ class ServoRun:
     """Steps of a plant, with the servo's frame handed from one to the next."""
 
     def __init__(self, servo=SERVO):
-        self.settings, self.frame, self.steps, self.time = servo, None, 0, 0.0
+        self.settings = servo
+        self.frame = None
+        self.steps = 0
+        self.time = 0.0
 
     def command(self, angle, until):
         while self.steps * STEP <= until + 1e-9:

@@ -69,7 +69,8 @@ def zero_crossing_period(
     joint.set_angle(context, amplitude)
     simulator.get_mutable_integrator().set_target_accuracy(1e-11)
     simulator.Initialize()
-    crossings, last = [], (0.0, amplitude)
+    crossings = []
+    last = (0.0, amplitude)
     for i in range(1, int(duration / step)):
         simulator.AdvanceTo((i + 0.5) * step)  # between two discrete updates
         now = (i * step, joint.get_angle(context), joint.get_angular_rate(context))
@@ -200,14 +201,13 @@ def test_a_two_joint_tail_accelerates_by_the_mass_matrix_of_the_jacobians(added)
 def transport_of_parts(plant, context, body, added) -> np.ndarray:
     """sum J_i^T m (1 - a a^T) Jdot_i v."""
 
-    world, total = plant.world_frame(), np.zeros(plant.num_velocities())
+    world = plant.world_frame()
+    total = np.zeros(plant.num_velocities())
     a = plant.EvalBodyPoseInWorld(context, body).rotation().multiply(np.array(LAYOUT.axis_B))
     for p in LAYOUT.p_BoSi_B:
         arguments = (context, JacobianWrtVariable.kV, body.body_frame(), p, world, world)
-        J, bias = (
-            plant.CalcJacobianTranslationalVelocity(*arguments),
-            plant.CalcBiasTranslationalAcceleration(*arguments)[:, 0],
-        )
+        J = plant.CalcJacobianTranslationalVelocity(*arguments)
+        bias = plant.CalcBiasTranslationalAcceleration(*arguments)[:, 0]
         total += added * J.T @ (bias - a * (a @ bias))
     return total
 
@@ -281,7 +281,8 @@ def test_an_impulse_gives_the_analytic_response(added) -> None:
     plant.Finalize()
     base = plant.GetBodyByName("base")
     push = ExternallyAppliedSpatialForce()
-    push.body_index, push.p_BoBq_B = base.index(), [0.1, 0.0, 0.2]
+    push.body_index = base.index()
+    push.p_BoBq_B = [0.1, 0.0, 0.2]
     push.F_Bq_W = SpatialForce([0.0, 0.0, 0.0], [30.0, -200.0, 90.0])
     source = builder.AddSystem(
         ConstantValueSource(Value[list[ExternallyAppliedSpatialForce]]([push]))
@@ -432,7 +433,8 @@ def test_only_the_acceleration_relative_to_the_air_counts(spanwise_free) -> None
     """A free rod in air that starts to move: across the rod it is carried along by M / (m + M),
     along it not at all.
     """
-    added, gust = 0.03, np.array([0.4, 0.0, 0.7])
+    added = 0.03
+    gust = np.array([0.4, 0.0, 0.7])
     builder = DiagramBuilder()
     plant = add_plant(builder, gravity=False)
     thick = SpatialInertia.SolidCylinderWithMassAboutEnd(MASS, 0.01, LENGTH, [0.0, 0.0, 1.0])
@@ -485,7 +487,8 @@ def test_gradients_pass_through_added_mass_jet_and_gusts() -> None:
         return plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[nq:]
 
     converted = diagram.ToAutoDiffXd()
-    twin, context = converted.GetSubsystemByName("plant"), converted.CreateDefaultContext()
+    twin = converted.GetSubsystemByName("plant")
+    context = converted.CreateDefaultContext()
     twin.SetPositionsAndVelocities(
         twin.GetMyMutableContextFromRoot(context), InitializeAutoDiff(state)
     )

@@ -100,7 +100,8 @@ def test_the_cheetah_sets_are_what_the_published_tables_give(tail: int, axis: st
 
 
 def test_the_other_sets_are_what_the_published_tables_give() -> None:
-    average, line = content_of("robot_tail_weighted_average"), content_of("robot_tail_line")
+    average = content_of("robot_tail_weighted_average")
+    line = content_of("robot_tail_line")
     assert average["nodes"] == robot_tail_nodes()
     assert line == line | robot_tail_line()
     speeds = [average["nodes"][0]["speed_m_per_s"], average["nodes"][-1]["speed_m_per_s"]]
@@ -112,7 +113,8 @@ def test_the_other_sets_are_what_the_published_tables_give() -> None:
     )
     shapes = published_table("shape_drag")
     drag = shapes[shapes.dimensionality == "2D"].set_index("row_in_table").cd
-    plate, shell = content_of("flat_plate"), content_of("half_cylinder")
+    plate = content_of("flat_plate")
+    shell = content_of("half_cylinder")
     assert [plate["cn"], shell["cn_round_side"], shell["cn_hollow_side"]] == [
         drag[7],
         drag[2],

@@ -122,7 +122,8 @@ def holding_moment(cd: float, cl: float, angle: float, speed: float, psi: float)
     """Moment that the motor must hold against the wind, upstream positive, N m: air minus
     gravity.
     """
-    jet, a = Jet.below_pivot((0, 0, 0), EDGE_DEPTH, psi), (0.0, -math.sin(angle), -math.cos(angle))
+    jet = Jet.below_pivot((0, 0, 0), EDGE_DEPTH, psi)
+    a = (0.0, -math.sin(angle), -math.cos(angle))
     air = 0.0
     for layout, law in ((TAIL, PolarLaw(cd, cl, lift_blend=0.0)), (BAR, PolarLaw(2.0))):
         distances, areas = jet.exposed_sections(layout, (0.0, 0.0, 0.0), a)

@@ -47,7 +47,8 @@ def five_point_sum(state: np.ndarray, wind: np.ndarray, layout: SectionLayout) -
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-    omega, v_o = state[7:10], state[10:13]
+    omega = state[7:10]
+    v_o = state[10:13]
     axis = R @ layout.axis_B
     total = np.zeros(6)
     for p_B, area in zip(layout.p_BoSi_B, layout.areas, strict=True):
@@ -84,7 +85,8 @@ def test_constant_coefficients_equal_an_independent_five_point_sum() -> None:
     diagram, plant, force, wind = free_tail(PolarLaw(DRAG, LIFT))
     rng = np.random.default_rng(4)
     for _ in range(1000):
-        state, air = random_state(plant, rng), rng.normal(size=3) * 5.0
+        state = random_state(plant, rng)
+        air = rng.normal(size=3) * 5.0
         context = plant_context(diagram, plant, state)
         wind.get_mutable_source_value(wind.GetMyMutableContextFromRoot(context)).SetFromVector(air)
         expected = five_point_sum(state, air, LAYOUT)
@@ -98,7 +100,9 @@ def test_more_sections_approach_the_continuous_rod_as_one_over_n_squared() -> No
     """A rod that turns about its root: the root moment is 1/8 rho c C_D w^2 L^4, the midpoint rule
     errs as 1/n^2.
     """
-    length, width, omega = 0.4, 0.06, 9.0
+    length = 0.4
+    width = 0.06
+    omega = 9.0
     exact = 0.5 * 1.225 * width * DRAG * omega**2 * length**4 / 4
     errors = []
     for number in (5, 10, 20, 40):
@@ -142,7 +146,8 @@ def test_the_air_never_feeds_energy_to_a_body_in_still_air(law) -> None:
 def test_lift_does_no_work_on_the_relative_motion() -> None:
     rng = np.random.default_rng(6)
     for _ in range(1000):
-        v, a = rng.normal(size=3) * 10.0, rng.normal(size=3)
+        v = rng.normal(size=3) * 10.0
+        a = rng.normal(size=3)
         a /= np.linalg.norm(a)
         f = np.array(PolarLaw(0.0, 0.8).section_force(tuple(v), tuple(a), (1.0, 0, 0), 0.02, 1.225))
         assert abs(f @ v) <= 1e-12 * np.linalg.norm(v) * max(np.linalg.norm(f), 1e-3)

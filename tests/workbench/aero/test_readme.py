@@ -38,10 +38,12 @@ def test_example_on_the_car_runs_and_gives_what_it_says(tmp_path, monkeypatch, s
         assert result.exit_code == 0, result.output
     names = {}
     exec(block("python"), names)
-    line, wind = names["line"], names["wind"]
+    line = names["line"]
+    wind = names["wind"]
     assert line.extra["sections_outside_measured_range"] == pytest.approx(0.42, abs=0.01)
     assert line.extra["largest_reynolds_number"] == pytest.approx(15_700, rel=0.03)
     assert wind.vector("wind", "truth_m_per_s").shape == (2001, 3)
-    free, facing = metrics_of(read_run_log("free.parquet")), metrics_of(standard_runs["swing"])
+    free = metrics_of(read_run_log("free.parquet"))
+    facing = metrics_of(standard_runs["swing"])
     assert free.heading_change_rad == pytest.approx(facing.heading_change_rad, rel=0.02)
     assert free.peak_roll_rad == pytest.approx(facing.peak_roll_rad, rel=0.05)

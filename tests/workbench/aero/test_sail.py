@@ -55,7 +55,8 @@ def swing(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times and angles, s and rad."""
     simulator, plant, joint, _ = in_wind(vane, angle, time_step)
-    times, angles = [], []
+    times = []
+    angles = []
     for i in range(int(duration / 2e-3)):
         simulator.AdvanceTo(i * 2e-3)
         times.append(simulator.get_context().get_time())
@@ -170,12 +171,15 @@ def test_facing_force_does_no_positive_work_on_the_relative_motion() -> None:
     """F . v_rel >= 0 per section, so the body loses energy to still air, and never gains from the
     motion against it.
     """
-    law, rng = facing_law(NormalForceLaw(2.0)), np.random.default_rng(3)
+    law = facing_law(NormalForceLaw(2.0))
+    rng = np.random.default_rng(3)
     for _ in range(100):
-        u, w = rng.normal(size=3) * 5, rng.normal(size=3) * 10
+        u = rng.normal(size=3) * 5
+        w = rng.normal(size=3) * 10
         k = -np.cross(w, AXIS)
         k[2] = 0.0
-        distances, areas = (0.2, 0.5, 0.9), (0.01, 0.02, 0.01)
+        distances = (0.2, 0.5, 0.9)
+        areas = (0.01, 0.02, 0.01)
         force = np.array(law.line_force(LineMotion(u, k, AXIS, NORMAL), distances, areas, RHO))
         # Power of force and moment on the body, relative to the air: -(F . u - M . w), with the
         # moment about the root.

@@ -20,9 +20,12 @@ def plant():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_pose_velocity_and_forces_are_those_of_the_plant(plant, seed):
-    rng, context = np.random.default_rng(seed), plant.CreateDefaultContext()
-    chassis, sail = plant.GetBodyByName("chassis"), plant.GetBodyByName("tail_sail")
-    q, v = rng.normal(size=plant.num_positions()), rng.normal(size=plant.num_velocities())
+    rng = np.random.default_rng(seed)
+    context = plant.CreateDefaultContext()
+    chassis = plant.GetBodyByName("chassis")
+    sail = plant.GetBodyByName("tail_sail")
+    q = rng.normal(size=plant.num_positions())
+    v = rng.normal(size=plant.num_velocities())
     start = chassis.floating_positions_start()
     q[start : start + 4] /= np.linalg.norm(q[start : start + 4])
     plant.SetPositions(context, q)
@@ -49,7 +52,8 @@ def test_pose_velocity_and_forces_are_those_of_the_plant(plant, seed):
     np.testing.assert_allclose(motion.w_WS, V_WS.rotational(), rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(motion.v_WSo, V_WS.translational(), rtol=0.0, atol=1e-12)
 
-    force, moment = rng.normal(size=3), rng.normal(size=3)
+    force = rng.normal(size=3)
+    moment = rng.normal(size=3)
     world = plant.world_frame()
     J = plant.CalcJacobianSpatialVelocity(
         context, JacobianWrtVariable.kV, sail.body_frame(), np.zeros(3), world, world

@@ -37,7 +37,8 @@ LAYOUT = SectionLayout.strip(
 
 def wing_pose(layout: SectionLayout, i: int) -> RigidTransform:
     """Wing frame of section i: span along the axis, z along the normal."""
-    y, z = np.asarray(layout.axis_B), np.asarray(layout.normal_B)
+    y = np.asarray(layout.axis_B)
+    z = np.asarray(layout.normal_B)
     return RigidTransform(
         RotationMatrix(np.column_stack([np.cross(y, z), y, z])), layout.p_BoSi_B[i]
     )
@@ -163,8 +164,10 @@ def test_the_energy_that_a_swing_loses_is_the_power_of_the_drag() -> None:
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     state = np.array([1.0, 0, 0, 0, 0, 0, 0, 3.0, 6.0, -2.0, 2.0, 4.0, -1.0])
     plant.SetPositionsAndVelocities(context, state)
-    steps, duration = 400, 1.0
-    energies, powers = [], []
+    steps = 400
+    duration = 1.0
+    energies = []
+    powers = []
     for i in range(steps + 1):
         simulator.AdvanceTo(i * duration / steps)
         wrench = port_value(force, simulator.get_context(), "wrench")
@@ -247,7 +250,8 @@ def test_a_foreign_body_or_plant_is_refused_by_name() -> None:
     Finalize.
     """
     builder = DiagramBuilder()
-    plant, other = add_plant(builder), add_plant(DiagramBuilder())
+    plant = add_plant(builder)
+    other = add_plant(DiagramBuilder())
     add_free_body(plant)
     stranger = add_free_body(other, "stranger")
     with pytest.raises(ModelError, match="not finalised"):

@@ -61,7 +61,8 @@ def side_moment(sail: FreeSail, power: int = 1) -> float:
 def add_vane(plant, vane: Vane, name: str = "sail") -> tuple[RigidBody, RevoluteJoint]:
     """Body of a sail that is balanced on its bearing, and the bearing, upright in the world."""
     middle = np.array([0.0, 0.0, vane.sail.start + vane.sail.length / 2])
-    radius, along = vane.inertia / vane.mass, vane.sail.length**2 / 12
+    radius = vane.inertia / vane.mass
+    along = vane.sail.length**2 / 12
     # A plate with its mass on the axis: G_zz is given, the others follow from the length and half
     # of G_zz each.
     shape = UnitInertia(along + radius / 2, along + radius / 2, radius)

@@ -74,7 +74,8 @@ def test_values_stay_with_their_run(runs: dict[str, RunLog]) -> None:
 
 def test_tail_of_a_car_without_one_is_not_drawn(runs: dict[str, RunLog]) -> None:
     figure = plot_overlay([runs["none"], runs["held"]], ["none", "held"])
-    yaw, tail = figure.axes[0], figure.axes[4]
+    yaw = figure.axes[0]
+    tail = figure.axes[4]
     assert tail.get_ylabel().startswith("tail roll angle")
     assert sum(line.get_xdata().size > 0 for line in yaw.lines) == 2
     drawn = [line for line in tail.lines if np.size(line.get_xdata())]

@@ -52,7 +52,8 @@ def test_import_names_the_file_that_is_missing(refused: Callable, folder: Path) 
 def test_condition_keeps_the_raw_log_and_refuses_to_overwrite(
     call: Callable, refused: Callable, folder: Path, untouched: Path
 ) -> None:
-    raw, out = folder / "raw.parquet", folder / "out.parquet"
+    raw = folder / "raw.parquet"
+    out = folder / "out.parquet"
     assert (
         call(
             "log", "import", folder / "log.csv", "--mapping", folder / "m.yaml", "--out", raw

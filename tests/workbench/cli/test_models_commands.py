@@ -126,7 +126,8 @@ def test_missing_and_foreign_files_are_named(
 
 
 def test_tail_is_shown_saved_and_drawn(call, refused, tmp_path: Path) -> None:
-    saved, picture = tmp_path / "tail.yaml", tmp_path / "tail.png"
+    saved = tmp_path / "tail.yaml"
+    picture = tmp_path / "tail.png"
     shown = call("models", "tail", "--out", saved, "--out", picture)
     assert shown.exit_code == 0
     lines = [line.split() for line in shown.stdout.splitlines()]

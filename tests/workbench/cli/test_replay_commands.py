@@ -32,7 +32,8 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_files_are_written_and_nothing_waits(call: Callable, log: Path, tmp_path: Path) -> None:
-    html, strip = tmp_path / "run.html", tmp_path / "run.png"
+    html = tmp_path / "run.html"
+    strip = tmp_path / "run.png"
     result = call("replay", log, "--html", html, "--strip", strip, "--rate", 0.5)
     assert result.exit_code == 0, result.output
     assert result.stdout.splitlines() == [f"replay: {html}", f"strip: {strip}"]
@@ -61,10 +62,8 @@ def test_existing_output_is_refused_before_anything_is_written(
 ) -> None:
     ending = {"--html": ".html", "--strip": ".png", "--video": ".gif"}
     other = "--strip" if option == "--html" else "--html"
-    present, absent = (
-        untouched.rename(untouched.with_suffix(ending[option])),
-        tmp_path / f"other{ending[other]}",
-    )
+    present = untouched.rename(untouched.with_suffix(ending[option]))
+    absent = tmp_path / f"other{ending[other]}"
     message = refused("replay", log, other, absent, option, present)
     assert "exists already" in message
     assert present.read_text() == "precious"
@@ -79,7 +78,8 @@ def test_strip_is_a_png(refused: Callable, log: Path, tmp_path: Path) -> None:
 def test_video_of_two_runs_is_named_after_their_files(
     call: Callable, log: Path, tmp_path: Path
 ) -> None:
-    other, video = tmp_path / "other.parquet", tmp_path / "both.gif"
+    other = tmp_path / "other.parquet"
+    video = tmp_path / "both.gif"
     other.write_bytes(log.read_bytes())
     result = call("replay", log, other, "--video", video)
     if "no off-screen renderer" in result.stderr:

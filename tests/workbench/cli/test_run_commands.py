@@ -64,7 +64,8 @@ def test_other_manoeuvres_run(call: Callable, tmp_path: Path, manoeuvre: str) ->
 def test_law_of_a_file_drives_the_tail_and_is_named_in_log_and_caption(
     call: Callable, tmp_path: Path
 ) -> None:
-    own, log = tmp_path / "my_law.py", tmp_path / "run.parquet"
+    own = tmp_path / "my_law.py"
+    log = tmp_path / "run.parquet"
     own.write_text(
         "import numpy as np\n\n\nclass Upright:\n    rate = 100.0\n    memory_size = 0\n\n"
         "    def start(self):\n        return np.zeros(0)\n\n    def step(self, memory, "
@@ -177,7 +178,8 @@ def test_existing_log_is_kept_without_force(
 def test_existing_page_is_refused_before_anything_is_simulated(
     refused: Callable, untouched: Path
 ) -> None:
-    log, page = untouched.parent / "run.parquet", untouched.rename(untouched.with_suffix(".html"))
+    log = untouched.parent / "run.parquet"
+    page = untouched.rename(untouched.with_suffix(".html"))
     assert "precious.html" in refused("run", "turn_swing", *SHORT, "--out", log, "--html", page)
     assert page.read_text() == "precious"
     assert not log.exists()

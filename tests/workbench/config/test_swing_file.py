@@ -75,7 +75,8 @@ def test_the_other_direction_mirrors_roll_and_keeps_pitch() -> None:
     data["knots"]["pitch_torque_n_m"] = [0.5, 0.5, 0.5]
     swing = swing_from_dict(data)
     t = np.linspace(-0.1, 0.6, 36)
-    left, right = swing_at(swing, t, "left"), swing_at(swing, t, "right")
+    left = swing_at(swing, t, "left")
+    right = swing_at(swing, t, "right")
     np.testing.assert_array_equal(right.roll_position, -left.roll_position)
     np.testing.assert_array_equal(right.roll_velocity, -left.roll_velocity)
     np.testing.assert_array_equal(right.roll_torque, -left.roll_torque)

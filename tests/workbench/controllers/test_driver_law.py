@@ -26,7 +26,8 @@ FISHHOOK = FishhookDriver(RAMP, 1.0, STEER, 0.3, 0.95, 0.0828, RATE)
 
 def driven(law, roll_rate, side=1.0, length=3.0):
     """Steering and announced turn at ticks of 10 ms, for a roll rate that is a function of time."""
-    memory, inputs = law.start(), []
+    memory = law.start()
+    inputs = []
     for tick in range(round(100 * length)):
         before = memory.copy()
         after, given = law.step(memory, Seen(0.01 * tick, roll_rate=side * roll_rate(0.01 * tick)))
@@ -87,7 +88,8 @@ def test_fishhook_to_the_right_is_the_mirror_image():
 
 def test_a_schedule_is_a_driver_that_looks_at_nothing():
     scenario = load_scenario("entry_twice")
-    law, schedule = make_driver(scenario), make_schedule(scenario)
+    law = make_driver(scenario)
+    schedule = make_schedule(scenario)
     assert isinstance(law, ScheduledDriver)
     assert law.sources == ()
     for time in (0.0, 0.35, 1.0, 1.9, 4.0):
@@ -114,7 +116,9 @@ def bicycle(scenario, law) -> Iterator[tuple[float, float, float, float, float]]
     scenario's servo.
     """
     x = y = heading = angle = yaw_rate = 0.0
-    speed, step, memory = scenario.manoeuvre.speed, 0.002, law.start()
+    speed = scenario.manoeuvre.speed
+    step = 0.002
+    memory = law.start()
     for tick in range(round(scenario.manoeuvre.duration / step)):
         if tick % 5 == 0:
             seen = Seen(tick * step, (x, y), heading, heading, speed, yaw_rate)
@@ -123,7 +127,8 @@ def bicycle(scenario, law) -> Iterator[tuple[float, float, float, float, float]]
         angle += min(max(given.steering_angle - angle, -most), most)
         yield x, y, heading, given.steering_angle, given.planned_turn
         yaw_rate = speed * math.tan(angle) / scenario.car.wheelbase
-        x, y = x + speed * step * math.cos(heading), y + speed * step * math.sin(heading)
+        x = x + speed * step * math.cos(heading)
+        y = y + speed * step * math.sin(heading)
         heading += yaw_rate * step
 
 
@@ -162,7 +167,8 @@ def test_path_driver_reacts_late_and_turns_the_wheel_no_faster_than_hands_do():
     delay.
     """
     law = make_driver(load_scenario("entry_corner", ["manoeuvre.driver_rate=2"]))
-    memory, angles = law.start(), []
+    memory = law.start()
+    angles = []
     for tick in range(40):
         memory, given = law.step(memory, Seen(0.01 * tick, (0.0, 0.3), 0.0, 0.0, 2.0, 0.0))
         angles.append(given.steering_angle)
@@ -173,7 +179,8 @@ def test_path_driver_reacts_late_and_turns_the_wheel_no_faster_than_hands_do():
 
 def test_path_driver_steers_no_further_than_the_angle_of_the_manoeuvre():
     law = make_driver(load_scenario("entry_corner", ["manoeuvre.steer_angle=0.2"]))
-    memory, given = law.start(), []
+    memory = law.start()
+    given = []
     for tick in range(50):
         memory, inputs = law.step(memory, Seen(0.01 * tick, (0.0, 0.3), 0.5, 0.5, 2.0, 0.0))
         given.append(inputs.steering_angle)

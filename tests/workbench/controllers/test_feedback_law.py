@@ -40,7 +40,9 @@ def seen(
     roll: float = 0.0, roll_rate: float = 0.0, yaw: float = 0.0, steering: float = 0.0, **changes
 ) -> Observation:
     imu = [0.0] * IMU.size
-    imu[ROLL], imu[GYRO_X], imu[GYRO_Z] = roll, roll_rate, yaw
+    imu[ROLL] = roll
+    imu[GYRO_X] = roll_rate
+    imu[GYRO_Z] = yaw
     found = Observation(
         1.0, yaw, 0.0, 0.0, 0.0, True, imu=tuple(imu), speed=4.0, steering_angle=steering
     )
@@ -121,7 +123,8 @@ def test_the_reference_goes_out_and_comes_back_at_its_speeds_and_waits_upright()
 
 
 def test_a_reversed_turn_swings_through_the_middle() -> None:
-    memory, way = np.array([-0.5]), []
+    memory = np.array([-0.5])
+    way = []
     for _ in range(20):
         memory, *_ = step(seen(steering=-0.5), memory)
         way.append(float(memory[0]))
@@ -131,7 +134,8 @@ def test_a_reversed_turn_swings_through_the_middle() -> None:
 
 
 def test_noise_of_the_imu_is_no_swing() -> None:
-    rng, memory = np.random.default_rng(1), np.zeros(1)
+    rng = np.random.default_rng(1)
+    memory = np.zeros(1)
     for roll, rate in rng.normal(0.0, [0.005, 0.02], (200, 2)):
         memory, _, _, state = step(seen(roll, rate), memory)
         assert state == SwingState.HOLD

@@ -89,9 +89,11 @@ def test_ticks_reach_the_instants_whatever_their_rounding():
 
 
 def test_right_turn_mirrors_the_left_one():
-    left, right = make_schedule(scenario()), make_schedule(scenario(direction="right"))
+    left = make_schedule(scenario())
+    right = make_schedule(scenario(direction="right"))
     for time in 0.01 * np.arange(400):
-        a, b = left.at(time), right.at(time)
+        a = left.at(time)
+        b = right.at(time)
         assert (b.steering_angle, b.throttle, b.planned_turn) == (
             -a.steering_angle,
             a.throttle,
@@ -115,7 +117,8 @@ def test_frozen_throttle_reaches_the_speed_and_is_constant_through_the_turn():
     by tick exactly.
     """
     schedule = make_schedule(scenario(governor=False))
-    speed, decay = 0.0, math.exp(-0.01 / 0.5)
+    speed = 0.0
+    decay = math.exp(-0.01 / 0.5)
     for tick in range(400):
         throttle = schedule.at(0.01 * tick).throttle
         steady = 10.0 * throttle - 1.0
@@ -235,7 +238,8 @@ def test_two_turns_are_the_same_pulse_twice_with_straight_wheels_in_between():
     """0.5 s of 30 degrees from 2.0 s and again 1 s after its end, from 3.5 s; sampled at ticks of
     10 ms.
     """
-    twice, ticks = make_schedule(scenario(turns=2, turn_gap=1.0)), 0.01 * np.arange(500)
+    twice = make_schedule(scenario(turns=2, turn_gap=1.0))
+    ticks = 0.01 * np.arange(500)
     angles = steering(twice, ticks)
     np.testing.assert_array_equal(
         ticks[angles > 0.0], np.concatenate([ticks[200:250], ticks[350:400]])
@@ -251,11 +255,15 @@ def test_two_turns_are_the_same_pulse_twice_with_straight_wheels_in_between():
 
 
 def test_the_published_law_brings_the_tail_back_for_the_second_turn():
-    twice, law = make_schedule(scenario(turns=2, turn_gap=4.0)), SwingLaw()
-    memory, roll, states = law.start(), -0.5 * math.pi, []
+    twice = make_schedule(scenario(turns=2, turn_gap=4.0))
+    law = SwingLaw()
+    memory = law.start()
+    roll = -0.5 * math.pi
+    states = []
     for tick in range(730):
         time = 0.01 * tick
-        planned, turning = twice.at(time).planned_turn, 2.0 <= time < 2.5 or 6.5 <= time < 7.0
+        planned = twice.at(time).planned_turn
+        turning = 2.0 <= time < 2.5 or 6.5 <= time < 7.0
         memory, _, command, state = law.step(
             memory, Observation(time, 3.0 * turning, roll, 0.0, planned, True)
         )
@@ -279,7 +287,8 @@ def test_both_turns_have_two_levels_if_one_has():
 def test_right_is_the_mirror_image_of_left(changes):
     left, right = (make_schedule(scenario(direction=side, **changes)) for side in ("left", "right"))
     for time in 0.05 * np.arange(100):
-        one, other = left.at(time), right.at(time)
+        one = left.at(time)
+        other = right.at(time)
         assert (one.steering_angle, one.throttle, one.planned_turn) == (
             -other.steering_angle,
             other.throttle,

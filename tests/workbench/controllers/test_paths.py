@@ -46,7 +46,8 @@ def test_widths_and_offset_of_the_lane_change_are_those_of_iso_3888_2_at_a_tenth
 
 
 def test_centre_line_runs_through_the_middle_of_the_lanes_without_a_kink():
-    path, x = lane_change(), np.linspace(0.0, 7.0, 7001)
+    path = lane_change()
+    x = np.linspace(0.0, 7.0, 7001)
     places, y = path.centre(x)
     np.testing.assert_array_equal(places, x)
     for lane in path.lanes:
@@ -77,7 +78,8 @@ def test_a_corner_is_a_quarter_of_a_circle_between_two_straights():
 def test_edges_of_a_corner_are_half_its_width_from_the_centre_line():
     path = Corner(radius=1.2, width=0.4, begin=0.0, side=1.0)
     for radius, beyond in ((1.0, 0.0), (1.4, 0.0), (1.2, -0.2), (1.5, 0.1), (0.9, 0.1)):
-        x, y = 1.2 + radius * math.sin(0.7), 1.2 - radius * math.cos(0.7)
+        x = 1.2 + radius * math.sin(0.7)
+        y = 1.2 - radius * math.cos(0.7)
         assert path.outside(x, y) == pytest.approx(beyond)
 
 
@@ -99,7 +101,8 @@ def test_a_corner_of_the_car_that_heads_out_of_the_lane_counts():
     """The front outer corner is ahead by the wheelbase and beside by half the width, turned by the
     heading.
     """
-    path, heading = lane_change(), 0.2
+    path = lane_change()
+    heading = 0.2
     corner = WHEELBASE * math.sin(heading) + 0.5 * WIDTH * math.cos(heading)
     assert off(path, 0.5, 0.0, heading) == pytest.approx(corner - path.lanes[0].left)
 
@@ -108,7 +111,8 @@ def test_a_car_meets_the_last_cone_with_its_side():
     """Both axles are clear of the lane's end, front ahead and rear inside of the edge; the side is
     over the cone.
     """
-    path, heading = lane_change(), 0.5
+    path = lane_change()
+    heading = 0.5
     lane = path.lanes[0]
     rear = lane.end - 0.5 * WHEELBASE * math.cos(heading), -0.03
     side = rear[1] + 0.5 * WHEELBASE * math.sin(heading) + 0.5 * WIDTH / math.cos(heading)
@@ -121,11 +125,9 @@ def test_a_car_meets_the_last_cone_with_its_side():
 
 def test_mirrored_paths_judge_mirrored_cars_alike():
     rng = np.random.default_rng(3)
-    x, y, heading = (
-        rng.uniform(0.0, 6.0, 200),
-        rng.uniform(-0.6, 0.6, 200),
-        rng.uniform(-0.6, 0.6, 200),
-    )
+    x = rng.uniform(0.0, 6.0, 200)
+    y = rng.uniform(-0.6, 0.6, 200)
+    heading = rng.uniform(-0.6, 0.6, 200)
     for make in (lane_change, lambda side: Corner(1.2, 0.4, 0.0, side)):
         left = off_path(make(side=1.0), x, y, heading, 0.09, WHEELBASE)
         right = off_path(make(side=-1.0), x, -y, -heading, 0.09, WHEELBASE)

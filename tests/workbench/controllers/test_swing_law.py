@@ -29,7 +29,9 @@ def see(time=0.0, roll=INSIDE_LEFT, yaw_rate=0.0, plan=LEFT, valid=True, pitch=0
 
 def run(observations, settings=SETTINGS, memory=None):
     """States and roll commands, tick by tick, and the last memory."""
-    memory, states, commands = memory or SwingMemory(), [], []
+    memory = memory or SwingMemory()
+    states = []
+    commands = []
     for observation in observations:
         memory, _, command = SwingLaw(settings).tick(memory, observation)
         states.append(SwingState(memory.state))

@@ -76,7 +76,8 @@ def see(
 
 def run(law: SwingPlayer, *seen: Observation) -> list[tuple[SwingState, np.ndarray, np.ndarray]]:
     """State, pitch command and roll command after each tick."""
-    memory, ticks = law.start(), []
+    memory = law.start()
+    ticks = []
     for observation in seen:
         memory, pitch, roll, state = law.step(memory, observation)
         ticks.append((SwingState(state), pitch, roll))
@@ -191,9 +192,11 @@ def test_a_right_turn_is_the_exact_mirror_image() -> None:
     nothing else.
     """
     rng = np.random.default_rng(3)
-    seen, mirrored = [], []
+    seen = []
+    mirrored = []
     for tick in range(90):
-        t, noise = tick * TICK, 0.05 * rng.normal(size=9)
+        t = tick * TICK
+        noise = 0.05 * rng.normal(size=9)
         roll = INSIDE if t < 0.2 else min(OUTSIDE, INSIDE + 5.4 * (t - 0.2))
         one = see(t, roll=roll, yaw_rate=1.5, roll_rate=5.0, imu=tuple(noise.tolist()))
         seen.append(one)

@@ -47,11 +47,9 @@ class CountingLaw:
 
     def __init__(self, settings=None):
         self._law = SwingLaw(settings or SwingSettings.published())
-        self.rate, self.memory_size, self.start = (
-            self._law.rate,
-            self._law.memory_size,
-            self._law.start,
-        )
+        self.rate = self._law.rate
+        self.memory_size = self._law.memory_size
+        self.start = self._law.start
         self.times = []
 
     def step(self, memory, observation):

@@ -19,7 +19,8 @@ needs_graphviz = pytest.mark.skipif(shutil.which("dot") is None, reason="Graphvi
 @pytest.fixture
 def diagram() -> Diagram:
     builder = DiagramBuilder()
-    source, gain = builder.AddSystem(ConstantVectorSource([1.0])), builder.AddSystem(Gain(2.0, 1))
+    source = builder.AddSystem(ConstantVectorSource([1.0]))
+    gain = builder.AddSystem(Gain(2.0, 1))
     source.set_name("wind")
     gain.set_name("tail")
     builder.Connect(source.get_output_port(), gain.get_input_port())

@@ -46,9 +46,11 @@ def test_an_export_comes_back_bit_for_bit_with_its_metadata(tmp_path: Path, form
     run = awkward_run()
     written = export_log(run, tmp_path / f"run.{form}", form)
     if form == "csv":
-        table, metadata = pd.read_csv(written[0]), written[1].read_text()
+        table = pd.read_csv(written[0])
+        metadata = written[1].read_text()
     else:
-        table, metadata = mcap_table(written[0]), mcap_metadata(written[0])
+        table = mcap_table(written[0])
+        metadata = mcap_metadata(written[0])
     assert signals_equal(run, dataclasses.replace(run, table=table[list(run.table.columns)]))
     assert json.loads(metadata) == run.metadata()
 

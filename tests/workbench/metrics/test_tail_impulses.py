@@ -36,10 +36,8 @@ def point_mass_run(
     of the turn on, its tail at these roll angles (0 up, positive to the right).
     """
     t = times()
-    ahead, left = (
-        np.array([math.cos(yaw), math.sin(yaw), 0.0]),
-        np.array([-math.sin(yaw), math.cos(yaw), 0.0]),
-    )
+    ahead = np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    left = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
     up = np.array([0.0, 0.0, 1.0])
     since = np.maximum(t - START, 0.0)
     ground = (

@@ -14,8 +14,10 @@ LEFT_FRONT, RIGHT_FRONT, LEFT_REAR, RIGHT_REAR = range(4)
 def test_a_side_is_as_high_as_its_lower_wheel_at_the_best_instant(side):
     lifts = np.full((3, 4), -0.001)
     front, rear = side
-    lifts[1, front], lifts[1, rear] = 0.004, 0.009
-    lifts[2, front], lifts[2, rear] = 0.030, 0.002
+    lifts[1, front] = 0.004
+    lifts[1, rear] = 0.009
+    lifts[2, front] = 0.030
+    lifts[2, rear] = 0.002
     assert side_lift(lifts) == 0.004
 
 

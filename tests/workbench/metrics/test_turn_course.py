@@ -28,7 +28,8 @@ def moving(
     )
     roll_rate = np.gradient(roll, t)
     slip = course - heading
-    ahead, left = speed * np.cos(slip), speed * np.sin(slip)
+    ahead = speed * np.cos(slip)
+    left = speed * np.sin(slip)
     v_WC_B = np.column_stack((ahead, np.cos(roll) * left, -np.sin(roll) * left))
     w_WB_B = np.column_stack((roll_rate, np.sin(roll) * yaw_rate, np.cos(roll) * yaw_rate))
     v_WBo_B = v_WC_B - np.cross(w_WB_B, [COM_X, 0.0, 0.0])

@@ -103,10 +103,8 @@ def test_maxima_are_magnitudes_and_averages_are_signed() -> None:
 
 
 def test_left_and_right_turns_that_mirror_each_other_measure_the_same() -> None:
-    left, right = (
-        metrics_of(made_up_run(turning(1.0))),
-        metrics_of(made_up_run(turning(-1.0), direction="right")),
-    )
+    left = metrics_of(made_up_run(turning(1.0)))
+    right = metrics_of(made_up_run(turning(-1.0), direction="right"))
     assert (left.direction, right.direction) == ("left", "right")
     for one, other in ((left.raw, right.raw), (left.filtered, right.filtered)):
         assert dataclasses.astuple(one) == pytest.approx(dataclasses.astuple(other), rel=1e-12)
@@ -164,7 +162,8 @@ def test_filtered_metrics_are_the_sensors_and_raw_ones_the_truth() -> None:
     run = made_up_run(
         {**turning(1.0), "imu_gyro_z_rad_per_s": 3.0 * pulse(), "speed_m_per_s": 1.1 * SPEED}
     )
-    metrics, honest = metrics_of(run), metrics_of(made_up_run(turning(1.0)))
+    metrics = metrics_of(run)
+    honest = metrics_of(made_up_run(turning(1.0)))
     assert metrics.like("simulated") == metrics.raw == honest.raw
     assert metrics.like("physical") == metrics.filtered
     assert metrics.filtered.max_yaw_rate_rad_per_s == pytest.approx(
@@ -394,7 +393,8 @@ def test_clean_means_survived_without_touching_the_ground(part: str, number: int
 
 def test_board_may_carry_the_car_before_the_turn_and_not_in_it() -> None:
     """The anti-ramp board is there for the start; cage and tail are not."""
-    time, touching = times(), np.zeros((times().size, 3))
+    time = times()
+    touching = np.zeros((times().size, 3))
     early = (time >= 0.5) & (time < 0.75)
     touching[early, 1] = 50.0
     started = outcome_from(time, degrees(0, 5), LOADED, touching, turn_start=2.0)

@@ -53,8 +53,10 @@ def _equations() -> Motion:
     """
     q, w, torque, misalignment = sp.symbols("q w torque misalignment")
     mass, inertia, root, beyond = sp.symbols("mass inertia root beyond")
-    support, speeds = sp.symbols("x y z a b c"), sp.symbols("vx vy vz va vb vc")
-    shift, (a, b, c) = sp.Matrix(support[:3]), support[3:]
+    support = sp.symbols("x y z a b c")
+    speeds = sp.symbols("vx vy vz va vb vc")
+    shift = sp.Matrix(support[:3])
+    (a, b, c) = support[3:]
     # First order is all that the equations need where the support is held.
     turn = sp.eye(3) + sp.Matrix([[0, -c, b], [c, 0, -a], [-b, a, 0]])
 
@@ -68,7 +70,8 @@ def _equations() -> Motion:
         return turn * sp.Matrix([0, -sp.sin(q + phase), -sp.cos(q + phase)])
 
     pivot = shift + turn * sp.Matrix([sp.Float(v, 17) for v in PIVOT])
-    bar, bent = along(sp.Integer(0)), along(misalignment)
+    bar = along(sp.Integer(0))
+    bent = along(misalignment)
     bodies = [
         (MOUNT_MASS, shift + turn * sp.Matrix([sp.Float(v, 17) for v in MOUNT_COM]), None, 0),
         (BAR_MASS, pivot + BAR_DISTANCE * bar, bar, BAR_INERTIA),

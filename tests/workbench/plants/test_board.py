@@ -22,7 +22,8 @@ def started(*settings: str) -> RunLog:
 
 @pytest.mark.parametrize("tail", ["none", "held"])
 def test_full_throttle_from_rest_lifts_the_front_wheels_and_the_board_stops_it(tail: str) -> None:
-    log, car = started(f"tail.mode={tail}"), load_scenario("straight").car
+    log = started(f"tail.mode={tail}")
+    car = load_scenario("straight").car
     assert metrics_of(log).outcome.result == "survived"
     assert log.signal("ground_contact_board_truth_n").max() > 10.0
     # The pitch at which the lower face of the rear edge meets the ground, with the rear suspension

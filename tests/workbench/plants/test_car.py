@@ -43,13 +43,15 @@ def test_car_has_the_mass_and_centre_of_mass_of_the_scenario(car):
 
 def test_tail_arm_comes_on_top_of_the_car():
     at_rest = stand("held")
-    tail, car = at_rest.scenario.tail, at_rest.scenario.car
+    tail = at_rest.scenario.tail
+    car = at_rest.scenario.car
     arm = tail.mass + tail.hub_mass + ANCHOR_MASS
     assert at_rest.plant.CalcTotalMass(at_rest.plant_context, [at_rest.tail]) == pytest.approx(
         arm, rel=1e-8
     )
     # For a left turn the arm lies to the left (+y): rod from the joint to the tip, sail at its end.
-    rod, sail = tail.mass * (1 - tail.sail_mass_fraction), tail.mass * tail.sail_mass_fraction
+    rod = tail.mass * (1 - tail.sail_mass_fraction)
+    sail = tail.mass * tail.sail_mass_fraction
     lever = rod * tail.length / 2 + sail * (tail.length - tail.sail_length / 2)
     first_moment = np.array([arm * tail.mount_x, lever, arm * tail.mount_height])
     expected = (car.mass * np.array([car.com_x, 0.0, car.com_height]) + first_moment) / (
@@ -87,7 +89,9 @@ def test_lifted_car_falls_freely(tail):
     still_air = {"mode": tail, "normal_force_coefficient": 0.0}
     falling = CarStand(scenario_from_dict({"tail": still_air}))
     falling.place(RigidTransform([0.0, 0.0, 2.0]))
-    start, time, step = falling.com(), 0.3, falling.scenario.simulation.step
+    start = falling.com()
+    time = 0.3
+    step = falling.scenario.simulation.step
     falling.advance(time)
     # Solver tolerance: 1e-6 of a velocity of 3 m/s.
     np.testing.assert_allclose(falling.com_velocity(), [0.0, 0.0, -G * time], atol=3e-6)
@@ -134,7 +138,8 @@ def test_car_rests_at_nominal_ride_height_on_its_tyres(car):
 def test_springs_and_tyres_give_way_by_their_rates():
     # The same car with 1 kg in its chassis that its springs were not preloaded for.
     resting = stand()
-    chassis, numbers = resting.chassis, resting.scenario.car
+    chassis = resting.chassis
+    numbers = resting.scenario.car
     resting.advance(0.3)
     before = {wheel: force[2] for wheel, force in resting.wheel_forces().items()}
     chassis.SetMass(resting.plant_context, chassis.get_mass(resting.plant_context) + 1.0)

@@ -53,7 +53,8 @@ def test_the_map_is_that_of_a_car_with_two_equal_sides(motion: RangeOfMotion) ->
 
 def test_ground_under_a_car_on_its_wheels_and_under_one_that_leans(motion: RangeOfMotion) -> None:
     scenario = load_scenario("turn_swing")
-    mount, half_track = scenario.tail.mount_height, scenario.car.outer_half_track
+    mount = scenario.tail.mount_height
+    half_track = scenario.car.outer_half_track
     # A sail that turns sweeps 0.15 m about the rod: half of the shell and the board are behind the
     # bearing.
     assert scenario.tail.sail_reach == pytest.approx(

@@ -39,7 +39,8 @@ def test_car_coasts_as_its_resistance_says_and_stops() -> None:
                 "drive.governor=true")  # fmt: skip
     scenario = load_scenario("auto_turn", (*settings, f"car.rolling_resistance={RESISTANCE}"))
     log = simulate(scenario)
-    speed, off = log.signal("velocity_x_truth_m_per_s"), int(np.searchsorted(log.time, 2.65))
+    speed = log.signal("velocity_x_truth_m_per_s")
+    off = int(np.searchsorted(log.time, 2.65))
     later = off + 450
     assert speed[off - 100] == pytest.approx(1.0, rel=0.01)
     slope = (speed[off] - speed[later]) / (log.time[later] - log.time[off])
@@ -48,7 +49,10 @@ def test_car_coasts_as_its_resistance_says_and_stops() -> None:
 
 
 def test_throttle_line_is_that_of_the_rolling_car() -> None:
-    drive, gain, radius, loss = load_scenario("auto_turn").drive, 0.1, 0.067, 0.2
+    drive = load_scenario("auto_turn").drive
+    gain = 0.1
+    radius = 0.067
+    loss = 0.2
     target = steady_speed(0.3, drive) / radius
     assert shaft_torque(0.3, target, drive, gain, radius, loss) == pytest.approx(loss)
     assert shaft_torque(0.0, target, drive, gain, radius, loss) == 0.0
@@ -62,7 +66,8 @@ def test_reduced_car_coasts_alike() -> None:
     driven = drive_turns(cars, TurnPlans.of([scenario]), duration=0.1).last
     speed = float(driven[FORWARD, 0])
     assert speed == pytest.approx(scenario.manoeuvre.speed, rel=1e-3)
-    state, off = driven, replace(cars, shaft_limit=np.zeros(1))
+    state = driven
+    off = replace(cars, shaft_limit=np.zeros(1))
     for _ in range(250):
         commands = Commands(np.zeros((2, 1)), np.zeros(1), np.zeros((2, 4, 1)))
         state = step(state, equations(state, commands, off), 0.002)

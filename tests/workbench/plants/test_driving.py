@@ -97,7 +97,8 @@ def test_hard_start_turns_the_car_to_the_side_of_its_held_tail(drive, direction,
         f"manoeuvre.direction={direction}",
     )
     run = drive("straight", *settings)
-    car, tail = run.scenario["car"], run.scenario["tail"]
+    car = run.scenario["car"]
+    tail = run.scenario["tail"]
     nose_up = (
         run.signal("wheel_force_front_left_z_truth_n")
         + run.signal("wheel_force_front_right_z_truth_n")
@@ -114,7 +115,8 @@ def test_hard_start_turns_the_car_to_the_side_of_its_held_tail(drive, direction,
 
 @pytest.mark.parametrize("direction", ["left", "right"])
 def test_slow_turn_follows_the_kinematic_bicycle(drive, direction):
-    side, angle = (1.0 if direction == "left" else -1.0), math.radians(15.0)
+    side = 1.0 if direction == "left" else -1.0
+    angle = math.radians(15.0)
     run = drive(
         "turn_none",
         "manoeuvre.speed=0.8",
@@ -182,13 +184,15 @@ def test_left_turn_leans_to_the_right_and_turns_left(standard_runs):
 
 def test_tail_swings_over_the_top_to_the_outside(standard_runs):
     run = standard_runs["swing"]
-    angle, height = run.signal("tail_roll_angle_rad"), run.signal("tail_tip_z_truth_m")
+    angle = run.signal("tail_roll_angle_rad")
+    height = run.signal("tail_tip_z_truth_m")
     assert angle[run.time < 2.0].max() < -1.5
     assert angle[-1] > 1.4
     tail = run.scenario["tail"]
     assert height.max() > 0.98 * (tail["mount_height"] + tail["length"])
     # The tip starts on the left of the car and ends on its right.
-    run_start, end = 500, -1
+    run_start = 500
+    end = -1
     for row, side in ((run_start, 1.0), (end, -1.0)):
         yaw = run.signal("yaw_truth_rad")[row]
         offset = (run.vector("tail_tip", "truth_m") - run.vector("position", "truth_m"))[row]
@@ -215,7 +219,8 @@ def test_flip_bracket_is_the_same_at_a_quarter_of_the_step(drive):
 
 def energy(car: CarStand) -> float:
     """Kinetic energy, potential energy of gravity and springs, and what the tyres store, J."""
-    numbers, context = car.scenario.car, car.plant_context
+    numbers = car.scenario.car
+    context = car.plant_context
     total = car.plant.EvalKineticEnergy(context) + car.plant.EvalPotentialEnergy(context)
     for wheel in WHEELS:
         height = car.plant.GetBodyByName(f"{wheel}_wheel").EvalPoseInWorld(context).translation()[2]

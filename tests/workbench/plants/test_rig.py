@@ -51,7 +51,9 @@ def test_bare_rig_moves_and_reacts_as_lagrange_derives_it(tail: int, misalignmen
     rig = Rig(without_air(tail, tunnel={"misalignment": misalignment}))
     rng = np.random.default_rng(7)
     for _ in range(100):
-        angle, rate, torque = rng.uniform(-1.7, 1.7), rng.uniform(-15, 15), rng.uniform(-6, 6)
+        angle = rng.uniform(-1.7, 1.7)
+        rate = rng.uniform(-15, 15)
+        torque = rng.uniform(-6, 6)
         acceleration, wrench = derived(tail, angle, rate, torque, misalignment)
         reaction = rig.reaction(angle, rate, torque)
         assert reaction.acceleration == pytest.approx(acceleration, rel=1e-9, abs=1e-9)
@@ -108,7 +110,8 @@ def test_misalignment_turns_the_wind_about_z() -> None:
 
 def test_friction_brakes_by_the_published_law() -> None:
     """Table 4.7 and eq. 4.12 with ERRATA E14."""
-    smooth, rubbing = Rig(without_air()), Rig(without_air(friction=True))
+    smooth = Rig(without_air())
+    rubbing = Rig(without_air(friction=True))
     for rate in (-8.0, -0.05, 0.05, 8.0):
         lost = (
             rubbing.reaction(0.3, rate, 0.0).acceleration
@@ -124,8 +127,11 @@ def test_reaction_in_the_wind_closes_the_balance_of_forces() -> None:
     """Support + weight + air = momentum change; the air from the section law, the rest is what
     moves without air.
     """
-    wind, still = Rig(STATIC), Rig(without_air(friction=True))
-    angle, rate, torque = 0.4, 3.0, 0.5
+    wind = Rig(STATIC)
+    still = Rig(without_air(friction=True))
+    angle = 0.4
+    rate = 3.0
+    torque = 0.5
     moved = wind.reaction(angle, rate, torque)
     calm = still.reaction(angle, rate, torque)
     # The same acceleration without air needs the torque of the air from the motor: only the force
@@ -234,7 +240,9 @@ def test_added_mass_acts_across_the_tail_only() -> None:
     distances = 0.270 + 0.39 * (np.arange(5) + 0.5) / 5
     rng = np.random.default_rng(3)
     for _ in range(20):
-        angle, rate, torque = rng.uniform(-1.7, 1.7), rng.uniform(-15, 15), rng.uniform(-6, 6)
+        angle = rng.uniform(-1.7, 1.7)
+        rate = rng.uniform(-15, 15)
+        torque = rng.uniform(-6, 6)
         bare, _ = derived(1, angle, rate, torque)
         inertia = ROTOR + BAR_INERTIA + BAR_MASS * 0.01 + 0.0982 * 0.39**2 / 12 + 0.0982 * 0.433**2
         acceleration = bare * inertia / (inertia + mass * np.sum(distances**2))

@@ -40,18 +40,24 @@ def wrench_on(
     """
     px, py, pz = motion.pivot
     x, y, z, mx, my, mz = -np.array(motion.air(angle, rate))
-    mx, my, mz = mx + py * z - pz * y, my + pz * x - px * z, mz + px * y - py * x
+    mx = mx + py * z - pz * y
+    my = my + pz * x - px * z
+    mz = mz + px * y - py * x
     parts = [(body.mass, body.radius, body.phase, 1.0) for body in motion.bodies]
     parts += [(motion.added_mass, s, 0.0, 0.0) for s in motion.added_distances]
     for mass, radius, phase, whole in parts:  # added mass has neither weight nor spanwise inertia
-        s, c = radius * np.sin(angle + phase), radius * np.cos(angle + phase)
+        s = radius * np.sin(angle + phase)
+        c = radius * np.cos(angle + phase)
         force_y = mass * (whole * s * rate**2 - c * acceleration)
         force_z = mass * (whole * (c * rate**2 + motion.gravity) + s * acceleration)
-        y, z = y + force_y, z + force_z
+        y = y + force_y
+        z = z + force_z
         mx = mx + (py - s) * force_z - (pz - c) * force_y
-        my, mz = my - px * force_z, mz + px * force_y
+        my = my - px * force_z
+        mz = mz + px * force_y
     mx = mx - acceleration * sum(body.inertia for body in motion.bodies)
-    weight, (mount_x, mount_y, _) = mount.mass * motion.gravity, mount.com
+    weight = mount.mass * motion.gravity
+    (mount_x, mount_y, _) = mount.com
     return np.array((x, y, z + weight, mx + mount_y * weight, my - mount_x * weight, mz))
 
 
@@ -60,11 +66,14 @@ def test_it_moves_and_reacts_as_the_plant(name: str, changes: dict[str, Any]) ->
     """The same physics written twice: to 1e-9, with room for the rounding of two different orders
     of summation.
     """
-    rig, motion = Rig(scenario(name, changes)), RigMotion.of(scenario(name, changes))
+    rig = Rig(scenario(name, changes))
+    motion = RigMotion.of(scenario(name, changes))
     mount = mount_properties(scenario(name, changes).mount)
     rng = np.random.default_rng(11)
     for _ in range(40):
-        angle, rate, torque = rng.uniform(-1.7, 1.7), rng.uniform(-12, 12), rng.uniform(-5, 5)
+        angle = rng.uniform(-1.7, 1.7)
+        rate = rng.uniform(-12, 12)
+        torque = rng.uniform(-5, 5)
         reaction = rig.reaction(angle, rate, torque)
         acceleration = motion.acceleration(angle, rate, torque)
         assert acceleration == pytest.approx(reaction.acceleration, rel=1e-9, abs=1e-9)

@@ -83,7 +83,8 @@ def test_numbers_that_are_set_are_the_numbers_of_the_document(rod):
     rod.set_joint("hinge", lower=-0.5, upper=0.75, effort=9, damping=0.1)
     rod.set_rotor("hinge", 4.14e-5, 10)
     rod.set_controller_gains("hinge", 200, 2)
-    link, joint = "link[@name='rod']", "joint[@name='hinge']"
+    link = "link[@name='rod']"
+    joint = "joint[@name='hinge']"
     assert numbers(rod, f"{link}/inertial/mass") == [2.5]
     assert numbers(rod, f"{link}/inertial/pose") == [0.1, -0.2, 0.3, 0, 0, 0]
     assert [numbers(rod, f"{link}/inertial/inertia/{tag}") for tag in ("ixx", "iyy", "izz")] == [

@@ -31,11 +31,9 @@ class ArmDrive(LeafSystem):
 
     def __init__(self, scenario, plant, arm, commands):
         super().__init__()
-        self.joints, self.commands, self.nq = (
-            TailJoints.of_scenario(scenario),
-            commands,
-            plant.num_positions(),
-        )
+        self.joints = TailJoints.of_scenario(scenario)
+        self.commands = commands
+        self.nq = plant.num_positions()
         joints = [plant.GetJointByName(name, arm) for name in ("tail_pitch", "tail_roll")]
         self.places = [(joint.position_start(), joint.velocity_start()) for joint in joints]
         ports = {
@@ -53,10 +51,8 @@ class ArmDrive(LeafSystem):
         state, acceleration, last = (
             port.Eval(context).tolist() for port, _ in self.sources.values()
         )
-        angles, rates = (
-            [state[q] for q, _ in self.places],
-            [state[self.nq + v] for _, v in self.places],
-        )
+        angles = [state[q] for q, _ in self.places]
+        rates = [state[self.nq + v] for _, v in self.places]
         past = [acceleration[v] for _, v in self.places]
         torques = self.joints.torques(angles, rates, past, last, self.commands)
         output.SetFromVector([motor + friction for motor, friction in torques])
@@ -209,7 +205,8 @@ def test_swing_with_added_mass_is_the_same_at_a_quarter_of_the_step(added):
 
 @pytest.mark.parametrize(("kp", "kd"), [(17.0, 5.0), (5.0, 2.0), (17.0, 1.0)])
 def test_step_of_the_roll_command_follows_the_closed_form(kp, kd):
-    start, target = -0.5, 0.4
+    start = -0.5
+    target = 0.4
     times = np.arange(0.05, 1.01, 0.05)
     commands = {
         "tail_roll_command": [target, 0.0, kp, kd, 0.0],
@@ -231,7 +228,9 @@ def test_step_of_the_roll_command_follows_the_closed_form(kp, kd):
 def test_step_of_the_pitch_command_follows_the_closed_form(roll):
     # Lying sideways the pitch joint is 19 times lighter: the gains of the hold damp it within a
     # step, not beyond.
-    kp, kd, target = 17.0, 5.0, 0.2
+    kp = 17.0
+    kd = 5.0
+    target = 0.2
     times = np.arange(0.02, 1.01, 0.02)
     commands = {
         "tail_pitch_command": [target, 0.0, kp, kd, 0.0],
@@ -251,7 +250,8 @@ def test_step_of_the_pitch_command_follows_the_closed_form(roll):
 
 
 def test_swing_reaches_the_commanded_rate_less_what_friction_takes():
-    speed, kd = 8.0, 3.0
+    speed = 8.0
+    kd = 3.0
     commands = {
         "tail_roll_command": [0.0, speed, 0.0, kd, 0.0],
         "tail_pitch_command": [0.0, 0.0, 17.0, 5.0, 0.0],
@@ -267,7 +267,8 @@ def test_swing_reaches_the_commanded_rate_less_what_friction_takes():
 
 
 def test_held_tail_sags_by_its_weight_over_the_gain():
-    kp, angle = 17.0, 0.5
+    kp = 17.0
+    angle = 0.5
     commands = {
         "tail_roll_command": [angle, 0.0, kp, 5.0, 0.0],
         "tail_pitch_command": [0.0, 0.0, 17.0, 5.0, 0.0],

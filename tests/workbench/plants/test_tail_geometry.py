@@ -47,7 +47,8 @@ def about_origin(moments: MassMoments) -> np.ndarray:
 
 
 def test_rectangle_has_the_area_mass_and_inertia_of_a_thin_rectangle() -> None:
-    shape, (length, width, start) = plate(), (0.4, 0.2, 0.3)
+    shape = plate()
+    (length, width, start) = (0.4, 0.2, 0.3)
     mass = 0.5 * length * width
     found = shape.moments.inertial()
     assert shape.area == pytest.approx(length * width, rel=1e-9)
@@ -61,13 +62,17 @@ def test_rectangle_has_the_area_mass_and_inertia_of_a_thin_rectangle() -> None:
 
 
 def test_trapezoid_is_a_triangle_less_its_tip() -> None:
-    shape, length, near, far = plate(chords=(0.2, 0.1)), 0.4, 0.2, 0.1
+    shape = plate(chords=(0.2, 0.1))
+    length = 0.4
+    near = 0.2
+    far = 0.1
 
     def triangle(base: float, height: float, start: float) -> tuple[float, np.ndarray, np.ndarray]:
         """Area, its first and its second moments (x^2, 0, z^2), of a triangle with its base at z =
         start.
         """
-        area, middle = base * height / 2, start + height / 3
+        area = base * height / 2
+        middle = start + height / 3
         return (
             area,
             np.array([0, 0, area * middle]),
@@ -84,7 +89,9 @@ def test_trapezoid_is_a_triangle_less_its_tip() -> None:
 
 
 def test_half_cylinder_has_the_moments_of_a_half_ring() -> None:
-    shape, radius, length = plate(kind="half_shell"), 0.1, 0.4
+    shape = plate(kind="half_shell")
+    radius = 0.1
+    length = 0.4
     mass = 0.5 * math.pi * radius * length
     found = shape.moments
     assert shape.area == pytest.approx(2 * radius * length, rel=1e-9)
@@ -100,8 +107,10 @@ def test_half_cylinder_has_the_moments_of_a_half_ring() -> None:
 
 
 def test_end_caps_are_half_discs_at_both_ends() -> None:
-    shell, capped = plate(kind="half_shell"), plate(kind="half_shell", cap_density=1.5)
-    radius, disc = 0.1, 1.5 * math.pi * 0.1**2 / 2
+    shell = plate(kind="half_shell")
+    capped = plate(kind="half_shell", cap_density=1.5)
+    radius = 0.1
+    disc = 1.5 * math.pi * 0.1**2 / 2
     caps = {
         name: getattr(capped.moments, name) - getattr(shell.moments, name)
         for name in ("mass", "first", "second")
@@ -119,7 +128,9 @@ def test_end_caps_are_half_discs_at_both_ends() -> None:
 
 def test_half_cone_is_a_cone_less_its_tip() -> None:
     shape = plate(kind="half_shell", chords=(0.2, 0.1), root=(0.0, 0.0, 0.0))
-    near, far, height = 0.1, 0.05, 0.8
+    near = 0.1
+    far = 0.05
+    height = 0.8
 
     def cone(radius: float, high: float) -> tuple[float, np.ndarray, float]:
         """Mass, second moments about the apex and the product of depth and height, of half a cone's
@@ -133,7 +144,8 @@ def test_half_cone_is_a_cone_less_its_tip() -> None:
             mass * (2 * radius / math.pi) * high / 2,
         )
 
-    (mass, second, mixed), (off, less, other) = cone(near, height), cone(far, height / 2)
+    (mass, second, mixed) = cone(near, height)
+    (off, less, other) = cone(far, height / 2)
     found = shape.moments
     assert found.mass == pytest.approx(mass - off, rel=1e-9)
     # From the apex, which is 0.8 m up the axis, back to the base.
@@ -199,12 +211,15 @@ def test_centre_of_pressure_counts_what_a_direction_sees() -> None:
 @pytest.mark.parametrize("name", ["turn_swing", "turn_designed"])
 def test_tail_of_a_scenario_made_of_densities_is_the_same_tail(name: str) -> None:
     scenario = load_scenario(name)
-    parameters, motor, car = scenario.tail, scenario.tail_motor, scenario.car
+    parameters = scenario.tail
+    motor = scenario.tail_motor
+    car = scenario.car
     known = tail_geometry(parameters)
     made = known.from_densities()
     assert made.arm_inertial is None
     for part in ("arm_mass", "sail_mass"):
-        one, other = getattr(known, part), getattr(made, part)
+        one = getattr(known, part)
+        other = getattr(made, part)
         for field in ("mass", "com", "moments", "products"):
             np.testing.assert_allclose(getattr(one, field), getattr(other, field), **EXACT)
     # Drake parses the same text, so that every outcome is the same too.
@@ -216,7 +231,8 @@ def test_sections_of_the_cars_tail_are_those_of_its_parameters_to_the_last_bit()
     parameters = load_scenario("turn_swing").tail
     geometry = tail_geometry(parameters)
     (layout,) = geometry.section_layouts()
-    length, sail = parameters.length, parameters.sail_length
+    length = parameters.length
+    sail = parameters.sail_length
     assert layout == SectionLayout.strip(
         start=length - sail, length=sail, width=parameters.sail_width, normal_B=(0.0, -1.0, 0.0)
     )

@@ -68,7 +68,8 @@ def test_yaw_rate_after_a_step_of_the_steering_is_that_of_the_linear_bicycle() -
     scenario = circle(3.0, "manoeuvre.turn_hold=0.6", "manoeuvre.duration=3.0")
     log = simulate(scenario)
     rate = log.signal("gyro_z_truth_rad_per_s")
-    start, end = scenario.manoeuvre.turn_start, scenario.manoeuvre.turn_start + 0.5
+    start = scenario.manoeuvre.turn_start
+    end = scenario.manoeuvre.turn_start + 0.5
     during = (log.time >= start) & (log.time <= end)
     late = 0.5 * STEERED / scenario.servo.rate  # a ramp in place of a step
     expected = np.array(
@@ -80,12 +81,16 @@ def test_yaw_rate_after_a_step_of_the_steering_is_that_of_the_linear_bicycle() -
 
 def bicycle(scenario: Scenario, time: float) -> float:
     """Yaw rate (rad/s) of the linear bicycle so long (s) after a step of the steering."""
-    cars, speed = Vehicles.of([scenario]), scenario.manoeuvre.speed
-    mass, place = float(cars.mass[0]), float(cars.centre[0, 0])
+    cars = Vehicles.of([scenario])
+    speed = scenario.manoeuvre.speed
+    mass = float(cars.mass[0])
+    place = float(cars.centre[0, 0])
     inertia = float(cars.inertia[2, 2, 0]) - mass * place**2
-    front, rear = scenario.car.wheelbase - place, place
+    front = scenario.car.wheelbase - place
+    rear = place
     stiffness = FRICTION * mass * scenario.environment.gravity / math.tan(SLIP_ANGLE)
-    c_front, c_rear = stiffness * rear / (front + rear), stiffness * front / (front + rear)
+    c_front = stiffness * rear / (front + rear)
+    c_rear = stiffness * front / (front + rear)
     turning = c_front * front - c_rear * rear
     system = np.zeros((3, 3))
     system[0, :2] = -(c_front + c_rear) / (mass * speed), -turning / (mass * speed) - speed

@@ -23,7 +23,8 @@ def test_point_of_a_force_on_the_axis_is_found_from_its_moment(fraction: float) 
 
 def test_point_is_the_nearest_to_a_line_of_action_beside_the_axis() -> None:
     force = np.array([[0.0, 3.0, 0.0]])
-    root, tip = np.zeros((1, 3)), np.array([[0.0, 0.0, 2.0]])
+    root = np.zeros((1, 3))
+    tip = np.array([[0.0, 0.0, 2.0]])
     beside = np.array([[0.1, -5.0, 0.8]])
     assert point_on_axis(force, np.cross(beside, force), root, tip) == pytest.approx(
         np.array([[0.0, 0.0, 0.8]])
@@ -47,7 +48,8 @@ def test_air_of_a_run_acts_on_the_sail(tailed: RunLog) -> None:
     tail = tailed.scenario["tail"]
     (arrow,) = [arrow for arrow in force_arrows(logged) if arrow.name == "air_on_tail"]
     (air,) = logged.air
-    root, tip = air.root, air.tip
+    root = air.root
+    tip = air.tip
     assert np.linalg.norm(tip - root, axis=1) == pytest.approx(tail["length"])
     force = tailed.vector("tail_force", "truth_n")
     assert arrow.lengths == pytest.approx(AIR_SCALE * force)

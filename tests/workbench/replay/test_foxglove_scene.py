@@ -71,11 +71,9 @@ def test_poses_are_those_of_the_plant(tailed: RunLog, exported: Path) -> None:
                 transform for transform in message.transforms if transform.child_frame_id == name
             ]
             X_WB = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
-            place, turn, wanted = (
-                found.translation,
-                found.rotation,
-                X_WB.rotation().ToQuaternion().wxyz(),
-            )
+            place = found.translation
+            turn = found.rotation
+            wanted = X_WB.rotation().ToQuaternion().wxyz()
             assert [place.x, place.y, place.z] == pytest.approx(X_WB.translation())
             assert [turn.w, turn.x, turn.y, turn.z] == pytest.approx(wanted)
             assert found.parent_frame_id == "world"

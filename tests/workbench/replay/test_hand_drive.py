@@ -32,7 +32,9 @@ class Clock:
     """Time that passes when somebody sleeps, and by `busy` s whenever it is read."""
 
     def __init__(self, busy: float) -> None:
-        self.now, self.busy, self.slept = 0.0, busy, 0.0
+        self.now = 0.0
+        self.busy = busy
+        self.slept = 0.0
 
     def monotonic(self) -> float:
         self.now += self.busy
@@ -47,7 +49,9 @@ class Script:
     """Controls that follow a function of the number of looks; one look is `SLICE` of the run."""
 
     def __init__(self, plan: Callable[[int], Wishes]) -> None:
-        self.plan, self.looks, self.shown = plan, -1, []
+        self.plan = plan
+        self.looks = -1
+        self.shown = []
 
     def wishes(self) -> Wishes:
         self.looks += 1
@@ -92,10 +96,8 @@ def left(left_drive: tuple[Script, RunLog]) -> RunLog:
 def test_driver_is_shown_time_speed_and_heading_of_the_run(
     left_drive: tuple[Script, RunLog],
 ) -> None:
-    (script, log), columns = (
-        left_drive,
-        ("velocity_x_truth_m_per_s", "velocity_y_truth_m_per_s", "yaw_truth_rad"),
-    )
+    (script, log) = left_drive
+    columns = ("velocity_x_truth_m_per_s", "velocity_y_truth_m_per_s", "yaw_truth_rad")
     time = np.array([now.time for now in script.shown])
     assert np.diff(time) == pytest.approx(LOOK)
     along, across, yaw = (np.interp(time, log.time, log.signal(name)) for name in columns)
@@ -108,8 +110,10 @@ def test_speed_steering_and_tail_do_what_was_asked_for(left: RunLog) -> None:
         2.0, abs=0.1
     )
     assert left.signal("yaw_truth_rad")[-1] > 0.3, "to the left"
-    tail, time = left.signal("tail_roll_angle_rad"), left.time
-    before, after = tail[time < 1.2], tail[-1]
+    tail = left.signal("tail_roll_angle_rad")
+    time = left.time
+    before = tail[time < 1.2]
+    after = tail[-1]
     assert before[-1] == pytest.approx(-math.pi / 2, abs=0.1), "the law holds it inside"
     assert after == pytest.approx(0.5, abs=0.1)
     fastest = np.max(np.abs(np.diff(left.signal("tail_roll_command_position_rad"))))

@@ -51,7 +51,8 @@ def test_log_has_a_row_per_period_and_the_state_of_its_instant(swings: dict, nam
     log, plant, context = swings[name]
     assert log.time == pytest.approx(np.arange(51) / 100.0, abs=1e-12)
     last = log.table.iloc[-1]
-    q, v = plant.GetPositions(context), plant.GetVelocities(context)
+    q = plant.GetPositions(context)
+    v = plant.GetVelocities(context)
     # The row of the end stands a few nanoseconds before it.
     assert [
         last["plant_position_cart_pole_slide_x"],

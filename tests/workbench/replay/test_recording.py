@@ -95,10 +95,8 @@ def test_point_of_an_arrow_is_force_times_scale_from_its_foot() -> None:
     for frame in (0, 2):
         X_WA = tracks.transforms[path][frame]
         shaft = tracks.properties[f"{path}/shaft", "scale"][frame][2]
-        X_AH, X_AS = (
-            tracks.transforms[f"{path}/head"][frame],
-            tracks.transforms[f"{path}/shaft"][frame],
-        )
+        X_AH = tracks.transforms[f"{path}/head"][frame]
+        X_AS = tracks.transforms[f"{path}/shaft"][frame]
         assert X_WA.multiply(X_AH.translation()) == pytest.approx(points[frame] + lengths[frame])
         foot = X_WA.multiply(X_AS.multiply(np.array([0.0, 0.0, -shaft / 2])))
         assert foot == pytest.approx(points[frame], abs=1e-12)

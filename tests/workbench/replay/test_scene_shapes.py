@@ -107,7 +107,9 @@ def test_half_space_is_left_out() -> None:
 
 def test_wheels_turn_about_y_and_the_resting_tail_points_inside(tailed: RunLog) -> None:
     logged = add_logged_run(DiagramBuilder(), tailed)
-    car, tail, plant = tailed.scenario["car"], tailed.scenario["tail"], logged.plant
+    car = tailed.scenario["car"]
+    tail = tailed.scenario["tail"]
+    plant = logged.plant
     shapes = shapes_of(plant, logged.scene_graph)
     wheel = [points_of(shape) for shape in shapes if shape["body"] == "front_left_wheel"]
     tread = max((np.ptp(points, axis=0) for points in wheel), key=lambda extent: extent[0])

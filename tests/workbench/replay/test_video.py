@@ -76,7 +76,8 @@ def test_runs_of_different_step_show_the_same_moment(brief: dict[str, RunLog]) -
     assert np.allclose(np.diff(coarse.time), 1 / FRAMES_PER_SECOND)
     both = Film({"fine": whole, "coarse": coarse}, 1.0)
     frame = both.frame(3)
-    fine_car, coarse_car = panel(frame, 0).astype(int), panel(frame, 1).astype(int)
+    fine_car = panel(frame, 0).astype(int)
+    coarse_car = panel(frame, 1).astype(int)
     assert np.abs(fine_car - coarse_car).mean() < 1.0
     assert np.abs(fine_car - panel(both.frame(0), 0)).mean() > 1.0
 

@@ -107,7 +107,8 @@ def test_summary_has_one_row_per_run_in_order(rows: dict[str, dict[str, str]]) -
 def test_every_metric_is_computed_again_from_the_log(
     made: Made, rows: dict[str, dict[str, str]], name: str
 ) -> None:
-    row, log = rows[name], read_run_log(made.out / "logs" / f"turn_{name}.parquet")
+    row = rows[name]
+    log = read_run_log(made.out / "logs" / f"turn_{name}.parquet")
     for column, value in metrics_of(log).as_row().items():
         expected = "" if value is None else str(value)
         assert row[column] == expected, column

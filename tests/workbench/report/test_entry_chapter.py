@@ -114,7 +114,8 @@ def test_chapter_has_the_replays_and_the_medians(standard_runs: dict[str, Any]) 
     logs = dict(zip(names, standard_runs.values(), strict=True))
     logs["held"] = replace(logs["held"], table=logs["held"].table.assign(tilt_truth_rad=2.0))
     shown, medians = chapter.entry_chapter(CHOSEN, logs)
-    words, captions = [one.words for one in CHOSEN.candidates], shown.parts[0].values["captions"]
+    words = [one.words for one in CHOSEN.candidates]
+    captions = shown.parts[0].values["captions"]
     assert [run["name"] for run in shown.parts[0].values["runs"]] == words
     assert [caption.split(":")[0] for caption in captions] == words
     assert ": rolls over (" in captions[1]

@@ -122,7 +122,8 @@ def test_rate_above_one_per_step_is_refused():
 
 
 def test_motor_reply_is_rounded_to_the_nearest_of_2_to_the_n_minus_1_steps():
-    position_step, speed_step = 25.0 / 65535, 100.0 / 4095
+    position_step = 25.0 / 65535
+    speed_step = 100.0 / 4095
     values = np.linspace(-12.0, 12.0, 101)
     shown = np.array([quantise_symmetric(value, 12.5, 16) for value in values])
     assert np.max(np.abs(shown - values)) <= position_step / 2 * (1 + 1e-9)
@@ -157,7 +158,8 @@ def test_encoders_of_a_plant_make_the_tail_state():
         )
         parent = body.body_frame()
     plant.Finalize()
-    state, step = plant.get_state_output_port(), plant.time_step()
+    state = plant.get_state_output_port()
+    step = plant.time_step()
     places = [joints[name].position_start() for name in ("pitch", "roll", "sail")]
     both = stacked(builder, "both", [(state, [*places[:2], *(3 + place for place in places[:2])])])
     motors = connected(

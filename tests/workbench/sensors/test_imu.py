@@ -111,14 +111,17 @@ def test_motion_at_the_imu_is_the_second_derivative_of_its_path():
         return RigidTransform(R, [math.sin(t), t**2, 0.1 * math.cos(4 * t)])
 
     def twist(t, h=1e-5):
-        before, after = X_WB(t - h), X_WB(t + h)
+        before = X_WB(t - h)
+        after = X_WB(t + h)
         axis = (after.rotation() @ before.rotation().inverse()).ToAngleAxis()
         velocity = (after.translation() - before.translation()) / (2 * h)
         return np.array(axis.axis()) * axis.angle() / (2 * h), velocity
 
-    t, h = 0.7, 1e-3
+    t = 0.7
+    h = 1e-3
     omega, _ = twist(t)
-    (omega_after, velocity_after), (omega_before, velocity_before) = twist(t + h), twist(t - h)
+    (omega_after, velocity_after) = twist(t + h)
+    (omega_before, velocity_before) = twist(t - h)
     roll_pitch_yaw, gyro, acceleration = motion_at_imu(
         ChassisMotion(
             X_WB(t).rotation().matrix(),

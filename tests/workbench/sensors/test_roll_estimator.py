@@ -25,7 +25,8 @@ def imu_rows(times, roll, pitch, yaw_rate, speed, attitude_error=0.0, side_slip_
     `speed` (so omega x v) in body axes; the chip removes gravity with its own roll, wrong by
     `attitude_error`.
     """
-    roll_rate, pitch_rate = np.gradient(roll, times), np.gradient(pitch, times)
+    roll_rate = np.gradient(roll, times)
+    pitch_rate = np.gradient(pitch, times)
     p = roll_rate - yaw_rate * np.sin(pitch)
     q = pitch_rate * np.cos(roll) + yaw_rate * np.sin(roll) * np.cos(pitch)
     r = -pitch_rate * np.sin(roll) + yaw_rate * np.cos(roll) * np.cos(pitch)
@@ -41,7 +42,8 @@ def imu_rows(times, roll, pitch, yaw_rate, speed, attitude_error=0.0, side_slip_
 
 
 def run(rows, speed, settings=None):
-    estimate, estimates = RollEstimate(), []
+    estimate = RollEstimate()
+    estimates = []
     for row, v in zip(rows, speed, strict=True):
         estimate = estimate_roll(estimate, row, v, settings or RollFilterSettings())
         estimates.append(estimate)
@@ -102,7 +104,8 @@ def test_without_the_centripetal_term_and_the_fading_weight_the_estimate_would_b
 
 
 def test_right_turn_mirrors_the_left_one():
-    left, right = hard_left_turn(TIMES), hard_left_turn(TIMES, side=-1.0)
+    left = hard_left_turn(TIMES)
+    right = hard_left_turn(TIMES, side=-1.0)
     a = run(imu_rows(TIMES, *left), left[3])
     b = run(imu_rows(TIMES, *right), right[3])
     np.testing.assert_allclose(a[:, 0], -b[:, 0], atol=1e-12)

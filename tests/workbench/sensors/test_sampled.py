@@ -107,7 +107,8 @@ def test_reader_sees_the_plant_before_its_step_and_a_controller_the_fresh_sample
             return self.GetInputPort("count").Eval(context)
 
     builder = DiagramBuilder()
-    plant, sensor = builder.AddSystem(Plant()), builder.AddSystem(Sensor())
+    plant = builder.AddSystem(Plant())
+    sensor = builder.AddSystem(Sensor())
     reader = builder.AddSystem(ZeroOrderHold(0.02, 1))
     builder.Connect(plant.GetOutputPort("count"), sensor.GetInputPort("count"))
     builder.Connect(sensor.GetOutputPort("count"), reader.get_input_port())

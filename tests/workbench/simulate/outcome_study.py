@@ -54,7 +54,8 @@ class DrawnCar:
 
     def scenarios(self) -> Iterator[Scenario]:
         """Its scenarios near the limit."""
-        low, high = 0.45, 0.95
+        low = 0.45
+        high = 0.95
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             survived = (
@@ -102,7 +103,8 @@ def differences(scenario: Scenario, recorded: bool = True) -> Compared:
         if recorded
         else simulate(scenario, record="outcome", stop_when_certain=False)
     )
-    trial, run = summarise(found, scenario.name), summarise(whole, scenario.name)
+    trial = summarise(found, scenario.name)
+    run = summarise(whole, scenario.name)
     same = {
         "outcome": (trial.metrics.outcome.result, run.metrics.outcome.result),
         "clean": (trial.metrics.outcome.clean, run.metrics.outcome.clean),

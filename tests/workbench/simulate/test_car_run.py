@@ -71,7 +71,8 @@ def test_repeated_run_is_equal_bit_for_bit(run):
 
 
 def test_another_seed_changes_what_the_noisy_sensors_say_and_nothing_else(run):
-    one, other = run(name="one"), run("seed=2", name="other")
+    one = run(name="one")
+    other = run("seed=2", name="other")
     changed = {
         name
         for name in one.table.columns
@@ -131,24 +132,21 @@ def test_sensors_follow_the_truth(standard_runs):
     log = standard_runs["swing"]
     scenario = log.scenario["imu"]
     late = round((scenario["delay"] + 0.5 / scenario["rate"]) / 0.002)
-    yaw_rate, truth = (
-        log.signal("imu_gyro_z_rad_per_s")[late:],
-        log.signal("gyro_z_truth_rad_per_s")[:-late],
-    )
+    yaw_rate = log.signal("imu_gyro_z_rad_per_s")[late:]
+    truth = log.signal("gyro_z_truth_rad_per_s")[:-late]
     # Bias and noise of 0.01 rad/s, and half a period of hold on 20 rad/s2.
     assert np.abs(yaw_rate - truth).max() < 0.2
     assert np.corrcoef(yaw_rate, truth)[0, 1] > 0.999
-    lateral, true_lateral = (
-        log.signal("imu_acceleration_y_m_per_s2")[late:],
-        log.signal("acceleration_y_truth_m_per_s2"),
-    )
+    lateral = log.signal("imu_acceleration_y_m_per_s2")[late:]
+    true_lateral = log.signal("acceleration_y_truth_m_per_s2")
     assert np.corrcoef(lateral, true_lateral[:-late])[0, 1] > 0.9
     settled = log.time > 1.9
     assert log.signal("speed_m_per_s")[settled][0] == pytest.approx(3.33, abs=0.3)
 
 
 def test_log_rate_thins_the_rows_only(run):
-    full, thin = run(name="full"), run("simulation.log_rate=100", name="thin")
+    full = run(name="full")
+    thin = run("simulation.log_rate=100", name="thin")
     np.testing.assert_allclose(thin.time, np.arange(51) * 0.01, atol=1e-9)
     for name in ("position_x_truth_m", "imu_gyro_z_rad_per_s", "wheel_force_rear_left_z_truth_n"):
         np.testing.assert_array_equal(thin.signal(name), full.signal(name)[::5])

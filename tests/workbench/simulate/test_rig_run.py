@@ -78,7 +78,8 @@ def test_free_bar_swing_decays_with_the_published_friction(logs) -> None:
     _, log = logs["bar"]
     inertia = 6.731e-3 + 1.9198e-3 + 0.313 * 0.1**2
     begin = 201  # let go at 0.2 s
-    angle, rate = log.signal("angle_truth_rad"), log.signal("angular_velocity_truth_rad_per_s")
+    angle = log.signal("angle_truth_rad")
+    rate = log.signal("angular_velocity_truth_rad_per_s")
 
     def motion(_t: float, x: np.ndarray) -> list[float]:
         friction = 0.0435 * math.tanh(10.0 * x[1]) + 0.0364 * x[1]
@@ -134,10 +135,8 @@ def test_encoder_counts(logs) -> None:
     assert np.max(
         np.abs(log.signal("angle_rad") - log.signal("angle_truth_rad"))
     ) <= 0.5 * COUNT * (1 + 1e-9)
-    rate, truth = (
-        log.signal("angular_velocity_rad_per_s"),
-        log.signal("angular_velocity_truth_rad_per_s"),
-    )
+    rate = log.signal("angular_velocity_rad_per_s")
+    truth = log.signal("angular_velocity_truth_rad_per_s")
     delayed = np.interp(log.time - 0.001, log.time, truth)
     assert np.max(np.abs(rate - delayed)[5:]) < COUNT / 0.002 * 1.1
 
@@ -213,6 +212,7 @@ def test_existing_log_is_not_overwritten(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["static", "flick"])
 def test_log_in_memory_is_that_of_the_file(name: str, tmp_path: Path) -> None:
     scenario = load_rig_scenario(name, ["experiment.rest=0.2", "experiment.duration=0.5"])
-    written, kept = simulate(scenario, tmp_path / "run.parquet"), simulate(scenario)
+    written = simulate(scenario, tmp_path / "run.parquet")
+    kept = simulate(scenario)
     assert signals_equal(written, kept)
     assert (written.kind, written.extra, written.scenario) == (kept.kind, kept.extra, kept.scenario)

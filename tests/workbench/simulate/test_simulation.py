@@ -39,7 +39,8 @@ def test_trial_of_a_surviving_car_has_the_outcome_and_metrics_of_its_logged_run(
     scenario = turn(mode, 2.5, f"manoeuvre.direction={direction}")
     logged = simulate(scenario, tmp_path / "run.parquet")
     run = simulate(scenario, record="outcome", stop_when_certain=False)
-    expected, found = summarise(logged, scenario.name), summarise(run, scenario.name)
+    expected = summarise(logged, scenario.name)
+    found = summarise(run, scenario.name)
     assert not {STOPPED, SETTLED} & set(run.extra)
     for name in ("raw", "filtered", "outcome"):
         theirs, ours = (
@@ -145,7 +146,8 @@ def test_run_that_is_too_short_for_its_turn_is_refused():
 
 def test_every_signal_until_the_flip():
     scenario = turn("none", 3.4)
-    stopped, whole = simulate(scenario, stop_when_certain=True), simulate(scenario)
+    stopped = simulate(scenario, stop_when_certain=True)
+    whole = simulate(scenario)
     rows = len(stopped.table)
     assert stopped.extra[STOPPED] == stopped.time[-1] < whole.time[-1]
     assert STOPPED not in whole.extra

@@ -78,7 +78,8 @@ def test_air_in_wind_is_what_a_tail_force_says_at_every_state_of_a_run(settings)
     closed form.
     """
     car = assemble(load_scenario("turn_swing", [*settings, *WIND]))
-    station, plant = car.station, simulated_car(car.station).plant
+    station = car.station
+    plant = simulated_car(car.station).plant
     drives = station.GetSubsystemByName("car_drives").GetOutputPort("drives")
     reporters = [
         system
@@ -86,13 +87,16 @@ def test_air_in_wind_is_what_a_tail_force_says_at_every_state_of_a_run(settings)
         if system.get_name().startswith("tail_force_tail_sail")
     ]
     wrenches = [system.GetOutputPort("wrench") for system in reporters]
-    chassis, sail = plant.GetBodyByName("chassis"), plant.GetBodyByName("tail_sail")
-    simulator, strongest = Simulator(car.builder.Build()), 0.0
+    chassis = plant.GetBodyByName("chassis")
+    sail = plant.GetBodyByName("tail_sail")
+    simulator = Simulator(car.builder.Build())
+    strongest = 0.0
     context = simulator.get_mutable_context()
     for time in np.arange(0.1, 4.0, 0.02):
         simulator.AdvanceTo(time)
         told = [port.Eval(port.get_system().GetMyContextFromRoot(context)) for port in wrenches]
-        (force, moment, _), p_WSo = np.split(np.sum(told, axis=0), 3), told[0][6:]
+        (force, moment, _) = np.split(np.sum(told, axis=0), 3)
+        p_WSo = told[0][6:]
         found = drives.Eval(drives.get_system().GetMyContextFromRoot(context))
         plant_context = plant.GetMyContextFromRoot(context)
         arm = p_WSo - plant.EvalBodyPoseInWorld(plant_context, chassis).translation()

@@ -179,7 +179,8 @@ def test_tail_waits_on_the_inside_of_the_turn(direction, angle):
 
 
 def test_tail_torque_answers_each_command_on_its_own_joint():
-    pitch, roll = [0.0, 0.0, 0.0, 0.0, 0.7], [0.0, 0.0, 0.0, 0.0, -0.4]
+    pitch = [0.0, 0.0, 0.0, 0.0, 0.7]
+    roll = [0.0, 0.0, 0.0, 0.0, -0.4]
     car = CarStand(scenario_from_dict({}), tail_pitch_command=pitch, tail_roll_command=roll)
     car.simulator.Initialize()
     np.testing.assert_allclose(car.output("tail_torque"), [0.7, -0.4])
@@ -246,7 +247,8 @@ def test_station_without_tail_ignores_the_commands_and_says_so():
         "tail_roll_command": [1.0, 2.0, 300.0, 4.0, 5.0],
     }
     scenario = scenario_from_dict({"tail": {"mode": "none"}})
-    with_commands, without = CarStand(scenario, **loud), CarStand(scenario)
+    with_commands = CarStand(scenario, **loud)
+    without = CarStand(scenario)
     for car in (with_commands, without):
         car.advance(0.1)
         np.testing.assert_array_equal(car.output("tail_state"), np.zeros(6))

@@ -56,8 +56,10 @@ def test_loads_are_those_of_the_contact_solver(name, settings, parts):
 @pytest.mark.parametrize("sail", ["facing", "locked", "free"])
 def test_heights_are_those_of_the_plant_wherever_it_stands(sail):
     car = simulated_car(assemble(load_scenario("turn_swing", [f"tail.sail={sail}"])).station)
-    plant, loads = car.plant, GroundLoads(car)
-    context, rng = plant.CreateDefaultContext(), np.random.default_rng(1)
+    plant = car.plant
+    loads = GroundLoads(car)
+    context = plant.CreateDefaultContext()
+    rng = np.random.default_rng(1)
     positions = rng.uniform(-1.0, 1.0, (plant.num_positions(), 5))
     positions[:4] /= np.linalg.norm(positions[:4], axis=0)
     known = {}
@@ -79,7 +81,9 @@ def test_heights_are_those_of_the_plant_wherever_it_stands(sail):
 def test_a_car_that_leans_on_its_outer_wheels_lifts_the_inner_ones(shape, angle, inner):
     scenario = load_scenario("turn_none", [f"car.tyre_shape={shape}"])
     car = simulated_car(assemble(scenario).station)
-    plant, loads, width = car.plant, GroundLoads(car), scenario.car.tyre_width
+    plant = car.plant
+    loads = GroundLoads(car)
+    width = scenario.car.tyre_width
     level = plant.GetPositions(plant.CreateDefaultContext())[:, None]
     # It rolls about a line on the ground below the outer edges of its tyres; an ellipsoid has no
     # edge.
@@ -114,7 +118,8 @@ def test_wheels_without_load_are_those_in_the_air():
     log = simulate(load_scenario("turn_none", short), record="outcome")
     lifts = np.column_stack([log.signal(name) for name in LIFT_COLUMNS])
     loads = np.column_stack([log.signal(f"wheel_force_{wheel}_z_truth_n") for wheel in WHEELS])
-    in_air, without_load = lifts > 0.0, loads == 0.0
+    in_air = lifts > 0.0
+    without_load = loads == 0.0
     assert in_air.any(axis=0).sum() >= 2
     assert side_lift(lifts) > TWO_WHEELS
     assert without_load[1:][in_air[:-1]].all()

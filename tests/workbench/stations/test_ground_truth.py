@@ -34,7 +34,8 @@ def rate_of(values):
 def rotation(run):
     """R_WB per row from roll, pitch and yaw, shape (n, 3, 3)."""
     roll, pitch, yaw = (run.signal(f"{name}_truth_rad") for name in ("roll", "pitch", "yaw"))
-    zero, one = np.zeros_like(roll), np.ones_like(roll)
+    zero = np.zeros_like(roll)
+    one = np.ones_like(roll)
     about_x = [
         [one, zero, zero],
         [zero, np.cos(roll), -np.sin(roll)],
@@ -81,10 +82,8 @@ def test_yaw_is_the_integral_of_what_the_gyros_say(standard_runs):
 
 def test_roll_gyro_is_the_derivative_of_roll(run):
     moving = np.abs(run.signal("roll_truth_rad")[1:]) < 1.0
-    roll_rate, p = (
-        rate_of(run.signal("roll_truth_rad"))[moving],
-        run.signal("gyro_x_truth_rad_per_s")[1:][moving],
-    )
+    roll_rate = rate_of(run.signal("roll_truth_rad"))[moving]
+    p = run.signal("gyro_x_truth_rad_per_s")[1:][moving]
     assert p.max() > 0.2
     # roll' = p + tan(pitch) (...), and the car yaws by at most 3 rad/s.
     pitch = np.abs(run.signal("pitch_truth_rad")).max()
@@ -99,7 +98,8 @@ def test_tilt_is_the_angle_between_both_up_axes(run):
 
 
 def test_acceleration_is_that_of_the_imu_with_the_turning_of_the_axes(run):
-    velocity, gyro = run.vector("velocity", "truth_m_per_s"), run.vector("gyro", "truth_rad_per_s")
+    velocity = run.vector("velocity", "truth_m_per_s")
+    gyro = run.vector("gyro", "truth_rad_per_s")
     imu = run.scenario["imu"]
     lever = np.array([imu["x"], 0.0, imu["z"]])
     turning = gyro[1:]
@@ -127,7 +127,8 @@ def test_left_turn_accelerates_the_car_to_its_left(run):
 
 
 def test_wheels_air_and_weight_accelerate_the_centre_of_mass(run):
-    com, mass = run.vector("com", "truth_m"), run.extra["total_mass_kg"]
+    com = run.vector("com", "truth_m")
+    mass = run.extra["total_mass_kg"]
     acceleration = np.diff(com, n=2, axis=0) / STEP**2
     force = sum(run.vector(f"wheel_force_{wheel}", "truth_n") for wheel in WHEELS)[2:] - [
         0.0,
@@ -157,9 +158,11 @@ def test_wheels_carry_the_car_at_steady_speed(run):
 
 
 def test_contact_points_lie_on_the_ground_under_their_wheels(run):
-    row, scenario = 950, run.scenario["car"]
+    row = 950
+    scenario = run.scenario["car"]
     # Contact is that of the plant's last step, which began at the row before.
-    origin, yaw = run.vector("position", "truth_m")[row - 1], run.signal("yaw_truth_rad")[row - 1]
+    origin = run.vector("position", "truth_m")[row - 1]
+    yaw = run.signal("yaw_truth_rad")[row - 1]
     R_BW = np.array(
         [[np.cos(yaw), np.sin(yaw), 0.0], [-np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
     )
@@ -193,7 +196,8 @@ def test_tail_momentum_is_its_mass_times_the_velocity_of_its_centre_of_mass(tail
 
 def test_angular_momentum_counts_about_the_world_origin(standard_runs):
     run = standard_runs["held"]
-    com, momentum = run.vector("tail_com", "truth_m"), run.vector("tail_momentum", "truth_n_s")
+    com = run.vector("tail_com", "truth_m")
+    momentum = run.vector("tail_momentum", "truth_n_s")
     spin = run.vector("tail_angular_momentum", "truth_n_m_s") - np.cross(com, momentum)
     # The held tail turns with the car only: inertia about its own centre of mass times the car's
     # rates.
@@ -202,10 +206,8 @@ def test_angular_momentum_counts_about_the_world_origin(standard_runs):
     turning = (run.time > 2.2) & (run.time < 2.5)
     inertia = spin[turning, 2] / run.signal("gyro_z_truth_rad_per_s")[turning]
     tail = run.scenario["tail"]
-    rod, sail = (
-        tail["mass"] * (1 - tail["sail_mass_fraction"]),
-        tail["mass"] * tail["sail_mass_fraction"],
-    )
+    rod = tail["mass"] * (1 - tail["sail_mass_fraction"])
+    sail = tail["mass"] * tail["sail_mass_fraction"]
     middle = tail["length"] - tail["sail_length"] / 2
     about_root = (
         rod * tail["length"] ** 2 / 3
@@ -240,10 +242,8 @@ def test_air_pushes_on_the_sail():
     # Locked, all sections push along one normal, so that a single centre of pressure says it all.
     settings = ["manoeuvre.speed=3.33", "tail.sail=locked"]
     run = simulate(load_scenario("turn_designed", settings))
-    force, moment = (
-        run.vector("tail_force", "truth_n"),
-        run.vector("tail_force_moment", "truth_n_m"),
-    )
+    force = run.vector("tail_force", "truth_n")
+    moment = run.vector("tail_force_moment", "truth_n_m")
     strong = np.linalg.norm(force, axis=1) > 1.0
     assert np.count_nonzero(strong) > 20
     tip = run.vector("tail_tip", "truth_m")[strong]
@@ -252,7 +252,8 @@ def test_air_pushes_on_the_sail():
         strong
     ]
     axis = (tip - root) / run.scenario["tail"]["length"]
-    force, moment = force[strong], moment[strong]
+    force = force[strong]
+    moment = moment[strong]
     # M - root x F = s a x F with the centre of pressure s on the outer part of the sail, which
     # moves fastest.
     about_root = moment - np.cross(root, force)
@@ -273,7 +274,8 @@ def test_drive_power_becomes_kinetic_energy(standard_runs):
     run = standard_runs["none"]
     until = run.time <= 1.9
     work = trapezoid(run.signal("drive_power_truth_w")[until], run.time[until])
-    car, drive = run.scenario["car"], run.scenario["drive"]
+    car = run.scenario["car"]
+    drive = run.scenario["drive"]
     speed = run.signal("velocity_x_truth_m_per_s")[950]
     spin = run.signal("plant_velocity_car_drive_shaft_spin_w")[950]
     wheels = 4 * 0.5 * car["wheel_mass"] * car["tyre_radius"] ** 2

@@ -49,7 +49,8 @@ def test_depth_and_board_follow_the_shape() -> None:
     assert tail("half_cylinder_caps_board").sail_depth == built.sail_depth
     assert tail("half_cylinder").sail_depth == pytest.approx(0.5 * built.sail_width)
     assert tail("flat").sail_depth == 0.0
-    mass, width = built.mass * built.sail_mass_fraction, built.sail_width
+    mass = built.mass * built.sail_mass_fraction
+    width = built.sail_width
     assert sail_inertial(tail("flat")).moments[2] == pytest.approx(mass * width**2 / 12)
     vane = free_sail(tail("flat_board", "tail.sail=free"), NormalForceLaw(2.0))
     # Only the board turns a flat sail: half a width deep, its middle a quarter of a width behind

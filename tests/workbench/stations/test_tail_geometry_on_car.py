@@ -68,7 +68,8 @@ def runs(files: dict[str, Path]) -> dict[str | None, RunLog]:
 def test_built_tail_as_an_object_with_its_known_inertia_runs_as_before(
     files: dict[str, Path],
 ) -> None:
-    parameters, own = scenario(files, None), scenario(files, "known")
+    parameters = scenario(files, None)
+    own = scenario(files, "known")
     one, other = (tail_sdf(car.tail, car.tail_motor, car.car) for car in (parameters, own))
     for link in ("tail_hub", "tail_rod", "tail_sail"):
         assert one.inertial(link) == other.inertial(link)
@@ -90,7 +91,8 @@ def test_run_of_the_built_tail_as_a_file_is_that_of_its_parameters_to_the_last_b
 def test_bent_tail_drives_with_its_own_mass_sections_and_tip(
     runs: dict, files: dict[str, Path]
 ) -> None:
-    log, geometry = runs["bent"], read_tail(files["bent"])
+    log = runs["bent"]
+    geometry = read_tail(files["bent"])
     car = scenario(files, "bent")
     builder = DiagramBuilder()
     plant = add_car_plant(builder, car).plant
@@ -103,7 +105,8 @@ def test_bent_tail_drives_with_its_own_mass_sections_and_tip(
     inertia = found.CalcRotationalInertia().CopyToFullMatrix3()
     np.testing.assert_allclose(inertia, geometry.inertia_about_joints, rtol=1e-7, atol=1e-9)
     assert len(sail_strips(car.tail)) == 2
-    tip, roll = log.vector("tail_tip", "truth_m")[0], -np.pi / 2
+    tip = log.vector("tail_tip", "truth_m")[0]
+    roll = -np.pi / 2
     # At rest the tail lies to the left: its own y points down then.
     _, y, z = geometry.arm.points[-1]
     np.testing.assert_allclose(

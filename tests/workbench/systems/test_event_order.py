@@ -125,7 +125,8 @@ def test_steering_and_swing_act_on_the_step_of_the_tick_that_commands_them(step)
     tail moving.
     """
     log = simulate(scenario_at(step, 2.7, **{"simulation.log_rate": 1.0 / step}))
-    time, command = log.time, log.signal("steering_command_rad")
+    time = log.time
+    command = log.signal("steering_command_rad")
     assert time[np.flatnonzero(command)[0]] == pytest.approx(2.0, abs=1e-12)
     knuckle = log.signal("plant_position_car_front_left_steering_q")
     before = knuckle[np.searchsorted(time, 2.0 - 1e-9)]
@@ -144,7 +145,8 @@ class Watching:
     memory_size = 1
 
     def __init__(self, rate):
-        self.rate, self.seen = rate, []
+        self.rate = rate
+        self.seen = []
 
     def start(self):
         return np.zeros(1)
@@ -156,10 +158,8 @@ class Watching:
 
 @pytest.mark.parametrize(("rate", "later"), [(100.0, 0.01), (50.0, 0.02), (333.0, 1 / 333)])
 def test_a_law_sees_what_the_driver_did_at_the_tick_before_at_one_rate_and_at_two(rate, later):
-    law, scenario = (
-        Watching(rate),
-        scenario_at(0.004, **{"manoeuvre.speed_ramp": 0.5, "manoeuvre.turn_start": 1.0}),
-    )
+    law = Watching(rate)
+    scenario = scenario_at(0.004, **{"manoeuvre.speed_ramp": 0.5, "manoeuvre.turn_start": 1.0})
     simulator = Simulator(assemble(scenario, tail_law=law, lean=True).builder.Build())
     simulator.AdvanceTo(1.05)
     first = next(time for time, angle in law.seen if angle != 0.0)
@@ -201,9 +201,11 @@ def test_rows_share_the_bits_of_a_step_or_come_before_it(rate, step):
     """Every row is at the step's instant to the bit, or between the step before and its own
     instant; never after.
     """
-    period, numbers = row_period(rate, step), np.arange(1.0, 20_001.0)
+    period = row_period(rate, step)
+    numbers = np.arange(1.0, 20_001.0)
     steps = numbers * step
-    rows, ratio = numbers * period, 1.0 / (rate * step)
+    rows = numbers * period
+    ratio = 1.0 / (rate * step)
     if period == round(ratio) * step:
         assert np.isin(rows[: int(20_000 / ratio)], steps).all()
     else:

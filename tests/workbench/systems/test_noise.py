@@ -4,7 +4,8 @@ from aerodima.workbench.sensors.sampled import CounterNoise
 
 
 def test_same_seed_and_name_repeat_bit_for_bit_in_any_order():
-    forwards, backwards = CounterNoise(7, "imu", 9), CounterNoise(7, "imu", 9)
+    forwards = CounterNoise(7, "imu", 9)
+    backwards = CounterNoise(7, "imu", 9)
     a = np.array([forwards.at(k) for k in range(300)])
     b = np.array([backwards.at(k) for k in reversed(range(300))])[::-1]
     np.testing.assert_array_equal(a, b)
