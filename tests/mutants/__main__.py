@@ -43,7 +43,7 @@ TIME_LIMIT = 600.0
 """Longest run of the tests on one mutant, s; a mutant that hangs counts as noticed."""
 MIN_SHARE = 0.9
 """Share of the mutants that must be noticed."""
-MARKS = "not realtime and not emulated"
+MARKS = "not realtime and not emulated and not nightly"
 
 
 @dataclass(frozen=True)
