@@ -8,9 +8,13 @@ STAMP := .venv/.installed
 # Two test processes on two cores; more BLAS threads than that only disturb each other.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
-PYTEST_ARGS ?= -q -n 2
+# A file's tests stay in one process, so that what a module prepares is prepared once.
+PYTEST_ARGS ?= -q -n 2 --dist loadfile
+# What .ci/run and .ci/nightly install besides, in the same resolution.
+INSTALL_EXTRAS ?=
+INSTALL_GROUPS ?= --group dev
 
-.PHONY: demo test realtime emulated soak bench docs notebooks lint clean install
+.PHONY: demo test test-all realtime emulated nightly soak bench docs notebooks lint clean install
 .DEFAULT_GOAL := install
 
 install: $(STAMP)
@@ -28,18 +32,24 @@ $(CORE): pyproject.toml constraints.txt
 $(STAMP): $(CORE)
 	@echo "installing the tools of the tests into .venv: 0.5 GB more, about a minute ..."
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check 'pip>=25.1'
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e . --group dev -c constraints.txt
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.$(INSTALL_EXTRAS)' $(INSTALL_GROUPS) -c constraints.txt
 	@touch $@
 
 demo: $(CORE)
 	@$(BIN)/aerodima demo --out out/demo --force
 
+# Whether the software is right on this machine, in some four minutes.
 test: $(STAMP)
-	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest $(PYTEST_ARGS) -m "not slow and not realtime and not emulated and not nightly"
 
-# One process, nothing beside it; two more tries for what a disturbed machine has made miss its deadline.
+# The slow tests and the full draws as well: a quarter of an hour.
+test-all: $(STAMP)
+	@$(BIN)/python -m pytest $(PYTEST_ARGS) -m "not realtime and not emulated"
+
+# One process, nothing beside it; two more tries for what a disturbed machine has made miss its deadline. Each further
+# try is printed at the end.
 realtime: $(STAMP)
-	@$(BIN)/python -m pytest -q -m realtime --reruns 2
+	@$(BIN)/python -m pytest -q -m "realtime and not nightly" --reruns 2
 
 # 2,000 runs on two workers with 1.5 GB each, one of them killed and one stopped on the way: some half an hour.
 soak: $(STAMP)
@@ -53,6 +63,10 @@ bench: $(STAMP)
 # Emulated car, drive, watchdog and browser share the machine here: nothing beside it, and two more tries as above.
 emulated: $(STAMP)
 	@$(BIN)/python -m pytest -q -m emulated --reruns 2
+
+# Everything, on two Pythons, with notebooks, browsers, firmware and mutants: nothing beside it, an hour and a half.
+nightly:
+	@bash .ci/nightly
 
 # Strict: a broken link or a reference that cannot be read fails it.
 docs: $(STAMP)

@@ -1,9 +1,14 @@
-"""Fixtures of the whole suite: the runs that many tests look at are made once."""
+"""Fixtures of the whole suite, and the durations of its tests.
+
+The runs that many tests look at are made once.
+"""
 
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.durations import write_durations
 
 
 @pytest.fixture(scope="session")
@@ -21,3 +26,8 @@ def standard_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         )
         for mode in ("none", "held", "swing", "designed")
     }
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Stores how long each test took, with its fixtures: `out/tests/durations.csv`."""
+    write_durations(terminalreporter.stats, config.rootpath / "out" / "tests" / "durations.csv")

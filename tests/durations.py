@@ -1,0 +1,80 @@
+"""How long tests take: `python -m tests.durations` lists those that take more than they may.
+
+A run of pytest leaves `out/tests/durations.csv`. A test above `MAX_SECONDS` stands in
+`tests/slow_tests.toml` with its seconds on a quiet machine and the reason. The command ends with
+status 1 if a test is missing there, or takes more than twice its seconds.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+import tomllib
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+DURATIONS = ROOT / "out" / "tests" / "durations.csv"
+BUDGETS = ROOT / "tests" / "slow_tests.toml"
+MAX_SECONDS = 3.0
+"""Longest test that needs no entry, s."""
+SLACK = 2.0
+"""Factor by which a busy machine may exceed an entry."""
+
+
+def write_durations(stats: Mapping[str, Iterable[Any]], path: Path) -> None:
+    """Writes the seconds of each test, set-up and tear-down included, the longest first."""
+    seconds: dict[str, float] = defaultdict(float)
+    for reports in stats.values():
+        for report in reports:
+            if hasattr(report, "duration") and hasattr(report, "when"):
+                seconds[report.nodeid] += report.duration
+    if not seconds:
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["test", "seconds"])
+        for test, value in sorted(seconds.items(), key=lambda item: -item[1]):
+            writer.writerow([test, f"{value:.3f}"])
+
+
+def read_durations(path: Path) -> dict[str, float]:
+    """Seconds of each test of the last run."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return {row["test"]: float(row["seconds"]) for row in csv.DictReader(file)}
+
+
+def read_budgets(path: Path) -> dict[str, float]:
+    """Seconds of each entry: a test without its parameters."""
+    entries = tomllib.loads(path.read_text(encoding="utf-8"))["test"]
+    return {entry["name"]: float(entry["seconds"]) for entry in entries}
+
+
+def too_slow(durations: Mapping[str, float], budgets: Mapping[str, float]) -> list[str]:
+    """One line for each test that has no entry, or takes more than `SLACK` times its seconds."""
+    lines = []
+    for test, seconds in durations.items():
+        budget = budgets.get(test.partition("[")[0])
+        if budget is None and seconds > MAX_SECONDS:
+            lines.append(f"{test}: {seconds:.1f} s, no entry in {BUDGETS.name}")
+        elif budget is not None and seconds > SLACK * budget:
+            lines.append(f"{test}: {seconds:.1f} s, entry: {budget} s")
+    return lines
+
+
+def main() -> int:
+    """Prints the list; returns the status of the command."""
+    if not DURATIONS.is_file():
+        print(f"error: {DURATIONS} is missing; run `make test-all` first", file=sys.stderr)
+        return 2
+    lines = too_slow(read_durations(DURATIONS), read_budgets(BUDGETS))
+    for line in lines:
+        print(line)
+    return int(bool(lines))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,25 @@
+"""The list of slow tests names tests that exist, and a test that is missing there is found."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from tests.durations import BUDGETS, ROOT, read_budgets, too_slow
+
+
+@pytest.mark.parametrize("name", read_budgets(BUDGETS))
+def test_every_entry_names_a_test_that_exists(name: str) -> None:
+    path, _, test = name.partition("::")
+    tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
+    assert test in {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+
+
+def test_a_slow_test_without_entry_and_one_above_its_entry_are_found() -> None:
+    durations = {"a.py::test_new[x]": 3.1, "a.py::test_old[y]": 21.0, "a.py::test_quick": 0.1}
+    lines = too_slow(durations, {"a.py::test_old": 10.0})
+    assert [line.partition(":: ")[0].partition(": ")[0] for line in lines] == [
+        "a.py::test_new[x]",
+        "a.py::test_old[y]",
+    ]
+    assert too_slow(durations, {"a.py::test_old": 11.0, "a.py::test_new": 3.0}) == []
