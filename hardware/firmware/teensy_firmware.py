@@ -287,8 +287,11 @@ def config_header(settings: FirmwareSettings) -> str:
         f"// Written by `aerodima drive --firmware`: {made_of}.\n"
         '#pragma once\n#include "src/core.h"\n\n'
         f"#define AERODIMA_SAIL_BITS {settings.sail_bits}\n\n"
-        f"inline aerodima::Config aerodima_config() {{\n  aerodima::Config config;\n{lines}\n  "
-        "return config;\n}}\n"
+        "inline aerodima::Config aerodima_config() {\n"
+        "  aerodima::Config config;\n"
+        f"{lines}\n"
+        "  return config;\n"
+        "}\n"
     )
 
 
