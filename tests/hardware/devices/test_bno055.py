@@ -1,5 +1,6 @@
 """BNO055 bytes against the data sheet's tables, and a chip that answers as the real one does."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -24,6 +25,7 @@ from aerodima.hardware.devices.bno055 import (
 from aerodima.hardware.devices.sensor_threads import Repeats
 from aerodima.hardware.protocol.can_frame import FrameError
 from tests.hardware.fuzzing import fuzz
+from tests.refusals import assert_refused
 
 HALF = math.sqrt(0.5)
 LEVEL = Bno055Sample((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -60,16 +62,12 @@ def test_a_turn_to_the_left_carries_the_chips_x_axis_to_the_worlds_y_axis():
 
 
 def test_a_chip_without_fusion_is_refused():
-    with pytest.raises(FrameError, match="quaternion of length 0"):
-        decode_sample(bytes(SAMPLE_BYTES))
-    data = bytearray(encode_sample(LEVEL))
-    data[31] ^= 0x04
-    with pytest.raises(FrameError, match="gravity"):
-        decode_sample(bytes(data))
-    with pytest.raises(FrameError, match="allowed is 34"):
-        decode_sample(encode_sample(LEVEL)[:-1])
-    with pytest.raises(FrameError, match="finite"):
-        encode_sample(Bno055Sample((1.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0), (0.0,) * 3))
+    lifted = bytearray(encode_sample(LEVEL))
+    lifted[31] ^= 0x04  # gravity
+    for data in (bytes(SAMPLE_BYTES), bytes(lifted), encode_sample(LEVEL)[:-1]):
+        assert_refused(lambda data=data: decode_sample(data), FrameError)
+    broken = dataclasses.replace(LEVEL, gyro=(math.nan, 0.0, 0.0))
+    assert_refused(lambda: encode_sample(broken), FrameError, "nan")
 
 
 def test_the_chip_answers_reads_and_writes_and_has_no_sample_before_its_fusion_runs():
@@ -77,15 +75,13 @@ def test_the_chip_answers_reads_and_writes_and_has_no_sample_before_its_fusion_r
     stream = AnswerStream()
     chip.set_sample(LEVEL)
     assert chip.feed(make_read(Register.CHIP_ID, 1)) == bytes.fromhex("BB01A0")
-    with pytest.raises(FrameError, match="fusion"):
-        decode_sample(stream.feed(chip.feed(make_sample_request()))[0].data)
+    asleep = stream.feed(chip.feed(make_sample_request()))[0].data
+    assert_refused(lambda: decode_sample(asleep), FrameError)
     request = make_write(Register.MODE, bytes([Mode.IMU]))
     assert chip.feed(request[:3]) == b""
     assert chip.feed(request[3:]) == bytes.fromhex("EE01")
-    assert (
-        decode_sample(stream.feed(chip.feed(make_sample_request()))[0].data).quaternion
-        == LEVEL.quaternion
-    )
+    awake = stream.feed(chip.feed(make_sample_request()))[0].data
+    assert decode_sample(awake).quaternion == LEVEL.quaternion
     assert chip.feed(make_read(0x7F, 2)) == bytes.fromhex("EE04")
     assert chip.feed(b"\x55") == bytes.fromhex("EE06")
 
@@ -127,21 +123,14 @@ def test_whatever_bytes_arrive_a_sample_is_finite_and_turns_or_is_refused(count)
     )
 
 
-@given(st.binary(max_size=200))
-@settings(max_examples=300, deadline=None)
-def test_neither_end_stumbles_over_noise(data):
-    for answer in AnswerStream().feed(data):
-        assert answer.status is not None or 1 <= len(answer.data) <= 128
-    assert isinstance(Bno055Chip().feed(data), bytes)
-
-
 def test_a_sensor_that_says_the_same_to_the_last_bit_has_frozen():
     repeats = Repeats("IMU", 10)
     for _ in range(10):
         repeats.look((1.0, 0.5))
     assert repeats.fault_text == ""
     repeats.look((1.0, 0.5))
-    assert repeats.fault_text == "the IMU has frozen: 11 samples alike"
+    assert "IMU" in repeats.fault_text
+    assert "11" in repeats.fault_text
     repeats.look((1.0, 0.5001))
     assert repeats.fault_text == ""
     for _ in range(20):
