@@ -115,10 +115,6 @@ def _stall() -> float:
     return 0.0
 
 
-def _stall_once() -> float:
-    return 0.0 if Path(os.environ[BROKE_FILE]).exists() else _stall()
-
-
 def _hang() -> float:
     _note()
     while True:
@@ -147,10 +143,6 @@ def commands_nan(builder: DiagramBuilder, station: Diagram) -> None:
 
 def stalls(builder: DiagramBuilder, station: Diagram) -> None:
     build(builder, station, _stall)
-
-
-def stalls_once(builder: DiagramBuilder, station: Diagram) -> None:
-    build(builder, station, _stall_once)
 
 
 def hangs(builder: DiagramBuilder, station: Diagram) -> None:

@@ -8,11 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from aerodima.hardware.car.car_ports import ports_from_dict
 from aerodima.hardware.driving.drive_session import DriveOptions, run_drive
-from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.logs.schema import read_run_log
 from tests.hardware.car.fake_devices import PORTS, CarOnTheBench, ImuAtRest
 
@@ -53,18 +51,3 @@ def test_law_drives_the_car_and_is_named_in_the_log(tmp_path: Path, with_drake: 
     log = read_run_log(path)
     assert log.extra["tail_law"] == "Upright"
     assert log.table["tail_roll_command_position_rad"].iloc[-1] == 0.3
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--law", "nowhere.py:Law"), "nowhere.py: no such Python file"),
-        (("--law", "nowhere.py:Law", "--swing", "thesis_8_rad_per_s"), "allowed without --swing"),
-    ],
-)
-def test_drive_refuses_what_is_no_law(tmp_path: Path, words: tuple[str, ...], said: str) -> None:
-    result = CliRunner().invoke(
-        build_app(), ["drive", "auto_turn", "--ports", str(tmp_path / "ports.json"), *words]
-    )
-    assert result.exit_code == 2
-    assert said in result.stderr

@@ -37,9 +37,6 @@ from tests.hardware.emulator.fault_cases import AT, CASES, PITCH, ROLL, Case
 from tests.hardware.emulator.process_runs import CASES as PROCESS_CASES
 from tests.hardware.emulator.process_runs import (
     REFUSED,
-    Found,
-    ProcessCase,
-    RefusedCase,
     process_row,
     refused_row,
     run_process_case,
@@ -240,33 +237,6 @@ def check(case: Case, found: Outcome) -> Outcome:
     return found
 
 
-def _measured(case: Case) -> Outcome:
-    with tempfile.TemporaryDirectory() as folder:
-        return undisturbed(lambda place: check(case, run_case(case, place)), Path(folder))
-
-
-def _measured_process(case: ProcessCase) -> Found:
-    with tempfile.TemporaryDirectory() as folder:
-        return undisturbed(
-            lambda place: check_process(case, run_process_case(case, place)), Path(folder)
-        )
-
-
-def _measured_refusal(case: RefusedCase) -> str:
-    with tempfile.TemporaryDirectory() as folder:
-        return refused_row(
-            case, undisturbed(lambda place: run_refused_case(case, place), Path(folder))
-        )
-
-
-def _tried(case: Case | ProcessCase | RefusedCase, make: Callable[[], str]) -> str:
-    """A row, or why there is none: a computer that stands still shows nothing."""
-    try:
-        return make()
-    except (AssertionError, HardwareError) as error:
-        return table_line(case.name, case.wiring, f"not measured: {str(error)[:200]}")
-
-
 def row(case: Case, found: Outcome) -> str:
     """A line of the fault table."""
     if not case.stops:
@@ -275,18 +245,34 @@ def row(case: Case, found: Outcome) -> str:
     return table_line(case.name, case.wiring, off, neutral, found.exits, case.acts)
 
 
+KINDS = (
+    (CASES, lambda case, folder: check(case, run_case(case, folder)), row),
+    (
+        PROCESS_CASES,
+        lambda case, folder: check_process(case, run_process_case(case, folder)),
+        process_row,
+    ),
+    (REFUSED, run_refused_case, refused_row),
+)
+"""Cases, what measures one in a folder, and what makes a line of that."""
+
+
 def main() -> None:
     """Measures the cases whose names are given, or all, once, and prints the lines of the table."""
-    for case in CASES:
-        if not sys.argv[1:] or case.name in sys.argv[1:]:
-            print(_tried(case, lambda case=case: row(case, _measured(case))), flush=True)
-    for process_case in PROCESS_CASES:
-        if not sys.argv[1:] or process_case.name in sys.argv[1:]:
-            made = lambda case=process_case: process_row(case, _measured_process(case))  # noqa: E731
-            print(_tried(process_case, made), flush=True)
-    for refused in REFUSED:
-        if not sys.argv[1:] or refused.name in sys.argv[1:]:
-            print(_tried(refused, lambda case=refused: _measured_refusal(case)), flush=True)
+    chosen = [
+        (case, measure, line)
+        for cases, measure, line in KINDS
+        for case in cases
+        if not sys.argv[1:] or case.name in sys.argv[1:]
+    ]
+    for case, measure, line in chosen:
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                found = undisturbed(lambda place: measure(case, place), Path(folder))  # noqa: B023
+                print(line(case, found), flush=True)
+            except (AssertionError, HardwareError) as error:  # a computer that stands still
+                text = f"not measured: {str(error)[:200]}"
+                print(table_line(case.name, case.wiring, text), flush=True)
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ from aerodima.hardware.protocol.teensy import (
 )
 from aerodima.hardware.protocol.teensy import make_command as make_string
 from aerodima.workbench.errors import HardwareError
+from tests.refusals import assert_refused
 
 TIMING = load_teensy_timing()
 PUSH = MitCommand(1.0, 0.0, 17.0, 5.0, 0.0)
@@ -268,5 +269,4 @@ def test_words_of_the_sail_encoder_become_degrees(bits, word, degrees):
 
 
 def test_settings_refuse_other_wirings():
-    with pytest.raises(HardwareError, match="allowed: teensy_bridge, watched_can"):
-        FirmwareSettings("usb", PROFILE)
+    assert_refused(lambda: FirmwareSettings("usb", PROFILE), HardwareError, "usb")
