@@ -4,8 +4,6 @@ reports it.
 
 import dataclasses
 import math
-import os
-import pty
 
 import pytest
 
@@ -24,9 +22,7 @@ from aerodima.hardware.protocol.radio import (
     make_report,
 )
 from aerodima.hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received
-from aerodima.hardware.transport.serial_link import SerialLink, SerialSettings
 from aerodima.workbench.errors import UserError
-from tests.hardware.fake_can import wait_until
 from tests.refusals import assert_refused
 
 CAR = 7
@@ -211,21 +207,6 @@ def test_a_port_that_is_lost_takes_nothing_and_the_car_is_left_at_rest_when_it_i
     assert link.sent[-1] == [REST, Heartbeat(4)]
 
 
-class DeadPort:
-    """A port whose reading ends the thread that reads."""
-
-    in_waiting = 0
-
-    def read(self, size=1):
-        raise SystemExit
-
-    def write(self, data):
-        return len(data)
-
-    def close(self):
-        pass
-
-
 def test_what_is_not_fitted_to_a_car_without_a_tail_is_no_fault(radio, link):
     faults = (1, 1, 0, 0, 1, 0)
     for has_tail, expected in ((True, ["tail pitch", "tail roll"]), (False, [])):
@@ -234,22 +215,6 @@ def test_what_is_not_fitted_to_a_car_without_a_tail_is_no_fault(radio, link):
         shown = radio_state(radio, 1.0)["report"]
         assert [fault["source"] for fault in shown["faults"]] == expected
         assert (shown["tail_roll"] is None) is not has_tail
-
-
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_link_whose_thread_has_died_and_one_whose_device_has_gone_are_faults():
-    dead = SerialLink(DeadPort)
-    assert wait_until(lambda: "serial-receive" in OperatorRadio(dead).fault(0.0), 5.0)
-    assert not OperatorRadio(dead).beat(1, REST, 0.0)
-    dead.close()
-    master, slave = pty.openpty()
-    gone = SerialLink.open(SerialSettings(path=os.ttyname(slave)))
-    radio = OperatorRadio(gone)
-    assert radio.fault(0.0) == ""
-    os.close(slave)
-    os.close(master)
-    assert wait_until(lambda: radio.fault(0.0), 5.0)
-    gone.close()
 
 
 def test_a_mode_that_was_chosen_before_the_car_was_armed_is_not_obeyed_after(radio, link):

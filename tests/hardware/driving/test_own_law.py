@@ -4,8 +4,6 @@ drive names it.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -28,18 +26,16 @@ class Upright:
     rate = 100.0
     memory_size = 0
 
-    def start(self) -> np.ndarray:
+    def start(self):
         return np.zeros(0)
 
-    def step(
-        self, memory: np.ndarray, observation: object
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def step(self, memory, observation):
         return memory, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([0.3, 0.0, 17.0, 5.0, 0.0]), 1
 
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("with_drake", [True, False])
-def test_law_drives_the_car_and_is_named_in_the_log(tmp_path: Path, with_drake: bool) -> None:
+def test_law_drives_the_car_and_is_named_in_the_log(tmp_path, with_drake):
     bench = CarOnTheBench(*QUICK)
     path = tmp_path / "run.parquet"
     bench.devices.imu = ImuAtRest()

@@ -68,16 +68,14 @@ class Case:
     run_time: float = AT + 2.5
 
     @property
-    def of_the_computer(self) -> bool:
+    def of_the_computer(self):
         """Whether nothing of the emulated car breaks."""
         return self.fault is None and (
             self.broken_command is not None or self.breaker is not Breaker
         )
 
 
-def _motor(
-    name: str, fault: str, reason: str, on_the_bridge: str | None = None, **keys
-) -> tuple[Case, ...]:
+def _motor(name, fault, reason, on_the_bridge=None, **keys):
     """A fault of the roll motor on both wirings; `on_the_bridge`: the reason there, where it is
     another.
     """
@@ -92,21 +90,19 @@ def _motor(
     )
 
 
-def _device(
-    name: str, wiring: str, device: str, fault: str, duration: float | None = None, **keys
-) -> Case:
+def _device(name, wiring, device, fault, duration=None, **keys):
     entry = {"fault": fault, "part": device} | ({} if duration is None else {"duration": duration})
     return Case(name, wiring, entry, **keys)
 
 
-def _on_both(name: str, **keys) -> tuple[Case, ...]:
+def _on_both(name, **keys):
     return tuple(Case(name, wiring, **keys) for wiring in _BOTH)
 
 
 _MOVING = CarCommand(0.1, 0.3, PITCH, np.array([-0.6, 0.0, 17.0, 5.0, 0.0]))
 
 
-def _swinging(since: float) -> CarCommand:
+def _swinging(since):
     """The roll joint to and fro between its stop and 10 degrees from upright, 1.5 times a
     second.
     """

@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +24,7 @@ from aerodima.hardware.car.wiring import WIRINGS
 from aerodima.hardware.driving.held_car import run_watchdog_test
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8, decode_reply
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.scenario import load_scenario
 from tests.hardware import own_diagram
 from tests.hardware.emulator.emulator_process import EmulatorProcess
 from tests.hardware.fake_can import wait_until
@@ -78,17 +78,17 @@ class ProcessCase:
     without Drake."""
 
 
-def kill(number: int) -> Callable[[subprocess.Popen[str], EmulatorProcess], float]:
+def kill(number):
     """A signal to the drive alone."""
 
-    def cause(process: subprocess.Popen[str], _: EmulatorProcess) -> float:
+    def cause(process, _):
         os.kill(process.pid, number)
         return time.monotonic()
 
     return cause
 
 
-def stop_for_a_while(process: subprocess.Popen[str], _: EmulatorProcess) -> float:
+def stop_for_a_while(process, _):
     """SIGSTOP, and 0.3 s later SIGCONT."""
     since = time.monotonic()
     os.kill(process.pid, signal.SIGSTOP)
@@ -97,7 +97,7 @@ def stop_for_a_while(process: subprocess.Popen[str], _: EmulatorProcess) -> floa
     return since
 
 
-def second_console(process: subprocess.Popen[str], emulator: EmulatorProcess) -> float:
+def second_console(process, emulator):
     """Another console on the same module is refused; the first one goes on driving and stops the
     car.
     """
@@ -115,14 +115,14 @@ def second_console(process: subprocess.Popen[str], emulator: EmulatorProcess) ->
     return presses_stop(process, emulator)
 
 
-def tips_over(process: subprocess.Popen[str], emulator: EmulatorProcess) -> float:
+def tips_over(process, emulator):
     """Waits until the simulated car itself has rolled beyond the limit, as its events say."""
     del process
     assert wait_until(lambda: emulator.named("tipped"), 20.0), "the car stays on its wheels"
     return float(emulator.named("tipped")[0]["time_s"])
 
 
-def presses_stop(process: subprocess.Popen[str], emulator: EmulatorProcess) -> float:
+def presses_stop(process, emulator):
     """The operator at the console, after a second of driving: the fault is on by then, where there
     is one.
     """
@@ -132,7 +132,7 @@ def presses_stop(process: subprocess.Popen[str], emulator: EmulatorProcess) -> f
     return emulator.operator.press_stop()
 
 
-def breaks(process: subprocess.Popen[str], emulator: EmulatorProcess) -> float:
+def breaks(process, emulator):
     """Waits until the diagram breaks by itself."""
     del process
     path = emulator.folder.parent / "broke"
@@ -277,7 +277,7 @@ class RefusedCase:
     enters: bool = False
 
 
-def cut_settings(emulator: EmulatorProcess, record: Path) -> None:
+def cut_settings(emulator, record):
     """The ports file and the record of the watchdog test lose their second half."""
     for path in (emulator.folder / PORTS_FILE, record):
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
@@ -314,7 +314,7 @@ _TESTED_WITHIN = 8.0
 that is well."""
 
 
-def run_refused_case(case: RefusedCase, folder: Path) -> float:
+def run_refused_case(case, folder):
     """Tries to drive; neither motors nor throttle may come on.
 
     The most torque that the motors made, N m.
@@ -347,7 +347,7 @@ def run_refused_case(case: RefusedCase, folder: Path) -> float:
     return _largest_torque(emulator) if case.enters else 0.0
 
 
-def _largest_torque(emulator: EmulatorProcess) -> float:
+def _largest_torque(emulator):
     """In the replies of the last arming, N m."""
     since = (
         max(event["time_s"] for event in emulator.named("entered"))
@@ -366,13 +366,13 @@ def _largest_torque(emulator: EmulatorProcess) -> float:
 
 
 def _start(
-    emulator: EmulatorProcess,
-    folder: Path,
-    scenario: str,
-    settings: tuple[str, ...],
-    arm: bool = True,
-    diagram: str = "",
-) -> subprocess.Popen[str]:
+    emulator,
+    folder,
+    scenario,
+    settings,
+    arm=True,
+    diagram="",
+):
     words = [word for setting in settings for word in ("--set", setting)]
     ports = str(emulator.folder / PORTS_FILE)
     log = str(folder / "drive.parquet")
@@ -398,14 +398,14 @@ def _start(
     )
 
 
-def table_line(*cells: object) -> str:
+def table_line(*cells):
     """A line of hardware/emulator/fault_table.csv."""
     stream = io.StringIO()
     csv.writer(stream, lineterminator="").writerow(cells)
     return stream.getvalue()
 
 
-def refused_row(case: RefusedCase, torque: float) -> str:
+def refused_row(case, torque):
     """A line of the fault table."""
     found = f"{torque:.1f} N m" if case.enters else "never on"
     return table_line(
@@ -419,9 +419,7 @@ def refused_row(case: RefusedCase, torque: float) -> str:
 
 
 @contextmanager
-def driving(
-    emulator: EmulatorProcess, folder: Path, case: ProcessCase, car: Scenario
-) -> Iterator[subprocess.Popen[str]]:
+def driving(emulator, folder, case, car):
     """A drive process that drives, after a watchdog test of its wiring on this emulator."""
     if car.tail.mode != "none":
         run_watchdog_test(car, emulator.ports, emulator.wiring, lambda _: True, "emulator")
@@ -442,9 +440,7 @@ def driving(
         process.wait()
 
 
-def after(
-    emulator: EmulatorProcess, since: float, joints: tuple[str, ...] = JOINTS
-) -> tuple[float, float]:
+def after(emulator, since, joints=JOINTS):
     """Seconds from `since` to both motors off (0 without motors) and to the neutral throttle; NaN:
     not yet.
     """
@@ -456,7 +452,7 @@ def after(
     return off, found.get("throttle_neutral", math.nan)
 
 
-def run_process_case(case: ProcessCase, folder: Path) -> Found:
+def run_process_case(case, folder):
     """Drives, lets the cause come, and looks what became of the car."""
     car = load_scenario(case.scenario, list(case.settings))
     joints = JOINTS if car.tail.mode != "none" else ()
@@ -484,7 +480,7 @@ def run_process_case(case: ProcessCase, folder: Path) -> Found:
     return Found(off, neutral, status, said, confirmed)
 
 
-def check(case: ProcessCase, found: Found) -> Found:
+def check(case, found):
     """What the row promises; what was found."""
     assert found.motors_off <= case.within, found
     assert found.throttle_neutral <= (case.throttle_within or case.within), found
@@ -495,7 +491,7 @@ def check(case: ProcessCase, found: Found) -> Found:
     return found
 
 
-def process_row(case: ProcessCase, found: Found) -> str:
+def process_row(case, found):
     """A line of the fault table."""
     off, neutral = (f"{value * 1000:.0f}" for value in (found.motors_off, found.throttle_neutral))
     return table_line(case.name, case.wiring, off, neutral, "seen", case.acts)

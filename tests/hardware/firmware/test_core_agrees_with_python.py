@@ -67,39 +67,6 @@ def closed(body):
 PLAIN = b"1;0;0;0;0;0;0|;2;0;0;0;0;0;0|;1500;1500;0;0;65535"
 
 
-@st.composite
-def damaged_strings(draw):
-    """A command string with some of its bytes replaced, removed or put in, of the kinds that the
-    grammar looks at.
-    """
-    made = refused(teensy.make_command, draw(commands()))
-    text = bytearray(PLAIN if made is None else made[:-5])
-    for _ in range(draw(st.integers(0, 3))):
-        place = draw(st.integers(0, len(text)))
-        text[place : place + draw(st.integers(0, 2))] = draw(
-            st.sampled_from(
-                [
-                    b"",
-                    b" ",
-                    b";",
-                    b"|",
-                    b"-",
-                    b"+",
-                    b".",
-                    b"0",
-                    b"9",
-                    b"\r\n",
-                    b"*",
-                    b"\0",
-                    b"\xff",
-                    b"e",
-                    b"nan",
-                ]
-            )
-        )
-    return closed(bytes(text))
-
-
 def numbers(command):
     """All of a command, flat."""
     attitude = command.attitude or Attitude(0.0, 0.0, 65535)
@@ -117,16 +84,6 @@ def test_a_command_arrives_as_it_was_written(command):
     text = refused(teensy.make_command, command)
     if text is not None:
         assert numbers(core.decode_command(text)) == pytest.approx(numbers(command), abs=6e-5)
-
-
-@EXAMPLES
-@given(damaged_strings())
-def test_what_the_core_reads_out_of_a_damaged_string_is_a_command(text):
-    command = refused(core.decode_command, text)
-    if command is not None:
-        assert numbers(core.decode_command(teensy.make_command(command))) == pytest.approx(
-            numbers(command), abs=6e-5
-        )
 
 
 @pytest.mark.parametrize(
@@ -174,27 +131,16 @@ def test_a_command_that_is_none_is_refused(text):
     assert refused(core.decode_command, text) is None
 
 
-@FEW
-@given(st.data())
-def test_a_stream_with_noise_and_partial_strings_gives_whole_commands(data):
-    strings = commands().map(lambda command: refused(teensy.make_command, command) or closed(PLAIN))
-    noise = st.one_of(
-        st.binary(max_size=30),
-        strings.flatmap(lambda text: st.integers(0, len(text)).map(lambda cut: text[cut:])),
-        st.just(b"x" * 450),
-    )
-    pieces = data.draw(st.lists(noise, max_size=4), label="noise")
-    last = data.draw(strings, label="last")
-    stream = b"".join(pieces) + b"|" + 2 * last
+@pytest.mark.parametrize(
+    "noise", [b"\xff\0|", closed(PLAIN)[7:], closed(PLAIN)[:-9] + b"|", b"x" * 450 + b"|", b"||"]
+)
+@pytest.mark.parametrize("size", [1, 2, 7, 90, 1000])
+def test_a_stream_with_noise_and_partial_strings_gives_whole_commands(noise, size):
+    stream = noise + closed(PLAIN) + noise + 2 * closed(PLAIN.replace(b"1500", b"1600", 1))
     reader = core.CommandReader()
-    found = None
-    place = 0
-    while place < len(stream):
-        size = data.draw(st.integers(1, 90), label="chunk")
-        count, newest = reader.feed(stream[place : place + size])
-        found = newest if count else found
-        place += size
-    assert found == core.decode_command(last)
+    found = [reader.feed(stream[place : place + size]) for place in range(0, len(stream), size)]
+    assert [command for count, command in found if count][-1].servo == 1600
+    assert reader.rejected <= 6
 
 
 def test_a_stream_that_begins_in_the_middle_of_a_string_is_read_from_the_next_one_on():

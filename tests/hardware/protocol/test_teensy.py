@@ -40,7 +40,7 @@ REPLY = TeensyReply(
 )
 
 
-def closed(body: bytes) -> bytes:
+def closed(body):
     return body + f";*{crc8(body):02X}|".encode()
 
 

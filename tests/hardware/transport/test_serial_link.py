@@ -159,3 +159,9 @@ def test_a_path_that_is_no_serial_device_is_refused(path):
     settings = SerialSettings(path=path)
     assert_refused(lambda: open_serial(settings), HardwareError, path)
     assert_refused(lambda: SerialLink.open(settings), HardwareError, path)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_thread_that_has_died_is_a_fault(link, ports):
+    ports[0].broken = SystemExit()
+    assert wait_until(lambda: "serial-receive" in link.fault)
