@@ -262,11 +262,6 @@ def test_loop_that_stood_still_or_a_clock_that_jumps(bench, gap):
     assert len(bench.port.exits(1)) >= 4
 
 
-def test_late_cycles_within_the_dead_man_time_are_no_fault(bench):
-    bench.cycle(RUN, count=3, period=0.05)
-    assert bench.group.ready
-
-
 def test_motor_that_does_not_answer_is_not_entered():
     bench = Bench()
     bench.fakes[1].respond = mute()

@@ -242,19 +242,21 @@ def test_a_car_that_is_armed_anew_under_a_stop_is_stopped_again(radio, link):
     assert not radio.confirmed
 
 
-def test_report_survives_the_frame_and_wrong_ones_are_refused():
-    assert decode_report(make_report(REPORT)) == REPORT
-    assert (
-        decode_report(make_report(CarReport(False, True, RadioMode.AUTO))).operator_age == math.inf
-    )
-    for asks in Asks:
-        assert (
-            decode_report(make_report(CarReport(True, True, RadioMode.IDLE, asks=asks))).asks
-            is asks
-        )
-        tailless = CarReport(True, False, RadioMode.IDLE, asks=asks, has_tail=False)
-        assert decode_report(make_report(tailless)) == tailless
-    data = make_report(CarReport(True, False, RadioMode.IDLE, text="long " * 40))
+IDLE_CAR = CarReport(True, False, RadioMode.IDLE)
+REPORTS = [
+    REPORT,
+    *(dataclasses.replace(IDLE_CAR, asks=asks, has_tail=tail, operator_age=math.inf)
+      for asks in Asks for tail in (True, False)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("report", REPORTS)
+def test_report_survives_the_frame(report):
+    assert decode_report(make_report(report)) == report
+
+
+def test_what_is_no_report_is_refused():
+    data = make_report(dataclasses.replace(IDLE_CAR, text="long " * 40))
     assert len(data) == 100
     for wrong in (
         data[:41],

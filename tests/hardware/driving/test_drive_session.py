@@ -78,12 +78,12 @@ def drive(request, tmp_path):
 
 
 def test_the_sequence_runs_and_ends_in_order(drive):
-    result = drive.run()
+    result = drive.run(law_name="LawThatBreaks")
     assert (result.reason, result.orderly, result.signal) == (RUN_OVER, True, 0)
     drive.assert_safe()
     log = read_run_log(drive.log)
     assert log.time[-1] == pytest.approx(1.2)
-    assert log.extra["overruns"] == 0
+    assert (log.extra["overruns"], log.extra["tail_law"]) == (0, "LawThatBreaks")
     throttle = max(pulse for _, pulse in drive.bench.teensy.pulses)
     assert throttle > 1500
 

@@ -142,9 +142,7 @@ def test_same_swing_and_outcome_as_in_simulation_and_a_log_that_everything_reads
 
     log, truth = undisturbed(same_swing, tmp_path)
     outcome, planned = (metrics_of(run).outcome for run in (truth, simulated))
-    tips = [run.signal("tail_tip_z_truth_m").min() for run in (truth, simulated)]
     assert outcome.result == planned.result
-    assert tips[0] == pytest.approx(tips[1], abs=0.02)
     assert outcome.max_tilt_rad == pytest.approx(planned.max_tilt_rad, abs=0.05)
     assert [column.name for column in sensor_columns()] == list(log.table.columns)[
         : len(sensor_columns())

@@ -4,7 +4,7 @@ The expected bytes are written out by hand from the field widths.
 """
 
 import math
-from dataclasses import fields, replace
+from dataclasses import astuple, fields, replace
 
 import pytest
 
@@ -15,7 +15,6 @@ from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,
     PROFILES,
     MitCommand,
-    MitReply,
     decode_reply,
     firmware_profile,
     is_special,
@@ -84,25 +83,18 @@ def test_full_scale_commands_that_would_be_special_frames_are_refused():
 @pytest.mark.parametrize(
     ("data", "expected"),
     [
-        ("01 8000 800 800", MitReply(1, POSITION_STEP / 2, SPEED_STEP / 2, TORQUE_STEP / 2)),
-        ("01 0000 000 000", MitReply(1, -12.5, -50.0, -25.0)),
-        ("01 FFFF FFF FFF", MitReply(1, 12.5, 50.0, 25.0)),
-        ("01 FFFF 000 FFF 19 00", MitReply(1, 12.5, -50.0, 25.0, 25.0, 0)),
-        ("3F 0000 FFF 000 FF 05", MitReply(63, -12.5, 50.0, -25.0, 255.0, 5)),
+        ("01 8000 800 800", (1, POSITION_STEP / 2, SPEED_STEP / 2, TORQUE_STEP / 2, None, None)),
+        ("01 0000 000 000", (1, -12.5, -50.0, -25.0, None, None)),
+        ("01 FFFF FFF FFF", (1, 12.5, 50.0, 25.0, None, None)),
+        ("01 FFFF 000 FFF 19 00", (1, 12.5, -50.0, 25.0, 25.0, 0)),
+        ("3F 0000 FFF 000 FF 05", (63, -12.5, 50.0, -25.0, 255.0, 5)),
     ],
 )
-@pytest.mark.parametrize("own_id", [False, True])
-def test_reply_of_six_and_eight_bytes(data, expected, own_id):
-    frame = CanFrame(expected.motor_id if own_id else 0, bytes.fromhex(data.replace(" ", "")))
-    reply = decode_reply(frame, PROFILE)
-    assert (reply.motor_id, reply.temperature, reply.fault) == (
-        expected.motor_id,
-        expected.temperature,
-        expected.fault,
-    )
-    assert (reply.position, reply.velocity, reply.torque) == pytest.approx(
-        (expected.position, expected.velocity, expected.torque), abs=1e-12
-    )
+def test_reply_of_six_and_eight_bytes(data, expected):
+    content = bytes.fromhex(data.replace(" ", ""))
+    for arbitration_id in (0, expected[0]):
+        found = decode_reply(CanFrame(arbitration_id, content), PROFILE)
+        assert astuple(found) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize(
