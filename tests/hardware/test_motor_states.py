@@ -46,13 +46,6 @@ def test_entering_begins_and_ends_with_zero_gains(bench):
     assert all(command.kp == command.kd == 0 for _, command in bench.commands(2)[:-1])
 
 
-def test_commands_are_not_sent_while_entering(bench):
-    bench.fakes[0].respond = lambda frame: []
-    bench.group.set_enter(bench.now)
-    bench.cycle(hold(1.0), count=10)
-    assert all(command.kp == 0 for _, command in bench.commands(2))
-
-
 def test_entering_ends_in_holding_at_the_measured_position():
     bench = Bench(settings(), positions=[-0.7])
     bench.to_holding()

@@ -49,20 +49,21 @@ class LawThatBreaks:
 
 
 class Drive:
-    def __init__(self, folder, with_drake):
-        self.bench = CarOnTheBench(*QUICK)
+    def __init__(self, folder, with_drake, *changes):
+        self.bench = CarOnTheBench(*(changes or QUICK))
         self.bench.devices.imu = ImuAtRest()
         self.log = folder / "run.parquet"
         self.with_drake = with_drake
         self.said = []
 
     def run(self, fail=None, **options):
-        scenario = self.bench.scenario
+        return self.run_with(options, law=LawThatBreaks(self.bench.scenario, fail))
+
+    def run_with(self, options, **driver):
         chosen = DriveOptions(self.log, with_drake=self.with_drake, **options)
-        law = LawThatBreaks(scenario, fail)
-        return run_drive(
-            self.bench.car, scenario, ports_from_dict(PORTS), chosen, self.said.append, law=law
-        )
+        ports = ports_from_dict(PORTS)
+        said = self.said.append
+        return run_drive(self.bench.car, self.bench.scenario, ports, chosen, said, **driver)
 
     def assert_safe(self):
         assert not any(motor.entered for motor in self.bench.port.motors)

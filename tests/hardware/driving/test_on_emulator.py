@@ -19,7 +19,6 @@ from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.replay.reckoned_motion import replayable
 from aerodima.workbench.simulate.simulation import simulate
-from tests.blocked_drake import BLOCK
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 
 pytestmark = [pytest.mark.emulated, pytest.mark.slow]
@@ -44,14 +43,6 @@ SETTINGS = [
 FLAGS = [word for setting in SETTINGS for word in ("--set", setting)]
 SCENARIO = load_scenario("auto_turn", SETTINGS)
 PROGRAM = str(Path(sys.executable).with_name("aerodima"))
-NO_DRAKE = (
-    BLOCK
-    + """
-from aerodima.workbench.cli.program import main
-sys.argv = ["aerodima", *sys.argv[1:]]
-main()
-"""
-)
 
 
 class Emulated(EmulatorProcess):
@@ -154,23 +145,6 @@ def test_same_swing_and_outcome_as_in_simulation_and_a_log_that_everything_reads
     assert metrics.raw.max_yaw_rate_rad_per_s == pytest.approx(expected, rel=0.1)
     assert "plant_position_tail_tail_roll_q" in replayable(log).table.columns
     assert np.nanmedian(log.time - log.signal("teensy_sent_time_s")) < 0.03
-
-
-@each_wiring
-def test_without_drake_from_a_bundle_the_car_swings_the_same(tmp_path, wiring, simulated):
-    bundle = tmp_path / "bundle.json"
-    subprocess.run(
-        [PROGRAM, "models", "export", "auto_turn", *FLAGS, "--out", str(bundle)],
-        check=True,
-        capture_output=True,
-    )
-    program = (sys.executable, "-c", NO_DRAKE)
-
-    def same_swing(folder):
-        emulated = driven(folder, wiring, "--no-drake", scenario=(str(bundle),), program=program)
-        assert rms_to(simulated, read_run_log(emulated.log)) <= 0.03
-
-    undisturbed(same_swing, tmp_path)
 
 
 @each_wiring

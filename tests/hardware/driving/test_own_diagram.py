@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from aerodima.hardware.car.car_ports import ports_from_dict
 from aerodima.hardware.car.wiring import WIRINGS, CarReading
 from aerodima.hardware.console.emulated_car import emulated_car
 from aerodima.hardware.driving.drive_diagram import DiagramPilot
-from aerodima.hardware.driving.drive_session import RUN_OVER, DriveOptions, drive, run_drive
+from aerodima.hardware.driving.drive_session import RUN_OVER, drive
 from aerodima.hardware.driving.plain_loop import PERIOD
 from aerodima.hardware.driving.run_journal import drive_columns
 from aerodima.workbench.cli.program import build_app
@@ -24,8 +23,8 @@ from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.report.replay_page import write_replay_html
 from aerodima.workbench.simulate.simulation import simulate
 from tests.hardware import own_diagram
-from tests.hardware.car.fake_devices import PORTS, CarOnTheBench, ImuAtRest
 from tests.hardware.driving.fake_wiring import quick_turn
+from tests.hardware.driving.test_drive_session import Drive
 from tests.hardware.emulator.emulator_process import undisturbed
 from tests.refusals import assert_refused
 
@@ -115,36 +114,20 @@ def test_column_that_is_there_already_is_refused():
     assert_refused(lambda: simulate(SCENARIO, build=build), UserError, "speed_m_per_s")
 
 
-class Bench:
-    def __init__(self, folder):
-        self.car = CarOnTheBench("manoeuvre.log_end=2.0")
-        self.car.devices.imu = ImuAtRest()
-        self.log = folder / "run.parquet"
-        self.said = []
-
-    def drive(self, build):
-        options = DriveOptions(self.log)
-        car = self.car.car
-        scenario = self.car.scenario
-        return run_drive(
-            car, scenario, ports_from_dict(PORTS), options, self.said.append, build=build
-        )
-
-    def assert_off(self):
-        assert not any(motor.entered for motor in self.car.port.motors)
-        assert self.car.teensy.pulses[-1] == (1500, 1500)
+def drive_with(bench, build):
+    return bench.run_with({}, build=build)
 
 
 @pytest.fixture
 def bench(tmp_path, monkeypatch):
     monkeypatch.setenv(own_diagram.BROKE_FILE, str(tmp_path / "broke"))
-    return Bench(tmp_path)
+    return Drive(tmp_path, True, "manoeuvre.log_end=2.0")
 
 
 @pytest.mark.realtime
 def test_drive_logs_what_the_diagram_exports_and_how_long_it_takes(bench):
-    assert bench.drive(own_diagram.build).reason == RUN_OVER
-    bench.assert_off()
+    assert drive_with(bench, own_diagram.build).reason == RUN_OVER
+    bench.assert_safe()
     log = read_run_log(bench.log)
     assert list(log.table.columns) == [*drive_columns(), *own_diagram.OWN]
     assert (log.extra["diagram"], log.extra["slow_ticks"]) == ("build", 0)
@@ -154,32 +137,9 @@ def test_drive_logs_what_the_diagram_exports_and_how_long_it_takes(bench):
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize(
-    ("build", "reason", "tracebacks"),
-    [
-        (own_diagram.raises, "ZeroDivisionError: in my controller", 1),
-        (own_diagram.commands_nan, "NaN", 0),
-        (own_diagram.stalls, "", 0),
-        (own_diagram.hangs, "TickTimeout", 1),
-    ],
-)
-def test_diagram_that_breaks_switches_the_motors_off_and_keeps_the_log(
-    bench, build, reason, tracebacks
-):
-    result = bench.drive(build)
-    assert not result.orderly
-    assert reason in result.reason
-    assert sum("Traceback" in text for text in bench.said) == tracebacks
-    bench.assert_off()
-    log = read_run_log(bench.log)
-    assert log.extra["stop_reason"] == result.reason
-    assert 1.0 <= log.signal("tick_s")[-1] < 1.6
-
-
-@pytest.mark.realtime
 def test_port_without_connection_is_found_before_the_motors_are_on(bench):
-    assert_refused(lambda: bench.drive(own_diagram.unconnected), HardwareError, "imu")
-    assert not [frame for _, frame in bench.car.port.sent if frame.data.endswith(b"\xfc")]
+    assert_refused(lambda: drive_with(bench, own_diagram.unconnected), HardwareError, "imu")
+    assert not [frame for _, frame in bench.bench.port.sent if frame.data.endswith(b"\xfc")]
     assert not list(bench.log.parent.glob("run*"))
 
 

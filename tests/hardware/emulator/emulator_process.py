@@ -13,7 +13,6 @@ import signal
 import threading
 import time
 from pathlib import Path
-from typing import TypeVar
 
 import can
 
@@ -34,8 +33,8 @@ DISTURBED = 0.02
 their 10."""
 _READY_TIME = 60.0
 _ATTEMPTS = 3
-_IDLE = 3
-"""Place of the idle time in the first line of /proc/stat."""
+_CALM = 5.0
+"""s before the next attempt."""
 _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(
     [
@@ -44,8 +43,6 @@ _CONTEXT.set_forkserver_preload(
         "aerodima.workbench.config.scenario",
     ]
 )
-
-T = TypeVar("T")
 
 
 class EmulatorProcess:
@@ -168,8 +165,7 @@ def undisturbed(run, folder):
     stood still.
 
     That it stood still is witnessed by the emulator, which notes its delays, and by a thread of
-    this process. A failure without such a witness stands. Before the next attempt it waits for an
-    idle computer, for ten seconds at most.
+    this process. A failure without such a witness stands.
     """
     for attempt in range(_ATTEMPTS):
         made = folder / f"attempt_{attempt}"
@@ -182,24 +178,8 @@ def undisturbed(run, folder):
                 print(f"attempt {attempt}: longest pause {pause * 1000:.0f} ms: {error}")
                 if pause < DISTURBED or attempt == _ATTEMPTS - 1:
                     raise
-        _wait_for_idle_computer(10.0)
+        time.sleep(_CALM)
     raise AssertionError("unreachable")
-
-
-def _wait_for_idle_computer(timeout):
-    """Until the processors did nothing for three quarters of half a second."""
-    end = time.monotonic() + timeout
-    while time.monotonic() < end:
-        before = _processor_times()
-        time.sleep(0.5)
-        spent = [after - start for after, start in zip(_processor_times(), before, strict=True)]
-        if spent[_IDLE] > 0.75 * sum(spent):
-            return
-
-
-def _processor_times():
-    with open("/proc/stat", encoding="ascii") as file:
-        return [int(word) for word in file.readline().split()[1:9]]
 
 
 def _longest_delay(folder):

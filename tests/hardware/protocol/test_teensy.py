@@ -94,17 +94,6 @@ def test_stream_joined_in_the_middle_waits_for_the_next_string(cut):
     assert ReplyStream().feed(TEXT[cut:] + TEXT) == [REPLY]
 
 
-def test_strings_cut_anywhere_arrive_whole():
-    for size in (1, 2, 3, 7, 50, 500):
-        stream = ReplyStream()
-        found = [
-            item
-            for start in range(0, 4 * len(TEXT), size)
-            for item in stream.feed((TEXT * 4)[start:][:size])
-        ]
-        assert found == [REPLY] * 3  # the first one ends the unsynchronised beginning
-
-
 def test_damaged_string_is_dropped_and_the_next_one_read():
     stream = ReplyStream()
     assert stream.feed(b"|" + TEXT[:20] + TEXT[25:].replace(b";", b":") + TEXT) == [REPLY]

@@ -203,12 +203,6 @@ def test_receive_thread_that_dies_is_noticed(bus, adapter):
     assert bytes(adapter.outgoing[-1].data) == EXIT.data
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_receive_thread_that_is_killed_outright_is_noticed(bus, adapter):
-    adapter.incoming.put(SystemExit())
-    assert wait_until(lambda: bus.poll() is None or bus.fault is BusFault.RECEIVER_DEAD)
-
-
 @realtime
 def test_receive_thread_that_hangs_is_noticed(bus, adapter):
     adapter._recv_internal = lambda timeout: (time.sleep(1.0), (None, False))[1]
