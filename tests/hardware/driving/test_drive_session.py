@@ -4,7 +4,6 @@ log can be read.
 
 import os
 import signal
-import threading
 import time
 from types import SimpleNamespace
 
@@ -115,18 +114,16 @@ def test_an_exception_in_the_controller(drive):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal(drive, number):
-    timer = threading.Timer(0.0, lambda: None)
+    ticks = []
 
     def kill(result):
-        nonlocal timer
-        if not timer.is_alive() and timer.interval == 0.0:
-            timer = threading.Timer(0.05, lambda: os.kill(os.getpid(), number))
-            timer.start()
+        ticks.append(result)
+        if len(ticks) == 5:
+            os.kill(os.getpid(), number)
         return result
 
     result = drive.run(kill)
-    assert result.signal == number
-    assert result.reason == signal.Signals(number).name
+    assert (result.signal, result.reason) == (number, signal.Signals(number).name)
     drive.assert_safe()
     assert read_run_log(drive.log).extra["stop_reason"] == result.reason
 
@@ -134,15 +131,7 @@ def test_a_signal(drive, number):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_before_arming_switches_nothing_on(drive, number):
     drive.bench.watchdog.arm = lambda: pytest.fail("armed after a signal")
-
-    def say(text):
-        drive.said.append(text)
-        if text.startswith("arming"):
-            os.kill(os.getpid(), number)
-
-    scenario = drive.bench.scenario
-    chosen = DriveOptions(drive.log, with_drake=drive.with_drake)
-    result = run_drive(drive.bench.car, scenario, ports_from_dict(PORTS), chosen, say)
+    result = drive.run(confirm=lambda: os.kill(os.getpid(), number) or True)
     assert (result.signal, result.reason) == (number, signal.Signals(number).name)
     assert not [frame for _, frame in drive.bench.port.sent if frame.data.endswith(b"\xfc")]
     drive.assert_safe()

@@ -90,32 +90,20 @@ def test_a_file_that_is_no_record_is_refused(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    ("wiring", "car", "emulated"),
+    ("wiring", "teensy", "can", "emulated"),
     [
-        ("teensy_bridge", REAL, False),
-        ("watched_can", REAL, False),
-        ("watched_can", ports(can={"interface": "slcan", "channel": "/dev/ttyACM3"}), False),
-        ("watched_can", ports(can={"interface": "virtual", "channel": "x"}), True),
-        (
-            "watched_can",
-            ports("/dev/pts/0", can={"interface": "socketcan", "channel": "can0"}),
-            False,
-        ),
-        (
-            "watched_can",
-            ports(
-                can={
-                    "interface": "socketcand",
-                    "channel": "can0",
-                    "options": {"host": "127.0.0.1", "port": 1},
-                }
-            ),
-            False,
-        ),
+        ("teensy_bridge", "/dev/ttyACM0", None, False),
+        ("watched_can", "/dev/ttyACM0", ("socketcan", "can0"), False),
+        ("watched_can", "/dev/ttyACM0", ("slcan", "/dev/ttyACM3"), False),
+        ("watched_can", "/dev/ttyACM0", ("virtual", "x"), True),
+        ("watched_can", "/dev/pts/0", ("socketcan", "can0"), False),
+        ("watched_can", "/dev/ttyACM0", ("socketcand", "can0"), False),
     ],
 )
-def test_which_motors_are_real(wiring, car, emulated):
-    assert is_emulated(wiring, car) is emulated
+def test_which_motors_are_real(wiring, teensy, can, emulated):
+    options = {"host": "127.0.0.1", "port": 1} if can and can[0] == "socketcand" else {}
+    bus = can and {"interface": can[0], "channel": can[1], "options": options}
+    assert is_emulated(wiring, ports(teensy, bus)) is emulated
 
 
 def test_only_a_pseudo_terminal_of_an_emulator_is_no_real_motor(tmp_path):

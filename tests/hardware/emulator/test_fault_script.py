@@ -13,7 +13,7 @@ from aerodima.hardware.emulator.fault_script import (
     read_events,
     read_script,
 )
-from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.errors import UserError
 from tests.refusals import assert_refused
 
@@ -38,26 +38,15 @@ def board(events, *faults, clock="start"):
 
 
 def test_a_script_is_read(tmp_path):
-    read = read_script(
-        script(
-            tmp_path,
-            clock="start",
-            faults=[{"time": 1.0, "fault": "reply_lost", "part": "tail_roll", "duration": 0.1}],
-            operator=[{"time": 0.5, "mode": "manual", "throttle": 0.2}],
-        )
-    )
-    assert (read.clock, read.faults[0].fault, read.faults[0].duration) == (
-        "start",
-        Fault.REPLY_LOST,
-        0.1,
-    )
-    command = read.operator[0].command(asked=False)
-    assert (command.mode, command.throttle) == (RadioMode.MANUAL, 0.2)
+    fault = {"time": 1.0, "fault": "reply_lost", "part": "tail_roll", "duration": 0.1}
+    operator = {"time": 0.5, "mode": "manual", "throttle": 0.2}
+    read = read_script(script(tmp_path, clock="start", faults=[fault], operator=[operator]))
+    assert (read.clock, read.faults[0].fault) == ("start", Fault.REPLY_LOST)
+    assert read.faults[0].duration == 0.1
+    assert read.operator[0].command(asked=False) == OperatorCommand(RadioMode.MANUAL, 0.2)
     usual = Script.model_validate({}).operator[0]
-    assert (usual.command(asked=False).mode, usual.command(asked=True).mode) == (
-        RadioMode.IDLE,
-        RadioMode.AUTO,
-    )
+    modes = [usual.command(asked=asked).mode for asked in (False, True)]
+    assert modes == [RadioMode.IDLE, RadioMode.AUTO]
 
 
 LOST = {"time": 1.0, "fault": "reply_lost", "part": "tail_roll"}
