@@ -164,12 +164,14 @@ def test_a_stop_stays_until_it_is_reset_and_a_reset_alone_does_not_drive(radio, 
     radio.beat(0, REST, 1.0)
     radio.beat(1, MANUAL, 1.0)
     radio.stop("gamepad", 1.1)
+    link.report(REPORT, 1.2)
     radio.turn(1.2)
-    radio.beat(2, MANUAL, 1.2)
-    assert OperatorCommand(RadioMode.IDLE) in link.sent[-1]
+    for count, command in enumerate((MANUAL, REST, MANUAL), 2):
+        radio.beat(count, command, 1.2)
+        assert REST in link.sent[-1]
     radio.reset()
     assert not radio.stopped
-    radio.beat(3, MANUAL, 1.8)  # the report of 1.0 is too old
+    radio.beat(3, MANUAL, 1.8)  # the last report is too old
     assert link.sent[-1] == [OperatorCommand(RadioMode.IDLE), Heartbeat(3)]
 
 

@@ -88,6 +88,11 @@ def test_a_chip_that_answers_nothing_is_set_up_anew_and_another_one_is_refused(c
     port.answer = lambda data: b""
     for _ in range(19):
         assert session.read(port) is None
+    port.answer = chip.feed
+    assert session.read(port) is not None, "and counts anew"
+    port.answer = lambda data: b""
+    for _ in range(19):
+        assert session.read(port) is None
     assert_refused(lambda: session.read(port), HardwareError, "20")
     port.answer = lambda data: b"\xbb\x01\x55"
     assert_refused(lambda: session.begin(port), HardwareError, "55")
