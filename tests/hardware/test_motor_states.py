@@ -227,3 +227,10 @@ def test_sink_that_raises_is_a_fault_and_no_exception():
     motor.step(0.01)
     assert motor.fault is MotorFault.BUS
     motor.set_exit(0.02)
+
+
+def test_a_command_beyond_the_range_is_reached_at_its_end(bench):
+    bench.to_holding()
+    bench.cycle(hold(3.0), count=200)  # 1.57 rad at 1 rad/s
+    bench.cycle(hold(1.0))
+    assert bench.commands(2)[-1][1].position == pytest.approx(1.0, abs=1e-3)

@@ -299,19 +299,20 @@ def test_too_many_slow_ticks_within_a_second_stop_the_car_and_a_single_one_is_co
     assert f"{SAFETY.most_slow_ticks}" in car.guard.reason
 
 
-def test_more_current_than_the_fuse_has_stops_the_car(car):
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_more_current_than_the_fuse_has_stops_the_car_and_a_tail_that_brakes_does_not(car, way):
     car.driving()
     read = car.wiring.read
 
     def powerful(now):
         reading = read(now)
-        reading.tail_state[4], reading.tail_torque[1] = 35.0, 24.0  # 840 W
+        reading.tail_state[4], reading.tail_torque[1] = 35.0, way * 24.0  # 840 W
         return reading
 
     car.wiring.read = powerful
     car.turn()
-    assert car.guard.hard
-    assert "35 A" in car.guard.reason
+    assert car.guard.hard is (way > 0.0)
+    assert ("35 A" in car.guard.reason) is (way > 0.0)
 
 
 def test_a_car_without_a_tail_drives_without_armed_motors(car):

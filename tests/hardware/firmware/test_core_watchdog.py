@@ -274,3 +274,14 @@ def test_words_of_the_sail_encoder_become_degrees(bits, word, degrees):
 
 def test_settings_refuse_other_wirings():
     assert_refused(lambda: FirmwareSettings("usb", PROFILE), HardwareError, "usb")
+
+
+def test_no_command_leaves_after_everything_was_switched_off():
+    bench = Bench().drive()
+    bench._collect = lambda: None  # the bus takes nothing
+    bench.write(MotorRequest.COMMAND, PUSH)
+    bench.write(MotorRequest.COMMAND, PUSH, throttle=1520, attitude=None)
+    assert bench.core.state.status is TeensyStatus.ATTITUDE
+    frames = bench.core.frames()
+    assert make_exit(1) in frames
+    assert make_command(1, PUSH, PROFILE) not in frames
