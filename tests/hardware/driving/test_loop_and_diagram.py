@@ -242,8 +242,7 @@ def test_a_log_whose_folder_is_removed_is_said_at_once_and_written_all_the_same(
     for index in range(50):
         journal.append(np.full(len(journal.columns), PERIOD * index))
     shutil.rmtree(path.parent)
-    while not said:
-        time.sleep(0.01)
+    assert wait_until(lambda: said)
     assert str(journal.journal) in said[0]
     if taken:  # something else is there by the end
         path.mkdir(parents=True)
@@ -260,6 +259,7 @@ from pathlib import Path
 import numpy as np
 from aerodima.hardware.driving.run_journal import open_run_journal
 from aerodima.workbench.config.scenario import load_scenario
+from tests.hardware.fake_can import wait_until
 journal = open_run_journal(Path(sys.argv[1]), load_scenario("auto_turn"), "watched_can")
 print("ready", flush=True)
 while True:
