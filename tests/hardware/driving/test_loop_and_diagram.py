@@ -36,6 +36,7 @@ from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.realtime import permitted
 from aerodima.workbench.stations.car_station import make_car_station
 from tests.hardware.driving.fake_wiring import FakeWiring, quick_turn
+from tests.hardware.fake_can import wait_until
 
 SAFETY = load_drive_safety().model_copy(update={"overrun": 100.0, "throttle_start": 1.0})
 """Simulated time: nothing is ever late."""
@@ -259,7 +260,6 @@ from pathlib import Path
 import numpy as np
 from aerodima.hardware.driving.run_journal import open_run_journal
 from aerodima.workbench.config.scenario import load_scenario
-from tests.hardware.fake_can import wait_until
 journal = open_run_journal(Path(sys.argv[1]), load_scenario("auto_turn"), "watched_can")
 print("ready", flush=True)
 while True:
