@@ -1,13 +1,8 @@
-"""A CAN adapter made of queues with failures that are switched on, and a slcan adapter on a
-pseudo-terminal.
-"""
+"""A CAN adapter made of queues with failures that are switched on."""
 
-import os
-import pty
 import queue
 import threading
 import time
-import tty
 
 import can
 
@@ -53,60 +48,6 @@ class FakeAdapter(can.BusABC):
     def shutdown(self):
         super().shutdown()
         self.closed = True
-
-
-class SlcanAdapter:
-    """The far side of a serial CAN adapter: lines in, lines out, over a pseudo-terminal."""
-
-    def __init__(self, on_frame=None):
-        self.master, slave = pty.openpty()
-        tty.setraw(self.master)
-        tty.setraw(slave)
-        self.path = os.ttyname(slave)
-        self._slave = slave
-        self._on_frame = on_frame
-        self.lines: list[bytes] = []
-        self._running = True
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
-
-    def frames(self):
-        """(id, data) of the frames that the computer sent."""
-        return [
-            (int(line[1:4], 16), bytes.fromhex(line[5:].decode()))
-            for line in list(self.lines)
-            if line[:1] == b"t"
-        ]
-
-    def write(self, data: bytes):
-        os.write(self.master, data)
-
-    def deliver(self, arbitration_id, data):
-        self.write(f"t{arbitration_id:03X}{len(data)}{data.hex().upper()}\r".encode())
-
-    def unplug(self):
-        """Pulls the plug: the computer's end reads an error from now on."""
-        self._running = False
-        self._thread.join(1.0)
-        os.close(self.master)
-        os.close(self._slave)
-
-    def _serve(self):
-        buffer = b""
-        os.set_blocking(self.master, False)
-        while self._running:
-            try:
-                buffer += os.read(self.master, 4096)
-            except BlockingIOError:
-                time.sleep(0.0005)
-                continue
-            except OSError:
-                return
-            *lines, buffer = buffer.split(b"\r")
-            for line in lines:
-                self.lines.append(line)
-                if line[:1] == b"t" and self._on_frame is not None:
-                    self._on_frame(int(line[1:4], 16), bytes.fromhex(line[5:].decode()))
 
 
 def wait_until(condition, timeout=10.0):

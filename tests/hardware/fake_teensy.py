@@ -1,13 +1,4 @@
-"""A Teensy with two motors on a pseudo-terminal: reads command strings, answers each with a reply
-string.
-"""
-
-import os
-import pty
-import re
-import threading
-import time
-import tty
+"""A Teensy with two motors in memory: reads command strings, answers each with a reply string."""
 
 from aerodima.hardware.protocol.ak70 import decode_reply, make_command, make_enter, make_exit
 from aerodima.hardware.protocol.can_frame import CanFrame
@@ -22,8 +13,8 @@ from tests.hardware.firmware.core_functions import CommandReader, make_reply
 
 
 class FakeTeensy:
-    """Attributes: commands: (time, command) as read; silent: answers nothing; damage: called with
-    each reply string.
+    """Attributes: commands: as read; deaf: ids of motors whose replies are lost; damage: called
+    with each reply string.
     """
 
     def __init__(self):
@@ -31,81 +22,38 @@ class FakeTeensy:
         self.replies = {1: 0, 2: 0}
         self.deaf = set()
         self.commands = []
-        self.silent = False
         self.damage = lambda text: text
         self.status = TeensyStatus.RUNNING
         self.sail = 90.0
-        self.start = self._time = time.monotonic()
-        self.plug_in()
+        self.clock = 7_000
+        self._reader = CommandReader()
+        self._reader.feed(b"|")
 
-    def plug_in(self):
-        self.master, self._slave = pty.openpty()
-        tty.setraw(self.master)
-        tty.setraw(self._slave)
-        os.set_blocking(self.master, False)
-        self.path = os.ttyname(self._slave)
-        self._running = True
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
+    def advance(self, seconds):
+        self.clock += round(1000.0 * seconds)
+        for motor in self.motors.values():
+            motor.advance(seconds)
 
-    def unplug(self):
-        if not self._running:
-            return
-        self._running = False
-        self._thread.join(1.0)
-        os.close(self.master)
-        os.close(self._slave)
+    def answer(self, data):
+        _, command = self._reader.feed(data)
+        self.commands.append(command)
+        reports = tuple(map(self._obey, command.motors))
+        return self.damage(make_reply(TeensyReply(reports, self.sail, self.clock, self.status)))
 
-    def write(self, data):
-        os.write(self.master, data)
-
-    def _serve(self):
-        stream = CommandReader()
-        stream.feed(b"|")  # this end hears the line from its first byte on
-        while self._running:
-            try:
-                data = os.read(self.master, 4096)
-            except BlockingIOError:
-                time.sleep(0.0005)
-                continue
-            except OSError:
-                return
-            for part in re.split(rb"(?<=\|)", data):  # at most one command ends with a part
-                found, command = stream.feed(part)
-                if found:
-                    self._obey(command)
-
-    def _obey(self, command):
-        now = time.monotonic()
-        self.commands.append((now, command))
-        reports = []
-        for order in command.motors:
-            motor = self.motors[order.motor_id]
-            motor.advance(now - self._time)
-            neutral = make_command(order.motor_id, order.command, PROFILE)
-            frames = {
-                MotorRequest.EXIT: [make_exit(order.motor_id)],
-                MotorRequest.ENTER: [neutral, make_enter(order.motor_id), neutral],
-                MotorRequest.COMMAND: [neutral],
-            }[order.request]
-            replies = [reply for frame in frames for reply in motor.receive(frame)]
-            if order.motor_id not in self.deaf:
-                self.replies[order.motor_id] = (self.replies[order.motor_id] + 1) % 256
-            state = decode_reply(CanFrame(0, replies[-1].data), PROFILE)
-            reports.append(self._report(order.motor_id, state))
-        self._time = now
-        if not self.silent:
-            clock = int((now - self.start) * 1000)
-            text = make_reply(TeensyReply(tuple(reports), self.sail, clock, self.status))
-            self.write(self.damage(text))
-
-    def _report(self, motor_id, state):
+    def _obey(self, order):
+        number = order.motor_id
+        motor = self.motors[number]
+        neutral = make_command(number, order.command, PROFILE)
+        frames = {
+            MotorRequest.EXIT: [make_exit(number)],
+            MotorRequest.ENTER: [neutral, make_enter(number), neutral],
+            MotorRequest.COMMAND: [neutral],
+        }[order.request]
+        reply = [frame for each in frames for frame in motor.receive(each)][-1]
+        if number not in self.deaf:
+            self.replies[number] = (self.replies[number] + 1) % 256
+        state = decode_reply(CanFrame(0, reply.data), PROFILE)
+        measured = state.position, state.velocity, state.torque
         return MotorReport(
-            motor_id,
-            state.position,
-            state.velocity,
-            state.torque,
-            self.replies[motor_id],
-            int(state.temperature),
-            state.fault,
+            number, *measured, self.replies[number], int(state.temperature), state.fault
         )

@@ -2,15 +2,13 @@
 them one by one.
 """
 
-from collections.abc import Callable
-
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 BATCH = 20
 
 
-def fuzz(check: Callable[..., None], count: int, *strategies: st.SearchStrategy) -> None:
+def fuzz(check, count, *strategies):
     """Calls `check` with `count` inputs of the strategies; `count` is a multiple of `BATCH`."""
     assert count % BATCH == 0
     tolerated = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
@@ -19,7 +17,7 @@ def fuzz(check: Callable[..., None], count: int, *strategies: st.SearchStrategy)
         max_examples=count // BATCH, deadline=None, database=None, suppress_health_check=tolerated
     )
     @given(st.lists(st.tuples(*strategies), min_size=BATCH, max_size=BATCH))
-    def run(batch: list[tuple]) -> None:
+    def run(batch):
         for row in batch:
             check(*row)
 

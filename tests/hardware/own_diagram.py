@@ -10,11 +10,10 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
+from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import Integrator, LogVectorOutput
 
 BREAKS_AT, STALL = 1.0, 0.05
@@ -30,7 +29,7 @@ class LeanIn(LeafSystem):
     accelerate alike.
     """
 
-    def __init__(self, broken: Callable[[], float] = lambda: 0.0) -> None:
+    def __init__(self, broken=lambda: 0.0):
         super().__init__()
         self._broken = broken
         self._imu = self.DeclareVectorInputPort("imu", 9)
@@ -46,7 +45,7 @@ class LeanIn(LeafSystem):
             self.DeclareVectorOutputPort(name, size, calc, {self.discrete_state_ticket(seen)})
         self.DeclarePeriodicDiscreteUpdateEvent(0.01, 0.0, self._tick)
 
-    def _tick(self, context: Context, state: DiscreteValues) -> None:
+    def _tick(self, context, state):
         time_now = context.get_time()
         yaw_rate = float(self._imu.Eval(context)[5])
         turned = float(context.get_discrete_state_vector().value()[1]) + 0.01 * yaw_rate
@@ -54,16 +53,16 @@ class LeanIn(LeafSystem):
             turned += self._broken()
         state.set_value(np.array([time_now, turned, yaw_rate]))
 
-    def _calc_steering_angle(self, context: Context, out: object) -> None:
+    def _calc_steering_angle(self, context, out):
         out.set_value([0.2 if 2.0 <= context.get_discrete_state_vector().value()[0] < 2.4 else 0.0])
 
-    def _calc_throttle(self, context: Context, out: object) -> None:
+    def _calc_throttle(self, context, out):
         out.set_value([min(0.3, 0.12 + 0.15 * context.get_discrete_state_vector().value()[0])])
 
-    def _calc_tail_pitch_command(self, context: Context, out: object) -> None:
+    def _calc_tail_pitch_command(self, context, out):
         out.set_value([0.0, 0.0, 17.0, 5.0, 0.0])
 
-    def _calc_tail_roll_command(self, context: Context, out: object) -> None:
+    def _calc_tail_roll_command(self, context, out):
         angle = -math.pi / 2 + min(
             1.0, max(0.0, 2.0 * context.get_discrete_state_vector().value()[1])
         )
@@ -73,11 +72,11 @@ class LeanIn(LeafSystem):
 
 
 def build(
-    builder: DiagramBuilder,
-    station: Diagram,
-    broken: Callable[[], float] = lambda: 0.0,
-    heard: bool = True,
-) -> None:
+    builder,
+    station,
+    broken=lambda: 0.0,
+    heard=True,
+):
     """Adds the controller and an integrator of the speed; what they find becomes columns of the
     log.
     """
@@ -92,34 +91,30 @@ def build(
     LogVectorOutput(way.get_output_port(), builder).set_name(OWN[3])
 
 
-def _note() -> None:
+def _note():
     path = Path(os.environ[BROKE_FILE])
     if not path.exists():
         path.with_suffix(".part").write_text(str(time.monotonic()), encoding="utf-8")
         path.with_suffix(".part").rename(path)
 
 
-def _raise() -> float:
+def _raise():
     _note()
     raise ZeroDivisionError("in my controller")
 
 
-def _nan() -> float:
+def _nan():
     _note()
     return math.nan
 
 
-def _stall() -> float:
+def _stall():
     _note()
     time.sleep(STALL)
     return 0.0
 
 
-def _stall_once() -> float:
-    return 0.0 if Path(os.environ[BROKE_FILE]).exists() else _stall()
-
-
-def _hang() -> float:
+def _hang():
     _note()
     while True:
         try:
@@ -128,7 +123,7 @@ def _hang() -> float:
             continue
 
 
-def _hang_for_good() -> float:
+def _hang_for_good():
     _note()
     while True:
         try:
@@ -137,35 +132,31 @@ def _hang_for_good() -> float:
             continue
 
 
-def raises(builder: DiagramBuilder, station: Diagram) -> None:
+def raises(builder, station):
     build(builder, station, _raise)
 
 
-def commands_nan(builder: DiagramBuilder, station: Diagram) -> None:
+def commands_nan(builder, station):
     build(builder, station, _nan)
 
 
-def stalls(builder: DiagramBuilder, station: Diagram) -> None:
+def stalls(builder, station):
     build(builder, station, _stall)
 
 
-def stalls_once(builder: DiagramBuilder, station: Diagram) -> None:
-    build(builder, station, _stall_once)
-
-
-def hangs(builder: DiagramBuilder, station: Diagram) -> None:
+def hangs(builder, station):
     build(builder, station, _hang)
 
 
-def hangs_for_good(builder: DiagramBuilder, station: Diagram) -> None:
+def hangs_for_good(builder, station):
     build(builder, station, _hang_for_good)
 
 
-def unconnected(builder: DiagramBuilder, station: Diagram) -> None:
+def unconnected(builder, station):
     build(builder, station, heard=False)
 
 
-def no_throttle(builder: DiagramBuilder, station: Diagram) -> None:
+def no_throttle(builder, station):
     controller = builder.AddSystem(LeanIn())
     for name in ("steering_angle", "tail_pitch_command", "tail_roll_command"):
         builder.Connect(controller.GetOutputPort(name), station.GetInputPort(name))

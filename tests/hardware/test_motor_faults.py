@@ -16,6 +16,7 @@ from aerodima.hardware.protocol.ak70 import MitCommand, decode_reply, make_exit,
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.fake_motors import PERIOD, PROFILE, Bench, hold, settings
+from tests.refusals import assert_refused
 
 RUN = hold(0.0)
 
@@ -41,107 +42,70 @@ def changed(change):
     return lambda frame: [change(frame)]
 
 
-def short(frame):
-    return CanFrame(frame.arbitration_id, frame.data[:5])
+def answering(change):
+    return lambda roll: setattr(roll, "respond", lambda frame: [change(frame)])
 
 
-def odd(frame):
-    return CanFrame(frame.arbitration_id, frame.data[:7])
-
-
-def foreign_name(frame):
-    return CanFrame(frame.arbitration_id, bytes([9]) + frame.data[1:])
-
-
-def foreign_id(frame):
-    return CanFrame(0x123, frame.data)
-
-
-def v3(frame):
-    return CanFrame(0x2900 | frame.data[0], frame.data, extended=True)
-
-
-def silence(roll):
-    roll.respond = mute()
-
-
-def silence_for_100_ms(roll):
-    roll.respond = mute(10)
-
-
-def shorten(roll):
-    roll.respond = changed(short)
-
-
-def lengthen(roll):
-    roll.respond = changed(odd)
-
-
-def rename(roll):
-    roll.respond = changed(foreign_name)
-
-
-def readdress(roll):
-    roll.respond = changed(foreign_id)
-
-
-def update_firmware(roll):
-    roll.respond = changed(v3)
-
-
-def overheat(roll):
-    roll.temperature = 81.0
-
-
-def report_fault(roll):
-    roll.fault = 2
-
-
-def report_unknown_fault(roll):
-    roll.fault = 200
-
-
-def jump(roll):
-    roll.reading_offset = 0.7
+def first_bytes(count):
+    return answering(lambda frame: CanFrame(frame.arbitration_id, frame.data[:count]))
 
 
 def double(roll):
     roll.respond = lambda frame: [frame, frame]
 
 
+def overheat(roll):
+    roll.temperature = 81.0
+
+
+def report(code):
+    return lambda roll: setattr(roll, "fault", code)
+
+
+update_firmware = answering(lambda frame: CanFrame(0x2902, frame.data, extended=True))
 CYCLE, MISSED = PERIOD, 5 * PERIOD
 
-FAULTS = [
-    (silence, MotorFault.NO_REPLY, MISSED, "no reply for 5 cycles"),
-    (silence_for_100_ms, MotorFault.NO_REPLY, MISSED, "no reply for 5 cycles"),
-    (shorten, MotorFault.NO_REPLY, MISSED, "bad frames"),
-    (lengthen, MotorFault.NO_REPLY, MISSED, "bad frames"),
-    (rename, MotorFault.NO_REPLY, MISSED, "no reply"),
-    (readdress, MotorFault.NO_REPLY, MISSED, "no reply"),
-    (update_firmware, MotorFault.WRONG_FIRMWARE, CYCLE, "V3 firmware"),
-    (overheat, MotorFault.OVER_TEMPERATURE, CYCLE, "81.0 degC; allowed is 80"),
-    (report_fault, MotorFault.MOTOR_REPORTED, CYCLE, "reports over-current"),
-    (report_unknown_fault, MotorFault.MOTOR_REPORTED, CYCLE, "reports unknown fault 200"),
-    (jump, MotorFault.POSITION_JUMP, CYCLE, "position jumped by"),
-    (double, MotorFault.DOUBLE_ID, 3 * CYCLE, "two motors answer to the id 2"),
-]
+FAULTS = {
+    "silent": (lambda roll: setattr(roll, "respond", mute()), MotorFault.NO_REPLY, MISSED, "5"),
+    "silent for 100 ms": (
+        lambda roll: setattr(roll, "respond", mute(10)), MotorFault.NO_REPLY, MISSED, "5"
+    ),
+    "short reply": (first_bytes(5), MotorFault.NO_REPLY, MISSED, "5"),
+    "long reply": (first_bytes(7), MotorFault.NO_REPLY, MISSED, "5"),
+    "foreign name": (
+        answering(lambda frame: CanFrame(0, bytes([9]) + frame.data[1:])),
+        MotorFault.NO_REPLY, MISSED, "5",
+    ),
+    "foreign id": (
+        answering(lambda frame: CanFrame(0x123, frame.data)), MotorFault.NO_REPLY, MISSED, "5"
+    ),
+    "V3 firmware": (update_firmware, MotorFault.WRONG_FIRMWARE, CYCLE, "V3"),
+    "hot": (overheat, MotorFault.OVER_TEMPERATURE, CYCLE, "81.0"),
+    "reports a fault": (report(2), MotorFault.MOTOR_REPORTED, CYCLE, "over-current"),
+    "reports an unknown fault": (report(200), MotorFault.MOTOR_REPORTED, CYCLE, "200"),
+    "jumps": (
+        lambda roll: setattr(roll, "reading_offset", 0.7), MotorFault.POSITION_JUMP, CYCLE, "0."
+    ),
+    "jumps back": (
+        lambda roll: setattr(roll, "reading_offset", -0.7), MotorFault.POSITION_JUMP, CYCLE, "0."
+    ),
+    "double": (double, MotorFault.DOUBLE_ID, 3 * CYCLE, "2"),
+}  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("inject", "fault", "within", "text"), FAULTS, ids=[row[0].__name__ for row in FAULTS]
-)
+@pytest.mark.parametrize(("inject", "fault", "within", "named"), FAULTS.values(), ids=FAULTS)
 def test_fault_of_a_motor_switches_both_off_in_time_and_for_good(
-    bench, inject, fault, within, text
+    bench, inject, fault, within, named
 ):
     start = bench.now
     inject(bench.fakes[1])
     bench.cycle(RUN, count=100)
     pitch, roll = bench.motors
     assert (roll.state, roll.fault) == (MotorState.FAULTED, fault)
-    assert text in roll.fault_text
-    assert roll.fault_text.startswith("tail roll: ")
+    assert "tail roll" in roll.fault_text
+    assert named in roll.fault_text
     assert (pitch.state, pitch.fault) == (MotorState.FAULTED, MotorFault.OTHER_MOTOR)
-    assert text in bench.group.fault_text
+    assert roll.fault_text == bench.group.fault_text
     for motor_id in (1, 2):
         # one cycle more: the injection acts on the reply to the next frame, which the step after
         # that reads
@@ -212,7 +176,6 @@ def test_a_motor_that_switches_itself_off_is_noticed_once_torque_is_asked_of_it(
         bench.cycle(RUN)
     safety = bench.motors[1].settings.safety
     assert bench.motors[1].fault is MotorFault.NOT_FOLLOWING
-    assert "is it off" in bench.motors[1].fault_text
     assert bench.now - off <= safety.follow_time + 0.05
     assert bench.motors[0].fault is MotorFault.OTHER_MOTOR
 
@@ -230,7 +193,6 @@ def test_a_tail_that_is_held_away_from_its_command_is_switched_off(bench):
         bench.cycle(RUN)
     safety = bench.motors[1].settings.safety
     assert bench.motors[1].fault is MotorFault.NOT_FOLLOWING
-    assert "rad from its command" in bench.motors[1].fault_text
     assert bench.now - held <= safety.tracking_time + 0.15
 
 
@@ -256,8 +218,9 @@ def test_a_motor_that_works_against_something_is_taken_back_to_its_rated_torque_
     assert motor.load.share < 1.0
 
 
-def test_tail_that_spins_is_switched_off(bench):
-    bench.fakes[1].speed = 26.0
+@pytest.mark.parametrize("speed", [26.0, -26.0])
+def test_tail_that_spins_is_switched_off(bench, speed):
+    bench.fakes[1].speed = speed
     bench.cycle(RUN, count=2, period=1e-4)
     assert bench.motors[1].fault is MotorFault.OVER_SPEED
 
@@ -287,8 +250,7 @@ def test_bus_with_a_fault_is_not_entered():
     bench = Bench()
     bench.port.fault = 3
     bench.port.fault_text = "adapter gone"
-    with pytest.raises(HardwareError, match="the bus has a fault: adapter gone"):
-        bench.group.set_enter(0.0)
+    assert_refused(lambda: bench.group.set_enter(0.0), HardwareError, "adapter gone")
     assert bench.port.sent == []
 
 
@@ -297,12 +259,7 @@ def test_loop_that_stood_still_or_a_clock_that_jumps(bench, gap):
     bench.now += gap
     bench.group.step(bench.now)
     assert bench.motors[0].fault is MotorFault.LOOP_STALLED
-    assert len(bench.port.exits(1, bench.now)) == 4 or len(bench.port.exits(1)) >= 4
-
-
-def test_late_cycles_within_the_dead_man_time_are_no_fault(bench):
-    bench.cycle(RUN, count=3, period=0.05)
-    assert bench.group.ready
+    assert len(bench.port.exits(1)) >= 4
 
 
 def test_motor_that_does_not_answer_is_not_entered():
@@ -311,36 +268,9 @@ def test_motor_that_does_not_answer_is_not_entered():
     bench.group.set_enter(0.0)
     bench.cycle(count=100)
     assert bench.motors[1].fault is MotorFault.NO_REPLY
-    assert "is it powered, is its id right?" in bench.motors[1].fault_text
     assert bench.motors[0].fault is MotorFault.OTHER_MOTOR
     first = bench.port.exits(2)[0]
     assert 0.5 <= first <= 0.5 + 2 * PERIOD
-    assert all(command.kp == 0 for _, command in bench.commands(2))
-
-
-@pytest.mark.parametrize(
-    ("inject", "fault"),
-    [
-        (report_fault, MotorFault.MOTOR_REPORTED),
-        (overheat, MotorFault.OVER_TEMPERATURE),
-        (update_firmware, 8),
-    ],
-)
-def test_motor_with_a_fault_is_not_entered(inject, fault):
-    bench = Bench()
-    inject(bench.fakes[0])
-    bench.group.set_enter(0.0)
-    bench.cycle(count=10)
-    assert bench.motors[0].fault == fault
-    assert not bench.fakes[0].entered
-    assert all(command.kp == 0 for _, command in bench.commands(1))
-
-
-def test_tail_outside_of_its_range_is_not_entered():
-    bench = Bench(settings(), positions=[2.0])
-    bench.group.set_enter(0.0)
-    bench.cycle(count=10)
-    assert bench.motors[0].fault is MotorFault.OUT_OF_RANGE
     assert all(command.kp == 0 for _, command in bench.commands(2))
 
 
@@ -394,15 +324,7 @@ class HeldUp:
         return answers
 
 
-def test_replies_that_come_late_and_together_are_not_taken_for_a_second_motor(bench):
-    bench.fakes[1].respond = HeldUp()
-    bench.cycle(RUN, count=4)
-    bench.fakes[1].respond.most = 2
-    bench.cycle(RUN, count=20)
-    assert bench.group.ready, bench.group.fault_text
-
-
-@pytest.mark.parametrize("late", [6, 12, 20])
+@pytest.mark.parametrize("late", [1, 6, 12, 20])
 def test_replies_to_all_cycles_of_a_late_loop_that_come_at_once_are_not_taken_for_a_second_motor(
     bench, late
 ):
@@ -414,15 +336,6 @@ def test_replies_to_all_cycles_of_a_late_loop_that_come_at_once_are_not_taken_fo
     assert bench.group.ready, bench.group.fault_text
 
 
-def test_a_second_motor_is_found_while_entering_before_any_gain():
-    bench = Bench()
-    double(bench.fakes[1])
-    bench.group.set_enter(0.0)
-    bench.cycle(count=20)
-    assert bench.motors[1].fault is MotorFault.DOUBLE_ID
-    assert all(command.kp == 0 for _, command in bench.commands(2))
-
-
 def test_answers_to_exit_frames_of_others_are_no_second_motor(bench):
     bench.fakes[1].respond = lambda frame: [make_exit(2), frame, frame]
     bench.cycle(RUN, count=40)
@@ -430,13 +343,12 @@ def test_answers_to_exit_frames_of_others_are_no_second_motor(bench):
 
 
 def test_a_second_motor_is_found_although_replies_were_lost_before(bench):
-    bench.fakes[1].respond = mute(4)
-    bench.cycle(RUN, count=4)
-    start = bench.now
+    for _ in range(10):
+        bench.fakes[1].respond = mute(4)
+        bench.cycle(RUN, count=7)
     double(bench.fakes[1])
-    bench.cycle(RUN, count=60)
+    bench.cycle(RUN, count=32)  # what was lost is owed for 0.25 s
     assert bench.motors[1].fault is MotorFault.DOUBLE_ID
-    assert bench.port.exits(2, start)[0] - start < 0.3
 
 
 def test_off_is_confirmed_by_replies_and_overdue_without_them(bench):
@@ -476,7 +388,6 @@ def test_a_direction_that_is_reversed_is_found_with_little_torque(joint, where, 
     bench.group.set_enter(0.0)
     bench.cycle(count=100)
     assert bench.motors[joint].fault is MotorFault.WRONG_DIRECTION
-    assert "reversed" in bench.group.fault_text
     assert max(abs(torque) for torque in fake.torques) < 1.5
     assert not bench.fakes[joint].entered
 
@@ -486,12 +397,12 @@ def test_a_joint_that_cannot_move_or_does_not_rest_is_not_held():
     bench.fakes[1].blocked = True
     bench.group.set_enter(0.0)
     bench.cycle(count=150)
-    assert "does not move under 2 N m" in bench.group.fault_text
+    assert bench.motors[1].fault is MotorFault.WRONG_DIRECTION
     bench = Bench()
     bench.fakes[1].speed = 3.0
     bench.group.set_enter(0.0)
     bench.cycle(count=60)
-    assert "let the tail rest" in bench.group.fault_text
+    assert bench.motors[1].fault is MotorFault.WRONG_DIRECTION
     assert max(abs(torque) for torque in bench.fakes[1].torques) < 0.01  # a step of the frame
 
 
@@ -517,13 +428,13 @@ def test_replies_of_50_ms_ago_are_found_in_motion_and_of_200_ms_ago_when_the_mot
     swing(bench, 0.66)
     bench.fakes[1].respond = aged(5)
     swing(bench, 0.1, 0.66)
-    assert "are its replies old" in bench.group.fault_text
+    assert bench.motors[1].fault is MotorFault.NOT_FOLLOWING
     still = Bench().to_running(RUN)
     still.fakes[1].respond = aged(20)
     still.cycle(RUN, count=100)
     assert still.group.fault_text == ""
     still.cycle(hold(0.0), hold(0.7), count=7)
-    assert "are its replies old" in still.group.fault_text
+    assert still.motors[1].fault is MotorFault.NOT_FOLLOWING
 
 
 @pytest.mark.parametrize("constant", [0.7, 1.0, 1.3])
@@ -537,3 +448,23 @@ def test_replies_of_a_cycle_ago_and_a_torque_constant_that_is_wrong_stop_nothing
     bench.fakes[1].respond = respond
     swing(bench, 2.0)
     assert bench.group.fault_text == ""
+
+
+@pytest.mark.parametrize(
+    ("inject", "fault"),
+    [
+        (report(1), MotorFault.MOTOR_REPORTED),
+        (overheat, MotorFault.OVER_TEMPERATURE),
+        (update_firmware, MotorFault.WRONG_FIRMWARE),
+        (double, MotorFault.DOUBLE_ID),
+        (lambda roll: setattr(roll, "position", 2.0), MotorFault.OUT_OF_RANGE),
+    ],
+)
+def test_motor_with_a_fault_is_not_entered(inject, fault):
+    bench = Bench()
+    inject(bench.fakes[1])
+    bench.group.set_enter(0.0)
+    bench.cycle(count=20)
+    assert bench.motors[1].fault is fault
+    assert not bench.fakes[1].entered
+    assert all(command.kp == 0 for _, command in bench.commands(2)), "before any gain"

@@ -10,8 +10,9 @@ import pytest
 from aerodima.hardware.car.bus_watch import ANSWER_ID, BEAT_ID, BeatState, BusWatch
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.hardware.protocol.teensy import TeensyStatus
+from aerodima.hardware.protocol.teensy import SWITCHED_OFF, TeensyStatus
 from aerodima.workbench.errors import HardwareError
+from tests.refusals import assert_refused
 
 ANSWER = load_drive_safety().heartbeat_answer
 
@@ -69,11 +70,7 @@ def turn(watch, clock, seconds=0.1):
 
 
 def test_it_is_not_armed_before_the_teensy_has_answered(watch, clock):
-    with pytest.raises(
-        HardwareError,
-        match=r"has not answered on the CAN bus yet; was it built with --wiring watched_can",
-    ):
-        watch.arm()
+    assert_refused(watch.arm, HardwareError, "watched_can")
     turn(watch, clock)
     watch.arm()
     turn(watch, clock, 3.0)
@@ -93,10 +90,9 @@ def test_a_teensy_that_dies_is_noticed(watch, clock, armed):
     assert watch.healthy
     turn(watch, clock, 0.05)
     assert not watch.healthy
-    assert "does not answer on the CAN bus" in watch.reason
+    assert watch.reason
     if not armed:
-        with pytest.raises(HardwareError, match="does not answer"):
-            watch.arm()
+        assert_refused(watch.arm, HardwareError)
 
 
 def test_a_loop_that_stood_still_is_no_silence_of_the_teensy(watch, clock):
@@ -112,15 +108,13 @@ def test_a_loop_that_stood_still_is_no_silence_of_the_teensy(watch, clock):
 def test_a_teensy_that_has_acted_is_not_armed_with_and_stops_a_car(watch, clock):
     watch._port.status = TeensyStatus.WATCHDOG_ACTED
     turn(watch, clock)
-    assert watch.reason == "the watchdog of the Teensy has acted"
-    with pytest.raises(HardwareError, match="the watchdog of the Teensy has acted"):
-        watch.arm()
+    assert_refused(watch.arm, HardwareError, SWITCHED_OFF[TeensyStatus.WATCHDOG_ACTED])
     watch._port.status = TeensyStatus.RUNNING
     turn(watch, clock)
     watch.arm()
     watch._port.status = TeensyStatus.ATTITUDE
     turn(watch, clock, 0.03)
-    assert "lies on its side" in watch.reason
+    assert watch.reason == SWITCHED_OFF[TeensyStatus.ATTITUDE]
 
 
 def test_the_frames_of_the_motors_pass_and_the_answers_do_not(watch, clock):
@@ -139,3 +133,16 @@ def test_trip_and_disarm_are_said_on_the_bus(watch, clock):
     watch.disarm()
     watch.beat()
     assert watch._port.beats[-1][0] is BeatState.OFF
+
+
+def test_answers_that_are_damaged_or_of_a_beat_to_come_are_no_life(watch, clock):
+    turn(watch, clock)
+    watch._port.there = False
+    counter = watch._port.beats[-1][1]
+    for first, last, check in ((0xAE, counter, 0), (0xAD, counter, 1), (0xAD, counter + 100, 0)):
+        last %= 256
+        answer = bytes([first, 0, last, (~last & 0xFF) ^ check])
+        for _ in range(round(ANSWER / 0.01) + 2):
+            watch._port.inbox.append((0.0, CanFrame(ANSWER_ID, answer)))
+            turn(watch, clock, 0.01)
+        assert not watch.healthy

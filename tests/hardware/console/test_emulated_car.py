@@ -2,18 +2,16 @@
 
 from pathlib import Path
 
-import pytest
-
 from aerodima.hardware.car.car_ports import PORTS_FILE, READY_FILE
 from aerodima.hardware.commands.car_commands import _next_record
 from aerodima.hardware.console.emulated_car import EmulatedCarProcess
 
 
-def ports_in(folder: Path) -> Path:
+def ports_in(folder):
     return EmulatedCarProcess("auto_turn", [], True, "teensy_bridge", folder).ports
 
 
-def test_a_folder_is_used_again_without_touching_what_is_there(tmp_path: Path) -> None:
+def test_a_folder_is_used_again_without_touching_what_is_there(tmp_path):
     folder = tmp_path / "car"
     assert ports_in(folder) == folder / PORTS_FILE
     for number in ("", "2", "3"):
@@ -22,7 +20,7 @@ def test_a_folder_is_used_again_without_touching_what_is_there(tmp_path: Path) -
     assert ports_in(folder) == folder / "4" / PORTS_FILE
 
 
-def test_the_record_has_the_next_free_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_record_has_the_next_free_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert _next_record() == Path("console.jsonl")
     Path("console.jsonl").touch()

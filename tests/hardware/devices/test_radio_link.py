@@ -1,16 +1,11 @@
-"""The operator's radio over a pseudo-terminal: ages, the latch of the stop, frames that count for
-nothing.
-"""
+"""The operator's radio: ages, the latch of the stop, frames that count for nothing."""
 
 import math
-import os
-import pty
 import struct
-import time
-import tty
 
 import pytest
 
+from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.radio_link import IDLE, RadioLink
 from aerodima.hardware.protocol.radio import (
     OperatorCommand,
@@ -19,107 +14,103 @@ from aerodima.hardware.protocol.radio import (
     make_emergency_stop,
     make_heartbeat,
 )
-from aerodima.hardware.protocol.xbee import ReceivedPacket, make_received
-from aerodima.hardware.transport.serial_link import SerialLink, SerialSettings
-from tests.hardware.fake_can import wait_until
-
-pytestmark = pytest.mark.realtime  # threads and deadlines on the wall clock
+from aerodima.hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received
+from tests.hardware.fake_serial import FakeLink
 
 OPERATOR = 0x0013A20040000001
 COMMAND = OperatorCommand(RadioMode.MANUAL, throttle=0.5, steering=-0.25)
+SILENT = 0.25
 
 
 class Radio:
-    def __init__(self, operator=OPERATOR):
-        self.master, self._slave = pty.openpty()
-        tty.setraw(self.master)
-        tty.setraw(self._slave)
-        self.serial = SerialLink.open(SerialSettings(path=os.ttyname(self._slave)))
-        self.link = RadioLink(self.serial, 0.25, operator)
+    def __init__(self):
+        self.wire = FakeLink()
+        self.link = RadioLink(self.wire, SILENT, OPERATOR)
 
-    def deliver(self, data, sender=OPERATOR):
-        os.write(self.master, make_received(ReceivedPacket(sender, data)))
+    def take(self, *frames, sender=OPERATOR):
+        for frame in frames:
+            self.wire.deliver(make_received(ReceivedPacket(sender, frame)))
+        self.link.poll()
 
-    def arrives(self, condition):
-        return wait_until(lambda: self.link.poll() or condition(), 0.5)
+    def wait(self, seconds):
+        self.wire.now += seconds
 
-    def close(self):
-        self.serial.close()
-        os.close(self.master)
-        os.close(self._slave)
+    @property
+    def age(self):
+        return self.link.age(self.wire.now)
+
+    @property
+    def fault(self):
+        return self.link.fault(self.wire.now)[0]
 
 
 @pytest.fixture
 def radio():
-    radio = Radio()
-    yield radio
-    radio.close()
+    return Radio()
 
 
 def test_nothing_is_asked_for_before_the_first_command(radio):
     radio.link.poll()
     assert radio.link.command == IDLE
-    assert radio.link.age(time.monotonic()) == math.inf
+    assert radio.age == math.inf
     assert not radio.link.stopped
+    assert radio.fault is SourceFault.NO_SAMPLE_YET
 
 
 def test_command_and_heartbeat_make_the_operator_young(radio):
-    radio.deliver(make_command(COMMAND))
-    assert radio.arrives(lambda: radio.link.command == COMMAND)
-    assert radio.link.age(time.monotonic()) == math.inf  # no heartbeat yet
-    radio.deliver(make_heartbeat(1))
-    assert radio.arrives(lambda: radio.link.age(time.monotonic()) < 0.5)
+    radio.take(make_command(COMMAND))
+    assert radio.link.command == COMMAND
+    assert radio.age == math.inf, "no heartbeat yet"
+    radio.take(make_heartbeat(1))
+    assert radio.age == 0.0
+    radio.wait(SILENT - 0.001)
+    assert radio.fault is SourceFault.NONE
+    radio.wait(0.002)
+    assert radio.fault is SourceFault.SILENT
+    radio.wire.fault = "no such device"
+    assert radio.fault is SourceFault.LOST
 
 
 @pytest.mark.parametrize("alive", ["command", "heartbeat", "repeated heartbeat and command"])
 def test_one_of_both_is_not_enough(radio, alive):
-    radio.deliver(make_command(COMMAND))
-    radio.deliver(make_heartbeat(1))
-    assert radio.arrives(lambda: radio.link.age(time.monotonic()) < 0.5)
-    start = time.monotonic()
-    counter = 1
-    while time.monotonic() - start < 0.3:
+    radio.take(make_command(COMMAND), make_heartbeat(1))
+    for count in range(30):
+        radio.wait(0.01)
         if "command" in alive:
-            radio.deliver(make_command(COMMAND))
-        if alive == "heartbeat":
-            counter += 1
+            radio.take(make_command(COMMAND))
         if "heartbeat" in alive:
-            radio.deliver(make_heartbeat(counter))
-        radio.link.poll()
-        time.sleep(0.02)
-    assert radio.link.age(time.monotonic()) > 0.25
+            radio.take(make_heartbeat(1 if "repeated" in alive else 2 + count))
+    assert radio.age == pytest.approx(0.3)
 
 
 def test_emergency_stop_latches_until_it_is_cleared_by_hand(radio):
-    radio.deliver(make_command(COMMAND))
-    radio.deliver(make_emergency_stop())
-    assert radio.arrives(lambda: radio.link.stopped)
-    radio.deliver(make_command(COMMAND))
-    radio.deliver(make_heartbeat(9))
-    time.sleep(0.05)
-    radio.link.poll()
+    radio.take(make_command(COMMAND), make_emergency_stop(), make_command(COMMAND))
+    radio.take(make_heartbeat(9))
     assert radio.link.stopped
+    assert radio.fault is SourceFault.STOPPED
     radio.link.clear_stop()
     assert not radio.link.stopped
     assert radio.link.command == IDLE
-    assert radio.link.age(time.monotonic()) == math.inf
+    assert radio.age == math.inf
 
 
-def test_other_modules_are_ignored(radio):
-    radio.deliver(make_command(COMMAND), sender=OPERATOR + 1)
-    assert radio.arrives(lambda: radio.link.foreign == 1)
+def test_frames_that_count_for_nothing(radio):
+    radio.take(make_command(COMMAND), make_heartbeat(1), sender=OPERATOR + 1)
+    assert radio.link.foreign == 2
+    radio.take(struct.pack("@BBffff", 1, 1, 0.5, 0, 0, 0))
+    assert radio.link.rejected == 1
+    assert radio.link.last_error
     assert radio.link.command == IDLE
+    assert radio.age == math.inf
+    radio.wire.deliver(b"\x00\x7e\x00\x03junk\x7e")
+    radio.take(make_command(COMMAND), make_command(COMMAND))
+    assert radio.link.command == COMMAND
 
 
-def test_frame_of_the_other_alignment_is_counted_and_named(radio):
-    radio.deliver(struct.pack("@BBffff", 1, 1, 0.5, 0, 0, 0))
-    assert radio.arrives(lambda: radio.link.rejected == 1)
-    assert "native alignment" in radio.link.last_error
-    assert radio.link.command == IDLE
-
-
-def test_serial_noise_costs_nothing(radio):
-    os.write(radio.master, b"\x00\x7e\x00\x03junk\x7e")
-    radio.deliver(make_command(COMMAND))
-    radio.deliver(make_command(COMMAND))
-    assert radio.arrives(lambda: radio.link.command == COMMAND)
+def test_reports_go_to_the_module_that_was_heard(radio):
+    radio.link.report(b"report")
+    assert radio.wire.sent == []
+    radio.take(make_heartbeat(1))
+    radio.link.report(b"report")
+    (packet,) = ApiStream().feed_transmits(radio.wire.sent[0])
+    assert (packet.receiver, packet.data) == (OPERATOR, b"report")

@@ -13,6 +13,7 @@ from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.protocol.radio import Asks, OperatorCommand, RadioMode
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.driving.fake_wiring import PERIOD, FakeWiring
+from tests.refusals import assert_refused
 
 SAFETY = load_drive_safety()
 FORWARD = CarCommand(
@@ -66,12 +67,6 @@ def test_nothing_passes_before_drive(car):
     assert same(car.last, FORWARD)
 
 
-def test_driving_needs_armed_motors(car):
-    car.turn()
-    with pytest.raises(HardwareError, match="not armed"):
-        car.guard.drive(RadioMode.AUTO, car.now)
-
-
 @pytest.mark.parametrize("mode", [RadioMode.AUTO, RadioMode.MANUAL, RadioMode.CONTROL])
 def test_a_switch_that_stands_on_a_mode_from_before_is_not_obeyed_until_it_was_in_idle(car, mode):
     car.wiring.operator = OperatorCommand(mode, 1.0)
@@ -80,8 +75,7 @@ def test_a_switch_that_stands_on_a_mode_from_before_is_not_obeyed_until_it_was_i
     car.guard.arm(car.now)
     car.turn(count=100)
     assert car.wiring.asks is Asks.REST
-    with pytest.raises(HardwareError, match="was not heard in IDLE"):
-        car.guard.drive(mode, car.now)
+    assert_refused(lambda: car.guard.drive(mode, car.now), HardwareError, "IDLE")
     car.turn()
     assert all(same(command, STOP) for command in car.wiring.commands)
     car.wiring.operator = IDLE
@@ -191,7 +185,7 @@ def test_a_command_that_is_not_finite_never_reaches_the_car(car, place, value):
     car.turn(CarCommand(**values))
     assert same(car.last, STOP)
     assert car.guard.stage is Stage.EXITING
-    assert "NaN or infinity" in car.guard.reason
+    assert car.guard.hard
 
 
 def test_a_lost_fix_does_not_stop_the_car(car):
@@ -210,8 +204,7 @@ def test_emergency_stop_latches_until_reset_by_hand(car):
     car.turn(count=200)
     assert same(car.last, STOP)
     assert "arm" not in car.wiring.calls[1:]
-    with pytest.raises(HardwareError, match="reset it by hand"):
-        car.guard.arm(car.now)
+    assert_refused(lambda: car.guard.arm(car.now), HardwareError, car.guard.reason)
     car.guard.reset(car.now)
     assert car.guard.stage is Stage.READY
     assert not car.wiring.armed
@@ -220,23 +213,13 @@ def test_emergency_stop_latches_until_reset_by_hand(car):
     assert car.guard.stage is Stage.ARMED
 
 
-def test_emergency_stop_before_arming_latches_too(car):
-    car.wiring.faults["operator"] = SourceFault.STOPPED
-    car.turn()
-    car.wiring.faults.clear()
-    car.turn()
-    with pytest.raises(HardwareError, match="cannot be armed"):
-        car.guard.arm(car.now)
-
-
 @pytest.mark.parametrize("hard", [True, False])
 def test_a_reason_to_stop_before_arming_forbids_it_until_reset_by_hand(car, hard):
     car.turn(count=2)
     car.guard.stop("SIGINT", car.now, hard)
     assert car.guard.finished
     car.turn(count=20)
-    with pytest.raises(HardwareError, match=r"it is stopped \(SIGINT\); reset it by hand"):
-        car.guard.arm(car.now)
+    assert_refused(lambda: car.guard.arm(car.now), HardwareError, "SIGINT")
     assert "arm" not in car.wiring.calls
     car.guard.reset(car.now)
     car.turn()
@@ -256,21 +239,26 @@ def test_a_signal_while_the_car_is_being_armed_or_let_go_switches_it_off(car):
     car.guard.arm(car.now)
     assert car.guard.stage is Stage.EXITING
     assert car.wiring.calls == ["arm", "disarm"]
-    with pytest.raises(HardwareError, match="SIGTERM"):
-        car.guard.drive(RadioMode.AUTO, car.now)
+    assert_refused(lambda: car.guard.drive(RadioMode.AUTO, car.now), HardwareError, "SIGTERM")
 
 
 def test_a_device_that_is_silent_or_a_missing_watchdog_test_forbids_arming(car):
-    car.wiring.faults["imu"] = SourceFault.SILENT
-    car.turn()
-    with pytest.raises(HardwareError, match="imu SILENT"):
+    def arm():
+        car.turn()
         car.guard.arm(car.now)
+
+    assert_refused(lambda: car.guard.drive(RadioMode.AUTO, car.now), HardwareError)
+    car.wiring.faults["imu"] = SourceFault.SILENT
+    assert_refused(arm, HardwareError, "imu")
     car.wiring.faults.clear()
     car.wiring.refuse = "no watchdog test"
-    car.turn()
-    with pytest.raises(HardwareError, match="no watchdog test"):
-        car.guard.arm(car.now)
+    assert_refused(arm, HardwareError, car.wiring.refuse)
     assert car.guard.stage is Stage.READY
+    car.wiring.faults["operator"] = SourceFault.STOPPED
+    car.turn()
+    car.wiring.faults.clear()
+    car.wiring.refuse = ""
+    assert_refused(arm, HardwareError, "STOPPED")
 
 
 def test_a_hard_reason_while_holding_exits_at_once(car):
@@ -291,22 +279,40 @@ def test_late_cycles_are_counted_and_too_many_in_a_row_stop_the_car(car):
     assert car.guard.overruns == SAFETY.most_overruns - 1
     car.turn(late=0.03, count=SAFETY.most_overruns)
     assert car.guard.stage is Stage.EXITING
-    assert "30 ms late" in car.guard.reason
+    assert "30 ms" in car.guard.reason
 
 
-def test_more_current_than_the_fuse_has_stops_the_car(car):
+def test_too_many_slow_ticks_within_a_second_stop_the_car_and_a_single_one_is_counted(car):
+    car.driving()
+    slow = SAFETY.slow_tick + 0.001
+    for gap in (0.0, 1.0):  # s without a slow tick
+        car.turn(count=round(gap / PERIOD) + 1)
+        car.guard.note_computing(SAFETY.slow_tick, car.now)
+        for _ in range(SAFETY.most_slow_ticks - 1):
+            car.turn()
+            car.guard.note_computing(slow, car.now)
+    assert car.guard.stage is Stage.DRIVING
+    assert len(car.guard.slow_ticks) == 2 * (SAFETY.most_slow_ticks - 1)
+    car.turn()
+    car.guard.note_computing(slow, car.now)
+    assert car.guard.stage is Stage.EXITING
+    assert f"{SAFETY.most_slow_ticks}" in car.guard.reason
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_more_current_than_the_fuse_has_stops_the_car_and_a_tail_that_brakes_does_not(car, way):
     car.driving()
     read = car.wiring.read
 
     def powerful(now):
         reading = read(now)
-        reading.tail_state[4], reading.tail_torque[1] = 35.0, 24.0  # 840 W
+        reading.tail_state[4], reading.tail_torque[1] = 35.0, way * 24.0  # 840 W
         return reading
 
     car.wiring.read = powerful
     car.turn()
-    assert car.guard.hard
-    assert "35 A; the fuse has 30 A" in car.guard.reason
+    assert car.guard.hard is (way > 0.0)
+    assert ("35 A" in car.guard.reason) is (way > 0.0)
 
 
 def test_a_car_without_a_tail_drives_without_armed_motors(car):
@@ -332,6 +338,4 @@ def test_an_operator_who_leaves_the_mode_and_falls_silent_was_lost(car, heard):
     car.turn(count=100)
     assert car.guard.finished
     assert (car.guard.left, car.guard.hard) == (heard, False)
-    assert car.guard.reason == "the operator left AUTO for IDLE" + " and was not heard any more" * (
-        not heard
-    )
+    assert "IDLE" in car.guard.reason

@@ -31,7 +31,7 @@ def test_a_car_that_has_tipped_over_is_stopped_at_once_and_the_reason_is_an_erro
     assert car.last.throttle == 0.0
     assert "disarm" in car.wiring.calls
     assert "hold" not in car.wiring.calls, "the tail is switched off, not held"
-    assert car.guard.reason.startswith("the car has tipped over: ")
+    assert f"{math.degrees(max(attitude, key=abs)):.0f}" in car.guard.reason
     assert car.guard.hard
 
 
@@ -53,22 +53,33 @@ def test_a_car_that_tips_over_while_the_tail_is_held_loses_its_tail_at_once(car)
     assert car.guard.stage is Stage.EXITING
 
 
-def test_the_throttle_comes_on_at_its_rate_and_goes_back_at_once(car):
-    full = dataclasses.replace(FORWARD, throttle=1.0)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_throttle_comes_on_at_its_rate_and_goes_back_at_once(car, side):
+    full = dataclasses.replace(FORWARD, throttle=side)
     passed = []
     for _ in range(400):
         car.turn(full)
-        passed.append(car.last.throttle)
+        passed.append(side * car.last.throttle)
     assert max(np.diff(passed)) <= SAFETY.throttle_rate * 0.01 + 1e-9
     assert passed[-1] == SAFETY.throttle_limit
     time_to_limit = 0.01 * int(np.argmax(np.array(passed) >= SAFETY.throttle_limit))
     assert time_to_limit == pytest.approx(
         (SAFETY.throttle_limit - SAFETY.throttle_start) / SAFETY.throttle_rate, abs=0.06
     )
-    car.turn(dataclasses.replace(FORWARD, throttle=0.1))
-    assert car.last.throttle == 0.1
-    car.turn(dataclasses.replace(FORWARD, throttle=-1.0))
-    assert car.last.throttle == -SAFETY.throttle_start, "the other way begins anew"
+    car.turn(dataclasses.replace(FORWARD, throttle=-side))
+    assert car.last.throttle == -side * SAFETY.throttle_start, "the other way begins anew"
+    car.turn(full, count=300)
+    car.turn(dataclasses.replace(FORWARD, throttle=0.1 * side))
+    assert car.last.throttle == 0.1 * side
+
+
+def test_after_a_pause_of_the_loop_the_throttle_does_not_jump(car):
+    full = dataclasses.replace(FORWARD, throttle=1.0)
+    car.turn(full, count=100)
+    before = car.last.throttle
+    car.now += 0.5
+    car.turn(full)
+    assert car.last.throttle - before <= SAFETY.throttle_rate * 0.02 + 1e-9
 
 
 def test_the_rate_keeps_a_car_without_its_board_on_its_wheels():
@@ -92,10 +103,7 @@ def test_a_car_that_is_too_fast_is_stopped_softly(car):
     assert car.guard.stage is Stage.HOLDING
     assert SAFETY.speed_time <= car.now - begin <= SAFETY.speed_time + 0.021
     assert car.last.throttle == 0.0
-    assert (
-        car.guard.reason
-        == f"the car drives {SAFETY.speed_limit + 0.1:.1f} m/s; allowed is {SAFETY.speed_limit:g}"
-    )
+    assert f"{SAFETY.speed_limit + 0.1:.1f}" in car.guard.reason
 
 
 def test_a_speed_that_is_not_known_is_no_speed(car):

@@ -14,6 +14,7 @@ from aerodima.hardware.driving.watchdog_test import (
     write_record,
 )
 from aerodima.workbench.errors import HardwareError
+from tests.refusals import assert_refused
 
 
 def ports(teensy="/dev/ttyACM0", can=None):
@@ -42,97 +43,67 @@ def test_a_test_of_this_wiring_allows_arming(tmp_path, wiring):
     assert found == read_record(path)
 
 
-def test_without_a_record_it_says_how_to_make_one(tmp_path):
+BEFORE = REAL.model_dump(mode="json", by_alias=True)
+OTHER = {
+    "made on the emulator": ({"emulated": True}, "emulator"),
+    "other firmware": ({"firmware": "0" * 64}, "firmware"),
+    "too slow": ({"time_to_exit": 0.5}, "0.5"),
+    "other Teensy": ({"ports": {**BEFORE, "teensy": {"path": "/dev/ttyACM7"}}}, "teensy"),
+    "other profile": (
+        {"ports": {**BEFORE, "firmware_profile": "ak70_10_24_n_m"}}, "firmware_profile"
+    ),
+    "other motor": ({"ports": {**BEFORE, "tail_roll": {"motor_id": 5}}}, "tail_roll.motor_id"),
+    "no ports": ({"ports": {}}, "teensy", "firmware_profile"),
+    "other wiring": ({"wiring": "watched_can"}, "watched_can"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("row", OTHER.values(), ids=OTHER)
+def test_a_record_that_does_not_fit_is_refused(tmp_path, row):
+    changes, *named = row
+    made = recorded(tmp_path, **changes)
+    made.rename(tmp_path / "teensy_bridge.json")
+    work = lambda: require_watchdog_test("teensy_bridge", REAL, tmp_path)  # noqa: E731
+    assert_refused(work, HardwareError, *named)
+
+
+def test_without_a_record_nothing_is_armed(tmp_path):
     recorded(tmp_path, "teensy_bridge")
-    with pytest.raises(
-        HardwareError, match=r"no watchdog test of watched_can is recorded.*--watchdog-test"
-    ):
-        require_watchdog_test("watched_can", REAL, tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"emulated": True}, "was made on the emulator; the motors are real"),
-        ({"firmware": "0" * 64}, "another firmware"),
-        ({"time_to_exit": 0.5}, "took 0.5 s"),
-        (
-            {"ports": ports("/dev/ttyACM7").model_dump(mode="json", by_alias=True)},
-            "other ports: teensy",
-        ),
-        (
-            {"ports": {**REAL.model_dump(mode="json"), "firmware_profile": "ak70_10_24_n_m"}},
-            "firmware_profile",
-        ),
-        (
-            {"ports": {**REAL.model_dump(mode="json"), "tail_roll": {"motor_id": 5}}},
-            r"tail_roll\.motor_id",
-        ),
-        ({"ports": {}}, "other ports: teensy, firmware_profile"),
-    ],
-)
-def test_a_record_that_does_not_fit_is_refused(tmp_path, changes, message):
-    recorded(tmp_path, **changes)
-    with pytest.raises(HardwareError, match=message):
-        require_watchdog_test("teensy_bridge", REAL, tmp_path)
-
-
-def test_a_record_of_another_wiring_under_this_name_is_refused(tmp_path):
-    recorded(tmp_path, "watched_can").rename(tmp_path / "teensy_bridge.json")
-    with pytest.raises(HardwareError, match="is of the wiring watched_can; allowed: teensy_bridge"):
-        require_watchdog_test("teensy_bridge", REAL, tmp_path)
+    work = lambda: require_watchdog_test("watched_can", REAL, tmp_path)  # noqa: E731
+    assert_refused(work, HardwareError, "watched_can", "--watchdog-test")
 
 
 def test_exit_frames_that_came_too_late_are_not_recorded():
-    with pytest.raises(
-        HardwareError, match=r"exit frames 0\.400 s after the cut; allowed is 0\.3 s"
-    ):
-        new_record("watched_can", REAL, "heartbeat stopped", 0.4, "operator")
-
-
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": "aerodima/watchdog_test/2"}', "\xff"])
-def test_a_file_that_is_no_record_is_one_line(tmp_path, text):
-    path = tmp_path / "teensy_bridge.json"
-    path.write_text(text, encoding="latin-1")
-    with pytest.raises(HardwareError, match=r"teensy_bridge\.json") as caught:
-        require_watchdog_test("teensy_bridge", REAL, tmp_path)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_record_with_an_unknown_key_is_refused(tmp_path):
-    path = recorded(tmp_path)
-    path.write_text(json.dumps({**json.loads(path.read_text()), "motors_off": True}))
-    with pytest.raises(HardwareError, match="motors_off"):
-        read_record(path)
+    work = lambda: new_record("watched_can", REAL, "heartbeat stopped", 0.4, "operator")  # noqa: E731
+    assert_refused(work, HardwareError, "0.4", "0.3")
 
 
 @pytest.mark.parametrize(
-    ("wiring", "car", "emulated"),
+    "text", ["", "[]", "{}", '{"schema": "aerodima/watchdog_test/2"}', "\xff", "unknown key"]
+)
+def test_a_file_that_is_no_record_is_refused(tmp_path, text):
+    path = recorded(tmp_path)
+    if text == "unknown key":
+        text = json.dumps({**json.loads(path.read_text()), "motors_off": True})
+    path.write_text(text, encoding="latin-1")
+    assert_refused(lambda: read_record(path), HardwareError, "teensy_bridge.json")
+
+
+@pytest.mark.parametrize(
+    ("wiring", "teensy", "can", "emulated"),
     [
-        ("teensy_bridge", REAL, False),
-        ("watched_can", REAL, False),
-        ("watched_can", ports(can={"interface": "slcan", "channel": "/dev/ttyACM3"}), False),
-        ("watched_can", ports(can={"interface": "virtual", "channel": "x"}), True),
-        (
-            "watched_can",
-            ports("/dev/pts/0", can={"interface": "socketcan", "channel": "can0"}),
-            False,
-        ),
-        (
-            "watched_can",
-            ports(
-                can={
-                    "interface": "socketcand",
-                    "channel": "can0",
-                    "options": {"host": "127.0.0.1", "port": 1},
-                }
-            ),
-            False,
-        ),
+        ("teensy_bridge", "/dev/ttyACM0", None, False),
+        ("watched_can", "/dev/ttyACM0", ("socketcan", "can0"), False),
+        ("watched_can", "/dev/ttyACM0", ("slcan", "/dev/ttyACM3"), False),
+        ("watched_can", "/dev/ttyACM0", ("virtual", "x"), True),
+        ("watched_can", "/dev/pts/0", ("socketcan", "can0"), False),
+        ("watched_can", "/dev/ttyACM0", ("socketcand", "can0"), False),
     ],
 )
-def test_which_motors_are_real(wiring, car, emulated):
-    assert is_emulated(wiring, car) is emulated
+def test_which_motors_are_real(wiring, teensy, can, emulated):
+    options = {"host": "127.0.0.1", "port": 1} if can and can[0] == "socketcand" else {}
+    bus = can and {"interface": can[0], "channel": can[1], "options": options}
+    assert is_emulated(wiring, ports(teensy, bus)) is emulated
 
 
 def test_only_a_pseudo_terminal_of_an_emulator_is_no_real_motor(tmp_path):
@@ -155,8 +126,8 @@ def test_a_test_is_void_for_another_adapter_and_not_for_another_zero_or_imu(tmp_
     moved = {**data, "imu": {"path": "/dev/ttyUSB9"}, "tail_roll": {"motor_id": 2, "zero": 0.3}}
     assert require_watchdog_test("watched_can", ports_from_dict(moved), tmp_path)
     other = {**data, "can": {"interface": "socketcan", "channel": "can1"}}
-    with pytest.raises(HardwareError, match="other ports: can"):
-        require_watchdog_test("watched_can", ports_from_dict(other), tmp_path)
+    work = lambda: require_watchdog_test("watched_can", ports_from_dict(other), tmp_path)  # noqa: E731
+    assert_refused(work, HardwareError, "can")
 
 
 def test_other_timing_is_another_watchdog(monkeypatch, tmp_path):
@@ -165,11 +136,3 @@ def test_other_timing_is_another_watchdog(monkeypatch, tmp_path):
     changed.write_text("watchdog_timeout: 0.25")
     monkeypatch.setattr(record, "model_path", lambda name: changed)
     assert record.teensy_hash() != before
-
-
-def test_the_default_place_is_the_users_state_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert (
-        record.record_path("watched_can")
-        == tmp_path / "aerodima" / "watchdog_tests" / "watched_can.json"
-    )

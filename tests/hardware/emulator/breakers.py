@@ -12,24 +12,20 @@ import shutil
 import tempfile
 import time
 from collections import deque
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pytest
 
-from aerodima.hardware.car.car_ports import PORTS_FILE, CarPorts, read_ports
+from aerodima.hardware.car.car_ports import PORTS_FILE, read_ports
 from aerodima.hardware.car.safety_settings import load_drive_safety
-from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wirings import wire_car
-from aerodima.hardware.driving.car_guard import CarGuard, DriveLimits
+from aerodima.hardware.driving.car_guard import DriveLimits
 from aerodima.hardware.driving.held_car import run_watchdog_test
 from aerodima.hardware.driving.run_journal import RunJournal, open_run_journal
-from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.logs.schema import read_run_log
+from tests.refusals import assert_refused
 
 
 class Breaker:
@@ -39,40 +35,40 @@ class Breaker:
         struck: `time.monotonic` of it, s; None before.
     """
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.struck: float | None = None
 
-    def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
+    def begin(self, car, scenario, folder):
         """Before the car is armed."""
         self.car = car
 
-    def strike(self) -> None:
+    def strike(self):
         """Breaks it, once."""
         self.struck = time.monotonic()
 
-    def clock(self) -> float:
+    def clock(self):
         """What the loop takes for `time.monotonic`, s."""
         return time.monotonic()
 
-    def turn(self, guard: CarGuard) -> None:
+    def turn(self, guard):
         """Once per cycle."""
 
-    def end(self) -> None:
+    def end(self):
         """After the car has stopped; asserts what is left."""
 
 
 class ControllerRaises(Breaker):
-    def turn(self, guard: CarGuard) -> None:
+    def turn(self, guard):
         if self.struck is not None:
             raise ZeroDivisionError("in the controller")
 
 
 class ClockJumps(Breaker):
-    def __init__(self, jump: float) -> None:
+    def __init__(self, jump):
         super().__init__()
         self.jump = jump
 
-    def clock(self) -> float:
+    def clock(self):
         return time.monotonic() + (0.0 if self.struck is None else self.jump)
 
 
@@ -83,22 +79,22 @@ class DiskFull(Breaker):
 
     removed = False
 
-    def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
+    def begin(self, car, scenario, folder):
         super().begin(car, scenario, folder)
         self.journal: RunJournal = open_run_journal(folder / "run.parquet", scenario, car.name)
         self.before = resource.getrlimit(resource.RLIMIT_FSIZE)
 
-    def strike(self) -> None:
+    def strike(self):
         super().strike()
         size = os.path.getsize(self.journal.journal)
         resource.setrlimit(resource.RLIMIT_FSIZE, (size + 100, self.before[1]))
 
-    def turn(self, guard: CarGuard) -> None:
+    def turn(self, guard):
         self.journal.append(np.zeros(len(self.journal.columns)))
         if self.journal.error:
             guard.stop(self.journal.error, time.monotonic())
 
-    def end(self) -> None:
+    def end(self):
         resource.setrlimit(resource.RLIMIT_FSIZE, self.before)
         lost = self.journal.lost
         error = self.journal.error
@@ -114,17 +110,17 @@ class FolderRemoved(DiskFull):
 
     removed = True
 
-    def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
+    def begin(self, car, scenario, folder):
         super().begin(car, scenario, folder / "logs")
         self.said: list[str] = []
         self.journal._say = self.said.append
 
-    def strike(self) -> None:
+    def strike(self):
         Breaker.strike(self)
         shutil.rmtree(self.journal.path.parent)
 
-    def end(self) -> None:
-        assert [text for text in self.said if "was removed or renamed" in text], (
+    def end(self):
+        assert [text for text in self.said if str(self.journal.journal) in text], (
             "said while it drives"
         )
         super().end()
@@ -136,15 +132,14 @@ class OpenedAgain(Breaker):
     refused.
     """
 
-    def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
+    def begin(self, car, scenario, folder):
         super().begin(car, scenario, folder)
         self.again = wire_car(
             scenario, read_ports(folder / "emulated" / PORTS_FILE), car.name, lambda: None
         )
 
-    def end(self) -> None:
-        with pytest.raises(HardwareError, match=r"cannot be opened"):
-            self.again.start()
+    def end(self):
+        assert_refused(self.again.start, HardwareError)
 
 
 class SecondProgram(Breaker):
@@ -152,11 +147,11 @@ class SecondProgram(Breaker):
     who has them.
     """
 
-    def __init__(self, program: Callable[[Scenario, CarPorts, str], None]) -> None:
+    def __init__(self, program):
         super().__init__()
         self.program = program
 
-    def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
+    def begin(self, car, scenario, folder):
         super().begin(car, scenario, folder)
         ports = read_ports(folder / "emulated" / PORTS_FILE)
         self.answer, theirs = multiprocessing.get_context("forkserver").Pipe(duplex=False)
@@ -165,34 +160,32 @@ class SecondProgram(Breaker):
             target=_try, args=arguments, daemon=True
         )
 
-    def strike(self) -> None:
+    def strike(self):
         super().strike()
         self.process.start()
 
-    def end(self) -> None:
+    def end(self):
         assert self.answer.poll(10.0), "the second program says nothing"
         said = self.answer.recv()
-        assert "is in use by a drive (process" in said, said
+        assert "a drive" in said, said
         self.process.join(10.0)
 
 
-def second_drive(scenario: Scenario, ports: CarPorts, wiring: str) -> None:
+def second_drive(scenario, ports, wiring):
     """What `aerodima drive` does first, with and without `--dry-run`."""
-    car = wire_car(scenario, ports, wiring, lambda: None)  # type: ignore[arg-type]
+    car = wire_car(scenario, ports, wiring, lambda: None)
     try:
         car.start()
     finally:
         car.stop("over")
 
 
-def watchdog_test(scenario: Scenario, ports: CarPorts, wiring: str) -> None:
+def watchdog_test(scenario, ports, wiring):
     """What `aerodima drive --watchdog-test` does."""
-    run_watchdog_test(scenario, ports, wiring, lambda _: True, "emulator", Path(tempfile.mkdtemp()))  # type: ignore[arg-type]
+    run_watchdog_test(scenario, ports, wiring, lambda _: True, "emulator", Path(tempfile.mkdtemp()))
 
 
-def _try(
-    program: Callable[..., None], scenario: Scenario, ports: CarPorts, wiring: str, answer: Any
-) -> None:
+def _try(program, scenario, ports, wiring, answer):
     try:
         program(scenario, ports, wiring)
         answer.send("it was let in")
@@ -203,13 +196,13 @@ def _try(
 class Blind(Breaker):
     """A drive that does not look at the attitude: what the Teensy does by itself."""
 
-    def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
+    def begin(self, car, scenario, folder):
         super().begin(car, scenario, folder)
         self.before = DriveLimits.tilt
-        DriveLimits.tilt = lambda *_: ""  # type: ignore[method-assign]
+        DriveLimits.tilt = lambda *_: ""
 
-    def end(self) -> None:
-        DriveLimits.tilt = self.before  # type: ignore[method-assign]
+    def end(self):
+        DriveLimits.tilt = self.before
 
 
 class ThrottleSteps(Breaker):
@@ -217,18 +210,18 @@ class ThrottleSteps(Breaker):
     the ground.
     """
 
-    def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
+    def begin(self, car, scenario, folder):
         super().begin(car, scenario, folder)
         self.most_pitch = 0.0
         self.pulses = []
 
-    def turn(self, guard: CarGuard) -> None:
+    def turn(self, guard):
         self.most_pitch = max(self.most_pitch, abs(float(guard.reading.imu[IMU.index("pitch")])))
         devices = self.car.devices
         if devices is not None and self.struck is not None:
             self.pulses.append((time.monotonic() - self.struck, devices.teensy._throttle))
 
-    def end(self) -> None:
+    def end(self):
         assert math.degrees(self.most_pitch) < 10.0, (
             f"pitched by {math.degrees(self.most_pitch):.1f} degrees"
         )
@@ -239,16 +232,16 @@ class ThrottleSteps(Breaker):
 
 
 class _DeadEnd(deque):
-    def append(self, item: object) -> None:
+    def append(self, item):
         raise SystemError("the receive thread dies")
 
 
 class ReceiverDies(Breaker):
     """The thread that takes in what the motors answer: of the CAN bus, or of the Teensy's port."""
 
-    def strike(self) -> None:
+    def strike(self):
         super().strike()
         devices = self.car.devices
         assert devices is not None
         port = devices.teensy._link if devices.watchdog is None else devices.watchdog._port
-        port._inbox = _DeadEnd()  # type: ignore[union-attr]
+        port._inbox = _DeadEnd()

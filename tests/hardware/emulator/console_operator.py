@@ -8,7 +8,6 @@ import threading
 import time
 from contextlib import ExitStack
 
-from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.console.operator_radio import OperatorRadio
 from aerodima.hardware.emulator.fault_script import OperatorEntry
 from aerodima.hardware.protocol.radio import Asks, make_emergency_stop
@@ -24,7 +23,7 @@ _TURN, _BEAT = 0.005, 0.05
 class _CountedLink(SerialLink):
     stops = 0
 
-    def write(self, data: bytes) -> None:
+    def write(self, data):
         self.stops += make_emergency_stop() in data
         super().write(data)
 
@@ -32,7 +31,7 @@ class _CountedLink(SerialLink):
 class ConsoleOperator:
     """Beats as a page does, from the beginning to `close`."""
 
-    def __init__(self, ports: CarPorts) -> None:
+    def __init__(self, ports):
         assert ports.console is not None
         self._locked = ExitStack()
         self._locked.enter_context(
@@ -45,7 +44,7 @@ class ConsoleOperator:
         self._thread = threading.Thread(target=self._run, name="console-operator", daemon=True)
         self._thread.start()
 
-    def _run(self) -> None:
+    def _run(self):
         count = 0
         due = 0.0
         asked = False
@@ -61,7 +60,7 @@ class ConsoleOperator:
                     due = now + _BEAT
                     self._radio.beat(count, MANUAL.command(asked), now)
 
-    def press_stop(self) -> float:
+    def press_stop(self):
         """The emergency stop; its time, s, monotonic."""
         with self._lock:
             now = time.monotonic()
@@ -69,7 +68,7 @@ class ConsoleOperator:
             self._radio.stop("button", now)
         return now
 
-    def confirmed(self, until: float) -> bool:
+    def confirmed(self, until):
         """Whether the console takes the stop as confirmed before `until` (s, monotonic).
 
         One that is not was reported, by a module that is not believed, and goes on being sent.
@@ -82,7 +81,7 @@ class ConsoleOperator:
         assert self._link.stops >= sent + 2, "the stop is not sent any more"
         return False
 
-    def close(self) -> None:
+    def close(self):
         """Ends it; the port is free again."""
         self._end.set()
         self._thread.join()

@@ -12,9 +12,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
 
 import can
 
@@ -23,12 +21,10 @@ from aerodima.hardware.car.car_ports import (
     PORTS_FILE,
     READY_FILE,
     TRAFFIC_FILE,
-    CarPorts,
     read_ports,
 )
 from aerodima.hardware.emulator.emulator import EmulatorSettings, run_emulator
 from aerodima.hardware.emulator.fault_script import Script, read_events
-from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.emulator.console_operator import ConsoleOperator
 
@@ -37,8 +33,8 @@ DISTURBED = 0.02
 their 10."""
 _READY_TIME = 60.0
 _ATTEMPTS = 3
-_IDLE = 3
-"""Place of the idle time in the first line of /proc/stat."""
+_CALM = 5.0
+"""s before the next attempt."""
 _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(
     [
@@ -47,8 +43,6 @@ _CONTEXT.set_forkserver_preload(
         "aerodima.workbench.config.scenario",
     ]
 )
-
-T = TypeVar("T")
 
 
 class EmulatorProcess:
@@ -63,12 +57,12 @@ class EmulatorProcess:
 
     def __init__(
         self,
-        folder: Path,
-        scenario: Scenario,
-        wiring: Any,
-        script: dict | None = None,
-        console: bool = False,
-    ) -> None:
+        folder,
+        scenario,
+        wiring,
+        script=None,
+        console=False,
+    ):
         self.folder = folder / "emulated"
         self.wiring = wiring
         arguments = (scenario, wiring, self.folder, script or {}, console)
@@ -76,7 +70,7 @@ class EmulatorProcess:
         self.operator = None
         self.process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)
 
-    def __enter__(self) -> EmulatorProcess:
+    def __enter__(self):
         self.process.start()
         try:
             self._wait_until_ready()
@@ -86,17 +80,17 @@ class EmulatorProcess:
             raise
         return self
 
-    def _wait_until_ready(self) -> None:
+    def _wait_until_ready(self):
         end = time.monotonic() + _READY_TIME
         while not (self.folder / READY_FILE).exists():
             assert self.process.is_alive(), "the emulator ended"
             assert time.monotonic() < end, "the emulator is not ready"
             time.sleep(0.01)
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_):
         self.end()
 
-    def end(self) -> None:
+    def end(self):
         """Its logs are whole after that."""
         if self.operator is not None:
             self.operator.close()
@@ -107,30 +101,30 @@ class EmulatorProcess:
             self.process.kill()
 
     @property
-    def ports(self) -> CarPorts:
+    def ports(self):
         return read_ports(self.folder / PORTS_FILE)
 
     @property
-    def events(self) -> list[dict]:
+    def events(self):
         return read_events(self.folder / EVENTS_FILE)
 
-    def named(self, name: str) -> list[dict]:
+    def named(self, name):
         """Events of that name."""
         return [event for event in self.events if event["event"] == name]
 
-    def traffic(self) -> list[can.Message]:
+    def traffic(self):
         """Frames of the finished log, those of the motors too."""
         return list(can.BLFReader(self.folder / TRAFFIC_FILE))
 
 
-def _run(scenario: Scenario, wiring: Any, folder: Path, script: dict, console: bool) -> None:
+def _run(scenario, wiring, folder, script, console):
     threading.Thread(target=_end_with_tests, name="end-with-tests", daemon=True).start()
     run_emulator(
         EmulatorSettings(scenario, wiring, folder, Script.model_validate(script), console=console)
     )
 
 
-def _end_with_tests() -> None:
+def _end_with_tests():
     """Its own parent, which forks emulators, lives as long as they do."""
     tests = multiprocessing.parent_process()
     if tests is not None:
@@ -145,20 +139,20 @@ class PauseWitness:
     Attributes: longest: s.
     """
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.longest = 0.0
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="pause-witness", daemon=True)
 
-    def __enter__(self) -> PauseWitness:
+    def __enter__(self):
         self._thread.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_):
         self._end.set()
         self._thread.join()
 
-    def _watch(self) -> None:
+    def _watch(self):
         before = time.monotonic()
         while not self._end.wait(0.005):
             now = time.monotonic()
@@ -166,13 +160,12 @@ class PauseWitness:
             before = now
 
 
-def undisturbed(run: Callable[[Path], T], folder: Path) -> T:
+def undisturbed(run, folder):
     """What `run` returns for a new folder; again, at most twice, when it failed while the computer
     stood still.
 
     That it stood still is witnessed by the emulator, which notes its delays, and by a thread of
-    this process. A failure without such a witness stands. Before the next attempt it waits for an
-    idle computer, for ten seconds at most.
+    this process. A failure without such a witness stands.
     """
     for attempt in range(_ATTEMPTS):
         made = folder / f"attempt_{attempt}"
@@ -185,27 +178,11 @@ def undisturbed(run: Callable[[Path], T], folder: Path) -> T:
                 print(f"attempt {attempt}: longest pause {pause * 1000:.0f} ms: {error}")
                 if pause < DISTURBED or attempt == _ATTEMPTS - 1:
                     raise
-        _wait_for_idle_computer(10.0)
+        time.sleep(_CALM)
     raise AssertionError("unreachable")
 
 
-def _wait_for_idle_computer(timeout: float) -> None:
-    """Until the processors did nothing for three quarters of half a second."""
-    end = time.monotonic() + timeout
-    while time.monotonic() < end:
-        before = _processor_times()
-        time.sleep(0.5)
-        spent = [after - start for after, start in zip(_processor_times(), before, strict=True)]
-        if spent[_IDLE] > 0.75 * sum(spent):
-            return
-
-
-def _processor_times() -> list[int]:
-    with open("/proc/stat", encoding="ascii") as file:
-        return [int(word) for word in file.readline().split()[1:9]]
-
-
-def _longest_delay(folder: Path) -> float:
+def _longest_delay(folder):
     """Of the emulators that ran in a folder, s."""
     files = [
         Path(place) / EVENTS_FILE for place, _, names in os.walk(folder) if EVENTS_FILE in names

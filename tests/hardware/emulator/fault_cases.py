@@ -68,16 +68,14 @@ class Case:
     run_time: float = AT + 2.5
 
     @property
-    def of_the_computer(self) -> bool:
+    def of_the_computer(self):
         """Whether nothing of the emulated car breaks."""
         return self.fault is None and (
             self.broken_command is not None or self.breaker is not Breaker
         )
 
 
-def _motor(
-    name: str, fault: str, reason: str, on_the_bridge: str | None = None, **keys
-) -> tuple[Case, ...]:
+def _motor(name, fault, reason, on_the_bridge=None, **keys):
     """A fault of the roll motor on both wirings; `on_the_bridge`: the reason there, where it is
     another.
     """
@@ -92,21 +90,19 @@ def _motor(
     )
 
 
-def _device(
-    name: str, wiring: str, device: str, fault: str, duration: float | None = None, **keys
-) -> Case:
+def _device(name, wiring, device, fault, duration=None, **keys):
     entry = {"fault": fault, "part": device} | ({} if duration is None else {"duration": duration})
     return Case(name, wiring, entry, **keys)
 
 
-def _on_both(name: str, **keys) -> tuple[Case, ...]:
+def _on_both(name, **keys):
     return tuple(Case(name, wiring, **keys) for wiring in _BOTH)
 
 
 _MOVING = CarCommand(0.1, 0.3, PITCH, np.array([-0.6, 0.0, 17.0, 5.0, 0.0]))
 
 
-def _swinging(since: float) -> CarCommand:
+def _swinging(since):
     """The roll joint to and fro between its stop and 10 degrees from upright, 1.5 times a
     second.
     """
@@ -115,7 +111,7 @@ def _swinging(since: float) -> CarCommand:
 
 
 _PRESSING = CarCommand(0.1, 0.3, PITCH, np.array([-math.pi / 2 + 0.4, 0.0, 55.0, 1.0, 0.0]))
-_SILENT = "no reply"
+_SILENT = "tail"
 _STOP = (ASKED, {"time": AT, "stop": True})
 _BROKEN = CarCommand(0.1, math.nan, PITCH, math.nan * ROLL)
 
@@ -127,15 +123,15 @@ CASES: tuple[Case, ...] = (
     *_motor("reply short, 5 bytes", "reply_short", _SILENT),
     *_motor("reply long, 7 bytes", "reply_long", _SILENT),
     *_motor("reply under a foreign id", "foreign_id", _SILENT),
-    *_motor("two motors with one id", "double_id", "jumped", acts="drive: position jumped"),
-    *_motor("V3 frame", "v3_frame", "V3 firmware", _SILENT),
+    *_motor("two motors with one id", "double_id", "tail roll", acts="drive: position jumped"),
+    *_motor("V3 frame", "v3_frame", "V3", _SILENT),
     *_motor("over-temperature", "over_temperature", "95"),
     *_motor("motor fault code", "motor_fault", "over-current"),
-    *_motor("encoder jump", "encoder_jump", "jumped"),
+    *_motor("encoder jump", "encoder_jump", "tail roll"),
     *_motor(
         "position beyond range",
         "out_of_range",
-        "does not follow",
+        "tail roll",
         within=1.3,
         acts="drive: reported torque",
     ),
@@ -204,17 +200,17 @@ CASES: tuple[Case, ...] = (
     *_on_both(
         "clock jumps ahead by an hour",
         breaker=lambda: ClockJumps(3600.0),
-        reason="between two cycles",
+        reason="tail",
     ),
     *_on_both(
         "clock jumps back by an hour",
         breaker=lambda: ClockJumps(-3600.0),
-        reason="between two cycles",
+        reason="tail",
     ),
     *_on_both(
         "log disk full",
         breaker=DiskFull,
-        reason="cannot be written",
+        reason="run.parquet",
         within=0.6 + _SOFT,
         acts="drive, soft, at the next rows",
     ),
@@ -222,7 +218,7 @@ CASES: tuple[Case, ...] = (
     *_motor(
         "motor off by itself, then told to move",
         "motor_off",
-        "does not follow",
+        "tail roll",
         broken_command=_MOVING,
         acts="drive: reported torque",
     ),
@@ -230,7 +226,7 @@ CASES: tuple[Case, ...] = (
         "I2t: tail presses against what blocks it",
         fault={"fault": "blocked", "part": "tail_roll"},
         broken_command=_PRESSING,
-        reason="overloaded",
+        reason="tail roll",
         within=6.0,
         run_time=AT + 7.0,
         acts="drive, after 2 to 4 s",
@@ -238,7 +234,7 @@ CASES: tuple[Case, ...] = (
     *_motor(
         "replies 50 ms old, the tail swings",
         "reply_stale",
-        "replies old",
+        "tail roll",
         time=AT + 0.6,
         delay=0.05,
         broken_command=_swinging,
@@ -247,7 +243,7 @@ CASES: tuple[Case, ...] = (
     *_motor(
         "replies 200 ms old at rest, then told to move",
         "reply_stale",
-        "replies old",
+        "tail roll",
         delay=0.2,
         broken_command=_MOVING,
         acts="drive: reported torque",
@@ -255,7 +251,7 @@ CASES: tuple[Case, ...] = (
     *_motor(
         "reply frozen, the tail swings",
         "frozen",
-        "replies old",
+        "tail roll",
         time=AT + 0.6,
         broken_command=_swinging,
         acts="drive: reported torque",
@@ -263,7 +259,7 @@ CASES: tuple[Case, ...] = (
     *_motor(
         "feedback reversed while driving",
         "feedback_reversed",
-        "jumped",
+        "tail roll",
         acts="drive: position jumped",
     ),
     *_motor(
@@ -278,30 +274,30 @@ CASES: tuple[Case, ...] = (
     *_on_both(
         "IMU frozen while driving",
         fault={"fault": "frozen", "part": "imu"},
-        reason="IMU has frozen",
+        reason="IMU",
         within=0.3 + _SOFT,
         acts="drive, soft, after 10 equal samples",
     ),
     *_on_both(
         "GPS frozen while driving",
         fault={"fault": "frozen", "part": "gps", "time": AT + 1.0},
-        reason="GPS has frozen",
+        reason="GPS",
         within=1.4 + _SOFT,
         run_time=AT + 4.0,
         acts="drive, soft, after 10 equal speeds",
     ),
-    *_on_both("car tips over", fault={"fault": "tipped_over"}, reason="tipped over", acts="drive"),
+    *_on_both("car tips over", fault={"fault": "tipped_over"}, reason="degrees", acts="drive"),
     *_on_both(
         "car tips over, the drive goes on commanding",
         fault={"fault": "tipped_over"},
         breaker=Blind,
-        reason="lies on its side",
+        reason="Teensy",
         acts="firmware",
     ),
     *_on_both(
         "over-speed",
         fault={"fault": "over_speed"},
-        reason="allowed is 6.7",
+        reason="6.7",
         within=0.6 + _SOFT,
         throttle_within=0.6,
         acts="drive, soft",

@@ -11,35 +11,26 @@ import math
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
-import can
-import numpy as np
-
-from aerodima.hardware.car.car_ports import JOINTS, CarPorts
 from aerodima.hardware.car.safety_settings import load_drive_safety
-from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.driving.plain_loop import PERIOD, wait_until
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit
 from aerodima.hardware.protocol.radio import Asks, RadioMode
-from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import STATUS
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.realtime import DRIVE_PRIORITY, prefer_realtime, restore_ordinary
-from tests.hardware.emulator.breakers import Breaker
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
-from tests.hardware.emulator.fault_cases import AT, CASES, PITCH, ROLL, Case
+from tests.hardware.emulator.fault_cases import AT, CASES, PITCH, ROLL
 from tests.hardware.emulator.process_runs import CASES as PROCESS_CASES
 from tests.hardware.emulator.process_runs import (
     REFUSED,
-    Found,
-    ProcessCase,
-    RefusedCase,
+    after,
     process_row,
     refused_row,
     run_process_case,
@@ -47,6 +38,7 @@ from tests.hardware.emulator.process_runs import (
     table_line,
 )
 from tests.hardware.emulator.process_runs import check as check_process
+from tests.hardware.fake_can import wait_until as wait_for
 
 SCENARIO = "turn_swing"
 SETTINGS = ("simulation.step=0.004", "simulation.log_rate=250")
@@ -78,22 +70,17 @@ class Outcome:
     throttle_neutral: float
     exits: int
     entered_again: int
-    events: list[dict] = field(repr=False)
 
 
-def open_car(scenario: Scenario, ports: CarPorts, wiring: str) -> WiredCar:
+def open_car(scenario, ports, wiring):
     """The car on the emulator, without the record of a watchdog test."""
-    return wire_car(scenario, ports, wiring, lambda: None)  # type: ignore[arg-type]
+    return wire_car(scenario, ports, wiring, lambda: None)
 
 
-def drive_until_stopped(
-    guard: CarGuard, run_time: float, command_at: Callable[[float], CarCommand], breaker: Breaker
-) -> None:
+def drive_until_stopped(guard, run_time, command_at, breaker):
     """Arms, drives with the commands for `run_time` s, and lets the car stop."""
 
-    def turn(
-        condition: Callable[[], bool], limit: float, command: Callable[[float], CarCommand]
-    ) -> bool:
+    def turn(condition, limit, command):
         begin = due = time.monotonic()
         while not condition():
             now = time.monotonic()
@@ -107,10 +94,10 @@ def drive_until_stopped(
             wait_until(due)
         return True
 
-    def idle(_: float) -> CarCommand:
+    def idle(_):
         return CarCommand()
 
-    def chosen() -> bool:
+    def chosen():
         return guard.asks is Asks.CHOICE and guard.reading.operator.mode is RadioMode.AUTO
 
     if not turn(lambda: _heard(guard) and not guard.wiring.unwatched, 10.0, idle):
@@ -125,14 +112,14 @@ def drive_until_stopped(
     turn(lambda: guard.finished, 3.0, idle)
 
 
-def _heard(guard: CarGuard) -> bool:
+def _heard(guard):
     """Something has been read, every source but the motors has been heard, and none has a fault."""
     status = STATUS.read(guard.reading.status)
     faults = (status.sail_fault, status.imu_fault, status.speed_fault, status.operator_fault)
     return status.operator_age > 0.0 and not any(faults)
 
 
-def run_case(case: Case, folder: Path) -> Outcome:
+def run_case(case, folder):
     """Drives on the emulator with the fault of a case."""
     faults = [] if case.fault is None else [{"time": AT, **case.fault}]
     scenario = load_scenario(SCENARIO, list(SETTINGS))
@@ -143,7 +130,7 @@ def run_case(case: Case, folder: Path) -> Outcome:
         good = CarCommand(0.1, 0.3, PITCH, ROLL)
         breaker = case.breaker()
 
-        def command_at(since: float) -> CarCommand:
+        def command_at(since):
             if since >= AT and breaker.struck is None:
                 breaker.strike()
             if since < AT or case.broken_command is None:
@@ -170,34 +157,15 @@ def run_case(case: Case, folder: Path) -> Outcome:
         if case.of_the_computer and breaker.struck is None:
             raise EndedEarlyError(guard.reason)
         breaker.end()
-        _wait_for_end(emulator)
-        reason = guard.reason
-    events = emulator.events
-    began = breaker.struck if case.of_the_computer else _fault_time(events, case)
-    if began is None:
-        raise EndedEarlyError(reason)
-    return _outcome(reason, began, events, emulator.traffic())
+        began = breaker.struck if case.of_the_computer else _fault_time(emulator.events, case)
+        if began is None:
+            raise EndedEarlyError(guard.reason)
+        wait_for(lambda: not any(map(math.isnan, after(emulator, began))), _LAST_WAIT)
+        time.sleep(_AFTER)
+    return _outcome(guard.reason, began, emulator, emulator.traffic())
 
 
-def _wait_for_end(emulator: EmulatorProcess) -> None:
-    """Until both motors are off and the throttle is neutral, whoever does it, and for what may come
-    after that.
-    """
-    end = time.monotonic() + _LAST_WAIT
-    while time.monotonic() < end:
-        last = {
-            event["event"] + event.get("joint", ""): event["time_s"] for event in emulator.events
-        }
-        off = all(
-            last.get(f"off{joint}", 0.0) > last.get(f"entered{joint}", 0.0) for joint in JOINTS
-        )
-        if off and last.get("throttle_neutral", 0.0) > last.get("throttle_on", 0.0):
-            break
-        time.sleep(0.02)
-    time.sleep(_AFTER)
-
-
-def _fault_time(events: list[dict], case: Case) -> float | None:
+def _fault_time(events, case):
     name = "fault_on" if case.fault is not None else "script_begins"
     came = next((event["time_s"] for event in events if event["event"] == name), None)
     if came is None or case.fault is not None:
@@ -205,17 +173,9 @@ def _fault_time(events: list[dict], case: Case) -> float | None:
     return came + next(entry["time"] for entry in case.operator if entry.get("stop"))
 
 
-def _outcome(reason: str, began: float, events: list[dict], traffic: list[can.Message]) -> Outcome:
-    def when(name: str, joint: str | None = None) -> float:
-        found = [
-            e["time_s"]
-            for e in events
-            if e["event"] == name and e.get("joint") == joint and e["time_s"] >= began
-        ]
-        return found[0] - began if found else math.nan
-
+def _outcome(reason, began, emulator, traffic):
+    off, neutral = after(emulator, began)
     clock = time.time() - time.monotonic()
-    off = float(np.max([when("off", joint) for joint in JOINTS]))
     sent = [
         (message.timestamp - clock - began, bytes(message.data))
         for message in traffic
@@ -223,10 +183,10 @@ def _outcome(reason: str, began: float, events: list[dict], traffic: list[can.Me
     ]
     exits = sum(0.0 <= at <= off + _AFTER and data == make_exit(1).data for at, data in sent)
     enters = sum(at >= 0.0 and data == make_enter(1).data for at, data in sent)
-    return Outcome(reason, off, when("throttle_neutral"), exits, enters, events)
+    return Outcome(reason, off, neutral, exits, enters)
 
 
-def check(case: Case, found: Outcome) -> Outcome:
+def check(case, found):
     """What the row promises; what was found."""
     if not case.stops:
         assert found.reason == RUN_OVER, found.reason
@@ -240,34 +200,7 @@ def check(case: Case, found: Outcome) -> Outcome:
     return found
 
 
-def _measured(case: Case) -> Outcome:
-    with tempfile.TemporaryDirectory() as folder:
-        return undisturbed(lambda place: check(case, run_case(case, place)), Path(folder))
-
-
-def _measured_process(case: ProcessCase) -> Found:
-    with tempfile.TemporaryDirectory() as folder:
-        return undisturbed(
-            lambda place: check_process(case, run_process_case(case, place)), Path(folder)
-        )
-
-
-def _measured_refusal(case: RefusedCase) -> str:
-    with tempfile.TemporaryDirectory() as folder:
-        return refused_row(
-            case, undisturbed(lambda place: run_refused_case(case, place), Path(folder))
-        )
-
-
-def _tried(case: Case | ProcessCase | RefusedCase, make: Callable[[], str]) -> str:
-    """A row, or why there is none: a computer that stands still shows nothing."""
-    try:
-        return make()
-    except (AssertionError, HardwareError) as error:
-        return table_line(case.name, case.wiring, f"not measured: {str(error)[:200]}")
-
-
-def row(case: Case, found: Outcome) -> str:
+def row(case, found):
     """A line of the fault table."""
     if not case.stops:
         return table_line(case.name, case.wiring, "-", "-", "-", case.acts)
@@ -275,18 +208,34 @@ def row(case: Case, found: Outcome) -> str:
     return table_line(case.name, case.wiring, off, neutral, found.exits, case.acts)
 
 
-def main() -> None:
+KINDS = (
+    (CASES, lambda case, folder: check(case, run_case(case, folder)), row),
+    (
+        PROCESS_CASES,
+        lambda case, folder: check_process(case, run_process_case(case, folder)),
+        process_row,
+    ),
+    (REFUSED, run_refused_case, refused_row),
+)
+"""Cases, what measures one in a folder, and what makes a line of that."""
+
+
+def main():
     """Measures the cases whose names are given, or all, once, and prints the lines of the table."""
-    for case in CASES:
-        if not sys.argv[1:] or case.name in sys.argv[1:]:
-            print(_tried(case, lambda case=case: row(case, _measured(case))), flush=True)
-    for process_case in PROCESS_CASES:
-        if not sys.argv[1:] or process_case.name in sys.argv[1:]:
-            made = lambda case=process_case: process_row(case, _measured_process(case))  # noqa: E731
-            print(_tried(process_case, made), flush=True)
-    for refused in REFUSED:
-        if not sys.argv[1:] or refused.name in sys.argv[1:]:
-            print(_tried(refused, lambda case=refused: _measured_refusal(case)), flush=True)
+    chosen = [
+        (case, measure, line)
+        for cases, measure, line in KINDS
+        for case in cases
+        if not sys.argv[1:] or case.name in sys.argv[1:]
+    ]
+    for case, measure, line in chosen:
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                found = undisturbed(lambda place: measure(case, place), Path(folder))  # noqa: B023
+                print(line(case, found), flush=True)
+            except (AssertionError, HardwareError) as error:  # a computer that stands still
+                text = f"not measured: {str(error)[:200]}"
+                print(table_line(case.name, case.wiring, text), flush=True)
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ TOOLS = ("arm-none-eabi-g++", "qemu-system-arm")
 _LONGEST = 300.0  # s, for one run on a busy computer
 
 
-def need_tools() -> None:
+def need_tools():
     """Skips the test where the cross compiler or the emulator is absent."""
     missing = [name for name in TOOLS if shutil.which(name) is None]
     if missing:
@@ -40,7 +40,7 @@ def need_tools() -> None:
         )
 
 
-def run(*command: object, folder: Path | None = None) -> str:
+def run(*command, folder=None):
     """Standard output of a command that must succeed."""
     done = subprocess.run(
         list(map(str, command)), cwd=folder, capture_output=True, text=True, timeout=_LONGEST
@@ -51,7 +51,7 @@ def run(*command: object, folder: Path | None = None) -> str:
     return done.stdout
 
 
-def export(folder: Path) -> Path:
+def export(folder):
     """The sketch of the wiring teensy_bridge, in the form in which the programs include it."""
     export_sketch(FirmwareSettings("teensy_bridge", AK70_10_V1_0_8), folder).rename(
         folder / "sketch.ino"
@@ -59,14 +59,14 @@ def export(folder: Path) -> Path:
     return folder
 
 
-def on_host(program: str, sketch: Path) -> str:
+def on_host(program, sketch):
     """Output of a program of `cortex_m7/` and the exported core, on this computer."""
     sources = (PROGRAMS / f"{program}.cpp", *sorted((sketch / "src").glob("*.cpp")))
     run("g++", *COMMON, "-ffp-contract=off", f"-I{sketch}", *sources, "-o", sketch / program)
     return run(sketch / program)
 
 
-def build(program: str, sketch: Path, core: Path | None = None) -> Path:
+def build(program, sketch, core=None):
     """A program of `cortex_m7/` and a core, `sketch/src` when None, as an image for the
     emulator.
     """
@@ -109,7 +109,7 @@ def build(program: str, sketch: Path, core: Path | None = None) -> Path:
     return image
 
 
-def emulate(image: Path, *words: str) -> str:
+def emulate(image, *words):
     """Output of an image in QEMU; its files are those of the image's folder."""
     machine = ("-M", "mps2-an500", "-nographic", "-monitor", "none", "-serial", "none")
     files = ("-semihosting-config", "enable=on,target=native")

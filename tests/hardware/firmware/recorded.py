@@ -7,9 +7,7 @@ pytest.
 
 import struct
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO
 
 import pytest
 
@@ -21,7 +19,7 @@ FUNCTIONS = (*build._FUNCTIONS, *core_functions._FUNCTIONS)
 _WRITE_TEXT = ("ad_core_take_reply", "ad_make_reply")
 
 
-def _content(argument: Any) -> bytes:
+def _content(argument):
     if isinstance(argument, bytes):
         return argument
     if isinstance(argument, int):
@@ -29,14 +27,14 @@ def _content(argument: Any) -> bytes:
     return bytes(getattr(argument, "_obj", argument))
 
 
-def _field(content: bytes) -> bytes:
+def _field(content):
     return struct.pack("<I", len(content)) + content
 
 
-def recorded(function: Callable[..., Any], name: str, stream: BinaryIO) -> Callable[..., Any]:
+def recorded(function, name, stream):
     """The function, with one record in the stream per call."""
 
-    def call(*arguments: Any) -> Any:
+    def call(*arguments):
         stream.write(struct.pack("<BB", FUNCTIONS.index(name), len(arguments)))
         stream.write(b"".join(_field(_content(argument)) for argument in arguments))
         result = function(*arguments)
@@ -53,13 +51,13 @@ def recorded(function: Callable[..., Any], name: str, stream: BinaryIO) -> Calla
 
 
 class _Library:
-    def __init__(self, stream: BinaryIO) -> None:
+    def __init__(self, stream):
         loaded = core_functions.library()
         for name in FUNCTIONS:
             setattr(self, name, recorded(getattr(loaded, name), name, stream))
 
 
-def main() -> int:
+def main():
     """Runs the tests of the core with the recorder between them and the core."""
     tests = sorted(str(path) for path in Path(__file__).parent.glob("test_core_*.py"))
     with open(sys.argv[1], "wb") as stream:

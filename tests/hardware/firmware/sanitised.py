@@ -21,7 +21,7 @@ FLAGS = (
 )
 
 
-def main() -> int:
+def main():
     """Points the build to the sketch and the sanitisers, and runs the tests of this folder."""
     build.SKETCH = Path(sys.argv[1])
     build._FLAGS = (*build._FLAGS, *FLAGS)

@@ -1,7 +1,6 @@
 """The C++ core and the Python protocol read and write the same bytes."""
 
 import math
-import random
 from dataclasses import astuple
 
 import pytest
@@ -68,39 +67,6 @@ def closed(body):
 PLAIN = b"1;0;0;0;0;0;0|;2;0;0;0;0;0;0|;1500;1500;0;0;65535"
 
 
-@st.composite
-def damaged_strings(draw):
-    """A command string with some of its bytes replaced, removed or put in, of the kinds that the
-    grammar looks at.
-    """
-    made = refused(teensy.make_command, draw(commands()))
-    text = bytearray(PLAIN if made is None else made[:-5])
-    for _ in range(draw(st.integers(0, 3))):
-        place = draw(st.integers(0, len(text)))
-        text[place : place + draw(st.integers(0, 2))] = draw(
-            st.sampled_from(
-                [
-                    b"",
-                    b" ",
-                    b";",
-                    b"|",
-                    b"-",
-                    b"+",
-                    b".",
-                    b"0",
-                    b"9",
-                    b"\r\n",
-                    b"*",
-                    b"\0",
-                    b"\xff",
-                    b"e",
-                    b"nan",
-                ]
-            )
-        )
-    return closed(bytes(text))
-
-
 def numbers(command):
     """All of a command, flat."""
     attitude = command.attitude or Attitude(0.0, 0.0, 65535)
@@ -118,22 +84,6 @@ def test_a_command_arrives_as_it_was_written(command):
     text = refused(teensy.make_command, command)
     if text is not None:
         assert numbers(core.decode_command(text)) == pytest.approx(numbers(command), abs=6e-5)
-
-
-@EXAMPLES
-@given(damaged_strings())
-def test_what_the_core_reads_out_of_a_damaged_string_is_a_command(text):
-    command = refused(core.decode_command, text)
-    if command is not None:
-        assert numbers(core.decode_command(teensy.make_command(command))) == pytest.approx(
-            numbers(command), abs=6e-5
-        )
-
-
-@EXAMPLES
-@given(st.binary(max_size=80))
-def test_arbitrary_bytes_are_refused(text):
-    assert refused(core.decode_command, text + b"|") is None
 
 
 @pytest.mark.parametrize(
@@ -181,27 +131,16 @@ def test_a_command_that_is_none_is_refused(text):
     assert refused(core.decode_command, text) is None
 
 
-@FEW
-@given(st.data())
-def test_a_stream_with_noise_and_partial_strings_gives_whole_commands(data):
-    strings = commands().map(lambda command: refused(teensy.make_command, command) or closed(PLAIN))
-    noise = st.one_of(
-        st.binary(max_size=30),
-        strings.flatmap(lambda text: st.integers(0, len(text)).map(lambda cut: text[cut:])),
-        st.just(b"x" * 450),
-    )
-    pieces = data.draw(st.lists(noise, max_size=4), label="noise")
-    last = data.draw(strings, label="last")
-    stream = b"".join(pieces) + b"|" + 2 * last
+@pytest.mark.parametrize(
+    "noise", [b"\xff\0|", closed(PLAIN)[7:], closed(PLAIN)[:-9] + b"|", b"x" * 450 + b"|", b"||"]
+)
+@pytest.mark.parametrize("size", [1, 2, 7, 90, 1000])
+def test_a_stream_with_noise_and_partial_strings_gives_whole_commands(noise, size):
+    stream = noise + closed(PLAIN) + noise + 2 * closed(PLAIN.replace(b"1500", b"1600", 1))
     reader = core.CommandReader()
-    found = None
-    place = 0
-    while place < len(stream):
-        size = data.draw(st.integers(1, 90), label="chunk")
-        count, newest = reader.feed(stream[place : place + size])
-        found = newest if count else found
-        place += size
-    assert found == core.decode_command(last)
+    found = [reader.feed(stream[place : place + size]) for place in range(0, len(stream), size)]
+    assert [command for count, command in found if count][-1].servo == 1600
+    assert reader.rejected <= 6
 
 
 def test_a_stream_that_begins_in_the_middle_of_a_string_is_read_from_the_next_one_on():
@@ -213,33 +152,38 @@ def test_a_stream_that_begins_in_the_middle_of_a_string_is_read_from_the_next_on
     assert reader.feed(text) == (1, command)
 
 
-@FEW
-@given(
-    st.lists(
-        st.tuples(
-            *[within(100.0)] * 3, st.integers(0, 255), st.integers(-40, 255), st.integers(0, 255)
-        ),
-        min_size=2,
-        max_size=2,
-    ),
-    st.lists(st.integers(0, 70), min_size=2, max_size=2),
+REPORTS = st.builds(
+    MotorReport,
+    st.integers(0, 70),
+    *[within(100.0)] * 3,
+    st.integers(0, 255),
+    st.integers(-40, 255),
+    st.integers(0, 255),
+)
+REPLIES = st.builds(
+    TeensyReply,
+    st.tuples(REPORTS, REPORTS),
     st.floats(0.0, 360.0),
     st.integers(0, 2**32 - 1),
     st.sampled_from(teensy.TeensyStatus),
 )
-def test_a_reply_arrives_as_it_was_written(states, ids, sail, clock, status):
-    reports = tuple(
-        MotorReport(motor_id, *state) for motor_id, state in zip(ids, states, strict=True)
-    )
-    text = refused(core.make_reply, TeensyReply(reports, sail, clock, status))
+
+
+def flat(reply):
+    return [*astuple(reply.motors[0]), *astuple(reply.motors[1]), reply.clock, reply.status]
+
+
+@FEW
+@given(REPLIES)
+def test_a_reply_arrives_as_it_was_written(reply):
+    text = refused(core.make_reply, reply)
+    first, second = (motor.motor_id for motor in reply.motors)
     if text is None:
-        assert min(ids) < 1 or max(ids) > ak70.MOST_ID or ids[0] == ids[1]
+        assert min(first, second) < 1 or max(first, second) > ak70.MOST_ID or first == second
         return
     found = teensy.decode_reply(text)
-    assert (found.clock, found.status) == (clock, status)
-    assert found.sail == pytest.approx(sail, abs=6e-4)
-    for report, wanted in zip(found.motors, reports, strict=True):
-        assert astuple(report) == pytest.approx(astuple(wanted), abs=6e-5)
+    assert flat(found) == pytest.approx(flat(reply), abs=6e-5)
+    assert found.sail == pytest.approx(reply.sail, abs=6e-4)
 
 
 def test_a_reply_that_is_not_finite_is_refused():
@@ -278,23 +222,3 @@ def test_replies_of_motors_are_read_alike(arbitration_id, first, rest, extended,
         assert refused(core.decode_reply, frame, profile) == refused(
             ak70.decode_reply, frame, profile
         )
-
-
-@pytest.mark.parametrize("profile", PROFILES.values(), ids=lambda profile: profile.name)
-def test_frames_agree_over_many_random_commands(profile):
-    generator = random.Random(1)
-    for _ in range(5000):
-        command = MitCommand(
-            generator.uniform(-profile.position, profile.position),
-            generator.uniform(-profile.speed, profile.speed),
-            generator.uniform(0, profile.kp),
-            generator.uniform(0, profile.kd),
-            generator.uniform(-profile.torque, profile.torque),
-        )
-        assert core.make_command(7, command, profile) == ak70.make_command(7, command, profile)
-
-
-@FEW
-@given(st.binary(max_size=100))
-def test_checksums_agree(data):
-    assert core.crc8(data) == teensy.crc8(data)

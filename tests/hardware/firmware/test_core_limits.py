@@ -89,28 +89,23 @@ def test_an_old_attitude_on_the_side_still_stops_the_tail():
 @pytest.mark.parametrize(("asked", "end"), [(1900, 1700), (1100, 1300)])
 def test_a_throttle_step_is_clipped_and_comes_on_slowly(wiring, asked, end):
     bench = Bench(wiring)
-    bench.write(MotorRequest.EXIT)
-    pulses = []
-    begin = bench.now
-    for _ in range(300):
-        bench.write(MotorRequest.EXIT, throttle=asked)
+
+    def reached(throttle):
+        """Distance from neutral, us."""
         bench.wait(0.01)
-        pulses.append(abs(bench.core.state.throttle - 1500))
+        bench.write(MotorRequest.EXIT, throttle=throttle)
+        return abs(bench.core.state.throttle - 1500)
+
+    reached(1500)
+    pulses = [reached(asked) for _ in range(300)]
     assert pulses[0] <= SAFETY.throttle_start * 400 + 2
     assert max(np.diff(pulses)) <= math.ceil(SAFETY.throttle_rate * 400 * 0.01)
-    reached = begin + 0.01 * (1 + int(np.argmax(np.array(pulses) == abs(end - 1500))))
+    assert bench.core.state.throttle == end
     expected = (SAFETY.throttle_limit - SAFETY.throttle_start) / SAFETY.throttle_rate
-    assert reached == pytest.approx(expected, abs=0.05)
-    assert pulses[-1] == abs(end - 1500)
-    bench.write(MotorRequest.EXIT, throttle=1500)
-    assert bench.core.state.throttle == 1500, "back at once"
-    for _ in range(30):
-        bench.write(MotorRequest.EXIT, throttle=asked)
-        bench.wait(0.01)
-    bench.write(MotorRequest.EXIT, throttle=3000 - asked)
-    assert abs(bench.core.state.throttle - 1500) <= SAFETY.throttle_start * 400 + 1, (
-        "the other way begins anew"
-    )
+    assert 0.01 * pulses.index(abs(end - 1500)) == pytest.approx(expected, abs=0.05)
+    other_way = reached(3000 - asked)
+    assert other_way <= SAFETY.throttle_start * 400 + 1, "the other way begins anew"
+    assert reached(1500) == 0, "back at once"
 
 
 class BusBench(Bench):

@@ -28,6 +28,7 @@ from aerodima.hardware.protocol.teensy import (
 )
 from aerodima.hardware.protocol.teensy import make_command as make_string
 from aerodima.workbench.errors import HardwareError
+from tests.refusals import assert_refused
 
 TIMING = load_teensy_timing()
 PUSH = MitCommand(1.0, 0.0, 17.0, 5.0, 0.0)
@@ -109,24 +110,28 @@ def test_it_starts_neutral_and_switches_the_motors_off():
 def test_it_bridges_enter_command_and_exit():
     bench = Bench()
     bench.write(MotorRequest.EXIT)
-    del bench.sent[:]
-    bench.write(MotorRequest.ENTER)
-    bench.wait(MS)
-    neutral = [make_neutral(motor_id, PROFILE) for motor_id in (1, 2)]
-    sent = [frame for _, frame in bench.sent]
-    assert sent == [neutral[0], make_enter(1), neutral[0], neutral[1], make_enter(2), neutral[1]]
-    del bench.sent[:]
-    bench.write(MotorRequest.COMMAND, PUSH, throttle=1520, servo=1700)
-    bench.wait(MS)
-    assert [frame for _, frame in bench.sent] == [
-        make_command(motor_id, PUSH, PROFILE) for motor_id in (1, 2)
-    ]
+
+    def bridged(request, *rest, **pulses):
+        del bench.sent[:]
+        bench.write(request, *rest, **pulses)
+        bench.wait(MS)
+        return [frame for _, frame in bench.sent]
+
+    entered = [
+        frame
+        for motor_id in (1, 2)
+        for frame in (
+            make_neutral(motor_id, PROFILE), make_enter(motor_id), make_neutral(motor_id, PROFILE)
+        )
+    ]  # fmt: skip
+    assert bridged(MotorRequest.ENTER) == entered
+    pushed = [make_command(motor_id, PUSH, PROFILE) for motor_id in (1, 2)]
+    assert bridged(MotorRequest.COMMAND, PUSH, throttle=1520, servo=1700) == pushed
     assert (bench.core.state.servo, bench.core.state.throttle) == (1700, 1520)
     reply = bench.last_reply()
     assert reply.motors[0].position == pytest.approx(0.5, abs=4e-4)
     assert reply.motors[1].torque == pytest.approx(2.0, abs=0.01)
-    assert reply.motors[0].temperature == 31
-    assert reply.status is TeensyStatus.RUNNING
+    assert (reply.motors[0].temperature, reply.status) == (31, TeensyStatus.RUNNING)
 
 
 def test_it_acts_when_the_strings_stop_and_not_before():
@@ -268,5 +273,15 @@ def test_words_of_the_sail_encoder_become_degrees(bits, word, degrees):
 
 
 def test_settings_refuse_other_wirings():
-    with pytest.raises(HardwareError, match="allowed: teensy_bridge, watched_can"):
-        FirmwareSettings("usb", PROFILE)
+    assert_refused(lambda: FirmwareSettings("usb", PROFILE), HardwareError, "usb")
+
+
+def test_no_command_leaves_after_everything_was_switched_off():
+    bench = Bench().drive()
+    bench._collect = lambda: None  # the bus takes nothing
+    bench.write(MotorRequest.COMMAND, PUSH)
+    bench.write(MotorRequest.COMMAND, PUSH, throttle=1520, attitude=None)
+    assert bench.core.state.status is TeensyStatus.ATTITUDE
+    frames = bench.core.frames()
+    assert make_exit(1) in frames
+    assert make_command(1, PUSH, PROFILE) not in frames

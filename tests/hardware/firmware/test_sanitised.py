@@ -19,7 +19,7 @@ DEFECTS = {
 }
 
 
-def address_sanitiser() -> Path:
+def address_sanitiser():
     """The library that must be loaded before Python; skips where this compiler has none."""
     if shutil.which("g++") is None:
         pytest.skip("no g++ on the path")
