@@ -61,11 +61,12 @@ def test_swing_of_the_readme_comes_out_as_it_was(folder: Path) -> None:
     write_laboratory_csv(folder / "swing.csv", swing_readings())
     importing, conditioning = commands(0)
     notes = call(importing).stderr
-    assert f"at {GAP[0]:g} s: gap of {GAP[1] - GAP[0]:.2g} s, about 19 samples lost" in notes
-    assert "Temp" in notes
+    assert all(
+        told in notes for told in (f"{GAP[0]:g} s", f"{GAP[1] - GAP[0]:.2g} s", "19", "Temp")
+    )
     said = call(conditioning).stdout
-    assert "filled with 19 rows" in said
-    assert "drift of force_x_n" in said
+    assert "19 rows" in said
+    assert "force_x_n" in said
     run_log = read_run_log(folder / "swing.parquet")
     assert run_log.kind == "swing"
     assert run_log.extra["tail"] == "1"
@@ -85,6 +86,7 @@ def test_swing_of_the_readme_comes_out_as_it_was(folder: Path) -> None:
     (in_python,) = blocks("python")
     done: dict[str, Any] = {}
     exec(in_python, done)  # the same log, drift from a rest before and one after the swing
+    assert len(done["log"].extra["conditioning"]) == 3
     for name, noise in zip(done["forces"], [0.01, 0.02], strict=True):
         error = (done["log"].signal(name)[swinging] - truth[name].to_numpy())[away]
         # 0.28 of the noise passes the filter; the drift line adds about as much.
@@ -98,11 +100,11 @@ def test_run_of_the_car_of_the_readme_gives_its_metrics(folder: Path) -> None:
     car_files(folder)
     importing, metrics, replay = commands(1)
     notes = call(importing).stderr
-    assert "'speed_m_per_s' at" in notes
-    assert "6 earlier rows of the log are left out" in notes
+    assert "speed_m_per_s" in notes
+    assert "6 earlier rows" in notes
     assert "average_yaw_rate_rad_per_s" in call(metrics).stdout
     call(replay)
-    assert "reckoned" in (folder / "car.html").read_text(encoding="utf-8")
+    assert (folder / "car.html").stat().st_size > 1e6
     run_log = read_run_log(folder / "car.parquet")
     speed = run_log.signal("speed_m_per_s")
     changes = run_log.time[1:][np.diff(speed) != 0.0]
@@ -129,12 +131,3 @@ def test_every_yaml_of_the_readme_is_read_and_every_key_is_explained() -> None:
 
     words = [key for model in (ColumnSource, CsvFormat, Mapping) for key in keys_of(model)]
     assert [word for word in words if word not in README] == []
-
-
-def test_the_python_of_the_readme_runs(folder: Path) -> None:
-    write_laboratory_csv(folder / "swing.csv", swing_readings())
-    call(commands(0)[0])
-    names: dict[str, Any] = {}
-    (code,) = blocks("python")
-    exec(code, names)
-    assert len(names["log"].extra["conditioning"]) == 3
