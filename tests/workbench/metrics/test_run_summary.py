@@ -2,9 +2,22 @@
 made.
 """
 
+import numpy as np
+import pandas as pd
 import pytest
 
-from aerodima.workbench.metrics.run_summary import published_for, summarise, tail_mode_of
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.schema import PLANT_RUN, RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.metrics.run_summary import (
+    metrics_of_runs,
+    plant_air,
+    plant_metrics,
+    plant_speed,
+    published_for,
+    summarise,
+    tail_mode_of,
+)
+from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import made_up_run, times
 from tests.workbench.made_up_summaries import made_up_summary
 
@@ -68,3 +81,56 @@ def test_every_number_has_its_unit_at_the_end_of_the_column() -> None:
     assert [
         name for name, value in row.items() if type(value) is float and not name.endswith(units)
     ] == []
+
+
+def plant_log() -> RunLog:
+    """A body that goes round a quarter of a circle of 2 m in 1 s while it climbs 3 m, turned to the
+    right, with two tails in the air.
+    """
+    time = np.arange(1001) / 1000.0
+    angle = 0.5 * np.pi * time
+    com = 2.0 * np.column_stack([np.cos(angle), np.sin(angle), 1.5 * time])
+    velocity = np.column_stack([-np.pi * np.sin(angle), np.pi * np.cos(angle), np.full(1001, 3.0)])
+    columns = {"time_s": time, "tilt_truth_rad": 0.2 * np.sin(np.pi * time)}
+    columns["yaw_truth_rad"] = np.mod(-4.0 * time + np.pi, 2.0 * np.pi) - np.pi
+    parts = {"com": (com, "m"), "com_velocity": (velocity, "m_per_s")}
+    parts["left"] = (np.column_stack([6.0 * time, 0.0 * time, 8.0 * time]), "n")
+    parts["right"] = (np.column_stack([np.cos(2 * np.pi * time), 0 * time, 0 * time]), "n")
+    for stem, (values, unit) in parts.items():
+        columns |= {f"{stem}_{a}_truth_{unit}": values[:, n] for n, a in enumerate("xyz")}
+    tails = [{"name": name, "body": f"{name}_tail"} for name in ("left", "right")]
+    metadata = run_metadata({"name": "plant"}, 0, kind=PLANT_RUN, extra={"tails": tails})
+    return run_log_from_metadata(pd.DataFrame(columns), metadata, source="plant.parquet")
+
+
+def test_metrics_of_a_plant_are_those_of_its_motion() -> None:
+    expected = {
+        "outcome": "survived",
+        "duration_s": 1.0,
+        "path_m": np.pi,  # over the ground
+        "max_speed_m_per_s": np.hypot(np.pi, 3.0),
+        "max_height_m": 3.0,
+        "min_height_m": 0.0,
+        "start_tilt_rad": 0.0,
+        "max_tilt_rad": 0.2,
+        "end_tilt_rad": 0.0,
+        "heading_change_rad": -4.0,
+        "left_max_n": 10.0,
+        "left_impulse_n_s": 5.0,
+        "right_max_n": 1.0,
+        "right_impulse_n_s": 0.0,  # it pushes forwards as long as backwards
+    }
+    found = plant_metrics(plant_log())
+    assert set(found) == set(expected)
+    assert found.pop("outcome") == expected.pop("outcome")
+    assert found == pytest.approx(expected, abs=1e-6)
+    np.testing.assert_allclose(plant_speed(plant_log()), np.hypot(np.pi, 3.0))
+    air = plant_air(plant_log())
+    assert air is not None
+    assert air[[0, 250, 1000]] == pytest.approx([1.0, 2.5, 11.0])
+
+
+def test_runs_of_a_car_and_of_a_plant_are_told_apart() -> None:
+    plant = plant_log()
+    assert_refused(lambda: metrics_of_runs([plant, made_up_run()]), LogError, "plant.parquet")
+    assert_refused(lambda: plant_metrics(made_up_run()), LogError, "'car_run'", "'plant_run'")

@@ -10,6 +10,7 @@ from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
 from aerodima.workbench.metrics.published_values import published_values
 from aerodima.workbench.metrics.turn_metrics import metrics_of, outcome_from, outcome_of
 from aerodima.workbench.metrics.turn_signals import turn_signals
+from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import SPEED, STEP, made_up_run, times
 
 TURN = (2.0, 2.64)
@@ -297,8 +298,7 @@ def test_the_turn_of_the_auto_sequence_starts_at_the_first_steering_command() ->
     assert metrics_of(run).raw.average_yaw_rate_rad_per_s == pytest.approx(
         PEAK * 2.0 / math.pi, rel=1e-5
     )
-    with pytest.raises(LogError, match="no steering command"):
-        metrics_of(made_up_run(kind="auto_turn"))
+    assert_refused(lambda: metrics_of(made_up_run(kind="auto_turn")), LogError, "steering")
 
 
 def test_a_straight_run_is_measured_over_all_of_it() -> None:
@@ -309,41 +309,35 @@ def test_a_straight_run_is_measured_over_all_of_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "named"),
     [
         (
             {"gyro_z_truth_rad_per_s": np.where(times() == times()[1000], np.nan, 0.0)},
-            "yaw_rate .*not finite.* at 2 s",
+            ["yaw_rate", "nan", "2 s"],
         ),
-        ({"tail_power_truth_w": np.nan}, "tail motor power.*not finite"),
-        ({"time_s": times()[::-1].copy()}, "'time_s': not increasing in row 1"),
-        ({"time_s": times() + (times() > 3.0) * 0.5}, r"1 gap\(s\).* after 3 s"),
-        ({"time_s": 0.5 * times()}, "holds 0 to 2 s, the turn is 2 to 2.64 s"),
+        ({"tail_power_truth_w": np.nan}, ["tail motor power", "nan"]),
+        ({"time_s": times()[::-1].copy()}, ["time_s", "row 1"]),
+        ({"time_s": times() + (times() > 3.0) * 0.5}, ["1 gap", "3 s"]),
+        ({"time_s": 0.5 * times()}, ["0 to 2 s", "2 to 2.64 s"]),
     ],
     ids=["NaN", "NaN power", "unsorted", "gap", "too short"],
 )
-def test_what_is_wrong_with_a_log_is_named(change, message) -> None:
-    with pytest.raises(LogError, match=message):
-        metrics_of(made_up_run(change))
+def test_what_is_wrong_with_a_log_is_named(change, named) -> None:
+    assert_refused(lambda: metrics_of(made_up_run(change)), LogError, *named)
 
 
-def test_a_scenario_without_a_needed_key_is_named() -> None:
+@pytest.mark.parametrize("servo", [{}, {"rate": 0.0}, {"rate": -1.0}])
+def test_a_servo_without_a_rate_is_named(servo) -> None:
     run = made_up_run()
-    with pytest.raises(LogError, match=r"no servo\.rate"):
-        metrics_of(dataclasses.replace(run, scenario={**run.scenario, "servo": {}}))
+    run = dataclasses.replace(run, scenario={**run.scenario, "servo": servo})
+    assert_refused(lambda: metrics_of(run), LogError, "servo.rate")
 
 
 @pytest.mark.parametrize("key", ["steer_angle", "turn_start", "turn_hold"])
 @pytest.mark.parametrize("value", ["x", None, [1.0], math.nan])
 def test_a_scenario_value_that_is_no_number_is_named(key: str, value: Any) -> None:
-    with pytest.raises(LogError, match=rf"manoeuvre\.{key} .*must be a finite number"):
-        metrics_of(made_up_run(**{key: value}))
-
-
-def test_a_servo_that_stands_still_is_refused() -> None:
-    run = made_up_run()
-    with pytest.raises(LogError, match=r"servo\.rate 0, but it must be above 0"):
-        metrics_of(dataclasses.replace(run, scenario={**run.scenario, "servo": {"rate": 0.0}}))
+    run = made_up_run(**{key: value})
+    assert_refused(lambda: metrics_of(run), LogError, f"manoeuvre.{key}", repr(value))
 
 
 def degrees(*corners: float) -> np.ndarray:
@@ -426,14 +420,8 @@ def test_the_published_rows_are_the_printed_ones() -> None:
     rows = {(row.platform, row.configuration): row for row in published_values()}
     assert set(rows) == {(p, c) for p in ("simulated", "physical") for c in ("tailless", "tailed")}
     tailless = rows["simulated", "tailless"]
-    assert (tailless.metrics.speed_m_per_s, tailless.metrics.max_kohut_deg_m_per_s2) == (
-        3.30,
-        413.31,
-    )
-    assert (tailless.metrics.roll_integral_rad, tailless.source) == (
-        pytest.approx(0.93243),
-        "Table 7.1",
-    )
+    assert tailless.source == "Table 7.1"
+    assert tailless.metrics.speed_m_per_s == 3.30
     # ERRATA E35: sums of samples, 1 ms in simulation and 10 ms on the car.
     assert tailless.metrics.roll_integral_rad == pytest.approx(0.93243)
     assert rows["physical", "tailless"].metrics.roll_integral_rad == pytest.approx(0.2543)
