@@ -218,26 +218,6 @@ def test_a_stop_that_was_pressed_without_connection_is_sent_when_it_is_back(
     eventually(lambda: "EMERGENCY STOP by key" in page.inner_text("#banner"))
 
 
-def test_without_webgl_the_view_says_so_and_the_rest_works(page: Any, tmp_path: Path) -> None:
-    class Viewed:
-        view = "http://127.0.0.1:9/"
-        driving = False
-        said = ""
-
-    page.add_init_script(
-        "const real = HTMLCanvasElement.prototype.getContext;"
-        "HTMLCanvasElement.prototype.getContext ="
-        " function (kind) { return kind === '2d' ? real.call(this, kind) : null; }"
-    )
-    with contextlib.closing(Served(tmp_path, car=Viewed())) as served:
-        page.goto(served.access.url)
-        eventually(lambda: page.evaluate(IN_CONTROL))
-        page.check("#show-view")
-        assert "WebGL is off" in page.inner_text("#view")
-        assert page.locator("iframe").count() == 0
-        eventually(lambda: served.sent(Heartbeat))
-
-
 def test_a_car_without_a_tail_is_driven_and_its_page_says_why_nothing_moves_a_tail(
     page: Any, served: Served
 ) -> None:
@@ -258,31 +238,6 @@ def test_a_car_without_a_tail_is_driven_and_its_page_says_why_nothing_moves_a_ta
         lambda: any(sent.throttle == pytest.approx(0.2) for sent in served.sent(OperatorCommand))
     )
     eventually(lambda: served.sent(OperatorCommand)[-1].steering > 0.1)
-
-
-def test_speed_is_shown_and_the_operator_chooses_what_is_plotted(page: Any, served: Served) -> None:
-    page.set_viewport_size({"width": 1280, "height": 800})
-    page.goto(served.access.url)
-    eventually(lambda: page.evaluate(IN_CONTROL))
-    report_all_the_time(served, replace(ARMED, speed=2.345))
-    eventually(lambda: page.inner_text("#speed") == "2.35 m/s")
-    assert page.inner_text("#battery") == "not measured"
-    assert page.locator(".plot:visible").count() == 5
-    page.uncheck("#channels input[value='Tail torque']")
-    assert page.locator(".plot:visible").count() == 4
-    page.check("#channels input[value='Tail torque']")
-    torque = page.locator("figure", has_text="Tail torque").locator("b")
-    eventually(lambda: "roll (solid) 0.0" in torque.inner_text())
-
-
-def test_the_view_stands_above_the_fold(page: Any, served: Served) -> None:
-    page.set_viewport_size({"width": 1280, "height": 800})
-    page.goto(served.access.url)
-    eventually(lambda: page.evaluate(IN_CONTROL))
-    page.evaluate("setView('about:blank')")
-    page.check("#show-view")
-    box = page.locator("iframe").bounding_box()
-    assert box["y"] + box["height"] <= 800.0
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ printed.
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,9 @@ import pytest
 
 from aerodima.optimisation.identify.fit_pipeline import Estimate, FitResult
 from aerodima.optimisation.identify.fit_report import write_report
-from aerodima.workbench.report.report_page import _templates
-from tests.browser.contrast import too_faint
 
 pytestmark = pytest.mark.realtime
 
-REPLAYS = str(_templates().get_template("signals.html").module.signals("signals", {"runs": []}))
-"""What stands below the replays of a comparison."""
 TIME = np.linspace(0.0, 10.0, 400)
 
 
@@ -63,16 +58,6 @@ def report(page: Any, report_file: Path) -> Any:
 SCALES = "figures[0].charts.map((chart) => [chart.scales.x.min, chart.scales.x.max])"
 
 
-def test_figure_is_drawn_and_its_picture_is_for_print(report: Any) -> None:
-    assert report.locator(".interactive .u-wrap").count() == 4, "two curves, each with its residual"
-    assert not report.locator(".interactive img").is_visible()
-    assert too_faint(report) == []
-    report.emulate_media(media="print")
-    assert report.locator(".interactive img").is_visible()
-    assert not report.locator(".interactive .charts").is_visible()
-    report.emulate_media(media="screen")
-
-
 def test_drag_zooms_a_curve_with_its_residual_and_double_click_shows_the_whole(report: Any) -> None:
     whole = report.evaluate(SCALES)
     over = report.locator(".interactive .u-over").first
@@ -113,31 +98,9 @@ def test_values_are_read_at_the_mouse_and_a_click_on_a_name_hides_its_line(repor
     ]
 
 
-def test_page_fits_a_phone(report: Any) -> None:
-    report.set_viewport_size({"width": 390, "height": 844})
-    assert report.evaluate("document.documentElement.scrollWidth") <= 390
-    report.wait_for_function("() => figures[0].charts.every((chart) => chart.width < 390)")
-
-
 def test_without_scripts_the_picture_is_shown(browser: Any, report_file: Path) -> None:
     context = browser.new_context(java_script_enabled=False)
     page = context.new_page()
     page.goto(report_file.as_uri())
     assert page.locator(".interactive img").is_visible()
     context.close()
-
-
-def test_page_with_replays_and_plots_draws_both(
-    page: Any, tmp_path: Path, report_file: Path
-) -> None:
-    scripts = "".join(
-        f"<script>{text}</script>"
-        for text in re.findall(r"<script>(.*?)</script>", REPLAYS, re.DOTALL)
-    )
-    path = tmp_path / "both.html"
-    path.write_text(
-        report_file.read_text(encoding="utf-8").replace("<main>", f"<main>{scripts}"),
-        encoding="utf-8",
-    )
-    page.goto(path.as_uri())
-    assert page.locator(".interactive.drawn").count() == 1

@@ -82,12 +82,6 @@ def test_equal_figures_have_equal_bytes_and_settings_outside_stay() -> None:
     assert dict(matplotlib.rcParams) == before
 
 
-def test_figures_need_no_display_and_open_no_window(figures: dict[str, Figure]) -> None:
-    import matplotlib.pyplot as plt
-
-    assert plt.get_fignums() == []
-
-
 def test_a_log_that_ends_in_the_turn_is_refused() -> None:
     run = made_up_run()
     cut = type(run)(

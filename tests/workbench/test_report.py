@@ -81,23 +81,6 @@ def test_text_is_escaped_once_wherever_it_stands() -> None:
     assert _read(text).text.count(odd) == 23  # title, lead, five headings and five links count too
 
 
-@pytest.mark.parametrize(("sections", "links"), [(4, 0), (5, 5)])
-def test_a_long_page_begins_with_links_to_all_its_sections(sections: int, links: int) -> None:
-    text = Page("A", "", [Section(f"Part {number}", []) for number in range(sections)]).html()
-    anchors = [address[1:] for address in _read(text).addresses if address.startswith("#")]
-    assert len(anchors) == links
-    assert anchors in ([], re.findall(r'<section id="(\w+)"', text))
-
-
-def test_columns_of_numbers_are_set_to_the_right() -> None:
-    rows = [
-        ["a", "1.5", "-", "1 to 2", "+3 %", "nan"],
-        ["2 b", "2e-05", "-4.0", "", "12.0° (11.0 .. 13.0)", "1.2 kg"],
-    ]
-    assert Table(list("nabcde"), rows).numbers == [False, True, True, True, True, False]
-    assert Table(["empty"], []).numbers == [False]
-
-
 def test_files_of_a_folder_are_all_made_before_any_is_written(tmp_path: Path) -> None:
     drawing, axes = new_figure(4.0, 3.0)
     axes[0, 0].plot([0, 1])

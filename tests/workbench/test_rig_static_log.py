@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.errors import LogError, ScenarioError, UserError
+from aerodima.workbench.errors import ScenarioError, UserError
 from aerodima.workbench.logs.schema import read_run_log, write_run_log
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.resources import model_path
@@ -176,16 +176,3 @@ def test_exposure_is_told() -> None:
 def test_holding_beyond_the_current_limit_is_refused() -> None:
     with pytest.raises(UserError, match="A; allowed: within"):
         simulate_static_log(STATIC.varied(experiment={"wind_speed": 40.0}))
-
-
-def test_a_rig_log_needs_its_angle_but_may_lack_an_axis(tmp_path: Path) -> None:
-    log = simulate_static_log(STATIC.varied(experiment={"duration": 0.01}))
-    without_axis = log.table.drop(columns="force_x_n")
-    write_run_log(
-        type(log)(without_axis, log.scenario, log.seed, kind="static"), tmp_path / "a.parquet"
-    )
-    with pytest.raises(LogError, match="angle_rad"):
-        write_run_log(
-            type(log)(log.table.drop(columns="angle_rad"), log.scenario, log.seed, kind="static"),
-            tmp_path / "b.parquet",
-        )

@@ -6,13 +6,11 @@ from __future__ import annotations
 
 import pytest
 import typer
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from typer.testing import CliRunner
 
-from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
+from aerodima.workbench.aero.coefficient_files import embedded_sets
 from aerodima.workbench.cli.model_commands import register
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.figures.coefficient_figures import plot_coefficients
 
 RUNNER = CliRunner()
 
@@ -46,44 +44,6 @@ def test_a_plot_is_written_and_not_overwritten_unasked(tmp_path) -> None:
     assert target.read_bytes().startswith(b"\x89PNG")
     assert isinstance(RUNNER.invoke(app(), command).exception, UserError)
     assert RUNNER.invoke(app(), [*command, "--force"]).exit_code == 0
-
-
-@pytest.mark.parametrize("name", embedded_sets())
-def test_every_set_can_be_drawn_with_its_bands(name) -> None:
-    """A set with single fits shows a band (one collection per speed)."""
-    coefficients = load_coefficients(name)
-    figure = plot_coefficients(coefficients)
-    bands = [c for axes in figure.axes for c in axes.collections]
-    assert bool(bands) == (coefficients.law_kind == "polar" or coefficients.kind == "speed_table")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", embedded_sets())
-def test_legend_covers_no_node(name) -> None:
-    figure = plot_coefficients(load_coefficients(name))
-    FigureCanvasAgg(figure).draw()
-    for axes in figure.axes:
-        legend = axes.get_legend()
-        marked = [line for line in axes.lines if line.get_marker() == "o"]
-        for line in marked if legend else []:
-            for point in axes.transData.transform(line.get_xydata()):
-                assert not legend.get_window_extent().contains(*point)
-
-
-def test_curve_and_limit_beyond_the_measured_speeds_stand_within_the_frame(tmp_path) -> None:
-    path = tmp_path / "sail.yaml"
-    path.write_text(
-        "schema: aerodima/coefficients/1\nlaw: normal_force\nquasi_steady_limit_m_per_s: "
-        "15.0\nname: sail\n"
-        "source: mine\nkind: speed_line\nrange: {speed_m_per_s: [3.0, 12.0]}\n"
-        "cn_slope_s_per_m: 0.02\ncn_intercept: 1.8\n"
-    )
-    figure = plot_coefficients(load_coefficients(path))
-    FigureCanvasAgg(figure).draw()
-    (axes,) = figure.axes
-    (limit,) = [line for line in axes.lines if line.get_label() == "quasi-steady limit"]
-    assert limit.get_xdata()[0] == 15.0 < axes.get_xlim()[1]
-    assert max(axes.lines[0].get_ydata()) < 0.95 * axes.get_ylim()[1]
 
 
 @pytest.mark.parametrize(

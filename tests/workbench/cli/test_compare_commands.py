@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +18,6 @@ from aerodima.workbench.report.replay_page import (
     comparison_page,
     different_cars,
     metrics_rows,
-    replay_page,
     scenario_differences,
 )
 from aerodima.workbench.simulate.simulation import simulate
@@ -81,24 +78,6 @@ def test_tail_of_a_car_without_one_is_not_drawn(runs: dict[str, RunLog]) -> None
     drawn = [line for line in tail.lines if np.size(line.get_xdata())]
     assert len(drawn) == 1
     assert drawn[0].get_ydata()[-1] == pytest.approx(-90.0, abs=2.0)
-
-
-def test_page_holds_both_replays_and_one_bar(runs: dict[str, RunLog]) -> None:
-    page = comparison_page([runs["none"], runs["held"]], ["none", "held"]).html()
-    assert page.count('id="both"') == 1
-    pages = re.findall(
-        r'<script type="application/json" id="replay-page-\d+">(.*?)</script>', page, re.DOTALL
-    )
-    assert [json.loads(held)[:15] for held in pages] == ["<!DOCTYPE html>"] * 2
-    assert page.count("MeshCat.Viewer") == 2
-
-
-def test_library_of_the_3d_view_stands_once_on_the_page(runs: dict[str, RunLog]) -> None:
-    sizes = [
-        len(comparison_page([runs["none"]] * count, list("abc")[:count]).html()) for count in (2, 3)
-    ]
-    alone = len(replay_page(runs["none"], signals=False))
-    assert sizes[1] - sizes[0] < 0.6 * alone
 
 
 def test_command_prints_and_writes(logs: dict[str, Path], tmp_path: Path) -> None:

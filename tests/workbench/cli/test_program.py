@@ -17,7 +17,7 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from aerodima.workbench.cli.options import SECTIONS, Status
+from aerodima.workbench.cli.options import Status
 from aerodima.workbench.cli.program import RENAMED, build_app
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.simulate.simulation import simulate
@@ -80,17 +80,6 @@ def test_help_lists_the_commands_of_every_distribution(aerodima: Run) -> None:
     done = aerodima("--help")
     assert done.returncode == 0
     assert re.search(r"^\s+probe\s+A command of another package\.$", done.stdout, re.MULTILINE)
-
-
-def test_help_begins_with_what_a_newcomer_runs_and_gives_every_command_a_section(
-    aerodima: Run,
-) -> None:
-    sections = re.findall(r"^(\S[^\n]*):\n((?:  .*\n)+)", aerodima("--help").stdout, re.MULTILINE)
-    titles = [title for title, _ in sections]
-    assert titles == ["Options", *SECTIONS, "Commands"]
-    assert re.match(r"  (\S+)", sections[1][1]).group(1) in ("demo", "run")
-    (own,) = sections[-1][1].splitlines()  # only what comes from another package
-    assert own.split()[0] == "probe"
 
 
 def test_version_is_printed_alone(aerodima: Run) -> None:
@@ -244,19 +233,6 @@ def options_of(command: Any) -> dict[str, Any]:
     return {
         name: option for option in command.params for name in option.opts if name.startswith("-")
     }
-
-
-@pytest.mark.slow
-def test_help_pages_cut_nothing_at_80_columns(
-    commands: Commands, call: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    assert len(commands[""].commands) <= 18
-    for words in commands:
-        page = call(*words.split(), "-h").stdout
-        assert page == call(*words.split(), "--help").stdout
-        lines = [line for line in page.splitlines() if not line.startswith("Usage:")]
-        assert [line for line in lines if line.endswith("...") or len(line) > 80] == [], words
 
 
 def test_one_thing_has_one_name(commands: Commands) -> None:

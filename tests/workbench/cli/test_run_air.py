@@ -60,7 +60,3 @@ def test_settings_of_the_air_are_refused_in_one_line(refused: Callable) -> None:
     )
     assert "above -0.0" in refused("run", "turn_swing", "--set", "tail.added_mass=-0.1")
     assert "'winds'" in refused("run", "turn_swing", "--set", "winds.mean_x=1")
-
-
-def test_coefficients_are_a_command(call: Callable) -> None:
-    assert "robot_tail_line" in call("models", "coefficients", "list").stdout

@@ -13,12 +13,9 @@ from aerodima.workbench.figures.figure_style import (
     BLUE,
     GREY,
     SKY,
-    VERMILION,
     new_figure,
     shade_turn,
 )
-from aerodima.workbench.figures.run_figures import plot_overlay, plot_turn
-from aerodima.workbench.logs.schema import RunLog
 
 X = np.linspace(0.0, 4.0, 41)
 
@@ -56,17 +53,6 @@ def test_samples_outside_the_shown_range_are_left_out() -> None:
     assert series["x"][-1] == pytest.approx(2.1)
 
 
-def test_path_that_turns_back_is_drawn_as_it_is() -> None:
-    angle = np.linspace(0.0, 2.0 * np.pi, 30)
-    found = panel(
-        lambda axes: axes.plot(np.cos(angle), np.sin(angle), color=VERMILION, label="circle")
-    )
-    assert found["series"] == []
-    (shape,) = found["shapes"]
-    assert shape["stroke"] == VERMILION.lower()
-    assert len(shape["x"]) == 30
-
-
 def test_stripe_and_rule_reach_from_edge_to_edge() -> None:
     def draw(axes: Any) -> None:
         shade_turn(axes, (1.0, 2.0))
@@ -101,39 +87,12 @@ def test_twin_is_refused() -> None:
         chart_panels(figure)
 
 
-def test_ticks_with_words_keep_them() -> None:
-    found = panel(lambda axes: (axes.plot(X, X), axes.set_xticks([0, 2], ["first", "second"])))
-    assert found["x_ticks"] == [(0.0, "first"), (2.0, "second")]
-    assert found["y_ticks"] is None
-
-
 def test_logarithmic_and_turned_axes_stay_so() -> None:
     found = panel(
         lambda axes: (axes.plot(X + 1.0, X + 1.0), axes.set_xscale("log"), axes.set_ylim(5.0, 1.0))
     )
     assert (found["x_log"], found["y_log"]) == (True, False)
     assert found["y_range"] == [5.0, 1.0]
-
-
-def test_panels_that_share_x_are_linked_and_others_are_not() -> None:
-    shared, _ = new_figure(6.0, 3.0, 2, 1, sharex=True)
-    apart, _ = new_figure(6.0, 3.0, 2, 1)
-    linked = [
-        [cell["panels"][0]["linked"] for cell in chart_panels(figure)["cells"]]
-        for figure in (shared, apart)
-    ]
-    assert linked == [[0, 0], [0, 1]]
-
-
-@pytest.mark.slow
-def test_figures_of_a_run_keep_every_panel(tailed: RunLog, tailless: RunLog) -> None:
-    overlay = chart_panels(plot_overlay([tailed, tailless], ["with", "without"]))
-    assert [key["label"] for key in overlay["keys"]] == ["with", "without"]
-    assert [len(cell["panels"]) for cell in overlay["cells"]] == [1] * 6
-    turn = chart_panels(plot_turn(tailed, "A turn"))
-    assert (turn["title"], turn["columns"], len(turn["cells"])) == ("A turn", 2, 6)
-    labels = [series["label"] for cell in turn["cells"] for series in cell["panels"][0]["series"]]
-    assert {"filtered, 5 Hz", "on-board estimate", "angle", "front left"} <= set(labels)
 
 
 def test_image_words_among_the_data_and_other_scales_are_refused() -> None:

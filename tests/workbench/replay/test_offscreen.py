@@ -20,6 +20,7 @@ from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay import offscreen
 from aerodima.workbench.replay.offscreen import Camera, OffscreenRun, check_renderer, floor_picture
+from tests.refusals import assert_refused
 
 
 def along_x(height: float = 2.0, target: float = 2.0) -> Camera:
@@ -104,9 +105,5 @@ def without_driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.mark.usefixtures("without_driver")
 def test_missing_renderer_is_one_line(tailed: RunLog) -> None:
-    with pytest.raises(
-        UserError, match=r"no off-screen renderer: .* install .*, or use `aerodima replay --html`"
-    ):
-        check_renderer()
-    with pytest.raises(UserError, match="no off-screen renderer"):
-        OffscreenRun(tailed)
+    assert_refused(check_renderer, UserError, "aerodima replay --html")
+    assert_refused(lambda: OffscreenRun(tailed), UserError, "aerodima replay --html")

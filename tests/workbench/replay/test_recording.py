@@ -5,6 +5,7 @@ the camera.
 from __future__ import annotations
 
 from collections import defaultdict
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,8 +23,8 @@ from aerodima.workbench.replay.recording import (
     _follow,
     frame_rows,
     record_run,
-    tube,
 )
+from tests.refusals import assert_refused
 
 
 class Tracks:
@@ -74,8 +75,8 @@ def test_long_replay_keeps_its_length_with_fewer_frames() -> None:
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, 50.0, float("nan")])
 def test_rate_out_of_range_is_refused(tailed: RunLog, rate: float) -> None:
-    with pytest.raises(UserError, match=r"--rate: .*allowed: 0.02 to 20"):
-        record_run(tailed, None, rate)  # type: ignore[arg-type]
+    work = partial(record_run, tailed, None, rate)  # type: ignore[arg-type]
+    assert_refused(work, UserError, "--rate", f"{rate:g}", "0.02", "20")
 
 
 @pytest.mark.parametrize(
@@ -120,17 +121,3 @@ def test_world_moves_so_that_the_car_stays_in_view(tailed: RunLog) -> None:
     assert position[0] > 1.0  # ahead of a car that heads along x
     assert position[1] < 0.0  # outside of a left turn: right
     assert target[2] > 0.0
-
-
-def test_tube_is_about_its_line_and_closed_by_its_sides() -> None:
-    line = np.array([[0.0, 0.0, 1.0], [0.5, 0.1, 1.0], [1.0, 0.4, 1.2]])
-    vertices, faces = tube(line, 0.01)
-    rings = vertices.T.reshape(3, 4, 3)
-    assert np.linalg.norm(rings - line[:, None], axis=2) == pytest.approx(np.full((3, 4), 0.01))
-    assert faces.shape == (3, 2 * 4 * 2)
-    assert set(faces.ravel()) == set(range(12))
-
-
-def test_tube_of_a_point_that_rests_has_finite_corners() -> None:
-    vertices, _ = tube(np.zeros((3, 3)), 0.01)
-    assert np.isfinite(vertices).all()

@@ -15,7 +15,6 @@ from pydrake.geometry import (
     Convex,
     Cylinder,
     Ellipsoid,
-    HalfSpace,
     Mesh,
     Shape,
     Sphere,
@@ -101,10 +100,6 @@ def test_hull_of_many_points_is_thinned_out_and_keeps_its_extent() -> None:
     assert np.ptp(points, axis=0) == pytest.approx(np.ones(3), abs=0.03)
 
 
-def test_half_space_is_left_out() -> None:
-    assert scene_with(HalfSpace()) == []
-
-
 def test_wheels_turn_about_y_and_the_resting_tail_points_inside(tailed: RunLog) -> None:
     logged = add_logged_run(DiagramBuilder(), tailed)
     car = tailed.scenario["car"]
@@ -129,13 +124,3 @@ def test_wheels_turn_about_y_and_the_resting_tail_points_inside(tailed: RunLog) 
         tail["length"], abs=0.01
     )  # left, inside of a left turn
     assert min(map(np.min, sideways)) > -0.02
-
-
-def test_colours_are_those_of_the_model(tailed: RunLog) -> None:
-    logged = add_logged_run(DiagramBuilder(), tailed)
-    sail, _board = [
-        shape
-        for shape in shapes_of(logged.plant, logged.scene_graph)
-        if shape["body"] == "tail_sail"
-    ]
-    assert sail["colour"] == pytest.approx((0.93, 0.74, 0.18))

@@ -63,10 +63,6 @@ def test_world_moves_under_the_camera_and_keeps_its_floor() -> None:
     assert "/drake/ground/floor" in meshcat.objects
 
 
-def test_floor_is_left_out_below_a_pendulum() -> None:
-    assert "/drake/ground/floor" not in shown([0.0, 0.0, -0.4], [2.0, 0.0, 0.0]).objects
-
-
 def test_point_of_the_arrow_is_force_times_scale_from_the_middle_of_the_tail() -> None:
     meshcat = shown([3.0, -2.0, 0.4], [2.0, 0.0, 0.0])
     assert meshcat.properties[ARROW, "visible"] is True

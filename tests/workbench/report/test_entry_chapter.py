@@ -4,7 +4,6 @@ page says.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -106,22 +105,3 @@ def test_a_run_is_on_the_car_and_at_the_speed_that_are_named() -> None:
     assert len({str((one.tail.mode, one.controller)) for one in (first, *others)}) == len(
         CHOSEN.candidates
     )
-
-
-@pytest.mark.slow
-def test_chapter_has_the_replays_and_the_medians(standard_runs: dict[str, Any]) -> None:
-    names = [one.name for one in CHOSEN.candidates]
-    logs = dict(zip(names, standard_runs.values(), strict=True))
-    logs["held"] = replace(logs["held"], table=logs["held"].table.assign(tilt_truth_rad=2.0))
-    shown, medians = chapter.entry_chapter(CHOSEN, logs)
-    words = [one.words for one in CHOSEN.candidates]
-    captions = shown.parts[0].values["captions"]
-    assert [run["name"] for run in shown.parts[0].values["runs"]] == words
-    assert [caption.split(":")[0] for caption in captions] == words
-    assert ": rolls over (" in captions[1]
-    assert all(
-        "m/s² to the side" in caption for index, caption in enumerate(captions) if index != 1
-    )
-    table = medians.parts[0]
-    assert len(table.rows) == len(chapter.entry_medians(CHOSEN.floor))
-    assert {one.words for one in CHOSEN.candidates} <= {cells[0] for cells in table.rows}

@@ -13,8 +13,6 @@ import pytest
 
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.turn_metrics import Outcome
-from aerodima.workbench.replay.captions import caption_of, outcome_in_words
 from aerodima.workbench.report.replay_page import replay_page, write_replay_html
 
 
@@ -49,57 +47,6 @@ def test_page_holds_the_animation_of_every_moving_part(page: str) -> None:
     ):
         assert b"/drake/" in animation
         assert part in animation, part
-
-
-def test_page_is_small_enough_to_mail(page: str) -> None:
-    assert len(page) < 8e6
-
-
-def test_title_tells_scenario_speed_tail_and_outcome(page: str) -> None:
-    title = "published turn: left turn, 1.00 m/s (3.6 km/h), tail swings: survived, clean"
-    assert f"<title>{title}</title>" in page
-    assert '<b class="survived">survived, clean</b>' in page
-    assert "path of the tail tip" in page
-
-
-@pytest.mark.parametrize(
-    ("clean", "touched", "before", "words"),
-    [
-        (True, (), 0.0, "survived, clean"),
-        (True, (), 0.358, "survived, clean, board down 0.36 s before the turn"),
-        (False, ("board", "tail"), 0.0, "survived, board and tail touched the ground"),
-        (None, (), None, "survived"),
-    ],
-)
-def test_outcome_says_what_the_anti_ramp_board_did(
-    clean: bool | None, touched: tuple[str, ...], before: float | None, words: str
-) -> None:
-    assert outcome_in_words(Outcome("survived", clean, 0.1, 0.0, 4, touched, before)) == words
-
-
-def test_title_tells_a_swing_from_a_file_from_the_published_one(tailless: RunLog) -> None:
-    named = []
-    for tail, swing in (
-        ("swing", "none"),
-        ("swing", "thesis_8_rad_per_s"),
-        ("held", "thesis_8_rad_per_s"),
-    ):
-        scenario = tailless.scenario | {"tail": {"mode": tail}, "controller": {"swing_file": swing}}
-        named.append(caption_of(replace(tailless, scenario=scenario)).facts.split(", ")[-1])
-    assert named == ["tail swings", "optimised swing", "tail held"]
-
-
-def test_title_of_a_car_without_tail_has_no_key_for_it(tailless: RunLog) -> None:
-    page = replay_page(tailless)
-    assert "no tail" in page
-    assert "path of the tail tip" not in page
-    assert not any(b"air_on_tail" in message for message in messages(page))
-
-
-def test_flip_is_told(tailed: RunLog) -> None:
-    table = tailed.table.copy()
-    table["tilt_truth_rad"] = np.linspace(0.0, np.radians(80.0), len(table))
-    assert '<b class="flipped">flipped</b>' in replay_page(replace(tailed, table=table))
 
 
 def test_log_that_ends_too_early_is_replayed_with_its_outcome_unknown(tailed: RunLog) -> None:

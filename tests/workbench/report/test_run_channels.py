@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import base64
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from aerodima.workbench.config.signal_table import sensor_columns, truth_columns
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.report import report_page
-from aerodima.workbench.report.report_page import PLOT_LIBRARY
 from aerodima.workbench.report.run_channels import MOST_POINTS, channels_of, family, thinned
 
 
@@ -96,27 +93,12 @@ def test_runs_of_other_length_and_start_begin_at_zero(tailed: RunLog, tailless: 
     assert data["span"] == pytest.approx([0.0, tailless.time[-1]])
 
 
-def test_many_runs_share_the_room_of_a_few(tailed: RunLog) -> None:
-    run = longer(tailed, 20)
-    sizes = [
-        unpacked(channels_of([run] * count, ["r"] * count)["runs"][0]["time"]).size
-        for count in (1, 5, 20)
-    ]
-    assert sizes[0] == sizes[1] > 3 * sizes[2]
-
-
 def test_sensor_estimate_truth_and_the_wheels_are_of_one_family() -> None:
     assert (
         len({family(name) for name in ("imu_roll_rad", "roll_estimate_rad", "roll_truth_rad")}) == 1
     )
     assert family("wheel_force_front_left_z_truth_n") == family("wheel_force_rear_right_z_truth_n")
     assert family("tail_roll_angle_rad") != family("roll_truth_rad")
-
-
-def test_plot_library_is_shipped_as_published_with_its_licence() -> None:
-    folder = Path(report_page.__file__).parent / "templates" / PLOT_LIBRARY
-    assert "(v1.6.32)" in (folder / "uPlot.iife.min.js").read_text(encoding="utf-8")[:80]
-    assert "MIT License" in (folder / "LICENSE").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
