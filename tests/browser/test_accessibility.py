@@ -1,4 +1,4 @@
-"""Console, report and replay for those who use a keyboard, or see little contrast or colour."""
+"""The console for those who use a keyboard alone."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ pytest.importorskip("starlette", reason="the extra `console` is not installed")
 from aerodima.hardware.protocol.radio import CarReport, EmergencyStop, OperatorCommand, RadioMode
 from tests.hardware.console.test_console_server import Served, eventually
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.nightly]
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ ARMED = CarReport(
 STOPPED = CarReport(False, True, RadioMode.IDLE, operator_age=0.02)
 
 
-def test_the_console_is_worked_by_keyboard_alone(console: Any, served: Served) -> None:
+def test_the_console_is_worked_by_keyboard_alone(console, served):
     def armed(condition: str) -> None:
         tell(served, console, ARMED, condition)
 

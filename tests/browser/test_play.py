@@ -78,7 +78,7 @@ def driver(page: Any, tmp_path: Path) -> Iterator[Driver]:
         driver.process.wait()
 
 
-def test_keys_drive_for_twenty_seconds_begin_again_and_end(driver: Driver) -> None:
+def test_keys_drive_for_twenty_seconds_begin_again_and_end(driver):
     driver.press("ArrowUp", 8)
     driver.until(SPEED, "=== 2")
     driver.until(SPEED_NOW, "> 1.7")

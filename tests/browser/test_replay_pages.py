@@ -51,7 +51,7 @@ def picture(page: Any, path: Path) -> np.ndarray:
     return imread(path)[..., :3]
 
 
-def test_replay_shows_the_car_and_plays(page: Any, replay_file: Path, tmp_path: Path) -> None:
+def test_replay_shows_the_car_and_plays(page, replay_file, tmp_path):
     open_offline(page, replay_file)
     page.wait_for_function(READY)
     page.wait_for_function("() => replay.time > 0.1")
@@ -67,7 +67,7 @@ def test_replay_shows_the_car_and_plays(page: Any, replay_file: Path, tmp_path: 
     assert page.get_by_role("button", name="Play").is_visible()
 
 
-def test_slider_and_its_keys_move_the_replay(page: Any, replay_file: Path) -> None:
+def test_slider_and_its_keys_move_the_replay(page, replay_file):
     open_offline(page, replay_file)
     page.wait_for_function(READY)
     slider = page.get_by_role("slider", name="Time of the replay, s")
@@ -81,12 +81,6 @@ def test_slider_and_its_keys_move_the_replay(page: Any, replay_file: Path) -> No
     assert page.evaluate("replay.time") == pytest.approx(0.41)
 
 
-WITHOUT_WEBGL = """(() => {
-  const whole = HTMLCanvasElement.prototype.getContext;
-  HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
-    return kind.startsWith("webgl") ? null : whole.call(this, kind, ...more);
-  };
-})()"""
 CURSOR = """(() => {
   const chart = replay.signals.charts[0], line = chart.root.querySelector(".u-cursor-x");
   return chart.posToVal(new DOMMatrix(getComputedStyle(line).transform).m41, "x");
@@ -99,12 +93,6 @@ PIXEL = (
 FRAME = 0.02
 
 
-def paused(page: Any, path: Path) -> None:
-    open_offline(page, path)
-    page.wait_for_function(READY)
-    page.get_by_role("button", name="Pause").click()
-
-
 def drag(page: Any, start: float, end: float) -> None:
     """Presses at a share of the width of the first chart and lets go at another."""
     box = page.locator(".signals .u-over").first.bounding_box()
@@ -114,7 +102,7 @@ def drag(page: Any, start: float, end: float) -> None:
     page.mouse.up()
 
 
-def test_playing_moves_the_cursor_with_the_car(page: Any, replay_file: Path) -> None:
+def test_playing_moves_the_cursor_with_the_car(page, replay_file):
     open_offline(page, replay_file)
     page.wait_for_function(READY)
     page.wait_for_function("() => replay.time > 0.1")
@@ -125,7 +113,7 @@ def test_playing_moves_the_cursor_with_the_car(page: Any, replay_file: Path) -> 
     assert max(FRAME, pixel) == FRAME
 
 
-def test_dragging_the_cursor_seeks_the_animation(page: Any, replay_file: Path) -> None:
+def test_dragging_the_cursor_seeks_the_animation(page, replay_file):
     page.set_viewport_size({"width": 900, "height": 800})
     open_offline(page, replay_file)
     page.wait_for_function(READY)
@@ -135,57 +123,6 @@ def test_dragging_the_cursor_seeks_the_animation(page: Any, replay_file: Path) -
     assert page.evaluate("viewer.animator.time") == pytest.approx(0.5 * end, abs=FRAME)
     assert page.evaluate("replay.time") == page.evaluate("viewer.animator.time")
     assert page.evaluate(CURSOR) == pytest.approx(0.5 * end, abs=FRAME)
-
-
-def test_zoom_of_one_chart_is_that_of_all(page: Any, replay_file: Path) -> None:
-    page.set_viewport_size({"width": 900, "height": 800})
-    paused(page, replay_file)
-    whole = page.evaluate("replay.signals.window[1]")
-    page.keyboard.down("Shift")
-    drag(page, 0.25, 0.75)
-    page.keyboard.up("Shift")
-    page.wait_for_function("() => replay.signals.window[0] > 0")
-    scales = page.evaluate(
-        "replay.signals.charts.map((chart) => [chart.scales.x.min, chart.scales.x.max])"
-    )
-    assert len(scales) > 3
-    for scale in scales:
-        assert scale == pytest.approx([0.25 * whole, 0.75 * whole], abs=0.01 * whole)
-    page.get_by_role("button", name="Whole run").click()
-    page.wait_for_function(f"() => replay.signals.window[1] === {whole}")
-    page.evaluate("replay.signals.moveTo(0.35)")
-    page.get_by_role("button", name="Zoom in").click()
-    page.wait_for_function(
-        f"() => replay.signals.window[1] - replay.signals.window[0] < {0.51 * whole}"
-    )
-    low, high = page.evaluate("replay.signals.window")
-    assert low < 0.35 < high
-
-
-def test_sensor_and_truth_share_a_panel_and_show_the_value_at_the_cursor(
-    page: Any, replay_file: Path, runs: dict[str, RunLog]
-) -> None:
-    paused(page, replay_file)
-    page.get_by_role("slider").fill("0.4")
-    caption = page.locator(".panels figcaption", has_text="gyro_z_truth_rad_per_s")
-    assert "imu_gyro_z_rad_per_s" in caption.text_content()
-    run = runs["held"]
-    row = int(np.argmin(np.abs(run.time - 0.4)))
-    shown = caption.locator("output").nth(1).text_content().replace("\u2212", "-")
-    assert float(shown) == pytest.approx(run.signal("gyro_z_truth_rad_per_s")[row], abs=5e-3)
-
-
-def test_browser_without_webgl_shows_the_signals_and_one_line(
-    page: Any, failures: list[str], replay_file: Path
-) -> None:
-    page.add_init_script(WITHOUT_WEBGL)
-    paused(page, replay_file)
-    assert page.get_by_text("WebGL is off").is_visible()
-    assert not page.locator("#meshcat-pane").is_visible()
-    page.get_by_role("slider").fill("0.4")
-    assert page.evaluate(CURSOR) == pytest.approx(0.4, abs=FRAME)
-    assert "0.40 s" in page.locator("#run-now").text_content()
-    failures.clear()  # Meshcat's own
 
 
 def comparison_of(runs: list[RunLog], path: Path) -> Path:
@@ -207,9 +144,7 @@ def all_loaded(page: Any, count: int) -> None:
     )
 
 
-def test_comparison_keeps_replays_and_signals_in_step(
-    page: Any, runs: dict[str, RunLog], tmp_path: Path
-) -> None:
+def test_comparison_keeps_replays_and_signals_in_step(page, runs, tmp_path):
     longer = runs["none"]
     shorter = cut(runs["held"], 0.63, step=3)
     open_offline(page, comparison_of([longer, shorter], tmp_path / "comparison.html"))

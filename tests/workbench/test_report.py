@@ -65,7 +65,7 @@ def _read(text: str) -> _Reader:
     return reader
 
 
-def test_text_is_escaped_once_wherever_it_stands() -> None:
+def test_text_is_escaped_once_wherever_it_stands():
     odd = '<script>"a" & b</script>'
     parts = [
         odd,
@@ -81,7 +81,7 @@ def test_text_is_escaped_once_wherever_it_stands() -> None:
     assert _read(text).text.count(odd) == 23  # title, lead, five headings and five links count too
 
 
-def test_files_of_a_folder_are_all_made_before_any_is_written(tmp_path: Path) -> None:
+def test_files_of_a_folder_are_all_made_before_any_is_written(tmp_path):
     drawing, axes = new_figure(4.0, 3.0)
     axes[0, 0].plot([0, 1])
     plot = Plot(drawing, "A caption.", "A line", "line")
@@ -120,7 +120,7 @@ def chapters(standard_runs: dict[str, RunLog]) -> str:
     ).html()
 
 
-def test_the_page_is_well_formed_and_needs_no_network(chapters: str) -> None:
+def test_the_page_is_well_formed_and_needs_no_network(chapters):
     reader = _read(chapters)
     assert reader.open == []
     for address in reader.addresses:
@@ -135,9 +135,7 @@ def test_the_page_is_well_formed_and_needs_no_network(chapters: str) -> None:
     )
 
 
-def test_the_runs_stand_in_the_tables_beside_the_published_figures(
-    chapters: str, standard_runs: dict[str, RunLog]
-) -> None:
+def test_the_runs_stand_in_the_tables_beside_the_published_figures(chapters, standard_runs):
     cells = re.findall(r"<td[^>]*>(.*?)</td>", chapters)
     run = summarise(standard_runs["none"], "none_3.33").metrics
     place = cells.index("largest yaw rate")

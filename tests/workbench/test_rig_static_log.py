@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -15,6 +15,7 @@ from aerodima.workbench.logs.schema import read_run_log, write_run_log
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.resources import model_path
 from aerodima.workbench.stations.rig_station import RIG_COLUMN_NAMES, simulate_static_log
+from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import signals_equal
 
 STATIC = load_rig_scenario("static")
@@ -26,15 +27,11 @@ def readings(log):
     return np.column_stack((log.vector("force", "n"), log.vector("torque", "n_m")))
 
 
-def test_columns_and_metadata_are_those_of_the_contract(tmp_path: Path) -> None:
+def test_columns_and_metadata_are_those_of_the_contract(tmp_path):
     log = simulate_static_log(STATIC.varied(experiment={"angle": math.radians(15.0)}))
     path = write_run_log(log, tmp_path / "hold.parquet")
     back = read_run_log(path)
     assert tuple(back.table.columns) == RIG_COLUMN_NAMES
-    assert (
-        *("time_s", "angle_rad", "angular_velocity_rad_per_s", "current_a"),
-        *("force_x_n", "force_y_n", "force_z_n", "torque_x_n_m", "torque_y_n_m", "torque_z_n_m"),
-    ) == RIG_COLUMN_NAMES
     assert back.kind == "static"
     assert (back.extra["tail"], back.extra["axis"], back.extra["wind_speed_m_per_s"]) == (
         "1",
@@ -52,7 +49,7 @@ def test_columns_and_metadata_are_those_of_the_contract(tmp_path: Path) -> None:
     )
 
 
-def test_reading_plus_offset_less_bias_is_the_wrench() -> None:
+def test_reading_plus_offset_less_bias_is_the_wrench():
     scenario = STATIC.varied(force_sensor={"drift_fraction": 0.0})
     log = simulate_static_log(scenario)
     mean = readings(log).mean(axis=0)
@@ -65,7 +62,7 @@ def test_reading_plus_offset_less_bias_is_the_wrench() -> None:
 
 
 @pytest.mark.slow
-def test_bias_has_the_published_accuracy_over_many_logs() -> None:
+def test_bias_has_the_published_accuracy_over_many_logs():
     """200 seeds: a standard deviation is known to 1 / sqrt(400) = 5 %, so 15 % is three of that."""
     short = STATIC.varied(experiment={"duration": 0.01})
     biases = np.array(
@@ -77,7 +74,7 @@ def test_bias_has_the_published_accuracy_over_many_logs() -> None:
     assert np.max(np.abs(correlation)) < 0.25
 
 
-def test_drift_is_a_line_from_the_start_of_the_log() -> None:
+def test_drift_is_a_line_from_the_start_of_the_log():
     settings = {"noise_fraction": 0.0, "drift_fraction": 1e-3}
     log = simulate_static_log(STATIC.varied(force_sensor=settings))
     values = readings(log)
@@ -90,13 +87,13 @@ def test_drift_is_a_line_from_the_start_of_the_log() -> None:
     assert np.all(slopes != 0.0)
 
 
-def test_equal_seeds_give_equal_logs_and_other_seeds_other_errors() -> None:
+def test_equal_seeds_give_equal_logs_and_other_seeds_other_errors():
     first, again, other = (simulate_static_log(STATIC.varied(seed=seed)) for seed in (5, 5, 6))
     assert signals_equal(first, again)
     assert not np.allclose(readings(first)[0], readings(other)[0])
 
 
-def test_a_slower_sensor_holds_its_samples() -> None:
+def test_a_slower_sensor_holds_its_samples():
     log = simulate_static_log(
         STATIC.varied(force_sensor={"rate": 250.0}, experiment={"duration": 0.1})
     )
@@ -105,14 +102,14 @@ def test_a_slower_sensor_holds_its_samples() -> None:
     assert force[4] != force[3]
 
 
-def test_readings_stop_at_the_range() -> None:
+def test_readings_stop_at_the_range():
     log = simulate_static_log(
         STATIC.varied(force_sensor={"torque_range": 0.05}, experiment={"duration": 0.01})
     )
     assert np.max(np.abs(log.vector("torque", "n_m"))) == pytest.approx(0.05)
 
 
-def test_a_rest_without_wind_comes_first_and_has_the_same_bias_and_drift() -> None:
+def test_a_rest_without_wind_comes_first_and_has_the_same_bias_and_drift():
     errors = {"noise_fraction": 0.0, "drift_fraction": 1e-3}
     windy = STATIC.varied(force_sensor=errors, experiment={"angle": 0.5, "duration": 3.0})
     log = simulate_static_log(windy.varied(experiment={"wind_off": 1.0}))
@@ -137,20 +134,18 @@ def test_a_rest_without_wind_comes_first_and_has_the_same_bias_and_drift() -> No
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("changes", "named"),
     [
-        ({"wind_off": 3.0, "duration": 3.0}, "experiment.wind_off: 3 s; allowed: < duration 3 s"),
-        ({"wind_off": 1.0, "kind": "swing"}, "experiment.wind_off: 1 s; allowed: 0 s in a swing"),
+        ({"wind_off": 3.0, "duration": 3.0}, ["3 s", "duration"]),
+        ({"wind_off": 1.0, "kind": "swing"}, ["1 s", "0 s"]),
     ],
 )
-def test_a_rest_that_leaves_no_hold_or_is_of_a_swing_is_refused(
-    changes: dict, message: str
-) -> None:
-    with pytest.raises(ScenarioError, match=message):
-        STATIC.varied(experiment=changes)
+def test_a_rest_that_leaves_no_hold_or_is_of_a_swing_is_refused(changes, named):
+    work = partial(STATIC.varied, experiment=changes)
+    assert_refused(work, ScenarioError, "experiment.wind_off", *named)
 
 
-def test_truth_of_the_published_tables_is_theirs_at_the_held_angle() -> None:
+def test_truth_of_the_published_tables_is_theirs_at_the_held_angle():
     scenario = STATIC.varied(
         experiment={"tail": 1, "angle": math.radians(30.0), "wind_speed": 10.0, "duration": 0.01}
     )
@@ -167,12 +162,12 @@ def test_truth_of_the_published_tables_is_theirs_at_the_held_angle() -> None:
     assert list(truth) == ["cd", "cl", "psi3", "current"]
 
 
-def test_exposure_is_told() -> None:
+def test_exposure_is_told():
     assert simulate_static_log(STATIC).extra["exposed"]
     high = STATIC.varied(experiment={"angle": math.radians(75.0)})
     assert not simulate_static_log(high).extra["exposed"]
 
 
-def test_holding_beyond_the_current_limit_is_refused() -> None:
-    with pytest.raises(UserError, match="A; allowed: within"):
-        simulate_static_log(STATIC.varied(experiment={"wind_speed": 40.0}))
+def test_holding_beyond_the_current_limit_is_refused():
+    gale = STATIC.varied(experiment={"wind_speed": 40.0})
+    assert_refused(lambda: simulate_static_log(gale), UserError, "A")

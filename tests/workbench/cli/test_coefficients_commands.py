@@ -22,15 +22,14 @@ def app() -> typer.Typer:
     return program
 
 
-def test_the_list_names_every_set_with_its_range_and_source() -> None:
+def test_the_list_names_every_set_with_its_range_and_source():
     lines = RUNNER.invoke(app(), ["models", "coefficients", "list"]).output.splitlines()
     assert [line.split(":")[0] for line in lines] == embedded_sets()
-    assert "measured 10-30 m/s, |gamma| 0.000-0.524 rad" in next(
-        line for line in lines if "cheetah_tail_1_major" in line
-    )
+    (measured,) = [line for line in lines if "cheetah_tail_1_major" in line]
+    assert all(told in measured for told in ("10-30 m/s", "0.000-0.524 rad"))
 
 
-def test_a_plot_is_written_and_not_overwritten_unasked(tmp_path) -> None:
+def test_a_plot_is_written_and_not_overwritten_unasked(tmp_path):
     target = tmp_path / "tail.png"
     command = [
         "models",
@@ -49,11 +48,11 @@ def test_a_plot_is_written_and_not_overwritten_unasked(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["no_such_set"], "'no_such_set': models/coefficients has none of this name"),
-        (["half_cylinder", "--out", "a.gif"], "allowed: .png, .svg, .pdf"),
+        (["no_such_set"], "'no_such_set'"),
+        (["half_cylinder", "--out", "a.gif"], ".png, .svg, .pdf"),
     ],
 )
-def test_wrong_calls_name_what_is_allowed(arguments, message) -> None:
+def test_wrong_calls_name_what_is_allowed(arguments, message):
     error = RUNNER.invoke(app(), ["models", "coefficients", "plot", *arguments]).exception
     assert isinstance(error, UserError)
     assert message in str(error)

@@ -35,7 +35,7 @@ def rig_log(
     )
 
 
-def test_drift_between_two_rests_is_removed_and_the_swing_is_kept() -> None:
+def test_drift_between_two_rests_is_removed_and_the_swing_is_kept():
     readings = swing_readings()
     run_log = rig_log({name: readings[name] for name in WRENCH}, readings["time_s"].to_numpy())
     done = remove_drift(run_log, WRENCH, [(0.0, 2.9), (20.0, 26.0)])
@@ -52,14 +52,14 @@ def test_drift_between_two_rests_is_removed_and_the_swing_is_kept() -> None:
         assert stated == pytest.approx(slope, rel=0.02)
 
 
-def test_drift_is_the_line_through_the_resting_part_only() -> None:
+def test_drift_is_the_line_through_the_resting_part_only():
     pulse = np.where((TIMES > 5.0) & (TIMES < 6.0), 2.0, 0.0)
     run_log = rig_log({"force_y_n": pulse + 0.3 - 0.05 * TIMES})
     done = remove_drift(run_log, ["force_y_n"], [(0.0, 4.0)])
     np.testing.assert_allclose(done.signal("force_y_n"), pulse, atol=1e-12)
 
 
-def test_drift_with_the_wind_on_keeps_the_level_of_the_first_resting_time() -> None:
+def test_drift_with_the_wind_on_keeps_the_level_of_the_first_resting_time():
     run_log = rig_log({"force_y_n": -2.5 + 0.1 * TIMES})
     kept = remove_drift(run_log, ["force_y_n"], [(1.0, 3.0)], level="keep")
     assert np.allclose(kept.signal("force_y_n"), -2.4, atol=1e-12)
@@ -80,7 +80,7 @@ def holed() -> RunLog:
     return rig_log({name: values[~lost] for name, values in table.items()}, TIMES[~lost])
 
 
-def test_fill_draws_straight_lines_and_holds_states_and_commands() -> None:
+def test_fill_draws_straight_lines_and_holds_states_and_commands():
     done = fill_gaps(holed(), 0.05)
     assert np.allclose(done.time, TIMES)
     assert np.allclose(done.signal("force_y_n"), 3.0 * TIMES)
@@ -92,12 +92,12 @@ def test_fill_draws_straight_lines_and_holds_states_and_commands() -> None:
     assert conditioning_notes(fill_gaps(done, 0.05)) == conditioning_notes(done)
 
 
-def test_a_gap_of_the_longest_length_is_filled_and_a_longer_one_is_not() -> None:
+def test_a_gap_of_the_longest_length_is_filled_and_a_longer_one_is_not():
     assert fill_gaps(holed(), 0.02).time.size == TIMES.size
     assert_refused(lambda: fill_gaps(holed(), 0.0199), LogError, "rig.parquet", "time_s", "0.02 s")
 
 
-def test_a_filter_shifts_nothing_and_takes_the_mains_out() -> None:
+def test_a_filter_shifts_nothing_and_takes_the_mains_out():
     clean = np.sin(2 * np.pi * 0.5 * TIMES)
     done = low_pass_columns(
         rig_log({"force_y_n": clean + 0.3 * np.sin(2 * np.pi * 50 * TIMES)}),
@@ -144,11 +144,11 @@ def filtered(run_log: RunLog) -> RunLog:
         (lambda: filtered(holed()), ["time_s", "1 gap", "0.02 s", "2 s"]),
     ],
 )
-def test_what_cannot_be_conditioned_is_named_with_log_column_and_time(work, named) -> None:
+def test_what_cannot_be_conditioned_is_named_with_log_column_and_time(work, named):
     assert_refused(work, LogError, "rig.parquet", *named)
 
 
-def test_a_constant_signal_is_filtered_to_itself() -> None:
+def test_a_constant_signal_is_filtered_to_itself():
     done = low_pass_columns(rig_log({"force_y_n": 2.0}), ["force_y_n"], LowPass(2, 5.0))
     assert np.allclose(done.signal("force_y_n"), 2.0, atol=1e-12)
     (note,) = conditioning_notes(done)

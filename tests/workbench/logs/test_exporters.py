@@ -43,7 +43,7 @@ def awkward_run() -> RunLog:
 
 
 @pytest.mark.parametrize("form", ["csv", "mcap"])
-def test_an_export_comes_back_bit_for_bit_with_its_metadata(tmp_path: Path, form: str) -> None:
+def test_an_export_comes_back_bit_for_bit_with_its_metadata(tmp_path, form):
     run = awkward_run()
     written = export_log(run, tmp_path / f"run.{form}", form)
     if form == "csv":
@@ -57,7 +57,7 @@ def test_an_export_comes_back_bit_for_bit_with_its_metadata(tmp_path: Path, form
 
 
 @pytest.mark.parametrize("form", ["csv", "mcap"])
-def test_an_existing_file_is_not_overwritten(tmp_path: Path, form: str) -> None:
+def test_an_existing_file_is_not_overwritten(tmp_path, form):
     path = tmp_path / f"run.{form}"
     path.write_text("precious")
     assert_refused(lambda: export_log(awkward_run(), path, form), LogError, path.name, "--force")
@@ -66,7 +66,7 @@ def test_an_existing_file_is_not_overwritten(tmp_path: Path, form: str) -> None:
     assert path.read_bytes() != b"precious"
 
 
-def test_an_existing_file_beside_the_csv_is_not_overwritten(tmp_path: Path) -> None:
+def test_an_existing_file_beside_the_csv_is_not_overwritten(tmp_path):
     (tmp_path / "run.csv.json").write_text("precious")
     assert_refused(
         lambda: export_log(awkward_run(), tmp_path / "run.csv", "csv"), LogError, "run.csv.json"
@@ -74,7 +74,7 @@ def test_an_existing_file_beside_the_csv_is_not_overwritten(tmp_path: Path) -> N
     assert not (tmp_path / "run.csv").exists()
 
 
-def test_mcap_has_a_topic_per_device_with_schema_and_times_in_nanoseconds(tmp_path: Path) -> None:
+def test_mcap_has_a_topic_per_device_with_schema_and_times_in_nanoseconds(tmp_path):
     run = awkward_run()
     export_log(run, tmp_path / "run.mcap", "mcap")
     with open(tmp_path / "run.mcap", "rb") as stream:
@@ -93,7 +93,7 @@ def test_mcap_has_a_topic_per_device_with_schema_and_times_in_nanoseconds(tmp_pa
     assert json.loads(message.data)["imu_gyro_x_rad_per_s"] == np.nextafter(1.0, 2.0)
 
 
-def test_every_column_has_one_topic() -> None:
+def test_every_column_has_one_topic():
     columns = list(made_up_run().table.columns)
     topics = topics_of(columns)
     assert sorted(name for names in topics.values() for name in names) == sorted(
@@ -106,7 +106,7 @@ def test_every_column_has_one_topic() -> None:
     assert topics_of(["time_s", "angle_rad", "force_x_n"]) == {"/rig": ["angle_rad", "force_x_n"]}
 
 
-def test_mcap_refuses_times_before_zero(tmp_path: Path) -> None:
+def test_mcap_refuses_times_before_zero(tmp_path):
     run = made_up_run(truth=False)
     run.table["time_s"] -= 1.0
     assert_refused(lambda: export_log(run, tmp_path / "run.mcap", "mcap"), LogError, "time_s")

@@ -18,7 +18,6 @@ from aerodima.workbench.logs.log_findings import LogFinding, refuse_implausible
 from aerodima.workbench.logs.mapping import mapping_from
 from aerodima.workbench.logs.signals import hold_last
 from tests.refusals import assert_refused
-from tests.workbench.logs.foreign_logs import laboratory_columns, swing_readings
 
 TIMES = np.arange(400) / 100.0
 ANGLE = 0.5 * np.sin(2.0 * TIMES)
@@ -106,7 +105,7 @@ def assert_is_the_swing(table: pd.DataFrame) -> None:
     assert np.allclose(table["force_y_n"], np.cos(TIMES), atol=1e-12)
 
 
-def test_csv_and_parquet_give_the_same_log(tmp_path: Path) -> None:
+def test_csv_and_parquet_give_the_same_log(tmp_path):
     foreign().to_parquet(tmp_path / "log.parquet")
     for path in (write_csv(tmp_path, foreign()), tmp_path / "log.parquet"):
         imported = import_log(path, swing_mapping())
@@ -114,7 +113,7 @@ def test_csv_and_parquet_give_the_same_log(tmp_path: Path) -> None:
         assert imported.findings == ()
 
 
-def test_mat_of_version_5_with_structs(tmp_path: Path) -> None:
+def test_mat_of_version_5_with_structs(tmp_path):
     savemat(
         tmp_path / "log.mat",
         {"data": {name: foreign()[name].to_numpy() for name in foreign()}, "note": "text"},
@@ -122,7 +121,7 @@ def test_mat_of_version_5_with_structs(tmp_path: Path) -> None:
     assert_is_the_swing(import_log(tmp_path / "log.mat", swing_mapping("data.")).run_log.table)
 
 
-def test_mat_of_version_7_3_with_a_matrix(tmp_path: Path) -> None:
+def test_mat_of_version_7_3_with_a_matrix(tmp_path):
     """The second column of F is -Fy: rows and columns are not mixed up."""
     write_mat_7_3(tmp_path / "log.mat", {name: foreign()[name].to_numpy() for name in foreign()})
     mapping = swing_mapping("data.", columns={"force_y_n": {"from": "F(2)", "scale": -1}})
@@ -132,9 +131,7 @@ def test_mat_of_version_7_3_with_a_matrix(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "time", ["/imu@log_time", None], ids=["time of the log", "ms of a message"]
 )
-def test_mcap_puts_a_slow_topic_on_the_grid_of_the_fast_one(
-    tmp_path: Path, time: str | None
-) -> None:
+def test_mcap_puts_a_slow_topic_on_the_grid_of_the_fast_one(tmp_path, time):
     """The slow topic has the log's own times in s, whatever the unit of those of the rows."""
     rows = foreign().to_dict("records")
     fast = [("/imu", stamp, row) for stamp, row in zip(TIMES, rows, strict=True)]
@@ -153,9 +150,7 @@ def test_mcap_puts_a_slow_topic_on_the_grid_of_the_fast_one(
 
 
 @pytest.mark.parametrize(("package", "suffix"), [("h5py", ".mat"), ("mcap", ".mcap")])
-def test_a_missing_optional_package_names_the_extra(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str, suffix: str
-) -> None:
+def test_a_missing_optional_package_names_the_extra(tmp_path, monkeypatch, package, suffix):
     path = tmp_path / f"log{suffix}"
     path.write_bytes(b"MATLAB 7.3 MAT-file" + bytes(600))
     real = builtins.__import__
@@ -203,12 +198,12 @@ def write_wide_csv(path: Path) -> Path:
         ("log.csv", write_wide_csv, ["csv.delimiter", "','"]),
     ],
 )
-def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, name: str, write, named) -> None:
+def test_a_file_that_cannot_be_read_is_named(tmp_path, name, write, named):
     path = write(tmp_path / name)
     assert_refused(lambda: import_log(path, swing_mapping()), LogError, name, *named)
 
 
-def test_a_text_file_is_read_as_the_mapping_says(tmp_path: Path) -> None:
+def test_a_text_file_is_read_as_the_mapping_says(tmp_path):
     """Two lines of text, the names, their units, and a remark among the numbers."""
     rows = [f"{1e3 * time:.0f};{angle:.6f}".replace(".", ",") for time, angle in
             zip(TIMES, np.rad2deg(ANGLE), strict=True)]  # fmt: skip
@@ -222,7 +217,7 @@ def test_a_text_file_is_read_as_the_mapping_says(tmp_path: Path) -> None:
     assert np.allclose(table["angle_rad"], ANGLE, atol=1e-7)
 
 
-def test_dates_are_times(tmp_path: Path) -> None:
+def test_dates_are_times(tmp_path):
     stamps = pd.Timestamp("2026-11-20T12:00:00Z") + pd.to_timedelta(TIMES, unit="s")
     path = write_csv(tmp_path, foreign(t=[stamp.isoformat() for stamp in stamps]))
     mapping = swing_mapping(time="t")
@@ -237,12 +232,12 @@ def test_dates_are_times(tmp_path: Path) -> None:
     )
 
 
-def test_hold_last_holds_until_the_next_sample_and_knows_nothing_before_the_first() -> None:
+def test_hold_last_holds_until_the_next_sample_and_knows_nothing_before_the_first():
     held = hold_last(np.arange(7.0), np.array([1.0, 3.0, 3.5]), np.array([10.0, 30.0, 35.0]))
     assert np.array_equal(held, [np.nan, 10.0, 10.0, 30.0, 35.0, 35.0, 35.0], equal_nan=True)
 
 
-def test_empty_cells_of_a_sparse_table_are_no_samples(tmp_path: Path) -> None:
+def test_empty_cells_of_a_sparse_table_are_no_samples(tmp_path):
     slow = np.where(np.arange(400) % 10 == 3, 1000.0 * np.arange(400), np.nan)
     path = write_csv(tmp_path, foreign(I=slow))
     current = {"current_a": {"from": "I", "unit": "mA", "largest": 1000}}
@@ -254,7 +249,7 @@ def test_empty_cells_of_a_sparse_table_are_no_samples(tmp_path: Path) -> None:
     assert "360 of 400" in " ".join(map(str, dense.findings))
 
 
-def test_a_slow_source_that_stops_is_reported(tmp_path: Path) -> None:
+def test_a_slow_source_that_stops_is_reported(tmp_path):
     savemat(
         tmp_path / "a.mat",
         {**{name: foreign()[name] for name in foreign()}, "tg": np.arange(10.0), "g": np.ones(10)},
@@ -273,7 +268,7 @@ def test_a_slow_source_that_stops_is_reported(tmp_path: Path) -> None:
     assert_told(late, "current_a", 2.0, "1.99 s")
 
 
-def test_gap_and_nan_are_reported_with_column_and_time_and_stay(tmp_path: Path) -> None:
+def test_gap_and_nan_are_reported_with_column_and_time_and_stay(tmp_path):
     table = foreign()
     table.loc[100:102, "Fy"] = np.nan
     table = table.drop(index=range(200, 210))
@@ -317,13 +312,13 @@ TURNED = {"from": "omega", "unit": "deg/s", "scale": -1}
         (foreign(), {"columns": {"angular_velocity_rad_per_s": TURNED}}, ["-1 times", "angle_rad"]),
     ],
 )
-def test_what_makes_every_figure_wrong_is_named(tmp_path: Path, table, mapping, named) -> None:
+def test_what_makes_every_figure_wrong_is_named(tmp_path, table, mapping, named):
     """Times that run back, text among numbers, and units that betray themselves."""
     path = write_csv(tmp_path, table)
     assert_refused(lambda: import_log(path, swing_mapping(**mapping)), LogError, "log.csv", *named)
 
 
-def test_a_column_of_another_length_needs_times_of_its_own(tmp_path: Path) -> None:
+def test_a_column_of_another_length_needs_times_of_its_own(tmp_path):
     columns = {name: foreign()[name] for name in foreign()}
     savemat(tmp_path / "a.mat", {**columns, "g": np.ones(10)})
     mapping = swing_mapping(columns={"current_a": {"from": "g"}})
@@ -343,9 +338,7 @@ def test_a_column_of_another_length_needs_times_of_its_own(tmp_path: Path) -> No
         ("torque_x_n_m", "N m", 99.0, 101.0),
     ],
 )
-def test_values_beyond_what_is_plausible_betray_a_wrong_unit(
-    column: str, unit: str, plausible: float, wrong: float
-) -> None:
+def test_values_beyond_what_is_plausible_betray_a_wrong_unit(column, unit, plausible, wrong):
     """Of either sign; a heading and a free sail turn several times, other angles do not."""
 
     def check(value: float, largest: float | None = None) -> None:
@@ -358,7 +351,7 @@ def test_values_beyond_what_is_plausible_betray_a_wrong_unit(
         assert_refused(lambda value=value: check(value), LogError, column, f"{value:g}", "0.01 s")
 
 
-def test_a_rate_is_compared_with_an_angle_that_is_wrapped(tmp_path: Path) -> None:
+def test_a_rate_is_compared_with_an_angle_that_is_wrapped(tmp_path):
     """A heading that passes 180 degrees twice."""
     heading = 8.0 * TIMES / TIMES[-1] + 0.5 * np.sin(3.0 * TIMES)
     rate = 8.0 / TIMES[-1] + 1.5 * np.cos(3.0 * TIMES)
@@ -377,7 +370,7 @@ def test_a_rate_is_compared_with_an_angle_that_is_wrapped(tmp_path: Path) -> Non
             assert_refused(lambda m=mapping: import_log(path, m), LogError, "imu_gyro_z_rad_per_s")
 
 
-def test_the_checks_of_units_give_way_when_told(tmp_path: Path) -> None:
+def test_the_checks_of_units_give_way_when_told(tmp_path):
     columns = {
         "current_a": {"from": "I", "unit": "A", "largest": 2000},
         "angular_velocity_rad_per_s": {"from": "omega", "unit": "rpm"},
@@ -389,7 +382,7 @@ def test_the_checks_of_units_give_way_when_told(tmp_path: Path) -> None:
     assert imported.run_log.signal("current_a")[0] == 1500.0
 
 
-def test_what_the_file_lacks_or_has_beyond_the_mapping_is_told(tmp_path: Path) -> None:
+def test_what_the_file_lacks_or_has_beyond_the_mapping_is_told(tmp_path):
     columns = {"force_z_n": {"from": "FZ"}, "torque_x_n_m": {"from": "dead"}}
     path = write_csv(tmp_path, foreign(dead=np.nan, extra=TIMES))
     imported = import_log(path, swing_mapping(columns=columns))
@@ -401,20 +394,20 @@ def test_what_the_file_lacks_or_has_beyond_the_mapping_is_told(tmp_path: Path) -
     assert_is_the_swing(imported.run_log.table)
 
 
-def test_a_constant_signal_and_three_samples_are_reported(tmp_path: Path) -> None:
+def test_a_constant_signal_and_three_samples_are_reported(tmp_path):
     (constant,) = import_log(write_csv(tmp_path, foreign(Fy=0.25)), swing_mapping()).findings
     assert_told(constant, "force_y_n", None, "0.25")
     few = import_log(write_csv(tmp_path, foreign()[:3]), swing_mapping()).findings
     assert_told(few[0], "time_s", None, "3")
 
 
-def test_a_held_angle_is_constant_and_nothing_odd(tmp_path: Path) -> None:
+def test_a_held_angle_is_constant_and_nothing_odd(tmp_path):
     path = write_csv(tmp_path, foreign(theta=45.0, omega=0.0))
     assert import_log(path, swing_mapping(kind="static")).findings == ()
     assert len(import_log(path, swing_mapping(kind="swing")).findings) == 2
 
 
-def test_scale_and_zero_are_in_foreign_units(tmp_path: Path) -> None:
+def test_scale_and_zero_are_in_foreign_units(tmp_path):
     """An encoder of 2048 counts per turn that reads 512 with the tail hanging, and counts
     backwards.
     """
@@ -424,19 +417,3 @@ def test_scale_and_zero_are_in_foreign_units(tmp_path: Path) -> None:
         write_csv(tmp_path, foreign(n=counts)), swing_mapping(columns=columns)
     ).run_log.table
     assert np.allclose(table["angle_rad"], ANGLE, atol=1e-12)
-
-
-def test_the_laboratory_log_keeps_its_signs(tmp_path: Path) -> None:
-    """The file's Fy and My are those of axes that point the other way."""
-    readings = swing_readings()
-    columns = {
-        "angle_rad": {"from": "Winkel", "unit": "deg"},
-        "angular_velocity_rad_per_s": {"constant": 0.0},
-        "force_y_n": {"from": "Fy", "scale": -1},
-        "torque_y_n_m": {"from": "My", "unit": "N mm", "scale": -1},
-    }
-    mapping = swing_mapping(columns=columns, check_rates=False)
-    mapping = mapping.model_copy(update={"time": mapping.time.model_copy(update={"from_": "t_ms"})})
-    table = import_log(write_csv(tmp_path, laboratory_columns(readings)), mapping).run_log.table
-    for name in ("force_y_n", "torque_y_n_m"):
-        assert np.allclose(table[name], readings[name], rtol=1e-12)

@@ -39,7 +39,7 @@ def expected(rows: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("rows", [0, 1, 249, 250, 251, 1003])
-def test_an_orderly_run_becomes_parquet_and_leaves_no_journal(tmp_path: Path, rows: int) -> None:
+def test_an_orderly_run_becomes_parquet_and_leaves_no_journal(tmp_path, rows):
     path = tmp_path / "run.parquet"
     assert written(path, rows).close() == path
     run = read_run_log(path)
@@ -50,7 +50,7 @@ def test_an_orderly_run_becomes_parquet_and_leaves_no_journal(tmp_path: Path, ro
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_the_caller_may_reuse_its_row(tmp_path: Path) -> None:
+def test_the_caller_may_reuse_its_row(tmp_path):
     buffer = np.zeros(3)
     with JournalWriter(tmp_path / "run.parquet", COLUMNS, metadata()) as journal:
         for number in range(5):
@@ -61,7 +61,7 @@ def test_the_caller_may_reuse_its_row(tmp_path: Path) -> None:
     )
 
 
-def test_an_exception_keeps_the_journal_with_every_row(tmp_path: Path) -> None:
+def test_an_exception_keeps_the_journal_with_every_row(tmp_path):
     path = tmp_path / "run.parquet"
 
     def run_that_fails() -> None:
@@ -81,7 +81,7 @@ def test_an_exception_keeps_the_journal_with_every_row(tmp_path: Path) -> None:
     assert journal_path(path).exists()
 
 
-def test_any_cut_rescues_the_complete_batches_and_nothing_else(tmp_path: Path) -> None:
+def test_any_cut_rescues_the_complete_batches_and_nothing_else(tmp_path):
     """Lengths of the file inside the header, a batch's metadata, its numbers, and the end mark."""
     journal = written(tmp_path / "run.parquet", 12, rows_per_batch=4).abandon()
     content = journal.read_bytes()
@@ -104,7 +104,7 @@ def test_any_cut_rescues_the_complete_batches_and_nothing_else(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("lost", [1, 8, 9, 60])
-def test_recover_writes_what_a_cut_left(tmp_path: Path, lost: int) -> None:
+def test_recover_writes_what_a_cut_left(tmp_path, lost):
     journal = written(tmp_path / "run.parquet", 12, rows_per_batch=4).abandon()
     journal.write_bytes(journal.read_bytes()[:-lost])
     rescued = recover(journal, tmp_path / "rescued.parquet")
@@ -115,7 +115,7 @@ def test_recover_writes_what_a_cut_left(tmp_path: Path, lost: int) -> None:
     )
 
 
-def test_recover_does_not_overwrite_without_force(tmp_path: Path) -> None:
+def test_recover_does_not_overwrite_without_force(tmp_path):
     journal = written(tmp_path / "run.parquet", 4, rows_per_batch=4).abandon()
     (tmp_path / "run.parquet").write_text("precious")
     assert_refused(lambda: recover(journal), LogError, "run.parquet", "--force")
@@ -123,7 +123,7 @@ def test_recover_does_not_overwrite_without_force(tmp_path: Path) -> None:
     assert recover(journal, force=True).rows == 4
 
 
-def test_neither_a_log_nor_a_left_journal_is_overwritten_without_force(tmp_path: Path) -> None:
+def test_neither_a_log_nor_a_left_journal_is_overwritten_without_force(tmp_path):
     path = tmp_path / "run.parquet"
     written(path, 4).abandon()
     assert_refused(lambda: written(path, 0), LogError, "run.parquet.journal", "log recover")
@@ -166,17 +166,17 @@ def folder_is_a_file(folder: Path) -> None:
         (lambda folder: written(folder / "run", 1).append(np.zeros(1)), ["run", "1", "3"]),
     ],
 )
-def test_what_cannot_be_written_or_rescued_is_named(tmp_path: Path, work, named: list[str]) -> None:
+def test_what_cannot_be_written_or_rescued_is_named(tmp_path, work, named):
     assert_refused(lambda: work(tmp_path), LogError, *named)
 
 
-def test_a_closed_journal_takes_no_rows(tmp_path: Path) -> None:
+def test_a_closed_journal_takes_no_rows(tmp_path):
     journal = written(tmp_path / "run.parquet", 3)
     assert journal.close() == journal.close()
     assert_refused(journal.flush, LogError, "run.parquet.journal")
 
 
-def test_the_journal_of_another_run_is_left_alone(tmp_path: Path) -> None:
+def test_the_journal_of_another_run_is_left_alone(tmp_path):
     """Somebody removed the journal of a run that goes on, and began another run of that name."""
     path = tmp_path / "run.parquet"
     first = written(path, 5)
@@ -189,14 +189,14 @@ def test_the_journal_of_another_run_is_left_alone(tmp_path: Path) -> None:
     assert read_journal(second.abandon())[0].num_rows == 7
 
 
-def test_the_rows_of_a_journal_whose_folder_was_renamed_are_written(tmp_path: Path) -> None:
+def test_the_rows_of_a_journal_whose_folder_was_renamed_are_written(tmp_path):
     folder = tmp_path / "out"
     journal = written(folder / "run.parquet", 5)
     folder.rename(tmp_path / "moved")
     np.testing.assert_array_equal(read_run_log(journal.close()).table.to_numpy(), expected(5))
 
 
-def test_a_disk_that_fails_to_sync_stops_the_run(tmp_path: Path, monkeypatch) -> None:
+def test_a_disk_that_fails_to_sync_stops_the_run(tmp_path, monkeypatch):
     """The disk answers in a thread, so the next request for it reports the failure."""
 
     def fail(descriptor: int) -> None:
@@ -215,7 +215,7 @@ def test_a_disk_that_fails_to_sync_stops_the_run(tmp_path: Path, monkeypatch) ->
     assert_refused(run, LogError, "run.parquet.journal", "input/output error")
 
 
-def test_a_batch_that_was_damaged_ends_the_rescue_and_is_told(tmp_path: Path) -> None:
+def test_a_batch_that_was_damaged_ends_the_rescue_and_is_told(tmp_path):
     """The journal was closed in order, so its end mark stands; the second of three batches is
     broken.
     """
@@ -236,9 +236,7 @@ def test_a_batch_that_was_damaged_ends_the_rescue_and_is_told(tmp_path: Path) ->
     [({"rows_per_batch": 4}, 8), ({"flush_interval": 0.0}, 10)],
     ids=["full batches", "old batches"],
 )
-def test_full_and_old_batches_are_in_the_file_while_the_run_goes_on(
-    tmp_path: Path, options, in_file: int
-) -> None:
+def test_full_and_old_batches_are_in_the_file_while_the_run_goes_on(tmp_path, options, in_file):
     journal = JournalWriter(
         tmp_path / "run.parquet", COLUMNS, metadata(), **{"flush_interval": 60.0, **options}
     )
@@ -248,7 +246,7 @@ def test_full_and_old_batches_are_in_the_file_while_the_run_goes_on(
     journal.close()
 
 
-def test_facts_of_the_end_stand_beside_those_of_the_start(tmp_path: Path) -> None:
+def test_facts_of_the_end_stand_beside_those_of_the_start(tmp_path):
     journal = written(tmp_path / "run.parquet", 1)
     journal.add_facts({"stop_time_s": 0.5})
     journal.add_facts({"slow_ticks": 2})
@@ -256,7 +254,7 @@ def test_facts_of_the_end_stand_beside_those_of_the_start(tmp_path: Path) -> Non
     assert journal.run_log().extra == {"mass_kg": 0.15, "stop_time_s": 0.5, "slow_ticks": 2}
 
 
-def test_a_killed_process_loses_at_most_the_batch_it_was_filling(tmp_path: Path) -> None:
+def test_a_killed_process_loses_at_most_the_batch_it_was_filling(tmp_path):
     """SIGKILL in mid-run: no handler runs, only what the operating system has is left."""
     program = textwrap.dedent(
         """

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from typer.testing import CliRunner, Result
 
 from aerodima.workbench import logs
@@ -54,7 +53,7 @@ def call(words: list[str]) -> Result:
     return result
 
 
-def test_swing_of_the_readme_comes_out_as_it_was(folder: Path) -> None:
+def test_swing_of_the_readme_comes_out_as_it_was(folder):
     """Degrees, mA, N mm, turned signs, 500 Hz, a gap, drift and offsets: the truth is met within
     the noise left.
     """
@@ -96,7 +95,7 @@ def test_swing_of_the_readme_comes_out_as_it_was(folder: Path) -> None:
     assert np.max(np.abs(run_log.signal("angle_rad")[swinging] - truth["angle_rad"])) < 6e-3
 
 
-def test_run_of_the_car_of_the_readme_gives_its_metrics(folder: Path) -> None:
+def test_run_of_the_car_of_the_readme_gives_its_metrics(folder):
     car_files(folder)
     importing, metrics, replay = commands(1)
     notes = call(importing).stderr
@@ -121,13 +120,3 @@ def test_run_of_the_car_of_the_readme_gives_its_metrics(folder: Path) -> None:
     assert measured.raw.speed_m_per_s == pytest.approx(CAR_SPEED)
     assert measured.heading_change_rad == pytest.approx(YAW_RATE * 0.64, abs=YAW_RATE / 100.0)
     assert measured.tail_energy_j is None, "the log has no tail"
-
-
-def test_every_yaml_of_the_readme_is_read_and_every_key_is_explained() -> None:
-    assert len(blocks("yaml")) == 2
-    assert all("schema" in yaml.safe_load(block) for block in blocks("yaml"))
-    from aerodima.workbench.config.checked_files import keys_of
-    from aerodima.workbench.logs.mapping import ColumnSource, CsvFormat, Mapping
-
-    words = [key for model in (ColumnSource, CsvFormat, Mapping) for key in keys_of(model)]
-    assert [word for word in words if word not in README] == []

@@ -36,9 +36,7 @@ def gain_and_lag(design: LowPass, hertz: float) -> tuple[float, float]:
     "design", FILTERS, ids=lambda design: f"order {design.order}, {design.cutoff_hz:g} Hz"
 )
 @pytest.mark.parametrize("ratio", [0.3, 1.0, 1.5])
-def test_two_passes_square_the_butterworth_gain_and_shift_nothing(
-    design: LowPass, ratio: float
-) -> None:
+def test_two_passes_square_the_butterworth_gain_and_shift_nothing(design, ratio):
     """1/(1 + (f/fc)^2n) is the analogue gain squared; at 200 samples per period of fc the digital
     filter meets it.
     """
@@ -47,7 +45,7 @@ def test_two_passes_square_the_butterworth_gain_and_shift_nothing(
     assert lag == pytest.approx(0.0, abs=1e-3)
 
 
-def test_jittered_times_are_filtered_like_even_ones() -> None:
+def test_jittered_times_are_filtered_like_even_ones():
     rng = np.random.default_rng(1)
     time = np.arange(2000) / 100.0 + rng.uniform(-0.002, 0.002, 2000)
     out = low_pass(time, sine(time, 0.5), IMU_FILTER)
@@ -98,16 +96,16 @@ def with_time(row: int, value: float) -> np.ndarray:
         (lambda: check_signals(SHORT, {"angle_rad": np.zeros(9)}), ["angle_rad", "9", "10"]),
     ],
 )
-def test_what_is_wrong_with_a_signal_is_named_with_column_and_time(work, named) -> None:
+def test_what_is_wrong_with_a_signal_is_named_with_column_and_time(work, named):
     assert_refused(work, LogError, *named)
 
 
-def test_a_gap_may_be_allowed() -> None:
+def test_a_gap_may_be_allowed():
     check_gaps(WITH_GAP, largest_step=0.1)
     check_signals(WITH_GAP, {}, largest_step=0.1)
 
 
-def test_headings_of_rows_are_unwrapped_by_whole_turns_over_any_jump() -> None:
+def test_headings_of_rows_are_unwrapped_by_whole_turns_over_any_jump():
     """The first row stays; each later one comes within half a turn of the one before."""
     unwrapper = RowUnwrapper(["time_s", "imu_yaw_rad", "sail_angle_rad"])
     rows = [unwrapper.apply(np.array([0.0, yaw, yaw])) for yaw in (9.0, -3.0, 3.0, -3.0, 0.4)]
@@ -118,7 +116,7 @@ def test_headings_of_rows_are_unwrapped_by_whole_turns_over_any_jump() -> None:
 
 
 @pytest.mark.parametrize("parts", [[(0.2, 0.4)], [(0.2, 0.3), (0.4, 0.4)]])
-def test_both_ends_of_a_part_belong_to_it(parts) -> None:
+def test_both_ends_of_a_part_belong_to_it(parts):
     time = np.arange(8) * 0.1
     inside = in_parts(time.round(1), parts)
     assert inside.tolist() == [False, False, True, True, True, False, False, False]

@@ -1,5 +1,4 @@
 import math
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -50,25 +49,25 @@ def changed(**parts: Any) -> dict[str, Any]:
         ("%", "", 0.01),
     ],
 )
-def test_a_unit_has_its_factor(unit: str, si: str, factor: float) -> None:
+def test_a_unit_has_its_factor(unit, si, factor):
     assert unit_factor(unit, si, "here") == pytest.approx(factor, rel=1e-6)
 
 
 @pytest.mark.parametrize(
     ("unit", "si", "named"), [("deg", "N", ["deg", "N"]), ("degs", "rad", ["degs", "'deg'"])]
 )
-def test_a_unit_of_another_quantity_is_refused_by_name(unit: str, si: str, named) -> None:
+def test_a_unit_of_another_quantity_is_refused_by_name(unit, si, named):
     assert_refused(lambda: unit_factor(unit, si, "here"), LogError, "here", *named)
 
 
-def test_the_unit_at_the_end_of_a_name() -> None:
+def test_the_unit_at_the_end_of_a_name():
     assert unit_in_name("wind_speed_m_per_s") == "m/s"
     assert unit_in_name("torque_x_n_m") == "N m"
     assert unit_in_name("lift_impulse_n_s") == "N s"
     assert unit_in_name("axis") == "1"
 
 
-def test_metadata_become_si() -> None:
+def test_metadata_become_si():
     mapping = mapping_from(
         changed(
             metadata={
@@ -115,11 +114,11 @@ ANGLE = {"from": "a"}
         ({"csv": {"delimeter": ";"}}, ["csv.delimeter", "'delimiter'"]),
     ],
 )
-def test_a_wrong_mapping_names_the_place(change: dict[str, Any], named: list[str]) -> None:
+def test_a_wrong_mapping_names_the_place(change, named):
     assert_refused(lambda: mapping_from(changed(**change), "f.yaml"), LogError, "f.yaml", *named)
 
 
-def test_a_file_that_is_missing_or_not_yaml_is_named(tmp_path: Path) -> None:
+def test_a_file_that_is_missing_or_not_yaml_is_named(tmp_path):
     broken = tmp_path / "broken.yaml"
     broken.write_text("a: [1")
     for path in (tmp_path / "none.yaml", broken):

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.turn_course import TurnCourse, turn_course
 from tests.workbench.made_up_runs import COM_X, STEP, made_up_run, times
 
@@ -54,7 +53,7 @@ def arc(rate: float, until: float = 2.64) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("away", [0.0, 3.0])
-def test_a_circle_turns_course_and_body_alike(side: float, away: float) -> None:
+def test_a_circle_turns_course_and_body_alike(side, away):
     """On whatever heading it begins, also across the branch of the angle; the origin behind slides
     outwards.
     """
@@ -67,7 +66,7 @@ def test_a_circle_turns_course_and_body_alike(side: float, away: float) -> None:
     assert found.exit_time_s == pytest.approx(0.64 + STEP), "the first sample after the window"
 
 
-def test_a_straight_line_turns_nothing() -> None:
+def test_a_straight_line_turns_nothing():
     found = moving(0.4, 0.4, 0.0)
     assert (found.course_change_rad, found.exit_heading_change_rad) == (
         pytest.approx(0.0),
@@ -76,7 +75,7 @@ def test_a_straight_line_turns_nothing() -> None:
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_spin_turns_the_body_and_not_the_course(side: float) -> None:
+def test_a_spin_turns_the_body_and_not_the_course(side):
     angle, rate = arc(2.0)
     found = moving(0.0, angle, rate, side=side)
     assert found.course_change_rad == pytest.approx(0.0, abs=1e-9)
@@ -86,7 +85,7 @@ def test_a_spin_turns_the_body_and_not_the_course(side: float) -> None:
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_lean_is_no_course(side: float) -> None:
+def test_a_lean_is_no_course(side):
     """A car that slides by 0.2 rad while it rolls to 0.4 rad about the ground and back: its path is
     straight.
 
@@ -99,7 +98,7 @@ def test_a_lean_is_no_course(side: float) -> None:
     assert found.exit_speed_m_per_s == pytest.approx(V, abs=1e-4)
 
 
-def test_the_turn_ends_when_it_yaws_less_than_a_tenth() -> None:
+def test_the_turn_ends_when_it_yaws_less_than_a_tenth():
     """From 2 s on at 1 rad/s, from 2.64 s on slower by 2 rad/s2: below 0.1 rad/s after 0.45 s."""
     rate = np.where(times() < 2.64, 1.0, np.maximum(1.0 - 2.0 * (times() - 2.64), 0.0)) * (
         times() >= 2.0
@@ -110,7 +109,7 @@ def test_the_turn_ends_when_it_yaws_less_than_a_tenth() -> None:
     assert found.course_change_rad == pytest.approx(0.64 + 0.5 * (1.0 + 0.1) * 0.45, abs=0.003)
 
 
-def test_a_car_that_goes_on_yawing_has_no_exit() -> None:
+def test_a_car_that_goes_on_yawing_has_no_exit():
     angle, rate = arc(0.5, until=9.0)
     found = moving(angle, angle, rate)
     assert (found.exit_time_s, found.course_change_rad, found.exit_speed_m_per_s) == (
@@ -120,7 +119,7 @@ def test_a_car_that_goes_on_yawing_has_no_exit() -> None:
     )
 
 
-def test_the_course_is_that_of_the_path_in_a_simulated_run(tailless: RunLog) -> None:
+def test_the_course_is_that_of_the_path_in_a_simulated_run(tailless):
     """From the places of the rear axle and the attitude, differentiated."""
     found = turn_course(tailless)
     assert found.exit_time_s is not None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,11 +27,10 @@ from aerodima.workbench import (
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.run_figures import plot_overlay
-from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
+from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.run_summary import plant_outcome
 from aerodima.workbench.replay.force_arrows import force_arrows
 from aerodima.workbench.replay.logged_run import add_logged_run
-from aerodima.workbench.replay.strip import write_strip
 from aerodima.workbench.simulate.car_run import assemble
 from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import signals_equal
@@ -48,7 +46,7 @@ def swings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[RunLog, 
 
 
 @pytest.mark.parametrize("name", STEPS)
-def test_log_has_a_row_per_period_and_the_state_of_its_instant(swings: dict, name: str) -> None:
+def test_log_has_a_row_per_period_and_the_state_of_its_instant(swings, name):
     log, plant, context = swings[name]
     assert log.time == pytest.approx(np.arange(51) / 100.0, abs=1e-12)
     last = log.table.iloc[-1]
@@ -69,7 +67,7 @@ def test_log_has_a_row_per_period_and_the_state_of_its_instant(swings: dict, nam
 
 
 @pytest.mark.parametrize("name", STEPS)
-def test_force_of_the_log_is_that_of_the_plate_in_its_wind(swings: dict, name: str) -> None:
+def test_force_of_the_log_is_that_of_the_plate_in_its_wind(swings, name):
     """At the start only the wind blows: 1/2 rho A C_N |v_p| v_n along the normal, which is 1 rad
     from the wind.
     """
@@ -87,7 +85,7 @@ def test_force_of_the_log_is_that_of_the_plate_in_its_wind(swings: dict, name: s
     assert sum(sections)[0] == pytest.approx(np.linalg.norm(expected))
 
 
-def test_arrow_acts_on_the_plate_also_of_a_plant_below_the_floor(swings: dict) -> None:
+def test_arrow_acts_on_the_plate_also_of_a_plant_below_the_floor(swings):
     log, *_ = swings["discrete"]
     logged = add_logged_run(DiagramBuilder(), log)
     (arrow,) = force_arrows(logged)
@@ -101,7 +99,7 @@ def test_arrow_acts_on_the_plate_also_of_a_plant_below_the_floor(swings: dict) -
     assert logged.tips["tail_force_pole"][:, 2].min() == pytest.approx(logged.floor, abs=0.05)
 
 
-def test_replay_puts_the_bodies_where_they_were(swings: dict) -> None:
+def test_replay_puts_the_bodies_where_they_were(swings):
     log, plant, context = swings["continuous"]
     builder = DiagramBuilder()
     logged = add_logged_run(builder, log)
@@ -116,19 +114,6 @@ def test_replay_puts_the_bodies_where_they_were(swings: dict) -> None:
         assert after.translation() == pytest.approx(before.translation(), abs=1e-6)
 
 
-def test_metrics_are_those_of_the_motion(swings: dict) -> None:
-    log, *_ = swings["continuous"]
-    row = plant_metrics(log)
-    assert row["duration_s"] == pytest.approx(0.5)
-    assert (
-        row["tail_force_pole_max_n"]
-        == np.linalg.norm(log.vector("tail_force_pole", "truth_n"), axis=1).max()
-    )
-    assert row["max_tilt_rad"] == log.signal("tilt_truth_rad").max()
-    assert row["tail_force_pole_sections_outside_measured_range"] == 0.0
-    assert row["outcome"] == plant_outcome(log).result  # type: ignore[union-attr]
-
-
 def fallen(tilt: list[float]) -> RunLog:
     """A body that holds this tilt, rad, in three rows."""
     log, *_ = observed_swing(0.01)
@@ -137,7 +122,7 @@ def fallen(tilt: list[float]) -> RunLog:
     return replace(log, table=table)
 
 
-def test_outcome_is_that_of_a_base_that_starts_upright() -> None:
+def test_outcome_is_that_of_a_base_that_starts_upright():
     assert plant_outcome(fallen([0.0, 0.5, 0.1])).result == "survived"  # type: ignore[union-attr]
     assert plant_outcome(fallen([0.0, 1.4, 0.1])).result == "flipped"  # type: ignore[union-attr]
     upside_down = fallen([3.1, 1.4, 0.1])
@@ -145,23 +130,13 @@ def test_outcome_is_that_of_a_base_that_starts_upright() -> None:
     assert plant_metrics(upside_down)["outcome"] is None
 
 
-def test_strips_of_equal_runs_are_equal(swings: dict, tmp_path: Path) -> None:
-    again, *_ = observed_swing(0.002)
-    assert signals_equal(again, swings["discrete"][0])
-    first, second = (
-        write_strip(log, tmp_path / f"{n}.png")
-        for n, log in enumerate((again, swings["discrete"][0]))
-    )
-    assert first.read_bytes() == second.read_bytes()
-
-
-def test_car_and_another_plant_are_told_apart(swings: dict, tailless: RunLog) -> None:
+def test_car_and_another_plant_are_told_apart(swings, tailless):
     plant = swings["continuous"][0]
     assert_refused(lambda: metrics_of(plant), LogError, "continuous.parquet")
     assert_refused(lambda: plot_overlay([tailless, plant], ["a", "b"]), LogError, plant.name)
 
 
-def test_further_signals_have_columns_of_their_own() -> None:
+def test_further_signals_have_columns_of_their_own():
     builder = DiagramBuilder()
     plant = add_cart_pole(builder, 0.01)
     ports = {
@@ -176,7 +151,7 @@ def test_further_signals_have_columns_of_their_own() -> None:
     assert "tilt_truth_rad" not in run.log.table  # nothing floats, no base was named
 
 
-def test_station_of_a_car_in_a_builder_of_ones_own_gives_the_log_of_a_car(tailed: RunLog) -> None:
+def test_station_of_a_car_in_a_builder_of_ones_own_gives_the_log_of_a_car(tailed):
     scenario = scenario_from_dict(tailed.scenario)
     car = assemble(scenario)
     with observe(
@@ -187,29 +162,7 @@ def test_station_of_a_car_in_a_builder_of_ones_own_gives_the_log_of_a_car(tailed
     assert signals_equal(run.log, replace(tailed, table=tailed.table))
 
 
-def test_station_without_a_scenario_gives_the_log_of_a_plant(tailed: RunLog) -> None:
-    car = assemble(scenario_from_dict(tailed.scenario))
-    with observe(car.builder, car.station, rate=100.0, settings={"name": "no estimator"}) as run:
-        Simulator(car.builder.Build()).AdvanceTo(0.4)
-    log = run.log
-    assert log.kind == PLANT_RUN
-    rows = tailed.table.set_index("time_s").loc[log.time]
-    (tail,) = log.extra["tails"]
-    for axis in "xyz":
-        expected = rows[f"tail_force_{axis}_truth_n"].to_numpy()
-        assert log.signal(f"{tail['name']}_{axis}_truth_n") == pytest.approx(expected, abs=1e-9)
-        assert log.signal(f"com_{axis}_truth_m") == pytest.approx(
-            rows[f"com_{axis}_truth_m"].to_numpy(), abs=1e-9
-        )
-    assert plant_outcome(log).result == "survived"  # type: ignore[union-attr]
-    arrows = {arrow.name for arrow in force_arrows(add_logged_run(DiagramBuilder(), log))}
-    assert arrows == {
-        f"air_on_{tail['name']}",
-        *(f"ground_on_{w}_{s}" for w in ("front", "rear") for s in ("left", "right")),
-    }
-
-
-def test_impulse_of_the_logged_air_is_the_change_of_momentum() -> None:
+def test_impulse_of_the_logged_air_is_the_change_of_momentum():
     """Of a trunk in the air whose tail turns: the motor's torque is internal, only the air changes
     the momentum.
     """
@@ -248,21 +201,21 @@ def cart_pole() -> tuple[DiagramBuilder, MultibodyPlant]:
     return builder, add_cart_pole(builder, 0.01)
 
 
-def test_existing_log_is_refused_before_the_run(tmp_path: Path) -> None:
+def test_existing_log_is_refused_before_the_run(tmp_path):
     path = tmp_path / "run.parquet"
     path.touch()
     assert_refused(lambda: observe(*cart_pole(), log=path), UserError, "run.parquet")
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_run_outside_the_block_is_refused() -> None:
+def test_run_outside_the_block_is_refused():
     builder, plant = cart_pole()
     run = observe(builder, plant)
     assert_refused(Simulator(builder.Build()).Initialize, UserError, "observe", "with")
     assert_refused(lambda: run.log, UserError, "with")
 
 
-def test_run_that_dies_leaves_a_journal(tmp_path: Path) -> None:
+def test_run_that_dies_leaves_a_journal(tmp_path):
     builder, plant = cart_pole()
     run = observe(builder, plant, log=tmp_path / "run.parquet")
 
@@ -324,11 +277,11 @@ def not_finalised() -> None:
         (not_finalised, ["finalised"]),
     ],
 )
-def test_what_cannot_be_observed_is_named(work, named: list[str]) -> None:
+def test_what_cannot_be_observed_is_named(work, named):
     assert_refused(work, UserError, *named)
 
 
-def test_plant_without_shapes_is_logged_and_not_replayed() -> None:
+def test_plant_without_shapes_is_logged_and_not_replayed():
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(0.01))
     plant.AddRigidBody("brick", SpatialInertia.SolidBoxWithMass(1.0, 0.1, 0.1, 0.1))
@@ -341,7 +294,7 @@ def test_plant_without_shapes_is_logged_and_not_replayed() -> None:
     assert_refused(lambda: add_logged_run(DiagramBuilder(), run.log), LogError, run.log.name)
 
 
-def test_log_whose_shapes_were_damaged_is_refused(swings: dict) -> None:
+def test_log_whose_shapes_were_damaged_is_refused(swings):
     log, *_ = swings["discrete"]
     whole = log.extra
     damaged = [
@@ -355,6 +308,6 @@ def test_log_whose_shapes_were_damaged_is_refused(swings: dict) -> None:
     assert_refused(lambda: add_logged_run(DiagramBuilder(), cut), LogError, "pose_pole_qw")
 
 
-def test_file_is_the_log(swings: dict) -> None:
+def test_file_is_the_log(swings):
     log, *_ = swings["discrete"]
     assert signals_equal(read_run_log(log.source), log)

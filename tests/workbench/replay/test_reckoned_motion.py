@@ -38,7 +38,7 @@ def circle(scenario: str = "turn_held", **signals: object) -> RunLog:
     )
 
 
-def test_a_circle_is_driven_with_the_radius_of_speed_over_yaw_rate() -> None:
+def test_a_circle_is_driven_with_the_radius_of_speed_over_yaw_rate():
     """Radius 2 m, centre to the left of the start; the path begins along x whatever the compass
     says.
     """
@@ -50,13 +50,13 @@ def test_a_circle_is_driven_with_the_radius_of_speed_over_yaw_rate() -> None:
     assert run_log.signal("yaw_truth_rad")[-1] == pytest.approx(YAW_RATE * 3.0)
 
 
-def test_without_a_heading_the_yaw_rate_is_integrated() -> None:
+def test_without_a_heading_the_yaw_rate_is_integrated():
     with_rate = circle(imu_yaw_rad=None, imu_gyro_z_rad_per_s=YAW_RATE)
     expected = replayable(circle()).vector("com", "truth_m")
     assert replayable(with_rate).vector("com", "truth_m") == pytest.approx(expected, abs=1e-9)
 
 
-def test_the_plant_takes_the_reckoned_pose_and_joints() -> None:
+def test_the_plant_takes_the_reckoned_pose_and_joints():
     """Rolled 0.3 rad to the right, the car stands on its right wheels; the tail lies where it was
     logged.
     """
@@ -82,14 +82,14 @@ def test_the_plant_takes_the_reckoned_pose_and_joints() -> None:
     )
 
 
-def test_a_reckoned_run_has_five_moments_and_no_arrows() -> None:
+def test_a_reckoned_run_has_five_moments_and_no_arrows():
     for scenario in ("turn_none", "turn_held"):
         run_log = replayable(circle(scenario))
         assert force_arrows(add_logged_run(DiagramBuilder(), run_log)) == []
         assert len(five_moments(run_log)) == 5
 
 
-def test_a_simulated_run_is_left_as_it_is(tailed: RunLog) -> None:
+def test_a_simulated_run_is_left_as_it_is(tailed):
     assert replayable(tailed) is tailed
 
 
@@ -104,10 +104,10 @@ LOST = np.where(TIMES > 1.0, np.nan, SPEED)
         (dataclasses.replace(circle(), scenario={}), ["scenario"]),
     ],
 )
-def test_what_a_replay_needs_is_named(run_log: RunLog, named: list[str]) -> None:
+def test_what_a_replay_needs_is_named(run_log, named):
     assert_refused(lambda: replayable(run_log), LogError, "car.parquet", *named)
 
 
-def test_lost_samples_are_named_with_column_and_time() -> None:
+def test_lost_samples_are_named_with_column_and_time():
     named = ("speed_m_per_s", "200", "nan", "1.01 s")
     assert_refused(lambda: replayable(circle(speed_m_per_s=LOST)), LogError, *named)

@@ -24,7 +24,7 @@ def strip(short_runs: dict[str, RunLog], tmp_path_factory: pytest.TempPathFactor
 
 
 @pytest.mark.slow
-def test_strip_holds_five_pictures_of_the_car(strip: Path) -> None:
+def test_strip_holds_five_pictures_of_the_car(strip):
     pixels = matplotlib.image.imread(strip)
     assert pixels.shape[:2] == (STRIP[1], STRIP[0])
     yellow = (pixels[..., 0] > 0.5) & (pixels[..., 2] < 0.3) & (pixels[..., 1] > 0.4)  # the sail
@@ -33,7 +33,7 @@ def test_strip_holds_five_pictures_of_the_car(strip: Path) -> None:
     assert {int((column - 8) // width) for column in columns} == {0, 1, 2, 3, 4}
 
 
-def test_equal_runs_give_equal_bytes(strip: Path, tailed: RunLog, tmp_path: Path) -> None:
+def test_equal_runs_give_equal_bytes(strip, tailed, tmp_path):
     again = write_strip(replace(tailed, created="another day"), tmp_path / "again.png")
     assert again.read_bytes() == strip.read_bytes()
 
@@ -56,7 +56,7 @@ def green_rows(run_log: RunLog) -> list[int]:
     return heights
 
 
-def test_arrow_of_a_heavily_loaded_wheel_is_drawn_whole(tailless: RunLog) -> None:
+def test_arrow_of_a_heavily_loaded_wheel_is_drawn_whole(tailless):
     """At 37 N, as of the outer wheels of a car that tips, it is as much longer as the force is than
     at 15 N.
     """
@@ -67,7 +67,7 @@ def test_arrow_of_a_heavily_loaded_wheel_is_drawn_whole(tailless: RunLog) -> Non
     assert np.all(heavy < FRAME[1])
 
 
-def test_existing_file_is_kept_unless_forced(tailed: RunLog, strip: Path, tmp_path: Path) -> None:
+def test_existing_file_is_kept_unless_forced(tailed, strip, tmp_path):
     path = tmp_path / "run.png"
     path.write_text("precious")
     assert_refused(lambda: write_strip(tailed, path), UserError, "run.png", "--force")
