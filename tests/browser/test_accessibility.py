@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,14 +16,14 @@ pytestmark = [pytest.mark.realtime, pytest.mark.nightly]
 
 
 @pytest.fixture
-def served(tmp_path: Path) -> Iterator[Served]:
+def served(tmp_path):
     served = Served(tmp_path)
     yield served
     served.close()
 
 
 @pytest.fixture
-def console(page: Any, served: Served) -> Any:
+def console(page, served):
     page.set_viewport_size({"width": 1280, "height": 900})
     page.goto(served.access.url)
     eventually(lambda: page.evaluate("state !== null && state.controls"))

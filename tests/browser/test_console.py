@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,13 +22,13 @@ SAFETY = load_drive_safety()
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleSession]:
+def session(tmp_path_factory):
     with ConsoleSession(tmp_path_factory.mktemp("console"), "--no-view") as session:
         yield session
 
 
 @pytest.fixture
-def operator(page: Any, session: ConsoleSession) -> OperatorPage:
+def operator(page, session):
     page.set_viewport_size({"width": 1280, "height": 900})
     page.add_init_script(GAMEPADS)
     return OperatorPage(page, session)

@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -46,7 +45,7 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
 
 
 @pytest.fixture
-def served(tmp_path: Path) -> Iterator[Served]:
+def served(tmp_path):
     with contextlib.closing(Served(tmp_path)) as served:
         yield served
 
@@ -214,7 +213,7 @@ def test_a_stop_that_was_pressed_without_connection_is_sent_when_it_is_back(page
 
 
 @pytest.fixture
-def gamepads(page: Any, served: Served) -> Any:
+def gamepads(page, served):
     """A page of an armed car that stays armed, with gamepads that the test plugs in."""
     page.add_init_script(GAMEPADS)
     page.goto(served.access.url)
@@ -284,12 +283,3 @@ def test_an_unplugged_gamepad_means_rest_and_the_other_does_not_take_over(gamepa
     assert not gamepads.is_checked("#use-gamepad")
     assert "unplugged" in gamepads.inner_text("#banner")
     eventually(lambda: served.sent(OperatorCommand)[-1].mode is RadioMode.IDLE)
-
-
-def test_without_the_gamepad_interface_the_page_works(page, served):
-    page.add_init_script("Object.defineProperty(navigator, 'getGamepads', {value: undefined})")
-    page.goto(served.access.url)
-    eventually(lambda: page.evaluate(IN_CONTROL))
-    assert page.is_disabled("#use-gamepad")
-    assert "no gamepad" in page.inner_text("#gamepad")
-    eventually(lambda: served.sent(Heartbeat))

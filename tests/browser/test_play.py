@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +67,7 @@ class Driver:
 
 
 @pytest.fixture
-def driver(page: Any, tmp_path: Path) -> Iterator[Driver]:
+def driver(page, tmp_path):
     driver = Driver(page, tmp_path)
     try:
         driver.open()

@@ -27,7 +27,7 @@ READY = "() => typeof replay !== 'undefined' && replay.duration > 0"
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunLog]:
+def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("browser_runs")
     settings = [f"manoeuvre.{setting}" for setting in SHORT]
     return {
@@ -37,7 +37,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunLog]:
 
 
 @pytest.fixture(scope="module")
-def replay_file(runs: dict[str, RunLog], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def replay_file(runs, tmp_path_factory):
     return write_replay_html(runs["held"], tmp_path_factory.mktemp("page") / "held.html")
 
 

@@ -30,7 +30,7 @@ FIGURES: dict[str, Callable[[dict[str, RunLog]], Figure]] = {
 
 
 @pytest.fixture(scope="module")
-def figures(standard_runs: dict[str, RunLog]) -> dict[str, Figure]:
+def figures(standard_runs):
     return {name: make(standard_runs) for name, make in FIGURES.items()}
 
 

@@ -4,7 +4,6 @@ the right one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,7 +15,7 @@ from tests.refusals import assert_refused
 
 
 @pytest.fixture
-def fresh_lookup() -> Iterator[None]:
+def fresh_lookup():
     models_dir.cache_clear()
     yield
     models_dir.cache_clear()

@@ -12,7 +12,7 @@ import signal
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -52,13 +52,13 @@ def processes(marks: Path) -> dict[int, list[int]]:
 
 
 @pytest.fixture
-def marks(tmp_path: Path) -> Path:
+def marks(tmp_path):
     (tmp_path / "marks").mkdir()
     return tmp_path / "marks"
 
 
 @pytest.fixture
-def opened(tmp_path: Path) -> Iterator[Callable[..., tuple[Engine, list[str]]]]:
+def opened(tmp_path):
     """Opens an engine; gives it and the lines that it says."""
     from contextlib import ExitStack
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.schema import RunLog, read_run_log
+from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.report.replay_page import (
     comparison_page,
     different_cars,
@@ -26,7 +26,7 @@ SHORT = ("speed=1.0", "turn_start=0.2", "speed_ramp=0.1", "turn_hold=0.1", "dura
 
 
 @pytest.fixture(scope="module")
-def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def logs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("compared")
     settings = [f"manoeuvre.{setting}" for setting in SHORT]
     paths = {}
@@ -41,7 +41,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.fixture(scope="module")
-def runs(logs: dict[str, Path]) -> dict[str, RunLog]:
+def runs(logs):
     return {name: read_run_log(path) for name, path in logs.items()}
 
 

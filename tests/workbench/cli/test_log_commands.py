@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -24,7 +23,7 @@ SETTINGS = [
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("runs") / "run.parquet"
     simulate(load_scenario("turn_none", SETTINGS), path)
     return path

@@ -2,8 +2,6 @@
 README's test.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -20,7 +18,7 @@ columns: {angle_rad: {from: theta}}
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     time = np.arange(300) / 100
     pd.DataFrame({"t": time, "theta": np.sin(time)}).to_csv(tmp_path / "log.csv", index=False)
     (tmp_path / "m.yaml").write_text(MAPPING)

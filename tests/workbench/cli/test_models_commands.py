@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -79,7 +78,7 @@ def test_good_model_of_a_user_passes(call, tmp_path):
 
 
 @pytest.fixture
-def failed(call: Callable) -> Callable[[Path], str]:
+def failed(call):
     """Checks a file; the verdict is no, exit status 1, with the problems on stderr."""
 
     def check(path: Path) -> str:

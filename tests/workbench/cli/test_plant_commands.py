@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from tests.workbench.replay.cart_poles import observed_swing
 
 
 @pytest.fixture(scope="module")
-def swings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def swings(tmp_path_factory):
     folder = tmp_path_factory.mktemp("swings")
     files = [folder / f"{name}.parquet" for name in ("narrow", "wide")]
     for width, file in zip((0.1, 0.2), files, strict=True):

@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -48,11 +47,9 @@ def register(app):
         print("done", kind, times)
 '''
 
-Run = Callable[..., "subprocess.CompletedProcess[str]"]
-
 
 @pytest.fixture
-def environment(tmp_path: Path) -> dict[str, str]:
+def environment(tmp_path):
     """A process environment in which another distribution, with one command, is installed."""
     (tmp_path / "probe_commands.py").write_text(PROBE)
     metadata = tmp_path / "probe-1.0.dist-info"
@@ -68,7 +65,7 @@ def environment(tmp_path: Path) -> dict[str, str]:
 
 
 @pytest.fixture
-def aerodima(environment: dict[str, str]) -> Run:
+def aerodima(environment):
     def run(*arguments: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "aerodima", *arguments]
         return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
@@ -211,7 +208,7 @@ Commands = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def commands() -> Commands:
+def commands():
     """Every command and group by its words."""
 
     def below(words: str, command: Any) -> Commands:

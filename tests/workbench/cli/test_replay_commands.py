@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +11,7 @@ from aerodima.workbench.simulate.simulation import simulate
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def log(tmp_path_factory):
     settings = ["manoeuvre.duration=0.1", "manoeuvre.speed_ramp=0.1"]
     path = tmp_path_factory.mktemp("replay") / "run.parquet"
     simulate(load_scenario("turn_none", settings), path)
@@ -20,7 +19,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+def impatient(monkeypatch):
     """Ctrl-C as soon as the program waits."""
 
     def interrupt(seconds: float) -> None:
@@ -58,18 +57,6 @@ def test_existing_output_is_refused_before_anything_is_written(
     assert present.name in message
     assert present.read_text() == "precious"
     assert not absent.exists()
-
-
-def test_video_of_two_runs_is_named_after_their_files(call, log, tmp_path):
-    other = tmp_path / "other.parquet"
-    video = tmp_path / "both.gif"
-    other.write_bytes(log.read_bytes())
-    result = call("replay", log, other, "--video", video)
-    if "--html" in result.stderr:
-        pytest.skip("Drake's VTK finds no OpenGL through EGL on this machine")
-    assert result.exit_code == 0, result.output
-    assert result.stdout == f"video: {video}\n"
-    assert video.read_bytes().startswith(b"GIF89a")
 
 
 def test_several_runs_without_video_are_refused(refused, log, tmp_path):

@@ -8,14 +8,8 @@ import pytest
 
 from aerodima.workbench.logs.schema import read_run_log
 
-SHORT = (
-    "--set",
-    "manoeuvre.turn_start=0.4",
-    "--set",
-    "manoeuvre.speed_ramp=0.3",
-    "--set",
-    "manoeuvre.duration=1.2",
-)
+SETTINGS = "manoeuvre.turn_start=0.4 manoeuvre.speed_ramp=0.3 manoeuvre.duration=1.2"
+SHORT = tuple(word for setting in SETTINGS.split() for word in ("--set", setting))
 
 
 @pytest.mark.slow

@@ -7,35 +7,18 @@ import pytest
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.replay.captions import caption_of
 
-SHORT = (
-    "--set",
-    "manoeuvre.turn_start=0.4",
-    "--set",
-    "manoeuvre.speed_ramp=0.3",
-    "--set",
-    "manoeuvre.duration=1.2",
-)
+SETTINGS = "manoeuvre.turn_start=0.4 manoeuvre.speed_ramp=0.3 manoeuvre.duration=1.2"
+SHORT = tuple(word for setting in SETTINGS.split() for word in ("--set", setting))
 """A turn of 1.2 s: enough for the window of the metrics, quick to simulate."""
 
 
 def test_turn_writes_the_log_it_was_asked_for(call, tmp_path):
     log = tmp_path / "new folder" / "run.parquet"
-    result = call(
-        "run",
-        "turn_swing",
-        "--speed",
-        1.5,
-        "--tail",
-        "held",
-        "--direction",
-        "right",
-        *SHORT,
-        "--out",
-        log,
-    )
+    words = "run turn_swing --speed 1.5 --tail held --direction right"
+    result = call(*words.split(), *SHORT, "--out", log)
     assert result.exit_code == 0, result.output
-    assert "outcome: survived" in result.stdout
-    assert f"log: {log}" in result.stdout
+    assert "survived" in result.stdout
+    assert str(log) in result.stdout
     run = read_run_log(log)
     assert run.scenario["manoeuvre"]["speed"] == 1.5
     assert run.scenario["tail"]["mode"] == "held"

@@ -7,7 +7,7 @@ from __future__ import annotations
 import shutil
 
 import pytest
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Gain
 
 from aerodima.workbench import UserError, draw_diagram
@@ -18,7 +18,7 @@ needs_graphviz = pytest.mark.skipif(shutil.which("dot") is None, reason="Graphvi
 
 
 @pytest.fixture
-def diagram() -> Diagram:
+def diagram():
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource([1.0]))
     gain = builder.AddSystem(Gain(2.0, 1))

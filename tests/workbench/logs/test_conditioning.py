@@ -18,7 +18,6 @@ from aerodima.workbench.logs.signals import (
     remove_drift,
 )
 from tests.refusals import assert_refused
-from tests.workbench.logs.foreign_logs import DRIFT, NOISE, WRENCH, swing_readings, swing_truth
 
 TIMES = np.arange(5001) / 500.0
 
@@ -33,23 +32,6 @@ def rig_log(
     return run_log_from_metadata(
         table, run_metadata({}, 0, kind=kind, extra=extra), source="rig.parquet"
     )
-
-
-def test_drift_between_two_rests_is_removed_and_the_swing_is_kept():
-    readings = swing_readings()
-    run_log = rig_log({name: readings[name] for name in WRENCH}, readings["time_s"].to_numpy())
-    done = remove_drift(run_log, WRENCH, [(0.0, 2.9), (20.0, 26.0)])
-    truth = swing_truth(run_log.time)
-    for name, noise, slope in zip(WRENCH, NOISE, DRIFT, strict=True):
-        error = done.signal(name) - truth[name].to_numpy()
-        # The line's error at either rest is noise / sqrt(1450 samples), and what is left of the
-        # swing at 20 s.
-        assert np.sqrt(np.mean(error**2)) < 1.02 * noise, name
-        assert abs(np.mean(error)) < 0.05 * noise, name
-        stated = float(
-            conditioning_notes(done)[WRENCH.index(name)].split(": ")[1].split(" per s")[0]
-        )
-        assert stated == pytest.approx(slope, rel=0.02)
 
 
 def test_drift_is_the_line_through_the_resting_part_only():

@@ -38,7 +38,7 @@ def commands(example: int) -> list[list[str]]:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     for block in blocks("yaml"):
         name = re.match(r"# file: (\S+)", block)
         assert name, block

@@ -2,6 +2,8 @@
 made.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -19,7 +21,6 @@ from aerodima.workbench.metrics.run_summary import (
 )
 from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import made_up_run, times
-from tests.workbench.made_up_summaries import made_up_summary
 
 
 def test_swing_times_come_from_the_state_of_the_controller():
@@ -47,20 +48,23 @@ def test_peak_of_the_gyro_counts_into_the_turn(direction, sign):
     assert summary.peak_gyro == pytest.approx(0.8)
 
 
+def driven(mode, speed):
+    """Summary of a run with this tail mode and commanded speed, m/s."""
+    return replace(summarise(made_up_run(), "run"), tail_mode=mode, commanded_speed=speed)
+
+
 def test_only_the_runs_of_the_thesis_have_published_figures():
     # Commanded 12 km/h without tail: Tables 7.1 and 7.3; 16 km/h with the swing: Table 7.2.
     sources = {
-        (mode, whole): {
-            row.source for row in published_for(made_up_summary(mode, whole / 3.6)).values()
-        }
+        (mode, whole): {row.source for row in published_for(driven(mode, whole / 3.6)).values()}
         for mode in ("none", "held", "swing")
         for whole in range(12, 19)
     }
     assert sources.pop(("none", 12)) == {"Table 7.1", "Table 7.3"}
     assert sources.pop(("swing", 16)) == {"Table 7.2"}
     assert not any(sources.values())
-    assert published_for(made_up_summary("none", 3.33))  # as the thesis rounds it
-    assert not published_for(made_up_summary("none", 3.40))
+    assert published_for(driven("none", 3.33))  # as the thesis rounds it
+    assert not published_for(driven("none", 3.40))
 
 
 def test_a_swing_from_a_file_is_a_mode_of_its_own_and_has_no_published_figures():
@@ -71,7 +75,7 @@ def test_a_swing_from_a_file_is_a_mode_of_its_own_and_has_no_published_figures()
     assert (
         tail_mode_of({"tail": {"mode": "swing"}, "controller": {"swing_file": "none"}}) == "swing"
     )
-    assert not published_for(made_up_summary("optimised", 16 / 3.6))
+    assert not published_for(driven("optimised", 16 / 3.6))
 
 
 def plant_log() -> RunLog:

@@ -66,14 +66,6 @@ def test_a_circle_turns_course_and_body_alike(side, away):
     assert found.exit_time_s == pytest.approx(0.64 + STEP), "the first sample after the window"
 
 
-def test_a_straight_line_turns_nothing():
-    found = moving(0.4, 0.4, 0.0)
-    assert (found.course_change_rad, found.exit_heading_change_rad) == (
-        pytest.approx(0.0),
-        pytest.approx(0.0),
-    )
-
-
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_spin_turns_the_body_and_not_the_course(side):
     angle, rate = arc(2.0)

@@ -30,7 +30,7 @@ CLASSES = {"foxglove.FrameTransforms": FrameTransforms, "foxglove.SceneUpdate": 
 
 
 @pytest.fixture(scope="module")
-def exported(short_runs: dict[str, RunLog], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def exported(short_runs, tmp_path_factory):
     tailed = short_runs["swing"]
     (path,) = export_log(
         tailed, tmp_path_factory.mktemp("mcap") / "run.mcap", "mcap", scene=foxglove_scene(tailed)

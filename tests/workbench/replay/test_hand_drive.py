@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.logs.schema import RunLog, read_run_log
+from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.metrics.turn_signals import turn_signals
 from aerodima.workbench.replay import hand_drive
@@ -80,13 +80,13 @@ def driven(
 
 
 @pytest.fixture(scope="module")
-def left_drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Script, RunLog]:
+def left_drive(tmp_path_factory):
     script, (log,) = driven(tmp_path_factory.mktemp("left"), left_turn, Clock(0.0), length=2.6)
     return script, read_run_log(log)
 
 
 @pytest.fixture
-def left(left_drive: tuple[Script, RunLog]) -> RunLog:
+def left(left_drive):
     return left_drive[1]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +28,6 @@ from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.run_figures import plot_overlay
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.run_summary import plant_outcome
-from aerodima.workbench.replay.force_arrows import force_arrows
 from aerodima.workbench.replay.logged_run import add_logged_run
 from aerodima.workbench.simulate.car_run import assemble
 from tests.refusals import assert_refused
@@ -40,7 +38,7 @@ STEPS = {"continuous": 0.0, "discrete": 0.002}
 
 
 @pytest.fixture(scope="module")
-def swings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[RunLog, Any, Any]]:
+def swings(tmp_path_factory):
     folder = tmp_path_factory.mktemp("swings")
     return {name: observed_swing(step, folder / f"{name}.parquet") for name, step in STEPS.items()}
 
@@ -83,20 +81,6 @@ def test_force_of_the_log_is_that_of_the_plate_in_its_wind(swings, name):
         log.signal(f"tail_force_pole_section_{index}_force_n") for index in range(PLATE.number)
     ]
     assert sum(sections)[0] == pytest.approx(np.linalg.norm(expected))
-
-
-def test_arrow_acts_on_the_plate_also_of_a_plant_below_the_floor(swings):
-    log, *_ = swings["discrete"]
-    logged = add_logged_run(DiagramBuilder(), log)
-    (arrow,) = force_arrows(logged)
-    (air,) = logged.air
-    from_pivot = np.linalg.norm(arrow.points - air.root, axis=1)
-    assert from_pivot[0] == pytest.approx(
-        0.5 * (PLATE.start + PLATE.end)
-    )  # at rest in an even wind: the middle
-    assert from_pivot.max() <= PLATE.end
-    assert arrow.lengths == pytest.approx(0.1 * log.vector("tail_force_pole", "truth_n"))
-    assert logged.tips["tail_force_pole"][:, 2].min() == pytest.approx(logged.floor, abs=0.05)
 
 
 def test_replay_puts_the_bodies_where_they_were(swings):

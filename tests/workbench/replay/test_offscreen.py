@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from pydrake.geometry import Box
@@ -80,7 +78,7 @@ def test_robot_stands_where_it_is(low):
 
 
 @pytest.fixture
-def without_driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def without_driver(monkeypatch):
     """EGL looks for its drivers where there are none; VTK then takes its process down."""
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
     monkeypatch.delenv("DISPLAY", raising=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import matplotlib.image
 import numpy as np
@@ -19,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("renderer")
 
 
 @pytest.fixture(scope="module")
-def strip(short_runs: dict[str, RunLog], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def strip(short_runs, tmp_path_factory):
     return write_strip(short_runs["swing"], tmp_path_factory.mktemp("strip") / "run.png")
 
 

@@ -30,13 +30,13 @@ def cut(run_log: RunLog, length: float) -> RunLog:
 
 
 @pytest.fixture(scope="module")
-def brief(short_runs: dict[str, RunLog]) -> dict[str, RunLog]:
+def brief(short_runs):
     """The runs' first 0.2 s, and 0.12 s of the tailless one: 6 and 4 frames."""
     return {"tailed": cut(short_runs["swing"], 0.2), "tailless": cut(short_runs["none"], 0.12)}
 
 
 @pytest.fixture(scope="module")
-def film(brief: dict[str, RunLog]) -> Film:
+def film(brief):
     return Film({"longer": brief["tailed"], "shorter": brief["tailless"]}, 1.0)
 
 
@@ -56,11 +56,9 @@ def test_runs_of_different_length_are_in_step_to_the_end_of_the_longest(film):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("renderer")
-@pytest.mark.parametrize(
-    ("ending", "rate", "frames"), [("gif", 1.0, 6), ("webp", 1.0, 6), ("webp", 0.5, 11)]
-)
+@pytest.mark.parametrize(("ending", "rate", "frames"), [("gif", 1.0, 6), ("webp", 0.5, 11)])
 def test_file_has_every_frame_and_rests_at_the_end(brief, tmp_path, ending, rate, frames):
-    told: list[tuple[float, float]] = []
+    told = []
     path = write_video(
         {"run": brief["tailed"]},
         tmp_path / f"run.{ending}",

@@ -40,7 +40,7 @@ class Made(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+def made(tmp_path_factory):
     out = tmp_path_factory.mktemp("demo") / "out"
     messages: list[str] = []
 
@@ -60,7 +60,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 
 @pytest.fixture(scope="module")
-def rows(made: Made) -> dict[str, dict[str, str]]:
+def rows(made):
     with (made.out / "summary.csv").open(encoding="utf-8") as file:
         return {row["run"]: row for row in csv.DictReader(file)}
 

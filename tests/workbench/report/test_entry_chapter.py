@@ -4,8 +4,6 @@ page says.
 
 from __future__ import annotations
 
-from typing import Any
-
 import pandas as pd
 
 from aerodima.optimisation.entry.suite import MANOEUVRES, NAMED, floors, manoeuvres
@@ -41,13 +39,7 @@ def test_the_shipped_table_has_what_is_shown():
     assert not table.duplicated(["manoeuvre", "candidate", "car", "floor"]).any()
 
 
-def row(
-    candidate: str,
-    speed: float | None,
-    ended_by: str = "",
-    ceiling: bool = False,
-    floor: str = "x 1",
-) -> dict[str, Any]:
+def row(candidate, speed, ended_by="", ceiling=False, floor="x 1"):
     place = {"manoeuvre": "turn", "candidate": candidate, "floor": floor}
     return place | {"entry_speed_m_per_s": speed, "ended_by": ended_by, "at_ceiling": ceiling}
 

@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.errors import LogError, UserError
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.report.replay_page import replay_page, write_replay_html
 from tests.refusals import assert_refused
 
 
 @pytest.fixture(scope="module")
-def page(short_runs: dict[str, RunLog]) -> str:
+def page(short_runs):
     return replay_page(short_runs["swing"])
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig import Rig
@@ -23,7 +23,7 @@ ACCURACIES = np.array([8.0067, 7.9933, 14.46, 0.4283, 0.445, 0.38])  # Table 4.8
 
 
 @pytest.fixture(scope="module")
-def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[RigScenario, RunLog]]:
+def logs(tmp_path_factory):
     """One log of each kind of swing, rest and run shortened."""
     folder = tmp_path_factory.mktemp("rig")
     settings = ["experiment.rest=0.2", "experiment.duration=1.0"]
