@@ -351,23 +351,23 @@ def test_values_beyond_what_is_plausible_betray_a_wrong_unit(column, unit, plaus
         assert_refused(lambda value=value: check(value), LogError, column, f"{value:g}", "0.01 s")
 
 
-def test_a_rate_is_compared_with_an_angle_that_is_wrapped(tmp_path):
-    """A heading that passes 180 degrees twice."""
-    heading = 8.0 * TIMES / TIMES[-1] + 0.5 * np.sin(3.0 * TIMES)
-    rate = 8.0 / TIMES[-1] + 1.5 * np.cos(3.0 * TIMES)
-    wrapped = np.mod(heading + np.pi, 2.0 * np.pi) - np.pi
-    path = write_csv(tmp_path, foreign(psi=wrapped, r=rate))
-    for scale, agrees in ((1.0, True), (-1.0, False)):
-        columns = {
-            "imu_yaw_rad": {"from": "psi"},
-            "imu_gyro_z_rad_per_s": {"from": "r", "scale": scale},
-        }
-        mapping = swing_mapping(columns=columns)
-        if agrees:
-            found = import_log(path, mapping).run_log.signal("imu_yaw_rad")
-            assert np.allclose(found, heading, atol=1e-9), "without jumps"
-        else:
-            assert_refused(lambda m=mapping: import_log(path, m), LogError, "imu_gyro_z_rad_per_s")
+@pytest.mark.parametrize(
+    ("angle", "rate"),
+    [("imu_yaw_rad", "imu_gyro_z_rad_per_s"), ("sail_angle_rad", "sail_rate_rad_per_s")],
+)
+def test_a_rate_is_compared_with_an_angle_that_is_wrapped(tmp_path, angle, rate):
+    """It passes 180 degrees twice; a heading is written without jumps, as in our own logs."""
+    turned = 8.0 * TIMES / TIMES[-1] + 0.5 * np.sin(3.0 * TIMES)
+    wrapped = np.mod(turned + np.pi, 2.0 * np.pi) - np.pi
+    path = write_csv(tmp_path, foreign(psi=wrapped, r=np.gradient(turned, TIMES)))
+
+    def imported(scale):
+        columns = {angle: {"from": "psi"}, rate: {"from": "r", "scale": scale}}
+        return import_log(path, swing_mapping(columns=columns)).run_log.signal(angle)
+
+    written = turned if angle == "imu_yaw_rad" else wrapped
+    assert np.allclose(imported(1.0), written, atol=1e-9)
+    assert_refused(lambda: imported(-1.0), LogError, rate, angle)
 
 
 def test_the_checks_of_units_give_way_when_told(tmp_path):
