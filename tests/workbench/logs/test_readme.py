@@ -95,6 +95,7 @@ def test_swing_of_the_readme_comes_out_as_it_was(folder):
     assert np.max(np.abs(run_log.signal("angle_rad")[swinging] - truth["angle_rad"])) < 6e-3
 
 
+@pytest.mark.slow
 def test_run_of_the_car_of_the_readme_gives_its_metrics(folder):
     car_files(folder)
     importing, metrics, replay = commands(1)

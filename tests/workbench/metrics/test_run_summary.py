@@ -48,9 +48,12 @@ def test_peak_of_the_gyro_counts_into_the_turn(direction, sign):
     assert summary.peak_gyro == pytest.approx(0.8)
 
 
+SUMMARY = summarise(made_up_run(), "run")
+
+
 def driven(mode, speed):
     """Summary of a run with this tail mode and commanded speed, m/s."""
-    return replace(summarise(made_up_run(), "run"), tail_mode=mode, commanded_speed=speed)
+    return replace(SUMMARY, tail_mode=mode, commanded_speed=speed)
 
 
 def test_only_the_runs_of_the_thesis_have_published_figures():

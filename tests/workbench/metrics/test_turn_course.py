@@ -5,8 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydrake.math import RollPitchYaw
 
-from aerodima.workbench.metrics.turn_course import TurnCourse, turn_course
+from aerodima.workbench.metrics.turn_course import (
+    TurnCourse,
+    turn_course,
+    velocity_over_ground,
+)
 from tests.workbench.made_up_runs import COM_X, STEP, made_up_run, times
 
 V = 3.0
@@ -88,6 +93,17 @@ def test_a_lean_is_no_course(side):
     assert found.course_change_rad == pytest.approx(0.0, abs=1e-4), "numeric roll rate"
     assert found.exit_sideslip_rad == pytest.approx(0.2, abs=1e-4)
     assert found.exit_speed_m_per_s == pytest.approx(V, abs=1e-4)
+
+
+def test_velocity_over_the_ground_is_that_of_the_point_turned_into_the_heading():
+    """Of a point `com_x` ahead of the origin of a body that rolls, pitches and turns."""
+    v_WBo_B = np.array([2.0, -0.5, 0.3])
+    w_WB_B = np.array([1.5, -2.0, 3.0])
+    roll, pitch, com_x = 0.4, -0.3, 0.12
+    v_WC_B = v_WBo_B + np.cross(w_WB_B, [com_x, 0.0, 0.0])
+    expected = RollPitchYaw(roll, pitch, 0.0).ToRotationMatrix().matrix() @ v_WC_B
+    found = velocity_over_ground(v_WBo_B, w_WB_B, np.array(roll), np.array(pitch), com_x)
+    assert found == pytest.approx(expected[:2])
 
 
 def test_the_turn_ends_when_it_yaws_less_than_a_tenth():

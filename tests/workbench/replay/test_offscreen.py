@@ -87,6 +87,7 @@ def without_driver(monkeypatch):
     offscreen._renderer_works.cache_clear()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_driver")
 def test_missing_renderer_is_one_line(tailed):
     assert_refused(check_renderer, UserError, "aerodima replay --html")

@@ -55,6 +55,7 @@ def green_rows(run_log: RunLog) -> list[int]:
     return heights
 
 
+@pytest.mark.slow
 def test_arrow_of_a_heavily_loaded_wheel_is_drawn_whole(tailless):
     """At 37 N, as of the outer wheels of a car that tips, it is as much longer as the force is than
     at 15 N.
