@@ -70,14 +70,6 @@ def test_bars_bands_points_and_error_bars_are_where_they_were():
     assert any(4.5 in shape["y"] and 5.5 in shape["y"] for shape in shapes)
 
 
-def test_logarithmic_and_turned_axes_stay_so():
-    found = panel(
-        lambda axes: (axes.plot(X + 1.0, X + 1.0), axes.set_xscale("log"), axes.set_ylim(5.0, 1.0))
-    )
-    assert (found["x_log"], found["y_log"]) == (True, False)
-    assert found["y_range"] == [5.0, 1.0]
-
-
 def angle_and_torque() -> None:
     figure, grid = new_figure(6.0, 3.0)
     grid[0, 0].plot(X, X, label="angle")

@@ -12,8 +12,6 @@ from aerodima.workbench.config.signal_table import (
     CAR_PORTS,
     CAR_TRUTH,
     Column,
-    sensor_columns,
-    truth_columns,
 )
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import (
@@ -52,11 +50,6 @@ def test_every_column_ends_in_its_unit_and_has_a_meaning():
 def test_no_column_is_there_twice():
     names = [column.name for column in car_run_columns(("chassis_qw",))]
     assert len(names) == len(set(names))
-
-
-def test_truth_is_named_truth_and_sensors_are_not():
-    assert all("_truth_" in column.name for column in truth_columns())
-    assert not any("truth" in column.name for column in sensor_columns())
 
 
 def test_what_is_written_comes_back_bit_for_bit(tmp_path):
