@@ -5,8 +5,6 @@ skipped.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
-from typing import Any
 
 import pytest
 
@@ -25,7 +23,7 @@ FLAGS = (
 
 
 @pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
+def browser():
     executable = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     if executable is None:
         pytest.skip(f"no browser on the path: {', '.join(BROWSERS)}")
@@ -37,13 +35,13 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture
-def failures() -> list[str]:
+def failures():
     """What scripts on the page failed with."""
     return []
 
 
 @pytest.fixture
-def page(browser: Any, failures: list[str]) -> Iterator[Any]:
+def page(browser, failures):
     """A page that fails the test when a script on it fails."""
     context = browser.new_context(viewport={"width": 560, "height": 360})
     opened = context.new_page()

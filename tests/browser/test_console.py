@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -23,13 +22,13 @@ SAFETY = load_drive_safety()
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleSession]:
+def session(tmp_path_factory):
     with ConsoleSession(tmp_path_factory.mktemp("console"), "--no-view") as session:
         yield session
 
 
 @pytest.fixture
-def operator(page: Any, session: ConsoleSession) -> OperatorPage:
+def operator(page, session):
     page.set_viewport_size({"width": 1280, "height": 900})
     page.add_init_script(GAMEPADS)
     return OperatorPage(page, session)
@@ -51,7 +50,7 @@ def press_gamepad(page: Any) -> None:
     )
 
 
-def test_a_car_without_a_tail_is_driven_from_the_page(page: Any, tmp_path: Path) -> None:
+def test_a_car_without_a_tail_is_driven_from_the_page(page, tmp_path):
     # Comes first: the car of `session` would run beside this one.
     with ConsoleSession(tmp_path, "--no-view", "--set", "tail.mode=none") as session:
         operator = OperatorPage(page, session)
@@ -70,9 +69,7 @@ def test_a_car_without_a_tail_is_driven_from_the_page(page: Any, tmp_path: Path)
 
 
 @pytest.mark.parametrize("press", [press_button, press_key, press_gamepad])
-def test_stop_reaches_the_emulated_bus_and_stays(
-    operator: OperatorPage, session: ConsoleSession, press: Any
-) -> None:
+def test_stop_reaches_the_emulated_bus_and_stays(operator, session, press):
     def stop() -> None:
         pressed = time.monotonic()
         press(operator.page)
@@ -95,7 +92,7 @@ def test_stop_reaches_the_emulated_bus_and_stays(
     operator.until("!state.radio.stopped_by")
 
 
-def test_slider_moves_the_emulated_tail(operator: OperatorPage) -> None:
+def test_slider_moves_the_emulated_tail(operator):
     page = operator.page
 
     def move() -> None:
@@ -114,9 +111,7 @@ def test_slider_moves_the_emulated_tail(operator: OperatorPage) -> None:
     operator.until("!state.car.driving")
 
 
-def test_an_unplugged_gamepad_leaves_the_car_at_rest(
-    operator: OperatorPage, session: ConsoleSession
-) -> None:
+def test_an_unplugged_gamepad_leaves_the_car_at_rest(operator, session):
     page = operator.page
     page.evaluate("() => { fakePads = [makePad('one')]; }")
     operator.until("!document.getElementById('use-gamepad').disabled")
@@ -136,9 +131,7 @@ def test_an_unplugged_gamepad_leaves_the_car_at_rest(
     assert "left MANUAL for IDLE" in page.evaluate("state.car.said")
 
 
-def test_second_page_looks_on(
-    operator: OperatorPage, session: ConsoleSession, browser: Any
-) -> None:
+def test_second_page_looks_on(operator, session, browser):
     context = browser.new_context()
     other = context.new_page()
     other.goto(session.url)
@@ -158,9 +151,7 @@ HIDE = """() => {
 SHOW = "() => { delete document.hidden; document.dispatchEvent(new Event('visibilitychange')); }"
 
 
-def test_a_hidden_tab_sends_no_heartbeat_more_and_the_dead_man_stops_the_car(
-    operator: OperatorPage, session: ConsoleSession
-) -> None:
+def test_a_hidden_tab_sends_no_heartbeat_more_and_the_dead_man_stops_the_car(operator, session):
     page = operator.page
     if not operator.holds("state.recording.on"):
         page.click("#record")
@@ -179,9 +170,7 @@ def test_a_hidden_tab_sends_no_heartbeat_more_and_the_dead_man_stops_the_car(
     assert age <= SAFETY.operator_silence + PERIOD + late
 
 
-def test_a_closed_tab_sends_the_car_to_rest_before_the_dead_man_would(
-    operator: OperatorPage, session: ConsoleSession
-) -> None:
+def test_a_closed_tab_sends_the_car_to_rest_before_the_dead_man_would(operator, session):
     pages = [operator.page]
 
     def close() -> OperatorPage:

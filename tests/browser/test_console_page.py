@@ -9,9 +9,7 @@ import http.server
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -47,7 +45,7 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
 
 
 @pytest.fixture
-def served(tmp_path: Path) -> Iterator[Served]:
+def served(tmp_path):
     with contextlib.closing(Served(tmp_path)) as served:
         yield served
 
@@ -96,7 +94,7 @@ def stalled(served: Served) -> Iterator[None]:
         del served.console.turn
 
 
-def test_a_wrong_and_a_used_token_are_refused_in_words(page: Any, served: Served) -> None:
+def test_a_wrong_and_a_used_token_are_refused_in_words(page, served):
     page.goto(served.access.url.partition("?")[0] + "?token=wrong")
     assert "used or is wrong" in shown(page)
     used = served.access.url
@@ -111,8 +109,8 @@ def test_a_wrong_and_a_used_token_are_refused_in_words(page: Any, served: Served
 
 
 def test_a_page_of_another_origin_gets_no_connection_though_the_browser_is_known(
-    page: Any, served: Served, tmp_path: Path
-) -> None:
+    page, served, tmp_path
+):
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "index.html").write_text("<p>another page", encoding="utf-8")
     with http.server.ThreadingHTTPServer(
@@ -127,9 +125,7 @@ def test_a_page_of_another_origin_gets_no_connection_though_the_browser_is_known
         other.shutdown()
 
 
-def test_a_page_left_open_after_a_restart_says_so_and_sends_nothing(
-    page: Any, tmp_path: Path
-) -> None:
+def test_a_page_left_open_after_a_restart_says_so_and_sends_nothing(page, tmp_path):
     (tmp_path / "second").mkdir()
     first = Served(tmp_path)
     page.goto(first.access.url)
@@ -148,7 +144,7 @@ def test_a_page_left_open_after_a_restart_says_so_and_sends_nothing(
         assert second.sent(Heartbeat) == []
 
 
-def test_a_console_that_stalls_leaves_nothing_that_looks_current(page: Any, served: Served) -> None:
+def test_a_console_that_stalls_leaves_nothing_that_looks_current(page, served):
     page.goto(served.access.url)
     eventually(lambda: page.evaluate(IN_CONTROL))
     show_armed(page, served)
@@ -173,8 +169,8 @@ def test_a_console_that_stalls_leaves_nothing_that_looks_current(page: Any, serv
 
 
 def test_a_radio_that_is_lost_is_a_fault_in_words_and_a_stop_says_that_it_was_not_sent(
-    page: Any, served: Served
-) -> None:
+    page, served
+):
     page.goto(served.access.url)
     eventually(lambda: page.evaluate(IN_CONTROL))
     show_armed(page, served)
@@ -190,7 +186,7 @@ def test_a_radio_that_is_lost_is_a_fault_in_words_and_a_stop_says_that_it_was_no
     eventually(lambda: "NOT SENT" in page.inner_text("#banner"))
 
 
-def test_a_console_that_dies_says_so_on_the_page(page: Any, tmp_path: Path) -> None:
+def test_a_console_that_dies_says_so_on_the_page(page, tmp_path):
     with contextlib.closing(Served(tmp_path)) as served:
         page.goto(served.access.url)
         eventually(lambda: page.evaluate(IN_CONTROL))
@@ -205,9 +201,7 @@ def test_a_console_that_dies_says_so_on_the_page(page: Any, tmp_path: Path) -> N
         assert "The console has failed" in page.inner_text("#banner")
 
 
-def test_a_stop_that_was_pressed_without_connection_is_sent_when_it_is_back(
-    page: Any, served: Served
-) -> None:
+def test_a_stop_that_was_pressed_without_connection_is_sent_when_it_is_back(page, served):
     page.goto(served.access.url)
     eventually(lambda: page.evaluate(IN_CONTROL))
     page.evaluate("socket.close()")
@@ -218,75 +212,8 @@ def test_a_stop_that_was_pressed_without_connection_is_sent_when_it_is_back(
     eventually(lambda: "EMERGENCY STOP by key" in page.inner_text("#banner"))
 
 
-def test_without_webgl_the_view_says_so_and_the_rest_works(page: Any, tmp_path: Path) -> None:
-    class Viewed:
-        view = "http://127.0.0.1:9/"
-        driving = False
-        said = ""
-
-    page.add_init_script(
-        "const real = HTMLCanvasElement.prototype.getContext;"
-        "HTMLCanvasElement.prototype.getContext ="
-        " function (kind) { return kind === '2d' ? real.call(this, kind) : null; }"
-    )
-    with contextlib.closing(Served(tmp_path, car=Viewed())) as served:
-        page.goto(served.access.url)
-        eventually(lambda: page.evaluate(IN_CONTROL))
-        page.check("#show-view")
-        assert "WebGL is off" in page.inner_text("#view")
-        assert page.locator("iframe").count() == 0
-        eventually(lambda: served.sent(Heartbeat))
-
-
-def test_a_car_without_a_tail_is_driven_and_its_page_says_why_nothing_moves_a_tail(
-    page: Any, served: Served
-) -> None:
-    page.goto(served.access.url)
-    eventually(lambda: page.evaluate(IN_CONTROL))
-    assert page.is_visible("#slider-roll")
-    page.check("input[value=pitch]")
-    report_all_the_time(served, replace(ARMED, has_tail=False, faults=(1, 1, 0, 0, 0, 0)))
-    eventually(lambda: page.is_hidden("#slider-roll") and page.inner_text("#car") == "ARMED")
-    assert "This car has no tail" in page.inner_text("#drive")
-    assert page.inner_text("#faults") == "none"
-    assert page.locator(".plot:visible").count() == 3
-    assert page.evaluate("stepChannel()") == "steering"
-    page.locator("input[value=manual]").evaluate("box => box.click()")
-    page.fill("#slider-throttle", "20")
-    page.fill("#slider-steering", "-10")
-    eventually(
-        lambda: any(sent.throttle == pytest.approx(0.2) for sent in served.sent(OperatorCommand))
-    )
-    eventually(lambda: served.sent(OperatorCommand)[-1].steering > 0.1)
-
-
-def test_speed_is_shown_and_the_operator_chooses_what_is_plotted(page: Any, served: Served) -> None:
-    page.set_viewport_size({"width": 1280, "height": 800})
-    page.goto(served.access.url)
-    eventually(lambda: page.evaluate(IN_CONTROL))
-    report_all_the_time(served, replace(ARMED, speed=2.345))
-    eventually(lambda: page.inner_text("#speed") == "2.35 m/s")
-    assert page.inner_text("#battery") == "not measured"
-    assert page.locator(".plot:visible").count() == 5
-    page.uncheck("#channels input[value='Tail torque']")
-    assert page.locator(".plot:visible").count() == 4
-    page.check("#channels input[value='Tail torque']")
-    torque = page.locator("figure", has_text="Tail torque").locator("b")
-    eventually(lambda: "roll (solid) 0.0" in torque.inner_text())
-
-
-def test_the_view_stands_above_the_fold(page: Any, served: Served) -> None:
-    page.set_viewport_size({"width": 1280, "height": 800})
-    page.goto(served.access.url)
-    eventually(lambda: page.evaluate(IN_CONTROL))
-    page.evaluate("setView('about:blank')")
-    page.check("#show-view")
-    box = page.locator("iframe").bounding_box()
-    assert box["y"] + box["height"] <= 800.0
-
-
 @pytest.fixture
-def gamepads(page: Any, served: Served) -> Any:
+def gamepads(page, served):
     """A page of an armed car that stays armed, with gamepads that the test plugs in."""
     page.add_init_script(GAMEPADS)
     page.goto(served.access.url)
@@ -313,9 +240,7 @@ def steering(page: Any) -> float:
 
 
 @pytest.mark.parametrize("mapping", ["''", "'xr-standard'"])
-def test_a_gamepad_of_another_layout_neither_drives_nor_stops(
-    gamepads: Any, served: Served, mapping: str
-) -> None:
+def test_a_gamepad_of_another_layout_neither_drives_nor_stops(gamepads, served, mapping):
     plug(gamepads, f"'odd one', 0, {mapping}")
     assert gamepads.is_disabled("#use-gamepad")
     assert "odd one has no standard layout: not used" in gamepads.inner_text("#gamepad")
@@ -330,9 +255,7 @@ def test_a_gamepad_of_another_layout_neither_drives_nor_stops(
     assert steering(gamepads) == pytest.approx(0.5, abs=0.02)
 
 
-def test_of_two_gamepads_the_first_that_is_touched_drives_and_the_other_may_stop(
-    gamepads: Any, served: Served
-) -> None:
+def test_of_two_gamepads_the_first_that_is_touched_drives_and_the_other_may_stop(gamepads, served):
     plug(gamepads, "'one', 0", "'two', 1")
     assert gamepads.is_disabled("#use-gamepad")
     assert "the first one that is touched drives" in gamepads.inner_text("#gamepad")
@@ -346,9 +269,7 @@ def test_of_two_gamepads_the_first_that_is_touched_drives_and_the_other_may_stop
     eventually(lambda: served.sent(EmergencyStop))
 
 
-def test_an_unplugged_gamepad_means_rest_and_the_other_does_not_take_over(
-    gamepads: Any, served: Served
-) -> None:
+def test_an_unplugged_gamepad_means_rest_and_the_other_does_not_take_over(gamepads, served):
     plug(gamepads, "'one', 0")
     drive_by_gamepad(gamepads)
     plug(gamepads, "'one', 0", "'two', 1")
@@ -362,12 +283,3 @@ def test_an_unplugged_gamepad_means_rest_and_the_other_does_not_take_over(
     assert not gamepads.is_checked("#use-gamepad")
     assert "unplugged" in gamepads.inner_text("#banner")
     eventually(lambda: served.sent(OperatorCommand)[-1].mode is RadioMode.IDLE)
-
-
-def test_without_the_gamepad_interface_the_page_works(page: Any, served: Served) -> None:
-    page.add_init_script("Object.defineProperty(navigator, 'getGamepads', {value: undefined})")
-    page.goto(served.access.url)
-    eventually(lambda: page.evaluate(IN_CONTROL))
-    assert page.is_disabled("#use-gamepad")
-    assert "no gamepad" in page.inner_text("#gamepad")
-    eventually(lambda: served.sent(Heartbeat))

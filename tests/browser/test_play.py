@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +67,7 @@ class Driver:
 
 
 @pytest.fixture
-def driver(page: Any, tmp_path: Path) -> Iterator[Driver]:
+def driver(page, tmp_path):
     driver = Driver(page, tmp_path)
     try:
         driver.open()
@@ -78,7 +77,7 @@ def driver(page: Any, tmp_path: Path) -> Iterator[Driver]:
         driver.process.wait()
 
 
-def test_keys_drive_for_twenty_seconds_begin_again_and_end(driver: Driver) -> None:
+def test_keys_drive_for_twenty_seconds_begin_again_and_end(driver):
     driver.press("ArrowUp", 8)
     driver.until(SPEED, "=== 2")
     driver.until(SPEED_NOW, "> 1.7")

@@ -25,7 +25,7 @@ from aerodima.workbench.systems.system_ports import released
         ("turn_swing_free_sail", []),
     ],
 )
-def test_diagram_and_station_of_a_car_die(name: str, settings: list[str]) -> None:
+def test_diagram_and_station_of_a_car_die(name, settings):
     car = assemble(load_scenario(name, settings))
     with released(car.builder):
         station = weakref.ref(car.station)
@@ -37,7 +37,7 @@ def test_diagram_and_station_of_a_car_die(name: str, settings: list[str]) -> Non
 
 @pytest.mark.parametrize("name", ["flick", "bar", "robot"])
 @pytest.mark.parametrize("settings", [[], ["aero.added_mass=0.01"]])
-def test_diagram_and_station_of_a_rig_die(name: str, settings: list[str]) -> None:
+def test_diagram_and_station_of_a_rig_die(name, settings):
     builder, station = assemble_rig(load_rig_scenario(name, settings))
     with released(builder):
         station_ref = weakref.ref(station)
@@ -48,7 +48,7 @@ def test_diagram_and_station_of_a_rig_die(name: str, settings: list[str]) -> Non
 
 
 @pytest.mark.parametrize("record", ["all", "outcome"])
-def test_systems_of_a_user_outlive_the_run(record: str) -> None:
+def test_systems_of_a_user_outlive_the_run(record):
     """Who built the diagram may still ask its systems."""
     scenario = load_scenario("turn_none", ["manoeuvre.duration=2.7"])
     held = []

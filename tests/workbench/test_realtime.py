@@ -26,11 +26,8 @@ def test_what_is_not_permitted_is_said_and_changes_nothing(monkeypatch):
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(realtime, "_may_lock", lambda: False)
     said = in_thread(lambda: prefer_realtime(40))
-    assert (
-        said
-        == "ordinary scheduling (Operation not permitted), memory not locked (limit memlock is "
-        "not unlimited)"
-    )
+    assert "Operation not permitted" in said
+    assert "memlock" in said
     assert permitted() == (False, False)
     restore_ordinary()
 

@@ -3,7 +3,7 @@ of other work.
 """
 
 import json
-from pathlib import Path
+from functools import partial
 
 import pytest
 
@@ -14,9 +14,10 @@ from aerodima.workbench.batch.row_store import (
     saying_how_to_go_on,
 )
 from aerodima.workbench.errors import UserError
+from tests.refusals import assert_refused
 
 
-def test_rows_are_there_again_but_for_the_line_that_was_cut_off(tmp_path: Path) -> None:
+def test_rows_are_there_again_but_for_the_line_that_was_cut_off(tmp_path):
     path = tmp_path / "work" / "rows.jsonl"
     with RowStore(path, {"speed": 4.5}) as store:
         store.add("a", {"roll": 0.25})
@@ -29,43 +30,42 @@ def test_rows_are_there_again_but_for_the_line_that_was_cut_off(tmp_path: Path) 
         assert store.rows == {"a": {"roll": 0.25}, "b": {"roll": 0.5}}
 
 
-def test_rows_of_other_work_are_refused_by_name_and_dropped_by_force(tmp_path: Path) -> None:
+def test_rows_of_other_work_are_refused_by_name_and_dropped_by_force(tmp_path):
     path = tmp_path / "rows.jsonl"
     with RowStore(path, {"speed": 4.5, "seed": 1}) as store:
         store.add("a", {})
     before = path.read_bytes()
     for other, named in (({"speed": 6.0, "seed": 1}, "speed"), ({"speed": 4.5}, "seed")):
-        with pytest.raises(UserError, match=rf"other parameters, settings or versions \({named}\)"):
-            RowStore(path, other)
+        assert_refused(partial(RowStore, path, other), UserError, named)
     assert path.read_bytes() == before
     with RowStore(path, {"speed": 6.0}, force=True) as store:
         assert store.rows == {}
 
 
-def test_a_second_process_is_refused_until_the_first_has_closed(tmp_path: Path) -> None:
+def test_a_second_process_is_refused_until_the_first_has_closed(tmp_path):
     path = tmp_path / "rows.jsonl"
-    with RowStore(path, {}), pytest.raises(UserError, match="another process works in it"):
-        RowStore(path, {}, force=True)
+    with RowStore(path, {}):
+        assert_refused(lambda: RowStore(path, {}, force=True), UserError, str(tmp_path))
     RowStore(path, {}).close()
 
 
-def test_a_folder_with_other_files_is_refused_where_the_work_wants_its_own(tmp_path: Path) -> None:
+def test_a_folder_with_other_files_is_refused_where_the_work_wants_its_own(tmp_path):
     (tmp_path / "thesis.tex").touch()
-    with pytest.raises(UserError, match=r"holds other files \(thesis\.tex\)"):
-        RowStore(tmp_path / "rows.jsonl", {}, alone=True)
+    work = partial(RowStore, tmp_path / "rows.jsonl", {}, alone=True)
+    assert_refused(work, UserError, "thesis.tex")
     assert not (tmp_path / "rows.jsonl").exists()
     RowStore(tmp_path / "rows.jsonl", {}, alone=True, force=True).close()
     RowStore(tmp_path / "rows.jsonl", {}, alone=True).close()
 
 
-def test_the_key_follows_the_content_alone() -> None:
+def test_the_key_follows_the_content_alone():
     assert content_key({"a": 1, "b": 2.0}, None) == content_key(
         json.loads('{"b": 2.0, "a": 1}'), None
     )
     assert len({content_key(1.0), content_key(1.0 + 2**-52), content_key(), content_key(None)}) == 4
 
 
-def test_an_interruption_says_what_is_kept_and_how_to_go_on() -> None:
+def test_an_interruption_says_what_is_kept_and_how_to_go_on():
     said: list[str] = []
     progress = ProgressBar(said.append, 4, there=1)
 
@@ -76,5 +76,5 @@ def test_an_interruption_says_what_is_kept_and_how_to_go_on() -> None:
 
     with pytest.raises(KeyboardInterrupt):
         work()
-    assert said[0].startswith(f"[{'#' * 12}{'.' * 12}] 2/4 survived")
-    assert said[1:] == ["stopped: 2 of 4 runs are kept; the same command goes on with the rest"]
+    assert "2/4 survived" in said[0]
+    assert "2 of 4 runs" in said[1]

@@ -7,7 +7,6 @@ from pydrake.systems.framework import DiagramBuilder
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import CAR_TRUTH
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.replay.logged_run import add_logged_run
 from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.ground_truth import own_instances
@@ -83,31 +82,6 @@ def test_replay_turns_a_sail_that_faces_the_wind_as_its_encoder_saw_it(run):
     assert np.remainder(angle, 2 * np.pi) == pytest.approx(1.5 * np.pi, abs=0.1)
 
 
-@pytest.mark.slow
-def test_free_sail_follows_the_one_that_faces_the_wind_over_a_whole_swing(run):
-    """Heading, peak roll and the air's impulse agree; the free sail is late by its lag, some 60
-    ms.
-    """
-    exact = ["sail_encoder.noise=0.0", "sail_encoder.rate=500.0", "sail_encoder.delay=0.0"]
-    facing, free = (
-        run(*LARGE, *exact, f"tail.sail={sail}", name=sail) for sail in ("facing", "free")
-    )
-    one = metrics_of(facing)
-    other = metrics_of(free)
-    assert other.heading_change_rad == pytest.approx(one.heading_change_rad, rel=0.04)
-    assert other.peak_roll_rad == pytest.approx(one.peak_roll_rad, rel=0.05)
-    impulses = [
-        np.trapezoid(log.signal("tail_force_y_truth_n"), log.time) for log in (facing, free)
-    ]
-    assert impulses[1] == pytest.approx(impulses[0], rel=0.03)
-    during = (facing.time > 1.9) & (facing.time < 3.0)
-    wind, sail = (np.unwrap(log.signal("sail_angle_rad"))[during] for log in (facing, free))
-    sail = sail - 2 * np.pi * np.round(np.mean(sail - wind) / (2 * np.pi))
-    errors = [np.sqrt(np.mean((sail[k:] - wind[: wind.size - k]) ** 2)) for k in range(100)]
-    assert 0.02 < 0.002 * np.argmin(errors) < 0.09
-    assert min(errors) < 0.15
-
-
 def test_added_mass_counts_in_no_mass_of_the_log(run):
     log = run("tail.added_mass=0.1", *SHORT)
     arm = (
@@ -140,15 +114,3 @@ def test_log_says_how_long_the_coefficients_were_outside_their_range(run):
     assert fast.extra["sections_outside_measured_range"] == 0.0  # a number has no range
     assert fast.extra["sections_above_quasi_steady_limit"] == 1.0
     assert read_run_log(fast.source).extra == fast.extra
-
-
-@pytest.mark.slow
-def test_share_of_a_run_in_which_the_edge_value_was_held(run, standard_runs):
-    log = run("tail.coefficients=robot_tail_line")
-    shares = log.extra["sections_outside_measured_range"]
-    # The car is slower than 3 m/s for 0.9 of the 2 s in which it gains speed, and never faster than
-    # 15 m/s.
-    slow = np.mean(log.signal("velocity_x_truth_m_per_s") < 3.0)
-    assert 0.15 < shares < slow + 0.1
-    assert standard_runs["swing"].extra["sections_outside_measured_range"] == 0.0
-    assert "largest_reynolds_number" not in standard_runs["none"].extra

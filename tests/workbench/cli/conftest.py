@@ -5,7 +5,6 @@ a folder.
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -16,7 +15,7 @@ Call = Callable[..., Result]
 
 
 @pytest.fixture(scope="session")
-def call() -> Call:
+def call():
     """Runs `aerodima` with the given words; the result has exit_code, stdout and stderr."""
     app = build_app()
     runner = CliRunner()
@@ -28,7 +27,7 @@ def call() -> Call:
 
 
 @pytest.fixture
-def refused(call: Call) -> Callable[..., str]:
+def refused(call):
     """Runs `aerodima` and returns the message of a user error: exit status 2, one line on stderr,
     no traceback.
     """
@@ -44,7 +43,7 @@ def refused(call: Call) -> Callable[..., str]:
 
 
 @pytest.fixture
-def untouched(tmp_path: Path) -> Path:
+def untouched(tmp_path):
     """A file that must keep its content."""
     path = tmp_path / "precious.parquet"
     path.write_text("precious")

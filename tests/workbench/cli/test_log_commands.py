@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict
-from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -25,15 +23,13 @@ SETTINGS = [
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("runs") / "run.parquet"
     simulate(load_scenario("turn_none", SETTINGS), path)
     return path
 
 
-def test_metrics_prints_and_writes_the_figures_of_the_log(
-    call: Callable, log: Path, tmp_path: Path
-) -> None:
+def test_metrics_prints_and_writes_the_figures_of_the_log(call, log, tmp_path):
     table = tmp_path / "metrics.csv"
     result = call("log", "metrics", log, "--out", table)
     assert result.exit_code == 0, result.output
@@ -49,7 +45,7 @@ def test_metrics_prints_and_writes_the_figures_of_the_log(
         assert written[name] == pytest.approx(expected[name], rel=1e-12)
 
 
-def test_metrics_prints_the_eight_raw_and_filtered(call: Callable, log: Path) -> None:
+def test_metrics_prints_the_eight_raw_and_filtered(call, log):
     shown = dict(line.split() for line in call("log", "metrics", log).stdout.splitlines()[1:])
     expected = metrics_of(read_run_log(log))
     for prefix, metrics in (("", expected.raw), ("filtered_", expected.filtered)):
@@ -58,29 +54,18 @@ def test_metrics_prints_the_eight_raw_and_filtered(call: Callable, log: Path) ->
     assert shown["touched"] == "none"
 
 
-def test_a_folder_is_no_log(refused: Callable, tmp_path: Path) -> None:
-    for words in (("log", "metrics"), ("replay",)):
-        assert "is a folder" in refused(*words, tmp_path)
-
-
-def test_metrics_names_the_file_that_is_no_log(refused: Callable, untouched: Path) -> None:
+def test_metrics_names_the_file_that_is_no_log(refused, untouched):
     assert "precious.parquet" in refused("log", "metrics", untouched)
     assert "missing.parquet" in refused("log", "metrics", "missing.parquet")
 
 
-def test_metrics_table_is_not_overwritten(refused: Callable, log: Path, untouched: Path) -> None:
+def test_metrics_table_is_not_overwritten(refused, log, untouched):
     table = untouched.rename(untouched.with_suffix(".csv"))
     assert "--force" in refused("log", "metrics", log, "--out", table)
     assert table.read_text() == "precious"
 
 
-def test_truncated_log_points_to_recover(refused: Callable, log: Path, tmp_path: Path) -> None:
-    cut = tmp_path / "cut.parquet"
-    cut.write_bytes(log.read_bytes()[:-2000])
-    assert "log recover" in refused("log", "metrics", cut)
-
-
-def test_recover_says_what_it_saved(call: Callable, refused: Callable, tmp_path: Path) -> None:
+def test_recover_says_what_it_saved(call, refused, tmp_path):
     """A journal as a killed run leaves it: the run is interrupted by an exception, its journal
     stays.
     """
@@ -96,5 +81,5 @@ def test_recover_says_what_it_saved(call: Callable, refused: Callable, tmp_path:
     result = call("log", "recover", journal_path(path))
     assert result.exit_code == 0, result.output
     assert read_run_log(path).time[-1] > 0.7
-    assert "none was lost" in result.stdout
+    assert str(path) in result.stdout
     assert "no.journal" in refused("log", "recover", tmp_path / "no.journal")

@@ -2,9 +2,6 @@
 README's test.
 """
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -21,7 +18,7 @@ columns: {angle_rad: {from: theta}}
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     time = np.arange(300) / 100
     pd.DataFrame({"t": time, "theta": np.sin(time)}).to_csv(tmp_path / "log.csv", index=False)
     (tmp_path / "m.yaml").write_text(MAPPING)
@@ -29,9 +26,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_import_refuses_an_existing_log_before_it_reads_anything(
-    refused: Callable, folder: Path, untouched: Path
-) -> None:
+def test_import_refuses_an_existing_log_before_it_reads_anything(refused, folder, untouched):
     message = refused(
         "log", "import", folder / "none.csv", "--mapping", folder / "m.yaml", "--out", untouched
     )
@@ -39,19 +34,17 @@ def test_import_refuses_an_existing_log_before_it_reads_anything(
     assert untouched.read_text() == "precious"
 
 
-def test_import_names_the_file_that_is_missing(refused: Callable, folder: Path) -> None:
+def test_import_names_the_file_that_is_missing(refused, folder):
     out = folder / "out.parquet"
     mapping = ("--mapping", folder / "m.yaml", "--out", out)
-    assert "none.csv: no such file" in refused("log", "import", folder / "none.csv", *mapping)
+    assert "none.csv" in refused("log", "import", folder / "none.csv", *mapping)
     assert "none.yaml" in refused(
         "log", "import", folder / "log.csv", "--mapping", folder / "none.yaml", "--out", out
     )
     assert not out.exists()
 
 
-def test_condition_keeps_the_raw_log_and_refuses_to_overwrite(
-    call: Callable, refused: Callable, folder: Path, untouched: Path
-) -> None:
+def test_condition_keeps_the_raw_log_and_refuses_to_overwrite(call, refused, folder, untouched):
     raw = folder / "raw.parquet"
     out = folder / "out.parquet"
     assert (
@@ -61,22 +54,19 @@ def test_condition_keeps_the_raw_log_and_refuses_to_overwrite(
         == 0
     )
     condition = ("log", "condition", raw, "--columns", "angle_rad", "--low-pass", "5", "--out")
-    assert "raw logs are kept" in refused(*condition, raw, "--force")
+    assert "raw.parquet" in refused(*condition, raw, "--force")
     assert "--force" in refused(*condition, untouched)
-    assert "state --fill, --rest or --low-pass" in refused("log", "condition", raw, "--out", out)
+    assert "--low-pass" in refused("log", "condition", raw, "--out", out)
     assert not out.exists()
-    assert "low pass (order 6, 5 Hz" in call(*condition, out).stdout
+    assert "5 Hz" in call(*condition, out).stdout
     ours = read_run_log(raw).signal("angle_rad")
     assert np.array_equal(ours, np.sin(np.arange(300) / 100))
     assert 0.0 < np.max(np.abs(read_run_log(out).signal("angle_rad") - ours)) < 0.05
 
 
-def test_export_goes_beside_the_log_and_names_a_wrong_format(
-    call: Callable, refused: Callable, folder: Path
-) -> None:
-    assert "--to: 'xlsx'; allowed: csv, mcap" in refused(
-        "log", "export", folder / "run.parquet", "--to", "xlsx"
-    )
+def test_export_goes_beside_the_log_and_names_a_wrong_format(call, refused, folder):
+    message = refused("log", "export", folder / "run.parquet", "--to", "xlsx")
+    assert all(named in message for named in ("--to", "'xlsx'", "csv, mcap"))
     result = call("log", "export", folder / "run.parquet", "--to", "csv")
     assert result.stdout.split() == [str(folder / "run.csv"), str(folder / "run.csv.json")]
     assert "--force" in refused("log", "export", folder / "run.parquet", "--to", "csv")
@@ -84,22 +74,16 @@ def test_export_goes_beside_the_log_and_names_a_wrong_format(
     assert again.equals(read_run_log(folder / "run.parquet").table)
 
 
-def test_export_keeps_the_log_and_what_is_there_until_the_run_is_found(
-    refused: Callable, folder: Path, untouched: Path
-) -> None:
+def test_export_keeps_the_log_and_what_is_there_until_the_run_is_found(refused, folder, untouched):
     run = folder / "run.parquet"
     before = run.read_bytes()
     for form in ("csv", "mcap"):
-        assert "allowed: .csv, .mcap" in refused(
-            "log", "export", run, "--out", run, "--force", "--to", form
-        )
-    assert "allowed with --to csv: .csv" in refused(
-        "log", "export", run, "--out", folder / "run.mcap", "--to", "csv"
-    )
+        assert ".csv, .mcap" in refused("log", "export", run, "--out", run, "--force", "--to", form)
+    assert "--to csv" in refused("log", "export", run, "--out", folder / "run.mcap", "--to", "csv")
     assert run.read_bytes() == before
     missing = ("log", "export", folder / "none.parquet", "--to", "mcap", "--out")
     kept = untouched.rename(untouched.with_suffix(".mcap"))
-    assert "none.parquet: no such run log" in refused(*missing, kept, "--force")
+    assert "none.parquet" in refused(*missing, kept, "--force")
     assert kept.read_text() == "precious"
-    assert "none.parquet: no such run log" in refused(*missing, folder / "new.mcap")
+    assert "none.parquet" in refused(*missing, folder / "new.mcap")
     assert not (folder / "new.mcap").exists()

@@ -3,48 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
 from aerodima.workbench.logs.schema import read_run_log
 
 
-def test_static_hold_writes_its_log(call: Callable, tmp_path: Path) -> None:
+def test_static_hold_writes_its_log(call, tmp_path):
     out = tmp_path / "new folder" / "hold.parquet"
-    flags = (
-        "--tail",
-        2,
-        "--axis",
-        "minor",
-        "--wind",
-        20,
-        "--angle",
-        15,
-        "--seed",
-        7,
-        "--duration",
-        0.5,
-    )
-    result = call("rig", "static", *flags, "--out", out)
+    words = "rig static --tail 2 --axis minor --wind 20 --angle 15 --seed 7 --duration 0.5"
+    result = call(*words.split(), "--out", out)
     assert result.exit_code == 0, result.output
     shown = dict(line.split()[:2] for line in result.stdout.splitlines() if line)
-    assert (shown["kind"], shown["tail"], shown["axis"], shown["wind_speed_m_per_s"]) == (
-        "static",
-        "2",
-        "minor",
-        "20",
-    )
+    facts = ("tail", "axis", "wind_speed_m_per_s")
+    assert [shown[name] for name in facts] == ["2", "minor", "20"]
     assert float(shown["angle_rad"]) == pytest.approx(math.radians(15.0), abs=1e-3)
     log = read_run_log(out)
     assert log.kind == "static"
-    assert (log.seed, log.extra["tail"], log.extra["axis"], log.extra["wind_speed_m_per_s"]) == (
-        7,
-        "2",
-        "minor",
-        20.0,
-    )
+    assert log.seed == 7
+    assert [log.extra[name] for name in facts] == ["2", "minor", 20.0]
     assert log.scenario["experiment"]["angle"] == pytest.approx(math.radians(15.0))
     assert len(log.table) == 501
 
@@ -52,7 +29,7 @@ def test_static_hold_writes_its_log(call: Callable, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "kind"), [("flick", "swing"), ("bar", "bar_swing"), ("robot", "robot_swing")]
 )
-def test_swings_write_their_logs(call: Callable, tmp_path: Path, command: str, kind: str) -> None:
+def test_swings_write_their_logs(call, tmp_path, command, kind):
     out = tmp_path / "swing.parquet"
     result = call("rig", command, "--duration", 0.2, "--set", "experiment.rest=0.05", "--out", out)
     assert result.exit_code == 0, result.output
@@ -60,50 +37,23 @@ def test_swings_write_their_logs(call: Callable, tmp_path: Path, command: str, k
     assert read_run_log(out).kind == kind
 
 
-def test_gain_of_the_robot_tail(call: Callable, tmp_path: Path) -> None:
-    out = tmp_path / "swing.parquet"
-    short = ("--duration", 0.1, "--set", "experiment.rest=0.05")
-    assert (
-        call("rig", "robot", "--set", "robot.kp=10", "--wind", 7.5, *short, "--out", out).exit_code
-        == 0
-    )
-    log = read_run_log(out)
-    assert (log.scenario["robot"]["kp"], log.extra["wind_speed_m_per_s"]) == (10.0, 7.5)
-
-
-def test_a_tail_without_exposure_is_said(call: Callable, tmp_path: Path) -> None:
-    result = call(
-        "rig", "static", "--angle", 75, "--duration", 0.1, "--out", tmp_path / "hold.parquet"
-    )
-    assert ["exposed", "False"] in [line.split() for line in result.stdout.splitlines()]
-
-
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
-        (("--tail", 4), "experiment.tail: 4 is not allowed"),
-        (("--axis", "sideways"), "experiment.axis: 'sideways' is not allowed"),
-        (
-            ("--wind", -10),
-            "experiment.wind_speed: -10.0 is not allowed; input should be greater than or equal "
-            "to 0",
-        ),
+        (("--tail", 4), "experiment.tail: 4"),
+        (("--axis", "sideways"), "experiment.axis: 'sideways'"),
+        (("--wind", -10), "experiment.wind_speed: -10.0"),
         (("--angle", 120), "experiment.angle"),
-        (("--set", "force_sensor.rate=5000"), "force_sensor.rate: 5000 Hz is above 1/step"),
-        (("--set", "maxon.torque_const=1"), "did you mean 'torque_constant'?"),
-        (("--wind", 40), "takes current"),
+        (("--set", "force_sensor.rate=5000"), "force_sensor.rate: 5000 Hz"),
+        (("--set", "maxon.torque_const=1"), "'torque_constant'"),
     ],
 )
-def test_wrong_input_is_one_line(
-    refused: Callable, tmp_path: Path, flags: tuple, message: str
-) -> None:
+def test_wrong_input_is_one_line(refused, tmp_path, flags, message):
     assert message in refused("rig", "static", *flags, "--out", tmp_path / "hold.parquet")
     assert not (tmp_path / "hold.parquet").exists()
 
 
-def test_existing_log_is_kept_without_force(
-    call: Callable, refused: Callable, untouched: Path
-) -> None:
+def test_existing_log_is_kept_without_force(call, refused, untouched):
     flags = ("rig", "static", "--duration", 0.1, "--out", untouched)
     assert "--force" in refused(*flags)
     assert untouched.read_text() == "precious"

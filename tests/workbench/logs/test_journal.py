@@ -1,8 +1,10 @@
+import errno
 import os
 import signal
 import subprocess
 import sys
 import textwrap
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +13,14 @@ import pytest
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.journal import JournalWriter, journal_path, read_journal, recover
 from aerodima.workbench.logs.schema import read_run_log, run_metadata
+from tests.refusals import assert_refused
 
 COLUMNS = ("time_s", "angle_rad", "current_a")
 
 
 def metadata():
     """Of a log that is not a run of the car, so that three columns will do."""
-    return run_metadata({"name": "bench"}, seed=3, kind="bench_run")
+    return run_metadata({"name": "bench"}, seed=3, kind="bench_run", extra={"mass_kg": 0.15})
 
 
 def row(number: int) -> np.ndarray:
@@ -36,7 +39,7 @@ def expected(rows: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("rows", [0, 1, 249, 250, 251, 1003])
-def test_an_orderly_run_becomes_parquet_and_leaves_no_journal(tmp_path: Path, rows: int) -> None:
+def test_an_orderly_run_becomes_parquet_and_leaves_no_journal(tmp_path, rows):
     path = tmp_path / "run.parquet"
     assert written(path, rows).close() == path
     run = read_run_log(path)
@@ -47,7 +50,7 @@ def test_an_orderly_run_becomes_parquet_and_leaves_no_journal(tmp_path: Path, ro
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_the_caller_may_reuse_its_row(tmp_path: Path) -> None:
+def test_the_caller_may_reuse_its_row(tmp_path):
     buffer = np.zeros(3)
     with JournalWriter(tmp_path / "run.parquet", COLUMNS, metadata()) as journal:
         for number in range(5):
@@ -58,21 +61,7 @@ def test_the_caller_may_reuse_its_row(tmp_path: Path) -> None:
     )
 
 
-def test_closing_twice_is_harmless_and_appending_after_it_is_not(tmp_path: Path) -> None:
-    journal = written(tmp_path / "run.parquet", 3)
-    assert journal.close() == journal.close()
-    with pytest.raises(LogError, match="closed already"):
-        journal.flush()
-
-
-def test_a_row_of_another_length_is_refused(tmp_path: Path) -> None:
-    journal = written(tmp_path / "run.parquet", 1)
-    with pytest.raises(LogError, match="row of 1 values for 3 columns"):
-        journal.append(np.zeros(1))
-    journal.abandon()
-
-
-def test_an_exception_keeps_the_journal_with_every_row(tmp_path: Path) -> None:
+def test_an_exception_keeps_the_journal_with_every_row(tmp_path):
     path = tmp_path / "run.parquet"
 
     def run_that_fails() -> None:
@@ -92,15 +81,13 @@ def test_an_exception_keeps_the_journal_with_every_row(tmp_path: Path) -> None:
     assert journal_path(path).exists()
 
 
-def test_any_cut_rescues_the_complete_batches_and_nothing_else(tmp_path: Path) -> None:
-    """Every length of the file: inside the header, a batch's metadata, its numbers, and the end
-    mark.
-    """
+def test_any_cut_rescues_the_complete_batches_and_nothing_else(tmp_path):
+    """Lengths of the file inside the header, a batch's metadata, its numbers, and the end mark."""
     journal = written(tmp_path / "run.parquet", 12, rows_per_batch=4).abandon()
     content = journal.read_bytes()
     cut = tmp_path / "cut.parquet.journal"
     rescued = []
-    for length in range(len(content) + 1):
+    for length in [*range(0, len(content) - 12, 7), *range(len(content) - 12, len(content) + 1)]:
         cut.write_bytes(content[:length])
         try:
             table, complete = read_journal(cut)
@@ -117,7 +104,7 @@ def test_any_cut_rescues_the_complete_batches_and_nothing_else(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("lost", [1, 8, 9, 60])
-def test_recover_writes_what_a_cut_left(tmp_path: Path, lost: int) -> None:
+def test_recover_writes_what_a_cut_left(tmp_path, lost):
     journal = written(tmp_path / "run.parquet", 12, rows_per_batch=4).abandon()
     journal.write_bytes(journal.read_bytes()[:-lost])
     rescued = recover(journal, tmp_path / "rescued.parquet")
@@ -128,52 +115,146 @@ def test_recover_writes_what_a_cut_left(tmp_path: Path, lost: int) -> None:
     )
 
 
-def test_recover_refuses_what_it_cannot_or_must_not_do(tmp_path: Path) -> None:
+def test_recover_does_not_overwrite_without_force(tmp_path):
     journal = written(tmp_path / "run.parquet", 4, rows_per_batch=4).abandon()
     (tmp_path / "run.parquet").write_text("precious")
-    with pytest.raises(LogError, match="exists already"):
-        recover(journal)
+    assert_refused(lambda: recover(journal), LogError, "run.parquet", "--force")
     assert (tmp_path / "run.parquet").read_text() == "precious"
     assert recover(journal, force=True).rows == 4
 
-    with pytest.raises(LogError, match="no such journal"):
-        recover(tmp_path / "none.parquet.journal")
-    with pytest.raises(LogError, match=r"a journal is named \*\.journal"):
-        recover(tmp_path / "run.parquet")
-    (tmp_path / "text.journal").write_text(
-        "not an Arrow stream at all, but long enough to look like one"
-    )
-    with pytest.raises(LogError, match="nothing to rescue"):
-        recover(tmp_path / "text.journal")
-    empty = written(tmp_path / "empty.parquet", 0).abandon()
-    with pytest.raises(LogError, match="no complete batch"):
-        recover(empty)
 
-
-def test_neither_a_log_nor_a_left_journal_is_overwritten_without_force(tmp_path: Path) -> None:
+def test_neither_a_log_nor_a_left_journal_is_overwritten_without_force(tmp_path):
     path = tmp_path / "run.parquet"
     written(path, 4).abandon()
-    with pytest.raises(LogError, match=r"run\.parquet\.journal: holds a run that was cut off"):
-        JournalWriter(path, COLUMNS, metadata())
+    assert_refused(lambda: written(path, 0), LogError, "run.parquet.journal", "log recover")
     assert read_journal(journal_path(path))[0].num_rows == 4
     written(path, 6, force=True).close()
-    with pytest.raises(LogError, match="exists already"):
-        JournalWriter(path, COLUMNS, metadata())
+    assert_refused(lambda: written(path, 0), LogError, "run.parquet", "--force")
     assert len(read_run_log(path).table) == 6
 
 
-def test_unusable_folder_and_bad_columns_stop_before_the_run(tmp_path: Path) -> None:
-    (tmp_path / "out").write_text("a file")
-    with pytest.raises(LogError, match="cannot be made or used as a folder"):
-        JournalWriter(tmp_path / "out" / "run.parquet", COLUMNS, metadata())
-    with pytest.raises(LogError, match="named twice: angle_rad"):
-        JournalWriter(tmp_path / "run.parquet", (*COLUMNS, "angle_rad"), metadata())
-    with pytest.raises(LogError, match=r"missing: .*imu_yaw_rad"):
-        JournalWriter(tmp_path / "run.parquet", COLUMNS, {**metadata(), "kind": "car_run"})
-    assert list(tmp_path.iterdir()) == [tmp_path / "out"]
+def left_empty(folder: Path) -> None:
+    recover(written(folder / "empty.parquet", 0).abandon())
 
 
-def test_a_killed_process_loses_at_most_the_batch_it_was_filling(tmp_path: Path) -> None:
+def no_arrow_stream(folder: Path) -> None:
+    (folder / "text.journal").write_text("not an Arrow stream, but long enough to look like one")
+    recover(folder / "text.journal")
+
+
+def folder_is_a_file(folder: Path) -> None:
+    (folder / "out").write_text("a file")
+    JournalWriter(folder / "out" / "run.parquet", COLUMNS, metadata())
+
+
+@pytest.mark.parametrize(
+    ("work", "named"),
+    [
+        (lambda folder: recover(folder / "none.parquet.journal"), ["none.parquet.journal"]),
+        (lambda folder: recover(folder / "run.parquet"), ["run.parquet", "*.journal"]),
+        (no_arrow_stream, ["text.journal"]),
+        (left_empty, ["empty.parquet.journal"]),
+        (folder_is_a_file, ["out"]),
+        (
+            lambda folder: JournalWriter(folder / "run", (*COLUMNS, "angle_rad"), metadata()),
+            ["run", "angle_rad"],
+        ),
+        (
+            lambda folder: JournalWriter(folder / "run", COLUMNS, metadata() | {"kind": "car_run"}),
+            ["run", "imu_yaw_rad"],
+        ),
+        (lambda folder: written(folder / "run", 1).append(np.zeros(1)), ["run", "1", "3"]),
+    ],
+)
+def test_what_cannot_be_written_or_rescued_is_named(tmp_path, work, named):
+    assert_refused(lambda: work(tmp_path), LogError, *named)
+
+
+def test_a_closed_journal_takes_no_rows(tmp_path):
+    journal = written(tmp_path / "run.parquet", 3)
+    assert journal.close() == journal.close()
+    assert_refused(journal.flush, LogError, "run.parquet.journal")
+
+
+def test_the_journal_of_another_run_is_left_alone(tmp_path):
+    """Somebody removed the journal of a run that goes on, and began another run of that name."""
+    path = tmp_path / "run.parquet"
+    first = written(path, 5)
+    first.journal.unlink()
+    assert not first.in_place
+    second = written(path, 7)
+    assert second.in_place
+    first.close()
+    np.testing.assert_array_equal(read_run_log(path).table.to_numpy(), expected(5))
+    assert read_journal(second.abandon())[0].num_rows == 7
+
+
+def test_the_rows_of_a_journal_whose_folder_was_renamed_are_written(tmp_path):
+    folder = tmp_path / "out"
+    journal = written(folder / "run.parquet", 5)
+    folder.rename(tmp_path / "moved")
+    np.testing.assert_array_equal(read_run_log(journal.close()).table.to_numpy(), expected(5))
+
+
+def test_a_disk_that_fails_to_sync_stops_the_run(tmp_path, monkeypatch):
+    """The disk answers in a thread, so the next request for it reports the failure."""
+
+    def fail(descriptor: int) -> None:
+        raise OSError(errno.EIO, "input/output error")
+
+    journal = JournalWriter(
+        tmp_path / "run.parquet", COLUMNS, metadata(), rows_per_batch=1, sync_interval=0.0
+    )
+    monkeypatch.setattr(os, "fsync", fail)
+
+    def run() -> None:
+        for number in range(200):
+            journal.append(row(number))
+            time.sleep(0.01)
+
+    assert_refused(run, LogError, "run.parquet.journal", "input/output error")
+
+
+def test_a_batch_that_was_damaged_ends_the_rescue_and_is_told(tmp_path):
+    """The journal was closed in order, so its end mark stands; the second of three batches is
+    broken.
+    """
+    journal = written(tmp_path / "run.parquet", 4, rows_per_batch=4)
+    first = journal.journal.stat().st_size
+    for number in range(4, 12):
+        journal.append(row(number))
+    content = bytearray(journal.abandon().read_bytes())
+    content[first + 4 : first + 8] = b"\xff\xff\xff\x7f"  # length of the metadata of the batch
+    journal.journal.write_bytes(content)
+    rescued = recover(journal.journal)
+    assert (rescued.rows, rescued.complete) == (4, False)
+    np.testing.assert_array_equal(read_run_log(rescued.path).table.to_numpy(), expected(4))
+
+
+@pytest.mark.parametrize(
+    ("options", "in_file"),
+    [({"rows_per_batch": 4}, 8), ({"flush_interval": 0.0}, 10)],
+    ids=["full batches", "old batches"],
+)
+def test_full_and_old_batches_are_in_the_file_while_the_run_goes_on(tmp_path, options, in_file):
+    journal = JournalWriter(
+        tmp_path / "run.parquet", COLUMNS, metadata(), **{"flush_interval": 60.0, **options}
+    )
+    for number in range(10):
+        journal.append(row(number))
+    assert read_journal(journal.journal)[0].num_rows == in_file
+    journal.close()
+
+
+def test_facts_of_the_end_stand_beside_those_of_the_start(tmp_path):
+    journal = written(tmp_path / "run.parquet", 1)
+    journal.add_facts({"stop_time_s": 0.5})
+    journal.add_facts({"slow_ticks": 2})
+    journal.close()
+    assert journal.run_log().extra == {"mass_kg": 0.15, "stop_time_s": 0.5, "slow_ticks": 2}
+
+
+def test_a_killed_process_loses_at_most_the_batch_it_was_filling(tmp_path):
     """SIGKILL in mid-run: no handler runs, only what the operating system has is left."""
     program = textwrap.dedent(
         """
@@ -201,8 +282,7 @@ def test_a_killed_process_loses_at_most_the_batch_it_was_filling(tmp_path: Path)
         os.kill(child.pid, signal.SIGKILL)
         child.communicate()
     assert child.returncode == -signal.SIGKILL
-    with pytest.raises(LogError, match="aerodima log recover"):
-        read_run_log(path)
+    assert_refused(lambda: read_run_log(path), LogError, "run.parquet.journal", "log recover")
     rescued = recover(journal_path(path))
     assert not rescued.complete
     # 637 rows in batches of 250, or in smaller ones of at most a second on a slow machine.

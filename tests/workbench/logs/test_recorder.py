@@ -10,6 +10,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from aerodima.workbench.logs.journal import JournalWriter, read_journal
 from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
 from aerodima.workbench.logs.schema import run_metadata
+from tests.refusals import assert_refused
 
 
 class Spinner(LeafSystem):
@@ -28,7 +29,7 @@ class Spinner(LeafSystem):
         output.SetFromVector([heading, np.sin(heading)])
 
 
-def record(tmp_path, rate, until, names):
+def record(tmp_path, rate, until, names, **options):
     builder = DiagramBuilder()
     spinner = builder.AddSystem(Spinner())
     signals = [
@@ -40,7 +41,7 @@ def record(tmp_path, rate, until, names):
     journal = JournalWriter(
         tmp_path / "spin.parquet", columns, run_metadata({}, seed=0, kind="spin")
     )
-    RunRecorder.add_to_builder(builder, journal, signals, rate)
+    RunRecorder.add_to_builder(builder, journal, signals, rate, **options)
     Simulator(builder.Build()).AdvanceTo(until)
     return read_journal(journal.abandon())[0].to_pandas()
 
@@ -59,7 +60,13 @@ def test_angle_of_another_name_keeps_its_jumps(tmp_path):
     assert np.abs(table["sail_angle_rad"]).max() <= np.pi
 
 
+@pytest.mark.parametrize("options", [{}, {"step": 0.001}, {"with_samples": True}])
+def test_times_of_the_rows_are_the_instants_bit_for_bit(tmp_path, options):
+    """Not sums of steps, nor the moment beside the instant at which a row is taken."""
+    table = record(tmp_path, 30.0, 1.02, ["a", "b", "c"], **options)
+    assert table["time_s"].tolist() == [number / 30.0 for number in range(31)]
+
+
 def test_port_and_names_of_different_length_are_refused():
     port = Spinner().GetOutputPort("both")
-    with pytest.raises(ValueError, match=r"port 'both' has 2 elements for 1 columns"):
-        recorded_columns([(port, ["one"])])
+    assert_refused(lambda: recorded_columns([(port, ["one"])]), ValueError, "both", "2", "1")

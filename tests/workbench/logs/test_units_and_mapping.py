@@ -1,11 +1,11 @@
 import math
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import load_mapping, mapping_from, unit_factor, unit_in_name
+from tests.refusals import assert_refused
 
 MAPPING: dict[str, Any] = {
     "schema": "aerodima/log-mapping/1",
@@ -28,6 +28,15 @@ def changed(**parts: Any) -> dict[str, Any]:
         ("deg", "rad", math.pi / 180),
         ("°/s", "rad/s", math.pi / 180),
         ("rpm", "rad/s", 2 * math.pi / 60),
+        ("rev/s", "rad/s", 2 * math.pi),
+        ("rev", "rad", 2 * math.pi),
+        ("min", "s", 60.0),
+        ("ns", "s", 1e-9),
+        ("kgf cm", "N m", 0.0980665),
+        ("mN m", "N m", 1e-3),
+        ("Ncm", "N m", 1e-2),
+        ("gf", "N", 9.80665e-3),
+        ("mg", "m/s2", 9.80665e-3),
         ("mA", "A", 1e-3),
         ("ms", "s", 1e-3),
         ("g", "m/s2", 9.80665),
@@ -40,26 +49,25 @@ def changed(**parts: Any) -> dict[str, Any]:
         ("%", "", 0.01),
     ],
 )
-def test_a_unit_has_its_factor(unit: str, si: str, factor: float) -> None:
+def test_a_unit_has_its_factor(unit, si, factor):
     assert unit_factor(unit, si, "here") == pytest.approx(factor, rel=1e-6)
 
 
-def test_a_unit_of_another_quantity_is_refused_by_name() -> None:
-    with pytest.raises(
-        LogError, match=r"here: unit 'deg' does not measure what is in N; allowed: N, mN"
-    ):
-        unit_factor("deg", "N", "here")
-    with pytest.raises(LogError, match=r"here: unknown unit 'degs'; did you mean 'deg'"):
-        unit_factor("degs", "rad", "here")
+@pytest.mark.parametrize(
+    ("unit", "si", "named"), [("deg", "N", ["deg", "N"]), ("degs", "rad", ["degs", "'deg'"])]
+)
+def test_a_unit_of_another_quantity_is_refused_by_name(unit, si, named):
+    assert_refused(lambda: unit_factor(unit, si, "here"), LogError, "here", *named)
 
 
-def test_the_unit_at_the_end_of_a_name() -> None:
+def test_the_unit_at_the_end_of_a_name():
     assert unit_in_name("wind_speed_m_per_s") == "m/s"
     assert unit_in_name("torque_x_n_m") == "N m"
+    assert unit_in_name("lift_impulse_n_s") == "N s"
     assert unit_in_name("axis") == "1"
 
 
-def test_metadata_become_si() -> None:
+def test_metadata_become_si():
     mapping = mapping_from(
         changed(
             metadata={
@@ -76,66 +84,42 @@ def test_metadata_become_si() -> None:
     }
 
 
+ANGLE = {"from": "a"}
+
+
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "named"),
     [
-        ({"kinds": 1}, r"f\.yaml: kinds: unknown key; did you mean 'kind'"),
+        ({"kinds": 1}, ["kinds", "'kind'"]),
+        ({"schema": "aerodima/log-mapping/9"}, ["schema", "aerodima/log-mapping/9"]),
+        ({"kind": "flight"}, ["kind", "'flight'", "'static'"]),
+        ({"time": {"from": "t", "unit": "deg"}}, ["time", "'deg'"]),
+        ({"columns": {}}, ["columns"]),
+        ({"columns": {"angle_deg": ANGLE}}, ["columns.angle_deg", "'angle_rad'"]),
+        ({"columns": {"angle_rad": {"form": "a"}}}, ["columns.angle_rad.form", "'from'"]),
+        ({"columns": {"angle_rad": {}}}, ["columns.angle_rad", "`from`", "`constant`"]),
+        ({"columns": {"angle_rad": {**ANGLE, "constant": 1}}}, ["`from`", "`constant`"]),
+        ({"columns": {"angle_rad": {**ANGLE, "unit": "mA"}}}, ["columns.angle_rad", "'mA'"]),
+        ({"columns": {"angle_rad": {**ANGLE, "scale": 0}}}, ["columns.angle_rad.scale", "0"]),
         (
-            {"schema": "aerodima/log-mapping/9"},
-            r"f\.yaml: schema: 'aerodima/log-mapping/9' is not allowed",
+            {"columns": {"angle_rad": {**ANGLE, "zero": float("nan")}}},
+            ["columns.angle_rad.zero", "nan"],
         ),
-        ({"kind": "flight"}, r"f\.yaml: kind: 'flight' is not allowed; .*'static'"),
-        (
-            {"time": {"from": "t", "unit": "deg"}},
-            r"f\.yaml: time: unit 'deg' does not measure what is in s",
-        ),
-        ({"columns": {}}, r"f\.yaml: columns: .* not allowed"),
-        (
-            {"columns": {"angle_deg": {"from": "a"}}},
-            r"columns\.angle_deg: no such column; did you mean 'angle_rad'",
-        ),
-        (
-            {"columns": {"angle_rad": {"form": "a"}}},
-            r"columns\.angle_rad\.form: unknown key; did you mean 'from'",
-        ),
-        ({"columns": {"angle_rad": {}}}, r"columns\.angle_rad: needs either `from` or `constant`"),
-        (
-            {"columns": {"angle_rad": {"from": "a", "constant": 1}}},
-            r"needs either `from` or `constant`",
-        ),
-        (
-            {"columns": {"angle_rad": {"from": "a", "unit": "mA"}}},
-            r"columns\.angle_rad: unit 'mA' does not measure",
-        ),
-        (
-            {"columns": {"angle_rad": {"from": "a", "scale": 0}}},
-            r"columns\.angle_rad\.scale: a scale of 0",
-        ),
-        (
-            {"columns": {"angle_rad": {"from": "a", "zero": float("nan")}}},
-            r"columns\.angle_rad\.zero: nan is not",
-        ),
-        ({"columns": {"time_s": {"from": "t"}}}, r"times are mapped under `time`"),
-        ({"columns": {"current_a": {"from": "I"}}}, r"kind 'swing' needs angle_rad"),
+        ({"columns": {"time_s": {"from": "t"}}}, ["columns.time_s", "`time`"]),
+        ({"columns": {"current_a": {"from": "I"}}}, ["'swing'", "angle_rad"]),
         (
             {"metadata": {"wind_speed_m_per_s": {"value": 1, "unit": "mA"}}},
-            r"metadata\.wind_speed_m_per_s: unit 'mA'",
+            ["metadata.wind_speed_m_per_s", "'mA'"],
         ),
-        ({"csv": {"delimeter": ";"}}, r"csv\.delimeter: unknown key; did you mean 'delimiter'"),
+        ({"csv": {"delimeter": ";"}}, ["csv.delimeter", "'delimiter'"]),
     ],
 )
-def test_a_wrong_mapping_is_one_line_that_names_the_place(
-    change: dict[str, Any], message: str
-) -> None:
-    with pytest.raises(LogError, match=message) as caught:
-        mapping_from(changed(**change), "f.yaml")
-    assert "\n" not in str(caught.value)
+def test_a_wrong_mapping_names_the_place(change, named):
+    assert_refused(lambda: mapping_from(changed(**change), "f.yaml"), LogError, "f.yaml", *named)
 
 
-def test_a_file_that_is_missing_or_not_yaml_is_named(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"none\.yaml: no such file"):
-        load_mapping(tmp_path / "none.yaml")
+def test_a_file_that_is_missing_or_not_yaml_is_named(tmp_path):
     broken = tmp_path / "broken.yaml"
     broken.write_text("a: [1")
-    with pytest.raises(LogError, match=r"broken\.yaml: not YAML"):
-        load_mapping(broken)
+    for path in (tmp_path / "none.yaml", broken):
+        assert_refused(lambda path=path: load_mapping(path), LogError, path.name)

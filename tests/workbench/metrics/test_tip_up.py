@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.metrics.tip_up import LIFT_COLUMNS, lateral_acceleration, side_lift, tip_up
 from tests.workbench.made_up_runs import made_up_run, times
 
@@ -92,9 +91,3 @@ def test_the_last_yaw_rate_is_that_of_the_end_where_nothing_is_steered():
     )
     assert tip_up(run).last_yaw_rate_rad_per_s == pytest.approx(-0.3)
     assert tip_up(run, [(end - 0.5, end - 0.1, 1)]).last_yaw_rate_rad_per_s is None
-
-
-def test_columns_of_the_lifts_are_in_the_order_of_the_wheels():
-    assert [
-        name.removeprefix("wheel_lift_").removesuffix("_truth_m") for name in LIFT_COLUMNS
-    ] == list(WHEELS)

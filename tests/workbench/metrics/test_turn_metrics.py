@@ -1,6 +1,5 @@
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
 from aerodima.workbench.metrics.published_values import published_values
 from aerodima.workbench.metrics.turn_metrics import metrics_of, outcome_from, outcome_of
 from aerodima.workbench.metrics.turn_signals import turn_signals
+from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import SPEED, STEP, made_up_run, times
 
 TURN = (2.0, 2.64)
@@ -59,7 +59,7 @@ def turning(side: float) -> dict[str, np.ndarray | float]:
     }
 
 
-def test_a_known_yaw_rate_pulse_gives_the_known_metrics() -> None:
+def test_a_known_yaw_rate_pulse_gives_the_known_metrics():
     """Trapezoid sums of a sine over 320 steps err by (pi/320)^2/12 = 8e-6 of the integral."""
     raw = metrics_of(made_up_run(turning(1.0))).raw
     assert raw.speed_m_per_s == SPEED
@@ -71,13 +71,7 @@ def test_a_known_yaw_rate_pulse_gives_the_known_metrics() -> None:
     )
 
 
-def test_a_constant_lateral_acceleration_is_its_own_maximum_and_mean() -> None:
-    raw = metrics_of(made_up_run(turning(1.0))).raw
-    assert raw.max_linear_acceleration_m_per_s2 == 4.0
-    assert raw.average_linear_acceleration_m_per_s2 == pytest.approx(4.0, rel=1e-12)
-
-
-def test_only_the_window_counts_and_both_its_ends_do() -> None:
+def test_only_the_window_counts_and_both_its_ends_do():
     t = times()
     inside = (t >= TURN[0] - 1e-9) & (t <= TURN[1] + 1e-9)
     assert np.count_nonzero(turn_signals(made_up_run()).in_window) == 321
@@ -96,13 +90,13 @@ def test_only_the_window_counts_and_both_its_ends_do() -> None:
         )
 
 
-def test_maxima_are_magnitudes_and_averages_are_signed() -> None:
+def test_maxima_are_magnitudes_and_averages_are_signed():
     raw = metrics_of(made_up_run({"gyro_z_truth_rad_per_s": -pulse()})).raw
     assert raw.max_yaw_rate_rad_per_s == pytest.approx(PEAK, rel=1e-5)
     assert raw.average_yaw_rate_rad_per_s == pytest.approx(-PEAK * 2.0 / math.pi, rel=1e-5)
 
 
-def test_left_and_right_turns_that_mirror_each_other_measure_the_same() -> None:
+def test_left_and_right_turns_that_mirror_each_other_measure_the_same():
     left = metrics_of(made_up_run(turning(1.0)))
     right = metrics_of(made_up_run(turning(-1.0), direction="right"))
     assert (left.direction, right.direction) == ("left", "right")
@@ -114,14 +108,8 @@ def test_left_and_right_turns_that_mirror_each_other_measure_the_same() -> None:
     )
 
 
-def test_a_turn_to_the_wrong_side_counts_negative() -> None:
-    raw = metrics_of(made_up_run(turning(1.0), direction="right")).raw
-    assert raw.average_yaw_rate_rad_per_s < 0
-    assert raw.average_linear_acceleration_m_per_s2 < 0
-
-
 @pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
-def test_the_roll_integral_is_the_largest_lean_outwards(direction: str, side: float) -> None:
+def test_the_roll_integral_is_the_largest_lean_outwards(direction, side):
     """1.2 rad/s for 0.25 s outwards and back is a lean of 0.3 rad; each edge of the doublet is
     blurred by a step.
     """
@@ -135,12 +123,12 @@ def test_the_roll_integral_is_the_largest_lean_outwards(direction: str, side: fl
     )
 
 
-def test_the_roll_integral_runs_over_the_whole_run() -> None:
+def test_the_roll_integral_runs_over_the_whole_run():
     late = {"gyro_x_truth_rad_per_s": doublet(1.2, start=3.2)}
     assert metrics_of(made_up_run(late)).raw.roll_integral_rad == pytest.approx(0.3, abs=1.2 * STEP)
 
 
-def test_filtered_metrics_are_those_of_the_imu_at_100_hz_after_the_filter() -> None:
+def test_filtered_metrics_are_those_of_the_imu_at_100_hz_after_the_filter():
     run = made_up_run(turning(1.0))
     logged = times()[::5]
     smooth = low_pass(logged, pulse()[::5], IMU_FILTER)
@@ -155,27 +143,10 @@ def test_filtered_metrics_are_those_of_the_imu_at_100_hz_after_the_filter() -> N
     )
 
 
-def test_filtered_metrics_are_the_sensors_and_raw_ones_the_truth() -> None:
-    """Published tables of the real car are from its IMU and GPS; those of the simulated one from an
-    ideal IMU.
-    """
-    run = made_up_run(
-        {**turning(1.0), "imu_gyro_z_rad_per_s": 3.0 * pulse(), "speed_m_per_s": 1.1 * SPEED}
-    )
-    metrics = metrics_of(run)
-    honest = metrics_of(made_up_run(turning(1.0)))
-    assert metrics.like("simulated") == metrics.raw == honest.raw
-    assert metrics.like("physical") == metrics.filtered
-    assert metrics.filtered.max_yaw_rate_rad_per_s == pytest.approx(
-        3.0 * honest.filtered.max_yaw_rate_rad_per_s
-    )
-    assert metrics.filtered.speed_m_per_s == pytest.approx(1.1 * SPEED)
-
-
 @pytest.mark.parametrize(
     ("rate", "kept"), [(100.0, 401), (250.0, 1001), (333.0, 1333), (500.0, 2001), (1000.0, 2001)]
 )
-def test_signals_at_a_rate_are_the_newest_rows_of_its_instants(rate: float, kept: int) -> None:
+def test_signals_at_a_rate_are_the_newest_rows_of_its_instants(rate, kept):
     """A log of 500 Hz: a slower logger keeps the row at or just before k / rate, a faster one
     nothing more.
     """
@@ -188,7 +159,7 @@ def test_signals_at_a_rate_are_the_newest_rows_of_its_instants(rate: float, kept
         assert late.max() < STEP
 
 
-def test_speed_passes_the_filter_of_the_gps() -> None:
+def test_speed_passes_the_filter_of_the_gps():
     """A 3 Hz wave with its crest at the start of the turn: 1/(1 + 3^4) of it is left at a cut-off
     of 1 Hz.
     """
@@ -198,14 +169,14 @@ def test_speed_passes_the_filter_of_the_gps() -> None:
     assert metrics.filtered.speed_m_per_s == pytest.approx(SPEED + 1.0 / 82.0, abs=2e-3)
 
 
-def test_speed_is_that_at_the_start_of_the_turn_over_the_ground() -> None:
+def test_speed_is_that_at_the_start_of_the_turn_over_the_ground():
     speed = {"velocity_x_truth_m_per_s": 1.5 * times(), "velocity_y_truth_m_per_s": 2.0 * times()}
     assert metrics_of(made_up_run(speed)).raw.speed_m_per_s == pytest.approx(
         2.5 * TURN[0], rel=1e-12
     )
 
 
-def test_the_rest_of_a_run_is_measured_from_the_turn_on() -> None:
+def test_the_rest_of_a_run_is_measured_from_the_turn_on():
     metrics = metrics_of(made_up_run(turning(1.0)))
     assert metrics.source == "truth"
     assert metrics.peak_roll_rad == pytest.approx(0.3)
@@ -214,13 +185,13 @@ def test_the_rest_of_a_run_is_measured_from_the_turn_on() -> None:
     assert metrics.two_wheel_time_s == 0.0
 
 
-def test_tail_energy_is_the_positive_work_only() -> None:
+def test_tail_energy_is_the_positive_work_only():
     power = np.where((times() >= 2.2) & (times() < 2.5), 40.0, -25.0)
     metrics = metrics_of(made_up_run({"tail_power_truth_w": power}))
     assert metrics.tail_energy_j == pytest.approx(12.0, abs=40.0 * STEP)
 
 
-def test_time_on_two_wheels_counts_steps_with_fewer_than_three_wheels_loaded() -> None:
+def test_time_on_two_wheels_counts_steps_with_fewer_than_three_wheels_loaded():
     t = times()
     lifted = np.where((t >= 2.2) & (t < 2.5), 0.0, 15.0)
     three = {"wheel_force_front_left_z_truth_n": lifted}
@@ -230,7 +201,7 @@ def test_time_on_two_wheels_counts_steps_with_fewer_than_three_wheels_loaded() -
     assert metrics.two_wheel_time_s == pytest.approx(0.3, abs=1e-9)
 
 
-def test_speed_in_the_turn_counts_where_the_car_turns() -> None:
+def test_speed_in_the_turn_counts_where_the_car_turns():
     first = times() < 0.5 * (TURN[0] + TURN[1])
     signals = {
         "velocity_x_truth_m_per_s": np.where(first, 3.0, 2.0),
@@ -245,8 +216,8 @@ def test_speed_in_the_turn_counts_where_the_car_turns() -> None:
 
 @pytest.mark.parametrize(("direction", "inner"), [("left", "rear_left"), ("right", "front_right")])
 def test_the_lift_of_an_inner_wheel_ends_the_contact_and_that_of_an_outer_one_does_not(
-    direction: str, inner: str
-) -> None:
+    direction, inner
+):
     t = times()
     outer = inner.replace("left", "x").replace("right", "left").replace("x", "right")
     rate = {"gyro_z_truth_rad_per_s": 5.0 * (t - 2.0) * (1.0 if direction == "left" else -1.0)}
@@ -258,7 +229,7 @@ def test_the_lift_of_an_inner_wheel_ends_the_contact_and_that_of_an_outer_one_do
     assert found == pytest.approx(5.0 * (TURN[1] - TURN[0]), abs=5.0 * STEP)
 
 
-def test_without_truth_the_sensors_are_used_and_the_result_says_so() -> None:
+def test_without_truth_the_sensors_are_used_and_the_result_says_so():
     """A gyro bias of 0.05 rad/s would add 0.2 rad to the integral over 4 s; the straight driving
     before shows it.
     """
@@ -284,7 +255,7 @@ def test_without_truth_the_sensors_are_used_and_the_result_says_so() -> None:
     assert metrics.lift_yaw_rate_rad_per_s is None
 
 
-def test_the_turn_of_the_auto_sequence_starts_at_the_first_steering_command() -> None:
+def test_the_turn_of_the_auto_sequence_starts_at_the_first_steering_command():
     t = times()
     run = made_up_run(
         {
@@ -297,11 +268,10 @@ def test_the_turn_of_the_auto_sequence_starts_at_the_first_steering_command() ->
     assert metrics_of(run).raw.average_yaw_rate_rad_per_s == pytest.approx(
         PEAK * 2.0 / math.pi, rel=1e-5
     )
-    with pytest.raises(LogError, match="no steering command"):
-        metrics_of(made_up_run(kind="auto_turn"))
+    assert_refused(lambda: metrics_of(made_up_run(kind="auto_turn")), LogError, "steering")
 
 
-def test_a_straight_run_is_measured_over_all_of_it() -> None:
+def test_a_straight_run_is_measured_over_all_of_it():
     assert turn_signals(made_up_run(kind="straight")).window == pytest.approx((2.0, 4.0))
     assert turn_signals(
         made_up_run(kind="slalom", turn_start=9.0, direction="right")
@@ -309,41 +279,35 @@ def test_a_straight_run_is_measured_over_all_of_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "named"),
     [
         (
             {"gyro_z_truth_rad_per_s": np.where(times() == times()[1000], np.nan, 0.0)},
-            "yaw_rate .*not finite.* at 2 s",
+            ["yaw_rate", "nan", "2 s"],
         ),
-        ({"tail_power_truth_w": np.nan}, "tail motor power.*not finite"),
-        ({"time_s": times()[::-1].copy()}, "'time_s': not increasing in row 1"),
-        ({"time_s": times() + (times() > 3.0) * 0.5}, r"1 gap\(s\).* after 3 s"),
-        ({"time_s": 0.5 * times()}, "holds 0 to 2 s, the turn is 2 to 2.64 s"),
+        ({"tail_power_truth_w": np.nan}, ["tail motor power", "nan"]),
+        ({"time_s": times()[::-1].copy()}, ["time_s", "row 1"]),
+        ({"time_s": times() + (times() > 3.0) * 0.5}, ["1 gap", "3 s"]),
+        ({"time_s": 0.5 * times()}, ["0 to 2 s", "2 to 2.64 s"]),
     ],
     ids=["NaN", "NaN power", "unsorted", "gap", "too short"],
 )
-def test_what_is_wrong_with_a_log_is_named(change, message) -> None:
-    with pytest.raises(LogError, match=message):
-        metrics_of(made_up_run(change))
+def test_what_is_wrong_with_a_log_is_named(change, named):
+    assert_refused(lambda: metrics_of(made_up_run(change)), LogError, *named)
 
 
-def test_a_scenario_without_a_needed_key_is_named() -> None:
+@pytest.mark.parametrize("servo", [{}, {"rate": 0.0}, {"rate": -1.0}])
+def test_a_servo_without_a_rate_is_named(servo):
     run = made_up_run()
-    with pytest.raises(LogError, match=r"no servo\.rate"):
-        metrics_of(dataclasses.replace(run, scenario={**run.scenario, "servo": {}}))
+    run = dataclasses.replace(run, scenario={**run.scenario, "servo": servo})
+    assert_refused(lambda: metrics_of(run), LogError, "servo.rate")
 
 
 @pytest.mark.parametrize("key", ["steer_angle", "turn_start", "turn_hold"])
 @pytest.mark.parametrize("value", ["x", None, [1.0], math.nan])
-def test_a_scenario_value_that_is_no_number_is_named(key: str, value: Any) -> None:
-    with pytest.raises(LogError, match=rf"manoeuvre\.{key} .*must be a finite number"):
-        metrics_of(made_up_run(**{key: value}))
-
-
-def test_a_servo_that_stands_still_is_refused() -> None:
-    run = made_up_run()
-    with pytest.raises(LogError, match=r"servo\.rate 0, but it must be above 0"):
-        metrics_of(dataclasses.replace(run, scenario={**run.scenario, "servo": {"rate": 0.0}}))
+def test_a_scenario_value_that_is_no_number_is_named(key, value):
+    run = made_up_run(**{key: value})
+    assert_refused(lambda: metrics_of(run), LogError, f"manoeuvre.{key}", repr(value))
 
 
 def degrees(*corners: float) -> np.ndarray:
@@ -369,11 +333,11 @@ LIFTED = np.where(np.arange(4) < 2, 0.0, LOADED)
         (degrees(0, 19.9), None, "survived"),
     ],
 )
-def test_outcome_of_made_up_tilt_histories(tilt, loads, result) -> None:
+def test_outcome_of_made_up_tilt_histories(tilt, loads, result):
     assert outcome_from(times(), tilt, loads).result == result
 
 
-def test_a_small_roof_load_is_no_loaded_wheel() -> None:
+def test_a_small_roof_load_is_no_loaded_wheel():
     three = LOADED.copy()
     three[-1, 2] = 0.05
     assert outcome_from(times(), degrees(0, 21), three).end_wheels_loaded == 3
@@ -381,7 +345,7 @@ def test_a_small_roof_load_is_no_loaded_wheel() -> None:
 
 
 @pytest.mark.parametrize(("part", "number"), [("cage", 0), ("board", 1), ("tail", 2)])
-def test_clean_means_survived_without_touching_the_ground(part: str, number: int) -> None:
+def test_clean_means_survived_without_touching_the_ground(part, number):
     nothing = np.zeros((times().size, 3))
     touching = nothing.copy()
     touching[700, number] = 3.0
@@ -391,7 +355,7 @@ def test_clean_means_survived_without_touching_the_ground(part: str, number: int
     assert outcome_from(times(), degrees(0, 90), LOADED, nothing).clean is False
 
 
-def test_board_may_carry_the_car_before_the_turn_and_not_in_it() -> None:
+def test_board_may_carry_the_car_before_the_turn_and_not_in_it():
     """The anti-ramp board is there for the start; cage and tail are not."""
     time = times()
     touching = np.zeros((times().size, 3))
@@ -411,7 +375,7 @@ def test_board_may_carry_the_car_before_the_turn_and_not_in_it() -> None:
     )
 
 
-def test_outcome_reads_the_log() -> None:
+def test_outcome_reads_the_log():
     outcome = outcome_of(
         made_up_run({"tilt_truth_rad": degrees(0, 30), "ground_contact_board_truth_n": 2.0})
     )
@@ -422,24 +386,7 @@ def test_outcome_reads_the_log() -> None:
     assert outcome.end_tilt_rad == pytest.approx(math.radians(30.0))
 
 
-def test_the_published_rows_are_the_printed_ones() -> None:
-    rows = {(row.platform, row.configuration): row for row in published_values()}
-    assert set(rows) == {(p, c) for p in ("simulated", "physical") for c in ("tailless", "tailed")}
-    tailless = rows["simulated", "tailless"]
-    assert (tailless.metrics.speed_m_per_s, tailless.metrics.max_kohut_deg_m_per_s2) == (
-        3.30,
-        413.31,
-    )
-    assert (tailless.metrics.roll_integral_rad, tailless.source) == (
-        pytest.approx(0.93243),
-        "Table 7.1",
-    )
-    # ERRATA E35: sums of samples, 1 ms in simulation and 10 ms on the car.
-    assert tailless.metrics.roll_integral_rad == pytest.approx(0.93243)
-    assert rows["physical", "tailless"].metrics.roll_integral_rad == pytest.approx(0.2543)
-
-
-def test_published_kohut_figures_are_speed_times_yaw_rate_in_degrees() -> None:
+def test_published_kohut_figures_are_speed_times_yaw_rate_in_degrees():
     """ERRATA E36: all eight agree within 1.7 %, which rules out radians and a missing factor."""
     for row in published_values():
         m = row.metrics
@@ -451,9 +398,18 @@ def test_published_kohut_figures_are_speed_times_yaw_rate_in_degrees() -> None:
         )
 
 
-def test_a_row_for_a_table_is_flat_and_names_units() -> None:
-    row = metrics_of(made_up_run(turning(1.0))).as_row()
-    assert row["outcome"] == "survived"
-    assert row["max_yaw_rate_rad_per_s"] == pytest.approx(PEAK, rel=1e-5)
-    assert row["filtered_speed_m_per_s"] == pytest.approx(SPEED)
-    assert all(value is None or isinstance(value, float | str | bool) for value in row.values())
+def test_filtered_metrics_are_the_sensors_and_raw_ones_the_truth():
+    """Published tables of the real car are from its IMU and GPS; those of the simulated one from an
+    ideal IMU.
+    """
+    run = made_up_run(
+        {**turning(1.0), "imu_gyro_z_rad_per_s": 3.0 * pulse(), "speed_m_per_s": 1.1 * SPEED}
+    )
+    metrics = metrics_of(run)
+    honest = metrics_of(made_up_run(turning(1.0)))
+    assert metrics.like("simulated") == metrics.raw == honest.raw
+    assert metrics.like("physical") == metrics.filtered
+    assert metrics.filtered.max_yaw_rate_rad_per_s == pytest.approx(
+        3.0 * honest.filtered.max_yaw_rate_rad_per_s
+    )
+    assert metrics.filtered.speed_m_per_s == pytest.approx(1.1 * SPEED)

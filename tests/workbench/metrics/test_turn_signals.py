@@ -5,9 +5,13 @@ import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.manoeuvre import make_schedule
+from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.metrics.turn_signals import (
+    CALM,
+    settled_row,
     steered_windows,
     turn_sign,
+    turn_signals,
     turn_window,
     windows_of_steering,
 )
@@ -89,3 +93,58 @@ def test_window_of_a_path_or_a_rising_angle_is_the_run_from_its_start(kind):
 def test_sign_is_that_of_the_first_steering(kind):
     assert turn_sign(made_up_run(kind=kind)) == 1.0
     assert turn_sign(made_up_run(kind=kind, direction="right")) == -1.0
+
+
+TURN_END = 2.64
+"""Of a made-up run, s."""
+
+
+def settled_at(**signals):
+    """When a car with these signals has settled, s."""
+    table = made_up_run(signals).table
+    row = settled_row(table, TURN_END)
+    return None if row is None else table["time_s"][row]
+
+
+def until(time, value, after=0.0):
+    return np.where(times() < time, value, after)
+
+
+@pytest.mark.parametrize(
+    "restless",
+    [
+        *({name: until(3.0, 1.01 * limit)} for name, limit in CALM.items()),
+        *({name: until(3.0, -1.01 * limit)} for name, limit in CALM.items()),
+        {"controller_state": until(3.0, SwingState.DELAY, SwingState.HOLD)},
+        {"controller_state": until(3.0, SwingState.SWING, SwingState.HOLD)},
+        {"wheel_force_rear_left_z_truth_n": until(3.0, 0.05, 15.0)},
+        {"gyro_x_truth_rad_per_s": until(2.9, 1.0) + np.where(np.isclose(times(), 2.998), 1, 0)},
+    ],
+)
+def test_a_car_has_settled_when_nothing_moved_for_a_tenth_of_a_second(restless):
+    """The last restless row is 2 ms before 3 s: whatever moves, whichever wheel lifts, and also
+    while the law swings or is about to.
+    """
+    assert settled_at(**restless) == pytest.approx(2.998 + 0.1)
+
+
+def test_a_calm_car_has_settled_a_tenth_after_its_turn_and_not_before():
+    assert settled_at() == pytest.approx(TURN_END + 0.1)
+    assert settled_at(gyro_x_truth_rad_per_s=until(9.0, 0.16)) is None
+    assert settled_at(gyro_x_truth_rad_per_s=until(9.0, 0.14)) == pytest.approx(TURN_END + 0.1)
+    assert settled_row(made_up_run(truth=False).table, TURN_END) is None, "a real car"
+
+
+@pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+def test_the_bias_of_the_gyro_is_that_of_the_straight_driving_before_the_turn(direction, side):
+    """What the car did in the first half of it, while it gathered speed, is no bias."""
+    rolling = np.where(times() >= 2.1, 0.3, 0.0)
+    rate = rolling + 0.05 + until(0.9, 0.4)
+    run = made_up_run({"imu_gyro_x_rad_per_s": side * rate}, direction, truth=False)
+    found = turn_signals(run).roll_rate
+    np.testing.assert_allclose(found[times() >= 1.0], rolling[times() >= 1.0], atol=1e-12)
+
+
+def test_tilt_from_the_sensors_is_that_of_roll_and_pitch_together():
+    run = made_up_run({"imu_roll_rad": 0.6, "imu_pitch_rad": -0.8}, truth=False)
+    np.testing.assert_allclose(turn_signals(run).tilt, math.acos(math.cos(0.6) * math.cos(0.8)))

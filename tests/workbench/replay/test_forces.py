@@ -7,7 +7,6 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.config.signal_table import WHEELS
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.force_arrows import WHEEL_SCALE, force_arrows, point_on_axis
 from aerodima.workbench.replay.logged_run import AIR_SCALE, add_logged_run
 
@@ -15,13 +14,13 @@ ROOT, TIP = np.array([[1.0, 2.0, 0.3]]), np.array([[1.2, 1.6, 1.1]])
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.35, 1.0])
-def test_point_of_a_force_on_the_axis_is_found_from_its_moment(fraction: float) -> None:
+def test_point_of_a_force_on_the_axis_is_found_from_its_moment(fraction):
     force = np.array([[0.7, -2.0, 0.4]])
     point = ROOT + fraction * (TIP - ROOT)
     assert point_on_axis(force, np.cross(point, force), ROOT, TIP) == pytest.approx(point)
 
 
-def test_point_is_the_nearest_to_a_line_of_action_beside_the_axis() -> None:
+def test_point_is_the_nearest_to_a_line_of_action_beside_the_axis():
     force = np.array([[0.0, 3.0, 0.0]])
     root = np.zeros((1, 3))
     tip = np.array([[0.0, 0.0, 2.0]])
@@ -31,19 +30,19 @@ def test_point_is_the_nearest_to_a_line_of_action_beside_the_axis() -> None:
     )
 
 
-def test_point_stays_on_the_tail() -> None:
+def test_point_stays_on_the_tail():
     force = np.array([[0.7, -2.0, 0.4]])
     beyond = ROOT + 1.4 * (TIP - ROOT)
     assert point_on_axis(force, np.cross(beyond, force), ROOT, TIP) == pytest.approx(TIP)
 
 
 @pytest.mark.parametrize("force", [[0.0, 0.0, 0.0], [0.2, -0.4, 0.8]])
-def test_middle_stands_for_a_point_that_is_not_determined(force: list[float]) -> None:
+def test_middle_stands_for_a_point_that_is_not_determined(force):
     moment = np.cross(ROOT, [force])
     assert point_on_axis(np.array([force]), moment, ROOT, TIP) == pytest.approx(0.5 * (ROOT + TIP))
 
 
-def test_air_of_a_run_acts_on_the_sail(tailed: RunLog) -> None:
+def test_air_of_a_run_acts_on_the_sail(tailed):
     logged = add_logged_run(DiagramBuilder(), tailed)
     tail = tailed.scenario["tail"]
     (arrow,) = [arrow for arrow in force_arrows(logged) if arrow.name == "air_on_tail"]
@@ -63,7 +62,7 @@ def test_air_of_a_run_acts_on_the_sail(tailed: RunLog) -> None:
     assert from_root.max() < tail["length"]
 
 
-def test_ground_acts_below_the_wheel_of_its_name(tailless: RunLog) -> None:
+def test_ground_acts_below_the_wheel_of_its_name(tailless):
     logged = add_logged_run(DiagramBuilder(), tailless)
     plant = logged.plant
     context = plant.CreateDefaultContext()

@@ -3,8 +3,6 @@ time.
 """
 
 import math
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,7 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.logs.schema import RunLog, read_run_log
+from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.metrics.turn_signals import turn_signals
 from aerodima.workbench.replay import hand_drive
@@ -82,20 +80,20 @@ def driven(
 
 
 @pytest.fixture(scope="module")
-def left_drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Script, RunLog]:
+def left_drive(tmp_path_factory):
     script, (log,) = driven(tmp_path_factory.mktemp("left"), left_turn, Clock(0.0), length=2.6)
     return script, read_run_log(log)
 
 
 @pytest.fixture
-def left(left_drive: tuple[Script, RunLog]) -> RunLog:
+def left(left_drive):
     return left_drive[1]
 
 
 @pytest.mark.slow
 def test_driver_is_shown_time_speed_and_heading_of_the_run(
-    left_drive: tuple[Script, RunLog],
-) -> None:
+    left_drive,
+):
     (script, log) = left_drive
     columns = ("velocity_x_truth_m_per_s", "velocity_y_truth_m_per_s", "yaw_truth_rad")
     time = np.array([now.time for now in script.shown])
@@ -105,7 +103,7 @@ def test_driver_is_shown_time_speed_and_heading_of_the_run(
     assert [now.heading for now in script.shown] == pytest.approx(yaw, abs=0.01)
 
 
-def test_speed_steering_and_tail_do_what_was_asked_for(left: RunLog) -> None:
+def test_speed_steering_and_tail_do_what_was_asked_for(left):
     assert left.signal("velocity_x_truth_m_per_s")[left.time > 1.1][0] == pytest.approx(
         2.0, abs=0.1
     )
@@ -120,14 +118,15 @@ def test_speed_steering_and_tail_do_what_was_asked_for(left: RunLog) -> None:
     assert fastest == pytest.approx(TAIL_SPEED / 100.0, rel=0.01)
 
 
-def test_log_says_who_drove_and_its_metrics_are_those_of_the_steering_given(left: RunLog) -> None:
+def test_log_says_who_drove_and_its_metrics_are_those_of_the_steering_given(left):
     assert "driven by hand (simulation)" in caption_of(left).text
     window = turn_signals(left).window
     assert window == pytest.approx((1.2, 2.0), abs=0.03)
     assert metrics_of(left).direction == "left"
 
 
-def test_reset_begins_a_second_log_from_standstill_and_end_ends(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_reset_begins_a_second_log_from_standstill_and_end_ends(tmp_path):
     def plan(look: int) -> Wishes:
         return Wishes(0.0, 2.0, attempt=int(look >= 30), over=look >= 60)
 
@@ -139,7 +138,7 @@ def test_reset_begins_a_second_log_from_standstill_and_end_ends(tmp_path: Path) 
     assert abs(second.signal("velocity_x_truth_m_per_s")[0]) < 0.1
 
 
-def test_a_pause_costs_no_simulated_time(tmp_path: Path) -> None:
+def test_a_pause_costs_no_simulated_time(tmp_path):
     def plan(look: int) -> Wishes:
         return Wishes(0.0, 1.0, pace=0.0 if 5 <= look < 50 else 1.0, over=look >= 60)
 
@@ -147,14 +146,14 @@ def test_a_pause_costs_no_simulated_time(tmp_path: Path) -> None:
     assert read_run_log(log).time[-1] == pytest.approx((60 - 45) * SLICE, abs=2 * SLICE)
 
 
-def test_half_speed_takes_twice_as_long(tmp_path: Path) -> None:
+def test_half_speed_takes_twice_as_long(tmp_path):
     clock = Clock(0.0)
-    driven(tmp_path, lambda look: Wishes(pace=0.5), clock, length=1.2)
-    assert clock.slept == pytest.approx(2.4, rel=0.02)
+    driven(tmp_path, lambda look: Wishes(pace=0.5), clock, length=0.6)
+    assert clock.slept == pytest.approx(1.2, rel=0.04)
 
 
 @pytest.mark.slow
-def test_a_slow_computer_slows_the_run_down_says_so_once_and_skips_nothing(tmp_path: Path) -> None:
+def test_a_slow_computer_slows_the_run_down_says_so_once_and_skips_nothing(tmp_path):
     said: list[str] = []
     script, (log,) = driven(
         tmp_path, lambda look: Wishes(), Clock(0.02), length=2.5, say=said.append
@@ -163,15 +162,3 @@ def test_a_slow_computer_slows_the_run_down_says_so_once_and_skips_nothing(tmp_p
     assert "this computer keeps up at 0.4" in said[0] or "this computer keeps up at 0.5" in said[0]
     assert 0.4 < script.shown[-1].pace < 0.6
     assert np.max(np.diff(read_run_log(log).time)) < 0.003, "every row is there"
-
-
-@pytest.mark.slow
-def test_driving_by_hand_knows_no_device() -> None:
-    code = """
-import sys
-import aerodima.workbench.cli.replay_commands, aerodima.workbench.replay.viewer
-from aerodima.workbench.replay.hand_drive import drive_by_hand
-found = {"can", "serial", "aerodima.hardware", "pynmeagps", "websockets"} & set(sys.modules)
-assert not found, found
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)

@@ -27,7 +27,7 @@ def told(run: RunLog) -> dict[str, float]:
     return {moment.label: float(run.time[moment.row]) for moment in five_moments(run)}
 
 
-def test_turn_that_is_survived() -> None:
+def test_turn_that_is_survived():
     moments = told(run_with(roll_truth_rad=hump(2.6, 0.2)))
     assert list(moments) == [
         "before the turn",
@@ -40,14 +40,14 @@ def test_turn_that_is_survived() -> None:
     assert list(moments.values()) == pytest.approx([1.75, 2.1, 2.6, half, half + 0.75], abs=0.003)
 
 
-def test_peak_is_that_of_the_roll_outwards() -> None:
+def test_peak_is_that_of_the_roll_outwards():
     roll = hump(2.6, 0.2, 0.05) - hump(
         3.2, 0.5, 0.05
     )  # leans to the right first, then more, to the left
     assert told(run_with(roll_truth_rad=roll))["peak roll"] == pytest.approx(2.6, abs=0.003)
 
 
-def test_swing_shows_the_tail_on_top() -> None:
+def test_swing_shows_the_tail_on_top():
     angle = np.radians(np.clip((times() - 2.2) * 450.0, 0.0, 180.0) - 90.0)  # upright at 2.4 s
     moments = told(run_with(roll_truth_rad=hump(2.6, 0.05), tail_roll_angle_rad=angle))
     assert list(moments) == [
@@ -60,7 +60,7 @@ def test_swing_shows_the_tail_on_top() -> None:
     assert moments["tail over the top"] == pytest.approx(2.4, abs=0.004)
 
 
-def test_rollover() -> None:
+def test_rollover():
     tilt = np.clip((times() - 2.2) * np.radians(90.0), 0.0, np.pi)  # 90 deg/s from 2.2 s on
     moments = told(run_with(tilt_truth_rad=tilt, roll_truth_rad=tilt))
     assert list(moments) == ["before the turn", "turning in", "tipping", "on its side", "after"]
@@ -68,7 +68,7 @@ def test_rollover() -> None:
     assert moments["on its side"] == pytest.approx(3.2, abs=0.003)
 
 
-def test_moments_are_in_order_inside_the_log_even_when_they_coincide() -> None:
+def test_moments_are_in_order_inside_the_log_even_when_they_coincide():
     rows = [
         moment.row for moment in five_moments(run_with(roll_truth_rad=hump(4.0, 0.2)))
     ]  # still growing at the end
@@ -76,7 +76,7 @@ def test_moments_are_in_order_inside_the_log_even_when_they_coincide() -> None:
     assert rows[-1] <= times().size - 1
 
 
-def test_log_that_ends_before_its_turn_is_shown_evenly() -> None:
+def test_log_that_ends_before_its_turn_is_shown_evenly():
     run = run_with()
     moments = five_moments(replace(run, table=run.table.iloc[:401]))
     assert [moment.row for moment in moments] == [0, 100, 200, 300, 400]

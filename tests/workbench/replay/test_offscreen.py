@@ -1,10 +1,6 @@
-"""The camera sees left on the left, up above; the robot stands on its floor, and its shadow lies
-away from the sun.
-"""
+"""The camera sees left on the left, up above; the robot stands on its floor."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -20,6 +16,7 @@ from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay import offscreen
 from aerodima.workbench.replay.offscreen import Camera, OffscreenRun, check_renderer, floor_picture
+from tests.refusals import assert_refused
 
 
 def along_x(height: float = 2.0, target: float = 2.0) -> Camera:
@@ -29,7 +26,7 @@ def along_x(height: float = 2.0, target: float = 2.0) -> Camera:
     )
 
 
-def test_point_ahead_is_in_the_middle_left_is_left_and_up_is_up() -> None:
+def test_point_ahead_is_in_the_middle_left_is_left_and_up_is_up():
     column, row, inverse_depth = along_x().project(np.array([0.0, 0.0, 2.0]))
     assert (column, row, inverse_depth) == pytest.approx((60.0, 50.0, 0.25))
     column, row, _ = along_x().project(
@@ -39,7 +36,7 @@ def test_point_ahead_is_in_the_middle_left_is_left_and_up_is_up() -> None:
 
 
 @pytest.mark.parametrize("height", [0.0, -1.5])
-def test_floor_begins_at_the_horizon_and_is_seen_where_it_is(height: float) -> None:
+def test_floor_begins_at_the_horizon_and_is_seen_where_it_is(height):
     picture, points = floor_picture(along_x(), height)
     assert (picture.shape, points.shape) == ((100, 120, 3), (50, 120, 3))
     assert np.all(picture[:50] == picture[0, 0])
@@ -68,7 +65,7 @@ def plate_above_the_floor(low: float) -> RunLog:
 
 @pytest.mark.usefixtures("renderer")
 @pytest.mark.parametrize("low", [1.0, -3.0])
-def test_robot_stands_where_it_is_and_its_shadow_away_from_the_sun(low: float) -> None:
+def test_robot_stands_where_it_is(low):
     shown = OffscreenRun(plate_above_the_floor(low))
     assert shown.logged.floor == pytest.approx(0.0 if low > 0.0 else low - 0.005)
     camera = along_x(low + 3.0, low)
@@ -78,22 +75,10 @@ def test_robot_stands_where_it_is_and_its_shadow_away_from_the_sun(low: float) -
     assert (columns.mean() + 0.5, rows.mean() + 0.5) == pytest.approx(
         camera.project(np.array([0, 0, low]))[:2], abs=1
     )
-    empty = 255.0 * floor_picture(camera, shown.logged.floor)[0]
-    darker = (pixels.sum(axis=-1) < 0.85 * empty.sum(axis=-1)) & ~red
-    if low < 0.0:  # it lies on its floor
-        assert darker.sum() < 20
-        return
-    # Along the sun's rays to the floor: 0.25 m against x and 0.35 m along y, to the left.
-    column, row, _ = camera.project(np.array([-0.25, 0.35, 0.0]))
-    rows, columns = np.nonzero(darker)
-    assert (columns.mean() + 0.5, rows.mean() + 0.5) == pytest.approx((column, row), abs=2.5)
-    seen = 0.6 * 100.0 * 0.6 * 100.0 * 4.0 / np.linalg.norm([4.0, 4.0]) ** 3
-    assert rows.size == pytest.approx(seen * 0.6 * 0.6 / 0.36, rel=0.5)
-    assert np.abs(pixels - empty)[~darker & ~red].mean() < 3.0
 
 
 @pytest.fixture
-def without_driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def without_driver(monkeypatch):
     """EGL looks for its drivers where there are none; VTK then takes its process down."""
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
     monkeypatch.delenv("DISPLAY", raising=False)
@@ -102,11 +87,8 @@ def without_driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     offscreen._renderer_works.cache_clear()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_driver")
-def test_missing_renderer_is_one_line(tailed: RunLog) -> None:
-    with pytest.raises(
-        UserError, match=r"no off-screen renderer: .* install .*, or use `aerodima replay --html`"
-    ):
-        check_renderer()
-    with pytest.raises(UserError, match="no off-screen renderer"):
-        OffscreenRun(tailed)
+def test_missing_renderer_is_one_line(tailed):
+    assert_refused(check_renderer, UserError, "aerodima replay --html")
+    assert_refused(lambda: OffscreenRun(tailed), UserError, "aerodima replay --html")

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import html
 import sys
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,6 +16,7 @@ from aerodima.workbench import UserError, live_frame, sliders
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay import captions
 from aerodima.workbench.report import replay_page
+from tests.refusals import assert_refused
 
 
 class Meshcat:
@@ -22,14 +24,13 @@ class Meshcat:
         return "http://localhost:7000?a=1&b=2"
 
 
-def test_meshcat_stands_in_a_frame() -> None:
+def test_meshcat_stands_in_a_frame():
     frame = live_frame(Meshcat(), height=300)  # type: ignore[arg-type]
     assert 'src="http://localhost:7000?a=1&amp;b=2"' in frame._repr_html_()
     assert 'height="300"' in frame._repr_html_()
-    assert repr(frame) == "live when this cell runs: Meshcat"
 
 
-def test_a_replay_stands_in_a_frame_whole_and_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_replay_stands_in_a_frame_whole_and_escaped(monkeypatch):
     page = '<p title="a & b">replay</p>'
     monkeypatch.setattr(replay_page, "replay_page", lambda run_log: page)
     monkeypatch.setattr(
@@ -38,23 +39,21 @@ def test_a_replay_stands_in_a_frame_whole_and_escaped(monkeypatch: pytest.Monkey
     frame = live_frame(object.__new__(RunLog))
     inside = frame._repr_html_().partition('srcdoc="')[2].partition('"')[0]
     assert html.unescape(inside) == page
-    assert repr(frame) == "live when this cell runs: the replay with its signals, turn: survived"
+    assert "turn: survived" in repr(frame)
 
 
 @pytest.mark.parametrize("height", [0, 99, 4001])
-def test_a_frame_that_nobody_could_see_is_refused(height: int) -> None:
-    with pytest.raises(UserError, match=f"height is {height}; allowed: 100 to 4000 pixels"):
-        live_frame(Meshcat(), height)  # type: ignore[arg-type]
+def test_a_frame_that_nobody_could_see_is_refused(height):
+    work = partial(live_frame, Meshcat(), height)  # type: ignore[arg-type]
+    assert_refused(work, UserError, "height", str(height), "100 to 4000")
 
 
-def test_what_cannot_be_shown_is_named() -> None:
-    with pytest.raises(
-        UserError, match="live_frame: a str; allowed: a run log, or an open Meshcat"
-    ):
-        live_frame("swing.parquet")  # type: ignore[arg-type]
+def test_what_cannot_be_shown_is_named():
+    work = partial(live_frame, "swing.parquet")  # type: ignore[arg-type]
+    assert_refused(work, UserError, "live_frame", "str")
 
 
-def test_sliders_begin_where_they_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sliders_begin_where_they_are_told(monkeypatch):
     made: dict[str, Any] = {}
 
     def slider(value: float, **settings: Any) -> dict[str, Any]:
@@ -71,9 +70,7 @@ def test_sliders_begin_where_they_are_told(monkeypatch: pytest.MonkeyPatch) -> N
     }  # fmt: skip
 
 
-def test_without_ipywidgets_the_function_is_called_once_and_a_line_says_why(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_ipywidgets_the_function_is_called_once_and_a_line_says_why(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "ipywidgets", None)
     called: list[dict[str, float]] = []
     sliders(lambda **values: called.append(values), friction=(0.5, 0.9, 0.6), speed=(1.0, 2.0, 1.5))
@@ -84,6 +81,5 @@ def test_without_ipywidgets_the_function_is_called_once_and_a_line_says_why(
 @pytest.mark.parametrize(
     "given", [(0.5, 0.9, 1.0), (0.9, 0.5, 0.6), (0.5, 0.5, 0.5), (0.5, 0.9, float("nan"))]
 )
-def test_a_start_outside_the_range_is_refused(given: tuple[float, float, float]) -> None:
-    with pytest.raises(UserError, match=r"sliders: friction starts at .*; allowed:"):
-        sliders(print, friction=given)
+def test_a_start_outside_the_range_is_refused(given):
+    assert_refused(lambda: sliders(print, friction=given), UserError, "sliders", "friction")

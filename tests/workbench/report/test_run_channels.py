@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import base64
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from aerodima.workbench.config.signal_table import sensor_columns, truth_columns
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.report import report_page
-from aerodima.workbench.report.report_page import PLOT_LIBRARY
-from aerodima.workbench.report.run_channels import MOST_POINTS, channels_of, family, thinned
+from aerodima.workbench.report.run_channels import MOST_POINTS, channels_of, thinned
 
 
 def unpacked(text: str) -> np.ndarray:
@@ -28,7 +25,7 @@ def longer(run: RunLog, times: int) -> RunLog:
     )
 
 
-def test_every_channel_has_unit_and_meaning_of_the_column_table(tailed: RunLog) -> None:
+def test_every_channel_has_unit_and_meaning_of_the_column_table(tailed):
     table = {column.name: column for column in [*sensor_columns(), *truth_columns()]}
     found = {channel["name"]: channel for channel in channels_of([tailed], ["run"])["channels"]}
     assert len(found) > 80
@@ -37,7 +34,7 @@ def test_every_channel_has_unit_and_meaning_of_the_column_table(tailed: RunLog) 
     assert not any(name.startswith(("plant_", "time_s")) for name in found)
 
 
-def test_short_run_is_embedded_whole(tailed: RunLog) -> None:
+def test_short_run_is_embedded_whole(tailed):
     data = channels_of([tailed], ["run"])
     (gyro,) = [channel for channel in data["channels"] if channel["name"] == "imu_gyro_z_rad_per_s"]
     np.testing.assert_allclose(unpacked(data["runs"][0]["time"]), tailed.time, rtol=1e-6)
@@ -46,7 +43,7 @@ def test_short_run_is_embedded_whole(tailed: RunLog) -> None:
     )
 
 
-def test_long_run_keeps_its_peaks_and_times_in_order(tailed: RunLog) -> None:
+def test_long_run_keeps_its_peaks_and_times_in_order(tailed):
     run = longer(tailed, 40)
     spike = run.table["speed_m_per_s"].to_numpy().copy()
     spike[7001] = 99.0
@@ -64,7 +61,7 @@ def test_long_run_keeps_its_peaks_and_times_in_order(tailed: RunLog) -> None:
 
 
 @pytest.mark.parametrize("count", [5, 10, 11, 12, 101, 1000])
-def test_thinning_keeps_extremes_and_order_for_any_length(count: int) -> None:
+def test_thinning_keeps_extremes_and_order_for_any_length(count):
     values = np.random.default_rng(count).normal(size=count)
     thin = thinned(values, 10)
     assert thin.size <= 10
@@ -73,13 +70,13 @@ def test_thinning_keeps_extremes_and_order_for_any_length(count: int) -> None:
     assert places == sorted(places)
 
 
-def test_gap_stays_a_gap() -> None:
+def test_gap_stays_a_gap():
     values = np.arange(1000.0)
     values[500:600] = np.nan
     assert np.count_nonzero(np.isnan(thinned(values, 100))) == pytest.approx(10, abs=2)
 
 
-def test_constant_is_one_number_and_what_is_unknown_is_left_out(tailless: RunLog) -> None:
+def test_constant_is_one_number_and_what_is_unknown_is_left_out(tailless):
     table = tailless.table.assign(status_imu_fault=0.0, roll_estimate_rad=np.nan)
     data = channels_of([replace(tailless, table=table)], ["run"])
     found = {channel["name"]: channel["values"][0] for channel in data["channels"]}
@@ -88,44 +85,19 @@ def test_constant_is_one_number_and_what_is_unknown_is_left_out(tailless: RunLog
     assert not any(name.startswith("tail_") for name in found), "a car without a tail"
 
 
-def test_runs_of_other_length_and_start_begin_at_zero(tailed: RunLog, tailless: RunLog) -> None:
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("spring_force_n", "N"), ("pump_rad_per_s", "rad/s"), ("knob", ""), ("hip_torque_n_m", "N m")],
+)
+def test_column_that_the_table_does_not_have_says_its_unit_itself(tailed, name, unit):
+    data = channels_of([replace(tailed, table=tailed.table.assign(**{name: tailed.time}))], ["run"])
+    assert data["channels"][-1]["name"] == name
+    assert data["channels"][-1]["unit"] == unit
+
+
+def test_runs_of_other_length_and_start_begin_at_zero(tailed, tailless):
     late = replace(tailed, table=tailed.table.assign(time_s=tailed.time + 5.0).iloc[:300:2])
     data = channels_of([late, tailless], ["late", "tailless"])
     starts = [unpacked(run["time"])[0] for run in data["runs"]]
     assert starts == [0.0, 0.0]
     assert data["span"] == pytest.approx([0.0, tailless.time[-1]])
-
-
-def test_many_runs_share_the_room_of_a_few(tailed: RunLog) -> None:
-    run = longer(tailed, 20)
-    sizes = [
-        unpacked(channels_of([run] * count, ["r"] * count)["runs"][0]["time"]).size
-        for count in (1, 5, 20)
-    ]
-    assert sizes[0] == sizes[1] > 3 * sizes[2]
-
-
-def test_sensor_estimate_truth_and_the_wheels_are_of_one_family() -> None:
-    assert (
-        len({family(name) for name in ("imu_roll_rad", "roll_estimate_rad", "roll_truth_rad")}) == 1
-    )
-    assert family("wheel_force_front_left_z_truth_n") == family("wheel_force_rear_right_z_truth_n")
-    assert family("tail_roll_angle_rad") != family("roll_truth_rad")
-
-
-def test_plot_library_is_shipped_as_published_with_its_licence() -> None:
-    folder = Path(report_page.__file__).parent / "templates" / PLOT_LIBRARY
-    assert "(v1.6.32)" in (folder / "uPlot.iife.min.js").read_text(encoding="utf-8")[:80]
-    assert "MIT License" in (folder / "LICENSE").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("name", "unit"),
-    [("spring_force_n", "N"), ("pump_rad_per_s", "rad/s"), ("knob", ""), ("hip_torque_n_m", "N m")],
-)
-def test_column_that_the_table_does_not_have_says_its_unit_itself(
-    tailed: RunLog, name: str, unit: str
-) -> None:
-    data = channels_of([replace(tailed, table=tailed.table.assign(**{name: tailed.time}))], ["run"])
-    assert data["channels"][-1]["name"] == name
-    assert data["channels"][-1]["unit"] == unit

@@ -3,11 +3,9 @@ but for two cars.
 
 Cars of drawn speed, direction and tail, each at frictions within 5 % of that which just flips it.
 One trial of each car is compared with a run that records everything, the others with one that does
-not end early. What is done is kept in the folder and not done again; seeds tell drawn lists apart,
-so that two processes share the work:
+not end early:
 
-    python -m tests.workbench.simulate.outcome_study 50 1 out/outcome_study
-    python -m tests.workbench.simulate.outcome_study 50 2 out/outcome_study
+    python -m tests.workbench.simulate.outcome_study 50 1
 """
 
 from __future__ import annotations
@@ -15,14 +13,11 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from aerodima.workbench.batch.row_store import RowStore, content_key
 from aerodima.workbench.config.scenario import Scenario, load_scenario
-from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.simulate.simulation import simulate
@@ -127,39 +122,8 @@ def differences(scenario: Scenario, recorded: bool = True) -> Compared:
     return Compared(wrong, flipped, rows / len(whole.table))
 
 
-def main() -> None:
-    """Arguments: cars, seed, folder."""
-    cars, seed, folder = (*sys.argv[1:], *("100", "1", "out/outcome_study")[len(sys.argv) - 1 :])
-    identity = {"study": "outcome", "seed": int(seed), "versions": software_versions()}
-    compared: list[Compared] = []
-    with RowStore(Path(folder) / f"seed_{seed}.jsonl", identity) as store:
-        for car in drawn_cars(int(seed), int(cars)):
-            key = content_key(car.mode, car.settings, car.shares)
-            if key not in store.rows:
-                runs = [
-                    differences(at, recorded=place == 0) for place, at in enumerate(car.scenarios())
-                ]
-                store.add(key, {"car": [car.mode, *car.settings], "runs": runs})
-            compared += [Compared(*run) for run in store.rows[key]["runs"]]
-            for line in (line for run in compared[-PER_CAR:] for line in run.wrong):
-                print(f"{car.mode} {' '.join(car.settings)}: {line}", flush=True)
-            print(_summary(compared), flush=True)
-
-
-def _summary(compared: list[Compared]) -> str:
-    shares: dict[Any, list[float]] = {True: [], False: []}
-    for run in compared:
-        shares[run.flipped].append(run.share)
-    simulated = [
-        f"{100.0 * np.mean(found):.0f} %" if found else "-"
-        for found in (shares[False], shares[True])
-    ]
-    return (
-        f"{len(compared)} runs, {len(shares[True])} flipped, "
-        f"{sum(bool(run.wrong) for run in compared)} differ; "
-        f"simulated of a run that survives {simulated[0]}, that flips {simulated[1]}"
-    )
-
-
 if __name__ == "__main__":
-    main()
+    cars, seed = map(int, sys.argv[1:])
+    for car in drawn_cars(seed, cars):
+        for place, scenario in enumerate(car.scenarios()):
+            print(car.mode, *car.settings, differences(scenario, recorded=place == 0), flush=True)

@@ -15,7 +15,7 @@ SLIPPING = ("tail.mode=none", "car.tyre_slip_angle=0.2")
 
 
 @pytest.mark.parametrize("name", ["entry_lane_change", "entry_corner"])
-def test_full_car_without_tail_keeps_the_path_at_2_m_per_s(name: str) -> None:
+def test_full_car_without_tail_keeps_the_path_at_2_m_per_s(name):
     """With tyres that slip.
 
     Measured: by 10 mm in the lane change, which leaves the car 27 mm to either side, and by 26 in
@@ -33,9 +33,7 @@ def test_full_car_without_tail_keeps_the_path_at_2_m_per_s(name: str) -> None:
 
 @pytest.mark.parametrize("record", ["all", "outcome"])
 @pytest.mark.parametrize(("mode", "jolt"), [("none", 1e-4), ("held", 0.2)])
-def test_a_rolling_start_has_its_speed_at_time_0_and_no_jolt(
-    record: str, mode: str, jolt: float
-) -> None:
+def test_a_rolling_start_has_its_speed_at_time_0_and_no_jolt(record, mode, jolt):
     """Springs stand as at rest and no wheel slips, so that a car without tail is in equilibrium
     (measured: 3e-6 m/s2).
 
@@ -50,7 +48,7 @@ def test_a_rolling_start_has_its_speed_at_time_0_and_no_jolt(
     assert np.max(np.abs(run.signal("acceleration_x_truth_m_per_s2"))) < jolt
 
 
-def test_the_tail_waits_where_it_does_before_a_turn_from_rest() -> None:
+def test_the_tail_waits_where_it_does_before_a_turn_from_rest():
     at_rest, rolling = (
         simulate(load_scenario(name, ["manoeuvre.duration=0.02"]))
         for name in ("turn_swing", "entry_turn")
@@ -59,7 +57,7 @@ def test_the_tail_waits_where_it_does_before_a_turn_from_rest() -> None:
         assert rolling.signal(column)[0] == pytest.approx(at_rest.signal(column)[0], abs=1e-9)
 
 
-def test_two_turns_end_after_the_second_and_other_kinds_with_their_run() -> None:
+def test_two_turns_end_after_the_second_and_other_kinds_with_their_run():
     """0.3 + 0.5 + 1 + 0.5 s, 0.14 s of the servo, a frame of 10 ms and a row of 2 ms."""
     assert turn_end(load_scenario("entry_twice")) == pytest.approx(2.3 + 0.14 + 0.012)
     for name in (
