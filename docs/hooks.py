@@ -146,9 +146,10 @@ def _parameters() -> str:
             "|---|---|---|---|---|---|",
         ]
         for key, entry in entries.items():
-            prior = (
-                " to ".join(f"{bound:g}" for bound in entry["prior"]) if entry.get("prior") else ""
-            )
+            if entry.get("prior"):
+                prior = " to ".join(f"{bound:g}" for bound in entry["prior"])
+            else:
+                prior = ""
             cells = (
                 f"`{key}`",
                 _shown(entry["value"]),
@@ -162,7 +163,9 @@ def _parameters() -> str:
 
 
 def _shown(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return str(value)
 
 
 def _coefficients() -> str:

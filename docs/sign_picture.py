@@ -40,8 +40,14 @@ def _arrow(
     )
     if label:
         size = math.hypot(*step) or 1.0
-        side = "center" if abs(step[0]) < 0.8 * size else "left" if step[0] > 0.0 else "right"
-        x, y = end[0] + 0.05 * step[0] / size, end[1] + 0.06 * step[1] / size
+        if abs(step[0]) < 0.8 * size:
+            side = "center"
+        elif step[0] > 0.0:
+            side = "left"
+        else:
+            side = "right"
+        x = end[0] + 0.05 * step[0] / size
+        y = end[1] + 0.06 * step[1] / size
         axes.text(x, y, label, color=colour, ha=side, va="center")
 
 

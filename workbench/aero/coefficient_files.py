@@ -282,7 +282,10 @@ def load_coefficients(name_or_path: str | Path) -> CoefficientSet:
             or unsorted nodes.
     """
     path = find_file(name_or_path, _FOLDER, "coefficients", ModelError)
-    content = _csv_content(path) if path.suffix == ".csv" else read_yaml(path, ModelError)
+    if path.suffix == ".csv":
+        content = _csv_content(path)
+    else:
+        content = read_yaml(path, ModelError)
     return coefficients_from_dict(content, str(path))
 
 

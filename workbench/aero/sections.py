@@ -133,7 +133,10 @@ class SectionLayout:
             v_y += w_z * p_x - w_x * p_z
             v_z += w_x * p_y - w_y * p_x
         k = (a_y * w_z - a_z * w_y, a_z * w_x - a_x * w_z, a_x * w_y - a_y * w_x)  # -(w x a)
-        air_x, air_y, air_z = (0.0, 0.0, 0.0) if v_WA is None else v_WA
+        if v_WA is None:
+            air_x, air_y, air_z = (0.0, 0.0, 0.0)
+        else:
+            air_x, air_y, air_z = v_WA
         return LineMotion((air_x - v_x, air_y - v_y, air_z - v_z), k, (a_x, a_y, a_z), n)
 
     def root_in(self, R_WB: Any) -> tuple[Any, Any, Any]:

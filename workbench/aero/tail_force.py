@@ -116,7 +116,9 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             self._layout = layout
             self._air = air or Air()
             self._jet = jet
-            self._law = NormalForceLaw(law) if isinstance(law, int | float) else law
+            if isinstance(law, int | float):
+                law = NormalForceLaw(law)
+            self._law = law
             self._quasi_steady_limit = quasi_steady_limit
             self._settings = (layout, self._law, self._air, jet, quasi_steady_limit)
             self._kinematics = plant.CreateDefaultContext()
@@ -180,7 +182,10 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             w_x, w_y, w_z, v_x, v_y, v_z = (
                 plant.EvalBodySpatialVelocityInWorld(kinematics, body).get_coeffs().tolist()
             )
-            wind = self._wind.Eval(context).tolist() if self._wind.HasValue(context) else None
+            if self._wind.HasValue(context):
+                wind = self._wind.Eval(context).tolist()
+            else:
+                wind = None
             return X_WB, self._layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
 
         def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
@@ -400,7 +405,9 @@ def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -
         f"{_words(normal)}, so that a "
         "swing feels no air"
     )
-    return f"{line}; it moves them along {_words(left[:, 0])}" if size[0] > _ALONG * moved else line
+    if size[0] > _ALONG * moved:
+        return f"{line}; it moves them along {_words(left[:, 0])}"
+    return line
 
 
 def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> np.ndarray:

@@ -104,9 +104,9 @@ def _environment_of_workers() -> Iterator[None]:
     In Dask's own setting the threads would not outdo the caller's. What the caller preloads stays.
     """
     wanted = dict.fromkeys(THREAD_VARIABLES, "1")
-    fast = (
-        next(filter(None, map(find_library, ALLOCATORS)), None) if sys.platform == "linux" else None
-    )
+    fast = None
+    if sys.platform == "linux":
+        fast = next(filter(None, map(find_library, ALLOCATORS)), None)
     if fast is not None:
         wanted["LD_PRELOAD"] = " ".join(filter(None, (os.environ.get("LD_PRELOAD"), fast)))
     before = {name: os.environ.get(name) for name in wanted}
@@ -178,7 +178,10 @@ class Worker:
     @property
     def held(self) -> str:
         """Its memory and limit, in words."""
-        limit = f" of {self.limit / _GIGABYTE:.2f}" if self.limit else ""
+        if self.limit:
+            limit = f" of {self.limit / _GIGABYTE:.2f}"
+        else:
+            limit = ""
         return f"{self.memory / _GIGABYTE:.2f}{limit} GB"
 
     def is_stopped(self) -> bool:

@@ -177,7 +177,9 @@ def refuse_foreign_files(folder: Path, error: type[UserError] = UserError) -> No
 
 def _plain(value: Any) -> Any:
     """NumPy's scalars as Python's; NumPy itself is not loaded for it."""
-    return value.item() if hasattr(value, "item") else str(value)
+    if hasattr(value, "item"):
+        return value.item()
+    return str(value)
 
 
 BAR = 24
@@ -236,6 +238,9 @@ def terminal() -> ProgressLine:
             return
         end = "" if line.startswith("[") or line.endswith("...") else "\n"
         print("\r" + line.ljust(shown), end=end, file=sys.stderr, flush=True)
-        shown = 0 if end else len(line)
+        if end:
+            shown = 0
+        else:
+            shown = len(line)
 
     return progress

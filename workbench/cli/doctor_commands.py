@@ -39,7 +39,12 @@ def doctor() -> None:
     """
     findings = examine()
     for finding in findings:
-        mark = "ok  " if finding.ok else ("FAIL" if finding.required else "none")
+        if finding.ok:
+            mark = "ok  "
+        elif finding.required:
+            mark = "FAIL"
+        else:
+            mark = "none"
         typer.echo(f"{mark} {finding.subject + ':':<18} {finding.found}")
         if finding.remedy:
             typer.echo(f"     {'':<18} -> {finding.remedy}")
@@ -166,7 +171,9 @@ def _solvers() -> Iterator[Finding]:
     ):
         ok = solver.available() and solver.enabled()
         name = f"solver {solver.solver_id().name()}"
-        found = f"for {use}" if ok else "not in this Drake"
+        found = "not in this Drake"
+        if ok:
+            found = f"for {use}"
         yield Finding(
             name, found, ok, "use a Drake wheel from PyPI; builds of one's own may lack it"
         )
@@ -187,7 +194,9 @@ def _models() -> Iterator[Finding]:
 def _extras() -> Iterator[Finding]:
     for extra, modules in EXTRAS.items():
         missing = [f"{module} ({use})" for module, use in modules if find_spec(module) is None]
-        found = "not there: " + ", ".join(missing) if missing else "installed"
+        found = "installed"
+        if missing:
+            found = "not there: " + ", ".join(missing)
         yield Finding(
             f"extra {extra}", found, not missing, f"pip install 'aerodima-workbench[{extra}]'"
         )
@@ -215,7 +224,10 @@ def _serial() -> Iterator[Finding]:
         str(port) for port in sorted({*Path("/dev").glob("ttyACM*"), *Path("/dev").glob("ttyUSB*")})
     ]
     closed = [port for port in ports if not os.access(port, os.R_OK | os.W_OK)]
-    found = "no permission for " + ", ".join(closed) if closed else ", ".join(ports) or "none"
+    if closed:
+        found = "no permission for " + ", ".join(closed)
+    else:
+        found = ", ".join(ports) or "none"
     advice = (
         "for a real car: plug in the Teensy; add yourself to the group `dialout` and log in again"
     )

@@ -254,4 +254,6 @@ def run_names(runs: list[Path]) -> list[str]:
     """File names without ending; whole paths where these are not enough."""
     _refuse_twice(runs)
     stems = [path.stem for path in runs]
-    return stems if len(set(stems)) == len(stems) else [str(path) for path in runs]
+    if len(set(stems)) == len(stems):
+        return stems
+    return [str(path) for path in runs]

@@ -76,7 +76,10 @@ def rig(
     from aerodima.workbench.cli.run_commands import live_view, show_progress
 
     refuse_existing(options.out, options.force, LogError)
-    angle = [] if options.angle is None else [f"experiment.angle={radians(options.angle)!r}"]
+    if options.angle is None:
+        angle = []
+    else:
+        angle = [f"experiment.angle={radians(options.angle)!r}"]
     experiment = workbench.load_rig_scenario(scenario, [*angle, *cli.settings_of(options)])
     log = workbench.simulate(
         experiment,

@@ -392,7 +392,9 @@ class RigScenario(ScenarioFile):
         """What stands in a log's metadata: `1`, `2`, `3`, `none` or `robot`."""
         if self.is_robot:
             return "robot"
-        return str(self.experiment.tail) if self.has_cheetah_tail else "none"
+        if self.has_cheetah_tail:
+            return str(self.experiment.tail)
+        return "none"
 
 
 rig_scenario_from_dict = RigScenario.from_dict

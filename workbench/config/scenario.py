@@ -325,11 +325,10 @@ class ScenarioFile(StrictModel):
             given = overrides.get(section)
             names = cls.renamed.get(section, {})
             if isinstance(given, dict):
-                gone = (
-                    cls.retired.get(section, set())
-                    if len(given) > len(model.model_fields) // 2
-                    else set()
-                )
+                if len(given) > len(model.model_fields) // 2:
+                    gone = cls.retired.get(section, set())
+                else:
+                    gone = set()
                 result[section] = {
                     names.get(key, key): value for key, value in given.items() if key not in gone
                 }
@@ -400,7 +399,9 @@ class Scenario(ScenarioFile):
         `feedback`.
         """
         inside = -1.0 if self.manoeuvre.direction == "left" else 1.0
-        return 0.0 if self.follows_state else inside * self.controller.hold_angle
+        if self.follows_state:
+            return 0.0
+        return inside * self.controller.hold_angle
 
     @model_validator(mode="after")
     def _car_is_possible(self) -> "Scenario":

@@ -328,7 +328,9 @@ def swing_at(swing: SwingFile, time: ArrayLike, direction: Direction | None = No
 def gains_at(swing: SwingFile, time: float) -> tuple[JointGains, JointGains]:
     """Roll and pitch gains at a time since the release, s; before it the hold gains for both."""
     begun = [phase for phase in swing.gains.phases if phase.start_s <= time]
-    return (begun[-1].roll, begun[-1].pitch) if begun else (swing.gains.hold, swing.gains.hold)
+    if begun:
+        return (begun[-1].roll, begun[-1].pitch)
+    return (swing.gains.hold, swing.gains.hold)
 
 
 def hermite(
@@ -377,4 +379,6 @@ def cubic(
 def _torque(
     t: NDArray[np.float64], times: NDArray[np.float64], torque: tuple[float, ...] | None
 ) -> NDArray[np.float64]:
-    return np.zeros_like(t) if torque is None else np.interp(t, times, torque, left=0.0, right=0.0)
+    if torque is None:
+        return np.zeros_like(t)
+    return np.interp(t, times, torque, left=0.0, right=0.0)

@@ -127,7 +127,10 @@ class FeedbackLaw:
         Without speed or steering, roll and roll rate decide alone. A tail of unknown angle is not
         moved.
         """
-        reference = float(memory[0]) if math.isfinite(memory[0]) else observation.roll_angle
+        if math.isfinite(memory[0]):
+            reference = float(memory[0])
+        else:
+            reference = observation.roll_angle
         if not math.isfinite(reference):
             return memory, NO_COMMAND, NO_COMMAND, int(SwingState.OFF)
         steering = observation.steering_angle

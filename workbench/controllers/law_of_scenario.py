@@ -48,7 +48,9 @@ def swing_of_scenario(scenario: Any) -> SwingFile | None:
     name = scenario.controller.swing_file
     mode = scenario.tail.mode
     law = scenario.controller.law
-    return None if name == NO_SWING or (mode, law) != ("swing", "swing") else find_swing(name)
+    if name == NO_SWING or (mode, law) != ("swing", "swing"):
+        return None
+    return find_swing(name)
 
 
 def swing_facts(scenario: Any) -> dict[str, Any]:
@@ -56,11 +58,9 @@ def swing_facts(scenario: Any) -> dict[str, Any]:
     the run.
     """
     swing = swing_of_scenario(scenario)
-    return (
-        {}
-        if swing is None
-        else {_SWING: swing.model_dump(mode="json", by_alias=True, exclude_none=True)}
-    )
+    if swing is None:
+        return {}
+    return {_SWING: swing.model_dump(mode="json", by_alias=True, exclude_none=True)}
 
 
 def refuse_other_car(
@@ -229,7 +229,11 @@ def load_law(place: str, scenario: Scenario) -> TailLaw:
     maker = _named("--law", place, "class", "my_law.py:MyLaw")
     name = place.rpartition(":")[2]
     try:
-        law: Any = maker.from_scenario(scenario) if hasattr(maker, "from_scenario") else maker()
+        law: Any
+        if hasattr(maker, "from_scenario"):
+            law = maker.from_scenario(scenario)
+        else:
+            law = maker()
     except Exception as error:
         raise UserError(f"--law {place}: {name}() failed: {in_words(error)}") from error
     missing = [member for member in _MEMBERS if not hasattr(law, member)]

@@ -113,11 +113,9 @@ def angle_to_straighten(
         steer_angle, hold, first_angle, first_hold: as for `TurnSchedule`.
         rate: of the servo.
     """
-    return (
-        max(steer_angle, first_angle - rate * (hold - first_hold))
-        if first_hold > 0.0
-        else steer_angle
-    )
+    if first_hold > 0.0:
+        return max(steer_angle, first_angle - rate * (hold - first_hold))
+    return steer_angle
 
 
 def steering_time(hold: float, repeats: int = 1, gap: float = 0.0) -> float:
@@ -187,7 +185,10 @@ class TurnSchedule:
             if time + TICK_TOLERANCE < start + self.first_hold
             else self.steer_angle
         )
-        throttle = 0.0 if time + TICK_TOLERANCE >= self.throttle_off else self.ramp.throttle(time)
+        if time + TICK_TOLERANCE >= self.throttle_off:
+            throttle = 0.0
+        else:
+            throttle = self.ramp.throttle(time)
         since = time + TICK_TOLERANCE - (start + self.hold)
         last = self._step_start(math.inf)
         more = start + self.gap + self.hold < last + 1e-9
@@ -335,9 +336,10 @@ def speed_ramp(scenario: Any) -> SpeedRamp:
 def throttle_line(scenario: Any) -> ThrottleLine:
     """Throttle of a speed, of `scenario.drive`."""
     drive = scenario.drive
-    lag, breakaway = (
-        (0.0, 0.0) if drive.governor else (drive.time_constant, drive.breakaway_throttle)
-    )
+    if drive.governor:
+        lag, breakaway = (0.0, 0.0)
+    else:
+        lag, breakaway = (drive.time_constant, drive.breakaway_throttle)
     return ThrottleLine(drive.throttle_gain, drive.throttle_offset, lag, breakaway)
 
 

@@ -54,7 +54,9 @@ def chart_panels(figure: Figure) -> dict[str, Any]:
     for axes in shown:
         legend = axes.get_legend()
         place = axes.get_subplotspec()
-        entries = _keys(legend) if legend else []
+        entries = []
+        if legend:
+            entries = _keys(legend)
         if not axes.axison or place is None:
             keys += entries
             continue
@@ -163,7 +165,8 @@ def _series(line: Line2D, axes: Axes) -> dict[str, Any]:
     x = x[first:end]
     y = y[first:end]
     label = str(line.get_label())
-    label = axes.get_ylabel() or "value" if label.startswith("_") else label
+    if label.startswith("_"):
+        label = axes.get_ylabel() or "value"
     return {
         "label": label,
         "x": _numbers(x),
@@ -254,7 +257,10 @@ def _area(patch: Patch, axes: Axes) -> dict[str, Any]:
             outline[axis] = [
                 "low" if value is not None and value < 0.5 else "high" for value in outline[axis]
             ]
-    edge = _colour(patch.get_edgecolor()) if patch.get_linewidth() > 0.0 else None
+    if patch.get_linewidth() > 0.0:
+        edge = _colour(patch.get_edgecolor())
+    else:
+        edge = None
     return {
         **outline,
         "fill": _colour(patch.get_facecolor()),
@@ -312,12 +318,13 @@ def _colour(colour: Any, alpha: float | None = None) -> str | None:
     """Colour as CSS text; None for none."""
     if isinstance(colour, str) and colour == "none":
         return None
-    rgba = (
-        to_hex(colour, keep_alpha=True)
-        if alpha is None
-        else to_hex((colour, alpha), keep_alpha=True)
-    )
-    return rgba[:7] if rgba.endswith("ff") else rgba
+    if alpha is None:
+        rgba = to_hex(colour, keep_alpha=True)
+    else:
+        rgba = to_hex((colour, alpha), keep_alpha=True)
+    if rgba.endswith("ff"):
+        return rgba[:7]
+    return rgba
 
 
 def _numbers(values: Iterable[float], digits: int = 6) -> list[float | None]:

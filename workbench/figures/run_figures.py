@@ -148,17 +148,17 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
 def _values(run_log: RunLog, column: str, design: LowPass | None = None) -> FloatArray | None:
     """What is drawn of a column, shape (n,), angles in degrees; None where this run has none."""
     if column == _SPEED_TRUTH:
-        return (
-            np.linalg.norm(run_log.vector("velocity", "truth_m_per_s")[:, :2], axis=1)
-            if run_log.has_truth
-            else None
-        )
+        if run_log.has_truth:
+            return np.linalg.norm(run_log.vector("velocity", "truth_m_per_s")[:, :2], axis=1)
+        return None
     if column not in run_log.table or (column.startswith("tail_") and not run_log.has_tail):
         return None
     values = run_log.signal(column)
     if design is not None:
         values = low_pass(run_log.time, values, design, column)
-    return np.degrees(np.unwrap(values)) if column.endswith("_rad") else values
+    if column.endswith("_rad"):
+        return np.degrees(np.unwrap(values))
+    return values
 
 
 def _roll(run_log: RunLog) -> FloatArray | None:

@@ -98,7 +98,10 @@ def joined(logs: list[ForeignLog]) -> ForeignLog:
     time_of: dict[str, str] = {}
     unreadable: dict[str, str] = {}
     for number, log in enumerate(logs, start=1):
-        prefix = "" if number == 1 else f"{number}:"
+        if number == 1:
+            prefix = ""
+        else:
+            prefix = f"{number}:"
         columns |= {prefix + name: series for name, series in log.columns.items()}
         time_of |= {prefix + name: prefix + time for name, time in log.time_of.items()}
         unreadable |= {prefix + name: reason for name, reason in log.unreadable.items()}
@@ -261,7 +264,9 @@ def _content(dataset: Any) -> NDArray | str | None:
         return ""
     if dataset.dtype.kind not in "fiub" or "MATLAB_object_decode" in dataset.attrs:
         return None
-    return np.array([]) if "MATLAB_empty" in dataset.attrs else np.asarray(dataset).T
+    if "MATLAB_empty" in dataset.attrs:
+        return np.array([])
+    return np.asarray(dataset).T
 
 
 def read_mcap(path: Path) -> ForeignLog:

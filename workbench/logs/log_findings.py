@@ -56,9 +56,13 @@ class LogFinding:
 
     def __str__(self) -> str:
         """One line for a person."""
-        where = f"column {self.column!r}" if self.column else ""
+        where = ""
+        if self.column:
+            where = f"column {self.column!r}"
         where += "" if self.time is None else f" at {self.time:g} s"
-        return f"{where}: {self.text}" if where else self.text
+        if where:
+            return f"{where}: {self.text}"
+        return self.text
 
 
 def gap_findings(time: FloatArray, column: str = TIME) -> list[LogFinding]:
@@ -68,7 +72,10 @@ def gap_findings(time: FloatArray, column: str = TIME) -> list[LogFinding]:
     if not wide.size:
         return []
     step = steps[wide[0]]
-    further = f"; {wide.size - 1} further gap(s)" if wide.size > 1 else ""
+    if wide.size > 1:
+        further = f"; {wide.size - 1} further gap(s)"
+    else:
+        further = ""
     lost = f"gap of {step:.6g} s, about {round(step / np.median(steps)) - 1} samples lost"
     return [LogFinding(column, float(time[wide[0]]), lost + further)]
 

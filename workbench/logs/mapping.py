@@ -250,7 +250,9 @@ class Mapping(StrictModel):
         """SI value of one foreign unit of our column `name`."""
         unit = self.columns[name].unit
         si = known_columns()[name].unit
-        return 1.0 if unit is None else unit_factor(unit, si, f"columns.{name}")
+        if unit is None:
+            return 1.0
+        return unit_factor(unit, si, f"columns.{name}")
 
 
 def known_columns() -> dict[str, Column]:

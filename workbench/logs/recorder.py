@@ -80,11 +80,9 @@ def open_log(
     Raises:
         LogError: as `JournalWriter`.
     """
-    return (
-        LogInMemory(columns, metadata)
-        if path is None
-        else JournalWriter(path, columns, metadata, force=force)
-    )
+    if path is None:
+        return LogInMemory(columns, metadata)
+    return JournalWriter(path, columns, metadata, force=force)
 
 
 Signals = list[tuple[OutputPort, list[str]]]
@@ -103,7 +101,10 @@ class OpenBuilder(DiagramBuilder):
 
     def ExportOutput(self, output: OutputPort, name: Any = None) -> Any:  # noqa: N802 (Drake's)
         """Exports an output as Drake does."""
-        index = super().ExportOutput(output) if name is None else super().ExportOutput(output, name)
+        if name is None:
+            index = super().ExportOutput(output)
+        else:
+            index = super().ExportOutput(output, name)
         self.exported[output.get_name() if name is None else str(name)] = output
         return index
 
@@ -198,7 +199,10 @@ class RunRecorder(LeafSystem):
             for index, size in enumerate(sizes)
         ]
         self._unwrapper = RowUnwrapper(columns)
-        period = row_period(rate, step) if step else 1.0 / rate
+        if step:
+            period = row_period(rate, step)
+        else:
+            period = 1.0 / rate
         if with_samples:
             self.DeclareDiscreteState(1)
             self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._record_in_update)

@@ -309,7 +309,9 @@ def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) 
         metadata = json.loads(raw)
     except ValueError as cause:
         raise LogError(f"{source}: metadata are not readable JSON ({cause})") from cause
-    found = metadata.get("schema") if isinstance(metadata, dict) else None
+    found = None
+    if isinstance(metadata, dict):
+        found = metadata.get("schema")
     if found != SCHEMA:
         raise LogError(f"{source}: schema {found!r} cannot be read; this version reads {SCHEMA!r}")
     checked(_Metadata, metadata, f"{source}: metadata", LogError)
@@ -318,11 +320,9 @@ def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) 
 
 def _journal_hint(path: Path) -> str:
     journal = path.with_name(path.name + ".journal")
-    return (
-        f"; its journal is there: `aerodima log recover {journal}` rescues it"
-        if journal.is_file()
-        else ""
-    )
+    if journal.is_file():
+        return f"; its journal is there: `aerodima log recover {journal}` rescues it"
+    return ""
 
 
 def refuse_missing(names: Sequence[str], metadata: Mapping[str, Any], source: str) -> None:
@@ -342,7 +342,10 @@ def missing_columns(names: Iterable[str], kind: str, has_tail: bool) -> list[str
     columns are welcome.
     """
     present = set(names)
-    required = [TIME, "angle_rad"] if kind in RIG_KINDS else [TIME]
+    if kind in RIG_KINDS:
+        required = [TIME, "angle_rad"]
+    else:
+        required = [TIME]
     if kind == "car_run":
         required = [column.name for column in sensor_columns() if not column.optional]
         if any("_truth_" in name for name in present):

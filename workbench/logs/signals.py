@@ -75,11 +75,9 @@ def gaps_in(time: FloatArray) -> NDArray[np.int64]:
     steps.
     """
     steps = np.diff(time)
-    return (
-        np.flatnonzero(steps > GAP_FACTOR * np.median(steps))
-        if steps.size
-        else np.zeros(0, dtype=np.int64)
-    )
+    if steps.size:
+        return np.flatnonzero(steps > GAP_FACTOR * np.median(steps))
+    return np.zeros(0, dtype=np.int64)
 
 
 def check_gaps(time: FloatArray, largest_step: float | None = None, column: str = "time_s") -> None:
@@ -87,7 +85,10 @@ def check_gaps(time: FloatArray, largest_step: float | None = None, column: str 
     steps).
     """
     steps = np.diff(time)
-    allowed = GAP_FACTOR * float(np.median(steps)) if largest_step is None else largest_step
+    if largest_step is None:
+        allowed = GAP_FACTOR * float(np.median(steps))
+    else:
+        allowed = largest_step
     wide = np.flatnonzero(steps > allowed)
     if wide.size:
         at = int(wide[0])
@@ -145,8 +146,12 @@ def low_pass(
             f"second, there are {1 / step:.4g}"
         )
     even = bool(np.all(np.abs(np.diff(time) - step) <= _JITTER * step))
-    grid = time if even else np.linspace(time[0], time[-1], len(time))
-    samples = signal if even else np.interp(grid, time, signal)
+    if even:
+        grid = time
+        samples = signal
+    else:
+        grid = np.linspace(time[0], time[-1], len(time))
+        samples = np.interp(grid, time, signal)
     try:
         filtered = sosfiltfilt(
             butter(design.order, design.cutoff_hz, output="sos", fs=1.0 / step), samples
@@ -156,7 +161,9 @@ def low_pass(
             f"column {column!r}: {len(signal)} samples are too few for a filter of order "
             f"{design.order}"
         ) from cause
-    return filtered if even else np.interp(time, grid, filtered)
+    if even:
+        return filtered
+    return np.interp(time, grid, filtered)
 
 
 def resting_line(
@@ -195,7 +202,9 @@ def stated_rest(run_log: RunLog) -> Interval | None:
     LogError when it is not two times.
     """
     stated = run_log.stated(REST, 2)
-    return None if stated is None else (stated[0], stated[1])
+    if stated is None:
+        return None
+    return (stated[0], stated[1])
 
 
 def in_parts(time: FloatArray, parts: Sequence[Interval]) -> BoolArray:
@@ -294,7 +303,9 @@ def remove_drift(
         signal = run_log.signal(name)
         _named(run_log, check_signals, time, {name: signal}, largest_step=np.inf)
         slope, mean, centre = resting_line(time, signal, resting)
-        kept = mean + slope * (time[resting][0] - centre) if level == "keep" else 0.0
+        kept = 0.0
+        if level == "keep":
+            kept = mean + slope * (time[resting][0] - centre)
         changed[name] = signal - (mean + slope * (time - centre)) + kept
         notes.append(
             f"drift of {name}: {slope:.3g} per s, {mean:.4g} at rest"
@@ -339,7 +350,9 @@ def earlier_shift(run_log: RunLog) -> float:
 
 def _noted(run_log: RunLog, notes: Sequence[str]) -> RunLog:
     entries = [*run_log.extra.get("conditioning", []), {"notes": list(notes)}]
-    return replace(run_log, extra={**run_log.extra, "conditioning": entries}) if notes else run_log
+    if notes:
+        return replace(run_log, extra={**run_log.extra, "conditioning": entries})
+    return run_log
 
 
 def _is_held(column: str) -> bool:

@@ -51,9 +51,9 @@ def plant_speed(run_log: RunLog) -> FloatArray:
 
 def plant_tilt(run_log: RunLog) -> FloatArray | None:
     """Angle of the base's z axis from the world's, degrees, shape (n,); None without a base."""
-    return (
-        np.degrees(run_log.signal("tilt_truth_rad")) if "tilt_truth_rad" in run_log.table else None
-    )
+    if "tilt_truth_rad" in run_log.table:
+        return np.degrees(run_log.signal("tilt_truth_rad"))
+    return None
 
 
 def plant_air(run_log: RunLog) -> FloatArray | None:
@@ -61,7 +61,9 @@ def plant_air(run_log: RunLog) -> FloatArray | None:
     tail.
     """
     forces = [air_force(run_log, name) for name, _ in tails_of(run_log)]
-    return np.asarray(np.sum(forces, axis=0)) if forces else None
+    if forces:
+        return np.asarray(np.sum(forces, axis=0))
+    return None
 
 
 def of_plants(run_logs: Sequence[RunLog]) -> bool:
@@ -85,7 +87,9 @@ def plant_outcome(run_log: RunLog) -> Outcome | None:
     if "tilt_truth_rad" not in run_log.table:
         return None
     tilt = run_log.signal("tilt_truth_rad")
-    return outcome_from(run_log.time, tilt) if tilt[0] <= FLIP_TILT else None
+    if tilt[0] <= FLIP_TILT:
+        return outcome_from(run_log.time, tilt)
+    return None
 
 
 def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:

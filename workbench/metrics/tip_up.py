@@ -76,7 +76,8 @@ def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
     contact = signals.ground_contact
     steered = signals.from_start
     lifts = [run_log.signal(name)[steered] for name in LIFT_COLUMNS if name in run_log.table]
-    windows = [(*signals.window, signals.sign)] if windows is None else windows
+    if windows is None:
+        windows = [(*signals.window, signals.sign)]
     last = signals.time[-1] - LAST
     time = run_log.time
     turning = np.zeros(time.shape, bool)
@@ -137,7 +138,9 @@ def lateral_acceleration(
         if np.count_nonzero(inside) > 1:
             turned += side * float(trapezoid(speed[inside], course[inside]))
             length += float(np.ptp(time[inside]))
-    return turned / length if length else None
+    if length:
+        return turned / length
+    return None
 
 
 def path_row(run_log: RunLog, scenario: Scenario) -> dict[str, float | bool]:

@@ -127,7 +127,10 @@ def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = N
     sign = turn_sign(run_log)
     window = turn_window(run_log)
     source = source or ("truth" if run_log.has_truth else "sensors")
-    named = _from_truth(run_log) if source == "truth" else _from_sensors(run_log, window)
+    if source == "truth":
+        named = _from_truth(run_log)
+    else:
+        named = _from_sensors(run_log, window)
     check_signals(time, {f"{name} ({source})": values for name, values in named.items()})
     if time[0] > window[0] + _TIME_MARGIN or time[-1] < window[1] - _TIME_MARGIN:
         raise LogError(
@@ -175,7 +178,10 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
     """
     if DRIVEN_BY in run_log.extra:
         steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
-        first, last = (steered[0], steered[-1]) if steered.size else (0, -1)
+        if steered.size:
+            first, last = (steered[0], steered[-1])
+        else:
+            first, last = (0, -1)
         return float(run_log.time[first]), float(run_log.time[last])
     kind = run_log.setting("manoeuvre", "kind")
     first = float(run_log.time[0])
@@ -200,20 +206,22 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
     settings = run_log.scenario["manoeuvre"]
     if kind == "fishhook":
         steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
-        steered_until = float(run_log.time[steered[-1]]) if steered.size else start
+        if steered.size:
+            steered_until = float(run_log.time[steered[-1]])
+        else:
+            steered_until = start
         return start, min(steered_until + steer_angle / rate, last)
     # A log of before has one level and one step of steering and does not name others.
     first_level = [
         run_log.number("manoeuvre", key) for key in ("first_angle", "first_hold") if key in settings
     ]
-    steps = (
-        (int(settings.get("turns", 1)), float(settings.get("turn_gap", 0.0)))
-        if kind == "turn"
-        else ()
-    )
-    return start, start + steering_time(hold, *steps) + angle_to_straighten(
-        steer_angle, hold, rate, *first_level
-    ) / rate
+    repeats = 1
+    gap = 0.0
+    if kind == "turn":
+        repeats = int(settings.get("turns", 1))
+        gap = float(settings.get("turn_gap", 0.0))
+    straightening = angle_to_straighten(steer_angle, hold, rate, *first_level) / rate
+    return start, start + steering_time(hold, repeats, gap) + straightening
 
 
 class SteeredWindow(NamedTuple):
@@ -292,7 +300,9 @@ def _without_bias(run_log: RunLog, column: str, turn_start: float) -> FloatArray
     rate = run_log.signal(column)
     check_signals(time, {column: rate})
     straight = (time >= 0.5 * (time[0] + turn_start)) & (time < turn_start)
-    return rate - float(np.mean(rate[straight])) if np.any(straight) else rate
+    if np.any(straight):
+        return rate - float(np.mean(rate[straight]))
+    return rate
 
 
 def _columns(run_log: RunLog, names: list[str]) -> FloatArray | None:
@@ -351,4 +361,6 @@ def settled_row(table: pd.DataFrame | Mapping[str, FloatArray], turn_end: float)
         calm &= np.asarray(table[name]) > LOADED_FORCE
     restless = np.maximum.accumulate(np.where(calm, turn_end, time))
     settled = time - restless >= CALM_FOR - _ROUNDING
-    return int(np.argmax(settled)) if settled.any() else None
+    if settled.any():
+        return int(np.argmax(settled))
+    return None

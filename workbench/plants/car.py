@@ -71,7 +71,9 @@ class CarPlant:
     @property
     def instances(self) -> list[ModelInstanceIndex]:
         """Car and tail arm, without the added mass of the air."""
-        return [self.car] if self.tail is None else [self.car, self.tail]
+        if self.tail is None:
+            return [self.car]
+        return [self.car, self.tail]
 
     @property
     def actuated_joints(self) -> list[str]:

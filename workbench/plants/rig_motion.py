@@ -51,11 +51,10 @@ def rig_law(scenario: RigScenario) -> tuple[SectionLaw, float | None]:
         if scenario.is_robot:
             return NormalForceLaw(aero.normal_force), None
         return PolarLaw(aero.drag, aero.lift, lift_blend=aero.lift_blend), None
-    name = (
-        "robot_tail_line"
-        if scenario.is_robot
-        else f"cheetah_tail_{experiment.tail}_{experiment.axis}"
-    )
+    if scenario.is_robot:
+        name = "robot_tail_line"
+    else:
+        name = f"cheetah_tail_{experiment.tail}_{experiment.axis}"
     return _measured_law(name, aero.lift_blend)
 
 
@@ -135,7 +134,10 @@ class RigMotion:
         maxon = scenario.maxon
         bodies, blades = _parts(scenario)
         x, y, z = pivot_position(scenario.mount).tolist()
-        parts = tail_layout(scenario, ADDED_MASS_PARTS).distances if blades else ()
+        if blades:
+            parts = tail_layout(scenario, ADDED_MASS_PARTS).distances
+        else:
+            parts = ()
         return cls(
             bodies=bodies,
             rotor=motor.rotor_inertia * motor.gear_ratio**2 if robot else maxon.reflected_inertia,

@@ -220,7 +220,10 @@ class SdfModel:
         raise ModelError(f"{self.path}: no {kind} {name!r}; it has {known}")
 
     def _shapes(self, link: str, shape: str | None, kind: str = "*") -> list[ElementTree.Element]:
-        kinds = ("visual", "collision") if kind == "*" else (kind,)
+        if kind == "*":
+            kinds = ["visual", "collision"]
+        else:
+            kinds = [kind]
         found = [element for element in self._named("link", link) if element.tag in kinds]
         if shape is None:
             return found

@@ -94,7 +94,9 @@ class MassMoments:
 
 def _whole(product: float, inertia: np.ndarray) -> float:
     """A product of inertia; that of a symmetric body, which is rounding, as 0."""
-    return 0.0 if abs(product) < 1e-14 * float(np.trace(inertia)) else float(product)
+    if abs(product) < 1e-14 * float(np.trace(inertia)):
+        return 0.0
+    return float(product)
 
 
 def rod_moments(density: float, length: float, radius: float) -> MassMoments:
@@ -299,11 +301,10 @@ class Plate(TailPart):
                 "allowed: n lengths, "
                 "n + 1 chords, and 1 or n axes"
             )
-        wrong = (
-            ("depth", self.depth)
-            if self.kind == "half_shell"
-            else ("cap_density", self.cap_density)
-        )
+        if self.kind == "half_shell":
+            wrong = ("depth", self.depth)
+        else:
+            wrong = ("cap_density", self.cap_density)
         if wrong[1] > 0.0:
             raise ValueError(f"{where}: {wrong[0]} is {wrong[1]:g}; allowed: 0 for a {self.kind}")
         for axis in self.axes:
@@ -374,7 +375,10 @@ def _layout(run: list[Piece], sections: int) -> SectionLayout:
     first = run[0]
     start = float(first.start @ first.axis)
     through_origin = start >= 0.0 and np.linalg.norm(first.start - start * first.axis) < 1e-12
-    root, start = (np.zeros(3), start) if through_origin else (first.start, 0.0)
+    if through_origin:
+        root, start = (np.zeros(3), start)
+    else:
+        root, start = (first.start, 0.0)
     axis, normal, p_BoRo_B = (as_tuple(value) for value in (first.axis, first.normal, root))
     length = sum(piece.length for piece in run)
     if len(run) == 1 and first.chords[0] == first.chords[1]:
@@ -441,11 +445,9 @@ class _KnownInertial(QuantityModel):
 
 
 def _read_inertial(value: Any) -> Any:
-    return (
-        Inertial(**_KnownInertial.model_validate(value).model_dump())
-        if isinstance(value, dict)
-        else value
-    )
+    if isinstance(value, dict):
+        return Inertial(**_KnownInertial.model_validate(value).model_dump())
+    return value
 
 
 _Known = Annotated[Inertial | None, BeforeValidator(_read_inertial)]
@@ -535,13 +537,15 @@ class TailGeometry(TailPart):
         Raises:
             ModelError: no plate faces that direction.
         """
-        chosen = self.plates[0].normal if direction is None else direction
-        seen = self.facing_area(chosen)
+        if direction is None:
+            direction = self.plates[0].normal
+        seen = self.facing_area(direction)
         if seen < 1e-12:
-            raise ModelError(f"tail {self.name!r}: no plate faces the direction {tuple(chosen)}")
-        return np.asarray(
-            sum(facing * piece.area * piece.centre for facing, piece in self._facing(chosen)) / seen
+            raise ModelError(f"tail {self.name!r}: no plate faces the direction {tuple(direction)}")
+        moment = sum(
+            facing * piece.area * piece.centre for facing, piece in self._facing(direction)
         )
+        return np.asarray(moment / seen)
 
     def _facing(self, direction: Sequence[float]) -> list[tuple[float, Piece]]:
         along = unit_vector(direction)
@@ -582,7 +586,10 @@ class TailGeometry(TailPart):
                 f"tail {self.name!r}: added mass needs a straight arm; this one is bent"
             )
         (axis,) = axes
-        sideways = np.eye(3)[1] if abs(axis[1]) < 0.9 else np.eye(3)[0]
+        if abs(axis[1]) < 0.9:
+            sideways = np.eye(3)[1]
+        else:
+            sideways = np.eye(3)[0]
         normal = unit_vector(sideways - (sideways @ axis) * np.asarray(axis))
         return SectionLayout.strip(
             start=0.0, length=sum(self.arm.lengths), width=self.plates[0].chords[0], number=parts,

@@ -58,11 +58,10 @@ def caption_of(run_log: RunLog) -> Caption:
     if TAIL_LAW in run_log.extra:
         tail = f"tail law {run_log.extra[TAIL_LAW]}"
     speed = float(manoeuvre["speed"])
-    turn = (
-        f"{manoeuvre['direction']} turn, "
-        if manoeuvre["kind"] not in ("straight", "slalom")
-        else ""
-    )
+    if manoeuvre["kind"] not in ("straight", "slalom"):
+        turn = f"{manoeuvre['direction']} turn, "
+    else:
+        turn = ""
     reckoned = ", path reckoned from the sensors" if RECKONED in run_log.extra else ""
     facts = f"{turn}{speed:.2f} m/s ({3.6 * speed:.1f} km/h), {tail}{reckoned}"
     if DIAGRAM in run_log.extra:

@@ -56,7 +56,10 @@ def foxglove_scene(run_log: RunLog) -> Iterator[SceneMessage]:
 
 def _messages(logged: LoggedRun, context: Context) -> Iterator[SceneMessage]:
     time = logged.run_log.time
-    rows = frame_rows(time, 1.0)[0] if len(time) > 1 else np.zeros(1, dtype=np.int64)
+    if len(time) > 1:
+        rows = frame_rows(time, 1.0)[0]
+    else:
+        rows = np.zeros(1, dtype=np.int64)
     arrows = force_arrows(logged)
     scene = shapes_of(logged.plant, logged.scene_graph)
     plant_context = logged.plant.GetMyMutableContextFromRoot(context)

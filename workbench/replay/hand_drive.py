@@ -115,7 +115,9 @@ class WishedDriving:
         change = float(np.clip(self.wishes.speed - self._speed, -most, most))
         self._speed = self._speed + change
         self._time = time
-        acceleration = change / most * ACCELERATION if most > 0.0 else 0.0
+        acceleration = 0.0
+        if most > 0.0:
+            acceleration = change / most * ACCELERATION
         steering = float(np.clip(self.wishes.steering, -self.limit, self.limit))
         return DriverInput(
             steering, self.line.throttle(self._speed, acceleration), self.wishes.planned_turn
@@ -151,7 +153,10 @@ class HandOrLaw:
         """See `TailLaw`."""
         after, pitch, roll, state = self._law.step(memory[:-1], observation)
         wanted = self._driving.wishes.tail_roll
-        held = observation.roll_angle if math.isnan(memory[-1]) else memory[-1]
+        if math.isnan(memory[-1]):
+            held = observation.roll_angle
+        else:
+            held = memory[-1]
         if math.isnan(wanted) or math.isnan(held):
             return np.append(after, math.nan), pitch, roll, state
         most = TAIL_SPEED / self.rate
@@ -187,7 +192,10 @@ def drive_by_hand(
     """
     written: list[Path] = []
     for attempt in count(1):
-        path = log if log is None or attempt == 1 else log.with_stem(f"{log.stem}_{attempt}")
+        if log is None or attempt == 1:
+            path = log
+        else:
+            path = log.with_stem(f"{log.stem}_{attempt}")
         driving = WishedDriving(throttle_line(scenario), scenario.servo.limit)
         gains = (scenario.controller.hold_kp, scenario.controller.hold_kd)
         if meshcat is not None:

@@ -135,11 +135,9 @@ def add_logged_run(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
             body or a tail; a value is not finite.
     """
     check_time(run_log.time)
-    return (
-        _add_plant(builder, run_log)
-        if run_log.kind == PLANT_RUN
-        else _add_car(builder, replayable(run_log))
-    )
+    if run_log.kind == PLANT_RUN:
+        return _add_plant(builder, run_log)
+    return _add_car(builder, replayable(run_log))
 
 
 def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:

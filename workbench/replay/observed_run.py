@@ -194,7 +194,10 @@ def observe(
     if meshcat is not None:
         watched.show(builder, truth, meshcat, air_scale)
     step = watched.plant.time_step()
-    stated = settings.resolved() if isinstance(settings, Scenario) else dict(settings or {})
+    if isinstance(settings, Scenario):
+        stated = settings.resolved()
+    else:
+        stated = dict(settings or {})
     if (
         isinstance(settings, Scenario)
         and watched.station is not None
@@ -229,7 +232,9 @@ def _car_signals(builder: DiagramBuilder, station: Diagram) -> Signals:
     signals = signals_of(CAR_PORTS, output_ports(*sources, station))
     found = {name for _, names in signals for name in names}
     wanted = {column.name for column in sensor_columns()[1:] if not column.optional}
-    return signals + truth_signals(station) if wanted <= found else []
+    if wanted <= found:
+        return signals + truth_signals(station)
+    return []
 
 
 def _further(builder: DiagramBuilder, signals: Mapping[str, OutputPort]) -> Signals:

@@ -162,7 +162,10 @@ def tube(points: FloatArray, radius: float) -> tuple[FloatArray, NDArray[np.int3
     """A line of points (n, 3) as a square tube: vertices (3, 4 n) and faces (3, m); WebGL draws
     lines a pixel wide.
     """
-    along = np.gradient(points, axis=0) if len(points) > 1 else np.ones_like(points)
+    if len(points) > 1:
+        along = np.gradient(points, axis=0)
+    else:
+        along = np.ones_like(points)
     side = np.cross(along, [0.0, 0.0, 1.0])
     norm = np.linalg.norm(side, axis=1, keepdims=True)
     side = np.where(norm > 1e-9, side / np.where(norm > 1e-9, norm, 1.0), [0.0, 1.0, 0.0])

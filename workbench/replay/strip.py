@@ -61,7 +61,9 @@ def _tail_on_top(run_log: RunLog, signals: TurnSignals) -> float | None:
     """When a tail that swings stands straight up, s; None if it does not."""
     side = np.sign(run_log.signal("tail_roll_angle_rad"))
     passes = np.flatnonzero((side[1:] * side[:-1] < 0) & signals.from_start[1:])
-    return float(signals.time[passes[0] + 1]) if passes.size else None
+    if passes.size:
+        return float(signals.time[passes[0] + 1])
+    return None
 
 
 def _kept_upright(
@@ -102,7 +104,9 @@ def _rollover(signals: TurnSignals, trigger: float) -> dict[str, float]:
 def _first(signals: TurnSignals, condition: NDArray[np.bool_], otherwise: float) -> float:
     """First time from the start of the turn on at which a condition holds, s."""
     rows = np.flatnonzero(condition & signals.from_start)
-    return float(signals.time[rows[0]]) if rows.size else otherwise
+    if rows.size:
+        return float(signals.time[rows[0]])
+    return otherwise
 
 
 def _spread(times: list[float], first: float, last: float) -> list[float]:
@@ -112,7 +116,10 @@ def _spread(times: list[float], first: float, last: float) -> list[float]:
     gap = min(_APART, (last - first) / len(times))
     ordered: list[float] = []
     for index, wanted in enumerate(times):
-        earliest = ordered[-1] + gap if ordered else first
+        if ordered:
+            earliest = ordered[-1] + gap
+        else:
+            earliest = first
         latest = last - gap * (len(times) - 1 - index)
         ordered.append(min(max(wanted, earliest), latest))
     return ordered

@@ -100,7 +100,10 @@ class Film:
         ]
         self._pictures = [OffscreenRun(run_log) for run_log in runs.values()]
         self._panel = _ALONE if len(runs) == 1 else _TOGETHER
-        self._columns = len(runs) if len(runs) <= 3 else math.ceil(len(runs) / 2)
+        if len(runs) <= 3:
+            self._columns = len(runs)
+        else:
+            self._columns = math.ceil(len(runs) / 2)
         self._azimuth = float(np.median([one.logged.camera_azimuth for one in self._pictures]))
         self._place = max(one.logged.camera_place for one in self._pictures)
         self._headers = [

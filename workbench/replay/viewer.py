@@ -64,9 +64,10 @@ def _start(port: int | None) -> Meshcat:
     try:
         meshcat = Meshcat(MeshcatParams(host=HOST, port=port))
     except RuntimeError as error:
-        place = (
-            f"port {port} of {HOST} is in use" if port is not None else f"no free port on {HOST}"
-        )
+        if port is not None:
+            place = f"port {port} of {HOST} is in use"
+        else:
+            place = f"no free port on {HOST}"
         raise UserError(
             f"Meshcat: {place}; choose another --port ({PORTS[0]} to {PORTS[1]})"
         ) from error

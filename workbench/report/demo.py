@@ -93,7 +93,9 @@ class DemoRun:
     @property
     def files(self) -> list[Path]:
         """Everything that is made of the run."""
-        return [self.log] if self.replay is None else [self.log, self.replay]
+        if self.replay is None:
+            return [self.log]
+        return [self.log, self.replay]
 
 
 def make_demo(
@@ -148,7 +150,10 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
         settings = [f"manoeuvre.speed={speed!r}", f"seed={plan.seed}"]
         name = f"{mode}_{speed:.2f}"
         scenario = load_scenario(f"turn_{mode}", settings).resolved()
-        replay = out / f"replay_{name}.html" if (mode, speed) in plan.shown else None
+        if (mode, speed) in plan.shown:
+            replay = out / f"replay_{name}.html"
+        else:
+            replay = None
         runs.append(DemoRun(name, scenario, out / "logs" / f"turn_{name}.parquet", replay))
     runs.sort(key=lambda run: run.replay is None)  # the longest pieces of work first
     shown = load_shown_entry()
@@ -161,7 +166,9 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
         )
         for one in shown.candidates
     ]
-    return [*opening, *runs] if plan.opening else runs
+    if plan.opening:
+        return [*opening, *runs]
+    return runs
 
 
 def do_run(run: DemoRun) -> RunSummary:

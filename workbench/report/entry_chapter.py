@@ -142,11 +142,9 @@ def _ending(run_log: RunLog) -> str:
     if outcome_of(run_log).result == "flipped":
         return "rolls over"
     last = found.last_yaw_rate_rad_per_s or 0.0
-    said = (
-        f"{found.touched_when_steered} on the ground"
-        if found.touched_when_steered
-        else "stays upright"
-    )
+    said = "stays upright"
+    if found.touched_when_steered:
+        said = f"{found.touched_when_steered} on the ground"
     if (found.side_lift_m or 0.0) > TWO_WHEELS:
         said = "lifts two wheels"
     elif abs(last) > EXIT_YAW_RATE:

@@ -69,7 +69,10 @@ def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> 
     scene, end = _split(scene, "</body>")
     drake = {"head": head, "scene": scene, "end": "</body>" + end}
     run_log = logged.run_log
-    channels = channels_of([run_log], [run_log.name]) if signals else None
+    if signals:
+        channels = channels_of([run_log], [run_log.name])
+    else:
+        channels = None
     shown = {
         "caption": caption_of(run_log),
         "keys": _keys(logged),
@@ -82,12 +85,12 @@ def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> 
 def _keys(logged: LoggedRun) -> list[tuple[str, str, tuple[int, ...]]]:
     """What arrows and lines mean: sign, words, colour."""
     own = logged.run_log.kind == PLANT_RUN
-    longer = (
-        f"{logged.air_scale:g} m per newton"
-        if own
-        else f"{logged.air_scale / WHEEL_SCALE:.0f} times longer"
-    )
-    wheels = [] if own else [("▲", "ground on the wheels", _css(WHEEL_COLOUR))]
+    if own:
+        longer = f"{logged.air_scale:g} m per newton"
+        wheels = []
+    else:
+        longer = f"{logged.air_scale / WHEEL_SCALE:.0f} times longer"
+        wheels = [("▲", "ground on the wheels", _css(WHEEL_COLOUR))]
     path = ("▬", "path of the centre of mass", _css(COM_COLOUR))
     if not logged.tips:
         return [*wheels, path]
@@ -118,7 +121,10 @@ def _frames(run_log: RunLog, rate: float) -> dict[str, Any]:
 
 def _css(colour: Rgba | tuple[float, float, float]) -> tuple[int, ...]:
     """Red, green and blue from 0 to 255."""
-    parts = (colour.r(), colour.g(), colour.b()) if isinstance(colour, Rgba) else colour
+    if isinstance(colour, Rgba):
+        parts = (colour.r(), colour.g(), colour.b())
+    else:
+        parts = colour
     return tuple(round(255 * part) for part in parts)
 
 
@@ -260,7 +266,10 @@ def _settings(
     rows = Table(
         ["key", *names], [[key, *map(shown_value, values)] for key, values in differences.items()]
     )
-    other = [] if plants else different_cars(differences)
+    if plants:
+        other = []
+    else:
+        other = different_cars(differences)
     if not other:
         return [rows]
     warning = (

@@ -122,11 +122,9 @@ class Plot:
         """Address of the image."""
         if isinstance(self.drawing, str):
             return self.drawing
-        return (
-            f"{self.name}.png"
-            if self.name
-            else f"data:image/png;base64,{base64.b64encode(self.data).decode()}"
-        )
+        if self.name:
+            return f"{self.name}.png"
+        return f"data:image/png;base64,{base64.b64encode(self.data).decode()}"
 
     @property
     def width(self) -> int | None:
@@ -262,11 +260,10 @@ def write_files(
         elif isinstance(content, str | bytes):
             made[name] = content
         else:
-            made[name] = (
-                content.to_csv(index=False)
-                if name.endswith(".csv")
-                else content.to_parquet(index=False)
-            )
+            if name.endswith(".csv"):
+                made[name] = content.to_csv(index=False)
+            else:
+                made[name] = content.to_parquet(index=False)
     return [
         write_atomically(folder / name, content, force, error) for name, content in made.items()
     ]

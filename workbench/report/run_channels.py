@@ -112,7 +112,10 @@ def _first_chosen(run_logs: Sequence[RunLog], there: set[str]) -> list[str]:
             for axis in "yz"
         ]
         return [*_SHOWN_OF_PLANT, *dict.fromkeys(air)]
-    roll = [] if "roll_truth_rad" in there else ["roll_estimate_rad"]
+    if "roll_truth_rad" in there:
+        roll = []
+    else:
+        roll = ["roll_estimate_rad"]
     return [*_SHOWN, *(_SHOWN_OF_ONE if len(run_logs) == 1 else roll)]
 
 
@@ -122,7 +125,10 @@ def line_looks() -> list[dict[str, Any]]:
     """
     looks = []
     for colour, line in RUN_STYLES:
-        dash = [] if line == "-" else [round(1.6 * length, 1) for length in line[1]]
+        if line == "-":
+            dash = []
+        else:
+            dash = [round(1.6 * length, 1) for length in line[1]]
         looks.append({"colour": colour, **({"dash": dash} if dash else {})})
     return looks
 

@@ -107,7 +107,10 @@ class SampledSensor(LeafSystem):
             "age", 1, weakly(self._calc_age), {self.time_ticket(), self._sample_time.ticket}
         )
         self.DeclareInitializationUnrestrictedUpdateEvent(self._initialise)
-        period = period_of(rate, Stage.SENSOR) if discrete else 1.0 / rate
+        if discrete:
+            period = period_of(rate, Stage.SENSOR)
+        else:
+            period = 1.0 / rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._sample)
         if not self._shows_at_once:
             self.DeclarePeriodicDiscreteUpdateEvent(period, lag * rate * period, self._show)

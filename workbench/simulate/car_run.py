@@ -206,11 +206,10 @@ def assemble(
             "car"
         )
     for name in DRIVER_PORTS:
-        ports[name] = (
-            builder.exported.pop(name)
-            if name in builder.exported
-            else constant(builder, f"no_{name}", [0.0])
-        )
+        if name in builder.exported:
+            ports[name] = builder.exported.pop(name)
+        else:
+            ports[name] = constant(builder, f"no_{name}", [0.0])
     sources: list[System] = [station]
     if not lean:
         from aerodima.workbench.sensors.roll_estimator import RollEstimator
@@ -307,10 +306,16 @@ def run_outcome(
         outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
         metadata = _metadata(car, scenario, law, build)
         simulator = Simulator(car.builder.Build())
-        begin = start_speed(scenario) if speed is None else speed
+        if speed is None:
+            begin = start_speed(scenario)
+        else:
+            begin = speed
         _set_rolling(car, simulator.get_mutable_context(), scenario, begin)
         view.begin(simulator, run_time(scenario))
-        stop_after = turn_end(scenario) if stop_when_certain else math.inf
+        if stop_when_certain:
+            stop_after = turn_end(scenario)
+        else:
+            stop_after = math.inf
         for time in _looks(scenario, stop_after):
             simulator.AdvanceTo(time)
             if outcome.is_certain(simulator.get_context(), stop_after):
@@ -324,7 +329,9 @@ def run_outcome(
 
 def _over(car: CarDiagram, build: Build | None) -> AbstractContextManager[None]:
     """`released`, unless the diagram is a user's, who may still hold systems of it."""
-    return released(car.builder) if build is None else nullcontext()
+    if build is None:
+        return released(car.builder)
+    return nullcontext()
 
 
 def start_speed(scenario: Scenario) -> float:
@@ -364,13 +371,18 @@ def _looks(scenario: Scenario, first: float) -> Iterator[float]:
 def _behind_rows(scenario: Scenario, time: float) -> float:
     """When the rows of an instant are written and the plant has not yet stepped, s."""
     instant = step_instant(time, scenario.simulation.step)
-    return time * (1.0 - 0.5 * LEAD) if instant is None else instant
+    if instant is None:
+        return time * (1.0 - 0.5 * LEAD)
+    return instant
 
 
 def _metadata(
     car: CarDiagram, scenario: Scenario, law: TailLaw | None, build: Build | None
 ) -> dict[str, Any]:
-    facts = swing_facts(scenario) if law is None else {TAIL_LAW: type(law).__name__}
+    if law is None:
+        facts = swing_facts(scenario)
+    else:
+        facts = {TAIL_LAW: type(law).__name__}
     if build is not None:
         facts = {DIAGRAM: name_of(build)}
     return run_metadata(scenario.resolved(), scenario.seed, extra=plant_facts(car.station) | facts)
@@ -398,20 +410,21 @@ def turn_end(scenario: Scenario) -> float:
         manoeuvre.first_angle,
         manoeuvre.first_hold,
     )
-    steps = (manoeuvre.turns, manoeuvre.turn_gap) if manoeuvre.kind == "turn" else ()
-    return (
-        turn_start(scenario)
-        + steering_time(manoeuvre.turn_hold, *steps)
-        + angle / servo.rate
-        + slack
-    )
+    if manoeuvre.kind == "turn":
+        steered = steering_time(manoeuvre.turn_hold, manoeuvre.turns, manoeuvre.turn_gap)
+    else:
+        steered = steering_time(manoeuvre.turn_hold)
+    return turn_start(scenario) + steered + angle / servo.rate + slack
 
 
 def plant_facts(station: Diagram) -> dict[str, float]:
     """Masses (kg) of a simulated station, for `extra` of a run log."""
     car = simulated_car(station)
     context = car.plant.CreateDefaultContext()
-    tail_mass = 0.0 if car.tail is None else car.plant.CalcTotalMass(context, [car.tail])
+    if car.tail is None:
+        tail_mass = 0.0
+    else:
+        tail_mass = car.plant.CalcTotalMass(context, [car.tail])
     return {
         "tail_mass_kg": tail_mass,
         "total_mass_kg": car.plant.CalcTotalMass(context, car.instances),

@@ -132,8 +132,9 @@ class CarDrives(LeafSystem):
         self.DeclareVectorOutputPort(
             "drives", DRIVES_SIZE, weakly(self._calc), prerequisites_of_calc=tickets
         )
-        self._p_BoSo_B = None if p_BoSo_B is None else p_BoSo_B.tolist()
+        self._p_BoSo_B = None
         if p_BoSo_B is not None:
+            self._p_BoSo_B = p_BoSo_B.tolist()
             self._joints = TailJoints.of_scenario(scenario)
             self._lines = sail_strips(scenario.tail)
             inputs = {self.all_input_ports_ticket()}
@@ -203,7 +204,10 @@ class CarDrives(LeafSystem):
 
     def _line(self, x: list[float], layout: SectionLayout, sail: SailMotion) -> LineMotion:
         """Motion of a line of sections against the air."""
-        wind = x[self._parts["wind_velocity"]] if "wind_velocity" in self._parts else None
+        if "wind_velocity" in self._parts:
+            wind = x[self._parts["wind_velocity"]]
+        else:
+            wind = None
         return layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, wind)
 
     def _air(self, x: list[float]) -> tuple[float, ...]:

@@ -89,10 +89,14 @@ def _simulate(
     wires = Wires(builder, STATION_INPUTS)
     wind = add_wind_source(builder, scenario)
     gusts = wind is not None and scenario.wind.gust_amplitude > 0.0
-    pushing = wind.GetOutputPort("wind_acceleration") if wind and gusts else None
+    pushing = None
+    if wind and gusts:
+        pushing = wind.GetOutputPort("wind_acceleration")
     seen = with_truth or meshcat is not None
     car = add_car_plant(builder, scenario, pushing, sampled_outputs=with_truth, drawn=seen)
-    blowing = None if wind is None else wind.GetOutputPort("wind_velocity")
+    blowing = None
+    if wind is not None:
+        blowing = wind.GetOutputPort("wind_velocity")
     driven = add_car_drives(builder, wires, scenario, car, blowing)
     reports: dict[str, System] = {}
     if car.tail is None:
@@ -149,7 +153,10 @@ def _add_tail(
         )
         # A sail that faces the wind has no joint, its angle is that of the wind.
         free = scenario.tail.sail == "free"
-        turn = driven.moves("angles")[2] if free else driven.system.GetOutputPort("wind_direction")
+        if free:
+            turn = driven.moves("angles")[2]
+        else:
+            turn = driven.system.GetOutputPort("wind_direction")
         wires.feed(sail.GetInputPort("joint_angle"), turn)
         angle, rate = map(sail.GetOutputPort, ("angle", "rate"))
     wires.feed(

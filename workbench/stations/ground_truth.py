@@ -343,10 +343,9 @@ def contact_slots(car_plant: CarPlant) -> dict[int, str]:
             body = plant.get_body(index)
             for geometry in plant.GetCollisionGeometriesForBody(body):
                 shape = inspector.GetName(geometry).split("::")[-1]
-                part = (
-                    body.name().removesuffix("_wheel")
-                    if shape.startswith("tyre")
-                    else shape.split("_")[0]
-                )
+                if shape.startswith("tyre"):
+                    part = body.name().removesuffix("_wheel")
+                else:
+                    part = shape.split("_")[0]
                 slots[geometry.get_value()] = part
     return slots

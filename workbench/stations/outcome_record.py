@@ -260,7 +260,9 @@ class FlipWatch(LeafSystem):
 
     def facts(self) -> dict[str, float]:
         """For `extra` of the log: when the watch ended the run, if it did."""
-        return {} if self.stopped is None else {STOPPED: self.stopped}
+        if self.stopped is None:
+            return {}
+        return {STOPPED: self.stopped}
 
     def _look(self, context: Context) -> EventStatus:
         state = vector_of(self._state, context)

@@ -82,7 +82,9 @@ class MaxonMotor(LeafSystem):
     def current(self, command: float) -> float:
         """Current that flows at a command, A."""
         limit = self._settings.current_limit
-        return min(max(command, -limit), limit) if command == command else 0.0
+        if command == command:
+            return min(max(command, -limit), limit)
+        return 0.0
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         command = vector_of(self._command, context)

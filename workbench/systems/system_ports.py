@@ -201,7 +201,9 @@ class Wires:
                 self._sources.append(source)
                 self._sizes.append(source.size())
             place = self._sources.index(source)
-            for index in range(self._sizes[place]) if indices is None else indices:
+            if indices is None:
+                indices = range(self._sizes[place])
+            for index in indices:
                 selections.append(
                     SelectorParams.OutputSelection(input_port_index=place, input_offset=index)
                 )
@@ -385,7 +387,9 @@ def row_period(rate: float, step: float) -> float:
     """
     steps = round(1.0 / (rate * step))
     shared = math.isclose(steps * rate * step, 1.0) and steps.bit_count() == 1
-    return steps * step if shared else period_of(rate, Stage.RECORD)
+    if shared:
+        return steps * step
+    return period_of(rate, Stage.RECORD)
 
 
 def nominal_time(time: float, rate: float) -> float:
