@@ -93,9 +93,10 @@ def _lock_memory() -> str:
     return "memory locked"
 
 
-DRIVE_PRIORITY, EMULATOR_PRIORITY = 40, 30
-"""SCHED_RR priorities: the emulated car below what a real computer runs, none above the kernel's
-own threads for interrupts."""
+DRIVE_PRIORITY = 40
+"""SCHED_RR priority of what a real computer runs; below the kernel's own threads for interrupts."""
+EMULATOR_PRIORITY = 30
+"""SCHED_RR priority of the emulated car; below that of what a real computer runs."""
 SWITCH_INTERVAL = 0.0005
 """s; how long a thread that computes may keep the others waiting. Python's own 5 ms are half a
 cycle of the loop."""

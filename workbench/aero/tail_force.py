@@ -51,7 +51,14 @@ from aerodima.workbench.systems.system_ports import (
 SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
 ADDED_MASS_PREFIX = "added_mass_"
 """How the names of model instances and bodies of added mass begin."""
-NOT_EXPOSED, MEASURED, EXTRAPOLATED, BEYOND_QUASI_STEADY = 0.0, 1.0, 2.0, 3.0
+NOT_EXPOSED = 0.0
+"""Validity of a section that is not exposed to the air."""
+MEASURED = 1.0
+"""Validity of a section inside the range of its measured coefficients."""
+EXTRAPOLATED = 2.0
+"""Validity of a section outside that range."""
+BEYOND_QUASI_STEADY = 3.0
+"""Validity of a section faster than the quasi-steady law is meant for."""
 
 
 @system_template("TailForce_", __name__)
@@ -437,7 +444,8 @@ def _words(vector: np.ndarray) -> str:
 
 
 _REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
-_SPEED, _FORCE = (SECTION_COLUMNS.index(name) for name in ("relative_speed_m_per_s", "force_n"))
+_SPEED = SECTION_COLUMNS.index("relative_speed_m_per_s")
+_FORCE = SECTION_COLUMNS.index("force_n")
 _STILL_AIR = 0.1
 """m/s; slower air is not expected to show a force."""
 _ROUNDING = 1e-12

@@ -29,7 +29,9 @@ from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.controllers.tail_law import NO_COMMAND, Observation
 
-ROLL, GYRO_X, GYRO_Z = IMU.index("roll"), IMU.index("gyro_x"), IMU.index("gyro_z")
+ROLL = IMU.index("roll")
+GYRO_X = IMU.index("gyro_x")
+GYRO_Z = IMU.index("gyro_z")
 MIDDLE = 0.1
 """rad; a reference nearer to the middle counts as waiting in the log."""
 

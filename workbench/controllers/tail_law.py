@@ -106,14 +106,13 @@ def observe(
     A GPS is late by nature: its speed counts until its fault code is set. `speed` is None where
     there is none. `steering_angle` is the driver's command, rad.
     """
-    tail, motion, health = (
-        tail_state.tolist(),
-        tuple(imu.tolist()),
-        status.tolist(),
-    )  # floats are quicker to read
-    roll_known, pitch_known, imu_valid = (
-        _fresh(health, age, age_limit) for age in (ROLL_AGE, PITCH_AGE, IMU_AGE)
-    )
+    # Floats are quicker to read.
+    tail = tail_state.tolist()
+    motion = tuple(imu.tolist())
+    health = status.tolist()
+    roll_known = _fresh(health, ROLL_AGE, age_limit)
+    pitch_known = _fresh(health, PITCH_AGE, age_limit)
+    imu_valid = _fresh(health, IMU_AGE, age_limit)
     speed_known = speed is not None and health[SPEED_FAULT] == 0.0
     known: Any = speed
     return Observation(
@@ -137,10 +136,11 @@ def _fresh(status: Sequence[float], age_index: int, age_limit: float) -> bool:
 
 
 GYRO_Z = IMU.index("gyro_z")
-ROLL_ANGLE, PITCH_ANGLE, ROLL_RATE, PITCH_RATE = (
-    TAIL_STATE.index(name) for name in ("roll_angle", "pitch_angle", "roll_rate", "pitch_rate")
-)
+ROLL_ANGLE = TAIL_STATE.index("roll_angle")
+PITCH_ANGLE = TAIL_STATE.index("pitch_angle")
+ROLL_RATE = TAIL_STATE.index("roll_rate")
+PITCH_RATE = TAIL_STATE.index("pitch_rate")
 SPEED_FAULT = STATUS.index("speed_fault")
-ROLL_AGE, PITCH_AGE, IMU_AGE = (
-    STATUS.index(f"{source}_age") for source in ("tail_roll", "tail_pitch", "imu")
-)
+ROLL_AGE = STATUS.index("tail_roll_age")
+PITCH_AGE = STATUS.index("tail_pitch_age")
+IMU_AGE = STATUS.index("imu_age")

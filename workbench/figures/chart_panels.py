@@ -27,7 +27,10 @@ _PIXELS_PER_INCH = 82
 _LEAST_HEIGHT = 120
 _PIXELS_PER_POINT = 1.33
 _LEAST_SAMPLES = 3
-_NO_LINE, _NO_MARK = ("None", "none", " ", ""), ("None", "none", " ", "", None)
+_NO_LINE = ("None", "none", " ", "")
+"""Matplotlib's names of the line style that draws nothing."""
+_NO_MARK = (*_NO_LINE, None)
+"""Matplotlib's names of the marker that draws nothing."""
 _MARKS = {"s": "s", "D": "D", "d": "D", "^": "^", "v": "v", "x": "x", "X": "x", "+": "x"}
 """Matplotlib's marker -> that of the page; others are discs."""
 

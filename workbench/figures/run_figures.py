@@ -33,7 +33,10 @@ from aerodima.workbench.metrics.turn_signals import turn_window
 
 _BEFORE = 0.5
 """Shown before the turn, s."""
-_DASHED, _SHORT = (0, (5, 2)), (0, (4, 1.5))
+_DASHED = (0, (5, 2))
+"""Matplotlib's line style of a true signal."""
+_SHORT = (0, (4, 1.5))
+"""Matplotlib's line style of the rear wheels."""
 
 
 @dataclass(frozen=True)

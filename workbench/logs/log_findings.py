@@ -40,7 +40,10 @@ _LARGEST_OF_UNIT = {
     "rad": 2.1 * np.pi,
 }
 """Largest plausible magnitudes. An angle stays within a turn, apart from `_TURNING`."""
-_TURNING, _LARGEST_TURNED = ("yaw", "sail"), 100.0
+_TURNING = ("yaw", "sail")
+"""Words in the names of angles that may pass a turn."""
+_LARGEST_TURNED = 100.0
+"""Largest plausible angle of these, rad."""
 _MEASURED = ("angle", "angular_velocity", "current", "force_", "torque_", "imu_", "tail_", "speed")
 
 

@@ -29,7 +29,14 @@ from aerodima.workbench.errors import LogError
 
 Number = Annotated[float, Field(strict=False)]
 
-_DEGREE, _KMH, _MPH, _KNOT = math.pi / 180.0, 1.0 / 3.6, 1609.344 / 3600, 1852.0 / 3600
+_DEGREE = math.pi / 180.0
+"""One degree, rad."""
+_KMH = 1.0 / 3.6
+"""One kilometre per hour, m/s."""
+_MPH = 1609.344 / 3600
+"""One mile per hour, m/s."""
+_KNOT = 1852.0 / 3600
+"""One knot, m/s."""
 _FACTORS: dict[str, dict[str, float]] = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "rev": 2.0 * math.pi},

@@ -17,7 +17,8 @@ from aerodima.workbench.errors import ModelError
 DRAKE_NAMESPACE = "http://drake.mit.edu"
 ElementTree.register_namespace("drake", DRAKE_NAMESPACE)
 _CONTACT = ("point_contact_stiffness", "hunt_crossley_dissipation", "mu_static", "mu_dynamic")
-_MOMENTS, _PRODUCTS = ("ixx", "iyy", "izz"), ("ixy", "ixz", "iyz")
+_MOMENTS = ("ixx", "iyy", "izz")
+_PRODUCTS = ("ixy", "ixz", "iyz")
 
 
 @dataclass(frozen=True)

@@ -282,7 +282,10 @@ def ground_partner_friction(car: CarParameters) -> float:
     return car.cage_friction * car.tyre_friction / (2 * car.tyre_friction - car.cage_friction)
 
 
-_ARM_COLOUR, _PLATE_COLOUR = "0.16 0.17 0.20 1", "0.93 0.74 0.18 1"
+_ARM_COLOUR = "0.16 0.17 0.20 1"
+"""Red, green, blue and opacity of the rod, from 0 to 1."""
+_PLATE_COLOUR = "0.93 0.74 0.18 1"
+"""Red, green, blue and opacity of the plates, from 0 to 1."""
 _THIN = 0.002
 """Least drawn thickness of a plate, m."""
 _HALF_CYLINDER = "package://aerodima_models/tail/half_cylinder.obj"

@@ -271,17 +271,24 @@ def _drive(
     return False
 
 
-STEERING, SPEED, NEXT_TURN, TAIL = (
-    "steering, deg",
-    "wanted speed, m/s",
-    "next turn: left 1, right -1",
-    "tail roll, deg",
-)
-PACE, PACE_NOW, SPEED_NOW = "pace wanted", "pace now, 1 = real time", "speed now, m/s"
-TIME_NOW, HEADING_NOW = "time, s", "heading, deg, left +"
+# Names of the sliders.
+STEERING = "steering, deg"
+SPEED = "wanted speed, m/s"
+NEXT_TURN = "next turn: left 1, right -1"
+TAIL = "tail roll, deg"
+PACE = "pace wanted"
+PACE_NOW = "pace now, 1 = real time"
+SPEED_NOW = "speed now, m/s"
+TIME_NOW = "time, s"
+HEADING_NOW = "heading, deg, left +"
 LONGEST = 3600.0
 """The time stops there on its slider, s; the run goes on."""
-STRAIGHT, BY_HAND, PAUSE, RESET, END = "straight", "tail: hand or law", "pause", "reset", "end"
+# Names of the buttons.
+STRAIGHT = "straight"
+BY_HAND = "tail: hand or law"
+PAUSE = "pause"
+RESET = "reset"
+END = "end"
 KEYS = {STRAIGHT: "Space", BY_HAND: "KeyT", PAUSE: "KeyP", RESET: "KeyR", END: "Escape"}
 """Button -> key; the sliders have their keys in `MeshcatControls`."""
 HELP = """arrow keys: steer, and speed wanted; space: wheels straight
@@ -292,11 +299,16 @@ gamepad: left stick steers, right stick rolls the tail
 gamepad: the two triggers brake and accelerate"""
 DEAD_ZONE = 0.08
 """Deflection of a stick that counts as none."""
-LEFT_X, RIGHT_X = 0, 2
-"""Axes of a gamepad in the standard layout of browsers (https://w3c.github.io/gamepad/#remapping).
-"""
-BRAKE, ACCELERATE = 6, 7
-"""Its buttons for the two triggers, from 0 to 1."""
+# Axes and buttons of a gamepad in the standard layout of browsers
+# (https://w3c.github.io/gamepad/#remapping).
+LEFT_X = 0
+"""Axis of the left stick, to the right."""
+RIGHT_X = 2
+"""Axis of the right stick, to the right."""
+BRAKE = 6
+"""Button of the left trigger, from 0 to 1."""
+ACCELERATE = 7
+"""Button of the right trigger, from 0 to 1."""
 PAD_ACCELERATION = 4.0
 """Change of the wanted speed with a trigger pulled, m/s in a second at real time."""
 

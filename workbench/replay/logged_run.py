@@ -28,9 +28,10 @@ from aerodima.workbench.replay.reckoned_motion import replayable, with_turning_s
 from aerodima.workbench.replay.scene_shapes import WORLD_BODY, add_shapes, points_of
 from aerodima.workbench.stations.ground_truth import air_columns, pose_columns
 
-SCENE, AIR_SCALE_KEY = "scene", "air_scale_m_per_n"
-"""Keys in `extra` of a `plant_run`: the shapes that its replay draws, and the length of arrows of
-the air."""
+SCENE = "scene"
+"""Key in `extra` of a `plant_run`: the shapes that its replay draws."""
+AIR_SCALE_KEY = "air_scale_m_per_n"
+"""Key in `extra` of a `plant_run`: the length of arrows of the air, m per N."""
 AIR_SCALE = 0.10
 """Length of the arrow of the air on a tail, m per N, unless the run says another: the car's gives a
 few newtons."""

@@ -31,7 +31,8 @@ MOST_FRAMES = 1000
 NEARER = 0.78
 """Share of `LoggedRun.camera_place` for Meshcat's camera: a visitor can zoom out where a picture
 cannot."""
-TIP_COLOUR, COM_COLOUR = Rgba(0.93, 0.60, 0.10), Rgba(0.25, 0.30, 0.75)
+TIP_COLOUR = Rgba(0.93, 0.60, 0.10)
+COM_COLOUR = Rgba(0.25, 0.30, 0.75)
 _TRACE_RADIUS = 0.006
 _TRACE_PIECES = 200
 

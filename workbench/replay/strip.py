@@ -20,8 +20,10 @@ from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
 from aerodima.workbench.replay.captions import RESULT_COLOURS, caption_of, now_text
 from aerodima.workbench.replay.offscreen import OffscreenRun
 
-_BEFORE, _AFTER = 0.25, 0.75
-"""Time shown before the turn and after it, s."""
+_BEFORE = 0.25
+"""Time shown before the turn, s."""
+_AFTER = 0.75
+"""Time shown after the turn, s."""
 _TIPPING = np.radians(35.0)
 _APART = 0.05
 """Shortest time between two pictures, s, where the run leaves the room."""
@@ -127,7 +129,12 @@ def _spread(times: list[float], first: float, last: float) -> list[float]:
 
 FRAME = (440, 470)
 """Width and height of one picture, pixels."""
-_GAP, _TITLE, _LABEL = 8, 52, 84
+_GAP = 8
+"""Width between two pictures, pixels."""
+_TITLE = 52
+"""Height of the title, pixels."""
+_LABEL = 84
+"""Height of the labels below the pictures, pixels."""
 STRIP = (5 * FRAME[0] + 6 * _GAP, FRAME[1] + _TITLE + _LABEL)
 """Width and height of the strip, pixels."""
 _DPI = 100

@@ -32,10 +32,14 @@ _REST = 1.0
 MOST_SECONDS = 120.0
 """Longest video: a minute of drawing for each run."""
 MOST_RUNS = 6
-_ALONE, _TOGETHER = (640, 400), (480, 300)
-"""Width and height of the picture of one run, and of each of several, pixels; even, as MP4 wants
-them."""
-_HEADER, _GAP = 52, 4
+_ALONE = (640, 400)
+"""Width and height of the picture of one run, pixels; even, as MP4 wants them."""
+_TOGETHER = (480, 300)
+"""Width and height of each picture of several runs, pixels; even, as MP4 wants them."""
+_HEADER = 52
+"""Height of the text above a picture, pixels."""
+_GAP = 4
+"""Width between two pictures, pixels."""
 _INK = "#1c2430"
 
 

@@ -24,7 +24,9 @@ PORTS = (1024, 65535)
 
 WORLD = "/drake"
 GROUND = f"{WORLD}/ground"
-_FLOOR, _FINE, _METRE = Rgba(0.90, 0.91, 0.92), Rgba(0.80, 0.82, 0.84), Rgba(0.42, 0.46, 0.52)
+_FLOOR = Rgba(0.90, 0.91, 0.92)
+_FINE = Rgba(0.80, 0.82, 0.84)
+_METRE = Rgba(0.42, 0.46, 0.52)
 _FINE_STEP = 0.25
 _SHADOW_BIAS = -0.01 / 500.0
 """One centimetre of the 500 m that the shadow of Meshcat's lamp reaches."""

@@ -46,8 +46,12 @@ from aerodima.workbench.report.report_page import (
 )
 
 DEMO_SCHEMA = "aerodima/demo/3"
-PAGE, SUMMARY, MARK, FINISHED = "index.html", "summary.csv", "demo.json", "finished"
-"""`MARK` says of which scenarios a folder's logs are, and whether the demo is finished."""
+PAGE = "index.html"
+SUMMARY = "summary.csv"
+MARK = "demo.json"
+"""This file says of which scenarios a folder's logs are, and whether the demo is finished."""
+FINISHED = "finished"
+"""Key in that file."""
 
 
 @dataclass(frozen=True)

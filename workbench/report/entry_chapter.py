@@ -20,7 +20,8 @@ from aerodima.workbench.report.report_page import Section, Table
 from aerodima.workbench.resources import model_path
 
 SCHEMA = "aerodima/shown_entry/1"
-SHOWN, ENTRIES = "entry/shown.yaml", "entry/entries.csv"
+SHOWN = "entry/shown.yaml"
+ENTRIES = "entry/entries.csv"
 SPEED = "entry_speed_m_per_s"
 UNKNOWN = ("error: ", "no reference", "not proved")
 """Begins `ended_by` of a climb that says nothing about the candidate."""

@@ -141,8 +141,10 @@ def _split(page: str, mark: str) -> tuple[str, str]:
 
 
 MOST_RUNS = len(RUN_STYLES)
-MOST_VIEWS, FIRST_VIEWS = 8, 4
-"""Cars that a comparison draws in 3-D at a time, and at first; browsers end at 16 WebGL views."""
+MOST_VIEWS = 8
+"""Cars that a comparison draws in 3-D at a time; browsers end at 16 WebGL views."""
+FIRST_VIEWS = 4
+"""Cars that a comparison draws in 3-D at first."""
 _CAR_SECTIONS = ("car", "tail", "friction", "tail_motor", "servo", "drive")
 """Sections of a scenario that say which car it is; a difference in one of them is named first."""
 

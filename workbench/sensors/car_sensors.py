@@ -47,11 +47,13 @@ def chassis_motion(values: Any, step: float) -> ChassisMotion:
 Vector = tuple[Any, Any, Any]
 
 
-GYRO_RANGE, FORCE_RANGE = math.radians(2000.0), 4.0 * STANDARD_GRAVITY
-"""Where each axis of the BNO055 in fusion mode saturates (Bosch BST-BNO055-DS000): rad/s; m/s2,
-gravity included."""
+GYRO_RANGE = math.radians(2000.0)
+"""Where each axis of the gyroscope saturates, rad/s; BNO055 in fusion mode (Bosch
+BST-BNO055-DS000)."""
+FORCE_RANGE = 4.0 * STANDARD_GRAVITY
+"""Where each axis of its accelerometer saturates, m/s2, gravity included."""
 STEPS = np.repeat([1.0 / 900.0, 1.0 / 900.0, 0.01], 3)
-"""Its resolution: rad of the attitude, rad/s and m/s2 per count."""
+"""Resolution of the BNO055: rad of the attitude, rad/s and m/s2 per count."""
 
 
 def in_body(R_WB: Any, vector: Any) -> Vector:

@@ -66,8 +66,10 @@ Progress = Callable[[float, float], None]
 Check = Callable[[Context], None]
 """Raises when the run must not go on."""
 
-TOLD_EVERY, CHECKED_EVERY = 0.1, 0.02
-"""Time between two calls, s of the run: of the progress alone, and with a check."""
+TOLD_EVERY = 0.1
+"""Time between two calls of the progress without a check, s of the run."""
+CHECKED_EVERY = 0.02
+"""Time between two calls with a check, s of the run."""
 
 
 @dataclass(frozen=True)
