@@ -34,6 +34,7 @@ from aerodima.workbench.errors import ModelError
 
 SCHEMA = "aerodima/coefficients/1"
 _FOLDER = "coefficients"
+Number = Annotated[float, Strict()]
 
 
 def _refuse_gain(value: float, least: float) -> float:
@@ -48,7 +49,6 @@ def _increasing(ends: tuple[float, float]) -> tuple[float, float]:
     return ends
 
 
-Number = Annotated[float, Strict()]
 Drag = Annotated[Number, AfterValidator(partial(_refuse_gain, least=0.0))]
 Span = Annotated[tuple[Number, Number], AfterValidator(_increasing)]
 

@@ -14,6 +14,8 @@ import numpy as np
 from aerodima.workbench.aero.laws import LineMotion, check_above_zero
 from aerodima.workbench.errors import ModelError
 
+_SAMPLES = 1000
+
 
 @dataclass(frozen=True)
 class Air:
@@ -186,9 +188,6 @@ class SectionLayout:
             start=start,
             end=start + length,
         )
-
-
-_SAMPLES = 1000
 
 
 def sampled_poses(plant: Any, count: int) -> Iterator[Any]:

@@ -59,6 +59,18 @@ EXTRAPOLATED = 2.0
 """Validity of a section outside that range."""
 BEYOND_QUASI_STEADY = 3.0
 """Validity of a section faster than the quasi-steady law is meant for."""
+_POSES = 9
+"""Positions at which `idle_normal` looks at a plant: its default and random ones between its
+limits."""
+_ALONG = 1e-6
+"""Share of its motion that a section must make along its normal, for `idle_normal`."""
+_REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
+_SPEED = SECTION_COLUMNS.index("relative_speed_m_per_s")
+_FORCE = SECTION_COLUMNS.index("force_n")
+_STILL_AIR = 0.1
+"""Air slower than this (m/s) is not expected to show a force, in `SectionWatch`."""
+_ROUNDING = 1e-12
+"""Force over speed squared, N per (m/s)2, that rounding leaves of a plate along the flow."""
 
 
 @system_template("TailForce_", __name__)
@@ -382,12 +394,6 @@ def connect_spatial_forces(
     builder.Connect(multiplexer.get_output_port(), port)
 
 
-_POSES = 9
-"""Positions of the plant that are looked at: its default and random ones between its limits."""
-_ALONG = 1e-6
-"""Share of its motion that a section must make along its normal."""
-
-
 def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> str:
     """One line when no joint ever moves the sections along their normal; empty when one does, or
     none moves them.
@@ -441,15 +447,6 @@ def _words(vector: np.ndarray) -> str:
     sign = -1.0 if vector[np.argmax(np.abs(vector))] < 0.0 else 1.0
     parts = ", ".join(f"{round(float(sign * part), 2) + 0.0:g}" for part in vector)
     return f"({parts})"
-
-
-_REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
-_SPEED = SECTION_COLUMNS.index("relative_speed_m_per_s")
-_FORCE = SECTION_COLUMNS.index("force_n")
-_STILL_AIR = 0.1
-"""m/s; slower air is not expected to show a force."""
-_ROUNDING = 1e-12
-"""N per (m/s)2: less is what rounding leaves of a plate along the flow."""
 
 
 class SectionWatch(LeafSystem):

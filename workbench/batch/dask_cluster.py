@@ -31,6 +31,11 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 ALLOCATORS = ("tcmalloc_minimal", "jemalloc")
 """Libraries with which a simulated run costs 16 to 18 % less than with the C library of Debian 12,
 to the same bits."""
+ALL_GARBAGE = 100
+"""So many pieces lie between two looks at everything in a worker that may be garbage; else only at
+what is new."""
+_pieces = itertools.count(1)
+_GIGABYTE = 1.0e9
 
 
 @contextmanager
@@ -150,14 +155,6 @@ def _ctrl_c_blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-ALL_GARBAGE = 100
-"""So many pieces lie between two looks at everything in a worker that may be garbage; else only at
-what is new."""
-_pieces = itertools.count(1)
-
-_GIGABYTE = 1.0e9
 
 
 @dataclass

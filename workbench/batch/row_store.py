@@ -24,6 +24,12 @@ from aerodima.workbench.errors import UserError
 
 ProgressLine = Callable[[str], None]
 """Told how far work is, a line each."""
+WORKER_RECORD = "workers.jsonl"
+"""In the folder of a study, once something happened: a line per event with its time, worker,
+process and text."""
+Row = dict[str, Any]
+BAR = 24
+"""Width of the bar, characters."""
 
 
 def silent(_line: str) -> None:
@@ -33,14 +39,6 @@ def silent(_line: str) -> None:
 def on_stderr(line: str) -> None:
     """Says it at once."""
     print(line, file=sys.stderr, flush=True)
-
-
-WORKER_RECORD = "workers.jsonl"
-"""In the folder of a study, once something happened: a line per event with its time, worker,
-process and text."""
-
-
-Row = dict[str, Any]
 
 
 class RowStore:
@@ -180,10 +178,6 @@ def _plain(value: Any) -> Any:
     if hasattr(value, "item"):
         return value.item()
     return str(value)
-
-
-BAR = 24
-"""Width of the bar, characters."""
 
 
 class ProgressBar:

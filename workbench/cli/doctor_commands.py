@@ -25,6 +25,39 @@ from aerodima.workbench.errors import UserError
 from aerodima.workbench.realtime import permitted
 from aerodima.workbench.resources import models_dir
 
+OLDEST_PYTHON = (3, 11)
+OLDEST_DRAKE = (1, 51)
+SMALLEST_DISK = 1e9
+"""Free bytes below which logs and reports of a day's work may not fit; a turn's log has 2 MB, its
+replay 4 MB."""
+EXTRAS = {
+    "hardware": (("serial", "the Teensy and CAN adapters on serial ports"),),
+    "logs": (
+        ("h5py", "MAT files of version 7.3"),
+        ("mcap", "MCAP logs"),
+        ("mcap_protobuf", "writing MCAP logs"),
+        ("foxglove_schemas_protobuf", "the scene in MCAP logs"),
+    ),
+    "console": (("starlette", "the operator's page"), ("uvicorn", "the operator's page")),
+    "notebooks": (("nbclient", "the notebooks"),),
+    "bench": (("mujoco", "comparing in `make bench`"),),
+}
+"""Extra -> the modules it brings and what they are for."""
+PROGRAMS = {
+    "browser": (
+        ("chromium", "chromium-browser", "google-chrome", "firefox"),
+        "install chromium, or replay elsewhere",
+    ),
+    "graphviz": (("dot",), "install graphviz; block diagrams of notebooks are text without it"),
+    "C++ compiler": (
+        (os.environ.get("CXX", "g++"),),
+        "install g++, which compiles the firmware of the emulated car",
+    ),
+}
+"""Subject -> the programs of which one is needed, and the advice without."""
+_ARPHRD_CAN = "280"
+"""Type of a CAN interface in /sys/class/net/*/type (linux/if_arp.h)."""
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
@@ -53,43 +86,6 @@ def doctor() -> None:
         typer.echo(f"nothing works without: {', '.join(broken)}", err=True)
         raise typer.Exit(cli.Status.NO)
     typer.echo("everything needed for simulation, fits and reports is there")
-
-
-OLDEST_PYTHON = (3, 11)
-OLDEST_DRAKE = (1, 51)
-SMALLEST_DISK = 1e9
-"""Free bytes below which logs and reports of a day's work may not fit; a turn's log has 2 MB, its
-replay 4 MB."""
-
-EXTRAS = {
-    "hardware": (("serial", "the Teensy and CAN adapters on serial ports"),),
-    "logs": (
-        ("h5py", "MAT files of version 7.3"),
-        ("mcap", "MCAP logs"),
-        ("mcap_protobuf", "writing MCAP logs"),
-        ("foxglove_schemas_protobuf", "the scene in MCAP logs"),
-    ),
-    "console": (("starlette", "the operator's page"), ("uvicorn", "the operator's page")),
-    "notebooks": (("nbclient", "the notebooks"),),
-    "bench": (("mujoco", "comparing in `make bench`"),),
-}
-"""Extra -> the modules it brings and what they are for."""
-
-PROGRAMS = {
-    "browser": (
-        ("chromium", "chromium-browser", "google-chrome", "firefox"),
-        "install chromium, or replay elsewhere",
-    ),
-    "graphviz": (("dot",), "install graphviz; block diagrams of notebooks are text without it"),
-    "C++ compiler": (
-        (os.environ.get("CXX", "g++"),),
-        "install g++, which compiles the firmware of the emulated car",
-    ),
-}
-"""Subject -> the programs of which one is needed, and the advice without."""
-
-_ARPHRD_CAN = "280"
-"""Type of a CAN interface in /sys/class/net/*/type (linux/if_arp.h)."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,10 @@ from aerodima.workbench.text_table import shown_value, text_table
 if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
 
+SHOWN_FACTS = ("tail", "axis", "wind_speed_m_per_s", "exposed")
+"""What `extra` of a log says of its experiment; `exposed`: whether a part of the tail is in the
+jet."""
+
 
 @dataclass(frozen=True)
 class ExperimentOptions:
@@ -92,11 +96,6 @@ def rig(
     for line in summary_lines(log):
         typer.echo(line)
     typer.echo(f"log: {options.out}")
-
-
-SHOWN_FACTS = ("tail", "axis", "wind_speed_m_per_s", "exposed")
-"""What `extra` of a log says of its experiment; `exposed`: whether a part of the tail is in the
-jet."""
 
 
 def summary_lines(log: RunLog) -> list[str]:

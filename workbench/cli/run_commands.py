@@ -26,6 +26,25 @@ if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
     from aerodima.workbench.simulate.car_run import Progress
 
+SHOWN_METRICS = (
+    "speed_m_per_s",
+    "heading_change_rad",
+    "peak_roll_rad",
+    "max_yaw_rate_rad_per_s",
+    "average_yaw_rate_rad_per_s",
+    "max_linear_acceleration_m_per_s2",
+    "filtered_max_linear_acceleration_m_per_s2",
+)
+"""Metrics of a run that the terminal shows; `aerodima log metrics` has all of them."""
+SHOWN_FACTS = (
+    "largest_reynolds_number",
+    "sections_outside_measured_range",
+    "sections_above_quasi_steady_limit",
+)
+"""What the sections of a tail met, in `extra` of a log; the last two as shares of the time."""
+_STILL = 0.2
+"""rad; a tail that rolls less has not swung."""
+
 
 @dataclass(frozen=True)
 class RunOptions:
@@ -238,28 +257,6 @@ def show_progress(what: str = "simulating", unit: str = " s") -> Progress | None
         print(f"{what} {time:5.1f} of {length:.1f}{unit}", end=end, file=sys.stderr, flush=True)
 
     return progress
-
-
-SHOWN_METRICS = (
-    "speed_m_per_s",
-    "heading_change_rad",
-    "peak_roll_rad",
-    "max_yaw_rate_rad_per_s",
-    "average_yaw_rate_rad_per_s",
-    "max_linear_acceleration_m_per_s2",
-    "filtered_max_linear_acceleration_m_per_s2",
-)
-"""Metrics of a run that the terminal shows; `aerodima log metrics` has all of them."""
-SHOWN_FACTS = (
-    "largest_reynolds_number",
-    "sections_outside_measured_range",
-    "sections_above_quasi_steady_limit",
-)
-"""What the sections of a tail met, in `extra` of a log; the last two as shares of the time."""
-
-
-_STILL = 0.2
-"""rad; a tail that rolls less has not swung."""
 
 
 def summary_lines(run_log: RunLog) -> list[str]:

@@ -18,6 +18,15 @@ from aerodima.workbench.resources import models_dir
 
 NO_UNIT = "1"
 """Unit of a dimensionless number, a name, a flag or a count."""
+STANDARD_GRAVITY = 9.80665
+"""What a sensor calls 1 g, m/s2 (CGPM 1901)."""
+ModelT = TypeVar("ModelT", bound=BaseModel)
+Place = tuple[str | int, ...]
+CONSTANT = "constant"
+"""Word for the plain number of `tail.normal_force_coefficient`."""
+FILE_ENDINGS = (".yaml", ".yml", ".csv")
+SAIL_LAWS = ("normal_force", "two_sided")
+"""Laws of coefficient files that know the normal of a sail (`SectionLaw.knows_normal`)."""
 
 
 def quantity(unit: str, description: str, **limits: float) -> Any:
@@ -83,10 +92,6 @@ def nearest(name: str, known: Collection[str]) -> str:
     return "allowed: " + ", ".join(sorted(known))
 
 
-STANDARD_GRAVITY = 9.80665
-"""What a sensor calls 1 g, m/s2 (CGPM 1901)."""
-
-
 def check_range(
     name: str,
     value: float,
@@ -119,10 +124,6 @@ def check_range(
     raise error(
         f"{name}: {value:g}{shown}; allowed: {allowed + shown if allowed else 'a finite number'}"
     )
-
-
-ModelT = TypeVar("ModelT", bound=BaseModel)
-Place = tuple[str | int, ...]
 
 
 class StrictModel(BaseModel):
@@ -312,14 +313,6 @@ def _named_in(annotation: Any) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for part in get_args(annotation) for model in _named_in(part)]
-
-
-CONSTANT = "constant"
-"""Word for the plain number of `tail.normal_force_coefficient`."""
-
-FILE_ENDINGS = (".yaml", ".yml", ".csv")
-SAIL_LAWS = ("normal_force", "two_sided")
-"""Laws of coefficient files that know the normal of a sail (`SectionLaw.knows_normal`)."""
 
 
 @cache

@@ -30,6 +30,7 @@ _LIMIT_MARGIN = 1e-6
 _SAMPLES_PER_INTERVAL = 16
 
 Samples = Annotated[tuple[float, ...], Field(strict=False, min_length=2)]
+Direction = Literal["left", "right"]
 
 
 def _from_zero(times: tuple[float, ...]) -> tuple[float, ...]:
@@ -45,7 +46,6 @@ def _from_zero(times: tuple[float, ...]) -> tuple[float, ...]:
 
 Times = Annotated[Samples, AfterValidator(_from_zero)]
 """s, since the release."""
-Direction = Literal["left", "right"]
 
 
 class _Strict(StrictModel):

@@ -30,6 +30,20 @@ from aerodima.workbench.errors import ScenarioError, SwingFileError, UserError
 
 NO_SWING = "none"
 _SWING = "swing"
+DEFAULT_TURN = "turn_swing"
+"""Scenario of a swing whose file names none."""
+_PLAYED = "tail.mode=swing"
+"""Setting of a scenario whose tail plays a swing file."""
+_CLAIMS = {
+    "survived_speed_m_per_s": ("manoeuvre.speed", "{:g} m/s"),
+    "survived_friction": ("car.tyre_friction", "friction {:g}"),
+}
+"""What a file claims to survive: name under `provenance.found`, the key of a scenario that it is,
+and its words."""
+_MEMBERS = ("rate", "memory_size", "start", "step")
+"""Members that every tail law has."""
+_OURS = ("aerodima", "pydrake")
+"""Packages that are never taken for a user's file, which is run as a module of its own."""
 
 
 def find_swing(name_or_path: str | Path) -> SwingFile:
@@ -135,17 +149,6 @@ def _in_claim_words(values: dict[str, float]) -> str:
     return ", ".join(words.format(values[key]) for key, words in _CLAIMS.values() if key in values)
 
 
-DEFAULT_TURN = "turn_swing"
-"""Scenario of a swing whose file names none."""
-_PLAYED = "tail.mode=swing"
-_CLAIMS = {
-    "survived_speed_m_per_s": ("manoeuvre.speed", "{:g} m/s"),
-    "survived_friction": ("car.tyre_friction", "friction {:g}"),
-}
-"""What a file claims to survive: name under `provenance.found`, the key of a scenario that it is,
-and its words."""
-
-
 def law_of_scenario(scenario: Any) -> TailLaw:
     """The law of `scenario.controller` and `scenario.tail.mode` (any object with these attributes).
 
@@ -211,9 +214,6 @@ def load_drive(name_or_path: str, settings: Sequence[str] = ()) -> tuple[Scenari
     return scenario, SwingPlayer.from_scenario(
         swing_from_dict(swing, f"{path}: {_SWING}"), scenario
     )
-
-
-_MEMBERS = ("rate", "memory_size", "start", "step")
 
 
 def load_law(place: str, scenario: Scenario) -> TailLaw:
@@ -283,10 +283,6 @@ def _run_file(flag: str, path: Path) -> Any:
     except Exception as error:
         raise UserError(f"{flag} {path}: running it failed: {in_words(error)}") from error
     return module
-
-
-_OURS = ("aerodima", "pydrake")
-"""Packages; a file of the user's is run as a module of its own."""
 
 
 def traceback_and_reason(error: BaseException) -> tuple[str, str]:

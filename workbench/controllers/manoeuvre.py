@@ -15,6 +15,11 @@ from aerodima.workbench.errors import UserError
 
 TICK_TOLERANCE = 1e-9
 """s; a tick that falls on an instant of the schedule up to rounding counts as having reached it."""
+WITHDRAWN = (0.3, 0.4)
+"""From when until when the announcement of a steering step is withdrawn, s after the step; a law
+that swings late has swung by then."""
+CLOSED_LOOP = ("fishhook", "path")
+"""Kinds of manoeuvre in which the driver looks at the car: no function of time."""
 
 
 class DriverInput(NamedTuple):
@@ -123,11 +128,6 @@ def steering_time(hold: float, repeats: int = 1, gap: float = 0.0) -> float:
     `TurnSchedule`.
     """
     return repeats * hold + (repeats - 1) * gap
-
-
-WITHDRAWN = (0.3, 0.4)
-"""s after a step: from when until when its announcement is withdrawn; a law that swings late has
-swung by then."""
 
 
 @dataclass(frozen=True)
@@ -270,10 +270,6 @@ class SlalomSchedule:
             self.ramp.throttle(time),
             self.side if half_waves_done % 2 == 0 else -self.side,
         )
-
-
-CLOSED_LOOP = ("fishhook", "path")
-"""Kinds of manoeuvre in which the driver looks at the car: no function of time."""
 
 
 def make_schedule(scenario: Any) -> Schedule:

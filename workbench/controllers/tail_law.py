@@ -13,6 +13,22 @@ import numpy as np
 from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE
 
 UNKNOWN_IMU = (math.nan,) * 9
+NO_COMMAND = np.zeros(5)
+"""Gains of zero: the motors are free."""
+NO_COMMAND.flags.writeable = False
+EPSILON = 1e-9
+"""s; a tick that falls on a limit up to rounding counts as having reached it."""
+AGE_LIMIT = 0.1
+"""s; beyond this a signal counts as silent."""
+GYRO_Z = IMU.index("gyro_z")
+ROLL_ANGLE = TAIL_STATE.index("roll_angle")
+PITCH_ANGLE = TAIL_STATE.index("pitch_angle")
+ROLL_RATE = TAIL_STATE.index("roll_rate")
+PITCH_RATE = TAIL_STATE.index("pitch_rate")
+SPEED_FAULT = STATUS.index("speed_fault")
+ROLL_AGE = STATUS.index("tail_roll_age")
+PITCH_AGE = STATUS.index("tail_pitch_age")
+IMU_AGE = STATUS.index("imu_age")
 
 
 @dataclass(frozen=True)
@@ -72,21 +88,9 @@ class TailLaw(Protocol):
         """
 
 
-NO_COMMAND = np.zeros(5)
-"""Gains of zero: the motors are free."""
-NO_COMMAND.flags.writeable = False
-
-EPSILON = 1e-9
-"""s; a tick that falls on a limit up to rounding counts as having reached it."""
-
-
 def sign(value: float) -> float:
     """-1, 0 or +1; 0 for NaN."""
     return float(value > 0.0) - float(value < 0.0)
-
-
-AGE_LIMIT = 0.1
-"""s; beyond this a signal counts as silent."""
 
 
 def observe(
@@ -133,14 +137,3 @@ def observe(
 def _fresh(status: Sequence[float], age_index: int, age_limit: float) -> bool:
     """False for NaN too; the fault code stands right behind the age."""
     return status[age_index] <= age_limit and status[age_index + 1] == 0.0
-
-
-GYRO_Z = IMU.index("gyro_z")
-ROLL_ANGLE = TAIL_STATE.index("roll_angle")
-PITCH_ANGLE = TAIL_STATE.index("pitch_angle")
-ROLL_RATE = TAIL_STATE.index("roll_rate")
-PITCH_RATE = TAIL_STATE.index("pitch_rate")
-SPEED_FAULT = STATUS.index("speed_fault")
-ROLL_AGE = STATUS.index("tail_roll_age")
-PITCH_AGE = STATUS.index("tail_pitch_age")
-IMU_AGE = STATUS.index("imu_age")

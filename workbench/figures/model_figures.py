@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 _PART_COLOURS = dict(zip(PARTS, (VERMILION, ORANGE, PURPLE, BLUE), strict=True))
 _FINE = 241
+_ARROW = 0.12
+"""Length of a normal over the size of the tail."""
 
 
 def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
@@ -86,10 +88,6 @@ def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
         right.plot([-90, 90], [0, 0], color=GREEN, linewidth=2.5)
         right.annotate("swing in roll alone", (0.0, 3.0), color=GREEN, ha="center")
     return figure
-
-
-_ARROW = 0.12
-"""Length of a normal over the size of the tail."""
 
 
 def plot_tail(geometry: TailGeometry) -> Figure:

@@ -37,6 +37,29 @@ _DASHED = (0, (5, 2))
 """Matplotlib's line style of a true signal."""
 _SHORT = (0, (4, 1.5))
 """Matplotlib's line style of the rear wheels."""
+_SPEED_TRUTH = "speed over ground"
+"""Stands for a column that is made of two."""
+_RUN_COLOURS = (BLACK, VERMILION, BLUE, GREEN, PURPLE)
+_RUN_LINES: tuple[Any, ...] = (
+    "-",
+    (0, (5, 1.5)),
+    (0, (1, 1)),
+    (0, (5, 1.5, 1, 1.5)),
+    (0, (8, 2, 1, 2, 1, 2)),
+)
+RUN_STYLES: tuple[tuple[str, Any], ...] = tuple(
+    (_RUN_COLOURS[run % 5], _RUN_LINES[(run + run // 5) % 5]) for run in range(20)
+)
+"""Colour and line of the first, second, ... run. Of the first five both differ, so that neither
+alone must be told apart; of twenty the pair does."""
+_Panel = tuple[str, Callable[[RunLog], FloatArray | None]]
+_PLANT_PANELS: tuple[_Panel, ...] = (
+    ("speed of the centre of mass [m/s]", plant_speed),
+    ("height of the centre of mass [m]", lambda run_log: run_log.signal("com_z_truth_m")),
+    ("tilt of the base [deg]", plant_tilt),
+    ("air on the tails [N]", plant_air),
+)
+"""Label, and the signal of a car, or of a plant that is no car; None where it has none."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +83,6 @@ def _as_logged(column: str, design: LowPass) -> tuple[_Line, _Line]:
     )
 
 
-_SPEED_TRUTH = "speed over ground"
-"""In place of a column: made of two."""
 _TURN_PANELS: tuple[tuple[str, str, tuple[_Line, ...]], ...] = (
     ("Yaw rate of the IMU", "yaw rate [rad/s]", _as_logged("imu_gyro_z_rad_per_s", IMU_FILTER)),
     (
@@ -184,21 +205,6 @@ def _fit_to_shown(axes: Axes, start: float, end: float) -> None:
     axes.set_ylim(low - 0.12 * span, high + 0.3 * span)
 
 
-_RUN_COLOURS = (BLACK, VERMILION, BLUE, GREEN, PURPLE)
-_RUN_LINES: tuple[Any, ...] = (
-    "-",
-    (0, (5, 1.5)),
-    (0, (1, 1)),
-    (0, (5, 1.5, 1, 1.5)),
-    (0, (8, 2, 1, 2, 1, 2)),
-)
-RUN_STYLES: tuple[tuple[str, Any], ...] = tuple(
-    (_RUN_COLOURS[run % 5], _RUN_LINES[(run + run // 5) % 5]) for run in range(20)
-)
-"""Colour and line of the first, second, ... run. Of the first five both differ, so that neither
-alone must be told apart; of twenty the pair does."""
-
-_Panel = tuple[str, Callable[[RunLog], FloatArray | None]]
 _PANELS: tuple[_Panel, ...] = (
     ("yaw rate [rad/s]", partial(_values, column="imu_gyro_z_rad_per_s", design=IMU_FILTER)),
     (
@@ -210,13 +216,6 @@ _PANELS: tuple[_Panel, ...] = (
     ("tail roll angle [deg]", partial(_values, column="tail_roll_angle_rad")),
     ("tail roll torque [N m]", partial(_values, column="tail_roll_torque_n_m")),
 )
-_PLANT_PANELS: tuple[_Panel, ...] = (
-    ("speed of the centre of mass [m/s]", plant_speed),
-    ("height of the centre of mass [m]", lambda run_log: run_log.signal("com_z_truth_m")),
-    ("tilt of the base [deg]", plant_tilt),
-    ("air on the tails [N]", plant_air),
-)
-"""Label, and the signal of a car, or of a plant that is no car; None where it has none."""
 
 
 def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:

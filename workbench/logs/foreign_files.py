@@ -30,6 +30,15 @@ from aerodima.workbench.config.checked_files import nearest
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import CsvFormat
 
+MOST_COLUMNS = 64
+"""A matrix with more columns than this (and than rows) is a picture or a table of something else,
+not a log; so is a list with more numbers."""
+NANOSECOND = 1e-9
+"""One nanosecond, s."""
+_OBJECT = (
+    "a MATLAB object or cell; save it as a struct of vectors (for a timeseries: its Time and Data)"
+)
+
 
 @dataclass(frozen=True)
 class ForeignLog:
@@ -152,17 +161,6 @@ def read_parquet(path: Path) -> ForeignLog:
         raise LogError(f"{path}: cut off, damaged or not a Parquet file") from cause
     frame = table.to_pandas(ignore_metadata=True)
     return ForeignLog(str(path), {str(name): frame[name] for name in frame.columns})
-
-
-MOST_COLUMNS = 64
-"""A matrix with more columns than this (and than rows) is a picture or a table of something else,
-not a log; so is a list with more numbers."""
-NANOSECOND = 1e-9
-"""s."""
-
-_OBJECT = (
-    "a MATLAB object or cell; save it as a struct of vectors (for a timeseries: its Time and Data)"
-)
 
 
 def read_mat(path: Path) -> ForeignLog:

@@ -28,6 +28,9 @@ from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
 from aerodima.workbench.logs.signals import RowUnwrapper
 from aerodima.workbench.systems.system_ports import nominal_time, row_period, vector_of
 
+Signals = list[tuple[OutputPort, list[str]]]
+"""Ports with the names of the columns that they fill."""
+
 
 class LogInMemory:
     """Does without a file what `JournalWriter` does: takes rows within a `with` block; after it
@@ -83,10 +86,6 @@ def open_log(
     if path is None:
         return LogInMemory(columns, metadata)
     return JournalWriter(path, columns, metadata, force=force)
-
-
-Signals = list[tuple[OutputPort, list[str]]]
-"""Ports with the names of the columns that they fill."""
 
 
 class OpenBuilder(DiagramBuilder):

@@ -30,6 +30,15 @@ _SAME_TIME = 1e-9
 """A sample this much after a time (fraction of the log's length) belongs to it."""
 _JITTER = 0.01
 """Steps that differ by more than this fraction of the mean one are resampled before filtering."""
+BoolArray = NDArray[np.bool_]
+Interval = tuple[float, float]
+LEAST_REST_SAMPLES = 10
+"""Samples that a resting part has at least."""
+REST = "rest_s"
+"""Key in a log's `extra`: first and last time of its rest phase, s; a cut moves it with the times
+of the log."""
+UNWRAPPED = ("yaw_truth_rad", "imu_yaw_rad")
+"""Headings that are unwrapped, so that they can be subtracted."""
 
 
 @dataclass(frozen=True)
@@ -186,16 +195,6 @@ def hold_last(time: FloatArray, sample_time: FloatArray, samples: FloatArray) ->
     return np.where(index >= 0, samples[np.maximum(index, 0)], np.nan)
 
 
-BoolArray = NDArray[np.bool_]
-Interval = tuple[float, float]
-
-LEAST_REST_SAMPLES = 10
-"""Fewer samples do not make a resting part."""
-REST = "rest_s"
-"""Key in a log's `extra`: first and last time of its rest phase, s; a cut moves it with the times
-of the log."""
-
-
 def stated_rest(run_log: RunLog) -> Interval | None:
     """The rest phase that the metadata of a log state; None without.
 
@@ -213,10 +212,6 @@ def in_parts(time: FloatArray, parts: Sequence[Interval]) -> BoolArray:
     for start, end in parts:
         inside |= (time >= start) & (time <= end)
     return inside
-
-
-UNWRAPPED = ("yaw_truth_rad", "imu_yaw_rad")
-"""Headings, so that they can be subtracted."""
 
 
 class RowUnwrapper:

@@ -32,6 +32,23 @@ from aerodima.workbench.metrics.turn_signals import turn_window
 
 TAILS = "tails"
 """Key in `extra` of a `plant_run`: name and body of each tail force."""
+KM_PER_H = 3.6
+"""km/h per m/s."""
+PUBLISHED_RUNS: dict[tuple[str, int], tuple[tuple[Platform, str], ...]] = {
+    ("none", 12): (("simulated", "tailless"), ("physical", "tailless")),
+    ("swing", 16): (("simulated", "tailed"),),
+}
+"""(tail mode, commanded speed in whole km/h) -> published rows made so. The thesis stepped the
+speed in whole km/h (ERRATA E37); its tailed car swung the tail. The physical tailed row (6.10 m/s)
+is faster than any run of the demo."""
+MODE_WORDS = {
+    "none": "no tail",
+    "held": "tail held",
+    "swing": "tail swings",
+    "designed": "designed tail swings",
+    "optimised": "optimised swing",
+}
+"""Tail mode -> how it is named on pages, in the order of tables."""
 
 
 def tails_of(run_log: RunLog) -> list[tuple[str, str]]:
@@ -156,18 +173,6 @@ def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[dict[str, Any]]:
     ]
 
 
-KM_PER_H = 3.6
-"""km/h per m/s."""
-
-PUBLISHED_RUNS: dict[tuple[str, int], tuple[tuple[Platform, str], ...]] = {
-    ("none", 12): (("simulated", "tailless"), ("physical", "tailless")),
-    ("swing", 16): (("simulated", "tailed"),),
-}
-"""(tail mode, commanded speed in whole km/h) -> published rows made so. The thesis stepped the
-speed in whole km/h (ERRATA E37); its tailed car swung the tail. The physical tailed row (6.10 m/s)
-is faster than any run of the demo."""
-
-
 @dataclass(frozen=True)
 class RunSummary:
     """One run in numbers.
@@ -225,16 +230,6 @@ class RunSummary:
             f"{cause}_impulse_window_n_m_s": None if found is None else getattr(found, cause)
             for cause in CAUSES
         }
-
-
-MODE_WORDS = {
-    "none": "no tail",
-    "held": "tail held",
-    "swing": "tail swings",
-    "designed": "designed tail swings",
-    "optimised": "optimised swing",
-}
-"""Tail mode -> how it is named on pages, in the order of tables."""
 
 
 def tail_mode_of(scenario: Mapping[str, Any]) -> str:

@@ -36,6 +36,30 @@ LOADED_FORCE = 0.1
 exactly none."""
 _RATE_MARGIN = 0.05
 """A log is not thinned out for this much of its rate."""
+EXIT_YAW_RATE = 0.1
+"""rad/s; a car that yaws less, its wheels straight, has left the turn. A large tail to one side
+alone gives 0.065."""
+CALM_FOR = 0.1
+"""Time for which everything must have been calm, s: a third of a period of roll on the suspension.
+"""
+CALM = {
+    "gyro_x_truth_rad_per_s": 0.15,
+    "gyro_y_truth_rad_per_s": 0.15,
+    "gyro_z_truth_rad_per_s": EXIT_YAW_RATE,
+    "velocity_y_truth_m_per_s": 0.2,
+    "tilt_truth_rad": math.radians(3.0),
+    "tail_pitch_rate_rad_per_s": 0.3,
+    "tail_roll_rate_rad_per_s": 0.3,
+}
+"""Largest magnitudes of a calm row. All wheels bear load in it too, and the law neither swings nor
+is about to."""
+CALM_SPIN = math.hypot(*(limit for name, limit in CALM.items() if name.startswith("gyro")))
+"""A car that turns faster than this, rad/s, about whatever axis, is not calm."""
+_LOADS = tuple(f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS)
+_STATE = "controller_state"
+_BUSY = (SwingState.DELAY, SwingState.SWING)
+_ROUNDING = 1e-9
+"""Rounding of a time, s."""
 
 
 @dataclass(frozen=True)
@@ -311,34 +335,6 @@ def _columns(run_log: RunLog, names: list[str]) -> FloatArray | None:
     signals = {name: run_log.signal(name) for name in names}
     check_signals(run_log.time, signals)
     return np.column_stack(list(signals.values()))
-
-
-EXIT_YAW_RATE = 0.1
-"""rad/s; a car that yaws less, its wheels straight, has left the turn. A large tail to one side
-alone gives 0.065."""
-CALM_FOR = 0.1
-"""So long must everything have been calm, s: a third of a period of roll on the suspension."""
-
-CALM = {
-    "gyro_x_truth_rad_per_s": 0.15,
-    "gyro_y_truth_rad_per_s": 0.15,
-    "gyro_z_truth_rad_per_s": EXIT_YAW_RATE,
-    "velocity_y_truth_m_per_s": 0.2,
-    "tilt_truth_rad": math.radians(3.0),
-    "tail_pitch_rate_rad_per_s": 0.3,
-    "tail_roll_rate_rad_per_s": 0.3,
-}
-"""Largest magnitudes of a calm row. All wheels bear load in it too, and the law neither swings nor
-is about to."""
-
-CALM_SPIN = math.hypot(*(limit for name, limit in CALM.items() if name.startswith("gyro")))
-"""A car that turns faster than this, rad/s, about whatever axis, is not calm."""
-
-_LOADS = tuple(f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS)
-_STATE = "controller_state"
-_BUSY = (SwingState.DELAY, SwingState.SWING)
-_ROUNDING = 1e-9
-"""s."""
 
 
 def settled_row(table: pd.DataFrame | Mapping[str, FloatArray], turn_end: float) -> int | None:

@@ -32,6 +32,34 @@ from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
 from aerodima.workbench.plants.tail_geometry import SCHEMA, Piece, Plate, TailArm, TailGeometry
 from aerodima.workbench.resources import model_path
 
+TAIL_SDF = "tail/tail.sdf"
+ROD_RADIUS = 0.006
+"""Radius of the tail rod (m), as drawn in the SDF; used for its inertia about its own axis only."""
+BOARD_THICKNESS = 0.002
+"""Thickness of the backing board as drawn, m."""
+SAIL_TIP_MARGIN = 0.01
+"""Radius (m) of the spheres that feel the ground at the corners of the sail's tip, as drawn in the
+SDF."""
+TAIL_CONTACT_STIFFNESS = 1.0e4
+"""Contact stiffness (N/m) of the sail's corners: film and a half ring, soft against the tyres; acts
+in a crash only."""
+ADDED_MASS_PARTS = 5
+"""Equal parts of the whole tail that carry the added mass (design section 5, thesis section 4.6).
+"""
+LEAST_INERTIA_LEFT = 0.03
+"""Share of every inertia that a negative `tail.added_mass` must leave: a swing of the default tail
+with 3 % is the same at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
+FrictionLaw = Callable[[float], float]
+"""Joint rate (rad/s) to friction torque (N m), which opposes it."""
+_ARM_COLOUR = "0.16 0.17 0.20 1"
+"""Red, green, blue and opacity of the rod, from 0 to 1."""
+_PLATE_COLOUR = "0.93 0.74 0.18 1"
+"""Red, green, blue and opacity of the plates, from 0 to 1."""
+_THIN = 0.002
+"""Least drawn thickness of a plate, m."""
+_HALF_CYLINDER = "package://aerodima_models/tail/half_cylinder.obj"
+"""Diameter and length 1, hollow towards +y, its opening in the plane y = 0."""
+
 
 def read_tail(path: str | Path) -> TailGeometry:
     """Reads a tail file.
@@ -55,34 +83,6 @@ def write_tail(geometry: TailGeometry, path: str | Path, *, force: bool = False)
     content = geometry.model_dump(mode="json", by_alias=True, exclude_none=True)
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
     return write_atomically(Path(path), text, force, ModelError)
-
-
-TAIL_SDF = "tail/tail.sdf"
-ROD_RADIUS = 0.006
-"""Radius of the tail rod (m), as drawn in the SDF; used for its inertia about its own axis only."""
-
-BOARD_THICKNESS = 0.002
-"""Thickness of the backing board as drawn, m."""
-
-SAIL_TIP_MARGIN = 0.01
-"""Radius (m) of the spheres that feel the ground at the corners of the sail's tip, as drawn in the
-SDF."""
-
-TAIL_CONTACT_STIFFNESS = 1.0e4
-"""Contact stiffness (N/m) of the sail's corners: film and a half ring, soft against the tyres; acts
-in a crash only."""
-
-ADDED_MASS_PARTS = 5
-"""Equal parts of the whole tail that carry the added mass (design section 5, thesis section 4.6).
-"""
-
-LEAST_INERTIA_LEFT = 0.03
-"""Share of every inertia that a negative `tail.added_mass` must leave: a swing of the default tail
-with 3 % is the same at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
-
-
-FrictionLaw = Callable[[float], float]
-"""Joint rate (rad/s) to friction torque (N m), which opposes it."""
 
 
 def smooth_friction(coulomb: float, viscous: float, tanh_gain: float) -> FrictionLaw:
@@ -280,16 +280,6 @@ def ground_partner_friction(car: CarParameters) -> float:
     tyres' own pair gives exactly that. A scenario's cage friction is below twice its tyre friction.
     """
     return car.cage_friction * car.tyre_friction / (2 * car.tyre_friction - car.cage_friction)
-
-
-_ARM_COLOUR = "0.16 0.17 0.20 1"
-"""Red, green, blue and opacity of the rod, from 0 to 1."""
-_PLATE_COLOUR = "0.93 0.74 0.18 1"
-"""Red, green, blue and opacity of the plates, from 0 to 1."""
-_THIN = 0.002
-"""Least drawn thickness of a plate, m."""
-_HALF_CYLINDER = "package://aerodima_models/tail/half_cylinder.obj"
-"""Diameter and length 1, hollow towards +y, its opening in the plane y = 0."""
 
 
 def set_tail_shapes(model: SdfModel, geometry: TailGeometry, margin: float) -> list[str]:

@@ -40,6 +40,11 @@ SCHEMA: Literal["aerodima/tail/1"] = "aerodima/tail/1"
 
 SAME_PLANE = 1e-3
 """m; plates nearer than this, measured along their normal, count as lying in one plane."""
+Vector = tuple[float, float, float]
+UP: Vector = (0.0, 0.0, 1.0)
+"""z of the frame T: along a straight tail, from root to tip."""
+_Vector = Annotated[Vector, Field(strict=False)]
+_Sizes = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(strict=False, min_length=1)]
 
 
 @dataclass(frozen=True)
@@ -156,12 +161,6 @@ def shell_moments(
     return total
 
 
-Vector = tuple[float, float, float]
-
-UP: Vector = (0.0, 0.0, 1.0)
-"""z of the frame T: along a straight tail, from root to tip."""
-
-
 @dataclass(frozen=True)
 class Piece:
     """One straight piece of a plate.
@@ -205,10 +204,8 @@ def _with_length(vector: Vector) -> Vector:
     return vector
 
 
-_Vector = Annotated[Vector, Field(strict=False)]
 _Direction = Annotated[_Vector, AfterValidator(_with_length)]
 _Directions = Annotated[tuple[_Direction, ...], Field(strict=False, min_length=1)]
-_Sizes = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(strict=False, min_length=1)]
 
 
 class TailPart(QuantityModel):

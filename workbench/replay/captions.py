@@ -22,6 +22,9 @@ from aerodima.workbench.metrics.run_summary import (
 from aerodima.workbench.metrics.turn_metrics import Outcome, outcome_of
 from aerodima.workbench.replay.reckoned_motion import RECKONED
 
+RESULT_COLOURS = {"survived": "#14713a", "flipped": "#b3261e", "unknown": "#6b5b00"}
+"""Colours of the outcome in pictures."""
+
 
 @dataclass(frozen=True)
 class Caption:
@@ -43,10 +46,6 @@ class Caption:
     def text(self) -> str:
         """The whole caption in one line."""
         return f"{self.name}: {self.facts}: {self.outcome}"
-
-
-RESULT_COLOURS = {"survived": "#14713a", "flipped": "#b3261e", "unknown": "#6b5b00"}
-"""Colours of the outcome in pictures."""
 
 
 def caption_of(run_log: RunLog) -> Caption:

@@ -40,6 +40,46 @@ TAIL_SPEED = 8.0
 """
 LATE = 0.9
 """Below this share of the wanted pace a message warns the driver."""
+# Names of the sliders.
+STEERING = "steering, deg"
+SPEED = "wanted speed, m/s"
+NEXT_TURN = "next turn: left 1, right -1"
+TAIL = "tail roll, deg"
+PACE = "pace wanted"
+PACE_NOW = "pace now, 1 = real time"
+SPEED_NOW = "speed now, m/s"
+TIME_NOW = "time, s"
+HEADING_NOW = "heading, deg, left +"
+LONGEST = 3600.0
+"""The time stops there on its slider, s; the run goes on."""
+# Names of the buttons.
+STRAIGHT = "straight"
+BY_HAND = "tail: hand or law"
+PAUSE = "pause"
+RESET = "reset"
+END = "end"
+KEYS = {STRAIGHT: "Space", BY_HAND: "KeyT", PAUSE: "KeyP", RESET: "KeyR", END: "Escape"}
+"""Button -> key; the sliders have their keys in `MeshcatControls`."""
+HELP = """arrow keys: steer, and speed wanted; space: wheels straight
+P: pause; R: reset; Escape: end
+Q, E: announce a left or a right turn to the tail's law
+T: tail by hand or by its law; A, D: roll it by hand
+gamepad: left stick steers, right stick rolls the tail
+gamepad: the two triggers brake and accelerate"""
+DEAD_ZONE = 0.08
+"""Deflection of a stick that counts as none."""
+# Axes and buttons of a gamepad in the standard layout of browsers
+# (https://w3c.github.io/gamepad/#remapping).
+LEFT_X = 0
+"""Axis of the left stick, to the right."""
+RIGHT_X = 2
+"""Axis of the right stick, to the right."""
+BRAKE = 6
+"""Button of the left trigger, from 0 to 1."""
+ACCELERATE = 7
+"""Button of the right trigger, from 0 to 1."""
+PAD_ACCELERATION = 4.0
+"""Change of the wanted speed with a trigger pulled, m/s in a second at real time."""
 
 
 @dataclass
@@ -269,48 +309,6 @@ def _drive(
             looked = context.get_time()
             controls.show(Shown(looked, speed, heading, pace))
     return False
-
-
-# Names of the sliders.
-STEERING = "steering, deg"
-SPEED = "wanted speed, m/s"
-NEXT_TURN = "next turn: left 1, right -1"
-TAIL = "tail roll, deg"
-PACE = "pace wanted"
-PACE_NOW = "pace now, 1 = real time"
-SPEED_NOW = "speed now, m/s"
-TIME_NOW = "time, s"
-HEADING_NOW = "heading, deg, left +"
-LONGEST = 3600.0
-"""The time stops there on its slider, s; the run goes on."""
-# Names of the buttons.
-STRAIGHT = "straight"
-BY_HAND = "tail: hand or law"
-PAUSE = "pause"
-RESET = "reset"
-END = "end"
-KEYS = {STRAIGHT: "Space", BY_HAND: "KeyT", PAUSE: "KeyP", RESET: "KeyR", END: "Escape"}
-"""Button -> key; the sliders have their keys in `MeshcatControls`."""
-HELP = """arrow keys: steer, and speed wanted; space: wheels straight
-P: pause; R: reset; Escape: end
-Q, E: announce a left or a right turn to the tail's law
-T: tail by hand or by its law; A, D: roll it by hand
-gamepad: left stick steers, right stick rolls the tail
-gamepad: the two triggers brake and accelerate"""
-DEAD_ZONE = 0.08
-"""Deflection of a stick that counts as none."""
-# Axes and buttons of a gamepad in the standard layout of browsers
-# (https://w3c.github.io/gamepad/#remapping).
-LEFT_X = 0
-"""Axis of the left stick, to the right."""
-RIGHT_X = 2
-"""Axis of the right stick, to the right."""
-BRAKE = 6
-"""Button of the left trigger, from 0 to 1."""
-ACCELERATE = 7
-"""Button of the right trigger, from 0 to 1."""
-PAD_ACCELERATION = 4.0
-"""Change of the wanted speed with a trigger pulled, m/s in a second at real time."""
 
 
 class MeshcatControls:

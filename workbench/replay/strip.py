@@ -27,6 +27,17 @@ _AFTER = 0.75
 _TIPPING = np.radians(35.0)
 _APART = 0.05
 """Shortest time between two pictures, s, where the run leaves the room."""
+FRAME = (440, 470)
+"""Width and height of one picture, pixels."""
+_GAP = 8
+"""Width between two pictures, pixels."""
+_TITLE = 52
+"""Height of the title, pixels."""
+_LABEL = 84
+"""Height of the labels below the pictures, pixels."""
+STRIP = (5 * FRAME[0] + 6 * _GAP, FRAME[1] + _TITLE + _LABEL)
+"""Width and height of the strip, pixels."""
+_DPI = 100
 
 
 @dataclass(frozen=True)
@@ -125,19 +136,6 @@ def _spread(times: list[float], first: float, last: float) -> list[float]:
         latest = last - gap * (len(times) - 1 - index)
         ordered.append(min(max(wanted, earliest), latest))
     return ordered
-
-
-FRAME = (440, 470)
-"""Width and height of one picture, pixels."""
-_GAP = 8
-"""Width between two pictures, pixels."""
-_TITLE = 52
-"""Height of the title, pixels."""
-_LABEL = 84
-"""Height of the labels below the pictures, pixels."""
-STRIP = (5 * FRAME[0] + 6 * _GAP, FRAME[1] + _TITLE + _LABEL)
-"""Width and height of the strip, pixels."""
-_DPI = 100
 
 
 def write_strip(run_log: RunLog, path: Path | str, *, force: bool = False) -> Path:

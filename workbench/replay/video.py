@@ -41,6 +41,8 @@ _HEADER = 52
 _GAP = 4
 """Width between two pictures, pixels."""
 _INK = "#1c2430"
+Encoder = Callable[..., None]
+"""Writes a film to a path: `(path, film, progress)`."""
 
 
 def write_video(
@@ -171,10 +173,6 @@ def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
     """Matplotlib brings it."""
     name = f"DejaVuSans{'-Bold' if bold else ''}.ttf"
     return ImageFont.truetype(str(Path(matplotlib.get_data_path(), "fonts", "ttf", name)), size)
-
-
-Encoder = Callable[..., None]
-"""Writes a film to a path: `(path, film, progress)`."""
 
 
 def _encoder(path: Path) -> Encoder:

@@ -33,6 +33,8 @@ _SHADOW_BIAS = -0.01 / 500.0
 _LIVE_AREA = (-4.0, 16.0, -8.0, 10.0)
 """Floor of a live run (x from, x to, y from, y to; m): it is not known yet where the car will go.
 """
+_AREA = (-14.0, 14.0, -14.0, 14.0)
+"""The floor that is drawn around the car, m."""
 
 
 def open_meshcat(port: int | None = None) -> Meshcat:
@@ -157,10 +159,6 @@ def _grid_lines(
         [x + 1, y, z] for x, y, z in start[along_y:]
     ]
     return np.asfortranarray(np.transpose(start)), np.asfortranarray(np.transpose(end))
-
-
-_AREA = (-14.0, 14.0, -14.0, 14.0)
-"""The floor that is drawn around the car, m."""
 
 
 class ChaseCamera:

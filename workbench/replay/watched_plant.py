@@ -51,6 +51,12 @@ from aerodima.workbench.systems.system_ports import vector_of
 
 _STATION_TRUTH = ("contact_truth", "wind_truth")
 """Ports of a simulated car's station that are recorded beside the motion."""
+PICTURES_PER_SECOND = 32.0
+"""That of Drake's own visualizer."""
+_FLOOR_MARGIN = 10.0
+"""Floor about the place of the start, m."""
+_LEAST_SIZE = 0.15
+"""The camera does not come nearer than to a plant of this radius, m."""
 
 
 @dataclass(frozen=True)
@@ -264,13 +270,6 @@ def _again(
     if wind is not None:
         builder.Connect(wind, copy.GetInputPort("wind_velocity"))
     return copy
-
-
-PICTURES_PER_SECOND = 32.0
-"""That of Drake's own visualizer."""
-_FLOOR_MARGIN = 10.0
-"""Floor about the place of the start, m."""
-_LEAST_SIZE = 0.15
 
 
 class LiveScene(LeafSystem):

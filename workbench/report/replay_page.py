@@ -35,6 +35,15 @@ from aerodima.workbench.report.report_page import (
 from aerodima.workbench.report.run_channels import channels_of, line_looks
 from aerodima.workbench.text_table import shown_value
 
+MOST_RUNS = len(RUN_STYLES)
+MOST_VIEWS = 8
+"""Cars that a comparison draws in 3-D at a time; browsers end at 16 WebGL views."""
+FIRST_VIEWS = 4
+"""Cars that a comparison draws in 3-D at first."""
+_CAR_SECTIONS = ("car", "tail", "friction", "tail_motor", "servo", "drive")
+"""Sections of a scenario that say which car it is; a difference in one of them is named first."""
+_LIBRARY_MARK = "<!-- Meshcat -->"
+
 
 def write_replay_html(
     run_log: RunLog, path: Path | str, *, force: bool = False, rate: float = 1.0
@@ -140,15 +149,6 @@ def _split(page: str, mark: str) -> tuple[str, str]:
     return before, after
 
 
-MOST_RUNS = len(RUN_STYLES)
-MOST_VIEWS = 8
-"""Cars that a comparison draws in 3-D at a time; browsers end at 16 WebGL views."""
-FIRST_VIEWS = 4
-"""Cars that a comparison draws in 3-D at first."""
-_CAR_SECTIONS = ("car", "tail", "friction", "tail_motor", "servo", "drive")
-"""Sections of a scenario that say which car it is; a difference in one of them is named first."""
-
-
 def metrics_rows(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
     """Metric with its unit -> value per run (None where a run has none).
 
@@ -223,9 +223,6 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
         ),
     )
     return Page("Comparison of runs: " + ", ".join(names), "", sections)
-
-
-_LIBRARY_MARK = "<!-- Meshcat -->"
 
 
 def replays_in_step(

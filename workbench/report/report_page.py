@@ -32,6 +32,10 @@ _PIXELS_PER_INCH = 95
 fills the page."""
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?( ?%|°)?(\s(to\s|\().*)?|nan|[-–]?")
 """Cells that are set to the right: a number, a range, or none."""
+Content: TypeAlias = "Page | pd.DataFrame | str | bytes"
+PLOT_LIBRARY = "uPlot-1.6.32"
+"""Folder of the library that draws interactive plots, as its authors publish it, with its licence
+(MIT)."""
 
 
 @dataclass(frozen=True)
@@ -233,9 +237,6 @@ def _has_interactive(parts: Sequence[Part]) -> bool:
     )
 
 
-Content: TypeAlias = "Page | pd.DataFrame | str | bytes"
-
-
 def write_files(
     folder: Path,
     contents: Mapping[str, Content],
@@ -325,11 +326,6 @@ def _templates() -> "jinja2.Environment":
     made.tests["a"] = lambda part, name: type(part).__name__ == name
     made.globals["shipped"] = _shipped
     return made
-
-
-PLOT_LIBRARY = "uPlot-1.6.32"
-"""Folder of the library that draws interactive plots, as its authors publish it, with its licence
-(MIT)."""
 
 
 def _shipped(name: str) -> "markupsafe.Markup":

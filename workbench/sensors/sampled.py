@@ -19,6 +19,10 @@ from aerodima.workbench.systems.system_ports import (
 
 TOLERANCE = 1e-9
 """Relative; a rate of exactly 1/step, or a delay of whole periods, may miss by rounding."""
+TURN = 2.0 * math.pi
+"""One turn, rad."""
+BLOCK = 64
+"""Samples drawn at once; part of the stream's definition."""
 
 
 def check_rate(rate: float, step: float | None, name: str) -> None:
@@ -174,9 +178,6 @@ class SampledSensor(LeafSystem):
         output[0] = context.get_time() - self._sample_time.read(context)[0]
 
 
-TURN = 2.0 * math.pi
-
-
 class AngleEncoder(SampledSensor):
     """Encoder of one joint: its angle in steps, and the rate from the difference of two readings.
 
@@ -240,10 +241,6 @@ class AngleEncoder(SampledSensor):
         past = self._past.read(context)
         self._past.write(discrete_state, np.concatenate((past[1:], row[:1])))
         return row
-
-
-BLOCK = 64
-"""Samples drawn at once; part of the stream's definition."""
 
 
 class CounterNoise:

@@ -70,6 +70,17 @@ TOLD_EVERY = 0.1
 """Time between two calls of the progress without a check, s of the run."""
 CHECKED_EVERY = 0.02
 """Time between two calls with a check, s of the run."""
+_TIME_MARGIN = 1e-9
+"""Rounding of a time, s."""
+DRIVER_PORTS = ("planned_turn", "state")
+"""Ports of driver and tail controller that the log has beside their commands."""
+LOOKS = 50.0
+"""Looks per second, Hz, for a certain outcome that ends a trial; its table ends at the row of the
+flip all the same."""
+Build = Callable[[DiagramBuilder, Diagram], object]
+"""Adds what drives a station to the builder, in which the station stands, and connects its input
+ports. What it exports or logs fills columns of the log (`OpenBuilder.signals`); exported as
+`planned_turn` or `state`, those of driver and controller."""
 
 
 @dataclass(frozen=True)
@@ -119,16 +130,6 @@ class LiveView:
         return monitor
 
 
-_TIME_MARGIN = 1e-9
-"""s."""
-
-DRIVER_PORTS = ("planned_turn", "state")
-"""Ports of driver and tail controller that the log has beside their commands."""
-LOOKS = 50.0
-"""Looks per second, Hz, for a certain outcome that ends a trial; its table ends at the row of the
-flip all the same."""
-
-
 @dataclass(frozen=True)
 class CarDiagram:
     """A station with what drives it and the roll estimator around it, and the ports worth
@@ -141,12 +142,6 @@ class CarDiagram:
     station: Diagram
     signals: Signals
     own: Signals
-
-
-Build = Callable[[DiagramBuilder, Diagram], object]
-"""Adds what drives a station to the builder, in which the station stands, and connects its input
-ports. What it exports or logs fills columns of the log (`OpenBuilder.signals`); exported as
-`planned_turn` or `state`, those of driver and controller."""
 
 
 def build_of(

@@ -47,6 +47,11 @@ COM_COLUMNS = [f"com_{axis}_truth_m" for axis in _XYZ] + [
     f"com_velocity_{axis}_truth_m_per_s" for axis in _XYZ
 ]
 """Position and velocity of the centre of mass of the whole plant in W."""
+BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
+CONTACT_TRUTH = PortFields("ContactTruth", tuple(names_of(CAR_TRUTH["contact_truth"])))
+TAIL_TRUTH = PortFields("TailTruth", tuple(names_of(CAR_TRUTH["tail_truth"])))
+LEAST_LOAD = 1e-9
+"""N; of a wheel in the air, whose contact point is the origin."""
 
 
 def pose_columns(body: str) -> list[str]:
@@ -198,15 +203,6 @@ class PlantTruth(_Kinematics):
             X_WB = self._plant.EvalBodyPoseInWorld(kinematics, self._plant.get_body(index))
             rows += [X_WB.rotation().ToQuaternion().wxyz(), X_WB.translation()]
         output.SetFromVector(np.concatenate(rows))
-
-
-BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
-CONTACT_TRUTH = PortFields("ContactTruth", tuple(names_of(CAR_TRUTH["contact_truth"])))
-TAIL_TRUTH = PortFields("TailTruth", tuple(names_of(CAR_TRUTH["tail_truth"])))
-
-
-LEAST_LOAD = 1e-9
-"""N; of a wheel in the air, whose contact point is the origin."""
 
 
 class CarTruth(_Kinematics):

@@ -44,6 +44,14 @@ from aerodima.workbench.errors import UserError
 
 LeafSystem_: Any = vars(pydrake.systems.framework)["LeafSystem_"]
 """Drake's template of leaf systems."""
+SystemT = TypeVar("SystemT", bound=System)
+Part = OutputPort | str | tuple[OutputPort, Sequence[int]]
+"""Of what a port is made: another port, an input of the diagram by its name, or some elements of a
+port."""
+_LONG = 1e9
+"""Time until which the clock of `add_status` runs, s."""
+LEAD = 1e-9
+"""Share of the time by which one stage comes before the next."""
 
 
 def system_template(name: str, module: str) -> Callable[[Callable[[Any], Any]], Any]:
@@ -142,9 +150,6 @@ class DiscreteVector:
         discrete_state.set_value(self._index, new)
 
 
-SystemT = TypeVar("SystemT", bound=System)
-
-
 def connected(
     builder: DiagramBuilder, system: SystemT, name: str = "", /, **inputs: OutputPort
 ) -> SystemT:
@@ -166,11 +171,6 @@ def transformed(
     name.
     """
     return connected(builder, MatrixGain(matrix), name, u0=source).get_output_port()
-
-
-Part = OutputPort | str | tuple[OutputPort, Sequence[int]]
-"""Of what a port is made: another port, an input of the diagram by its name, or some elements of a
-port."""
 
 
 class Wires:
@@ -248,10 +248,6 @@ def constant(builder: DiagramBuilder, name: str, value: ArrayLike) -> OutputPort
     return builder.AddNamedSystem(
         name, ConstantVectorSource(np.array(value, dtype=float))
     ).get_output_port()
-
-
-_LONG = 1e9
-"""s; until then the clock of `add_status` runs."""
 
 
 def add_status(
@@ -350,10 +346,6 @@ def refuse_other_ports(
 
 def _sizes(ports: dict[str, int]) -> str:
     return ", ".join(f"{name} ({size})" for name, size in sorted(ports.items())) or "none"
-
-
-LEAD = 1e-9
-"""Share of the time by which one stage comes before the next."""
 
 
 class Stage(IntEnum):
