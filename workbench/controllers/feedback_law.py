@@ -137,17 +137,23 @@ class FeedbackLaw:
             return memory, NO_COMMAND, NO_COMMAND, int(SwingState.OFF)
         steering = observation.steering_angle
         valid = observation.imu_valid
-        predicts = math.isfinite(observation.speed) and math.isfinite(steering)
-        seen = Seen(
-            roll=observation.imu[ROLL] if valid else 0.0,
-            roll_rate=observation.imu[GYRO_X] if valid else 0.0,
-            yaw_rate=observation.imu[GYRO_Z] if valid and predicts else 0.0,
-            speed=observation.speed if predicts else 0.0,
-            steering_angle=steering if predicts else 0.0,
-            valid=valid,
-        )
+        roll = 0.0
+        roll_rate = 0.0
+        yaw_rate = 0.0
+        speed = 0.0
+        steering_angle = 0.0
+        if valid:
+            roll = observation.imu[ROLL]
+            roll_rate = observation.imu[GYRO_X]
+        if math.isfinite(observation.speed) and math.isfinite(steering):
+            speed = observation.speed
+            steering_angle = steering
+            if valid:
+                yaw_rate = observation.imu[GYRO_Z]
+        seen = Seen(roll, roll_rate, yaw_rate, speed, steering_angle, valid)
         gains = self.gains
         found = respond(gains, self.wheelbase, self.rate, reference, seen)
         pitch = np.array([gains.pitch_angle, 0.0, *self.pitch_hold, 0.0])
-        roll = np.array([float(found.reference), 0.0, gains.kp, gains.kd, 0.0])
-        return np.array([float(found.reference)]), pitch, roll, int(found.state)
+        moved = float(found.reference)
+        command = np.array([moved, 0.0, gains.kp, gains.kd, 0.0])
+        return np.array([moved]), pitch, command, int(found.state)

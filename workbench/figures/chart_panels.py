@@ -70,9 +70,8 @@ def chart_panels(figure: Figure) -> dict[str, Any]:
         keys += [entry for entry in entries if entry["label"] not in known]
         top = place.get_topmost_subplotspec()
         where = (top.rowspan.start, top.colspan.start)
-        cells.setdefault(where, {"row": where[0], "column": where[1], "panels": []})[
-            "panels"
-        ].append(panel)
+        cell = cells.setdefault(where, {"row": where[0], "column": where[1], "panels": []})
+        cell["panels"].append(panel)
     columns = 1 + max((column for _, column in cells), default=0)
     title = figure.get_suptitle()
     return {
@@ -235,14 +234,18 @@ def _line_shapes(line: Line2D, axes: Axes) -> Iterable[dict[str, Any]]:
         return
     look = _look(line)
     in_x, in_y = line.get_transform().contains_branch_seperately(axes.transData)
-    place = {
-        "x": _numbers(x) if in_x else ["low", "high"],
-        "y": _numbers(y) if in_y else ["low", "high"],
-    }
+    place: dict[str, Any] = {"x": ["low", "high"], "y": ["low", "high"]}
+    if in_x:
+        place["x"] = _numbers(x)
+    if in_y:
+        place["y"] = _numbers(y)
     if _is_joined(line):
-        yield {**place, "stroke": _colour(line.get_color(), line.get_alpha()),
-        "width": look["width"],
-               "dash": look.get("dash")}  # fmt: skip
+        yield {
+            **place,
+            "stroke": _colour(line.get_color(), line.get_alpha()),
+            "width": look["width"],
+            "dash": look.get("dash"),
+        }
     if "mark" in look:
         yield {
             **place,

@@ -106,9 +106,9 @@ def tail_effort(run_log: RunLog, after: NDArray[np.bool_]) -> tuple[float | None
     check_signals(run_log.time, signals)
     peak = max(float(np.max(np.abs(signals[name][after]))) for name in torques)
     power = signals.get("tail motor power")
-    return peak, None if power is None else float(
-        trapezoid(np.maximum(power[after], 0.0), run_log.time[after])
-    )
+    if power is None:
+        return peak, None
+    return peak, float(trapezoid(np.maximum(power[after], 0.0), run_log.time[after]))
 
 
 def _over_window(

@@ -83,18 +83,22 @@ def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
     turning = np.zeros(time.shape, bool)
     for start, end, _ in windows:
         turning |= (time >= start) & (time <= end)
-    still_steered = any(end > last for _, end, _ in windows)
+    largest_lift = None
+    if len(lifts) == len(WHEELS):
+        largest_lift = side_lift(np.column_stack(lifts))
+    touched = None
+    if contact is not None:
+        touched = " ".join(_touched(contact[steered], turning[steered]))
+    last_yaw_rate = None
+    if not any(end > last for _, end, _ in windows):
+        last_yaw_rate = float(np.mean(signals.yaw_rate[signals.time >= last]))
     return TipUp(
-        side_lift_m=side_lift(np.column_stack(lifts)) if len(lifts) == len(WHEELS) else None,
-        touched_when_steered=None
-        if contact is None
-        else " ".join(_touched(contact[steered], turning[steered])),
+        side_lift_m=largest_lift,
+        touched_when_steered=touched,
         lateral_acceleration_m_per_s2=lateral_acceleration(
             time, *ground_velocity(run_log), windows
         ),
-        last_yaw_rate_rad_per_s=None
-        if still_steered
-        else float(np.mean(signals.yaw_rate[signals.time >= last])),
+        last_yaw_rate_rad_per_s=last_yaw_rate,
     )
 
 

@@ -158,23 +158,28 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
     loads = signals.wheel_loads
     peak_torque, energy = tail_effort(run_log, after)
     settled = settled_row(run_log.table, signals.window[1])
+    if settled is None:
+        settled = -1
+    raw = turn_metrics(signals.sampled(1.0 / SAMPLE_TIMES["simulated"]))
+    filtered = turn_metrics(reported.sampled(1.0 / SAMPLE_TIMES["physical"]), filtered=True)
+    two_wheel_time = None
+    lift_yaw_rate = None
+    if loads is not None:
+        two_wheel_time = _time_while(time[after], _wheels_loaded(loads[after]) < 3)
+        lift_yaw_rate = _lift_yaw_rate(signals, loads)
     return RunMetrics(
         source=signals.source,
         direction="left" if signals.sign > 0 else "right",
-        raw=turn_metrics(signals.sampled(1.0 / SAMPLE_TIMES["simulated"])),
-        filtered=turn_metrics(reported.sampled(1.0 / SAMPLE_TIMES["physical"]), filtered=True),
+        raw=raw,
+        filtered=filtered,
         outcome=_outcome(signals),
         peak_roll_rad=float(np.max(signals.roll[after])),
-        two_wheel_time_s=None
-        if loads is None
-        else _time_while(time[after], _wheels_loaded(loads[after]) < 3),
-        heading_change_rad=float(
-            signals.yaw[-1 if settled is None else settled] - signals.yaw[after][0]
-        ),
+        two_wheel_time_s=two_wheel_time,
+        heading_change_rad=float(signals.yaw[settled] - signals.yaw[after][0]),
         tail_torque_peak_n_m=peak_torque,
         tail_energy_j=energy,
         speed_in_turn_m_per_s=_speed_in_turn(signals),
-        lift_yaw_rate_rad_per_s=None if loads is None else _lift_yaw_rate(signals, loads),
+        lift_yaw_rate_rad_per_s=lift_yaw_rate,
     )
 
 

@@ -131,18 +131,24 @@ class RigMotion:
         robot = scenario.is_robot
         friction = scenario.robot_friction if robot else scenario.friction
         motor = scenario.robot_motor
-        maxon = scenario.maxon
         bodies, blades = _parts(scenario)
         x, y, z = pivot_position(scenario.mount).tolist()
-        if blades:
-            parts = tail_layout(scenario, ADDED_MASS_PARTS).distances
+        if robot:
+            rotor = motor.rotor_inertia * motor.gear_ratio**2
         else:
-            parts = ()
+            rotor = scenario.maxon.reflected_inertia
+        added_mass = 0.0
+        added_distances = []
+        if blades:
+            tail = blades[-1]
+            added_mass = scenario.aero.added_mass
+            for distance in tail_layout(scenario, ADDED_MASS_PARTS).distances:
+                added_distances.append(tail.root * math.cos(tail.tilt) + distance)
         return cls(
             bodies=bodies,
-            rotor=motor.rotor_inertia * motor.gear_ratio**2 if robot else maxon.reflected_inertia,
-            added_mass=scenario.aero.added_mass if blades else 0.0,
-            added_distances=tuple(blades[-1].root * math.cos(blades[-1].tilt) + s for s in parts),
+            rotor=rotor,
+            added_mass=added_mass,
+            added_distances=tuple(added_distances),
             friction=smooth_friction(friction.coulomb, friction.viscous, friction.tanh_gain),
             blades=blades,
             jet=rig_jet(scenario),

@@ -358,10 +358,9 @@ def _corners(plate: Plate, margin: float) -> list[np.ndarray]:
     for number, piece in enumerate(plate.pieces):
         near, far = piece.chords
         inset = min(margin, piece.length / 2)
-        ends = [
-            (far, piece.length - inset),
-            *([(near, inset)] if number == 0 and near > far else []),
-        ]
+        ends = [(far, piece.length - inset)]
+        if number == 0 and near > far:
+            ends.append((near, inset))
         for chord, along in ends:
             side = max(chord / 2 - margin, 0.0)
             found += [

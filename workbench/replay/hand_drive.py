@@ -350,19 +350,28 @@ class MeshcatControls:
     def wishes(self) -> Wishes:
         """The wishes of this moment."""
         meshcat = self._meshcat
-        if (clicks := meshcat.GetButtonClicks(STRAIGHT)) != self._straightened:
+        clicks = meshcat.GetButtonClicks(STRAIGHT)
+        if clicks != self._straightened:
             self._straightened = clicks
             meshcat.SetSliderValue(STEERING, 0.0)
         if not self._read_pad():
             self._steering = math.radians(meshcat.GetSliderValue(STEERING))
-        by_hand = meshcat.GetButtonClicks(BY_HAND) % 2 == 1
-        paused = meshcat.GetButtonClicks(PAUSE) % 2 == 1
+        if self._pad:
+            speed = self._pad_speed
+        else:
+            speed = meshcat.GetSliderValue(SPEED)
+        tail_roll = math.nan
+        if meshcat.GetButtonClicks(BY_HAND) % 2 == 1:
+            tail_roll = math.radians(meshcat.GetSliderValue(TAIL))
+        pace = 0.0
+        if meshcat.GetButtonClicks(PAUSE) % 2 == 0:
+            pace = meshcat.GetSliderValue(PACE)
         return Wishes(
             steering=self._steering,
-            speed=self._pad_speed if self._pad else meshcat.GetSliderValue(SPEED),
+            speed=speed,
             planned_turn=meshcat.GetSliderValue(NEXT_TURN),
-            tail_roll=math.radians(meshcat.GetSliderValue(TAIL)) if by_hand else math.nan,
-            pace=0.0 if paused else meshcat.GetSliderValue(PACE),
+            tail_roll=tail_roll,
+            pace=pace,
             attempt=meshcat.GetButtonClicks(RESET),
             over=meshcat.GetButtonClicks(END) > 0,
         )
@@ -387,26 +396,23 @@ class MeshcatControls:
         if there != self._pad:
             self._pad = there
             self._pad_speed = meshcat.GetSliderValue(SPEED)
-            self._say(
-                "gamepad: it drives now"
-                if there
-                else "the gamepad is gone: wheels straight, wanted speed 0"
-            )
-            if not there:
+            if there:
+                self._say("gamepad: it drives now")
+            else:
+                self._say("the gamepad is gone: wheels straight, wanted speed 0")
                 meshcat.SetSliderValue(STEERING, 0.0)
                 meshcat.SetSliderValue(SPEED, 0.0)
         if not there:
             return False
-        left, right = (
-            value if abs(value) > DEAD_ZONE else 0.0
-            for value in (pad.axes[LEFT_X], pad.axes[RIGHT_X])
-        )
+        left = 0.0
+        if abs(pad.axes[LEFT_X]) > DEAD_ZONE:
+            left = pad.axes[LEFT_X]
         self._steering = -math.radians(self._limit) * left
         pulled = pad.button_values[ACCELERATE] - pad.button_values[BRAKE]
-        self._pad_speed = min(
-            self._top, max(0.0, self._pad_speed + PAD_ACCELERATION * pulled * SLICE)
-        )
+        speed = self._pad_speed + PAD_ACCELERATION * pulled * SLICE
+        self._pad_speed = min(self._top, max(0.0, speed))
         meshcat.SetSliderValue(SPEED, self._pad_speed)
-        if right:
+        right = pad.axes[RIGHT_X]
+        if abs(right) > DEAD_ZONE:
             meshcat.SetSliderValue(TAIL, 120.0 * right)
         return True

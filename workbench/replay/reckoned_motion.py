@@ -138,14 +138,15 @@ def _motion(
     tip = np.zeros((time.size, 3))
     corners = _corners(scenario)
     p_ToTip_T = tail_geometry(scenario.tail).arm.points[-1]
+    bodies = [car.car]
+    if tail is not None:
+        bodies.append(tail)
     for row in range(time.size):
         R_WB = RollPitchYaw(roll[row], pitch[row], yaw[row]).ToRotationMatrix()
         position[row, 2] = max(0.0, -float(np.min(R_WB.matrix()[2] @ corners)))
         positions[row, chassis] = [*R_WB.ToQuaternion().wxyz(), *position[row]]
         plant.SetPositions(context, positions[row])
-        com[row] = plant.CalcCenterOfMassPositionInWorld(
-            context, [car.car] if tail is None else [car.car, tail]
-        )
+        com[row] = plant.CalcCenterOfMassPositionInWorld(context, bodies)
         if tail is not None:
             X_WT: RigidTransform = plant.EvalBodyPoseInWorld(
                 context, plant.GetBodyByName("tail_rod")
@@ -154,13 +155,15 @@ def _motion(
     columns = {
         f"{PLANT_POSITION_PREFIX}{name}": positions[:, index] for index, name in enumerate(names)
     }
-    vectors = {"position": position, "com": com} | ({} if tail is None else {"tail_tip": tip})
+    vectors = {"position": position, "com": com}
+    tail_roll = zero
+    if tail is not None:
+        vectors["tail_tip"] = tip
+        tail_roll = positions[:, names.index("tail_tail_roll_q")]
     for stem, values in vectors.items():
         columns |= {f"{stem}_{axis}_truth_m": values[:, index] for index, axis in enumerate("xyz")}
     return columns | {
-        "tail_roll_angle_rad": zero
-        if tail is None
-        else positions[:, names.index("tail_tail_roll_q")],
+        "tail_roll_angle_rad": tail_roll,
         "roll_truth_rad": roll,
         "pitch_truth_rad": pitch,
         "yaw_truth_rad": yaw,

@@ -175,11 +175,11 @@ class WatchedPlant:
             for label in self.bodies
         ]
         live = builder.AddNamedSystem("live_scene", LiveScene(meshcat, names, reach, air_scale))
-        for port in (
-            "com",
-            *(["poses"] if self.bodies else []),
-            *(f"{name}_air" for name in names),
-        ):
+        ports = ["com"]
+        if self.bodies:
+            ports.append("poses")
+        ports += [f"{name}_air" for name in names]
+        for port in ports:
             builder.Connect(truth.GetOutputPort(port), live.GetInputPort(port))
 
     def signals(self, truth: PlantTruth) -> Signals:

@@ -212,10 +212,12 @@ def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
             "again"
         )
     make_folder(out / "logs", UserError)
-    for path in (
-        [out / PAGE, out / SUMMARY, *(path for run in runs for path in run.files)] if force else ()
-    ):
-        path.unlink(missing_ok=True)
+    if force:
+        (out / PAGE).unlink(missing_ok=True)
+        (out / SUMMARY).unlink(missing_ok=True)
+        for run in runs:
+            for path in run.files:
+                path.unlink(missing_ok=True)
     return store
 
 
@@ -289,20 +291,28 @@ def _outcome_table(summaries: Sequence[RunSummary]) -> Table:
     header = ("speed [m/s]", "tail", "outcome", "peak roll [deg]", "mean yaw rate [rad/s]",
     "heading change [deg]",
               "tail energy [J]")  # fmt: skip
-    rows = [
-        (
-            f"{s.commanded_speed:.2f}",
-            MODE_WORDS[s.tail_mode],
-            outcome_in_words(s.metrics.outcome),
-            f"{math.degrees(s.metrics.peak_roll_rad):.1f}" if s.survived else "–",
-            f"{s.metrics.raw.average_yaw_rate_rad_per_s:.2f}",
-            f"{math.degrees(s.metrics.heading_change_rad):.1f}" if s.survived else "–",
-            "–"
-            if s.tail_mode == "none" or s.metrics.tail_energy_j is None
-            else f"{s.metrics.tail_energy_j:.1f}",
+    rows = []
+    for summary in summaries:
+        metrics = summary.metrics
+        peak_roll = "–"
+        heading_change = "–"
+        if summary.survived:
+            peak_roll = f"{math.degrees(metrics.peak_roll_rad):.1f}"
+            heading_change = f"{math.degrees(metrics.heading_change_rad):.1f}"
+        tail_energy = "–"
+        if summary.tail_mode != "none" and metrics.tail_energy_j is not None:
+            tail_energy = f"{metrics.tail_energy_j:.1f}"
+        rows.append(
+            (
+                f"{summary.commanded_speed:.2f}",
+                MODE_WORDS[summary.tail_mode],
+                outcome_in_words(metrics.outcome),
+                peak_roll,
+                f"{metrics.raw.average_yaw_rate_rad_per_s:.2f}",
+                heading_change,
+                tail_energy,
+            )
         )
-        for s in summaries
-    ]
     return Table(header, rows, [index for index, s in enumerate(summaries) if not s.survived])
 
 
@@ -310,16 +320,25 @@ def _metric_table(summaries: Sequence[RunSummary]) -> Folded:
     """Metrics of the runs that the thesis made too; raw beside its simulation, filtered beside its
     car.
     """
-    rows = [
-        (run.name, row.source, platform, metric_name(one.name), metric_unit(one.name),
-        f"{ours:.2f}",
-         f"{published:.2f}", percent(ours / published - 1.0))
-        for run in summaries
-        for platform, row in published_for(run).items()
-        for one in fields(TurnMetrics)
-        for ours, published in [(getattr(run.metrics.like(platform), one.name),
-        getattr(row.metrics, one.name))]
-    ]  # fmt: skip
+    rows = []
+    for run in summaries:
+        for platform, row in published_for(run).items():
+            for field in fields(TurnMetrics):
+                name = field.name
+                ours = getattr(run.metrics.like(platform), name)
+                published = getattr(row.metrics, name)
+                rows.append(
+                    (
+                        run.name,
+                        row.source,
+                        platform,
+                        metric_name(name),
+                        metric_unit(name),
+                        f"{ours:.2f}",
+                        f"{published:.2f}",
+                        percent(ours / published - 1.0),
+                    )
+                )
     header = (
         "run",
         "published in",
@@ -343,16 +362,15 @@ def provenance(runs: Mapping[str, DemoRun], summary: str) -> Section:
     """
     logs = [read_run_log(run.log) for run in runs.values()]
     versions = sorted({(name, version) for log in logs for name, version in log.versions.items()})
-    rows = [*versions, ("seed", ", ".join(map(str, sorted({log.seed for log in logs}))))]
-    rows += [("step of the plant", f"{logs[0].scenario['simulation']['step']:g} s")]
-    linked = [
-        (
-            name,
-            Link(f"logs/{run.log.name}", "log"),
-            "" if run.replay is None else Link(run.replay.name, "replay"),
-        )
-        for name, run in runs.items()
-    ]
+    seeds = sorted({log.seed for log in logs})
+    step = logs[0].scenario["simulation"]["step"]
+    rows = [*versions, ("seed", ", ".join(map(str, seeds))), ("step of the plant", f"{step:g} s")]
+    linked = []
+    for name, run in runs.items():
+        replay: str | Link = ""
+        if run.replay is not None:
+            replay = Link(run.replay.name, "replay")
+        linked.append((name, Link(f"logs/{run.log.name}", "log"), replay))
     scenario = Preformatted(json.dumps(logs[0].scenario, indent=2, sort_keys=True))
     return Section(
         "Replays, logs and provenance",

@@ -112,11 +112,11 @@ def _first_chosen(run_logs: Sequence[RunLog], there: set[str]) -> list[str]:
             for axis in "yz"
         ]
         return [*_SHOWN_OF_PLANT, *dict.fromkeys(air)]
+    if len(run_logs) == 1:
+        return [*_SHOWN, *_SHOWN_OF_ONE]
     if "roll_truth_rad" in there:
-        roll = []
-    else:
-        roll = ["roll_estimate_rad"]
-    return [*_SHOWN, *(_SHOWN_OF_ONE if len(run_logs) == 1 else roll)]
+        return [*_SHOWN]
+    return [*_SHOWN, "roll_estimate_rad"]
 
 
 def line_looks() -> list[dict[str, Any]]:
@@ -125,11 +125,10 @@ def line_looks() -> list[dict[str, Any]]:
     """
     looks = []
     for colour, line in RUN_STYLES:
-        if line == "-":
-            dash = []
-        else:
-            dash = [round(1.6 * length, 1) for length in line[1]]
-        looks.append({"colour": colour, **({"dash": dash} if dash else {})})
+        look: dict[str, Any] = {"colour": colour}
+        if line != "-":
+            look["dash"] = [round(1.6 * length, 1) for length in line[1]]
+        looks.append(look)
     return looks
 
 

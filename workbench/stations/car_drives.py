@@ -121,9 +121,9 @@ class CarDrives(LeafSystem):
             "steering_angle": 1,
         }
         if p_BoSo_B is not None:
-            sizes |= dict.fromkeys(TAIL_COMMANDS, TAIL_COMMAND.size) | (
-                {"wind_velocity": 3} if windy else {}
-            )
+            sizes |= dict.fromkeys(TAIL_COMMANDS, TAIL_COMMAND.size)
+            if windy:
+                sizes["wind_velocity"] = 3
         self._parts = {
             name: slice(place.start, place.stop) for name, place in _ranges(**sizes).items()
         }
@@ -330,14 +330,12 @@ def add_car_drives(
     wires.feed(
         last.get_input_port(), one, *driven.moves("velocity"), *driven.moves("rates")[:2], *kept
     )
-    commands: list[Part] = [
-        "throttle",
-        "steering_angle",
-        *(TAIL_COMMANDS if car.tail is not None else ()),
-    ]
-    wires.feed(
-        system.get_input_port(), *motion, driven.last, *commands, *([] if wind is None else [wind])
-    )
+    inputs: list[Part] = [*motion, driven.last, "throttle", "steering_angle"]
+    if car.tail is not None:
+        inputs += TAIL_COMMANDS
+    if wind is not None:
+        inputs.append(wind)
+    wires.feed(system.get_input_port(), *inputs)
     drives = system.GetOutputPort("drives")
     for port, rows in _driven_ports(car):
         wires.feed(
