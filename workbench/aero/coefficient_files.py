@@ -157,7 +157,8 @@ class _NormalLine(CoefficientSet):
     def _adds_no_energy(self) -> "_NormalLine":
         # Not in `SpeedLine`: a fit may pass through negative lines on its way.
         for speed in self.speed_range:
-            if (value := self.cn_intercept + self.cn_slope_s_per_m * speed) < 0.0:
+            value = self.cn_intercept + self.cn_slope_s_per_m * speed
+            if value < 0.0:
                 raise ValueError(
                     f"cn_slope_s_per_m and cn_intercept give {value:g} at {speed:g} m/s; allowed: "
                     ">= 0, a negative "

@@ -297,9 +297,11 @@ class SpeedLine:
     def __call__(self, speed: Scalar) -> Scalar:
         """The coefficient at a speed."""
         low, high = self.speed_range
-        return self.intercept + self.slope * (
-            low if speed < low else high if speed > high else speed
-        )
+        if speed < low:
+            speed = low
+        elif speed > high:
+            speed = high
+        return self.intercept + self.slope * speed
 
     def covers(self, speed: float) -> bool:
         """Whether the speed lies inside the range."""

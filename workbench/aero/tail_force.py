@@ -350,16 +350,13 @@ def add_tail_force(
             f"'{carrier.name()}' "
             "needs another name="
         )
-    if (
-        wind is None
-        and jet is None
-        and force.law.knows_normal
-        and (line := idle_normal(plant, carrier, layout))
-    ):
-        warnings.warn(line, UserWarning, stacklevel=2)
-    inputs = {"plant_state": plant.get_state_output_port()} | (
-        {} if wind is None else {"wind_velocity": wind}
-    )
+    if wind is None and jet is None and force.law.knows_normal:
+        line = idle_normal(plant, carrier, layout)
+        if line:
+            warnings.warn(line, UserWarning, stacklevel=2)
+    inputs = {"plant_state": plant.get_state_output_port()}
+    if wind is not None:
+        inputs["wind_velocity"] = wind
     system = connected(builder, force, name, **inputs)
     if applied:
         connect_spatial_forces(builder, plant, system.GetOutputPort("spatial_forces"))
@@ -515,8 +512,12 @@ class SectionWatch(LeafSystem):
         return self._fastest > _STILL_AIR and self._share <= _ROUNDING
 
     def _clear(self) -> None:
-        self._looks = self._outside = self._too_fast = 0
-        self._reynolds = self._fastest = self._share = 0.0
+        self._looks = 0
+        self._outside = 0
+        self._too_fast = 0
+        self._reynolds = 0.0
+        self._fastest = 0.0
+        self._share = 0.0
 
     def _start(self, context: Context) -> EventStatus:
         self._clear()
@@ -528,10 +529,11 @@ class SectionWatch(LeafSystem):
         self._looks += 1
         self._outside += bool(np.any(validity == EXTRAPOLATED))
         self._too_fast += bool(np.any(validity == BEYOND_QUASI_STEADY))
-        speeds, forces = (sections[column :: len(SECTION_COLUMNS)] for column in (_SPEED, _FORCE))
-        self._reynolds = max(
-            self._reynolds, float(sections[_REYNOLDS :: len(SECTION_COLUMNS)].max())
-        )
+        columns = len(SECTION_COLUMNS)
+        speeds = sections[_SPEED::columns]
+        forces = sections[_FORCE::columns]
+        shares = forces / np.maximum(speeds, _STILL_AIR) ** 2
+        self._reynolds = max(self._reynolds, float(sections[_REYNOLDS::columns].max()))
         self._fastest = max(self._fastest, float(speeds.max()))
-        self._share = max(self._share, float(np.max(forces / np.maximum(speeds, _STILL_AIR) ** 2)))
+        self._share = max(self._share, float(np.max(shares)))
         return EventStatus.Succeeded()

@@ -144,10 +144,10 @@ def read_lines(path: Path) -> list[Row]:
     """Head and rows of a file of a `RowStore`, as they were written, without damaged lines; none
     without a file.
     """
-    lines = []
-    for text in (
-        path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else ()
-    ):
+    lines: list[Row] = []
+    if not path.is_file():
+        return lines
+    for text in path.read_text(encoding="utf-8", errors="replace").splitlines():
         try:
             line = json.loads(text)
         except ValueError:
@@ -159,17 +159,19 @@ def read_lines(path: Path) -> list[Row]:
 
 def content_key(*content: Any) -> str:
     """The same for the same content, JSON-able."""
-    return hashlib.sha256(json.dumps(content, sort_keys=True, default=_plain).encode()).hexdigest()[
-        :20
-    ]
+    text = json.dumps(content, sort_keys=True, default=_plain)
+    return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
 def refuse_foreign_files(folder: Path, error: type[UserError] = UserError) -> None:
     """Raises `error` when a folder holds anything that nobody made for the work that is to be done
     there.
     """
-    if names := sorted(path.name for path in folder.iterdir() if path.name != WORKER_RECORD):
-        shown = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
+    names = sorted(path.name for path in folder.iterdir() if path.name != WORKER_RECORD)
+    if names:
+        shown = ", ".join(names[:3])
+        if len(names) > 3:
+            shown += ", ..."
         raise error(f"{folder}: holds other files ({shown}); choose another folder, or --force")
 
 
@@ -199,9 +201,8 @@ class ProgressBar:
     def one_more(self, what: str = "") -> None:
         """Counts a piece, and shows `what` beside the count."""
         self.done += 1
-        left = (
-            (time.monotonic() - self._start) / (self.done - self._there) * (self.total - self.done)
-        )
+        pace = (time.monotonic() - self._start) / (self.done - self._there)
+        left = pace * (self.total - self.done)
         filled = BAR * self.done // self.total
         count = f"{self.done:>{len(str(self.total))}}/{self.total}"
         self._progress(

@@ -375,7 +375,8 @@ class RigScenario(ScenarioFile):
     @property
     def cheetah_tail(self) -> CheetahTailParameters:
         """The tail of the experiment."""
-        return (self.tail_1, self.tail_2, self.tail_3)[self.experiment.tail - 1]
+        tails = (self.tail_1, self.tail_2, self.tail_3)
+        return tails[self.experiment.tail - 1]
 
     @property
     def count_angle(self) -> float:

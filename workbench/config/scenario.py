@@ -105,7 +105,8 @@ def load_parameter_file(
             raise ScenarioError(
                 f"{path}: {key}: unit {entry.unit!r}; allowed is {unit_of(model, key)!r}"
             )
-    if missing := set(known) - set(entries):
+    missing = set(known) - set(entries)
+    if missing:
         raise ScenarioError(f"{path}: missing: {', '.join(sorted(missing))}")
     return entries
 

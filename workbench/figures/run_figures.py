@@ -147,7 +147,8 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
             axes.set(ylabel=label, title=heading, xlim=(start, end))
             shade_turn(axes, window)
             for line in lines:
-                if (values := _values(run_log, line.column, line.design)) is not None:
+                values = _values(run_log, line.column, line.design)
+                if values is not None:
                     axes.plot(
                         run_log.time,
                         values,
@@ -187,9 +188,9 @@ def _values(run_log: RunLog, column: str, design: LowPass | None = None) -> Floa
 
 def _roll(run_log: RunLog) -> FloatArray | None:
     """True roll; of a real car its estimate."""
-    return _values(
-        run_log, "roll_truth_rad" if "roll_truth_rad" in run_log.table else "roll_estimate_rad"
-    )
+    if "roll_truth_rad" in run_log.table:
+        return _values(run_log, "roll_truth_rad")
+    return _values(run_log, "roll_estimate_rad")
 
 
 def _fit_to_shown(axes: Axes, start: float, end: float) -> None:
@@ -231,21 +232,26 @@ def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
         LogError: a log has no turn, or its sensors are missing; or cars and other plants are mixed.
     """
     plants = of_plants(run_logs)
+    if plants:
+        panels = _PLANT_PANELS
+        height = 6.0
+        time_label = "time [s]"
+    else:
+        panels = _PANELS
+        height = 8.0
+        time_label = "time [s]   (shaded: the turn of the first run)"
     with styled():
-        figure, grid = new_figure(11.0, 6.0 if plants else 8.0, 2 if plants else 3, 2, sharex=True)
-        for axes, (label, signal) in zip(
-            grid.flat, _PLANT_PANELS if plants else _PANELS, strict=True
-        ):
+        figure, grid = new_figure(11.0, height, len(panels) // 2, 2, sharex=True)
+        for axes, (label, signal) in zip(grid.flat, panels, strict=True):
             axes.set_ylabel(label)
             if not plants:
                 shade_turn(axes, turn_window(run_logs[0]))
             for run_log, (colour, line) in zip(run_logs, RUN_STYLES, strict=False):
-                if (found := signal(run_log)) is not None:
-                    axes.plot(run_log.time, found, color=colour, linestyle=line)
+                values = signal(run_log)
+                if values is not None:
+                    axes.plot(run_log.time, values, color=colour, linestyle=line)
         for axes in grid[-1]:
-            axes.set_xlabel(
-                "time [s]" if plants else "time [s]   (shaded: the turn of the first run)"
-            )
+            axes.set_xlabel(time_label)
         handles = [
             grid[0, 0].plot([], [], color=colour, linestyle=line)[0]
             for _, (colour, line) in zip(names, RUN_STYLES, strict=False)

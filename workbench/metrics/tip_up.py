@@ -136,7 +136,8 @@ def lateral_acceleration(
         course: (n,), rad, unwrapped, positive to the left.
         windows: in which the car is steered.
     """
-    turned = length = 0.0
+    turned = 0.0
+    length = 0.0
     for start, end, side in windows:
         inside = (time >= start - _TIME_MARGIN) & (time <= end + _TIME_MARGIN)
         if np.count_nonzero(inside) > 1:

@@ -107,18 +107,14 @@ class TurnSignals:
             return self
         first = math.ceil(self.time[0] * rate - _TIME_MARGIN)
         last = math.floor(self.time[-1] * rate + _TIME_MARGIN)
-        rows = (
-            np.searchsorted(
-                self.time, np.arange(first, last + 1) / rate + _TIME_MARGIN, side="right"
-            )
-            - 1
-        )
-        kept: dict[str, Any] = {
-            field.name: values[rows]
-            for field in fields(self)
-            if isinstance(values := getattr(self, field.name), np.ndarray)
-        }
-        return replace(self, **kept)
+        instants = np.arange(first, last + 1) / rate + _TIME_MARGIN
+        rows = np.searchsorted(self.time, instants, side="right") - 1
+        sampled: dict[str, Any] = {}
+        for field in fields(self):
+            values = getattr(self, field.name)
+            if isinstance(values, np.ndarray):
+                sampled[field.name] = values[rows]
+        return replace(self, **sampled)
 
     @property
     def in_window(self) -> NDArray[np.bool_]:

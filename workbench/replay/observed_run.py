@@ -196,30 +196,23 @@ def observe(
     step = watched.plant.time_step()
     if isinstance(settings, Scenario):
         stated = settings.resolved()
+        if watched.station is not None:
+            car = _car_signals(builder, watched.station)
+            if car:
+                facts = plant_facts(watched.station)
+                metadata = run_metadata(stated, settings.seed, extra=facts)
+                run.record(builder, car, rate, step, metadata)
+                return run
     else:
         stated = dict(settings or {})
-    if (
-        isinstance(settings, Scenario)
-        and watched.station is not None
-        and (car := _car_signals(builder, watched.station))
-    ):
-        run.record(
-            builder,
-            car,
-            rate,
-            step,
-            run_metadata(stated, settings.seed, extra=plant_facts(watched.station)),
-        )
-        return run
     for tail in watched.tails:
         run.watch(builder, tail, rate)
     stated = {"name": name or stated.get("name") or watched.plant.get_name()} | stated
     metadata = run_metadata(
         stated, seed=0, kind=PLANT_RUN, extra=watched.facts() | {AIR_SCALE_KEY: air_scale}
     )
-    run.record(
-        builder, watched.signals(truth) + _further(builder, signals or {}), rate, step, metadata
-    )
+    recorded = watched.signals(truth) + _further(builder, signals or {})
+    run.record(builder, recorded, rate, step, metadata)
     return run
 
 
@@ -248,6 +241,8 @@ def _further(builder: DiagramBuilder, signals: Mapping[str, OutputPort]) -> Sign
             )
         if port.get_data_type() != PortDataType.kVectorValued:
             raise UserError(f"observe: signal {name!r}: port '{port.get_name()}' holds no vector")
-        size = port.size()
-        found.append((port, [name] if size == 1 else [f"{name}_{index}" for index in range(size)]))
+        columns = [name]
+        if port.size() != 1:
+            columns = [f"{name}_{index}" for index in range(port.size())]
+        found.append((port, columns))
     return found

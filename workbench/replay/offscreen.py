@@ -196,7 +196,8 @@ class OffscreenRun:
     def __init__(self, run_log: RunLog) -> None:
         check_renderer()
         builder = DiagramBuilder()
-        self.logged = logged = add_logged_run(builder, run_log)
+        logged = add_logged_run(builder, run_log)
+        self.logged = logged
         sun = LightParameter(
             type="directional", direction=-_SUN, frame="world", intensity=_SUNLIGHT
         )

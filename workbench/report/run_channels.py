@@ -105,12 +105,10 @@ def channels_of(run_logs: Sequence[RunLog], names: Sequence[str]) -> dict[str, A
 
 def _first_chosen(run_logs: Sequence[RunLog], there: set[str]) -> list[str]:
     if any(run_log.kind == PLANT_RUN for run_log in run_logs):
-        air = [
-            f"{tail}_{axis}_truth_n"
-            for run_log in run_logs
-            for tail, _ in tails_of(run_log)
-            for axis in "yz"
-        ]
+        air = []
+        for run_log in run_logs:
+            for tail, _ in tails_of(run_log):
+                air += [f"{tail}_{axis}_truth_n" for axis in "yz"]
         return [*_SHOWN_OF_PLANT, *dict.fromkeys(air)]
     if len(run_logs) == 1:
         return [*_SHOWN, *_SHOWN_OF_ONE]

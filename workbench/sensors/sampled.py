@@ -157,7 +157,8 @@ class SampledSensor(LeafSystem):
 
     def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
         """Takes a sample; the new row of the queue."""
-        queue = row = self._row(context)
+        row = self._row(context)
+        queue = row
         if self._queue_length > 1:
             queue = np.concatenate((self._queue.read(context)[self._row_size :], row))
         if self._shows_at_once:

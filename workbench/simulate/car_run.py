@@ -197,7 +197,8 @@ def assemble(
     builder.AddSystem(station)
     (build or build_of(scenario, tail_law, schedule, lean))(builder, station)
     ports = builder.sources(station)
-    if missing := [name for name in STATION_INPUTS if name not in ports]:
+    missing = [name for name in STATION_INPUTS if name not in ports]
+    if missing:
         raise UserError(
             f"build: station port {', '.join(missing)}: not connected; each of them commands the "
             "car"
@@ -217,9 +218,10 @@ def assemble(
         )
         sources.append(RollEstimator.add_to_builder(builder, settings, station=station))
     signals = signals_of(CAR_PORTS, ports | output_ports(*sources)) + truth_signals(station)
-    own = builder.signals(
-        names_of(sensor_columns()) + [name for _, names in signals for name in names]
-    )
+    taken = names_of(sensor_columns())
+    for _, names in signals:
+        taken += names
+    own = builder.signals(taken)
     return CarDiagram(builder, station, signals + own, own)
 
 
@@ -238,7 +240,9 @@ def truth_signals(station: Diagram) -> Signals:
         names = names_of(plant_position_columns(plant.GetPositionNames()))
         names += [f"plant_velocity_{name}" for name in plant.GetVelocityNames()]
         signals.append((ports["plant_state_truth"], names))
-    return signals + ([] if wind is None else signals_of(CAR_TRUTH, {"wind_truth": wind}))
+    if wind is not None:
+        signals += signals_of(CAR_TRUTH, {"wind_truth": wind})
+    return signals
 
 
 def run_car(

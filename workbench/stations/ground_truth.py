@@ -101,7 +101,8 @@ class _Kinematics(LeafSystem):
 
     def _kinematics_at(self, context: Context) -> Context:
         state = vector_of(self._state_port, context)
-        if (known := state.tobytes()) != self._known:  # else what was computed at this state stays
+        known = state.tobytes()
+        if known != self._known:  # else what was computed at this state stays
             self._plant.SetPositionsAndVelocities(self._kinematics, state)
             self._known = known
         return self._kinematics

@@ -274,11 +274,12 @@ def add_status(
     samples = samples or {}
     faults = {"armed": 1.0, **(faults or {})}
     known = [*faults, *sources, *samples, *healthy]
-    if wrong := [
+    wrong = [
         name
         for name in {*fields.fields, *known}
         if known.count(name) != 1 or name not in fields.fields
-    ]:
+    ]
+    if wrong:
         raise ValueError(
             f"status: {', '.join(sorted(wrong))}; needed once each: {', '.join(fields.fields)}"
         )
@@ -291,9 +292,8 @@ def add_status(
         gains[fields.index(name), 1] = float(name in samples)
     line = PiecewisePolynomial.FirstOrderHold([0.0, _LONG], [[1.0, 1.0], [0.0, _LONG]])
     clock = builder.AddNamedSystem("status_clock", TrajectorySource(line)).get_output_port()
-    return transformed(
-        builder, "status", stacked(builder, "status_inputs", [clock, *ports.values()]), gains
-    )
+    inputs = stacked(builder, "status_inputs", [clock, *ports.values()])
+    return transformed(builder, "status", inputs, gains)
 
 
 def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> None:
