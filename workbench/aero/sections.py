@@ -14,6 +14,8 @@ import numpy as np
 from aerodima.workbench.aero.laws import LineMotion, check_above_zero
 from aerodima.workbench.errors import ModelError
 
+Vector = tuple[float, float, float]
+"""Components along three axes."""
 _SAMPLES = 1000
 
 
@@ -55,9 +57,9 @@ class SectionLayout:
             not perpendicular.
     """
 
-    p_BoRo_B: tuple[float, float, float]
-    axis_B: tuple[float, float, float]
-    normal_B: tuple[float, float, float]
+    p_BoRo_B: Vector
+    axis_B: Vector
+    normal_B: Vector
     distances: tuple[float, ...]
     areas: tuple[float, ...]
     chord: float
@@ -155,9 +157,9 @@ class SectionLayout:
         length: float,
         width: float,
         number: int = 5,
-        p_BoRo_B: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        axis_B: tuple[float, float, float] = (0.0, 0.0, 1.0),
-        normal_B: tuple[float, float, float] = (1.0, 0.0, 0.0),
+        p_BoRo_B: Vector = (0.0, 0.0, 0.0),
+        axis_B: Vector = (0.0, 0.0, 1.0),
+        normal_B: Vector = (1.0, 0.0, 0.0),
     ) -> SectionLayout:
         """A flat strip of equal sections: a cheetah tail, a bar, the robot's sail.
 
@@ -235,8 +237,8 @@ class Jet:
         slope: rise of the edge per metre downstream.
     """
 
-    p_WE: tuple[float, float, float]
-    downstream_W: tuple[float, float, float] = (0.0, -1.0, 0.0)
+    p_WE: Vector
+    downstream_W: Vector = (0.0, -1.0, 0.0)
     slope: float = 100.0 / 1800.0
 
     def __post_init__(self) -> None:

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
 
 from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.errors import SwingFileError
 
@@ -289,12 +290,12 @@ class SwingPoint:
     N m.
     """
 
-    roll_position: NDArray[np.float64]
-    roll_velocity: NDArray[np.float64]
-    pitch_position: NDArray[np.float64]
-    pitch_velocity: NDArray[np.float64]
-    roll_torque: NDArray[np.float64]
-    pitch_torque: NDArray[np.float64]
+    roll_position: FloatArray
+    roll_velocity: FloatArray
+    pitch_position: FloatArray
+    pitch_velocity: FloatArray
+    roll_torque: FloatArray
+    pitch_torque: FloatArray
 
 
 def swing_at(swing: SwingFile, time: ArrayLike, direction: Direction | None = None) -> SwingPoint:
@@ -334,11 +335,11 @@ def gains_at(swing: SwingFile, time: float) -> tuple[JointGains, JointGains]:
 
 
 def hermite(
-    t: NDArray[np.float64],
-    times: NDArray[np.float64],
-    position: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    t: FloatArray,
+    times: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
     """Value and derivative of the cubic Hermite interpolant; at rest outside the knots.
 
     Args:
@@ -376,9 +377,7 @@ def cubic(
     return value, (start + share * (2.0 * quadratic + 3.0 * share * third)) / h
 
 
-def _torque(
-    t: NDArray[np.float64], times: NDArray[np.float64], torque: tuple[float, ...] | None
-) -> NDArray[np.float64]:
+def _torque(t: FloatArray, times: FloatArray, torque: tuple[float, ...] | None) -> FloatArray:
     if torque is None:
         return np.zeros_like(t)
     return np.interp(t, times, torque, left=0.0, right=0.0)

@@ -178,22 +178,24 @@ class TurnSchedule:
 
     def at(self, time: float) -> DriverInput:
         """Inputs at `time` s since the start."""
-        start = self._step_start(time + TICK_TOLERANCE)
-        turning = start <= time + TICK_TOLERANCE < start + self.hold
-        angle = (
-            self.first_angle
-            if time + TICK_TOLERANCE < start + self.first_hold
-            else self.steer_angle
-        )
-        if time + TICK_TOLERANCE >= self.throttle_off:
+        tick = time + TICK_TOLERANCE
+        start = self._step_start(tick)
+        end = start + self.hold
+        steering_angle = 0.0
+        if start <= tick < end:
+            first = tick < start + self.first_hold
+            steering_angle = self.side * (self.first_angle if first else self.steer_angle)
+        if tick >= self.throttle_off:
             throttle = 0.0
         else:
             throttle = self.ramp.throttle(time)
-        since = time + TICK_TOLERANCE - (start + self.hold)
+        since = tick - end
         last = self._step_start(math.inf)
         more = start + self.gap + self.hold < last + 1e-9
-        announced = 0.0 if more and WITHDRAWN[0] <= since < WITHDRAWN[1] else self.side
-        return DriverInput(self.side * angle if turning else 0.0, throttle, announced)
+        announced = self.side
+        if more and WITHDRAWN[0] <= since < WITHDRAWN[1]:
+            announced = 0.0
+        return DriverInput(steering_angle, throttle, announced)
 
     def _step_start(self, time: float) -> float:
         """Start of the last step that has begun, s, or of the first one."""

@@ -169,7 +169,7 @@ def read_mat(path: Path) -> ForeignLog:
     Raises:
         LogError: damaged or not a MAT file; h5py is not installed and the file is of version 7.3.
     """
-    columns: dict[str, NDArray[np.float64]] = {}
+    columns: dict[str, FloatArray] = {}
     unreadable: dict[str, str] = {}
     for name, value in _leaves_7_3(path) if is_version_7_3(path) else _leaves_5(path):
         if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
@@ -199,7 +199,7 @@ def is_version_7_3(path: Path) -> bool:
     return head.startswith(b"MATLAB 7.3") or b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:520])
 
 
-def _vectors(name: str, value: NDArray) -> dict[str, NDArray[np.float64]]:
+def _vectors(name: str, value: NDArray) -> dict[str, FloatArray]:
     value = np.squeeze(value)
     if value.ndim <= 1:
         return {name: np.atleast_1d(value).astype(np.float64)}

@@ -22,9 +22,9 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, field_validator
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.checked_files import checked
 from aerodima.workbench.config.signal_table import (
     CAR_TRUTH,
@@ -105,7 +105,7 @@ class RunLog:
         return self.source or "run log"
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> FloatArray:
         """Log times, s, shape (n,)."""
         return self.signal(TIME)
 
@@ -119,13 +119,13 @@ class RunLog:
         """Whether the car had a tail; a log that does not say is taken to have one."""
         return scenario_has_tail(self.scenario)
 
-    def signal(self, name: str) -> NDArray[np.float64]:
+    def signal(self, name: str) -> FloatArray:
         """One column, shape (n,); LogError when the log has no such column."""
         if name not in self.table.columns:
             raise LogError(f"{self.name}: no column {name!r}")
         return self.table[name].to_numpy(dtype=np.float64)
 
-    def vector(self, stem: str, suffix: str) -> NDArray[np.float64]:
+    def vector(self, stem: str, suffix: str) -> FloatArray:
         """The columns `<stem>_{x,y,z}_<suffix>`, shape (n, 3)."""
         return np.column_stack([self.signal(f"{stem}_{axis}_{suffix}") for axis in "xyz"])
 

@@ -164,11 +164,12 @@ class RigMotion:
         leaves none.
         """
         own = sum(body.inertia + body.mass * body.radius**2 for body in self.bodies) + self.rotor
-        total = own + self.added_mass * sum(s * s for s in self.added_distances)
+        squares = sum(s * s for s in self.added_distances)
+        total = own + self.added_mass * squares
         if not total > 0.0:
             raise UserError(
                 f"added_mass: {self.added_mass:g} kg per part; allowed on this rig: above "
-                f"{-own / sum(s * s for s in self.added_distances):.4g} kg"
+                f"{-own / squares:.4g} kg"
             )
         return total
 

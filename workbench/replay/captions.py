@@ -91,9 +91,10 @@ def outcome_in_words(outcome: Outcome) -> str:
 
 def _caption_of_plant(run_log: RunLog) -> Caption:
     bodies = [body for _, body in tails_of(run_log)]
-    facts = f"{run_log.time[-1] - run_log.time[0]:.2f} s, no tail"
+    air = "no tail"
     if bodies:
-        facts = f"{run_log.time[-1] - run_log.time[0]:.2f} s, air on {', '.join(bodies)}"
+        air = f"air on {', '.join(bodies)}"
+    facts = f"{run_log.time[-1] - run_log.time[0]:.2f} s, {air}"
     name = str(run_log.scenario.get("name") or run_log.name)
     outcome = plant_outcome(run_log)
     if outcome is None:

@@ -10,11 +10,11 @@ import logging
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import Box, Meshcat, MeshcatParams, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, Diagram
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.stations.car_station import simulated_car
 
@@ -107,9 +107,7 @@ def _set_lights(meshcat: Meshcat) -> None:
     meshcat.SetProperty(sun, "castShadow", True)
 
 
-def area_around(
-    points: NDArray[np.float64], margin: float = 3.0
-) -> tuple[float, float, float, float]:
+def area_around(points: FloatArray, margin: float = 3.0) -> tuple[float, float, float, float]:
     """Smallest floor with whole metres (x from, x to, y from, y to) that has a margin (m) about
     points (n, 3).
     """
@@ -144,7 +142,7 @@ def draw_ground(
 
 def _grid_lines(
     area: tuple[float, float, float, float], step: float, height: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[FloatArray, FloatArray]:
     """Ends of the lines of a grid, each of shape (3, n), metre by metre: some browsers drop lines
     that pass the eye.
     """
