@@ -102,7 +102,8 @@ def _polar(axes: Axes) -> None:
 
 def _robot_tail(axes: Axes) -> None:
     """Vehicle seen from behind: horizontal is -y (right), vertical z."""
-    angle, rate = math.radians(35.0), 8.0
+    angle = math.radians(35.0)
+    rate = 8.0
     layout = SectionLayout.strip(start=0.3, length=0.65, width=0.2, normal_B=(0.0, 1.0, 0.0))
     _prepare(
         axes,
@@ -140,17 +141,16 @@ def _robot_tail(axes: Axes) -> None:
 
 def _vane(axes: Axes) -> None:
     """Sail seen from the tip down the tail axis: horizontal is -y, vertical x."""
-    angle, e = math.radians(25.0), 0.35
+    angle = math.radians(25.0)
+    e = 0.35
     _prepare(
         axes,
         "free sail from the tip: centre of pressure\nbehind the axis turns it into the wind",
         "−y →",
         "x →",
     )
-    x_s, n = (
-        np.array([math.cos(angle), math.sin(angle)]),
-        np.array([-math.sin(angle), math.cos(angle)]),
-    )
+    x_s = np.array([math.cos(angle), math.sin(angle)])
+    n = np.array([-math.sin(angle), math.cos(angle)])
 
     def picture(point: np.ndarray) -> tuple[float, float]:
         return (-float(point[1]), float(point[0]))

@@ -128,10 +128,8 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
-            self._plant, self._body = (
-                plant,
-                resolve_body(plant, body).index(),
-            )  # not the object: design section 13
+            self._plant = plant
+            self._body = resolve_body(plant, body).index()  # not the object: design section 13
             self._layout = layout
             self._air = air or Air()
             self._jet = jet

@@ -355,9 +355,11 @@ class CurrentController(LeafSystem):
         if not resting and not experiment.actuated:
             return 0.0
         if resting:
-            goal, hold = (experiment.angle, self._hold_start)
+            goal = experiment.angle
+            hold = self._hold_start
         else:
-            goal, hold = (experiment.target, self._hold_target)
+            goal = experiment.target
+            hold = self._hold_target
         current = hold + experiment.kp * (angle - goal) + experiment.kd * rate
         return min(max(current, -self._limit), self._limit)
 

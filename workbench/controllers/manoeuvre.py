@@ -334,10 +334,11 @@ def speed_ramp(scenario: Any) -> SpeedRamp:
 def throttle_line(scenario: Any) -> ThrottleLine:
     """Throttle of a speed, of `scenario.drive`."""
     drive = scenario.drive
-    if drive.governor:
-        lag, breakaway = (0.0, 0.0)
-    else:
-        lag, breakaway = (drive.time_constant, drive.breakaway_throttle)
+    lag = 0.0
+    breakaway = 0.0
+    if not drive.governor:
+        lag = drive.time_constant
+        breakaway = drive.breakaway_throttle
     return ThrottleLine(drive.throttle_gain, drive.throttle_offset, lag, breakaway)
 
 

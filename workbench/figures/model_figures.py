@@ -50,7 +50,8 @@ def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
         motion: the map.
         margin: m; its contour is drawn beside that of touching.
     """
-    pitch, roll = (np.linspace(nodes[0], nodes[-1], _FINE) for nodes in (motion.pitch, motion.roll))
+    pitch = np.linspace(motion.pitch[0], motion.pitch[-1], _FINE)
+    roll = np.linspace(motion.roll[0], motion.roll[-1], _FINE)
     p, r = np.meshgrid(pitch, roll, indexing="ij")
     degrees = (np.degrees(r), np.degrees(p))
     least = motion.clearance(p, r)

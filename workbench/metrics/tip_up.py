@@ -158,15 +158,11 @@ def path_row(run_log: RunLog, scenario: Scenario) -> dict[str, float | bool]:
         return {}
     path = path_of(scenario)
     car = scenario.car
-    x, y = (run_log.signal(f"position_{axis}_truth_m") for axis in "xy")
-    outside = off_path(
-        path,
-        x,
-        y,
-        run_log.signal("yaw_truth_rad"),
-        0.5 * (car.track + car.tyre_width),
-        car.wheelbase,
-    )
+    x = run_log.signal("position_x_truth_m")
+    y = run_log.signal("position_y_truth_m")
+    heading = run_log.signal("yaw_truth_rad")
+    half_width = 0.5 * (car.track + car.tyre_width)
+    outside = off_path(path, x, y, heading, half_width, car.wheelbase)
     return {
         "off_path_m": float(np.max(outside)),
         "path_end_reached": bool(np.max(path.station(x, y)) >= path.end),

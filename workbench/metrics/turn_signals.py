@@ -198,11 +198,9 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
     """
     if DRIVEN_BY in run_log.extra:
         steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
-        if steered.size:
-            first, last = (steered[0], steered[-1])
-        else:
-            first, last = (0, -1)
-        return float(run_log.time[first]), float(run_log.time[last])
+        if steered.size == 0:
+            return float(run_log.time[0]), float(run_log.time[-1])
+        return float(run_log.time[steered[0]]), float(run_log.time[steered[-1]])
     kind = run_log.setting("manoeuvre", "kind")
     first = float(run_log.time[0])
     start = run_log.number("manoeuvre", "turn_start")

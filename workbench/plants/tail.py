@@ -180,6 +180,8 @@ def tail_geometry(tail: TailParameters) -> TailGeometry:
     sail = sail_inertial(tail)
     rod_mass = tail.mass - sail.mass
     rod = rod_mass * tail.length**2 / 12
+    arm = TailArm(lengths=(tail.length,), density=rod_mass / tail.length, radius=ROD_RADIUS)
+    moments = (rod, rod, 0.5 * rod_mass * ROD_RADIUS**2)
     plate = Plate(
         name="sail",
         root=(0.0, 0.0, tail.length - tail.sail_length),
@@ -192,11 +194,9 @@ def tail_geometry(tail: TailParameters) -> TailGeometry:
     )
     return TailGeometry(
         name=tail.name,
-        arm=TailArm(lengths=(tail.length,), density=rod_mass / tail.length, radius=ROD_RADIUS),
+        arm=arm,
         plates=(plate,),
-        arm_inertial=Inertial(
-            rod_mass, (0, 0, tail.length / 2), (rod, rod, 0.5 * rod_mass * ROD_RADIUS**2)
-        ),
+        arm_inertial=Inertial(rod_mass, (0, 0, tail.length / 2), moments),
         sail_inertial=sail,
     )
 
@@ -239,9 +239,9 @@ def sail_inertial(tail: TailParameters) -> Inertial:
     its axis.
     """
     mass = tail.mass * tail.sail_mass_fraction
-    length, width, deep = (
-        mass * size**2 / 12 for size in (tail.sail_length, tail.sail_width, tail.sail_depth)
-    )
+    length = mass * tail.sail_length**2 / 12
+    width = mass * tail.sail_width**2 / 12
+    deep = mass * tail.sail_depth**2 / 12
     return Inertial(
         mass,
         (0, 0, tail.length - tail.sail_length / 2),
@@ -372,9 +372,10 @@ def _corners(plate: Plate, margin: float) -> list[np.ndarray]:
 
 def _covers(piece: Piece, point: np.ndarray) -> bool:
     """Whether a point in T lies on a piece, to a millimetre."""
-    along, across, off = (
-        float((point - piece.start) @ axis) for axis in (piece.axis, piece.across, piece.normal)
-    )
+    from_start = point - piece.start
+    along = float(from_start @ piece.axis)
+    across = float(from_start @ piece.across)
+    off = float(from_start @ piece.normal)
     near, far = piece.chords
     width = near + (far - near) * min(max(along / piece.length, 0.0), 1.0)
     return -1e-3 < along < piece.length + 1e-3 and abs(across) < width / 2 and abs(off) < 1e-3

@@ -140,24 +140,23 @@ def shell_moments(
     near = chords[0] / 2
     far = chords[1] / 2
     slant = density * math.hypot(1.0, (far - near) / length)
-    mass = slant * math.pi * length * (near + far) / 2
+    around = slant * math.pi
+    mass = around * length * (near + far) / 2
     deep = slant * 2 * length * (near**2 + near * far + far**2) / 3
-    along = slant * math.pi * length**2 * (near + 2 * far) / 6
-    round_off = slant * math.pi / 2 * length * (near + far) * (near**2 + far**2) / 4
-    second = np.diag([round_off, round_off, slant * math.pi * length**3 * (near + 3 * far) / 12])
-    second[1, 2] = second[2, 1] = (
-        slant * 2 * length**2 * (near**2 + 2 * near * far + 3 * far**2) / 12
-    )
+    along = around * length**2 * (near + 2 * far) / 6
+    across = around / 2 * length * (near + far) * (near**2 + far**2) / 4
+    second = np.diag([across, across, around * length**3 * (near + 3 * far) / 12])
+    mixed = slant * 2 * length**2 * (near**2 + 2 * near * far + 3 * far**2) / 12
+    second[1, 2] = mixed
+    second[2, 1] = mixed
     total = MassMoments(mass, np.array([0.0, deep, along]), second)
     for radius, place, is_closed in zip((near, far), (0.0, length), closed, strict=True):
         if is_closed and cap_density > 0.0:
-            disc = cap_density * math.pi * radius**2 / 2
-            own = MassMoments(
-                disc,
-                np.array([0.0, disc * 4 * radius / (3 * math.pi), 0.0]),
-                np.diag([disc * radius**2 / 4, disc * radius**2 / 4, 0.0]),
-            )
-            total = total + own.moved(np.eye(3), np.array([0.0, 0.0, place]))
+            mass = cap_density * math.pi * radius**2 / 2
+            first = np.array([0.0, mass * 4 * radius / (3 * math.pi), 0.0])
+            square = mass * radius**2 / 4
+            disc = MassMoments(mass, first, np.diag([square, square, 0.0]))
+            total = total + disc.moved(np.eye(3), np.array([0.0, 0.0, place]))
     return total
 
 
@@ -298,12 +297,13 @@ class Plate(TailPart):
                 "allowed: n lengths, "
                 "n + 1 chords, and 1 or n axes"
             )
+        unused = "cap_density"
+        value = self.cap_density
         if self.kind == "half_shell":
-            wrong = ("depth", self.depth)
-        else:
-            wrong = ("cap_density", self.cap_density)
-        if wrong[1] > 0.0:
-            raise ValueError(f"{where}: {wrong[0]} is {wrong[1]:g}; allowed: 0 for a {self.kind}")
+            unused = "depth"
+            value = self.depth
+        if value > 0.0:
+            raise ValueError(f"{where}: {unused} is {value:g}; allowed: 0 for a {self.kind}")
         for axis in self.axes:
             if np.linalg.norm(np.cross(unit_vector(axis), unit_vector(self.normal))) < 1e-3:
                 raise ValueError(
@@ -372,11 +372,13 @@ def _layout(run: list[Piece], sections: int) -> SectionLayout:
     first = run[0]
     start = float(first.start @ first.axis)
     through_origin = start >= 0.0 and np.linalg.norm(first.start - start * first.axis) < 1e-12
-    if through_origin:
-        root, start = (np.zeros(3), start)
-    else:
-        root, start = (first.start, 0.0)
-    axis, normal, p_BoRo_B = (as_tuple(value) for value in (first.axis, first.normal, root))
+    root = np.zeros(3)
+    if not through_origin:
+        root = first.start
+        start = 0.0
+    axis = as_tuple(first.axis)
+    normal = as_tuple(first.normal)
+    p_BoRo_B = as_tuple(root)
     length = sum(piece.length for piece in run)
     if len(run) == 1 and first.chords[0] == first.chords[1]:
         return SectionLayout.strip(
@@ -502,10 +504,9 @@ class TailGeometry(TailPart):
     @property
     def sail_mass(self) -> Inertial:
         """Mass and inertia of all plates in T."""
-        return (
-            self.sail_inertial
-            or sum((plate.moments for plate in self.plates), MassMoments.zero()).inertial()
-        )
+        if self.sail_inertial:
+            return self.sail_inertial
+        return sum((plate.moments for plate in self.plates), MassMoments.zero()).inertial()
 
     @property
     def inertial(self) -> Inertial:

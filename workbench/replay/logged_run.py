@@ -155,9 +155,8 @@ def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
         and car.tail is not None
         and _SAIL_POSITION not in table.columns
     ):
-        table = table.assign(
-            **{_SAIL_POSITION: run_log.signal("sail_angle_rad")}
-        )  # its simulation has no such joint
+        # Its simulation has no such joint.
+        table = table.assign(**{_SAIL_POSITION: run_log.signal("sail_angle_rad")})
     wanted = [PLANT_POSITION_PREFIX + position for position in plant.GetPositionNames()]
     logged = {column for column in table.columns if column.startswith(PLANT_POSITION_PREFIX)}
     if set(wanted) != logged:
@@ -176,12 +175,14 @@ def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     tips: dict[str, FloatArray] = {}
     air = []
     if car.tail is not None:
-        tip, place = run_log.vector("tail_tip", "truth_m"), (3.0, 1.3, 0.5)  # a tail needs room
+        tip = run_log.vector("tail_tip", "truth_m")
+        place = (3.0, 1.3, 0.5)  # a tail needs room
         tips = {"tail_tip": tip}
         if "tail_force_x_truth_n" in table.columns:
             force = run_log.vector("tail_force", "truth_n")
             moment = run_log.vector("tail_force_moment", "truth_n_m")
-            air = [AirOnTail("tail", force, moment, _origins(plant, "tail_rod", positions), tip)]
+            root = _origins(plant, "tail_rod", positions)
+            air = [AirOnTail("tail", force, moment, root, tip)]
     return LoggedRun(run_log, plant, car.scene_graph, positions, path, tips, air, AIR_SCALE, place)
 
 

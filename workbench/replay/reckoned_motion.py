@@ -117,9 +117,8 @@ def _motion(
     pitch = signals.get("imu_pitch_rad", zero)
     yaw = signals["imu_yaw_rad"] - signals["imu_yaw_rad"][0]
     speed = signals["speed_m_per_s"]
-    ahead, left = (
-        cumulative_trapezoid(speed * part, time, initial=0.0) for part in (np.cos(yaw), np.sin(yaw))
-    )
+    ahead = cumulative_trapezoid(speed * np.cos(yaw), time, initial=0.0)
+    left = cumulative_trapezoid(speed * np.sin(yaw), time, initial=0.0)
     position = np.column_stack([ahead, left, zero])
     builder = DiagramBuilder()  # it owns the plant
     car = add_car_plant(builder, with_turning_sail(scenario))

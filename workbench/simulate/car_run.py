@@ -268,9 +268,8 @@ def run_car(
         RunRecorder.add_to_builder(car.builder, rows, car.signals, settings.log_rate, settings.step)
         sections: SectionWatch | None = None
         if car.station.HasOutputPort("tail_sections_truth"):
-            seen, valid = (
-                car.station.GetOutputPort(f"tail_{name}_truth") for name in ("sections", "validity")
-            )
+            seen = car.station.GetOutputPort("tail_sections_truth")
+            valid = car.station.GetOutputPort("tail_validity_truth")
             sections = SectionWatch.add_to_builder(
                 car.builder, "section_watch", seen, valid, scenario.controller.rate
             )

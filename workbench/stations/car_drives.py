@@ -310,10 +310,10 @@ def add_car_drives(
     plant = car.plant
     p_BoSo_B = None
     if car.tail is not None:
-        chassis, sail = (plant.GetFrameByName(name) for name in ("chassis", "tail_sail"))
-        p_BoSo_B = plant.CalcRelativeTransform(
-            plant.CreateDefaultContext(), chassis, sail
-        ).translation()
+        chassis = plant.GetFrameByName("chassis")
+        sail = plant.GetFrameByName("tail_sail")
+        X_BS = plant.CalcRelativeTransform(plant.CreateDefaultContext(), chassis, sail)
+        p_BoSo_B = X_BS.translation()
     system = CarDrives(scenario, p_BoSo_B, wind is not None)
     builder.AddSystem(system)
     hold = SampledHold if plant.has_sampled_output_ports() else ZeroOrderHold
