@@ -160,8 +160,7 @@ class AddedMass:
                     )
                 raise ModelError(
                     f"added mass: {self.mass_per_part} kg per part on body '{self.body.name()}' "
-                    f"{too_much}; "
-                    f"it must be above {(least_left - 1.0) / largest:.4g} kg"
+                    f"{too_much}; it must be above {(least_left - 1.0) / largest:.4g} kg"
                 )
 
 

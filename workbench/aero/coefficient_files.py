@@ -161,8 +161,7 @@ class _NormalLine(CoefficientSet):
             if value < 0.0:
                 raise ValueError(
                     f"cn_slope_s_per_m and cn_intercept give {value:g} at {speed:g} m/s; allowed: "
-                    ">= 0, a negative "
-                    "coefficient would add energy"
+                    ">= 0, a negative coefficient would add energy"
                 )
         return self
 
@@ -212,8 +211,7 @@ class PolarTable(CoefficientSet):
             if right <= left:
                 raise ValueError(
                     f"nodes must increase by angle, then speed, but nodes[{i + 1}] (angle "
-                    f"{right[0]}, "
-                    f"speed {right[1]}) follows (angle {left[0]}, speed {left[1]})"
+                    f"{right[0]}, speed {right[1]}) follows (angle {left[0]}, speed {left[1]})"
                 )
         holes = sorted({(g, v) for g, _ in keys for _, v in keys} - set(keys))
         if holes:

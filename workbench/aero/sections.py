@@ -70,8 +70,7 @@ class SectionLayout:
         if not 1 <= len(self.distances) == len(self.areas):
             raise ModelError(
                 f"section layout: {len(self.areas)} areas for {len(self.distances)} section "
-                "centres; allowed: as many, "
-                "from 1 on"
+                "centres; allowed: as many, from 1 on"
             )
         check_above_zero("section layout: chord", self.chord, unit="m")
         for area in self.areas:
@@ -326,7 +325,6 @@ class Jet:
                 return
         raise ModelError(
             f"jet: body '{body.name()}' meets the jet at no reachable angle: its sections end "
-            f"{layout.end:.3f} m from "
-            f"their root and the edge is at height {self.p_WE[2]:.3f} m; lower the edge depth or "
-            "lengthen the body"
+            f"{layout.end:.3f} m from their root and the edge is at height {self.p_WE[2]:.3f} m; "
+            "lower the edge depth or lengthen the body"
         )

@@ -345,8 +345,7 @@ def add_tail_force(
     if builder.HasSubsystemNamed(name):
         raise ModelError(
             f"tail force: this builder has a system named '{name}' already; a second one on body "
-            f"'{carrier.name()}' "
-            "needs another name="
+            f"'{carrier.name()}' needs another name="
         )
     if wind is None and jet is None and force.law.knows_normal:
         line = idle_normal(plant, carrier, layout)
@@ -410,8 +409,7 @@ def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -
     left, size, _ = np.linalg.svd(across, full_matrices=False)
     line = (
         f"tail force on body '{body.name()}': no joint moves its sections along normal_B "
-        f"{_words(normal)}, so that a "
-        "swing feels no air"
+        f"{_words(normal)}, so that a swing feels no air"
     )
     if size[0] > _ALONG * moved:
         return f"{line}; it moves them along {_words(left[:, 0])}"

@@ -202,9 +202,8 @@ class DaskEngine(Engine):
             self._drop()
         if given_up:
             raise UserError(
-                f"{len(given_up)} of {len(items)} pieces were lost twice with their worker "
-                "process (out of memory?), "
-                f"the first is {items[min(given_up)]!r}; the others are done"
+                f"{len(given_up)} of {len(items)} pieces were lost twice with their worker process "
+                f"(out of memory?), the first is {items[min(given_up)]!r}; the others are done"
             )
         return [results[index] for index in range(len(items))]
 

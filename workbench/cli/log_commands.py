@@ -100,8 +100,7 @@ def import_(
     run_log = imported.run_log
     typer.echo(
         f"{out}: {run_log.kind}, {len(run_log.table)} rows from {run_log.time[0]:g} to "
-        f"{run_log.time[-1]:g} s, "
-        f"{len(run_log.table.columns)} columns"
+        f"{run_log.time[-1]:g} s, {len(run_log.table.columns)} columns"
     )
     for finding in imported.findings:
         typer.echo(f"note: {finding}", err=True)

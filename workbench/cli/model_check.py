@@ -113,8 +113,7 @@ def refuse_ignored_attributes(path: Path) -> None:
             if value is not None and value.strip() not in ("", "0", "0.0"):
                 raise ModelError(
                     f"{path}: joint {joint.get('name')!r}: {place} = {value} is ignored by Drake; "
-                    "remove it and model "
-                    f"the {meaning} as a system"
+                    f"remove it and model the {meaning} as a system"
                 )
 
 

@@ -264,8 +264,7 @@ class TailParameters(QuantityModel):
         ):
             raise ValueError(
                 f"sail_shape: {self.sail_shape!r} has its coefficient in a picture of the thesis "
-                "only (Fig. 5.7); "
-                "allowed: with tail.coefficients a set or a file"
+                "only (Fig. 5.7); allowed: with tail.coefficients a set or a file"
             )
         if self.sail == "free" and not shape.board:
             raise ValueError(

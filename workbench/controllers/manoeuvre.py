@@ -74,9 +74,8 @@ class ThrottleLine:
         if speed > 0.0 and self.throttle(speed) < self.breakaway:
             slowest = self.gain * self.breakaway + self.offset
             raise UserError(
-                f"manoeuvre.speed: {speed:g} m/s; allowed without governor: 0, or from "
-                f"{slowest:g} m/s on, the steady "
-                f"speed at drive.breakaway_throttle {self.breakaway:g}"
+                f"manoeuvre.speed: {speed:g} m/s; allowed without governor: 0, or from {slowest:g} "
+                f"m/s on, the steady speed at drive.breakaway_throttle {self.breakaway:g}"
             )
 
 
@@ -286,8 +285,7 @@ def make_schedule(scenario: Any) -> Schedule:
     if manoeuvre.kind in CLOSED_LOOP:
         raise UserError(
             f"manoeuvre.kind: {manoeuvre.kind}, whose driver looks at the car; allowed as a "
-            "function of time: "
-            "turn, auto_turn, straight, slalom, rising"
+            "function of time: turn, auto_turn, straight, slalom, rising"
         )
     side = side_of(manoeuvre)
     ramp = speed_ramp(scenario)

@@ -137,9 +137,8 @@ def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
             )
     except pd.errors.ParserWarning as cause:
         raise LogError(
-            f"{path}: its rows hold more values than its first line has names; are "
-            f"`csv.delimiter` {form.delimiter!r} "
-            f"and `csv.decimal` {form.decimal!r} right?"
+            f"{path}: its rows hold more values than its first line has names; are `csv.delimiter` "
+            f"{form.delimiter!r} and `csv.decimal` {form.decimal!r} right?"
         ) from cause
     except (ValueError, LookupError, pd.errors.ParserError) as cause:
         raise LogError(

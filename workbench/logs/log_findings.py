@@ -142,8 +142,7 @@ def refuse_implausible(
     if not STEP_RANGE[0] <= step <= STEP_RANGE[1]:
         raise LogError(
             f"{where}: column {TIME!r}: steps of {step:.3g} s; {STEP_RANGE[0]:g} to "
-            f"{STEP_RANGE[1]:g} s is plausible. "
-            "Is the unit of the times right?"
+            f"{STEP_RANGE[1]:g} s is plausible. Is the unit of the times right?"
         )
     for name in table.columns:
         turns = units.get(name) == "rad" and any(word in name for word in _TURNING)
@@ -156,9 +155,8 @@ def refuse_implausible(
         at = int(np.flatnonzero(values > limit)[0])
         raise LogError(
             f"{where}: column {name!r}: {table[name].iloc[at]:.6g} {units[name]} at {time[at]:g} "
-            f"s; up to {limit:.4g} "
-            "is plausible. Is the unit in the mapping right? If the value is real, state "
-            "`largest` there"
+            f"s; up to {limit:.4g} is plausible. Is the unit in the mapping right? If the value is "
+            "real, state `largest` there"
         )
 
 

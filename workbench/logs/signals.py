@@ -103,8 +103,7 @@ def check_gaps(time: FloatArray, largest_step: float | None = None, column: str 
         at = int(wide[0])
         raise LogError(
             f"column {column!r}: {wide.size} gap(s), the first of {steps[at]:.6g} s after "
-            f"{time[at]:g} s; "
-            f"at most {allowed:.6g} s is allowed"
+            f"{time[at]:g} s; at most {allowed:.6g} s is allowed"
         )
 
 
@@ -151,8 +150,7 @@ def low_pass(
     if design.cutoff_hz >= 0.5 / step:
         raise LogError(
             f"column {column!r}: cut-off {design.cutoff_hz:g} Hz needs more than "
-            f"{2 * design.cutoff_hz:g} samples per "
-            f"second, there are {1 / step:.4g}"
+            f"{2 * design.cutoff_hz:g} samples per second, there are {1 / step:.4g}"
         )
     even = bool(np.all(np.abs(np.diff(time) - step) <= _JITTER * step))
     if even:
@@ -289,8 +287,7 @@ def remove_drift(
     if np.count_nonzero(resting) < LEAST_REST_SAMPLES:
         raise LogError(
             f"{run_log.name}: no resting part with at least {LEAST_REST_SAMPLES} samples, so no "
-            "drift line for "
-            f"{', '.join(columns)}"
+            f"drift line for {', '.join(columns)}"
         )
     changed: dict[str, FloatArray] = {}
     notes = []

@@ -294,8 +294,7 @@ class Plate(TailPart):
         if len(self.chords) != count + 1 or len(self.axes) not in (1, count):
             raise ValueError(
                 f"{where}: {count} lengths, {len(self.chords)} chords and {len(self.axes)} axes; "
-                "allowed: n lengths, "
-                "n + 1 chords, and 1 or n axes"
+                "allowed: n lengths, n + 1 chords, and 1 or n axes"
             )
         unused = "cap_density"
         value = self.cap_density
@@ -486,9 +485,8 @@ class TailGeometry(TailPart):
             ):
                 raise ValueError(
                     f"tail {self.name!r}: plates {one.name!r} and {other.name!r} overlap: the air "
-                    "would push twice on "
-                    "what they share; allowed: plates side by side, one behind the other, or "
-                    "across each other"
+                    "would push twice on what they share; allowed: plates side by side, one behind "
+                    "the other, or across each other"
                 )
         return self
 

@@ -103,9 +103,8 @@ class ObservedRun:
         for name, watch in self._watches.items():
             if watch.felt_no_air:
                 warnings.warn(
-                    f"{name}: air passed its sections at up to {watch.fastest:.2g} m/s and made "
-                    "no force; is "
-                    "normal_B of their layout across the flow?",
+                    f"{name}: air passed its sections at up to {watch.fastest:.2g} m/s and made no "
+                    "force; is normal_B of their layout across the flow?",
                     UserWarning,
                     stacklevel=2,
                 )

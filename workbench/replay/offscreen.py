@@ -164,8 +164,7 @@ def check_renderer() -> None:
     if not _renderer_works():
         raise UserError(
             "no off-screen renderer: Drake's VTK finds no OpenGL through EGL here; install Mesa's "
-            "(libegl1, "
-            "libgl1-mesa-dri), or use `aerodima replay --html`, which needs none"
+            "(libegl1, libgl1-mesa-dri), or use `aerodima replay --html`, which needs none"
         )
 
 

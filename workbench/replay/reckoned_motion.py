@@ -91,8 +91,7 @@ def _signals(run_log: RunLog, name: str) -> dict[str, FloatArray]:
     if "speed_m_per_s" not in present or not {"imu_yaw_rad", "imu_gyro_z_rad_per_s"} & present:
         raise LogError(
             f"{name}: a replay needs columns {PLANT_POSITION_PREFIX}*, or speed_m_per_s with "
-            "imu_yaw_rad or "
-            "imu_gyro_z_rad_per_s"
+            "imu_yaw_rad or imu_gyro_z_rad_per_s"
         )
     heading = "imu_yaw_rad" if "imu_yaw_rad" in present else "imu_gyro_z_rad_per_s"
     wanted = dict.fromkeys(

@@ -183,8 +183,7 @@ def _encoder(path: Path) -> Encoder:
     if ending == ".mp4" and find_spec("imageio_ffmpeg") is None:
         raise UserError(
             f"--video {path}: no encoder for MP4; install it with `pip install "
-            "'aerodima-workbench[video]'`, or write "
-            ".webp or .gif"
+            "'aerodima-workbench[video]'`, or write .webp or .gif"
         )
     return _ENCODERS[ending]
 

@@ -158,9 +158,8 @@ class WatchedPlant:
         """
         if not self.scene:
             raise ModelError(
-                f"observe: plant '{self.plant.get_name()}' has no visible shapes for Meshcat; "
-                "make it with "
-                "AddMultibodyPlantSceneGraph and parse the model after that"
+                f"observe: plant '{self.plant.get_name()}' has no visible shapes for Meshcat; make "
+                "it with AddMultibodyPlantSceneGraph and parse the model after that"
             )
         seen = any(isinstance(system, MeshcatVisualizer) for system in builder.GetSystems())
         if self.scene_graph is not None and not seen:

@@ -247,9 +247,8 @@ def thesis_turn_chapter(summaries: Sequence[RunSummary]) -> Section:
     """
     said = (
         "Flipped: the body tilts beyond 75 degrees, or ends beyond 20 degrees with a wheel in the "
-        "air. Clean: it "
-        "survived, and neither cage nor tail touched the ground, nor the anti-ramp board from the "
-        "start of the turn on."
+        "air. Clean: it survived, and neither cage nor tail touched the ground, nor the anti-ramp "
+        "board from the start of the turn on."
     )
     tables: list[Part] = [
         _bracket_table(summaries),

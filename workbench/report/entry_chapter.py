@@ -121,13 +121,10 @@ def entry_chapter(shown: ShownEntry, run_logs: Mapping[str, RunLog]) -> list[Sec
     ]
     said = (
         "Medians in m/s over the cars that complete a manoeuvre, and how many do: two wheels of "
-        "one side never lift by "
-        "5 mm, only wheels touch the ground, the car goes straight again, and before that its "
-        "mean lateral "
-        "acceleration is nearly that without a tail. "
-        "The cars are few, each on its own floor, with a larger tail than was built, and ≥ says "
-        "that climbs ended at "
-        "their ceiling."
+        "one side never lift by 5 mm, only wheels touch the ground, the car goes straight again, "
+        "and before that its mean lateral acceleration is nearly that without a tail. The cars are "
+        "few, each on its own floor, with a larger tail than was built, and ≥ says that climbs "
+        "ended at their ceiling."
     )
     return [
         Section(

@@ -123,8 +123,7 @@ def _range_check(scenario: RigScenario, station: Diagram) -> Check:
         if abs(angle) > limit:
             raise UserError(
                 f"the tail left its range at {context.get_time():.2f} s: {angle:g} rad; allowed: "
-                "within "
-                f"mount.angle_limit, +-{limit:g} rad"
+                f"within mount.angle_limit, +-{limit:g} rad"
             )
 
     return check

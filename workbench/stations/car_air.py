@@ -86,8 +86,7 @@ def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:
     if not law.knows_normal:
         raise ModelError(
             f"tail.coefficients: {tail.coefficients} has a {chosen.law_kind} law; allowed with "
-            "tail.sail "
-            f"{tail.sail!r}: {', '.join(SAIL_LAWS)}"
+            f"tail.sail {tail.sail!r}: {', '.join(SAIL_LAWS)}"
         )
     return facing_law(law) if tail.sail == "facing" else law, limit
 
