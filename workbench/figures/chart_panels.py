@@ -94,7 +94,8 @@ def _panel(axes: Axes, shown: Sequence[Axes]) -> dict[str, Any]:
         named = free if len(free) == 1 else []
     figure: Any = axes.figure
     siblings = axes.get_shared_x_axes().get_siblings(axes)
-    x_labels = [label for other in shown if other in siblings if (label := other.get_xlabel())]
+    x_labels = [other.get_xlabel() for other in shown if other in siblings]
+    x_labels = [label for label in x_labels if label]
     height = (
         axes.get_position(original=True).height
         * float(figure.get_size_inches()[1])

@@ -83,11 +83,11 @@ def channels_of(run_logs: Sequence[RunLog], names: Sequence[str]) -> dict[str, A
         float(run_log.time[-1]) - start for run_log, start in zip(run_logs, starts, strict=True)
     ]
     most = min(MOST_POINTS, _MOST_IN_ALL // len(run_logs))
-    channels = [
-        channel
-        for name in _columns(run_logs)
-        if (channel := _channel(name, run_logs, most)) is not None
-    ]
+    channels = []
+    for name in _columns(run_logs):
+        channel = _channel(name, run_logs, most)
+        if channel is not None:
+            channels.append(channel)
     there = {channel["name"] for channel in channels}
     return {
         "runs": [
