@@ -124,9 +124,8 @@ def _parameters() -> str:
     lines = [
         "# Model card: every parameter",
         "",
-        "Made from `models/parameters`; each number stands there once. A *prior* is the range "
-        "that an assumed number "
-        "may have, and that the calibration searches.",
+        "Made from `models/parameters`; each number stands there once. A *prior* is the range that "
+        "an assumed number may have, and that the calibration searches.",
     ]
     for path in sorted(folder.rglob("*.yaml")):
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -146,9 +145,10 @@ def _parameters() -> str:
             "|---|---|---|---|---|---|",
         ]
         for key, entry in entries.items():
-            prior = (
-                " to ".join(f"{bound:g}" for bound in entry["prior"]) if entry.get("prior") else ""
-            )
+            if entry.get("prior"):
+                prior = " to ".join(f"{bound:g}" for bound in entry["prior"])
+            else:
+                prior = ""
             cells = (
                 f"`{key}`",
                 _shown(entry["value"]),
@@ -162,7 +162,9 @@ def _parameters() -> str:
 
 
 def _shown(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return str(value)
 
 
 def _coefficients() -> str:
@@ -170,14 +172,11 @@ def _coefficients() -> str:
         "# Coefficient sets",
         "",
         "The aerodynamic coefficient sets that ship in `models/coefficients`; `aerodima models "
-        "coefficients plot NAME` "
-        "draws one. C_N is the normal-force coefficient: the drag coefficient of a surface "
-        "broadside to the wind. "
-        "Formula, signs and where the laws hold: [Aerodynamic law](../aerodynamics.md). Which set "
-        "the car uses is "
-        "`coefficients` and `normal_force_coefficient` of its [tail](parameters.md#tail): by "
-        "default C_N = 2, constant "
-        "(thesis section 6.3.3, ERRATA E26).",
+        "coefficients plot NAME` draws one. C_N is the normal-force coefficient: the drag "
+        "coefficient of a surface broadside to the wind. Formula, signs and where the laws hold: "
+        "[Aerodynamic law](../aerodynamics.md). Which set the car uses is `coefficients` and "
+        "`normal_force_coefficient` of its [tail](parameters.md#tail): by default C_N = 2, "
+        "constant (thesis section 6.3.3, ERRATA E26).",
     ]
     for path in sorted((ROOT / "models" / "coefficients").glob("*.yaml")):
         content = yaml.safe_load(path.read_text(encoding="utf-8"))

@@ -70,9 +70,10 @@ def _output(
     data = {kind: "".join(value) for kind, value in output["data"].items()}
     for kind, ending in _PICTURES.items():
         if kind in data:
-            made[f"{name}.{ending}"] = (
-                base64.b64decode(data[kind]) if ending == "png" else data[kind]
-            )
+            if ending == "png":
+                made[f"{name}.{ending}"] = base64.b64decode(data[kind])
+            else:
+                made[f"{name}.{ending}"] = data[kind]
             return f"![What the cell above draws]({Path(name).name}.{ending})"
     if tables and "text/html" in data:
         return _STYLE.sub("", data["text/html"]).replace(_PANDAS, "<table>")

@@ -27,9 +27,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     pages = reference()
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
-    for entry in (sub for part in config.nav or [] for subs in part.values() for sub in subs):
-        if isinstance(entry, dict) and entry.get("Packages") == "reference/":
-            entry["Packages"] = _navigation(pages)
+    for part in config.nav or []:
+        for entries in part.values():
+            for entry in entries:
+                if isinstance(entry, dict) and entry.get("Packages") == "reference/":
+                    entry["Packages"] = _navigation(pages)
     return files
 
 
@@ -48,7 +50,9 @@ def reference() -> dict[str, str]:
 
 
 def _page(package: str, folder: str = "") -> str:
-    return f"reference/aerodima.{package}{'.' * bool(folder)}{folder}.md"
+    if folder:
+        return f"reference/aerodima.{package}.{folder}.md"
+    return f"reference/aerodima.{package}.md"
 
 
 def _exported(package: str) -> dict[str, dict[str, str]]:
@@ -84,11 +88,13 @@ def _package_page(package: str, folders: list[Path], exported: dict[str, dict[st
         "",
     ]
     for folder in folders:
-        if names := exported.get(folder.name):
+        names = exported.get(folder.name)
+        if names:
             lines += ["", f"## {folder.name}", "", *_table(package, folder.name, names)]
-    if own := exported.get(""):
-        lines += ["", "## Beside the folders", "", *_table(package, "", own), ""]
-        lines += [f"::: {place}\n    options: {{heading_level: 3}}\n" for place in own]
+    outside = exported.get("")
+    if outside:
+        lines += ["", "## Beside the folders", "", *_table(package, "", outside), ""]
+        lines += [f"::: {place}\n    options: {{heading_level: 3}}\n" for place in outside]
     lines += ["", "## Folders that export nothing", ""]
     for folder in folders:
         if folder.name not in exported:

@@ -40,8 +40,14 @@ def _arrow(
     )
     if label:
         size = math.hypot(*step) or 1.0
-        side = "center" if abs(step[0]) < 0.8 * size else "left" if step[0] > 0.0 else "right"
-        x, y = end[0] + 0.05 * step[0] / size, end[1] + 0.06 * step[1] / size
+        if abs(step[0]) < 0.8 * size:
+            side = "center"
+        elif step[0] > 0.0:
+            side = "left"
+        else:
+            side = "right"
+        x = end[0] + 0.05 * step[0] / size
+        y = end[1] + 0.06 * step[1] / size
         axes.text(x, y, label, color=colour, ha=side, va="center")
 
 
@@ -53,23 +59,26 @@ def _prepare(axes: Axes, title: str, horizontal: str, vertical: str) -> None:
 def _polar(axes: Axes) -> None:
     """Rig seen along the motor axis: horizontal is -y (downstream), vertical z."""
     angle = math.radians(30.0)
-    a = (0.0, -math.sin(angle), -math.cos(angle))
+    sine = math.sin(angle)
+    cosine = math.cos(angle)
+    a = (0.0, -sine, -cosine)
     _prepare(
         axes,
         "polar law: hanging tail, swung downstream\n(rig angle +30°, γ = +30°)",
         "−y, downstream →",
         "z, up →",
     )
-    axes.plot([0, math.sin(angle)], [0, -math.cos(angle)], **_TAIL)
+    axes.plot([0, sine], [0, -cosine], **_TAIL)
     axes.plot([0], [0], "o", color="0.25", markersize=12)
     axes.text(-0.05, 0.06, "root", ha="right")
-    axes.text(math.sin(angle) + 0.08, -math.cos(angle) + 0.02, "tip")
-    middle = (0.62 * math.sin(angle), -0.62 * math.cos(angle))
-    for height in (-0.15, -0.4, -0.65, -0.9):
-        _arrow(axes, (-0.75, height), (0.28, 0.0), "tab:blue", "v_rel" if height == -0.15 else "")
+    axes.text(sine + 0.08, -cosine + 0.02, "tip")
+    middle = (0.62 * sine, -0.62 * cosine)
+    _arrow(axes, (-0.75, -0.15), (0.28, 0.0), "tab:blue", "v_rel")
+    for height in (-0.4, -0.65, -0.9):
+        _arrow(axes, (-0.75, height), (0.28, 0.0), "tab:blue", "")
     _arrow(
         axes,
-        (0.85 * math.sin(angle), -0.85 * math.cos(angle)),
+        (0.85 * sine, -0.85 * cosine),
         (0.3 * -a[1], 0.24 * a[2]),
         "0.25",
         "a",
@@ -80,7 +89,7 @@ def _polar(axes: Axes) -> None:
     ):
         force = law.section_force((0.0, -10.0, 0.0), a, (1.0, 0.0, 0.0), 0.0065, 1.225)
         _arrow(axes, middle, (-force[1], force[2]), colour, label)
-    normal = (math.cos(angle), math.sin(angle))
+    normal = (cosine, sine)
     axes.plot(
         [middle[0], middle[0] - 0.42 * normal[0]],
         [middle[1], middle[1] - 0.42 * normal[1]],
@@ -96,7 +105,10 @@ def _polar(axes: Axes) -> None:
 
 def _robot_tail(axes: Axes) -> None:
     """Vehicle seen from behind: horizontal is -y (right), vertical z."""
-    angle, rate = math.radians(35.0), 8.0
+    angle = math.radians(35.0)
+    sine = math.sin(angle)
+    cosine = math.cos(angle)
+    rate = 8.0
     layout = SectionLayout.strip(start=0.3, length=0.65, width=0.2, normal_B=(0.0, 1.0, 0.0))
     _prepare(
         axes,
@@ -104,20 +116,21 @@ def _robot_tail(axes: Axes) -> None:
         "−y, right →",
         "z, up →",
     )
-    a = (0.0, -math.sin(angle), math.cos(angle))
-    n = (0.0, math.cos(angle), math.sin(angle))
-    axes.plot([0, math.sin(angle)], [0, math.cos(angle)], **_TAIL)
+    a = (0.0, -sine, cosine)
+    n = (0.0, cosine, sine)
+    axes.plot([0, sine], [0, cosine], **_TAIL)
     axes.add_patch(_rectangle((-0.3, -0.22), 0.6, 0.2))
     axes.text(0.0, -0.12, "car", ha="center", va="center")
     for s in layout.distances:
-        start = (s * math.sin(angle), s * math.cos(angle))
-        v = (0.0, -rate * s * math.cos(angle), -rate * s * math.sin(angle))
+        start = (s * sine, s * cosine)
+        outermost = s == layout.distances[-1]
+        v = (0.0, -rate * s * cosine, -rate * s * sine)
         _arrow(
             axes,
             start,
             (-0.045 * v[1], 0.045 * v[2]),
             "tab:purple",
-            "v_section" if s == layout.distances[-1] else "",
+            "v_section" if outermost else "",
         )
         force = NormalForceLaw(2.0).section_force((0.0, -v[1], -v[2]), a, n, 0.026, 1.225)
         _arrow(
@@ -125,26 +138,27 @@ def _robot_tail(axes: Axes) -> None:
             start,
             (-0.26 * force[1], 0.26 * force[2]),
             "tab:red",
-            "F" if s == layout.distances[-1] else "",
+            "F" if outermost else "",
         )
     _arrow(axes, (0.06, 0.1), (-0.22 * n[1], 0.22 * n[2]), "0.4", "n")
-    _arrow(axes, (math.sin(angle), math.cos(angle)), (-0.2 * a[1], 0.2 * a[2]), "0.25", "a")
+    _arrow(axes, (sine, cosine), (-0.2 * a[1], 0.2 * a[2]), "0.25", "a")
     axes.set(xlim=(-0.75, 1.2), ylim=(-0.3, 1.15))
 
 
 def _vane(axes: Axes) -> None:
     """Sail seen from the tip down the tail axis: horizontal is -y, vertical x."""
-    angle, e = math.radians(25.0), 0.35
+    angle = math.radians(25.0)
+    sine = math.sin(angle)
+    cosine = math.cos(angle)
+    e = 0.35
     _prepare(
         axes,
         "free sail from the tip: centre of pressure\nbehind the axis turns it into the wind",
         "−y →",
         "x →",
     )
-    x_s, n = (
-        np.array([math.cos(angle), math.sin(angle)]),
-        np.array([-math.sin(angle), math.cos(angle)]),
-    )
+    x_s = np.array([cosine, sine])
+    n = np.array([-sine, cosine])
 
     def picture(point: np.ndarray) -> tuple[float, float]:
         return (-float(point[1]), float(point[0]))

@@ -20,6 +20,15 @@ _IPC_LOCK = 14
 _LOCK = 1 | 2 | 4
 """MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT: pages stay once they were used; stacks that never grow cost
 nothing."""
+DRIVE_PRIORITY = 40
+"""SCHED_RR priority of what a real computer runs; below the kernel's own threads for interrupts."""
+EMULATOR_PRIORITY = 30
+"""SCHED_RR priority of the emulated car; below that of what a real computer runs."""
+SWITCH_INTERVAL = 0.0005
+"""How long a thread that computes may keep the others waiting, s. Python's own 5 ms are half a
+cycle of the loop."""
+_SWITCH_INTERVAL_OF_PYTHON = 0.005
+"""Python's own switch interval, s."""
 
 
 def prefer_realtime(priority: int) -> str:
@@ -91,15 +100,6 @@ def _lock_memory() -> str:
     if library.mlockall(_LOCK) != 0:
         return f"memory not locked ({os.strerror(ctypes.get_errno())})"
     return "memory locked"
-
-
-DRIVE_PRIORITY, EMULATOR_PRIORITY = 40, 30
-"""SCHED_RR priorities: the emulated car below what a real computer runs, none above the kernel's
-own threads for interrupts."""
-SWITCH_INTERVAL = 0.0005
-"""s; how long a thread that computes may keep the others waiting. Python's own 5 ms are half a
-cycle of the loop."""
-_SWITCH_INTERVAL_OF_PYTHON = 0.005
 
 
 def prefer_latency() -> None:

@@ -80,8 +80,6 @@ def _nearest(root: Path, wanted: PurePosixPath) -> str:
     if close:
         return f"nearest: {', '.join(close)}"
     beside = [name for name in names if PurePosixPath(name).parent == wanted.parent]
-    return (
-        f"{wanted.parent}/ has: {', '.join(beside)}"
-        if beside
-        else f"there is no folder {wanted.parent}/"
-    )
+    if beside:
+        return f"{wanted.parent}/ has: {', '.join(beside)}"
+    return f"there is no folder {wanted.parent}/"

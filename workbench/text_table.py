@@ -13,7 +13,9 @@ def shown_value(value: Any) -> str:
         return "–"
     if isinstance(value, float):
         return f"{0.0 if abs(value) < _NOTHING else value:.4g}"
-    return "none" if value == "" else str(value)
+    if value == "":
+        return "none"
+    return str(value)
 
 
 def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

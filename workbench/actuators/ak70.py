@@ -15,6 +15,8 @@ from aerodima.workbench.systems.system_ports import vector_of, weakly
 
 ROLL = 1
 """Pitch and roll joint stand in this order."""
+NOW = (0.0, 1.0, 0.0)
+"""Step without length, at whose instant a law holds."""
 
 
 def torque_speed_limits(motor: TailMotorParameters) -> tuple[float, float]:
@@ -27,10 +29,6 @@ def torque_speed_limits(motor: TailMotorParameters) -> tuple[float, float]:
         motor.pack_voltage / motor.winding_resistance / motor.speed_constant * motor.gear_ratio
     )
     return stall_torque, no_load_speed
-
-
-NOW = (0.0, 1.0, 0.0)
-"""Step of a plant that has no length: a law holds at this instant."""
 
 
 def mit_torque(

@@ -20,7 +20,11 @@ def steady_speed(throttle: float, drive: DriveParameters) -> float:
     if not drive.governor and abs(throttle) < drive.breakaway_throttle:
         return 0.0
     forward = max(0.0, drive.throttle_gain * abs(throttle) + drive.throttle_offset)
-    return forward if throttle > 0 else -forward if throttle < 0 else 0.0
+    if throttle > 0:
+        return forward
+    if throttle < 0:
+        return -forward
+    return 0.0
 
 
 def shaft_gain(drive: DriveParameters, car: CarParameters) -> float:

@@ -151,16 +151,16 @@ class AddedMass:
             unit = added_mass_matrix(plant, context, self.body, self.layout, 1.0)
             largest = eigh(unit[keep], plant.CalcMassMatrix(context)[keep], eigvals_only=True)[-1]
             if self.mass_per_part * largest <= least_left - 1.0 + 1e-9:
-                too_much = (
-                    f"leaves less than {least_left:.0%} of an inertia"
-                    if self.mass_per_part * largest > -1.0
-                    else "takes more inertia away than there is (M + M_added is not positive "
-                    "definite)"
-                )
+                if self.mass_per_part * largest > -1.0:
+                    too_much = f"leaves less than {least_left:.0%} of an inertia"
+                else:
+                    too_much = (
+                        "takes more inertia away than there is (M + M_added is not positive "
+                        "definite)"
+                    )
                 raise ModelError(
                     f"added mass: {self.mass_per_part} kg per part on body '{self.body.name()}' "
-                    f"{too_much}; "
-                    f"it must be above {(least_left - 1.0) / largest:.4g} kg"
+                    f"{too_much}; it must be above {(least_left - 1.0) / largest:.4g} kg"
                 )
 
 
@@ -229,11 +229,11 @@ def add_added_mass(
     row = plant.AddRigidBody(name, instance, inertia)
     if mass_per_part < 0.0 or not spanwise_free:
         plant.WeldFrames(middle, row.body_frame())
-        slides: tuple[tuple[Joint, float], ...] = (
-            _free_across(plant, instance, middle, -mass, name)
-            if mass < 0.0 and spanwise_free
-            else ()
-        )
+        slides: tuple[tuple[Joint, float], ...]
+        if mass < 0.0 and spanwise_free:
+            slides = _free_across(plant, instance, middle, -mass, name)
+        else:
+            slides = ()
     else:
         joint = plant.AddJoint(
             PrismaticJoint(f"{name}_slide", middle, row.body_frame(), np.eye(3)[2])
@@ -322,7 +322,9 @@ def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
                 )
                 for joint, part in slides
             ]
-            self._hold = self._force_on(slides[-1][0].child_body()) if slides else None
+            self._hold = None
+            if slides:
+                self._hold = self._force_on(slides[-1][0].child_body())
             self._push = self._force_on(
                 middle.body(), middle.GetFixedPoseInBodyFrame().translation()
             )

@@ -34,6 +34,7 @@ from aerodima.workbench.errors import ModelError
 
 SCHEMA = "aerodima/coefficients/1"
 _FOLDER = "coefficients"
+Number = Annotated[float, Strict()]
 
 
 def _refuse_gain(value: float, least: float) -> float:
@@ -48,7 +49,6 @@ def _increasing(ends: tuple[float, float]) -> tuple[float, float]:
     return ends
 
 
-Number = Annotated[float, Strict()]
 Drag = Annotated[Number, AfterValidator(partial(_refuse_gain, least=0.0))]
 Span = Annotated[tuple[Number, Number], AfterValidator(_increasing)]
 
@@ -157,11 +157,11 @@ class _NormalLine(CoefficientSet):
     def _adds_no_energy(self) -> "_NormalLine":
         # Not in `SpeedLine`: a fit may pass through negative lines on its way.
         for speed in self.speed_range:
-            if (value := self.cn_intercept + self.cn_slope_s_per_m * speed) < 0.0:
+            value = self.cn_intercept + self.cn_slope_s_per_m * speed
+            if value < 0.0:
                 raise ValueError(
                     f"cn_slope_s_per_m and cn_intercept give {value:g} at {speed:g} m/s; allowed: "
-                    ">= 0, a negative "
-                    "coefficient would add energy"
+                    ">= 0, a negative coefficient would add energy"
                 )
         return self
 
@@ -211,8 +211,7 @@ class PolarTable(CoefficientSet):
             if right <= left:
                 raise ValueError(
                     f"nodes must increase by angle, then speed, but nodes[{i + 1}] (angle "
-                    f"{right[0]}, "
-                    f"speed {right[1]}) follows (angle {left[0]}, speed {left[1]})"
+                    f"{right[0]}, speed {right[1]}) follows (angle {left[0]}, speed {left[1]})"
                 )
         holes = sorted({(g, v) for g, _ in keys for _, v in keys} - set(keys))
         if holes:
@@ -282,7 +281,10 @@ def load_coefficients(name_or_path: str | Path) -> CoefficientSet:
             or unsorted nodes.
     """
     path = find_file(name_or_path, _FOLDER, "coefficients", ModelError)
-    content = _csv_content(path) if path.suffix == ".csv" else read_yaml(path, ModelError)
+    if path.suffix == ".csv":
+        content = _csv_content(path)
+    else:
+        content = read_yaml(path, ModelError)
     return coefficients_from_dict(content, str(path))
 
 

@@ -102,7 +102,9 @@ class SectionLaw(ABC):
 def length(v: Vector) -> Scalar:
     """|v|, with a zero gradient at v = 0."""
     squared = dot(v, v)
-    return squared**0.5 if squared > STILL else 0.0 * squared
+    if squared > STILL:
+        return squared**0.5
+    return 0.0 * squared
 
 
 def angle_of_attack(v: Vector, a: Vector) -> Scalar:
@@ -145,12 +147,16 @@ def wind_direction(
             along_normal = along_normal + weight * v_n
             across = across + weight * v_b
     still = float_of(along_normal) == 0.0 and float_of(across) == 0.0
-    return 0.0 * across if still else arctan2(across, along_normal)
+    if still:
+        return 0.0 * across
+    return arctan2(across, along_normal)
 
 
 def float_of(value: Scalar) -> float:
     """The number behind a float or an AutoDiffXd."""
-    return value if isinstance(value, float) else float(value.value())
+    if isinstance(value, float):
+        return value
+    return float(value.value())
 
 
 def plate_force(
@@ -188,7 +194,10 @@ def plate_force(
         v_c = u_c + s * k_c
         squared = v_n * v_n + v_c * v_c
         if many or squared > STILL:
-            speed = (squared + STILL) ** 0.5 if many else squared**0.5
+            if many:
+                speed = (squared + STILL) ** 0.5
+            else:
+                speed = squared**0.5
             f = areas[i] * (along if even or v_n > 0.0 else against) * speed * v_n
             total += f
             moment += s * f
@@ -288,9 +297,11 @@ class SpeedLine:
     def __call__(self, speed: Scalar) -> Scalar:
         """The coefficient at a speed."""
         low, high = self.speed_range
-        return self.intercept + self.slope * (
-            low if speed < low else high if speed > high else speed
-        )
+        if speed < low:
+            speed = low
+        elif speed > high:
+            speed = high
+        return self.intercept + self.slope * speed
 
     def covers(self, speed: float) -> bool:
         """Whether the speed lies inside the range."""
@@ -331,7 +342,9 @@ class NormalForceLaw(SectionLaw):
     def covers(self, speed: float, angle: float) -> bool:
         """See `SectionLaw.covers`; a plain number covers everything."""
         covers = getattr(self.coefficient, "covers", None)
-        return True if covers is None else bool(covers(speed))
+        if covers is None:
+            return True
+        return bool(covers(speed))
 
 
 @dataclass(frozen=True)
@@ -398,5 +411,6 @@ def facing_law(law: SectionLaw) -> CrossedPlatesLaw:
     """Law of a sail that shows the same side to the wind whatever its direction: of two sides the
     hollow one.
     """
-    drag = NormalForceLaw(law.along_normal) if isinstance(law, TwoSidedLaw) else law
-    return CrossedPlatesLaw(drag, drag)
+    if isinstance(law, TwoSidedLaw):
+        law = NormalForceLaw(law.along_normal)
+    return CrossedPlatesLaw(law, law)

@@ -166,7 +166,10 @@ class PolarLaw(SectionLaw):
     def _fade(self, spanwise: Scalar, across: Scalar, speed: Scalar) -> Scalar:
         """Factor on C_L: sign of gamma, smooth at 0, and zero at 90 degrees."""
         x = across / (speed * math.sin(self.lift_end))
-        end = 1.0 if x >= 1.0 else x * x * (3.0 - 2.0 * x)
+        if x >= 1.0:
+            end = 1.0
+        else:
+            end = x * x * (3.0 - 2.0 * x)
         if self.lift_blend == 0.0:
             return end if spanwise >= 0.0 else -end
         x = spanwise / (speed * math.sin(self.lift_blend))
@@ -185,21 +188,29 @@ class PolarLaw(SectionLaw):
             return 0.0, 0.0
         speed = squared**0.5
         if across_squared <= STILL:
-            along = self.drag(speed, math.pi / 2) if callable(self.drag) else self.drag
+            if callable(self.drag):
+                along = self.drag(speed, math.pi / 2)
+            else:
+                along = self.drag
             return scale * speed * along, 0.0
         across = across_squared**0.5
         drag: Any = self.drag
         lift: Any = self.lift
         if callable(drag) or callable(lift):
             size = spanwise if spanwise >= 0.0 else -spanwise
-            gamma = math.atan2(size, across) if isinstance(size, float) else arctan2(size, across)
+            if isinstance(size, float):
+                gamma = math.atan2(size, across)
+            else:
+                gamma = arctan2(size, across)
             if self._one_grid:
                 cell = drag.cell(speed, gamma)
                 drag = drag.at(cell)
                 lift = lift.at(cell)
             else:
-                drag = drag(speed, gamma) if callable(drag) else drag
-                lift = lift(speed, gamma) if callable(lift) else lift
+                if callable(drag):
+                    drag = drag(speed, gamma)
+                if callable(lift):
+                    lift = lift(speed, gamma)
         lift = lift * self._fade(spanwise, across, speed) / across
         return scale * speed * (drag + lift * spanwise), -scale * lift * squared * speed
 

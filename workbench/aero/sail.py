@@ -41,6 +41,8 @@ from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, Secti
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.config.car_parameters import SHELL_DEPTH
 
+Vector = tuple[float, float, float]
+
 
 @dataclass(frozen=True)
 class FreeSail:
@@ -101,9 +103,6 @@ class FreeSail:
             p_BoRo_B=(0.0, -behind, 0.0),
             normal_B=normal,
         )
-
-
-Vector = tuple[float, float, float]
 
 
 def rotation_rows(quaternion: Any) -> tuple[Any, Any, Any]:

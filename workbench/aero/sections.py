@@ -14,6 +14,10 @@ import numpy as np
 from aerodima.workbench.aero.laws import LineMotion, check_above_zero
 from aerodima.workbench.errors import ModelError
 
+Vector = tuple[float, float, float]
+"""Components along three axes."""
+_SAMPLES = 1000
+
 
 @dataclass(frozen=True)
 class Air:
@@ -53,9 +57,9 @@ class SectionLayout:
             not perpendicular.
     """
 
-    p_BoRo_B: tuple[float, float, float]
-    axis_B: tuple[float, float, float]
-    normal_B: tuple[float, float, float]
+    p_BoRo_B: Vector
+    axis_B: Vector
+    normal_B: Vector
     distances: tuple[float, ...]
     areas: tuple[float, ...]
     chord: float
@@ -66,8 +70,7 @@ class SectionLayout:
         if not 1 <= len(self.distances) == len(self.areas):
             raise ModelError(
                 f"section layout: {len(self.areas)} areas for {len(self.distances)} section "
-                "centres; allowed: as many, "
-                "from 1 on"
+                "centres; allowed: as many, from 1 on"
             )
         check_above_zero("section layout: chord", self.chord, unit="m")
         for area in self.areas:
@@ -133,7 +136,10 @@ class SectionLayout:
             v_y += w_z * p_x - w_x * p_z
             v_z += w_x * p_y - w_y * p_x
         k = (a_y * w_z - a_z * w_y, a_z * w_x - a_x * w_z, a_x * w_y - a_y * w_x)  # -(w x a)
-        air_x, air_y, air_z = (0.0, 0.0, 0.0) if v_WA is None else v_WA
+        if v_WA is None:
+            air_x, air_y, air_z = (0.0, 0.0, 0.0)
+        else:
+            air_x, air_y, air_z = v_WA
         return LineMotion((air_x - v_x, air_y - v_y, air_z - v_z), k, (a_x, a_y, a_z), n)
 
     def root_in(self, R_WB: Any) -> tuple[Any, Any, Any]:
@@ -150,9 +156,9 @@ class SectionLayout:
         length: float,
         width: float,
         number: int = 5,
-        p_BoRo_B: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        axis_B: tuple[float, float, float] = (0.0, 0.0, 1.0),
-        normal_B: tuple[float, float, float] = (1.0, 0.0, 0.0),
+        p_BoRo_B: Vector = (0.0, 0.0, 0.0),
+        axis_B: Vector = (0.0, 0.0, 1.0),
+        normal_B: Vector = (1.0, 0.0, 0.0),
     ) -> SectionLayout:
         """A flat strip of equal sections: a cheetah tail, a bar, the robot's sail.
 
@@ -183,9 +189,6 @@ class SectionLayout:
             start=start,
             end=start + length,
         )
-
-
-_SAMPLES = 1000
 
 
 def sampled_poses(plant: Any, count: int) -> Iterator[Any]:
@@ -233,8 +236,8 @@ class Jet:
         slope: rise of the edge per metre downstream.
     """
 
-    p_WE: tuple[float, float, float]
-    downstream_W: tuple[float, float, float] = (0.0, -1.0, 0.0)
+    p_WE: Vector
+    downstream_W: Vector = (0.0, -1.0, 0.0)
     slope: float = 100.0 / 1800.0
 
     def __post_init__(self) -> None:
@@ -322,7 +325,6 @@ class Jet:
                 return
         raise ModelError(
             f"jet: body '{body.name()}' meets the jet at no reachable angle: its sections end "
-            f"{layout.end:.3f} m from "
-            f"their root and the edge is at height {self.p_WE[2]:.3f} m; lower the edge depth or "
-            "lengthen the body"
+            f"{layout.end:.3f} m from their root and the edge is at height {self.p_WE[2]:.3f} m; "
+            "lower the edge depth or lengthen the body"
         )

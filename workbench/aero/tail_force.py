@@ -51,7 +51,26 @@ from aerodima.workbench.systems.system_ports import (
 SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
 ADDED_MASS_PREFIX = "added_mass_"
 """How the names of model instances and bodies of added mass begin."""
-NOT_EXPOSED, MEASURED, EXTRAPOLATED, BEYOND_QUASI_STEADY = 0.0, 1.0, 2.0, 3.0
+NOT_EXPOSED = 0.0
+"""Validity of a section that is not exposed to the air."""
+MEASURED = 1.0
+"""Validity of a section inside the range of its measured coefficients."""
+EXTRAPOLATED = 2.0
+"""Validity of a section outside that range."""
+BEYOND_QUASI_STEADY = 3.0
+"""Validity of a section faster than the quasi-steady law is meant for."""
+_POSES = 9
+"""Positions at which `idle_normal` looks at a plant: its default and random ones between its
+limits."""
+_ALONG = 1e-6
+"""Share of its motion that a section must make along its normal, for `idle_normal`."""
+_REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
+_SPEED = SECTION_COLUMNS.index("relative_speed_m_per_s")
+_FORCE = SECTION_COLUMNS.index("force_n")
+_STILL_AIR = 0.1
+"""Air slower than this (m/s) is not expected to show a force, in `SectionWatch`."""
+_ROUNDING = 1e-12
+"""Force over speed squared, N per (m/s)2, that rounding leaves of a plate along the flow."""
 
 
 @system_template("TailForce_", __name__)
@@ -109,14 +128,14 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
-            self._plant, self._body = (
-                plant,
-                resolve_body(plant, body).index(),
-            )  # not the object: design section 13
+            self._plant = plant
+            self._body = resolve_body(plant, body).index()  # not the object: design section 13
             self._layout = layout
             self._air = air or Air()
             self._jet = jet
-            self._law = NormalForceLaw(law) if isinstance(law, int | float) else law
+            if isinstance(law, int | float):
+                law = NormalForceLaw(law)
+            self._law = law
             self._quasi_steady_limit = quasi_steady_limit
             self._settings = (layout, self._law, self._air, jet, quasi_steady_limit)
             self._kinematics = plant.CreateDefaultContext()
@@ -180,7 +199,10 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             w_x, w_y, w_z, v_x, v_y, v_z = (
                 plant.EvalBodySpatialVelocityInWorld(kinematics, body).get_coeffs().tolist()
             )
-            wind = self._wind.Eval(context).tolist() if self._wind.HasValue(context) else None
+            if self._wind.HasValue(context):
+                wind = self._wind.Eval(context).tolist()
+            else:
+                wind = None
             return X_WB, self._layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
 
         def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
@@ -323,19 +345,15 @@ def add_tail_force(
     if builder.HasSubsystemNamed(name):
         raise ModelError(
             f"tail force: this builder has a system named '{name}' already; a second one on body "
-            f"'{carrier.name()}' "
-            "needs another name="
+            f"'{carrier.name()}' needs another name="
         )
-    if (
-        wind is None
-        and jet is None
-        and force.law.knows_normal
-        and (line := idle_normal(plant, carrier, layout))
-    ):
-        warnings.warn(line, UserWarning, stacklevel=2)
-    inputs = {"plant_state": plant.get_state_output_port()} | (
-        {} if wind is None else {"wind_velocity": wind}
-    )
+    if wind is None and jet is None and force.law.knows_normal:
+        line = idle_normal(plant, carrier, layout)
+        if line:
+            warnings.warn(line, UserWarning, stacklevel=2)
+    inputs = {"plant_state": plant.get_state_output_port()}
+    if wind is not None:
+        inputs["wind_velocity"] = wind
     system = connected(builder, force, name, **inputs)
     if applied:
         connect_spatial_forces(builder, plant, system.GetOutputPort("spatial_forces"))
@@ -370,12 +388,6 @@ def connect_spatial_forces(
     builder.Connect(multiplexer.get_output_port(), port)
 
 
-_POSES = 9
-"""Positions of the plant that are looked at: its default and random ones between its limits."""
-_ALONG = 1e-6
-"""Share of its motion that a section must make along its normal."""
-
-
 def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> str:
     """One line when no joint ever moves the sections along their normal; empty when one does, or
     none moves them.
@@ -397,10 +409,11 @@ def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -
     left, size, _ = np.linalg.svd(across, full_matrices=False)
     line = (
         f"tail force on body '{body.name()}': no joint moves its sections along normal_B "
-        f"{_words(normal)}, so that a "
-        "swing feels no air"
+        f"{_words(normal)}, so that a swing feels no air"
     )
-    return f"{line}; it moves them along {_words(left[:, 0])}" if size[0] > _ALONG * moved else line
+    if size[0] > _ALONG * moved:
+        return f"{line}; it moves them along {_words(left[:, 0])}"
+    return line
 
 
 def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> np.ndarray:
@@ -427,14 +440,6 @@ def _words(vector: np.ndarray) -> str:
     sign = -1.0 if vector[np.argmax(np.abs(vector))] < 0.0 else 1.0
     parts = ", ".join(f"{round(float(sign * part), 2) + 0.0:g}" for part in vector)
     return f"({parts})"
-
-
-_REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
-_SPEED, _FORCE = (SECTION_COLUMNS.index(name) for name in ("relative_speed_m_per_s", "force_n"))
-_STILL_AIR = 0.1
-"""m/s; slower air is not expected to show a force."""
-_ROUNDING = 1e-12
-"""N per (m/s)2: less is what rounding leaves of a plate along the flow."""
 
 
 class SectionWatch(LeafSystem):
@@ -503,8 +508,12 @@ class SectionWatch(LeafSystem):
         return self._fastest > _STILL_AIR and self._share <= _ROUNDING
 
     def _clear(self) -> None:
-        self._looks = self._outside = self._too_fast = 0
-        self._reynolds = self._fastest = self._share = 0.0
+        self._looks = 0
+        self._outside = 0
+        self._too_fast = 0
+        self._reynolds = 0.0
+        self._fastest = 0.0
+        self._share = 0.0
 
     def _start(self, context: Context) -> EventStatus:
         self._clear()
@@ -516,10 +525,11 @@ class SectionWatch(LeafSystem):
         self._looks += 1
         self._outside += bool(np.any(validity == EXTRAPOLATED))
         self._too_fast += bool(np.any(validity == BEYOND_QUASI_STEADY))
-        speeds, forces = (sections[column :: len(SECTION_COLUMNS)] for column in (_SPEED, _FORCE))
-        self._reynolds = max(
-            self._reynolds, float(sections[_REYNOLDS :: len(SECTION_COLUMNS)].max())
-        )
+        columns = len(SECTION_COLUMNS)
+        speeds = sections[_SPEED::columns]
+        forces = sections[_FORCE::columns]
+        shares = forces / np.maximum(speeds, _STILL_AIR) ** 2
+        self._reynolds = max(self._reynolds, float(sections[_REYNOLDS::columns].max()))
         self._fastest = max(self._fastest, float(speeds.max()))
-        self._share = max(self._share, float(np.max(forces / np.maximum(speeds, _STILL_AIR) ** 2)))
+        self._share = max(self._share, float(np.max(shares)))
         return EventStatus.Succeeded()

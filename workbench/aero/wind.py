@@ -126,7 +126,10 @@ def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
 
         def _update(self, context: Any, state: Any) -> None:
             time = context.get_time()
-            seconds = time if isinstance(time, float) else time.value()
+            if isinstance(time, float):
+                seconds = time
+            else:
+                seconds = time.value()
             step = round(seconds / self._model.update_period)
             state.get_mutable_vector().SetFromVector(
                 self._model.turbulence_step(

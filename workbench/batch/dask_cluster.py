@@ -31,6 +31,11 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 ALLOCATORS = ("tcmalloc_minimal", "jemalloc")
 """Libraries with which a simulated run costs 16 to 18 % less than with the C library of Debian 12,
 to the same bits."""
+ALL_GARBAGE = 100
+"""So many pieces lie between two looks at everything in a worker that may be garbage; else only at
+what is new."""
+_pieces = itertools.count(1)
+_GIGABYTE = 1.0e9
 
 
 @contextmanager
@@ -104,9 +109,9 @@ def _environment_of_workers() -> Iterator[None]:
     In Dask's own setting the threads would not outdo the caller's. What the caller preloads stays.
     """
     wanted = dict.fromkeys(THREAD_VARIABLES, "1")
-    fast = (
-        next(filter(None, map(find_library, ALLOCATORS)), None) if sys.platform == "linux" else None
-    )
+    fast = None
+    if sys.platform == "linux":
+        fast = next(filter(None, map(find_library, ALLOCATORS)), None)
     if fast is not None:
         wanted["LD_PRELOAD"] = " ".join(filter(None, (os.environ.get("LD_PRELOAD"), fast)))
     before = {name: os.environ.get(name) for name in wanted}
@@ -152,14 +157,6 @@ def _ctrl_c_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-ALL_GARBAGE = 100
-"""So many pieces lie between two looks at everything in a worker that may be garbage; else only at
-what is new."""
-_pieces = itertools.count(1)
-
-_GIGABYTE = 1.0e9
-
-
 @dataclass
 class Worker:
     """What is known of one worker process; memory in bytes."""
@@ -178,7 +175,10 @@ class Worker:
     @property
     def held(self) -> str:
         """Its memory and limit, in words."""
-        limit = f" of {self.limit / _GIGABYTE:.2f}" if self.limit else ""
+        if self.limit:
+            limit = f" of {self.limit / _GIGABYTE:.2f}"
+        else:
+            limit = ""
         return f"{self.memory / _GIGABYTE:.2f}{limit} GB"
 
     def is_stopped(self) -> bool:

@@ -83,7 +83,10 @@ def open_engine(
         check_workers(workers)
     start = time.monotonic()
     kept = WorkerRecord(progress, None if record is None else Path(record))
-    client_of = local_cluster(workers, memory) if scheduler is None else remote_cluster(scheduler)
+    if scheduler is None:
+        client_of = local_cluster(workers, memory)
+    else:
+        client_of = remote_cluster(scheduler)
     with quiet_logs(), client_of as client:
         engine = DaskEngine(client, kept, is_local=scheduler is None, module=module)
         engine.wait_until_ready()
@@ -199,9 +202,8 @@ class DaskEngine(Engine):
             self._drop()
         if given_up:
             raise UserError(
-                f"{len(given_up)} of {len(items)} pieces were lost twice with their worker "
-                "process (out of memory?), "
-                f"the first is {items[min(given_up)]!r}; the others are done"
+                f"{len(given_up)} of {len(items)} pieces were lost twice with their worker process "
+                f"(out of memory?), the first is {items[min(given_up)]!r}; the others are done"
             )
         return [results[index] for index in range(len(items))]
 
@@ -358,9 +360,10 @@ class DaskEngine(Engine):
                 self._tell("paused", worker, f"{worker} is paused by Dask: it holds {worker.held}")
         worker.status = facts["status"]
         has_piece = self._has_piece(address)
-        worker.idle = (
-            0 if has_piece and metrics.get("task_counts", {}).get("executing") else worker.idle + 1
-        )
+        if has_piece and metrics.get("task_counts", {}).get("executing"):
+            worker.idle = 0
+        else:
+            worker.idle += 1
         if worker.status == "paused" and worker.idle >= (PAUSED_LOOKS if has_piece else 1):
             self._replace_paused(address)
         elif self._is_local and worker.is_stopped():
@@ -424,7 +427,10 @@ class DaskEngine(Engine):
     def _lost(self, address: str) -> None:
         worker = self._workers.pop(address)
         self._retired[address] = time.monotonic()
-        held = f" (it held {worker.held})" if worker.memory else ""
+        if worker.memory:
+            held = f" (it held {worker.held})"
+        else:
+            held = ""
         had_piece = any(
             address == where and place is not None for where, place in self._under_way.values()
         )
@@ -467,4 +473,6 @@ class DaskEngine(Engine):
         busy = [
             str(worker) for address, worker in self._workers.items() if self._has_piece(address)
         ]
-        return f"; at work: {', '.join(busy)}" if busy else "; no worker is there"
+        if busy:
+            return f"; at work: {', '.join(busy)}"
+        return "; no worker is there"

@@ -162,7 +162,9 @@ class Standstill:
         if waited < self._limit:
             return
         self._limit = 2.0 * waited
-        typical = f"{statistics.median(self._seconds):.3g} s" if self._seconds else "not known yet"
+        typical = "not known yet"
+        if self._seconds:
+            typical = f"{statistics.median(self._seconds):.3g} s"
         text = f"no run has ended for {waited:.0f} s (typical: {typical}){self._where()}"
         self._record.event("still", text, waited_s=waited)
 

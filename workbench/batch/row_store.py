@@ -24,6 +24,12 @@ from aerodima.workbench.errors import UserError
 
 ProgressLine = Callable[[str], None]
 """Told how far work is, a line each."""
+WORKER_RECORD = "workers.jsonl"
+"""In the folder of a study, once something happened: a line per event with its time, worker,
+process and text."""
+Row = dict[str, Any]
+BAR = 24
+"""Width of the bar, characters."""
 
 
 def silent(_line: str) -> None:
@@ -33,14 +39,6 @@ def silent(_line: str) -> None:
 def on_stderr(line: str) -> None:
     """Says it at once."""
     print(line, file=sys.stderr, flush=True)
-
-
-WORKER_RECORD = "workers.jsonl"
-"""In the folder of a study, once something happened: a line per event with its time, worker,
-process and text."""
-
-
-Row = dict[str, Any]
 
 
 class RowStore:
@@ -146,10 +144,10 @@ def read_lines(path: Path) -> list[Row]:
     """Head and rows of a file of a `RowStore`, as they were written, without damaged lines; none
     without a file.
     """
-    lines = []
-    for text in (
-        path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else ()
-    ):
+    lines: list[Row] = []
+    if not path.is_file():
+        return lines
+    for text in path.read_text(encoding="utf-8", errors="replace").splitlines():
         try:
             line = json.loads(text)
         except ValueError:
@@ -161,27 +159,27 @@ def read_lines(path: Path) -> list[Row]:
 
 def content_key(*content: Any) -> str:
     """The same for the same content, JSON-able."""
-    return hashlib.sha256(json.dumps(content, sort_keys=True, default=_plain).encode()).hexdigest()[
-        :20
-    ]
+    text = json.dumps(content, sort_keys=True, default=_plain)
+    return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
 def refuse_foreign_files(folder: Path, error: type[UserError] = UserError) -> None:
     """Raises `error` when a folder holds anything that nobody made for the work that is to be done
     there.
     """
-    if names := sorted(path.name for path in folder.iterdir() if path.name != WORKER_RECORD):
-        shown = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
+    names = sorted(path.name for path in folder.iterdir() if path.name != WORKER_RECORD)
+    if names:
+        shown = ", ".join(names[:3])
+        if len(names) > 3:
+            shown += ", ..."
         raise error(f"{folder}: holds other files ({shown}); choose another folder, or --force")
 
 
 def _plain(value: Any) -> Any:
     """NumPy's scalars as Python's; NumPy itself is not loaded for it."""
-    return value.item() if hasattr(value, "item") else str(value)
-
-
-BAR = 24
-"""Width of the bar, characters."""
+    if hasattr(value, "item"):
+        return value.item()
+    return str(value)
 
 
 class ProgressBar:
@@ -203,9 +201,8 @@ class ProgressBar:
     def one_more(self, what: str = "") -> None:
         """Counts a piece, and shows `what` beside the count."""
         self.done += 1
-        left = (
-            (time.monotonic() - self._start) / (self.done - self._there) * (self.total - self.done)
-        )
+        pace = (time.monotonic() - self._start) / (self.done - self._there)
+        left = pace * (self.total - self.done)
         filled = BAR * self.done // self.total
         count = f"{self.done:>{len(str(self.total))}}/{self.total}"
         self._progress(
@@ -236,6 +233,9 @@ def terminal() -> ProgressLine:
             return
         end = "" if line.startswith("[") or line.endswith("...") else "\n"
         print("\r" + line.ljust(shown), end=end, file=sys.stderr, flush=True)
-        shown = 0 if end else len(line)
+        if end:
+            shown = 0
+        else:
+            shown = len(line)
 
     return progress

@@ -25,6 +25,39 @@ from aerodima.workbench.errors import UserError
 from aerodima.workbench.realtime import permitted
 from aerodima.workbench.resources import models_dir
 
+OLDEST_PYTHON = (3, 11)
+OLDEST_DRAKE = (1, 51)
+SMALLEST_DISK = 1e9
+"""Free bytes below which logs and reports of a day's work may not fit; a turn's log has 2 MB, its
+replay 4 MB."""
+EXTRAS = {
+    "hardware": (("serial", "the Teensy and CAN adapters on serial ports"),),
+    "logs": (
+        ("h5py", "MAT files of version 7.3"),
+        ("mcap", "MCAP logs"),
+        ("mcap_protobuf", "writing MCAP logs"),
+        ("foxglove_schemas_protobuf", "the scene in MCAP logs"),
+    ),
+    "console": (("starlette", "the operator's page"), ("uvicorn", "the operator's page")),
+    "notebooks": (("nbclient", "the notebooks"),),
+    "bench": (("mujoco", "comparing in `make bench`"),),
+}
+"""Extra -> the modules it brings and what they are for."""
+PROGRAMS = {
+    "browser": (
+        ("chromium", "chromium-browser", "google-chrome", "firefox"),
+        "install chromium, or replay elsewhere",
+    ),
+    "graphviz": (("dot",), "install graphviz; block diagrams of notebooks are text without it"),
+    "C++ compiler": (
+        (os.environ.get("CXX", "g++"),),
+        "install g++, which compiles the firmware of the emulated car",
+    ),
+}
+"""Subject -> the programs of which one is needed, and the advice without."""
+_ARPHRD_CAN = "280"
+"""Type of a CAN interface in /sys/class/net/*/type (linux/if_arp.h)."""
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
@@ -39,7 +72,12 @@ def doctor() -> None:
     """
     findings = examine()
     for finding in findings:
-        mark = "ok  " if finding.ok else ("FAIL" if finding.required else "none")
+        if finding.ok:
+            mark = "ok  "
+        elif finding.required:
+            mark = "FAIL"
+        else:
+            mark = "none"
         typer.echo(f"{mark} {finding.subject + ':':<18} {finding.found}")
         if finding.remedy:
             typer.echo(f"     {'':<18} -> {finding.remedy}")
@@ -48,43 +86,6 @@ def doctor() -> None:
         typer.echo(f"nothing works without: {', '.join(broken)}", err=True)
         raise typer.Exit(cli.Status.NO)
     typer.echo("everything needed for simulation, fits and reports is there")
-
-
-OLDEST_PYTHON = (3, 11)
-OLDEST_DRAKE = (1, 51)
-SMALLEST_DISK = 1e9
-"""Free bytes below which logs and reports of a day's work may not fit; a turn's log has 2 MB, its
-replay 4 MB."""
-
-EXTRAS = {
-    "hardware": (("serial", "the Teensy and CAN adapters on serial ports"),),
-    "logs": (
-        ("h5py", "MAT files of version 7.3"),
-        ("mcap", "MCAP logs"),
-        ("mcap_protobuf", "writing MCAP logs"),
-        ("foxglove_schemas_protobuf", "the scene in MCAP logs"),
-    ),
-    "console": (("starlette", "the operator's page"), ("uvicorn", "the operator's page")),
-    "notebooks": (("nbclient", "the notebooks"),),
-    "bench": (("mujoco", "comparing in `make bench`"),),
-}
-"""Extra -> the modules it brings and what they are for."""
-
-PROGRAMS = {
-    "browser": (
-        ("chromium", "chromium-browser", "google-chrome", "firefox"),
-        "install chromium, or replay elsewhere",
-    ),
-    "graphviz": (("dot",), "install graphviz; block diagrams of notebooks are text without it"),
-    "C++ compiler": (
-        (os.environ.get("CXX", "g++"),),
-        "install g++, which compiles the firmware of the emulated car",
-    ),
-}
-"""Subject -> the programs of which one is needed, and the advice without."""
-
-_ARPHRD_CAN = "280"
-"""Type of a CAN interface in /sys/class/net/*/type (linux/if_arp.h)."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,9 @@ def _solvers() -> Iterator[Finding]:
     ):
         ok = solver.available() and solver.enabled()
         name = f"solver {solver.solver_id().name()}"
-        found = f"for {use}" if ok else "not in this Drake"
+        found = "not in this Drake"
+        if ok:
+            found = f"for {use}"
         yield Finding(
             name, found, ok, "use a Drake wheel from PyPI; builds of one's own may lack it"
         )
@@ -187,7 +190,9 @@ def _models() -> Iterator[Finding]:
 def _extras() -> Iterator[Finding]:
     for extra, modules in EXTRAS.items():
         missing = [f"{module} ({use})" for module, use in modules if find_spec(module) is None]
-        found = "not there: " + ", ".join(missing) if missing else "installed"
+        found = "installed"
+        if missing:
+            found = "not there: " + ", ".join(missing)
         yield Finding(
             f"extra {extra}", found, not missing, f"pip install 'aerodima-workbench[{extra}]'"
         )
@@ -215,7 +220,10 @@ def _serial() -> Iterator[Finding]:
         str(port) for port in sorted({*Path("/dev").glob("ttyACM*"), *Path("/dev").glob("ttyUSB*")})
     ]
     closed = [port for port in ports if not os.access(port, os.R_OK | os.W_OK)]
-    found = "no permission for " + ", ".join(closed) if closed else ", ".join(ports) or "none"
+    if closed:
+        found = "no permission for " + ", ".join(closed)
+    else:
+        found = ", ".join(ports) or "none"
     advice = (
         "for a real car: plug in the Teensy; add yourself to the group `dialout` and log in again"
     )

@@ -100,8 +100,7 @@ def import_(
     run_log = imported.run_log
     typer.echo(
         f"{out}: {run_log.kind}, {len(run_log.table)} rows from {run_log.time[0]:g} to "
-        f"{run_log.time[-1]:g} s, "
-        f"{len(run_log.table.columns)} columns"
+        f"{run_log.time[-1]:g} s, {len(run_log.table.columns)} columns"
     )
     for finding in imported.findings:
         typer.echo(f"note: {finding}", err=True)
@@ -254,4 +253,6 @@ def run_names(runs: list[Path]) -> list[str]:
     """File names without ending; whole paths where these are not enough."""
     _refuse_twice(runs)
     stems = [path.stem for path in runs]
-    return stems if len(set(stems)) == len(stems) else [str(path) for path in runs]
+    if len(set(stems)) == len(stems):
+        return stems
+    return [str(path) for path in runs]

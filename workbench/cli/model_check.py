@@ -80,7 +80,10 @@ def check_shipped_models() -> Iterator[CheckResult]:
 
 def check_model_file(path: Path) -> Iterator[CheckResult]:
     """Checks one SDF or URDF file: no ignored attribute, loads strictly, every inertia physical."""
-    name = str(path.relative_to(models_dir())) if path.is_relative_to(models_dir()) else str(path)
+    if path.is_relative_to(models_dir()):
+        name = str(path.relative_to(models_dir()))
+    else:
+        name = str(path)
     yield _attempt(
         f"{name}: nothing that Drake would ignore", lambda: refuse_ignored_attributes(path)
     )
@@ -104,14 +107,13 @@ def refuse_ignored_attributes(path: Path) -> None:
         for place, meaning in IGNORED_BY_DRAKE[kind].items():
             element_path, _, attribute = place.partition("@")
             element = joint.find(element_path)
-            value = (
-                None if element is None else element.get(attribute) if attribute else element.text
-            )
+            if element is None:
+                continue
+            value = element.get(attribute) if attribute else element.text
             if value is not None and value.strip() not in ("", "0", "0.0"):
                 raise ModelError(
                     f"{path}: joint {joint.get('name')!r}: {place} = {value} is ignored by Drake; "
-                    "remove it and model "
-                    f"the {meaning} as a system"
+                    f"remove it and model the {meaning} as a system"
                 )
 
 

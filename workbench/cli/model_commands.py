@@ -70,11 +70,10 @@ def check(
     if update:
         for path in update_model_files():
             typer.echo(f"written {path}")
-    results = (
-        [result for path in files for result in check_model_file(path)]
-        if files
-        else list(check_shipped_models())
-    )
+    if files:
+        results = [result for path in files for result in check_model_file(path)]
+    else:
+        results = list(check_shipped_models())
     for result in results:
         typer.echo(f"{'ok  ' if not result.problems else 'FAIL'} {result.subject}")
     problems = [problem for result in results for problem in result.problems]
@@ -106,7 +105,10 @@ def tail(
     for path in out or ():
         refuse_existing(path, force, UserError)
     car = workbench.load_scenario(scenario, settings or [])
-    geometry = workbench.tail_geometry(car.tail) if file is None else workbench.read_tail(file)
+    if file is None:
+        geometry = workbench.tail_geometry(car.tail)
+    else:
+        geometry = workbench.read_tail(file)
     for line in tail_lines(geometry):
         typer.echo(line)
     for path in out or ():

@@ -66,13 +66,15 @@ def _keys(kind: str) -> list[tuple[str, str]]:
     """
     from aerodima.workbench.config import rig_scenario
 
-    return [
-        (f"{section}.{key}={word}", field.description or "")
-        for section, model in getattr(rig_scenario, kind).sections().items()
-        for key, field in model.model_fields.items()
-        for word in get_args(field.annotation)
-        or {bool: ("true", "false")}.get(field.annotation, ("",))
-    ]
+    keys = []
+    for section, model in getattr(rig_scenario, kind).sections().items():
+        for key, field in model.model_fields.items():
+            words = get_args(field.annotation) or ("",)
+            if field.annotation is bool:
+                words = ("true", "false")
+            for word in words:
+                keys.append((f"{section}.{key}={word}", field.description or ""))
+    return keys
 
 
 def endings(*allowed: str) -> Callable[[typer.CallbackParam, Any], Any]:
@@ -177,13 +179,13 @@ def settings_of(options: Any) -> list[str]:
     """Overrides of a scenario that a dataclass of options asks for: its fields with a `Key`, then
     those of `--set`.
     """
-    given = [
-        f"{key}={value}"
-        for name, hint in get_type_hints(type(options), include_extras=True).items()
-        for key in getattr(hint, "__metadata__", ())
-        if isinstance(key, Key) and (value := getattr(options, name)) is not None
-    ]
-    return [*given, *(options.settings or ())]
+    overrides = []
+    for name, hint in get_type_hints(type(options), include_extras=True).items():
+        value = getattr(options, name)
+        for key in getattr(hint, "__metadata__", ()):
+            if isinstance(key, Key) and value is not None:
+                overrides.append(f"{key}={value}")
+    return [*overrides, *(options.settings or ())]
 
 
 @dataclass(frozen=True)

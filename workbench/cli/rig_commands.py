@@ -17,6 +17,10 @@ from aerodima.workbench.text_table import shown_value, text_table
 if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
 
+SHOWN_FACTS = ("tail", "axis", "wind_speed_m_per_s", "exposed")
+"""What `extra` of a log says of its experiment; `exposed`: whether a part of the tail is in the
+jet."""
+
 
 @dataclass(frozen=True)
 class ExperimentOptions:
@@ -76,7 +80,10 @@ def rig(
     from aerodima.workbench.cli.run_commands import live_view, show_progress
 
     refuse_existing(options.out, options.force, LogError)
-    angle = [] if options.angle is None else [f"experiment.angle={radians(options.angle)!r}"]
+    if options.angle is None:
+        angle = []
+    else:
+        angle = [f"experiment.angle={radians(options.angle)!r}"]
     experiment = workbench.load_rig_scenario(scenario, [*angle, *cli.settings_of(options)])
     log = workbench.simulate(
         experiment,
@@ -89,11 +96,6 @@ def rig(
     for line in summary_lines(log):
         typer.echo(line)
     typer.echo(f"log: {options.out}")
-
-
-SHOWN_FACTS = ("tail", "axis", "wind_speed_m_per_s", "exposed")
-"""What `extra` of a log says of its experiment; `exposed`: whether a part of the tail is in the
-jet."""
 
 
 def summary_lines(log: RunLog) -> list[str]:

@@ -26,6 +26,25 @@ if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
     from aerodima.workbench.simulate.car_run import Progress
 
+SHOWN_METRICS = (
+    "speed_m_per_s",
+    "heading_change_rad",
+    "peak_roll_rad",
+    "max_yaw_rate_rad_per_s",
+    "average_yaw_rate_rad_per_s",
+    "max_linear_acceleration_m_per_s2",
+    "filtered_max_linear_acceleration_m_per_s2",
+)
+"""Metrics of a run that the terminal shows; `aerodima log metrics` has all of them."""
+SHOWN_FACTS = (
+    "largest_reynolds_number",
+    "sections_outside_measured_range",
+    "sections_above_quasi_steady_limit",
+)
+"""What the sections of a tail met, in `extra` of a log; the last two as shares of the time."""
+_STILL = 0.2
+"""rad; a tail that rolls less has not swung."""
+
 
 @dataclass(frozen=True)
 class RunOptions:
@@ -116,12 +135,18 @@ def run(options: RunOptions) -> None:
     if options.swing is not None:
         name, own = own_turn(find_swing(options.swing), name)
     scenario = workbench.load_scenario(str(name), [*own, *cli.settings_of(options)])
-    law = None if options.law is None else _own_law(options.law, scenario)
+    if options.law is None:
+        law = None
+    else:
+        law = _own_law(options.law, scenario)
     if law is None and options.diagram is None and not options.other_car:
         refuse_other_car(scenario)
     _refuse_outputs(options.out, options.html, options.force)
     run_log = _simulated(scenario, options, law)
-    swing = swing_of_scenario(scenario) if own else None
+    if own:
+        swing = swing_of_scenario(scenario)
+    else:
+        swing = None
     if swing is not None:
         typer.echo(f"turn: {scenario.name}, {turn_words(swing, scenario)}")
     for line in summary_lines(run_log):
@@ -153,7 +178,10 @@ def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> 
         raise UserError(
             f"manoeuvre.duration: {duration:g} s; allowed: >= {end:g} s, the end of the turn"
         )
-    build = None if options.diagram is None else load_build(options.diagram)
+    if options.diagram is None:
+        build = None
+    else:
+        build = load_build(options.diagram)
     try:
         return workbench.simulate(
             scenario,
@@ -172,7 +200,10 @@ def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> 
             raise
         text, reason = traceback_and_reason(error)
         typer.echo(text, err=True)
-        own = f"--law {options.law}" if build is None else f"--diagram {options.diagram}"
+        if build is None:
+            own = f"--law {options.law}"
+        else:
+            own = f"--diagram {options.diagram}"
         raise UserError(f"{own}: {reason}") from None
     except KeyboardInterrupt:
         if options.out is not None:
@@ -228,28 +259,6 @@ def show_progress(what: str = "simulating", unit: str = " s") -> Progress | None
     return progress
 
 
-SHOWN_METRICS = (
-    "speed_m_per_s",
-    "heading_change_rad",
-    "peak_roll_rad",
-    "max_yaw_rate_rad_per_s",
-    "average_yaw_rate_rad_per_s",
-    "max_linear_acceleration_m_per_s2",
-    "filtered_max_linear_acceleration_m_per_s2",
-)
-"""Metrics of a run that the terminal shows; `aerodima log metrics` has all of them."""
-SHOWN_FACTS = (
-    "largest_reynolds_number",
-    "sections_outside_measured_range",
-    "sections_above_quasi_steady_limit",
-)
-"""What the sections of a tail met, in `extra` of a log; the last two as shares of the time."""
-
-
-_STILL = 0.2
-"""rad; a tail that rolls less has not swung."""
-
-
 def summary_lines(run_log: RunLog) -> list[str]:
     """What a run came to, for the terminal: its outcome, the first metrics, and what the sail's
     sections met.
@@ -264,11 +273,12 @@ def summary_lines(run_log: RunLog) -> list[str]:
         ["", run_log.scenario["name"]],
         [[name, shown_value(value)] for name, value in shown.items()],
     )
-    roll = (
-        run_log.signal("tail_roll_angle_rad")
-        if run_log.scenario["tail"]["mode"] == "swing"
-        else None
-    )
+    if run_log.scenario["tail"]["mode"] == "swing":
+        roll = run_log.signal("tail_roll_angle_rad")
+    else:
+        roll = None
     rests = roll is not None and roll.max() - roll.min() < _STILL
-    still = ["note: the tail did not swing, since its law saw no reason to"] if rests else []
+    still = []
+    if rests:
+        still = ["note: the tail did not swing, since its law saw no reason to"]
     return [f"outcome: {outcome_in_words(metrics.outcome)}", *still, *table]

@@ -18,6 +18,13 @@ from aerodima.workbench.config.checked_files import (
     require_coefficient_name,
 )
 
+NO_GEOMETRY = "none"
+"""Word for a tail that the numbers of `TailParameters` describe: one straight rod with one sail at
+its tip."""
+SHELL_DEPTH = 0.5
+"""Depth of a half cylinder over its width."""
+BUILT = "built"
+
 
 class CarParameters(QuantityModel):
     """Chassis, wheels, tyres and suspension of the car without its tail arm (design section 7)."""
@@ -125,14 +132,6 @@ class CarParameters(QuantityModel):
         return self.track / 2 + (self.tyre_width / 2 if self.tyre_shape == "cylinder" else 0.0)
 
 
-NO_GEOMETRY = "none"
-"""Word for a tail that the numbers of `TailParameters` describe: one straight rod with one sail at
-its tip."""
-
-SHELL_DEPTH = 0.5
-"""Depth of a half cylinder over its width."""
-
-
 class SailShape(NamedTuple):
     """One of the shapes of thesis 5.2, as far as the text has it.
 
@@ -162,8 +161,6 @@ SAIL_SHAPES = {
 """The built sail (a half cylinder with caps and board, with the coefficient of the published model)
 and eight shapes of the flow simulation: FT, HC and HCEC each without and with backing board, and
 two after parachutes."""
-
-BUILT = "built"
 
 
 class TailParameters(QuantityModel):
@@ -267,8 +264,7 @@ class TailParameters(QuantityModel):
         ):
             raise ValueError(
                 f"sail_shape: {self.sail_shape!r} has its coefficient in a picture of the thesis "
-                "only (Fig. 5.7); "
-                "allowed: with tail.coefficients a set or a file"
+                "only (Fig. 5.7); allowed: with tail.coefficients a set or a file"
             )
         if self.sail == "free" and not shape.board:
             raise ValueError(

@@ -18,6 +18,15 @@ from aerodima.workbench.resources import models_dir
 
 NO_UNIT = "1"
 """Unit of a dimensionless number, a name, a flag or a count."""
+STANDARD_GRAVITY = 9.80665
+"""What a sensor calls 1 g, m/s2 (CGPM 1901)."""
+ModelT = TypeVar("ModelT", bound=BaseModel)
+Place = tuple[str | int, ...]
+CONSTANT = "constant"
+"""Word for the plain number of `tail.normal_force_coefficient`."""
+FILE_ENDINGS = (".yaml", ".yml", ".csv")
+SAIL_LAWS = ("normal_force", "two_sided")
+"""Laws of coefficient files that know the normal of a sail (`SectionLaw.knows_normal`)."""
 
 
 def quantity(unit: str, description: str, **limits: float) -> Any:
@@ -70,17 +79,17 @@ class QuantityModel(BaseModel):
 def unit_of(model: type[BaseModel], key: str) -> str:
     """Unit that `quantity` declared for a field; `1` for fields without one."""
     extra = model.model_fields[key].json_schema_extra
-    return str(extra.get("unit", NO_UNIT)) if isinstance(extra, dict) else NO_UNIT
+    if isinstance(extra, dict):
+        return str(extra.get("unit", NO_UNIT))
+    return NO_UNIT
 
 
 def nearest(name: str, known: Collection[str]) -> str:
     """Tail of an error about an unknown name: the closest known one, or all of them."""
     close = difflib.get_close_matches(name, known, n=1)
-    return f"did you mean {close[0]!r}?" if close else "allowed: " + ", ".join(sorted(known))
-
-
-STANDARD_GRAVITY = 9.80665
-"""What a sensor calls 1 g, m/s2 (CGPM 1901)."""
+    if close:
+        return f"did you mean {close[0]!r}?"
+    return "allowed: " + ", ".join(sorted(known))
 
 
 def check_range(
@@ -107,15 +116,14 @@ def check_range(
     if math.isfinite(value) and value <= high and (value > low if above_low else value >= low):
         return
     limits = {f"{'>' if above_low else '>='} {low:g}": low, f"<= {high:g}": high}
-    shown = "" if unit == NO_UNIT else f" {unit}"
+    if unit == NO_UNIT:
+        shown = ""
+    else:
+        shown = f" {unit}"
     allowed = " and ".join(text for text, limit in limits.items() if math.isfinite(limit))
     raise error(
         f"{name}: {value:g}{shown}; allowed: {allowed + shown if allowed else 'a finite number'}"
     )
-
-
-ModelT = TypeVar("ModelT", bound=BaseModel)
-Place = tuple[str | int, ...]
 
 
 class StrictModel(BaseModel):
@@ -182,7 +190,9 @@ def read_yaml(path: Path, error: type[UserError] = ScenarioError) -> dict[str, A
         raise error(f"{path}: cannot be read: {cause}") from None
     except yaml.YAMLError as cause:
         raise error(f"{path}: not YAML: {' '.join(str(cause).split())}") from None
-    return {} if data is None else require_mapping(data, str(path), error)
+    if data is None:
+        return {}
+    return require_mapping(data, str(path), error)
 
 
 def require_mapping(data: Any, where: str, error: type[UserError]) -> dict[str, Any]:
@@ -243,7 +253,9 @@ def _line(item: Any, model: type[BaseModel]) -> str:
         return f"{key}: missing"
     if kind == "value_error":
         text = str(item["ctx"]["error"])
-        return text if not key else key + ("." if re.match(r"[\w.]+: ", text) else ": ") + text
+        if not key:
+            return text
+        return key + ("." if re.match(r"[\w.]+: ", text) else ": ") + text
     owners = _models_at(model, place[:-1])
     if kind == "extra_forbidden":
         return f"{key}: unknown key; {_nearest_key(place, owners)}"
@@ -301,14 +313,6 @@ def _named_in(annotation: Any) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for part in get_args(annotation) for model in _named_in(part)]
-
-
-CONSTANT = "constant"
-"""Word for the plain number of `tail.normal_force_coefficient`."""
-
-FILE_ENDINGS = (".yaml", ".yml", ".csv")
-SAIL_LAWS = ("normal_force", "two_sided")
-"""Laws of coefficient files that know the normal of a sail (`SectionLaw.knows_normal`)."""
 
 
 @cache

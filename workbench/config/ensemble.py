@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.checked_files import (
     StrictModel,
     checked,
@@ -93,7 +93,7 @@ class Ensemble:
     path: Path
 
     @property
-    def weights(self) -> NDArray[np.float64]:
+    def weights(self) -> FloatArray:
         """Weights of the members (n), summing to 1."""
         return np.array([member.weight for member in self.members])
 

@@ -339,20 +339,19 @@ class RigScenario(ScenarioFile):
         within = f"within mount.angle_limit, +-{limit:g} rad ({math.degrees(limit):.0f} degrees)"
         shorter = f"< duration {done.duration:g} s"
         still = f"0 s in a {done.kind} (a swing rests in the wind: experiment.rest)"
-        rules = (
-            (abs(done.angle) <= limit + 1e-9, "experiment.angle", within),
-            (abs(done.target) <= limit + 1e-9, "experiment.target", within),
-            (not is_bar or done.wind_speed == 0.0, "experiment.wind_speed", "0 m/s in a bar_swing"),
-            (
-                self.aero.added_mass == 0.0 or misalignment == 0.0,
-                "aero.added_mass",
-                f"0 kg with tunnel.misalignment {misalignment:g} rad",
-            ),
-            (is_static or done.rest < done.duration, "experiment.rest", shorter),
-            (not is_static or done.wind_off < done.duration, "experiment.wind_off", shorter),
-            (is_static or done.wind_off == 0.0, "experiment.wind_off", still),
+        require = self._require
+        require(abs(done.angle) <= limit + 1e-9, "experiment.angle", within)
+        require(abs(done.target) <= limit + 1e-9, "experiment.target", within)
+        windless = not is_bar or done.wind_speed == 0.0
+        require(windless, "experiment.wind_speed", "0 m/s in a bar_swing")
+        require(
+            self.aero.added_mass == 0.0 or misalignment == 0.0,
+            "aero.added_mass",
+            f"0 kg with tunnel.misalignment {misalignment:g} rad",
         )
-        self._require(rules)
+        require(is_static or done.rest < done.duration, "experiment.rest", shorter)
+        require(not is_static or done.wind_off < done.duration, "experiment.wind_off", shorter)
+        require(is_static or done.wind_off == 0.0, "experiment.wind_off", still)
         if self.robot_tail.has_own_geometry:
             raise ValueError(
                 f"robot_tail.geometry: {self.robot_tail.geometry!r}; allowed: none, on a rig"
@@ -376,7 +375,8 @@ class RigScenario(ScenarioFile):
     @property
     def cheetah_tail(self) -> CheetahTailParameters:
         """The tail of the experiment."""
-        return (self.tail_1, self.tail_2, self.tail_3)[self.experiment.tail - 1]
+        tails = (self.tail_1, self.tail_2, self.tail_3)
+        return tails[self.experiment.tail - 1]
 
     @property
     def count_angle(self) -> float:
@@ -392,7 +392,9 @@ class RigScenario(ScenarioFile):
         """What stands in a log's metadata: `1`, `2`, `3`, `none` or `robot`."""
         if self.is_robot:
             return "robot"
-        return str(self.experiment.tail) if self.has_cheetah_tail else "none"
+        if self.has_cheetah_tail:
+            return str(self.experiment.tail)
+        return "none"
 
 
 rig_scenario_from_dict = RigScenario.from_dict

@@ -4,7 +4,7 @@ A parameter file holds the numbers of one section, each with unit and source (de
 scenario file what differs from them.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
@@ -105,7 +105,8 @@ def load_parameter_file(
             raise ScenarioError(
                 f"{path}: {key}: unit {entry.unit!r}; allowed is {unit_of(model, key)!r}"
             )
-    if missing := set(known) - set(entries):
+    missing = set(known) - set(entries)
+    if missing:
         raise ScenarioError(f"{path}: missing: {', '.join(sorted(missing))}")
     return entries
 
@@ -167,17 +168,17 @@ class ScenarioFile(StrictModel):
                 )
         return self
 
-    def _require(self, rules: Iterable[tuple[bool, str, str]]) -> None:
-        """Raises ValueError for the first rule (whether it holds, `section.key`, what is allowed)
-        that is broken.
-        """
-        for holds, key, allowed in rules:
-            if not holds:
-                section, _, name = key.partition(".")
-                values = getattr(self, section)
-                unit = unit_of(type(values), name)
-                shown = f"{getattr(values, name):.9g}" + ("" if unit == NO_UNIT else f" {unit}")
-                raise ValueError(f"{key}: {shown}; allowed: {allowed}")
+    def _require(self, holds: bool, key: str, allowed: str) -> None:
+        """Raises ValueError when the rule of a `section.key` does not hold."""
+        if holds:
+            return
+        section, _, name = key.partition(".")
+        values = getattr(self, section)
+        unit = unit_of(type(values), name)
+        shown = f"{getattr(values, name):.9g}"
+        if unit != NO_UNIT:
+            shown += f" {unit}"
+        raise ValueError(f"{key}: {shown}; allowed: {allowed}")
 
     @classmethod
     def sections(cls) -> dict[str, type[BaseModel]]:
@@ -325,11 +326,10 @@ class ScenarioFile(StrictModel):
             given = overrides.get(section)
             names = cls.renamed.get(section, {})
             if isinstance(given, dict):
-                gone = (
-                    cls.retired.get(section, set())
-                    if len(given) > len(model.model_fields) // 2
-                    else set()
-                )
+                if len(given) > len(model.model_fields) // 2:
+                    gone = cls.retired.get(section, set())
+                else:
+                    gone = set()
                 result[section] = {
                     names.get(key, key): value for key, value in given.items() if key not in gone
                 }
@@ -400,7 +400,9 @@ class Scenario(ScenarioFile):
         `feedback`.
         """
         inside = -1.0 if self.manoeuvre.direction == "left" else 1.0
-        return 0.0 if self.follows_state else inside * self.controller.hold_angle
+        if self.follows_state:
+            return 0.0
+        return inside * self.controller.hold_angle
 
     @model_validator(mode="after")
     def _car_is_possible(self) -> "Scenario":
@@ -420,62 +422,46 @@ class Scenario(ScenarioFile):
         )
         corner = turn.kind == "path" and turn.path == "corner"
         inside = 0.5 * turn.corner_width
-        rules = (
-            (
-                tail.sail_length <= tail.length,
-                "tail.sail_length",
-                f"<= tail.length {tail.length:g} m",
-            ),
-            (
-                turn.steer_angle <= steering + 1e-9,
-                "manoeuvre.steer_angle",
-                f"<= servo.limit {steering:.9g} rad",
-            ),
-            (
-                turn.first_angle <= steering + 1e-9,
-                "manoeuvre.first_angle",
-                f"<= servo.limit {steering:.9g} rad",
-            ),
-            (
-                turn.first_hold <= turn.turn_hold,
-                "manoeuvre.first_hold",
-                f"<= turn_hold {turn.turn_hold:g} s",
-            ),
-            (
-                not corner or turn.corner_radius > inside,
-                "manoeuvre.corner_radius",
-                f"> half of corner_width, {inside:g} m",
-            ),
-            (ramped, "manoeuvre.speed_ramp", f"<= turn_start {turn.turn_start:g} s"),
-            (
-                tailless or hold <= roll,
-                "controller.hold_angle",
-                f"<= tail.roll_limit {roll:.9g} rad",
-            ),
-            (
-                tailless or self.feedback.most_roll <= roll,
-                "feedback.most_roll",
-                f"<= tail.roll_limit {roll:.9g} rad",
-            ),
-            (
-                tail.roll_limit <= tail.roll_stop,
-                "tail.roll_limit",
-                f"<= tail.roll_stop {tail.roll_stop:.9g} rad",
-            ),
-            (
-                tailless or held_pitch <= pitch,
-                "controller.pitch_angle",
-                f"within tail.pitch_limit, +-{pitch:.9g} rad",
-            ),
-            # Drake's 2 mu1 mu2 / (mu1 + mu2) stays below 2 mu1, and the ground carries the tyre
-            # friction.
-            (
-                self.car.cage_friction < cage,
-                "car.cage_friction",
-                f"< twice car.tyre_friction, {cage:g}",
-            ),
+        require = self._require
+        require(
+            tail.sail_length <= tail.length,
+            "tail.sail_length",
+            f"<= tail.length {tail.length:g} m",
         )
-        self._require(rules)
+        within_servo = f"<= servo.limit {steering:.9g} rad"
+        require(turn.steer_angle <= steering + 1e-9, "manoeuvre.steer_angle", within_servo)
+        require(turn.first_angle <= steering + 1e-9, "manoeuvre.first_angle", within_servo)
+        require(
+            turn.first_hold <= turn.turn_hold,
+            "manoeuvre.first_hold",
+            f"<= turn_hold {turn.turn_hold:g} s",
+        )
+        require(
+            not corner or turn.corner_radius > inside,
+            "manoeuvre.corner_radius",
+            f"> half of corner_width, {inside:g} m",
+        )
+        require(ramped, "manoeuvre.speed_ramp", f"<= turn_start {turn.turn_start:g} s")
+        within_roll = f"<= tail.roll_limit {roll:.9g} rad"
+        require(tailless or hold <= roll, "controller.hold_angle", within_roll)
+        require(tailless or self.feedback.most_roll <= roll, "feedback.most_roll", within_roll)
+        require(
+            tail.roll_limit <= tail.roll_stop,
+            "tail.roll_limit",
+            f"<= tail.roll_stop {tail.roll_stop:.9g} rad",
+        )
+        require(
+            tailless or held_pitch <= pitch,
+            "controller.pitch_angle",
+            f"within tail.pitch_limit, +-{pitch:.9g} rad",
+        )
+        # Drake's 2 mu1 mu2 / (mu1 + mu2) stays below 2 mu1, and the ground carries the tyre
+        # friction.
+        require(
+            self.car.cage_friction < cage,
+            "car.cage_friction",
+            f"< twice car.tyre_friction, {cage:g}",
+        )
         return self
 
 

@@ -36,6 +36,7 @@ UNARMED_SOURCES = ("sail", "imu", "speed", "operator")
 STATUS_SOURCES = ("tail_pitch", "tail_roll", *UNARMED_SOURCES)
 RIG_STATUS_SOURCES = ("motor", "force", "operator")
 _AXES = ("x", "y", "z")
+_TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
 
 
 @dataclass(frozen=True)
@@ -189,8 +190,6 @@ def _command(joint: str) -> list[Column]:
         Column(f"{stem}_torque_n_m", "N m", f"tail {joint} feed-forward torque"),
     ]
 
-
-_TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
 
 CAR_PORTS: Mapping[str, list[Column]] = {
     "steering_angle": [

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
 
 from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.errors import SwingFileError
 
@@ -30,6 +31,7 @@ _LIMIT_MARGIN = 1e-6
 _SAMPLES_PER_INTERVAL = 16
 
 Samples = Annotated[tuple[float, ...], Field(strict=False, min_length=2)]
+Direction = Literal["left", "right"]
 
 
 def _from_zero(times: tuple[float, ...]) -> tuple[float, ...]:
@@ -45,7 +47,6 @@ def _from_zero(times: tuple[float, ...]) -> tuple[float, ...]:
 
 Times = Annotated[Samples, AfterValidator(_from_zero)]
 """s, since the release."""
-Direction = Literal["left", "right"]
 
 
 class _Strict(StrictModel):
@@ -289,12 +290,12 @@ class SwingPoint:
     N m.
     """
 
-    roll_position: NDArray[np.float64]
-    roll_velocity: NDArray[np.float64]
-    pitch_position: NDArray[np.float64]
-    pitch_velocity: NDArray[np.float64]
-    roll_torque: NDArray[np.float64]
-    pitch_torque: NDArray[np.float64]
+    roll_position: FloatArray
+    roll_velocity: FloatArray
+    pitch_position: FloatArray
+    pitch_velocity: FloatArray
+    roll_torque: FloatArray
+    pitch_torque: FloatArray
 
 
 def swing_at(swing: SwingFile, time: ArrayLike, direction: Direction | None = None) -> SwingPoint:
@@ -328,15 +329,17 @@ def swing_at(swing: SwingFile, time: ArrayLike, direction: Direction | None = No
 def gains_at(swing: SwingFile, time: float) -> tuple[JointGains, JointGains]:
     """Roll and pitch gains at a time since the release, s; before it the hold gains for both."""
     begun = [phase for phase in swing.gains.phases if phase.start_s <= time]
-    return (begun[-1].roll, begun[-1].pitch) if begun else (swing.gains.hold, swing.gains.hold)
+    if begun:
+        return (begun[-1].roll, begun[-1].pitch)
+    return (swing.gains.hold, swing.gains.hold)
 
 
 def hermite(
-    t: NDArray[np.float64],
-    times: NDArray[np.float64],
-    position: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    t: FloatArray,
+    times: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
     """Value and derivative of the cubic Hermite interpolant; at rest outside the knots.
 
     Args:
@@ -374,7 +377,7 @@ def cubic(
     return value, (start + share * (2.0 * quadratic + 3.0 * share * third)) / h
 
 
-def _torque(
-    t: NDArray[np.float64], times: NDArray[np.float64], torque: tuple[float, ...] | None
-) -> NDArray[np.float64]:
-    return np.zeros_like(t) if torque is None else np.interp(t, times, torque, left=0.0, right=0.0)
+def _torque(t: FloatArray, times: FloatArray, torque: tuple[float, ...] | None) -> FloatArray:
+    if torque is None:
+        return np.zeros_like(t)
+    return np.interp(t, times, torque, left=0.0, right=0.0)

@@ -150,10 +150,13 @@ class TailController(LeafSystem):
         imu = vector_of(self._imu, context)
         status = vector_of(self._status, context)
         planned_turn = vector_of(self._planned_turn, context)
-        speed = vector_of(self._speed, context) if self._speed.HasValue(context) else None
-        steering = (
-            vector_of(self._steering, context) if self._steering.HasValue(context) else (math.nan,)
-        )
+        if self._speed.HasValue(context):
+            speed = vector_of(self._speed, context)
+        else:
+            speed = None
+        steering_angle = math.nan
+        if self._steering.HasValue(context):
+            steering_angle = float(vector_of(self._steering, context)[0])
         return observe(
             nominal_time(context.get_time(), self._law.rate),
             tail,
@@ -162,7 +165,7 @@ class TailController(LeafSystem):
             float(planned_turn[0]),
             speed,
             self._age_limit,
-            steering_angle=float(steering[0]),
+            steering_angle=steering_angle,
         )
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
@@ -217,7 +220,11 @@ class TurnDriver(LeafSystem):
         super().__init__()
         check_range("controller.rate", rate, 0.0, math.inf, "Hz", above_low=True)
         self.set_name("driver")
-        self._law: DriverLaw = ScheduledDriver(driver) if isinstance(driver, Schedule) else driver
+        self._law: DriverLaw
+        if isinstance(driver, Schedule):
+            self._law = ScheduledDriver(driver)
+        else:
+            self._law = driver
         self._rate = rate
         sizes = {"imu": IMU.size, "pose": POSE.size}
         self._sources = {
@@ -228,7 +235,9 @@ class TurnDriver(LeafSystem):
             DiscreteVector(self, [value], output=name)
             for name, value in zip(DriverInput._fields, inputs, strict=True)
         ]
-        self._memory = DiscreteVector(self, self._law.start()) if memory.size else None
+        self._memory = None
+        if memory.size:
+            self._memory = DiscreteVector(self, self._law.start())
         declare_ticks(self, rate, stage, self._tick)
 
     @classmethod
@@ -275,14 +284,20 @@ class TurnDriver(LeafSystem):
                 2.0 * (pose.qw * pose.qz + pose.qx * pose.qy), 1.0 - 2.0 * (pose.qy**2 + pose.qz**2)
             )
             speed = math.hypot(pose.vx, pose.vy)
-            course = math.atan2(pose.vy, pose.vx) if speed > STANDING else heading
+            if speed > STANDING:
+                course = math.atan2(pose.vy, pose.vx)
+            else:
+                course = heading
             seen = seen._replace(
                 position=(pose.x, pose.y), heading=heading, course=course, speed=speed
             )
         return seen
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
-        before = NO_MEMORY if self._memory is None else self._memory.read(context)
+        if self._memory is None:
+            before = NO_MEMORY
+        else:
+            before = self._memory.read(context)
         memory, inputs = self._law.step(before, self.seen(context))
         if self._memory is not None:
             self._memory.write(discrete_state, memory)
@@ -339,11 +354,12 @@ class CurrentController(LeafSystem):
         resting = time < experiment.rest - 1e-9
         if not resting and not experiment.actuated:
             return 0.0
-        goal, hold = (
-            (experiment.angle, self._hold_start)
-            if resting
-            else (experiment.target, self._hold_target)
-        )
+        if resting:
+            goal = experiment.angle
+            hold = self._hold_start
+        else:
+            goal = experiment.target
+            hold = self._hold_target
         current = hold + experiment.kp * (angle - goal) + experiment.kd * rate
         return min(max(current, -self._limit), self._limit)
 

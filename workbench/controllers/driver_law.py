@@ -25,6 +25,8 @@ from aerodima.workbench.errors import UserError
 
 Source = Literal["imu", "pose"]
 """What a driver may look at: the IMU of the station, and the pose and speed of a simulated car."""
+SLOW = 0.5
+"""Speed (m/s) below which yaw rate over speed is noise of the gyro."""
 
 
 class Seen(NamedTuple):
@@ -133,10 +135,6 @@ class FishhookDriver:
         angle = np.where(seen.time < counter, begun, -self.steer_angle)
         angle = np.where(now >= counter + 2.0 * reach + self.hold, 0.0, angle)
         return np.stack([counter]), self.side * angle
-
-
-SLOW = 0.5
-"""m/s; of a slower car yaw rate over speed is noise of the gyro."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,9 @@ from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.controllers.tail_law import NO_COMMAND, Observation
 
-ROLL, GYRO_X, GYRO_Z = IMU.index("roll"), IMU.index("gyro_x"), IMU.index("gyro_z")
+ROLL = IMU.index("roll")
+GYRO_X = IMU.index("gyro_x")
+GYRO_Z = IMU.index("gyro_z")
 MIDDLE = 0.1
 """rad; a reference nearer to the middle counts as waiting in the log."""
 
@@ -127,22 +129,31 @@ class FeedbackLaw:
         Without speed or steering, roll and roll rate decide alone. A tail of unknown angle is not
         moved.
         """
-        reference = float(memory[0]) if math.isfinite(memory[0]) else observation.roll_angle
+        if math.isfinite(memory[0]):
+            reference = float(memory[0])
+        else:
+            reference = observation.roll_angle
         if not math.isfinite(reference):
             return memory, NO_COMMAND, NO_COMMAND, int(SwingState.OFF)
         steering = observation.steering_angle
         valid = observation.imu_valid
-        predicts = math.isfinite(observation.speed) and math.isfinite(steering)
-        seen = Seen(
-            roll=observation.imu[ROLL] if valid else 0.0,
-            roll_rate=observation.imu[GYRO_X] if valid else 0.0,
-            yaw_rate=observation.imu[GYRO_Z] if valid and predicts else 0.0,
-            speed=observation.speed if predicts else 0.0,
-            steering_angle=steering if predicts else 0.0,
-            valid=valid,
-        )
+        roll = 0.0
+        roll_rate = 0.0
+        yaw_rate = 0.0
+        speed = 0.0
+        steering_angle = 0.0
+        if valid:
+            roll = observation.imu[ROLL]
+            roll_rate = observation.imu[GYRO_X]
+        if math.isfinite(observation.speed) and math.isfinite(steering):
+            speed = observation.speed
+            steering_angle = steering
+            if valid:
+                yaw_rate = observation.imu[GYRO_Z]
+        seen = Seen(roll, roll_rate, yaw_rate, speed, steering_angle, valid)
         gains = self.gains
         found = respond(gains, self.wheelbase, self.rate, reference, seen)
         pitch = np.array([gains.pitch_angle, 0.0, *self.pitch_hold, 0.0])
-        roll = np.array([float(found.reference), 0.0, gains.kp, gains.kd, 0.0])
-        return np.array([float(found.reference)]), pitch, roll, int(found.state)
+        moved = float(found.reference)
+        command = np.array([moved, 0.0, gains.kp, gains.kd, 0.0])
+        return np.array([moved]), pitch, command, int(found.state)

@@ -30,6 +30,20 @@ from aerodima.workbench.errors import ScenarioError, SwingFileError, UserError
 
 NO_SWING = "none"
 _SWING = "swing"
+DEFAULT_TURN = "turn_swing"
+"""Scenario of a swing whose file names none."""
+_PLAYED = "tail.mode=swing"
+"""Setting of a scenario whose tail plays a swing file."""
+_CLAIMS = {
+    "survived_speed_m_per_s": ("manoeuvre.speed", "{:g} m/s"),
+    "survived_friction": ("car.tyre_friction", "friction {:g}"),
+}
+"""What a file claims to survive: name under `provenance.found`, the key of a scenario that it is,
+and its words."""
+_MEMBERS = ("rate", "memory_size", "start", "step")
+"""Members that every tail law has."""
+_OURS = ("aerodima", "pydrake")
+"""Packages that are never taken for a user's file, which is run as a module of its own."""
 
 
 def find_swing(name_or_path: str | Path) -> SwingFile:
@@ -48,7 +62,9 @@ def swing_of_scenario(scenario: Any) -> SwingFile | None:
     name = scenario.controller.swing_file
     mode = scenario.tail.mode
     law = scenario.controller.law
-    return None if name == NO_SWING or (mode, law) != ("swing", "swing") else find_swing(name)
+    if name == NO_SWING or (mode, law) != ("swing", "swing"):
+        return None
+    return find_swing(name)
 
 
 def swing_facts(scenario: Any) -> dict[str, Any]:
@@ -56,11 +72,9 @@ def swing_facts(scenario: Any) -> dict[str, Any]:
     the run.
     """
     swing = swing_of_scenario(scenario)
-    return (
-        {}
-        if swing is None
-        else {_SWING: swing.model_dump(mode="json", by_alias=True, exclude_none=True)}
-    )
+    if swing is None:
+        return {}
+    return {_SWING: swing.model_dump(mode="json", by_alias=True, exclude_none=True)}
 
 
 def refuse_other_car(
@@ -135,17 +149,6 @@ def _in_claim_words(values: dict[str, float]) -> str:
     return ", ".join(words.format(values[key]) for key, words in _CLAIMS.values() if key in values)
 
 
-DEFAULT_TURN = "turn_swing"
-"""Scenario of a swing whose file names none."""
-_PLAYED = "tail.mode=swing"
-_CLAIMS = {
-    "survived_speed_m_per_s": ("manoeuvre.speed", "{:g} m/s"),
-    "survived_friction": ("car.tyre_friction", "friction {:g}"),
-}
-"""What a file claims to survive: name under `provenance.found`, the key of a scenario that it is,
-and its words."""
-
-
 def law_of_scenario(scenario: Any) -> TailLaw:
     """The law of `scenario.controller` and `scenario.tail.mode` (any object with these attributes).
 
@@ -213,9 +216,6 @@ def load_drive(name_or_path: str, settings: Sequence[str] = ()) -> tuple[Scenari
     )
 
 
-_MEMBERS = ("rate", "memory_size", "start", "step")
-
-
 def load_law(place: str, scenario: Scenario) -> TailLaw:
     """Makes the law that a flag names: a class in a Python file, `my_law.py:MyLaw`.
 
@@ -229,7 +229,11 @@ def load_law(place: str, scenario: Scenario) -> TailLaw:
     maker = _named("--law", place, "class", "my_law.py:MyLaw")
     name = place.rpartition(":")[2]
     try:
-        law: Any = maker.from_scenario(scenario) if hasattr(maker, "from_scenario") else maker()
+        law: Any
+        if hasattr(maker, "from_scenario"):
+            law = maker.from_scenario(scenario)
+        else:
+            law = maker()
     except Exception as error:
         raise UserError(f"--law {place}: {name}() failed: {in_words(error)}") from error
     missing = [member for member in _MEMBERS if not hasattr(law, member)]
@@ -279,10 +283,6 @@ def _run_file(flag: str, path: Path) -> Any:
     except Exception as error:
         raise UserError(f"{flag} {path}: running it failed: {in_words(error)}") from error
     return module
-
-
-_OURS = ("aerodima", "pydrake")
-"""Packages; a file of the user's is run as a module of its own."""
 
 
 def traceback_and_reason(error: BaseException) -> tuple[str, str]:

@@ -15,6 +15,11 @@ from aerodima.workbench.errors import UserError
 
 TICK_TOLERANCE = 1e-9
 """s; a tick that falls on an instant of the schedule up to rounding counts as having reached it."""
+WITHDRAWN = (0.3, 0.4)
+"""From when until when the announcement of a steering step is withdrawn, s after the step; a law
+that swings late has swung by then."""
+CLOSED_LOOP = ("fishhook", "path")
+"""Kinds of manoeuvre in which the driver looks at the car: no function of time."""
 
 
 class DriverInput(NamedTuple):
@@ -69,9 +74,8 @@ class ThrottleLine:
         if speed > 0.0 and self.throttle(speed) < self.breakaway:
             slowest = self.gain * self.breakaway + self.offset
             raise UserError(
-                f"manoeuvre.speed: {speed:g} m/s; allowed without governor: 0, or from "
-                f"{slowest:g} m/s on, the steady "
-                f"speed at drive.breakaway_throttle {self.breakaway:g}"
+                f"manoeuvre.speed: {speed:g} m/s; allowed without governor: 0, or from {slowest:g} "
+                f"m/s on, the steady speed at drive.breakaway_throttle {self.breakaway:g}"
             )
 
 
@@ -113,11 +117,9 @@ def angle_to_straighten(
         steer_angle, hold, first_angle, first_hold: as for `TurnSchedule`.
         rate: of the servo.
     """
-    return (
-        max(steer_angle, first_angle - rate * (hold - first_hold))
-        if first_hold > 0.0
-        else steer_angle
-    )
+    if first_hold > 0.0:
+        return max(steer_angle, first_angle - rate * (hold - first_hold))
+    return steer_angle
 
 
 def steering_time(hold: float, repeats: int = 1, gap: float = 0.0) -> float:
@@ -125,11 +127,6 @@ def steering_time(hold: float, repeats: int = 1, gap: float = 0.0) -> float:
     `TurnSchedule`.
     """
     return repeats * hold + (repeats - 1) * gap
-
-
-WITHDRAWN = (0.3, 0.4)
-"""s after a step: from when until when its announcement is withdrawn; a law that swings late has
-swung by then."""
 
 
 @dataclass(frozen=True)
@@ -180,19 +177,24 @@ class TurnSchedule:
 
     def at(self, time: float) -> DriverInput:
         """Inputs at `time` s since the start."""
-        start = self._step_start(time + TICK_TOLERANCE)
-        turning = start <= time + TICK_TOLERANCE < start + self.hold
-        angle = (
-            self.first_angle
-            if time + TICK_TOLERANCE < start + self.first_hold
-            else self.steer_angle
-        )
-        throttle = 0.0 if time + TICK_TOLERANCE >= self.throttle_off else self.ramp.throttle(time)
-        since = time + TICK_TOLERANCE - (start + self.hold)
+        tick = time + TICK_TOLERANCE
+        start = self._step_start(tick)
+        end = start + self.hold
+        steering_angle = 0.0
+        if start <= tick < end:
+            first = tick < start + self.first_hold
+            steering_angle = self.side * (self.first_angle if first else self.steer_angle)
+        if tick >= self.throttle_off:
+            throttle = 0.0
+        else:
+            throttle = self.ramp.throttle(time)
+        since = tick - end
         last = self._step_start(math.inf)
         more = start + self.gap + self.hold < last + 1e-9
-        announced = 0.0 if more and WITHDRAWN[0] <= since < WITHDRAWN[1] else self.side
-        return DriverInput(self.side * angle if turning else 0.0, throttle, announced)
+        announced = self.side
+        if more and WITHDRAWN[0] <= since < WITHDRAWN[1]:
+            announced = 0.0
+        return DriverInput(steering_angle, throttle, announced)
 
     def _step_start(self, time: float) -> float:
         """Start of the last step that has begun, s, or of the first one."""
@@ -271,10 +273,6 @@ class SlalomSchedule:
         )
 
 
-CLOSED_LOOP = ("fishhook", "path")
-"""Kinds of manoeuvre in which the driver looks at the car: no function of time."""
-
-
 def make_schedule(scenario: Any) -> Schedule:
     """Schedule of `scenario.manoeuvre` with the throttle line of `scenario.drive` (any object with
     these attributes).
@@ -287,8 +285,7 @@ def make_schedule(scenario: Any) -> Schedule:
     if manoeuvre.kind in CLOSED_LOOP:
         raise UserError(
             f"manoeuvre.kind: {manoeuvre.kind}, whose driver looks at the car; allowed as a "
-            "function of time: "
-            "turn, auto_turn, straight, slalom, rising"
+            "function of time: turn, auto_turn, straight, slalom, rising"
         )
     side = side_of(manoeuvre)
     ramp = speed_ramp(scenario)
@@ -335,9 +332,11 @@ def speed_ramp(scenario: Any) -> SpeedRamp:
 def throttle_line(scenario: Any) -> ThrottleLine:
     """Throttle of a speed, of `scenario.drive`."""
     drive = scenario.drive
-    lag, breakaway = (
-        (0.0, 0.0) if drive.governor else (drive.time_constant, drive.breakaway_throttle)
-    )
+    lag = 0.0
+    breakaway = 0.0
+    if not drive.governor:
+        lag = drive.time_constant
+        breakaway = drive.breakaway_throttle
     return ThrottleLine(drive.throttle_gain, drive.throttle_offset, lag, breakaway)
 
 

@@ -209,7 +209,10 @@ def path_of(scenario: Any) -> Path:
     manoeuvre = scenario.manoeuvre
     car = scenario.car
     side = 1.0 if manoeuvre.direction == "left" else -1.0
-    ramped = 0.0 if manoeuvre.rolling_start else 0.5 * manoeuvre.speed_ramp
+    if manoeuvre.rolling_start:
+        ramped = 0.0
+    else:
+        ramped = 0.5 * manoeuvre.speed_ramp
     begin = manoeuvre.speed * (manoeuvre.turn_start - ramped)
     if manoeuvre.path == "corner":
         return Corner(manoeuvre.corner_radius, manoeuvre.corner_width, begin, side)

@@ -232,9 +232,9 @@ class SwingMachine(ABC, Generic[Memory]):
         """
         memory = replace(memory, turn=plan, announced=time)
         if plan == 0.0 and memory.state != SwingState.OFF:
-            return (
-                enter(SwingState.HOLD, memory, time) if memory.state == SwingState.DELAY else memory
-            )
+            if memory.state == SwingState.DELAY:
+                return enter(SwingState.HOLD, memory, time)
+            return memory
         found = sign(memory.roll_angle * self._wait.roll) or 1.0
         memory = replace(memory, mirror=plan * self.direction if plan != 0.0 else found)
         ready = (
@@ -343,7 +343,9 @@ class SwingLaw(SwingMachine[SwingMemory]):
         travelled = memory.turn * (memory.roll_angle - memory.start_roll)
         stalled = elapsed >= settings.stall_factor * settings.travel / settings.swing_speed
         over = travelled >= settings.travel or stalled
-        return enter(SwingState.SETTLE, memory, observation.time) if over else memory
+        if over:
+            return enter(SwingState.SETTLE, memory, observation.time)
+        return memory
 
     def _commands(
         self, memory: SwingMemory, observation: Observation, time: float

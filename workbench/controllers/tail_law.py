@@ -13,6 +13,22 @@ import numpy as np
 from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE
 
 UNKNOWN_IMU = (math.nan,) * 9
+NO_COMMAND = np.zeros(5)
+"""Gains of zero: the motors are free."""
+NO_COMMAND.flags.writeable = False
+EPSILON = 1e-9
+"""s; a tick that falls on a limit up to rounding counts as having reached it."""
+AGE_LIMIT = 0.1
+"""s; beyond this a signal counts as silent."""
+GYRO_Z = IMU.index("gyro_z")
+ROLL_ANGLE = TAIL_STATE.index("roll_angle")
+PITCH_ANGLE = TAIL_STATE.index("pitch_angle")
+ROLL_RATE = TAIL_STATE.index("roll_rate")
+PITCH_RATE = TAIL_STATE.index("pitch_rate")
+SPEED_FAULT = STATUS.index("speed_fault")
+ROLL_AGE = STATUS.index("tail_roll_age")
+PITCH_AGE = STATUS.index("tail_pitch_age")
+IMU_AGE = STATUS.index("imu_age")
 
 
 @dataclass(frozen=True)
@@ -72,21 +88,9 @@ class TailLaw(Protocol):
         """
 
 
-NO_COMMAND = np.zeros(5)
-"""Gains of zero: the motors are free."""
-NO_COMMAND.flags.writeable = False
-
-EPSILON = 1e-9
-"""s; a tick that falls on a limit up to rounding counts as having reached it."""
-
-
 def sign(value: float) -> float:
     """-1, 0 or +1; 0 for NaN."""
     return float(value > 0.0) - float(value < 0.0)
-
-
-AGE_LIMIT = 0.1
-"""s; beyond this a signal counts as silent."""
 
 
 def observe(
@@ -106,14 +110,13 @@ def observe(
     A GPS is late by nature: its speed counts until its fault code is set. `speed` is None where
     there is none. `steering_angle` is the driver's command, rad.
     """
-    tail, motion, health = (
-        tail_state.tolist(),
-        tuple(imu.tolist()),
-        status.tolist(),
-    )  # floats are quicker to read
-    roll_known, pitch_known, imu_valid = (
-        _fresh(health, age, age_limit) for age in (ROLL_AGE, PITCH_AGE, IMU_AGE)
-    )
+    # Floats are quicker to read.
+    tail = tail_state.tolist()
+    motion = tuple(imu.tolist())
+    health = status.tolist()
+    roll_known = _fresh(health, ROLL_AGE, age_limit)
+    pitch_known = _fresh(health, PITCH_AGE, age_limit)
+    imu_valid = _fresh(health, IMU_AGE, age_limit)
     speed_known = speed is not None and health[SPEED_FAULT] == 0.0
     known: Any = speed
     return Observation(
@@ -134,13 +137,3 @@ def observe(
 def _fresh(status: Sequence[float], age_index: int, age_limit: float) -> bool:
     """False for NaN too; the fault code stands right behind the age."""
     return status[age_index] <= age_limit and status[age_index + 1] == 0.0
-
-
-GYRO_Z = IMU.index("gyro_z")
-ROLL_ANGLE, PITCH_ANGLE, ROLL_RATE, PITCH_RATE = (
-    TAIL_STATE.index(name) for name in ("roll_angle", "pitch_angle", "roll_rate", "pitch_rate")
-)
-SPEED_FAULT = STATUS.index("speed_fault")
-ROLL_AGE, PITCH_AGE, IMU_AGE = (
-    STATUS.index(f"{source}_age") for source in ("tail_roll", "tail_pitch", "imu")
-)

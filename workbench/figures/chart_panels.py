@@ -27,7 +27,10 @@ _PIXELS_PER_INCH = 82
 _LEAST_HEIGHT = 120
 _PIXELS_PER_POINT = 1.33
 _LEAST_SAMPLES = 3
-_NO_LINE, _NO_MARK = ("None", "none", " ", ""), ("None", "none", " ", "", None)
+_NO_LINE = ("None", "none", " ", "")
+"""Matplotlib's names of the line style that draws nothing."""
+_NO_MARK = (*_NO_LINE, None)
+"""Matplotlib's names of the marker that draws nothing."""
 _MARKS = {"s": "s", "D": "D", "d": "D", "^": "^", "v": "v", "x": "x", "X": "x", "+": "x"}
 """Matplotlib's marker -> that of the page; others are discs."""
 
@@ -54,7 +57,9 @@ def chart_panels(figure: Figure) -> dict[str, Any]:
     for axes in shown:
         legend = axes.get_legend()
         place = axes.get_subplotspec()
-        entries = _keys(legend) if legend else []
+        entries = []
+        if legend:
+            entries = _keys(legend)
         if not axes.axison or place is None:
             keys += entries
             continue
@@ -65,9 +70,8 @@ def chart_panels(figure: Figure) -> dict[str, Any]:
         keys += [entry for entry in entries if entry["label"] not in known]
         top = place.get_topmost_subplotspec()
         where = (top.rowspan.start, top.colspan.start)
-        cells.setdefault(where, {"row": where[0], "column": where[1], "panels": []})[
-            "panels"
-        ].append(panel)
+        cell = cells.setdefault(where, {"row": where[0], "column": where[1], "panels": []})
+        cell["panels"].append(panel)
     columns = 1 + max((column for _, column in cells), default=0)
     title = figure.get_suptitle()
     return {
@@ -90,7 +94,8 @@ def _panel(axes: Axes, shown: Sequence[Axes]) -> dict[str, Any]:
         named = free if len(free) == 1 else []
     figure: Any = axes.figure
     siblings = axes.get_shared_x_axes().get_siblings(axes)
-    x_labels = [label for other in shown if other in siblings if (label := other.get_xlabel())]
+    x_labels = [other.get_xlabel() for other in shown if other in siblings]
+    x_labels = [label for label in x_labels if label]
     height = (
         axes.get_position(original=True).height
         * float(figure.get_size_inches()[1])
@@ -163,7 +168,8 @@ def _series(line: Line2D, axes: Axes) -> dict[str, Any]:
     x = x[first:end]
     y = y[first:end]
     label = str(line.get_label())
-    label = axes.get_ylabel() or "value" if label.startswith("_") else label
+    if label.startswith("_"):
+        label = axes.get_ylabel() or "value"
     return {
         "label": label,
         "x": _numbers(x),
@@ -229,14 +235,18 @@ def _line_shapes(line: Line2D, axes: Axes) -> Iterable[dict[str, Any]]:
         return
     look = _look(line)
     in_x, in_y = line.get_transform().contains_branch_seperately(axes.transData)
-    place = {
-        "x": _numbers(x) if in_x else ["low", "high"],
-        "y": _numbers(y) if in_y else ["low", "high"],
-    }
+    place: dict[str, Any] = {"x": ["low", "high"], "y": ["low", "high"]}
+    if in_x:
+        place["x"] = _numbers(x)
+    if in_y:
+        place["y"] = _numbers(y)
     if _is_joined(line):
-        yield {**place, "stroke": _colour(line.get_color(), line.get_alpha()),
-        "width": look["width"],
-               "dash": look.get("dash")}  # fmt: skip
+        yield {
+            **place,
+            "stroke": _colour(line.get_color(), line.get_alpha()),
+            "width": look["width"],
+            "dash": look.get("dash"),
+        }
     if "mark" in look:
         yield {
             **place,
@@ -254,7 +264,10 @@ def _area(patch: Patch, axes: Axes) -> dict[str, Any]:
             outline[axis] = [
                 "low" if value is not None and value < 0.5 else "high" for value in outline[axis]
             ]
-    edge = _colour(patch.get_edgecolor()) if patch.get_linewidth() > 0.0 else None
+    if patch.get_linewidth() > 0.0:
+        edge = _colour(patch.get_edgecolor())
+    else:
+        edge = None
     return {
         **outline,
         "fill": _colour(patch.get_facecolor()),
@@ -312,12 +325,13 @@ def _colour(colour: Any, alpha: float | None = None) -> str | None:
     """Colour as CSS text; None for none."""
     if isinstance(colour, str) and colour == "none":
         return None
-    rgba = (
-        to_hex(colour, keep_alpha=True)
-        if alpha is None
-        else to_hex((colour, alpha), keep_alpha=True)
-    )
-    return rgba[:7] if rgba.endswith("ff") else rgba
+    if alpha is None:
+        rgba = to_hex(colour, keep_alpha=True)
+    else:
+        rgba = to_hex((colour, alpha), keep_alpha=True)
+    if rgba.endswith("ff"):
+        return rgba[:7]
+    return rgba
 
 
 def _numbers(values: Iterable[float], digits: int = 6) -> list[float | None]:

@@ -52,7 +52,10 @@ def _plot_speed(coefficients: CoefficientSet) -> Figure:
     else:
         assert isinstance(law, NormalForceLaw)
         curve = law.coefficient
-        values = [curve(float(v)) for v in speed] if callable(curve) else np.full_like(speed, curve)
+        if callable(curve):
+            values = np.array([curve(float(v)) for v in speed])
+        else:
+            values = np.full_like(speed, curve)
         axes.plot(
             speed, values, color=_COLOURS[0], label="used by the law (edge value held outside)"
         )

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 _PART_COLOURS = dict(zip(PARTS, (VERMILION, ORANGE, PURPLE, BLUE), strict=True))
 _FINE = 241
+_ARROW = 0.12
+"""Length of a normal over the size of the tail."""
 
 
 def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
@@ -48,7 +50,8 @@ def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
         motion: the map.
         margin: m; its contour is drawn beside that of touching.
     """
-    pitch, roll = (np.linspace(nodes[0], nodes[-1], _FINE) for nodes in (motion.pitch, motion.roll))
+    pitch = np.linspace(motion.pitch[0], motion.pitch[-1], _FINE)
+    roll = np.linspace(motion.roll[0], motion.roll[-1], _FINE)
     p, r = np.meshgrid(pitch, roll, indexing="ij")
     degrees = (np.degrees(r), np.degrees(p))
     least = motion.clearance(p, r)
@@ -86,10 +89,6 @@ def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
         right.plot([-90, 90], [0, 0], color=GREEN, linewidth=2.5)
         right.annotate("swing in roll alone", (0.0, 3.0), color=GREEN, ha="center")
     return figure
-
-
-_ARROW = 0.12
-"""Length of a normal over the size of the tail."""
 
 
 def plot_tail(geometry: TailGeometry) -> Figure:

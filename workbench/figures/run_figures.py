@@ -33,7 +33,33 @@ from aerodima.workbench.metrics.turn_signals import turn_window
 
 _BEFORE = 0.5
 """Shown before the turn, s."""
-_DASHED, _SHORT = (0, (5, 2)), (0, (4, 1.5))
+_DASHED = (0, (5, 2))
+"""Matplotlib's line style of a true signal."""
+_SHORT = (0, (4, 1.5))
+"""Matplotlib's line style of the rear wheels."""
+_SPEED_TRUTH = "speed over ground"
+"""Stands for a column that is made of two."""
+_RUN_COLOURS = (BLACK, VERMILION, BLUE, GREEN, PURPLE)
+_RUN_LINES: tuple[Any, ...] = (
+    "-",
+    (0, (5, 1.5)),
+    (0, (1, 1)),
+    (0, (5, 1.5, 1, 1.5)),
+    (0, (8, 2, 1, 2, 1, 2)),
+)
+RUN_STYLES: tuple[tuple[str, Any], ...] = tuple(
+    (_RUN_COLOURS[run % 5], _RUN_LINES[(run + run // 5) % 5]) for run in range(20)
+)
+"""Colour and line of the first, second, ... run. Of the first five both differ, so that neither
+alone must be told apart; of twenty the pair does."""
+_Panel = tuple[str, Callable[[RunLog], FloatArray | None]]
+_PLANT_PANELS: tuple[_Panel, ...] = (
+    ("speed of the centre of mass [m/s]", plant_speed),
+    ("height of the centre of mass [m]", lambda run_log: run_log.signal("com_z_truth_m")),
+    ("tilt of the base [deg]", plant_tilt),
+    ("air on the tails [N]", plant_air),
+)
+"""Label, and the signal of a car, or of a plant that is no car; None where it has none."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +83,6 @@ def _as_logged(column: str, design: LowPass) -> tuple[_Line, _Line]:
     )
 
 
-_SPEED_TRUTH = "speed over ground"
-"""In place of a column: made of two."""
 _TURN_PANELS: tuple[tuple[str, str, tuple[_Line, ...]], ...] = (
     ("Yaw rate of the IMU", "yaw rate [rad/s]", _as_logged("imu_gyro_z_rad_per_s", IMU_FILTER)),
     (
@@ -123,7 +147,8 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
             axes.set(ylabel=label, title=heading, xlim=(start, end))
             shade_turn(axes, window)
             for line in lines:
-                if (values := _values(run_log, line.column, line.design)) is not None:
+                values = _values(run_log, line.column, line.design)
+                if values is not None:
                     axes.plot(
                         run_log.time,
                         values,
@@ -148,24 +173,24 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
 def _values(run_log: RunLog, column: str, design: LowPass | None = None) -> FloatArray | None:
     """What is drawn of a column, shape (n,), angles in degrees; None where this run has none."""
     if column == _SPEED_TRUTH:
-        return (
-            np.linalg.norm(run_log.vector("velocity", "truth_m_per_s")[:, :2], axis=1)
-            if run_log.has_truth
-            else None
-        )
+        if run_log.has_truth:
+            return np.linalg.norm(run_log.vector("velocity", "truth_m_per_s")[:, :2], axis=1)
+        return None
     if column not in run_log.table or (column.startswith("tail_") and not run_log.has_tail):
         return None
     values = run_log.signal(column)
     if design is not None:
         values = low_pass(run_log.time, values, design, column)
-    return np.degrees(np.unwrap(values)) if column.endswith("_rad") else values
+    if column.endswith("_rad"):
+        return np.degrees(np.unwrap(values))
+    return values
 
 
 def _roll(run_log: RunLog) -> FloatArray | None:
     """True roll; of a real car its estimate."""
-    return _values(
-        run_log, "roll_truth_rad" if "roll_truth_rad" in run_log.table else "roll_estimate_rad"
-    )
+    if "roll_truth_rad" in run_log.table:
+        return _values(run_log, "roll_truth_rad")
+    return _values(run_log, "roll_estimate_rad")
 
 
 def _fit_to_shown(axes: Axes, start: float, end: float) -> None:
@@ -181,21 +206,6 @@ def _fit_to_shown(axes: Axes, start: float, end: float) -> None:
     axes.set_ylim(low - 0.12 * span, high + 0.3 * span)
 
 
-_RUN_COLOURS = (BLACK, VERMILION, BLUE, GREEN, PURPLE)
-_RUN_LINES: tuple[Any, ...] = (
-    "-",
-    (0, (5, 1.5)),
-    (0, (1, 1)),
-    (0, (5, 1.5, 1, 1.5)),
-    (0, (8, 2, 1, 2, 1, 2)),
-)
-RUN_STYLES: tuple[tuple[str, Any], ...] = tuple(
-    (_RUN_COLOURS[run % 5], _RUN_LINES[(run + run // 5) % 5]) for run in range(20)
-)
-"""Colour and line of the first, second, ... run. Of the first five both differ, so that neither
-alone must be told apart; of twenty the pair does."""
-
-_Panel = tuple[str, Callable[[RunLog], FloatArray | None]]
 _PANELS: tuple[_Panel, ...] = (
     ("yaw rate [rad/s]", partial(_values, column="imu_gyro_z_rad_per_s", design=IMU_FILTER)),
     (
@@ -207,13 +217,6 @@ _PANELS: tuple[_Panel, ...] = (
     ("tail roll angle [deg]", partial(_values, column="tail_roll_angle_rad")),
     ("tail roll torque [N m]", partial(_values, column="tail_roll_torque_n_m")),
 )
-_PLANT_PANELS: tuple[_Panel, ...] = (
-    ("speed of the centre of mass [m/s]", plant_speed),
-    ("height of the centre of mass [m]", lambda run_log: run_log.signal("com_z_truth_m")),
-    ("tilt of the base [deg]", plant_tilt),
-    ("air on the tails [N]", plant_air),
-)
-"""Label, and the signal of a car, or of a plant that is no car; None where it has none."""
 
 
 def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
@@ -229,21 +232,26 @@ def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
         LogError: a log has no turn, or its sensors are missing; or cars and other plants are mixed.
     """
     plants = of_plants(run_logs)
+    if plants:
+        panels = _PLANT_PANELS
+        height = 6.0
+        time_label = "time [s]"
+    else:
+        panels = _PANELS
+        height = 8.0
+        time_label = "time [s]   (shaded: the turn of the first run)"
     with styled():
-        figure, grid = new_figure(11.0, 6.0 if plants else 8.0, 2 if plants else 3, 2, sharex=True)
-        for axes, (label, signal) in zip(
-            grid.flat, _PLANT_PANELS if plants else _PANELS, strict=True
-        ):
+        figure, grid = new_figure(11.0, height, len(panels) // 2, 2, sharex=True)
+        for axes, (label, signal) in zip(grid.flat, panels, strict=True):
             axes.set_ylabel(label)
             if not plants:
                 shade_turn(axes, turn_window(run_logs[0]))
             for run_log, (colour, line) in zip(run_logs, RUN_STYLES, strict=False):
-                if (found := signal(run_log)) is not None:
-                    axes.plot(run_log.time, found, color=colour, linestyle=line)
+                values = signal(run_log)
+                if values is not None:
+                    axes.plot(run_log.time, values, color=colour, linestyle=line)
         for axes in grid[-1]:
-            axes.set_xlabel(
-                "time [s]" if plants else "time [s]   (shaded: the turn of the first run)"
-            )
+            axes.set_xlabel(time_label)
         handles = [
             grid[0, 0].plot([], [], color=colour, linestyle=line)[0]
             for _, (colour, line) in zip(names, RUN_STYLES, strict=False)

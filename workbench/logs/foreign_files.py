@@ -30,6 +30,15 @@ from aerodima.workbench.config.checked_files import nearest
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import CsvFormat
 
+MOST_COLUMNS = 64
+"""A matrix with more columns than this (and than rows) is a picture or a table of something else,
+not a log; so is a list with more numbers."""
+NANOSECOND = 1e-9
+"""One nanosecond, s."""
+_OBJECT = (
+    "a MATLAB object or cell; save it as a struct of vectors (for a timeseries: its Time and Data)"
+)
+
 
 @dataclass(frozen=True)
 class ForeignLog:
@@ -98,7 +107,10 @@ def joined(logs: list[ForeignLog]) -> ForeignLog:
     time_of: dict[str, str] = {}
     unreadable: dict[str, str] = {}
     for number, log in enumerate(logs, start=1):
-        prefix = "" if number == 1 else f"{number}:"
+        if number == 1:
+            prefix = ""
+        else:
+            prefix = f"{number}:"
         columns |= {prefix + name: series for name, series in log.columns.items()}
         time_of |= {prefix + name: prefix + time for name, time in log.time_of.items()}
         unreadable |= {prefix + name: reason for name, reason in log.unreadable.items()}
@@ -125,9 +137,8 @@ def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
             )
     except pd.errors.ParserWarning as cause:
         raise LogError(
-            f"{path}: its rows hold more values than its first line has names; are "
-            f"`csv.delimiter` {form.delimiter!r} "
-            f"and `csv.decimal` {form.decimal!r} right?"
+            f"{path}: its rows hold more values than its first line has names; are `csv.delimiter` "
+            f"{form.delimiter!r} and `csv.decimal` {form.decimal!r} right?"
         ) from cause
     except (ValueError, LookupError, pd.errors.ParserError) as cause:
         raise LogError(
@@ -151,24 +162,13 @@ def read_parquet(path: Path) -> ForeignLog:
     return ForeignLog(str(path), {str(name): frame[name] for name in frame.columns})
 
 
-MOST_COLUMNS = 64
-"""A matrix with more columns than this (and than rows) is a picture or a table of something else,
-not a log; so is a list with more numbers."""
-NANOSECOND = 1e-9
-"""s."""
-
-_OBJECT = (
-    "a MATLAB object or cell; save it as a struct of vectors (for a timeseries: its Time and Data)"
-)
-
-
 def read_mat(path: Path) -> ForeignLog:
     """Columns of a MAT file.
 
     Raises:
         LogError: damaged or not a MAT file; h5py is not installed and the file is of version 7.3.
     """
-    columns: dict[str, NDArray[np.float64]] = {}
+    columns: dict[str, FloatArray] = {}
     unreadable: dict[str, str] = {}
     for name, value in _leaves_7_3(path) if is_version_7_3(path) else _leaves_5(path):
         if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
@@ -198,7 +198,7 @@ def is_version_7_3(path: Path) -> bool:
     return head.startswith(b"MATLAB 7.3") or b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:520])
 
 
-def _vectors(name: str, value: NDArray) -> dict[str, NDArray[np.float64]]:
+def _vectors(name: str, value: NDArray) -> dict[str, FloatArray]:
     value = np.squeeze(value)
     if value.ndim <= 1:
         return {name: np.atleast_1d(value).astype(np.float64)}
@@ -261,7 +261,9 @@ def _content(dataset: Any) -> NDArray | str | None:
         return ""
     if dataset.dtype.kind not in "fiub" or "MATLAB_object_decode" in dataset.attrs:
         return None
-    return np.array([]) if "MATLAB_empty" in dataset.attrs else np.asarray(dataset).T
+    if "MATLAB_empty" in dataset.attrs:
+        return np.array([])
+    return np.asarray(dataset).T
 
 
 def read_mcap(path: Path) -> ForeignLog:

@@ -72,7 +72,10 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping) -> Im
         LogError: a file cannot be read, the times are not increasing, a needed column is missing, a
             value betrays a wrong unit; names file, column and time.
     """
-    paths = [paths] if isinstance(paths, str | Path) else list(paths)
+    if isinstance(paths, str | Path):
+        paths = [paths]
+    else:
+        paths = list(paths)
     foreign = joined([read_foreign_log(Path(path), mapping.csv) for path in paths])
     table, findings = mapped_table(foreign, mapping)
     units = {name: column.unit for name, column in known_columns().items()}

@@ -40,7 +40,10 @@ _LARGEST_OF_UNIT = {
     "rad": 2.1 * np.pi,
 }
 """Largest plausible magnitudes. An angle stays within a turn, apart from `_TURNING`."""
-_TURNING, _LARGEST_TURNED = ("yaw", "sail"), 100.0
+_TURNING = ("yaw", "sail")
+"""Words in the names of angles that may pass a turn."""
+_LARGEST_TURNED = 100.0
+"""Largest plausible angle of these, rad."""
 _MEASURED = ("angle", "angular_velocity", "current", "force_", "torque_", "imu_", "tail_", "speed")
 
 
@@ -56,9 +59,13 @@ class LogFinding:
 
     def __str__(self) -> str:
         """One line for a person."""
-        where = f"column {self.column!r}" if self.column else ""
+        where = ""
+        if self.column:
+            where = f"column {self.column!r}"
         where += "" if self.time is None else f" at {self.time:g} s"
-        return f"{where}: {self.text}" if where else self.text
+        if where:
+            return f"{where}: {self.text}"
+        return self.text
 
 
 def gap_findings(time: FloatArray, column: str = TIME) -> list[LogFinding]:
@@ -68,7 +75,10 @@ def gap_findings(time: FloatArray, column: str = TIME) -> list[LogFinding]:
     if not wide.size:
         return []
     step = steps[wide[0]]
-    further = f"; {wide.size - 1} further gap(s)" if wide.size > 1 else ""
+    if wide.size > 1:
+        further = f"; {wide.size - 1} further gap(s)"
+    else:
+        further = ""
     lost = f"gap of {step:.6g} s, about {round(step / np.median(steps)) - 1} samples lost"
     return [LogFinding(column, float(time[wide[0]]), lost + further)]
 
@@ -132,8 +142,7 @@ def refuse_implausible(
     if not STEP_RANGE[0] <= step <= STEP_RANGE[1]:
         raise LogError(
             f"{where}: column {TIME!r}: steps of {step:.3g} s; {STEP_RANGE[0]:g} to "
-            f"{STEP_RANGE[1]:g} s is plausible. "
-            "Is the unit of the times right?"
+            f"{STEP_RANGE[1]:g} s is plausible. Is the unit of the times right?"
         )
     for name in table.columns:
         turns = units.get(name) == "rad" and any(word in name for word in _TURNING)
@@ -146,9 +155,8 @@ def refuse_implausible(
         at = int(np.flatnonzero(values > limit)[0])
         raise LogError(
             f"{where}: column {name!r}: {table[name].iloc[at]:.6g} {units[name]} at {time[at]:g} "
-            f"s; up to {limit:.4g} "
-            "is plausible. Is the unit in the mapping right? If the value is real, state "
-            "`largest` there"
+            f"s; up to {limit:.4g} is plausible. Is the unit in the mapping right? If the value is "
+            "real, state `largest` there"
         )
 
 

@@ -29,7 +29,14 @@ from aerodima.workbench.errors import LogError
 
 Number = Annotated[float, Field(strict=False)]
 
-_DEGREE, _KMH, _MPH, _KNOT = math.pi / 180.0, 1.0 / 3.6, 1609.344 / 3600, 1852.0 / 3600
+_DEGREE = math.pi / 180.0
+"""One degree, rad."""
+_KMH = 1.0 / 3.6
+"""One kilometre per hour, m/s."""
+_MPH = 1609.344 / 3600
+"""One mile per hour, m/s."""
+_KNOT = 1852.0 / 3600
+"""One knot, m/s."""
 _FACTORS: dict[str, dict[str, float]] = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "rev": 2.0 * math.pi},
@@ -250,7 +257,9 @@ class Mapping(StrictModel):
         """SI value of one foreign unit of our column `name`."""
         unit = self.columns[name].unit
         si = known_columns()[name].unit
-        return 1.0 if unit is None else unit_factor(unit, si, f"columns.{name}")
+        if unit is None:
+            return 1.0
+        return unit_factor(unit, si, f"columns.{name}")
 
 
 def known_columns() -> dict[str, Column]:

@@ -28,6 +28,9 @@ from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
 from aerodima.workbench.logs.signals import RowUnwrapper
 from aerodima.workbench.systems.system_ports import nominal_time, row_period, vector_of
 
+Signals = list[tuple[OutputPort, list[str]]]
+"""Ports with the names of the columns that they fill."""
+
 
 class LogInMemory:
     """Does without a file what `JournalWriter` does: takes rows within a `with` block; after it
@@ -80,15 +83,9 @@ def open_log(
     Raises:
         LogError: as `JournalWriter`.
     """
-    return (
-        LogInMemory(columns, metadata)
-        if path is None
-        else JournalWriter(path, columns, metadata, force=force)
-    )
-
-
-Signals = list[tuple[OutputPort, list[str]]]
-"""Ports with the names of the columns that they fill."""
+    if path is None:
+        return LogInMemory(columns, metadata)
+    return JournalWriter(path, columns, metadata, force=force)
 
 
 class OpenBuilder(DiagramBuilder):
@@ -103,7 +100,10 @@ class OpenBuilder(DiagramBuilder):
 
     def ExportOutput(self, output: OutputPort, name: Any = None) -> Any:  # noqa: N802 (Drake's)
         """Exports an output as Drake does."""
-        index = super().ExportOutput(output) if name is None else super().ExportOutput(output, name)
+        if name is None:
+            index = super().ExportOutput(output)
+        else:
+            index = super().ExportOutput(output, name)
         self.exported[output.get_name() if name is None else str(name)] = output
         return index
 
@@ -198,7 +198,10 @@ class RunRecorder(LeafSystem):
             for index, size in enumerate(sizes)
         ]
         self._unwrapper = RowUnwrapper(columns)
-        period = row_period(rate, step) if step else 1.0 / rate
+        if step:
+            period = row_period(rate, step)
+        else:
+            period = 1.0 / rate
         if with_samples:
             self.DeclareDiscreteState(1)
             self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._record_in_update)

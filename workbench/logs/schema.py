@@ -22,9 +22,9 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, field_validator
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.checked_files import checked
 from aerodima.workbench.config.signal_table import (
     CAR_TRUTH,
@@ -105,7 +105,7 @@ class RunLog:
         return self.source or "run log"
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> FloatArray:
         """Log times, s, shape (n,)."""
         return self.signal(TIME)
 
@@ -119,13 +119,13 @@ class RunLog:
         """Whether the car had a tail; a log that does not say is taken to have one."""
         return scenario_has_tail(self.scenario)
 
-    def signal(self, name: str) -> NDArray[np.float64]:
+    def signal(self, name: str) -> FloatArray:
         """One column, shape (n,); LogError when the log has no such column."""
         if name not in self.table.columns:
             raise LogError(f"{self.name}: no column {name!r}")
         return self.table[name].to_numpy(dtype=np.float64)
 
-    def vector(self, stem: str, suffix: str) -> NDArray[np.float64]:
+    def vector(self, stem: str, suffix: str) -> FloatArray:
         """The columns `<stem>_{x,y,z}_<suffix>`, shape (n, 3)."""
         return np.column_stack([self.signal(f"{stem}_{axis}_{suffix}") for axis in "xyz"])
 
@@ -309,7 +309,9 @@ def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) 
         metadata = json.loads(raw)
     except ValueError as cause:
         raise LogError(f"{source}: metadata are not readable JSON ({cause})") from cause
-    found = metadata.get("schema") if isinstance(metadata, dict) else None
+    found = None
+    if isinstance(metadata, dict):
+        found = metadata.get("schema")
     if found != SCHEMA:
         raise LogError(f"{source}: schema {found!r} cannot be read; this version reads {SCHEMA!r}")
     checked(_Metadata, metadata, f"{source}: metadata", LogError)
@@ -318,11 +320,9 @@ def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) 
 
 def _journal_hint(path: Path) -> str:
     journal = path.with_name(path.name + ".journal")
-    return (
-        f"; its journal is there: `aerodima log recover {journal}` rescues it"
-        if journal.is_file()
-        else ""
-    )
+    if journal.is_file():
+        return f"; its journal is there: `aerodima log recover {journal}` rescues it"
+    return ""
 
 
 def refuse_missing(names: Sequence[str], metadata: Mapping[str, Any], source: str) -> None:
@@ -342,7 +342,10 @@ def missing_columns(names: Iterable[str], kind: str, has_tail: bool) -> list[str
     columns are welcome.
     """
     present = set(names)
-    required = [TIME, "angle_rad"] if kind in RIG_KINDS else [TIME]
+    if kind in RIG_KINDS:
+        required = [TIME, "angle_rad"]
+    else:
+        required = [TIME]
     if kind == "car_run":
         required = [column.name for column in sensor_columns() if not column.optional]
         if any("_truth_" in name for name in present):

@@ -30,6 +30,15 @@ _SAME_TIME = 1e-9
 """A sample this much after a time (fraction of the log's length) belongs to it."""
 _JITTER = 0.01
 """Steps that differ by more than this fraction of the mean one are resampled before filtering."""
+BoolArray = NDArray[np.bool_]
+Interval = tuple[float, float]
+LEAST_REST_SAMPLES = 10
+"""Samples that a resting part has at least."""
+REST = "rest_s"
+"""Key in a log's `extra`: first and last time of its rest phase, s; a cut moves it with the times
+of the log."""
+UNWRAPPED = ("yaw_truth_rad", "imu_yaw_rad")
+"""Headings that are unwrapped, so that they can be subtracted."""
 
 
 @dataclass(frozen=True)
@@ -75,11 +84,9 @@ def gaps_in(time: FloatArray) -> NDArray[np.int64]:
     steps.
     """
     steps = np.diff(time)
-    return (
-        np.flatnonzero(steps > GAP_FACTOR * np.median(steps))
-        if steps.size
-        else np.zeros(0, dtype=np.int64)
-    )
+    if steps.size:
+        return np.flatnonzero(steps > GAP_FACTOR * np.median(steps))
+    return np.zeros(0, dtype=np.int64)
 
 
 def check_gaps(time: FloatArray, largest_step: float | None = None, column: str = "time_s") -> None:
@@ -87,14 +94,16 @@ def check_gaps(time: FloatArray, largest_step: float | None = None, column: str 
     steps).
     """
     steps = np.diff(time)
-    allowed = GAP_FACTOR * float(np.median(steps)) if largest_step is None else largest_step
+    if largest_step is None:
+        allowed = GAP_FACTOR * float(np.median(steps))
+    else:
+        allowed = largest_step
     wide = np.flatnonzero(steps > allowed)
     if wide.size:
         at = int(wide[0])
         raise LogError(
             f"column {column!r}: {wide.size} gap(s), the first of {steps[at]:.6g} s after "
-            f"{time[at]:g} s; "
-            f"at most {allowed:.6g} s is allowed"
+            f"{time[at]:g} s; at most {allowed:.6g} s is allowed"
         )
 
 
@@ -141,12 +150,15 @@ def low_pass(
     if design.cutoff_hz >= 0.5 / step:
         raise LogError(
             f"column {column!r}: cut-off {design.cutoff_hz:g} Hz needs more than "
-            f"{2 * design.cutoff_hz:g} samples per "
-            f"second, there are {1 / step:.4g}"
+            f"{2 * design.cutoff_hz:g} samples per second, there are {1 / step:.4g}"
         )
     even = bool(np.all(np.abs(np.diff(time) - step) <= _JITTER * step))
-    grid = time if even else np.linspace(time[0], time[-1], len(time))
-    samples = signal if even else np.interp(grid, time, signal)
+    if even:
+        grid = time
+        samples = signal
+    else:
+        grid = np.linspace(time[0], time[-1], len(time))
+        samples = np.interp(grid, time, signal)
     try:
         filtered = sosfiltfilt(
             butter(design.order, design.cutoff_hz, output="sos", fs=1.0 / step), samples
@@ -156,7 +168,9 @@ def low_pass(
             f"column {column!r}: {len(signal)} samples are too few for a filter of order "
             f"{design.order}"
         ) from cause
-    return filtered if even else np.interp(time, grid, filtered)
+    if even:
+        return filtered
+    return np.interp(time, grid, filtered)
 
 
 def resting_line(
@@ -179,23 +193,15 @@ def hold_last(time: FloatArray, sample_time: FloatArray, samples: FloatArray) ->
     return np.where(index >= 0, samples[np.maximum(index, 0)], np.nan)
 
 
-BoolArray = NDArray[np.bool_]
-Interval = tuple[float, float]
-
-LEAST_REST_SAMPLES = 10
-"""Fewer samples do not make a resting part."""
-REST = "rest_s"
-"""Key in a log's `extra`: first and last time of its rest phase, s; a cut moves it with the times
-of the log."""
-
-
 def stated_rest(run_log: RunLog) -> Interval | None:
     """The rest phase that the metadata of a log state; None without.
 
     LogError when it is not two times.
     """
     stated = run_log.stated(REST, 2)
-    return None if stated is None else (stated[0], stated[1])
+    if stated is None:
+        return None
+    return (stated[0], stated[1])
 
 
 def in_parts(time: FloatArray, parts: Sequence[Interval]) -> BoolArray:
@@ -204,10 +210,6 @@ def in_parts(time: FloatArray, parts: Sequence[Interval]) -> BoolArray:
     for start, end in parts:
         inside |= (time >= start) & (time <= end)
     return inside
-
-
-UNWRAPPED = ("yaw_truth_rad", "imu_yaw_rad")
-"""Headings, so that they can be subtracted."""
 
 
 class RowUnwrapper:
@@ -285,8 +287,7 @@ def remove_drift(
     if np.count_nonzero(resting) < LEAST_REST_SAMPLES:
         raise LogError(
             f"{run_log.name}: no resting part with at least {LEAST_REST_SAMPLES} samples, so no "
-            "drift line for "
-            f"{', '.join(columns)}"
+            f"drift line for {', '.join(columns)}"
         )
     changed: dict[str, FloatArray] = {}
     notes = []
@@ -294,7 +295,9 @@ def remove_drift(
         signal = run_log.signal(name)
         _named(run_log, check_signals, time, {name: signal}, largest_step=np.inf)
         slope, mean, centre = resting_line(time, signal, resting)
-        kept = mean + slope * (time[resting][0] - centre) if level == "keep" else 0.0
+        kept = 0.0
+        if level == "keep":
+            kept = mean + slope * (time[resting][0] - centre)
         changed[name] = signal - (mean + slope * (time - centre)) + kept
         notes.append(
             f"drift of {name}: {slope:.3g} per s, {mean:.4g} at rest"
@@ -339,7 +342,9 @@ def earlier_shift(run_log: RunLog) -> float:
 
 def _noted(run_log: RunLog, notes: Sequence[str]) -> RunLog:
     entries = [*run_log.extra.get("conditioning", []), {"notes": list(notes)}]
-    return replace(run_log, extra={**run_log.extra, "conditioning": entries}) if notes else run_log
+    if notes:
+        return replace(run_log, extra={**run_log.extra, "conditioning": entries})
+    return run_log
 
 
 def _is_held(column: str) -> bool:

@@ -32,6 +32,23 @@ from aerodima.workbench.metrics.turn_signals import turn_window
 
 TAILS = "tails"
 """Key in `extra` of a `plant_run`: name and body of each tail force."""
+KM_PER_H = 3.6
+"""km/h per m/s."""
+PUBLISHED_RUNS: dict[tuple[str, int], tuple[tuple[Platform, str], ...]] = {
+    ("none", 12): (("simulated", "tailless"), ("physical", "tailless")),
+    ("swing", 16): (("simulated", "tailed"),),
+}
+"""(tail mode, commanded speed in whole km/h) -> published rows made so. The thesis stepped the
+speed in whole km/h (ERRATA E37); its tailed car swung the tail. The physical tailed row (6.10 m/s)
+is faster than any run of the demo."""
+MODE_WORDS = {
+    "none": "no tail",
+    "held": "tail held",
+    "swing": "tail swings",
+    "designed": "designed tail swings",
+    "optimised": "optimised swing",
+}
+"""Tail mode -> how it is named on pages, in the order of tables."""
 
 
 def tails_of(run_log: RunLog) -> list[tuple[str, str]]:
@@ -51,9 +68,9 @@ def plant_speed(run_log: RunLog) -> FloatArray:
 
 def plant_tilt(run_log: RunLog) -> FloatArray | None:
     """Angle of the base's z axis from the world's, degrees, shape (n,); None without a base."""
-    return (
-        np.degrees(run_log.signal("tilt_truth_rad")) if "tilt_truth_rad" in run_log.table else None
-    )
+    if "tilt_truth_rad" in run_log.table:
+        return np.degrees(run_log.signal("tilt_truth_rad"))
+    return None
 
 
 def plant_air(run_log: RunLog) -> FloatArray | None:
@@ -61,7 +78,9 @@ def plant_air(run_log: RunLog) -> FloatArray | None:
     tail.
     """
     forces = [air_force(run_log, name) for name, _ in tails_of(run_log)]
-    return np.asarray(np.sum(forces, axis=0)) if forces else None
+    if forces:
+        return np.asarray(np.sum(forces, axis=0))
+    return None
 
 
 def of_plants(run_logs: Sequence[RunLog]) -> bool:
@@ -85,7 +104,9 @@ def plant_outcome(run_log: RunLog) -> Outcome | None:
     if "tilt_truth_rad" not in run_log.table:
         return None
     tilt = run_log.signal("tilt_truth_rad")
-    return outcome_from(run_log.time, tilt) if tilt[0] <= FLIP_TILT else None
+    if tilt[0] <= FLIP_TILT:
+        return outcome_from(run_log.time, tilt)
+    return None
 
 
 def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
@@ -111,18 +132,20 @@ def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
     com = run_log.vector("com", "truth_m")
     velocity = run_log.vector("com_velocity", "truth_m_per_s")
     outcome = plant_outcome(run_log)
-    row: dict[str, Any] = {
-        "outcome": None if outcome is None else outcome.result,
-        "duration_s": float(time[-1] - time[0]),
-        "path_m": float(np.sum(np.linalg.norm(np.diff(com[:, :2], axis=0), axis=1))),
-        "max_speed_m_per_s": float(np.max(np.linalg.norm(velocity, axis=1))),
-        "max_height_m": float(np.max(com[:, 2])),
-        "min_height_m": float(np.min(com[:, 2])),
-    }
+    row: dict[str, Any] = {"outcome": None}
+    if outcome is not None:
+        row["outcome"] = outcome.result
+    row["duration_s"] = time[-1] - time[0]
+    row["path_m"] = np.sum(np.linalg.norm(np.diff(com[:, :2], axis=0), axis=1))
+    row["max_speed_m_per_s"] = np.max(np.linalg.norm(velocity, axis=1))
+    row["max_height_m"] = np.max(com[:, 2])
+    row["min_height_m"] = np.min(com[:, 2])
     if "tilt_truth_rad" in table:
         tilt = run_log.signal("tilt_truth_rad")
         yaw = np.unwrap(run_log.signal("yaw_truth_rad"))
-        row |= {"start_tilt_rad": tilt[0], "max_tilt_rad": np.max(tilt), "end_tilt_rad": tilt[-1]}
+        row["start_tilt_rad"] = tilt[0]
+        row["max_tilt_rad"] = np.max(tilt)
+        row["end_tilt_rad"] = tilt[-1]
         row["heading_change_rad"] = yaw[-1] - yaw[0]
     for name, _ in tails_of(run_log):
         row[f"{name}_max_n"] = np.max(air_force(run_log, name))
@@ -145,23 +168,9 @@ def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[dict[str, Any]]:
         LogError: runs of a car and of another plant together; or as for `metrics_of` and
             `plant_metrics`.
     """
-    plants = of_plants(run_logs)
-    return [
-        dict(plant_metrics(run_log) if plants else metrics_of(run_log).as_row())
-        for run_log in run_logs
-    ]
-
-
-KM_PER_H = 3.6
-"""km/h per m/s."""
-
-PUBLISHED_RUNS: dict[tuple[str, int], tuple[tuple[Platform, str], ...]] = {
-    ("none", 12): (("simulated", "tailless"), ("physical", "tailless")),
-    ("swing", 16): (("simulated", "tailed"),),
-}
-"""(tail mode, commanded speed in whole km/h) -> published rows made so. The thesis stepped the
-speed in whole km/h (ERRATA E37); its tailed car swung the tail. The physical tailed row (6.10 m/s)
-is faster than any run of the demo."""
+    if of_plants(run_logs):
+        return [dict(plant_metrics(run_log)) for run_log in run_logs]
+    return [dict(metrics_of(run_log).as_row()) for run_log in run_logs]
 
 
 @dataclass(frozen=True)
@@ -223,16 +232,6 @@ class RunSummary:
         }
 
 
-MODE_WORDS = {
-    "none": "no tail",
-    "held": "tail held",
-    "swing": "tail swings",
-    "designed": "designed tail swings",
-    "optimised": "optimised swing",
-}
-"""Tail mode -> how it is named on pages, in the order of tables."""
-
-
 def tail_mode_of(scenario: Mapping[str, Any]) -> str:
     """What the tail does in a resolved scenario: `none`, `held`, `swing`, or a swing that is not
     the published one.
@@ -254,17 +253,27 @@ def summarise(run_log: RunLog, name: str) -> RunSummary:
     swinging = run_log.time[run_log.signal("controller_state") == SwingState.SWING]
     side = -1.0 if run_log.scenario["manoeuvre"]["direction"] == "right" else 1.0
     in_window = (run_log.time >= window[0]) & (run_log.time <= window[1])
-    ended = swinging.size > 0 and swinging[-1] < run_log.time[-1]
+    trigger_time = None
+    swing_end_time = None
+    if swinging.size:
+        trigger_time = float(swinging[0])
+        if swinging[-1] < run_log.time[-1]:
+            swing_end_time = float(swinging[-1])
+    metrics = metrics_of(run_log)
+    impulses = None
+    if "tail_com_x_truth_m" in run_log.table.columns:
+        impulses = tail_impulses(run_log)
+    yaw_rate = side * run_log.signal("imu_gyro_z_rad_per_s")
     return RunSummary(
         name=name,
         tail_mode=tail_mode_of(run_log.scenario),
         commanded_speed=float(run_log.scenario["manoeuvre"]["speed"]),
-        metrics=metrics_of(run_log),
+        metrics=metrics,
         window=window,
-        impulses=tail_impulses(run_log) if "tail_com_x_truth_m" in run_log.table.columns else None,
-        trigger_time=float(swinging[0]) if swinging.size else None,
-        swing_end_time=float(swinging[-1]) if ended else None,
-        peak_gyro=float(np.max(side * run_log.signal("imu_gyro_z_rad_per_s")[in_window])),
+        impulses=impulses,
+        trigger_time=trigger_time,
+        swing_end_time=swing_end_time,
+        peak_gyro=float(np.max(yaw_rate[in_window])),
     )
 
 

@@ -106,9 +106,9 @@ def tail_effort(run_log: RunLog, after: NDArray[np.bool_]) -> tuple[float | None
     check_signals(run_log.time, signals)
     peak = max(float(np.max(np.abs(signals[name][after]))) for name in torques)
     power = signals.get("tail motor power")
-    return peak, None if power is None else float(
-        trapezoid(np.maximum(power[after], 0.0), run_log.time[after])
-    )
+    if power is None:
+        return peak, None
+    return peak, float(trapezoid(np.maximum(power[after], 0.0), run_log.time[after]))
 
 
 def _over_window(
@@ -132,7 +132,8 @@ def _over_window(
         point, run_log.vector("tail_force", "truth_n")
     )
     hanging = np.cross(run_log.vector("tail_com", "truth_m") - point, weight)
-    middle_momentum, middle_axis = (0.5 * (values[1:] + values[:-1]) for values in (momentum, axis))
+    middle_momentum = 0.5 * (momentum[1:] + momentum[:-1])
+    middle_axis = 0.5 * (axis[1:] + axis[:-1])
     change = np.diff(about_point, axis=0) + np.cross(np.diff(point, axis=0), middle_momentum)
     growth = {
         "aerodynamic": cumulative_trapezoid(_dot(air, axis), time, initial=0.0),

@@ -76,24 +76,29 @@ def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
     contact = signals.ground_contact
     steered = signals.from_start
     lifts = [run_log.signal(name)[steered] for name in LIFT_COLUMNS if name in run_log.table]
-    windows = [(*signals.window, signals.sign)] if windows is None else windows
+    if windows is None:
+        windows = [(*signals.window, signals.sign)]
     last = signals.time[-1] - LAST
     time = run_log.time
     turning = np.zeros(time.shape, bool)
     for start, end, _ in windows:
         turning |= (time >= start) & (time <= end)
-    still_steered = any(end > last for _, end, _ in windows)
+    largest_lift = None
+    if len(lifts) == len(WHEELS):
+        largest_lift = side_lift(np.column_stack(lifts))
+    touched = None
+    if contact is not None:
+        touched = " ".join(_touched(contact[steered], turning[steered]))
+    last_yaw_rate = None
+    if not any(end > last for _, end, _ in windows):
+        last_yaw_rate = float(np.mean(signals.yaw_rate[signals.time >= last]))
     return TipUp(
-        side_lift_m=side_lift(np.column_stack(lifts)) if len(lifts) == len(WHEELS) else None,
-        touched_when_steered=None
-        if contact is None
-        else " ".join(_touched(contact[steered], turning[steered])),
+        side_lift_m=largest_lift,
+        touched_when_steered=touched,
         lateral_acceleration_m_per_s2=lateral_acceleration(
             time, *ground_velocity(run_log), windows
         ),
-        last_yaw_rate_rad_per_s=None
-        if still_steered
-        else float(np.mean(signals.yaw_rate[signals.time >= last])),
+        last_yaw_rate_rad_per_s=last_yaw_rate,
     )
 
 
@@ -131,13 +136,16 @@ def lateral_acceleration(
         course: (n,), rad, unwrapped, positive to the left.
         windows: in which the car is steered.
     """
-    turned = length = 0.0
+    turned = 0.0
+    length = 0.0
     for start, end, side in windows:
         inside = (time >= start - _TIME_MARGIN) & (time <= end + _TIME_MARGIN)
         if np.count_nonzero(inside) > 1:
             turned += side * float(trapezoid(speed[inside], course[inside]))
             length += float(np.ptp(time[inside]))
-    return turned / length if length else None
+    if length:
+        return turned / length
+    return None
 
 
 def path_row(run_log: RunLog, scenario: Scenario) -> dict[str, float | bool]:
@@ -150,15 +158,11 @@ def path_row(run_log: RunLog, scenario: Scenario) -> dict[str, float | bool]:
         return {}
     path = path_of(scenario)
     car = scenario.car
-    x, y = (run_log.signal(f"position_{axis}_truth_m") for axis in "xy")
-    outside = off_path(
-        path,
-        x,
-        y,
-        run_log.signal("yaw_truth_rad"),
-        0.5 * (car.track + car.tyre_width),
-        car.wheelbase,
-    )
+    x = run_log.signal("position_x_truth_m")
+    y = run_log.signal("position_y_truth_m")
+    heading = run_log.signal("yaw_truth_rad")
+    half_width = 0.5 * (car.track + car.tyre_width)
+    outside = off_path(path, x, y, heading, half_width, car.wheelbase)
     return {
         "off_path_m": float(np.max(outside)),
         "path_end_reached": bool(np.max(path.station(x, y)) >= path.end),

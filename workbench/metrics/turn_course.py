@@ -63,11 +63,12 @@ def turn_course(run_log: RunLog) -> TurnCourse:
         return TurnCourse(None, None, None, None, None)
     at = over[0]
     first = started[0]
+    heading = signals.yaw[at]
     return TurnCourse(
         exit_time_s=float(signals.time[at] - signals.window[0]),
         course_change_rad=float(turned[at]),
-        exit_heading_change_rad=float(signals.yaw[at] - signals.yaw[first]),
-        exit_sideslip_rad=math.remainder(float(signals.yaw[at] - course[at]), 2.0 * math.pi),
+        exit_heading_change_rad=float(heading - signals.yaw[first]),
+        exit_sideslip_rad=math.remainder(float(heading - course[at]), 2.0 * math.pi),
         exit_speed_m_per_s=float(speed[at]),
     )
 
@@ -94,8 +95,9 @@ def ground_velocity(run_log: RunLog) -> tuple[FloatArray, FloatArray]:
     """Ground speed (m/s) and course (rad, unwrapped, positive to the left) of a run, each (n,)."""
     v_WBo_B = run_log.vector("velocity", "truth_m_per_s")
     w_WB_B = run_log.vector("gyro", "truth_rad_per_s")
-    roll, pitch, yaw = (run_log.signal(f"{name}_truth_rad") for name in ("roll", "pitch", "yaw"))
-    ahead, left = velocity_over_ground(
-        v_WBo_B.T, w_WB_B.T, roll, pitch, run_log.number("car", "com_x")
-    )
+    roll = run_log.signal("roll_truth_rad")
+    pitch = run_log.signal("pitch_truth_rad")
+    yaw = run_log.signal("yaw_truth_rad")
+    com_x = run_log.number("car", "com_x")
+    ahead, left = velocity_over_ground(v_WBo_B.T, w_WB_B.T, roll, pitch, com_x)
     return np.hypot(ahead, left), np.unwrap(yaw + np.arctan2(left, ahead))

@@ -149,29 +149,37 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
             before the turn does.
     """
     signals = turn_signals(run_log)
-    reported = signals if signals.source == "sensors" else turn_signals(run_log, "sensors")
+    if signals.source == "sensors":
+        reported = signals
+    else:
+        reported = turn_signals(run_log, "sensors")
     after = signals.from_start
     time = signals.time
     loads = signals.wheel_loads
     peak_torque, energy = tail_effort(run_log, after)
     settled = settled_row(run_log.table, signals.window[1])
+    if settled is None:
+        settled = -1
+    raw = turn_metrics(signals.sampled(1.0 / SAMPLE_TIMES["simulated"]))
+    filtered = turn_metrics(reported.sampled(1.0 / SAMPLE_TIMES["physical"]), filtered=True)
+    two_wheel_time = None
+    lift_yaw_rate = None
+    if loads is not None:
+        two_wheel_time = _time_while(time[after], _wheels_loaded(loads[after]) < 3)
+        lift_yaw_rate = _lift_yaw_rate(signals, loads)
     return RunMetrics(
         source=signals.source,
         direction="left" if signals.sign > 0 else "right",
-        raw=turn_metrics(signals.sampled(1.0 / SAMPLE_TIMES["simulated"])),
-        filtered=turn_metrics(reported.sampled(1.0 / SAMPLE_TIMES["physical"]), filtered=True),
+        raw=raw,
+        filtered=filtered,
         outcome=_outcome(signals),
         peak_roll_rad=float(np.max(signals.roll[after])),
-        two_wheel_time_s=None
-        if loads is None
-        else _time_while(time[after], _wheels_loaded(loads[after]) < 3),
-        heading_change_rad=float(
-            signals.yaw[-1 if settled is None else settled] - signals.yaw[after][0]
-        ),
+        two_wheel_time_s=two_wheel_time,
+        heading_change_rad=float(signals.yaw[settled] - signals.yaw[after][0]),
         tail_torque_peak_n_m=peak_torque,
         tail_energy_j=energy,
         speed_in_turn_m_per_s=_speed_in_turn(signals),
-        lift_yaw_rate_rad_per_s=None if loads is None else _lift_yaw_rate(signals, loads),
+        lift_yaw_rate_rad_per_s=lift_yaw_rate,
     )
 
 
@@ -189,7 +197,9 @@ def turn_metrics(signals: TurnSignals, filtered: bool = False) -> TurnMetrics:
 
     def prepared(name: str, column: FloatArray) -> FloatArray:
         design = GPS_FILTER if name == "speed" else IMU_FILTER
-        return low_pass(signals.time, column, design, name) if filtered else column
+        if filtered:
+            return low_pass(signals.time, column, design, name)
+        return column
 
     window = signals.in_window
     time = signals.time[window]
@@ -234,10 +244,13 @@ def outcome_from(
     """
     check_time(time)
     end_tilt = float(tilt[-1])
-    end_loaded = None if wheel_loads is None else int(_wheels_loaded(wheel_loads[-1:])[0])
+    end_loaded = None
+    if wheel_loads is not None:
+        end_loaded = int(_wheels_loaded(wheel_loads[-1:])[0])
     leaning = end_tilt > END_TILT and (end_loaded is None or end_loaded < 4)
     flipped = bool(np.max(tilt) > FLIP_TILT) or leaning
     touched: tuple[str, ...] = ()
+    clean = None
     board_before = None
     if ground_contact is not None:
         hit = ground_contact > LOADED_FORCE
@@ -248,7 +261,9 @@ def outcome_from(
         touched = tuple(
             part for part, ever in zip(GROUND_CONTACTS, hit.any(axis=0), strict=True) if ever
         )
-    clean = False if flipped else (None if ground_contact is None else not touched)
+        clean = not touched
+    if flipped:
+        clean = False
     return Outcome(
         result="flipped" if flipped else "survived",
         clean=clean,
@@ -272,7 +287,9 @@ def _speed_in_turn(signals: TurnSignals) -> float:
     speed = signals.speed[signals.in_window]
     yaw_rate = np.abs(signals.yaw_rate[signals.in_window])
     turned = _mean(time, yaw_rate)
-    return _mean(time, speed * yaw_rate) / turned if turned > 0.0 else _mean(time, speed)
+    if turned > 0.0:
+        return _mean(time, speed * yaw_rate) / turned
+    return _mean(time, speed)
 
 
 def _lift_yaw_rate(signals: TurnSignals, loads: FloatArray) -> float:
@@ -283,7 +300,9 @@ def _lift_yaw_rate(signals: TurnSignals, loads: FloatArray) -> float:
     ]
     window = signals.in_window
     lifted = np.flatnonzero(_wheels_loaded(loads[window][:, inner]) < len(inner))
-    until = lifted[0] + 1 if lifted.size else None
+    until = None
+    if lifted.size:
+        until = lifted[0] + 1
     return float(np.max(signals.yaw_rate[window][:until]))
 
 

@@ -36,6 +36,30 @@ LOADED_FORCE = 0.1
 exactly none."""
 _RATE_MARGIN = 0.05
 """A log is not thinned out for this much of its rate."""
+EXIT_YAW_RATE = 0.1
+"""rad/s; a car that yaws less, its wheels straight, has left the turn. A large tail to one side
+alone gives 0.065."""
+CALM_FOR = 0.1
+"""Time for which everything must have been calm, s: a third of a period of roll on the suspension.
+"""
+CALM = {
+    "gyro_x_truth_rad_per_s": 0.15,
+    "gyro_y_truth_rad_per_s": 0.15,
+    "gyro_z_truth_rad_per_s": EXIT_YAW_RATE,
+    "velocity_y_truth_m_per_s": 0.2,
+    "tilt_truth_rad": math.radians(3.0),
+    "tail_pitch_rate_rad_per_s": 0.3,
+    "tail_roll_rate_rad_per_s": 0.3,
+}
+"""Largest magnitudes of a calm row. All wheels bear load in it too, and the law neither swings nor
+is about to."""
+CALM_SPIN = math.hypot(*(limit for name, limit in CALM.items() if name.startswith("gyro")))
+"""A car that turns faster than this, rad/s, about whatever axis, is not calm."""
+_LOADS = tuple(f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS)
+_STATE = "controller_state"
+_BUSY = (SwingState.DELAY, SwingState.SWING)
+_ROUNDING = 1e-9
+"""Rounding of a time, s."""
 
 
 @dataclass(frozen=True)
@@ -83,18 +107,14 @@ class TurnSignals:
             return self
         first = math.ceil(self.time[0] * rate - _TIME_MARGIN)
         last = math.floor(self.time[-1] * rate + _TIME_MARGIN)
-        rows = (
-            np.searchsorted(
-                self.time, np.arange(first, last + 1) / rate + _TIME_MARGIN, side="right"
-            )
-            - 1
-        )
-        kept: dict[str, Any] = {
-            field.name: values[rows]
-            for field in fields(self)
-            if isinstance(values := getattr(self, field.name), np.ndarray)
-        }
-        return replace(self, **kept)
+        instants = np.arange(first, last + 1) / rate + _TIME_MARGIN
+        rows = np.searchsorted(self.time, instants, side="right") - 1
+        sampled: dict[str, Any] = {}
+        for field in fields(self):
+            values = getattr(self, field.name)
+            if isinstance(values, np.ndarray):
+                sampled[field.name] = values[rows]
+        return replace(self, **sampled)
 
     @property
     def in_window(self) -> NDArray[np.bool_]:
@@ -127,7 +147,10 @@ def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = N
     sign = turn_sign(run_log)
     window = turn_window(run_log)
     source = source or ("truth" if run_log.has_truth else "sensors")
-    named = _from_truth(run_log) if source == "truth" else _from_sensors(run_log, window)
+    if source == "truth":
+        named = _from_truth(run_log)
+    else:
+        named = _from_sensors(run_log, window)
     check_signals(time, {f"{name} ({source})": values for name, values in named.items()})
     if time[0] > window[0] + _TIME_MARGIN or time[-1] < window[1] - _TIME_MARGIN:
         raise LogError(
@@ -175,8 +198,9 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
     """
     if DRIVEN_BY in run_log.extra:
         steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
-        first, last = (steered[0], steered[-1]) if steered.size else (0, -1)
-        return float(run_log.time[first]), float(run_log.time[last])
+        if steered.size == 0:
+            return float(run_log.time[0]), float(run_log.time[-1])
+        return float(run_log.time[steered[0]]), float(run_log.time[steered[-1]])
     kind = run_log.setting("manoeuvre", "kind")
     first = float(run_log.time[0])
     start = run_log.number("manoeuvre", "turn_start")
@@ -200,20 +224,22 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
     settings = run_log.scenario["manoeuvre"]
     if kind == "fishhook":
         steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
-        steered_until = float(run_log.time[steered[-1]]) if steered.size else start
+        if steered.size:
+            steered_until = float(run_log.time[steered[-1]])
+        else:
+            steered_until = start
         return start, min(steered_until + steer_angle / rate, last)
     # A log of before has one level and one step of steering and does not name others.
     first_level = [
         run_log.number("manoeuvre", key) for key in ("first_angle", "first_hold") if key in settings
     ]
-    steps = (
-        (int(settings.get("turns", 1)), float(settings.get("turn_gap", 0.0)))
-        if kind == "turn"
-        else ()
-    )
-    return start, start + steering_time(hold, *steps) + angle_to_straighten(
-        steer_angle, hold, rate, *first_level
-    ) / rate
+    repeats = 1
+    gap = 0.0
+    if kind == "turn":
+        repeats = int(settings.get("turns", 1))
+        gap = float(settings.get("turn_gap", 0.0))
+    straightening = angle_to_straighten(steer_angle, hold, rate, *first_level) / rate
+    return start, start + steering_time(hold, repeats, gap) + straightening
 
 
 class SteeredWindow(NamedTuple):
@@ -292,7 +318,9 @@ def _without_bias(run_log: RunLog, column: str, turn_start: float) -> FloatArray
     rate = run_log.signal(column)
     check_signals(time, {column: rate})
     straight = (time >= 0.5 * (time[0] + turn_start)) & (time < turn_start)
-    return rate - float(np.mean(rate[straight])) if np.any(straight) else rate
+    if np.any(straight):
+        return rate - float(np.mean(rate[straight]))
+    return rate
 
 
 def _columns(run_log: RunLog, names: list[str]) -> FloatArray | None:
@@ -301,34 +329,6 @@ def _columns(run_log: RunLog, names: list[str]) -> FloatArray | None:
     signals = {name: run_log.signal(name) for name in names}
     check_signals(run_log.time, signals)
     return np.column_stack(list(signals.values()))
-
-
-EXIT_YAW_RATE = 0.1
-"""rad/s; a car that yaws less, its wheels straight, has left the turn. A large tail to one side
-alone gives 0.065."""
-CALM_FOR = 0.1
-"""So long must everything have been calm, s: a third of a period of roll on the suspension."""
-
-CALM = {
-    "gyro_x_truth_rad_per_s": 0.15,
-    "gyro_y_truth_rad_per_s": 0.15,
-    "gyro_z_truth_rad_per_s": EXIT_YAW_RATE,
-    "velocity_y_truth_m_per_s": 0.2,
-    "tilt_truth_rad": math.radians(3.0),
-    "tail_pitch_rate_rad_per_s": 0.3,
-    "tail_roll_rate_rad_per_s": 0.3,
-}
-"""Largest magnitudes of a calm row. All wheels bear load in it too, and the law neither swings nor
-is about to."""
-
-CALM_SPIN = math.hypot(*(limit for name, limit in CALM.items() if name.startswith("gyro")))
-"""A car that turns faster than this, rad/s, about whatever axis, is not calm."""
-
-_LOADS = tuple(f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS)
-_STATE = "controller_state"
-_BUSY = (SwingState.DELAY, SwingState.SWING)
-_ROUNDING = 1e-9
-"""s."""
 
 
 def settled_row(table: pd.DataFrame | Mapping[str, FloatArray], turn_end: float) -> int | None:
@@ -351,4 +351,6 @@ def settled_row(table: pd.DataFrame | Mapping[str, FloatArray], turn_end: float)
         calm &= np.asarray(table[name]) > LOADED_FORCE
     restless = np.maximum.accumulate(np.where(calm, turn_end, time))
     settled = time - restless >= CALM_FOR - _ROUNDING
-    return int(np.argmax(settled)) if settled.any() else None
+    if settled.any():
+        return int(np.argmax(settled))
+    return None

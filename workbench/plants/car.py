@@ -15,6 +15,7 @@ import numpy as np
 from pydrake.geometry import (
     AddContactMaterial,
     CollisionFilterDeclaration,
+    GeometryId,
     GeometrySet,
     HalfSpace,
     ProximityProperties,
@@ -71,7 +72,9 @@ class CarPlant:
     @property
     def instances(self) -> list[ModelInstanceIndex]:
         """Car and tail arm, without the added mass of the air."""
-        return [self.car] if self.tail is None else [self.car, self.tail]
+        if self.tail is None:
+            return [self.car]
+        return [self.car, self.tail]
 
     @property
     def actuated_joints(self) -> list[str]:
@@ -206,12 +209,10 @@ def _let_parts_pass_each_other(
     """Contact acts between car and ground only; the free range of the tail is a limit of its
     joints.
     """
-    geometries = [
-        geometry
-        for instance in instances
-        for body in plant.GetBodyIndices(instance)
-        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(body))
-    ]
+    geometries: list[GeometryId] = []
+    for instance in instances:
+        for body in plant.GetBodyIndices(instance):
+            geometries += plant.GetCollisionGeometriesForBody(plant.get_body(body))
     scene_graph.collision_filter_manager().Apply(
         CollisionFilterDeclaration().ExcludeWithin(GeometrySet(geometries))
     )

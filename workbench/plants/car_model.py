@@ -58,7 +58,10 @@ class AxleStatics:
 
 def axle_statics(car: CarParameters, gravity: float, axle: str) -> AxleStatics:
     """Static equilibrium of the car without its tail arm on level ground."""
-    share = car.com_x / car.wheelbase if axle == "front" else 1 - car.com_x / car.wheelbase
+    if axle == "front":
+        share = car.com_x / car.wheelbase
+    else:
+        share = 1 - car.com_x / car.wheelbase
     load = 0.5 * car.mass * gravity * share
     front = axle == "front"
     tyre = car.tyre_stiffness_front if front else car.tyre_stiffness_rear

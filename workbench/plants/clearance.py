@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.car_parameters import TailParameters
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import UserError
@@ -39,9 +40,9 @@ class RangeOfMotion:
             r, 4).
     """
 
-    pitch: NDArray[np.float64]
-    roll: NDArray[np.float64]
-    clearances: NDArray[np.float64]
+    pitch: FloatArray
+    roll: FloatArray
+    clearances: FloatArray
 
     def clearance(
         self, pitch: ArrayLike, roll: ArrayLike, parts: tuple[str, ...] = PARTS
@@ -106,10 +107,12 @@ def ground_clearance(
     half_track = scenario.car.outer_half_track
     pitch, roll, lean = np.broadcast_arrays(pitch, roll, car_roll)
     # Heights of the joints, and of unit steps along x, y and z of the tail.
-    joints = np.abs(half_track * np.sin(lean)) + tail.mount_height * np.cos(lean)
-    along_x = -np.sin(pitch) * np.cos(lean)
-    along_y = np.cos(roll) * np.sin(lean) + np.cos(pitch) * np.sin(roll) * np.cos(lean)
-    along_z = -np.sin(roll) * np.sin(lean) + np.cos(pitch) * np.cos(roll) * np.cos(lean)
+    sine = np.sin(lean)
+    cosine = np.cos(lean)
+    joints = np.abs(half_track * sine) + tail.mount_height * cosine
+    along_x = -np.sin(pitch) * cosine
+    along_y = np.cos(roll) * sine + np.cos(pitch) * np.sin(roll) * cosine
+    along_z = -np.sin(roll) * sine + np.cos(pitch) * np.cos(roll) * cosine
     if tail.sail == "locked":
         across = -np.abs(tail.sail_width / 2 * along_x)
     else:

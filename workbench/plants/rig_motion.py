@@ -51,11 +51,10 @@ def rig_law(scenario: RigScenario) -> tuple[SectionLaw, float | None]:
         if scenario.is_robot:
             return NormalForceLaw(aero.normal_force), None
         return PolarLaw(aero.drag, aero.lift, lift_blend=aero.lift_blend), None
-    name = (
-        "robot_tail_line"
-        if scenario.is_robot
-        else f"cheetah_tail_{experiment.tail}_{experiment.axis}"
-    )
+    if scenario.is_robot:
+        name = "robot_tail_line"
+    else:
+        name = f"cheetah_tail_{experiment.tail}_{experiment.axis}"
     return _measured_law(name, aero.lift_blend)
 
 
@@ -132,15 +131,24 @@ class RigMotion:
         robot = scenario.is_robot
         friction = scenario.robot_friction if robot else scenario.friction
         motor = scenario.robot_motor
-        maxon = scenario.maxon
         bodies, blades = _parts(scenario)
         x, y, z = pivot_position(scenario.mount).tolist()
-        parts = tail_layout(scenario, ADDED_MASS_PARTS).distances if blades else ()
+        if robot:
+            rotor = motor.rotor_inertia * motor.gear_ratio**2
+        else:
+            rotor = scenario.maxon.reflected_inertia
+        added_mass = 0.0
+        added_distances = []
+        if blades:
+            tail = blades[-1]
+            added_mass = scenario.aero.added_mass
+            for distance in tail_layout(scenario, ADDED_MASS_PARTS).distances:
+                added_distances.append(tail.root * math.cos(tail.tilt) + distance)
         return cls(
             bodies=bodies,
-            rotor=motor.rotor_inertia * motor.gear_ratio**2 if robot else maxon.reflected_inertia,
-            added_mass=scenario.aero.added_mass if blades else 0.0,
-            added_distances=tuple(blades[-1].root * math.cos(blades[-1].tilt) + s for s in parts),
+            rotor=rotor,
+            added_mass=added_mass,
+            added_distances=tuple(added_distances),
             friction=smooth_friction(friction.coulomb, friction.viscous, friction.tanh_gain),
             blades=blades,
             jet=rig_jet(scenario),
@@ -156,11 +164,12 @@ class RigMotion:
         leaves none.
         """
         own = sum(body.inertia + body.mass * body.radius**2 for body in self.bodies) + self.rotor
-        total = own + self.added_mass * sum(s * s for s in self.added_distances)
+        squares = sum(s * s for s in self.added_distances)
+        total = own + self.added_mass * squares
         if not total > 0.0:
             raise UserError(
                 f"added_mass: {self.added_mass:g} kg per part; allowed on this rig: above "
-                f"{-own / sum(s * s for s in self.added_distances):.4g} kg"
+                f"{-own / squares:.4g} kg"
             )
         return total
 

@@ -17,7 +17,8 @@ from aerodima.workbench.errors import ModelError
 DRAKE_NAMESPACE = "http://drake.mit.edu"
 ElementTree.register_namespace("drake", DRAKE_NAMESPACE)
 _CONTACT = ("point_contact_stiffness", "hunt_crossley_dissipation", "mu_static", "mu_dynamic")
-_MOMENTS, _PRODUCTS = ("ixx", "iyy", "izz"), ("ixy", "ixz", "iyz")
+_MOMENTS = ("ixx", "iyy", "izz")
+_PRODUCTS = ("ixy", "ixz", "iyz")
 
 
 @dataclass(frozen=True)
@@ -220,7 +221,10 @@ class SdfModel:
         raise ModelError(f"{self.path}: no {kind} {name!r}; it has {known}")
 
     def _shapes(self, link: str, shape: str | None, kind: str = "*") -> list[ElementTree.Element]:
-        kinds = ("visual", "collision") if kind == "*" else (kind,)
+        if kind == "*":
+            kinds = ["visual", "collision"]
+        else:
+            kinds = [kind]
         found = [element for element in self._named("link", link) if element.tag in kinds]
         if shape is None:
             return found

@@ -32,6 +32,34 @@ from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
 from aerodima.workbench.plants.tail_geometry import SCHEMA, Piece, Plate, TailArm, TailGeometry
 from aerodima.workbench.resources import model_path
 
+TAIL_SDF = "tail/tail.sdf"
+ROD_RADIUS = 0.006
+"""Radius of the tail rod (m), as drawn in the SDF; used for its inertia about its own axis only."""
+BOARD_THICKNESS = 0.002
+"""Thickness of the backing board as drawn, m."""
+SAIL_TIP_MARGIN = 0.01
+"""Radius (m) of the spheres that feel the ground at the corners of the sail's tip, as drawn in the
+SDF."""
+TAIL_CONTACT_STIFFNESS = 1.0e4
+"""Contact stiffness (N/m) of the sail's corners: film and a half ring, soft against the tyres; acts
+in a crash only."""
+ADDED_MASS_PARTS = 5
+"""Equal parts of the whole tail that carry the added mass (design section 5, thesis section 4.6).
+"""
+LEAST_INERTIA_LEFT = 0.03
+"""Share of every inertia that a negative `tail.added_mass` must leave: a swing of the default tail
+with 3 % is the same at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
+FrictionLaw = Callable[[float], float]
+"""Joint rate (rad/s) to friction torque (N m), which opposes it."""
+_ARM_COLOUR = "0.16 0.17 0.20 1"
+"""Red, green, blue and opacity of the rod, from 0 to 1."""
+_PLATE_COLOUR = "0.93 0.74 0.18 1"
+"""Red, green, blue and opacity of the plates, from 0 to 1."""
+_THIN = 0.002
+"""Least drawn thickness of a plate, m."""
+_HALF_CYLINDER = "package://aerodima_models/tail/half_cylinder.obj"
+"""Diameter and length 1, hollow towards +y, its opening in the plane y = 0."""
+
 
 def read_tail(path: str | Path) -> TailGeometry:
     """Reads a tail file.
@@ -55,34 +83,6 @@ def write_tail(geometry: TailGeometry, path: str | Path, *, force: bool = False)
     content = geometry.model_dump(mode="json", by_alias=True, exclude_none=True)
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
     return write_atomically(Path(path), text, force, ModelError)
-
-
-TAIL_SDF = "tail/tail.sdf"
-ROD_RADIUS = 0.006
-"""Radius of the tail rod (m), as drawn in the SDF; used for its inertia about its own axis only."""
-
-BOARD_THICKNESS = 0.002
-"""Thickness of the backing board as drawn, m."""
-
-SAIL_TIP_MARGIN = 0.01
-"""Radius (m) of the spheres that feel the ground at the corners of the sail's tip, as drawn in the
-SDF."""
-
-TAIL_CONTACT_STIFFNESS = 1.0e4
-"""Contact stiffness (N/m) of the sail's corners: film and a half ring, soft against the tyres; acts
-in a crash only."""
-
-ADDED_MASS_PARTS = 5
-"""Equal parts of the whole tail that carry the added mass (design section 5, thesis section 4.6).
-"""
-
-LEAST_INERTIA_LEFT = 0.03
-"""Share of every inertia that a negative `tail.added_mass` must leave: a swing of the default tail
-with 3 % is the same at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
-
-
-FrictionLaw = Callable[[float], float]
-"""Joint rate (rad/s) to friction torque (N m), which opposes it."""
 
 
 def smooth_friction(coulomb: float, viscous: float, tanh_gain: float) -> FrictionLaw:
@@ -180,6 +180,8 @@ def tail_geometry(tail: TailParameters) -> TailGeometry:
     sail = sail_inertial(tail)
     rod_mass = tail.mass - sail.mass
     rod = rod_mass * tail.length**2 / 12
+    arm = TailArm(lengths=(tail.length,), density=rod_mass / tail.length, radius=ROD_RADIUS)
+    moments = (rod, rod, 0.5 * rod_mass * ROD_RADIUS**2)
     plate = Plate(
         name="sail",
         root=(0.0, 0.0, tail.length - tail.sail_length),
@@ -192,11 +194,9 @@ def tail_geometry(tail: TailParameters) -> TailGeometry:
     )
     return TailGeometry(
         name=tail.name,
-        arm=TailArm(lengths=(tail.length,), density=rod_mass / tail.length, radius=ROD_RADIUS),
+        arm=arm,
         plates=(plate,),
-        arm_inertial=Inertial(
-            rod_mass, (0, 0, tail.length / 2), (rod, rod, 0.5 * rod_mass * ROD_RADIUS**2)
-        ),
+        arm_inertial=Inertial(rod_mass, (0, 0, tail.length / 2), moments),
         sail_inertial=sail,
     )
 
@@ -239,9 +239,9 @@ def sail_inertial(tail: TailParameters) -> Inertial:
     its axis.
     """
     mass = tail.mass * tail.sail_mass_fraction
-    length, width, deep = (
-        mass * size**2 / 12 for size in (tail.sail_length, tail.sail_width, tail.sail_depth)
-    )
+    length = mass * tail.sail_length**2 / 12
+    width = mass * tail.sail_width**2 / 12
+    deep = mass * tail.sail_depth**2 / 12
     return Inertial(
         mass,
         (0, 0, tail.length - tail.sail_length / 2),
@@ -280,13 +280,6 @@ def ground_partner_friction(car: CarParameters) -> float:
     tyres' own pair gives exactly that. A scenario's cage friction is below twice its tyre friction.
     """
     return car.cage_friction * car.tyre_friction / (2 * car.tyre_friction - car.cage_friction)
-
-
-_ARM_COLOUR, _PLATE_COLOUR = "0.16 0.17 0.20 1", "0.93 0.74 0.18 1"
-_THIN = 0.002
-"""Least drawn thickness of a plate, m."""
-_HALF_CYLINDER = "package://aerodima_models/tail/half_cylinder.obj"
-"""Diameter and length 1, hollow towards +y, its opening in the plane y = 0."""
 
 
 def set_tail_shapes(model: SdfModel, geometry: TailGeometry, margin: float) -> list[str]:
@@ -365,10 +358,9 @@ def _corners(plate: Plate, margin: float) -> list[np.ndarray]:
     for number, piece in enumerate(plate.pieces):
         near, far = piece.chords
         inset = min(margin, piece.length / 2)
-        ends = [
-            (far, piece.length - inset),
-            *([(near, inset)] if number == 0 and near > far else []),
-        ]
+        ends = [(far, piece.length - inset)]
+        if number == 0 and near > far:
+            ends.append((near, inset))
         for chord, along in ends:
             side = max(chord / 2 - margin, 0.0)
             found += [
@@ -380,9 +372,10 @@ def _corners(plate: Plate, margin: float) -> list[np.ndarray]:
 
 def _covers(piece: Piece, point: np.ndarray) -> bool:
     """Whether a point in T lies on a piece, to a millimetre."""
-    along, across, off = (
-        float((point - piece.start) @ axis) for axis in (piece.axis, piece.across, piece.normal)
-    )
+    from_start = point - piece.start
+    along = float(from_start @ piece.axis)
+    across = float(from_start @ piece.across)
+    off = float(from_start @ piece.normal)
     near, far = piece.chords
     width = near + (far - near) * min(max(along / piece.length, 0.0), 1.0)
     return -1e-3 < along < piece.length + 1e-3 and abs(across) < width / 2 and abs(off) < 1e-3

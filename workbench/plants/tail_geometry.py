@@ -40,6 +40,11 @@ SCHEMA: Literal["aerodima/tail/1"] = "aerodima/tail/1"
 
 SAME_PLANE = 1e-3
 """m; plates nearer than this, measured along their normal, count as lying in one plane."""
+Vector = tuple[float, float, float]
+UP: Vector = (0.0, 0.0, 1.0)
+"""z of the frame T: along a straight tail, from root to tip."""
+_Vector = Annotated[Vector, Field(strict=False)]
+_Sizes = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(strict=False, min_length=1)]
 
 
 @dataclass(frozen=True)
@@ -94,7 +99,9 @@ class MassMoments:
 
 def _whole(product: float, inertia: np.ndarray) -> float:
     """A product of inertia; that of a symmetric body, which is rounding, as 0."""
-    return 0.0 if abs(product) < 1e-14 * float(np.trace(inertia)) else float(product)
+    if abs(product) < 1e-14 * float(np.trace(inertia)):
+        return 0.0
+    return float(product)
 
 
 def rod_moments(density: float, length: float, radius: float) -> MassMoments:
@@ -133,31 +140,24 @@ def shell_moments(
     near = chords[0] / 2
     far = chords[1] / 2
     slant = density * math.hypot(1.0, (far - near) / length)
-    mass = slant * math.pi * length * (near + far) / 2
+    around = slant * math.pi
+    mass = around * length * (near + far) / 2
     deep = slant * 2 * length * (near**2 + near * far + far**2) / 3
-    along = slant * math.pi * length**2 * (near + 2 * far) / 6
-    round_off = slant * math.pi / 2 * length * (near + far) * (near**2 + far**2) / 4
-    second = np.diag([round_off, round_off, slant * math.pi * length**3 * (near + 3 * far) / 12])
-    second[1, 2] = second[2, 1] = (
-        slant * 2 * length**2 * (near**2 + 2 * near * far + 3 * far**2) / 12
-    )
+    along = around * length**2 * (near + 2 * far) / 6
+    across = around / 2 * length * (near + far) * (near**2 + far**2) / 4
+    second = np.diag([across, across, around * length**3 * (near + 3 * far) / 12])
+    mixed = slant * 2 * length**2 * (near**2 + 2 * near * far + 3 * far**2) / 12
+    second[1, 2] = mixed
+    second[2, 1] = mixed
     total = MassMoments(mass, np.array([0.0, deep, along]), second)
     for radius, place, is_closed in zip((near, far), (0.0, length), closed, strict=True):
         if is_closed and cap_density > 0.0:
-            disc = cap_density * math.pi * radius**2 / 2
-            own = MassMoments(
-                disc,
-                np.array([0.0, disc * 4 * radius / (3 * math.pi), 0.0]),
-                np.diag([disc * radius**2 / 4, disc * radius**2 / 4, 0.0]),
-            )
-            total = total + own.moved(np.eye(3), np.array([0.0, 0.0, place]))
+            mass = cap_density * math.pi * radius**2 / 2
+            first = np.array([0.0, mass * 4 * radius / (3 * math.pi), 0.0])
+            square = mass * radius**2 / 4
+            disc = MassMoments(mass, first, np.diag([square, square, 0.0]))
+            total = total + disc.moved(np.eye(3), np.array([0.0, 0.0, place]))
     return total
-
-
-Vector = tuple[float, float, float]
-
-UP: Vector = (0.0, 0.0, 1.0)
-"""z of the frame T: along a straight tail, from root to tip."""
 
 
 @dataclass(frozen=True)
@@ -203,10 +203,8 @@ def _with_length(vector: Vector) -> Vector:
     return vector
 
 
-_Vector = Annotated[Vector, Field(strict=False)]
 _Direction = Annotated[_Vector, AfterValidator(_with_length)]
 _Directions = Annotated[tuple[_Direction, ...], Field(strict=False, min_length=1)]
-_Sizes = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(strict=False, min_length=1)]
 
 
 class TailPart(QuantityModel):
@@ -296,16 +294,15 @@ class Plate(TailPart):
         if len(self.chords) != count + 1 or len(self.axes) not in (1, count):
             raise ValueError(
                 f"{where}: {count} lengths, {len(self.chords)} chords and {len(self.axes)} axes; "
-                "allowed: n lengths, "
-                "n + 1 chords, and 1 or n axes"
+                "allowed: n lengths, n + 1 chords, and 1 or n axes"
             )
-        wrong = (
-            ("depth", self.depth)
-            if self.kind == "half_shell"
-            else ("cap_density", self.cap_density)
-        )
-        if wrong[1] > 0.0:
-            raise ValueError(f"{where}: {wrong[0]} is {wrong[1]:g}; allowed: 0 for a {self.kind}")
+        unused = "cap_density"
+        value = self.cap_density
+        if self.kind == "half_shell":
+            unused = "depth"
+            value = self.depth
+        if value > 0.0:
+            raise ValueError(f"{where}: {unused} is {value:g}; allowed: 0 for a {self.kind}")
         for axis in self.axes:
             if np.linalg.norm(np.cross(unit_vector(axis), unit_vector(self.normal))) < 1e-3:
                 raise ValueError(
@@ -374,8 +371,13 @@ def _layout(run: list[Piece], sections: int) -> SectionLayout:
     first = run[0]
     start = float(first.start @ first.axis)
     through_origin = start >= 0.0 and np.linalg.norm(first.start - start * first.axis) < 1e-12
-    root, start = (np.zeros(3), start) if through_origin else (first.start, 0.0)
-    axis, normal, p_BoRo_B = (as_tuple(value) for value in (first.axis, first.normal, root))
+    root = np.zeros(3)
+    if not through_origin:
+        root = first.start
+        start = 0.0
+    axis = as_tuple(first.axis)
+    normal = as_tuple(first.normal)
+    p_BoRo_B = as_tuple(root)
     length = sum(piece.length for piece in run)
     if len(run) == 1 and first.chords[0] == first.chords[1]:
         return SectionLayout.strip(
@@ -441,11 +443,9 @@ class _KnownInertial(QuantityModel):
 
 
 def _read_inertial(value: Any) -> Any:
-    return (
-        Inertial(**_KnownInertial.model_validate(value).model_dump())
-        if isinstance(value, dict)
-        else value
-    )
+    if isinstance(value, dict):
+        return Inertial(**_KnownInertial.model_validate(value).model_dump())
+    return value
 
 
 _Known = Annotated[Inertial | None, BeforeValidator(_read_inertial)]
@@ -485,9 +485,8 @@ class TailGeometry(TailPart):
             ):
                 raise ValueError(
                     f"tail {self.name!r}: plates {one.name!r} and {other.name!r} overlap: the air "
-                    "would push twice on "
-                    "what they share; allowed: plates side by side, one behind the other, or "
-                    "across each other"
+                    "would push twice on what they share; allowed: plates side by side, one behind "
+                    "the other, or across each other"
                 )
         return self
 
@@ -503,10 +502,9 @@ class TailGeometry(TailPart):
     @property
     def sail_mass(self) -> Inertial:
         """Mass and inertia of all plates in T."""
-        return (
-            self.sail_inertial
-            or sum((plate.moments for plate in self.plates), MassMoments.zero()).inertial()
-        )
+        if self.sail_inertial:
+            return self.sail_inertial
+        return sum((plate.moments for plate in self.plates), MassMoments.zero()).inertial()
 
     @property
     def inertial(self) -> Inertial:
@@ -535,13 +533,15 @@ class TailGeometry(TailPart):
         Raises:
             ModelError: no plate faces that direction.
         """
-        chosen = self.plates[0].normal if direction is None else direction
-        seen = self.facing_area(chosen)
+        if direction is None:
+            direction = self.plates[0].normal
+        seen = self.facing_area(direction)
         if seen < 1e-12:
-            raise ModelError(f"tail {self.name!r}: no plate faces the direction {tuple(chosen)}")
-        return np.asarray(
-            sum(facing * piece.area * piece.centre for facing, piece in self._facing(chosen)) / seen
+            raise ModelError(f"tail {self.name!r}: no plate faces the direction {tuple(direction)}")
+        moment = sum(
+            facing * piece.area * piece.centre for facing, piece in self._facing(direction)
         )
+        return np.asarray(moment / seen)
 
     def _facing(self, direction: Sequence[float]) -> list[tuple[float, Piece]]:
         along = unit_vector(direction)
@@ -582,7 +582,10 @@ class TailGeometry(TailPart):
                 f"tail {self.name!r}: added mass needs a straight arm; this one is bent"
             )
         (axis,) = axes
-        sideways = np.eye(3)[1] if abs(axis[1]) < 0.9 else np.eye(3)[0]
+        if abs(axis[1]) < 0.9:
+            sideways = np.eye(3)[1]
+        else:
+            sideways = np.eye(3)[0]
         normal = unit_vector(sideways - (sideways @ axis) * np.asarray(axis))
         return SectionLayout.strip(
             start=0.0, length=sum(self.arm.lengths), width=self.plates[0].chords[0], number=parts,

@@ -22,6 +22,9 @@ from aerodima.workbench.metrics.run_summary import (
 from aerodima.workbench.metrics.turn_metrics import Outcome, outcome_of
 from aerodima.workbench.replay.reckoned_motion import RECKONED
 
+RESULT_COLOURS = {"survived": "#14713a", "flipped": "#b3261e", "unknown": "#6b5b00"}
+"""Colours of the outcome in pictures."""
+
 
 @dataclass(frozen=True)
 class Caption:
@@ -45,10 +48,6 @@ class Caption:
         return f"{self.name}: {self.facts}: {self.outcome}"
 
 
-RESULT_COLOURS = {"survived": "#14713a", "flipped": "#b3261e", "unknown": "#6b5b00"}
-"""Colours of the outcome in pictures."""
-
-
 def caption_of(run_log: RunLog) -> Caption:
     """The caption of a run of the car that has a resolved scenario, or of another plant."""
     if run_log.kind == PLANT_RUN:
@@ -58,11 +57,9 @@ def caption_of(run_log: RunLog) -> Caption:
     if TAIL_LAW in run_log.extra:
         tail = f"tail law {run_log.extra[TAIL_LAW]}"
     speed = float(manoeuvre["speed"])
-    turn = (
-        f"{manoeuvre['direction']} turn, "
-        if manoeuvre["kind"] not in ("straight", "slalom")
-        else ""
-    )
+    turn = ""
+    if manoeuvre["kind"] not in ("straight", "slalom"):
+        turn = f"{manoeuvre['direction']} turn, "
     reckoned = ", path reckoned from the sensors" if RECKONED in run_log.extra else ""
     facts = f"{turn}{speed:.2f} m/s ({3.6 * speed:.1f} km/h), {tail}{reckoned}"
     if DIAGRAM in run_log.extra:
@@ -94,9 +91,10 @@ def outcome_in_words(outcome: Outcome) -> str:
 
 def _caption_of_plant(run_log: RunLog) -> Caption:
     bodies = [body for _, body in tails_of(run_log)]
-    facts = f"{run_log.time[-1] - run_log.time[0]:.2f} s" + (
-        f", air on {', '.join(bodies)}" if bodies else ", no tail"
-    )
+    air = "no tail"
+    if bodies:
+        air = f"air on {', '.join(bodies)}"
+    facts = f"{run_log.time[-1] - run_log.time[0]:.2f} s, {air}"
     name = str(run_log.scenario.get("name") or run_log.name)
     outcome = plant_outcome(run_log)
     if outcome is None:
@@ -139,9 +137,11 @@ def readings(run_log: RunLog) -> list[Reading]:
         roll = np.degrees(run_log.signal("roll_truth_rad"))
         return [Reading("", " m/s", speed, 2, 5), Reading("roll", "°", roll, 1, 6)]
     found = [Reading("", " m/s", plant_speed(run_log), 2, 5)]
-    if (tilt := plant_tilt(run_log)) is not None:
+    tilt = plant_tilt(run_log)
+    if tilt is not None:
         found.append(Reading("tilt", "°", tilt, 1, 6))
-    if (air := plant_air(run_log)) is not None:
+    air = plant_air(run_log)
+    if air is not None:
         found.append(Reading("air", " N", air, 2, 5))
     return found
 

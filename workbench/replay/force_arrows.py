@@ -23,7 +23,12 @@ WHEEL_SCALE = 0.02
 """Length of the arrow of a wheel, m per N: a wheel at rest carries about 15 N."""
 SHOWN_LENGTH = 0.015
 """Arrows shorter than this (m) are left out."""
-_SHAFT_RADIUS, _HEAD_RADIUS, _HEAD_LENGTH = 0.007, 0.018, 0.05
+_SHAFT_RADIUS = 0.007
+"""Radius of the shaft of an arrow, m."""
+_HEAD_RADIUS = 0.018
+"""Radius of the head of an arrow, m."""
+_HEAD_LENGTH = 0.05
+"""Length of the head of an arrow, m."""
 
 
 @dataclass(frozen=True)

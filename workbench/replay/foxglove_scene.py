@@ -24,12 +24,20 @@ from aerodima.workbench.replay.recording import frame_rows
 from aerodima.workbench.replay.scene_shapes import WORLD_BODY, body_label, pose_of, shapes_of
 from aerodima.workbench.replay.viewer import area_around
 
-POSES, BODIES, FORCES = "/tf", "/scene/bodies", "/scene/forces"
-"""Topics: a message `FrameTransforms` each, and twice `SceneUpdate`."""
+POSES = "/tf"
+"""Topic of the poses: a message `FrameTransforms` each."""
+BODIES = "/scene/bodies"
+"""Topic of the bodies: `SceneUpdate`."""
+FORCES = "/scene/forces"
+"""Topic of the force arrows: `SceneUpdate`."""
 WORLD_FRAME = "world"
 _FLOOR = (0.90, 0.91, 0.92)
-_SHAFT, _HEAD, _HEAD_LENGTH = 0.014, 0.036, 0.05
-"""Diameters and length of the parts of an arrow, m."""
+_SHAFT = 0.014
+"""Diameter of the shaft of an arrow, m."""
+_HEAD = 0.036
+"""Diameter of the head of an arrow, m."""
+_HEAD_LENGTH = 0.05
+"""Length of the head of an arrow, m."""
 
 
 def foxglove_scene(run_log: RunLog) -> Iterator[SceneMessage]:
@@ -56,7 +64,10 @@ def foxglove_scene(run_log: RunLog) -> Iterator[SceneMessage]:
 
 def _messages(logged: LoggedRun, context: Context) -> Iterator[SceneMessage]:
     time = logged.run_log.time
-    rows = frame_rows(time, 1.0)[0] if len(time) > 1 else np.zeros(1, dtype=np.int64)
+    if len(time) > 1:
+        rows = frame_rows(time, 1.0)[0]
+    else:
+        rows = np.zeros(1, dtype=np.int64)
     arrows = force_arrows(logged)
     scene = shapes_of(logged.plant, logged.scene_graph)
     plant_context = logged.plant.GetMyMutableContextFromRoot(context)

@@ -40,6 +40,46 @@ TAIL_SPEED = 8.0
 """
 LATE = 0.9
 """Below this share of the wanted pace a message warns the driver."""
+# Names of the sliders.
+STEERING = "steering, deg"
+SPEED = "wanted speed, m/s"
+NEXT_TURN = "next turn: left 1, right -1"
+TAIL = "tail roll, deg"
+PACE = "pace wanted"
+PACE_NOW = "pace now, 1 = real time"
+SPEED_NOW = "speed now, m/s"
+TIME_NOW = "time, s"
+HEADING_NOW = "heading, deg, left +"
+LONGEST = 3600.0
+"""The time stops there on its slider, s; the run goes on."""
+# Names of the buttons.
+STRAIGHT = "straight"
+BY_HAND = "tail: hand or law"
+PAUSE = "pause"
+RESET = "reset"
+END = "end"
+KEYS = {STRAIGHT: "Space", BY_HAND: "KeyT", PAUSE: "KeyP", RESET: "KeyR", END: "Escape"}
+"""Button -> key; the sliders have their keys in `MeshcatControls`."""
+HELP = """arrow keys: steer, and speed wanted; space: wheels straight
+P: pause; R: reset; Escape: end
+Q, E: announce a left or a right turn to the tail's law
+T: tail by hand or by its law; A, D: roll it by hand
+gamepad: left stick steers, right stick rolls the tail
+gamepad: the two triggers brake and accelerate"""
+DEAD_ZONE = 0.08
+"""Deflection of a stick that counts as none."""
+# Axes and buttons of a gamepad in the standard layout of browsers
+# (https://w3c.github.io/gamepad/#remapping).
+LEFT_X = 0
+"""Axis of the left stick, to the right."""
+RIGHT_X = 2
+"""Axis of the right stick, to the right."""
+BRAKE = 6
+"""Button of the left trigger, from 0 to 1."""
+ACCELERATE = 7
+"""Button of the right trigger, from 0 to 1."""
+PAD_ACCELERATION = 4.0
+"""Change of the wanted speed with a trigger pulled, m/s in a second at real time."""
 
 
 @dataclass
@@ -115,7 +155,9 @@ class WishedDriving:
         change = float(np.clip(self.wishes.speed - self._speed, -most, most))
         self._speed = self._speed + change
         self._time = time
-        acceleration = change / most * ACCELERATION if most > 0.0 else 0.0
+        acceleration = 0.0
+        if most > 0.0:
+            acceleration = change / most * ACCELERATION
         steering = float(np.clip(self.wishes.steering, -self.limit, self.limit))
         return DriverInput(
             steering, self.line.throttle(self._speed, acceleration), self.wishes.planned_turn
@@ -151,7 +193,10 @@ class HandOrLaw:
         """See `TailLaw`."""
         after, pitch, roll, state = self._law.step(memory[:-1], observation)
         wanted = self._driving.wishes.tail_roll
-        held = observation.roll_angle if math.isnan(memory[-1]) else memory[-1]
+        if math.isnan(memory[-1]):
+            held = observation.roll_angle
+        else:
+            held = memory[-1]
         if math.isnan(wanted) or math.isnan(held):
             return np.append(after, math.nan), pitch, roll, state
         most = TAIL_SPEED / self.rate
@@ -187,7 +232,10 @@ def drive_by_hand(
     """
     written: list[Path] = []
     for attempt in count(1):
-        path = log if log is None or attempt == 1 else log.with_stem(f"{log.stem}_{attempt}")
+        if log is None or attempt == 1:
+            path = log
+        else:
+            path = log.with_stem(f"{log.stem}_{attempt}")
         driving = WishedDriving(throttle_line(scenario), scenario.servo.limit)
         gains = (scenario.controller.hold_kp, scenario.controller.hold_kd)
         if meshcat is not None:
@@ -263,36 +311,6 @@ def _drive(
     return False
 
 
-STEERING, SPEED, NEXT_TURN, TAIL = (
-    "steering, deg",
-    "wanted speed, m/s",
-    "next turn: left 1, right -1",
-    "tail roll, deg",
-)
-PACE, PACE_NOW, SPEED_NOW = "pace wanted", "pace now, 1 = real time", "speed now, m/s"
-TIME_NOW, HEADING_NOW = "time, s", "heading, deg, left +"
-LONGEST = 3600.0
-"""The time stops there on its slider, s; the run goes on."""
-STRAIGHT, BY_HAND, PAUSE, RESET, END = "straight", "tail: hand or law", "pause", "reset", "end"
-KEYS = {STRAIGHT: "Space", BY_HAND: "KeyT", PAUSE: "KeyP", RESET: "KeyR", END: "Escape"}
-"""Button -> key; the sliders have their keys in `MeshcatControls`."""
-HELP = """arrow keys: steer, and speed wanted; space: wheels straight
-P: pause; R: reset; Escape: end
-Q, E: announce a left or a right turn to the tail's law
-T: tail by hand or by its law; A, D: roll it by hand
-gamepad: left stick steers, right stick rolls the tail
-gamepad: the two triggers brake and accelerate"""
-DEAD_ZONE = 0.08
-"""Deflection of a stick that counts as none."""
-LEFT_X, RIGHT_X = 0, 2
-"""Axes of a gamepad in the standard layout of browsers (https://w3c.github.io/gamepad/#remapping).
-"""
-BRAKE, ACCELERATE = 6, 7
-"""Its buttons for the two triggers, from 0 to 1."""
-PAD_ACCELERATION = 4.0
-"""Change of the wanted speed with a trigger pulled, m/s in a second at real time."""
-
-
 class MeshcatControls:
     """The driver's controls in a Meshcat page.
 
@@ -332,19 +350,28 @@ class MeshcatControls:
     def wishes(self) -> Wishes:
         """The wishes of this moment."""
         meshcat = self._meshcat
-        if (clicks := meshcat.GetButtonClicks(STRAIGHT)) != self._straightened:
+        clicks = meshcat.GetButtonClicks(STRAIGHT)
+        if clicks != self._straightened:
             self._straightened = clicks
             meshcat.SetSliderValue(STEERING, 0.0)
         if not self._read_pad():
             self._steering = math.radians(meshcat.GetSliderValue(STEERING))
-        by_hand = meshcat.GetButtonClicks(BY_HAND) % 2 == 1
-        paused = meshcat.GetButtonClicks(PAUSE) % 2 == 1
+        if self._pad:
+            speed = self._pad_speed
+        else:
+            speed = meshcat.GetSliderValue(SPEED)
+        tail_roll = math.nan
+        if meshcat.GetButtonClicks(BY_HAND) % 2 == 1:
+            tail_roll = math.radians(meshcat.GetSliderValue(TAIL))
+        pace = 0.0
+        if meshcat.GetButtonClicks(PAUSE) % 2 == 0:
+            pace = meshcat.GetSliderValue(PACE)
         return Wishes(
             steering=self._steering,
-            speed=self._pad_speed if self._pad else meshcat.GetSliderValue(SPEED),
+            speed=speed,
             planned_turn=meshcat.GetSliderValue(NEXT_TURN),
-            tail_roll=math.radians(meshcat.GetSliderValue(TAIL)) if by_hand else math.nan,
-            pace=0.0 if paused else meshcat.GetSliderValue(PACE),
+            tail_roll=tail_roll,
+            pace=pace,
             attempt=meshcat.GetButtonClicks(RESET),
             over=meshcat.GetButtonClicks(END) > 0,
         )
@@ -369,26 +396,23 @@ class MeshcatControls:
         if there != self._pad:
             self._pad = there
             self._pad_speed = meshcat.GetSliderValue(SPEED)
-            self._say(
-                "gamepad: it drives now"
-                if there
-                else "the gamepad is gone: wheels straight, wanted speed 0"
-            )
-            if not there:
+            if there:
+                self._say("gamepad: it drives now")
+            else:
+                self._say("the gamepad is gone: wheels straight, wanted speed 0")
                 meshcat.SetSliderValue(STEERING, 0.0)
                 meshcat.SetSliderValue(SPEED, 0.0)
         if not there:
             return False
-        left, right = (
-            value if abs(value) > DEAD_ZONE else 0.0
-            for value in (pad.axes[LEFT_X], pad.axes[RIGHT_X])
-        )
+        left = 0.0
+        if abs(pad.axes[LEFT_X]) > DEAD_ZONE:
+            left = pad.axes[LEFT_X]
         self._steering = -math.radians(self._limit) * left
         pulled = pad.button_values[ACCELERATE] - pad.button_values[BRAKE]
-        self._pad_speed = min(
-            self._top, max(0.0, self._pad_speed + PAD_ACCELERATION * pulled * SLICE)
-        )
+        speed = self._pad_speed + PAD_ACCELERATION * pulled * SLICE
+        self._pad_speed = min(self._top, max(0.0, speed))
         meshcat.SetSliderValue(SPEED, self._pad_speed)
-        if right:
+        right = pad.axes[RIGHT_X]
+        if abs(right) > DEAD_ZONE:
             meshcat.SetSliderValue(TAIL, 120.0 * right)
         return True

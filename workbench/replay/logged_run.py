@@ -28,9 +28,10 @@ from aerodima.workbench.replay.reckoned_motion import replayable, with_turning_s
 from aerodima.workbench.replay.scene_shapes import WORLD_BODY, add_shapes, points_of
 from aerodima.workbench.stations.ground_truth import air_columns, pose_columns
 
-SCENE, AIR_SCALE_KEY = "scene", "air_scale_m_per_n"
-"""Keys in `extra` of a `plant_run`: the shapes that its replay draws, and the length of arrows of
-the air."""
+SCENE = "scene"
+"""Key in `extra` of a `plant_run`: the shapes that its replay draws."""
+AIR_SCALE_KEY = "air_scale_m_per_n"
+"""Key in `extra` of a `plant_run`: the length of arrows of the air, m per N."""
 AIR_SCALE = 0.10
 """Length of the arrow of the air on a tail, m per N, unless the run says another: the car's gives a
 few newtons."""
@@ -135,11 +136,9 @@ def add_logged_run(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
             body or a tail; a value is not finite.
     """
     check_time(run_log.time)
-    return (
-        _add_plant(builder, run_log)
-        if run_log.kind == PLANT_RUN
-        else _add_car(builder, replayable(run_log))
-    )
+    if run_log.kind == PLANT_RUN:
+        return _add_plant(builder, run_log)
+    return _add_car(builder, replayable(run_log))
 
 
 def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
@@ -156,9 +155,8 @@ def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
         and car.tail is not None
         and _SAIL_POSITION not in table.columns
     ):
-        table = table.assign(
-            **{_SAIL_POSITION: run_log.signal("sail_angle_rad")}
-        )  # its simulation has no such joint
+        # Its simulation has no such joint.
+        table = table.assign(**{_SAIL_POSITION: run_log.signal("sail_angle_rad")})
     wanted = [PLANT_POSITION_PREFIX + position for position in plant.GetPositionNames()]
     logged = {column for column in table.columns if column.startswith(PLANT_POSITION_PREFIX)}
     if set(wanted) != logged:
@@ -177,12 +175,14 @@ def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     tips: dict[str, FloatArray] = {}
     air = []
     if car.tail is not None:
-        tip, place = run_log.vector("tail_tip", "truth_m"), (3.0, 1.3, 0.5)  # a tail needs room
+        tip = run_log.vector("tail_tip", "truth_m")
+        place = (3.0, 1.3, 0.5)  # a tail needs room
         tips = {"tail_tip": tip}
         if "tail_force_x_truth_n" in table.columns:
             force = run_log.vector("tail_force", "truth_n")
             moment = run_log.vector("tail_force_moment", "truth_n_m")
-            air = [AirOnTail("tail", force, moment, _origins(plant, "tail_rod", positions), tip)]
+            root = _origins(plant, "tail_rod", positions)
+            air = [AirOnTail("tail", force, moment, root, tip)]
     return LoggedRun(run_log, plant, car.scene_graph, positions, path, tips, air, AIR_SCALE, place)
 
 

@@ -103,9 +103,8 @@ class ObservedRun:
         for name, watch in self._watches.items():
             if watch.felt_no_air:
                 warnings.warn(
-                    f"{name}: air passed its sections at up to {watch.fastest:.2g} m/s and made "
-                    "no force; is "
-                    "normal_B of their layout across the flow?",
+                    f"{name}: air passed its sections at up to {watch.fastest:.2g} m/s and made no "
+                    "force; is normal_B of their layout across the flow?",
                     UserWarning,
                     stacklevel=2,
                 )
@@ -194,29 +193,25 @@ def observe(
     if meshcat is not None:
         watched.show(builder, truth, meshcat, air_scale)
     step = watched.plant.time_step()
-    stated = settings.resolved() if isinstance(settings, Scenario) else dict(settings or {})
-    if (
-        isinstance(settings, Scenario)
-        and watched.station is not None
-        and (car := _car_signals(builder, watched.station))
-    ):
-        run.record(
-            builder,
-            car,
-            rate,
-            step,
-            run_metadata(stated, settings.seed, extra=plant_facts(watched.station)),
-        )
-        return run
+    if isinstance(settings, Scenario):
+        stated = settings.resolved()
+        if watched.station is not None:
+            car = _car_signals(builder, watched.station)
+            if car:
+                facts = plant_facts(watched.station)
+                metadata = run_metadata(stated, settings.seed, extra=facts)
+                run.record(builder, car, rate, step, metadata)
+                return run
+    else:
+        stated = dict(settings or {})
     for tail in watched.tails:
         run.watch(builder, tail, rate)
     stated = {"name": name or stated.get("name") or watched.plant.get_name()} | stated
     metadata = run_metadata(
         stated, seed=0, kind=PLANT_RUN, extra=watched.facts() | {AIR_SCALE_KEY: air_scale}
     )
-    run.record(
-        builder, watched.signals(truth) + _further(builder, signals or {}), rate, step, metadata
-    )
+    recorded = watched.signals(truth) + _further(builder, signals or {})
+    run.record(builder, recorded, rate, step, metadata)
     return run
 
 
@@ -229,7 +224,9 @@ def _car_signals(builder: DiagramBuilder, station: Diagram) -> Signals:
     signals = signals_of(CAR_PORTS, output_ports(*sources, station))
     found = {name for _, names in signals for name in names}
     wanted = {column.name for column in sensor_columns()[1:] if not column.optional}
-    return signals + truth_signals(station) if wanted <= found else []
+    if wanted <= found:
+        return signals + truth_signals(station)
+    return []
 
 
 def _further(builder: DiagramBuilder, signals: Mapping[str, OutputPort]) -> Signals:
@@ -243,6 +240,8 @@ def _further(builder: DiagramBuilder, signals: Mapping[str, OutputPort]) -> Sign
             )
         if port.get_data_type() != PortDataType.kVectorValued:
             raise UserError(f"observe: signal {name!r}: port '{port.get_name()}' holds no vector")
-        size = port.size()
-        found.append((port, [name] if size == 1 else [f"{name}_{index}" for index in range(size)]))
+        columns = [name]
+        if port.size() != 1:
+            columns = [f"{name}_{index}" for index in range(port.size())]
+        found.append((port, columns))
     return found

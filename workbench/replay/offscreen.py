@@ -44,20 +44,26 @@ _RENDERER = "vtk"
 _CLEAR = np.array((232, 235, 237), dtype=np.uint8)
 """What VTK leaves where no robot is: the floor's colour, so that its smooth edges pass into it."""
 _CLIPPING = ClippingRange(0.05, 100.0)
-_SUNLIGHT, _LAMP = 0.9, 0.35
-"""Light from above and from the camera, relative."""
+_SUNLIGHT = 0.9
+"""Light from above, relative."""
+_LAMP = 0.35
+"""Light from the camera, relative."""
 _SUN = np.array([0.25, -0.35, 1.0]) / np.linalg.norm([0.25, -0.35, 1.0])
 """Direction to the sun in W."""
-_SUN_DISTANCE, _SUN_PIXELS = 40.0, 512
+_SUN_DISTANCE = 40.0
+"""Distance of the camera that sees the car from the sun, m."""
+_SUN_PIXELS = 512
+"""Width and height of that camera's picture."""
 _SHADOW = 0.72
-_SKY, _FLOOR, _FINE, _METRE = (
-    (0.93, 0.95, 0.97),
-    (0.91, 0.92, 0.93),
-    (0.82, 0.84, 0.86),
-    (0.52, 0.56, 0.62),
-)
-_METRE_WIDTH, _FINE_WIDTH = 0.012, 0.006
-"""Half widths of the lines on the floor, m."""
+# Colours: red, green, blue from 0 to 1.
+_SKY = (0.93, 0.95, 0.97)
+_FLOOR = (0.91, 0.92, 0.93)
+_FINE = (0.82, 0.84, 0.86)
+_METRE = (0.52, 0.56, 0.62)
+_METRE_WIDTH = 0.012
+"""Half width of the lines on the floor at each metre, m."""
+_FINE_WIDTH = 0.006
+"""Half width of the lines between them, m."""
 _FIELD_OF_VIEW = math.radians(34.0)
 _HEAD = 9.0
 """Length of the head of an arrow, pixels."""
@@ -158,8 +164,7 @@ def check_renderer() -> None:
     if not _renderer_works():
         raise UserError(
             "no off-screen renderer: Drake's VTK finds no OpenGL through EGL here; install Mesa's "
-            "(libegl1, "
-            "libgl1-mesa-dri), or use `aerodima replay --html`, which needs none"
+            "(libegl1, libgl1-mesa-dri), or use `aerodima replay --html`, which needs none"
         )
 
 
@@ -190,7 +195,8 @@ class OffscreenRun:
     def __init__(self, run_log: RunLog) -> None:
         check_renderer()
         builder = DiagramBuilder()
-        self.logged = logged = add_logged_run(builder, run_log)
+        logged = add_logged_run(builder, run_log)
+        self.logged = logged
         sun = LightParameter(
             type="directional", direction=-_SUN, frame="world", intensity=_SUNLIGHT
         )

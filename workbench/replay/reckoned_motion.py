@@ -91,8 +91,7 @@ def _signals(run_log: RunLog, name: str) -> dict[str, FloatArray]:
     if "speed_m_per_s" not in present or not {"imu_yaw_rad", "imu_gyro_z_rad_per_s"} & present:
         raise LogError(
             f"{name}: a replay needs columns {PLANT_POSITION_PREFIX}*, or speed_m_per_s with "
-            "imu_yaw_rad or "
-            "imu_gyro_z_rad_per_s"
+            "imu_yaw_rad or imu_gyro_z_rad_per_s"
         )
     heading = "imu_yaw_rad" if "imu_yaw_rad" in present else "imu_gyro_z_rad_per_s"
     wanted = dict.fromkeys(
@@ -117,9 +116,8 @@ def _motion(
     pitch = signals.get("imu_pitch_rad", zero)
     yaw = signals["imu_yaw_rad"] - signals["imu_yaw_rad"][0]
     speed = signals["speed_m_per_s"]
-    ahead, left = (
-        cumulative_trapezoid(speed * part, time, initial=0.0) for part in (np.cos(yaw), np.sin(yaw))
-    )
+    ahead = cumulative_trapezoid(speed * np.cos(yaw), time, initial=0.0)
+    left = cumulative_trapezoid(speed * np.sin(yaw), time, initial=0.0)
     position = np.column_stack([ahead, left, zero])
     builder = DiagramBuilder()  # it owns the plant
     car = add_car_plant(builder, with_turning_sail(scenario))
@@ -138,14 +136,15 @@ def _motion(
     tip = np.zeros((time.size, 3))
     corners = _corners(scenario)
     p_ToTip_T = tail_geometry(scenario.tail).arm.points[-1]
+    bodies = [car.car]
+    if tail is not None:
+        bodies.append(tail)
     for row in range(time.size):
         R_WB = RollPitchYaw(roll[row], pitch[row], yaw[row]).ToRotationMatrix()
         position[row, 2] = max(0.0, -float(np.min(R_WB.matrix()[2] @ corners)))
         positions[row, chassis] = [*R_WB.ToQuaternion().wxyz(), *position[row]]
         plant.SetPositions(context, positions[row])
-        com[row] = plant.CalcCenterOfMassPositionInWorld(
-            context, [car.car] if tail is None else [car.car, tail]
-        )
+        com[row] = plant.CalcCenterOfMassPositionInWorld(context, bodies)
         if tail is not None:
             X_WT: RigidTransform = plant.EvalBodyPoseInWorld(
                 context, plant.GetBodyByName("tail_rod")
@@ -154,13 +153,15 @@ def _motion(
     columns = {
         f"{PLANT_POSITION_PREFIX}{name}": positions[:, index] for index, name in enumerate(names)
     }
-    vectors = {"position": position, "com": com} | ({} if tail is None else {"tail_tip": tip})
+    vectors = {"position": position, "com": com}
+    tail_roll = zero
+    if tail is not None:
+        vectors["tail_tip"] = tip
+        tail_roll = positions[:, names.index("tail_tail_roll_q")]
     for stem, values in vectors.items():
         columns |= {f"{stem}_{axis}_truth_m": values[:, index] for index, axis in enumerate("xyz")}
     return columns | {
-        "tail_roll_angle_rad": zero
-        if tail is None
-        else positions[:, names.index("tail_tail_roll_q")],
+        "tail_roll_angle_rad": tail_roll,
         "roll_truth_rad": roll,
         "pitch_truth_rad": pitch,
         "yaw_truth_rad": yaw,

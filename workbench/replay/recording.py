@@ -31,7 +31,8 @@ MOST_FRAMES = 1000
 NEARER = 0.78
 """Share of `LoggedRun.camera_place` for Meshcat's camera: a visitor can zoom out where a picture
 cannot."""
-TIP_COLOUR, COM_COLOUR = Rgba(0.93, 0.60, 0.10), Rgba(0.25, 0.30, 0.75)
+TIP_COLOUR = Rgba(0.93, 0.60, 0.10)
+COM_COLOUR = Rgba(0.25, 0.30, 0.75)
 _TRACE_RADIUS = 0.006
 _TRACE_PIECES = 200
 
@@ -162,7 +163,10 @@ def tube(points: FloatArray, radius: float) -> tuple[FloatArray, NDArray[np.int3
     """A line of points (n, 3) as a square tube: vertices (3, 4 n) and faces (3, m); WebGL draws
     lines a pixel wide.
     """
-    along = np.gradient(points, axis=0) if len(points) > 1 else np.ones_like(points)
+    if len(points) > 1:
+        along = np.gradient(points, axis=0)
+    else:
+        along = np.ones_like(points)
     side = np.cross(along, [0.0, 0.0, 1.0])
     norm = np.linalg.norm(side, axis=1, keepdims=True)
     side = np.where(norm > 1e-9, side / np.where(norm > 1e-9, norm, 1.0), [0.0, 1.0, 0.0])

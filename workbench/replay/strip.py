@@ -20,11 +20,24 @@ from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
 from aerodima.workbench.replay.captions import RESULT_COLOURS, caption_of, now_text
 from aerodima.workbench.replay.offscreen import OffscreenRun
 
-_BEFORE, _AFTER = 0.25, 0.75
-"""Time shown before the turn and after it, s."""
+_BEFORE = 0.25
+"""Time shown before the turn, s."""
+_AFTER = 0.75
+"""Time shown after the turn, s."""
 _TIPPING = np.radians(35.0)
 _APART = 0.05
 """Shortest time between two pictures, s, where the run leaves the room."""
+FRAME = (440, 470)
+"""Width and height of one picture, pixels."""
+_GAP = 8
+"""Width between two pictures, pixels."""
+_TITLE = 52
+"""Height of the title, pixels."""
+_LABEL = 84
+"""Height of the labels below the pictures, pixels."""
+STRIP = (5 * FRAME[0] + 6 * _GAP, FRAME[1] + _TITLE + _LABEL)
+"""Width and height of the strip, pixels."""
+_DPI = 100
 
 
 @dataclass(frozen=True)
@@ -61,7 +74,9 @@ def _tail_on_top(run_log: RunLog, signals: TurnSignals) -> float | None:
     """When a tail that swings stands straight up, s; None if it does not."""
     side = np.sign(run_log.signal("tail_roll_angle_rad"))
     passes = np.flatnonzero((side[1:] * side[:-1] < 0) & signals.from_start[1:])
-    return float(signals.time[passes[0] + 1]) if passes.size else None
+    if passes.size:
+        return float(signals.time[passes[0] + 1])
+    return None
 
 
 def _kept_upright(
@@ -102,7 +117,9 @@ def _rollover(signals: TurnSignals, trigger: float) -> dict[str, float]:
 def _first(signals: TurnSignals, condition: NDArray[np.bool_], otherwise: float) -> float:
     """First time from the start of the turn on at which a condition holds, s."""
     rows = np.flatnonzero(condition & signals.from_start)
-    return float(signals.time[rows[0]]) if rows.size else otherwise
+    if rows.size:
+        return float(signals.time[rows[0]])
+    return otherwise
 
 
 def _spread(times: list[float], first: float, last: float) -> list[float]:
@@ -112,18 +129,13 @@ def _spread(times: list[float], first: float, last: float) -> list[float]:
     gap = min(_APART, (last - first) / len(times))
     ordered: list[float] = []
     for index, wanted in enumerate(times):
-        earliest = ordered[-1] + gap if ordered else first
+        if ordered:
+            earliest = ordered[-1] + gap
+        else:
+            earliest = first
         latest = last - gap * (len(times) - 1 - index)
         ordered.append(min(max(wanted, earliest), latest))
     return ordered
-
-
-FRAME = (440, 470)
-"""Width and height of one picture, pixels."""
-_GAP, _TITLE, _LABEL = 8, 52, 84
-STRIP = (5 * FRAME[0] + 6 * _GAP, FRAME[1] + _TITLE + _LABEL)
-"""Width and height of the strip, pixels."""
-_DPI = 100
 
 
 def write_strip(run_log: RunLog, path: Path | str, *, force: bool = False) -> Path:

@@ -32,11 +32,17 @@ _REST = 1.0
 MOST_SECONDS = 120.0
 """Longest video: a minute of drawing for each run."""
 MOST_RUNS = 6
-_ALONE, _TOGETHER = (640, 400), (480, 300)
-"""Width and height of the picture of one run, and of each of several, pixels; even, as MP4 wants
-them."""
-_HEADER, _GAP = 52, 4
+_ALONE = (640, 400)
+"""Width and height of the picture of one run, pixels; even, as MP4 wants them."""
+_TOGETHER = (480, 300)
+"""Width and height of each picture of several runs, pixels; even, as MP4 wants them."""
+_HEADER = 52
+"""Height of the text above a picture, pixels."""
+_GAP = 4
+"""Width between two pictures, pixels."""
 _INK = "#1c2430"
+Encoder = Callable[..., None]
+"""Writes a film to a path: `(path, film, progress)`."""
 
 
 def write_video(
@@ -100,7 +106,10 @@ class Film:
         ]
         self._pictures = [OffscreenRun(run_log) for run_log in runs.values()]
         self._panel = _ALONE if len(runs) == 1 else _TOGETHER
-        self._columns = len(runs) if len(runs) <= 3 else math.ceil(len(runs) / 2)
+        if len(runs) <= 3:
+            self._columns = len(runs)
+        else:
+            self._columns = math.ceil(len(runs) / 2)
         self._azimuth = float(np.median([one.logged.camera_azimuth for one in self._pictures]))
         self._place = max(one.logged.camera_place for one in self._pictures)
         self._headers = [
@@ -166,10 +175,6 @@ def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(str(Path(matplotlib.get_data_path(), "fonts", "ttf", name)), size)
 
 
-Encoder = Callable[..., None]
-"""Writes a film to a path: `(path, film, progress)`."""
-
-
 def _encoder(path: Path) -> Encoder:
     """By the ending; UserError where it is another one, or its encoder is missing."""
     ending = path.suffix.lower()
@@ -178,8 +183,7 @@ def _encoder(path: Path) -> Encoder:
     if ending == ".mp4" and find_spec("imageio_ffmpeg") is None:
         raise UserError(
             f"--video {path}: no encoder for MP4; install it with `pip install "
-            "'aerodima-workbench[video]'`, or write "
-            ".webp or .gif"
+            "'aerodima-workbench[video]'`, or write .webp or .gif"
         )
     return _ENCODERS[ending]
 

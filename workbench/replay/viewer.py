@@ -10,11 +10,11 @@ import logging
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import Box, Meshcat, MeshcatParams, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, Diagram
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.stations.car_station import simulated_car
 
@@ -24,13 +24,17 @@ PORTS = (1024, 65535)
 
 WORLD = "/drake"
 GROUND = f"{WORLD}/ground"
-_FLOOR, _FINE, _METRE = Rgba(0.90, 0.91, 0.92), Rgba(0.80, 0.82, 0.84), Rgba(0.42, 0.46, 0.52)
+_FLOOR = Rgba(0.90, 0.91, 0.92)
+_FINE = Rgba(0.80, 0.82, 0.84)
+_METRE = Rgba(0.42, 0.46, 0.52)
 _FINE_STEP = 0.25
 _SHADOW_BIAS = -0.01 / 500.0
 """One centimetre of the 500 m that the shadow of Meshcat's lamp reaches."""
 _LIVE_AREA = (-4.0, 16.0, -8.0, 10.0)
 """Floor of a live run (x from, x to, y from, y to; m): it is not known yet where the car will go.
 """
+_AREA = (-14.0, 14.0, -14.0, 14.0)
+"""The floor that is drawn around the car, m."""
 
 
 def open_meshcat(port: int | None = None) -> Meshcat:
@@ -64,9 +68,10 @@ def _start(port: int | None) -> Meshcat:
     try:
         meshcat = Meshcat(MeshcatParams(host=HOST, port=port))
     except RuntimeError as error:
-        place = (
-            f"port {port} of {HOST} is in use" if port is not None else f"no free port on {HOST}"
-        )
+        if port is not None:
+            place = f"port {port} of {HOST} is in use"
+        else:
+            place = f"no free port on {HOST}"
         raise UserError(
             f"Meshcat: {place}; choose another --port ({PORTS[0]} to {PORTS[1]})"
         ) from error
@@ -102,9 +107,7 @@ def _set_lights(meshcat: Meshcat) -> None:
     meshcat.SetProperty(sun, "castShadow", True)
 
 
-def area_around(
-    points: NDArray[np.float64], margin: float = 3.0
-) -> tuple[float, float, float, float]:
+def area_around(points: FloatArray, margin: float = 3.0) -> tuple[float, float, float, float]:
     """Smallest floor with whole metres (x from, x to, y from, y to) that has a margin (m) about
     points (n, 3).
     """
@@ -139,7 +142,7 @@ def draw_ground(
 
 def _grid_lines(
     area: tuple[float, float, float, float], step: float, height: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[FloatArray, FloatArray]:
     """Ends of the lines of a grid, each of shape (3, n), metre by metre: some browsers drop lines
     that pass the eye.
     """
@@ -154,10 +157,6 @@ def _grid_lines(
         [x + 1, y, z] for x, y, z in start[along_y:]
     ]
     return np.asfortranarray(np.transpose(start)), np.asfortranarray(np.transpose(end))
-
-
-_AREA = (-14.0, 14.0, -14.0, 14.0)
-"""The floor that is drawn around the car, m."""
 
 
 class ChaseCamera:

@@ -51,6 +51,12 @@ from aerodima.workbench.systems.system_ports import vector_of
 
 _STATION_TRUTH = ("contact_truth", "wind_truth")
 """Ports of a simulated car's station that are recorded beside the motion."""
+PICTURES_PER_SECOND = 32.0
+"""That of Drake's own visualizer."""
+_FLOOR_MARGIN = 10.0
+"""Floor about the place of the start, m."""
+_LEAST_SIZE = 0.15
+"""The camera does not come nearer than to a plant of this radius, m."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +94,10 @@ class WatchedPlant:
         """Looks for all this; ModelError as `aerodima.workbench.replay.observed_run.observe`."""
         if plant not in builder.GetSystems():
             raise ModelError(f"observe: '{plant.get_name()}' is not in this builder; add it first")
-        inside, station = (builder, None) if isinstance(plant, MultibodyPlant) else (plant, plant)
-        if station is not None:
+        inside: DiagramBuilder | Diagram = builder
+        station = None
+        if not isinstance(plant, MultibodyPlant):
+            inside = station = plant
             plant = _plant_in(station)
             state = station.GetOutputPort("plant_state_truth")
         assert isinstance(plant, MultibodyPlant)
@@ -104,21 +112,22 @@ class WatchedPlant:
             system for system in systems if isinstance(system, TailForce) and system.plant is plant
         ]
         shown = next((system for system in systems if isinstance(system, SceneGraph)), None)
-        scene = (
-            shapes_of(plant, shown)
-            if shown is not None and plant.geometry_source_is_registered()
-            else []
-        )
+        scene = []
+        if shown is not None and plant.geometry_source_is_registered():
+            scene = shapes_of(plant, shown)
         labels = {entry["body"] for entry in scene} - {WORLD_BODY}
         indices = {
             body_label(plant, BodyIndex(index)): BodyIndex(index)
             for index in range(plant.num_bodies())
         }
         bodies = {label: index for label, index in indices.items() if label in labels}
-        wind = _wind(builder, tails) if station is None else output_ports(station).get("wind_truth")
-        if station is not None:
+        if station is None:
+            wind = _wind(builder, tails)
+            scene_graph = shown
+        else:
+            wind = output_ports(station).get("wind_truth")
             tails = [_again(builder, tail, state, wind) for tail in tails]
-        scene_graph = shown if station is None else None
+            scene_graph = None
         return cls(
             plant, station, state, _base_of(plant, base), tails, wind, scene, scene_graph, bodies
         )
@@ -149,9 +158,8 @@ class WatchedPlant:
         """
         if not self.scene:
             raise ModelError(
-                f"observe: plant '{self.plant.get_name()}' has no visible shapes for Meshcat; "
-                "make it with "
-                "AddMultibodyPlantSceneGraph and parse the model after that"
+                f"observe: plant '{self.plant.get_name()}' has no visible shapes for Meshcat; make "
+                "it with AddMultibodyPlantSceneGraph and parse the model after that"
             )
         seen = any(isinstance(system, MeshcatVisualizer) for system in builder.GetSystems())
         if self.scene_graph is not None and not seen:
@@ -166,11 +174,11 @@ class WatchedPlant:
             for label in self.bodies
         ]
         live = builder.AddNamedSystem("live_scene", LiveScene(meshcat, names, reach, air_scale))
-        for port in (
-            "com",
-            *(["poses"] if self.bodies else []),
-            *(f"{name}_air" for name in names),
-        ):
+        ports = ["com"]
+        if self.bodies:
+            ports.append("poses")
+        ports += [f"{name}_air" for name in names]
+        for port in ports:
             builder.Connect(truth.GetOutputPort(port), live.GetInputPort(port))
 
     def signals(self, truth: PlantTruth) -> Signals:
@@ -181,7 +189,9 @@ class WatchedPlant:
         names += [
             f"plant_state_{index}" for index in range(plant.num_multibody_states() - len(names))
         ]
-        found: Signals = [(self.state, names)] if names else []
+        found: Signals = []
+        if names:
+            found = [(self.state, names)]
         if self.base is not None:
             found.append((truth.GetOutputPort("base"), list(BASE_COLUMNS)))
         found.append((truth.GetOutputPort("com"), list(COM_COLUMNS)))
@@ -209,12 +219,17 @@ class WatchedPlant:
         plant = self.plant
         mass = plant.CalcTotalMass(plant.CreateDefaultContext(), own_instances(plant))
         tails = [{"name": tail.get_name(), "body": tail.body.name()} for tail in self.tails]
-        base = None if self.base is None else plant.get_body(self.base).name()
+        if self.base is None:
+            base = None
+        else:
+            base = plant.get_body(self.base).name()
         return {SCENE: self.scene, TAILS: tails, "base": base, "total_mass_kg": mass}
 
 
 def _plant_in(station: Diagram) -> MultibodyPlant:
-    plant: Any = station.GetSubsystemByName("plant") if station.HasSubsystemNamed("plant") else None
+    plant: Any = None
+    if station.HasSubsystemNamed("plant"):
+        plant = station.GetSubsystemByName("plant")
     if plant is None or not station.HasOutputPort("plant_state_truth"):
         raise ModelError(
             f"observe: '{station.get_name()}' has no plant to be watched; allowed: a "
@@ -229,7 +244,9 @@ def _base_of(plant: MultibodyPlant, base: RigidBody | str | None) -> BodyIndex |
     if base is not None:
         return resolve_body(plant, base, "observe").index()
     floating = sorted(plant.GetFloatingBaseBodies())
-    return floating[0] if len(floating) == 1 else None
+    if len(floating) == 1:
+        return floating[0]
+    return None
 
 
 def _wind(builder: DiagramBuilder, tails: list[Any]) -> OutputPort | None:
@@ -252,13 +269,6 @@ def _again(
     if wind is not None:
         builder.Connect(wind, copy.GetInputPort("wind_velocity"))
     return copy
-
-
-PICTURES_PER_SECOND = 32.0
-"""That of Drake's own visualizer."""
-_FLOOR_MARGIN = 10.0
-"""Floor about the place of the start, m."""
-_LEAST_SIZE = 0.15
 
 
 class LiveScene(LeafSystem):
@@ -285,7 +295,9 @@ class LiveScene(LeafSystem):
         self._reach = np.asarray(reach)
         self._air_scale = air_scale
         self._com = self.DeclareVectorInputPort("com", 6)
-        self._poses = self.DeclareVectorInputPort("poses", 7 * len(reach)) if len(reach) else None
+        self._poses = None
+        if len(reach):
+            self._poses = self.DeclareVectorInputPort("poses", 7 * len(reach))
         self._tails = [
             (
                 DrawnArrow.make(meshcat, f"air_on_{name}", AIR_COLOUR),

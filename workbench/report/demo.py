@@ -46,8 +46,12 @@ from aerodima.workbench.report.report_page import (
 )
 
 DEMO_SCHEMA = "aerodima/demo/3"
-PAGE, SUMMARY, MARK, FINISHED = "index.html", "summary.csv", "demo.json", "finished"
-"""`MARK` says of which scenarios a folder's logs are, and whether the demo is finished."""
+PAGE = "index.html"
+SUMMARY = "summary.csv"
+MARK = "demo.json"
+"""This file says of which scenarios a folder's logs are, and whether the demo is finished."""
+FINISHED = "finished"
+"""Key in that file."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +97,9 @@ class DemoRun:
     @property
     def files(self) -> list[Path]:
         """Everything that is made of the run."""
-        return [self.log] if self.replay is None else [self.log, self.replay]
+        if self.replay is None:
+            return [self.log]
+        return [self.log, self.replay]
 
 
 def make_demo(
@@ -148,7 +154,10 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
         settings = [f"manoeuvre.speed={speed!r}", f"seed={plan.seed}"]
         name = f"{mode}_{speed:.2f}"
         scenario = load_scenario(f"turn_{mode}", settings).resolved()
-        replay = out / f"replay_{name}.html" if (mode, speed) in plan.shown else None
+        if (mode, speed) in plan.shown:
+            replay = out / f"replay_{name}.html"
+        else:
+            replay = None
         runs.append(DemoRun(name, scenario, out / "logs" / f"turn_{name}.parquet", replay))
     runs.sort(key=lambda run: run.replay is None)  # the longest pieces of work first
     shown = load_shown_entry()
@@ -161,7 +170,9 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
         )
         for one in shown.candidates
     ]
-    return [*opening, *runs] if plan.opening else runs
+    if plan.opening:
+        return [*opening, *runs]
+    return runs
 
 
 def do_run(run: DemoRun) -> RunSummary:
@@ -201,10 +212,12 @@ def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
             "again"
         )
     make_folder(out / "logs", UserError)
-    for path in (
-        [out / PAGE, out / SUMMARY, *(path for run in runs for path in run.files)] if force else ()
-    ):
-        path.unlink(missing_ok=True)
+    if force:
+        (out / PAGE).unlink(missing_ok=True)
+        (out / SUMMARY).unlink(missing_ok=True)
+        for run in runs:
+            for path in run.files:
+                path.unlink(missing_ok=True)
     return store
 
 
@@ -234,9 +247,8 @@ def thesis_turn_chapter(summaries: Sequence[RunSummary]) -> Section:
     """
     said = (
         "Flipped: the body tilts beyond 75 degrees, or ends beyond 20 degrees with a wheel in the "
-        "air. Clean: it "
-        "survived, and neither cage nor tail touched the ground, nor the anti-ramp board from the "
-        "start of the turn on."
+        "air. Clean: it survived, and neither cage nor tail touched the ground, nor the anti-ramp "
+        "board from the start of the turn on."
     )
     tables: list[Part] = [
         _bracket_table(summaries),
@@ -278,20 +290,28 @@ def _outcome_table(summaries: Sequence[RunSummary]) -> Table:
     header = ("speed [m/s]", "tail", "outcome", "peak roll [deg]", "mean yaw rate [rad/s]",
     "heading change [deg]",
               "tail energy [J]")  # fmt: skip
-    rows = [
-        (
-            f"{s.commanded_speed:.2f}",
-            MODE_WORDS[s.tail_mode],
-            outcome_in_words(s.metrics.outcome),
-            f"{math.degrees(s.metrics.peak_roll_rad):.1f}" if s.survived else "–",
-            f"{s.metrics.raw.average_yaw_rate_rad_per_s:.2f}",
-            f"{math.degrees(s.metrics.heading_change_rad):.1f}" if s.survived else "–",
-            "–"
-            if s.tail_mode == "none" or s.metrics.tail_energy_j is None
-            else f"{s.metrics.tail_energy_j:.1f}",
+    rows = []
+    for summary in summaries:
+        metrics = summary.metrics
+        peak_roll = "–"
+        heading_change = "–"
+        if summary.survived:
+            peak_roll = f"{math.degrees(metrics.peak_roll_rad):.1f}"
+            heading_change = f"{math.degrees(metrics.heading_change_rad):.1f}"
+        tail_energy = "–"
+        if summary.tail_mode != "none" and metrics.tail_energy_j is not None:
+            tail_energy = f"{metrics.tail_energy_j:.1f}"
+        rows.append(
+            (
+                f"{summary.commanded_speed:.2f}",
+                MODE_WORDS[summary.tail_mode],
+                outcome_in_words(metrics.outcome),
+                peak_roll,
+                f"{metrics.raw.average_yaw_rate_rad_per_s:.2f}",
+                heading_change,
+                tail_energy,
+            )
         )
-        for s in summaries
-    ]
     return Table(header, rows, [index for index, s in enumerate(summaries) if not s.survived])
 
 
@@ -299,16 +319,25 @@ def _metric_table(summaries: Sequence[RunSummary]) -> Folded:
     """Metrics of the runs that the thesis made too; raw beside its simulation, filtered beside its
     car.
     """
-    rows = [
-        (run.name, row.source, platform, metric_name(one.name), metric_unit(one.name),
-        f"{ours:.2f}",
-         f"{published:.2f}", percent(ours / published - 1.0))
-        for run in summaries
-        for platform, row in published_for(run).items()
-        for one in fields(TurnMetrics)
-        for ours, published in [(getattr(run.metrics.like(platform), one.name),
-        getattr(row.metrics, one.name))]
-    ]  # fmt: skip
+    rows = []
+    for run in summaries:
+        for platform, row in published_for(run).items():
+            for field in fields(TurnMetrics):
+                name = field.name
+                ours = getattr(run.metrics.like(platform), name)
+                published = getattr(row.metrics, name)
+                rows.append(
+                    (
+                        run.name,
+                        row.source,
+                        platform,
+                        metric_name(name),
+                        metric_unit(name),
+                        f"{ours:.2f}",
+                        f"{published:.2f}",
+                        percent(ours / published - 1.0),
+                    )
+                )
     header = (
         "run",
         "published in",
@@ -332,16 +361,15 @@ def provenance(runs: Mapping[str, DemoRun], summary: str) -> Section:
     """
     logs = [read_run_log(run.log) for run in runs.values()]
     versions = sorted({(name, version) for log in logs for name, version in log.versions.items()})
-    rows = [*versions, ("seed", ", ".join(map(str, sorted({log.seed for log in logs}))))]
-    rows += [("step of the plant", f"{logs[0].scenario['simulation']['step']:g} s")]
-    linked = [
-        (
-            name,
-            Link(f"logs/{run.log.name}", "log"),
-            "" if run.replay is None else Link(run.replay.name, "replay"),
-        )
-        for name, run in runs.items()
-    ]
+    seeds = sorted({log.seed for log in logs})
+    step = logs[0].scenario["simulation"]["step"]
+    rows = [*versions, ("seed", ", ".join(map(str, seeds))), ("step of the plant", f"{step:g} s")]
+    linked = []
+    for name, run in runs.items():
+        replay: str | Link = ""
+        if run.replay is not None:
+            replay = Link(run.replay.name, "replay")
+        linked.append((name, Link(f"logs/{run.log.name}", "log"), replay))
     scenario = Preformatted(json.dumps(logs[0].scenario, indent=2, sort_keys=True))
     return Section(
         "Replays, logs and provenance",

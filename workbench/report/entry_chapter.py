@@ -20,7 +20,8 @@ from aerodima.workbench.report.report_page import Section, Table
 from aerodima.workbench.resources import model_path
 
 SCHEMA = "aerodima/shown_entry/1"
-SHOWN, ENTRIES = "entry/shown.yaml", "entry/entries.csv"
+SHOWN = "entry/shown.yaml"
+ENTRIES = "entry/entries.csv"
 SPEED = "entry_speed_m_per_s"
 UNKNOWN = ("error: ", "no reference", "not proved")
 """Begins `ended_by` of a climb that says nothing about the candidate."""
@@ -120,13 +121,10 @@ def entry_chapter(shown: ShownEntry, run_logs: Mapping[str, RunLog]) -> list[Sec
     ]
     said = (
         "Medians in m/s over the cars that complete a manoeuvre, and how many do: two wheels of "
-        "one side never lift by "
-        "5 mm, only wheels touch the ground, the car goes straight again, and before that its "
-        "mean lateral "
-        "acceleration is nearly that without a tail. "
-        "The cars are few, each on its own floor, with a larger tail than was built, and ≥ says "
-        "that climbs ended at "
-        "their ceiling."
+        "one side never lift by 5 mm, only wheels touch the ground, the car goes straight again, "
+        "and before that its mean lateral acceleration is nearly that without a tail. The cars are "
+        "few, each on its own floor, with a larger tail than was built, and ≥ says that climbs "
+        "ended at their ceiling."
     )
     return [
         Section(
@@ -142,11 +140,9 @@ def _ending(run_log: RunLog) -> str:
     if outcome_of(run_log).result == "flipped":
         return "rolls over"
     last = found.last_yaw_rate_rad_per_s or 0.0
-    said = (
-        f"{found.touched_when_steered} on the ground"
-        if found.touched_when_steered
-        else "stays upright"
-    )
+    said = "stays upright"
+    if found.touched_when_steered:
+        said = f"{found.touched_when_steered} on the ground"
     if (found.side_lift_m or 0.0) > TWO_WHEELS:
         said = "lifts two wheels"
     elif abs(last) > EXIT_YAW_RATE:

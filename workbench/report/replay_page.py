@@ -35,6 +35,15 @@ from aerodima.workbench.report.report_page import (
 from aerodima.workbench.report.run_channels import channels_of, line_looks
 from aerodima.workbench.text_table import shown_value
 
+MOST_RUNS = len(RUN_STYLES)
+MOST_VIEWS = 8
+"""Cars that a comparison draws in 3-D at a time; browsers end at 16 WebGL views."""
+FIRST_VIEWS = 4
+"""Cars that a comparison draws in 3-D at first."""
+_CAR_SECTIONS = ("car", "tail", "friction", "tail_motor", "servo", "drive")
+"""Sections of a scenario that say which car it is; a difference in one of them is named first."""
+_LIBRARY_MARK = "<!-- Meshcat -->"
+
 
 def write_replay_html(
     run_log: RunLog, path: Path | str, *, force: bool = False, rate: float = 1.0
@@ -69,7 +78,10 @@ def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> 
     scene, end = _split(scene, "</body>")
     drake = {"head": head, "scene": scene, "end": "</body>" + end}
     run_log = logged.run_log
-    channels = channels_of([run_log], [run_log.name]) if signals else None
+    if signals:
+        channels = channels_of([run_log], [run_log.name])
+    else:
+        channels = None
     shown = {
         "caption": caption_of(run_log),
         "keys": _keys(logged),
@@ -82,12 +94,12 @@ def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> 
 def _keys(logged: LoggedRun) -> list[tuple[str, str, tuple[int, ...]]]:
     """What arrows and lines mean: sign, words, colour."""
     own = logged.run_log.kind == PLANT_RUN
-    longer = (
-        f"{logged.air_scale:g} m per newton"
-        if own
-        else f"{logged.air_scale / WHEEL_SCALE:.0f} times longer"
-    )
-    wheels = [] if own else [("▲", "ground on the wheels", _css(WHEEL_COLOUR))]
+    if own:
+        longer = f"{logged.air_scale:g} m per newton"
+        wheels = []
+    else:
+        longer = f"{logged.air_scale / WHEEL_SCALE:.0f} times longer"
+        wheels = [("▲", "ground on the wheels", _css(WHEEL_COLOUR))]
     path = ("▬", "path of the centre of mass", _css(COM_COLOUR))
     if not logged.tips:
         return [*wheels, path]
@@ -118,7 +130,10 @@ def _frames(run_log: RunLog, rate: float) -> dict[str, Any]:
 
 def _css(colour: Rgba | tuple[float, float, float]) -> tuple[int, ...]:
     """Red, green and blue from 0 to 255."""
-    parts = (colour.r(), colour.g(), colour.b()) if isinstance(colour, Rgba) else colour
+    if isinstance(colour, Rgba):
+        parts = (colour.r(), colour.g(), colour.b())
+    else:
+        parts = colour
     return tuple(round(255 * part) for part in parts)
 
 
@@ -132,13 +147,6 @@ def _split(page: str, mark: str) -> tuple[str, str]:
             f"Drake's page has no {mark!r} any more; the title of the replay has no place"
         )
     return before, after
-
-
-MOST_RUNS = len(RUN_STYLES)
-MOST_VIEWS, FIRST_VIEWS = 8, 4
-"""Cars that a comparison draws in 3-D at a time, and at first; browsers end at 16 WebGL views."""
-_CAR_SECTIONS = ("car", "tail", "friction", "tail_motor", "servo", "drive")
-"""Sections of a scenario that say which car it is; a difference in one of them is named first."""
 
 
 def metrics_rows(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
@@ -217,9 +225,6 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
     return Page("Comparison of runs: " + ", ".join(names), "", sections)
 
 
-_LIBRARY_MARK = "<!-- Meshcat -->"
-
-
 def replays_in_step(
     run_logs: Sequence[RunLog], names: Sequence[str], captions: Sequence[str] | None = None
 ) -> Templated:
@@ -260,7 +265,10 @@ def _settings(
     rows = Table(
         ["key", *names], [[key, *map(shown_value, values)] for key, values in differences.items()]
     )
-    other = [] if plants else different_cars(differences)
+    if plants:
+        other = []
+    else:
+        other = different_cars(differences)
     if not other:
         return [rows]
     warning = (

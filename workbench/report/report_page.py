@@ -32,6 +32,10 @@ _PIXELS_PER_INCH = 95
 fills the page."""
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?( ?%|°)?(\s(to\s|\().*)?|nan|[-–]?")
 """Cells that are set to the right: a number, a range, or none."""
+Content: TypeAlias = "Page | pd.DataFrame | str | bytes"
+PLOT_LIBRARY = "uPlot-1.6.32"
+"""Folder of the library that draws interactive plots, as its authors publish it, with its licence
+(MIT)."""
 
 
 @dataclass(frozen=True)
@@ -122,11 +126,9 @@ class Plot:
         """Address of the image."""
         if isinstance(self.drawing, str):
             return self.drawing
-        return (
-            f"{self.name}.png"
-            if self.name
-            else f"data:image/png;base64,{base64.b64encode(self.data).decode()}"
-        )
+        if self.name:
+            return f"{self.name}.png"
+        return f"data:image/png;base64,{base64.b64encode(self.data).decode()}"
 
     @property
     def width(self) -> int | None:
@@ -235,9 +237,6 @@ def _has_interactive(parts: Sequence[Part]) -> bool:
     )
 
 
-Content: TypeAlias = "Page | pd.DataFrame | str | bytes"
-
-
 def write_files(
     folder: Path,
     contents: Mapping[str, Content],
@@ -262,11 +261,10 @@ def write_files(
         elif isinstance(content, str | bytes):
             made[name] = content
         else:
-            made[name] = (
-                content.to_csv(index=False)
-                if name.endswith(".csv")
-                else content.to_parquet(index=False)
-            )
+            if name.endswith(".csv"):
+                made[name] = content.to_csv(index=False)
+            else:
+                made[name] = content.to_parquet(index=False)
     return [
         write_atomically(folder / name, content, force, error) for name, content in made.items()
     ]
@@ -328,11 +326,6 @@ def _templates() -> "jinja2.Environment":
     made.tests["a"] = lambda part, name: type(part).__name__ == name
     made.globals["shipped"] = _shipped
     return made
-
-
-PLOT_LIBRARY = "uPlot-1.6.32"
-"""Folder of the library that draws interactive plots, as its authors publish it, with its licence
-(MIT)."""
 
 
 def _shipped(name: str) -> "markupsafe.Markup":

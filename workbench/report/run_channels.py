@@ -83,11 +83,11 @@ def channels_of(run_logs: Sequence[RunLog], names: Sequence[str]) -> dict[str, A
         float(run_log.time[-1]) - start for run_log, start in zip(run_logs, starts, strict=True)
     ]
     most = min(MOST_POINTS, _MOST_IN_ALL // len(run_logs))
-    channels = [
-        channel
-        for name in _columns(run_logs)
-        if (channel := _channel(name, run_logs, most)) is not None
-    ]
+    channels = []
+    for name in _columns(run_logs):
+        channel = _channel(name, run_logs, most)
+        if channel is not None:
+            channels.append(channel)
     there = {channel["name"] for channel in channels}
     return {
         "runs": [
@@ -105,15 +105,16 @@ def channels_of(run_logs: Sequence[RunLog], names: Sequence[str]) -> dict[str, A
 
 def _first_chosen(run_logs: Sequence[RunLog], there: set[str]) -> list[str]:
     if any(run_log.kind == PLANT_RUN for run_log in run_logs):
-        air = [
-            f"{tail}_{axis}_truth_n"
-            for run_log in run_logs
-            for tail, _ in tails_of(run_log)
-            for axis in "yz"
-        ]
+        air = []
+        for run_log in run_logs:
+            for tail, _ in tails_of(run_log):
+                air += [f"{tail}_{axis}_truth_n" for axis in "yz"]
         return [*_SHOWN_OF_PLANT, *dict.fromkeys(air)]
-    roll = [] if "roll_truth_rad" in there else ["roll_estimate_rad"]
-    return [*_SHOWN, *(_SHOWN_OF_ONE if len(run_logs) == 1 else roll)]
+    if len(run_logs) == 1:
+        return [*_SHOWN, *_SHOWN_OF_ONE]
+    if "roll_truth_rad" in there:
+        return [*_SHOWN]
+    return [*_SHOWN, "roll_estimate_rad"]
 
 
 def line_looks() -> list[dict[str, Any]]:
@@ -122,8 +123,10 @@ def line_looks() -> list[dict[str, Any]]:
     """
     looks = []
     for colour, line in RUN_STYLES:
-        dash = [] if line == "-" else [round(1.6 * length, 1) for length in line[1]]
-        looks.append({"colour": colour, **({"dash": dash} if dash else {})})
+        look: dict[str, Any] = {"colour": colour}
+        if line != "-":
+            look["dash"] = [round(1.6 * length, 1) for length in line[1]]
+        looks.append(look)
     return looks
 
 

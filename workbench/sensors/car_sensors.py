@@ -24,6 +24,14 @@ CHASSIS_MOTION_SIZE = 20
 """Quaternion w, x, y, z; position, m; angular velocity, rad/s, and velocity, m/s, in W; angular
 velocity and velocity before the plant's last step; 0 before the first step of a run, when there is
 no acceleration yet, then 1."""
+Vector = tuple[Any, Any, Any]
+GYRO_RANGE = math.radians(2000.0)
+"""Where each axis of the gyroscope saturates, rad/s; BNO055 in fusion mode (Bosch
+BST-BNO055-DS000)."""
+FORCE_RANGE = 4.0 * STANDARD_GRAVITY
+"""Where each axis of its accelerometer saturates, m/s2, gravity included."""
+STEPS = np.repeat([1.0 / 900.0, 1.0 / 900.0, 0.01], 3)
+"""Resolution of the BNO055: rad of the attitude, rad/s and m/s2 per count."""
 
 
 class ChassisMotion(NamedTuple):
@@ -42,16 +50,6 @@ def chassis_motion(values: Any, step: float) -> ChassisMotion:
     x = values.tolist()
     change = [x[19] * (x[7 + k] - x[13 + k]) / step for k in range(6)]
     return ChassisMotion(rotation_rows(x[:4]), x[7:10], change[:3], change[3:])
-
-
-Vector = tuple[Any, Any, Any]
-
-
-GYRO_RANGE, FORCE_RANGE = math.radians(2000.0), 4.0 * STANDARD_GRAVITY
-"""Where each axis of the BNO055 in fusion mode saturates (Bosch BST-BNO055-DS000): rad/s; m/s2,
-gravity included."""
-STEPS = np.repeat([1.0 / 900.0, 1.0 / 900.0, 0.01], 3)
-"""Its resolution: rad of the attitude, rad/s and m/s2 per count."""
 
 
 def in_body(R_WB: Any, vector: Any) -> Vector:

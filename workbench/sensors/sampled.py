@@ -19,6 +19,10 @@ from aerodima.workbench.systems.system_ports import (
 
 TOLERANCE = 1e-9
 """Relative; a rate of exactly 1/step, or a delay of whole periods, may miss by rounding."""
+TURN = 2.0 * math.pi
+"""One turn, rad."""
+BLOCK = 64
+"""Samples drawn at once; part of the stream's definition."""
 
 
 def check_rate(rate: float, step: float | None, name: str) -> None:
@@ -107,7 +111,10 @@ class SampledSensor(LeafSystem):
             "age", 1, weakly(self._calc_age), {self.time_ticket(), self._sample_time.ticket}
         )
         self.DeclareInitializationUnrestrictedUpdateEvent(self._initialise)
-        period = period_of(rate, Stage.SENSOR) if discrete else 1.0 / rate
+        if discrete:
+            period = period_of(rate, Stage.SENSOR)
+        else:
+            period = 1.0 / rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._sample)
         if not self._shows_at_once:
             self.DeclarePeriodicDiscreteUpdateEvent(period, lag * rate * period, self._show)
@@ -150,7 +157,8 @@ class SampledSensor(LeafSystem):
 
     def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
         """Takes a sample; the new row of the queue."""
-        queue = row = self._row(context)
+        row = self._row(context)
+        queue = row
         if self._queue_length > 1:
             queue = np.concatenate((self._queue.read(context)[self._row_size :], row))
         if self._shows_at_once:
@@ -169,9 +177,6 @@ class SampledSensor(LeafSystem):
 
     def _calc_age(self, context: Context, output: BasicVector) -> None:
         output[0] = context.get_time() - self._sample_time.read(context)[0]
-
-
-TURN = 2.0 * math.pi
 
 
 class AngleEncoder(SampledSensor):
@@ -237,10 +242,6 @@ class AngleEncoder(SampledSensor):
         past = self._past.read(context)
         self._past.write(discrete_state, np.concatenate((past[1:], row[:1])))
         return row
-
-
-BLOCK = 64
-"""Samples drawn at once; part of the stream's definition."""
 
 
 class CounterNoise:

@@ -66,8 +66,21 @@ Progress = Callable[[float, float], None]
 Check = Callable[[Context], None]
 """Raises when the run must not go on."""
 
-TOLD_EVERY, CHECKED_EVERY = 0.1, 0.02
-"""Time between two calls, s of the run: of the progress alone, and with a check."""
+TOLD_EVERY = 0.1
+"""Time between two calls of the progress without a check, s of the run."""
+CHECKED_EVERY = 0.02
+"""Time between two calls with a check, s of the run."""
+_TIME_MARGIN = 1e-9
+"""Rounding of a time, s."""
+DRIVER_PORTS = ("planned_turn", "state")
+"""Ports of driver and tail controller that the log has beside their commands."""
+LOOKS = 50.0
+"""Looks per second, Hz, for a certain outcome that ends a trial; its table ends at the row of the
+flip all the same."""
+Build = Callable[[DiagramBuilder, Diagram], object]
+"""Adds what drives a station to the builder, in which the station stands, and connects its input
+ports. What it exports or logs fills columns of the log (`OpenBuilder.signals`); exported as
+`planned_turn` or `state`, those of driver and controller."""
 
 
 @dataclass(frozen=True)
@@ -117,16 +130,6 @@ class LiveView:
         return monitor
 
 
-_TIME_MARGIN = 1e-9
-"""s."""
-
-DRIVER_PORTS = ("planned_turn", "state")
-"""Ports of driver and tail controller that the log has beside their commands."""
-LOOKS = 50.0
-"""Looks per second, Hz, for a certain outcome that ends a trial; its table ends at the row of the
-flip all the same."""
-
-
 @dataclass(frozen=True)
 class CarDiagram:
     """A station with what drives it and the roll estimator around it, and the ports worth
@@ -139,12 +142,6 @@ class CarDiagram:
     station: Diagram
     signals: Signals
     own: Signals
-
-
-Build = Callable[[DiagramBuilder, Diagram], object]
-"""Adds what drives a station to the builder, in which the station stands, and connects its input
-ports. What it exports or logs fills columns of the log (`OpenBuilder.signals`); exported as
-`planned_turn` or `state`, those of driver and controller."""
 
 
 def build_of(
@@ -200,17 +197,17 @@ def assemble(
     builder.AddSystem(station)
     (build or build_of(scenario, tail_law, schedule, lean))(builder, station)
     ports = builder.sources(station)
-    if missing := [name for name in STATION_INPUTS if name not in ports]:
+    missing = [name for name in STATION_INPUTS if name not in ports]
+    if missing:
         raise UserError(
             f"build: station port {', '.join(missing)}: not connected; each of them commands the "
             "car"
         )
     for name in DRIVER_PORTS:
-        ports[name] = (
-            builder.exported.pop(name)
-            if name in builder.exported
-            else constant(builder, f"no_{name}", [0.0])
-        )
+        if name in builder.exported:
+            ports[name] = builder.exported.pop(name)
+        else:
+            ports[name] = constant(builder, f"no_{name}", [0.0])
     sources: list[System] = [station]
     if not lean:
         from aerodima.workbench.sensors.roll_estimator import RollEstimator
@@ -221,9 +218,10 @@ def assemble(
         )
         sources.append(RollEstimator.add_to_builder(builder, settings, station=station))
     signals = signals_of(CAR_PORTS, ports | output_ports(*sources)) + truth_signals(station)
-    own = builder.signals(
-        names_of(sensor_columns()) + [name for _, names in signals for name in names]
-    )
+    taken = names_of(sensor_columns())
+    for _, names in signals:
+        taken += names
+    own = builder.signals(taken)
     return CarDiagram(builder, station, signals + own, own)
 
 
@@ -242,7 +240,9 @@ def truth_signals(station: Diagram) -> Signals:
         names = names_of(plant_position_columns(plant.GetPositionNames()))
         names += [f"plant_velocity_{name}" for name in plant.GetVelocityNames()]
         signals.append((ports["plant_state_truth"], names))
-    return signals + ([] if wind is None else signals_of(CAR_TRUTH, {"wind_truth": wind}))
+    if wind is not None:
+        signals += signals_of(CAR_TRUTH, {"wind_truth": wind})
+    return signals
 
 
 def run_car(
@@ -268,9 +268,8 @@ def run_car(
         RunRecorder.add_to_builder(car.builder, rows, car.signals, settings.log_rate, settings.step)
         sections: SectionWatch | None = None
         if car.station.HasOutputPort("tail_sections_truth"):
-            seen, valid = (
-                car.station.GetOutputPort(f"tail_{name}_truth") for name in ("sections", "validity")
-            )
+            seen = car.station.GetOutputPort("tail_sections_truth")
+            valid = car.station.GetOutputPort("tail_validity_truth")
             sections = SectionWatch.add_to_builder(
                 car.builder, "section_watch", seen, valid, scenario.controller.rate
             )
@@ -307,10 +306,16 @@ def run_outcome(
         outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
         metadata = _metadata(car, scenario, law, build)
         simulator = Simulator(car.builder.Build())
-        begin = start_speed(scenario) if speed is None else speed
+        if speed is None:
+            begin = start_speed(scenario)
+        else:
+            begin = speed
         _set_rolling(car, simulator.get_mutable_context(), scenario, begin)
         view.begin(simulator, run_time(scenario))
-        stop_after = turn_end(scenario) if stop_when_certain else math.inf
+        if stop_when_certain:
+            stop_after = turn_end(scenario)
+        else:
+            stop_after = math.inf
         for time in _looks(scenario, stop_after):
             simulator.AdvanceTo(time)
             if outcome.is_certain(simulator.get_context(), stop_after):
@@ -324,7 +329,9 @@ def run_outcome(
 
 def _over(car: CarDiagram, build: Build | None) -> AbstractContextManager[None]:
     """`released`, unless the diagram is a user's, who may still hold systems of it."""
-    return released(car.builder) if build is None else nullcontext()
+    if build is None:
+        return released(car.builder)
+    return nullcontext()
 
 
 def start_speed(scenario: Scenario) -> float:
@@ -364,13 +371,18 @@ def _looks(scenario: Scenario, first: float) -> Iterator[float]:
 def _behind_rows(scenario: Scenario, time: float) -> float:
     """When the rows of an instant are written and the plant has not yet stepped, s."""
     instant = step_instant(time, scenario.simulation.step)
-    return time * (1.0 - 0.5 * LEAD) if instant is None else instant
+    if instant is None:
+        return time * (1.0 - 0.5 * LEAD)
+    return instant
 
 
 def _metadata(
     car: CarDiagram, scenario: Scenario, law: TailLaw | None, build: Build | None
 ) -> dict[str, Any]:
-    facts = swing_facts(scenario) if law is None else {TAIL_LAW: type(law).__name__}
+    if law is None:
+        facts = swing_facts(scenario)
+    else:
+        facts = {TAIL_LAW: type(law).__name__}
     if build is not None:
         facts = {DIAGRAM: name_of(build)}
     return run_metadata(scenario.resolved(), scenario.seed, extra=plant_facts(car.station) | facts)
@@ -398,20 +410,21 @@ def turn_end(scenario: Scenario) -> float:
         manoeuvre.first_angle,
         manoeuvre.first_hold,
     )
-    steps = (manoeuvre.turns, manoeuvre.turn_gap) if manoeuvre.kind == "turn" else ()
-    return (
-        turn_start(scenario)
-        + steering_time(manoeuvre.turn_hold, *steps)
-        + angle / servo.rate
-        + slack
-    )
+    if manoeuvre.kind == "turn":
+        steered = steering_time(manoeuvre.turn_hold, manoeuvre.turns, manoeuvre.turn_gap)
+    else:
+        steered = steering_time(manoeuvre.turn_hold)
+    return turn_start(scenario) + steered + angle / servo.rate + slack
 
 
 def plant_facts(station: Diagram) -> dict[str, float]:
     """Masses (kg) of a simulated station, for `extra` of a run log."""
     car = simulated_car(station)
     context = car.plant.CreateDefaultContext()
-    tail_mass = 0.0 if car.tail is None else car.plant.CalcTotalMass(context, [car.tail])
+    if car.tail is None:
+        tail_mass = 0.0
+    else:
+        tail_mass = car.plant.CalcTotalMass(context, [car.tail])
     return {
         "tail_mass_kg": tail_mass,
         "total_mass_kg": car.plant.CalcTotalMass(context, car.instances),

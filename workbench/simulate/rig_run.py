@@ -55,7 +55,9 @@ def run_rig(
     """
     if scenario.experiment.kind == "static":
         held = simulate_static_log(scenario)
-        return held if log is None else read_run_log(write_run_log(held, log, force=force))
+        if log is None:
+            return held
+        return read_run_log(write_run_log(held, log, force=force))
     view = view or LiveView()
     builder, station = assemble_rig(scenario, view.meshcat)
     signals = signals_of({**RIG_PORTS, **RIG_TRUTH}, output_ports(station))
@@ -96,7 +98,10 @@ def assemble_rig(
             commander.GetOutputPort("tail_command"), station.GetInputPort("tail_command")
         )
         return builder, station
-    target = rig.holding_current(experiment.target) if experiment.actuated else 0.0
+    if experiment.actuated:
+        target = rig.holding_current(experiment.target)
+    else:
+        target = 0.0
     controller = builder.AddSystem(
         CurrentController(scenario, rig.holding_current(experiment.angle), target)
     )
@@ -118,8 +123,7 @@ def _range_check(scenario: RigScenario, station: Diagram) -> Check:
         if abs(angle) > limit:
             raise UserError(
                 f"the tail left its range at {context.get_time():.2f} s: {angle:g} rad; allowed: "
-                "within "
-                f"mount.angle_limit, +-{limit:g} rad"
+                f"within mount.angle_limit, +-{limit:g} rad"
             )
 
     return check

@@ -86,8 +86,7 @@ def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:
     if not law.knows_normal:
         raise ModelError(
             f"tail.coefficients: {tail.coefficients} has a {chosen.law_kind} law; allowed with "
-            "tail.sail "
-            f"{tail.sail!r}: {', '.join(SAIL_LAWS)}"
+            f"tail.sail {tail.sail!r}: {', '.join(SAIL_LAWS)}"
         )
     return facing_law(law) if tail.sail == "facing" else law, limit
 
@@ -170,10 +169,15 @@ def add_sail_report(
         )
         for number, (layout, law) in enumerate(sail_strips(tail))
     ]  # fmt: skip
-    shown = lines[:1] if tail.sail == "free" else lines
+    if tail.sail == "free":
+        shown = lines[:1]
+    else:
+        shown = lines
 
     def joined(name: str) -> OutputPort:
         ports = [line.GetOutputPort(name) for line in shown]
-        return ports[0] if len(ports) == 1 else stacked(builder, f"sail_{name}", ports)
+        if len(ports) == 1:
+            return ports[0]
+        return stacked(builder, f"sail_{name}", ports)
 
     return SailReport(joined("sections"), joined("validity"))

@@ -121,9 +121,9 @@ class CarDrives(LeafSystem):
             "steering_angle": 1,
         }
         if p_BoSo_B is not None:
-            sizes |= dict.fromkeys(TAIL_COMMANDS, TAIL_COMMAND.size) | (
-                {"wind_velocity": 3} if windy else {}
-            )
+            sizes |= dict.fromkeys(TAIL_COMMANDS, TAIL_COMMAND.size)
+            if windy:
+                sizes["wind_velocity"] = 3
         self._parts = {
             name: slice(place.start, place.stop) for name, place in _ranges(**sizes).items()
         }
@@ -132,8 +132,9 @@ class CarDrives(LeafSystem):
         self.DeclareVectorOutputPort(
             "drives", DRIVES_SIZE, weakly(self._calc), prerequisites_of_calc=tickets
         )
-        self._p_BoSo_B = None if p_BoSo_B is None else p_BoSo_B.tolist()
+        self._p_BoSo_B = None
         if p_BoSo_B is not None:
+            self._p_BoSo_B = p_BoSo_B.tolist()
             self._joints = TailJoints.of_scenario(scenario)
             self._lines = sail_strips(scenario.tail)
             inputs = {self.all_input_ports_ticket()}
@@ -203,7 +204,10 @@ class CarDrives(LeafSystem):
 
     def _line(self, x: list[float], layout: SectionLayout, sail: SailMotion) -> LineMotion:
         """Motion of a line of sections against the air."""
-        wind = x[self._parts["wind_velocity"]] if "wind_velocity" in self._parts else None
+        if "wind_velocity" in self._parts:
+            wind = x[self._parts["wind_velocity"]]
+        else:
+            wind = None
         return layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, wind)
 
     def _air(self, x: list[float]) -> tuple[float, ...]:
@@ -306,10 +310,10 @@ def add_car_drives(
     plant = car.plant
     p_BoSo_B = None
     if car.tail is not None:
-        chassis, sail = (plant.GetFrameByName(name) for name in ("chassis", "tail_sail"))
-        p_BoSo_B = plant.CalcRelativeTransform(
-            plant.CreateDefaultContext(), chassis, sail
-        ).translation()
+        chassis = plant.GetFrameByName("chassis")
+        sail = plant.GetFrameByName("tail_sail")
+        X_BS = plant.CalcRelativeTransform(plant.CreateDefaultContext(), chassis, sail)
+        p_BoSo_B = X_BS.translation()
     system = CarDrives(scenario, p_BoSo_B, wind is not None)
     builder.AddSystem(system)
     hold = SampledHold if plant.has_sampled_output_ports() else ZeroOrderHold
@@ -326,14 +330,12 @@ def add_car_drives(
     wires.feed(
         last.get_input_port(), one, *driven.moves("velocity"), *driven.moves("rates")[:2], *kept
     )
-    commands: list[Part] = [
-        "throttle",
-        "steering_angle",
-        *(TAIL_COMMANDS if car.tail is not None else ()),
-    ]
-    wires.feed(
-        system.get_input_port(), *motion, driven.last, *commands, *([] if wind is None else [wind])
-    )
+    inputs: list[Part] = [*motion, driven.last, "throttle", "steering_angle"]
+    if car.tail is not None:
+        inputs += TAIL_COMMANDS
+    if wind is not None:
+        inputs.append(wind)
+    wires.feed(system.get_input_port(), *inputs)
     drives = system.GetOutputPort("drives")
     for port, rows in _driven_ports(car):
         wires.feed(

@@ -89,10 +89,14 @@ def _simulate(
     wires = Wires(builder, STATION_INPUTS)
     wind = add_wind_source(builder, scenario)
     gusts = wind is not None and scenario.wind.gust_amplitude > 0.0
-    pushing = wind.GetOutputPort("wind_acceleration") if wind and gusts else None
+    pushing = None
+    if wind and gusts:
+        pushing = wind.GetOutputPort("wind_acceleration")
     seen = with_truth or meshcat is not None
     car = add_car_plant(builder, scenario, pushing, sampled_outputs=with_truth, drawn=seen)
-    blowing = None if wind is None else wind.GetOutputPort("wind_velocity")
+    blowing = None
+    if wind is not None:
+        blowing = wind.GetOutputPort("wind_velocity")
     driven = add_car_drives(builder, wires, scenario, car, blowing)
     reports: dict[str, System] = {}
     if car.tail is None:
@@ -109,16 +113,15 @@ def _simulate(
         builder.AddSystem(sensor)
         wires.feed(sensor.GetInputPort("chassis_motion"), *driven.chassis_motion)
     wires.feed("tail_torque", driven.drive("motor_torques"))
-    export_outputs(
-        builder,
-        {
-            "imu": imu.GetOutputPort("imu"),
-            "speed": gps.GetOutputPort("speed"),
-            "status": _add_status(builder, {"imu_age": imu, "speed_age": gps}, reports),
-            "plant_state_truth": car.plant.get_state_output_port(),
-            **(_add_truth(builder, wires, scenario, car, driven, blowing) if with_truth else {}),
-        },
-    )
+    outputs = {
+        "imu": imu.GetOutputPort("imu"),
+        "speed": gps.GetOutputPort("speed"),
+        "status": _add_status(builder, {"imu_age": imu, "speed_age": gps}, reports),
+        "plant_state_truth": car.plant.get_state_output_port(),
+    }
+    if with_truth:
+        outputs |= _add_truth(builder, wires, scenario, car, driven, blowing)
+    export_outputs(builder, outputs)
     if car.tail is not None and not with_truth:
         wires.feed("last_tail_torque_truth", (driven.last, LAST["motor_torques"]))
     if blowing is not None:
@@ -149,28 +152,37 @@ def _add_tail(
         )
         # A sail that faces the wind has no joint, its angle is that of the wind.
         free = scenario.tail.sail == "free"
-        turn = driven.moves("angles")[2] if free else driven.system.GetOutputPort("wind_direction")
+        if free:
+            turn = driven.moves("angles")[2]
+        else:
+            turn = driven.system.GetOutputPort("wind_direction")
         wires.feed(sail.GetInputPort("joint_angle"), turn)
         angle, rate = map(sail.GetOutputPort, ("angle", "rate"))
     wires.feed(
         "tail_state", encoders.GetOutputPort("angles"), angle, encoders.GetOutputPort("rates"), rate
     )
-    return {f"{part}_age": sail if part == "sail" else encoders for part in TAIL_PARTS}
+    sensors: dict[str, System] = {f"{part}_age": encoders for part in TAIL_PARTS}
+    sensors["sail_age"] = sail
+    return sensors
 
 
 def _add_status(
     builder: DiagramBuilder, reports: dict[str, System], tail: dict[str, System]
 ) -> OutputPort:
     """From the sensors by field of their age; those of the tail are none without one."""
+    sensors = reports | tail
+    healthy = [*HEALTHY]
+    fault = 0.0
+    if not tail:
+        healthy += [f"{part}_age" for part in TAIL_PARTS]
+        fault = NOT_FITTED
     return add_status(
         builder,
         STATUS,
         {},
-        [*HEALTHY, *([] if tail else (f"{part}_age" for part in TAIL_PARTS))],
-        samples={
-            name: sensor.GetOutputPort("sample_time") for name, sensor in (reports | tail).items()
-        },
-        faults={f"{part}_fault": 0.0 if tail else NOT_FITTED for part in TAIL_PARTS},
+        healthy,
+        samples={name: sensor.GetOutputPort("sample_time") for name, sensor in sensors.items()},
+        faults={f"{part}_fault": fault for part in TAIL_PARTS},
     )
 
 

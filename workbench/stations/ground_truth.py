@@ -47,6 +47,11 @@ COM_COLUMNS = [f"com_{axis}_truth_m" for axis in _XYZ] + [
     f"com_velocity_{axis}_truth_m_per_s" for axis in _XYZ
 ]
 """Position and velocity of the centre of mass of the whole plant in W."""
+BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
+CONTACT_TRUTH = PortFields("ContactTruth", tuple(names_of(CAR_TRUTH["contact_truth"])))
+TAIL_TRUTH = PortFields("TailTruth", tuple(names_of(CAR_TRUTH["tail_truth"])))
+LEAST_LOAD = 1e-9
+"""N; of a wheel in the air, whose contact point is the origin."""
 
 
 def pose_columns(body: str) -> list[str]:
@@ -96,7 +101,8 @@ class _Kinematics(LeafSystem):
 
     def _kinematics_at(self, context: Context) -> Context:
         state = vector_of(self._state_port, context)
-        if (known := state.tobytes()) != self._known:  # else what was computed at this state stays
+        known = state.tobytes()
+        if known != self._known:  # else what was computed at this state stays
             self._plant.SetPositionsAndVelocities(self._kinematics, state)
             self._known = known
         return self._kinematics
@@ -198,15 +204,6 @@ class PlantTruth(_Kinematics):
             X_WB = self._plant.EvalBodyPoseInWorld(kinematics, self._plant.get_body(index))
             rows += [X_WB.rotation().ToQuaternion().wxyz(), X_WB.translation()]
         output.SetFromVector(np.concatenate(rows))
-
-
-BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
-CONTACT_TRUTH = PortFields("ContactTruth", tuple(names_of(CAR_TRUTH["contact_truth"])))
-TAIL_TRUTH = PortFields("TailTruth", tuple(names_of(CAR_TRUTH["tail_truth"])))
-
-
-LEAST_LOAD = 1e-9
-"""N; of a wheel in the air, whose contact point is the origin."""
 
 
 class CarTruth(_Kinematics):
@@ -343,10 +340,9 @@ def contact_slots(car_plant: CarPlant) -> dict[int, str]:
             body = plant.get_body(index)
             for geometry in plant.GetCollisionGeometriesForBody(body):
                 shape = inspector.GetName(geometry).split("::")[-1]
-                part = (
-                    body.name().removesuffix("_wheel")
-                    if shape.startswith("tyre")
-                    else shape.split("_")[0]
-                )
+                if shape.startswith("tyre"):
+                    part = body.name().removesuffix("_wheel")
+                else:
+                    part = shape.split("_")[0]
                 slots[geometry.get_value()] = part
     return slots

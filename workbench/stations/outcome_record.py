@@ -134,13 +134,10 @@ class GroundLoads:
         for shape in self._shapes:
             up, height = self._height(shape.body, now, known[0])
             x, p_BoC_B = shape.contact(up, height)
-            later, earlier = (
-                height + np.sum(p_BoC_B * up, axis=0)
-                for up, height in (
-                    self._height(shape.body, ahead, known[1]),
-                    self._height(shape.body, behind, known[2]),
-                )
-            )
+            up_ahead, height_ahead = self._height(shape.body, ahead, known[1])
+            up_behind, height_behind = self._height(shape.body, behind, known[2])
+            later = height_ahead + np.sum(p_BoC_B * up_ahead, axis=0)
+            earlier = height_behind + np.sum(p_BoC_B * up_behind, axis=0)
             rate = (earlier - later) / (2.0 * _NUDGE * step)
             force = (
                 shape.stiffness
@@ -260,7 +257,9 @@ class FlipWatch(LeafSystem):
 
     def facts(self) -> dict[str, float]:
         """For `extra` of the log: when the watch ended the run, if it did."""
-        return {} if self.stopped is None else {STOPPED: self.stopped}
+        if self.stopped is None:
+            return {}
+        return {STOPPED: self.stopped}
 
     def _look(self, context: Context) -> EventStatus:
         state = vector_of(self._state, context)
@@ -324,7 +323,9 @@ class OutcomeRecord:
         q = chassis.floating_positions_start()
         v = self._plant.num_positions() + chassis.floating_velocities_start_in_v()
         self._quaternion = slice(q, q + 4)
+        self._position = slice(q + 4, q + 7)
         self._spin = slice(v, v + 3)
+        self._velocity = slice(v, v + 6)
         still = scenario.wind.is_still or scenario.tail.mode == "none"
         self._look_back = CALM_FOR + 0.05 + 1.0 / self._rate
         self._may_settle = still and scenario.manoeuvre.kind == "turn"
@@ -355,10 +356,8 @@ class OutcomeRecord:
         pressed = dict.fromkeys(CONTACT_COLUMNS, np.full(time.size - first, math.inf))
         if settled_row(motion | pressed, since) is None:
             return False  # whatever the forces of the ground are, which cost most
-        return (
-            settled_row(motion | self._contacts(state, self._steps(time[first:])), since)
-            is not None
-        )
+        contacts = self._contacts(state, self._steps(time[first:]))
+        return settled_row(motion | contacts, since) is not None
 
     def table(self, context: Context, stop_after: float) -> tuple[pd.DataFrame, dict[str, float]]:
         """One row per log time, columns as in a run log; up to that at which a `FlipWatch` at every
@@ -373,7 +372,9 @@ class OutcomeRecord:
         state = self._states(context)
         time = self._times(context)
         over = self._over(state, time, stop_after)
-        rows = slice(0, int(np.argmax(over)) + 1 if over.any() else time.size)
+        rows = slice(0, time.size)
+        if over.any():
+            rows = slice(0, int(np.argmax(over)) + 1)
         steps = self._steps(time[rows])
         lifts = self._loads.lifts(state[: self._plant.num_positions(), steps])
         columns = self._motion(context, state, rows) | self._contacts(state, steps)
@@ -381,7 +382,9 @@ class OutcomeRecord:
         end = float(table[TIME].iloc[-1])
         if over.any():
             return table, {STOPPED: end}
-        return table, {SETTLED: end} if end < run_time(self._scenario) - 1.0 / self._rate else {}
+        if end < run_time(self._scenario) - 1.0 / self._rate:
+            return table, {SETTLED: end}
+        return table, {}
 
     def _times(self, context: Context) -> FloatArray:
         return np.arange(self._rows.FindLog(context).num_samples()) / self._rate
@@ -412,24 +415,22 @@ class OutcomeRecord:
 
     def _body(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
         """Motion of the chassis, by the definitions of `ground_truth.CarTruth`."""
-        chassis = self._plant.GetBodyByName("chassis")
         step = self._scenario.simulation.step
-        q = chassis.floating_positions_start()
-        v = self._plant.num_positions() + chassis.floating_velocities_start_in_v()
         state = states[:, steps]
-        velocity = state[v : v + 6]
-        change = (velocity - states[v : v + 6, np.maximum(steps - 1, 0)]) / step
-        R_WB: Any = rotation_rows(state[q : q + 4])
+        velocity = state[self._velocity]
+        change = (velocity - states[self._velocity, np.maximum(steps - 1, 0)]) / step
+        R_WB: Any = rotation_rows(state[self._quaternion])
         motion = ChassisMotion(R_WB, velocity[:3], change[:3], change[3:])
         gyro, acceleration = felt_at(motion, (self._scenario.imu.x, 0.0, self._scenario.imu.z))
+        up = R_WB[2]
         named = {
-            "roll_truth_rad": np.arctan2(R_WB[2][1], R_WB[2][2]),
-            "pitch_truth_rad": np.arcsin(np.clip(-R_WB[2][0], -1.0, 1.0)),
+            "roll_truth_rad": np.arctan2(up[1], up[2]),
+            "pitch_truth_rad": np.arcsin(np.clip(-up[0], -1.0, 1.0)),
             "yaw_truth_rad": np.unwrap(np.arctan2(R_WB[1][0], R_WB[0][0])),
-            "tilt_truth_rad": np.arccos(np.clip(R_WB[2][2], -1.0, 1.0)),
+            "tilt_truth_rad": np.arccos(np.clip(up[2], -1.0, 1.0)),
         }
         vectors: dict[str, Any] = {
-            "position_{}_truth_m": state[q + 4 : q + 7],
+            "position_{}_truth_m": state[self._position],
             "velocity_{}_truth_m_per_s": in_body(R_WB, velocity[3:]),
             "gyro_{}_truth_rad_per_s": gyro,
             "acceleration_{}_truth_m_per_s2": acceleration,
@@ -450,12 +451,11 @@ class OutcomeRecord:
         last = self._steps_log.FindLog(context).data()[self._plant.num_multibody_states() :]
         torques = np.column_stack((last[:, 1:], at_end))[:, steps]
         joints = [self._plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")]
-        rates = states[[self._plant.num_positions() + joint.velocity_start() for joint in joints]][
-            :, steps
-        ]
-        return dict(zip(names, torques, strict=True)) | {
-            "tail_power_truth_w": np.sum(torques * rates, axis=0)
-        }
+        places = [self._plant.num_positions() + joint.velocity_start() for joint in joints]
+        rates = states[places][:, steps]
+        columns = dict(zip(names, torques, strict=True))
+        columns["tail_power_truth_w"] = np.sum(torques * rates, axis=0)
+        return columns
 
     def _contacts(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
         """Vertical forces of the ground in the step before each row, N; none before the first

@@ -56,6 +56,13 @@ from aerodima.workbench.systems.system_ports import (
     weakly,
 )
 
+RIG_COLUMN_NAMES = tuple(names_of(rig_columns()))
+NO_OFFSETS = (0.0,) * 6
+"""Offsets of the bare bar and the robot's tail, for which none are published."""
+RigInterfaceFactory = Callable[[RigScenario], System]
+"""Makes the system that talks to the real rig, with exactly the ports of `ROBOT_RIG_INPUTS` and
+`RIG_OUTPUTS`."""
+
 
 class MaxonMotor(LeafSystem):
     """Current to torque on the bar: torque = -k_t N current, since a positive current pushes the
@@ -82,7 +89,9 @@ class MaxonMotor(LeafSystem):
     def current(self, command: float) -> float:
         """Current that flows at a command, A."""
         limit = self._settings.current_limit
-        return min(max(command, -limit), limit) if command == command else 0.0
+        if command == command:
+            return min(max(command, -limit), limit)
+        return 0.0
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         command = vector_of(self._command, context)
@@ -93,11 +102,6 @@ class MaxonMotor(LeafSystem):
     def _calc_current(self, context: Context, output: BasicVector) -> None:
         command = vector_of(self._command, context)
         output.SetFromVector(np.array([self.current(float(command[0]))]))
-
-
-RIG_COLUMN_NAMES = tuple(names_of(rig_columns()))
-NO_OFFSETS = (0.0,) * 6
-"""Offsets of the bare bar and the robot's tail, for which none are published."""
 
 
 def sensor_offsets(scenario: RigScenario) -> tuple[float, ...]:
@@ -218,11 +222,6 @@ def _hold(rig: Rig, angle: float) -> tuple[float, np.ndarray]:
     """Current (A) that holds an angle (rad), and the wrench of the support then (6)."""
     current = rig.holding_current(angle)
     return current, rig.reaction_at_current(angle, 0.0, current).wrench
-
-
-RigInterfaceFactory = Callable[[RigScenario], System]
-"""Makes the system that talks to the real rig, with exactly the ports of `ROBOT_RIG_INPUTS` and
-`RIG_OUTPUTS`."""
 
 
 def make_rig_station(

@@ -44,6 +44,14 @@ from aerodima.workbench.errors import UserError
 
 LeafSystem_: Any = vars(pydrake.systems.framework)["LeafSystem_"]
 """Drake's template of leaf systems."""
+SystemT = TypeVar("SystemT", bound=System)
+Part = OutputPort | str | tuple[OutputPort, Sequence[int]]
+"""Of what a port is made: another port, an input of the diagram by its name, or some elements of a
+port."""
+_LONG = 1e9
+"""Time until which the clock of `add_status` runs, s."""
+LEAD = 1e-9
+"""Share of the time by which one stage comes before the next."""
 
 
 def system_template(name: str, module: str) -> Callable[[Callable[[Any], Any]], Any]:
@@ -142,9 +150,6 @@ class DiscreteVector:
         discrete_state.set_value(self._index, new)
 
 
-SystemT = TypeVar("SystemT", bound=System)
-
-
 def connected(
     builder: DiagramBuilder, system: SystemT, name: str = "", /, **inputs: OutputPort
 ) -> SystemT:
@@ -166,11 +171,6 @@ def transformed(
     name.
     """
     return connected(builder, MatrixGain(matrix), name, u0=source).get_output_port()
-
-
-Part = OutputPort | str | tuple[OutputPort, Sequence[int]]
-"""Of what a port is made: another port, an input of the diagram by its name, or some elements of a
-port."""
 
 
 class Wires:
@@ -201,7 +201,9 @@ class Wires:
                 self._sources.append(source)
                 self._sizes.append(source.size())
             place = self._sources.index(source)
-            for index in range(self._sizes[place]) if indices is None else indices:
+            if indices is None:
+                indices = range(self._sizes[place])
+            for index in indices:
                 selections.append(
                     SelectorParams.OutputSelection(input_port_index=place, input_offset=index)
                 )
@@ -248,10 +250,6 @@ def constant(builder: DiagramBuilder, name: str, value: ArrayLike) -> OutputPort
     ).get_output_port()
 
 
-_LONG = 1e9
-"""s; until then the clock of `add_status` runs."""
-
-
 def add_status(
     builder: DiagramBuilder,
     fields: PortFields,
@@ -276,11 +274,12 @@ def add_status(
     samples = samples or {}
     faults = {"armed": 1.0, **(faults or {})}
     known = [*faults, *sources, *samples, *healthy]
-    if wrong := [
+    wrong = [
         name
         for name in {*fields.fields, *known}
         if known.count(name) != 1 or name not in fields.fields
-    ]:
+    ]
+    if wrong:
         raise ValueError(
             f"status: {', '.join(sorted(wrong))}; needed once each: {', '.join(fields.fields)}"
         )
@@ -293,9 +292,8 @@ def add_status(
         gains[fields.index(name), 1] = float(name in samples)
     line = PiecewisePolynomial.FirstOrderHold([0.0, _LONG], [[1.0, 1.0], [0.0, _LONG]])
     clock = builder.AddNamedSystem("status_clock", TrajectorySource(line)).get_output_port()
-    return transformed(
-        builder, "status", stacked(builder, "status_inputs", [clock, *ports.values()]), gains
-    )
+    inputs = stacked(builder, "status_inputs", [clock, *ports.values()])
+    return transformed(builder, "status", inputs, gains)
 
 
 def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> None:
@@ -350,10 +348,6 @@ def _sizes(ports: dict[str, int]) -> str:
     return ", ".join(f"{name} ({size})" for name, size in sorted(ports.items())) or "none"
 
 
-LEAD = 1e-9
-"""Share of the time by which one stage comes before the next."""
-
-
 class Stage(IntEnum):
     """Who acts at one instant before the plant steps; the larger, the earlier.
 
@@ -385,7 +379,9 @@ def row_period(rate: float, step: float) -> float:
     """
     steps = round(1.0 / (rate * step))
     shared = math.isclose(steps * rate * step, 1.0) and steps.bit_count() == 1
-    return steps * step if shared else period_of(rate, Stage.RECORD)
+    if shared:
+        return steps * step
+    return period_of(rate, Stage.RECORD)
 
 
 def nominal_time(time: float, rate: float) -> float:
