@@ -115,7 +115,10 @@ class BusWatch:
         """Reason why it is not healthy; empty while it is."""
         # Until the bus was last looked at: a loop that stood still since then is no silence of the
         # Teensy.
-        waited = 0.0 if self._asked is None else self._polled - self._asked
+        if self._asked is None:
+            waited = 0.0
+        else:
+            waited = self._polled - self._asked
         if waited > self._timeout:
             return f"the Teensy does not answer on the CAN bus for {waited:.2f} s"
         if self._status is None:

@@ -162,11 +162,15 @@ class WiredCar:
     @property
     def motors(self) -> tuple[Motor, ...]:
         """The motors of the tail, pitch and roll; empty while the car is not started."""
-        return () if self.devices is None else self.devices.group.motors
+        if self.devices is None:
+            return ()
+        return self.devices.group.motors
 
     def replies(self, motor_id: int) -> list[tuple[float, CanFrame]]:
         """The newest frames that name a motor, with their arrival (s), oldest first."""
-        heard = () if self.devices is None else self.devices.group.heard
+        if self.devices is None:
+            return []
+        heard = self.devices.group.heard
         return [(when, frame) for when, frame in heard if frame.data[:1] == bytes([motor_id])]
 
     @property
@@ -182,11 +186,15 @@ class WiredCar:
     @property
     def gps_time(self) -> float | None:
         """UTC by the GPS receiver, s since midnight; None while it is not known."""
-        newest = (
-            None if self.devices is None or self.devices.gps is None else self.devices.gps.newest
-        )
-        known = None if newest is None else newest[1].time_of_day
-        return None if newest is None or known is None else known + time.monotonic() - newest[0]
+        if self.devices is None or self.devices.gps is None:
+            return None
+        newest = self.devices.gps.newest
+        if newest is None:
+            return None
+        known = newest[1].time_of_day
+        if known is None:
+            return None
+        return known + time.monotonic() - newest[0]
 
     # -- one cycle
 

@@ -236,9 +236,10 @@ class _SailRate:
         while len(self._past) > 2 and sent - self._past[1][0] >= _RATE_WINDOW - 1e-3:
             self._past.popleft()
         span = sent - self._past[0][0]
-        rate = (
-            math.remainder(angle - self._past[0][1], 2.0 * math.pi) / span if span > 1e-3 else 0.0
-        )
+        if span > 1e-3:
+            rate = math.remainder(angle - self._past[0][1], 2.0 * math.pi) / span
+        else:
+            rate = 0.0
         self._seen = angle, rate
         return self._seen
 

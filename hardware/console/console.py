@@ -130,7 +130,10 @@ class Console:
         """
         if self.failure:
             return
-        self.failure = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        if str(error):
+            self.failure = f"{type(error).__name__}: {error}"
+        else:
+            self.failure = type(error).__name__
         with contextlib.suppress(Exception):  # the radio may be what has died
             self.radio.rest()
         with contextlib.suppress(Exception):

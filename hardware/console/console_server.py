@@ -238,7 +238,10 @@ async def _send(websocket: WebSocket, content: object) -> None:
 
 
 def _headers(view: str | None) -> dict[str, str]:
-    frames = "'none'" if view is None else "{0.scheme}://{0.netloc}".format(urlsplit(view))
+    if view is None:
+        frames = "'none'"
+    else:
+        frames = "{0.scheme}://{0.netloc}".format(urlsplit(view))
     policy = (
         "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src "
         "'self' data:; "

@@ -83,11 +83,9 @@ class OperatorRadio:
         """
         if fault := self._link.fault:
             return f"the radio's port is lost: {fault}"
-        return (
-            f"the radio's port was lost: {self._link.error}"
-            if now - self._lost < _LOST_SHOWN
-            else ""
-        )
+        if now - self._lost < _LOST_SHOWN:
+            return f"the radio's port was lost: {self._link.error}"
+        return ""
 
     def armed(self, now: float) -> bool:
         """Whether the car has just said that its motors take commands, and can be reached."""
@@ -185,7 +183,9 @@ class OperatorRadio:
         )  # a car that is armed anew under a stop is stopped again
 
     def _stops(self) -> list[bytes]:
-        return [make_emergency_stop()] if self.stopped and not self.confirmed else []
+        if self.stopped and not self.confirmed:
+            return [make_emergency_stop()]
+        return []
 
     def _send(self, frames: list[bytes]) -> None:
         """All of a moment in one piece: the next piece may replace it, and carries a stop that is

@@ -178,4 +178,6 @@ def _fault_name(source: str, code: int) -> str:
 
 
 def _finite(value: float) -> float | None:
-    return round(value, 5) if math.isfinite(value) else None
+    if math.isfinite(value):
+        return round(value, 5)
+    return None

@@ -73,7 +73,10 @@ class DirectionProbe:
         return -math.copysign(1.0, self._start - 0.5 * (self._settings.low + self._settings.high))
 
     def _wait_for_rest(self, position: float, speed: float, now: float) -> None:
-        self._quiet = self._quiet + 1 if abs(speed) < _SETTLED else 0
+        if abs(speed) < _SETTLED:
+            self._quiet += 1
+        else:
+            self._quiet = 0
         self._start = position
         if self._quiet >= _QUIET:
             self._way = self._inwards

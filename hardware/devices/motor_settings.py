@@ -73,7 +73,9 @@ def limit_command(
         torque=torque,
     )
     total = abs(pd_torque(limited, position, speed))
-    return limited if total <= most else scale_gains(limited, most / total)
+    if total <= most:
+        return limited
+    return scale_gains(limited, most / total)
 
 
 def scale_gains(command: MitCommand, factor: float) -> MitCommand:
@@ -120,7 +122,10 @@ class MotorLoad:
 
     def add(self, torque: float, now: float) -> None:
         """Takes a measured torque (N m) at `now`, s."""
-        span = 0.0 if self._time is None else max(0.0, now - self._time)
+        if self._time is None:
+            span = 0.0
+        else:
+            span = max(0.0, now - self._time)
         self.used = max(0.0, self.used + (torque * torque - self._rated * self._rated) * span)
         self._time = now
 
@@ -143,8 +148,12 @@ class Lasting:
 
     def look(self, is_so: bool, now: float) -> float:
         """Takes whether it is so at `now`; the time, 0 while it is not."""
-        self._since = (now if self._since is None else self._since) if is_so else None
-        return 0.0 if self._since is None else now - self._since
+        if not is_so:
+            self._since = None
+            return 0.0
+        if self._since is None:
+            self._since = now
+        return now - self._since
 
 
 _RECENT = 0.015
@@ -197,7 +206,10 @@ class Following:
         behind = asked.kp > 0 and abs(error) > safety.tracking_error and error * speed <= 0.0
         behind_for = self._behind.look(behind, now)
         least, most = self._believable(min(torques), max(torques))
-        self._strange = self._strange + 1 if not least <= torque <= most else 0
+        if least <= torque <= most:
+            self._strange = 0
+        else:
+            self._strange += 1
         if self._strange >= safety.strange_replies:
             asks = f"{min(torques):.1f} to {max(torques):.1f}"
             why = "is it off, or are its replies old?"
@@ -272,7 +284,10 @@ class ReplyCount:
         # without frames of its own a motor may still be asked by the Teensy, which repeats its last
         # order
         if frames:
-            self.extra = self.extra + replies if replies else 0
+            if replies:
+                self.extra += replies
+            else:
+                self.extra = 0
 
 
 class MotorSafety(QuantityModel):

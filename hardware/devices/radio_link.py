@@ -78,9 +78,10 @@ class RadioLink:
             return SourceFault.LOST, f"the radio's port is lost: {self._link.fault}"
         age = self.age(now)
         if math.isinf(age):
-            rejected = (
-                f" ({self.rejected} frames rejected: {self.last_error})" if self.rejected else ""
-            )
+            if self.rejected:
+                rejected = f" ({self.rejected} frames rejected: {self.last_error})"
+            else:
+                rejected = ""
             return (
                 SourceFault.NO_SAMPLE_YET,
                 f"the operator's radio has not been heard yet{rejected}",

@@ -86,7 +86,10 @@ class Repeats:
 
     def look(self, said: object) -> None:
         """Takes what it says; None is never a repetition."""
-        self._alike = self._alike + 1 if said is not None and said == self._last else 1
+        if said is not None and said == self._last:
+            self._alike += 1
+        else:
+            self._alike = 1
         self._last = said
         frozen = self._alike > self._most
         self.fault_text = f"the {self._name} has frozen: {self._alike} samples alike" * frozen
@@ -131,7 +134,9 @@ class SensorThread(Generic[T]):
     def age(self, now: float) -> float:
         """Seconds since the newest sample was taken; infinite before the first."""
         newest = self._newest
-        return math.inf if newest is None else max(0.0, now - newest[0])
+        if newest is None:
+            return math.inf
+        return max(0.0, now - newest[0])
 
     def align(self, due: float) -> None:
         """A sample is wanted at `due` (s, monotonic) and every period after it."""
@@ -284,7 +289,10 @@ class Bno055Session(Session[Bno055Sample]):
     def _check_status(self, port: Serial) -> None:
         data = self._ask(port, make_read(Register.SYSTEM_STATUS, 2)).data
         if len(data) == 2:
-            self._reported = f"the IMU reports system error {data[1]}" if data[0] == 1 else ""
+            if data[0] == 1:
+                self._reported = f"the IMU reports system error {data[1]}"
+            else:
+                self._reported = ""
 
     def _miss(self, reason: str) -> None:
         self._missed_in_a_row += 1
@@ -320,7 +328,12 @@ class GpsSession(Session[GpsSample]):
     def read(self, port: Serial) -> tuple[float, GpsSample] | None:
         """The newest solution of the bytes at hand, with their arrival; None if there is none."""
         data = port.read(max(1, port.in_waiting))
-        samples = self.stream.feed(data) if data else []
+        if data:
+            samples = self.stream.feed(data)
+        else:
+            samples = []
         for sample in samples:
             self._repeats.look(sample.speed if sample.speed > _MOVES else None)
-        return (time.monotonic(), samples[-1]) if samples else None
+        if samples:
+            return (time.monotonic(), samples[-1])
+        return None

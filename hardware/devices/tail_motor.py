@@ -102,7 +102,10 @@ class Motor:
     def set_enter(self, now: float) -> None:
         """Begins to switch the motor on. Raises `HardwareError` unless it is off."""
         if self.state is not MotorState.OFF:
-            reason = f" ({self.fault_text}); reset it first" if self.fault else ""
+            if self.fault:
+                reason = f" ({self.fault_text}); reset it first"
+            else:
+                reason = ""
             raise HardwareError(
                 f"{self.settings.name}: cannot be entered while {self.state.name.lower()}{reason}"
             )
@@ -198,7 +201,9 @@ class Motor:
 
     def age(self, now: float) -> float:
         """Seconds since the last valid reply; infinite before the first."""
-        return math.inf if self._reply_time is None else now - self._reply_time
+        if self._reply_time is None:
+            return math.inf
+        return now - self._reply_time
 
     # -- frames
 
@@ -345,9 +350,15 @@ class Motor:
                 self._exit_time = now
 
     def _check_cycle(self, now: float) -> None:
-        gap = 0.0 if self._step_time is None else now - self._step_time
+        if self._step_time is None:
+            gap = 0.0
+        else:
+            gap = now - self._step_time
         self._step_time = now
-        self._unanswered = 0 if self._cycle_replies else self._unanswered + self._cycle_frames
+        if self._cycle_replies:
+            self._unanswered = 0
+        else:
+            self._unanswered += self._cycle_frames
         if not self._unanswered:
             self.missed = 0
         elif (
@@ -366,7 +377,10 @@ class Motor:
         elif (
             self.state is not MotorState.ENTERING or self._probe
         ) and self.missed >= safety.missed_replies:
-            bad = f", {self.bad_frames} bad frames" if self.bad_frames else ""
+            if self.bad_frames:
+                bad = f", {self.bad_frames} bad frames"
+            else:
+                bad = ""
             self.set_fault(MotorFault.NO_REPLY, f"no reply for {self.missed} cycles{bad}", now)
 
     def _enter(self, now: float) -> None:
@@ -374,7 +388,10 @@ class Motor:
         if self._enter_replies >= safety.enter_replies:
             self._try_direction(now)
         elif now - self._state_time > safety.enter_timeout:
-            bad = f" ({self.bad_frames} bad frames)" if self.bad_frames else ""
+            if self.bad_frames:
+                bad = f" ({self.bad_frames} bad frames)"
+            else:
+                bad = ""
             self.set_fault(
                 MotorFault.NO_REPLY, f"does not answer{bad}; is it powered, is its id right?", now
             )

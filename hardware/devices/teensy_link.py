@@ -163,7 +163,9 @@ class TeensyLink:
 
     def age(self, now: float) -> float:
         """Seconds since the last valid reply string; infinite before the first."""
-        return math.inf if self._reply_time is None else now - self._reply_time
+        if self._reply_time is None:
+            return math.inf
+        return now - self._reply_time
 
     def set_pulses(self, servo: int, throttle: int) -> None:
         """Pulses (us) of the next strings.
@@ -236,17 +238,19 @@ class TeensyLink:
 
     def _next_order(self, motor_id: int) -> MotorOrder:
         order = self._orders.pop(motor_id, None)
-        self._repeats[motor_id] = 0 if order else self._repeats[motor_id] + 1
+        if order:
+            self._repeats[motor_id] = 0
+        else:
+            self._repeats[motor_id] += 1
         if order is None:
             last = self._last[motor_id]
             keep = (
                 last.request is not MotorRequest.EXIT and self._repeats[motor_id] <= _MOST_REPEATS
             )
-            order = (
-                MotorOrder(motor_id, MotorRequest.COMMAND, last.command)
-                if keep
-                else _exit_order(motor_id)
-            )
+            if keep:
+                order = MotorOrder(motor_id, MotorRequest.COMMAND, last.command)
+            else:
+                order = _exit_order(motor_id)
         self._last[motor_id] = order
         return order
 

@@ -63,7 +63,10 @@ class DriveLimits:
         """
         safety = self._safety
         side = math.copysign(1.0, asked)
-        span = min(max(0.0, now - self._time), _MOST_SPAN) if math.isfinite(self._time) else 0.0
+        if math.isfinite(self._time):
+            span = min(max(0.0, now - self._time), _MOST_SPAN)
+        else:
+            span = 0.0
         most = safety.throttle_rate * span
         begun = max(0.0, side * self._throttle)
         self._throttle = side * min(
@@ -80,7 +83,12 @@ class DriveLimits:
         lasted = self._tilted.look(max(abs(roll), abs(pitch)) > limit, now)
         if lasted == 0.0 or lasted < self._safety.attitude_time:
             return ""
-        name, angle = ("roll", roll) if abs(roll) >= abs(pitch) else ("pitch", pitch)
+        if abs(roll) >= abs(pitch):
+            name = "roll"
+            angle = roll
+        else:
+            name = "pitch"
+            angle = pitch
         return (
             f"the car has tipped over: {name} {math.degrees(angle):.0f} degrees; allowed is "
             f"{math.degrees(limit):.0f}"
@@ -212,7 +220,10 @@ class CarGuard:
                 watchdog test.
         """
         if self.stage is not Stage.READY:
-            because = f" ({self.reason}); reset it by hand" if self.reason else ""
+            if self.reason:
+                because = f" ({self.reason}); reset it by hand"
+            else:
+                because = ""
             raise HardwareError(
                 f"the car cannot be armed: it is {self.stage.name.lower()}{because}"
             )
@@ -329,12 +340,18 @@ class CarGuard:
             )
 
     def _look_at_clock(self, now: float, due: float | None) -> None:
-        self.lateness = 0.0 if due is None else now - due
+        if due is None:
+            self.lateness = 0.0
+        else:
+            self.lateness = now - due
         if self.stage is Stage.DRIVING:
             self.cycle_times.append(now)
         late = self.lateness > self._safety.overrun
         self.overruns += late
-        self._overruns_in_a_row = self._overruns_in_a_row + 1 if late else 0
+        if late:
+            self._overruns_in_a_row += 1
+        else:
+            self._overruns_in_a_row = 0
         if self._overruns_in_a_row >= self._safety.most_overruns and self.stage in _LIVE:
             text = (
                 f"the loop is {self.lateness * 1000:.0f} ms late for {self._overruns_in_a_row} "

@@ -78,11 +78,10 @@ def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafe
     for source in UNARMED_SOURCES:
         fault = status[f"{source}_fault"]
         age = status[f"{source}_age"]
-        text = (
-            f"answers, {age * 1000:.0f} ms old"
-            if fault == 0.0
-            else reading.fault_text or f"fault {fault:g}"
-        )
+        if fault == 0.0:
+            text = f"answers, {age * 1000:.0f} ms old"
+        else:
+            text = reading.fault_text or f"fault {fault:g}"
         checks.append(Check(source, fault == 0.0 or (None if source == "speed" else False), text))
     pack = f"measure {safety.least_voltage:g} to {safety.most_voltage:g} V, fuse {safety.fuse:g} A"
     battery = Check("battery", None, f"replies of the MIT mode carry no voltage; {pack}")
@@ -114,9 +113,10 @@ def motor_checks(
             checks.append(Check(f"{name} profile", False, str(error)))
             continue
         ratio = evidence.speed_ratio
-        moved = (
-            "not turned: its ranges are not proven" if ratio is None else f"speed ratio {ratio:.2f}"
-        )
+        if ratio is None:
+            moved = "not turned: its ranges are not proven"
+        else:
+            moved = f"speed ratio {ratio:.2f}"
         text = (
             f"{ports.profile.name}, {evidence.replies} replies of {evidence.reply_length} "
             f"bytes, {moved}"

@@ -68,8 +68,14 @@ def connect(
         HardwareError: unknown wiring, a ports file that cannot be read, and as `wire_car`.
     """
     name = wiring_name(wiring)
-    there = ports if isinstance(ports, CarPorts) else read_ports(ports)
-    chosen = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    if isinstance(ports, CarPorts):
+        there = ports
+    else:
+        there = read_ports(ports)
+    if isinstance(scenario, Scenario):
+        chosen = scenario
+    else:
+        chosen = load_scenario(scenario)
 
     def authorise() -> None:
         require_watchdog_test(name, there)
@@ -270,7 +276,9 @@ def run_motor_test(
             row = np.array(
                 [begin + step * float(np.clip(since / _MOVE, 0.0, 1.0)), 0.0, _KP, _KD, 0.0]
             )
-            return CarCommand(tail_pitch=row) if index == 0 else CarCommand(tail_roll=row)
+            if index == 0:
+                return CarCommand(tail_pitch=row)
+            return CarCommand(tail_roll=row)
 
         run_cycles(car, command, _MOVE + _SETTLE)
         reported = []
@@ -302,8 +310,12 @@ def read_motor_angles(ports: CarPorts, wiring: WiringName) -> dict[Joint, float]
         HardwareError: a port that cannot be opened, a motor that does not answer, or one that is
             moved meanwhile.
     """
-    can = None if wiring == "teensy_bridge" else ports.adapter(wiring)
-    device = ports.teensy.path if can is None else can_address(can)
+    if wiring == "teensy_bridge":
+        can = None
+        device = ports.teensy.path
+    else:
+        can = ports.adapter(wiring)
+        device = can_address(can)
     with lock_devices([device], "the setting of the zero"):
         if can is None:
             with closing(SerialLink.open(ports.teensy)) as serial:
@@ -367,8 +379,13 @@ def _angles(ports: CarPorts, port: FramePort, commit: Callable[[], None]) -> dic
     try:
         for cycle in range(80):
             for motor_id in ids:
-                frame = make_exit(motor_id) if cycle < 20 else make_neutral(motor_id, ports.profile)
-                port.send(make_enter(motor_id) if cycle == 20 else frame)
+                if cycle < 20:
+                    frame = make_exit(motor_id)
+                elif cycle == 20:
+                    frame = make_enter(motor_id)
+                else:
+                    frame = make_neutral(motor_id, ports.profile)
+                port.send(frame)
             commit()
             time.sleep(PERIOD)
             for _, frame in port.poll():

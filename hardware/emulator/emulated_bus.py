@@ -83,8 +83,14 @@ class EmulatedBus:
 
     def _pass_on(self, frame: CanFrame) -> list[CanFrame]:
         self._note(frame, received=False)
-        motor = None if frame.extended else self._motors.get(frame.arbitration_id)
-        answers = motor.receive(frame.data) if motor is not None and len(frame.data) == 8 else []
+        if frame.extended:
+            motor = None
+        else:
+            motor = self._motors.get(frame.arbitration_id)
+        if motor is not None and len(frame.data) == 8:
+            answers = motor.receive(frame.data)
+        else:
+            answers = []
         for answer in answers:
             self._note(answer, received=True)
         return answers
@@ -346,14 +352,19 @@ def read_frame(line: bytes) -> CanFrame | None:
         identifier = int(line[1 : 1 + digits], 16)
         length = int(line[1 + digits : 2 + digits], 16)
         data = bytes.fromhex(line[2 + digits :].decode("ascii"))
-        return CanFrame(identifier, data, extended=digits == 8) if len(data) == length else None
+        if len(data) == length:
+            return CanFrame(identifier, data, extended=digits == 8)
+        return None
     except (ValueError, FrameError):
         return None
 
 
 def write_frame(frame: CanFrame) -> bytes:
     """The line that reports a frame, with its end."""
-    head = f"T{frame.arbitration_id:08X}" if frame.extended else f"t{frame.arbitration_id:03X}"
+    if frame.extended:
+        head = f"T{frame.arbitration_id:08X}"
+    else:
+        head = f"t{frame.arbitration_id:03X}"
     return f"{head}{len(frame.data)}{frame.data.hex().upper()}\r".encode()
 
 
@@ -409,7 +420,9 @@ class PtyPort:
     def read(self) -> bytes:
         """What has come; empty if nothing has."""
         try:
-            return os.read(self._master, _MOST_BYTES) if self.plugged else b""
+            if self.plugged:
+                return os.read(self._master, _MOST_BYTES)
+            return b""
         except OSError:
             return b""
 

@@ -71,7 +71,10 @@ class EmulatedCar:
         self._sources: dict[str, Any] = {}
         self._values: dict[str, tuple[float, ...]] = {}
         for name in _INPUTS:
-            size = STATION_INPUTS[name].size if name in STATION_INPUTS else 1
+            if name in STATION_INPUTS:
+                size = STATION_INPUTS[name].size
+            else:
+                size = 1
             self._sources[name] = builder.AddNamedSystem(name, ConstantVectorSource(np.zeros(size)))
             if name in STATION_INPUTS:
                 builder.Connect(self._sources[name].get_output_port(), station.GetInputPort(name))
@@ -95,10 +98,16 @@ class EmulatedCar:
         self._station_context: Any = station.GetMyContextFromRoot(self._context)
         read = (*STATION_OUTPUTS, "plant_state_truth")
         self._ports: dict[str, Any] = {name: station.GetOutputPort(name) for name in read}
-        self._camera = None if meshcat is None else ChaseCamera(station, meshcat)
+        if meshcat is None:
+            self._camera = None
+        else:
+            self._camera = ChaseCamera(station, meshcat)
         self._picture_due = 0.0
         self.has_tail = scenario.tail.mode != "none"
-        self._joints = self._joint_places(simulated_car(station).plant) if self.has_tail else []
+        if self.has_tail:
+            self._joints = self._joint_places(simulated_car(station).plant)
+        else:
+            self._joints = []
 
     @staticmethod
     def _joint_places(plant: Any) -> list[int]:

@@ -67,7 +67,9 @@ class FirmwareProfile:
 
     def fault_name(self, code: int) -> str:
         """Name of a fault byte; an unknown code is named by its number, never taken for none."""
-        return "none" if code == 0 else FAULT_NAMES.get(code, f"unknown fault {code}")
+        if code == 0:
+            return "none"
+        return FAULT_NAMES.get(code, f"unknown fault {code}")
 
 
 AK70_10_V1_0_8 = FirmwareProfile(

@@ -185,7 +185,10 @@ def crc8(data: bytes) -> int:
 
 def _crc_of(byte: int) -> int:
     for _ in range(8):
-        byte = (byte << 1 ^ 0x07) & 0xFF if byte & 0x80 else byte << 1
+        if byte & 0x80:
+            byte = (byte << 1 ^ 0x07) & 0xFF
+        else:
+            byte <<= 1
     return byte
 
 
@@ -256,7 +259,10 @@ def _read_report(fields: list[str], extra: list[str]) -> MotorReport:
 
 def _read_number(name: str, field: str) -> float:
     least, most, _ = NUMBERS[name]
-    digits = field[1:] if field[:1] in ("-", "+") else field
+    if field[:1] in ("-", "+"):
+        digits = field[1:]
+    else:
+        digits = field
     whole, _, decimals = digits.partition(".")
     if (
         not whole.isdigit()
@@ -271,7 +277,10 @@ def _read_number(name: str, field: str) -> float:
 
 def _read_integer(name: str, field: str) -> int:
     least, most = _INTEGERS[name]
-    digits = field[1:] if field[:1] == "-" else field
+    if field[:1] == "-":
+        digits = field[1:]
+    else:
+        digits = field
     if not digits.isdigit() or len(field) > _MOST_DIGITS or not least <= int(field) <= most:
         raise FrameError(
             f"Teensy {name} {field!r}: allowed is a whole number from {least} to {most}"

@@ -140,7 +140,10 @@ class Outbox:
         After `close` nothing comes back, so that a lost adapter cannot keep the thread alive.
         """
         with self._condition:
-            since = self._in_hand[0] if self._in_hand else 0.0
+            if self._in_hand:
+                since = self._in_hand[0]
+            else:
+                since = 0.0
             self._in_hand = None
             if self._closed:
                 self._urgent.clear()
@@ -160,7 +163,9 @@ class Outbox:
     def age_in_hand(self) -> float:
         """How long the sending thread holds its frame, s; 0 when it holds none."""
         with self._condition:
-            return 0.0 if self._in_hand is None else time.monotonic() - self._taken
+            if self._in_hand is None:
+                return 0.0
+            return time.monotonic() - self._taken
 
     def wait_empty(self, timeout: float) -> bool:
         """Waits until nothing waits and nothing is in hand, at most `timeout` s.
@@ -201,7 +206,10 @@ class CanBus:
         listen: Collection[int] | None = None,
     ) -> None:
         self._bus = bus
-        self._listen = None if listen is None else frozenset(listen)
+        if listen is None:
+            self._listen = None
+        else:
+            self._listen = frozenset(listen)
         self.fault = BusFault.NONE
         self.fault_text = ""
         self.sent = self.received = self.echoes = self.foreign = self.garbage = 0
@@ -231,7 +239,10 @@ class CanBus:
         Raises:
             HardwareError: as `open_bus` and `TrafficLog.create` do.
         """
-        log = None if traffic_log is None else TrafficLog.create(traffic_log)
+        if traffic_log is None:
+            log = None
+        else:
+            log = TrafficLog.create(traffic_log)
         try:
             return cls(open_bus(settings), log, listen)
         except HardwareError:

@@ -212,7 +212,8 @@ def log_density(
     Args:
         values: of the figure (m), where they are known already.
     """
-    values = emulator.value(cars, figure) if values is None else values
+    if values is None:
+        values = emulator.value(cars, figure)
     spread = spread_of(emulator, figure, cars, values)
     off = (figure.published - values) / spread
     found: FloatArray = -0.5 * off * off - np.log(

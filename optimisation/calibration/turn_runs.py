@@ -70,7 +70,10 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
             one direction.
     """
     of_the_field = turn.system == "physical"
-    stride = round(SAMPLE_TIMES["physical"] / STEP) if of_the_field else 1
+    if of_the_field:
+        stride = round(SAMPLE_TIMES["physical"] / STEP)
+    else:
+        stride = 1
     time: FloatArray = STEP * np.arange(len(motion.yaw_rate), dtype=float)[::stride]
     signals = [
         values[::stride] for values in (motion.yaw_rate, motion.acceleration, motion.roll_rate)
@@ -96,7 +99,10 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
     lifted = np.flatnonzero(
         ~motion.both_inner & (np.arange(len(motion.both_inner)) * STEP >= BEFORE)
     )
-    until = motion.yaw_rate[: lifted[0] + 1] if lifted.size else motion.yaw_rate
+    if lifted.size:
+        until = motion.yaw_rate[: lifted[0] + 1]
+    else:
+        until = motion.yaw_rate
     return dict(zip((*FIGURES, LIFT), [*map(float, found), float(np.max(until))], strict=True))
 
 
@@ -290,9 +296,10 @@ def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) 
         }
         if run.has_tail:
             swings = np.isin(run.signal("controller_state"), (SwingState.DELAY, SwingState.SWING))
-            row["trigger"] = (
-                float(signals.time[np.argmax(swings)] - start) if swings.any() else None
-            )
+            if swings.any():
+                row["trigger"] = float(signals.time[np.argmax(swings)] - start)
+            else:
+                row["trigger"] = None
         if row["survived"]:
             grid = start - BEFORE + STEP * np.arange(round((BEFORE + AFTER) / STEP))
             values = [signals.yaw_rate, signals.lateral_acceleration, signals.roll_rate]

@@ -129,9 +129,10 @@ def calibrate(plan: CalibrationPlan, runs: Runs, out: Path, played: int) -> Path
     asked = [Question(emulator, figures, table, seed) for table in tables]
     runs.stage = "tables from the others"
     *left_out, stiff = predictions([*asked, asked[-1]._replace(prior=rigid(emulator.prior))], runs)
-    perfect = (
-        perfect_model(emulator, posterior, tables[-2:], played, seed, runs) if played else np.nan
-    )
+    if played:
+        perfect = perfect_model(emulator, posterior, tables[-2:], played, seed, runs)
+    else:
+        perfect = np.nan
     fine = run_fine(plan, posterior, runs)
     return write_pages(Result(emulator, posterior, left_out, stiff.density, perfect, fine), out)
 
@@ -278,7 +279,10 @@ def _findings(
         f"When posterior cars play the thesis, {result.perfect:.0%} of the figures lie in "
         "their intervals."
     )
-    played = [] if np.isnan(result.perfect) else [inside]
+    if np.isnan(result.perfect):
+        played = []
+    else:
+        played = [inside]
     widths = (of_the_field.high - of_the_field.low) / (
         of_the_field.prior_high - of_the_field.prior_low
     )

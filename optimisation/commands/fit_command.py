@@ -121,7 +121,10 @@ class LogFit:
         if fitted.reused:
             typer.echo(f"{fitted.reused} of {len(self.logs)} were fitted before")
         try:
-            extra, left_out = tables(fitted.results, self.out) if fitted.results else ({}, [])
+            if fitted.results:
+                extra, left_out = tables(fitted.results, self.out)
+            else:
+                extra, left_out = ({}, [])
         except UserError as error:
             extra = {}
             left_out = [f"tables over the logs are left out: {error}"]

@@ -138,7 +138,9 @@ class EntrySearch:
             speed = max(lost - self.step, self.lowest)
         else:
             speed = passed + self.fine * (round((lost - passed) / self.fine) // 2)
-        return None if rounded(speed) in found else rounded(speed)
+        if rounded(speed) in found:
+            return None
+        return rounded(speed)
 
     def bracket(self, found: Mapping[float, str]) -> tuple[float | None, float | None]:
         """Last speed before the first failure, and that of the failure, m/s; `lateral` fails above
@@ -165,7 +167,10 @@ class EntrySearch:
         the ceiling.
         """
         passed, lost = self.bracket(found)
-        failed = "" if lost is None else found[lost]
+        if lost is None:
+            failed = ""
+        else:
+            failed = found[lost]
         never_enough = passed is not None and found[passed] and not failed.startswith(ERROR)
         return "lateral" if never_enough else failed
 
@@ -300,7 +305,9 @@ class _Climb:
 
     def climbing(self) -> float | None:
         """Next speed at the ordinary step, m/s."""
-        return None if math.isnan(self.least) else self.search.following(_failures(self.coarse))
+        if math.isnan(self.least):
+            return None
+        return self.search.following(_failures(self.coarse))
 
     def proving(self) -> float | None:
         """Next speed at the fine step, m/s."""
@@ -319,7 +326,9 @@ class _Climb:
     @property
     def figure(self) -> float:
         """Mean lateral acceleration at the entry speed, m/s2; NaN without one."""
-        return math.nan if self.proved is None else self.fine[self.proved].figure
+        if self.proved is None:
+            return math.nan
+        return self.fine[self.proved].figure
 
     @property
     def most(self) -> float:
@@ -338,7 +347,10 @@ class _Climb:
     def as_row(self) -> dict[str, Any]:
         """The row of the table, see `climb`."""
         failures = [run.failed for run in self.fine.values() if run.failed]
-        ended_by = failures[-1] if failures else self.search.ended_by(_failures(self.coarse))
+        if failures:
+            ended_by = failures[-1]
+        else:
+            ended_by = self.search.ended_by(_failures(self.coarse))
         if self.found is not None and self.proved is None:
             ended_by = f"{NOT_PROVED}: {ended_by}"
         return {
@@ -400,7 +412,10 @@ def climb(
     climbs = []
     others = []
     for reference in references:
-        share = LEAST_SHARE * reference.most if reference.manoeuvre.rule == "lateral" else -math.inf
+        if reference.manoeuvre.rule == "lateral":
+            share = LEAST_SHARE * reference.most
+        else:
+            share = -math.inf
         own = [
             replace(reference, who=who, least=share, coarse={}, fine={}, driver=0)
             for who in candidates

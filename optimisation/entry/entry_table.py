@@ -231,4 +231,6 @@ def entry_figure(table: pd.DataFrame) -> Figure:
 
 
 def _percent(share: float) -> str:
-    return "–" if math.isnan(share) else f"{100.0 * share:+.1f} %"
+    if math.isnan(share):
+        return "–"
+    return f"{100.0 * share:+.1f} %"

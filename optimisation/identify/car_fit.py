@@ -94,8 +94,10 @@ def prior_of(name: str) -> tuple[float, float]:
         return (Scenario.parameters("car")[name].prior if name in CAR else None) or PRIORS[name]
     if name.startswith("gyro_bias"):
         most = (Scenario.parameters("imu")["gyro_bias"].prior or (0.0, math.nan))[1]
+    elif name in BIASES:
+        most = 9.81 * _TILTED
     else:
-        most = 9.81 * _TILTED if name in BIASES else math.nan
+        most = math.nan
     return -most, most
 
 
@@ -333,7 +335,10 @@ class Descent:
         r = here / model.divisors
         J = self.slopes / model.divisors[:, None]
         cost = 0.5 * float(r @ r)
-        size = 1.0 if self.near else max(2.0 * cost / r.size, 1.0)
+        if self.near:
+            size = 1.0
+        else:
+            size = max(2.0 * cost / r.size, 1.0)
         low = (p.lower - x) / p.scales
         high = (p.upper - x) / p.scales
         step = p.scales * bounded_step(*triangle(J * p.scales, r), 0.0, low, high)

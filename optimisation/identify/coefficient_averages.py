@@ -168,7 +168,10 @@ def static_sets(results: Sequence[FitResult]) -> tuple[dict[str, dict[str, Any]]
             f"{v:g} m/s at {a:g} degrees" for a in angles for v in speeds if (v, a) not in nodes
         ]
         if holes:
-            more = f" and {len(holes) - 1} more" if len(holes) > 1 else ""
+            if len(holes) > 1:
+                more = f" and {len(holes) - 1} more"
+            else:
+                more = ""
             left_out.append(
                 f"{name}.yaml is left out: its grid of speed and angle lacks {holes[0]}{more}"
             )

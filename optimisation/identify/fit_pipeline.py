@@ -137,7 +137,10 @@ class FitResult:
         """
         row: dict[str, Any] = {"fit": self.name, **self.facts}
         for e in self.estimates:
-            suffix = "" if e.unit in ("1", "") else "_" + unit_suffix(e.unit)
+            if e.unit in ("1", ""):
+                suffix = ""
+            else:
+                suffix = "_" + unit_suffix(e.unit)
             row[f"{e.name}{suffix}"] = e.value
             if e.frozen:
                 continue
@@ -275,7 +278,10 @@ def result_of(
             continue
         of_p, identifiable = found[p.name]
         # A parameter that is not identifiable stays where it started, which may be a bound.
-        bound = bounds.get(p.name, "") if identifiable else ""
+        if identifiable:
+            bound = bounds.get(p.name, "")
+        else:
+            bound = ""
         value, sigma, low, high = of_p
         estimates.append(
             Estimate(
@@ -404,14 +410,14 @@ class _Whitening:
         return cls(np.linalg.inv(lower) / size)
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
-        return self.matrix @ rows if self.matrix.ndim == 2 else (rows.T * self.matrix).T
+        if self.matrix.ndim == 2:
+            return self.matrix @ rows
+        return (rows.T * self.matrix).T
 
     def back(self, rows: np.ndarray) -> np.ndarray:
-        return (
-            np.linalg.solve(self.matrix, rows)
-            if self.matrix.ndim == 2
-            else (rows.T / self.matrix).T
-        )
+        if self.matrix.ndim == 2:
+            return np.linalg.solve(self.matrix, rows)
+        return (rows.T / self.matrix).T
 
 
 def _has_prior(p: Parameter) -> bool:

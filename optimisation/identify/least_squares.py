@@ -308,7 +308,10 @@ def solve(problem: Problem, method: Solver, starts: Sequence[np.ndarray] | None 
     Raises:
         FitError: no start gave a finite residual; the message has the reason of each.
     """
-    starts = [problem.parameters.seed] if starts is None else list(starts)
+    if starts is None:
+        starts = [problem.parameters.seed]
+    else:
+        starts = list(starts)
     attempts = tuple(method(problem, np.asarray(start, float)) for start in starts)
     least = min(attempt.cost for attempt in attempts)
     near = [attempt for attempt in attempts if attempt.cost <= _SAME_COST * least]

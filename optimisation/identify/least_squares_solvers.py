@@ -85,7 +85,10 @@ def solve_rollout(problem: Problem, start: np.ndarray, most_steps: int = 100) ->
             if promised is None:
                 promised = 0.5 * float(c @ c) - 0.5 * float(np.sum(np.square(R @ dz + c)))
             tried, status = _try(problem, (z + dz) * scales)
-            new_cost = np.inf if tried is None else 0.5 * float(tried @ tried)
+            if tried is None:
+                new_cost = np.inf
+            else:
+                new_cost = 0.5 * float(tried @ tried)
             refused = status or refused
             if tried is not None and new_cost <= cost:
                 break
@@ -146,7 +149,10 @@ def bounded_step(
     needed; it says which bounds hold, and the rest is solved again exactly.
     """
     sizes = np.linalg.svd(R, compute_uv=False)
-    least = float(sizes[sizes > _UNIDENTIFIABLE * sizes[0]][-1]) if sizes[0] > 0.0 else 1.0
+    if sizes[0] > 0.0:
+        least = float(sizes[sizes > _UNIDENTIFIABLE * sizes[0]][-1])
+    else:
+        least = 1.0
     D = damping**0.5 * least * np.eye(len(low))
     A = np.vstack([R, D])
     b = np.concatenate([c, np.zeros(len(D))])
@@ -218,11 +224,17 @@ def solve_algebraic(problem: Problem, start: np.ndarray) -> Attempt:
     def defect(z: np.ndarray) -> np.ndarray:
         nonlocal evaluations, broken
         evaluations += 1
-        values = z if z.dtype == float else ExtractValue(z)[:, 0]
+        if z.dtype == float:
+            values = z
+        else:
+            values = ExtractValue(z)[:, 0]
         x = values[:count] * scales
         try:
             r = finite_residual(problem, x)
-            J = np.zeros(0) if z.dtype == float else finite_differences(problem, x, r)
+            if z.dtype == float:
+                J = np.zeros(0)
+            else:
+                J = finite_differences(problem, x, r)
         except FitError as error:
             broken = str(error)
             raise

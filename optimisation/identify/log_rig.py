@@ -164,7 +164,9 @@ def rig_of(log: RunLog, kind: str, options: FitOptions = FREE) -> RigScenario:
 
 
 def _over(below: Any, value: Any) -> Any:
-    return {**below, **value} if isinstance(value, dict) and isinstance(below, dict) else value
+    if isinstance(value, dict) and isinstance(below, dict):
+        return {**below, **value}
+    return value
 
 
 @lru_cache(maxsize=16)
@@ -211,7 +213,9 @@ def _experiment(log: RunLog, kind: str) -> dict[str, Any]:
         found |= {"tail": int(log.extra["tail"]), "axis": str(log.extra["axis"])}
     if kind == "bar_swing":
         return {**found, "wind_speed": 0.0}
-    return found if kind == "static" else {**found, "wind_speed": wind_speed(log, 0.0, 40.0)}
+    if kind == "static":
+        return found
+    return {**found, "wind_speed": wind_speed(log, 0.0, 40.0)}
 
 
 def wind_speed(log: RunLog, least: float, most: float) -> float:
@@ -222,7 +226,10 @@ def wind_speed(log: RunLog, least: float, most: float) -> float:
         or not isinstance(value, int | float)
         or not least <= float(value) <= most
     ):
-        allowed = f"{least:g} to {most:g}" if least else f"above 0 to {most:g}"
+        if least:
+            allowed = f"{least:g} to {most:g}"
+        else:
+            allowed = f"above 0 to {most:g}"
         raise FitError(f"metadata 'wind_speed_m_per_s' is {value!r}; allowed: {allowed} m/s")
     return float(value)
 
@@ -339,7 +346,10 @@ def constant_parameters(
     """
     names = constant_names(kind)
     require_constants(options.free, names)
-    deviations = {} if options.constants == "exact" else scenario.uncertainty.model_dump()
+    if options.constants == "exact":
+        deviations = {}
+    else:
+        deviations = scenario.uncertainty.model_dump()
     if is_simulated(log):  # exact, but for what the user says of them
         stated = named_rig(options.rig, options.settings).get("uncertainty", {})
         deviations = {name: value for name, value in deviations.items() if name in stated}
@@ -359,7 +369,10 @@ def _parameter(name: str, free: bool, deviation: float) -> Parameter:
         else unit_of(RigUncertaintyParameters, name)
     )
     if free:
-        reach = _BIAS_REACH if name in BIASES else CONSTANTS[name][0]
+        if name in BIASES:
+            reach = _BIAS_REACH
+        else:
+            reach = CONSTANTS[name][0]
         return Parameter(name, unit, 0.0, -reach, reach, scale=_SCALE * reach)
     reach = _FAR * deviation
     return Parameter(name, unit, 0.0, -reach, reach, scale=deviation, deviation=deviation)
@@ -373,7 +386,8 @@ def shifted(scenario: RigScenario, values: Mapping[str, float]) -> RigScenario:
     for name, shift in values.items():
         for key, sign in CONSTANTS[name][1].items() if name in CONSTANTS else ():
             section, entry = key.split(".")
-            section = f"tail_{scenario.experiment.tail}" if section == "tail" else section
+            if section == "tail":
+                section = f"tail_{scenario.experiment.tail}"
             changed = changes.setdefault(section, {})
             changed[entry] = (
                 changed.get(entry, getattr(getattr(scenario, section), entry)) + sign * shift

@@ -198,7 +198,10 @@ def torque_response(
     for i in range(count - 1):
         for column, (dq, dw) in enumerate(((small, 0.0), (0.0, small))):
             start = (angles[i] + dq, rates[i] + dw)
-            rise = None if ramp is None else [ramp[i]]
+            if ramp is None:
+                rise = None
+            else:
+                rise = [ramp[i]]
             moved = roll_out(
                 pendulum,
                 torques,

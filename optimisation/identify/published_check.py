@@ -264,7 +264,10 @@ def _unknown(section: str, key: str) -> Parameter:
     entry = RigScenario.parameters(section)[key]
     assert entry.prior is not None
     low, high = entry.prior
-    name = key if section in ("maxon", "tunnel") else f"{section}_{key}"
+    if section in ("maxon", "tunnel"):
+        name = key
+    else:
+        name = f"{section}_{key}"
     return Parameter(name, entry.unit, float(entry.value), float(low), float(high))
 
 
@@ -307,7 +310,8 @@ def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
     Args:
         rows: of `static_fits.csv`; the distinct ones by default.
     """
-    rows = static_rows() if rows is None else rows
+    if rows is None:
+        rows = static_rows()
     parameters = constants_parameters()
     rigs = balances()
     published = rows.current_a.to_numpy(float)

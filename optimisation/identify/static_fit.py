@@ -430,7 +430,9 @@ class StaticBalance:
         """How much of the tail is in the jet, m."""
         root = np.asarray(self.pivot) + self.root_distance * np.array(hanging_axis(angle))
         interval = self.jet(psi).exposed_interval(self.tail, root.tolist(), self.tail_axis(angle))
-        return 0.0 if interval is None else float(interval[1] - interval[0])
+        if interval is None:
+            return 0.0
+        return float(interval[1] - interval[0])
 
     def holding_current(
         self, angle: float, wind_speed: float, cd: float, cl: float, psi: float

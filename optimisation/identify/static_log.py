@@ -154,21 +154,28 @@ def _static_data(
             "holds it "
             f"within {math.degrees(_LARGEST_WANDER):g} degree"
         )
-    hold = np.ones(len(time), bool) if rest is None else _hold_mask(time, rest)
+    if rest is None:
+        hold = np.ones(len(time), bool)
+    else:
+        hold = _hold_mask(time, rest)
     columns, warnings = _readings(log, time)
-    used = hold if rest is None else hold | ((time >= rest[0]) & (time <= rest[1]))
-    step = None if rest is None else hold[used].astype(float)
+    if rest is None:
+        used = hold
+        step = None
+    else:
+        used = hold | ((time >= rest[0]) & (time <= rest[1]))
+        step = hold[used].astype(float)
     mean = hold_mean(time[used], np.stack(list(columns.values()))[:, used], step, options.loss)
     held = float(np.mean(angle[hold]))
     log.stated(
         OFFSETS, len(REACTIONS)
     )  # refused where it cannot be right, also if a rest makes it unneeded
-    offset = (
-        (np.zeros(6), np.zeros(6), held)
-        if rest is not None
-        else _stated_offset(log, scenario, warnings)
-    )
-    added, deviation, tare = offset
+    if rest is None:
+        added, deviation, tare = _stated_offset(log, scenario, warnings)
+    else:
+        added = np.zeros(6)
+        deviation = np.zeros(6)
+        tare = held
     channels = [i for i, channel in enumerate(REACTIONS) if channel in columns]
     wrench = np.full(6, np.nan)
     variance = np.zeros(6)
@@ -356,7 +363,10 @@ def hold_mean(
         loss: squares; `huber` holds samples back that lie far off.
     """
     design = np.stack([np.ones_like(time), time - time.mean(), *([] if step is None else [step])])
-    place = 0 if step is None else len(design) - 1
+    if step is None:
+        place = 0
+    else:
+        place = len(design) - 1
     inverse = np.linalg.inv(design @ design.T)
     value = []
     variance = []

@@ -116,8 +116,11 @@ def friction_law(data: SwingData) -> Callable[[Values], list[Torque]]:
     """The friction of the values; air and motor as in the scenario."""
     scenario = data.scenario
     air = air_torque(scenario)
-    fixed = [air] if air is not None else []
-    fixed += [motor_of(scenario)] if scenario.is_robot else []
+    fixed = []
+    if air is not None:
+        fixed.append(air)
+    if scenario.is_robot:
+        fixed.append(motor_of(scenario))
     gain = (scenario.robot_friction if scenario.is_robot else scenario.friction).tanh_gain
     return lambda values: [*fixed, friction_torque(values["coulomb"], values["viscous"], gain)]
 

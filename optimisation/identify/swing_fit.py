@@ -115,7 +115,10 @@ class SwingModel:
             FitError: bounds that exclude a seed or name no parameter, or no rollout exists.
         """
         fitted = [p.name for p in parameters]
-        constants = [] if exact else [c for c in self.data.constants if c.name not in fitted]
+        if exact:
+            constants = []
+        else:
+            constants = [c for c in self.data.constants if c.name not in fitted]
         model = replace(self, data=replace(self.data, constants=tuple(constants)))
         problem = model.problem(options.bounded(parameters))
         result = fit(

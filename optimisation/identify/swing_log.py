@@ -200,7 +200,10 @@ def _swing_data(
         raise FitError(
             f"the angle stays at {angle[first]:.4f} rad after the release; there is no swing in it"
         )
-    rounding = reading_step(scenario) if _is_rounded(angle[picked], reading_step(scenario)) else 0.0
+    if _is_rounded(angle[picked], reading_step(scenario)):
+        rounding = reading_step(scenario)
+    else:
+        rounding = 0.0
     if rounding:
         picked = picked[: _end_of_motion(angle[picked], rounding, stride * sampling)]
     current, warnings = _current(log, scenario, picked)
@@ -211,11 +214,10 @@ def _swing_data(
     facts: dict[str, Any] = {"wind_speed_m_per_s": scenario.experiment.wind_speed}
     if kind == "swing":
         facts = {"tail": str(scenario.experiment.tail), "axis": scenario.experiment.axis, **facts}
-    noise = (
-        scenario.maxon.torque_constant * scenario.maxon.current_noise / math.sqrt(stride)
-        if np.any(motor)
-        else 0.0
-    )
+    if np.any(motor):
+        noise = scenario.maxon.torque_constant * scenario.maxon.current_noise / math.sqrt(stride)
+    else:
+        noise = 0.0
     grid = np.arange(len(picked)) * float(np.mean(np.diff(t)))
     constants = constant_parameters(log, scenario, kind, options)
     data = SwingData(

@@ -75,7 +75,10 @@ def check_residual(residual: np.ndarray, unknowns: int = 1) -> ResidualCheck:
     if scale == 0.0 or len(x) < _LEAST_SAMPLES:
         return ResidualCheck()
     beyond = np.abs(x) > FAR_OFF * scale
-    first = int(np.argmax(beyond)) if np.any(beyond) else -1
+    if np.any(beyond):
+        first = int(np.argmax(beyond))
+    else:
+        first = -1
     # Wild samples were reported above; they must not look like noise or like wandering.
     modes = dct(np.clip(x, -FAR_OFF * scale, FAR_OFF * scale), norm="ortho")
     freedom = (max(_SLOW - unknowns, 1), _NEXT - _SLOW)
@@ -133,7 +136,10 @@ def correlation_time(residual: np.ndarray) -> float:
     spectrum = np.fft.rfft(x, size)
     rho = np.fft.irfft(spectrum * spectrum.conj(), size)[: n // 2] / power
     pairs = rho[0 : len(rho) - 1 : 2] + rho[1 : len(rho) : 2]
-    end = int(np.argmax(pairs <= 0.0)) if np.any(pairs <= 0.0) else len(pairs)
+    if np.any(pairs <= 0.0):
+        end = int(np.argmax(pairs <= 0.0))
+    else:
+        end = len(pairs)
     return max(1.0, float(2.0 * np.sum(pairs[:end]) - 1.0))
 
 
@@ -161,7 +167,10 @@ def serial_noise(
         part = residual[channel]
         power = float(np.mean(np.square(part)))
         explained = rounding**2 / 12.0
-        slow = min(max(power / explained - 1.0, 0.0) / _EXCESS, 1.0) if explained > 0.0 else 1.0
+        if explained > 0.0:
+            slow = min(max(power / explained - 1.0, 0.0) / _EXCESS, 1.0)
+        else:
+            slow = 1.0
         variance[channel] = power * (1.0 + slow * (correlation_time(part) - 1.0))
         effective += len(part) * (power / variance[channel][0] if power > 0.0 else 1.0)
     freedom = max(effective - unknowns, 1.0)
@@ -229,7 +238,10 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     names = parameters.names
     x = solution.x
     inverse, hidden = _pseudo_inverse(solution.jacobian, scales)
-    seen = np.all(np.abs(hidden) <= _SHARE, axis=0) if len(hidden) else np.ones(len(scales), bool)
+    if len(hidden):
+        seen = np.all(np.abs(hidden) <= _SHARE, axis=0)
+    else:
+        seen = np.ones(len(scales), bool)
     alone = np.sqrt(np.maximum(np.diag(_covariance(inverse, noise, scales)), 0.0))
     freedom = max(noise.degrees_of_freedom, 1.0)
     # What the data do not see stays where it started, which may be a bound.
@@ -333,7 +345,10 @@ def _pseudo_inverse(jacobian: np.ndarray, scales: np.ndarray) -> tuple[np.ndarra
 
 def _covariance(inverse: np.ndarray, noise: Noise, scales: np.ndarray) -> np.ndarray:
     S = noise.covariance
-    scaled = (inverse * S) @ inverse.T if S.ndim == 1 else inverse @ S @ inverse.T
+    if S.ndim == 1:
+        scaled = (inverse * S) @ inverse.T
+    else:
+        scaled = inverse @ S @ inverse.T
     return scaled * np.outer(scales, scales)
 
 
@@ -453,10 +468,16 @@ def held_at_bounds(
         # What is left of this column once the others have followed it.
         alone = jacobian[:, k] - jacobian @ (inverse @ jacobian[:, k])
         row = alone / float(alone @ alone)
-        spread = row * covariance if covariance.ndim == 1 else row @ covariance
+        if covariance.ndim == 1:
+            spread = row * covariance
+        else:
+            spread = row @ covariance
         deviation = math.sqrt(max(float(spread @ row), 0.0))
         asked = max(-float(row @ residual) * sides[k], 0.0)
-        beyond[k] = asked / deviation if deviation > 0.0 else math.inf
+        if deviation > 0.0:
+            beyond[k] = asked / deviation
+        else:
+            beyond[k] = math.inf
         reach[k] = deviation * reach_inside(float(beyond[k]), freedom)
         shift[:, k] = sides[k] * reach[k] * (inverse @ jacobian[:, k])
     return GivenBounds(inverse, beyond, reach, shift)
@@ -472,7 +493,8 @@ def reach_inside(beyond: float, freedom: float) -> float:
     # F goes like (1 + r^2 / freedom)^(-(freedom + 1) / 2); in the limit of a known variance like
     # exp(-r^2 / 2).
     drop = -2.0 * math.log(_TAIL)
-    more = (
-        drop if math.isinf(freedom) else math.expm1(drop / (freedom + 1.0)) * (beyond**2 + freedom)
-    )
+    if math.isinf(freedom):
+        more = drop
+    else:
+        more = math.expm1(drop / (freedom + 1.0)) * (beyond**2 + freedom)
     return more / (math.sqrt(beyond**2 + more) + beyond)

@@ -115,21 +115,33 @@ def _is(operand: Any, number: float) -> bool:
 def _product(record: Recording, a: Any, b: Any) -> Any:
     if _is(a, 0.0) or _is(b, 0.0):
         return 0.0
-    return b if _is(a, 1.0) else a if _is(b, 1.0) else record.add("fmul", a, b)
+    if _is(a, 1.0):
+        return b
+    if _is(b, 1.0):
+        return a
+    return record.add("fmul", a, b)
 
 
 def _sum(record: Recording, a: Any, b: Any) -> Any:
-    return b if _is(a, 0.0) else a if _is(b, 0.0) else record.add("fadd", a, b)
+    if _is(a, 0.0):
+        return b
+    if _is(b, 0.0):
+        return a
+    return record.add("fadd", a, b)
 
 
 def _difference(record: Recording, a: Any, b: Any) -> Any:
-    return a if _is(b, 0.0) else record.add("fsub", a, b)
+    if _is(b, 0.0):
+        return a
+    return record.add("fsub", a, b)
 
 
 def _quotient(record: Recording, a: Any, b: Any) -> Any:
     if not isinstance(b, Value):
         return _product(record, a, 1.0 / b)
-    return 0.0 if _is(a, 0.0) else record.add("fdiv", a, b)
+    if _is(a, 0.0):
+        return 0.0
+    return record.add("fdiv", a, b)
 
 
 def _power(record: Recording, a: Any, b: Any) -> Any:
@@ -266,10 +278,19 @@ class Symbols(np.ndarray):
         each = np.frompyfunc(of_elements, ufunc.nin, 1)
         if method == "reduce":
             found: Any = plain[0]
-            axes = range(found.ndim) if axis is None else (axis,) if isinstance(axis, int) else axis
+            axes: Sequence[int]
+            if axis is None:
+                axes = range(found.ndim)
+            elif isinstance(axis, int):
+                axes = (axis,)
+            else:
+                axes = axis
             for one in sorted((axis % found.ndim for axis in axes), reverse=True):
                 rows = np.moveaxis(found, one, 0)
-                found = reduce(each, rows) if len(rows) else np.zeros(rows.shape[1:], object)
+                if len(rows):
+                    found = reduce(each, rows)
+                else:
+                    found = np.zeros(rows.shape[1:], object)
         else:
             found = each(*plain)
         if out is not None:

@@ -107,7 +107,10 @@ def enter(
     entering = Entering(cars, scenario, gains, steers_tail, motion)
     start = plan.turn_start - LEAD
     follows = plan.kind == "path"
-    length = 1.2 * np.max(entering.to_go / cars.speed) if follows else run_time(scenario) - start
+    if follows:
+        length = float(1.2 * np.max(entering.to_go / cars.speed))
+    else:
+        length = run_time(scenario) - start
     steps = round(length / STEP)
     last = round(LAST / STEP)
     ticks = round(1.0 / (STEP * rate))
@@ -129,7 +132,10 @@ def enter(
     straight = np.isnan(entering.ending) | (
         np.abs(entering.ending) <= EXIT_YAW_RATE
     )  # NaN: it is steered to the end
-    ends = entering.to_go <= 0.0 if follows else straight
+    if follows:
+        ends = entering.to_go <= 0.0
+    else:
+        ends = straight
     figure = entering.total / np.maximum(entering.steered, 1.0)
     driven = 1.0 - entering.left / entering.whole
     return Entries(entering.upright & ends, figure, driven)

@@ -275,10 +275,12 @@ def drive_turns(
         begun: states (24, n) when the steering begins, of cars whose tail still waits; the straight
             is not driven.
     """
-    state = np.zeros((len(STATES), cars.count)) if begun is None else begun
     if begun is None:
+        state = np.zeros((len(STATES), cars.count))
         state[6] = plans.pitch_angle
         state[7] = -plans.hold_angle
+    else:
+        state = begun
     ticks = round(1.0 / (length * float(plans.rate[0])))
     begin = round(float(plans.start[0]) / length)
     first = 0 if begun is None else begin

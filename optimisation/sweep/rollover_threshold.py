@@ -96,11 +96,18 @@ class Search:
                 (-1 if held is None else held) + (self._last + 1 if ended is None else ended)
             ) // 2
         elif held is None:
-            place = self.index(start) if ended is None else max(ended - stride, 0)
+            if ended is None:
+                place = self.index(start)
+            else:
+                place = max(ended - stride, 0)
+        elif ended is None:
+            place = min(held + stride, self._last)
         else:
-            place = min(held + stride, self._last) if ended is None else (held + ended) // 2
+            place = (held + ended) // 2
         value = self.value(place)
-        return [] if place < 0 or value in rows else [value]
+        if place < 0 or value in rows:
+            return []
+        return [value]
 
     def _scanned(
         self, survived: float | None, lost: float | None, rows: Mapping[float, Any]
@@ -152,7 +159,9 @@ class Threshold:
         """Middle of survived and lost; minus infinity below the range, infinity above it."""
         if self.survived is None:
             return -math.inf
-        return math.inf if self.lost is None else 0.5 * (self.survived + self.lost)
+        if self.lost is None:
+            return math.inf
+        return 0.5 * (self.survived + self.lost)
 
     @property
     def outcomes(self) -> dict[float, str]:
@@ -318,7 +327,9 @@ def _threshold(search: Search, rows: dict[float, Any], judge: Judge) -> Threshol
 
 
 def _outcome(row: Mapping[str, Any]) -> str:
-    return TIPPED if tipped_before_turn(row) else row["outcome"] or f"failed: {row['error']}"
+    if tipped_before_turn(row):
+        return TIPPED
+    return row["outcome"] or f"failed: {row['error']}"
 
 
 def _survival(row: Mapping[str, Any]) -> bool | None:

@@ -61,7 +61,10 @@ def run_study(
     runs = plan_runs(study)
     identity = _identity(study, runs)
     with open_store(out, identity, force=force) as store:
-        tasks = _with_logs(out, runs, store, force) if study.logs else [run.task for run in runs]
+        if study.logs:
+            tasks = _with_logs(out, runs, store, force)
+        else:
+            tasks = [run.task for run in runs]
         there = len(store.rows)
         if there and (out / TABLE).is_file():
             progress(f"{out}: complete already, {len(runs)} runs")

@@ -104,9 +104,10 @@ def evaluate(task: RunTask) -> dict[str, Any]:
             error, (UserError, ArithmeticError, RuntimeError, ValueError)
         ):
             raise
-        words = (
-            in_words(error) if task.law else " ".join(str(error).split()) or type(error).__name__
-        )
+        if task.law:
+            words = in_words(error)
+        else:
+            words = " ".join(str(error).split()) or type(error).__name__
         return failed_row(task, words, scenario)
 
 
@@ -133,7 +134,10 @@ def failed_row(
 def _measured(task: RunTask, scenario: Scenario | RigScenario) -> dict[str, Any]:
     from aerodima.workbench.simulate.simulation import simulate
 
-    path = Path(task.log) if task.log else None
+    if task.log:
+        path = Path(task.log)
+    else:
+        path = None
     if (
         path is not None and path.exists()
     ):  # whole: its process was killed between writing it and saying so
@@ -141,7 +145,10 @@ def _measured(task: RunTask, scenario: Scenario | RigScenario) -> dict[str, Any]
     if isinstance(scenario, RigScenario):
         run = simulate(scenario, path, force=True)
     else:
-        law = load_law(task.law, scenario) if task.law else None
+        if task.law:
+            law = load_law(task.law, scenario)
+        else:
+            law = None
         record = "all" if path else task.signals
         run = simulate(scenario, path, record=record, stop_when_certain=True, law=law, force=True)
     return measured_row(task, scenario, run)
@@ -181,7 +188,10 @@ def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -
 
 
 def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> dict[str, Any]:
-    resolved = None if scenario is None else json.dumps(scenario.resolved(), sort_keys=True)
+    if scenario is None:
+        resolved = None
+    else:
+        resolved = json.dumps(scenario.resolved(), sort_keys=True)
     return {
         "scenario": task.scenario,
         "settings": " ".join(task.settings),
@@ -344,7 +354,10 @@ def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:
     """
     try:
         scenario = load_any_scenario(name, settings)
-        swing = _swing(scenario.controller.swing_file) if isinstance(scenario, Scenario) else ""
+        if isinstance(scenario, Scenario):
+            swing = _swing(scenario.controller.swing_file)
+        else:
+            swing = ""
         return [scenario.resolved(), swing]
     except UserError as error:
         return [str(error)]
@@ -357,11 +370,9 @@ def _versions() -> dict[str, str]:
 
 def _swing(name: str) -> str:
     path = Path(name)
-    return (
-        ""
-        if name == NO_SWING
-        else _swing_content(name, path.stat().st_mtime_ns if path.is_file() else 0)
-    )
+    if name == NO_SWING:
+        return ""
+    return _swing_content(name, path.stat().st_mtime_ns if path.is_file() else 0)
 
 
 @lru_cache

@@ -134,8 +134,15 @@ class Block(StrictModel):
         ]
         cells = list(product(*levels))
         sample = self.sample
-        samples = [{}] if sample is None else sample.rows(len(cells) if sample.anew else 1)
-        own = len(samples) // len(cells) if sample is not None and sample.anew else 0
+        if sample is None:
+            own = 0
+            samples: Sequence[Mapping[str, Value]] = [{}]
+        elif sample.anew:
+            samples = sample.rows(len(cells))
+            own = len(samples) // len(cells)
+        else:
+            samples = sample.rows(1)
+            own = 0
         for number, combination in enumerate(cells):
             point = dict(zip(names, combination, strict=True))
             for sampled in samples[number * own : (number + 1) * own] if own else samples:
@@ -154,11 +161,10 @@ class Block(StrictModel):
     @property
     def factors(self) -> list[str]:
         """Keys that differ from run to run."""
-        sampled = (
-            []
-            if self.sample is None
-            else [*self.sample.factors, *(["seed"] if self.sample.new_seeds else [])]
-        )
+        if self.sample is None:
+            sampled = []
+        else:
+            sampled = [*self.sample.factors, *(["seed"] if self.sample.new_seeds else [])]
         return [*self.grid, *sampled]
 
 
@@ -213,7 +219,10 @@ def _refuse_empty_factors(path: Path, data: dict[str, Any]) -> None:
     """One sentence for the mistake that the schema would answer with one per kind of factor."""
     blocks = data.get("blocks", [data])
     for block in blocks if isinstance(blocks, list) else []:
-        grid = block.get("grid") if isinstance(block, dict) else None
+        if isinstance(block, dict):
+            grid = block.get("grid")
+        else:
+            grid = None
         for name, values in grid.items() if isinstance(grid, dict) else ():
             if values in ([], {}, None):
                 raise SweepError(
@@ -224,14 +233,20 @@ def _refuse_empty_factors(path: Path, data: dict[str, Any]) -> None:
 def check_factors(study: Study, where: str) -> None:
     """Raises SweepError for a factor that no scenario has, and for a scenario that is not there."""
     for block in study.blocks:
-        label = f"{where}: block {block.name!r}" if block.name else where
+        if block.name:
+            label = f"{where}: block {block.name!r}"
+        else:
+            label = where
         try:
             scenario = load_any_scenario(block.scenario, block.settings)
         except ScenarioError as error:
             raise SweepError(f"{label}: {error}") from None
         for factor in block.factors:
             _check_factor(factor, type(scenario), label)
-        both = [] if block.sample is None else sorted(set(block.grid) & set(block.sample.factors))
+        if block.sample is None:
+            both = []
+        else:
+            both = sorted(set(block.grid) & set(block.sample.factors))
         for name in both:
             values = block.grid[name]
             if isinstance(values, list) and any(isinstance(value, str | bool) for value in values):
@@ -255,7 +270,10 @@ def plan_runs(study: Study) -> list[PlannedRun]:
     members: Sequence[Member | None] = [None]
     if study.ensemble is not None:
         ensemble = load_ensemble(study.ensemble)
-        members = ensemble.members if study.members is None else ensemble.drawn(study.members)
+        if study.members is None:
+            members = ensemble.members
+        else:
+            members = ensemble.drawn(study.members)
     factors = list(dict.fromkeys(factor for block in study.blocks for factor in block.factors))
     if (number := sum(block.size for block in study.blocks) * len(members)) > MOST_RUNS:
         raise SweepError(f"{study.name}: {number} runs; allowed: at most {MOST_RUNS}")
@@ -295,10 +313,15 @@ def _text(value: Value) -> str:
     """
     if isinstance(value, bool):
         return str(value).lower()
-    text = repr(value) if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        text = repr(value)
+    else:
+        text = str(value)
     mantissa, exponent, power = text.partition("e")
     numeric = isinstance(value, float) and exponent
-    return f"{mantissa}{'' if '.' in mantissa else '.0'}e{power}" if numeric else text
+    if numeric:
+        return f"{mantissa}{'' if '.' in mantissa else '.0'}e{power}"
+    return text
 
 
 def _in_blocks(data: dict[str, Any]) -> dict[str, Any]:
@@ -311,7 +334,9 @@ def _in_blocks(data: dict[str, Any]) -> dict[str, Any]:
 
 def _sum(value: Value, added: Value) -> Value:
     """Sum of a number of the grid and one of the sample; a seed of the sample stays whole."""
-    return added if not value else float(value) + float(added)
+    if not value:
+        return added
+    return float(value) + float(added)
 
 
 def _check_factor(factor: str, scenario: type[ScenarioFile], where: str) -> None:

@@ -70,11 +70,10 @@ def low_ballast(scenario: Scenario) -> tuple[str, ...]:
     """
     car = scenario.car
     tail = scenario.tail
-    arm = (
-        tail_geometry(tail).inertial.mass + tail.hub_mass
-        if tail.has_own_geometry
-        else tail.mass + tail.hub_mass
-    )
+    if tail.has_own_geometry:
+        arm = tail_geometry(tail).inertial.mass + tail.hub_mass
+    else:
+        arm = tail.mass + tail.hub_mass
     total = car.mass + arm
     lowered = LOW_PLACE - gearbox_height(car, tail)
     x = (car.mass * car.com_x + arm * car.gearbox_x) / total
@@ -216,7 +215,10 @@ def write_candidates(
 
 def swing_player(path_or_name: str) -> Candidate:
     """Plays a swing file. Raises `UserError` where it is missing or malformed."""
-    place = str(Path(path_or_name).resolve()) if Path(path_or_name).exists() else path_or_name
+    if Path(path_or_name).exists():
+        place = str(Path(path_or_name).resolve())
+    else:
+        place = path_or_name
     return Candidate(
         find_swing(path_or_name).name, ("tail.mode=swing", f"controller.swing_file={place}")
     )

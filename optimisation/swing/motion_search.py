@@ -246,13 +246,12 @@ def steered_swing(
 
 def _line(number: int, found: TurnSolution) -> str:
     course = ", ".join(f"{math.degrees(value):.1f}" for value in found.course)
-    state = (
-        "converged"
-        if found.converged
-        else f"violates {found.worst}"
-        if found.violation > FEASIBLE
-        else "stopped"
-    )
+    if found.converged:
+        state = "converged"
+    elif found.violation > FEASIBLE:
+        state = f"violates {found.worst}"
+    else:
+        state = "stopped"
     return (
         f"start {number + 1}: course {course} deg, {state}, {found.evaluations} batches in "
         f"{found.wall_time:.0f} s"
