@@ -16,7 +16,8 @@ from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.teensy import SWITCHED_OFF, TeensyStatus
 from aerodima.workbench.errors import HardwareError
 
-BEAT_ID, ANSWER_ID = 0x7A0, 0x7A1
+BEAT_ID = 0x7A0
+ANSWER_ID = 0x7A1
 _MAGIC = 0xAD
 
 

@@ -47,6 +47,11 @@ from aerodima.workbench.errors import HardwareError
 
 WiringName = Literal["teensy_bridge", "watched_can"]
 WIRINGS: tuple[WiringName, ...] = get_args(WiringName)
+_RATE_WINDOW = 0.02
+"""s; of the sail's rate, as the simulated encoder has it."""
+_REST_FIRST = "put the switch in IDLE first"
+_UNKNOWN_FAULT = 255
+"""Codes of the status port are small; a larger one is still a fault."""
 
 
 def wiring_name(name: str) -> WiringName:
@@ -125,13 +130,6 @@ class CarReading:
     status: np.ndarray = field(default_factory=partial(np.zeros, STATUS.size))
     operator: OperatorCommand = IDLE
     fault_text: str = ""
-
-
-_RATE_WINDOW = 0.02
-"""s; of the sail's rate, as the simulated encoder has it."""
-_REST_FIRST = "put the switch in IDLE first"
-_UNKNOWN_FAULT = 255
-"""Codes of the status port are small; a larger one is still a fault."""
 
 
 class CarReader:

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from aerodima.hardware.car.car_ports import CarPorts, ConsoleDevice
     from aerodima.hardware.car.wiring import WiringName
     from aerodima.workbench.config.scenario import Scenario
+Ports = Annotated[
+    Path,
+    typer.Option(help="Ports file (JSON): which device is where, ids and zeros of the motors."),
+]
 
 
 def _wirings() -> list[str]:
@@ -36,10 +40,6 @@ Wiring = Annotated[
         help="How the motors are wired.",
         autocompletion=_wirings,
     ),
-]
-Ports = Annotated[
-    Path,
-    typer.Option(help="Ports file (JSON): which device is where, ids and zeros of the motors."),
 ]
 
 

@@ -26,6 +26,10 @@ from aerodima.hardware.console.page_messages import (
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.errors import LogError, UserError
 
+GONE_AFTER: Final = 2.0
+"""s without a word after which a page counts as gone, though its connection stands: hidden, frozen,
+asleep."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -185,11 +189,6 @@ class Console:
         else:
             self._record.add("arm")
             self._car.arm()
-
-
-GONE_AFTER: Final = 2.0
-"""s without a word after which a page counts as gone, though its connection stands: hidden, frozen,
-asleep."""
 
 
 class Seats:

@@ -24,8 +24,10 @@ from aerodima.hardware.console.page_access import HOST, Access, impatient_http
 from aerodima.hardware.console.page_messages import read_message
 from aerodima.workbench.errors import HardwareError, UserError
 
-_TURN, _SHOW = 0.01, 0.05
-"""s between two looks at the radio; between two states that a page gets."""
+_TURN = 0.01
+"""Time between two looks at the radio, s."""
+_SHOW = 0.05
+"""Time between two states that a page gets, s."""
 _FAREWELL = 0.3
 """s in which pages learn that the console has failed, before it ends."""
 _MOST_BYTES = 4096

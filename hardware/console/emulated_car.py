@@ -21,7 +21,8 @@ from aerodima.hardware.emulator.fault_script import read_events
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 
-_START_TIME, _END_TIME = 120.0, 20.0
+_START_TIME = 120.0
+_END_TIME = 20.0
 _LOOK = 0.05
 _TESTS = 3
 """Times that the watchdog test is tried: a computer that is busy with other work can be late for

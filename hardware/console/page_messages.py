@@ -23,6 +23,9 @@ MODES = {
 }
 """Name on the page -> mode of the radio."""
 _Angle = Annotated[float, Field(ge=-math.pi, le=math.pi)]
+_MODE_NAMES = {mode: name for name, mode in MODES.items()}
+_MOTORS = ("tail_pitch", "tail_roll")
+_OF_THE_TAIL = (*_MOTORS, "torque_pitch", "torque_roll")
 
 
 class _Message(BaseModel):
@@ -114,11 +117,6 @@ class BeatClock:
         self._before = now
         self._offset = min(self._offset, now - sent)
         return now - sent - self._offset <= self.LATEST
-
-
-_MODE_NAMES = {mode: name for name, mode in MODES.items()}
-_MOTORS = ("tail_pitch", "tail_roll")
-_OF_THE_TAIL = (*_MOTORS, "torque_pitch", "torque_roll")
 
 
 def radio_state(radio: OperatorRadio, now: float) -> dict[str, Any]:

@@ -17,8 +17,10 @@ _MOVED = 0.015
 """rad; 40 steps of the reply's position, and less than a degree."""
 _RATE = 4.0
 """N m/s at which the torque rises."""
-_SETTLED, _QUIET = 0.1, 3
-"""rad/s, and replies in a row, of a joint that rests; a free joint creeps on its friction."""
+_SETTLED = 0.1
+"""Speed below which a joint rests, rad/s; a free joint creeps on its friction."""
+_QUIET = 3
+"""Replies in a row of a joint that rests."""
 _LAST_LOOK = 0.1
 """s at the most torque."""
 

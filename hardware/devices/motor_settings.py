@@ -17,6 +17,14 @@ from aerodima.workbench.config.scenario import load_section
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.resources import model_path
 
+FADE = 0.2
+"""Share of the budget over which the torque is taken back."""
+_RECENT = 0.015
+"""s before a reply in which the command acted that its torque belongs to: at 100 Hz one of the last
+three. A reply is made before the command that it answers acts."""
+MOST_EXTRA = 2
+"""Replies too many, in cycles in a row, that may still be chance."""
+
 
 def check_command(command: MitCommand) -> None:
     """Raises `HardwareError` for NaN, infinity and negative gains: no limit makes sense of them."""
@@ -99,10 +107,6 @@ def _clip(value: float, limit: float) -> float:
     return min(max(value, -limit), limit)
 
 
-FADE = 0.2
-"""Share of the budget over which the torque is taken back."""
-
-
 class MotorLoad:
     """Load of one motor.
 
@@ -154,11 +158,6 @@ class Lasting:
         if self._since is None:
             self._since = now
         return now - self._since
-
-
-_RECENT = 0.015
-"""s before a reply in which the command acted that its torque belongs to: at 100 Hz one of the last
-three. A reply is made before the command that it answers acts."""
 
 
 class Following:
@@ -235,10 +234,6 @@ class Following:
             min(share * least, more * least) - safety.torque_margin,
             max(share * most, more * most) + safety.torque_margin,
         )
-
-
-MOST_EXTRA = 2
-"""Replies too many, in cycles in a row, that may still be chance."""
 
 
 class ReplyCount:

@@ -39,6 +39,22 @@ _RECONNECT = 0.25
 _CLOSE = 0.5
 
 T = TypeVar("T")
+_PERIOD = 1.0 / RATE
+_ANSWER_TIME = 0.05
+_MODE_CHANGE = 0.03
+"""Between operation modes, s (data sheet table 3-6: 19 ms to CONFIG, 7 ms from it)."""
+_LEAD = 0.006
+"""From the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms, the
+chip adds to it."""
+_STATUS_EVERY = 100
+_ALIKE = 10
+"""Samples in a row, or solutions of a moving car, that may be equal to the last bit: noise of gyro
+and accelerometer is above their steps (data sheet table 0-2), and the speed of a car that moves
+changes by more than 1 mm/s."""
+_MOVES = 0.5
+"""m/s; a receiver at rest may go on saying 0."""
+_MOST_MISSED = 20
+"""Requests in a row without an answer after which the chip is set up anew."""
 
 
 class Session(Generic[T]):
@@ -196,24 +212,6 @@ class SensorThread(Generic[T]):
                 self._lose(str(error))
                 self.error = " ".join(str(error).split())
                 self._closing.wait(_RECONNECT)
-
-
-_PERIOD = 1.0 / RATE
-_ANSWER_TIME = 0.05
-_MODE_CHANGE = 0.03
-"""Between operation modes, s (data sheet table 3-6: 19 ms to CONFIG, 7 ms from it)."""
-_LEAD = 0.006
-"""From the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms, the
-chip adds to it."""
-_STATUS_EVERY = 100
-_ALIKE = 10
-"""Samples in a row, or solutions of a moving car, that may be equal to the last bit: noise of gyro
-and accelerometer is above their steps (data sheet table 0-2), and the speed of a car that moves
-changes by more than 1 mm/s."""
-_MOVES = 0.5
-"""m/s; a receiver at rest may go on saying 0."""
-_MOST_MISSED = 20
-"""Requests in a row without an answer after which the chip is set up anew."""
 
 
 class Bno055Session(Session[Bno055Sample]):

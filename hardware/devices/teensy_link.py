@@ -43,6 +43,15 @@ from aerodima.hardware.transport.serial_link import SerialLink
 
 _LONGEST_REPLY = 200
 """Bytes between two `|`; more is noise."""
+_WRAP = 2**32
+_BACKWARDS = 1000
+"""A count that falls by more than that is a restart of the microcontroller, ms."""
+_SILENT = 0.1
+"""Without a reply string for that long the Teensy counts as silent, s: ten cycles."""
+_MOST_REPEATS = 20
+"""Cycles in which an order is repeated when its motor asks for nothing; a motor that runs asks at
+least every tenth."""
+_REQUESTS = {0xFC: MotorRequest.ENTER, 0xFD: MotorRequest.EXIT}
 
 
 class ReplyStream:
@@ -73,11 +82,6 @@ class ReplyStream:
                 self.rejected += 1
         self._synchronised = self._synchronised or bool(complete)
         return found
-
-
-_WRAP = 2**32
-_BACKWARDS = 1000
-"""A count that falls by more than that is a restart of the microcontroller, ms."""
 
 
 class ClockAlignment:
@@ -114,14 +118,6 @@ class ClockAlignment:
         seconds = (count + self._turns * _WRAP) / 1000.0
         self._offsets.append(arrival - seconds)
         return seconds + min(self._offsets)
-
-
-_SILENT = 0.1
-"""Without a reply string for that long the Teensy counts as silent, s: ten cycles."""
-_MOST_REPEATS = 20
-"""Cycles in which an order is repeated when its motor asks for nothing; a motor that runs asks at
-least every tenth."""
-_REQUESTS = {0xFC: MotorRequest.ENTER, 0xFD: MotorRequest.EXIT}
 
 
 class TeensyLink:

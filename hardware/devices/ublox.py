@@ -14,7 +14,8 @@ from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.workbench.errors import HardwareError
 
 _UBX = b"\xb5\x62"
-_NAV_PVT, _NAV_PVT_BYTES = b"\x01\x07", 92
+_NAV_PVT = b"\x01\x07"
+_NAV_PVT_BYTES = 92
 _MOST_PAYLOAD = 256
 """Longer messages are stepped over byte by byte; a false start in noise must not hold up good
 frames for long."""

@@ -36,10 +36,21 @@ from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE
 from aerodima.workbench.errors import HardwareError
 
-_ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
+_ROLL = IMU.index("roll")
+_PITCH = IMU.index("pitch")
 
 _MOST_SPAN = 0.02
 """s; after a pause of the loop the throttle does not jump."""
+_ARMED = STATUS.index("armed")
+_TAIL = (STATUS.index("tail_pitch_fault"), STATUS.index("tail_roll_fault"))
+_SAIL = STATUS.index("sail_fault")
+_IMU = STATUS.index("imu_fault")
+_SPEED = STATUS.index("speed_fault")
+_OPERATOR = STATUS.index("operator_fault")
+_OPERATOR_AGE = STATUS.index("operator_age")
+_RATES = (TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate"))
+_GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
+_UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
 
 
 class DriveLimits:
@@ -108,17 +119,6 @@ class DriveLimits:
         ):
             return ""
         return f"the car drives {speed:.1f} m/s; allowed is {limit:g}"
-
-
-_ARMED = STATUS.index("armed")
-_TAIL = (STATUS.index("tail_pitch_fault"), STATUS.index("tail_roll_fault"))
-_SAIL, _IMU, _SPEED, _OPERATOR = (
-    STATUS.index(f"{name}_fault") for name in ("sail", "imu", "speed", "operator")
-)
-_OPERATOR_AGE = STATUS.index("operator_age")
-_RATES = (TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate"))
-_GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
-_UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
 
 
 class Stage(IntEnum):

@@ -38,6 +38,16 @@ _COARSE_SLEEP = 0.002
 """s; a computer whose sleeps end later than that cannot keep 10 ms."""
 _FIRST_YEAR = 2024
 _CLOCK_DIFFERENCE = 2.0
+_WATCHES = {
+    "teensy_bridge": "the Teensy, by the strings of the computer",
+    "watched_can": "the Teensy, by the heartbeat on the motors' bus",
+}
+_RATIO_TOLERANCE = 0.2
+_WARMEST = 120.0
+_COLDEST = -30.0
+_LEAST_SAMPLES = 10
+_ROLL = IMU.index("roll")
+_PITCH = IMU.index("pitch")
 
 
 @dataclass(frozen=True)
@@ -86,12 +96,6 @@ def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafe
     pack = f"measure {safety.least_voltage:g} to {safety.most_voltage:g} V, fuse {safety.fuse:g} A"
     battery = Check("battery", None, f"replies of the MIT mode carry no voltage; {pack}")
     return [*checks, battery, _gps_clock(gps_time)]
-
-
-_WATCHES = {
-    "teensy_bridge": "the Teensy, by the strings of the computer",
-    "watched_can": "the Teensy, by the heartbeat on the motors' bus",
-}
 
 
 def watchdog_check(wiring: str, unwatched: str) -> Check:
@@ -200,10 +204,6 @@ def zero_checks(reading: CarReading, scenario: Scenario, safety: DriveSafety) ->
     return checks
 
 
-_RATIO_TOLERANCE = 0.2
-_WARMEST, _COLDEST = 120.0, -30.0
-
-
 @dataclass(frozen=True)
 class ProfileEvidence:
     """Result of a check of replies against a profile.
@@ -290,10 +290,6 @@ def _speed_ratio(
     if np.ptp(x) < 4 * false_travel + 0.1 or np.ptp(y) < 1e-3:
         return None
     return float(x @ y / (x @ x))
-
-
-_LEAST_SAMPLES = 10
-_ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
 
 
 def standstill_checks(

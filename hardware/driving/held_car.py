@@ -47,6 +47,38 @@ from aerodima.workbench.realtime import DRIVE_PRIORITY, prefer_realtime, restore
 
 _HEARD = 0.5
 """s within which Teensy and watchdog must answer."""
+QUESTION = "The link was cut. Are both motors off: does the tail move freely by hand?"
+_HOLDING = 0.5
+"""Time for which the motors hold before the cut, s."""
+_ACT_TIME = 2.0
+"""Time in which the Teensy must act after the cut, s."""
+_LOOK = 0.002
+"""Time between two looks at the Teensy, s."""
+_CUTS = {
+    "teensy_bridge": ("strings stopped", TeensyStatus.WATCHDOG_ACTED),
+    "watched_can": ("heartbeat stopped", TeensyStatus.BEATS_STOPPED),
+}
+"""What is cut, and what the Teensy reports then."""
+_WAYS = {"tail_pitch": ("forward", "back"), "tail_roll": ("to the right", "to the left")}
+"""Positive, negative (design section 4)."""
+_STEP = math.radians(5.0)
+_MOST_WRONG = math.radians(2.0)
+_KP = 60.0
+"""N m/rad: five degrees ask for 5 N m at most, and the weight of a tail that lies on its side
+(1.2 N m on the emulated car) costs one degree; with the soft gains that hold it, it would cost
+four."""
+_KD = 5.0
+"""N m s/rad."""
+_MOVE = 1.0
+_SETTLE = 0.5
+_LEAST_REPLIES = 20
+_MOST_SPREAD = math.radians(1.0)
+_TORQUE_ERROR = 0.5
+"""N m by which the reported torque may differ: a motor reads its current, not its torque."""
+_TORQUE_SHARE = 0.4
+"""Share of the torque by which the reported one may differ."""
+_COOLER = 20.0
+"""K below the limit of a drive, for a motor that has done nothing yet."""
 
 
 def connect(
@@ -137,17 +169,6 @@ def run_cycles(
         wait_until(begin + (cycle + 1) * PERIOD)
 
 
-QUESTION = "The link was cut. Are both motors off: does the tail move freely by hand?"
-_HOLDING, _ACT_TIME, _LOOK = 0.5, 2.0, 0.002
-"""s in which the motors hold before the cut, in which the Teensy must act after it, and between two
-looks at it."""
-_CUTS = {
-    "teensy_bridge": ("strings stopped", TeensyStatus.WATCHDOG_ACTED),
-    "watched_can": ("heartbeat stopped", TeensyStatus.BEATS_STOPPED),
-}
-"""What is cut, and what the Teensy reports then."""
-
-
 def run_watchdog_test(
     scenario: Scenario,
     ports: CarPorts,
@@ -209,24 +230,6 @@ def _await_status(car: WiredCar, wanted: TeensyStatus) -> float:
         time.sleep(_LOOK)
         teensy.poll()
     return time.monotonic()
-
-
-_WAYS = {"tail_pitch": ("forward", "back"), "tail_roll": ("to the right", "to the left")}
-"""Positive, negative (design section 4)."""
-_STEP = math.radians(5.0)
-_MOST_WRONG = math.radians(2.0)
-_KP, _KD = 60.0, 5.0
-"""N m/rad and N m s/rad: five degrees ask for 5 N m at most, and the weight of a tail that lies on
-its side (1.2 N m on the emulated car) costs one degree; with the soft gains that hold it, it would
-cost four."""
-_MOVE, _SETTLE = 1.0, 0.5
-_LEAST_REPLIES = 20
-_MOST_SPREAD = math.radians(1.0)
-_TORQUE_ERROR, _TORQUE_SHARE = 0.5, 0.4
-"""N m and share of it by which the reported torque may differ: a motor reads its current, not its
-torque."""
-_COOLER = 20.0
-"""K below the limit of a drive, for a motor that has done nothing yet."""
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,26 @@ from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.transport.can_adapter import TrafficLog, can
 from aerodima.workbench.errors import HardwareError
 
+_ENTER = 0xFC
+_EXIT = 0xFD
+_ZERO = 0xFE
+_PROFILE = AK70_10_V1_0_8
+WARM = 30.0
+"""Temperature of a healthy motor, degrees Celsius."""
+HOT = 95.0
+"""Temperature beyond the limit of `motor_safety.yaml`, degrees Celsius."""
+_PAST = 1000
+"""Steps of the car that a motor remembers."""
+ENCODER_JUMP = 1.0
+"""rad: ten times the margin of `motor_safety.yaml`."""
+DRIFT_RATE = 3.0
+"""rad/s: leaves the range within a second, slower than a jump."""
+_OK = b"\r"
+_ERROR = b"\a"
+_LONGEST_LINE = 64
+_MOST_HEARD = 4096
+_MOST_BYTES = 4096
+
 
 class EmulatedBus:
     """Whoever owns the bus gives it frames and gets the answers; a second node may receive all and
@@ -106,18 +126,6 @@ class EmulatedBus:
                 is_rx=received,
             )
         )
-
-
-_ENTER, _EXIT, _ZERO = 0xFC, 0xFD, 0xFE
-_PROFILE = AK70_10_V1_0_8
-WARM, HOT = 30.0, 95.0
-"""Degrees Celsius, of a healthy motor and of one that is beyond the limit of `motor_safety.yaml`.
-"""
-_PAST = 1000
-"""Steps of the car that a motor remembers."""
-ENCODER_JUMP, DRIFT_RATE = 1.0, 3.0
-"""rad: ten times the margin of `motor_safety.yaml`; rad/s: leaves the range within a second, slower
-than a jump."""
 
 
 class EmulatedMotor:
@@ -287,11 +295,6 @@ class EmulatedMotor:
         return [frame]
 
 
-_OK, _ERROR = b"\r", b"\a"
-_LONGEST_LINE = 64
-_MOST_HEARD = 4096
-
-
 class SlcanAdapter:
     """Bytes from the computer to frames on the bus, answers to bytes.
 
@@ -366,9 +369,6 @@ def write_frame(frame: CanFrame) -> bytes:
     else:
         head = f"t{frame.arbitration_id:03X}"
     return f"{head}{len(frame.data)}{frame.data.hex().upper()}\r".encode()
-
-
-_MOST_BYTES = 4096
 
 
 class PtyPort:

@@ -33,6 +33,24 @@ SERVO_PULSES = (950, 1500, 2050)
 """Least, idle and most pulse of the steering servo, us (thesis 5.4.5)."""
 THROTTLE_PULSES = (1100, 1500, 1900)
 """Least, idle and most pulse of the speed controller, us (thesis 5.4.5)."""
+_MOST_DIGITS = 12
+_REPLY_FIELDS = 17
+_UNKNOWN_AGE = 65535
+"""Age of an attitude that is not known, ms."""
+_MOTOR_FIELDS = ("position", "velocity", "kp", "kd", "torque")
+NUMBERS = {
+    "position": (-100.0, 100.0, 5),
+    "velocity": (-200.0, 200.0, 4),
+    "kp": (0.0, 500.0, 4),
+    "kd": (0.0, 5.0, 5),
+    "torque": (-200.0, 200.0, 4),
+    "roll": (-3.2, 3.2, 4),
+    "pitch": (-3.2, 3.2, 4),
+    "sail": (0.0, 360.0, 3),
+}
+"""Least and most value that is read or allowed, and decimals that are written. Those of the motors
+are the widest that any firmware profile can carry; the profile's own range is checked where it is
+known."""
 
 
 class MotorRequest(IntEnum):
@@ -194,24 +212,6 @@ def _crc_of(byte: int) -> int:
 
 _CRC_TABLE = tuple(_crc_of(byte) for byte in range(256))
 
-_MOST_DIGITS = 12
-_REPLY_FIELDS = 17
-_UNKNOWN_AGE = 65535
-"""Age of an attitude that is not known, ms."""
-_MOTOR_FIELDS = ("position", "velocity", "kp", "kd", "torque")
-NUMBERS = {
-    "position": (-100.0, 100.0, 5),
-    "velocity": (-200.0, 200.0, 4),
-    "kp": (0.0, 500.0, 4),
-    "kd": (0.0, 5.0, 5),
-    "torque": (-200.0, 200.0, 4),
-    "roll": (-3.2, 3.2, 4),
-    "pitch": (-3.2, 3.2, 4),
-    "sail": (0.0, 360.0, 3),
-}
-"""Least and most value that is read or allowed, and decimals that are written. Those of the motors
-are the widest that any firmware profile can carry; the profile's own range is checked where it is
-known."""
 _INTEGERS = {
     "id": (0, 255),
     "replies": (0, 255),

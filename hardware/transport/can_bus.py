@@ -45,6 +45,9 @@ _GONE = (
     errno.EPIPE,
     errno.ECONNRESET,
 )
+_STALE_AFTER = 0.05
+"""A command that has waited that long is not sent any more, s: five cycles of the loop."""
+_MOST_URGENT = 256
 
 
 class BusFault(IntEnum):
@@ -56,11 +59,6 @@ class BusFault(IntEnum):
     ADAPTER_LOST = 3
     RECEIVER_DEAD = 4
     CLOSED = 5
-
-
-_STALE_AFTER = 0.05
-"""A command that has waited that long is not sent any more, s: five cycles of the loop."""
-_MOST_URGENT = 256
 
 
 class Outbox:

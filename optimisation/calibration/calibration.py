@@ -37,11 +37,16 @@ from aerodima.optimisation.sweep.runs import Runs
 from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.config.array_types import FloatArray
 
-REDUCED_AT_ONCE, FULL_AT_ONCE = 300, 4
-"""Cars in one piece of work."""
-MIDDLE, WIDE, NARROW = 0.67, 0.8, 0.4
-"""Friction in the middle of the first search for a flip, and the reach of both searches in its
-logarithm."""
+REDUCED_AT_ONCE = 300
+"""Reduced cars in one piece of work."""
+FULL_AT_ONCE = 4
+"""Full cars in one piece of work."""
+MIDDLE = 0.67
+"""Friction in the middle of the first search for a flip."""
+WIDE = 0.8
+"""Reach of the first search in the logarithm of the friction."""
+NARROW = 0.4
+"""Reach of the second search in the logarithm of the friction."""
 FULL_REACH = {"none": 0.05, "held": 0.05, "swing": 0.15}
 """Steps of the search for the flip of a full car from that of the reduced one."""
 LIFT_WIDTH = 0.1

@@ -29,13 +29,20 @@ from aerodima.workbench.config.array_types import FloatArray, IntArray
 from aerodima.workbench.errors import UserError
 
 METRICS = (*FIGURES, LIFT)
-SIZES, LENGTHS, NOISES = (1e-2, 1e3), (0.3, 100.0), (1e-5, 1.0)
-"""Bounds of what a process is tuned in: variance, lengths over scaled columns, variance of the
-noise."""
-TUNED, FITTED = 250, 1200
-"""Most rows by which it is tuned, and to which it is fitted."""
-LEAST, LEAST_FULL = 8, 3
-"""Cars that a process, and full cars that a correction needs."""
+SIZES = (1e-2, 1e3)
+"""Bounds of the variance that a process is tuned in."""
+LENGTHS = (0.3, 100.0)
+"""Bounds of its lengths over scaled columns."""
+NOISES = (1e-5, 1.0)
+"""Bounds of the variance of its noise."""
+TUNED = 250
+"""Most rows by which a process is tuned."""
+FITTED = 1200
+"""Most rows to which a process is fitted."""
+LEAST = 8
+"""Cars that a process needs."""
+LEAST_FULL = 3
+"""Full cars that a correction needs."""
 RIDGES = np.logspace(0.0, 4.0, 9)
 """Ridges of a correction that are tried."""
 CLOSEST = 0.005

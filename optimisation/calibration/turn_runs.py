@@ -37,8 +37,10 @@ from aerodima.workbench.metrics.published_values import SAMPLE_TIMES
 from aerodima.workbench.metrics.turn_metrics import outcome_of
 from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, turn_signals
 
-BEFORE, AFTER = 0.4, 1.6
-"""Seconds before and after the start of the steering that figures are made of."""
+BEFORE = 0.4
+"""Time before the start of the steering that figures are made of, s."""
+AFTER = 1.6
+"""Time after the start of the steering that figures are made of, s."""
 STEP = 0.002
 """Step of the reduced cars, s."""
 LEFT = [index for index, wheel in enumerate(WHEELS) if wheel.endswith("left")]

@@ -40,7 +40,8 @@ from aerodima.workbench.metrics.published_values import (
 )
 from aerodima.workbench.plants.car_model import chassis_centre
 
-FRICTION, SLIP = "car.tyre_friction", "car.tyre_slip_angle"
+FRICTION = "car.tyre_friction"
+SLIP = "car.tyre_slip_angle"
 NUISANCES = ("window", "latency", "gyro_bias", "forward")
 OF_THE_FIELD = NUISANCES[1:]
 FORWARD = 0.5
@@ -49,7 +50,8 @@ LONGEST = {"window": 1.2, "latency": 0.3}
 """s; what is recorded around the steering allows no more."""
 KEPT = 2000
 """Cars of a posterior that are kept."""
-OFF, OFF_ROLL = "discrepancy", "discrepancy of roll"
+OFF = "discrepancy"
+OFF_ROLL = "discrepancy of roll"
 LIFT = "lift_yaw_rate_rad_per_s"
 FIGURES = (
     "max_yaw_rate_rad_per_s",

@@ -60,7 +60,8 @@ from aerodima.workbench.report.report_page import (
     write_files,
 )
 
-PAGE, MEASURE = "index.html", "measure_next.html"
+PAGE = "index.html"
+MEASURE = "measure_next.html"
 FIELD_TABLES = ("Table 7.3", "Table 7.4")
 OF_A_CAR = ("controller.trigger_yaw_rate", "tail.roll_stop")
 """Settings of a run that belong to the car, not to its drive."""

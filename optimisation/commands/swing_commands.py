@@ -18,6 +18,14 @@ from aerodima.workbench.errors import SweepError, SwingError
 
 if TYPE_CHECKING:
     from aerodima.workbench.config.ensemble import Member
+TaskArgument = Annotated[str, cli.named("Task", "tasks")]
+TailName = Annotated[
+    str, cli.chosen("Tail: that of each car, or the larger one.", "built", "designed")
+]
+Floors = Annotated[
+    list[float] | None,
+    typer.Option("--floor", help="Friction over that of the car; may be repeated; by default 1."),
+]
 
 
 def _suite(table: str) -> list[str]:
@@ -32,7 +40,6 @@ def _task_keys() -> list[str]:
     return [f"{name}=" for name in Task.model_fields if name != "schema_"]
 
 
-TaskArgument = Annotated[str, cli.named("Task", "tasks")]
 TaskSettings = Annotated[
     list[str] | None, cli.setting("training=2 or speeds=[3.6,4.5]", _task_keys)
 ]
@@ -86,15 +93,6 @@ def search(
     typer.echo(
         f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}"
     )
-
-
-TailName = Annotated[
-    str, cli.chosen("Tail: that of each car, or the larger one.", "built", "designed")
-]
-Floors = Annotated[
-    list[float] | None,
-    typer.Option("--floor", help="Friction over that of the car; may be repeated; by default 1."),
-]
 
 
 @cli.grouped

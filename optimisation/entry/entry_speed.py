@@ -46,9 +46,10 @@ STEP = 0.002
 """Step of the plant in a climb, s."""
 MOST_BACK = 8
 """How often a speed is lowered at most when the fine step does not bear it out."""
-OFF_PATH, PATH_END = "off_path_m", "path_end_reached"
-"""Columns of a run on a path: how far it leaves its lane, m, not above 0 where it keeps to it;
-whether it gets to the end."""
+OFF_PATH = "off_path_m"
+"""Column of a run on a path: how far it leaves its lane, m, not above 0 where it keeps to it."""
+PATH_END = "path_end_reached"
+"""Column of a run on a path: whether it gets to the end."""
 ERROR = "error: "
 """Begins what failed in a run that came to nothing."""
 NOT_PROVED = "not proved"

@@ -40,8 +40,11 @@ from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log
 
 CAR = ("tyre_friction", "tyre_slip_angle", "com_height")
-DELAY, SPEED, DRIVEN = "delay", "speed", "driven_speed"
-"""Speed with which the run begins, and the one that the throttle of the log drives to."""
+DELAY = "delay"
+SPEED = "speed"
+"""Speed with which the run begins."""
+DRIVEN = "driven_speed"
+"""Speed that the throttle of the log drives to."""
 BIASES = {
     "gyro_bias_z": "yaw_rate",
     "gyro_bias_x": "roll_rate",
@@ -64,28 +67,40 @@ a step earlier or later do not count."""
 STEP_ERROR = (1.5, 0.5)
 """How many times the change by half the plant's step is added to its motion, and the standard
 deviation of that: once is a plant of half the step, twice, to first order, one without."""
-_SPEED_REACH, _TILTED = 1.0, 0.01
-"""Bounds of the speeds about those of the GPS, m/s; error of the attitude with which the IMU takes
-gravity off, rad."""
+_SPEED_REACH = 1.0
+"""Bounds of the speeds about those of the GPS, m/s."""
+_TILTED = 0.01
+"""Error of the attitude with which the IMU takes gravity off, rad."""
 _SCAN = ((0.2, 0.2), (0.5, 0.35), (0.8, 0.2), (0.5, 0.6))
 """Slip angle and height of the cars that are tried first, as shares of their ranges."""
-_TOP, _OF_FORCE, _LATENCIES = 0.9, 1.35, np.arange(0.0, 0.1501, 0.005)
-"""Their friction is so many times this quantile of the lateral acceleration over gravity; their
-delays, s."""
+_TOP = 0.9
+"""Quantile of the lateral acceleration over gravity that gives the friction of the starts."""
+_OF_FORCE = 1.35
+"""Their friction is so many times that quantile."""
+_LATENCIES = np.arange(0.0, 0.1501, 0.005)
+"""Their delays, s."""
 _WILD = {"yaw_rate": 1.0, "roll_rate": 1.0, "lateral_acceleration": 4.0, "speed": 0.5}
 """Where a residual stops to count for the start, rad/s, m/s2 and m/s: what rolls over in one car
 and not in another."""
-MISFIT, OPEN = 1.5, 0.8
-"""Times what noise and the least error of the model allow, from which a misfit is reported; share
-of a prior's deviation from which a log does not determine a number."""
-_MOST_STEPS, _SHARES = 25, (1.0, 0.5, 0.25, 0.1, 0.03)
-"""Most steps of a fit, and the shares of a Gauss-Newton step that are tried in turn."""
-_FAR, _NEAR, _SETTLED, _ROUGH = 3.0, 25.0, 0.01, 2.0
-"""A mean square of the residual above the first is far from what noise leaves. Of the cost, in
-halves of a squared standard deviation: a next step that promises less than the second is near,
-channels are weighed and derivatives kept from there on. One that promises less than the third, a
-seventh of a standard deviation of all unknowns together, ends the fit. Contacts that come a step
-earlier or later make the cost rough by the fourth: a step may raise it so far."""
+MISFIT = 1.5
+"""Times what noise and the least error of the model allow, from which a misfit is reported."""
+OPEN = 0.8
+"""Share of a prior's deviation from which a log does not determine a number."""
+_MOST_STEPS = 25
+"""Most steps of a fit."""
+_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
+"""Shares of a Gauss-Newton step that are tried in turn."""
+_FAR = 3.0
+"""A mean square of the residual above this is far from what noise leaves."""
+_NEAR = 25.0
+"""Of the cost, in halves of a squared standard deviation: a next step that promises less is near;
+channels are weighed and derivatives kept from there on."""
+_SETTLED = 0.01
+"""Of the cost: a next step that promises less, a seventh of a standard deviation of all unknowns
+together, ends the fit."""
+_ROUGH = 2.0
+"""Of the cost, by which a step may raise it: contacts that come a step earlier or later make it
+rough."""
 
 
 def prior_of(name: str) -> tuple[float, float]:

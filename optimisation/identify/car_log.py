@@ -25,21 +25,29 @@ from aerodima.workbench.logs.signals import check_signals
 from aerodima.workbench.metrics.turn_signals import STEERED
 from aerodima.workbench.sensors.car_sensors import STEPS
 
-LEAD, SETTLING, REACH = 0.6, 0.1, 0.5
-"""The car of a model rolls from so long before the first steering command on, s; its motion is
-compared once pitch and tail have settled, so much later, until so long after the last command."""
+LEAD = 0.6
+"""The car of a model rolls from so long before the first steering command on, s."""
+SETTLING = 0.1
+"""Its motion is compared so much later, once pitch and tail have settled, s."""
+REACH = 0.5
+"""Its motion is compared until so long after the last command, s."""
 LARGEST_TILT = 0.8
 """rad; what a car does that leans more is decided by what no model knows. Samples behind it are not
 fitted."""
 STOP_MARGIN = 0.03
 """rad; a tail so near to the stop that it swings to has struck it or may, in an instant that
 decides all behind it."""
-MODEL_SHARE, MODEL_TIME = 0.005, 0.1
+MODEL_SHARE = 0.005
 """Least error of the model: share of the signal, by which the largest yaw rate at the plant's step
-is off, and how long one such error lasts, s."""
-LEAST_SPAN, LEAST_SAMPLES, LEAST_NOISE = 0.5, {"imu": 40, "speed": 5}, 1e-4
-"""s before and after the first steering command; samples by source; of a signal whose unit is in
-rad/s or m/s2."""
+is off."""
+MODEL_TIME = 0.1
+"""How long one such error lasts, s."""
+LEAST_SPAN = 0.5
+"""Time that a log needs before and after the first steering command, s."""
+LEAST_SAMPLES = {"imu": 40, "speed": 5}
+"""Samples that a log needs, by source."""
+LEAST_NOISE = 1e-4
+"""Least noise of a signal whose unit is in rad/s or m/s2."""
 DRIVER = ("steering_command_rad", "throttle_command", "planned_turn")
 TAIL = {
     joint: [

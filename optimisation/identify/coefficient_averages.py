@@ -24,6 +24,9 @@ from aerodima.workbench.aero.laws import CHEETAH_LIMIT, ROBOT_LIMIT
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.errors import FitError
 
+_ANGLE_STEP = 1.0
+"""Holds within half of this (degrees) of each other are one node."""
+
 
 def weights(resnorms: np.ndarray) -> np.ndarray:
     """w_i of eqs. 4.29 and 4.30.
@@ -126,10 +129,6 @@ def huber_location(values: np.ndarray) -> float:
             xtol=1e-9 * scale,
         )
     )
-
-
-_ANGLE_STEP = 1.0
-"""Holds within half of this (degrees) of each other are one node."""
 
 
 def node_angle(result: FitResult) -> float:

@@ -33,6 +33,7 @@ from aerodima.workbench.logs.schema import software_versions
 JOURNAL = "fits.jsonl"
 _RESULT = TypeAdapter(FitResult)
 WORKER_KILLED = "its worker process was killed, beside other fits and alone (out of memory?)"
+Fit = Callable[[str], FitResult]
 
 
 @dataclass(frozen=True)
@@ -48,9 +49,6 @@ class BatchResult:
     results: list[FitResult]
     failed: dict[str, str]
     reused: int = 0
-
-
-Fit = Callable[[str], FitResult]
 
 
 def fit_logs(

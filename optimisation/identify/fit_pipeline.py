@@ -34,6 +34,19 @@ from aerodima.optimisation.identify.least_squares import (
 from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
 from aerodima.optimisation.identify.uncertainty import Noise, Uncertainty, uncertainty
 
+_NEGLIGIBLE = 0.03
+"""A constant whose standard deviation moves the whitened residual by less is left as it is."""
+_ROUNDS = 4
+_SETTLED = 0.1
+_STRANGE = 3.5
+"""Prior standard deviations beyond which the shift of a constant is reported."""
+_CHANCE = 1e-4
+"""Chance of a misfit below which it is reported."""
+_FEW = 50
+"""Most degrees of freedom that the data leave where such a misfit is reported."""
+_LEAST_SHARE = 1e-3
+NoiseModel = Callable[[Solution], Noise]
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -168,19 +181,6 @@ def short_name(fit: str) -> str:
 def unit_suffix(unit: str) -> str:
     """A unit as the end of a column name: `N m s/rad` becomes `n_m_s_per_rad`, `A` becomes `a`."""
     return unit.lower().replace("/", "_per_").replace(" ", "_").replace("^", "")
-
-
-_NEGLIGIBLE = 0.03
-"""A constant whose standard deviation moves the whitened residual by less is left as it is."""
-_ROUNDS, _SETTLED = 4, 0.1
-_STRANGE = 3.5
-"""Prior standard deviations beyond which the shift of a constant is reported."""
-_CHANCE, _FEW = 1e-4, 50
-"""Chance of a misfit below which it is reported, where the data leave at most that many degrees of
-freedom."""
-_LEAST_SHARE = 1e-3
-
-NoiseModel = Callable[[Solution], Noise]
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,13 @@ _CENTRAL_DIFFERENCE = 5e-4
 """Step of differences to both sides: cube root of 1e-10."""
 _SAME_COST = 1.01
 """Costs within this factor are the same minimum."""
+Loss = Literal["squares", "huber"]
+LOSSES: tuple[Loss, ...] = ("squares", "huber")
+LIMIT = 1.345
+"""In standard deviations: 95 % efficient on normal data."""
+_NORMAL = 1.4826
+_SETTLED = 0.05
+_MOST_SCALES = 4
 
 
 @dataclass(frozen=True)
@@ -340,14 +347,6 @@ def finite_differences(problem: Problem, x: np.ndarray, at_x: np.ndarray) -> np.
     if not np.all(np.isfinite(J)):
         raise FitError(f"the derivative is not finite at {problem.describe(x)}")
     return J
-
-
-Loss = Literal["squares", "huber"]
-LOSSES: tuple[Loss, ...] = ("squares", "huber")
-LIMIT = 1.345
-"""In standard deviations: 95 % efficient on normal data."""
-_NORMAL = 1.4826
-_SETTLED, _MOST_SCALES = 0.05, 4
 
 
 def huber(residual: np.ndarray, limit: float = LIMIT) -> np.ndarray:

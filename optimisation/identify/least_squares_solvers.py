@@ -34,9 +34,12 @@ from aerodima.optimisation.identify.least_squares import (
 )
 from aerodima.workbench.errors import FitError
 
-_DAMPING_LEAST, _DAMPING_FIRST, _DAMPING_MOST = 1e-8, 1.0, 1e20
-"""Relative to the square of the least singular value that counts. Least: next to a Gauss-Newton
-step. First: after a refused step."""
+_DAMPING_LEAST = 1e-8
+"""Least damping, relative to the square of the least singular value that counts: next to a
+Gauss-Newton step."""
+_DAMPING_FIRST = 1.0
+"""Damping after a refused step."""
+_DAMPING_MOST = 1e20
 _UNIDENTIFIABLE = 1e-9
 """Singular values below this part of the largest do not count: unidentifiable directions."""
 _AT_BOUND = 1e-6
@@ -47,7 +50,10 @@ is reached."""
 _KINK_TOLERANCE = 1e-4
 """The same where no step, however short, lowers the cost: the minimum is a kink of
 the model (jet edge, node of a table)."""
-_STEP_TOLERANCE, _COST_TOLERANCE, _GRADIENT_TOLERANCE = 1e-8, 1e-10, 1e-9
+_STEP_TOLERANCE = 1e-8
+_COST_TOLERANCE = 1e-10
+_GRADIENT_TOLERANCE = 1e-9
+_FEW_STEPS = 8
 
 
 def solve_rollout(problem: Problem, start: np.ndarray, most_steps: int = 100) -> Attempt:
@@ -195,9 +201,6 @@ def _projected_gradient(
     free[(z <= low) & (gradient > 0.0)] = 0.0
     free[(z >= high) & (gradient < 0.0)] = 0.0
     return float(np.max(np.abs(free)))
-
-
-_FEW_STEPS = 8
 
 
 def solve_formula(problem: Problem, start: np.ndarray) -> Attempt:

@@ -31,8 +31,65 @@ from aerodima.workbench.resources import published_table
 
 Knowledge = Literal["uncertain", "exact"]
 KNOWLEDGE: tuple[Knowledge, ...] = ("uncertain", "exact")
-ANGLE, CURRENT = "angle_rad", "current_a"
+ANGLE = "angle_rad"
+CURRENT = "current_a"
 LARGEST_ANGLE = math.radians(110.0)
+LARGEST_SPEED = 60.0
+"""m/s of wind that a log may state: far beyond any tunnel for tails of this size, below a slip of
+the unit."""
+_TRUTH = ("aero", "seed", "name", "schema", "simulation")
+_OF_THE_LOG = tuple(f"experiment.{key}" for key in ("kind", "tail", "axis", "wind_speed"))
+_FACTS = (("tail", ("1", "2", "3")), ("axis", ("major", "minor")))
+CONSTANTS: dict[str, tuple[float, dict[str, float]]] = {
+    "mount_mass": (0.5, {"mount.mass": 1.0}),
+    "mount_com_x": (0.1, {"mount.com_x": 1.0, "mount.pivot_x": -1.0}),
+    "mount_com_y": (0.1, {"mount.com_y": 1.0, "mount.pivot_y": -1.0}),
+    "pivot_x": (0.1, {"mount.pivot_x": 1.0}),
+    "pivot_y": (0.1, {"mount.pivot_y": 1.0}),
+    "pivot_z": (0.1, {"mount.pivot_z": 1.0}),
+    "bar_mass": (0.2, {"bar.mass": 1.0}),
+    "bar_com": (0.08, {"bar.com_distance": 1.0}),
+    "bar_inertia": (1e-3, {"bar.inertia_xx": 1.0}),
+    "bar_width": (0.015, {"bar.width": 1.0}),
+    "bar_drag": (1.5, {"bar.drag_coefficient": 1.0}),
+    "tail_mass": (0.05, {"tail.mass": 1.0}),
+    "tail_com": (0.1, {"tail.com_distance": 1.0}),
+    "tail_gap": (0.05, {"tail.gap": 1.0}),
+    "tail_length": (0.1, {"tail.length": 1.0}),
+    "tail_width": (0.03, {"tail.major_axis": 1.0}),
+    "rotor_inertia": (5e-3, {"maxon.reflected_inertia": 1.0}),
+    "torque_constant": (0.2, {"maxon.torque_constant": 1.0}),
+    "jet_edge_depth": (0.15, {"tunnel.jet_edge_depth": 1.0}),
+    "wind_speed": (0.3, {}),
+    "air_density": (0.5, {"environment.air_density": 1.0}),
+    "coulomb": (0.04, {"friction.coulomb": 1.0}),
+    "viscous": (0.03, {"friction.viscous": 1.0}),
+    "encoder_zero": (0.2, {}),
+    "encoder_gain": (0.3, {}),
+    "current_bias": (2.0, {}),
+    "current_delay": (0.05, {}),
+    "force_gain": (0.5, {}),
+}
+"""Name -> bound to either side where it is free, and keys of the scenario that it shifts, each with
+a sign; none for an error of an instrument."""
+BIASES = ("fx_bias", "fy_bias", "fz_bias", "tx_bias", "ty_bias", "tz_bias")
+"""What is left in the readings of the force sensor, N and N m."""
+_BIAS_REACH = 500.0
+_SCALE = 0.01
+"""Scale of a free constant, as a share of its reach."""
+_FAR = 20.0
+"""Bounds of one with a prior, in its standard deviations."""
+_SWING_ONLY = (
+    "bar_inertia",
+    "rotor_inertia",
+    "coulomb",
+    "viscous",
+    "current_bias",
+    "current_delay",
+    "encoder_gain",
+)
+_ROBOT = ("wind_speed", "air_density", "encoder_zero", "encoder_gain")
+_STATIC_ONLY = ("mount_mass", "mount_com_x", "mount_com_y", "force_gain", *BIASES)
 
 
 @dataclass(frozen=True)
@@ -84,14 +141,6 @@ class FitOptions:
 
 FREE = FitOptions()
 """Least squares within the model's own bounds, on the rig that the log names."""
-
-
-LARGEST_SPEED = 60.0
-"""m/s of wind that a log may state: far beyond any tunnel for tails of this size, below a slip of
-the unit."""
-_TRUTH = ("aero", "seed", "name", "schema", "simulation")
-_OF_THE_LOG = tuple(f"experiment.{key}" for key in ("kind", "tail", "axis", "wind_speed"))
-_FACTS = (("tail", ("1", "2", "3")), ("axis", ("major", "minor")))
 
 
 def checked_angle(log: RunLog, kind: str, least: int) -> tuple[np.ndarray, np.ndarray]:
@@ -256,58 +305,6 @@ def differences(scenario: RigScenario) -> dict[str, Any]:
         for key, value in getattr(scenario, section).model_dump(mode="json").items()
         if section != "experiment" and value != known[key]
     }
-
-
-CONSTANTS: dict[str, tuple[float, dict[str, float]]] = {
-    "mount_mass": (0.5, {"mount.mass": 1.0}),
-    "mount_com_x": (0.1, {"mount.com_x": 1.0, "mount.pivot_x": -1.0}),
-    "mount_com_y": (0.1, {"mount.com_y": 1.0, "mount.pivot_y": -1.0}),
-    "pivot_x": (0.1, {"mount.pivot_x": 1.0}),
-    "pivot_y": (0.1, {"mount.pivot_y": 1.0}),
-    "pivot_z": (0.1, {"mount.pivot_z": 1.0}),
-    "bar_mass": (0.2, {"bar.mass": 1.0}),
-    "bar_com": (0.08, {"bar.com_distance": 1.0}),
-    "bar_inertia": (1e-3, {"bar.inertia_xx": 1.0}),
-    "bar_width": (0.015, {"bar.width": 1.0}),
-    "bar_drag": (1.5, {"bar.drag_coefficient": 1.0}),
-    "tail_mass": (0.05, {"tail.mass": 1.0}),
-    "tail_com": (0.1, {"tail.com_distance": 1.0}),
-    "tail_gap": (0.05, {"tail.gap": 1.0}),
-    "tail_length": (0.1, {"tail.length": 1.0}),
-    "tail_width": (0.03, {"tail.major_axis": 1.0}),
-    "rotor_inertia": (5e-3, {"maxon.reflected_inertia": 1.0}),
-    "torque_constant": (0.2, {"maxon.torque_constant": 1.0}),
-    "jet_edge_depth": (0.15, {"tunnel.jet_edge_depth": 1.0}),
-    "wind_speed": (0.3, {}),
-    "air_density": (0.5, {"environment.air_density": 1.0}),
-    "coulomb": (0.04, {"friction.coulomb": 1.0}),
-    "viscous": (0.03, {"friction.viscous": 1.0}),
-    "encoder_zero": (0.2, {}),
-    "encoder_gain": (0.3, {}),
-    "current_bias": (2.0, {}),
-    "current_delay": (0.05, {}),
-    "force_gain": (0.5, {}),
-}
-"""Name -> bound to either side where it is free, and keys of the scenario that it shifts, each with
-a sign; none for an error of an instrument."""
-BIASES = ("fx_bias", "fy_bias", "fz_bias", "tx_bias", "ty_bias", "tz_bias")
-"""What is left in the readings of the force sensor, N and N m."""
-_BIAS_REACH = 500.0
-_SCALE = 0.01
-"""Scale of a free constant, as a share of its reach."""
-_FAR = 20.0
-"""Bounds of one with a prior, in its standard deviations."""
-_SWING_ONLY = (
-    "bar_inertia",
-    "rotor_inertia",
-    "coulomb",
-    "viscous",
-    "current_bias",
-    "current_delay",
-    "encoder_gain",
-)
-_ROBOT = ("wind_speed", "air_density", "encoder_zero", "encoder_gain")
-_STATIC_ONLY = ("mount_mass", "mount_com_x", "mount_com_y", "force_gain", *BIASES)
 
 
 def constant_names(kind: str) -> tuple[str, ...]:

@@ -50,6 +50,12 @@ _SURE = 3.0
 """Standard deviations beyond which a prediction is not that of the log."""
 _TURN = 1e-5
 """Step of the central difference over psi3, rad: its error is of the order of 1e-11."""
+Vector3 = tuple[float, float, float]
+UPRIGHT_MARGIN = math.radians(0.5)
+"""A tail that hangs straight within this has its lift to the root, on whichever side of 0 an
+encoder reads it."""
+_DRAG = PolarLaw(1.0, 0.0)
+_LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
 
 
 def static_parameters(data: StaticData, options: FitOptions = FREE) -> Parameters:
@@ -297,15 +303,6 @@ def fit_static_log(
     """
     options.require_known(list(UNKNOWNS))
     return fit_static(static_data(read_run_log(path), rest, options), options)
-
-
-Vector3 = tuple[float, float, float]
-UPRIGHT_MARGIN = math.radians(0.5)
-"""A tail that hangs straight within this has its lift to the root, on whichever side of 0 an
-encoder reads it."""
-
-_DRAG = PolarLaw(1.0, 0.0)
-_LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
 
 
 @dataclass(frozen=True)

@@ -62,9 +62,12 @@ CURRENT_MARGIN = 2.0
 _NO_CHANGE = 4.0
 """Standard deviations of noise and drift within which the readings of hold and rest are the same.
 """
-_LARGEST_FORCE, _LARGEST_TORQUE = 1000.0, 40.0
-"""About twice the range of the Axia80-M20, N and N m: larger readings are of another unit."""
-_ROUNDS, _SETTLED = 40, 1e-4
+_LARGEST_FORCE = 1000.0
+"""About twice the range of the Axia80-M20, N: larger readings are of another unit."""
+_LARGEST_TORQUE = 40.0
+"""About twice the range of the Axia80-M20, N m."""
+_ROUNDS = 40
+_SETTLED = 1e-4
 _MOST_CORRELATED = 8192
 """Samples that the correlation time of a noise is taken from."""
 

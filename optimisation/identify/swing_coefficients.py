@@ -41,11 +41,15 @@ SHAPES: tuple[Shape, ...] = ("constant", "line", "bins")
 BIN = 2.0
 """Distance of the nodes of a table over the relative speed, m/s."""
 _NODE = "cn_at_"
-_SEED, _LOW, _HIGH = 2.0, 0.0, 10.0
+_SEED = 2.0
+_LOW = 0.0
+_HIGH = 10.0
 _MOST_ADDED_MASS = 1.0
 """kg per part: twice the bound of Table 4.12, at which one published swing stopped."""
-_SCANNED, _SCANNED_LENGTH = 24, 1.0
-"""Masses that are scanned, over that much of the swing, s."""
+_SCANNED = 24
+"""Masses that are scanned."""
+_SCANNED_LENGTH = 1.0
+"""Length of the swing over which they are scanned, s."""
 
 
 def fit_friction_log(path: str | Path, *, options: FitOptions = FREE) -> FitResult:

@@ -30,8 +30,10 @@ from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 from aerodima.optimisation.identify.uncertainty import Noise, serial_noise
 
 Values = Mapping[str, float]
-_START_ANGLE, _START_RATE = 0.02, 1.0
-"""How far the start may lie from what the log says, rad and rad/s."""
+_START_ANGLE = 0.02
+"""How far the start may lie from what the log says, rad."""
+_START_RATE = 1.0
+"""How far its rate may lie from what the log says, rad/s."""
 
 
 @dataclass(frozen=True)

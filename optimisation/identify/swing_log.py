@@ -37,9 +37,11 @@ LARGEST_STEP = 0.004
 LEAST_SAMPLES = 50
 """Fewest samples of a swing that are fitted."""
 _COUNTS_MOVED = 20
-_DWELL, _DWELL_STEPS = 0.1, 2.5
-"""A reading that moves no further (steps) in that time (s) is at rest or nearly so; chosen on
-simulated swings."""
+_DWELL = 0.1
+"""A reading that moves no further than `_DWELL_STEPS` in that time (s) is at rest or nearly so;
+chosen on simulated swings."""
+_DWELL_STEPS = 2.5
+"""In steps of the reading."""
 _WHOLE = 0.01
 """Readings this near to whole steps are counts: a log may have been through degrees and text."""
 _LONGEST_SAMPLING = 0.05

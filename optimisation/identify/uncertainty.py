@@ -36,12 +36,33 @@ FAR_OFF = 6.0
 """Robust standard deviations beyond which a sample is no noise: two in a thousand million of normal
 ones."""
 FEW_FAR_OFF = 3
-_SLOW, _NEXT = 10, 60
-"""Modes of the cosine transform: wandering shows in the first, whose power is compared with that of
-the next."""
+_SLOW = 10
+"""First modes of the cosine transform, in which wandering shows."""
+_NEXT = 60
+"""End of the modes whose power is compared with theirs."""
 _LEAST_SAMPLES = 4 * _NEXT
 CHANCE = 1e-5
 """That noise wanders as much: below it, it is not noise."""
+_EXCESS = 0.2
+"""A residual whose variance exceeds that of its rounding by this part is not explained by it.
+
+Chosen on simulated swings, whose intervals hardly change between 0.05 and 1.
+"""
+CONFIDENCE = 0.95
+_RANK_TOLERANCE = 1e-7
+"""Singular values of the scaled Jacobian below this part of the largest count as zero."""
+_WIDE = 0.25
+_CURVED = 1.5
+_EVEN_MATTERS = 0.6
+"""Share of a standard deviation that evenly spread errors have: below it the sum is as good as
+normal."""
+_EVEN_ALONE = 0.995
+_SHARE = 0.05
+"""A parameter whose squared share in an unidentifiable direction exceeds the square of this is not
+determined."""
+_TAIL = 0.05
+_LEAST_TAIL = 1e-250
+"""Smaller tails are not counted with: the floating-point numbers end."""
 
 
 @dataclass(frozen=True)
@@ -93,13 +114,6 @@ def chance_of(checks: Sequence[ResidualCheck]) -> float:
     """That noise wanders as much as several residuals together do."""
     low, high = (sum(check.freedom[i] for check in checks) for i in range(2))
     return float(fdtrc(low, high, np.mean([check.wander for check in checks])))
-
-
-_EXCESS = 0.2
-"""A residual whose variance exceeds that of its rounding by this part is not explained by it.
-
-Chosen on simulated swings, whose intervals hardly change between 0.05 and 1.
-"""
 
 
 @dataclass(frozen=True)
@@ -182,18 +196,6 @@ def independent_noise(residual: np.ndarray, unknowns: int) -> Noise:
     freedom = max(len(residual) - unknowns, 1)
     variance = float(residual @ residual) / freedom
     return Noise(np.full(len(residual), variance), freedom, float(len(residual)))
-
-
-CONFIDENCE = 0.95
-_RANK_TOLERANCE = 1e-7
-"""Singular values of the scaled Jacobian below this part of the largest count as zero."""
-_WIDE, _CURVED = 0.25, 1.5
-_EVEN_MATTERS, _EVEN_ALONE = 0.6, 0.995
-"""Share of a standard deviation that evenly spread errors have: below the first the sum is as good
-as normal."""
-_SHARE = 0.05
-"""A parameter whose squared share in an unidentifiable direction exceeds the square of this is not
-determined."""
 
 
 @dataclass(frozen=True)
@@ -411,11 +413,6 @@ def _in_words(direction: np.ndarray, names: tuple[str, ...]) -> str:
     for share, name in parts[1:]:
         text += f" {'+' if share > 0 else '-'} {abs(share):.2f} {name}"
     return text
-
-
-_TAIL = 0.05
-_LEAST_TAIL = 1e-250
-"""Smaller tails are not counted with: the floating-point numbers end."""
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,44 @@ from aerodima.workbench.config.array_types import FloatArray
 
 LANES = 8 if llvm.get_host_cpu_features().get("avx512f") else 4
 """Cars that one pass works on: a register of AVX-512 or of AVX2."""
+_NAMED = {
+    "maximum": "max",
+    "minimum": "min",
+    "bitwise_or": "max",
+    "less": "olt",
+    "less_equal": "ole",
+    "equal": "oeq",
+}
+INTRINSICS = ("sqrt", "fabs", "rint")
+"""Operations that are functions of LLVM."""
+_COMPILED: dict[tuple[Any, ...], Compiled] = {}
+_KIND = f"<{LANES} x double>"
+_DECLARED = "\n".join(f"declare {_KIND} @llvm.{name}.v{LANES}f64({_KIND})" for name in INTRINSICS)
+_LOOP = """
+define void @run(i64 %steps, i64 %stride, ptr %given, ptr %own, ptr %kept) {{
+entry:
+  br label %begin
+begin:
+  %s = phi i64 [ 0, %entry ], [ %next, %ticked ]
+  %first = mul i64 %s, {GIVEN}
+  %now = getelementptr double, ptr %given, i64 %first
+  %flag = load double, ptr %now
+  %ticks = fcmp one double %flag, 0.0
+  br i1 %ticks, label %ticking, label %ticked
+ticking:
+  call void @tick(ptr %own, ptr %now, ptr %kept)
+  br label %ticked
+ticked:
+  %before = mul i64 %s, %stride
+  %place = getelementptr double, ptr %kept, i64 %before
+  call void @step(ptr %own, ptr %now, ptr %place)
+  %next = add i64 %s, 1
+  %more = icmp slt i64 %next, %steps
+  br i1 %more, label %begin, label %end
+end:
+  ret void
+}}
+"""
 
 
 def run(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -> list[FloatArray]:
@@ -209,14 +247,6 @@ def _tanh(record: Recording, a: Any) -> Any:
     return record.add("fdiv", e, record.add("fadd", e, 2.0))
 
 
-_NAMED = {
-    "maximum": "max",
-    "minimum": "min",
-    "bitwise_or": "max",
-    "less": "olt",
-    "less_equal": "ole",
-    "equal": "oeq",
-}
 _NAMED |= {"absolute": "fabs", "sqrt": "sqrt", "rint": "rint"}
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "add": _sum,
@@ -239,8 +269,6 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     **{name: _named(kind) for name, kind in _NAMED.items()},
 }
 """By the name of the NumPy function; a comparison gives 1 or 0."""
-INTRINSICS = ("sqrt", "fabs", "rint")
-"""Operations that are functions of LLVM."""
 
 
 class Symbols(np.ndarray):
@@ -405,9 +433,6 @@ class Compiled:
         ]
 
 
-_COMPILED: dict[tuple[Any, ...], Compiled] = {}
-
-
 def _machine() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
@@ -418,35 +443,6 @@ def _machine() -> Any:
         opt=2,
         jit=True,
     )
-
-
-_KIND = f"<{LANES} x double>"
-_DECLARED = "\n".join(f"declare {_KIND} @llvm.{name}.v{LANES}f64({_KIND})" for name in INTRINSICS)
-_LOOP = """
-define void @run(i64 %steps, i64 %stride, ptr %given, ptr %own, ptr %kept) {{
-entry:
-  br label %begin
-begin:
-  %s = phi i64 [ 0, %entry ], [ %next, %ticked ]
-  %first = mul i64 %s, {GIVEN}
-  %now = getelementptr double, ptr %given, i64 %first
-  %flag = load double, ptr %now
-  %ticks = fcmp one double %flag, 0.0
-  br i1 %ticks, label %ticking, label %ticked
-ticking:
-  call void @tick(ptr %own, ptr %now, ptr %kept)
-  br label %ticked
-ticked:
-  %before = mul i64 %s, %stride
-  %place = getelementptr double, ptr %kept, i64 %before
-  call void @step(ptr %own, ptr %now, ptr %place)
-  %next = add i64 %s, 1
-  %more = icmp slt i64 %next, %steps
-  br i1 %more, label %begin, label %end
-end:
-  ret void
-}}
-"""
 
 
 def _function(

@@ -16,6 +16,13 @@ from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE
 from aerodima.workbench.controllers.swing_law import SwingSettings
 from aerodima.workbench.errors import UserError
 
+COMMON = {
+    "start": "manoeuvre.turn_start, s",
+    "rate": "controller.rate, Hz",
+    "late": "imu.delay, ticks",
+}
+"""Of `TurnPlans`: the same for all turns that are driven at once, with the words of a complaint."""
+
 
 @dataclass(frozen=True)
 class PlayedRoll:
@@ -65,14 +72,6 @@ class PlayedRoll:
         share = np.clip((time - begin) / (end - begin), 0.0, 1.0)
         value, slope = cubic(share, end - begin, (roll, next_roll), (rate, next_rate))
         return value, np.where((time < 0.0) | (time > self.time[-1]), 0.0, slope)
-
-
-COMMON = {
-    "start": "manoeuvre.turn_start, s",
-    "rate": "controller.rate, Hz",
-    "late": "imu.delay, ticks",
-}
-"""Of `TurnPlans`: the same for all turns that are driven at once, with the words of a complaint."""
 
 
 @dataclass(frozen=True)

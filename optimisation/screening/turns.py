@@ -38,6 +38,13 @@ _CALM_STATES = {
     **{name: CALM[name + "_rad_per_s"] for name in ("tail_pitch_rate", "tail_roll_rate")},
 }
 _CALM_PLACES = [STATES.index(name) for name in _CALM_STATES]
+RECORDED = ("peak_roll", "lowest_tail", "lowest_board")
+"""Of `TurnRecord`, in `Turns`."""
+WITHIN = (np.arange(8.0)[:, None] + 0.5) / 8.0
+"""Instants of a step, in its length: the wheels' angle in a step is the mean over them, so that it
+changes smoothly with the times of the steering."""
+HISTORY = ("history", "asked", "loads")
+"""What `Turns` keeps of every step."""
 
 
 class TurnRecord:
@@ -161,13 +168,6 @@ def heights(state: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray]:
     return np.where(cars.has_tail > 0.0, low, np.inf), board
 
 
-RECORDED = ("peak_roll", "lowest_tail", "lowest_board")
-"""Of `TurnRecord`, in `Turns`."""
-WITHIN = (np.arange(8.0)[:, None] + 0.5) / 8.0
-"""Instants of a step, in its length: the wheels' angle in a step is the mean over them, so that it
-changes smoothly with the times of the steering."""
-
-
 @dataclass(frozen=True)
 class Turns:
     """What came of n turns.
@@ -202,10 +202,6 @@ class Turns:
     history: FloatArray | None = None
     asked: FloatArray | None = None
     loads: FloatArray | None = None
-
-
-HISTORY = ("history", "asked", "loads")
-"""What `Turns` keeps of every step."""
 
 
 class Driven:

@@ -37,15 +37,16 @@ STATES = (
 )
 """m, rad, rad/s, m/s. Position of the origin of B in W, its velocity and the angular velocity in B,
 spin forwards."""
-POSITION, ANGLES, TAIL, TRAVEL, RATES = (
-    slice(0, 3),
-    slice(3, 6),
-    slice(6, 8),
-    slice(8, 12),
-    slice(12, 24),
-)
-W, V, SPIN, TAIL_RATE = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 12)
-"""Of the twelve rates."""
+POSITION = slice(0, 3)
+ANGLES = slice(3, 6)
+TAIL = slice(6, 8)
+TRAVEL = slice(8, 12)
+RATES = slice(12, 24)
+W = slice(0, 3)
+"""Of the twelve rates, as the next three."""
+V = slice(3, 6)
+SPIN = slice(6, 10)
+TAIL_RATE = slice(10, 12)
 DEGREES = 12
 STOP_RATE = 150.0
 """Natural frequency of a joint on its stop, rad/s."""

@@ -27,7 +27,8 @@ from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 
-SPEED, FRICTION = "manoeuvre.speed", "car.tyre_friction"
+SPEED = "manoeuvre.speed"
+FRICTION = "car.tyre_friction"
 TIPPED = "tipped over before its turn"
 """Outcome of a run that says nothing about the turn: neither survival nor flip, passed over like
 one that failed."""

@@ -30,6 +30,12 @@ from aerodima.workbench.errors import SweepError
 from aerodima.workbench.logs.schema import software_versions
 
 STUDY_RUNS_SCHEMA = "aerodima/sweep/2"
+TABLE = "table.parquet"
+CSV = "table.csv"
+MARK = "study.json"
+ROWS = "rows.jsonl"
+TIMING = "timing.json"
+METADATA_KEY = b"aerodima"
 
 
 def run_study(
@@ -130,16 +136,6 @@ def _how_it_went(frame: pd.DataFrame, number: int, seconds: float, engine: Engin
     if failed.any():
         line += f"; {int(failed.sum())} failed, the first: {frame.loc[failed, 'error'].iloc[0]}"
     return line
-
-
-TABLE, CSV, MARK, ROWS, TIMING = (
-    "table.parquet",
-    "table.csv",
-    "study.json",
-    "rows.jsonl",
-    "timing.json",
-)
-METADATA_KEY = b"aerodima"
 
 
 def open_store(folder: Path, identity: Mapping[str, Any], *, force: bool = False) -> RowStore:

@@ -43,6 +43,34 @@ DRIVING = 0.9
 
 FINE_STEP = 0.0005
 """Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
+Item = TypeVar("Item")
+Done = Callable[[int, Any], None]
+"""Told the place of a new row and the row, in the order in which they finish."""
+WORKER_LOST_AGAIN = (
+    f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or "
+    "a crash in the solver)"
+)
+TEXT_COLUMNS = frozenset(
+    [
+        "axis",
+        "block",
+        "direction",
+        "error",
+        "kind",
+        "log",
+        "member",
+        "outcome",
+        "run",
+        "scenario",
+        "scenario_sha256",
+        "settings",
+        "signals",
+        "tail",
+        "tail_mode",
+        "touched",
+    ]
+)
+"""Columns that are texts even where no row has one."""
 
 
 @dataclass(frozen=True)
@@ -201,16 +229,6 @@ def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> dict[
         else hashlib.sha256(resolved.encode()).hexdigest(),
         **{f"version_{name}": version for name, version in sorted(software_versions().items())},
     }
-
-
-Item = TypeVar("Item")
-Done = Callable[[int, Any], None]
-"""Told the place of a new row and the row, in the order in which they finish."""
-
-WORKER_LOST_AGAIN = (
-    f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or "
-    "a crash in the solver)"
-)
 
 
 def open_run_engine(
@@ -378,29 +396,6 @@ def _swing(name: str) -> str:
 @lru_cache
 def _swing_content(name: str, _changed: int) -> str:
     return find_swing(name).model_dump_json()
-
-
-TEXT_COLUMNS = frozenset(
-    [
-        "axis",
-        "block",
-        "direction",
-        "error",
-        "kind",
-        "log",
-        "member",
-        "outcome",
-        "run",
-        "scenario",
-        "scenario_sha256",
-        "settings",
-        "signals",
-        "tail",
-        "tail_mode",
-        "touched",
-    ]
-)
-"""Columns that are texts even where no row has one."""
 
 
 def make_frame(rows: Sequence[Row]) -> pd.DataFrame:

@@ -31,6 +31,9 @@ from aerodima.workbench.plants.tail import tail_geometry
 SCHEMA = "aerodima/candidates/1"
 ALLOWED = ("tail.", "controller.", "feedback.")
 """A setting of a candidate begins with one of these."""
+SWINGING = ("tail.mode=swing", "controller.swing_file=none")
+LOW_PLACE = 0.07
+"""Height at which a mass is low in the car, m: about that of the axles."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +60,6 @@ class Candidate:
             return self.settings
         nearest_speed = min(self.by_speed, key=lambda other: (abs(other - speed), other))
         return (*self.settings, *self.by_speed[nearest_speed])
-
-
-SWINGING = ("tail.mode=swing", "controller.swing_file=none")
-LOW_PLACE = 0.07
-"""Height at which a mass is low in the car, m: about that of the axles."""
 
 
 def low_ballast(scenario: Scenario) -> tuple[str, ...]:

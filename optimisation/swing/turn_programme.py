@@ -29,8 +29,10 @@ from aerodima.workbench.config.array_types import FloatArray
 
 COURSE = 0.5
 """Scale of the course, rad."""
-SMOOTHNESS, STEADINESS = 3e-3, 1e-3
-"""Weights that choose among turns of nearly the same course."""
+SMOOTHNESS = 3e-3
+"""Weight that chooses among turns of nearly the same course."""
+STEADINESS = 1e-3
+"""Weight that chooses among turns of nearly the same course."""
 FEASIBLE = 1e-3
 """Largest scaled violation of a solution."""
 OPTIMAL = 1e-2

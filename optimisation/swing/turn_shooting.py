@@ -36,15 +36,18 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE
 from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
 
-AFTER, WINDOW = 0.8, 0.1
-"""s: how long turns are driven after the steering at least, and the windows in which peaks are
-limited one by one."""
+AFTER = 0.8
+"""How long turns are driven after the steering at least, s."""
+WINDOW = 0.1
+"""Windows in which peaks are limited one by one, s."""
 END_ROLL = 0.1
 """Largest roll of a car at the end, to either side, rad."""
 ROLL_MARGIN = 0.05
 """Below the largest roll that counts, for the reduced car's error, rad."""
-CLEARANCE, BOARD_CLEARANCE = 0.02, 0.003
-"""Least height of the tail, and of the anti-ramp board behind the car, over the ground, m."""
+CLEARANCE = 0.02
+"""Least height of the tail over the ground, m."""
+BOARD_CLEARANCE = 0.003
+"""Least height of the anti-ramp board behind the car over the ground, m."""
 DRAWS = 32
 """Random starts that are drawn; the best one is taken."""
 TORQUE_SHARE = 0.9
@@ -58,11 +61,18 @@ FOLLOW = {"kp": 60.0, "kd": 3.0}
 """Gains along the knots: the tail of 0.05 kg m2 follows within 0.05 rad at 100 Hz."""
 RELEASE_STEERING = 0.01
 """Steering command that releases a swing which goes by the steering, rad: less than any turn's."""
-RELEASE, RATE, ANGLE, TIME = 0.2, 8.0, 0.1, 0.2
-"""One unit of a release (s), a rate (rad/s), a steering angle (rad), the time of a first level (s).
-"""
-EARLIEST, LATEST = 0.02, 0.5
-"""Limits of the release, s after the start of the steering."""
+RELEASE = 0.2
+"""One unit of a release, s."""
+RATE = 8.0
+"""One unit of a rate, rad/s."""
+ANGLE = 0.1
+"""One unit of a steering angle, rad."""
+TIME = 0.2
+"""One unit of the time of a first level, s."""
+EARLIEST = 0.02
+"""Earliest release after the start of the steering, s."""
+LATEST = 0.5
+"""Latest release after the start of the steering, s."""
 STEERING = 3
 """Variables of one car's steering."""
 

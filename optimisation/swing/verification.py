@@ -46,7 +46,8 @@ UPRIGHT = 0.8
 _MARGIN = 1e-3
 """rad and N m; an encoder and a stop give this much."""
 SCHEMA = "aerodima/verification/3"
-VERDICT, PAGE = "verification.yaml", "report.html"
+VERDICT = "verification.yaml"
+PAGE = "report.html"
 
 
 @dataclass(frozen=True)
