@@ -84,12 +84,9 @@ def run(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -
         NotImplementedError: a function that cannot be compiled.
     """
     values = [attributes[name] for attributes, name in _attributes(batch, set())]
-    arrays = [value for value in values if isinstance(value, np.ndarray)]
-    if len({array.shape[-1] for array in arrays}) != 1 or not arrays[0].shape[-1]:
-        raise ValueError(
-            f"cars: {sorted({array.shape[-1] for array in arrays})}; one number, at least 1, is "
-            "needed"
-        )
+    counts = {value.shape[-1] for value in values if isinstance(value, np.ndarray)}
+    if len(counts) != 1 or 0 in counts:
+        raise ValueError(f"cars: {sorted(counts)}; one number, at least 1, is needed")
     if not len(ticks):
         return []
     layout = (
@@ -99,7 +96,8 @@ def run(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -
     key = (type(batch), len(given), *layout)
     if key not in _COMPILED:
         _COMPILED[key] = Compiled(batch, len(given))
-    return _COMPILED[key](batch, np.stack([ticks, *given], axis=-1).astype(float), keep)
+    numbers = np.stack([ticks, *given], axis=-1).astype(float)
+    return _COMPILED[key](batch, numbers, keep)
 
 
 def _attributes(batch: Any, known: set[int]) -> Iterator[tuple[dict[str, Any], str]]:
@@ -210,41 +208,46 @@ def _sine(record: Recording, a: Any, ahead: float = 0.0) -> Any:
     """sin(a + ahead pi) for |a| below 1e6: by its series within a quarter turn of the next multiple
     of pi.
     """
-    halves = record.add("rint", _sum(record, record.add("fmul", a, 1.0 / math.pi), ahead))
+    add = record.add
+    quarter = _sum(record, add("fmul", a, 1.0 / math.pi), ahead)
+    halves = add("rint", quarter)
     turns = _difference(record, halves, ahead)
-    x = record.add("fsub", a, record.add("fmul", turns, math.pi))
-    x = record.add(
-        "fsub", x, record.add("fmul", turns, 1.2246467991473532e-16)
-    )  # what the double pi lacks
-    series = _series(
-        record,
-        record.add("fmul", x, x),
-        [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(10)],
-    )
-    half = record.add("fmul", halves, 0.5)
-    odd = record.add("fsub", half, record.add("rint", half))  # 0, or a half to either side
-    sign = record.add("fsub", 1.0, record.add("fmul", record.add("fmul", odd, odd), 8.0))
-    return record.add("fmul", record.add("fmul", sign, x), series)
+    x = add("fsub", a, add("fmul", turns, math.pi))
+    lacking = add("fmul", turns, 1.2246467991473532e-16)  # what the double pi lacks
+    x = add("fsub", x, lacking)
+    factors = [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(10)]
+    series = _series(record, add("fmul", x, x), factors)
+    half = add("fmul", halves, 0.5)
+    odd = add("fsub", half, add("rint", half))  # 0, or a half to either side
+    square = add("fmul", odd, odd)
+    sign = add("fsub", 1.0, add("fmul", square, 8.0))
+    return add("fmul", add("fmul", sign, x), series)
 
 
 def _arctan(record: Recording, a: Any) -> Any:
     """For |a| below 1e150: the angle is halved three times, to its series below 0.2."""
+    add = record.add
     for _ in range(3):
-        root = record.add("sqrt", record.add("fadd", record.add("fmul", a, a), 1.0))
-        a = record.add("fdiv", a, record.add("fadd", root, 1.0))
+        square = add("fmul", a, a)
+        root = add("sqrt", add("fadd", square, 1.0))
+        a = add("fdiv", a, add("fadd", root, 1.0))
     factors = [8.0 * (-1.0) ** k / (2 * k + 1) for k in range(11)]
-    return record.add("fmul", a, _series(record, record.add("fmul", a, a), factors))
+    series = _series(record, add("fmul", a, a), factors)
+    return add("fmul", a, series)
 
 
 def _tanh(record: Recording, a: Any) -> Any:
     """E / (E + 2) with E = exp(2 a) - 1, which is doubled six times in its exponent; 1 beyond
     20.
     """
-    x = record.add("fmul", _clip(record, a, -20.0, 20.0), 2.0**-5)
-    e = record.add("fmul", x, _series(record, x, [1.0 / math.factorial(k + 1) for k in range(16)]))
+    add = record.add
+    clipped = _clip(record, a, -20.0, 20.0)
+    x = add("fmul", clipped, 2.0**-5)
+    factors = [1.0 / math.factorial(k + 1) for k in range(16)]
+    e = add("fmul", x, _series(record, x, factors))
     for _ in range(6):
-        e = record.add("fmul", e, record.add("fadd", e, 2.0))
-    return record.add("fdiv", e, record.add("fadd", e, 2.0))
+        e = add("fmul", e, add("fadd", e, 2.0))
+    return add("fdiv", e, add("fadd", e, 2.0))
 
 
 _NAMED |= {"absolute": "fabs", "sqrt": "sqrt", "rint": "rint"}
@@ -455,55 +458,62 @@ def _function(
         stored: by row, what replaces it.
         kept: results.
     """
-
-    def named(operand: Any) -> str:
-        if isinstance(operand, Value):
-            return f"%v{operand.place}"
-        if isinstance(operand, tuple):
-            return f"%v{operand[1]}"
-        number = f"double 0x{np.float64(operand).view(np.uint64):016X}"
-        return "<" + ", ".join([number] * LANES) + ">"
-
     needed = set()
     waiting = [one.place for one in (*stored.values(), *kept) if isinstance(one, Value)]
     while waiting:
-        if (place := waiting.pop()) not in needed:
+        place = waiting.pop()
+        if place not in needed:
             needed.add(place)
             waiting += [one[1] for one in operations[place][1:] if isinstance(one, tuple)]
     lines: list[str] = []
     for place in sorted(needed):
-        what, *operands = operations[place]
-        v = f"%v{place} ="
-        p = f"%p{place}"
-        first, *others = (named(one) for one in operands)
-        if what in ("own", "given"):
-            lines.append(f"{p} = getelementptr double, ptr %{what}, i64 {int(operands[0]) * LANES}")
-            lines.append(f"{v} load {_KIND}, ptr {p}, align 8")
-        elif what in ("min", "max"):
-            lines.append(
-                f"%c{place} = fcmp {'olt' if what == 'min' else 'ogt'} {_KIND} {first}, {others[0]}"
-            )
-            lines.append(
-                f"{v} select <{LANES} x i1> %c{place}, {_KIND} {first}, {_KIND} {others[0]}"
-            )
-        elif what in ("olt", "ole", "oeq", "uno"):
-            lines.append(f"%c{place} = fcmp {what} {_KIND} {first}, {others[0]}")
-            lines.append(f"{v} uitofp <{LANES} x i1> %c{place} to {_KIND}")
-        elif what == "select":
-            lines.append(f"%c{place} = fcmp one {_KIND} {first}, zeroinitializer")
-            lines.append(
-                f"{v} select <{LANES} x i1> %c{place}, {_KIND} {others[0]}, {_KIND} {others[1]}"
-            )
-        elif what in INTRINSICS:
-            lines.append(f"{v} call {_KIND} @llvm.{what}.v{LANES}f64({_KIND} {first})")
-        else:
-            lines.append(f"{v} {what} contract {_KIND} {first}, {others[0]}")
+        lines += _instructions(place, operations[place])
     for base, results in (("own", stored.items()), ("kept", enumerate(kept))):
         for row, result in results:
-            lines.append(f"%{base}{row} = getelementptr double, ptr %{base}, i64 {row * LANES}")
-            lines.append(f"store {_KIND} {named(result)}, ptr %{base}{row}, align 8")
+            pointer = f"%{base}{row}"
+            lines.append(f"{pointer} = getelementptr double, ptr %{base}, i64 {row * LANES}")
+            lines.append(f"store {_KIND} {_operand(result)}, ptr {pointer}, align 8")
     body = "\n  ".join([*lines, "ret void"])
     return (
         f"define void @{name}(ptr noalias %own, ptr noalias %given, ptr noalias %kept) {{\n  "
         f"{body}\n}}\n"
     )
+
+
+def _operand(operand: Any) -> str:
+    """Writes a result or a constant as an operand of LLVM."""
+    if isinstance(operand, Value):
+        return f"%v{operand.place}"
+    if isinstance(operand, tuple):
+        return f"%v{operand[1]}"
+    number = f"double 0x{np.float64(operand).view(np.uint64):016X}"
+    return "<" + ", ".join([number] * LANES) + ">"
+
+
+def _instructions(place: int, operation: tuple[Any, ...]) -> list[str]:
+    """Writes the instructions of the operation at a place of the recorded list."""
+    what, *operands = operation
+    v = f"%v{place} ="
+    p = f"%p{place}"
+    c = f"%c{place}"
+    if what in ("own", "given"):
+        offset = int(operands[0]) * LANES
+        pointer = f"{p} = getelementptr double, ptr %{what}, i64 {offset}"
+        return [pointer, f"{v} load {_KIND}, ptr {p}, align 8"]
+    first, *others = map(_operand, operands)
+    if what in INTRINSICS:
+        return [f"{v} call {_KIND} @llvm.{what}.v{LANES}f64({_KIND} {first})"]
+    second = others[0]
+    if what == "select":
+        condition = f"{c} = fcmp one {_KIND} {first}, zeroinitializer"
+        choice = f"{v} select <{LANES} x i1> {c}, {_KIND} {second}, {_KIND} {others[1]}"
+        return [condition, choice]
+    if what in ("min", "max"):
+        test = "olt" if what == "min" else "ogt"
+        condition = f"{c} = fcmp {test} {_KIND} {first}, {second}"
+        choice = f"{v} select <{LANES} x i1> {c}, {_KIND} {first}, {_KIND} {second}"
+        return [condition, choice]
+    if what in ("olt", "ole", "oeq", "uno"):
+        condition = f"{c} = fcmp {what} {_KIND} {first}, {second}"
+        return [condition, f"{v} uitofp <{LANES} x i1> {c} to {_KIND}"]
+    return [f"{v} {what} contract {_KIND} {first}, {second}"]
