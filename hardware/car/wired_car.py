@@ -75,7 +75,8 @@ class WiredCar:
         self._authorise = authorise
         self.devices: Devices | None = None
         self.reading = CarReading()
-        self.stop_reason = self.traffic_error = ""
+        self.stop_reason = ""
+        self.traffic_error = ""
         self.asks = Asks.NOTHING
         self._reader = CarReader(mounting)
         self._reporter = CarReporter(has_tail, car)
@@ -145,9 +146,8 @@ class WiredCar:
 
     def _started(self) -> Devices:
         if self.devices is None:
-            raise HardwareError(
-                f"{self.name}: is not started" + (f" ({self.stop_reason})" * bool(self.stop_reason))
-            )
+            reason = f" ({self.stop_reason})" if self.stop_reason else ""
+            raise HardwareError(f"{self.name}: is not started{reason}")
         return self.devices
 
     # -- what is known

@@ -135,7 +135,8 @@ def _open_on(
     teensy = TeensyLink(serial, ports.motor_ids, ports.profile)
     imu = _sensor("imu", ports.imu, Bno055Session(), safety.imu_silence)
     closers.callback(imu.close)
-    gps = radio = None
+    gps = None
+    radio = None
     if ports.gps is not None:
         gps = _sensor("gps", ports.gps, GpsSession(), safety.gps_silence)
         closers.callback(gps.close)

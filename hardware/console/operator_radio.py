@@ -59,14 +59,16 @@ class OperatorRadio:
         self._receiver = receiver
         self._stream = ApiStream()
         self._stop_due = math.inf
-        self._heard = self._lost = -math.inf
+        self._heard = -math.inf
+        self._lost = -math.inf
         self._losses = link.losses
         self.stopped_by = ""
         self.confirmed = False
         self.mode = RadioMode.IDLE
         self._rested = False
         self.report: CarReport | None = None
-        self.rejected = self.foreign = 0
+        self.rejected = 0
+        self.foreign = 0
 
     @property
     def stopped(self) -> bool:

@@ -40,7 +40,8 @@ class DirectionProbe:
         self._began = now
         self._quiet = 0
         self._from: tuple[float, float, float] | None = None
-        self._way = self._start = 0.0
+        self._way = 0.0
+        self._start = 0.0
         self.torque = 0.0
         self.passed = False
         self.fault = ""

@@ -46,10 +46,12 @@ class RadioLink:
         self._stream = ApiStream()
         self._sender: int | None = None
         self._heartbeat: Heartbeat | None = None
-        self._command_time = self._beat_time = -math.inf
+        self._command_time = -math.inf
+        self._beat_time = -math.inf
         self.command = IDLE
         self.stopped = False
-        self.foreign = self.rejected = 0
+        self.foreign = 0
+        self.rejected = 0
         self.last_error = ""
 
     def poll(self) -> None:

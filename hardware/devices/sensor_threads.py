@@ -107,8 +107,9 @@ class Repeats:
         else:
             self._alike = 1
         self._last = said
-        frozen = self._alike > self._most
-        self.fault_text = f"the {self._name} has frozen: {self._alike} samples alike" * frozen
+        self.fault_text = ""
+        if self._alike > self._most:
+            self.fault_text = f"the {self._name} has frozen: {self._alike} samples alike"
 
 
 class SensorThread(Generic[T]):
@@ -134,7 +135,8 @@ class SensorThread(Generic[T]):
         self._silent = silent
         self._port: Serial | None = open_port()
         self._newest: tuple[float, T] | None = None
-        self.count = self.losses = 0
+        self.count = 0
+        self.losses = 0
         self.error = ""
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -167,10 +169,10 @@ class SensorThread(Generic[T]):
         if self._session.fault_text:
             return SourceFault.REPORTED, self._session.fault_text
         if self._newest is None:
-            return SourceFault.NO_SAMPLE_YET, f"no sample of the {self.name} yet" + (
-                f": {self.error}" * bool(self.error)
-            )
-        if (age := self.age(now)) > self._silent:
+            reason = f": {self.error}" if self.error else ""
+            return SourceFault.NO_SAMPLE_YET, f"no sample of the {self.name} yet{reason}"
+        age = self.age(now)
+        if age > self._silent:
             return SourceFault.SILENT, f"the {self.name} is silent for {age:.2f} s"
         return SourceFault.NONE, ""
 
@@ -221,8 +223,10 @@ class Bno055Session(Session[Bno055Sample]):
         self._repeats = Repeats("IMU", _ALIKE)
         self._reported = ""
         self._stream = AnswerStream()
-        self._next = self._due = 0.0
-        self._requests = self._missed_in_a_row = 0
+        self._next = 0.0
+        self._due = 0.0
+        self._requests = 0
+        self._missed_in_a_row = 0
 
     @property
     def fault_text(self) -> str:  # type: ignore[override]

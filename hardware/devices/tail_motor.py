@@ -75,15 +75,21 @@ class Motor:
         self.state = MotorState.OFF
         self.fault = MotorFault.NONE
         self.fault_text = ""
-        self.position = self.speed = self.torque = math.nan
+        self.position = math.nan
+        self.speed = math.nan
+        self.torque = math.nan
         self.temperature: float | None = None
-        self.missed = self.bad_frames = 0
+        self.missed = 0
+        self.bad_frames = 0
         self._reply_time: float | None = None
         self._step_time: float | None = None
         self._state_time = 0.0
         self._exit_time = 0.0
         self._exits_left = 0
-        self._unanswered = self._cycle_frames = self._cycle_replies = self._enter_replies = 0
+        self._unanswered = 0
+        self._cycle_frames = 0
+        self._cycle_replies = 0
+        self._enter_replies = 0
         self.load = MotorLoad(settings.safety.rated_torque, settings.safety.overload)
         self._asked: MitCommand | None = None
         self._following = Following(settings.safety)
@@ -110,8 +116,12 @@ class Motor:
                 f"{self.settings.name}: cannot be entered while {self.state.name.lower()}{reason}"
             )
         self._go(MotorState.ENTERING, now)
-        self._motor_angle = self._probe = self._asked = None
-        self.missed = self._unanswered = self._enter_replies = 0
+        self._motor_angle = None
+        self._probe = None
+        self._asked = None
+        self.missed = 0
+        self._unanswered = 0
+        self._enter_replies = 0
         self._count.clear()
         self._step_time = now
         neutral = make_neutral(self.settings.motor_id, self.settings.profile)
@@ -366,7 +376,8 @@ class Motor:
         ):  # a late loop catches up faster than a motor can answer
             self.missed += 1
         self._count.add(self._cycle_frames, self._cycle_replies, now)
-        self._cycle_frames = self._cycle_replies = 0
+        self._cycle_frames = 0
+        self._cycle_replies = 0
         safety = self.settings.safety
         if gap < 0 or gap > safety.stall_time:
             self.set_fault(MotorFault.LOOP_STALLED, f"{gap:.3g} s between two cycles", now)
@@ -399,7 +410,8 @@ class Motor:
             self._send(make_neutral(self.settings.motor_id, self.settings.profile))
 
     def _try_direction(self, now: float) -> None:
-        probe = self._probe = self._probe or DirectionProbe(self.settings, now)
+        probe = self._probe or DirectionProbe(self.settings, now)
+        self._probe = probe
         probe.step(self.position, self.speed, now)
         if probe.fault:
             self.set_fault(MotorFault.WRONG_DIRECTION, probe.fault, now)

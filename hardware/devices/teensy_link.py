@@ -152,7 +152,8 @@ class TeensyLink:
         self._attitude: tuple[float, float, float] | None = None
         self._reply_time: float | None = None
         self._clock = ClockAlignment()
-        self.sail = self.sent_time = math.nan
+        self.sail = math.nan
+        self.sent_time = math.nan
         self.status: TeensyStatus | None = None
         self.fault = SourceFault.NO_SAMPLE_YET
         self.fault_text = "the Teensy has not answered yet"

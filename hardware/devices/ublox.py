@@ -50,7 +50,8 @@ class GpsStream:
 
     def __init__(self) -> None:
         self._open = b""
-        self.rejected = self.skipped = 0
+        self.rejected = 0
+        self.skipped = 0
 
     def feed(self, data: bytes) -> list[GpsSample]:
         """The samples that became complete with these bytes, oldest first."""
@@ -149,7 +150,8 @@ def make_nav_pvt(sample: GpsSample, tow: float = 0.0) -> bytes:
 
 def ubx_checksum(data: bytes) -> bytes:
     """The two bytes of the 8-bit Fletcher sum over class, id, length and payload."""
-    first = second = 0
+    first = 0
+    second = 0
     for byte in data:
         first = first + byte & 0xFF
         second = second + first & 0xFF

@@ -166,10 +166,12 @@ class CarGuard:
         self._has_tail = has_tail
         self.stage = Stage.READY
         self.reason = ""
-        self.hard = self.left = False
+        self.hard = False
+        self.left = False
         self.reading = CarReading()
         self.lateness = 0.0
-        self.overruns = self._overruns_in_a_row = 0
+        self.overruns = 0
+        self._overruns_in_a_row = 0
         self.cycle_times = array("d")
         self.slow_ticks = array("d")
         self._since = 0.0
@@ -231,7 +233,8 @@ class CarGuard:
         if reason:
             raise HardwareError(f"the car cannot be armed: {reason}")
         self.wiring.arm()
-        self._was_armed = self.rested = False
+        self._was_armed = False
+        self.rested = False
         self._ready_since = None
         self._go_unless_stopped(Stage.ARMED, now)
 
@@ -409,12 +412,10 @@ class CarGuard:
         if hard or soft:
             return hard, reading.fault_text or "a device has a fault"
         current = self._least_current(reading)
-        too_much = current > self._safety.fuse
-        return (
-            too_much,
-            f"the tail motors draw {current:.0f} A; the fuse has {self._safety.fuse:g} A"
-            * too_much,
-        )
+        fuse = self._safety.fuse
+        if current > fuse:
+            return True, f"the tail motors draw {current:.0f} A; the fuse has {fuse:g} A"
+        return False, ""
 
     def _least_current(self, reading: CarReading) -> float:
         """Least current of the tail motors, A: their mechanical power at the lowest voltage

@@ -137,10 +137,8 @@ class RunJournal(JournalWriter):
                 failed = failed or str(error)
                 continue
             if self._gone or self.error or path != self.path:
-                self._say(
-                    f"log: {failed + '; ' * bool(failed)}the run of {table.num_rows} rows is in "
-                    f"{path}"
-                )
+                reason = f"{failed}; " if failed else ""
+                self._say(f"log: {reason}the run of {table.num_rows} rows is in {path}")
             self.path = path
             self._remove()
             with contextlib.suppress(OSError):  # of a disk that is full

@@ -160,7 +160,10 @@ class EmulatedMotor:
         self._zero = zero
         self._direction = direction
         self._command = NEUTRAL
-        self._angle = self._speed = self._torque = self._blocked_at = 0.0
+        self._angle = 0.0
+        self._speed = 0.0
+        self._torque = 0.0
+        self._blocked_at = 0.0
         self._past: deque[tuple[float, float, float, float]] = deque(maxlen=_PAST)
         self._reported = (0.0, 0.0, 0.0)
         self.entered = False
@@ -382,7 +385,8 @@ class PtyPort:
     def __init__(self, link: Path) -> None:
         self.link = link
         self.plugged = False
-        self._master = self._slave = -1
+        self._master = -1
+        self._slave = -1
         self.plug()
 
     def fileno(self) -> int:
@@ -414,7 +418,8 @@ class PtyPort:
             self.plugged = False
             os.close(self._master)
             os.close(self._slave)
-            self._master = self._slave = -1
+            self._master = -1
+            self._slave = -1
             self.link.unlink(missing_ok=True)
 
     def read(self) -> bytes:

@@ -204,7 +204,8 @@ class EmulatedOperator:
         self._entries = sorted(entries, key=lambda entry: entry.time)
         self._next = 0.0
         self._board = board
-        self._counter = self._stops = 0
+        self._counter = 0
+        self._stops = 0
         self._of_car = ApiStream()
         self.asked = False
 

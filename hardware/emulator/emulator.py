@@ -118,7 +118,8 @@ class Emulator:
         self._board = FaultBoard(settings.script, self._events)
         self._log = TrafficLog.create(self._folder / TRAFFIC_FILE)
         self._end = False
-        self.latest = self._lag = 0.0
+        self.latest = 0.0
+        self._lag = 0.0
         self._make_devices()
         truth = self._folder / TRUTH_FILE
         facts = {"emulated": settings.wiring}

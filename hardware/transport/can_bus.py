@@ -210,7 +210,11 @@ class CanBus:
             self._listen = frozenset(listen)
         self.fault = BusFault.NONE
         self.fault_text = ""
-        self.sent = self.received = self.echoes = self.foreign = self.garbage = 0
+        self.sent = 0
+        self.received = 0
+        self.echoes = 0
+        self.foreign = 0
+        self.garbage = 0
         self._outbox = Outbox()
         self._inbox: deque[tuple[float, CanFrame]] = deque(maxlen=4096)
         self._recent: deque[tuple[float, int, bytes]] = deque(maxlen=64)

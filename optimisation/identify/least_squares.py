@@ -66,34 +66,29 @@ class Parameter:
     deviation: float = math.inf
 
     def __post_init__(self) -> None:
+        who = f"parameter {self.name!r}"
+        bounds = f"{self.lower:g} .. {self.upper:g}"
         if not math.isfinite(self.seed):
-            raise FitError(
-                f"parameter {self.name!r}: the seed is {self.seed}, but it must be a finite number"
-            )
+            raise FitError(f"{who}: the seed is {self.seed}, but it must be a finite number")
         if not self.lower < self.upper:
-            raise FitError(
-                f"parameter {self.name!r}: the bounds {self.lower:g} .. {self.upper:g} "
-                f"{self.unit} hold no value"
-            )
+            raise FitError(f"{who}: the bounds {bounds} {self.unit} hold no value")
         if not self.frozen and not self.lower <= self.seed <= self.upper:
             raise FitError(
-                f"parameter {self.name!r}: the seed {self.seed:g} {self.unit} lies outside its "
-                "bounds "
-                f"{self.lower:g} .. {self.upper:g}; move the seed or widen the bounds"
+                f"{who}: the seed {self.seed:g} {self.unit} lies outside its bounds {bounds}; "
+                "move the seed or widen the bounds"
             )
-        if self.scale is not None and not (math.isfinite(self.scale) and self.scale > 0.0):
-            raise FitError(
-                f"parameter {self.name!r}: the scale is {self.scale}, but must be a finite number "
-                "above 0"
-            )
+        scale = self.scale
+        if scale is not None and not (math.isfinite(scale) and scale > 0.0):
+            raise FitError(f"{who}: the scale is {scale}, but must be a finite number above 0")
 
     @property
     def size(self) -> float:
         """The scale that the solvers use, in `unit`."""
         if self.scale is not None:
             return self.scale
-        if math.isfinite(self.upper - self.lower):
-            return 0.25 * (self.upper - self.lower)
+        span = self.upper - self.lower
+        if math.isfinite(span):
+            return 0.25 * span
         return abs(self.seed) or 1.0
 
 
@@ -227,26 +222,27 @@ class Problem:
         """
         if self.jacobian is not None:
             return np.asarray(self.jacobian(x), float)
-        steps = _CENTRAL_DIFFERENCE * self.parameters.scales
-        up = np.where(x + steps > self.parameters.upper, x, x + steps)
-        down = np.where(x - steps < self.parameters.lower, x, x - steps)
-        rows = [
-            self._residual_or_none(v)
-            for v in np.concatenate([x + np.diag(up - x), x + np.diag(down - x)])
-        ]
+        count = len(x)
+        parameters = self.parameters
+        steps = _CENTRAL_DIFFERENCE * parameters.scales
+        up = np.where(x + steps > parameters.upper, x, x + steps)
+        down = np.where(x - steps < parameters.lower, x, x - steps)
+        moved = np.concatenate([x + np.diag(up - x), x + np.diag(down - x)])
+        rows = [self._residual_or_none(v) for v in moved]
         lost = np.array([row is None for row in rows])
         if np.any(lost):
             here = finite_residual(self, x)
             rows = [here if row is None else row for row in rows]
-            up = np.where(lost[: len(x)], x, up)
-            down = np.where(lost[len(x) :], x, down)
+            up = np.where(lost[:count], x, up)
+            down = np.where(lost[count:], x, down)
         if np.any(up <= down):
-            name = self.parameters.names[int(np.argmax(up <= down))]
+            name = parameters.names[int(np.argmax(up <= down))]
             raise FitError(
                 f"{self.name}: no derivative by {name}: the model ends on both sides of "
                 f"{self.describe(x)}"
             )
-        return ((np.array(rows[: len(x)]) - np.array(rows[len(x) :])) / (up - down)[:, None]).T
+        rise = np.array(rows[:count]) - np.array(rows[count:])
+        return (rise / (up - down)[:, None]).T
 
     def _residual_or_none(self, x: np.ndarray) -> np.ndarray | None:
         """The residual; None where the model does not exist or is not finite."""
@@ -405,15 +401,18 @@ def solve_huber(problem: Problem, method: Solver, squares: Solution) -> HuberSol
     if found is not squares:
         best = replace(found.best, status=f"Huber: {found.best.status}")
         attempts = (*squares.attempts, best)
-        found = replace(
-            found, jacobian=problem.central_differences(found.x), best=best, attempts=attempts
-        )
+        jacobian = problem.central_differences(found.x)
+        found = replace(found, jacobian=jacobian, best=best, attempts=attempts)
     if scale <= least:
         return HuberSolution(found, found, scale, 0)
-    clipped = np.clip(found.residual, -LIMIT * scale, LIMIT * scale)
-    within = float(np.mean(np.abs(found.residual) <= LIMIT * scale))
+    residual = found.residual
+    sizes = np.abs(residual)
+    limit = LIMIT * scale
+    clipped = np.clip(residual, -limit, limit)
+    within = float(np.mean(sizes <= limit))
     influence = replace(found, residual=clipped, jacobian=within * found.jacobian)
-    return HuberSolution(found, influence, scale, int(np.sum(np.abs(found.residual) > 3.0 * scale)))
+    outliers = int(np.sum(sizes > 3.0 * scale))
+    return HuberSolution(found, influence, scale, outliers)
 
 
 def _huberised(problem: Problem, scale: float) -> Problem:
@@ -423,9 +422,11 @@ def _huberised(problem: Problem, scale: float) -> Problem:
 
     def slope(x: np.ndarray) -> np.ndarray:
         size = np.abs(np.asarray(inner(x), float)) / scale
-        beyond = LIMIT / np.sqrt(np.maximum(2.0 * LIMIT * size - LIMIT * LIMIT, LIMIT * LIMIT))
+        square = LIMIT * LIMIT
+        beyond = LIMIT / np.sqrt(np.maximum(2.0 * LIMIT * size - square, square))
         assert jacobian is not None
-        return np.where(size <= LIMIT, 1.0, beyond)[:, None] * np.asarray(jacobian(x), float)
+        weight = np.where(size <= LIMIT, 1.0, beyond)
+        return weight[:, None] * np.asarray(jacobian(x), float)
 
     return replace(
         problem,

@@ -253,13 +253,13 @@ def _scenario(key: str) -> RigScenario:
 def _experiment(log: RunLog, kind: str) -> dict[str, Any]:
     """What the log's metadata say of its experiment."""
     found: dict[str, Any] = {"kind": kind}
+    extra = log.extra
     if kind in ("static", "swing"):
         for key, allowed in _FACTS:
-            if str(log.extra.get(key)) not in allowed:
-                raise FitError(
-                    f"metadata {key!r} is {log.extra.get(key)!r}; allowed: {', '.join(allowed)}"
-                )
-        found |= {"tail": int(log.extra["tail"]), "axis": str(log.extra["axis"])}
+            value = extra.get(key)
+            if str(value) not in allowed:
+                raise FitError(f"metadata {key!r} is {value!r}; allowed: {', '.join(allowed)}")
+        found |= {"tail": int(extra["tail"]), "axis": str(extra["axis"])}
     if kind == "bar_swing":
         return {**found, "wind_speed": 0.0}
     if kind == "static":
@@ -350,26 +350,27 @@ def constant_parameters(
     if is_simulated(log):  # exact, but for what the user says of them
         stated = named_rig(options.rig, options.settings).get("uncertainty", {})
         deviations = {name: value for name, value in deviations.items() if name in stated}
-    if any(name in options.free or deviations.get(name, 0.0) > 0.0 for name in names):
+    free = options.free
+    if any(name in free or deviations.get(name, 0.0) > 0.0 for name in names):
         deviations |= biases or {}
-    return tuple(
-        _parameter(name, name in options.free, deviations.get(name, 0.0))
-        for name in names
-        if name in options.free or deviations.get(name, 0.0) > 0.0
-    )
+    parameters = []
+    for name in names:
+        deviation = deviations.get(name, 0.0)
+        if name in free or deviation > 0.0:
+            parameters.append(_parameter(name, name in free, deviation))
+    return tuple(parameters)
 
 
 def _parameter(name: str, free: bool, deviation: float) -> Parameter:
-    unit = (
-        ("N" if name[0] == "f" else "N m")
-        if name in BIASES
-        else unit_of(RigUncertaintyParameters, name)
-    )
+    is_bias = name in BIASES
+    if not is_bias:
+        unit = unit_of(RigUncertaintyParameters, name)
+    elif name[0] == "f":
+        unit = "N"
+    else:
+        unit = "N m"
     if free:
-        if name in BIASES:
-            reach = _BIAS_REACH
-        else:
-            reach = CONSTANTS[name][0]
+        reach = _BIAS_REACH if is_bias else CONSTANTS[name][0]
         return Parameter(name, unit, 0.0, -reach, reach, scale=_SCALE * reach)
     reach = _FAR * deviation
     return Parameter(name, unit, 0.0, -reach, reach, scale=deviation, deviation=deviation)
@@ -381,14 +382,15 @@ def shifted(scenario: RigScenario, values: Mapping[str, float]) -> RigScenario:
     """
     changes: dict[str, dict[str, float]] = {}
     for name, shift in values.items():
-        for key, sign in CONSTANTS[name][1].items() if name in CONSTANTS else ():
+        if name not in CONSTANTS:
+            continue
+        for key, sign in CONSTANTS[name][1].items():
             section, entry = key.split(".")
             if section == "tail":
                 section = f"tail_{scenario.experiment.tail}"
             changed = changes.setdefault(section, {})
-            changed[entry] = (
-                changed.get(entry, getattr(getattr(scenario, section), entry)) + sign * shift
-            )
+            value = getattr(getattr(scenario, section), entry)
+            changed[entry] = changed.get(entry, value) + sign * shift
     return with_values(scenario, changes)
 
 

@@ -194,15 +194,13 @@ def torque_response(
     angles, rates = motion
     count = len(angles)
     small = 1e-6
-    maps = np.empty((count - 1, 2, 2))
-    for i in range(count - 1):
+    steps = count - 1
+    maps = np.empty((steps, 2, 2))
+    for i in range(steps):
         for column, (dq, dw) in enumerate(((small, 0.0), (0.0, small))):
             start = (angles[i] + dq, rates[i] + dw)
-            if ramp is None:
-                rise = None
-            else:
-                rise = [ramp[i]]
-            moved = roll_out(
+            rise = None if ramp is None else [ramp[i]]
+            moved_angles, moved_rates = roll_out(
                 pendulum,
                 torques,
                 start,
@@ -212,14 +210,12 @@ def torque_response(
                 ramp=rise,
                 added_mass=added_mass,
             )
-            maps[i, :, column] = (
-                (moved[0][1] - angles[i + 1]) / small,
-                (moved[1][1] - rates[i + 1]) / small,
-            )
+            maps[i, 0, column] = (moved_angles[1] - angles[i + 1]) / small
+            maps[i, 1, column] = (moved_rates[1] - rates[i + 1]) / small
     push = np.array([0.5 * step * step, step]) / pendulum.total_inertia(added_mass)
-    response = np.zeros((count, count - 1))
-    state = np.zeros((2, count - 1))
-    for i in range(count - 1):
+    response = np.zeros((count, steps))
+    state = np.zeros((2, steps))
+    for i in range(steps):
         state[:, :i] = maps[i] @ state[:, :i]
         state[:, i] = push
         response[i + 1] = state[0]

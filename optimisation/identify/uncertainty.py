@@ -96,14 +96,12 @@ def check_residual(residual: np.ndarray, unknowns: int = 1) -> ResidualCheck:
     if scale == 0.0 or len(x) < _LEAST_SAMPLES:
         return ResidualCheck()
     beyond = np.abs(x) > FAR_OFF * scale
-    if np.any(beyond):
-        first = int(np.argmax(beyond))
-    else:
-        first = -1
+    first = int(np.argmax(beyond)) if np.any(beyond) else -1
     # Wild samples were reported above; they must not look like noise or like wandering.
     modes = dct(np.clip(x, -FAR_OFF * scale, FAR_OFF * scale), norm="ortho")
     freedom = (max(_SLOW - unknowns, 1), _NEXT - _SLOW)
-    ratio = np.sum(np.square(modes[1:_SLOW])) / freedom[0] / np.mean(np.square(modes[_SLOW:_NEXT]))
+    power = np.square(modes)
+    ratio = np.sum(power[1:_SLOW]) / freedom[0] / np.mean(power[_SLOW:_NEXT])
     modes[_SLOW:] = 0.0
     modes[0] = 0.0
     slow = float(np.max(np.abs(idct(modes, norm="ortho"))))
@@ -112,8 +110,10 @@ def check_residual(residual: np.ndarray, unknowns: int = 1) -> ResidualCheck:
 
 def chance_of(checks: Sequence[ResidualCheck]) -> float:
     """That noise wanders as much as several residuals together do."""
-    low, high = (sum(check.freedom[i] for check in checks) for i in range(2))
-    return float(fdtrc(low, high, np.mean([check.wander for check in checks])))
+    slow = sum(check.freedom[0] for check in checks)
+    following = sum(check.freedom[1] for check in checks)
+    wander = np.mean([check.wander for check in checks])
+    return float(fdtrc(slow, following, wander))
 
 
 @dataclass(frozen=True)
@@ -150,10 +150,8 @@ def correlation_time(residual: np.ndarray) -> float:
     spectrum = np.fft.rfft(x, size)
     rho = np.fft.irfft(spectrum * spectrum.conj(), size)[: n // 2] / power
     pairs = rho[0 : len(rho) - 1 : 2] + rho[1 : len(rho) : 2]
-    if np.any(pairs <= 0.0):
-        end = int(np.argmax(pairs <= 0.0))
-    else:
-        end = len(pairs)
+    falls = pairs <= 0.0
+    end = int(np.argmax(falls)) if np.any(falls) else len(pairs)
     return max(1.0, float(2.0 * np.sum(pairs[:end]) - 1.0))
 
 
@@ -261,30 +259,29 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     factor = np.full(len(scales), _factor(freedom))
     if noise.rounding is not None:
-        shares = (
-            np.abs(inverse @ noise.rounding)
-            * scales
-            / (math.sqrt(3.0) * np.maximum(deviation, 1e-300))
-        )
-        factor *= [_rounded_factor(round(share, 2)) / _factor(np.inf) for share in shares.tolist()]
+        rounding = np.abs(inverse @ noise.rounding) * scales
+        shares = rounding / (math.sqrt(3.0) * np.maximum(deviation, 1e-300))
+        normal = _factor(np.inf)
+        factor *= [_rounded_factor(round(share, 2)) / normal for share in shares.tolist()]
     reach = given.reach * scales
     shift = given.shift * scales[:, None]
-    down = np.where(
-        sides < 0, 0.0, np.hypot(factor * deviation, np.linalg.norm(np.minimum(shift, 0.0), axis=1))
-    )
-    up = np.where(
-        sides > 0, 0.0, np.hypot(factor * deviation, np.linalg.norm(np.maximum(shift, 0.0), axis=1))
-    )
-    down = np.where(sides > 0, reach, down)
-    up = np.where(sides < 0, reach, up)
+    half_width = factor * deviation
+    at_lower = sides < 0
+    at_upper = sides > 0
+    shift_down = np.linalg.norm(np.minimum(shift, 0.0), axis=1)
+    shift_up = np.linalg.norm(np.maximum(shift, 0.0), axis=1)
+    down = np.where(at_lower, 0.0, np.hypot(half_width, shift_down))
+    up = np.where(at_upper, 0.0, np.hypot(half_width, shift_up))
+    down = np.where(at_upper, reach, down)
+    up = np.where(at_lower, reach, up)
     deviation = np.where(sides != 0, reach / factor, deviation)
     loose = seen & (down + up > parameters.upper - parameters.lower)
-    curved = seen & ~loose & _curved(solution, noise, alone, factor)
-    determined = seen & ~loose & ~curved
+    tight = seen & ~loose
+    curved = tight & _curved(solution, noise, alone, factor)
+    determined = tight & ~curved
     deviation[~determined] = np.inf
-    covariance[np.diag_indices_from(covariance)] = np.where(
-        determined, np.square(deviation), np.inf
-    )
+    variance = np.where(determined, np.square(deviation), np.inf)
+    covariance[np.diag_indices_from(covariance)] = variance
     unidentifiable = [_in_words(direction, names) for direction in hidden]
     unidentifiable += [
         f"{name} within its bounds" for name, flag in zip(names, loose, strict=True) if flag
@@ -364,14 +361,16 @@ def _curved(
     much as a solution.
     """
     problem = solution.problem
-    low = problem.parameters.lower
-    high = problem.parameters.upper
-    scales = problem.parameters.scales
+    parameters = problem.parameters
+    low = parameters.lower
+    high = parameters.upper
+    scales = parameters.scales
     changed = np.zeros(len(scales), bool)
     if not np.any(2.0 * factor * deviation > _WIDE * (high - low)):
         return changed
     for i, reach in enumerate(factor * deviation):
-        for end in (max(solution.x[i] - reach, low[i]), min(solution.x[i] + reach, high[i])):
+        middle = solution.x[i]
+        for end in (max(middle - reach, low[i]), min(middle + reach, high[i])):
             if not np.isfinite(end) or reach == 0.0:
                 continue
             x = solution.x.copy()
@@ -407,11 +406,13 @@ def _in_words(direction: np.ndarray, names: tuple[str, ...]) -> str:
     """A direction of scaled unknowns: `cd`, or `0.80 gap + 0.60 h0`."""
     order = np.argsort(-np.abs(direction))
     parts = [(direction[i], names[i]) for i in order if abs(direction[i]) > _SHARE]
+    largest, first = parts[0]
     if len(parts) == 1:
-        return parts[0][1]
-    text = f"{parts[0][0]:.2f} {parts[0][1]}"
+        return first
+    text = f"{largest:.2f} {first}"
     for share, name in parts[1:]:
-        text += f" {'+' if share > 0 else '-'} {abs(share):.2f} {name}"
+        sign = "+" if share > 0 else "-"
+        text += f" {sign} {abs(share):.2f} {name}"
     return text
 
 
@@ -463,7 +464,9 @@ def held_at_bounds(
     shift = np.zeros((count, count))
     for k in np.flatnonzero(sides):
         # What is left of this column once the others have followed it.
-        alone = jacobian[:, k] - jacobian @ (inverse @ jacobian[:, k])
+        column = jacobian[:, k]
+        followed = inverse @ column
+        alone = column - jacobian @ followed
         row = alone / float(alone @ alone)
         if covariance.ndim == 1:
             spread = row * covariance
@@ -476,7 +479,7 @@ def held_at_bounds(
         else:
             beyond[k] = math.inf
         reach[k] = deviation * reach_inside(float(beyond[k]), freedom)
-        shift[:, k] = sides[k] * reach[k] * (inverse @ jacobian[:, k])
+        shift[:, k] = sides[k] * reach[k] * followed
     return GivenBounds(inverse, beyond, reach, shift)
 
 
