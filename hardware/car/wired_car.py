@@ -265,20 +265,19 @@ class WiredCar:
             return
         group = devices.group
         off = False
+        quietly = contextlib.suppress(Exception)
         for _ in range(_LAST_STRINGS):
-            with contextlib.suppress(
-                Exception
-            ):  # whatever it is, the next exit frame must get its chance
+            with quietly:  # whatever it is, the next exit frame must get its chance
                 group.set_exit(time.monotonic())
                 group.step(time.monotonic())
-            with contextlib.suppress(Exception):
+            with quietly:
                 devices.teensy.set_pulses(SERVO_PULSES[1], THROTTLE_PULSES[1])
                 devices.teensy.commit()
             time.sleep(_CYCLE)
-        with contextlib.suppress(Exception):
+        with quietly:
             off = group.port.flush() and not group.port.fault and group.off_confirmed
         if devices.watchdog is not None:
-            with contextlib.suppress(Exception):
+            with quietly:
                 devices.watchdog.disarm() if off else devices.watchdog.trip()
         status = self.reading.status.copy()
         status[STATUS.index("armed")] = 0.0
@@ -286,9 +285,9 @@ class WiredCar:
             self.reading, status=status, fault_text=self.reading.fault_text or self.stop_reason
         )
         if devices.radio is not None:
-            with contextlib.suppress(Exception):
+            with quietly:
                 self._reporter.turn(devices.radio, self.reading, time.monotonic(), at_once=True)
-        with contextlib.suppress(Exception):
+        with quietly:
             devices.closers.close()
         self.traffic_error = "" if devices.bus is None else devices.bus.log_error
 

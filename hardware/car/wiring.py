@@ -35,6 +35,7 @@ from aerodima.hardware.protocol.radio import (
     make_report,
 )
 from aerodima.hardware.transport.can_bus import CanBus
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import (
     IMU,
     STATUS,
@@ -95,8 +96,8 @@ class CarCommand:
 
     steering_angle: float = 0.0
     throttle: float = 0.0
-    tail_pitch: np.ndarray = field(default_factory=partial(np.zeros, TAIL_COMMAND.size))
-    tail_roll: np.ndarray = field(default_factory=partial(np.zeros, TAIL_COMMAND.size))
+    tail_pitch: FloatArray = field(default_factory=partial(np.zeros, TAIL_COMMAND.size))
+    tail_roll: FloatArray = field(default_factory=partial(np.zeros, TAIL_COMMAND.size))
 
     @property
     def finite(self) -> bool:
@@ -123,11 +124,11 @@ class CarReading:
         fault_text: the worst fault in words, empty while there is none.
     """
 
-    tail_state: np.ndarray = field(default_factory=partial(np.zeros, TAIL_STATE.size))
-    tail_torque: np.ndarray = field(default_factory=partial(np.zeros, TAIL_TORQUE.size))
-    imu: np.ndarray = field(default_factory=partial(np.zeros, IMU.size))
-    speed: np.ndarray = field(default_factory=partial(np.zeros, 1))
-    status: np.ndarray = field(default_factory=partial(np.zeros, STATUS.size))
+    tail_state: FloatArray = field(default_factory=partial(np.zeros, TAIL_STATE.size))
+    tail_torque: FloatArray = field(default_factory=partial(np.zeros, TAIL_TORQUE.size))
+    imu: FloatArray = field(default_factory=partial(np.zeros, IMU.size))
+    speed: FloatArray = field(default_factory=partial(np.zeros, 1))
+    status: FloatArray = field(default_factory=partial(np.zeros, STATUS.size))
     operator: OperatorCommand = IDLE
     fault_text: str = ""
 

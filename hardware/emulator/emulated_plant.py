@@ -14,6 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from aerodima.hardware.driving.run_journal import RunJournal
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of
@@ -138,11 +139,11 @@ class EmulatedCar:
             self._picture_due = time + _PICTURE
             self._camera.follow(self._context)
 
-    def joints(self) -> np.ndarray:
+    def joints(self) -> FloatArray:
         """(4,) angles of pitch and roll (rad), then their rates (rad/s), as they are now."""
         return self.output("plant_state_truth")[self._joints]
 
-    def output(self, name: str) -> np.ndarray:
+    def output(self, name: str) -> FloatArray:
         """A vector port of the station."""
         return np.array(self._ports[name].Eval(self._station_context))
 

@@ -72,10 +72,7 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
             one direction.
     """
     of_the_field = turn.system == "physical"
-    if of_the_field:
-        stride = round(SAMPLE_TIMES["physical"] / STEP)
-    else:
-        stride = 1
+    stride = round(SAMPLE_TIMES["physical"] / STEP) if of_the_field else 1
     time: FloatArray = STEP * np.arange(len(motion.yaw_rate), dtype=float)[::stride]
     signals = [
         values[::stride] for values in (motion.yaw_rate, motion.acceleration, motion.roll_rate)

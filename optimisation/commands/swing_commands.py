@@ -19,6 +19,8 @@ from aerodima.workbench.errors import SweepError, SwingError
 if TYPE_CHECKING:
     from aerodima.workbench.config.ensemble import Member
 TaskArgument = Annotated[str, cli.named("Task", "tasks")]
+TestCars = Annotated[int, typer.Option(help="So many of the test cars.", min=1)]
+SplitSeed = Annotated[int, typer.Option(help="Of the split of the cars.", min=0)]
 TailName = Annotated[
     str, cli.chosen("Tail: that of each car, or the larger one.", "built", "designed")
 ]
@@ -121,10 +123,10 @@ def judge(
     ] = None,
     law: cli.Laws = None,
     ensemble: cli.Ensemble = "physical",
-    cars: Annotated[int, typer.Option(help="So many of the test cars.", min=1)] = 4,
+    cars: TestCars = 4,
     floors: Floors = None,
     tail: TailName = "designed",
-    seed: Annotated[int, typer.Option(help="Of the split of the cars.", min=0)] = 1,
+    seed: SplitSeed = 1,
     start: Annotated[float, typer.Option(help="First speed of a climb, m/s.")] = 2.0,
     step: Annotated[
         float, typer.Option(help="Between two speeds of a climb, m/s; its last step is refined.")
@@ -243,10 +245,10 @@ def bound(
         list[str] | None, typer.Option(help="lane-change or corner; by default both.")
     ] = None,
     ensemble: cli.Ensemble = "physical",
-    cars: Annotated[int, typer.Option(help="So many of the test cars.", min=1)] = 6,
+    cars: TestCars = 6,
     floors: Floors = None,
     tail: TailName = "designed",
-    seed: Annotated[int, typer.Option(help="Of the split of the cars.", min=0)] = 1,
+    seed: SplitSeed = 1,
     starts: Annotated[int, typer.Option(help="Of the search of a motion.", min=1)] = 7,
     generations: Annotated[
         int, typer.Option(help="Of a search, beside the first one.", min=0)

@@ -170,10 +170,7 @@ class EntrySearch:
         the ceiling.
         """
         passed, lost = self.bracket(found)
-        if lost is None:
-            failed = ""
-        else:
-            failed = found[lost]
+        failed = "" if lost is None else found[lost]
         if passed is not None and found[passed] and not failed.startswith(ERROR):
             return "lateral"  # it was never enough
         return failed

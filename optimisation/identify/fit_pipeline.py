@@ -33,6 +33,7 @@ from aerodima.optimisation.identify.least_squares import (
 )
 from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
 from aerodima.optimisation.identify.uncertainty import Noise, Uncertainty, uncertainty
+from aerodima.workbench.config.array_types import FloatArray
 
 _NEGLIGIBLE = 0.03
 """A constant whose standard deviation moves the whitened residual by less is left as it is."""
@@ -45,6 +46,8 @@ _CHANCE = 1e-4
 _FEW = 50
 """Most degrees of freedom that the data leave where such a misfit is reported."""
 _LEAST_SHARE = 1e-3
+Channels = Mapping[str, tuple[slice, float]]
+"""Name -> rows of a channel in the residual, and the weight that they were divided by."""
 NoiseModel = Callable[[Solution], Noise]
 
 
@@ -208,8 +211,8 @@ def fit(
     method: Solver,
     noise: NoiseModel,
     *,
-    starts: Sequence[np.ndarray] | None = None,
-    channels: Mapping[str, tuple[slice, float]] | None = None,
+    starts: Sequence[FloatArray] | None = None,
+    channels: Channels | None = None,
     facts: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
     loss: Loss = "squares",
@@ -248,7 +251,7 @@ def fit(
 def result_of(
     solution: Solution,
     sure: Uncertainty,
-    channels: Mapping[str, tuple[slice, float]],
+    channels: Channels,
     facts: Mapping[str, Any],
     warnings: Sequence[str],
     constants: Collection[str] = (),
@@ -348,7 +351,7 @@ def _with_constants(
     first: FitResult,
     parameters: Sequence[Parameter],
     rig: UncertainRig,
-    channels: Mapping[str, tuple[slice, float]],
+    channels: Channels,
     warnings: Sequence[str],
     loss: Loss,
 ) -> FitResult:
@@ -402,22 +405,22 @@ def _with_constants(
 class _Whitening:
     """Whitens the residual of the data: times `matrix`, or by element; `back` undoes it."""
 
-    matrix: np.ndarray
+    matrix: FloatArray
 
     @classmethod
-    def of(cls, covariance: np.ndarray) -> _Whitening:
+    def of(cls, covariance: FloatArray) -> _Whitening:
         if covariance.ndim == 1:
             return cls(1.0 / np.sqrt(np.maximum(covariance, 1e-300)))
         size = np.sqrt(np.diag(covariance))
         lower = np.linalg.cholesky(covariance / np.outer(size, size) + 1e-12 * np.eye(len(size)))
         return cls(np.linalg.inv(lower) / size)
 
-    def __call__(self, rows: np.ndarray) -> np.ndarray:
+    def __call__(self, rows: FloatArray) -> FloatArray:
         if self.matrix.ndim == 2:
             return self.matrix @ rows
         return (rows.T * self.matrix).T
 
-    def back(self, rows: np.ndarray) -> np.ndarray:
+    def back(self, rows: FloatArray) -> FloatArray:
         if self.matrix.ndim == 2:
             return np.linalg.solve(self.matrix, rows)
         return (rows.T / self.matrix).T
@@ -432,7 +435,7 @@ def _size(noise: Noise) -> float:
     return float(np.mean(S) if S.ndim == 1 else np.mean(np.diag(S)))
 
 
-def _at(problem: Problem, x: np.ndarray, jacobian: np.ndarray) -> Solution:
+def _at(problem: Problem, x: FloatArray, jacobian: FloatArray) -> Solution:
     """Residual and Jacobian at x, without solving."""
     residual = np.asarray(problem.residual(x), float)
     return Solution(problem, x, residual, jacobian, best=None, attempts=())  # type: ignore[arg-type]
@@ -444,7 +447,7 @@ def _weighed(problem: Problem, whiten: _Whitening, loss: Loss) -> Problem:
     places = [i for i, p in enumerate(free) if _has_prior(p)]
     deviations = np.array([free[i].deviation for i in places])
 
-    def residual(x: np.ndarray) -> np.ndarray:
+    def residual(x: FloatArray) -> FloatArray:
         data = whiten(np.asarray(problem.residual(x), float))
         if loss == "huber":
             data = huber(data)

@@ -16,10 +16,11 @@ from typing import Literal
 
 import numpy as np
 
+from aerodima.workbench.config.array_types import FloatArray, IntArray
 from aerodima.workbench.errors import FitError
 
-Residual = Callable[[np.ndarray], np.ndarray]
-Jacobian = Callable[[np.ndarray], np.ndarray]
+Residual = Callable[[FloatArray], FloatArray]
+Jacobian = Callable[[FloatArray], FloatArray]
 
 _DIFFERENCE = 1e-5
 """Step of one-sided differences, in scales: sqrt(1e-10), for rollouts that repeat to about ten
@@ -126,31 +127,31 @@ class Parameters:
         return tuple(parameter.name for parameter in self.free)
 
     @property
-    def seed(self) -> np.ndarray:
+    def seed(self) -> FloatArray:
         """Seeds of the unknowns (p)."""
         return np.array([parameter.seed for parameter in self.free])
 
     @property
-    def lower(self) -> np.ndarray:
+    def lower(self) -> FloatArray:
         """Lower bounds of the unknowns (p)."""
         return np.array([parameter.lower for parameter in self.free])
 
     @property
-    def upper(self) -> np.ndarray:
+    def upper(self) -> FloatArray:
         """Upper bounds of the unknowns (p)."""
         return np.array([parameter.upper for parameter in self.free])
 
     @property
-    def scales(self) -> np.ndarray:
+    def scales(self) -> FloatArray:
         """Scales of the unknowns (p)."""
         return np.array([parameter.size for parameter in self.free])
 
-    def values(self, x: Sequence[float] | np.ndarray) -> dict[str, float]:
+    def values(self, x: Sequence[float] | FloatArray) -> dict[str, float]:
         """All values by name, the frozen ones included, for a vector of the unknowns."""
         free = dict(zip(self.names, (float(value) for value in x), strict=True))
         return {parameter.name: free.get(parameter.name, parameter.seed) for parameter in self.all}
 
-    def starts(self, seeds: Iterable[Mapping[str, float]] = ()) -> list[np.ndarray]:
+    def starts(self, seeds: Iterable[Mapping[str, float]] = ()) -> list[FloatArray]:
         """Vectors to start from: the seeds of the parameters, then further ones by name; a missing
         name keeps its seed.
 
@@ -170,12 +171,12 @@ class Parameters:
             )
         return vectors
 
-    def sides(self, x: np.ndarray) -> np.ndarray:
+    def sides(self, x: FloatArray) -> IntArray:
         """Which unknowns sit on a bound (p): -1 on the lower one, 1 on the upper one, else 0."""
         margin = 1e-6 * self.scales
         return np.where(x <= self.lower + margin, -1, np.where(x >= self.upper - margin, 1, 0))
 
-    def active(self, x: np.ndarray) -> dict[str, str]:
+    def active(self, x: FloatArray) -> dict[str, str]:
         """Unknowns that sit on a bound, with `lower` or `upper`."""
         words = {-1: "lower", 1: "upper"}
         return {
@@ -203,7 +204,7 @@ class Problem:
     jacobian: Jacobian | None = None
     name: str = "fit"
 
-    def differences(self, x: np.ndarray, at_x: np.ndarray) -> np.ndarray:
+    def differences(self, x: FloatArray, at_x: FloatArray) -> FloatArray:
         """The Jacobian (m x p): the given one, or one-sided differences that stay within the
         bounds.
         """
@@ -214,7 +215,7 @@ class Problem:
         rows = np.array([self.residual(vector) for vector in x + np.diag(steps)], float)
         return ((rows - at_x) / steps[:, None]).T
 
-    def central_differences(self, x: np.ndarray) -> np.ndarray:
+    def central_differences(self, x: FloatArray) -> FloatArray:
         """The Jacobian for the covariance (m x p): differences to both sides.
 
         One-sided at a bound, and where the model ends on the other side; FitError when it ends on
@@ -244,7 +245,7 @@ class Problem:
         rise = np.array(rows[:count]) - np.array(rows[count:])
         return (rise / (up - down)[:, None]).T
 
-    def _residual_or_none(self, x: np.ndarray) -> np.ndarray | None:
+    def _residual_or_none(self, x: FloatArray) -> FloatArray | None:
         """The residual; None where the model does not exist or is not finite."""
         try:
             row = np.asarray(self.residual(x), float)
@@ -252,7 +253,7 @@ class Problem:
             return None
         return row if np.all(np.isfinite(row)) else None
 
-    def describe(self, x: np.ndarray) -> str:
+    def describe(self, x: FloatArray) -> str:
         """The unknowns in words."""
         free = self.parameters.free
         return ", ".join(
@@ -272,8 +273,8 @@ class Attempt:
         iterations: steps of Levenberg-Marquardt, or evaluations of the residual by SNOPT.
     """
 
-    start: np.ndarray
-    x: np.ndarray
+    start: FloatArray
+    x: FloatArray
     cost: float
     success: bool
     status: str
@@ -294,17 +295,17 @@ class Solution:
     """
 
     problem: Problem
-    x: np.ndarray
-    residual: np.ndarray
-    jacobian: np.ndarray
+    x: FloatArray
+    residual: FloatArray
+    jacobian: FloatArray
     best: Attempt
     attempts: tuple[Attempt, ...]
 
 
-Solver = Callable[[Problem, np.ndarray], Attempt]
+Solver = Callable[[Problem, FloatArray], Attempt]
 
 
-def solve(problem: Problem, method: Solver, starts: Sequence[np.ndarray] | None = None) -> Solution:
+def solve(problem: Problem, method: Solver, starts: Sequence[FloatArray] | None = None) -> Solution:
     """Runs a solver from every start and keeps the lowest cost; of costs within 1 % the one of a
     success.
 
@@ -326,7 +327,7 @@ def solve(problem: Problem, method: Solver, starts: Sequence[np.ndarray] | None 
     return Solution(problem, best.x, residual, problem.central_differences(best.x), best, attempts)
 
 
-def finite_residual(problem: Problem, x: np.ndarray) -> np.ndarray:
+def finite_residual(problem: Problem, x: FloatArray) -> FloatArray:
     """The residual; FitError that names the unknowns when it is not finite."""
     r = np.asarray(problem.residual(x), float)
     bad = np.flatnonzero(~np.isfinite(r))
@@ -337,7 +338,7 @@ def finite_residual(problem: Problem, x: np.ndarray) -> np.ndarray:
     return r
 
 
-def finite_differences(problem: Problem, x: np.ndarray, at_x: np.ndarray) -> np.ndarray:
+def finite_differences(problem: Problem, x: FloatArray, at_x: FloatArray) -> FloatArray:
     """`Problem.differences`; FitError that names the unknowns when they are not finite."""
     J = problem.differences(x, at_x)
     if not np.all(np.isfinite(J)):
@@ -345,7 +346,7 @@ def finite_differences(problem: Problem, x: np.ndarray, at_x: np.ndarray) -> np.
     return J
 
 
-def huber(residual: np.ndarray, limit: float = LIMIT) -> np.ndarray:
+def huber(residual: FloatArray, limit: float = LIMIT) -> FloatArray:
     """Residuals whose squares are twice the Huber loss: unchanged within the limit, growing like a
     root beyond it.
     """
@@ -354,7 +355,7 @@ def huber(residual: np.ndarray, limit: float = LIMIT) -> np.ndarray:
     return np.where(size <= limit, residual, np.sign(residual) * beyond)
 
 
-def spread(values: np.ndarray) -> float:
+def spread(values: FloatArray) -> float:
     """1.4826 times the median deviation from the median."""
     return _NORMAL * float(np.median(np.abs(values - np.median(values))))
 
@@ -420,7 +421,7 @@ def _huberised(problem: Problem, scale: float) -> Problem:
     inner = problem.residual
     jacobian = problem.jacobian
 
-    def slope(x: np.ndarray) -> np.ndarray:
+    def slope(x: FloatArray) -> FloatArray:
         size = np.abs(np.asarray(inner(x), float)) / scale
         square = LIMIT * LIMIT
         beyond = LIMIT / np.sqrt(np.maximum(2.0 * LIMIT * size - square, square))

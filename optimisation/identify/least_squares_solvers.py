@@ -11,7 +11,6 @@ fits where was measured (design section 12).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -29,9 +28,11 @@ from pydrake.solvers import (
 from aerodima.optimisation.identify.least_squares import (
     Attempt,
     Problem,
+    Residual,
     finite_differences,
     finite_residual,
 )
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import FitError
 
 _DAMPING_LEAST = 1e-8
@@ -56,7 +57,7 @@ _GRADIENT_TOLERANCE = 1e-9
 _FEW_STEPS = 8
 
 
-def solve_rollout(problem: Problem, start: np.ndarray, most_steps: int = 100) -> Attempt:
+def solve_rollout(problem: Problem, start: FloatArray, most_steps: int = 100) -> Attempt:
     """Levenberg-Marquardt from one start; each step is a bounded least-squares QP.
 
     A step to where the residual is not finite, or the model does not exist, is shortened like one
@@ -91,10 +92,7 @@ def solve_rollout(problem: Problem, start: np.ndarray, most_steps: int = 100) ->
                 left = float(np.sum(np.square(R @ dz + c)))
                 promised = 0.5 * float(c @ c) - 0.5 * left
             tried, status = _try(problem, (z + dz) * scales)
-            if tried is None:
-                new_cost = np.inf
-            else:
-                new_cost = 0.5 * float(tried @ tried)
+            new_cost = np.inf if tried is None else 0.5 * float(tried @ tried)
             refused = status or refused
             if tried is not None and new_cost <= cost:
                 break
@@ -119,19 +117,19 @@ def solve_rollout(problem: Problem, start: np.ndarray, most_steps: int = 100) ->
     return Attempt(start, z * scales, cost, False, reason, most_steps)
 
 
-def _is_short(dz: np.ndarray, z: np.ndarray) -> bool:
+def _is_short(dz: FloatArray, z: FloatArray) -> bool:
     """Whether a step is small against the unknowns."""
     return bool(np.linalg.norm(dz) <= _STEP_TOLERANCE * (1.0 + np.linalg.norm(z)))
 
 
-def _try(problem: Problem, x: np.ndarray) -> tuple[np.ndarray | None, str]:
+def _try(problem: Problem, x: FloatArray) -> tuple[FloatArray | None, str]:
     try:
         return finite_residual(problem, x), ""
     except FitError as error:
         return None, str(error)
 
 
-def triangle(J: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def triangle(J: FloatArray, r: FloatArray) -> tuple[FloatArray, FloatArray]:
     """R (n, n) and c (n) of J (m, n) and r (m): |J d + r|^2 is |R d + c|^2 and a constant.
 
     The QP stays small.
@@ -141,8 +139,8 @@ def triangle(J: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def bounded_step(
-    R: np.ndarray, c: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
-) -> np.ndarray:
+    R: FloatArray, c: FloatArray, damping: float, low: FloatArray, high: FloatArray
+) -> FloatArray:
     """The step d (n) that minimises |R d + c|^2 + damping s^2 |d|^2 within low <= d <= high.
 
     R is (n, n), c, low and high are (n), and s is the least singular value of R.
@@ -197,7 +195,7 @@ def _free_solver() -> SolverInterface:
 
 
 def _projected_gradient(
-    gradient: np.ndarray, z: np.ndarray, low: np.ndarray, high: np.ndarray
+    gradient: FloatArray, z: FloatArray, low: FloatArray, high: FloatArray
 ) -> float:
     """Largest slope along which the bounds let z move."""
     free = gradient.copy()
@@ -206,7 +204,7 @@ def _projected_gradient(
     return float(np.max(np.abs(free)))
 
 
-def solve_formula(problem: Problem, start: np.ndarray) -> Attempt:
+def solve_formula(problem: Problem, start: FloatArray) -> Attempt:
     """Few bounded Gauss-Newton steps, and SNOPT where they do not settle: for formulas that are
     nearly linear.
 
@@ -222,7 +220,7 @@ def solve_formula(problem: Problem, start: np.ndarray) -> Attempt:
     return attempt
 
 
-def solve_algebraic(problem: Problem, start: np.ndarray) -> Attempt:
+def solve_algebraic(problem: Problem, start: FloatArray) -> Attempt:
     """Slack residuals with a quadratic cost, solved by SNOPT from one start."""
     evaluations = 0
     broken = ""
@@ -284,10 +282,10 @@ _SNOPT_OPTIONS = _options()
 
 def _slack_program(
     problem: Problem,
-    defect: Callable[[np.ndarray], np.ndarray],
-    z: np.ndarray,
-    residual: np.ndarray,
-) -> tuple[MathematicalProgram, np.ndarray]:
+    defect: Residual,
+    z: FloatArray,
+    residual: FloatArray,
+) -> tuple[MathematicalProgram, FloatArray]:
     """The program in (unknown / scale, slack) and its initial guess."""
     parameters = problem.parameters
     scales = parameters.scales

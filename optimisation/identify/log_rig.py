@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from aerodima.optimisation.identify.least_squares import Loss, Parameter
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.checked_files import find_file, nearest, read_yaml, unit_of
 from aerodima.workbench.config.rig_scenario import (
     RigScenario,
@@ -143,7 +144,7 @@ FREE = FitOptions()
 """Least squares within the model's own bounds, on the rig that the log names."""
 
 
-def checked_angle(log: RunLog, kind: str, least: int) -> tuple[np.ndarray, np.ndarray]:
+def checked_angle(log: RunLog, kind: str, least: int) -> tuple[FloatArray, FloatArray]:
     """Times (s) and angles (rad) of a log (n each), once both are what a fit of this kind can use.
 
     Raises:
@@ -284,7 +285,7 @@ def wind_speed(log: RunLog, least: float, most: float) -> float:
 
 
 @cache
-def accuracies() -> np.ndarray:
+def accuracies() -> FloatArray:
     """Table 4.8 for the six reactions (6), N and N m; do not change it in place."""
     return published_table("residual_weights").uncertainty_factor.to_numpy(float)[:6]
 

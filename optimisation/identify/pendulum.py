@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from aerodima.workbench.aero.laws import SectionLaw
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.plants.rig_motion import RigMotion
@@ -140,7 +141,7 @@ def roll_out(
     motor: Sequence[float] | None = None,
     ramp: Sequence[float] | None = None,
     added_mass: float = 0.0,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[FloatArray, FloatArray]:
     """Angles and rates (count each) at 0, step, 2 step, ... by the classical Runge-Kutta method.
 
     Args:
@@ -179,12 +180,12 @@ def roll_out(
 def torque_response(
     pendulum: Pendulum,
     torques: Sequence[Torque],
-    motion: tuple[np.ndarray, np.ndarray],
+    motion: tuple[FloatArray, FloatArray],
     step: float,
     motor: Sequence[float],
     added_mass: float = 0.0,
     ramp: Sequence[float] | None = None,
-) -> np.ndarray:
+) -> FloatArray:
     """How the angles (n) answer to one more newton metre during each step (n - 1): an n x (n - 1)
     matrix, rad / N m.
 

@@ -9,7 +9,6 @@ by hand (section 6.3.3).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -27,7 +26,7 @@ from aerodima.optimisation.identify.pendulum import (
     friction_torque,
     known_friction,
 )
-from aerodima.optimisation.identify.swing_fit import SwingModel, Values
+from aerodima.optimisation.identify.swing_fit import SwingModel, TorqueLaw, Values
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
 from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable
 from aerodima.workbench.config.rig_scenario import RigScenario
@@ -116,7 +115,7 @@ def friction_parameters(robot: bool = False) -> list[Parameter]:
     ]
 
 
-def friction_law(data: SwingData) -> Callable[[Values], list[Torque]]:
+def friction_law(data: SwingData) -> TorqueLaw:
     """The friction of the values; air and motor as in the scenario."""
     scenario = data.scenario
     air = air_torque(scenario)
@@ -154,7 +153,7 @@ def potential_flow_mass(data: SwingData) -> float:
     return density * math.pi * radius**2 * tail.length / ADDED_MASS_PARTS
 
 
-def still_tail_law(data: SwingData) -> Callable[[Values], list[Torque]]:
+def still_tail_law(data: SwingData) -> TorqueLaw:
     """The quasi-steady coefficients of the tail and the published friction; values change nothing
     of them.
     """
@@ -289,7 +288,7 @@ def normal_force_law(shape: Shape, values: Values, speeds: tuple[float, float]) 
     return NormalForceLaw(SpeedTable(tuple(nodes), tuple(nodes.values())))
 
 
-def robot_tail_law(shape: Shape, data: SwingData) -> Callable[[Values], list[Torque]]:
+def robot_tail_law(shape: Shape, data: SwingData) -> TorqueLaw:
     """Air with C_N of a shape; friction and motor as in the scenario."""
     scenario = data.scenario
     fixed = [known_friction(scenario), motor_of(scenario)]

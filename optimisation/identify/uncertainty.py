@@ -30,6 +30,7 @@ from scipy.fft import dct, idct
 from scipy.special import fdtrc, ndtr, stdtr, stdtrit
 
 from aerodima.optimisation.identify.least_squares import Solution, spread
+from aerodima.workbench.config.array_types import FloatArray, IntArray
 from aerodima.workbench.errors import FitError
 
 FAR_OFF = 6.0
@@ -84,7 +85,7 @@ class ResidualCheck:
     swing: float = 0.0
 
 
-def check_residual(residual: np.ndarray, unknowns: int = 1) -> ResidualCheck:
+def check_residual(residual: FloatArray, unknowns: int = 1) -> ResidualCheck:
     """Checks a residual in the order of time (n).
 
     Args:
@@ -128,13 +129,13 @@ class Noise:
             is evenly spread, not normal. It is part of `covariance` (a third of its square).
     """
 
-    covariance: np.ndarray
+    covariance: FloatArray
     degrees_of_freedom: float = np.inf
     effective_samples: float = np.nan
-    rounding: np.ndarray | None = None
+    rounding: FloatArray | None = None
 
 
-def correlation_time(residual: np.ndarray) -> float:
+def correlation_time(residual: FloatArray) -> float:
     """1 + 2 sum rho_k of a signal (n): how many samples count as one; at least 1.
 
     The autocorrelation is summed in pairs until a pair is no longer positive (initial positive
@@ -156,7 +157,7 @@ def correlation_time(residual: np.ndarray) -> float:
 
 
 def serial_noise(
-    residual: np.ndarray, channels: list[slice], unknowns: int, rounding: float = 0.0
+    residual: FloatArray, channels: list[slice], unknowns: int, rounding: float = 0.0
 ) -> Noise:
     """Noise of time series, one per channel, from the residual itself: its variance, times its
     correlation time.
@@ -189,7 +190,7 @@ def serial_noise(
     return Noise(variance * effective / freedom, freedom, effective)
 
 
-def independent_noise(residual: np.ndarray, unknowns: int) -> Noise:
+def independent_noise(residual: FloatArray, unknowns: int) -> Noise:
     """Noise of rows that do not repeat each other (a table): one variance, from the residual."""
     freedom = max(len(residual) - unknowns, 1)
     variance = float(residual @ residual) / freedom
@@ -214,11 +215,11 @@ class Uncertainty:
         effective_samples: see `Noise`.
     """
 
-    covariance: np.ndarray
-    standard_deviation: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    beyond: np.ndarray
+    covariance: FloatArray
+    standard_deviation: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    beyond: FloatArray
     identifiable: np.ndarray
     unidentifiable: tuple[str, ...]
     effective_samples: float
@@ -334,7 +335,7 @@ def _rounded_factor(share: float) -> float:
     return float(brentq(missing, 1.0, 3.0))
 
 
-def _pseudo_inverse(jacobian: np.ndarray, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _pseudo_inverse(jacobian: FloatArray, scales: FloatArray) -> tuple[FloatArray, FloatArray]:
     """J^+ in scaled unknowns (p x m), the unidentifiable directions (k x p)."""
     U, s, Vt = np.linalg.svd(jacobian * scales, full_matrices=False)
     seen = s > _RANK_TOLERANCE * max(float(s[0]), 1e-300)
@@ -342,7 +343,7 @@ def _pseudo_inverse(jacobian: np.ndarray, scales: np.ndarray) -> tuple[np.ndarra
     return inverse, _hidden_directions(Vt, seen)
 
 
-def _covariance(inverse: np.ndarray, noise: Noise, scales: np.ndarray) -> np.ndarray:
+def _covariance(inverse: FloatArray, noise: Noise, scales: FloatArray) -> FloatArray:
     S = noise.covariance
     if S.ndim == 1:
         scaled = (inverse * S) @ inverse.T
@@ -352,7 +353,7 @@ def _covariance(inverse: np.ndarray, noise: Noise, scales: np.ndarray) -> np.nda
 
 
 def _curved(
-    solution: Solution, noise: Noise, deviation: np.ndarray, factor: np.ndarray
+    solution: Solution, noise: Noise, deviation: FloatArray, factor: FloatArray
 ) -> np.ndarray:
     """Whose standard deviation changes by more than half of it within the intervals, cut at the
     bounds (p).
@@ -385,7 +386,7 @@ def _curved(
     return changed
 
 
-def _hidden_directions(Vt: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def _hidden_directions(Vt: FloatArray, seen: np.ndarray) -> FloatArray:
     """A readable basis of the directions that are not seen (k x p): each has a parameter that the
     others lack.
     """
@@ -402,7 +403,7 @@ def _hidden_directions(Vt: np.ndarray, seen: np.ndarray) -> np.ndarray:
     return hidden / np.where(norms > 0.0, norms, 1.0)
 
 
-def _in_words(direction: np.ndarray, names: tuple[str, ...]) -> str:
+def _in_words(direction: FloatArray, names: tuple[str, ...]) -> str:
     """A direction of scaled unknowns: `cd`, or `0.80 gap + 0.60 h0`."""
     order = np.argsort(-np.abs(direction))
     parts = [(direction[i], names[i]) for i in order if abs(direction[i]) > _SHARE]
@@ -430,17 +431,17 @@ class GivenBounds:
             p).
     """
 
-    inverse: np.ndarray
-    beyond: np.ndarray
-    reach: np.ndarray
-    shift: np.ndarray
+    inverse: FloatArray
+    beyond: FloatArray
+    reach: FloatArray
+    shift: FloatArray
 
 
 def held_at_bounds(
-    jacobian: np.ndarray,
-    residual: np.ndarray,
-    covariance: np.ndarray,
-    sides: np.ndarray,
+    jacobian: FloatArray,
+    residual: FloatArray,
+    covariance: FloatArray,
+    sides: IntArray,
     freedom: float,
     rank_tolerance: float,
 ) -> GivenBounds:

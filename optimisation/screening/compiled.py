@@ -408,8 +408,9 @@ class Compiled:
             for own, name in _attributes(batch, set())
             if isinstance(own[name], np.ndarray)
         ]
+        arrays = [own[name] for own, name in places]
         numbers = np.concatenate(
-            [own[name].reshape(-1, own[name].shape[-1]) for own, name in places], dtype=float
+            [array.reshape(-1, array.shape[-1]) for array in arrays], dtype=float
         )
         cars = numbers.shape[1]
         numbers = np.pad(numbers, ((0, 0), (0, -cars % LANES)), mode="edge")
@@ -418,21 +419,24 @@ class Compiled:
         rows = memory[first : first + numbers.size].reshape(-1, self._count, LANES)
         rows[:] = numbers.reshape(self._count, -1, LANES).swapaxes(0, 1)
         given = np.repeat(given[..., None], LANES, axis=-1)
-        kept = np.empty((len(rows), len(given) if keep else 1, self._width, LANES))
-        stride = LANES * self._width * keep  # what is not kept is written to one place
+        steps = len(given)
+        width = self._width
+        kept = np.empty((len(rows), steps if keep else 1, width, LANES))
+        stride = LANES * width * keep  # what is not kept is written to one place
         for block, place in zip(rows, kept, strict=True):
-            self._call(len(given), stride, given.ctypes.data, block.ctypes.data, place.ctypes.data)
+            self._call(steps, stride, given.ctypes.data, block.ctypes.data, place.ctypes.data)
         numbers = rows.swapaxes(0, 1).reshape(self._count, -1)[:, :cars]
         for index in self._changed:
             own, name = places[index]
-            own[name] = numbers[self._rows[index]].reshape(own[name].shape).astype(own[name].dtype)
+            array = arrays[index]
+            own[name] = numbers[self._rows[index]].reshape(array.shape).astype(array.dtype)
         if not keep:
             return []
-        kept = np.moveaxis(kept, 0, 2).reshape(len(given), self._width, -1)[..., :cars]
-        parts = np.split(kept, np.cumsum([math.prod(shape) for shape in self._kept])[:-1], axis=1)
+        kept = np.moveaxis(kept, 0, 2).reshape(steps, width, -1)[..., :cars]
+        ends = np.cumsum([math.prod(shape) for shape in self._kept])
+        parts = np.split(kept, ends[:-1], axis=1)
         return [
-            part.reshape(len(given), *shape, cars)
-            for part, shape in zip(parts, self._kept, strict=True)
+            part.reshape(steps, *shape, cars) for part, shape in zip(parts, self._kept, strict=True)
         ]
 
 

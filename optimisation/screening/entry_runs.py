@@ -26,7 +26,7 @@ from aerodima.optimisation.screening.vehicle_motion import (
     W,
     advance,
     dot,
-    up,
+    up_in_body,
 )
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench.config.array_types import FloatArray
@@ -244,7 +244,7 @@ class Entering:
         left = np.minimum(front_left, rear_left)
         right = np.minimum(front_right, rear_right)
         side = np.maximum(left, right)
-        self._gone = self._gone | (up(state[4], state[5])[2] < np.cos(FLIP_TILT))
+        self._gone = self._gone | (up_in_body(state)[2] < np.cos(FLIP_TILT))
         steers = np.abs(self._command) > STRAIGHT
         fine = (side <= TWO_WHEELS) & (sail > 0.0) & ((board > 0.0) | ~steers) & ~self._gone
         if isinstance(self._driver, PathDriver):
@@ -283,7 +283,7 @@ def wheel_lifts(state: FloatArray, cars: Vehicles, steering: FloatArray) -> Floa
         cars: n of them.
         steering: angle of the front wheels (n), rad.
     """
-    n = up(state[4], state[5])[:, None]
+    n = up_in_body(state)[:, None]
     steer = np.concatenate([np.stack([steering, steering]), np.zeros((2, cars.count))])
     axle = np.stack([-np.sin(steer), np.cos(steer), 0.0 * steer])
     tilt = dot(axle, n)

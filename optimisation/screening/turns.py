@@ -20,7 +20,7 @@ from aerodima.optimisation.screening.vehicle_motion import (
     W,
     advance,
     tail_axes,
-    up,
+    up_in_body,
 )
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench.config.array_types import FloatArray
@@ -92,7 +92,7 @@ class TurnRecord:
         """
         calm = np.logical_and.reduce(np.abs(state[_CALM_PLACES]) <= self._limits)
         loaded = np.logical_and.reduce(loads > LOADED_FORCE)
-        level = up(state[4], state[5])[2] > _COS_CALM
+        level = up_in_body(state)[2] > _COS_CALM
         calm = calm & level & loaded & ~busy
         self._restless = np.where(calm, self._restless, np.maximum(self._restless, time))
         first = np.isnan(self._settled) & (time - self._restless >= CALM_FOR - 1e-9)
@@ -155,7 +155,7 @@ def heights(state: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray]:
     """Of the lower corner of the sail's tip and of the board over the ground, m; tail far up where
     there is none.
     """
-    upright = up(state[4], state[5])
+    upright = up_in_body(state)
     x, _, e = tail_axes(state[6], state[7])
     z = state[2]
     distance, width = cars.tip
@@ -247,7 +247,7 @@ class Driven:
         state = np.where(self.gone, before, new)
         self.state = state
         self.loads = loads
-        self.gone = self.gone | (up(state[4], state[5])[2] < np.cos(FLIP_TILT))
+        self.gone = self.gone | (up_in_body(state)[2] < np.cos(FLIP_TILT))
         end = time + self._length
         self.record.see(end, before, state)
         self.record.settle(end, state, loads, self.law.busy)
@@ -296,7 +296,7 @@ def drive_turns(
     state = driven.state
     loads = driven.loads
     record = driven.record
-    cosine = np.clip(up(state[4], state[5])[2], -1.0, 1.0)
+    cosine = np.clip(up_in_body(state)[2], -1.0, 1.0)
     lifted = (loads <= 0.0).any(axis=0)
     leaning = (np.arccos(cosine) > END_TILT) & lifted
     survived = ~(driven.gone | leaning)

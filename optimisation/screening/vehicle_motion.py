@@ -113,6 +113,11 @@ def up(pitch: FloatArray, roll: FloatArray) -> FloatArray:
     return np.stack([-np.sin(pitch), cp * np.sin(roll), cp * np.cos(roll)])
 
 
+def up_in_body(state: FloatArray) -> FloatArray:
+    """Upright direction in B (3, n) at a state (24, n)."""
+    return up(state[4], state[5])
+
+
 def tail_axes(pitch: FloatArray, roll: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Chord (axis of the roll joint), normal of the sail and axis of the tail in B, (3, n) each."""
     sp = np.sin(pitch)
@@ -236,7 +241,7 @@ def _body(state: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray, Fl
     mass[W, V] = _skew(moment)
     for axis in range(3, 6):
         mass[axis, axis] = cars.mass
-    weight = cars.gravity * up(state[4], state[5])
+    weight = cars.gravity * up_in_body(state)
     force[V] = -cars.mass * weight - cross(w, cross(w, moment))
     force[W] = -cross(moment, weight) - cross(w, _apply(cars.inertia, w))
     return mass, force, damping
@@ -291,7 +296,7 @@ def _tail(
     turn = w + pitching + rolling
     alpha = cross(w, pitching) + cross(w + pitching, rolling)
     swept = cross(w, P)
-    a_S = cross(w, swept) + cars.gravity * up(state[4], state[5])
+    a_S = cross(w, swept) + cars.gravity * up_in_body(state)
     line = LineMotion(-rates[V] - swept, -cross(turn, e), e, y)
     F_air, M_air = _air(line, x, cars)
     F = m * (a_S + cross(alpha, L) + cross(turn, cross(turn, L))) - F_air
@@ -376,7 +381,7 @@ def _tyres(
     w = rates[W]
     v = rates[V]
     spin = rates[SPIN]
-    n = up(state[4], state[5])
+    n = up_in_body(state)
     zero = np.zeros((2, cars.count))
     steer = np.concatenate([commands.steering, zero])
     axle = np.stack([-np.sin(steer), np.cos(steer), 0.0 * steer])  # (3, 4, n)
@@ -457,7 +462,7 @@ def _board(state: FloatArray, cars: Vehicles, force: FloatArray, damping: FloatA
     """
     w = state[RATES][W]
     v = state[RATES][V]
-    n = up(state[4], state[5])
+    n = up_in_body(state)
     n_e = n[:, None]
     velocity = v[:, None] + cross(w[:, None], cars.board)  # (3, 2, n)
     sunk = np.maximum(-state[2] - dot(n_e, cars.board), 0.0)

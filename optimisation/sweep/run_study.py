@@ -72,14 +72,15 @@ def run_study(
         else:
             tasks = [run.task for run in runs]
         there = len(store.rows)
+        number = len(runs)
         if there and (out / TABLE).is_file():
-            progress(f"{out}: complete already, {len(runs)} runs")
+            progress(f"{out}: complete already, {number} runs")
             return read_table(out)
         progress(
-            f"{len(runs)} runs, {there} there already; {engine.workers} at a time, results in {out}"
+            f"{number} runs, {there} there already; {engine.workers} at a time, results in {out}"
         )
         start = time.monotonic()
-        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} of {len(runs)} runs"):
+        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} of {number} runs"):
             rows = Runs(engine, store, progress).rows(tasks)
         seconds = time.monotonic() - start
         new = len(store.rows) - there

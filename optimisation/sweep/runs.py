@@ -162,21 +162,14 @@ def failed_row(
 def _measured(task: RunTask, scenario: Scenario | RigScenario) -> dict[str, Any]:
     from aerodima.workbench.simulate.simulation import simulate
 
-    if task.log:
-        path = Path(task.log)
-    else:
-        path = None
-    if (
-        path is not None and path.exists()
-    ):  # whole: its process was killed between writing it and saying so
+    path = Path(task.log) if task.log else None
+    if path is not None and path.exists():
+        # It is whole: its process was killed between writing it and saying so.
         return measured_row(task, scenario, read_run_log(path))
     if isinstance(scenario, RigScenario):
         run = simulate(scenario, path, force=True)
     else:
-        if task.law:
-            law = load_law(task.law, scenario)
-        else:
-            law = None
+        law = load_law(task.law, scenario) if task.law else None
         record = "all" if path else task.signals
         run = simulate(scenario, path, record=record, stop_when_certain=True, law=law, force=True)
     return measured_row(task, scenario, run)
@@ -184,12 +177,13 @@ def _measured(task: RunTask, scenario: Scenario | RigScenario) -> dict[str, Any]
 
 def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -> dict[str, Any]:
     """The row of a task whose scenario has been run, as `evaluate` gives it."""
+    last = {"error": "", **_provenance(task, scenario)}
     if isinstance(scenario, RigScenario):
         facts = {name: run.extra[name] for name in ("tail", "axis", "wind_speed_m_per_s")}
         facts["angle_rad"] = scenario.experiment.angle
         truth = {f"true_{name}": value for name, value in run.extra["truth"].items()}
         row = {"run": task.name, "outcome": "measured", "kind": run.kind, **facts, **truth}
-        return row | {"error": "", **_provenance(task, scenario)}
+        return row | last
     from aerodima.workbench.metrics.run_summary import summarise
     from aerodima.workbench.metrics.tip_up import path_row, tip_up
     from aerodima.workbench.metrics.turn_course import turn_course
@@ -212,21 +206,21 @@ def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -
 
             yaw = tail_yaw_impulses(run)
             row |= {f"{cause}_yaw_impulse_window_n_m_s": getattr(yaw, cause) for cause in CAUSES}
-    return row | {"error": "", **_provenance(task, scenario)}
+    return row | last
 
 
 def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> dict[str, Any]:
-    if scenario is None:
-        resolved = None
-    else:
+    seed = None
+    digest = None
+    if scenario is not None:
+        seed = scenario.seed
         resolved = json.dumps(scenario.resolved(), sort_keys=True)
+        digest = hashlib.sha256(resolved.encode()).hexdigest()
     return {
         "scenario": task.scenario,
         "settings": " ".join(task.settings),
-        "seed": None if scenario is None else scenario.seed,
-        "scenario_sha256": None
-        if resolved is None
-        else hashlib.sha256(resolved.encode()).hexdigest(),
+        "seed": seed,
+        "scenario_sha256": digest,
         **{f"version_{name}": version for name, version in sorted(software_versions().items())},
     }
 

@@ -92,13 +92,12 @@ class Sample(StrictModel):
         """One dict of factor -> value per sample, so many times the number of samples."""
         names = list(self.factors)
         number = times * self.number
+        generator = np.random.default_rng(self.seed)
         if self.method == "sobol":
-            engine = qmc.Sobol(len(names), rng=np.random.default_rng(self.seed))
-            shares = engine.random_base2(int(np.ceil(np.log2(number))))[:number]
+            power = int(np.ceil(np.log2(number)))
+            shares = qmc.Sobol(len(names), rng=generator).random_base2(power)[:number]
         else:
-            shares = qmc.LatinHypercube(len(names), rng=np.random.default_rng(self.seed)).random(
-                number
-            )
+            shares = qmc.LatinHypercube(len(names), rng=generator).random(number)
         columns = {
             name: self.factors[name].at(shares[:, index]) for index, name in enumerate(names)
         }
@@ -219,10 +218,7 @@ def _refuse_empty_factors(path: Path, data: dict[str, Any]) -> None:
     """One sentence for the mistake that the schema would answer with one per kind of factor."""
     blocks = data.get("blocks", [data])
     for block in blocks if isinstance(blocks, list) else []:
-        if isinstance(block, dict):
-            grid = block.get("grid")
-        else:
-            grid = None
+        grid = block.get("grid") if isinstance(block, dict) else None
         for name, values in grid.items() if isinstance(grid, dict) else ():
             if values in ([], {}, None):
                 raise SweepError(
@@ -233,10 +229,7 @@ def _refuse_empty_factors(path: Path, data: dict[str, Any]) -> None:
 def check_factors(study: Study, where: str) -> None:
     """Raises SweepError for a factor that no scenario has, and for a scenario that is not there."""
     for block in study.blocks:
-        if block.name:
-            label = f"{where}: block {block.name!r}"
-        else:
-            label = where
+        label = f"{where}: block {block.name!r}" if block.name else where
         try:
             scenario = load_any_scenario(block.scenario, block.settings)
         except ScenarioError as error:

@@ -93,17 +93,15 @@ BEST_SWING = Candidate(
     "best_swing",
     (
         *SWINGING,
-        *(
-            "controller.trigger=steering",
-            "controller.trigger_steering_angle=0.03",
-            "controller.delay=0.489",
-        ),
-        *("controller.swing_speed=13.68", "controller.swing_kd=3.415", "controller.travel=2.259"),
-        *(
-            "controller.settle_kp=18.19",
-            "controller.settle_kd=0.6648",
-            "controller.hold_angle=1.566",
-        ),
+        "controller.trigger=steering",
+        "controller.trigger_steering_angle=0.03",
+        "controller.delay=0.489",
+        "controller.swing_speed=13.68",
+        "controller.swing_kd=3.415",
+        "controller.travel=2.259",
+        "controller.settle_kp=18.19",
+        "controller.settle_kd=0.6648",
+        "controller.hold_angle=1.566",
         "controller.pitch_angle=0.593",
     ),
 )

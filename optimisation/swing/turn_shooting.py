@@ -31,7 +31,7 @@ from aerodima.optimisation.screening.turn_plans import PlayedRoll, TurnPlans
 from aerodima.optimisation.screening.turns import Turns, course, drive_turns, heights
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.swing.task import Task
-from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.config.array_types import FloatArray, IntArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE
 from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
@@ -321,7 +321,7 @@ class TurnShooting:
             Row("yaw rate at the end", "rad/s", 1.0, -EXIT_YAW_RATE, EXIT_YAW_RATE),
         )
 
-    def drive(self, own: FloatArray, members: np.ndarray) -> Turns:
+    def drive(self, own: FloatArray, members: IntArray) -> Turns:
         """Turns of members (n), each with its own scaled variables (own, n), with their history."""
         plans = self.plans.take(members)
         time, roll, rate = self.variables.motion(own)
@@ -380,7 +380,7 @@ class TurnShooting:
         here = values[:, :, -1].T
         return Found(here[:, 0], slopes[:, 0], here[:, 1:], slopes[:, 1:])
 
-    def _read(self, turns: Turns, members: np.ndarray) -> tuple[FloatArray, FloatArray]:
+    def _read(self, turns: Turns, members: IntArray) -> tuple[FloatArray, FloatArray]:
         """Courses (n,) and rows (rows, n) of turns."""
         assert turns.history is not None
         assert turns.asked is not None
