@@ -34,7 +34,7 @@ from aerodima.optimisation.calibration.two_systems import (
     lift_of,
 )
 from aerodima.optimisation.sweep.runs import Runs
-from aerodima.workbench.batch.row_store import content_key
+from aerodima.workbench.batch.row_store import Row, content_key
 from aerodima.workbench.config.array_types import FloatArray
 
 REDUCED_AT_ONCE = 300
@@ -304,7 +304,7 @@ class FineRuns:
     """
 
     cars: FloatArray
-    rows: dict[str, list[dict[str, Any]]]
+    rows: dict[str, list[Row]]
 
 
 def run_fine(plan: CalibrationPlan, posterior: Posterior, runs: Runs) -> FineRuns:

@@ -27,6 +27,7 @@ from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import Turns, drive_turns
 from aerodima.optimisation.screening.vehicle_motion import RATES, V, W
 from aerodima.optimisation.screening.vehicles import Vehicles
+from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import WHEELS
@@ -273,7 +274,7 @@ def search_full(piece: Piece) -> dict[str, Any]:
     return found
 
 
-def run_full(piece: Piece) -> list[dict[str, Any]]:
+def run_full(piece: Piece) -> list[Row]:
     """Runs full cars (m) in a turn, each at its own friction.
 
     Returns:
@@ -285,7 +286,7 @@ def run_full(piece: Piece) -> list[dict[str, Any]]:
     return [_full_row(prior, piece.turn, np.array(car), piece.step) for car in piece.cars]
 
 
-def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) -> dict[str, Any]:
+def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) -> Row:
     from aerodima.workbench.simulate.simulation import simulate
 
     settings = prior.settings(car, turn)
@@ -296,7 +297,7 @@ def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) 
         signals = turn_signals(run, "truth")
         outcome = outcome_of(run)
         start = signals.window[0]
-        row: dict[str, Any] = {
+        row: Row = {
             "survived": outcome.result == "survived",
             "clean": outcome.clean,
             "trigger": None,

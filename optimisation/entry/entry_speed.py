@@ -34,6 +34,7 @@ from aerodima.optimisation.sweep.rollover_threshold import SPEED, rounded
 from aerodima.optimisation.sweep.runs import FINE_STEP, Runs, RunTask, make_frame, step_settings
 from aerodima.optimisation.swing.candidate import NO_TAIL, Candidate, refuse_twice
 from aerodima.workbench.actuators.chassis_actuators import steady_speed
+from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
@@ -344,7 +345,7 @@ class _Climb:
                 figures.append(run.figure)
         return max(figures)
 
-    def as_row(self) -> dict[str, Any]:
+    def as_row(self) -> Row:
         """The row of the table, see `climb`."""
         failures = [run.failed for run in self.fine.values() if run.failed]
         if failures:

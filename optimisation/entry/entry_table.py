@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from aerodima.optimisation.entry.entry_speed import ERROR, NO_REFERENCE, NOT_PROVED
 from aerodima.optimisation.sweep.runs import make_frame
 from aerodima.optimisation.swing.candidate import HELD, LOW_BALLAST, NO_TAIL, THESIS
+from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.figures.figure_style import BLUE, SKY, new_figure, styled
 from aerodima.workbench.report.report_page import Bullets, Finding, Page, Plot, Section, Table
@@ -96,7 +97,7 @@ def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
     rows = []
     for (manoeuvre, who), own in table.groupby(["manoeuvre", "candidate"], sort=False):
         ended_by = own["ended_by"].fillna("").astype(str)
-        row: dict[str, Any] = {
+        row: Row = {
             "manoeuvre": manoeuvre,
             "candidate": who,
             "number": len(own),

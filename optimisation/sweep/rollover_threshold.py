@@ -24,6 +24,7 @@ import numpy as np
 
 from aerodima.optimisation.sweep.runs import Runs, RunTask, tipped_before_turn
 from aerodima.workbench.batch.engine import Engine
+from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 
@@ -245,13 +246,13 @@ def find_thresholds(
     """
     finished = needed = 0
 
-    def one_more(_place: int, _row: dict[str, Any]) -> None:
+    def one_more(_place: int, _row: Row) -> None:
         nonlocal finished
         finished += 1
         if done is not None:
             done(finished, needed)
 
-    def run(wanted: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
+    def run(wanted: Sequence[tuple[int, float]]) -> list[Row]:
         nonlocal needed
         needed += len(wanted)
         tasks = [

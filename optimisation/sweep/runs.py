@@ -113,7 +113,7 @@ def step_settings(step: float) -> tuple[str, ...]:
     return (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
 
 
-def evaluate(task: RunTask) -> dict[str, Any]:
+def evaluate(task: RunTask) -> Row:
     """Runs a task; one row of outcome, metrics and provenance, without anything that differs from
     time to time.
 
@@ -152,14 +152,12 @@ def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
     return float(speed) < DRIVING * float(commanded)
 
 
-def failed_row(
-    task: RunTask, error: str, scenario: Scenario | RigScenario | None = None
-) -> dict[str, Any]:
+def failed_row(task: RunTask, error: str, scenario: Scenario | RigScenario | None = None) -> Row:
     """Row of a run that came to nothing; the columns of the metrics are missing in it."""
     return {"run": task.name, "outcome": None, "error": error, **_provenance(task, scenario)}
 
 
-def _measured(task: RunTask, scenario: Scenario | RigScenario) -> dict[str, Any]:
+def _measured(task: RunTask, scenario: Scenario | RigScenario) -> Row:
     from aerodima.workbench.simulate.simulation import simulate
 
     path = Path(task.log) if task.log else None
@@ -175,7 +173,7 @@ def _measured(task: RunTask, scenario: Scenario | RigScenario) -> dict[str, Any]
     return measured_row(task, scenario, run)
 
 
-def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -> dict[str, Any]:
+def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -> Row:
     """The row of a task whose scenario has been run, as `evaluate` gives it."""
     last = {"error": "", **_provenance(task, scenario)}
     if isinstance(scenario, RigScenario):
@@ -209,7 +207,7 @@ def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -
     return row | last
 
 
-def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> dict[str, Any]:
+def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> Row:
     seed = None
     digest = None
     if scenario is not None:
@@ -259,7 +257,7 @@ class Runs:
         self.stage = stage
         self.ran = 0
 
-    def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[dict[str, Any]]:
+    def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[Row]:
         """`evaluate` of each task, in order, under its own name; one that kills its worker gives a
         row with an error.
 
