@@ -112,16 +112,17 @@ class EntrySearch:
     lowest: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.fine <= self.step or not 0.0 < self.lowest <= self.start <= self.ceiling:
+        fine = self.fine
+        if not 0.0 < fine <= self.step or not 0.0 < self.lowest <= self.start <= self.ceiling:
             raise SweepError(
                 f"start {self.start:g}, step {self.step:g}, ceiling {self.ceiling:g} m/s: allowed: "
-                f"step from {self.fine:g} m/s on, and {self.lowest:g} <= start <= ceiling"
+                f"step from {fine:g} m/s on, and {self.lowest:g} <= start <= ceiling"
             )
         for name in ("start", "step", "ceiling", "lowest"):
             value = getattr(self, name)
-            if not math.isclose(value, rounded(self.fine * round(value / self.fine)), rel_tol=1e-9):
+            if not math.isclose(value, rounded(fine * round(value / fine)), rel_tol=1e-9):
                 raise SweepError(
-                    f"entry speed: {name} {value:g}; allowed: multiples of fine, {self.fine:g}"
+                    f"entry speed: {name} {value:g}; allowed: multiples of fine, {fine:g}"
                 )
 
     def following(self, found: Mapping[float, str]) -> float | None:

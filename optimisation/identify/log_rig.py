@@ -357,8 +357,9 @@ def constant_parameters(
     parameters = []
     for name in names:
         deviation = deviations.get(name, 0.0)
-        if name in free or deviation > 0.0:
-            parameters.append(_parameter(name, name in free, deviation))
+        is_free = name in free
+        if is_free or deviation > 0.0:
+            parameters.append(_parameter(name, is_free, deviation))
     return tuple(parameters)
 
 

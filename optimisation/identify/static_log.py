@@ -264,8 +264,9 @@ def _mean_current(
     """Mean logged current of the hold and the deviation of its error, NaN without a usable one; it
     is not fitted.
     """
+    unusable = (math.nan, math.nan)
     if CURRENT not in log.table.columns:
-        return math.nan, math.nan
+        return unusable
     values = log.signal(CURRENT)[hold]
     mean = float(np.mean(values))
     limit = CURRENT_MARGIN * scenario.maxon.current_limit
@@ -275,7 +276,7 @@ def _mean_current(
     warnings.append(
         f"{CURRENT} is {mean:.4g} in the mean, beyond {limit:g} A (is it in mA?): not compared"
     )
-    return math.nan, math.nan
+    return unusable
 
 
 def _mean_rate(

@@ -148,10 +148,10 @@ class SwingModel:
     def shifted(self, values: Values) -> SwingModel:
         """The model when constants and instruments are off by some values (`constants`)."""
         data = self.data
-        names = [c.name for c in data.constants]
-        if not any(values.get(name) for name in names):
+        shifts = {c.name: values.get(c.name, 0.0) for c in data.constants}
+        if not any(shifts.values()):
             return self
-        scenario = shifted(data.scenario, {name: values.get(name, 0.0) for name in names})
+        scenario = shifted(data.scenario, shifts)
         experiment = scenario.experiment
         wind = experiment.wind_speed * (1.0 + values.get("wind_speed", 0.0))
         experiment = experiment.model_copy(update={"wind_speed": wind})

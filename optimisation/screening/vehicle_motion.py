@@ -409,14 +409,15 @@ def _tyres(
     closing = -dot(n_e, velocity)
     slip = velocity + spinning * spin + closing * n_e  # along the ground, as `spinning`
     sliding = cars.friction / np.sqrt(dot(slip, slip) + cars.slip_speed**2)
-    lean = n[2] - sliding * slip[2]
+    n_z = n[2]
+    lean = n_z - sliding * slip[2]
     spring = cars.tyre_stiffness * sunk
     undamped = spring * np.maximum(1.0 + cars.tyre_dissipation * closing, 0.0)
-    carried = cars.preload + cars.spring * state[TRAVEL] + cars.unsprung * cars.gravity * n[2]
-    tyre_damping = np.maximum(lean, 0.0) * cars.tyre_dissipation * spring * n[2]
+    carried = cars.preload + cars.spring * state[TRAVEL] + cars.unsprung * cars.gravity * n_z
+    tyre_damping = np.maximum(lean, 0.0) * cars.tyre_dissipation * spring * n_z
     holding = cars.damper + np.sum(tyre_damping, axis=0)
     travel_rate = (np.sum(undamped * lean, axis=0) - carried) / holding
-    sinking = closing - n[2] * travel_rate
+    sinking = closing - n_z * travel_rate
     load = spring * np.maximum(1.0 + cars.tyre_dissipation * sinking, 0.0)
 
     grip = sliding * load

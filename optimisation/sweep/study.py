@@ -268,7 +268,8 @@ def plan_runs(study: Study) -> list[PlannedRun]:
         else:
             members = ensemble.drawn(study.members)
     factors = list(dict.fromkeys(factor for block in study.blocks for factor in block.factors))
-    if (number := sum(block.size for block in study.blocks) * len(members)) > MOST_RUNS:
+    number = sum(block.size for block in study.blocks) * len(members)
+    if number > MOST_RUNS:
         raise SweepError(f"{study.name}: {number} runs; allowed: at most {MOST_RUNS}")
     runs: list[PlannedRun] = []
     for number, block in enumerate(study.blocks):

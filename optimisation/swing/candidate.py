@@ -29,6 +29,8 @@ from aerodima.workbench.plants.car_model import gearbox_height
 from aerodima.workbench.plants.tail import tail_geometry
 
 SCHEMA = "aerodima/candidates/1"
+SettingLists = list[str] | dict[float, list[str]]
+"""Settings, or settings by speed, m/s."""
 ALLOWED = ("tail.", "controller.", "feedback.")
 """A setting of a candidate begins with one of these."""
 SWINGING = ("tail.mode=swing", "controller.swing_file=none")
@@ -127,9 +129,7 @@ class ListedCandidate(StrictModel):
 
     @field_validator("settings", "by_speed")
     @classmethod
-    def _of_the_controller(
-        cls, value: list[str] | dict[float, list[str]]
-    ) -> list[str] | dict[float, list[str]]:
+    def _of_the_controller(cls, value: SettingLists) -> SettingLists:
         lists = value.values() if isinstance(value, dict) else [value]
         for setting in (one for settings in lists for one in settings):
             if not setting.split("=")[0].strip().startswith(ALLOWED) or "=" not in setting:

@@ -40,11 +40,22 @@ KNOT_ROUNDING = 1e-2
 the stop."""
 
 CAR_KEYS = (
-    "car.mass", "car.com_height", "car.com_x", "car.gyration_roll", "car.wheelbase", "car.track",
+    "car.mass",
+    "car.com_height",
+    "car.com_x",
+    "car.gyration_roll",
+    "car.wheelbase",
+    "car.track",
     "tail.length",
-    "tail.mass", "tail.sail_length", "tail.sail_width", "tail.mount_x", "tail.mount_height",
-    "tail.normal_force_coefficient", "tail.roll_limit", "tail.pitch_limit",
-)  # fmt: skip
+    "tail.mass",
+    "tail.sail_length",
+    "tail.sail_width",
+    "tail.mount_x",
+    "tail.mount_height",
+    "tail.normal_force_coefficient",
+    "tail.roll_limit",
+    "tail.pitch_limit",
+)
 """Parameters that make it another car for a swing."""
 OWN_CAR = Member("car", 1.0, {})
 """The car of the scenario, for a task without training cars."""
@@ -147,9 +158,13 @@ def turn_on(task: Task, floor: Floor) -> Scenario:
 
 
 def swing_of(
-    name: str, task: Task, turns: Sequence[tuple[Floor, Scenario]], programme: TurnProgramme,
-    solutions: list[TurnSolution], search: MotionSearch,
-) -> SwingFile:  # fmt: skip
+    name: str,
+    task: Task,
+    turns: Sequence[tuple[Floor, Scenario]],
+    programme: TurnProgramme,
+    solutions: list[TurnSolution],
+    search: MotionSearch,
+) -> SwingFile:
     """The best solution as a swing file: the first car's steering as settings, every car's in
     `found`.
     """
@@ -175,12 +190,16 @@ def swing_of(
     steering = {**steering_of(shooting, best.x, 0), "turn_hold": task.pulse, "speed": floor.speed}
     settings = (*floor.car.settings_on(task.scenario), floor.setting)
     made = {
-        "source": "aerodima swing search", "scenario": task.scenario, "seed": search.seed,
+        "source": "aerodima swing search",
+        "scenario": task.scenario,
+        "seed": search.seed,
         "settings": (*settings, *(f"manoeuvre.{key}={value!r}" for key, value in steering.items())),
-        "options": {**asdict(search), "members": ", ".join(dict.fromkeys(one.car.name for one,
-        _ in turns))},
+        "options": {
+            **asdict(search),
+            "members": ", ".join(dict.fromkeys(one.car.name for one, _ in turns)),
+        },
         "found": facts,
-    }  # fmt: skip
+    }
     return steered_swing(name, turn, time, roll, rate, provenance=made)
 
 

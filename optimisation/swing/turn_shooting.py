@@ -196,20 +196,19 @@ class TurnVariables:
         """A swing over the top of random length and travel, and some steering."""
         knots = self.interval * np.arange(1, self.rates + 1)
         length = self.interval * (self.rates + 1)
-        duration = generator.uniform(0.5, 1.0) * length
-        travel = generator.uniform(0.2, 0.9) * 2.0 * abs(self.start)
+        uniform = generator.uniform
+        duration = uniform(0.5, 1.0) * length
+        travel = uniform(0.2, 0.9) * 2.0 * abs(self.start)
         phase = np.clip(knots / duration, 0.0, 1.0)
-        rates = np.clip(
-            6.0 * phase * (1.0 - phase) * travel / duration, -self.most_rate, self.most_rate
-        )
-        release = generator.uniform(EARLIEST, 0.7 * LATEST)
+        parabola = 6.0 * phase * (1.0 - phase) * travel / duration
+        rates = np.clip(parabola, -self.most_rate, self.most_rate)
+        release = uniform(EARLIEST, 0.7 * LATEST)
         low, high = self.steering
         size = (self.members, 1)
-        then, first = (
-            low * (most / low) ** generator.uniform(size=size)
-            for most in (high, min(high, 3.0 * low))
-        )
-        cars = np.hstack([then, first, generator.uniform(0.2 * self.pulse, 0.9 * self.pulse, size)])
+        then = low * (high / low) ** uniform(size=size)
+        first = low * (min(high, 3.0 * low) / low) ** uniform(size=size)
+        time = uniform(0.2 * self.pulse, 0.9 * self.pulse, size)
+        cars = np.hstack([then, first, time])
         return np.concatenate([[release], -np.sign(self.start) * rates, cars.ravel()]) / self.units
 
 
@@ -282,11 +281,16 @@ class TurnShooting:
         hold = first.controller.hold_angle
         least, largest = map(math.radians, task.steering)
         variables = TurnVariables(
-            len(scenarios), rates, interval, -hold, min(s.tail.roll_limit for s in scenarios),
+            len(scenarios),
+            rates,
+            interval,
+            -hold,
+            min(s.tail.roll_limit for s in scenarios),
             most_rate,
-            (least, min(largest, *(s.servo.limit for s in scenarios))), task.pulse,
+            (least, min(largest, *(s.servo.limit for s in scenarios))),
+            task.pulse,
             1.0 / first.controller.rate,
-        )  # fmt: skip
+        )
         swinging = [
             s.varied(tail={"mode": "swing"}, controller={"swing_file": "none"}) for s in scenarios
         ]
@@ -333,10 +337,13 @@ class TurnShooting:
             plans, steer_angle=angle, first_angle=first_angle, first_hold=first_hold, played=played
         )
         return drive_turns(
-            self.cars.take(members), plans, duration=WINDOW * self.windows, length=self.length,
+            self.cars.take(members),
+            plans,
+            duration=WINDOW * self.windows,
+            length=self.length,
             history=True,
             begun=self.begun[:, members],
-        )  # fmt: skip
+        )
 
     def random_start(self, generator: np.random.Generator) -> FloatArray:
         """Scaled variables (size,): of some draws that whose turns count and lead furthest, else
