@@ -16,7 +16,8 @@ from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.teensy import SWITCHED_OFF, TeensyStatus
 from aerodima.workbench.errors import HardwareError
 
-BEAT_ID, ANSWER_ID = 0x7A0, 0x7A1
+BEAT_ID = 0x7A0
+ANSWER_ID = 0x7A1
 _MAGIC = 0xAD
 
 
@@ -115,7 +116,10 @@ class BusWatch:
         """Reason why it is not healthy; empty while it is."""
         # Until the bus was last looked at: a loop that stood still since then is no silence of the
         # Teensy.
-        waited = 0.0 if self._asked is None else self._polled - self._asked
+        if self._asked is None:
+            waited = 0.0
+        else:
+            waited = self._polled - self._asked
         if waited > self._timeout:
             return f"the Teensy does not answer on the CAN bus for {waited:.2f} s"
         if self._status is None:

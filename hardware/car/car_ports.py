@@ -34,6 +34,16 @@ JOINTS: tuple[Joint, Joint] = ("tail_pitch", "tail_roll")
 SerialDevice = Literal["teensy", "imu", "gps", "radio"]
 SERIAL_DEVICES: tuple[SerialDevice, ...] = get_args(SerialDevice)
 """Fields of `CarPorts` with the serial devices on the car; the operator's `console` is not one."""
+READY_FILE = "ready.json"
+"""File that exists once an emulated car answers."""
+PORTS_FILE = "ports.json"
+"""The ports of an emulated car, for `connect` and `aerodima drive --ports`."""
+EVENTS_FILE = "events.jsonl"
+"""What happened in an emulated car, for `read_events`."""
+TRAFFIC_FILE = "traffic.blf"
+TRUTH_FILE = "truth.parquet"
+PORTS_FOLDER = "ports"
+READY_SCHEMA = "aerodima/emulator/1"
 
 
 class GpsDevice(SerialSettings):
@@ -150,17 +160,6 @@ def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
         seen[path] = name
     firmware_profile(ports.firmware_profile)
     return ports
-
-
-READY_FILE = "ready.json"
-"""File that exists once an emulated car answers."""
-PORTS_FILE = "ports.json"
-"""The ports of an emulated car, for `connect` and `aerodima drive --ports`."""
-EVENTS_FILE = "events.jsonl"
-"""What happened in an emulated car, for `read_events`."""
-TRAFFIC_FILE, TRUTH_FILE = "traffic.blf", "truth.parquet"
-PORTS_FOLDER = "ports"
-READY_SCHEMA = "aerodima/emulator/1"
 
 
 def is_emulated_port(path: str) -> bool:

@@ -16,6 +16,7 @@ import numpy as np
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.teensy_link import pulse
 from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.checked_files import QuantityModel, quantity
 from aerodima.workbench.config.scenario import load_section
 from aerodima.workbench.errors import HardwareError
@@ -46,7 +47,7 @@ class Mounting(QuantityModel):
     imu_y: str = quantity("1", "chip axis along B's y")
 
     @property
-    def chip_to_body(self) -> np.ndarray:
+    def chip_to_body(self) -> FloatArray:
         """R_BI (3, 3), turns chip axes into body axes.
 
         `HardwareError` if imu_x and imu_y are no two axes.
@@ -55,7 +56,7 @@ class Mounting(QuantityModel):
 
     # -- read by the car's computer
 
-    def imu_reading(self, sample: Bno055Sample) -> np.ndarray:
+    def imu_reading(self, sample: Bno055Sample) -> FloatArray:
         """(9,) as `signal_table.IMU`: roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2;
         in body axes.
         """
@@ -87,7 +88,7 @@ class Mounting(QuantityModel):
 
     # -- written by an emulator, which has Drake
 
-    def imu_sample(self, reading: np.ndarray) -> Bno055Sample:
+    def imu_sample(self, reading: FloatArray) -> Bno055Sample:
         """The chip's sample of a reading (9,) in body axes; the inverse of `imu_reading`."""
         from pydrake.math import RollPitchYaw, RotationMatrix
 
@@ -127,7 +128,7 @@ def load_mounting() -> Mounting:
 
 
 @cache
-def _chip_to_body(imu_x: str, imu_y: str) -> np.ndarray:
+def _chip_to_body(imu_x: str, imu_y: str) -> FloatArray:
     if imu_x not in AXES or imu_y not in AXES:
         raise HardwareError(f"imu_x {imu_x!r}, imu_y {imu_y!r}; allowed: {', '.join(AXES)}")
     x = AXES[imu_x]

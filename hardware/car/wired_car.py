@@ -31,7 +31,8 @@ from aerodima.workbench.errors import HardwareError
 _LAST_STRINGS = 5
 """Strings with throttle 0 and exit that are sent at the end, one every 10 ms."""
 _CYCLE = 0.01
-_ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
+_ROLL = IMU.index("roll")
+_PITCH = IMU.index("pitch")
 
 
 class WiredCar:
@@ -74,7 +75,8 @@ class WiredCar:
         self._authorise = authorise
         self.devices: Devices | None = None
         self.reading = CarReading()
-        self.stop_reason = self.traffic_error = ""
+        self.stop_reason = ""
+        self.traffic_error = ""
         self.asks = Asks.NOTHING
         self._reader = CarReader(mounting)
         self._reporter = CarReporter(has_tail, car)
@@ -144,9 +146,8 @@ class WiredCar:
 
     def _started(self) -> Devices:
         if self.devices is None:
-            raise HardwareError(
-                f"{self.name}: is not started" + (f" ({self.stop_reason})" * bool(self.stop_reason))
-            )
+            reason = f" ({self.stop_reason})" if self.stop_reason else ""
+            raise HardwareError(f"{self.name}: is not started{reason}")
         return self.devices
 
     # -- what is known
@@ -162,11 +163,15 @@ class WiredCar:
     @property
     def motors(self) -> tuple[Motor, ...]:
         """The motors of the tail, pitch and roll; empty while the car is not started."""
-        return () if self.devices is None else self.devices.group.motors
+        if self.devices is None:
+            return ()
+        return self.devices.group.motors
 
     def replies(self, motor_id: int) -> list[tuple[float, CanFrame]]:
         """The newest frames that name a motor, with their arrival (s), oldest first."""
-        heard = () if self.devices is None else self.devices.group.heard
+        if self.devices is None:
+            return []
+        heard = self.devices.group.heard
         return [(when, frame) for when, frame in heard if frame.data[:1] == bytes([motor_id])]
 
     @property
@@ -182,11 +187,15 @@ class WiredCar:
     @property
     def gps_time(self) -> float | None:
         """UTC by the GPS receiver, s since midnight; None while it is not known."""
-        newest = (
-            None if self.devices is None or self.devices.gps is None else self.devices.gps.newest
-        )
-        known = None if newest is None else newest[1].time_of_day
-        return None if newest is None or known is None else known + time.monotonic() - newest[0]
+        if self.devices is None or self.devices.gps is None:
+            return None
+        newest = self.devices.gps.newest
+        if newest is None:
+            return None
+        known = newest[1].time_of_day
+        if known is None:
+            return None
+        return known + time.monotonic() - newest[0]
 
     # -- one cycle
 
@@ -256,20 +265,19 @@ class WiredCar:
             return
         group = devices.group
         off = False
+        quietly = contextlib.suppress(Exception)
         for _ in range(_LAST_STRINGS):
-            with contextlib.suppress(
-                Exception
-            ):  # whatever it is, the next exit frame must get its chance
+            with quietly:  # whatever it is, the next exit frame must get its chance
                 group.set_exit(time.monotonic())
                 group.step(time.monotonic())
-            with contextlib.suppress(Exception):
+            with quietly:
                 devices.teensy.set_pulses(SERVO_PULSES[1], THROTTLE_PULSES[1])
                 devices.teensy.commit()
             time.sleep(_CYCLE)
-        with contextlib.suppress(Exception):
+        with quietly:
             off = group.port.flush() and not group.port.fault and group.off_confirmed
         if devices.watchdog is not None:
-            with contextlib.suppress(Exception):
+            with quietly:
                 devices.watchdog.disarm() if off else devices.watchdog.trip()
         status = self.reading.status.copy()
         status[STATUS.index("armed")] = 0.0
@@ -277,9 +285,9 @@ class WiredCar:
             self.reading, status=status, fault_text=self.reading.fault_text or self.stop_reason
         )
         if devices.radio is not None:
-            with contextlib.suppress(Exception):
+            with quietly:
                 self._reporter.turn(devices.radio, self.reading, time.monotonic(), at_once=True)
-        with contextlib.suppress(Exception):
+        with quietly:
             devices.closers.close()
         self.traffic_error = "" if devices.bus is None else devices.bus.log_error
 

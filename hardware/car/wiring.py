@@ -35,6 +35,7 @@ from aerodima.hardware.protocol.radio import (
     make_report,
 )
 from aerodima.hardware.transport.can_bus import CanBus
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import (
     IMU,
     STATUS,
@@ -47,6 +48,11 @@ from aerodima.workbench.errors import HardwareError
 
 WiringName = Literal["teensy_bridge", "watched_can"]
 WIRINGS: tuple[WiringName, ...] = get_args(WiringName)
+_RATE_WINDOW = 0.02
+"""s; of the sail's rate, as the simulated encoder has it."""
+_REST_FIRST = "put the switch in IDLE first"
+_UNKNOWN_FAULT = 255
+"""Codes of the status port are small; a larger one is still a fault."""
 
 
 def wiring_name(name: str) -> WiringName:
@@ -90,8 +96,8 @@ class CarCommand:
 
     steering_angle: float = 0.0
     throttle: float = 0.0
-    tail_pitch: np.ndarray = field(default_factory=partial(np.zeros, TAIL_COMMAND.size))
-    tail_roll: np.ndarray = field(default_factory=partial(np.zeros, TAIL_COMMAND.size))
+    tail_pitch: FloatArray = field(default_factory=partial(np.zeros, TAIL_COMMAND.size))
+    tail_roll: FloatArray = field(default_factory=partial(np.zeros, TAIL_COMMAND.size))
 
     @property
     def finite(self) -> bool:
@@ -118,20 +124,13 @@ class CarReading:
         fault_text: the worst fault in words, empty while there is none.
     """
 
-    tail_state: np.ndarray = field(default_factory=partial(np.zeros, TAIL_STATE.size))
-    tail_torque: np.ndarray = field(default_factory=partial(np.zeros, TAIL_TORQUE.size))
-    imu: np.ndarray = field(default_factory=partial(np.zeros, IMU.size))
-    speed: np.ndarray = field(default_factory=partial(np.zeros, 1))
-    status: np.ndarray = field(default_factory=partial(np.zeros, STATUS.size))
+    tail_state: FloatArray = field(default_factory=partial(np.zeros, TAIL_STATE.size))
+    tail_torque: FloatArray = field(default_factory=partial(np.zeros, TAIL_TORQUE.size))
+    imu: FloatArray = field(default_factory=partial(np.zeros, IMU.size))
+    speed: FloatArray = field(default_factory=partial(np.zeros, 1))
+    status: FloatArray = field(default_factory=partial(np.zeros, STATUS.size))
     operator: OperatorCommand = IDLE
     fault_text: str = ""
-
-
-_RATE_WINDOW = 0.02
-"""s; of the sail's rate, as the simulated encoder has it."""
-_REST_FIRST = "put the switch in IDLE first"
-_UNKNOWN_FAULT = 255
-"""Codes of the status port are small; a larger one is still a fault."""
 
 
 class CarReader:
@@ -236,9 +235,10 @@ class _SailRate:
         while len(self._past) > 2 and sent - self._past[1][0] >= _RATE_WINDOW - 1e-3:
             self._past.popleft()
         span = sent - self._past[0][0]
-        rate = (
-            math.remainder(angle - self._past[0][1], 2.0 * math.pi) / span if span > 1e-3 else 0.0
-        )
+        if span > 1e-3:
+            rate = math.remainder(angle - self._past[0][1], 2.0 * math.pi) / span
+        else:
+            rate = 0.0
         self._seen = angle, rate
         return self._seen
 

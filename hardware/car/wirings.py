@@ -96,13 +96,19 @@ def wire_car(
         HardwareError: the ports name no CAN adapter where one is needed, or the motors' settings do
             not fit.
     """
-    can = ports.adapter(wiring) if wiring == "watched_can" else None
+    if wiring == "watched_can":
+        can = ports.adapter(wiring)
+    else:
+        can = None
     mounting = load_mounting()
     motors = tail_motors(scenario, ports, mounting)
 
     def open_devices() -> Devices:
         with ExitStack() as closers:  # what was opened is closed again when a later one fails
-            adapter = [] if can is None else [can_address(can)]
+            if can is None:
+                adapter = []
+            else:
+                adapter = [can_address(can)]
             closers.enter_context(lock_devices([*adapter, *ports.serial_paths.values()], "a drive"))
             bus = None
             if can is not None:
@@ -120,14 +126,17 @@ def _open_on(
 ) -> Devices:
     """Teensy, IMU, GPS and radio; the motors on the bus or, without one, on the Teensy."""
     safety = load_drive_safety()
-    watchdog = None if bus is None else BusWatch(bus, safety.heartbeat_answer)
-    if bus is not None:
+    if bus is None:
+        watchdog = None
+    else:
+        watchdog = BusWatch(bus, safety.heartbeat_answer)
         closers.push(partial(_switch_off, bus, ports))
     serial = closers.enter_context(closing(_named("teensy", lambda: SerialLink.open(ports.teensy))))
     teensy = TeensyLink(serial, ports.motor_ids, ports.profile)
     imu = _sensor("imu", ports.imu, Bno055Session(), safety.imu_silence)
     closers.callback(imu.close)
-    gps = radio = None
+    gps = None
+    radio = None
     if ports.gps is not None:
         gps = _sensor("gps", ports.gps, GpsSession(), safety.gps_silence)
         closers.callback(gps.close)

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from aerodima.hardware.car.car_ports import CarPorts, ConsoleDevice
     from aerodima.hardware.car.wiring import WiringName
     from aerodima.workbench.config.scenario import Scenario
+Ports = Annotated[
+    Path,
+    typer.Option(help="Ports file (JSON): which device is where, ids and zeros of the motors."),
+]
 
 
 def _wirings() -> list[str]:
@@ -36,10 +40,6 @@ Wiring = Annotated[
         help="How the motors are wired.",
         autocompletion=_wirings,
     ),
-]
-Ports = Annotated[
-    Path,
-    typer.Option(help="Ports file (JSON): which device is where, ids and zeros of the motors."),
 ]
 
 
@@ -109,9 +109,10 @@ def console(
                 )  # or nobody would end the car
                 car.start(typer.echo)
                 ports = car.ports
-            device, number = (
-                _device(ports) if ports else (ConsoleDevice.model_validate({"path": radio}), 0)
-            )
+            if ports:
+                device, number = _device(ports)
+            else:
+                device, number = (ConsoleDevice.model_validate({"path": radio}), 0)
             with lock_devices([device.path], "a console"), closing(SerialLink.open(device)) as link:
                 served = Console(
                     OperatorRadio(link, device.receiver, number), recording, limits, car
@@ -263,7 +264,10 @@ def drive(
             "--diagram: allowed without --law, --swing and --no-drake; it says what the tail does"
         )
     chosen, tail_law = load_drive(scenario, overrides)
-    build = None if diagram is None else load_build(diagram)
+    if diagram is None:
+        build = None
+    else:
+        build = load_build(diagram)
     if law is not None:
         tail_law = load_law(law, chosen)
     elif not other_car and build is None:
@@ -289,7 +293,10 @@ def drive(
         return
     refuse_existing(out, force, LogError)
     make_folder(out.parent, LogError)
-    law_name = "" if law is None else type(tail_law).__name__
+    if law is None:
+        law_name = ""
+    else:
+        law_name = type(tail_law).__name__
     options = DriveOptions(
         out, force, dry_run, not no_drake, None if arm else _confirm, law_name=law_name
     )
@@ -334,7 +341,10 @@ def _motor_test(
     _ask_to_arm(arm)
     car = hardware.connect(ports, scenario, wiring)
     found = run_motor_test(car, chosen, typer.echo, _eyes(ports, wiring)[0])
-    warm = "not reported" if found.temperature is None else f"{found.temperature:g} degC"
+    if found.temperature is None:
+        warm = "not reported"
+    else:
+        warm = f"{found.temperature:g} degC"
     torque = f"torque {found.torque:+.2f} N m where {found.wanted:+.2f} is asked for"
     typer.echo(
         f"{chosen}: well: moved by {math.degrees(found.moved):+.1f} degrees, {torque}, "
@@ -378,11 +388,9 @@ def _eyes(ports: CarPorts, wiring: WiringName) -> tuple[Callable[[str], bool], s
     """
     from aerodima.hardware.driving.watchdog_test import is_emulated
 
-    return (
-        ((lambda _: True), "emulator")
-        if is_emulated(wiring, ports)
-        else (typer.confirm, "operator")
-    )
+    if is_emulated(wiring, ports):
+        return ((lambda _: True), "emulator")
+    return (typer.confirm, "operator")
 
 
 def _ask_to_arm(arm: bool) -> None:

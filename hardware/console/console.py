@@ -26,6 +26,10 @@ from aerodima.hardware.console.page_messages import (
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.errors import LogError, UserError
 
+GONE_AFTER: Final = 2.0
+"""s without a word after which a page counts as gone, though its connection stands: hidden, frozen,
+asleep."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -130,7 +134,10 @@ class Console:
         """
         if self.failure:
             return
-        self.failure = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        if str(error):
+            self.failure = f"{type(error).__name__}: {error}"
+        else:
+            self.failure = type(error).__name__
         with contextlib.suppress(Exception):  # the radio may be what has died
             self.radio.rest()
         with contextlib.suppress(Exception):
@@ -182,11 +189,6 @@ class Console:
         else:
             self._record.add("arm")
             self._car.arm()
-
-
-GONE_AFTER: Final = 2.0
-"""s without a word after which a page counts as gone, though its connection stands: hidden, frozen,
-asleep."""
 
 
 class Seats:

@@ -24,8 +24,10 @@ from aerodima.hardware.console.page_access import HOST, Access, impatient_http
 from aerodima.hardware.console.page_messages import read_message
 from aerodima.workbench.errors import HardwareError, UserError
 
-_TURN, _SHOW = 0.01, 0.05
-"""s between two looks at the radio; between two states that a page gets."""
+_TURN = 0.01
+"""Time between two looks at the radio, s."""
+_SHOW = 0.05
+"""Time between two states that a page gets, s."""
 _FAREWELL = 0.3
 """s in which pages learn that the console has failed, before it ends."""
 _MOST_BYTES = 4096
@@ -238,7 +240,10 @@ async def _send(websocket: WebSocket, content: object) -> None:
 
 
 def _headers(view: str | None) -> dict[str, str]:
-    frames = "'none'" if view is None else "{0.scheme}://{0.netloc}".format(urlsplit(view))
+    if view is None:
+        frames = "'none'"
+    else:
+        frames = "{0.scheme}://{0.netloc}".format(urlsplit(view))
     policy = (
         "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src "
         "'self' data:; "

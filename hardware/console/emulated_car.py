@@ -21,7 +21,8 @@ from aerodima.hardware.emulator.fault_script import read_events
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 
-_START_TIME, _END_TIME = 120.0, 20.0
+_START_TIME = 120.0
+_END_TIME = 20.0
 _LOOK = 0.05
 _TESTS = 3
 """Times that the watchdog test is tried: a computer that is busy with other work can be late for
@@ -98,7 +99,10 @@ class EmulatedCarProcess:
         end = time.monotonic() + _START_TIME
         while not _is_ready(ready, self._emulator.pid):
             if self._emulator.poll() is not None:
-                out = self._emulator.stdout.read() if self._emulator.stdout else ""
+                if self._emulator.stdout:
+                    out = self._emulator.stdout.read()
+                else:
+                    out = ""
                 raise HardwareError(_last_line(out) or "the emulator ended")
             if time.monotonic() > end:
                 raise HardwareError(f"the emulator is not ready after {_START_TIME:g} s")
@@ -126,14 +130,19 @@ class EmulatedCarProcess:
     @property
     def said(self) -> str:
         """The last line of the drive."""
-        return self._lines[-1] if self._lines else ""
+        if self._lines:
+            return self._lines[-1]
+        return ""
 
     def arm(self) -> None:
         """Starts a drive; `HardwareError` while one runs."""
         if self.driving:
             raise HardwareError("a drive runs already")
         if self._emulator is None or self._emulator.poll() is not None:
-            out = self._emulator.stdout.read() if self._emulator and self._emulator.stdout else ""
+            if self._emulator and self._emulator.stdout:
+                out = self._emulator.stdout.read()
+            else:
+                out = ""
             raise HardwareError(
                 f"the emulated car has ended ({_last_line(out)}); start the console again"
             )
@@ -236,7 +245,9 @@ def _own_folder(folder: Path) -> Path:
 
 def _last_line(text: str) -> str:
     lines = [line for line in text.splitlines() if line.strip()]
-    return lines[-1].removeprefix("error: ") if lines else ""
+    if lines:
+        return lines[-1].removeprefix("error: ")
+    return ""
 
 
 def _is_ready(path: Path, pid: int) -> bool:

@@ -59,14 +59,16 @@ class OperatorRadio:
         self._receiver = receiver
         self._stream = ApiStream()
         self._stop_due = math.inf
-        self._heard = self._lost = -math.inf
+        self._heard = -math.inf
+        self._lost = -math.inf
         self._losses = link.losses
         self.stopped_by = ""
         self.confirmed = False
         self.mode = RadioMode.IDLE
         self._rested = False
         self.report: CarReport | None = None
-        self.rejected = self.foreign = 0
+        self.rejected = 0
+        self.foreign = 0
 
     @property
     def stopped(self) -> bool:
@@ -83,11 +85,9 @@ class OperatorRadio:
         """
         if fault := self._link.fault:
             return f"the radio's port is lost: {fault}"
-        return (
-            f"the radio's port was lost: {self._link.error}"
-            if now - self._lost < _LOST_SHOWN
-            else ""
-        )
+        if now - self._lost < _LOST_SHOWN:
+            return f"the radio's port was lost: {self._link.error}"
+        return ""
 
     def armed(self, now: float) -> bool:
         """Whether the car has just said that its motors take commands, and can be reached."""
@@ -185,7 +185,9 @@ class OperatorRadio:
         )  # a car that is armed anew under a stop is stopped again
 
     def _stops(self) -> list[bytes]:
-        return [make_emergency_stop()] if self.stopped and not self.confirmed else []
+        if self.stopped and not self.confirmed:
+            return [make_emergency_stop()]
+        return []
 
     def _send(self, frames: list[bytes]) -> None:
         """All of a moment in one piece: the next piece may replace it, and carries a stop that is

@@ -17,6 +17,11 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HOST = "127.0.0.1"
 _BYTES = 24
+REQUEST_TIME = 3.0
+"""s in which a connection must have made its whole request, the first one or the next."""
+MOST_WAITING = 64
+"""Connections without a request; a browser opens six. The oldest is closed for the next one: what
+has just been opened, as by the operator, has its turn."""
 
 
 class Access:
@@ -73,13 +78,6 @@ class Access:
         # Programs on other ports set cookies here as well, and theirs may be malformed.
         pairs = (pair.strip().partition("=") for pair in headers.get("cookie", "").split(";"))
         return any(name == self.cookie and value in self._sessions for name, _, value in pairs)
-
-
-REQUEST_TIME = 3.0
-"""s in which a connection must have made its whole request, the first one or the next."""
-MOST_WAITING = 64
-"""Connections without a request; a browser opens six. The oldest is closed for the next one: what
-has just been opened, as by the operator, has its turn."""
 
 
 def impatient_http() -> type[H11Protocol]:

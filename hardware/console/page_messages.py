@@ -23,6 +23,9 @@ MODES = {
 }
 """Name on the page -> mode of the radio."""
 _Angle = Annotated[float, Field(ge=-math.pi, le=math.pi)]
+_MODE_NAMES = {mode: name for name, mode in MODES.items()}
+_MOTORS = ("tail_pitch", "tail_roll")
+_OF_THE_TAIL = (*_MOTORS, "torque_pitch", "torque_roll")
 
 
 class _Message(BaseModel):
@@ -116,11 +119,6 @@ class BeatClock:
         return now - sent - self._offset <= self.LATEST
 
 
-_MODE_NAMES = {mode: name for name, mode in MODES.items()}
-_MOTORS = ("tail_pitch", "tail_roll")
-_OF_THE_TAIL = (*_MOTORS, "torque_pitch", "torque_roll")
-
-
 def radio_state(radio: OperatorRadio, now: float) -> dict[str, Any]:
     """What is known of the car, plain data without NaN or infinity (None instead).
 
@@ -178,4 +176,6 @@ def _fault_name(source: str, code: int) -> str:
 
 
 def _finite(value: float) -> float | None:
-    return round(value, 5) if math.isfinite(value) else None
+    if math.isfinite(value):
+        return round(value, 5)
+    return None

@@ -25,9 +25,25 @@ RATE = 100.0
 """Hz of the fusion (data sheet table 3-14)."""
 CHIP_ID = 0xA0
 """What register 0 holds (data sheet section 4.3.1)."""
-_START, _DATA, _STATUS = 0xAA, 0xBB, 0xEE
-_WRITE, _READ = 0x00, 0x01
+_START = 0xAA
+_DATA = 0xBB
+_STATUS = 0xEE
+_WRITE = 0x00
+_READ = 0x01
 _MOST_DATA = 128
+RADIANS = 0x06
+"""UNITS: m/s2, rad/s, rad, degrees Celsius."""
+WRITE_DONE = 0x01
+_STATUS_CODES = range(0x01, 0x0B)
+"""What may stand behind `EE`: write done, then nine kinds of failure (data sheet table 4-2, UART
+protocol)."""
+_SAMPLE = struct.Struct("<3h3h4h3h3hbB")
+_GYRO = 900.0
+_QUATERNION = 16384.0
+_ACCELERATION = 100.0
+_GRAVITY = 9.80665
+_NORM_TOLERANCE = 0.01
+_GRAVITY_TOLERANCE = 0.5
 
 
 class Register(IntEnum):
@@ -53,20 +69,9 @@ class Mode(IntEnum):
     IMU = 0x08
 
 
-RADIANS = 0x06
-"""UNITS: m/s2, rad/s, rad, degrees Celsius."""
-WRITE_DONE = 0x01
-_STATUS_CODES = range(0x01, 0x0B)
-"""What may stand behind `EE`: write done, then nine kinds of failure (data sheet table 4-2, UART
-protocol)."""
-
 SAMPLE_BYTES = Register.CALIBRATION + 1 - Register.GYRO
 """One burst: gyro, Euler angles, quaternion, linear acceleration, gravity, temperature,
 calibration."""
-_SAMPLE = struct.Struct("<3h3h4h3h3hbB")
-_GYRO, _QUATERNION, _ACCELERATION = 900.0, 16384.0, 100.0
-_GRAVITY = 9.80665
-_NORM_TOLERANCE, _GRAVITY_TOLERANCE = 0.01, 0.5
 
 
 @dataclass(frozen=True)

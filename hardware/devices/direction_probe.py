@@ -17,8 +17,10 @@ _MOVED = 0.015
 """rad; 40 steps of the reply's position, and less than a degree."""
 _RATE = 4.0
 """N m/s at which the torque rises."""
-_SETTLED, _QUIET = 0.1, 3
-"""rad/s, and replies in a row, of a joint that rests; a free joint creeps on its friction."""
+_SETTLED = 0.1
+"""Speed below which a joint rests, rad/s; a free joint creeps on its friction."""
+_QUIET = 3
+"""Replies in a row of a joint that rests."""
 _LAST_LOOK = 0.1
 """s at the most torque."""
 
@@ -38,7 +40,8 @@ class DirectionProbe:
         self._began = now
         self._quiet = 0
         self._from: tuple[float, float, float] | None = None
-        self._way = self._start = 0.0
+        self._way = 0.0
+        self._start = 0.0
         self.torque = 0.0
         self.passed = False
         self.fault = ""
@@ -73,7 +76,10 @@ class DirectionProbe:
         return -math.copysign(1.0, self._start - 0.5 * (self._settings.low + self._settings.high))
 
     def _wait_for_rest(self, position: float, speed: float, now: float) -> None:
-        self._quiet = self._quiet + 1 if abs(speed) < _SETTLED else 0
+        if abs(speed) < _SETTLED:
+            self._quiet += 1
+        else:
+            self._quiet = 0
         self._start = position
         if self._quiet >= _QUIET:
             self._way = self._inwards

@@ -45,7 +45,9 @@ class MotorGroup:
             for motor in self.motors
             if motor.fault
         ]
-        return min(texts)[1] if texts else ""
+        if texts:
+            return min(texts)[1]
+        return ""
 
     @property
     def ready(self) -> bool:
@@ -110,7 +112,9 @@ class MotorGroup:
         if frame.extended:
             return self._by_id.get(frame.arbitration_id & 0xFF)
         if frame.arbitration_id == 0:
-            return self._by_id.get(frame.data[0]) if frame.data else None
+            if frame.data:
+                return self._by_id.get(frame.data[0])
+            return None
         return self._by_id.get(frame.arbitration_id)
 
     def _switch_off_together(self, now: float) -> None:

@@ -17,6 +17,14 @@ from aerodima.workbench.config.scenario import load_section
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.resources import model_path
 
+FADE = 0.2
+"""Share of the budget over which the torque is taken back."""
+_RECENT = 0.015
+"""s before a reply in which the command acted that its torque belongs to: at 100 Hz one of the last
+three. A reply is made before the command that it answers acts."""
+MOST_EXTRA = 2
+"""Replies too many, in cycles in a row, that may still be chance."""
+
 
 def check_command(command: MitCommand) -> None:
     """Raises `HardwareError` for NaN, infinity and negative gains: no limit makes sense of them."""
@@ -73,7 +81,9 @@ def limit_command(
         torque=torque,
     )
     total = abs(pd_torque(limited, position, speed))
-    return limited if total <= most else scale_gains(limited, most / total)
+    if total <= most:
+        return limited
+    return scale_gains(limited, most / total)
 
 
 def scale_gains(command: MitCommand, factor: float) -> MitCommand:
@@ -97,10 +107,6 @@ def _clip(value: float, limit: float) -> float:
     return min(max(value, -limit), limit)
 
 
-FADE = 0.2
-"""Share of the budget over which the torque is taken back."""
-
-
 class MotorLoad:
     """Load of one motor.
 
@@ -120,7 +126,10 @@ class MotorLoad:
 
     def add(self, torque: float, now: float) -> None:
         """Takes a measured torque (N m) at `now`, s."""
-        span = 0.0 if self._time is None else max(0.0, now - self._time)
+        if self._time is None:
+            span = 0.0
+        else:
+            span = max(0.0, now - self._time)
         self.used = max(0.0, self.used + (torque * torque - self._rated * self._rated) * span)
         self._time = now
 
@@ -143,13 +152,12 @@ class Lasting:
 
     def look(self, is_so: bool, now: float) -> float:
         """Takes whether it is so at `now`; the time, 0 while it is not."""
-        self._since = (now if self._since is None else self._since) if is_so else None
-        return 0.0 if self._since is None else now - self._since
-
-
-_RECENT = 0.015
-"""s before a reply in which the command acted that its torque belongs to: at 100 Hz one of the last
-three. A reply is made before the command that it answers acts."""
+        if not is_so:
+            self._since = None
+            return 0.0
+        if self._since is None:
+            self._since = now
+        return now - self._since
 
 
 class Following:
@@ -197,7 +205,10 @@ class Following:
         behind = asked.kp > 0 and abs(error) > safety.tracking_error and error * speed <= 0.0
         behind_for = self._behind.look(behind, now)
         least, most = self._believable(min(torques), max(torques))
-        self._strange = self._strange + 1 if not least <= torque <= most else 0
+        if least <= torque <= most:
+            self._strange = 0
+        else:
+            self._strange += 1
         if self._strange >= safety.strange_replies:
             asks = f"{min(torques):.1f} to {max(torques):.1f}"
             why = "is it off, or are its replies old?"
@@ -223,10 +234,6 @@ class Following:
             min(share * least, more * least) - safety.torque_margin,
             max(share * most, more * most) + safety.torque_margin,
         )
-
-
-MOST_EXTRA = 2
-"""Replies too many, in cycles in a row, that may still be chance."""
 
 
 class ReplyCount:
@@ -272,7 +279,10 @@ class ReplyCount:
         # without frames of its own a motor may still be asked by the Teensy, which repeats its last
         # order
         if frames:
-            self.extra = self.extra + replies if replies else 0
+            if replies:
+                self.extra += replies
+            else:
+                self.extra = 0
 
 
 class MotorSafety(QuantityModel):

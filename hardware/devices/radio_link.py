@@ -46,10 +46,12 @@ class RadioLink:
         self._stream = ApiStream()
         self._sender: int | None = None
         self._heartbeat: Heartbeat | None = None
-        self._command_time = self._beat_time = -math.inf
+        self._command_time = -math.inf
+        self._beat_time = -math.inf
         self.command = IDLE
         self.stopped = False
-        self.foreign = self.rejected = 0
+        self.foreign = 0
+        self.rejected = 0
         self.last_error = ""
 
     def poll(self) -> None:
@@ -78,9 +80,10 @@ class RadioLink:
             return SourceFault.LOST, f"the radio's port is lost: {self._link.fault}"
         age = self.age(now)
         if math.isinf(age):
-            rejected = (
-                f" ({self.rejected} frames rejected: {self.last_error})" if self.rejected else ""
-            )
+            if self.rejected:
+                rejected = f" ({self.rejected} frames rejected: {self.last_error})"
+            else:
+                rejected = ""
             return (
                 SourceFault.NO_SAMPLE_YET,
                 f"the operator's radio has not been heard yet{rejected}",

@@ -39,6 +39,22 @@ _RECONNECT = 0.25
 _CLOSE = 0.5
 
 T = TypeVar("T")
+_PERIOD = 1.0 / RATE
+_ANSWER_TIME = 0.05
+_MODE_CHANGE = 0.03
+"""Between operation modes, s (data sheet table 3-6: 19 ms to CONFIG, 7 ms from it)."""
+_LEAD = 0.006
+"""From the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms, the
+chip adds to it."""
+_STATUS_EVERY = 100
+_ALIKE = 10
+"""Samples in a row, or solutions of a moving car, that may be equal to the last bit: noise of gyro
+and accelerometer is above their steps (data sheet table 0-2), and the speed of a car that moves
+changes by more than 1 mm/s."""
+_MOVES = 0.5
+"""m/s; a receiver at rest may go on saying 0."""
+_MOST_MISSED = 20
+"""Requests in a row without an answer after which the chip is set up anew."""
 
 
 class Session(Generic[T]):
@@ -86,10 +102,14 @@ class Repeats:
 
     def look(self, said: object) -> None:
         """Takes what it says; None is never a repetition."""
-        self._alike = self._alike + 1 if said is not None and said == self._last else 1
+        if said is not None and said == self._last:
+            self._alike += 1
+        else:
+            self._alike = 1
         self._last = said
-        frozen = self._alike > self._most
-        self.fault_text = f"the {self._name} has frozen: {self._alike} samples alike" * frozen
+        self.fault_text = ""
+        if self._alike > self._most:
+            self.fault_text = f"the {self._name} has frozen: {self._alike} samples alike"
 
 
 class SensorThread(Generic[T]):
@@ -115,7 +135,8 @@ class SensorThread(Generic[T]):
         self._silent = silent
         self._port: Serial | None = open_port()
         self._newest: tuple[float, T] | None = None
-        self.count = self.losses = 0
+        self.count = 0
+        self.losses = 0
         self.error = ""
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -131,7 +152,9 @@ class SensorThread(Generic[T]):
     def age(self, now: float) -> float:
         """Seconds since the newest sample was taken; infinite before the first."""
         newest = self._newest
-        return math.inf if newest is None else max(0.0, now - newest[0])
+        if newest is None:
+            return math.inf
+        return max(0.0, now - newest[0])
 
     def align(self, due: float) -> None:
         """A sample is wanted at `due` (s, monotonic) and every period after it."""
@@ -146,10 +169,10 @@ class SensorThread(Generic[T]):
         if self._session.fault_text:
             return SourceFault.REPORTED, self._session.fault_text
         if self._newest is None:
-            return SourceFault.NO_SAMPLE_YET, f"no sample of the {self.name} yet" + (
-                f": {self.error}" * bool(self.error)
-            )
-        if (age := self.age(now)) > self._silent:
+            reason = f": {self.error}" if self.error else ""
+            return SourceFault.NO_SAMPLE_YET, f"no sample of the {self.name} yet{reason}"
+        age = self.age(now)
+        if age > self._silent:
             return SourceFault.SILENT, f"the {self.name} is silent for {age:.2f} s"
         return SourceFault.NONE, ""
 
@@ -193,24 +216,6 @@ class SensorThread(Generic[T]):
                 self._closing.wait(_RECONNECT)
 
 
-_PERIOD = 1.0 / RATE
-_ANSWER_TIME = 0.05
-_MODE_CHANGE = 0.03
-"""Between operation modes, s (data sheet table 3-6: 19 ms to CONFIG, 7 ms from it)."""
-_LEAD = 0.006
-"""From the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms, the
-chip adds to it."""
-_STATUS_EVERY = 100
-_ALIKE = 10
-"""Samples in a row, or solutions of a moving car, that may be equal to the last bit: noise of gyro
-and accelerometer is above their steps (data sheet table 0-2), and the speed of a car that moves
-changes by more than 1 mm/s."""
-_MOVES = 0.5
-"""m/s; a receiver at rest may go on saying 0."""
-_MOST_MISSED = 20
-"""Requests in a row without an answer after which the chip is set up anew."""
-
-
 class Bno055Session(Session[Bno055Sample]):
     """Requests one sample per period; asks once a second what the chip says of itself."""
 
@@ -218,8 +223,10 @@ class Bno055Session(Session[Bno055Sample]):
         self._repeats = Repeats("IMU", _ALIKE)
         self._reported = ""
         self._stream = AnswerStream()
-        self._next = self._due = 0.0
-        self._requests = self._missed_in_a_row = 0
+        self._next = 0.0
+        self._due = 0.0
+        self._requests = 0
+        self._missed_in_a_row = 0
 
     @property
     def fault_text(self) -> str:  # type: ignore[override]
@@ -284,7 +291,10 @@ class Bno055Session(Session[Bno055Sample]):
     def _check_status(self, port: Serial) -> None:
         data = self._ask(port, make_read(Register.SYSTEM_STATUS, 2)).data
         if len(data) == 2:
-            self._reported = f"the IMU reports system error {data[1]}" if data[0] == 1 else ""
+            if data[0] == 1:
+                self._reported = f"the IMU reports system error {data[1]}"
+            else:
+                self._reported = ""
 
     def _miss(self, reason: str) -> None:
         self._missed_in_a_row += 1
@@ -320,7 +330,12 @@ class GpsSession(Session[GpsSample]):
     def read(self, port: Serial) -> tuple[float, GpsSample] | None:
         """The newest solution of the bytes at hand, with their arrival; None if there is none."""
         data = port.read(max(1, port.in_waiting))
-        samples = self.stream.feed(data) if data else []
+        if data:
+            samples = self.stream.feed(data)
+        else:
+            samples = []
         for sample in samples:
             self._repeats.look(sample.speed if sample.speed > _MOVES else None)
-        return (time.monotonic(), samples[-1]) if samples else None
+        if samples:
+            return (time.monotonic(), samples[-1])
+        return None

@@ -75,15 +75,21 @@ class Motor:
         self.state = MotorState.OFF
         self.fault = MotorFault.NONE
         self.fault_text = ""
-        self.position = self.speed = self.torque = math.nan
+        self.position = math.nan
+        self.speed = math.nan
+        self.torque = math.nan
         self.temperature: float | None = None
-        self.missed = self.bad_frames = 0
+        self.missed = 0
+        self.bad_frames = 0
         self._reply_time: float | None = None
         self._step_time: float | None = None
         self._state_time = 0.0
         self._exit_time = 0.0
         self._exits_left = 0
-        self._unanswered = self._cycle_frames = self._cycle_replies = self._enter_replies = 0
+        self._unanswered = 0
+        self._cycle_frames = 0
+        self._cycle_replies = 0
+        self._enter_replies = 0
         self.load = MotorLoad(settings.safety.rated_torque, settings.safety.overload)
         self._asked: MitCommand | None = None
         self._following = Following(settings.safety)
@@ -102,13 +108,20 @@ class Motor:
     def set_enter(self, now: float) -> None:
         """Begins to switch the motor on. Raises `HardwareError` unless it is off."""
         if self.state is not MotorState.OFF:
-            reason = f" ({self.fault_text}); reset it first" if self.fault else ""
+            if self.fault:
+                reason = f" ({self.fault_text}); reset it first"
+            else:
+                reason = ""
             raise HardwareError(
                 f"{self.settings.name}: cannot be entered while {self.state.name.lower()}{reason}"
             )
         self._go(MotorState.ENTERING, now)
-        self._motor_angle = self._probe = self._asked = None
-        self.missed = self._unanswered = self._enter_replies = 0
+        self._motor_angle = None
+        self._probe = None
+        self._asked = None
+        self.missed = 0
+        self._unanswered = 0
+        self._enter_replies = 0
         self._count.clear()
         self._step_time = now
         neutral = make_neutral(self.settings.motor_id, self.settings.profile)
@@ -198,7 +211,9 @@ class Motor:
 
     def age(self, now: float) -> float:
         """Seconds since the last valid reply; infinite before the first."""
-        return math.inf if self._reply_time is None else now - self._reply_time
+        if self._reply_time is None:
+            return math.inf
+        return now - self._reply_time
 
     # -- frames
 
@@ -345,9 +360,15 @@ class Motor:
                 self._exit_time = now
 
     def _check_cycle(self, now: float) -> None:
-        gap = 0.0 if self._step_time is None else now - self._step_time
+        if self._step_time is None:
+            gap = 0.0
+        else:
+            gap = now - self._step_time
         self._step_time = now
-        self._unanswered = 0 if self._cycle_replies else self._unanswered + self._cycle_frames
+        if self._cycle_replies:
+            self._unanswered = 0
+        else:
+            self._unanswered += self._cycle_frames
         if not self._unanswered:
             self.missed = 0
         elif (
@@ -355,7 +376,8 @@ class Motor:
         ):  # a late loop catches up faster than a motor can answer
             self.missed += 1
         self._count.add(self._cycle_frames, self._cycle_replies, now)
-        self._cycle_frames = self._cycle_replies = 0
+        self._cycle_frames = 0
+        self._cycle_replies = 0
         safety = self.settings.safety
         if gap < 0 or gap > safety.stall_time:
             self.set_fault(MotorFault.LOOP_STALLED, f"{gap:.3g} s between two cycles", now)
@@ -366,7 +388,10 @@ class Motor:
         elif (
             self.state is not MotorState.ENTERING or self._probe
         ) and self.missed >= safety.missed_replies:
-            bad = f", {self.bad_frames} bad frames" if self.bad_frames else ""
+            if self.bad_frames:
+                bad = f", {self.bad_frames} bad frames"
+            else:
+                bad = ""
             self.set_fault(MotorFault.NO_REPLY, f"no reply for {self.missed} cycles{bad}", now)
 
     def _enter(self, now: float) -> None:
@@ -374,7 +399,10 @@ class Motor:
         if self._enter_replies >= safety.enter_replies:
             self._try_direction(now)
         elif now - self._state_time > safety.enter_timeout:
-            bad = f" ({self.bad_frames} bad frames)" if self.bad_frames else ""
+            if self.bad_frames:
+                bad = f" ({self.bad_frames} bad frames)"
+            else:
+                bad = ""
             self.set_fault(
                 MotorFault.NO_REPLY, f"does not answer{bad}; is it powered, is its id right?", now
             )
@@ -382,7 +410,8 @@ class Motor:
             self._send(make_neutral(self.settings.motor_id, self.settings.profile))
 
     def _try_direction(self, now: float) -> None:
-        probe = self._probe = self._probe or DirectionProbe(self.settings, now)
+        probe = self._probe or DirectionProbe(self.settings, now)
+        self._probe = probe
         probe.step(self.position, self.speed, now)
         if probe.fault:
             self.set_fault(MotorFault.WRONG_DIRECTION, probe.fault, now)

@@ -43,6 +43,15 @@ from aerodima.hardware.transport.serial_link import SerialLink
 
 _LONGEST_REPLY = 200
 """Bytes between two `|`; more is noise."""
+_WRAP = 2**32
+_BACKWARDS = 1000
+"""A count that falls by more than that is a restart of the microcontroller, ms."""
+_SILENT = 0.1
+"""Without a reply string for that long the Teensy counts as silent, s: ten cycles."""
+_MOST_REPEATS = 20
+"""Cycles in which an order is repeated when its motor asks for nothing; a motor that runs asks at
+least every tenth."""
+_REQUESTS = {0xFC: MotorRequest.ENTER, 0xFD: MotorRequest.EXIT}
 
 
 class ReplyStream:
@@ -73,11 +82,6 @@ class ReplyStream:
                 self.rejected += 1
         self._synchronised = self._synchronised or bool(complete)
         return found
-
-
-_WRAP = 2**32
-_BACKWARDS = 1000
-"""A count that falls by more than that is a restart of the microcontroller, ms."""
 
 
 class ClockAlignment:
@@ -116,14 +120,6 @@ class ClockAlignment:
         return seconds + min(self._offsets)
 
 
-_SILENT = 0.1
-"""Without a reply string for that long the Teensy counts as silent, s: ten cycles."""
-_MOST_REPEATS = 20
-"""Cycles in which an order is repeated when its motor asks for nothing; a motor that runs asks at
-least every tenth."""
-_REQUESTS = {0xFC: MotorRequest.ENTER, 0xFD: MotorRequest.EXIT}
-
-
 class TeensyLink:
     """Strings to and from the Teensy, one of each per cycle.
 
@@ -156,14 +152,17 @@ class TeensyLink:
         self._attitude: tuple[float, float, float] | None = None
         self._reply_time: float | None = None
         self._clock = ClockAlignment()
-        self.sail = self.sent_time = math.nan
+        self.sail = math.nan
+        self.sent_time = math.nan
         self.status: TeensyStatus | None = None
         self.fault = SourceFault.NO_SAMPLE_YET
         self.fault_text = "the Teensy has not answered yet"
 
     def age(self, now: float) -> float:
         """Seconds since the last valid reply string; infinite before the first."""
-        return math.inf if self._reply_time is None else now - self._reply_time
+        if self._reply_time is None:
+            return math.inf
+        return now - self._reply_time
 
     def set_pulses(self, servo: int, throttle: int) -> None:
         """Pulses (us) of the next strings.
@@ -236,17 +235,19 @@ class TeensyLink:
 
     def _next_order(self, motor_id: int) -> MotorOrder:
         order = self._orders.pop(motor_id, None)
-        self._repeats[motor_id] = 0 if order else self._repeats[motor_id] + 1
+        if order:
+            self._repeats[motor_id] = 0
+        else:
+            self._repeats[motor_id] += 1
         if order is None:
             last = self._last[motor_id]
             keep = (
                 last.request is not MotorRequest.EXIT and self._repeats[motor_id] <= _MOST_REPEATS
             )
-            order = (
-                MotorOrder(motor_id, MotorRequest.COMMAND, last.command)
-                if keep
-                else _exit_order(motor_id)
-            )
+            if keep:
+                order = MotorOrder(motor_id, MotorRequest.COMMAND, last.command)
+            else:
+                order = _exit_order(motor_id)
         self._last[motor_id] = order
         return order
 

@@ -14,7 +14,8 @@ from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.workbench.errors import HardwareError
 
 _UBX = b"\xb5\x62"
-_NAV_PVT, _NAV_PVT_BYTES = b"\x01\x07", 92
+_NAV_PVT = b"\x01\x07"
+_NAV_PVT_BYTES = 92
 _MOST_PAYLOAD = 256
 """Longer messages are stepped over byte by byte; a false start in noise must not hold up good
 frames for long."""
@@ -49,7 +50,8 @@ class GpsStream:
 
     def __init__(self) -> None:
         self._open = b""
-        self.rejected = self.skipped = 0
+        self.rejected = 0
+        self.skipped = 0
 
     def feed(self, data: bytes) -> list[GpsSample]:
         """The samples that became complete with these bytes, oldest first."""
@@ -148,7 +150,8 @@ def make_nav_pvt(sample: GpsSample, tow: float = 0.0) -> bytes:
 
 def ubx_checksum(data: bytes) -> bytes:
     """The two bytes of the 8-bit Fletcher sum over class, id, length and payload."""
-    first = second = 0
+    first = 0
+    second = 0
     for byte in data:
         first = first + byte & 0xFF
         second = second + first & 0xFF

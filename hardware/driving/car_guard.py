@@ -36,10 +36,21 @@ from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE
 from aerodima.workbench.errors import HardwareError
 
-_ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
+_ROLL = IMU.index("roll")
+_PITCH = IMU.index("pitch")
 
 _MOST_SPAN = 0.02
 """s; after a pause of the loop the throttle does not jump."""
+_ARMED = STATUS.index("armed")
+_TAIL = (STATUS.index("tail_pitch_fault"), STATUS.index("tail_roll_fault"))
+_SAIL = STATUS.index("sail_fault")
+_IMU = STATUS.index("imu_fault")
+_SPEED = STATUS.index("speed_fault")
+_OPERATOR = STATUS.index("operator_fault")
+_OPERATOR_AGE = STATUS.index("operator_age")
+_RATES = (TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate"))
+_GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
+_UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
 
 
 class DriveLimits:
@@ -63,7 +74,10 @@ class DriveLimits:
         """
         safety = self._safety
         side = math.copysign(1.0, asked)
-        span = min(max(0.0, now - self._time), _MOST_SPAN) if math.isfinite(self._time) else 0.0
+        if math.isfinite(self._time):
+            span = min(max(0.0, now - self._time), _MOST_SPAN)
+        else:
+            span = 0.0
         most = safety.throttle_rate * span
         begun = max(0.0, side * self._throttle)
         self._throttle = side * min(
@@ -80,7 +94,12 @@ class DriveLimits:
         lasted = self._tilted.look(max(abs(roll), abs(pitch)) > limit, now)
         if lasted == 0.0 or lasted < self._safety.attitude_time:
             return ""
-        name, angle = ("roll", roll) if abs(roll) >= abs(pitch) else ("pitch", pitch)
+        if abs(roll) >= abs(pitch):
+            name = "roll"
+            angle = roll
+        else:
+            name = "pitch"
+            angle = pitch
         return (
             f"the car has tipped over: {name} {math.degrees(angle):.0f} degrees; allowed is "
             f"{math.degrees(limit):.0f}"
@@ -100,17 +119,6 @@ class DriveLimits:
         ):
             return ""
         return f"the car drives {speed:.1f} m/s; allowed is {limit:g}"
-
-
-_ARMED = STATUS.index("armed")
-_TAIL = (STATUS.index("tail_pitch_fault"), STATUS.index("tail_roll_fault"))
-_SAIL, _IMU, _SPEED, _OPERATOR = (
-    STATUS.index(f"{name}_fault") for name in ("sail", "imu", "speed", "operator")
-)
-_OPERATOR_AGE = STATUS.index("operator_age")
-_RATES = (TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate"))
-_GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
-_UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
 
 
 class Stage(IntEnum):
@@ -158,10 +166,12 @@ class CarGuard:
         self._has_tail = has_tail
         self.stage = Stage.READY
         self.reason = ""
-        self.hard = self.left = False
+        self.hard = False
+        self.left = False
         self.reading = CarReading()
         self.lateness = 0.0
-        self.overruns = self._overruns_in_a_row = 0
+        self.overruns = 0
+        self._overruns_in_a_row = 0
         self.cycle_times = array("d")
         self.slow_ticks = array("d")
         self._since = 0.0
@@ -212,7 +222,10 @@ class CarGuard:
                 watchdog test.
         """
         if self.stage is not Stage.READY:
-            because = f" ({self.reason}); reset it by hand" if self.reason else ""
+            if self.reason:
+                because = f" ({self.reason}); reset it by hand"
+            else:
+                because = ""
             raise HardwareError(
                 f"the car cannot be armed: it is {self.stage.name.lower()}{because}"
             )
@@ -220,7 +233,8 @@ class CarGuard:
         if reason:
             raise HardwareError(f"the car cannot be armed: {reason}")
         self.wiring.arm()
-        self._was_armed = self.rested = False
+        self._was_armed = False
+        self.rested = False
         self._ready_since = None
         self._go_unless_stopped(Stage.ARMED, now)
 
@@ -329,12 +343,18 @@ class CarGuard:
             )
 
     def _look_at_clock(self, now: float, due: float | None) -> None:
-        self.lateness = 0.0 if due is None else now - due
+        if due is None:
+            self.lateness = 0.0
+        else:
+            self.lateness = now - due
         if self.stage is Stage.DRIVING:
             self.cycle_times.append(now)
         late = self.lateness > self._safety.overrun
         self.overruns += late
-        self._overruns_in_a_row = self._overruns_in_a_row + 1 if late else 0
+        if late:
+            self._overruns_in_a_row += 1
+        else:
+            self._overruns_in_a_row = 0
         if self._overruns_in_a_row >= self._safety.most_overruns and self.stage in _LIVE:
             text = (
                 f"the loop is {self.lateness * 1000:.0f} ms late for {self._overruns_in_a_row} "
@@ -392,12 +412,10 @@ class CarGuard:
         if hard or soft:
             return hard, reading.fault_text or "a device has a fault"
         current = self._least_current(reading)
-        too_much = current > self._safety.fuse
-        return (
-            too_much,
-            f"the tail motors draw {current:.0f} A; the fuse has {self._safety.fuse:g} A"
-            * too_much,
-        )
+        fuse = self._safety.fuse
+        if current > fuse:
+            return True, f"the tail motors draw {current:.0f} A; the fuse has {fuse:g} A"
+        return False, ""
 
     def _least_current(self, reading: CarReading) -> float:
         """Least current of the tail motors, A: their mechanical power at the lowest voltage

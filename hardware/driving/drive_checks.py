@@ -38,6 +38,16 @@ _COARSE_SLEEP = 0.002
 """s; a computer whose sleeps end later than that cannot keep 10 ms."""
 _FIRST_YEAR = 2024
 _CLOCK_DIFFERENCE = 2.0
+_WATCHES = {
+    "teensy_bridge": "the Teensy, by the strings of the computer",
+    "watched_can": "the Teensy, by the heartbeat on the motors' bus",
+}
+_RATIO_TOLERANCE = 0.2
+_WARMEST = 120.0
+_COLDEST = -30.0
+_LEAST_SAMPLES = 10
+_ROLL = IMU.index("roll")
+_PITCH = IMU.index("pitch")
 
 
 @dataclass(frozen=True)
@@ -78,21 +88,14 @@ def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafe
     for source in UNARMED_SOURCES:
         fault = status[f"{source}_fault"]
         age = status[f"{source}_age"]
-        text = (
-            f"answers, {age * 1000:.0f} ms old"
-            if fault == 0.0
-            else reading.fault_text or f"fault {fault:g}"
-        )
+        if fault == 0.0:
+            text = f"answers, {age * 1000:.0f} ms old"
+        else:
+            text = reading.fault_text or f"fault {fault:g}"
         checks.append(Check(source, fault == 0.0 or (None if source == "speed" else False), text))
     pack = f"measure {safety.least_voltage:g} to {safety.most_voltage:g} V, fuse {safety.fuse:g} A"
     battery = Check("battery", None, f"replies of the MIT mode carry no voltage; {pack}")
     return [*checks, battery, _gps_clock(gps_time)]
-
-
-_WATCHES = {
-    "teensy_bridge": "the Teensy, by the strings of the computer",
-    "watched_can": "the Teensy, by the heartbeat on the motors' bus",
-}
 
 
 def watchdog_check(wiring: str, unwatched: str) -> Check:
@@ -114,9 +117,10 @@ def motor_checks(
             checks.append(Check(f"{name} profile", False, str(error)))
             continue
         ratio = evidence.speed_ratio
-        moved = (
-            "not turned: its ranges are not proven" if ratio is None else f"speed ratio {ratio:.2f}"
-        )
+        if ratio is None:
+            moved = "not turned: its ranges are not proven"
+        else:
+            moved = f"speed ratio {ratio:.2f}"
         text = (
             f"{ports.profile.name}, {evidence.replies} replies of {evidence.reply_length} "
             f"bytes, {moved}"
@@ -198,10 +202,6 @@ def zero_checks(reading: CarReading, scenario: Scenario, safety: DriveSafety) ->
             Check(f"tail {name.partition('_')[0]} zero", off <= safety.zero_tolerance, text)
         )
     return checks
-
-
-_RATIO_TOLERANCE = 0.2
-_WARMEST, _COLDEST = 120.0, -30.0
 
 
 @dataclass(frozen=True)
@@ -290,10 +290,6 @@ def _speed_ratio(
     if np.ptp(x) < 4 * false_travel + 0.1 or np.ptp(y) < 1e-3:
         return None
     return float(x @ y / (x @ x))
-
-
-_LEAST_SAMPLES = 10
-_ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
 
 
 def standstill_checks(

@@ -167,7 +167,10 @@ def drive(
     """
     refuse_existing(Path(log), force, LogError)
     make_folder(Path(log).parent, LogError)
-    there = ports if isinstance(ports, CarPorts) else read_ports(ports)
+    if isinstance(ports, CarPorts):
+        there = ports
+    else:
+        there = read_ports(ports)
     options = DriveOptions(log, force, dry_run, confirm=None if arm else _asked)
     return run_drive(
         connect(there, scenario, wiring, traffic), scenario, there, options, say, build=build
@@ -308,7 +311,10 @@ def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
         Path(options.log), drive.scenario, drive.car.name, options.force, own, drive.say
     )
     try:
-        mode = RadioMode.AUTO if options.dry_run else _arm_and_choose(drive)
+        if options.dry_run:
+            mode = RadioMode.AUTO
+        else:
+            mode = _arm_and_choose(drive)
     except BaseException:
         journal.discard()
         raise
@@ -514,7 +520,9 @@ def _prepare(drive: _Drive) -> tuple[Callable[[RadioMode], Pilot], list[str]]:
     def pilot(mode: RadioMode) -> Pilot:
         if mode is RadioMode.AUTO:
             return sequence
-        return ManualPilot(scenario) if mode is RadioMode.MANUAL else ControlPilot(scenario, law)
+        if mode is RadioMode.MANUAL:
+            return ManualPilot(scenario)
+        return ControlPilot(scenario, law)
 
     prefer_latency()
     return pilot, own

@@ -47,6 +47,38 @@ from aerodima.workbench.realtime import DRIVE_PRIORITY, prefer_realtime, restore
 
 _HEARD = 0.5
 """s within which Teensy and watchdog must answer."""
+QUESTION = "The link was cut. Are both motors off: does the tail move freely by hand?"
+_HOLDING = 0.5
+"""Time for which the motors hold before the cut, s."""
+_ACT_TIME = 2.0
+"""Time in which the Teensy must act after the cut, s."""
+_LOOK = 0.002
+"""Time between two looks at the Teensy, s."""
+_CUTS = {
+    "teensy_bridge": ("strings stopped", TeensyStatus.WATCHDOG_ACTED),
+    "watched_can": ("heartbeat stopped", TeensyStatus.BEATS_STOPPED),
+}
+"""What is cut, and what the Teensy reports then."""
+_WAYS = {"tail_pitch": ("forward", "back"), "tail_roll": ("to the right", "to the left")}
+"""Positive, negative (design section 4)."""
+_STEP = math.radians(5.0)
+_MOST_WRONG = math.radians(2.0)
+_KP = 60.0
+"""N m/rad: five degrees ask for 5 N m at most, and the weight of a tail that lies on its side
+(1.2 N m on the emulated car) costs one degree; with the soft gains that hold it, it would cost
+four."""
+_KD = 5.0
+"""N m s/rad."""
+_MOVE = 1.0
+_SETTLE = 0.5
+_LEAST_REPLIES = 20
+_MOST_SPREAD = math.radians(1.0)
+_TORQUE_ERROR = 0.5
+"""N m by which the reported torque may differ: a motor reads its current, not its torque."""
+_TORQUE_SHARE = 0.4
+"""Share of the torque by which the reported one may differ."""
+_COOLER = 20.0
+"""K below the limit of a drive, for a motor that has done nothing yet."""
 
 
 def connect(
@@ -68,8 +100,14 @@ def connect(
         HardwareError: unknown wiring, a ports file that cannot be read, and as `wire_car`.
     """
     name = wiring_name(wiring)
-    there = ports if isinstance(ports, CarPorts) else read_ports(ports)
-    chosen = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    if isinstance(ports, CarPorts):
+        there = ports
+    else:
+        there = read_ports(ports)
+    if isinstance(scenario, Scenario):
+        chosen = scenario
+    else:
+        chosen = load_scenario(scenario)
 
     def authorise() -> None:
         require_watchdog_test(name, there)
@@ -129,17 +167,6 @@ def run_cycles(
         car.read(now)
         car.write(command if isinstance(command, CarCommand) else command(cycle * PERIOD), now)
         wait_until(begin + (cycle + 1) * PERIOD)
-
-
-QUESTION = "The link was cut. Are both motors off: does the tail move freely by hand?"
-_HOLDING, _ACT_TIME, _LOOK = 0.5, 2.0, 0.002
-"""s in which the motors hold before the cut, in which the Teensy must act after it, and between two
-looks at it."""
-_CUTS = {
-    "teensy_bridge": ("strings stopped", TeensyStatus.WATCHDOG_ACTED),
-    "watched_can": ("heartbeat stopped", TeensyStatus.BEATS_STOPPED),
-}
-"""What is cut, and what the Teensy reports then."""
 
 
 def run_watchdog_test(
@@ -205,24 +232,6 @@ def _await_status(car: WiredCar, wanted: TeensyStatus) -> float:
     return time.monotonic()
 
 
-_WAYS = {"tail_pitch": ("forward", "back"), "tail_roll": ("to the right", "to the left")}
-"""Positive, negative (design section 4)."""
-_STEP = math.radians(5.0)
-_MOST_WRONG = math.radians(2.0)
-_KP, _KD = 60.0, 5.0
-"""N m/rad and N m s/rad: five degrees ask for 5 N m at most, and the weight of a tail that lies on
-its side (1.2 N m on the emulated car) costs one degree; with the soft gains that hold it, it would
-cost four."""
-_MOVE, _SETTLE = 1.0, 0.5
-_LEAST_REPLIES = 20
-_MOST_SPREAD = math.radians(1.0)
-_TORQUE_ERROR, _TORQUE_SHARE = 0.5, 0.4
-"""N m and share of it by which the reported torque may differ: a motor reads its current, not its
-torque."""
-_COOLER = 20.0
-"""K below the limit of a drive, for a motor that has done nothing yet."""
-
-
 @dataclass(frozen=True)
 class MotorTest:
     """Result of the test of one joint.
@@ -270,7 +279,9 @@ def run_motor_test(
             row = np.array(
                 [begin + step * float(np.clip(since / _MOVE, 0.0, 1.0)), 0.0, _KP, _KD, 0.0]
             )
-            return CarCommand(tail_pitch=row) if index == 0 else CarCommand(tail_roll=row)
+            if index == 0:
+                return CarCommand(tail_pitch=row)
+            return CarCommand(tail_roll=row)
 
         run_cycles(car, command, _MOVE + _SETTLE)
         reported = []
@@ -302,8 +313,12 @@ def read_motor_angles(ports: CarPorts, wiring: WiringName) -> dict[Joint, float]
         HardwareError: a port that cannot be opened, a motor that does not answer, or one that is
             moved meanwhile.
     """
-    can = None if wiring == "teensy_bridge" else ports.adapter(wiring)
-    device = ports.teensy.path if can is None else can_address(can)
+    if wiring == "teensy_bridge":
+        can = None
+        device = ports.teensy.path
+    else:
+        can = ports.adapter(wiring)
+        device = can_address(can)
     with lock_devices([device], "the setting of the zero"):
         if can is None:
             with closing(SerialLink.open(ports.teensy)) as serial:
@@ -367,8 +382,13 @@ def _angles(ports: CarPorts, port: FramePort, commit: Callable[[], None]) -> dic
     try:
         for cycle in range(80):
             for motor_id in ids:
-                frame = make_exit(motor_id) if cycle < 20 else make_neutral(motor_id, ports.profile)
-                port.send(make_enter(motor_id) if cycle == 20 else frame)
+                if cycle < 20:
+                    frame = make_exit(motor_id)
+                elif cycle == 20:
+                    frame = make_enter(motor_id)
+                else:
+                    frame = make_neutral(motor_id, ports.profile)
+                port.send(frame)
             commit()
             time.sleep(PERIOD)
             for _, frame in port.poll():

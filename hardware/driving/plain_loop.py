@@ -18,6 +18,7 @@ from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.driving.run_journal import RunJournal, drive_columns
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_OUTPUTS
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
@@ -63,13 +64,13 @@ class Row:
         self._unknown = np.full(len(columns) - len(drive_columns()), math.nan)
 
     def make(
-        self, tick: float, step: PilotStep, reading: CarReading, links: np.ndarray
-    ) -> np.ndarray:
+        self, tick: float, step: PilotStep, reading: CarReading, links: FloatArray
+    ) -> FloatArray:
         """The row (columns,) of a tick (s); what a diagram logs of its own is NaN while another
         pilot drives.
         """
         command = step.command
-        values: dict[str, np.ndarray | float] = {
+        values: dict[str, FloatArray | float] = {
             name: getattr(reading, name) for name in STATION_OUTPUTS
         }
         values |= {"steering_angle": command.steering_angle, "throttle": command.throttle}
@@ -171,7 +172,7 @@ class PilotStep(NamedTuple):
     command: CarCommand
     planned_turn: float
     state: int
-    own: np.ndarray | None = None
+    own: FloatArray | None = None
 
 
 class Pilot:
@@ -274,7 +275,7 @@ class ManualPilot(Pilot):
     def __init__(self, scenario: Scenario) -> None:
         self._gains = (scenario.controller.hold_kp, scenario.controller.hold_kd)
         self._steer = scenario.servo.limit
-        self._tail: np.ndarray | None = None
+        self._tail: FloatArray | None = None
         self._most = load_motor_safety().ramp_speed / scenario.controller.rate
 
     def step(self, time: float, reading: CarReading) -> PilotStep:

@@ -18,6 +18,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import sensor_columns
 from aerodima.workbench.errors import LogError
@@ -72,10 +73,10 @@ class RunJournal(JournalWriter):
         self.error = ""
         self.lost = 0
         self._say = say or (lambda _: None)
-        self._kept: list[np.ndarray] = []
+        self._kept: list[FloatArray] = []
         self._look_due = time.monotonic() + _LOOK
         self._gone = False
-        self._waiting: queue.Queue[np.ndarray | None] = queue.Queue(_MOST_WAITING)
+        self._waiting: queue.Queue[FloatArray | None] = queue.Queue(_MOST_WAITING)
         self._thread = threading.Thread(target=self._write, name="run-journal", daemon=True)
         self._thread.start()
 
@@ -137,10 +138,8 @@ class RunJournal(JournalWriter):
                 failed = failed or str(error)
                 continue
             if self._gone or self.error or path != self.path:
-                self._say(
-                    f"log: {failed + '; ' * bool(failed)}the run of {table.num_rows} rows is in "
-                    f"{path}"
-                )
+                reason = f"{failed}; " if failed else ""
+                self._say(f"log: {reason}the run of {table.num_rows} rows is in {path}")
             self.path = path
             self._remove()
             with contextlib.suppress(OSError):  # of a disk that is full
@@ -177,7 +176,7 @@ class RunJournal(JournalWriter):
                 self.error = " ".join(str(error).split())
                 self._say(f"log: {self.error}; the car stops, what comes now is kept in memory")
 
-    def _keep(self, row: np.ndarray) -> None:
+    def _keep(self, row: FloatArray) -> None:
         if len(self._kept) < _MOST_WAITING:
             self._kept.append(row)
         else:

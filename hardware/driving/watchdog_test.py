@@ -100,7 +100,10 @@ def record_path(
 def write_record(record: WatchdogTest, folder: Path | None = None) -> Path:
     """Writes a record in the place of an older one; `HardwareError` if it cannot be written."""
     text = json.dumps(record.model_dump(mode="json", by_alias=True), indent=1) + "\n"
-    ports = None if folder else CarPorts.model_validate(record.ports)
+    if folder:
+        ports = None
+    else:
+        ports = CarPorts.model_validate(record.ports)
     return write_atomically(record_path(record.wiring, folder, ports), text, True, HardwareError)
 
 
@@ -130,7 +133,10 @@ def require_watchdog_test(
         raise HardwareError(f"no watchdog test of {wiring} is recorded ({path}); {again}")
     record = read_record(path)
     emulated = is_emulated(wiring, ports)
-    changed = [] if emulated else _changed_ports(wiring, record, ports)
+    if emulated:
+        changed = []
+    else:
+        changed = _changed_ports(wiring, record, ports)
     reasons = (
         (record.wiring != wiring, f"is of the wiring {record.wiring}; allowed: {wiring}"),
         (record.emulated and not emulated, "was made on the emulator; the motors are real"),

@@ -32,6 +32,26 @@ from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.transport.can_adapter import TrafficLog, can
 from aerodima.workbench.errors import HardwareError
 
+_ENTER = 0xFC
+_EXIT = 0xFD
+_ZERO = 0xFE
+_PROFILE = AK70_10_V1_0_8
+WARM = 30.0
+"""Temperature of a healthy motor, degrees Celsius."""
+HOT = 95.0
+"""Temperature beyond the limit of `motor_safety.yaml`, degrees Celsius."""
+_PAST = 1000
+"""Steps of the car that a motor remembers."""
+ENCODER_JUMP = 1.0
+"""rad: ten times the margin of `motor_safety.yaml`."""
+DRIFT_RATE = 3.0
+"""rad/s: leaves the range within a second, slower than a jump."""
+_OK = b"\r"
+_ERROR = b"\a"
+_LONGEST_LINE = 64
+_MOST_HEARD = 4096
+_MOST_BYTES = 4096
+
 
 class EmulatedBus:
     """Whoever owns the bus gives it frames and gets the answers; a second node may receive all and
@@ -83,8 +103,14 @@ class EmulatedBus:
 
     def _pass_on(self, frame: CanFrame) -> list[CanFrame]:
         self._note(frame, received=False)
-        motor = None if frame.extended else self._motors.get(frame.arbitration_id)
-        answers = motor.receive(frame.data) if motor is not None and len(frame.data) == 8 else []
+        if frame.extended:
+            motor = None
+        else:
+            motor = self._motors.get(frame.arbitration_id)
+        if motor is not None and len(frame.data) == 8:
+            answers = motor.receive(frame.data)
+        else:
+            answers = []
         for answer in answers:
             self._note(answer, received=True)
         return answers
@@ -100,18 +126,6 @@ class EmulatedBus:
                 is_rx=received,
             )
         )
-
-
-_ENTER, _EXIT, _ZERO = 0xFC, 0xFD, 0xFE
-_PROFILE = AK70_10_V1_0_8
-WARM, HOT = 30.0, 95.0
-"""Degrees Celsius, of a healthy motor and of one that is beyond the limit of `motor_safety.yaml`.
-"""
-_PAST = 1000
-"""Steps of the car that a motor remembers."""
-ENCODER_JUMP, DRIFT_RATE = 1.0, 3.0
-"""rad: ten times the margin of `motor_safety.yaml`; rad/s: leaves the range within a second, slower
-than a jump."""
 
 
 class EmulatedMotor:
@@ -146,7 +160,10 @@ class EmulatedMotor:
         self._zero = zero
         self._direction = direction
         self._command = NEUTRAL
-        self._angle = self._speed = self._torque = self._blocked_at = 0.0
+        self._angle = 0.0
+        self._speed = 0.0
+        self._torque = 0.0
+        self._blocked_at = 0.0
         self._past: deque[tuple[float, float, float, float]] = deque(maxlen=_PAST)
         self._reported = (0.0, 0.0, 0.0)
         self.entered = False
@@ -281,11 +298,6 @@ class EmulatedMotor:
         return [frame]
 
 
-_OK, _ERROR = b"\r", b"\a"
-_LONGEST_LINE = 64
-_MOST_HEARD = 4096
-
-
 class SlcanAdapter:
     """Bytes from the computer to frames on the bus, answers to bytes.
 
@@ -346,18 +358,20 @@ def read_frame(line: bytes) -> CanFrame | None:
         identifier = int(line[1 : 1 + digits], 16)
         length = int(line[1 + digits : 2 + digits], 16)
         data = bytes.fromhex(line[2 + digits :].decode("ascii"))
-        return CanFrame(identifier, data, extended=digits == 8) if len(data) == length else None
+        if len(data) == length:
+            return CanFrame(identifier, data, extended=digits == 8)
+        return None
     except (ValueError, FrameError):
         return None
 
 
 def write_frame(frame: CanFrame) -> bytes:
     """The line that reports a frame, with its end."""
-    head = f"T{frame.arbitration_id:08X}" if frame.extended else f"t{frame.arbitration_id:03X}"
+    if frame.extended:
+        head = f"T{frame.arbitration_id:08X}"
+    else:
+        head = f"t{frame.arbitration_id:03X}"
     return f"{head}{len(frame.data)}{frame.data.hex().upper()}\r".encode()
-
-
-_MOST_BYTES = 4096
 
 
 class PtyPort:
@@ -371,7 +385,8 @@ class PtyPort:
     def __init__(self, link: Path) -> None:
         self.link = link
         self.plugged = False
-        self._master = self._slave = -1
+        self._master = -1
+        self._slave = -1
         self.plug()
 
     def fileno(self) -> int:
@@ -403,13 +418,16 @@ class PtyPort:
             self.plugged = False
             os.close(self._master)
             os.close(self._slave)
-            self._master = self._slave = -1
+            self._master = -1
+            self._slave = -1
             self.link.unlink(missing_ok=True)
 
     def read(self) -> bytes:
         """What has come; empty if nothing has."""
         try:
-            return os.read(self._master, _MOST_BYTES) if self.plugged else b""
+            if self.plugged:
+                return os.read(self._master, _MOST_BYTES)
+            return b""
         except OSError:
             return b""
 

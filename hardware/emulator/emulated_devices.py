@@ -28,6 +28,18 @@ _RESTART_TIME = 0.5
 """s, of the processor's own watchdog in the Teensy's sketch."""
 OPERATOR_RATE = 20.0
 """Hz: five commands and heartbeats within the dead-man time of 0.25 s."""
+_DAY = 86_400.0
+_STOP_FRAMES = 3
+_ON_ITS_SIDE = 1.57
+"""Roll that the fault `tipped_over` reports, rad."""
+_TOO_FAST = 9.0
+"""Speed that the fault `over_speed` reports, m/s."""
+OPERATOR = 0x0013_A200_4000_0001
+"""64-bit serial number of the operator's emulated module; the first half is the maker's."""
+CAR = 0x0013_A200_4000_0002
+"""64-bit serial number of the car's emulated module."""
+_FOREIGN = CAR + 1
+"""From whom the reports come while the fault `foreign_module` is on."""
 
 
 class EmulatedTeensy:
@@ -135,17 +147,6 @@ class EmulatedTeensy:
         self._last = state
 
 
-_DAY = 86_400.0
-_STOP_FRAMES = 3
-_ON_ITS_SIDE, _TOO_FAST = 1.57, 9.0
-"""Roll (rad) and speed (m/s) that the faults `tipped_over` and `over_speed` report."""
-OPERATOR, CAR = 0x0013_A200_4000_0001, 0x0013_A200_4000_0002
-"""64-bit serial numbers of the emulated modules of operator and car; the first half is the maker's.
-"""
-_FOREIGN = CAR + 1
-"""From whom the reports come while the fault `foreign_module` is on."""
-
-
 class EmulatedImu:
     """A BNO055 on its UART."""
 
@@ -203,7 +204,8 @@ class EmulatedOperator:
         self._entries = sorted(entries, key=lambda entry: entry.time)
         self._next = 0.0
         self._board = board
-        self._counter = self._stops = 0
+        self._counter = 0
+        self._stops = 0
         self._of_car = ApiStream()
         self.asked = False
 

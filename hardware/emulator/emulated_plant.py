@@ -14,6 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from aerodima.hardware.driving.run_journal import RunJournal
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of
@@ -71,7 +72,10 @@ class EmulatedCar:
         self._sources: dict[str, Any] = {}
         self._values: dict[str, tuple[float, ...]] = {}
         for name in _INPUTS:
-            size = STATION_INPUTS[name].size if name in STATION_INPUTS else 1
+            if name in STATION_INPUTS:
+                size = STATION_INPUTS[name].size
+            else:
+                size = 1
             self._sources[name] = builder.AddNamedSystem(name, ConstantVectorSource(np.zeros(size)))
             if name in STATION_INPUTS:
                 builder.Connect(self._sources[name].get_output_port(), station.GetInputPort(name))
@@ -95,10 +99,16 @@ class EmulatedCar:
         self._station_context: Any = station.GetMyContextFromRoot(self._context)
         read = (*STATION_OUTPUTS, "plant_state_truth")
         self._ports: dict[str, Any] = {name: station.GetOutputPort(name) for name in read}
-        self._camera = None if meshcat is None else ChaseCamera(station, meshcat)
+        if meshcat is None:
+            self._camera = None
+        else:
+            self._camera = ChaseCamera(station, meshcat)
         self._picture_due = 0.0
         self.has_tail = scenario.tail.mode != "none"
-        self._joints = self._joint_places(simulated_car(station).plant) if self.has_tail else []
+        if self.has_tail:
+            self._joints = self._joint_places(simulated_car(station).plant)
+        else:
+            self._joints = []
 
     @staticmethod
     def _joint_places(plant: Any) -> list[int]:
@@ -129,11 +139,11 @@ class EmulatedCar:
             self._picture_due = time + _PICTURE
             self._camera.follow(self._context)
 
-    def joints(self) -> np.ndarray:
+    def joints(self) -> FloatArray:
         """(4,) angles of pitch and roll (rad), then their rates (rad/s), as they are now."""
         return self.output("plant_state_truth")[self._joints]
 
-    def output(self, name: str) -> np.ndarray:
+    def output(self, name: str) -> FloatArray:
         """A vector port of the station."""
         return np.array(self._ports[name].Eval(self._station_context))
 

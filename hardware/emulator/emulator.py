@@ -118,11 +118,15 @@ class Emulator:
         self._board = FaultBoard(settings.script, self._events)
         self._log = TrafficLog.create(self._folder / TRAFFIC_FILE)
         self._end = False
-        self.latest = self._lag = 0.0
+        self.latest = 0.0
+        self._lag = 0.0
         self._make_devices()
         truth = self._folder / TRUTH_FILE
         facts = {"emulated": settings.wiring}
-        self._view: Meshcat | None = open_meshcat() if settings.view else None
+        if settings.view:
+            self._view: Meshcat | None = open_meshcat()
+        else:
+            self._view = None
         self._car = EmulatedCar(settings.scenario, truth, _TRUTH_RATE, facts, self._view)
         self._sample_due = 0.0
         self._tipped = False
@@ -266,9 +270,10 @@ class Emulator:
             self._board.begin("driving", now)
         self._board.look(now)
         for name, port in self._ports.items():
-            renamed = (
-                port.link.with_name(f"{name}_1") if self._board.entry(Fault.RENAMED, name) else None
-            )
+            if self._board.entry(Fault.RENAMED, name):
+                renamed = port.link.with_name(f"{name}_1")
+            else:
+                renamed = None
             unpowered = name == "teensy" and self._board.entry(Fault.TEENSY_UNPOWERED)
             if unpowered or self._board.entry(Fault.UNPLUGGED, name):
                 port.unplug()

@@ -137,10 +137,12 @@ class OperatorEntry(_Entry):
     def command(self, asked: bool) -> OperatorCommand:
         """The command that a frame carries; `asked`: the car asks for a choice, or did so last."""
         chosen, waits, _ = self.mode.partition("_when_asked")
-        if waits:
-            mode = RadioMode[chosen.upper()] if asked else RadioMode.IDLE
-        else:
+        if not waits:
             mode = RadioMode[self.mode.upper()]
+        elif asked:
+            mode = RadioMode[chosen.upper()]
+        else:
+            mode = RadioMode.IDLE
         return OperatorCommand(mode, self.throttle, self.steering, self.pitch_tail, self.roll_tail)
 
 
@@ -203,7 +205,9 @@ class FaultBoard:
     def entry(self, fault: Fault, part: str | None = None) -> FaultEntry | None:
         """The entry of a fault that is on; None while it is not."""
         index = self._index(fault, part)
-        return None if index is None else self._script.faults[index]
+        if index is None:
+            return None
+        return self._script.faults[index]
 
     def meets(self, fault: Fault, part: str | None = None) -> bool:
         """Whether a fault is on; counts as one of its times."""

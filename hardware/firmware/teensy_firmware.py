@@ -44,6 +44,24 @@ from aerodima.workbench.atomic_write import make_folder
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 
+SKETCH = Path(__file__).resolve().parent / "aerodima_teensy"
+"""The Arduino sketch; its folder `src` is the core."""
+COMPILERS = ("g++", "c++", "clang++")
+_FLAGS = (
+    "-std=c++17",
+    "-O2",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+    "-ffp-contract=off",
+    "-shared",
+    "-fPIC",
+)
+_BUILD_TIME = 120.0
+_HOST_ONLY = ("c_interface.h", "c_interface.cpp")
+_WRAP = 1 << 32
+_LONGEST = 512
+
 
 def motor_limits(settings: MotorSettings) -> dict[str, float]:
     """Fields of the core's `MotorLimits` (`src/motor_guard.h`) by name: what it lets through to
@@ -158,22 +176,6 @@ def firmware_settings(wiring: str, ports: CarPorts, scenario: Scenario) -> Firmw
     )
 
 
-SKETCH = Path(__file__).resolve().parent / "aerodima_teensy"
-"""The Arduino sketch; its folder `src` is the core."""
-COMPILERS = ("g++", "c++", "clang++")
-_FLAGS = (
-    "-std=c++17",
-    "-O2",
-    "-Wall",
-    "-Wextra",
-    "-Werror",
-    "-ffp-contract=off",
-    "-shared",
-    "-fPIC",
-)
-_BUILD_TIME = 120.0
-
-
 def core_sources() -> list[Path]:
     """Headers and sources of the core, in a fixed order."""
     return sorted(path for path in (SKETCH / "src").iterdir() if path.suffix in (".h", ".cpp"))
@@ -243,9 +245,6 @@ def _compile(compiler: str, target: Path) -> None:
         raise HardwareError(f"{compiler}: the firmware's core does not compile: {reason}")
 
 
-_HOST_ONLY = ("c_interface.h", "c_interface.cpp")
-
-
 def export_sketch(settings: FirmwareSettings, folder: Path) -> Path:
     """Writes core, sketch and `config.h` into a new folder; returns the sketch, which bears the
     folder's name.
@@ -287,16 +286,9 @@ def config_header(settings: FirmwareSettings) -> str:
         f"// Written by `aerodima drive --firmware`: {made_of}.\n"
         '#pragma once\n#include "src/core.h"\n\n'
         f"#define AERODIMA_SAIL_BITS {settings.sail_bits}\n\n"
-        "inline aerodima::Config aerodima_config() {\n"
-        "  aerodima::Config config;\n"
-        f"{lines}\n"
-        "  return config;\n"
-        "}\n"
+        f"inline aerodima::Config aerodima_config() {{\n  aerodima::Config config;\n{lines}\n  "
+        "return config;\n}\n"
     )
-
-
-_WRAP = 1 << 32
-_LONGEST = 512
 
 
 def fields(kind: Any, names: str) -> tuple[tuple[str, Any], ...]:

@@ -35,6 +35,21 @@ FAULT_NAMES: Mapping[int, str] = MappingProxyType(
 )
 """Fault byte of the 8-byte reply; 0 is none. The list of public drivers of the series, equal to the
 manual's."""
+LEAST_ID = 1
+"""Least motor id that is allowed: 0 may be the CAN id of every reply."""
+MOST_ID = 0x3F
+"""Largest motor id that is allowed. A reply begins with the id and a command with the upper byte of
+its position, under the same CAN id: with ids up to 0x3F an echoed command looks like a reply only
+below half of the position range, where `aerodima.hardware.devices.tail_motor` never commands, and
+0xFF begins the special frames."""
+_POSITION_STEPS = (1 << 16) - 1
+_STEPS = (1 << 12) - 1
+_RESERVED = b"\xff" * 7
+_ENTER = b"\xfc"
+_EXIT = b"\xfd"
+_ZERO = b"\xfe"
+_SHORT_REPLY = 6
+_LONG_REPLY = 8
 
 
 @dataclass(frozen=True)
@@ -67,7 +82,9 @@ class FirmwareProfile:
 
     def fault_name(self, code: int) -> str:
         """Name of a fault byte; an unknown code is named by its number, never taken for none."""
-        return "none" if code == 0 else FAULT_NAMES.get(code, f"unknown fault {code}")
+        if code == 0:
+            return "none"
+        return FAULT_NAMES.get(code, f"unknown fault {code}")
 
 
 AK70_10_V1_0_8 = FirmwareProfile(
@@ -113,19 +130,6 @@ def firmware_profile(name: str) -> FirmwareProfile:
     if name not in PROFILES:
         raise HardwareError(f"firmware profile {name!r} is unknown; allowed: {', '.join(PROFILES)}")
     return PROFILES[name]
-
-
-LEAST_ID, MOST_ID = 1, 0x3F
-"""Motor ids that are allowed. 0 may be the CAN id of every reply. A reply begins with the id and a
-command with the upper byte of its position, under the same CAN id: with ids up to 0x3F an echoed
-command looks like a reply only below half of the position range, where
-`aerodima.hardware.devices.tail_motor` never commands, and 0xFF begins the special frames."""
-
-_POSITION_STEPS = (1 << 16) - 1
-_STEPS = (1 << 12) - 1
-_RESERVED = b"\xff" * 7
-_ENTER, _EXIT, _ZERO = b"\xfc", b"\xfd", b"\xfe"
-_SHORT_REPLY, _LONG_REPLY = 6, 8
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 
 from aerodima.workbench.errors import HardwareError
 
-STANDARD_IDS, EXTENDED_IDS = 1 << 11, 1 << 29
-"""How many identifiers 11 and 29 bits make (ISO 11898-1)."""
+STANDARD_IDS = 1 << 11
+"""How many identifiers 11 bits make (ISO 11898-1)."""
+EXTENDED_IDS = 1 << 29
+"""How many identifiers 29 bits make (ISO 11898-1)."""
 MOST_BYTES = 8
 """Most data bytes of a classic frame."""
 

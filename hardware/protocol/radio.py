@@ -26,6 +26,30 @@ _NATIVE_BYTES = struct.calcsize("@BBffff")
 _ANGLE = math.pi
 _LEAST_NORMAL = 2.0**-126
 """Smallest normal number of 32 bits. Round values in the other byte order come out below it."""
+REPORT_CLASS = 4
+"""First byte, and version of the layout: another layout has another, or a console of before would
+read wrong values."""
+FAULT_CODES = 6
+"""In a report, one per source of `aerodima.workbench.config.signal_table.STATUS_SOURCES`."""
+REPORT_PERIOD = 0.05
+"""s between two reports."""
+_HEAD = struct.Struct(f"<BBBBB{FAULT_CODES}B8f")
+_MOST_BYTES = 100
+_ARMED = 1
+_STOPPED = 2
+_ASKS_SHIFT = 2
+_NO_TAIL = 16
+_NUMBERS = (
+    "yaw_rate",
+    "roll",
+    "tail_pitch",
+    "tail_roll",
+    "torque_pitch",
+    "torque_roll",
+    "speed",
+    "operator_age",
+)
+"""Fields of a report that are 32-bit floats, in their order."""
 
 
 class RadioClass(IntEnum):
@@ -148,31 +172,6 @@ def _check(values: tuple[float, ...] | list[float]) -> None:
 
 def _names(kind: type[IntEnum]) -> str:
     return ", ".join(f"{item.value} ({item.name.lower()})" for item in kind)
-
-
-REPORT_CLASS = 4
-"""First byte, and version of the layout: another layout has another, or a console of before would
-read wrong values."""
-FAULT_CODES = 6
-"""In a report, one per source of `aerodima.workbench.config.signal_table.STATUS_SOURCES`."""
-REPORT_PERIOD = 0.05
-"""s between two reports."""
-_HEAD = struct.Struct(f"<BBBBB{FAULT_CODES}B8f")
-_MOST_BYTES = 100
-_ARMED, _STOPPED = 1, 2
-_ASKS_SHIFT = 2
-_NO_TAIL = 16
-_NUMBERS = (
-    "yaw_rate",
-    "roll",
-    "tail_pitch",
-    "tail_roll",
-    "torque_pitch",
-    "torque_roll",
-    "speed",
-    "operator_age",
-)
-"""Fields of a report that are 32-bit floats, in their order."""
 
 
 class Asks(IntEnum):

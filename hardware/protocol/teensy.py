@@ -33,6 +33,24 @@ SERVO_PULSES = (950, 1500, 2050)
 """Least, idle and most pulse of the steering servo, us (thesis 5.4.5)."""
 THROTTLE_PULSES = (1100, 1500, 1900)
 """Least, idle and most pulse of the speed controller, us (thesis 5.4.5)."""
+_MOST_DIGITS = 12
+_REPLY_FIELDS = 17
+_UNKNOWN_AGE = 65535
+"""Age of an attitude that is not known, ms."""
+_MOTOR_FIELDS = ("position", "velocity", "kp", "kd", "torque")
+NUMBERS = {
+    "position": (-100.0, 100.0, 5),
+    "velocity": (-200.0, 200.0, 4),
+    "kp": (0.0, 500.0, 4),
+    "kd": (0.0, 5.0, 5),
+    "torque": (-200.0, 200.0, 4),
+    "roll": (-3.2, 3.2, 4),
+    "pitch": (-3.2, 3.2, 4),
+    "sail": (0.0, 360.0, 3),
+}
+"""Least and most value that is read or allowed, and decimals that are written. Those of the motors
+are the widest that any firmware profile can carry; the profile's own range is checked where it is
+known."""
 
 
 class MotorRequest(IntEnum):
@@ -185,30 +203,15 @@ def crc8(data: bytes) -> int:
 
 def _crc_of(byte: int) -> int:
     for _ in range(8):
-        byte = (byte << 1 ^ 0x07) & 0xFF if byte & 0x80 else byte << 1
+        if byte & 0x80:
+            byte = (byte << 1 ^ 0x07) & 0xFF
+        else:
+            byte <<= 1
     return byte
 
 
 _CRC_TABLE = tuple(_crc_of(byte) for byte in range(256))
 
-_MOST_DIGITS = 12
-_REPLY_FIELDS = 17
-_UNKNOWN_AGE = 65535
-"""Age of an attitude that is not known, ms."""
-_MOTOR_FIELDS = ("position", "velocity", "kp", "kd", "torque")
-NUMBERS = {
-    "position": (-100.0, 100.0, 5),
-    "velocity": (-200.0, 200.0, 4),
-    "kp": (0.0, 500.0, 4),
-    "kd": (0.0, 5.0, 5),
-    "torque": (-200.0, 200.0, 4),
-    "roll": (-3.2, 3.2, 4),
-    "pitch": (-3.2, 3.2, 4),
-    "sail": (0.0, 360.0, 3),
-}
-"""Least and most value that is read or allowed, and decimals that are written. Those of the motors
-are the widest that any firmware profile can carry; the profile's own range is checked where it is
-known."""
 _INTEGERS = {
     "id": (0, 255),
     "replies": (0, 255),
@@ -256,7 +259,10 @@ def _read_report(fields: list[str], extra: list[str]) -> MotorReport:
 
 def _read_number(name: str, field: str) -> float:
     least, most, _ = NUMBERS[name]
-    digits = field[1:] if field[:1] in ("-", "+") else field
+    if field[:1] in ("-", "+"):
+        digits = field[1:]
+    else:
+        digits = field
     whole, _, decimals = digits.partition(".")
     if (
         not whole.isdigit()
@@ -271,7 +277,10 @@ def _read_number(name: str, field: str) -> float:
 
 def _read_integer(name: str, field: str) -> int:
     least, most = _INTEGERS[name]
-    digits = field[1:] if field[:1] == "-" else field
+    if field[:1] == "-":
+        digits = field[1:]
+    else:
+        digits = field
     if not digits.isdigit() or len(field) > _MOST_DIGITS or not least <= int(field) <= most:
         raise FrameError(
             f"Teensy {name} {field!r}: allowed is a whole number from {least} to {most}"

@@ -14,8 +14,11 @@ from dataclasses import dataclass
 from aerodima.hardware.protocol.can_frame import FrameError
 
 START = 0x7E
-_RECEIVED, _TRANSMIT = 0x90, 0x10
-_RECEIVED_HEAD, _TRANSMIT_HEAD, _LONGEST = 12, 14, 128
+_RECEIVED = 0x90
+_TRANSMIT = 0x10
+_RECEIVED_HEAD = 12
+_TRANSMIT_HEAD = 14
+_LONGEST = 128
 _UNKNOWN_NETWORK_ADDRESS = b"\xff\xfe"
 BROADCAST = 0xFFFF
 """Address of every module: a broadcast."""

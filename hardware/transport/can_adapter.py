@@ -32,6 +32,16 @@ except ImportError:
 
 BITRATE = 1_000_000
 """bit/s of the tail motors (manual V1.0.8)."""
+_READ_TIMEOUT = 0.02
+"""s; a read returns with the first byte."""
+_LINE = re.compile(rb"[^\r\a]*[\r\a]")
+"""A line of slcan."""
+_LONGEST = 64
+"""Most bytes that are kept without the end of their line: a frame takes 27."""
+_CONTAINER_BYTES = 2048
+"""A block goes to the disk when it holds that much: about 20 frames, a tenth of a second of two
+motors at 100 Hz."""
+_MOST_WAITING = 10_000
 
 
 class CanSettings(StrictModel):
@@ -83,12 +93,6 @@ def open_bus(settings: CanSettings) -> can.BusABC:
         raise HardwareError(f"{settings}: cannot be opened: {reason_of(error)}") from None
 
 
-_READ_TIMEOUT = 0.02
-"""s; a read returns with the first byte."""
-_LINE, _LONGEST = re.compile(rb"[^\r\a]*[\r\a]"), 64
-"""A line of slcan, and the most bytes that are kept without its end: a frame takes 27."""
-
-
 class _Slcan(slcanBus):
     """The slcan of python-can, which reads byte by byte and takes a quarter of a core at 400
     frames/s.
@@ -125,12 +129,6 @@ def _reach(settings: CanSettings) -> None:
         socket.create_connection((host, port), timeout=2.0).close()
     except OSError as error:
         raise HardwareError(f"{settings}: no socketcand at {host}:{port}: {error}") from None
-
-
-_CONTAINER_BYTES = 2048
-"""A block goes to the disk when it holds that much: about 20 frames, a tenth of a second of two
-motors at 100 Hz."""
-_MOST_WAITING = 10_000
 
 
 class TrafficLog:

@@ -45,6 +45,9 @@ _GONE = (
     errno.EPIPE,
     errno.ECONNRESET,
 )
+_STALE_AFTER = 0.05
+"""A command that has waited that long is not sent any more, s: five cycles of the loop."""
+_MOST_URGENT = 256
 
 
 class BusFault(IntEnum):
@@ -56,11 +59,6 @@ class BusFault(IntEnum):
     ADAPTER_LOST = 3
     RECEIVER_DEAD = 4
     CLOSED = 5
-
-
-_STALE_AFTER = 0.05
-"""A command that has waited that long is not sent any more, s: five cycles of the loop."""
-_MOST_URGENT = 256
 
 
 class Outbox:
@@ -140,7 +138,10 @@ class Outbox:
         After `close` nothing comes back, so that a lost adapter cannot keep the thread alive.
         """
         with self._condition:
-            since = self._in_hand[0] if self._in_hand else 0.0
+            if self._in_hand:
+                since = self._in_hand[0]
+            else:
+                since = 0.0
             self._in_hand = None
             if self._closed:
                 self._urgent.clear()
@@ -160,7 +161,9 @@ class Outbox:
     def age_in_hand(self) -> float:
         """How long the sending thread holds its frame, s; 0 when it holds none."""
         with self._condition:
-            return 0.0 if self._in_hand is None else time.monotonic() - self._taken
+            if self._in_hand is None:
+                return 0.0
+            return time.monotonic() - self._taken
 
     def wait_empty(self, timeout: float) -> bool:
         """Waits until nothing waits and nothing is in hand, at most `timeout` s.
@@ -201,10 +204,17 @@ class CanBus:
         listen: Collection[int] | None = None,
     ) -> None:
         self._bus = bus
-        self._listen = None if listen is None else frozenset(listen)
+        if listen is None:
+            self._listen = None
+        else:
+            self._listen = frozenset(listen)
         self.fault = BusFault.NONE
         self.fault_text = ""
-        self.sent = self.received = self.echoes = self.foreign = self.garbage = 0
+        self.sent = 0
+        self.received = 0
+        self.echoes = 0
+        self.foreign = 0
+        self.garbage = 0
         self._outbox = Outbox()
         self._inbox: deque[tuple[float, CanFrame]] = deque(maxlen=4096)
         self._recent: deque[tuple[float, int, bytes]] = deque(maxlen=64)
@@ -231,7 +241,10 @@ class CanBus:
         Raises:
             HardwareError: as `open_bus` and `TrafficLog.create` do.
         """
-        log = None if traffic_log is None else TrafficLog.create(traffic_log)
+        if traffic_log is None:
+            log = None
+        else:
+            log = TrafficLog.create(traffic_log)
         try:
             return cls(open_bus(settings), log, listen)
         except HardwareError:

@@ -37,7 +37,10 @@ def can_address(settings: CanSettings) -> str:
     if host is not None:
         with contextlib.suppress(OSError):
             host = socket.gethostbyname(str(host))
-    place = f"{host}:{settings.options.get('port', '')}:" if host is not None else ""
+    if host is not None:
+        place = f"{host}:{settings.options.get('port', '')}:"
+    else:
+        place = ""
     return f"{settings.interface}:{place}{settings.channel}"
 
 
@@ -82,7 +85,9 @@ def _names(device: str) -> set[str]:
         return {device}
     named = os.path.join(os.path.realpath(os.path.dirname(device)), os.path.basename(device))
     real = os.path.realpath(device)
-    return {named} if real.startswith("/dev/pts/") else {named, real}
+    if real.startswith("/dev/pts/"):
+        return {named}
+    return {named, real}
 
 
 def _lock_file(name: str) -> Path:
@@ -130,7 +135,9 @@ def _read(path: Path) -> dict[str, Any]:
         note = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):  # not written yet
         return {}
-    return note if isinstance(note, dict) else {}
+    if isinstance(note, dict):
+        return note
+    return {}
 
 
 def _in_words(note: dict[str, Any]) -> str:

@@ -91,7 +91,9 @@ class SerialLink:
         self._port: Serial | None = open_port()
         self.connected = True
         self.error = ""
-        self.losses = self.written = self.replaced = 0
+        self.losses = 0
+        self.written = 0
+        self.replaced = 0
         self._inbox: deque[tuple[float, bytes]] = deque(maxlen=_MOST_CHUNKS)
         self._waiting: bytes | None = None
         self._condition = threading.Condition()

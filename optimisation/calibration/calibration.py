@@ -34,20 +34,27 @@ from aerodima.optimisation.calibration.two_systems import (
     lift_of,
 )
 from aerodima.optimisation.sweep.runs import Runs
-from aerodima.workbench.batch.row_store import content_key
+from aerodima.workbench.batch.row_store import Row, content_key
 from aerodima.workbench.config.array_types import FloatArray
 
-REDUCED_AT_ONCE, FULL_AT_ONCE = 300, 4
-"""Cars in one piece of work."""
-MIDDLE, WIDE, NARROW = 0.67, 0.8, 0.4
-"""Friction in the middle of the first search for a flip, and the reach of both searches in its
-logarithm."""
+REDUCED_AT_ONCE = 300
+"""Reduced cars in one piece of work."""
+FULL_AT_ONCE = 4
+"""Full cars in one piece of work."""
+MIDDLE = 0.67
+"""Friction in the middle of the first search for a flip."""
+WIDE = 0.8
+"""Reach of the first search in the logarithm of the friction."""
+NARROW = 0.4
+"""Reach of the second search in the logarithm of the friction."""
 FULL_REACH = {"none": 0.05, "held": 0.05, "swing": 0.15}
 """Steps of the search for the flip of a full car from that of the reduced one."""
 LIFT_WIDTH = 0.1
 """rad/s."""
 STARTS = 20_000
 """Cars of the prior of which the likeliest start the sampler."""
+TurnResults = dict[str, dict[str, Any]]
+"""Name of a turn -> lists of what its cars came to, by name."""
 
 
 def emulate(plan: CalibrationPlan, runs: Runs) -> Emulator:
@@ -58,26 +65,26 @@ def emulate(plan: CalibrationPlan, runs: Runs) -> Emulator:
     """
     prior = prior_of(plan)
     figures = figures_of(plan)
-    first = prior.spread(plan.size.cars // 2, plan.seed)
+    size = plan.size
+    seed = plan.seed
+    first = prior.spread(size.cars // 2, seed)
     wide = _reduced(plan, runs, first, WIDE)
     emulator = Emulator.of_reduced(prior, first, wide)
-    rough = sample(
-        emulator, figures, plan.seed, steps=2 * plan.size.steps
-    ).cars  # wide, so it settles later
-    second = _different(rough, plan.size.cars, plan.seed)
+    # The rough posterior is wide, so it settles later.
+    rough = sample(emulator, figures, seed, steps=2 * size.steps)
+    second = _different(rough.cars, size.cars, seed)
     narrow = _reduced(plan, runs, second, NARROW)
     both = {
         turn: {name: wide[turn][name] + narrow[turn][name] for name in narrow[turn]}
         for turn in narrow
     }
     emulator = Emulator.of_reduced(prior, np.vstack([first, second]), both)
-    full = _different(sample(emulator, figures, plan.seed).cars, plan.size.full, plan.seed)
+    posterior = sample(emulator, figures, seed)
+    full = _different(posterior.cars, size.full, seed)
     return emulator.corrected(full, _full_flips(plan, runs, full, emulator))
 
 
-def _reduced(
-    plan: CalibrationPlan, runs: Runs, cars: FloatArray, reach: float
-) -> dict[str, dict[str, Any]]:
+def _reduced(plan: CalibrationPlan, runs: Runs, cars: FloatArray, reach: float) -> TurnResults:
     """`run_reduced` of cars (m, n) by name of the turn; the flip is searched around the friction of
     each car.
 
@@ -94,7 +101,7 @@ def _reduced(
 
 def _full_flips(
     plan: CalibrationPlan, runs: Runs, cars: FloatArray, emulator: Emulator
-) -> dict[str, dict[str, Any]]:
+) -> TurnResults:
     """`search_full` of cars (m, n) by name of the turn, around the friction at which the emulator
     has them flip.
     """
@@ -104,7 +111,7 @@ def _full_flips(
     return _joined(_by_turn(search_full, plan, runs, everywhere, 1, FULL_REACH, margins=margins))
 
 
-def _joined(found: Mapping[str, list[Any]]) -> dict[str, dict[str, Any]]:
+def _joined(found: Mapping[str, list[Any]]) -> TurnResults:
     return {
         turn: {name: list(chain.from_iterable(part[name] for part in parts)) for name in parts[0]}
         for turn, parts in found.items()
@@ -131,18 +138,15 @@ def _by_turn(
     """What work comes to, in pieces of so many cars, by name of the turn; all pieces are handed out
     together.
     """
-    pieces = [
-        Piece(
-            plan,
-            turn,
-            tuple(map(tuple, cars[turn.name][first : first + at_once].tolist())),
-            reaches.get(turn.tail, 0.0),
-            step,
-            tuple(margins[turn.name][first : first + at_once].tolist()) if margins else (),
-        )
-        for turn in plan.turns
-        for first in range(0, len(cars[turn.name]), at_once)
-    ]
+    pieces = []
+    for turn in plan.turns:
+        own = cars[turn.name]
+        reach = reaches.get(turn.tail, 0.0)
+        for first in range(0, len(own), at_once):
+            part = slice(first, first + at_once)
+            numbers = tuple(map(tuple, own[part].tolist()))
+            begins = tuple(margins[turn.name][part].tolist()) if margins else ()
+            pieces.append(Piece(plan, turn, numbers, reach, step, begins))
     rounds = (plan.size.rounds, plan.size.full_rounds)
     keys = [
         content_key(
@@ -188,14 +192,14 @@ def log_likelihood(emulator: Emulator, figures: Sequence[Figure], cars: FloatArr
     margins = {turn.name: emulator.margin(cars, turn) for turn in plan.turns}
     total = emulator.log_outcomes(margins)
     for turn in plan.turns:
-        own = [figure for figure in figures if figure.turn.name == turn.name]
         if turn.table:
             values = emulator.values(cars, turn, margins[turn.name])
-            for figure in own:
-                total += log_density(
-                    emulator, figure, cars, values[:, METRICS.index(figure.metric)]
-                )
-            if turn == (lift := lift_of(plan)).turn:
+            for figure in figures:
+                if figure.turn.name == turn.name:
+                    shown = values[:, METRICS.index(figure.metric)]
+                    total += log_density(emulator, figure, cars, shown)
+            lift = lift_of(plan)
+            if turn == lift.turn:
                 width = np.hypot(LIFT_WIDTH, emulator.deviation(lift))
                 total += log_ndtr((values[:, METRICS.index(LIFT)] - lift.published) / width)
     return total
@@ -212,12 +216,12 @@ def log_density(
     Args:
         values: of the figure (m), where they are known already.
     """
-    values = emulator.value(cars, figure) if values is None else values
+    if values is None:
+        values = emulator.value(cars, figure)
     spread = spread_of(emulator, figure, cars, values)
     off = (figure.published - values) / spread
-    found: FloatArray = -0.5 * off * off - np.log(
-        spread * np.sqrt(2.0 * np.pi) / abs(figure.published)
-    )
+    normaliser = spread * np.sqrt(2.0 * np.pi) / abs(figure.published)
+    found: FloatArray = -0.5 * off * off - np.log(normaliser)
     return found
 
 
@@ -230,9 +234,8 @@ def spread_of(
     A rate and its integral are off by different shares; the integral of a gyro gathers what the
     rate averages out.
     """
-    share = cars[
-        :, emulator.prior.column(OFF_ROLL if figure.metric == "roll_integral_rad" else OFF)
-    ]
+    name = OFF_ROLL if figure.metric == "roll_integral_rad" else OFF
+    share = cars[:, emulator.prior.column(name)]
     found: FloatArray = np.hypot(share * values, emulator.deviation(figure))
     return found
 
@@ -289,8 +292,9 @@ def sample(
     with np.errstate(invalid="ignore"):  # a chain too short to move
         longest = float(np.nanmax(emcee.autocorr.integrated_time(chain, tol=0)))
     flat = chain.reshape(-1, chain.shape[2])
-    kept = flat[np.random.default_rng(seed).choice(len(flat), min(KEPT, len(flat)), replace=False)]
-    return Posterior(kept, len(flat) / longest, len(chain) / longest)
+    number = len(flat)
+    drawn = np.random.default_rng(seed).choice(number, min(KEPT, number), replace=False)
+    return Posterior(flat[drawn], number / longest, len(chain) / longest)
 
 
 @dataclass(frozen=True)
@@ -300,7 +304,7 @@ class FineRuns:
     """
 
     cars: FloatArray
-    rows: dict[str, list[dict[str, Any]]]
+    rows: dict[str, list[Row]]
 
 
 def run_fine(plan: CalibrationPlan, posterior: Posterior, runs: Runs) -> FineRuns:

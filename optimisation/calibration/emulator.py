@@ -29,13 +29,20 @@ from aerodima.workbench.config.array_types import FloatArray, IntArray
 from aerodima.workbench.errors import UserError
 
 METRICS = (*FIGURES, LIFT)
-SIZES, LENGTHS, NOISES = (1e-2, 1e3), (0.3, 100.0), (1e-5, 1.0)
-"""Bounds of what a process is tuned in: variance, lengths over scaled columns, variance of the
-noise."""
-TUNED, FITTED = 250, 1200
-"""Most rows by which it is tuned, and to which it is fitted."""
-LEAST, LEAST_FULL = 8, 3
-"""Cars that a process, and full cars that a correction needs."""
+SIZES = (1e-2, 1e3)
+"""Bounds of the variance that a process is tuned in."""
+LENGTHS = (0.3, 100.0)
+"""Bounds of its lengths over scaled columns."""
+NOISES = (1e-5, 1.0)
+"""Bounds of the variance of its noise."""
+TUNED = 250
+"""Most rows by which a process is tuned."""
+FITTED = 1200
+"""Most rows to which a process is fitted."""
+LEAST = 8
+"""Cars that a process needs."""
+LEAST_FULL = 3
+"""Full cars that a correction needs."""
 RIDGES = np.logspace(0.0, 4.0, 9)
 """Ridges of a correction that are tried."""
 CLOSEST = 0.005
@@ -174,18 +181,17 @@ class Emulator:
         flips = {}
         figures = {}
         for turn in prior.plan.turns:
-            known, flip, tried, shown, whose = _search(turn, cars, found[turn.name], LEAST)
+            name = turn.name
+            known, flip, tried, shown, whose = _search(turn, cars, found[name], LEAST)
             scaled = prior.scaled(cars[known])
-            flips[turn.name] = Surface.process(
-                _of_the_flip(prior, turn), scaled, flip[known, None], known
-            )
+            columns = _of_the_flip(prior, turn)
+            surface = Surface.process(columns, scaled, flip[known, None], known)
+            flips[name] = surface
             if turn.table:
-                inputs = _with_margin(
-                    prior.scaled(tried), _unseen(prior, turn, flip, flips[turn.name], tried, whose)
-                )
-                figures[turn.name] = Surface.process(
-                    _of_a_figure(prior, turn), inputs, shown, whose
-                )
+                margin = _unseen(prior, turn, flip, surface, tried, whose)
+                inputs = _with_margin(prior.scaled(tried), margin)
+                columns = _of_a_figure(prior, turn)
+                figures[name] = Surface.process(columns, inputs, shown, whose)
         return cls(prior, flips, figures)
 
     def corrected(self, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]) -> Emulator:
@@ -194,18 +200,18 @@ class Emulator:
         shifts = {}
         corrections = {}
         for turn in prior.plan.turns:
-            known, flip, tried, shown, whose = _search(turn, cars, found[turn.name], LEAST_FULL)
+            name = turn.name
+            known, flip, tried, shown, whose = _search(turn, cars, found[name], LEAST_FULL)
             scaled = prior.scaled(cars[known])
-            missed = flip[known, None] - self.flips[turn.name](scaled)
-            shifts[turn.name] = Surface.line(_of_the_flip(prior, turn), scaled, missed, known)
+            missed = flip[known, None] - self.flips[name](scaled)
+            surface = Surface.line(_of_the_flip(prior, turn), scaled, missed, known)
+            shifts[name] = surface
             if turn.table:
-                inputs = _with_margin(
-                    prior.scaled(tried), _unseen(prior, turn, flip, shifts[turn.name], tried, whose)
-                )
-                missed = shown - self.figures[turn.name](inputs)
-                corrections[turn.name] = Surface.line(
-                    _of_a_figure(prior, turn), inputs, missed, whose
-                )
+                margin = _unseen(prior, turn, flip, surface, tried, whose)
+                inputs = _with_margin(prior.scaled(tried), margin)
+                missed = shown - self.figures[name](inputs)
+                columns = _of_a_figure(prior, turn)
+                corrections[name] = Surface.line(columns, inputs, missed, whose)
         return replace(self, shifts=shifts, corrections=corrections)
 
     def margin(self, cars: FloatArray, turn: Turn) -> FloatArray:
@@ -232,14 +238,14 @@ class Emulator:
 
     def draw_outcomes(self, car: FloatArray, rng: np.random.Generator) -> dict[str, bool]:
         """Which turns a car (1, n) survives, drawn as `log_outcomes` has it."""
-        missed = {_kind(turn): rng.standard_normal() for turn in self.prior.plan.turns}
-        found = {}
-        for turn in self.prior.plan.turns:
+        plan = self.prior.plan
+        missed = {_kind(turn): rng.standard_normal() for turn in plan.turns}
+        survives = {}
+        for turn in plan.turns:
             margin = self.margin(car, turn)[0] + self.flip_deviation(turn) * missed[_kind(turn)]
-            found[turn.name] = bool(
-                margin > self.prior.plan.outcome_width[turn.tail] * rng.standard_normal()
-            )
-        return found
+            needed = plan.outcome_width[turn.tail] * rng.standard_normal()
+            survives[turn.name] = bool(margin > needed)
+        return survives
 
     def log_outcomes(self, margins: Mapping[str, FloatArray]) -> FloatArray:
         """Logarithm of the probability (m) of how all turns of the plan ended, by their `margin`

@@ -27,6 +27,7 @@ from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import Turns, drive_turns
 from aerodima.optimisation.screening.vehicle_motion import RATES, V, W
 from aerodima.optimisation.screening.vehicles import Vehicles
+from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import WHEELS
@@ -37,8 +38,10 @@ from aerodima.workbench.metrics.published_values import SAMPLE_TIMES
 from aerodima.workbench.metrics.turn_metrics import outcome_of
 from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, turn_signals
 
-BEFORE, AFTER = 0.4, 1.6
-"""Seconds before and after the start of the steering that figures are made of."""
+BEFORE = 0.4
+"""Time before the start of the steering that figures are made of, s."""
+AFTER = 1.6
+"""Time after the start of the steering that figures are made of, s."""
 STEP = 0.002
 """Step of the reduced cars, s."""
 LEFT = [index for index, wheel in enumerate(WHEELS) if wheel.endswith("left")]
@@ -85,19 +88,20 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
         else:
             signals = [low_pass(time, values, IMU_FILTER) for values in signals]
     window = (time >= start - 1e-9) & (time <= start + nuisances["window"] + 1e-9)
-    found: list[float] = []
+    figures: list[float] = []
+    inside = time[window]
+    span = inside[-1] - inside[0]
     for values in signals[:2]:
-        inside = values[window]
-        found += [
-            np.max(np.abs(inside)),
-            trapezoid(inside, time[window]) / (time[window][-1] - time[window][0]),
-        ]
-    found.append(np.max(cumulative_trapezoid(signals[2], time, initial=0.0)))
-    lifted = np.flatnonzero(
-        ~motion.both_inner & (np.arange(len(motion.both_inner)) * STEP >= BEFORE)
-    )
-    until = motion.yaw_rate[: lifted[0] + 1] if lifted.size else motion.yaw_rate
-    return dict(zip((*FIGURES, LIFT), [*map(float, found), float(np.max(until))], strict=True))
+        figures.append(np.max(np.abs(values[window])))
+        figures.append(trapezoid(values[window], inside) / span)
+    figures.append(np.max(cumulative_trapezoid(signals[2], time, initial=0.0)))
+    steered = np.arange(len(motion.both_inner)) * STEP >= BEFORE
+    lifted = np.flatnonzero(~motion.both_inner & steered)
+    until = motion.yaw_rate
+    if lifted.size:
+        until = until[: lifted[0] + 1]
+    figures.append(np.max(until))
+    return dict(zip((*FIGURES, LIFT), map(float, figures), strict=True))
 
 
 def nuisances_of(prior: CarPrior, car: FloatArray) -> dict[str, float]:
@@ -142,19 +146,27 @@ def run_reduced(piece: Piece) -> dict[str, Any]:
         `flips` (m): logarithm of the friction at the flip, None where the search did not find it;
         and of the survived runs `inputs` (k, n), cars with their friction, and `figures` (k, 6).
     """
-    prior = prior_of(piece.plan)
-    turn = piece.turn
     plan = piece.plan
+    prior = prior_of(plan)
+    column = prior.column
+    turn = piece.turn
     cars = np.array(piece.cars)
-    column = prior.column(f"{turn.system} {FRICTION}")
+    of_friction = column(f"{turn.system} {FRICTION}")
+    of_bias = column("gyro_bias")
+    names = list(plan.nuisances)
+    of_nuisances = [column(name) for name in names]
     scenarios = [load_scenario(f"turn_{turn.tail}", prior.settings(car, turn)) for car in cars]
     vehicles = Vehicles.of(scenarios)
     plans = TurnPlans.of(scenarios)
     begun = drive_turns(vehicles, plans, duration=0.0, length=STEP).last
     rng = np.random.default_rng([plan.seed, crc32(turn.name.encode()), crc32(cars.tobytes())])
-    centre = np.log(cars[:, column])
-    low = centre - piece.reach
-    high = centre + piece.reach
+    x = cars[:, column("imu.x")]
+    z = cars[:, column("imu.z")]
+    centre = np.log(cars[:, of_friction])
+    least = centre - piece.reach
+    most = centre + piece.reach
+    low = least
+    high = most
     inputs = []
     figures = []
     for _ in range(plan.size.rounds):
@@ -167,25 +179,24 @@ def run_reduced(piece: Piece) -> dict[str, Any]:
             history=True,
             begun=begun,
         )
-        low = np.where(driven.survived, np.log(tried), low)
-        high = np.where(driven.survived, high, np.log(tried))
-        motions = _motions(driven, cars[:, prior.column("imu.x")], cars[:, prior.column("imu.z")])
-        for place in np.flatnonzero(driven.survived):
+        survived = driven.survived
+        logarithm = np.log(tried)
+        low = np.where(survived, logarithm, low)
+        high = np.where(survived, high, logarithm)
+        motions = _motions(driven, x, z)
+        for place in np.flatnonzero(survived):
             # Other nuisances for every run: they cost nothing.
             car = cars[place].copy()
-            names = list(plan.nuisances)
-            car[[prior.column(n) for n in names]] = [rng.uniform(*plan.nuisances[n]) for n in names]
-            car[prior.column("gyro_bias")] = cars[place, prior.column("gyro_bias")]
-            car[column] = tried[place]
+            car[of_nuisances] = [rng.uniform(*plan.nuisances[name]) for name in names]
+            car[of_bias] = cars[place, of_bias]
+            car[of_friction] = tried[place]
             inputs.append(car.tolist())
-            figures.append(
-                list(figures_of_motion(motions[place], turn, nuisances_of(prior, car)).values())
-            )
-    found = (low > centre - piece.reach) & (high < centre + piece.reach)
-    flips = [
-        float(flip) if known else None
-        for flip, known in zip(0.5 * (low + high), found, strict=True)
-    ]
+            shown = figures_of_motion(motions[place], turn, nuisances_of(prior, car))
+            figures.append(list(shown.values()))
+    known = (low > least) & (high < most)
+    flips: list[float | None] = (0.5 * (low + high)).tolist()
+    for place in np.flatnonzero(~known):
+        flips[place] = None
     return {"flips": flips, "inputs": inputs, "figures": figures}
 
 
@@ -193,20 +204,24 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
     """Motion of each reduced car at its IMU, x and z (m) in B; at rest before the steering."""
     assert driven.history is not None
     assert driven.loads is not None
-    w = driven.history[:, RATES][:, W]
-    v = driven.history[:, RATES][:, V]
-    rate = [np.gradient(values, STEP, axis=0) for values in (w, v)]
-    ahead = w[:, 0] * x + w[:, 2] * z
-    acceleration = rate[1][:, 1] + w[:, 2] * v[:, 0] - w[:, 0] * v[:, 2]
-    acceleration = acceleration + rate[0][:, 2] * x - rate[0][:, 0] * z + w[:, 1] * ahead
+    rates = driven.history[:, RATES]
+    w = rates[:, W]
+    v = rates[:, V]
+    w_rate = np.gradient(w, STEP, axis=0)
+    v_rate = np.gradient(v, STEP, axis=0)
+    w_x = w[:, 0]
+    w_z = w[:, 2]
+    ahead = w_x * x + w_z * z
+    acceleration = v_rate[:, 1] + w_z * v[:, 0] - w_x * v[:, 2]
+    acceleration = acceleration + w_rate[:, 2] * x - w_rate[:, 0] * z + w[:, 1] * ahead
     loaded = (driven.loads[:, LEFT] > LOADED_FORCE).all(axis=1)
     # States are those behind a step, loads those at its beginning.
     before = np.zeros((round(BEFORE / STEP) + 1, len(x)))
-    yaw, lateral, roll = (
-        np.concatenate([before, values[:-1]]) for values in (w[:, 2], acceleration, w[:, 0])
-    )
-    both = np.concatenate([before[1:] == 0.0, loaded])
-    return [Motion(yaw[:, i], lateral[:, i], roll[:, i], both[:, i]) for i in range(len(x))]
+    yaw = np.concatenate([before, w_z[:-1]]).T
+    lateral = np.concatenate([before, acceleration[:-1]]).T
+    roll = np.concatenate([before, w_x[:-1]]).T
+    both = np.concatenate([before[1:] == 0.0, loaded]).T
+    return [Motion(*signals) for signals in zip(yaw, lateral, roll, both, strict=True)]
 
 
 def search_full(piece: Piece) -> dict[str, Any]:
@@ -259,7 +274,7 @@ def search_full(piece: Piece) -> dict[str, Any]:
     return found
 
 
-def run_full(piece: Piece) -> list[dict[str, Any]]:
+def run_full(piece: Piece) -> list[Row]:
     """Runs full cars (m) in a turn, each at its own friction.
 
     Returns:
@@ -267,12 +282,11 @@ def run_full(piece: Piece) -> list[dict[str, Any]]:
             figures of a survived
         run; or `error` of a car that could not be run.
     """
-    return [
-        _full_row(prior_of(piece.plan), piece.turn, np.array(car), piece.step) for car in piece.cars
-    ]
+    prior = prior_of(piece.plan)
+    return [_full_row(prior, piece.turn, np.array(car), piece.step) for car in piece.cars]
 
 
-def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) -> dict[str, Any]:
+def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) -> Row:
     from aerodima.workbench.simulate.simulation import simulate
 
     settings = prior.settings(car, turn)
@@ -283,16 +297,15 @@ def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) 
         signals = turn_signals(run, "truth")
         outcome = outcome_of(run)
         start = signals.window[0]
-        row: dict[str, Any] = {
+        row: Row = {
             "survived": outcome.result == "survived",
             "clean": outcome.clean,
             "trigger": None,
         }
         if run.has_tail:
             swings = np.isin(run.signal("controller_state"), (SwingState.DELAY, SwingState.SWING))
-            row["trigger"] = (
-                float(signals.time[np.argmax(swings)] - start) if swings.any() else None
-            )
+            if swings.any():
+                row["trigger"] = float(signals.time[np.argmax(swings)] - start)
         if row["survived"]:
             grid = start - BEFORE + STEP * np.arange(round((BEFORE + AFTER) / STEP))
             values = [signals.yaw_rate, signals.lateral_acceleration, signals.roll_rate]

@@ -40,7 +40,8 @@ from aerodima.workbench.metrics.published_values import (
 )
 from aerodima.workbench.plants.car_model import chassis_centre
 
-FRICTION, SLIP = "car.tyre_friction", "car.tyre_slip_angle"
+FRICTION = "car.tyre_friction"
+SLIP = "car.tyre_slip_angle"
 NUISANCES = ("window", "latency", "gyro_bias", "forward")
 OF_THE_FIELD = NUISANCES[1:]
 FORWARD = 0.5
@@ -49,7 +50,8 @@ LONGEST = {"window": 1.2, "latency": 0.3}
 """s; what is recorded around the steering allows no more."""
 KEPT = 2000
 """Cars of a posterior that are kept."""
-OFF, OFF_ROLL = "discrepancy", "discrepancy of roll"
+OFF = "discrepancy"
+OFF_ROLL = "discrepancy of roll"
 LIFT = "lift_yaw_rate_rad_per_s"
 FIGURES = (
     "max_yaw_rate_rad_per_s",
@@ -136,33 +138,28 @@ class CalibrationPlan(StrictModel):
 
     @model_validator(mode="after")
     def _names_are_known(self) -> Self:
+        turns = self.turns
         keys = {*self.body, *self.each}
+        of_systems = {f"{turn.system} {key}" for turn in turns for key in self.each}
         tables = {published.source for published in published_values()}
+        figures = {f"{table} {metric}" for table in tables for metric in FIGURES}
         for place, names, allowed in (
-            (
-                "ranges",
-                set(self.ranges),
-                keys | {f"{turn.system} {key}" for turn in self.turns for key in self.each},
-            ),
+            ("ranges", set(self.ranges), keys | of_systems),
             ("density", set(self.density), keys),
             ("nuisances", set(self.nuisances), set(NUISANCES)),
-            (
-                "left_out",
-                set(self.left_out),
-                {f"{table} {metric}" for table in tables for metric in FIGURES},
-            ),
-            ("turns: table", {turn.table for turn in self.turns} - {""}, tables),
+            ("left_out", set(self.left_out), figures),
+            ("turns: table", {turn.table for turn in turns} - {""}, tables),
         ):
-            if unknown := sorted(names - allowed):
-                raise ValueError(f"{place}: {unknown[0]!r}; {nearest(unknown[0], sorted(allowed))}")
-        if missing := [name for name in NUISANCES if name not in self.nuisances]:
+            for name in sorted(names - allowed):
+                raise ValueError(f"{place}: {name!r}; {nearest(name, sorted(allowed))}")
+        for name in NUISANCES:
+            if name not in self.nuisances:
+                raise ValueError(
+                    f"nuisances: {name!r} is missing; needed are {', '.join(NUISANCES)}"
+                )
+        for tail in sorted({turn.tail for turn in turns} - set(self.outcome_width)):
             raise ValueError(
-                f"nuisances: {missing[0]!r} is missing; needed are {', '.join(NUISANCES)}"
-            )
-        if missing := sorted({turn.tail for turn in self.turns} - set(self.outcome_width)):
-            raise ValueError(
-                f"outcome_width: {missing[0]!r} is missing; needed is one for the tail of every "
-                "turn"
+                f"outcome_width: {tail!r} is missing; needed is one for the tail of every turn"
             )
         off = ((OFF, self.discrepancy), (OFF_ROLL, self.discrepancy_of_roll))
         ranges = [*self.ranges.items(), *self.nuisances.items(), *off]
@@ -175,15 +172,11 @@ class CalibrationPlan(StrictModel):
                 raise ValueError(
                     f"nuisances: {name}: {low:g} to {high:g} s; allowed: within 0 to {most:g} s"
                 )
-        shown = [turn.table for turn in self.turns if turn.table]
-        twice = [
-            name
-            for names in (shown, [turn.name for turn in self.turns])
-            for name in names
-            if names.count(name) > 1
-        ]
-        if twice:
-            raise ValueError(f"turns: {twice[0]!r} stands there twice; allowed: once")
+        shown = [turn.table for turn in turns if turn.table]
+        for listed in (shown, [turn.name for turn in turns]):
+            for name in listed:
+                if listed.count(name) > 1:
+                    raise ValueError(f"turns: {name!r} stands there twice; allowed: once")
         if len(shown) < 2 or any(
             all(f"{table} {metric}" in self.left_out for metric in FIGURES) for table in shown
         ):
@@ -197,10 +190,10 @@ class CalibrationPlan(StrictModel):
             raise ValueError(
                 f"size: walkers: {size.walkers}; allowed: at least {2 * cars}, twice the unknowns"
             )
-        if size.cars + size.full > (most := min(KEPT, size.walkers * size.steps)):
-            raise ValueError(
-                f"size: cars and full: {size.cars + size.full}; allowed: {most} together"
-            )
+        together = size.cars + size.full
+        most = min(KEPT, size.walkers * size.steps)
+        if together > most:
+            raise ValueError(f"size: cars and full: {together}; allowed: {most} together")
         return self
 
 
@@ -230,9 +223,8 @@ def _prior_range(key: str, where: str = "prior") -> Range:
         raise ScenarioError(f"{where}: {key}: unknown key; {nearest(name, list(entries))}")
     prior = entries[name].prior
     if prior is None:
-        others = ", ".join(
-            sorted(f"{section}.{other}" for other in entries if entries[other].prior is not None)
-        )
+        known = [f"{section}.{other}" for other in entries if entries[other].prior is not None]
+        others = ", ".join(sorted(known))
         raise ScenarioError(f"{where}: {key}: has no prior range; allowed in {section}: {others}")
     return prior
 
@@ -263,10 +255,8 @@ def figures_of(plan: CalibrationPlan) -> tuple[Figure, ...]:
     found = []
     for turn in plan.turns:
         if turn.table:
-            found += [
-                Figure(turn, metric, getattr(rows[turn.table].metrics, metric))
-                for metric in FIGURES
-            ]
+            metrics = rows[turn.table].metrics
+            found += [Figure(turn, metric, getattr(metrics, metric)) for metric in FIGURES]
     return tuple(figure for figure in found if figure.name not in plan.left_out)
 
 
@@ -294,18 +284,14 @@ class CarPrior:
 
     def __post_init__(self) -> None:
         plan = self.plan
-        systems = tuple(dict.fromkeys(turn.system for turn in self.plan.turns))
+        systems = dict.fromkeys(turn.system for turn in plan.turns)
         keys = [*plan.body, *(f"{system} {key}" for system in systems for key in plan.each)]
-        ranges = [
-            plan.ranges.get(key)
-            or plan.ranges.get(key.split()[-1])
-            or _prior_range(key.split()[-1])
-            for key in keys
-        ]
-        ranges += [plan.nuisances[name] for name in NUISANCES] + [
-            plan.discrepancy,
-            plan.discrepancy_of_roll,
-        ]
+        ranges = []
+        for key in keys:
+            name = key.split()[-1]
+            ranges.append(plan.ranges.get(key) or plan.ranges.get(name) or _prior_range(name))
+        ranges += [plan.nuisances[name] for name in NUISANCES]
+        ranges += [plan.discrepancy, plan.discrepancy_of_roll]
         object.__setattr__(self, "names", (*keys, *NUISANCES, OFF, OFF_ROLL))
         object.__setattr__(self, "ranges", np.array(ranges))
         object.__setattr__(self, "_base", load_scenario("turn_swing"))
@@ -330,9 +316,8 @@ class CarPrior:
         """
         low, high = self.ranges.T
         scaled: FloatArray = 2.0 * (cars - low) / (high - low) - 1.0
-        scaled[:, self.column("forward")] = np.where(
-            cars[:, self.column("forward")] > FORWARD, 1.0, -1.0
-        )
+        forward = self.column("forward")
+        scaled[:, forward] = np.where(cars[:, forward] > FORWARD, 1.0, -1.0)
         return scaled
 
     def log_density(self, cars: FloatArray) -> FloatArray:

@@ -51,6 +51,7 @@ from aerodima.workbench.figures.figure_style import BLUE, GREY, VERMILION, new_f
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.metrics.published_values import Platform
 from aerodima.workbench.report.report_page import (
+    Content,
     Finding,
     Link,
     Page,
@@ -60,7 +61,8 @@ from aerodima.workbench.report.report_page import (
     write_files,
 )
 
-PAGE, MEASURE = "index.html", "measure_next.html"
+PAGE = "index.html"
+MEASURE = "measure_next.html"
 FIELD_TABLES = ("Table 7.3", "Table 7.4")
 OF_A_CAR = ("controller.trigger_yaw_rate", "tail.roll_stop")
 """Settings of a run that belong to the car, not to its drive."""
@@ -127,11 +129,13 @@ def calibrate(plan: CalibrationPlan, runs: Runs, out: Path, played: int) -> Path
     posterior = sample(emulator, figures, seed, steps=FINAL * plan.size.steps)
     say(f"effective sample size {posterior.size:.0f}")
     asked = [Question(emulator, figures, table, seed) for table in tables]
+    asked.append(asked[-1]._replace(prior=rigid(emulator.prior)))
     runs.stage = "tables from the others"
-    *left_out, stiff = predictions([*asked, asked[-1]._replace(prior=rigid(emulator.prior))], runs)
-    perfect = (
-        perfect_model(emulator, posterior, tables[-2:], played, seed, runs) if played else np.nan
-    )
+    *left_out, stiff = predictions(asked, runs)
+    if played:
+        perfect = perfect_model(emulator, posterior, tables[-2:], played, seed, runs)
+    else:
+        perfect = np.nan
     fine = run_fine(plan, posterior, runs)
     return write_pages(Result(emulator, posterior, left_out, stiff.density, perfect, fine), out)
 
@@ -140,66 +144,45 @@ def write_pages(result: Result, out: Path) -> Path:
     """Writes both pages, their tables and an ensemble per system into a folder; the path of the
     first page.
     """
-    plan = result.emulator.prior.plan
     prior = result.emulator.prior
+    cars = result.posterior.cars
     figures = pd.concat([left.rows for left in result.left_out], ignore_index=True)
-    ensembles = {
-        f"{system}.yaml": ensemble_text(result, system)
-        for system in dict.fromkeys(turn.system for turn in plan.turns)
-    }
-    tables = {
+    systems = dict.fromkeys(turn.system for turn in prior.plan.turns)
+    ensembles = {f"{system}.yaml": ensemble_text(result, system) for system in systems}
+    parameters = parameter_table(prior, cars)
+    measured = measure_table(prior, cars)
+    posterior = pd.DataFrame(cars, columns=prior.names)
+    contents: dict[str, Content] = {
+        **ensembles,
         "figures.csv": figures,
-        "parameters.csv": parameter_table(prior, result.posterior.cars),
-    }
-    measured = measure_table(prior, result.posterior.cars)
-    posterior = pd.DataFrame(result.posterior.cars, columns=prior.names)
-    pages = {
-        PAGE: validation_page(result, figures, tables["parameters.csv"]),
+        "parameters.csv": parameters,
+        "measure_next.csv": measured,
+        "posterior.parquet": posterior,
+        PAGE: validation_page(result, figures, parameters),
         MEASURE: measure_page(measured),
     }
-    write_files(
-        out,
-        {
-            **ensembles,
-            **tables,
-            "measure_next.csv": measured,
-            "posterior.parquet": posterior,
-            **pages,
-        },
-    )
+    write_files(out, contents)
     return out / PAGE
 
 
 def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFrame) -> Page:
     """What the calibration predicts, and how far to trust it."""
-    plan = result.emulator.prior.plan
-    left_out = result.left_out
-    score, chances = brier(result.emulator, result.posterior.cars)
-    outcomes = [
-        (
-            turn.system,
-            turn.tail,
-            f"{turn.speed:g}",
-            turn.ends,
-            f"{chances[turn.name]:.2f}",
-            *_fine_cells(result, turn),
-        )
-        for turn in plan.turns
-    ]
-    densities = [
-        (
-            left.table,
-            *(
-                f"{value:.1f}"
-                for value in (left.density, left.prior_density, left.constant_density)
-            ),
-        )
-        for left in left_out
-    ]
-    known = [
-        (f"{ratio:.3f}", ", ".join(f"{weight:+.2f} {name}" for name, weight in weights.items()))
-        for ratio, weights in combinations(result.emulator.prior, result.posterior.cars, plan.seed)
-    ]
+    prior = result.emulator.prior
+    cars = result.posterior.cars
+    plan = prior.plan
+    score, chances = brier(result.emulator, cars)
+    outcomes = []
+    for turn in plan.turns:
+        planned = (turn.system, turn.tail, f"{turn.speed:g}", turn.ends)
+        outcomes.append((*planned, f"{chances[turn.name]:.2f}", *_fine_cells(result, turn)))
+    densities = []
+    for left in result.left_out:
+        values = (left.density, left.prior_density, left.constant_density)
+        densities.append((left.table, *(f"{value:.1f}" for value in values)))
+    known = []
+    for ratio, weights in combinations(prior, cars, plan.seed):
+        terms = [f"{weight:+.2f} {name}" for name, weight in weights.items()]
+        known.append((f"{ratio:.3f}", ", ".join(terms)))
     drawn = Plot(
         _forest(figures),
         "Bars: 90 % intervals and medians, over the published figure (red line). Grey: those of "
@@ -207,14 +190,12 @@ def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFr
         "Predicted over published figures",
         "figures",
     )
-    missing = (
-        "; ".join(f"{name.replace('_', ' ')} ({why})" for name, why in plan.left_out.items())
-        or "none"
-    )
+    reasons = [f"{name.replace('_', ' ')} ({why})" for name, why in plan.left_out.items()]
+    missing = "; ".join(reasons) or "none"
+    last = result.left_out[-1]
     before = (
         "With the stiffest tyres of the prior and without latency, bias and delay, "
-        f"{left_out[-1].table} has "
-        f"{result.rigid_density:.1f}; now it has {left_out[-1].density:.1f}."
+        f"{last.table} has {result.rigid_density:.1f}; now it has {last.density:.1f}."
     )
     of_outcomes = (
         "system",
@@ -226,6 +207,8 @@ def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFr
     )
     of_parameters = ("parameter", "prior", "5 %", "median", "95 %", "deviation over the prior's")
     rows = [_parameter_cells(row) for row in parameters.to_dict("records")]
+    near_a_bound = np.flatnonzero(parameters.near_a_bound).tolist()
+    heads = ("table", "from the others", "of the prior", "of constant values")
     return Page(
         "What the calibrated cars predict",
         "The simulated car of the thesis and its car on the field are two systems that share a "
@@ -239,18 +222,12 @@ def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFr
             ),
             Section(
                 "Logarithm of the density of each table",
-                [
-                    Table(
-                        ("table", "from the others", "of the prior", "of constant values"),
-                        densities,
-                    ),
-                    before,
-                ],
+                [Table(heads, densities), before],
             ),
             Section("Outcomes", [Table((*of_outcomes, "trigger [s]", "within 0.3 s"), outcomes)]),
             Section(
                 "Parameters",
-                [Table(of_parameters, rows, np.flatnonzero(parameters.near_a_bound).tolist())],
+                [Table(of_parameters, rows, near_a_bound)],
             ),
             Section(
                 "What the data determine best",
@@ -271,18 +248,22 @@ def _findings(
     prior = result.emulator.prior
     of_the_field = figures[figures.figure.str.startswith(FIELD_TABLES)]
     missing = sum(name.startswith(FIELD_TABLES) for name in plan.left_out)
-    off, off_roll = (
-        np.quantile(result.posterior.cars[:, prior.column(name)], BAND) for name in (OFF, OFF_ROLL)
-    )
-    inside = (
-        f"When posterior cars play the thesis, {result.perfect:.0%} of the figures lie in "
-        "their intervals."
-    )
-    played = [] if np.isnan(result.perfect) else [inside]
-    widths = (of_the_field.high - of_the_field.low) / (
-        of_the_field.prior_high - of_the_field.prior_low
-    )
+    posterior = result.posterior
+    off = np.quantile(posterior.cars[:, prior.column(OFF)], BAND)
+    off_roll = np.quantile(posterior.cars[:, prior.column(OFF_ROLL)], BAND)
+    played = []
+    if not np.isnan(result.perfect):
+        played.append(
+            f"When posterior cars play the thesis, {result.perfect:.0%} of the figures lie in "
+            "their intervals."
+        )
+    of_the_prior = of_the_field.prior_high - of_the_field.prior_low
+    widths = (of_the_field.high - of_the_field.low) / of_the_prior
     held = ", ".join(parameters[parameters.near_a_bound].parameter)
+    if held:
+        near_a_bound = f"These medians lie near the end of their prior: {held}."
+    else:
+        near_a_bound = "No median lies near the end of its prior."
     return [
         f"Of {len(of_the_field) + missing} figures of the car on the field "
         f"{int(of_the_field.inside.sum())} lie in "
@@ -297,12 +278,10 @@ def _findings(
         *played,
         f"These intervals are {np.median(widths):.0%} as wide as those of the prior alone "
         "(median).",
-        f"The effective sample size is {result.posterior.size:.0f}; the chains are "
-        f"{result.posterior.length:.0f} "
+        f"The effective sample size is {posterior.size:.0f}; the chains are "
+        f"{posterior.length:.0f} "
         "autocorrelation times long.",
-        f"These medians lie near the end of their prior: {held}."
-        if held
-        else "No median lies near the end of its prior.",
+        near_a_bound,
     ]
 
 
@@ -318,8 +297,9 @@ def measure_page(measured: pd.DataFrame) -> Page:
         (row["quantity"], row["procedure"], f"{row['gain_nats']:.2f}")
         for row in measured.to_dict("records")
     ]
+    quantity, _, gain = rows[0]
     lead = (
-        f"Measure the {rows[0][0]} first: it is expected to tell {rows[0][2]} nats beyond the "
+        f"Measure the {quantity} first: it is expected to tell {gain} nats beyond the "
         "published figures."
     )
     table = Table(("quantity", "procedure", "expected gain [nats]"), rows)
@@ -329,13 +309,12 @@ def measure_page(measured: pd.DataFrame) -> Page:
 def measure_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
     """Gain of every measurement in nats, largest first."""
     names = ["quantity", "procedure", "deviation", "gain_nats"]
-    rows = [
-        (m.name, m.how, m.deviation, information(m, cars, prior.plan.seed))
-        for m in measurements(prior)
-    ]
-    return pd.DataFrame(rows, columns=names).sort_values(
-        "gain_nats", ascending=False, ignore_index=True
-    )
+    rows = []
+    for m in measurements(prior):
+        gain = information(m, cars, prior.plan.seed)
+        rows.append((m.name, m.how, m.deviation, gain))
+    table = pd.DataFrame(rows, columns=names)
+    return table.sort_values("gain_nats", ascending=False, ignore_index=True)
 
 
 def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
@@ -345,11 +324,12 @@ def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
     reference = prior.draw(2000, prior.plan.seed)
     rows = []
     for index, name in enumerate(prior.names):
-        low, median, high = np.quantile(cars[:, index], BAND)
+        values = cars[:, index]
+        low, median, high = np.quantile(values, BAND)
         first, last = prior.ranges[index]
         share = (median - first) / (last - first)
         near = name != "forward" and min(share, 1.0 - share) < NEAR_A_BOUND
-        learnt = float(np.std(cars[:, index]) / np.std(reference[:, index]))
+        learnt = float(np.std(values) / np.std(reference[:, index]))
         rows.append((name, first, last, low, median, high, learnt, near))
     names = [
         "parameter",
@@ -367,16 +347,14 @@ def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
 def ensemble_text(result: Result, system: Platform) -> str:
     """The cars of the fine runs in one system as the text of an ensemble file, equally likely."""
     prior = result.emulator.prior
-    plan = result.emulator.prior.plan
+    plan = prior.plan
     cars = result.fine.cars
     keys = {*plan.body, *plan.each}
     first = next(turn for turn in plan.turns if turn.system == system)
     scaled = prior.scaled(cars)
-    middle = int(
-        np.argmin(
-            np.sum(((scaled - scaled.mean(axis=0)) / (scaled.std(axis=0) + 1e-9)) ** 2, axis=1)
-        )
-    )
+    standard = (scaled - scaled.mean(axis=0)) / (scaled.std(axis=0) + 1e-9)
+    distances = np.sum(standard**2, axis=1)
+    middle = int(np.argmin(distances))
     content: dict[str, Any] = {
         "schema": ENSEMBLE_SCHEMA,
         "name": system,
@@ -397,14 +375,13 @@ def ensemble_text(result: Result, system: Platform) -> str:
         yaml.safe_dump(content, sort_keys=False, width=116).rstrip(),
         "members:",
     ]
+    weight = 1 / len(cars)
     for index, car in enumerate(cars):
         settings = dict(setting.split("=") for setting in prior.settings(car, first))
         values = ", ".join(
             f"{key}: {value}" for key, value in settings.items() if key in OF_A_CAR or key in keys
         )
-        lines.append(
-            f"- {{name: car{index:03d}, weight: {1 / len(cars):.6g}, values: {{{values}}}}}"
-        )
+        lines.append(f"- {{name: car{index:03d}, weight: {weight:.6g}, values: {{{values}}}}}")
     return "\n".join(lines) + "\n"
 
 
@@ -414,15 +391,13 @@ def _fine_cells(result: Result, turn: Turn) -> tuple[str, str, str]:
     """
     rows = [row for row in result.fine.rows[turn.name] if "error" not in row]
     survived = f"{sum(row['survived'] for row in rows)} of {len(rows)}"
-    started = np.array([np.inf if row["trigger"] is None else row["trigger"] for row in rows])
     if turn.tail != "swing":
         return survived, "-", "-"
+    started = np.array([np.inf if row["trigger"] is None else row["trigger"] for row in rows])
     middle = np.median(started)
-    return (
-        survived,
-        f"{middle:.2f}" if np.isfinite(middle) else "never",
-        f"{np.mean(started <= SOON):.0%}",
-    )
+    begins = f"{middle:.2f}" if np.isfinite(middle) else "never"
+    early = np.mean(started <= SOON)
+    return survived, begins, f"{early:.0%}"
 
 
 def _figure_cells(row: Mapping[Any, Any]) -> tuple[str, ...]:

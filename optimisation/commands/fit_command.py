@@ -118,27 +118,30 @@ class LogFit:
             force=self.force,
             progress=terminal(),
         )
+        results = fitted.results
+        failed = fitted.failed
+        number = len(self.logs)
         if fitted.reused:
-            typer.echo(f"{fitted.reused} of {len(self.logs)} were fitted before")
+            typer.echo(f"{fitted.reused} of {number} were fitted before")
+        extra: dict[str, pd.DataFrame] = {}
+        left_out: list[str] = []
         try:
-            extra, left_out = tables(fitted.results, self.out) if fitted.results else ({}, [])
+            if results:
+                extra, left_out = tables(results, self.out)
         except UserError as error:
-            extra = {}
             left_out = [f"tables over the logs are left out: {error}"]
-        write_report(
-            self.out, title, fitted.results, failed=fitted.failed, tables=extra, left_out=left_out
-        )
-        for name, reason in fitted.failed.items():
+        write_report(self.out, title, results, failed=failed, tables=extra, left_out=left_out)
+        for name, reason in failed.items():
             typer.echo(f"error: {name}: {reason.removeprefix(f'{name}: ')}", err=True)
-        show(fitted.results)
+        show(results)
         typer.echo(f"wrote {self.out / 'report.html'}")
-        if fitted.failed:
-            others = "; the others are done" if fitted.results else ""
-            left_out.append(f"{len(fitted.failed)} of {len(self.logs)} could not be fitted{others}")
+        if failed:
+            others = "; the others are done" if results else ""
+            left_out.append(f"{len(failed)} of {number} could not be fitted{others}")
         for line in left_out:
             typer.echo(f"error: {line}", err=True)
         if left_out:
-            raise typer.Exit(cli.Status.LEFT_OUT if fitted.results else cli.Status.WRONG)
+            raise typer.Exit(cli.Status.LEFT_OUT if results else cli.Status.WRONG)
 
 
 def show(results: list[FitResult]) -> None:

@@ -18,6 +18,16 @@ from aerodima.workbench.errors import SweepError, SwingError
 
 if TYPE_CHECKING:
     from aerodima.workbench.config.ensemble import Member
+TaskArgument = Annotated[str, cli.named("Task", "tasks")]
+TestCars = Annotated[int, typer.Option(help="So many of the test cars.", min=1)]
+SplitSeed = Annotated[int, typer.Option(help="Of the split of the cars.", min=0)]
+TailName = Annotated[
+    str, cli.chosen("Tail: that of each car, or the larger one.", "built", "designed")
+]
+Floors = Annotated[
+    list[float] | None,
+    typer.Option("--floor", help="Friction over that of the car; may be repeated; by default 1."),
+]
 
 
 def _suite(table: str) -> list[str]:
@@ -32,7 +42,6 @@ def _task_keys() -> list[str]:
     return [f"{name}=" for name in Task.model_fields if name != "schema_"]
 
 
-TaskArgument = Annotated[str, cli.named("Task", "tasks")]
 TaskSettings = Annotated[
     list[str] | None, cli.setting("training=2 or speeds=[3.6,4.5]", _task_keys)
 ]
@@ -78,23 +87,13 @@ def search(
     path = out / "swing.yaml"
     refuse_existing(path, work.force, SwingError)
     with runs_in(out, work) as runs:
-        write_swing(
-            search_motion(out.name, asked, motion, runs, progress=runs.say), path, force=work.force
-        )
+        found = search_motion(out.name, asked, motion, runs, progress=runs.say)
+        write_swing(found, path, force=work.force)
     typer.echo(f"found: {path}")
     tail = workbench.load_scenario(asked.scenario).tail.name
     typer.echo(
         f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}"
     )
-
-
-TailName = Annotated[
-    str, cli.chosen("Tail: that of each car, or the larger one.", "built", "designed")
-]
-Floors = Annotated[
-    list[float] | None,
-    typer.Option("--floor", help="Friction over that of the car; may be repeated; by default 1."),
-]
 
 
 @cli.grouped
@@ -124,10 +123,10 @@ def judge(
     ] = None,
     law: cli.Laws = None,
     ensemble: cli.Ensemble = "physical",
-    cars: Annotated[int, typer.Option(help="So many of the test cars.", min=1)] = 4,
+    cars: TestCars = 4,
     floors: Floors = None,
     tail: TailName = "designed",
-    seed: Annotated[int, typer.Option(help="Of the split of the cars.", min=0)] = 1,
+    seed: SplitSeed = 1,
     start: Annotated[float, typer.Option(help="First speed of a climb, m/s.")] = 2.0,
     step: Annotated[
         float, typer.Option(help="Between two speeds of a climb, m/s; its last step is refined.")
@@ -156,9 +155,8 @@ def judge(
     search = EntrySearch(start=start, step=step, ceiling=ceiling)
     driven = suite.manoeuvres(manoeuvre or suite.TRAINED_ON, tail)
     who = suite.candidates(candidate or list(suite.CANDIDATES), law or ())
-    cases = suite.floors(
-        _first(workbench.load_ensemble(ensemble).split(seed).test, cars), floors or [1.0]
-    )
+    split = workbench.load_ensemble(ensemble).split(seed)
+    cases = suite.floors(_first(split.test, cars), floors or [1.0])
     with runs_in(out, work) as runs:
         table = climb(driven, who, cases, runs, search)
     summary = summarise_entries(table)
@@ -168,7 +166,8 @@ def judge(
     )
     typer.echo("\n".join(entry_lines(summary)))
     typer.echo(f"written: entries.csv, summary.csv and report.html in {out}")
-    if table["ended_by"].astype(str).str.startswith(ERROR).any():
+    ended_by = table["ended_by"].astype(str)
+    if ended_by.str.startswith(ERROR).any():
         raise typer.Exit(cli.Status.LEFT_OUT)
     if not has_gain(summary):
         typer.echo("no candidate enters faster than the car without a tail", err=True)
@@ -212,9 +211,8 @@ def train(
 
     path = out / "candidates.yaml"
     refuse_existing(path, work.force, SwingError)
-    cases = suite.floors(
-        _first(workbench.load_ensemble(ensemble).split(seed).training, cars), floors or [1.0]
-    )
+    split = workbench.load_ensemble(ensemble).split(seed)
+    cases = suite.floors(_first(split.training, cars), floors or [1.0])
     asked = LawSearch(laws=laws, generations=generations, seed=seed, around=around)
     with runs_in(out, work) as runs:
         found = search_feedback(cases, tail, asked, runs)
@@ -224,10 +222,12 @@ def train(
         "cars": cars,
         "laws": laws,
         "generations": generations,
+        "around": around,
+        "seed": seed,
     }
-    options |= {"around": around, "seed": seed}
     asked_for = [*options.items(), *(("floor", share) for share in floors or [])]
-    how = " ".join(["aerodima swing train", *(f"--{name} {value}" for name, value in asked_for)])
+    words = [f"--{name} {value}" for name, value in asked_for]
+    how = " ".join(["aerodima swing train", *words])
     write_candidates(path, [found], how, force=work.force)
     typer.echo(f"found: {path}")
     typer.echo(
@@ -245,10 +245,10 @@ def bound(
         list[str] | None, typer.Option(help="lane-change or corner; by default both.")
     ] = None,
     ensemble: cli.Ensemble = "physical",
-    cars: Annotated[int, typer.Option(help="So many of the test cars.", min=1)] = 6,
+    cars: TestCars = 6,
     floors: Floors = None,
     tail: TailName = "designed",
-    seed: Annotated[int, typer.Option(help="Of the split of the cars.", min=0)] = 1,
+    seed: SplitSeed = 1,
     starts: Annotated[int, typer.Option(help="Of the search of a motion.", min=1)] = 7,
     generations: Annotated[
         int, typer.Option(help="Of a search, beside the first one.", min=0)
@@ -267,22 +267,21 @@ def bound(
     from aerodima.workbench.report.report_page import write_files
 
     names = bounds.paths(manoeuvre or ())
-    cases = suite.floors(
-        _first(workbench.load_ensemble(ensemble).split(seed).test, cars), floors or [1.0]
-    )
+    split = workbench.load_ensemble(ensemble).split(seed)
+    cases = suite.floors(_first(split.test, cars), floors or [1.0])
     with runs_in(out, work) as runs:
         table = bounds.search_bound(names, cases, tail, starts, generations, runs)
     write_files(out, {"bound.csv": table}, error=SweepError)
-    typer.echo("\n".join(["entry speeds of reduced cars, m/s", table.to_string(index=False)]))
+    typer.echo("entry speeds of reduced cars, m/s")
+    typer.echo(table.to_string(index=False))
     typer.echo(f"written: {out / 'bound.csv'}")
 
 
 def _first(there: Sequence[Member], number: int) -> tuple[Member, ...]:
-
-    if number > len(there):
+    most = len(there)
+    if number > most:
         raise SweepError(
-            f"--cars {number}: the part of the ensemble has {len(there)}: allowed: 1 to "
-            f"{len(there)}"
+            f"--cars {number}: the part of the ensemble has {most}: allowed: 1 to {most}"
         )
     return tuple(there[:number])
 
@@ -321,10 +320,8 @@ def verify(
     found = verify_swing(swing, scenario, settings or (), step=step, other_car=other_car)
     for file in write_verification(out, found, force=force):
         typer.echo(f"written: {file}")
+    subject = f"{found.swing.name} at {found.where}"
     if found.complaints:
-        typer.echo(
-            f"not verified: {found.swing.name} at {found.where}: {'; '.join(found.complaints)}",
-            err=True,
-        )
+        typer.echo(f"not verified: {subject}: {'; '.join(found.complaints)}", err=True)
         raise typer.Exit(cli.Status.NO)
-    typer.echo(f"verified: {found.swing.name} at {found.where}")
+    typer.echo(f"verified: {subject}")

@@ -35,8 +35,10 @@ DRIVER = [(0.15, 0.6), (0.0, 3.0), (0.02, 0.3)]
 MOTION = [(-1.45, 1.45)] * 12 + [(-1.25, 0.6)] * 4
 """Ranges of the tail's roll and pitch at places of the path, rad."""
 ROLLS = len(DRIVER) + 12
-FIRST, STEP = 2.0, 0.1
-"""First speed that is expected, and between two speeds, m/s."""
+FIRST = 2.0
+"""First speed that is expected, m/s."""
+STEP = 0.1
+"""Between two speeds, m/s."""
 AROUND = STEP * np.arange(-4, 4)
 """Speeds of each member of a generation, from the best one so far, m/s."""
 POPULATION = 40

@@ -34,6 +34,7 @@ from aerodima.optimisation.sweep.rollover_threshold import SPEED, rounded
 from aerodima.optimisation.sweep.runs import FINE_STEP, Runs, RunTask, make_frame, step_settings
 from aerodima.optimisation.swing.candidate import NO_TAIL, Candidate, refuse_twice
 from aerodima.workbench.actuators.chassis_actuators import steady_speed
+from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
@@ -46,9 +47,10 @@ STEP = 0.002
 """Step of the plant in a climb, s."""
 MOST_BACK = 8
 """How often a speed is lowered at most when the fine step does not bear it out."""
-OFF_PATH, PATH_END = "off_path_m", "path_end_reached"
-"""Columns of a run on a path: how far it leaves its lane, m, not above 0 where it keeps to it;
-whether it gets to the end."""
+OFF_PATH = "off_path_m"
+"""Column of a run on a path: how far it leaves its lane, m, not above 0 where it keeps to it."""
+PATH_END = "path_end_reached"
+"""Column of a run on a path: whether it gets to the end."""
 ERROR = "error: "
 """Begins what failed in a run that came to nothing."""
 NOT_PROVED = "not proved"
@@ -110,16 +112,17 @@ class EntrySearch:
     lowest: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.fine <= self.step or not 0.0 < self.lowest <= self.start <= self.ceiling:
+        fine = self.fine
+        if not 0.0 < fine <= self.step or not 0.0 < self.lowest <= self.start <= self.ceiling:
             raise SweepError(
                 f"start {self.start:g}, step {self.step:g}, ceiling {self.ceiling:g} m/s: allowed: "
-                f"step from {self.fine:g} m/s on, and {self.lowest:g} <= start <= ceiling"
+                f"step from {fine:g} m/s on, and {self.lowest:g} <= start <= ceiling"
             )
         for name in ("start", "step", "ceiling", "lowest"):
             value = getattr(self, name)
-            if not math.isclose(value, rounded(self.fine * round(value / self.fine)), rel_tol=1e-9):
+            if not math.isclose(value, rounded(fine * round(value / fine)), rel_tol=1e-9):
                 raise SweepError(
-                    f"entry speed: {name} {value:g}; allowed: multiples of fine, {self.fine:g}"
+                    f"entry speed: {name} {value:g}; allowed: multiples of fine, {fine:g}"
                 )
 
     def following(self, found: Mapping[float, str]) -> float | None:
@@ -138,7 +141,8 @@ class EntrySearch:
             speed = max(lost - self.step, self.lowest)
         else:
             speed = passed + self.fine * (round((lost - passed) / self.fine) // 2)
-        return None if rounded(speed) in found else rounded(speed)
+        following = rounded(speed)
+        return None if following in found else following
 
     def bracket(self, found: Mapping[float, str]) -> tuple[float | None, float | None]:
         """Last speed before the first failure, and that of the failure, m/s; `lateral` fails above
@@ -147,10 +151,11 @@ class EntrySearch:
         passed = None
         completed = False
         for speed in sorted(found):
-            if found[speed] and (completed or found[speed] != "lateral"):
+            failed = found[speed]
+            if failed and (completed or failed != "lateral"):
                 return passed, speed
             passed = speed
-            completed = completed or not found[speed]
+            completed = completed or not failed
         return passed, None
 
     def entry(self, found: Mapping[float, str]) -> float | None:
@@ -158,7 +163,9 @@ class EntrySearch:
         speed.
         """
         passed, _ = self.bracket(found)
-        return passed if passed is not None and not found[passed] else None
+        if passed is None or found[passed]:
+            return None
+        return passed
 
     def ended_by(self, found: Mapping[float, str]) -> str:
         """What ended a climb; `lateral` where the lateral acceleration was always too low, empty at
@@ -166,8 +173,9 @@ class EntrySearch:
         """
         passed, lost = self.bracket(found)
         failed = "" if lost is None else found[lost]
-        never_enough = passed is not None and found[passed] and not failed.startswith(ERROR)
-        return "lateral" if never_enough else failed
+        if passed is not None and found[passed] and not failed.startswith(ERROR):
+            return "lateral"  # it was never enough
+        return failed
 
     def proving(self, entry: float | None, found: Mapping[float, str]) -> float | None:
         """Next speed that is tried at the fine step, m/s; None at the end.
@@ -284,10 +292,8 @@ class _Climb:
         """Keeps what the row of a run comes to where it is completed, or where no driver is
         left.
         """
-        figure, course = (
-            math.nan if (value := row.get(name)) is None else float(value)
-            for name in ("lateral_acceleration_m_per_s2", "course_change_rad")
-        )
+        figure = _number(row.get("lateral_acceleration_m_per_s2"))
+        course = _number(row.get("course_change_rad"))
         drivers = self.manoeuvre.drivers
         failed = failed_rule(row, self.manoeuvre.rule, figure, self.least)
         run = _Run(failed, figure, course, " ".join(drivers[self.driver]))
@@ -300,7 +306,9 @@ class _Climb:
 
     def climbing(self) -> float | None:
         """Next speed at the ordinary step, m/s."""
-        return None if math.isnan(self.least) else self.search.following(_failures(self.coarse))
+        if math.isnan(self.least):
+            return None
+        return self.search.following(_failures(self.coarse))
 
     def proving(self) -> float | None:
         """Next speed at the fine step, m/s."""
@@ -319,41 +327,55 @@ class _Climb:
     @property
     def figure(self) -> float:
         """Mean lateral acceleration at the entry speed, m/s2; NaN without one."""
-        return math.nan if self.proved is None else self.fine[self.proved].figure
+        proved = self.proved
+        if proved is None:
+            return math.nan
+        return self.fine[proved].figure
 
     @property
     def most(self) -> float:
         """Largest mean lateral acceleration at the completed speeds up to the entry speed, m/s2;
         NaN without one.
         """
-        if self.proved is None:
+        proved = self.proved
+        if proved is None:
             return math.nan
-        completed = [
-            run.figure
-            for speed, run in self.coarse.items()
-            if speed <= self.proved and not run.failed
-        ]
-        return max(self.figure, *completed)
+        figures = [self.figure]
+        for speed, run in self.coarse.items():
+            if speed <= proved and not run.failed:
+                figures.append(run.figure)
+        return max(figures)
 
-    def as_row(self) -> dict[str, Any]:
+    def as_row(self) -> Row:
         """The row of the table, see `climb`."""
         failures = [run.failed for run in self.fine.values() if run.failed]
-        ended_by = failures[-1] if failures else self.search.ended_by(_failures(self.coarse))
-        if self.found is not None and self.proved is None:
-            ended_by = f"{NOT_PROVED}: {ended_by}"
+        if failures:
+            ended_by = failures[-1]
+        else:
+            ended_by = self.search.ended_by(_failures(self.coarse))
+        found = self.found
+        proved = self.proved
+        if proved is None:
+            run = _Run("", math.nan)
+            if found is not None:
+                ended_by = f"{NOT_PROVED}: {ended_by}"
+        else:
+            run = self.fine[proved]
+        if math.isnan(self.least):
+            ended_by = NO_REFERENCE
         return {
             "manoeuvre": self.manoeuvre.name,
             "candidate": self.who.name,
             "car": self.car.name,
             "floor": self.floor.name,
-            "entry_speed_m_per_s": math.nan if self.proved is None else self.proved,
-            "at_ceiling": self.proved == self.search.ceiling,
-            "ended_by": NO_REFERENCE if math.isnan(self.least) else ended_by,
-            "figure_m_per_s2": self.figure,
-            "course_change_rad": math.nan if self.proved is None else self.fine[self.proved].course,
-            "proved": self.proved is not None,
-            "found_m_per_s": math.nan if self.found is None else self.found,
-            "driver": "" if self.proved is None else self.fine[self.proved].driver,
+            "entry_speed_m_per_s": _number(proved),
+            "at_ceiling": proved == self.search.ceiling,
+            "ended_by": ended_by,
+            "figure_m_per_s2": run.figure,
+            "course_change_rad": run.course,
+            "proved": proved is not None,
+            "found_m_per_s": _number(found),
+            "driver": run.driver,
             "runs": len(self.coarse) + len(self.fine),
         }
 
@@ -400,7 +422,10 @@ def climb(
     climbs = []
     others = []
     for reference in references:
-        share = LEAST_SHARE * reference.most if reference.manoeuvre.rule == "lateral" else -math.inf
+        if reference.manoeuvre.rule == "lateral":
+            share = LEAST_SHARE * reference.most
+        else:
+            share = -math.inf
         own = [
             replace(reference, who=who, least=share, coarse={}, fine={}, driver=0)
             for who in candidates
@@ -420,7 +445,11 @@ def _drive(climbs: Sequence[_Climb], runs: Runs, stage: str) -> None:
     def rounds(
         following: Callable[[_Climb], float | None], step: float, kept: Literal["coarse", "fine"]
     ) -> None:
-        while wanted := [(one, speed) for one in climbs if (speed := following(one)) is not None]:
+        while True:
+            speeds = [(one, following(one)) for one in climbs]
+            wanted = [(one, speed) for one, speed in speeds if speed is not None]
+            if not wanted:
+                return
             rows = runs.rows([one.task(speed, step) for one, speed in wanted])
             for (one, speed), row in zip(wanted, rows, strict=True):
                 one.note(getattr(one, kept), speed, row)
@@ -429,6 +458,10 @@ def _drive(climbs: Sequence[_Climb], runs: Runs, stage: str) -> None:
     rounds(_Climb.climbing, STEP, "coarse")
     runs.stage = f"{stage}, fine step"
     rounds(_Climb.proving, FINE_STEP, "fine")
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
 
 
 def _failures(found: Mapping[float, _Run]) -> dict[float, str]:

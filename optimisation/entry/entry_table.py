@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from aerodima.optimisation.entry.entry_speed import ERROR, NO_REFERENCE, NOT_PROVED
 from aerodima.optimisation.sweep.runs import make_frame
 from aerodima.optimisation.swing.candidate import HELD, LOW_BALLAST, NO_TAIL, THESIS
+from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.figures.figure_style import BLUE, SKY, new_figure, styled
 from aerodima.workbench.report.report_page import Bullets, Finding, Page, Plot, Section, Table
@@ -35,25 +36,28 @@ UNKNOWN = (ERROR, NO_REFERENCE, NOT_PROVED)
 RESAMPLES = 4000
 """Draws of cars in a bootstrap."""
 _HEADER = (
-    *(
-        "candidate",
-        "m/s",
-        "course [deg]",
-        "none",
-        "unknown",
-        "ceiling",
-        "over no tail",
-        "95 % of cars drawn again",
-        "worst car",
-        "over low mass",
-    ),
-    *("over held or published", "most end by"),
+    "candidate",
+    "m/s",
+    "course [deg]",
+    "none",
+    "unknown",
+    "ceiling",
+    "over no tail",
+    "95 % of cars drawn again",
+    "worst car",
+    "over low mass",
+    "over held or published",
+    "most end by",
 )
 
 
 def known_speeds(table: pd.DataFrame) -> pd.Series:
     """Entry speeds (rows of the table), m/s; NaN where there is none or it is not known."""
-    return table[SPEED].mask(table["ended_by"].astype(str).str.startswith(UNKNOWN))
+    return table[SPEED].mask(_is_unknown(table))
+
+
+def _is_unknown(table: pd.DataFrame) -> pd.Series:
+    return table["ended_by"].astype(str).str.startswith(UNKNOWN)
 
 
 def entry_gains(table: pd.DataFrame, over: tuple[str, ...]) -> pd.Series:
@@ -69,14 +73,11 @@ def entry_gains(table: pd.DataFrame, over: tuple[str, ...]) -> pd.Series:
         over: names of the other candidates; those that the table lacks are left out.
     """
     speeds = known_speeds(table)
-    other = (
-        table.assign(known=speeds)[table["candidate"].isin(over)]
-        .groupby(CASE)["known"]
-        .max()
-        .rename("other")
-    )
-    never = table[SPEED].isna() & ~table["ended_by"].astype(str).str.startswith(UNKNOWN)
-    ratio = speeds.mask(never, 0.0) / table.join(other, on=CASE)["other"]
+    references = table.assign(known=speeds)[table["candidate"].isin(over)]
+    fastest = references.groupby(CASE)["known"].max().rename("other")
+    other = table.join(fastest, on=CASE)["other"]
+    never = table[SPEED].isna() & ~_is_unknown(table)
+    ratio = speeds.mask(never, 0.0) / other
     return (ratio - 1.0).rename("gain")
 
 
@@ -95,25 +96,32 @@ def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
     gains = {label: entry_gains(table, over) for label, over in REFERENCES.items()}
     rows = []
     for (manoeuvre, who), own in table.groupby(["manoeuvre", "candidate"], sort=False):
-        row: dict[str, Any] = {"manoeuvre": manoeuvre, "candidate": who, "number": len(own)}
-        row |= {
+        ended_by = own["ended_by"].fillna("").astype(str)
+        row: Row = {
+            "manoeuvre": manoeuvre,
+            "candidate": who,
+            "number": len(own),
             "without_entry": int(own[SPEED].isna().sum()),
             "at_ceiling": int(own["at_ceiling"].sum()),
+            "unknown": int(_is_unknown(own).sum()),
+            "ended_by": ended_by.mode().iloc[0],
+            "median_m_per_s": float(known_speeds(own).median()),
+            "median_course_rad": float(own["course_change_rad"].median()),
         }
-        row["unknown"] = int(own["ended_by"].astype(str).str.startswith(UNKNOWN).sum())
-        row["ended_by"] = own["ended_by"].fillna("").astype(str).mode().iloc[0]
-        row["median_m_per_s"] = float(known_speeds(own).median())
-        row["median_course_rad"] = float(own["course_change_rad"].median())
         for label, gain in gains.items():
-            cars = gain[own.index].groupby(own["car"]).median().dropna().to_numpy(dtype=np.float64)
+            medians = gain[own.index].groupby(own["car"]).median()
+            cars = medians.dropna().to_numpy(dtype=np.float64)
             low, high = median_interval(cars, seed)
-            row |= {f"gain_over_{label}": float(np.median(cars)) if cars.size else math.nan}
-            row |= {f"worst_over_{label}": float(cars.min()) if cars.size else math.nan}
-            row |= {
-                f"low_over_{label}": low,
-                f"high_over_{label}": high,
-                f"cars_over_{label}": int(cars.size),
-            }
+            middle = math.nan
+            worst = math.nan
+            if cars.size:
+                middle = float(np.median(cars))
+                worst = float(cars.min())
+            row[f"gain_over_{label}"] = middle
+            row[f"worst_over_{label}"] = worst
+            row[f"low_over_{label}"] = low
+            row[f"high_over_{label}"] = high
+            row[f"cars_over_{label}"] = int(cars.size)
         rows.append(row)
     return make_frame(rows)
 
@@ -122,8 +130,11 @@ def has_gain(summary: pd.DataFrame) -> bool:
     """Whether a candidate with a tail enters faster than the car without one; True when none was
     judged.
     """
-    with_tail = summary[~summary["candidate"].isin([NO_TAIL.name, LOW_BALLAST.name])]
-    return with_tail.empty or bool((with_tail["gain_over_no_tail"] > 0.0).any())
+    without = summary["candidate"].isin([NO_TAIL.name, LOW_BALLAST.name])
+    with_tail = summary[~without]
+    if with_tail.empty:
+        return True
+    return bool((with_tail["gain_over_no_tail"] > 0.0).any())
 
 
 def median_interval(cars: FloatArray, seed: int) -> tuple[float, float]:
@@ -136,8 +147,10 @@ def median_interval(cars: FloatArray, seed: int) -> tuple[float, float]:
     """
     if not cars.size:
         return math.nan, math.nan
-    drawn = np.random.default_rng(seed).integers(cars.size, size=(RESAMPLES, cars.size))
-    low, high = np.quantile(np.median(cars[drawn], axis=1), [0.025, 0.975])
+    generator = np.random.default_rng(seed)
+    drawn = generator.integers(cars.size, size=(RESAMPLES, cars.size))
+    medians = np.median(cars[drawn], axis=1)
+    low, high = np.quantile(medians, [0.025, 0.975])
     return float(low), float(high)
 
 
@@ -159,50 +172,52 @@ def entry_page(table: pd.DataFrame, summary: pd.DataFrame) -> Page:
     sections = []
     for manoeuvre, own in summary.groupby("manoeuvre", sort=False):
         best = own.sort_values("median_m_per_s", ascending=False, kind="stable").iloc[0]
-        none = math.isnan(best["median_m_per_s"])
-        fastest.append(
-            f"{manoeuvre}: "
-            + ("none" if none else f"{best['candidate']}, {best['median_m_per_s']:.2f} m/s")
-        )
+        speed = best["median_m_per_s"]
+        if math.isnan(speed):
+            fastest.append(f"{manoeuvre}: none")
+        else:
+            fastest.append(f"{manoeuvre}: {best['candidate']}, {speed:.2f} m/s")
         figure = entry_figure(table[table["manoeuvre"] == manoeuvre])
-        plot = Plot(
-            figure,
-            "",
-            f"Entry speeds in the manoeuvre {manoeuvre}: a dot for every car, a bar at the median",
+        words = (
+            f"Entry speeds in the manoeuvre {manoeuvre}: a dot for every car, a bar at the median"
         )
-        sections.append(Section(str(manoeuvre), [plot, Table(_HEADER, _cells(own))]))
-    cars, floors = (", ".join(dict.fromkeys(table[key])) for key in ("car", "floor"))
+        table_of = Table(_HEADER, _cells(own))
+        sections.append(Section(str(manoeuvre), [Plot(figure, "", words), table_of]))
+    cars = ", ".join(dict.fromkeys(table["car"]))
+    floors = ", ".join(dict.fromkeys(table["floor"]))
     lead = (
         f"Highest speeds at which manoeuvres are completed without tip-up; cars {cars} on "
         f"floors {floors}"
     )
-    return Page(
-        "Entry speeds", lead, [Section("Highest median", [Finding([Bullets(fastest)])]), *sections]
-    )
+    highest = Section("Highest median", [Finding([Bullets(fastest)])])
+    return Page("Entry speeds", lead, [highest, *sections])
 
 
 def _cells(summary: pd.DataFrame) -> list[tuple[str, ...]]:
-    return [
-        (
-            str(row["candidate"]),
-            "–" if math.isnan(row["median_m_per_s"]) else f"{row['median_m_per_s']:.2f}",
-            "–"
-            if math.isnan(row["median_course_rad"])
-            else f"{math.degrees(row['median_course_rad']):.0f}",
-            f"{row['without_entry']:.0f} of {row['number']:.0f}",
-            f"{row['unknown']:.0f}",
-            f"{row['at_ceiling']:.0f}",
-            _percent(row["gain_over_no_tail"]),
-            "–"
-            if math.isnan(row["low_over_no_tail"])
-            else f"{_percent(row['low_over_no_tail'])} to {_percent(row['high_over_no_tail'])}",
-            _percent(row["worst_over_no_tail"]),
-            _percent(row["gain_over_low_mass"]),
-            _percent(row["gain_over_better_tail"]),
-            row["ended_by"],
-        )
-        for row in summary.to_dict("records")
-    ]
+    return [_row_cells(row) for row in summary.to_dict("records")]
+
+
+def _row_cells(row: dict[Any, Any]) -> tuple[str, ...]:
+    speed = row["median_m_per_s"]
+    course = row["median_course_rad"]
+    low = row["low_over_no_tail"]
+    interval = "–"
+    if not math.isnan(low):
+        interval = f"{_percent(low)} to {_percent(row['high_over_no_tail'])}"
+    return (
+        str(row["candidate"]),
+        "–" if math.isnan(speed) else f"{speed:.2f}",
+        "–" if math.isnan(course) else f"{math.degrees(course):.0f}",
+        f"{row['without_entry']:.0f} of {row['number']:.0f}",
+        f"{row['unknown']:.0f}",
+        f"{row['at_ceiling']:.0f}",
+        _percent(row["gain_over_no_tail"]),
+        interval,
+        _percent(row["worst_over_no_tail"]),
+        _percent(row["gain_over_low_mass"]),
+        _percent(row["gain_over_better_tail"]),
+        row["ended_by"],
+    )
 
 
 @styled()
@@ -210,14 +225,16 @@ def entry_figure(table: pd.DataFrame) -> Figure:
     """Entry speeds of all cars by floor and manoeuvre, a line per candidate, with the median as a
     bar.
     """
-    names, floors = (list(dict.fromkeys(table[key])) for key in ("manoeuvre", "floor"))
+    names = list(dict.fromkeys(table["manoeuvre"]))
+    floors = list(dict.fromkeys(table["floor"]))
     who = list(dict.fromkeys(table["candidate"]))[::-1]
     height = (0.9 + 0.34 * len(who)) * len(floors)
     figure, axes = new_figure(9.0, height, len(floors), len(names), sharex=True, sharey=True)
     for axis, (floor, name) in zip(axes.flat, itertools.product(floors, names), strict=True):
         own = table[(table["manoeuvre"] == name) & (table["floor"] == floor)]
-        speeds = [own.loc[own["candidate"] == one, SPEED].to_numpy(dtype=np.float64) for one in who]
-        for index, values in enumerate(speeds):
+        for index, candidate in enumerate(who):
+            speeds = own.loc[own["candidate"] == candidate, SPEED]
+            values = speeds.to_numpy(dtype=np.float64)
             if np.isfinite(values).any():
                 axis.barh(index, np.nanmedian(values), height=0.6, color=SKY)
             axis.plot(values, np.full(len(values), index), "o", color=BLUE, markersize=3)
@@ -231,4 +248,6 @@ def entry_figure(table: pd.DataFrame) -> Figure:
 
 
 def _percent(share: float) -> str:
-    return "–" if math.isnan(share) else f"{100.0 * share:+.1f} %"
+    if math.isnan(share):
+        return "–"
+    return f"{100.0 * share:+.1f} %"

@@ -289,7 +289,9 @@ def reduced_cars(chosen: Manoeuvre, cars: Sequence[tuple[str, ...]], who: Candid
     scenarios = []
     for car in cars:
         own = (*car, *chosen.settings)
-        ballast = () if who.ballast is None else who.ballast(load_scenario(chosen.scenario, own))
+        ballast: tuple[str, ...] = ()
+        if who.ballast is not None:
+            ballast = who.ballast(load_scenario(chosen.scenario, own))
         scenarios.append(load_scenario(chosen.scenario, (*own, *who.settings, *ballast, *still)))
     return Vehicles.of(scenarios)
 

@@ -40,8 +40,11 @@ from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log
 
 CAR = ("tyre_friction", "tyre_slip_angle", "com_height")
-DELAY, SPEED, DRIVEN = "delay", "speed", "driven_speed"
-"""Speed with which the run begins, and the one that the throttle of the log drives to."""
+DELAY = "delay"
+SPEED = "speed"
+"""Speed with which the run begins."""
+DRIVEN = "driven_speed"
+"""Speed that the throttle of the log drives to."""
 BIASES = {
     "gyro_bias_z": "yaw_rate",
     "gyro_bias_x": "roll_rate",
@@ -64,28 +67,40 @@ a step earlier or later do not count."""
 STEP_ERROR = (1.5, 0.5)
 """How many times the change by half the plant's step is added to its motion, and the standard
 deviation of that: once is a plant of half the step, twice, to first order, one without."""
-_SPEED_REACH, _TILTED = 1.0, 0.01
-"""Bounds of the speeds about those of the GPS, m/s; error of the attitude with which the IMU takes
-gravity off, rad."""
+_SPEED_REACH = 1.0
+"""Bounds of the speeds about those of the GPS, m/s."""
+_TILTED = 0.01
+"""Error of the attitude with which the IMU takes gravity off, rad."""
 _SCAN = ((0.2, 0.2), (0.5, 0.35), (0.8, 0.2), (0.5, 0.6))
 """Slip angle and height of the cars that are tried first, as shares of their ranges."""
-_TOP, _OF_FORCE, _LATENCIES = 0.9, 1.35, np.arange(0.0, 0.1501, 0.005)
-"""Their friction is so many times this quantile of the lateral acceleration over gravity; their
-delays, s."""
+_TOP = 0.9
+"""Quantile of the lateral acceleration over gravity that gives the friction of the starts."""
+_OF_FORCE = 1.35
+"""Their friction is so many times that quantile."""
+_LATENCIES = np.arange(0.0, 0.1501, 0.005)
+"""Their delays, s."""
 _WILD = {"yaw_rate": 1.0, "roll_rate": 1.0, "lateral_acceleration": 4.0, "speed": 0.5}
 """Where a residual stops to count for the start, rad/s, m/s2 and m/s: what rolls over in one car
 and not in another."""
-MISFIT, OPEN = 1.5, 0.8
-"""Times what noise and the least error of the model allow, from which a misfit is reported; share
-of a prior's deviation from which a log does not determine a number."""
-_MOST_STEPS, _SHARES = 25, (1.0, 0.5, 0.25, 0.1, 0.03)
-"""Most steps of a fit, and the shares of a Gauss-Newton step that are tried in turn."""
-_FAR, _NEAR, _SETTLED, _ROUGH = 3.0, 25.0, 0.01, 2.0
-"""A mean square of the residual above the first is far from what noise leaves. Of the cost, in
-halves of a squared standard deviation: a next step that promises less than the second is near,
-channels are weighed and derivatives kept from there on. One that promises less than the third, a
-seventh of a standard deviation of all unknowns together, ends the fit. Contacts that come a step
-earlier or later make the cost rough by the fourth: a step may raise it so far."""
+MISFIT = 1.5
+"""Times what noise and the least error of the model allow, from which a misfit is reported."""
+OPEN = 0.8
+"""Share of a prior's deviation from which a log does not determine a number."""
+_MOST_STEPS = 25
+"""Most steps of a fit."""
+_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
+"""Shares of a Gauss-Newton step that are tried in turn."""
+_FAR = 3.0
+"""A mean square of the residual above this is far from what noise leaves."""
+_NEAR = 25.0
+"""Of the cost, in halves of a squared standard deviation: a next step that promises less is near;
+channels are weighed and derivatives kept from there on."""
+_SETTLED = 0.01
+"""Of the cost: a next step that promises less, a seventh of a standard deviation of all unknowns
+together, ends the fit."""
+_ROUGH = 2.0
+"""Of the cost, by which a step may raise it: contacts that come a step earlier or later make it
+rough."""
 
 
 def prior_of(name: str) -> tuple[float, float]:
@@ -94,8 +109,10 @@ def prior_of(name: str) -> tuple[float, float]:
         return (Scenario.parameters("car")[name].prior if name in CAR else None) or PRIORS[name]
     if name.startswith("gyro_bias"):
         most = (Scenario.parameters("imu")["gyro_bias"].prior or (0.0, math.nan))[1]
+    elif name in BIASES:
+        most = 9.81 * _TILTED
     else:
-        most = 9.81 * _TILTED if name in BIASES else math.nan
+        most = math.nan
     return -most, most
 
 
@@ -211,17 +228,21 @@ class CarModel:
         for index, p in enumerate(self.parameters.free):
             moved = x.copy()
             latency = self.latency
-            moved[index] += STEPS.get(p.name, 1e-3) * (-1.0 if x[index] > p.seed else 1.0)
+            value = x[index]
+            moved[index] += STEPS.get(p.name, 1e-3) * (-1.0 if value > p.seed else 1.0)
             if p.name == DELAY and self.drive.tailed:
-                latency += 2.0 * self._step
-                moved[index] = x[index] + 2.0 * self._step
-            columns.append((self.rows(moved, latency=latency) - here) / (moved[index] - x[index]))
+                later = 2.0 * self._step
+                latency += later
+                moved[index] = value + later
+            rise = self.rows(moved, latency=latency) - here
+            columns.append(rise / (moved[index] - value))
         return np.array(columns).T
 
     def follow(self, x: FloatArray) -> None:
         """Moves the latency of the runs to the delay, if it is off by more than a tick."""
-        if abs(self.values(x)[DELAY] - self.latency) > self._step:
-            self.latency = round(self.values(x)[DELAY] / self._step) * self._step
+        delay = self.values(x)[DELAY]
+        if abs(delay - self.latency) > self._step:
+            self.latency = round(delay / self._step) * self._step
 
     def find_step_error(self, x: FloatArray) -> None:
         """Runs at half the plant's step."""
@@ -237,13 +258,14 @@ class CarModel:
         best = math.inf
         found = self.parameters.seed
         low, high = np.array([prior_of(name) for name in CAR]).T
-        top = float(np.quantile(np.abs(drive.channels["lateral_acceleration"].value), _TOP))
+        acceleration = np.abs(drive.channels["lateral_acceleration"].value)
+        top = float(np.quantile(acceleration, _TOP))
         friction = _OF_FORCE * top / (drive.scenario.environment.gravity or 9.81)
+        places = [names.index(name) for name in CAR]
         for shares in _SCAN:
             x = self.parameters.seed
-            x[[names.index(name) for name in CAR]] = np.clip(
-                [friction, *(low[1:] + np.array(shares) * (high - low)[1:])], low, high
-            )
+            others = low[1:] + np.array(shares) * (high - low)[1:]
+            x[places] = np.clip([friction, *others], low, high)
             try:
                 run = self.run(self.values(x), 0.0, self._step)
             except FitError:
@@ -308,57 +330,58 @@ class Descent:
             steps = steps + 1
             status = self._step()
         r = self.model.rows(self.x) / self.model.divisors
+        cost = 0.5 * float(r @ r)
         settled = status.startswith("the next")
-        return Attempt(
-            begun,
-            self.x,
-            0.5 * float(r @ r),
-            settled,
-            status or f"{steps} steps were not enough",
-            steps,
-        )
+        reason = status or f"{steps} steps were not enough"
+        return Attempt(begun, self.x, cost, settled, reason, steps)
 
     def _step(self) -> str:
         """One step, or what must be known before it; says why it is the last."""
         model = self.model
-        p = self.model.parameters
+        near = self.near
+        p = model.parameters
+        scales = p.scales
         x = self.x
         if model.drive.tailed:
             model.follow(x)
         if not self.kept:
             self.slopes = model.slopes(x)
         here = model.rows(x)
-        if self.near:
+        if near:
             self.noise = model.weigh(x)
         r = here / model.divisors
         J = self.slopes / model.divisors[:, None]
         cost = 0.5 * float(r @ r)
-        size = 1.0 if self.near else max(2.0 * cost / r.size, 1.0)
-        low = (p.lower - x) / p.scales
-        high = (p.upper - x) / p.scales
-        step = p.scales * bounded_step(*triangle(J * p.scales, r), 0.0, low, high)
+        size = 1.0 if near else max(2.0 * cost / r.size, 1.0)
+        low = (p.lower - x) / scales
+        high = (p.upper - x) / scales
+        R, c = triangle(J * scales, r)
+        step = scales * bounded_step(R, c, 0.0, low, high)
         promised = cost - 0.5 * float(np.sum(np.square(r + J @ step)))
-        if not self.near and self.kept and size > _FAR and promised < 0.5 * cost:
-            self.kept = False
-            return ""
-        if not self.near and promised / size < (_NEAR if size < _FAR else _SETTLED):
-            self.near = True
-            self.kept = False
-            model.find_step_error(x)
-            return ""
+        if not near:
+            if self.kept and size > _FAR and promised < 0.5 * cost:
+                self.kept = False
+                return ""
+            enough = _NEAR if size < _FAR else _SETTLED
+            if promised / size < enough:
+                self.near = True
+                self.kept = False
+                model.find_step_error(x)
+                return ""
         if promised < _SETTLED * size:
             return "the next step is small against the intervals"
-        if self.near and self.kept and promised > 0.5 * self.promised:
+        if near and self.kept and promised > 0.5 * self.promised:
             self.kept = False
             return ""
-        self.promised = promised if self.near else math.inf
+        self.promised = promised if near else math.inf
         for share in _SHARES:
             moved = np.clip(x + share * step, p.lower, p.upper)
             try:
                 there = model.rows(moved)
             except FitError:
                 continue
-            rise = 0.5 * float(np.sum(np.square(there / model.divisors))) - cost
+            squares = np.square(there / model.divisors)
+            rise = 0.5 * float(np.sum(squares)) - cost
             if rise < _ROUGH * size:
                 break
         else:
@@ -366,12 +389,13 @@ class Descent:
                 return "no step lowers the cost"
             self.kept = False
             return ""
-        self.kept = share == 1.0 and rise < (_ROUGH if self.near else -0.5 * promised)
-        if self.kept and not self.near:  # Broyden's update
-            u = (moved - x) / p.scales
-            self.slopes = self.slopes + np.outer(
-                there - here - self.slopes @ (moved - x), u / p.scales
-            ) / (u @ u)
+        allowed = _ROUGH if near else -0.5 * promised
+        self.kept = share == 1.0 and rise < allowed
+        if self.kept and not near:  # Broyden's update
+            way = moved - x
+            u = way / scales
+            missed = there - here - self.slopes @ way
+            self.slopes = self.slopes + np.outer(missed, u / scales) / (u @ u)
         self.x = moved
         return ""
 
@@ -384,15 +408,11 @@ def fit_car(drive: CarDrive) -> FitResult:
     p = model.parameters
     x = best.x
     noise = descent.noise
-    opened = [
-        replace(
-            q,
-            lower=q.lower if side < 0 else -math.inf,
-            upper=q.upper if side > 0 else math.inf,
-            scale=q.size,
-        )
-        for q, side in zip(p.free, p.sides(x).tolist(), strict=True)
-    ]
+    opened = []
+    for q, side in zip(p.free, p.sides(x).tolist(), strict=True):
+        lower = q.lower if side < 0 else -math.inf
+        upper = q.upper if side > 0 else math.inf
+        opened.append(replace(q, lower=lower, upper=upper, scale=q.size))
     problem = Problem(
         Parameters.of(opened), lambda x: model.rows(x) / model.divisors, name=drive.name
     )
@@ -401,9 +421,7 @@ def fit_car(drive: CarDrive) -> FitResult:
     solution = Solution(problem, x, residual, jacobian, best, (best,))
     stepped = STEP_ERROR[1] * model.finer / model.divisors
     covariance = np.eye(residual.size) + np.outer(stepped, stepped)
-    sure = uncertainty(
-        solution, Noise(covariance, noise.degrees_of_freedom, noise.effective_samples)
-    )
+    sure = uncertainty(solution, replace(noise, covariance=covariance))
     warnings = [*drive.warnings]
     poor = [f"{name} by {scale:.2g}" for name, scale in model.scales.items() if scale > MISFIT]
     if poor:

@@ -25,21 +25,29 @@ from aerodima.workbench.logs.signals import check_signals
 from aerodima.workbench.metrics.turn_signals import STEERED
 from aerodima.workbench.sensors.car_sensors import STEPS
 
-LEAD, SETTLING, REACH = 0.6, 0.1, 0.5
-"""The car of a model rolls from so long before the first steering command on, s; its motion is
-compared once pitch and tail have settled, so much later, until so long after the last command."""
+LEAD = 0.6
+"""The car of a model rolls from so long before the first steering command on, s."""
+SETTLING = 0.1
+"""Its motion is compared so much later, once pitch and tail have settled, s."""
+REACH = 0.5
+"""Its motion is compared until so long after the last command, s."""
 LARGEST_TILT = 0.8
 """rad; what a car does that leans more is decided by what no model knows. Samples behind it are not
 fitted."""
 STOP_MARGIN = 0.03
 """rad; a tail so near to the stop that it swings to has struck it or may, in an instant that
 decides all behind it."""
-MODEL_SHARE, MODEL_TIME = 0.005, 0.1
+MODEL_SHARE = 0.005
 """Least error of the model: share of the signal, by which the largest yaw rate at the plant's step
-is off, and how long one such error lasts, s."""
-LEAST_SPAN, LEAST_SAMPLES, LEAST_NOISE = 0.5, {"imu": 40, "speed": 5}, 1e-4
-"""s before and after the first steering command; samples by source; of a signal whose unit is in
-rad/s or m/s2."""
+is off."""
+MODEL_TIME = 0.1
+"""How long one such error lasts, s."""
+LEAST_SPAN = 0.5
+"""Time that a log needs before and after the first steering command, s."""
+LEAST_SAMPLES = {"imu": 40, "speed": 5}
+"""Samples that a log needs, by source."""
+LEAST_NOISE = 1e-4
+"""Least noise of a signal whose unit is in rad/s or m/s2."""
 DRIVER = ("steering_command_rad", "throttle_command", "planned_turn")
 TAIL = {
     joint: [
@@ -222,49 +230,44 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
         Scenario.apply_setting(content, setting)
     scenario = Scenario.from_dict(content, "its scenario")
     time = log.time
+    signal = log.signal
     tailed = scenario.tail.mode != "none"
-    names = [
-        *DRIVER,
-        *(TAIL["pitch"] + TAIL["roll"] if tailed else ()),
-        "imu_roll_rad",
-        "imu_pitch_rad",
-    ]
-    names += ["tail_roll_angle_rad"] if tailed else []
-    check_signals(time, {name: log.signal(name) for name in names})
-    steered = np.flatnonzero(np.abs(log.signal(DRIVER[0])) > STEERED)
+    names = [*DRIVER, "imu_roll_rad", "imu_pitch_rad"]
+    if tailed:
+        names[len(DRIVER) : len(DRIVER)] = TAIL["pitch"] + TAIL["roll"]
+        names.append("tail_roll_angle_rad")
+    check_signals(time, {name: signal(name) for name in names})
+    steered = np.flatnonzero(np.abs(signal(DRIVER[0])) > STEERED)
     if not steered.size:
         raise FitError(f"column {DRIVER[0]!r} stays within {STEERED:g} rad; a fit needs a turn")
     turn = float(time[steered[0]])
     end = float(time[steered[-1]]) + REACH
-    pitch = log.signal("imu_pitch_rad")
-    roll = log.signal("imu_roll_rad")
-    lost = {
-        f"the car leans beyond {LARGEST_TILT:g} rad": np.cos(roll) * np.cos(pitch)
-        < math.cos(LARGEST_TILT)
-    }
+    upright = np.cos(signal("imu_roll_rad")) * np.cos(signal("imu_pitch_rad"))
+    lost = {f"the car leans beyond {LARGEST_TILT:g} rad": upright < math.cos(LARGEST_TILT)}
     if tailed:
-        angle = log.signal("tail_roll_angle_rad")
+        angle = signal("tail_roll_angle_rad")
         across = -np.sign(angle[steered[0]]) * angle
         lost["the tail strikes its stop"] = across > scenario.tail.roll_stop - STOP_MARGIN
     warnings = []
     for what, where in lost.items():
-        if (over := time[where & (time >= turn)]).size and over[0] < end:
+        over = time[where & (time >= turn)]
+        if over.size and over[0] < end:
             end = float(over[0])
             warnings.append(f"{what} at {end:g} s; samples until then are used")
     rate = scenario.controller.rate
-    begin = max(math.floor((turn - LEAD) * rate) / rate, float(time[0]))
-    if min(turn - begin, float(time[-1]) - turn) < LEAST_SPAN:
-        span = f"{time[0]:g} to {time[-1]:g} s, steered from {turn:g} s on"
+    first = float(time[0])
+    last = float(time[-1])
+    begin = max(math.floor((turn - LEAD) * rate) / rate, first)
+    if min(turn - begin, last - turn) < LEAST_SPAN:
+        span = f"{first:g} to {last:g} s, steered from {turn:g} s on"
         raise FitError(f"holds {span}; a fit needs {LEAST_SPAN:g} s to either side")
     channels = {name: _channel(log, name, scenario, (begin + SETTLING, end)) for name in CHANNELS}
-    tail = [[log.signal(name) for name in TAIL[joint]] for joint in TAIL if tailed]
-    commands = LoggedCommands(
-        time=time,
-        driver=np.array([log.signal(name) for name in DRIVER]),
-        tail=np.array(tail).swapaxes(1, 2) if tailed else np.zeros((2, time.size, 5)),
-        rate=rate,
-        begin=begin,
-    )
+    tail: FloatArray = np.zeros((2, time.size, 5))
+    if tailed:
+        of_joints = [[signal(name) for name in columns] for columns in TAIL.values()]
+        tail = np.array(of_joints).swapaxes(1, 2)
+    driver = np.array([signal(name) for name in DRIVER])
+    commands = LoggedCommands(time=time, driver=driver, tail=tail, rate=rate, begin=begin)
     line_speed = steady_speed(commands.at(turn - begin).throttle, scenario.drive)
     if line_speed <= 0.0:
         raise FitError(
@@ -281,12 +284,16 @@ def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, floa
     source, column, _ = CHANNELS[name]
     age = log.signal(f"status_{source}_age_s")
     values = log.signal(column)
-    used = (log.time >= span[0]) & (log.time <= span[1])
-    check_signals(log.time[used], {column: values[used], f"status_{source}_age_s": age[used]})
-    taken = log.time[used] - age[used]
+    begin, end = span
+    used = (log.time >= begin) & (log.time <= end)
+    time = log.time[used]
+    check_signals(time, {column: values[used], f"status_{source}_age_s": age[used]})
+    taken = time - age[used]
     sensor = scenario.imu if source == "imu" else scenario.gps
     new = np.diff(taken, prepend=-np.inf) > 0.5 / sensor.rate
-    if (count := np.count_nonzero(new)) < (least := LEAST_SAMPLES[source]):
+    count = np.count_nonzero(new)
+    least = LEAST_SAMPLES[source]
+    if count < least:
         raise FitError(f"only {count} samples of {column!r} around the turn; a fit needs {least}")
     noise, step = {
         "speed": (scenario.gps.noise, 0.0),

@@ -22,10 +22,14 @@ from aerodima.optimisation.identify.least_squares import LIMIT, spread
 from aerodima.workbench.aero.coefficient_files import SCHEMA, coefficients_from_dict
 from aerodima.workbench.aero.laws import CHEETAH_LIMIT, ROBOT_LIMIT
 from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import FitError
 
+_ANGLE_STEP = 1.0
+"""Holds within half of this (degrees) of each other are one node."""
 
-def weights(resnorms: np.ndarray) -> np.ndarray:
+
+def weights(resnorms: FloatArray) -> FloatArray:
     """w_i of eqs. 4.29 and 4.30.
 
     Raises:
@@ -41,7 +45,7 @@ def weights(resnorms: np.ndarray) -> np.ndarray:
     return eps / np.sum(eps)
 
 
-def averages(values: np.ndarray, resnorms: np.ndarray) -> dict[str, float]:
+def averages(values: FloatArray, resnorms: FloatArray) -> dict[str, float]:
     """All averages of one quantity over several fits.
 
     Args:
@@ -61,10 +65,11 @@ def averages(values: np.ndarray, resnorms: np.ndarray) -> dict[str, float]:
         "mean": np.mean(x),
         "median": np.median(x),
         "huber": huber_location(x),
+        "p10": low,
+        "p90": high,
     }
-    return {name: float(value) for name, value in {**found, "p10": low, "p90": high}.items()} | {
-        "samples": len(x)
-    }
+    numbers = {name: float(value) for name, value in found.items()}
+    return numbers | {"samples": len(x)}
 
 
 def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd.DataFrame:
@@ -81,30 +86,22 @@ def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd
         groups.setdefault(tuple(result.facts[key] for key in keys), []).append(result)
     rows = []
     for place, group in sorted(groups.items()):
-        units = {
-            e.name: e.unit
-            for result in group
-            for e in result.free
-            if not e.name.startswith("start_")
-        }
+        units = {}
+        pairs: dict[str, list[tuple[float, float]]] = defaultdict(list)
+        for result in group:
+            for e in result.free:
+                units[e.name] = e.unit
+                if e.identifiable and not e.name.startswith("start_"):
+                    pairs[e.name].append((e.value, result.resnorm))
+        facts = dict(zip(keys, place, strict=True))
         for name, unit in units.items():
-            found = [
-                result for result in group for e in result.free if e.name == name and e.identifiable
-            ]
-            if found:
-                numbers = np.array([(result[name].value, result.resnorm) for result in found]).T
-                rows.append(
-                    {
-                        **dict(zip(keys, place, strict=True)),
-                        "parameter": name,
-                        "unit": unit,
-                        **averages(*numbers),
-                    }
-                )
+            if name in pairs:
+                numbers = averages(*np.array(pairs[name]).T)
+                rows.append({**facts, "parameter": name, "unit": unit, **numbers})
     return pd.DataFrame(rows)
 
 
-def huber_location(values: np.ndarray) -> float:
+def huber_location(values: FloatArray) -> float:
     """The value with the least Huber loss; its scale is 1.4826 times the median deviation from the
     median.
 
@@ -116,20 +113,12 @@ def huber_location(values: np.ndarray) -> float:
         return float(np.median(values))
     from scipy.optimize import brentq
 
+    def pull(x: float) -> float:
+        return float(np.sum(np.clip((values - x) / scale, -LIMIT, LIMIT)))
+
     low = float(np.min(values))
     high = float(np.max(values))
-    return float(
-        brentq(
-            lambda x: float(np.sum(np.clip((values - x) / scale, -LIMIT, LIMIT))),
-            low,
-            high,
-            xtol=1e-9 * scale,
-        )
-    )
-
-
-_ANGLE_STEP = 1.0
-"""Holds within half of this (degrees) of each other are one node."""
+    return float(brentq(pull, low, high, xtol=1e-9 * scale))
 
 
 def node_angle(result: FitResult) -> float:
@@ -209,10 +198,11 @@ def _average(name: str, pairs: Sequence[tuple[float, float]]) -> dict[str, float
     it.
     """
     found = averages(*np.array(pairs).T)
-    numbers = {name: found.pop("weighted")} | {
-        f"{name}_{key}": value for key, value in found.items()
-    }
-    return {key: round(value, 5) for key, value in numbers.items() if not key.endswith("_samples")}
+    del found["samples"]
+    numbers = {name: round(found.pop("weighted"), 5)}
+    for key, value in found.items():
+        numbers[f"{name}_{key}"] = round(value, 5)
+    return numbers
 
 
 def robot_tail_set(results: Sequence[FitResult]) -> dict[str, Any] | None:
@@ -220,10 +210,10 @@ def robot_tail_set(results: Sequence[FitResult]) -> dict[str, Any] | None:
     bins: dict[float, list[tuple[float, float]]] = defaultdict(list)
     for result in results:
         for estimate in result.free:
-            if estimate.name.startswith("cn_at_") and estimate.identifiable:
-                bins[float(estimate.name.removeprefix("cn_at_"))].append(
-                    (estimate.value, result.resnorm)
-                )
+            name = estimate.name
+            if name.startswith("cn_at_") and estimate.identifiable:
+                speed = float(name.removeprefix("cn_at_"))
+                bins[speed].append((estimate.value, result.resnorm))
     if len(bins) < 2:
         return None
     nodes = [

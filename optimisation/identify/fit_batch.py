@@ -33,6 +33,7 @@ from aerodima.workbench.logs.schema import software_versions
 JOURNAL = "fits.jsonl"
 _RESULT = TypeAdapter(FitResult)
 WORKER_KILLED = "its worker process was killed, beside other fits and alone (out of memory?)"
+Fit = Callable[[str], FitResult]
 
 
 @dataclass(frozen=True)
@@ -48,9 +49,6 @@ class BatchResult:
     results: list[FitResult]
     failed: dict[str, str]
     reused: int = 0
-
-
-Fit = Callable[[str], FitResult]
 
 
 def fit_logs(
@@ -79,9 +77,11 @@ def fit_logs(
             settings.
     """
     names = [str(path) for path in logs]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice or not names:
-        raise FitError(f"{twice[0]}: named twice" if twice else "no log is named")
+    if not names:
+        raise FitError("no log is named")
+    for name in sorted(names):
+        if names.count(name) > 1:
+            raise FitError(f"{name}: named twice")
     versions = json.dumps(software_versions(), sort_keys=True)
     keys = {name: _key(name, versions) for name in names}
     with RowStore(out / JOURNAL, {"settings": settings}, force=force, error=FitError) as store:
@@ -91,10 +91,11 @@ def fit_logs(
         bar = ProgressBar(progress, len(names), len(done))
 
         def keep(_place: int, line: dict[str, Any]) -> None:
+            name = line["log"]
             if line["error"] != WORKER_KILLED:  # a second call tries it again
-                store.add(keys[line["log"]], line)
-            done[line["log"]] = line
-            bar.one_more(Path(line["log"]).name)
+                store.add(keys[name], line)
+            done[name] = line
+            bar.one_more(Path(name).name)
 
         with saying_how_to_go_on(progress, lambda: f"{bar.done} of {len(names)} fits"):
             run_batch(

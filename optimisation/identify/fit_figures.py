@@ -22,7 +22,10 @@ def figures_of(results: Sequence[FitResult]) -> dict[str, Figure]:
     """All figures of a report by name: the estimates of more than one fit, and the curves of the
     first ones.
     """
-    figures = {"estimates": plot_estimates(results)} if len(results) > 1 else {}
+    if len(results) > 1:
+        figures = {"estimates": plot_estimates(results)}
+    else:
+        figures = {}
     curves = [result for result in results if result.curves]
     return figures | ({"curves": plot_curves(*curves[:_MOST_CURVES])} if curves else {})
 

@@ -33,6 +33,22 @@ from aerodima.optimisation.identify.least_squares import (
 )
 from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
 from aerodima.optimisation.identify.uncertainty import Noise, Uncertainty, uncertainty
+from aerodima.workbench.config.array_types import FloatArray
+
+_NEGLIGIBLE = 0.03
+"""A constant whose standard deviation moves the whitened residual by less is left as it is."""
+_ROUNDS = 4
+_SETTLED = 0.1
+_STRANGE = 3.5
+"""Prior standard deviations beyond which the shift of a constant is reported."""
+_CHANCE = 1e-4
+"""Chance of a misfit below which it is reported."""
+_FEW = 50
+"""Most degrees of freedom that the data leave where such a misfit is reported."""
+_LEAST_SHARE = 1e-3
+Channels = Mapping[str, tuple[slice, float]]
+"""Name -> rows of a channel in the residual, and the weight that they were divided by."""
+NoiseModel = Callable[[Solution], Noise]
 
 
 @dataclass(frozen=True)
@@ -137,16 +153,20 @@ class FitResult:
         """
         row: dict[str, Any] = {"fit": self.name, **self.facts}
         for e in self.estimates:
-            suffix = "" if e.unit in ("1", "") else "_" + unit_suffix(e.unit)
-            row[f"{e.name}{suffix}"] = e.value
+            if e.unit in ("1", ""):
+                suffix = ""
+            else:
+                suffix = "_" + unit_suffix(e.unit)
+            name = e.name
+            row[f"{name}{suffix}"] = e.value
             if e.frozen:
                 continue
-            row[f"{e.name}_std{suffix}"], row[f"{e.name}_noise_std{suffix}"] = (
-                e.standard_deviation,
-                e.noise_deviation,
-            )
-            row[f"{e.name}_lower95{suffix}"], row[f"{e.name}_upper95{suffix}"] = e.lower, e.upper
-            row[f"{e.name}_identifiable"], row[f"{e.name}_bound"] = e.identifiable, e.bound
+            row[f"{name}_std{suffix}"] = e.standard_deviation
+            row[f"{name}_noise_std{suffix}"] = e.noise_deviation
+            row[f"{name}_lower95{suffix}"] = e.lower
+            row[f"{name}_upper95{suffix}"] = e.upper
+            row[f"{name}_identifiable"] = e.identifiable
+            row[f"{name}_bound"] = e.bound
         row |= {f"residual_rms_{channel}": value for channel, value in self.residual_rms.items()}
         row |= {
             "cost": self.cost,
@@ -165,19 +185,6 @@ def short_name(fit: str) -> str:
 def unit_suffix(unit: str) -> str:
     """A unit as the end of a column name: `N m s/rad` becomes `n_m_s_per_rad`, `A` becomes `a`."""
     return unit.lower().replace("/", "_per_").replace(" ", "_").replace("^", "")
-
-
-_NEGLIGIBLE = 0.03
-"""A constant whose standard deviation moves the whitened residual by less is left as it is."""
-_ROUNDS, _SETTLED = 4, 0.1
-_STRANGE = 3.5
-"""Prior standard deviations beyond which the shift of a constant is reported."""
-_CHANCE, _FEW = 1e-4, 50
-"""Chance of a misfit below which it is reported, where the data leave at most that many degrees of
-freedom."""
-_LEAST_SHARE = 1e-3
-
-NoiseModel = Callable[[Solution], Noise]
 
 
 @dataclass(frozen=True)
@@ -204,8 +211,8 @@ def fit(
     method: Solver,
     noise: NoiseModel,
     *,
-    starts: Sequence[np.ndarray] | None = None,
-    channels: Mapping[str, tuple[slice, float]] | None = None,
+    starts: Sequence[FloatArray] | None = None,
+    channels: Channels | None = None,
     facts: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
     loss: Loss = "squares",
@@ -229,9 +236,8 @@ def fit(
     channels = channels or {}
     solution = solve(problem, method, starts)
     if loss == "squares":
-        result = result_of(
-            solution, uncertainty(solution, noise(solution)), channels, facts or {}, warnings
-        )
+        sure = uncertainty(solution, noise(solution))
+        result = result_of(solution, sure, channels, facts or {}, warnings)
     else:
         robust = solve_huber(problem, method, solution)
         sure = uncertainty(robust.influence, noise(robust.influence))
@@ -245,7 +251,7 @@ def fit(
 def result_of(
     solution: Solution,
     sure: Uncertainty,
-    channels: Mapping[str, tuple[slice, float]],
+    channels: Channels,
     facts: Mapping[str, Any],
     warnings: Sequence[str],
     constants: Collection[str] = (),
@@ -256,30 +262,28 @@ def result_of(
     parameters = solution.problem.parameters
     kept = [i for i, name in enumerate(parameters.names) if name not in constants]
     bounds = parameters.active(solution.x)
-    numbers = np.stack(
-        [solution.x, sure.standard_deviation, sure.lower, sure.upper], axis=1
-    ).tolist()
-    found = dict(
-        zip(parameters.names, zip(numbers, sure.identifiable.tolist(), strict=True), strict=True)
-    )
+    columns = [solution.x, sure.standard_deviation, sure.lower, sure.upper, sure.identifiable]
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    numbers = dict(zip(parameters.names, rows, strict=True))
     estimates = []
     for p in parameters.all:
-        if p.name in constants:
+        name = p.name
+        if name in constants:
             continue
         if p.frozen:
+            seed = p.seed
             estimates.append(
-                Estimate(
-                    p.name, p.unit, p.seed, 0.0, p.seed, p.seed, frozen=True, noise_deviation=0.0
-                )
+                Estimate(name, p.unit, seed, 0.0, seed, seed, frozen=True, noise_deviation=0.0)
             )
             continue
-        of_p, identifiable = found[p.name]
+        value, sigma, low, high, identifiable = numbers[name]
         # A parameter that is not identifiable stays where it started, which may be a bound.
-        bound = bounds.get(p.name, "") if identifiable else ""
-        value, sigma, low, high = of_p
+        bound = ""
+        if identifiable:
+            bound = bounds.get(name, "")
         estimates.append(
             Estimate(
-                p.name, p.unit, value, sigma, low, high, identifiable, bound, noise_deviation=sigma
+                name, p.unit, value, sigma, low, high, identifiable, bound, noise_deviation=sigma
             )
         )
     rms = {
@@ -289,14 +293,16 @@ def result_of(
     unidentifiable = tuple(
         text for text in sure.unidentifiable if text.split(" ")[0] not in constants
     )
+    covariance = sure.covariance[np.ix_(kept, kept)].tolist()
+    best = solution.best
     return FitResult(
         name=solution.problem.name,
         estimates=tuple(estimates),
-        covariance=tuple(map(tuple, sure.covariance[np.ix_(kept, kept)].tolist())),
-        cost=solution.best.cost,
+        covariance=tuple(map(tuple, covariance)),
+        cost=best.cost,
         residual_rms=rms,
-        success=solution.best.success,
-        status=solution.best.status,
+        success=best.success,
+        status=best.status,
         attempts=tuple(_attempt(parameters.names, attempt) for attempt in solution.attempts),
         unidentifiable=unidentifiable,
         warnings=(*warnings, *_warnings(estimates, unidentifiable, sure, solution)),
@@ -306,11 +312,14 @@ def result_of(
 
 
 def _attempt(names: Sequence[str], attempt: Attempt) -> dict[str, Any]:
-    ends = {"start": attempt.start, "found": attempt.x}
-    reported = {
-        name: getattr(attempt, name) for name in ("cost", "success", "status", "iterations")
+    return {
+        "start": dict(zip(names, attempt.start.tolist(), strict=True)),
+        "found": dict(zip(names, attempt.x.tolist(), strict=True)),
+        "cost": attempt.cost,
+        "success": attempt.success,
+        "status": attempt.status,
+        "iterations": attempt.iterations,
     }
-    return {word: dict(zip(names, x.tolist(), strict=True)) for word, x in ends.items()} | reported
 
 
 def _warnings(
@@ -323,16 +332,16 @@ def _warnings(
     at_bounds = [e for e in estimates if e.bound]
     beyond = dict(zip(solution.problem.parameters.names, sure.beyond.tolist(), strict=True))
     for e in at_bounds:
-        bound = f"{e.bound} bound {e.value:.6g}{'' if e.unit == '1' else ' ' + e.unit}"
+        unit = "" if e.unit == "1" else " " + e.unit
+        bound = f"{e.bound} bound {e.value:.6g}{unit}"
         found.append(
             f"{e.name} stopped at its {bound}, {beyond[e.name]:.2g} standard deviations from what "
             "the data ask for"
         )
-    if at_bounds and len(at_bounds) < sum(e.identifiable and not e.frozen for e in estimates):
-        found.append(
-            f"the intervals of the others take {', '.join(e.name for e in at_bounds)} to lie "
-            "within bounds"
-        )
+    determined = sum(e.identifiable and not e.frozen for e in estimates)
+    if at_bounds and len(at_bounds) < determined:
+        names = ", ".join(e.name for e in at_bounds)
+        found.append(f"the intervals of the others take {names} to lie within bounds")
     if not solution.best.success:
         found.append(f"the solver did not finish: {solution.best.status}")
     return found
@@ -342,23 +351,26 @@ def _with_constants(
     first: FitResult,
     parameters: Sequence[Parameter],
     rig: UncertainRig,
-    channels: Mapping[str, tuple[slice, float]],
+    channels: Channels,
     warnings: Sequence[str],
     loss: Loss,
 ) -> FitResult:
     """Goes on from a fit with exact constants; `huber` bends the whitened residual beyond 1.345."""
     start = {e.name: e.value for e in first.estimates}
-    given = [
-        p if p.frozen else replace(p, seed=min(max(start[p.name], p.lower), p.upper))
-        for p in parameters
-    ]
+    given = []
+    for p in parameters:
+        if not p.frozen:
+            p = replace(p, seed=min(max(start[p.name], p.lower), p.upper))
+        given.append(p)
     problem = rig.problem(Parameters.of([*given, *rig.constants]))
-    x = problem.parameters.seed
+    unknowns = problem.parameters
+    x = unknowns.seed
     raw = _at(problem, x, problem.central_differences(x))
     found = rig.least_noise(raw)
-    sizes = [p.deviation if _has_prior(p) else 1.0 for p in problem.parameters.free]
-    effect = np.linalg.norm(_Whitening.of(found.covariance)(raw.jacobian), axis=0) * sizes
-    moving = dict(zip(problem.parameters.names, effect >= _NEGLIGIBLE, strict=True))
+    sizes = [p.deviation if _has_prior(p) else 1.0 for p in unknowns.free]
+    whiten = _Whitening.of(found.covariance)
+    effect = np.linalg.norm(whiten(raw.jacobian), axis=0) * sizes
+    moving = dict(zip(unknowns.names, effect >= _NEGLIGIBLE, strict=True))
     kept = [replace(c, frozen=_has_prior(c) and not moving[c.name]) for c in rig.constants]
     problem = rig.problem(Parameters.of([*given, *kept]))
     raw = _at(problem, problem.parameters.seed, np.empty(0))
@@ -376,42 +388,42 @@ def _with_constants(
     known = {c.name for c in rig.constants if _has_prior(c)}
     sure = uncertainty(solution, ones)
     result = result_of(replace(raw, best=best), sure, channels, first.facts, warnings, known)
-    return replace(
-        _with_shares(result, solution, rows, known),
-        attempts=first.attempts,
-        constants={
-            p.name: {"shift": float(shift), "deviation": float(deviation), "known_to": p.deviation}
-            for p, shift, deviation in zip(
-                problem.parameters.free, solution.x, sure.standard_deviation, strict=True
-            )
-            if p.name in known
-        },
-    )
+    constants = {}
+    free = problem.parameters.free
+    for p, shift, deviation in zip(free, solution.x, sure.standard_deviation, strict=True):
+        if p.name in known:
+            constants[p.name] = {
+                "shift": float(shift),
+                "deviation": float(deviation),
+                "known_to": p.deviation,
+            }
+    result = _with_shares(result, solution, rows, known)
+    return replace(result, attempts=first.attempts, constants=constants)
 
 
 @dataclass(frozen=True)
 class _Whitening:
     """Whitens the residual of the data: times `matrix`, or by element; `back` undoes it."""
 
-    matrix: np.ndarray
+    matrix: FloatArray
 
     @classmethod
-    def of(cls, covariance: np.ndarray) -> _Whitening:
+    def of(cls, covariance: FloatArray) -> _Whitening:
         if covariance.ndim == 1:
             return cls(1.0 / np.sqrt(np.maximum(covariance, 1e-300)))
         size = np.sqrt(np.diag(covariance))
         lower = np.linalg.cholesky(covariance / np.outer(size, size) + 1e-12 * np.eye(len(size)))
         return cls(np.linalg.inv(lower) / size)
 
-    def __call__(self, rows: np.ndarray) -> np.ndarray:
-        return self.matrix @ rows if self.matrix.ndim == 2 else (rows.T * self.matrix).T
+    def __call__(self, rows: FloatArray) -> FloatArray:
+        if self.matrix.ndim == 2:
+            return self.matrix @ rows
+        return (rows.T * self.matrix).T
 
-    def back(self, rows: np.ndarray) -> np.ndarray:
-        return (
-            np.linalg.solve(self.matrix, rows)
-            if self.matrix.ndim == 2
-            else (rows.T / self.matrix).T
-        )
+    def back(self, rows: FloatArray) -> FloatArray:
+        if self.matrix.ndim == 2:
+            return np.linalg.solve(self.matrix, rows)
+        return (rows.T / self.matrix).T
 
 
 def _has_prior(p: Parameter) -> bool:
@@ -423,7 +435,7 @@ def _size(noise: Noise) -> float:
     return float(np.mean(S) if S.ndim == 1 else np.mean(np.diag(S)))
 
 
-def _at(problem: Problem, x: np.ndarray, jacobian: np.ndarray) -> Solution:
+def _at(problem: Problem, x: FloatArray, jacobian: FloatArray) -> Solution:
     """Residual and Jacobian at x, without solving."""
     residual = np.asarray(problem.residual(x), float)
     return Solution(problem, x, residual, jacobian, best=None, attempts=())  # type: ignore[arg-type]
@@ -435,11 +447,12 @@ def _weighed(problem: Problem, whiten: _Whitening, loss: Loss) -> Problem:
     places = [i for i, p in enumerate(free) if _has_prior(p)]
     deviations = np.array([free[i].deviation for i in places])
 
-    def residual(x: np.ndarray) -> np.ndarray:
+    def residual(x: FloatArray) -> FloatArray:
         data = whiten(np.asarray(problem.residual(x), float))
-        return np.concatenate(
-            [huber(data) if loss == "huber" else data, np.asarray(x, float)[places] / deviations]
-        )
+        if loss == "huber":
+            data = huber(data)
+        priors = np.asarray(x, float)[places] / deviations
+        return np.concatenate([data, priors])
 
     return replace(problem, residual=residual, jacobian=None)
 
@@ -460,23 +473,18 @@ def _with_shares(
     priors = [p for p in free if p.name in known]
     scales = np.array([p.size for p in free])
     parts = np.square(np.linalg.pinv(solution.jacobian * scales))
-    shares = np.column_stack([parts[:, :rows].sum(axis=1), parts[:, rows:]]) / parts.sum(
-        axis=1, keepdims=True
-    )
+    split = np.column_stack([parts[:, :rows].sum(axis=1), parts[:, rows:]])
+    shares = split / parts.sum(axis=1, keepdims=True)
     exact = np.linalg.pinv(solution.jacobian[:rows, kept] * scales[kept])
-    alone = dict(
-        zip((free[i].name for i in kept), np.linalg.norm(exact, axis=1) * scales[kept], strict=True)
-    )
+    names = [free[i].name for i in kept]
+    deviations = np.linalg.norm(exact, axis=1) * scales[kept]
+    alone = dict(zip(names, deviations, strict=True))
+    sources = ["noise", *(p.name for p in priors)]
     budget = {}
-    for i in kept:
-        if result[free[i].name].identifiable:
-            pairs = sorted(
-                zip(["noise", *(p.name for p in priors)], shares[i].tolist(), strict=True),
-                key=lambda pair: -pair[1],
-            )
-            budget[free[i].name] = {
-                source: share for source, share in pairs if share >= _LEAST_SHARE
-            }
+    for name, own in zip(names, shares[kept].tolist(), strict=True):
+        if result[name].identifiable:
+            pairs = sorted(zip(sources, own, strict=True), key=lambda pair: -pair[1])
+            budget[name] = {source: share for source, share in pairs if share >= _LEAST_SHARE}
     shifts = solution.x[[i for i, p in enumerate(free) if p.name in known]]
     warnings = [
         f"the data want {p.name} shifted by {shift:.3g}, {abs(shift) / p.deviation:.1f} of its "
@@ -493,17 +501,15 @@ def _with_shares(
             "times what they "
             "allow; a constant is further off than its uncertainty says, or something else is wrong"
         )
-    estimates = [
-        e
-        if e.frozen
-        else replace(
-            e,
-            noise_deviation=min(float(alone[e.name]), e.standard_deviation)
-            if e.identifiable
-            else math.inf,
-        )
-        for e in result.estimates
-    ]
-    return replace(
-        result, estimates=tuple(estimates), budget=budget, warnings=(*result.warnings, *warnings)
-    )
+    estimates = []
+    for e in result.estimates:
+        if e.frozen:
+            estimates.append(e)
+            continue
+        if e.identifiable:
+            deviation = min(float(alone[e.name]), e.standard_deviation)
+        else:
+            deviation = math.inf
+        estimates.append(replace(e, noise_deviation=deviation))
+    warnings = [*result.warnings, *warnings]
+    return replace(result, estimates=tuple(estimates), budget=budget, warnings=tuple(warnings))

@@ -157,7 +157,9 @@ def _numbers(value: Any) -> Any:
         return {str(key): _numbers(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_numbers(item) for item in value]
-    return value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, np.generic):
+        return value.item()
+    return value
 
 
 def _heading(name: str) -> str:
@@ -211,14 +213,19 @@ def _frame(table: pd.DataFrame) -> Table:
 
 
 def _short(value: Any) -> str:
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:.5g}"
+    return str(value)
 
 
 def format_estimate(estimate: Estimate, unit: bool = False) -> str:
     """Value and interval in one cell; with the unit on request."""
     if not estimate.identifiable:
         return "not determined"
-    behind = f" {estimate.unit}" if unit and estimate.unit != "1" else ""
+    if unit and estimate.unit != "1":
+        behind = f" {estimate.unit}"
+    else:
+        behind = ""
     if estimate.frozen:
         return f"{estimate.value:.5g}{behind} (frozen)"
     digits = _digits(estimate.upper - estimate.lower)
@@ -226,7 +233,9 @@ def format_estimate(estimate: Estimate, unit: bool = False) -> str:
         f"{number:{digits}}" for number in (estimate.value, estimate.lower, estimate.upper)
     )
     text = f"{value} ({low} .. {high}){behind}"
-    return f"{text}, one-sided: at its {estimate.bound} bound" if estimate.bound else text
+    if estimate.bound:
+        return f"{text}, one-sided: at its {estimate.bound} bound"
+    return text
 
 
 def _digits(width: float) -> str:
@@ -234,4 +243,6 @@ def _digits(width: float) -> str:
     if not (0.0 < width < math.inf):
         return ".6g"
     decimals = 1 - math.floor(math.log10(width))
-    return f".{max(decimals, 0)}f" if decimals <= _MOST_DECIMALS else ".6g"
+    if decimals <= _MOST_DECIMALS:
+        return f".{max(decimals, 0)}f"
+    return ".6g"

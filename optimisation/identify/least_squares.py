@@ -16,10 +16,11 @@ from typing import Literal
 
 import numpy as np
 
+from aerodima.workbench.config.array_types import FloatArray, IntArray
 from aerodima.workbench.errors import FitError
 
-Residual = Callable[[np.ndarray], np.ndarray]
-Jacobian = Callable[[np.ndarray], np.ndarray]
+Residual = Callable[[FloatArray], FloatArray]
+Jacobian = Callable[[FloatArray], FloatArray]
 
 _DIFFERENCE = 1e-5
 """Step of one-sided differences, in scales: sqrt(1e-10), for rollouts that repeat to about ten
@@ -28,6 +29,13 @@ _CENTRAL_DIFFERENCE = 5e-4
 """Step of differences to both sides: cube root of 1e-10."""
 _SAME_COST = 1.01
 """Costs within this factor are the same minimum."""
+Loss = Literal["squares", "huber"]
+LOSSES: tuple[Loss, ...] = ("squares", "huber")
+LIMIT = 1.345
+"""In standard deviations: 95 % efficient on normal data."""
+_NORMAL = 1.4826
+_SETTLED = 0.05
+_MOST_SCALES = 4
 
 
 @dataclass(frozen=True)
@@ -59,34 +67,29 @@ class Parameter:
     deviation: float = math.inf
 
     def __post_init__(self) -> None:
+        who = f"parameter {self.name!r}"
+        bounds = f"{self.lower:g} .. {self.upper:g}"
         if not math.isfinite(self.seed):
-            raise FitError(
-                f"parameter {self.name!r}: the seed is {self.seed}, but it must be a finite number"
-            )
+            raise FitError(f"{who}: the seed is {self.seed}, but it must be a finite number")
         if not self.lower < self.upper:
-            raise FitError(
-                f"parameter {self.name!r}: the bounds {self.lower:g} .. {self.upper:g} "
-                f"{self.unit} hold no value"
-            )
+            raise FitError(f"{who}: the bounds {bounds} {self.unit} hold no value")
         if not self.frozen and not self.lower <= self.seed <= self.upper:
             raise FitError(
-                f"parameter {self.name!r}: the seed {self.seed:g} {self.unit} lies outside its "
-                "bounds "
-                f"{self.lower:g} .. {self.upper:g}; move the seed or widen the bounds"
+                f"{who}: the seed {self.seed:g} {self.unit} lies outside its bounds {bounds}; "
+                "move the seed or widen the bounds"
             )
-        if self.scale is not None and not (math.isfinite(self.scale) and self.scale > 0.0):
-            raise FitError(
-                f"parameter {self.name!r}: the scale is {self.scale}, but must be a finite number "
-                "above 0"
-            )
+        scale = self.scale
+        if scale is not None and not (math.isfinite(scale) and scale > 0.0):
+            raise FitError(f"{who}: the scale is {scale}, but must be a finite number above 0")
 
     @property
     def size(self) -> float:
         """The scale that the solvers use, in `unit`."""
         if self.scale is not None:
             return self.scale
-        if math.isfinite(self.upper - self.lower):
-            return 0.25 * (self.upper - self.lower)
+        span = self.upper - self.lower
+        if math.isfinite(span):
+            return 0.25 * span
         return abs(self.seed) or 1.0
 
 
@@ -124,31 +127,31 @@ class Parameters:
         return tuple(parameter.name for parameter in self.free)
 
     @property
-    def seed(self) -> np.ndarray:
+    def seed(self) -> FloatArray:
         """Seeds of the unknowns (p)."""
         return np.array([parameter.seed for parameter in self.free])
 
     @property
-    def lower(self) -> np.ndarray:
+    def lower(self) -> FloatArray:
         """Lower bounds of the unknowns (p)."""
         return np.array([parameter.lower for parameter in self.free])
 
     @property
-    def upper(self) -> np.ndarray:
+    def upper(self) -> FloatArray:
         """Upper bounds of the unknowns (p)."""
         return np.array([parameter.upper for parameter in self.free])
 
     @property
-    def scales(self) -> np.ndarray:
+    def scales(self) -> FloatArray:
         """Scales of the unknowns (p)."""
         return np.array([parameter.size for parameter in self.free])
 
-    def values(self, x: Sequence[float] | np.ndarray) -> dict[str, float]:
+    def values(self, x: Sequence[float] | FloatArray) -> dict[str, float]:
         """All values by name, the frozen ones included, for a vector of the unknowns."""
         free = dict(zip(self.names, (float(value) for value in x), strict=True))
         return {parameter.name: free.get(parameter.name, parameter.seed) for parameter in self.all}
 
-    def starts(self, seeds: Iterable[Mapping[str, float]] = ()) -> list[np.ndarray]:
+    def starts(self, seeds: Iterable[Mapping[str, float]] = ()) -> list[FloatArray]:
         """Vectors to start from: the seeds of the parameters, then further ones by name; a missing
         name keeps its seed.
 
@@ -168,12 +171,12 @@ class Parameters:
             )
         return vectors
 
-    def sides(self, x: np.ndarray) -> np.ndarray:
+    def sides(self, x: FloatArray) -> IntArray:
         """Which unknowns sit on a bound (p): -1 on the lower one, 1 on the upper one, else 0."""
         margin = 1e-6 * self.scales
         return np.where(x <= self.lower + margin, -1, np.where(x >= self.upper - margin, 1, 0))
 
-    def active(self, x: np.ndarray) -> dict[str, str]:
+    def active(self, x: FloatArray) -> dict[str, str]:
         """Unknowns that sit on a bound, with `lower` or `upper`."""
         words = {-1: "lower", 1: "upper"}
         return {
@@ -201,7 +204,7 @@ class Problem:
     jacobian: Jacobian | None = None
     name: str = "fit"
 
-    def differences(self, x: np.ndarray, at_x: np.ndarray) -> np.ndarray:
+    def differences(self, x: FloatArray, at_x: FloatArray) -> FloatArray:
         """The Jacobian (m x p): the given one, or one-sided differences that stay within the
         bounds.
         """
@@ -212,7 +215,7 @@ class Problem:
         rows = np.array([self.residual(vector) for vector in x + np.diag(steps)], float)
         return ((rows - at_x) / steps[:, None]).T
 
-    def central_differences(self, x: np.ndarray) -> np.ndarray:
+    def central_differences(self, x: FloatArray) -> FloatArray:
         """The Jacobian for the covariance (m x p): differences to both sides.
 
         One-sided at a bound, and where the model ends on the other side; FitError when it ends on
@@ -220,28 +223,29 @@ class Problem:
         """
         if self.jacobian is not None:
             return np.asarray(self.jacobian(x), float)
-        steps = _CENTRAL_DIFFERENCE * self.parameters.scales
-        up = np.where(x + steps > self.parameters.upper, x, x + steps)
-        down = np.where(x - steps < self.parameters.lower, x, x - steps)
-        rows = [
-            self._residual_or_none(v)
-            for v in np.concatenate([x + np.diag(up - x), x + np.diag(down - x)])
-        ]
+        count = len(x)
+        parameters = self.parameters
+        steps = _CENTRAL_DIFFERENCE * parameters.scales
+        up = np.where(x + steps > parameters.upper, x, x + steps)
+        down = np.where(x - steps < parameters.lower, x, x - steps)
+        moved = np.concatenate([x + np.diag(up - x), x + np.diag(down - x)])
+        rows = [self._residual_or_none(v) for v in moved]
         lost = np.array([row is None for row in rows])
         if np.any(lost):
             here = finite_residual(self, x)
             rows = [here if row is None else row for row in rows]
-            up = np.where(lost[: len(x)], x, up)
-            down = np.where(lost[len(x) :], x, down)
+            up = np.where(lost[:count], x, up)
+            down = np.where(lost[count:], x, down)
         if np.any(up <= down):
-            name = self.parameters.names[int(np.argmax(up <= down))]
+            name = parameters.names[int(np.argmax(up <= down))]
             raise FitError(
                 f"{self.name}: no derivative by {name}: the model ends on both sides of "
                 f"{self.describe(x)}"
             )
-        return ((np.array(rows[: len(x)]) - np.array(rows[len(x) :])) / (up - down)[:, None]).T
+        rise = np.array(rows[:count]) - np.array(rows[count:])
+        return (rise / (up - down)[:, None]).T
 
-    def _residual_or_none(self, x: np.ndarray) -> np.ndarray | None:
+    def _residual_or_none(self, x: FloatArray) -> FloatArray | None:
         """The residual; None where the model does not exist or is not finite."""
         try:
             row = np.asarray(self.residual(x), float)
@@ -249,7 +253,7 @@ class Problem:
             return None
         return row if np.all(np.isfinite(row)) else None
 
-    def describe(self, x: np.ndarray) -> str:
+    def describe(self, x: FloatArray) -> str:
         """The unknowns in words."""
         free = self.parameters.free
         return ", ".join(
@@ -269,8 +273,8 @@ class Attempt:
         iterations: steps of Levenberg-Marquardt, or evaluations of the residual by SNOPT.
     """
 
-    start: np.ndarray
-    x: np.ndarray
+    start: FloatArray
+    x: FloatArray
     cost: float
     success: bool
     status: str
@@ -291,24 +295,27 @@ class Solution:
     """
 
     problem: Problem
-    x: np.ndarray
-    residual: np.ndarray
-    jacobian: np.ndarray
+    x: FloatArray
+    residual: FloatArray
+    jacobian: FloatArray
     best: Attempt
     attempts: tuple[Attempt, ...]
 
 
-Solver = Callable[[Problem, np.ndarray], Attempt]
+Solver = Callable[[Problem, FloatArray], Attempt]
 
 
-def solve(problem: Problem, method: Solver, starts: Sequence[np.ndarray] | None = None) -> Solution:
+def solve(problem: Problem, method: Solver, starts: Sequence[FloatArray] | None = None) -> Solution:
     """Runs a solver from every start and keeps the lowest cost; of costs within 1 % the one of a
     success.
 
     Raises:
         FitError: no start gave a finite residual; the message has the reason of each.
     """
-    starts = [problem.parameters.seed] if starts is None else list(starts)
+    if starts is None:
+        starts = [problem.parameters.seed]
+    else:
+        starts = list(starts)
     attempts = tuple(method(problem, np.asarray(start, float)) for start in starts)
     least = min(attempt.cost for attempt in attempts)
     near = [attempt for attempt in attempts if attempt.cost <= _SAME_COST * least]
@@ -320,7 +327,7 @@ def solve(problem: Problem, method: Solver, starts: Sequence[np.ndarray] | None 
     return Solution(problem, best.x, residual, problem.central_differences(best.x), best, attempts)
 
 
-def finite_residual(problem: Problem, x: np.ndarray) -> np.ndarray:
+def finite_residual(problem: Problem, x: FloatArray) -> FloatArray:
     """The residual; FitError that names the unknowns when it is not finite."""
     r = np.asarray(problem.residual(x), float)
     bad = np.flatnonzero(~np.isfinite(r))
@@ -331,7 +338,7 @@ def finite_residual(problem: Problem, x: np.ndarray) -> np.ndarray:
     return r
 
 
-def finite_differences(problem: Problem, x: np.ndarray, at_x: np.ndarray) -> np.ndarray:
+def finite_differences(problem: Problem, x: FloatArray, at_x: FloatArray) -> FloatArray:
     """`Problem.differences`; FitError that names the unknowns when they are not finite."""
     J = problem.differences(x, at_x)
     if not np.all(np.isfinite(J)):
@@ -339,15 +346,7 @@ def finite_differences(problem: Problem, x: np.ndarray, at_x: np.ndarray) -> np.
     return J
 
 
-Loss = Literal["squares", "huber"]
-LOSSES: tuple[Loss, ...] = ("squares", "huber")
-LIMIT = 1.345
-"""In standard deviations: 95 % efficient on normal data."""
-_NORMAL = 1.4826
-_SETTLED, _MOST_SCALES = 0.05, 4
-
-
-def huber(residual: np.ndarray, limit: float = LIMIT) -> np.ndarray:
+def huber(residual: FloatArray, limit: float = LIMIT) -> FloatArray:
     """Residuals whose squares are twice the Huber loss: unchanged within the limit, growing like a
     root beyond it.
     """
@@ -356,7 +355,7 @@ def huber(residual: np.ndarray, limit: float = LIMIT) -> np.ndarray:
     return np.where(size <= limit, residual, np.sign(residual) * beyond)
 
 
-def spread(values: np.ndarray) -> float:
+def spread(values: FloatArray) -> float:
     """1.4826 times the median deviation from the median."""
     return _NORMAL * float(np.median(np.abs(values - np.median(values))))
 
@@ -403,15 +402,18 @@ def solve_huber(problem: Problem, method: Solver, squares: Solution) -> HuberSol
     if found is not squares:
         best = replace(found.best, status=f"Huber: {found.best.status}")
         attempts = (*squares.attempts, best)
-        found = replace(
-            found, jacobian=problem.central_differences(found.x), best=best, attempts=attempts
-        )
+        jacobian = problem.central_differences(found.x)
+        found = replace(found, jacobian=jacobian, best=best, attempts=attempts)
     if scale <= least:
         return HuberSolution(found, found, scale, 0)
-    clipped = np.clip(found.residual, -LIMIT * scale, LIMIT * scale)
-    within = float(np.mean(np.abs(found.residual) <= LIMIT * scale))
+    residual = found.residual
+    sizes = np.abs(residual)
+    limit = LIMIT * scale
+    clipped = np.clip(residual, -limit, limit)
+    within = float(np.mean(sizes <= limit))
     influence = replace(found, residual=clipped, jacobian=within * found.jacobian)
-    return HuberSolution(found, influence, scale, int(np.sum(np.abs(found.residual) > 3.0 * scale)))
+    outliers = int(np.sum(sizes > 3.0 * scale))
+    return HuberSolution(found, influence, scale, outliers)
 
 
 def _huberised(problem: Problem, scale: float) -> Problem:
@@ -419,11 +421,13 @@ def _huberised(problem: Problem, scale: float) -> Problem:
     inner = problem.residual
     jacobian = problem.jacobian
 
-    def slope(x: np.ndarray) -> np.ndarray:
+    def slope(x: FloatArray) -> FloatArray:
         size = np.abs(np.asarray(inner(x), float)) / scale
-        beyond = LIMIT / np.sqrt(np.maximum(2.0 * LIMIT * size - LIMIT * LIMIT, LIMIT * LIMIT))
+        square = LIMIT * LIMIT
+        beyond = LIMIT / np.sqrt(np.maximum(2.0 * LIMIT * size - square, square))
         assert jacobian is not None
-        return np.where(size <= LIMIT, 1.0, beyond)[:, None] * np.asarray(jacobian(x), float)
+        weight = np.where(size <= LIMIT, 1.0, beyond)
+        return weight[:, None] * np.asarray(jacobian(x), float)
 
     return replace(
         problem,

@@ -11,7 +11,6 @@ fits where was measured (design section 12).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -29,14 +28,19 @@ from pydrake.solvers import (
 from aerodima.optimisation.identify.least_squares import (
     Attempt,
     Problem,
+    Residual,
     finite_differences,
     finite_residual,
 )
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import FitError
 
-_DAMPING_LEAST, _DAMPING_FIRST, _DAMPING_MOST = 1e-8, 1.0, 1e20
-"""Relative to the square of the least singular value that counts. Least: next to a Gauss-Newton
-step. First: after a refused step."""
+_DAMPING_LEAST = 1e-8
+"""Least damping, relative to the square of the least singular value that counts: next to a
+Gauss-Newton step."""
+_DAMPING_FIRST = 1.0
+"""Damping after a refused step."""
+_DAMPING_MOST = 1e20
 _UNIDENTIFIABLE = 1e-9
 """Singular values below this part of the largest do not count: unidentifiable directions."""
 _AT_BOUND = 1e-6
@@ -47,10 +51,13 @@ is reached."""
 _KINK_TOLERANCE = 1e-4
 """The same where no step, however short, lowers the cost: the minimum is a kink of
 the model (jet edge, node of a table)."""
-_STEP_TOLERANCE, _COST_TOLERANCE, _GRADIENT_TOLERANCE = 1e-8, 1e-10, 1e-9
+_STEP_TOLERANCE = 1e-8
+_COST_TOLERANCE = 1e-10
+_GRADIENT_TOLERANCE = 1e-9
+_FEW_STEPS = 8
 
 
-def solve_rollout(problem: Problem, start: np.ndarray, most_steps: int = 100) -> Attempt:
+def solve_rollout(problem: Problem, start: FloatArray, most_steps: int = 100) -> Attempt:
     """Levenberg-Marquardt from one start; each step is a bounded least-squares QP.
 
     A step to where the residual is not finite, or the model does not exist, is shortened like one
@@ -69,21 +76,21 @@ def solve_rollout(problem: Problem, start: np.ndarray, most_steps: int = 100) ->
     damping = _DAMPING_LEAST
     refused = ""
     for step in range(1, most_steps + 1):
+        x = z * scales
         try:
-            J = finite_differences(problem, z * scales, r) * scales
+            J = finite_differences(problem, x, r) * scales
         except FitError as error:
-            return Attempt(start, z * scales, cost, False, f"no derivative: {error}", step)
-        if (
-            _projected_gradient(J.T @ r, z, low, high)
-            <= _GRADIENT_TOLERANCE * max(cost, 1e-300) ** 0.5
-        ):
-            return Attempt(start, z * scales, cost, True, "the gradient vanishes", step)
+            return Attempt(start, x, cost, False, f"no derivative: {error}", step)
+        slope = _projected_gradient(J.T @ r, z, low, high)
+        if slope <= _GRADIENT_TOLERANCE * max(cost, 1e-300) ** 0.5:
+            return Attempt(start, x, cost, True, "the gradient vanishes", step)
         R, c = triangle(J, r)
         promised = None
         while True:
             dz = bounded_step(R, c, damping, low - z, high - z)
             if promised is None:
-                promised = 0.5 * float(c @ c) - 0.5 * float(np.sum(np.square(R @ dz + c)))
+                left = float(np.sum(np.square(R @ dz + c)))
+                promised = 0.5 * float(c @ c) - 0.5 * left
             tried, status = _try(problem, (z + dz) * scales)
             new_cost = np.inf if tried is None else 0.5 * float(tried @ tried)
             refused = status or refused
@@ -91,40 +98,38 @@ def solve_rollout(problem: Problem, start: np.ndarray, most_steps: int = 100) ->
                 break
             damping = max(10.0 * damping, _DAMPING_FIRST)
             if promised <= _PROMISE_TOLERANCE * cost:
-                return Attempt(
-                    start, z * scales, cost, True, "the next step promises nothing", step
-                )
-            if np.linalg.norm(dz) <= _STEP_TOLERANCE * (1.0 + np.linalg.norm(z)):
+                return Attempt(start, x, cost, True, "the next step promises nothing", step)
+            if _is_short(dz, z):
                 settled = not refused and promised <= _KINK_TOLERANCE * cost
-                return Attempt(
-                    start, z * scales, cost, settled, refused or "no smaller cost nearby", step
-                )
+                reason = refused or "no smaller cost nearby"
+                return Attempt(start, x, cost, settled, reason, step)
             if damping > _DAMPING_MOST:
-                return Attempt(
-                    start, z * scales, cost, False, refused or "no step lowers the cost", step
-                )
+                reason = refused or "no step lowers the cost"
+                return Attempt(start, x, cost, False, reason, step)
         drop = cost - new_cost
         z = z + dz
         r = tried
         cost = new_cost
         damping = max(0.01 * damping, _DAMPING_LEAST)
-        if drop <= _COST_TOLERANCE * cost or np.linalg.norm(dz) <= _STEP_TOLERANCE * (
-            1.0 + np.linalg.norm(z)
-        ):
+        if drop <= _COST_TOLERANCE * cost or _is_short(dz, z):
             return Attempt(start, z * scales, cost, True, "cost and step have settled", step)
-    return Attempt(
-        start, z * scales, cost, False, f"{most_steps} steps were not enough", most_steps
-    )
+    reason = f"{most_steps} steps were not enough"
+    return Attempt(start, z * scales, cost, False, reason, most_steps)
 
 
-def _try(problem: Problem, x: np.ndarray) -> tuple[np.ndarray | None, str]:
+def _is_short(dz: FloatArray, z: FloatArray) -> bool:
+    """Whether a step is small against the unknowns."""
+    return bool(np.linalg.norm(dz) <= _STEP_TOLERANCE * (1.0 + np.linalg.norm(z)))
+
+
+def _try(problem: Problem, x: FloatArray) -> tuple[FloatArray | None, str]:
     try:
         return finite_residual(problem, x), ""
     except FitError as error:
         return None, str(error)
 
 
-def triangle(J: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def triangle(J: FloatArray, r: FloatArray) -> tuple[FloatArray, FloatArray]:
     """R (n, n) and c (n) of J (m, n) and r (m): |J d + r|^2 is |R d + c|^2 and a constant.
 
     The QP stays small.
@@ -134,8 +139,8 @@ def triangle(J: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def bounded_step(
-    R: np.ndarray, c: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
-) -> np.ndarray:
+    R: FloatArray, c: FloatArray, damping: float, low: FloatArray, high: FloatArray
+) -> FloatArray:
     """The step d (n) that minimises |R d + c|^2 + damping s^2 |d|^2 within low <= d <= high.
 
     R is (n, n), c, low and high are (n), and s is the least singular value of R.
@@ -146,8 +151,13 @@ def bounded_step(
     needed; it says which bounds hold, and the rest is solved again exactly.
     """
     sizes = np.linalg.svd(R, compute_uv=False)
-    least = float(sizes[sizes > _UNIDENTIFIABLE * sizes[0]][-1]) if sizes[0] > 0.0 else 1.0
-    D = damping**0.5 * least * np.eye(len(low))
+    if sizes[0] > 0.0:
+        least = float(sizes[sizes > _UNIDENTIFIABLE * sizes[0]][-1])
+    else:
+        least = 1.0
+    count = len(low)
+    identity = np.eye(count)
+    D = damping**0.5 * least * identity
     A = np.vstack([R, D])
     b = np.concatenate([c, np.zeros(len(D))])
     Q, T = np.linalg.qr(A)
@@ -155,8 +165,8 @@ def bounded_step(
     size = float(np.linalg.norm(free)) or 1.0
     inverse = np.linalg.inv(T) * size
     program = MathematicalProgram()
-    e = program.NewContinuousVariables(len(low), "e")
-    program.AddQuadraticCost(np.eye(len(low)), -free / size, e, True)
+    e = program.NewContinuousVariables(count, "e")
+    program.AddQuadraticCost(identity, -free / size, e, True)
     step = inverse @ _free_solver().Solve(program, None, None).get_x_val()
     if np.all((low <= step) & (step <= high)):
         return step
@@ -167,22 +177,25 @@ def bounded_step(
     step = np.clip(np.where(high - step < _AT_BOUND * reach, high, step), low, high)
     inside = (step > low) & (step < high)
     exact = step.copy()
-    exact[inside] = np.linalg.lstsq(A[:, inside], -(b + A[:, ~inside] @ step[~inside]), rcond=None)[
-        0
-    ]
-    return exact if np.all((low <= exact) & (exact <= high)) else step
+    rest = -(b + A[:, ~inside] @ step[~inside])
+    solution, *_ = np.linalg.lstsq(A[:, inside], rest, rcond=None)
+    exact[inside] = solution
+    if np.all((low <= exact) & (exact <= high)):
+        return exact
+    return step
 
 
 @cache
 def _free_solver() -> SolverInterface:
     """What Drake chooses for a QP without inequalities: closed form."""
     program = MathematicalProgram()
-    program.AddQuadraticCost(np.eye(1), np.zeros(1), program.NewContinuousVariables(1), True)
+    x = program.NewContinuousVariables(1)
+    program.AddQuadraticCost(np.eye(1), np.zeros(1), x, True)
     return MakeSolver(ChooseBestSolver(program))
 
 
 def _projected_gradient(
-    gradient: np.ndarray, z: np.ndarray, low: np.ndarray, high: np.ndarray
+    gradient: FloatArray, z: FloatArray, low: FloatArray, high: FloatArray
 ) -> float:
     """Largest slope along which the bounds let z move."""
     free = gradient.copy()
@@ -191,10 +204,7 @@ def _projected_gradient(
     return float(np.max(np.abs(free)))
 
 
-_FEW_STEPS = 8
-
-
-def solve_formula(problem: Problem, start: np.ndarray) -> Attempt:
+def solve_formula(problem: Problem, start: FloatArray) -> Attempt:
     """Few bounded Gauss-Newton steps, and SNOPT where they do not settle: for formulas that are
     nearly linear.
 
@@ -205,45 +215,49 @@ def solve_formula(problem: Problem, start: np.ndarray) -> Attempt:
     if attempt.success:
         return attempt
     other = solve_algebraic(problem, start)
-    return other if (not other.success, other.cost) <= (True, attempt.cost) else attempt
+    if (not other.success, other.cost) <= (True, attempt.cost):
+        return other
+    return attempt
 
 
-def solve_algebraic(problem: Problem, start: np.ndarray) -> Attempt:
+def solve_algebraic(problem: Problem, start: FloatArray) -> Attempt:
     """Slack residuals with a quadratic cost, solved by SNOPT from one start."""
     evaluations = 0
     broken = ""
-    scales = problem.parameters.scales
+    parameters = problem.parameters
+    scales = parameters.scales
     count = len(scales)
 
     def defect(z: np.ndarray) -> np.ndarray:
         nonlocal evaluations, broken
         evaluations += 1
-        values = z if z.dtype == float else ExtractValue(z)[:, 0]
+        plain = z.dtype == float
+        values = z if plain else ExtractValue(z)[:, 0]
         x = values[:count] * scales
         try:
             r = finite_residual(problem, x)
-            J = np.zeros(0) if z.dtype == float else finite_differences(problem, x, r)
+            J = np.zeros(0) if plain else finite_differences(problem, x, r)
         except FitError as error:
             broken = str(error)
             raise
-        if z.dtype == float:
-            return (r - z[count:]) / rows
+        off = (r - values[count:]) / rows
+        if plain:
+            return off
         gradient = ExtractGradient(z)
         slope = (J * scales) @ gradient[:count] - gradient[count:]
-        return InitializeAutoDiff((r - values[count:]) / rows, slope / rows[:, None])[:, 0]
+        return InitializeAutoDiff(off, slope / rows[:, None])[:, 0]
 
     try:
         first = finite_residual(problem, start)
         # Rows of very different weight would ask for more digits than there are.
-        rows = np.maximum(
-            np.linalg.norm(finite_differences(problem, start, first) * scales, axis=1), 1.0
-        )
+        J = finite_differences(problem, start, first) * scales
+        rows = np.maximum(np.linalg.norm(J, axis=1), 1.0)
         program, guess = _slack_program(problem, defect, start / scales, first)
         result = SnoptSolver().Solve(program, guess, _SNOPT_OPTIONS)
-        x = np.clip(
-            result.get_x_val()[:count] * scales, problem.parameters.lower, problem.parameters.upper
-        )
-        cost = 0.5 * float(np.sum(np.square(finite_residual(problem, x))))
+        unknowns = result.get_x_val()[:count] * scales
+        x = np.clip(unknowns, parameters.lower, parameters.upper)
+        residual = finite_residual(problem, x)
+        cost = 0.5 * float(np.sum(np.square(residual)))
     except FitError as error:
         return Attempt(start, start, np.inf, False, str(error), evaluations)
     except RuntimeError:  # Drake's, of what broke within SNOPT
@@ -256,9 +270,10 @@ def solve_algebraic(problem: Problem, start: np.ndarray) -> Attempt:
 
 def _options() -> SolverOptions:
     options = SolverOptions()
-    options.SetOption(SnoptSolver.id(), "Major optimality tolerance", 1e-7)
-    options.SetOption(SnoptSolver.id(), "Major feasibility tolerance", 1e-9)
-    options.SetOption(SnoptSolver.id(), "Major step limit", 10.0)
+    snopt = SnoptSolver.id()
+    options.SetOption(snopt, "Major optimality tolerance", 1e-7)
+    options.SetOption(snopt, "Major feasibility tolerance", 1e-9)
+    options.SetOption(snopt, "Major step limit", 10.0)
     return options
 
 
@@ -267,18 +282,21 @@ _SNOPT_OPTIONS = _options()
 
 def _slack_program(
     problem: Problem,
-    defect: Callable[[np.ndarray], np.ndarray],
-    z: np.ndarray,
-    residual: np.ndarray,
-) -> tuple[MathematicalProgram, np.ndarray]:
+    defect: Residual,
+    z: FloatArray,
+    residual: FloatArray,
+) -> tuple[MathematicalProgram, FloatArray]:
     """The program in (unknown / scale, slack) and its initial guess."""
     parameters = problem.parameters
-    scales = problem.parameters.scales
+    scales = parameters.scales
+    low = parameters.lower / scales
+    high = parameters.upper / scales
+    rows = len(residual)
     program = MathematicalProgram()
     unknowns = program.NewContinuousVariables(len(z), "x")
-    slacks = program.NewContinuousVariables(len(residual), "r")
-    program.AddBoundingBoxConstraint(parameters.lower / scales, parameters.upper / scales, unknowns)
-    zero = np.zeros(len(residual))
+    slacks = program.NewContinuousVariables(rows, "r")
+    program.AddBoundingBoxConstraint(low, high, unknowns)
+    zero = np.zeros(rows)
     program.AddConstraint(defect, zero, zero, np.concatenate([unknowns, slacks]))
-    program.AddQuadraticCost(np.eye(len(residual)), zero, slacks, True)
+    program.AddQuadraticCost(np.eye(rows), zero, slacks, True)
     return program, np.concatenate([z, residual])

@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from aerodima.optimisation.identify.least_squares import Loss, Parameter
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.checked_files import find_file, nearest, read_yaml, unit_of
 from aerodima.workbench.config.rig_scenario import (
     RigScenario,
@@ -31,8 +32,65 @@ from aerodima.workbench.resources import published_table
 
 Knowledge = Literal["uncertain", "exact"]
 KNOWLEDGE: tuple[Knowledge, ...] = ("uncertain", "exact")
-ANGLE, CURRENT = "angle_rad", "current_a"
+ANGLE = "angle_rad"
+CURRENT = "current_a"
 LARGEST_ANGLE = math.radians(110.0)
+LARGEST_SPEED = 60.0
+"""m/s of wind that a log may state: far beyond any tunnel for tails of this size, below a slip of
+the unit."""
+_TRUTH = ("aero", "seed", "name", "schema", "simulation")
+_OF_THE_LOG = tuple(f"experiment.{key}" for key in ("kind", "tail", "axis", "wind_speed"))
+_FACTS = (("tail", ("1", "2", "3")), ("axis", ("major", "minor")))
+CONSTANTS: dict[str, tuple[float, dict[str, float]]] = {
+    "mount_mass": (0.5, {"mount.mass": 1.0}),
+    "mount_com_x": (0.1, {"mount.com_x": 1.0, "mount.pivot_x": -1.0}),
+    "mount_com_y": (0.1, {"mount.com_y": 1.0, "mount.pivot_y": -1.0}),
+    "pivot_x": (0.1, {"mount.pivot_x": 1.0}),
+    "pivot_y": (0.1, {"mount.pivot_y": 1.0}),
+    "pivot_z": (0.1, {"mount.pivot_z": 1.0}),
+    "bar_mass": (0.2, {"bar.mass": 1.0}),
+    "bar_com": (0.08, {"bar.com_distance": 1.0}),
+    "bar_inertia": (1e-3, {"bar.inertia_xx": 1.0}),
+    "bar_width": (0.015, {"bar.width": 1.0}),
+    "bar_drag": (1.5, {"bar.drag_coefficient": 1.0}),
+    "tail_mass": (0.05, {"tail.mass": 1.0}),
+    "tail_com": (0.1, {"tail.com_distance": 1.0}),
+    "tail_gap": (0.05, {"tail.gap": 1.0}),
+    "tail_length": (0.1, {"tail.length": 1.0}),
+    "tail_width": (0.03, {"tail.major_axis": 1.0}),
+    "rotor_inertia": (5e-3, {"maxon.reflected_inertia": 1.0}),
+    "torque_constant": (0.2, {"maxon.torque_constant": 1.0}),
+    "jet_edge_depth": (0.15, {"tunnel.jet_edge_depth": 1.0}),
+    "wind_speed": (0.3, {}),
+    "air_density": (0.5, {"environment.air_density": 1.0}),
+    "coulomb": (0.04, {"friction.coulomb": 1.0}),
+    "viscous": (0.03, {"friction.viscous": 1.0}),
+    "encoder_zero": (0.2, {}),
+    "encoder_gain": (0.3, {}),
+    "current_bias": (2.0, {}),
+    "current_delay": (0.05, {}),
+    "force_gain": (0.5, {}),
+}
+"""Name -> bound to either side where it is free, and keys of the scenario that it shifts, each with
+a sign; none for an error of an instrument."""
+BIASES = ("fx_bias", "fy_bias", "fz_bias", "tx_bias", "ty_bias", "tz_bias")
+"""What is left in the readings of the force sensor, N and N m."""
+_BIAS_REACH = 500.0
+_SCALE = 0.01
+"""Scale of a free constant, as a share of its reach."""
+_FAR = 20.0
+"""Bounds of one with a prior, in its standard deviations."""
+_SWING_ONLY = (
+    "bar_inertia",
+    "rotor_inertia",
+    "coulomb",
+    "viscous",
+    "current_bias",
+    "current_delay",
+    "encoder_gain",
+)
+_ROBOT = ("wind_speed", "air_density", "encoder_zero", "encoder_gain")
+_STATIC_ONLY = ("mount_mass", "mount_com_x", "mount_com_y", "force_gain", *BIASES)
 
 
 @dataclass(frozen=True)
@@ -86,15 +144,7 @@ FREE = FitOptions()
 """Least squares within the model's own bounds, on the rig that the log names."""
 
 
-LARGEST_SPEED = 60.0
-"""m/s of wind that a log may state: far beyond any tunnel for tails of this size, below a slip of
-the unit."""
-_TRUTH = ("aero", "seed", "name", "schema", "simulation")
-_OF_THE_LOG = tuple(f"experiment.{key}" for key in ("kind", "tail", "axis", "wind_speed"))
-_FACTS = (("tail", ("1", "2", "3")), ("axis", ("major", "minor")))
-
-
-def checked_angle(log: RunLog, kind: str, least: int) -> tuple[np.ndarray, np.ndarray]:
+def checked_angle(log: RunLog, kind: str, least: int) -> tuple[FloatArray, FloatArray]:
     """Times (s) and angles (rad) of a log (n each), once both are what a fit of this kind can use.
 
     Raises:
@@ -164,7 +214,9 @@ def rig_of(log: RunLog, kind: str, options: FitOptions = FREE) -> RigScenario:
 
 
 def _over(below: Any, value: Any) -> Any:
-    return {**below, **value} if isinstance(value, dict) and isinstance(below, dict) else value
+    if isinstance(value, dict) and isinstance(below, dict):
+        return {**below, **value}
+    return value
 
 
 @lru_cache(maxsize=16)
@@ -202,16 +254,18 @@ def _scenario(key: str) -> RigScenario:
 def _experiment(log: RunLog, kind: str) -> dict[str, Any]:
     """What the log's metadata say of its experiment."""
     found: dict[str, Any] = {"kind": kind}
+    extra = log.extra
     if kind in ("static", "swing"):
         for key, allowed in _FACTS:
-            if str(log.extra.get(key)) not in allowed:
-                raise FitError(
-                    f"metadata {key!r} is {log.extra.get(key)!r}; allowed: {', '.join(allowed)}"
-                )
-        found |= {"tail": int(log.extra["tail"]), "axis": str(log.extra["axis"])}
+            value = extra.get(key)
+            if str(value) not in allowed:
+                raise FitError(f"metadata {key!r} is {value!r}; allowed: {', '.join(allowed)}")
+        found |= {"tail": int(extra["tail"]), "axis": str(extra["axis"])}
     if kind == "bar_swing":
         return {**found, "wind_speed": 0.0}
-    return found if kind == "static" else {**found, "wind_speed": wind_speed(log, 0.0, 40.0)}
+    if kind == "static":
+        return found
+    return {**found, "wind_speed": wind_speed(log, 0.0, 40.0)}
 
 
 def wind_speed(log: RunLog, least: float, most: float) -> float:
@@ -222,13 +276,16 @@ def wind_speed(log: RunLog, least: float, most: float) -> float:
         or not isinstance(value, int | float)
         or not least <= float(value) <= most
     ):
-        allowed = f"{least:g} to {most:g}" if least else f"above 0 to {most:g}"
+        if least:
+            allowed = f"{least:g} to {most:g}"
+        else:
+            allowed = f"above 0 to {most:g}"
         raise FitError(f"metadata 'wind_speed_m_per_s' is {value!r}; allowed: {allowed} m/s")
     return float(value)
 
 
 @cache
-def accuracies() -> np.ndarray:
+def accuracies() -> FloatArray:
     """Table 4.8 for the six reactions (6), N and N m; do not change it in place."""
     return published_table("residual_weights").uncertainty_factor.to_numpy(float)[:6]
 
@@ -249,58 +306,6 @@ def differences(scenario: RigScenario) -> dict[str, Any]:
         for key, value in getattr(scenario, section).model_dump(mode="json").items()
         if section != "experiment" and value != known[key]
     }
-
-
-CONSTANTS: dict[str, tuple[float, dict[str, float]]] = {
-    "mount_mass": (0.5, {"mount.mass": 1.0}),
-    "mount_com_x": (0.1, {"mount.com_x": 1.0, "mount.pivot_x": -1.0}),
-    "mount_com_y": (0.1, {"mount.com_y": 1.0, "mount.pivot_y": -1.0}),
-    "pivot_x": (0.1, {"mount.pivot_x": 1.0}),
-    "pivot_y": (0.1, {"mount.pivot_y": 1.0}),
-    "pivot_z": (0.1, {"mount.pivot_z": 1.0}),
-    "bar_mass": (0.2, {"bar.mass": 1.0}),
-    "bar_com": (0.08, {"bar.com_distance": 1.0}),
-    "bar_inertia": (1e-3, {"bar.inertia_xx": 1.0}),
-    "bar_width": (0.015, {"bar.width": 1.0}),
-    "bar_drag": (1.5, {"bar.drag_coefficient": 1.0}),
-    "tail_mass": (0.05, {"tail.mass": 1.0}),
-    "tail_com": (0.1, {"tail.com_distance": 1.0}),
-    "tail_gap": (0.05, {"tail.gap": 1.0}),
-    "tail_length": (0.1, {"tail.length": 1.0}),
-    "tail_width": (0.03, {"tail.major_axis": 1.0}),
-    "rotor_inertia": (5e-3, {"maxon.reflected_inertia": 1.0}),
-    "torque_constant": (0.2, {"maxon.torque_constant": 1.0}),
-    "jet_edge_depth": (0.15, {"tunnel.jet_edge_depth": 1.0}),
-    "wind_speed": (0.3, {}),
-    "air_density": (0.5, {"environment.air_density": 1.0}),
-    "coulomb": (0.04, {"friction.coulomb": 1.0}),
-    "viscous": (0.03, {"friction.viscous": 1.0}),
-    "encoder_zero": (0.2, {}),
-    "encoder_gain": (0.3, {}),
-    "current_bias": (2.0, {}),
-    "current_delay": (0.05, {}),
-    "force_gain": (0.5, {}),
-}
-"""Name -> bound to either side where it is free, and keys of the scenario that it shifts, each with
-a sign; none for an error of an instrument."""
-BIASES = ("fx_bias", "fy_bias", "fz_bias", "tx_bias", "ty_bias", "tz_bias")
-"""What is left in the readings of the force sensor, N and N m."""
-_BIAS_REACH = 500.0
-_SCALE = 0.01
-"""Scale of a free constant, as a share of its reach."""
-_FAR = 20.0
-"""Bounds of one with a prior, in its standard deviations."""
-_SWING_ONLY = (
-    "bar_inertia",
-    "rotor_inertia",
-    "coulomb",
-    "viscous",
-    "current_bias",
-    "current_delay",
-    "encoder_gain",
-)
-_ROBOT = ("wind_speed", "air_density", "encoder_zero", "encoder_gain")
-_STATIC_ONLY = ("mount_mass", "mount_com_x", "mount_com_y", "force_gain", *BIASES)
 
 
 def constant_names(kind: str) -> tuple[str, ...]:
@@ -339,27 +344,35 @@ def constant_parameters(
     """
     names = constant_names(kind)
     require_constants(options.free, names)
-    deviations = {} if options.constants == "exact" else scenario.uncertainty.model_dump()
+    if options.constants == "exact":
+        deviations = {}
+    else:
+        deviations = scenario.uncertainty.model_dump()
     if is_simulated(log):  # exact, but for what the user says of them
         stated = named_rig(options.rig, options.settings).get("uncertainty", {})
         deviations = {name: value for name, value in deviations.items() if name in stated}
-    if any(name in options.free or deviations.get(name, 0.0) > 0.0 for name in names):
+    free = options.free
+    if any(name in free or deviations.get(name, 0.0) > 0.0 for name in names):
         deviations |= biases or {}
-    return tuple(
-        _parameter(name, name in options.free, deviations.get(name, 0.0))
-        for name in names
-        if name in options.free or deviations.get(name, 0.0) > 0.0
-    )
+    parameters = []
+    for name in names:
+        deviation = deviations.get(name, 0.0)
+        is_free = name in free
+        if is_free or deviation > 0.0:
+            parameters.append(_parameter(name, is_free, deviation))
+    return tuple(parameters)
 
 
 def _parameter(name: str, free: bool, deviation: float) -> Parameter:
-    unit = (
-        ("N" if name[0] == "f" else "N m")
-        if name in BIASES
-        else unit_of(RigUncertaintyParameters, name)
-    )
+    is_bias = name in BIASES
+    if not is_bias:
+        unit = unit_of(RigUncertaintyParameters, name)
+    elif name[0] == "f":
+        unit = "N"
+    else:
+        unit = "N m"
     if free:
-        reach = _BIAS_REACH if name in BIASES else CONSTANTS[name][0]
+        reach = _BIAS_REACH if is_bias else CONSTANTS[name][0]
         return Parameter(name, unit, 0.0, -reach, reach, scale=_SCALE * reach)
     reach = _FAR * deviation
     return Parameter(name, unit, 0.0, -reach, reach, scale=deviation, deviation=deviation)
@@ -371,13 +384,15 @@ def shifted(scenario: RigScenario, values: Mapping[str, float]) -> RigScenario:
     """
     changes: dict[str, dict[str, float]] = {}
     for name, shift in values.items():
-        for key, sign in CONSTANTS[name][1].items() if name in CONSTANTS else ():
+        if name not in CONSTANTS:
+            continue
+        for key, sign in CONSTANTS[name][1].items():
             section, entry = key.split(".")
-            section = f"tail_{scenario.experiment.tail}" if section == "tail" else section
+            if section == "tail":
+                section = f"tail_{scenario.experiment.tail}"
             changed = changes.setdefault(section, {})
-            changed[entry] = (
-                changed.get(entry, getattr(getattr(scenario, section), entry)) + sign * shift
-            )
+            value = getattr(getattr(scenario, section), entry)
+            changed[entry] = changed.get(entry, value) + sign * shift
     return with_values(scenario, changes)
 
 

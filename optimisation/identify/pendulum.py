@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from aerodima.workbench.aero.laws import SectionLaw
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.plants.rig_motion import RigMotion
@@ -140,7 +141,7 @@ def roll_out(
     motor: Sequence[float] | None = None,
     ramp: Sequence[float] | None = None,
     added_mass: float = 0.0,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[FloatArray, FloatArray]:
     """Angles and rates (count each) at 0, step, 2 step, ... by the classical Runge-Kutta method.
 
     Args:
@@ -179,12 +180,12 @@ def roll_out(
 def torque_response(
     pendulum: Pendulum,
     torques: Sequence[Torque],
-    motion: tuple[np.ndarray, np.ndarray],
+    motion: tuple[FloatArray, FloatArray],
     step: float,
     motor: Sequence[float],
     added_mass: float = 0.0,
     ramp: Sequence[float] | None = None,
-) -> np.ndarray:
+) -> FloatArray:
     """How the angles (n) answer to one more newton metre during each step (n - 1): an n x (n - 1)
     matrix, rad / N m.
 
@@ -194,12 +195,13 @@ def torque_response(
     angles, rates = motion
     count = len(angles)
     small = 1e-6
-    maps = np.empty((count - 1, 2, 2))
-    for i in range(count - 1):
+    steps = count - 1
+    maps = np.empty((steps, 2, 2))
+    for i in range(steps):
         for column, (dq, dw) in enumerate(((small, 0.0), (0.0, small))):
             start = (angles[i] + dq, rates[i] + dw)
             rise = None if ramp is None else [ramp[i]]
-            moved = roll_out(
+            moved_angles, moved_rates = roll_out(
                 pendulum,
                 torques,
                 start,
@@ -209,14 +211,12 @@ def torque_response(
                 ramp=rise,
                 added_mass=added_mass,
             )
-            maps[i, :, column] = (
-                (moved[0][1] - angles[i + 1]) / small,
-                (moved[1][1] - rates[i + 1]) / small,
-            )
+            maps[i, 0, column] = (moved_angles[1] - angles[i + 1]) / small
+            maps[i, 1, column] = (moved_rates[1] - rates[i + 1]) / small
     push = np.array([0.5 * step * step, step]) / pendulum.total_inertia(added_mass)
-    response = np.zeros((count, count - 1))
-    state = np.zeros((2, count - 1))
-    for i in range(count - 1):
+    response = np.zeros((count, steps))
+    state = np.zeros((2, steps))
+    for i in range(steps):
         state[:, :i] = maps[i] @ state[:, :i]
         state[:, i] = push
         response[i + 1] = state[0]

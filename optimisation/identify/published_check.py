@@ -24,6 +24,7 @@ from aerodima.optimisation.identify.least_squares_solvers import solve_formula, 
 from aerodima.optimisation.identify.log_rig import with_values
 from aerodima.optimisation.identify.static_fit import StaticBalance
 from aerodima.optimisation.identify.uncertainty import Noise, independent_noise
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
 from aerodima.workbench.resources import published_rows, published_table
 
@@ -79,7 +80,7 @@ def repeated_speed(rows: pd.DataFrame) -> pd.Series:
     return ordered.duplicated(cell + numbers, keep="first").reindex(rows.index)
 
 
-def _robot_values(rows: pd.DataFrame, table: str) -> np.ndarray:
+def _robot_values(rows: pd.DataFrame, table: str) -> FloatArray:
     group = rows[rows.source_table == table].sort_values(["swing", "relative_velocity_m_per_s"])
     return group[["relative_velocity_m_per_s", "cd", "resnorm"]].to_numpy(float)
 
@@ -156,8 +157,8 @@ def recompute_averages() -> pd.DataFrame:
 
 
 def fit_line(
-    x: np.ndarray,
-    y: np.ndarray,
+    x: FloatArray,
+    y: FloatArray,
     slope: tuple[str, str],
     offset: tuple[str, str],
     *,
@@ -288,7 +289,7 @@ def with_constants(balance: StaticBalance, tail: int, values: dict[str, float]) 
     return StaticBalance.of(with_values(balance.scenario, changes))
 
 
-def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> np.ndarray:
+def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> FloatArray:
     """The current of each row (n), A, from its published coefficients."""
     currents = []
     row: Any
@@ -307,13 +308,14 @@ def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
     Args:
         rows: of `static_fits.csv`; the distinct ones by default.
     """
-    rows = static_rows() if rows is None else rows
+    if rows is None:
+        rows = static_rows()
     parameters = constants_parameters()
     rigs = balances()
     published = rows.current_a.to_numpy(float)
     size = np.maximum(np.abs(published), _LEAST_CURRENT)
 
-    def errors(x: np.ndarray) -> np.ndarray:
+    def errors(x: FloatArray) -> FloatArray:
         values = parameters.values(x)
         trial = {tail: with_constants(rig, tail, values) for tail, rig in rigs.items()}
         return (predicted_currents(trial, rows) - published) / size
@@ -340,7 +342,7 @@ def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
     return RigConstants(replace(result, curves={"holding current": curve}), table)
 
 
-def _cell_noise(residual: np.ndarray, rows: pd.DataFrame, unknowns: int) -> Noise:
+def _cell_noise(residual: FloatArray, rows: pd.DataFrame, unknowns: int) -> Noise:
     """The five tests of a cell share their error (the model's): they count as one sample."""
     cell = rows.groupby(_CELL).ngroup().to_numpy()
     cells = int(cell.max()) + 1

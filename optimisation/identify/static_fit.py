@@ -32,6 +32,7 @@ from aerodima.optimisation.identify.static_log import REACTIONS, StaticData, sta
 from aerodima.optimisation.identify.uncertainty import Noise
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log
@@ -50,6 +51,12 @@ _SURE = 3.0
 """Standard deviations beyond which a prediction is not that of the log."""
 _TURN = 1e-5
 """Step of the central difference over psi3, rad: its error is of the order of 1e-11."""
+Vector3 = tuple[float, float, float]
+UPRIGHT_MARGIN = math.radians(0.5)
+"""A tail that hangs straight within this has its lift to the root, on whichever side of 0 an
+encoder reads it."""
+_DRAG = PolarLaw(1.0, 0.0)
+_LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
 
 
 def static_parameters(data: StaticData, options: FitOptions = FREE) -> Parameters:
@@ -99,9 +106,9 @@ class StaticResidual:
         self._constant -= np.append(data.wrench[self._rows] / self._weights, data.speed / speed)
         self._motor = np.zeros(len(self._scale))
         self._motor[-1] = -creep * self._balance.torque_constant
-        self._last: tuple[float, np.ndarray] = (math.nan, np.empty(0))
+        self._last: tuple[float, FloatArray] = (math.nan, np.empty(0))
 
-    def _scaled(self, wrench: np.ndarray, torque: float) -> np.ndarray:
+    def _scaled(self, wrench: FloatArray, torque: float) -> FloatArray:
         return np.append(wrench[self._rows], torque) * self._scale
 
     @property
@@ -114,63 +121,63 @@ class StaticResidual:
             for i, (name, w) in enumerate(zip(names, weights, strict=True))
         }
 
-    def _effect(self, psi: float) -> np.ndarray:
+    def _effect(self, psi: float) -> FloatArray:
         """Weighted rows of bar, unit C_D and unit C_L (3 x m)."""
-        if self._last[0] != psi:
+        last, weighted = self._last
+        if last != psi:
             data = self._data
             effect = self._balance.wind_effect(data.angle, data.wind_speed, psi)
-            self._last = (psi, effect[:, [*self._rows, 6]] * self._scale)
-        return self._last[1]
+            weighted = effect[:, [*self._rows, 6]] * self._scale
+            self._last = (psi, weighted)
+        return weighted
 
-    def __call__(self, x: np.ndarray) -> np.ndarray:
+    def __call__(self, x: FloatArray) -> FloatArray:
         """Residual (present axes + 1) of C_D, C_L, psi3 and current."""
         cd, cl, psi, current = x.tolist()
         bar, drag, lift = self._effect(psi)
         return self._constant + bar + cd * drag + cl * lift + current * self._motor
 
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
+    def jacobian(self, x: FloatArray) -> FloatArray:
         """d residual / d unknowns: exact in C_D, C_L and current, a central difference over
         psi3.
         """
         cd, cl, psi, _ = x.tolist()
         here = self._effect(psi)
-        turn = (
-            np.array([1.0, cd, cl])
-            @ (self._effect(psi + _TURN) - self._effect(psi - _TURN))
-            / (2.0 * _TURN)
-        )
+        change = self._effect(psi + _TURN) - self._effect(psi - _TURN)
+        turn = np.array([1.0, cd, cl]) @ change / (2.0 * _TURN)
         self._last = (psi, here)
-        return np.array([here[1], here[2], turn, self._motor]).T
+        _, drag, lift = here
+        return np.array([drag, lift, turn, self._motor]).T
 
     def noise(self, solution: Solution) -> Noise:
         """What is left of the sensor's errors, and the encoder's."""
         data = self._data
-        count = len(self._rows)
+        rows = self._rows
+        weights = self._weights
+        count = len(rows)
         covariance = np.zeros((count + 1, count + 1))
-        covariance[:count, :count] = data.covariance[np.ix_(self._rows, self._rows)] / np.outer(
-            self._weights, self._weights
-        )
+        of_rows = data.covariance[np.ix_(rows, rows)]
+        covariance[:count, :count] = of_rows / np.outer(weights, weights)
         covariance[count, count] = (data.speed_deviation / speed_accuracy()) ** 2
         rounding = math.sqrt(3.0) * data.angle_deviation * self._angle_slope(solution.x)
-        return Noise(
-            covariance + np.outer(rounding, rounding) / 3.0,
-            np.inf,
-            data.effective_samples,
-            rounding,
-        )
+        covariance = covariance + np.outer(rounding, rounding) / 3.0
+        return Noise(covariance, np.inf, data.effective_samples, rounding)
 
-    def _weight(self, angle: float) -> tuple[np.ndarray, float]:
+    def _weight(self, angle: float) -> tuple[FloatArray, float]:
         """Reactions of the weight that are in the readings (6) and torque of the weight about the
         motor axis.
         """
         reactions, torque = self._balance.hanging(angle)
-        if self._data.tare is None:
+        tare = self._data.tare
+        if tare is None:
             return reactions, torque
         # A tare at the angle of the hold errs by as much as the angle does.
-        tare = angle if self._data.tare == self._data.angle else self._data.tare
-        return reactions - self._balance.hanging(tare)[0], torque
+        if tare == self._data.angle:
+            tare = angle
+        tared, _ = self._balance.hanging(tare)
+        return reactions - tared, torque
 
-    def _angle_slope(self, x: np.ndarray) -> np.ndarray:
+    def _angle_slope(self, x: FloatArray) -> FloatArray:
         """d residual / d angle."""
         cd, cl, psi, _ = x.tolist()
         shares = np.array([1.0, cd, cl])
@@ -231,7 +238,7 @@ def _uncertain_rig(data: StaticData) -> UncertainRig:
         )
 
     def problem(parameters: Parameters) -> Problem:
-        def residual(x: np.ndarray) -> np.ndarray:
+        def residual(x: FloatArray) -> FloatArray:
             values = parameters.values(x)
             return StaticResidual(shifted_data(exact, values))(
                 np.array([values[name] for name in UNKNOWNS])
@@ -299,15 +306,6 @@ def fit_static_log(
     return fit_static(static_data(read_run_log(path), rest, options), options)
 
 
-Vector3 = tuple[float, float, float]
-UPRIGHT_MARGIN = math.radians(0.5)
-"""A tail that hangs straight within this has its lift to the root, on whichever side of 0 an
-encoder reads it."""
-
-_DRAG = PolarLaw(1.0, 0.0)
-_LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
-
-
 @dataclass(frozen=True)
 class StaticBalance:
     """A held rig.
@@ -353,16 +351,17 @@ class StaticBalance:
         tunnel = self.scenario.tunnel
         return Jet.below_pivot(self.pivot, tunnel.jet_edge_depth, psi, tunnel.jet_slope)
 
-    def hanging(self, angle: float) -> tuple[np.ndarray, float]:
+    def hanging(self, angle: float) -> tuple[FloatArray, float]:
         """Reactions (6: N, N m) and the torque about the motor axis (positive downstream, N m) of
         the weight alone.
         """
         a = np.array(hanging_axis(angle))
         root = self.root_distance * a
         pivot = np.asarray(self.pivot)
-        mount = self.scenario.mount
-        bar = self.scenario.bar
-        tail = self.scenario.cheetah_tail
+        scenario = self.scenario
+        mount = scenario.mount
+        bar = scenario.bar
+        tail = scenario.cheetah_tail
         bodies = [
             (mount.mass, np.array([mount.com_x, mount.com_y, mount.com_z])),
             (bar.mass, pivot + bar.com_distance * a),
@@ -370,11 +369,12 @@ class StaticBalance:
         ]
         mass = sum(m for m, _ in bodies)
         first = np.sum([m * p for m, p in bodies], axis=0)
-        g = self.scenario.environment.gravity
+        g = scenario.environment.gravity
         swinging = sum(m * (p[1] - pivot[1]) for m, p in bodies[1:])
-        return np.array([0.0, 0.0, mass * g, g * first[1], -g * first[0], 0.0]), float(g * swinging)
+        reactions = np.array([0.0, 0.0, mass * g, g * first[1], -g * first[0], 0.0])
+        return reactions, float(g * swinging)
 
-    def wind_effect(self, angle: float, wind_speed: float, psi: float) -> np.ndarray:
+    def wind_effect(self, angle: float, wind_speed: float, psi: float) -> FloatArray:
         """What the wind adds: rows bar, unit C_D and unit C_L of the tail; columns reactions (6)
         and axis torque.
 
@@ -412,16 +412,17 @@ class StaticBalance:
         interval = jet.exposed_interval(layout, p_WR, b)
         if interval is None:
             return [[0.0] * 7] * len(laws)
-        area = (interval[1] - interval[0]) * layout.chord
-        middle = 0.5 * (interval[0] + interval[1])
+        begin, end = interval
+        area = (end - begin) * layout.chord
+        middle = 0.5 * (begin + end)
         x, y, z = (p + middle * d for p, d in zip(p_WR, b, strict=True))
-        arm_y = y - self.pivot[1]
-        arm_z = z - self.pivot[2]
+        _, pivot_y, pivot_z = self.pivot
+        arm_y = y - pivot_y
+        arm_z = z - pivot_z
+        density = self.scenario.environment.air_density
         rows = []
         for law in laws:
-            f, g, h = law.section_force(
-                wind, b, layout.normal_B, area, self.scenario.environment.air_density
-            )
+            f, g, h = law.section_force(wind, b, layout.normal_B, area, density)
             moment = (z * g - y * h, x * h - z * f, y * f - x * g)
             rows.append([-f, -g, -h, *moment, arm_z * g - arm_y * h])
         return rows
@@ -430,7 +431,9 @@ class StaticBalance:
         """How much of the tail is in the jet, m."""
         root = np.asarray(self.pivot) + self.root_distance * np.array(hanging_axis(angle))
         interval = self.jet(psi).exposed_interval(self.tail, root.tolist(), self.tail_axis(angle))
-        return 0.0 if interval is None else float(interval[1] - interval[0])
+        if interval is None:
+            return 0.0
+        return float(interval[1] - interval[0])
 
     def holding_current(
         self, angle: float, wind_speed: float, cd: float, cl: float, psi: float

@@ -39,6 +39,7 @@ from aerodima.optimisation.identify.uncertainty import (
     check_residual,
     correlation_time,
 )
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import RunLog
@@ -62,9 +63,12 @@ CURRENT_MARGIN = 2.0
 _NO_CHANGE = 4.0
 """Standard deviations of noise and drift within which the readings of hold and rest are the same.
 """
-_LARGEST_FORCE, _LARGEST_TORQUE = 1000.0, 40.0
-"""About twice the range of the Axia80-M20, N and N m: larger readings are of another unit."""
-_ROUNDS, _SETTLED = 40, 1e-4
+_LARGEST_FORCE = 1000.0
+"""About twice the range of the Axia80-M20, N: larger readings are of another unit."""
+_LARGEST_TORQUE = 40.0
+"""About twice the range of the Axia80-M20, N m."""
+_ROUNDS = 40
+_SETTLED = 1e-4
 _MOST_CORRELATED = 8192
 """Samples that the correlation time of a noise is taken from."""
 
@@ -103,9 +107,9 @@ class StaticData:
     scenario: RigScenario
     angle: float
     wind_speed: float
-    wrench: np.ndarray
+    wrench: FloatArray
     tare: float | None
-    covariance: np.ndarray
+    covariance: FloatArray
     present: np.ndarray
     speed: float
     speed_deviation: float
@@ -114,7 +118,7 @@ class StaticData:
     current_deviation: float
     effective_samples: float
     facts: Mapping[str, Any]
-    offset_deviation: np.ndarray
+    offset_deviation: FloatArray
     constants: tuple[Parameter, ...]
     still: bool
     warnings: tuple[str, ...]
@@ -154,21 +158,28 @@ def _static_data(
             "holds it "
             f"within {math.degrees(_LARGEST_WANDER):g} degree"
         )
-    hold = np.ones(len(time), bool) if rest is None else _hold_mask(time, rest)
+    if rest is None:
+        hold = np.ones(len(time), bool)
+    else:
+        hold = _hold_mask(time, rest)
     columns, warnings = _readings(log, time)
-    used = hold if rest is None else hold | ((time >= rest[0]) & (time <= rest[1]))
-    step = None if rest is None else hold[used].astype(float)
+    if rest is None:
+        used = hold
+        step = None
+    else:
+        used = hold | ((time >= rest[0]) & (time <= rest[1]))
+        step = hold[used].astype(float)
     mean = hold_mean(time[used], np.stack(list(columns.values()))[:, used], step, options.loss)
     held = float(np.mean(angle[hold]))
     log.stated(
         OFFSETS, len(REACTIONS)
     )  # refused where it cannot be right, also if a rest makes it unneeded
-    offset = (
-        (np.zeros(6), np.zeros(6), held)
-        if rest is not None
-        else _stated_offset(log, scenario, warnings)
-    )
-    added, deviation, tare = offset
+    if rest is None:
+        added, deviation, tare = _stated_offset(log, scenario, warnings)
+    else:
+        added = np.zeros(6)
+        deviation = np.zeros(6)
+        tare = held
     channels = [i for i, channel in enumerate(REACTIONS) if channel in columns]
     wrench = np.full(6, np.nan)
     variance = np.zeros(6)
@@ -208,22 +219,23 @@ def _static_data(
     )
 
 
-def _hold_mask(time: np.ndarray, rest: tuple[float, float]) -> np.ndarray:
+def _hold_mask(time: FloatArray, rest: tuple[float, float]) -> np.ndarray:
     """What comes after the rest phase."""
-    resting = np.count_nonzero((time >= rest[0]) & (time <= rest[1]))
-    hold = time > rest[1]
-    if resting < LEAST_SAMPLES or np.count_nonzero(hold) < LEAST_SAMPLES:
+    begin, end = rest
+    resting = np.count_nonzero((time >= begin) & (time <= end))
+    hold = time > end
+    holding = np.count_nonzero(hold)
+    if min(resting, holding) < LEAST_SAMPLES:
         raise FitError(
-            f"{resting} samples in the rest phase {rest[0]:g} to {rest[1]:g} s and "
-            f"{np.count_nonzero(hold)} after it; "
+            f"{resting} samples in the rest phase {begin:g} to {end:g} s and {holding} after it; "
             f"at least {LEAST_SAMPLES} of each are needed"
         )
     return hold
 
 
-def _readings(log: RunLog, time: np.ndarray) -> tuple[dict[str, np.ndarray], list[str]]:
+def _readings(log: RunLog, time: FloatArray) -> tuple[dict[str, FloatArray], list[str]]:
     """The axes that are there and alive; a warning names what is left out."""
-    columns: dict[str, np.ndarray] = {}
+    columns: dict[str, FloatArray] = {}
     warnings = []
     for channel, column in COLUMNS.items():
         if column not in log.table.columns:
@@ -232,11 +244,9 @@ def _readings(log: RunLog, time: np.ndarray) -> tuple[dict[str, np.ndarray], lis
         values = log.signal(column)
         check_signals(time, {column: values}, largest_step=np.inf)
         limit = _LARGEST_FORCE if channel.startswith("f") else _LARGEST_TORQUE
-        if np.max(np.abs(values)) > limit:
-            raise FitError(
-                f"column {column!r} reaches {np.max(np.abs(values)):g}, beyond {limit:g}; wrong "
-                "unit?"
-            )
+        largest = np.max(np.abs(values))
+        if largest > limit:
+            raise FitError(f"column {column!r} reaches {largest:g}, beyond {limit:g}; wrong unit?")
         if np.ptp(values) == 0.0:
             warnings.append(
                 f"{column} is constant ({values[0]:g}), a dead channel: fitted without it"
@@ -254,8 +264,9 @@ def _mean_current(
     """Mean logged current of the hold and the deviation of its error, NaN without a usable one; it
     is not fitted.
     """
+    unusable = (math.nan, math.nan)
     if CURRENT not in log.table.columns:
-        return math.nan, math.nan
+        return unusable
     values = log.signal(CURRENT)[hold]
     mean = float(np.mean(values))
     limit = CURRENT_MARGIN * scenario.maxon.current_limit
@@ -265,16 +276,17 @@ def _mean_current(
     warnings.append(
         f"{CURRENT} is {mean:.4g} in the mean, beyond {limit:g} A (is it in mA?): not compared"
     )
-    return math.nan, math.nan
+    return unusable
 
 
 def _mean_rate(
-    log: RunLog, time: np.ndarray, hold: np.ndarray, count: float
+    log: RunLog, time: FloatArray, hold: np.ndarray, count: float
 ) -> tuple[float, float]:
     """Mean speed of the hold and the deviation of its error: half a count at either end, over its
     length.
     """
-    length = float(time[hold][-1] - time[hold][0])
+    times = time[hold]
+    length = float(times[-1] - times[0])
     deviation = count / math.sqrt(6.0) / length
     if RATE not in log.table.columns:
         return 0.0, deviation
@@ -285,7 +297,7 @@ def _mean_rate(
 
 def _stated_offset(
     log: RunLog, scenario: RigScenario, warnings: list[str]
-) -> tuple[np.ndarray, np.ndarray, float | None]:
+) -> tuple[FloatArray, FloatArray, float | None]:
     """Offsets of a hold without rest: those that the log states, else those of the scenario.
 
     Returns:
@@ -308,11 +320,8 @@ def _stated_offset(
     if stated is not None:
         deviation = np.asarray(stated)
     elif tared is not None:
-        deviation = (
-            accuracy
-            * scenario.force_sensor.drift_fraction
-            * float(log.time[-1] - min(log.time[0], 0.0))
-        )
+        lasted = float(log.time[-1] - min(log.time[0], 0.0))
+        deviation = accuracy * scenario.force_sensor.drift_fraction * lasted
     else:
         deviation = accuracy
         warnings.append(
@@ -338,14 +347,14 @@ class HoldMean:
         checks: of what is left of each (k).
     """
 
-    value: np.ndarray
-    variance: np.ndarray
-    lags: np.ndarray
+    value: FloatArray
+    variance: FloatArray
+    lags: FloatArray
     checks: tuple[ResidualCheck, ...]
 
 
 def hold_mean(
-    time: np.ndarray, values: np.ndarray, step: np.ndarray | None, loss: Loss = "squares"
+    time: FloatArray, values: FloatArray, step: FloatArray | None, loss: Loss = "squares"
 ) -> HoldMean:
     """Fits a line of time, and the step.
 
@@ -355,8 +364,13 @@ def hold_mean(
         step: 0 in the rest and 1 in the hold (n); None without a rest.
         loss: squares; `huber` holds samples back that lie far off.
     """
-    design = np.stack([np.ones_like(time), time - time.mean(), *([] if step is None else [step])])
-    place = 0 if step is None else len(design) - 1
+    columns = [np.ones_like(time), time - time.mean()]
+    place = 0
+    if step is not None:
+        place = len(columns)
+        columns.append(step)
+    design = np.stack(columns)
+    count = len(columns)
     inverse = np.linalg.inv(design @ design.T)
     value = []
     variance = []
@@ -365,23 +379,23 @@ def hold_mean(
     for row in values:
         found, scatter, spoilt = _coefficients(row, design, loss)
         lag = correlation_time(scatter[:_MOST_CORRELATED])
-        noise = float(scatter @ scatter) / max(len(row) / lag - len(design), 1.0) * spoilt
+        freedom = max(len(row) / lag - count, 1.0)
+        noise = float(scatter @ scatter) / freedom * spoilt
         value.append(found[place])
         variance.append(noise * inverse[place, place])
         lags.append(lag)
-        check = check_residual(scatter, len(design))
+        check = check_residual(scatter, count)
         if loss == "squares" and (check.far_off or chance_of([check]) < CHANCE):
             # What lies far off has bent the fit: how far shows against one that it has bent less.
-            check = check_residual(
-                row - _coefficients(row, design, "huber")[0] @ design, len(design)
-            )
+            robust, _, _ = _coefficients(row, design, "huber")
+            check = check_residual(row - robust @ design, count)
         checks.append(check)
     return HoldMean(np.array(value), np.array(variance), np.array(lags), tuple(checks))
 
 
 def _coefficients(
-    row: np.ndarray, design: np.ndarray, loss: Loss
-) -> tuple[np.ndarray, np.ndarray, float]:
+    row: FloatArray, design: FloatArray, loss: Loss
+) -> tuple[FloatArray, FloatArray, float]:
     """Coefficients; the residual, clipped by `huber`; by how much that widens the variance."""
     found = row @ design.T @ np.linalg.inv(design @ design.T)
     residual = row - found @ design
@@ -397,21 +411,19 @@ def _coefficients(
         residual = row - found @ design
         if np.max(np.abs((found - before) @ design)) < _SETTLED * scale:
             break
-    within = float(np.mean(np.abs(residual / scale) <= LIMIT))
-    return found, residual * _huber_weight(residual / scale), 1.0 / within**2
+    sizes = residual / scale
+    within = float(np.mean(np.abs(sizes) <= LIMIT))
+    return found, residual * _huber_weight(sizes), 1.0 / within**2
 
 
-def _huber_weight(size: np.ndarray) -> np.ndarray:
+def _huber_weight(size: FloatArray) -> FloatArray:
     return np.minimum(1.0, LIMIT / np.maximum(np.abs(size), LIMIT))
 
 
-def _residual_warnings(mean: HoldMean, channels: list[str], time: np.ndarray) -> list[str]:
+def _residual_warnings(mean: HoldMean, channels: list[str], time: FloatArray) -> list[str]:
     """What the readings do that noise does not."""
-    far = {
-        name: check
-        for name, check in zip(channels, mean.checks, strict=True)
-        if check.far_off >= FEW_FAR_OFF
-    }
+    checks = dict(zip(channels, mean.checks, strict=True))
+    far = {name: check for name, check in checks.items() if check.far_off >= FEW_FAR_OFF}
     warnings = []
     if far:
         worst = max(far.values(), key=lambda check: check.far_off)
@@ -421,7 +433,7 @@ def _residual_warnings(mean: HoldMean, channels: list[str], time: np.ndarray) ->
             f"first at {time[worst.first]:g} s: no noise does that (try --loss huber)"
         )
     if chance_of(mean.checks) < CHANCE:
-        name, check = max(zip(channels, mean.checks, strict=True), key=lambda pair: pair[1].wander)
+        name, check = max(checks.items(), key=lambda pair: pair[1].wander)
         warnings.append(
             f"the readings wander about the fitted drift as noise does not ({name}: by up to "
             f"{check.swing:.2g}, slow "
@@ -431,7 +443,7 @@ def _residual_warnings(mean: HoldMean, channels: list[str], time: np.ndarray) ->
 
 
 def _is_still(
-    mean: HoldMean, scenario: RigScenario, channels: list[int], time: np.ndarray, hold: np.ndarray
+    mean: HoldMean, scenario: RigScenario, channels: list[int], time: FloatArray, hold: np.ndarray
 ) -> bool:
     """Whether no reading steps by more than noise, the drift of the sensor and the wander that is
     seen can do.

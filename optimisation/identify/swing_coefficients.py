@@ -9,7 +9,6 @@ by hand (section 6.3.3).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -27,7 +26,7 @@ from aerodima.optimisation.identify.pendulum import (
     friction_torque,
     known_friction,
 )
-from aerodima.optimisation.identify.swing_fit import SwingModel, Values
+from aerodima.optimisation.identify.swing_fit import SwingModel, TorqueLaw, Values
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
 from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable
 from aerodima.workbench.config.rig_scenario import RigScenario
@@ -41,11 +40,15 @@ SHAPES: tuple[Shape, ...] = ("constant", "line", "bins")
 BIN = 2.0
 """Distance of the nodes of a table over the relative speed, m/s."""
 _NODE = "cn_at_"
-_SEED, _LOW, _HIGH = 2.0, 0.0, 10.0
+_SEED = 2.0
+_LOW = 0.0
+_HIGH = 10.0
 _MOST_ADDED_MASS = 1.0
 """kg per part: twice the bound of Table 4.12, at which one published swing stopped."""
-_SCANNED, _SCANNED_LENGTH = 24, 1.0
-"""Masses that are scanned, over that much of the swing, s."""
+_SCANNED = 24
+"""Masses that are scanned."""
+_SCANNED_LENGTH = 1.0
+"""Length of the swing over which they are scanned, s."""
 
 
 def fit_friction_log(path: str | Path, *, options: FitOptions = FREE) -> FitResult:
@@ -112,12 +115,15 @@ def friction_parameters(robot: bool = False) -> list[Parameter]:
     ]
 
 
-def friction_law(data: SwingData) -> Callable[[Values], list[Torque]]:
+def friction_law(data: SwingData) -> TorqueLaw:
     """The friction of the values; air and motor as in the scenario."""
     scenario = data.scenario
     air = air_torque(scenario)
-    fixed = [air] if air is not None else []
-    fixed += [motor_of(scenario)] if scenario.is_robot else []
+    fixed = []
+    if air is not None:
+        fixed.append(air)
+    if scenario.is_robot:
+        fixed.append(motor_of(scenario))
     gain = (scenario.robot_friction if scenario.is_robot else scenario.friction).tanh_gain
     return lambda values: [*fixed, friction_torque(values["coulomb"], values["viscous"], gain)]
 
@@ -147,7 +153,7 @@ def potential_flow_mass(data: SwingData) -> float:
     return density * math.pi * radius**2 * tail.length / ADDED_MASS_PARTS
 
 
-def still_tail_law(data: SwingData) -> Callable[[Values], list[Torque]]:
+def still_tail_law(data: SwingData) -> TorqueLaw:
     """The quasi-steady coefficients of the tail and the published friction; values change nothing
     of them.
     """
@@ -282,7 +288,7 @@ def normal_force_law(shape: Shape, values: Values, speeds: tuple[float, float]) 
     return NormalForceLaw(SpeedTable(tuple(nodes), tuple(nodes.values())))
 
 
-def robot_tail_law(shape: Shape, data: SwingData) -> Callable[[Values], list[Torque]]:
+def robot_tail_law(shape: Shape, data: SwingData) -> TorqueLaw:
     """Air with C_N of a shape; friction and motor as in the scenario."""
     scenario = data.scenario
     fixed = [known_friction(scenario), motor_of(scenario)]

@@ -28,10 +28,15 @@ from aerodima.optimisation.identify.log_rig import (
 from aerodima.optimisation.identify.pendulum import Pendulum, Torque, roll_out, torque_response
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 from aerodima.optimisation.identify.uncertainty import Noise, serial_noise
+from aerodima.workbench.config.array_types import FloatArray
 
 Values = Mapping[str, float]
-_START_ANGLE, _START_RATE = 0.02, 1.0
-"""How far the start may lie from what the log says, rad and rad/s."""
+TorqueLaw = Callable[[Values], Sequence[Torque]]
+"""Values of parameters -> torques of air, friction and motor."""
+_START_ANGLE = 0.02
+"""How far the start may lie from what the log says, rad."""
+_START_RATE = 1.0
+"""How far its rate may lie from what the log says, rad/s."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,7 @@ class SwingModel:
     """
 
     data: SwingData
-    law: Callable[[SwingData], Callable[[Values], Sequence[Torque]]]
+    law: Callable[[SwingData], TorqueLaw]
 
     @cached_property
     def pendulum(self) -> Pendulum:
@@ -52,11 +57,11 @@ class SwingModel:
         return Pendulum.of(self.data.scenario)
 
     @cached_property
-    def torques(self) -> Callable[[Values], Sequence[Torque]]:
+    def torques(self) -> TorqueLaw:
         """Values to torques of air, friction and motor."""
         return self.law(self.data)
 
-    def motion(self, values: Values, count: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def motion(self, values: Values, count: int | None = None) -> tuple[FloatArray, FloatArray]:
         """Angles (rad) and rates (rad/s) on the grid of the data, or on its first `count` times (n
         each).
         """
@@ -75,13 +80,12 @@ class SwingModel:
     def problem(self, parameters: Sequence[Parameter]) -> Problem:
         """The least-squares problem in these parameters and the start."""
         data = self.data
-        start = [
-            Parameter(name, unit, seed, seed - reach, seed + reach, scale=scale)
-            for name, unit, seed, reach, scale in (
-                ("start_angle", "rad", data.angle[0], _START_ANGLE, 0.002),
-                ("start_rate", "rad/s", data.start_rate, _START_RATE, 0.05),
-            )
-        ]
+        start = []
+        for name, unit, seed, reach, scale in (
+            ("start_angle", "rad", data.angle[0], _START_ANGLE, 0.002),
+            ("start_rate", "rad/s", data.start_rate, _START_RATE, 0.05),
+        ):
+            start.append(Parameter(name, unit, seed, seed - reach, seed + reach, scale=scale))
         return self.problem_in(Parameters.of([*parameters, *start]))
 
     def problem_in(self, parameters: Parameters) -> Problem:
@@ -89,7 +93,7 @@ class SwingModel:
         not.
         """
 
-        def residual(x: np.ndarray) -> np.ndarray:
+        def residual(x: FloatArray) -> FloatArray:
             values = parameters.values(x)
             return (self.shifted(values).readings(values) - self.data.angle) / speed_accuracy()
 
@@ -114,9 +118,10 @@ class SwingModel:
         Raises:
             FitError: bounds that exclude a seed or name no parameter, or no rollout exists.
         """
+        data = self.data
         fitted = [p.name for p in parameters]
-        constants = [] if exact else [c for c in self.data.constants if c.name not in fitted]
-        model = replace(self, data=replace(self.data, constants=tuple(constants)))
+        constants = [c for c in data.constants if not exact and c.name not in fitted]
+        model = replace(self, data=replace(data, constants=tuple(constants)))
         problem = model.problem(options.bounded(parameters))
         result = fit(
             problem,
@@ -124,42 +129,43 @@ class SwingModel:
             model.noise,
             starts=problem.parameters.starts(seeds),
             channels={"angle": (slice(None), speed_accuracy())},
-            facts={**self.data.facts, **(facts or {})},
-            warnings=self.data.warnings,
+            facts={**data.facts, **(facts or {})},
+            warnings=data.warnings,
             loss=options.loss,
             rig=UncertainRig(constants, model.problem_in, model.noise, model.least_noise),
         )
-        values = {e.name: e.value for e in result.estimates} | {
-            n: c["shift"] for n, c in result.constants.items()
-        }
+        values = {e.name: e.value for e in result.estimates}
+        values |= {name: constant["shift"] for name, constant in result.constants.items()}
+        readings = model.shifted(values).readings(values)
         curve = {
-            "x": self.data.time.tolist(),
-            "measured": self.data.angle.tolist(),
-            "model": model.shifted(values).readings(values).tolist(),
+            "x": data.time.tolist(),
+            "measured": data.angle.tolist(),
+            "model": readings.tolist(),
             "labels": ["time after the release, s", "angle, rad"],
         }
-        return replace(result, curves={"angle": curve}, rig=differences(self.data.scenario))
+        return replace(result, curves={"angle": curve}, rig=differences(data.scenario))
 
     def shifted(self, values: Values) -> SwingModel:
         """The model when constants and instruments are off by some values (`constants`)."""
-        if not any(values.get(c.name) for c in self.data.constants):
-            return self
         data = self.data
-        scenario = shifted(data.scenario, {c.name: values.get(c.name, 0.0) for c in data.constants})
-        wind = scenario.experiment.wind_speed * (1.0 + values.get("wind_speed", 0.0))
-        scenario = scenario.model_copy(
-            update={"experiment": scenario.experiment.model_copy(update={"wind_speed": wind})}
-        )
+        shifts = {c.name: values.get(c.name, 0.0) for c in data.constants}
+        if not any(shifts.values()):
+            return self
+        scenario = shifted(data.scenario, shifts)
+        experiment = scenario.experiment
+        wind = experiment.wind_speed * (1.0 + values.get("wind_speed", 0.0))
+        experiment = experiment.model_copy(update={"wind_speed": wind})
+        scenario = scenario.model_copy(update={"experiment": experiment})
         bias = values.get("current_bias", 0.0)
         delay = values.get("current_delay", 0.0)
         motor, ramp = motor_torque(scenario, data.current, len(data.motor), bias, delay)
         return replace(self, data=replace(data, scenario=scenario, motor=motor, ramp=ramp))
 
-    def readings(self, values: Values) -> np.ndarray:
+    def readings(self, values: Values) -> FloatArray:
         """What the encoder shows of the motion (n), rad."""
-        return (self.motion(values)[0] - values.get("encoder_zero", 0.0)) / (
-            1.0 + values.get("encoder_gain", 0.0)
-        )
+        angles, _ = self.motion(values)
+        gain = 1.0 + values.get("encoder_gain", 0.0)
+        return (angles - values.get("encoder_zero", 0.0)) / gain
 
     def least_noise(self, solution: Solution) -> Noise:
         """What the noise would be if the model were right: what changes from sample to sample, no
@@ -199,9 +205,9 @@ class SwingModel:
         if not widened:
             return Noise(covariance)
         # A residual larger than these two explain is the model's: it widens the intervals.
-        expected = float(
-            np.trace(covariance)
-            - np.trace(np.linalg.pinv(solution.jacobian) @ covariance @ solution.jacobian)
-        )
-        excess = max(1.0, float(solution.residual @ solution.residual) / max(expected, 1e-12) / 3.0)
+        J = solution.jacobian
+        fitted = np.trace(np.linalg.pinv(J) @ covariance @ J)
+        expected = float(np.trace(covariance) - fitted)
+        power = float(solution.residual @ solution.residual)
+        excess = max(1.0, power / max(expected, 1e-12) / 3.0)
         return Noise(covariance * excess, np.inf, seen.effective_samples)

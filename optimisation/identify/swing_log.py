@@ -23,6 +23,7 @@ from aerodima.optimisation.identify.log_rig import (
     rig_of,
 )
 from aerodima.optimisation.identify.static_log import CURRENT_MARGIN
+from aerodima.workbench.config.array_types import FloatArray, IntArray
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import RunLog
@@ -37,9 +38,11 @@ LARGEST_STEP = 0.004
 LEAST_SAMPLES = 50
 """Fewest samples of a swing that are fitted."""
 _COUNTS_MOVED = 20
-_DWELL, _DWELL_STEPS = 0.1, 2.5
-"""A reading that moves no further (steps) in that time (s) is at rest or nearly so; chosen on
-simulated swings."""
+_DWELL = 0.1
+"""A reading that moves no further than `_DWELL_STEPS` in that time (s) is at rest or nearly so;
+chosen on simulated swings."""
+_DWELL_STEPS = 2.5
+"""In steps of the reading."""
 _WHOLE = 0.01
 """Readings this near to whole steps are counts: a log may have been through degrees and text."""
 _LONGEST_SAMPLING = 0.05
@@ -58,11 +61,11 @@ class LoggedCurrent:
     """
 
     time: np.ndarray
-    value: np.ndarray
+    value: FloatArray
     means: bool
-    ends: np.ndarray
+    ends: FloatArray
 
-    def mean(self, delay: float = 0.0) -> np.ndarray:
+    def mean(self, delay: float = 0.0) -> FloatArray:
         """Over each step (m - 1), A; a sample that comes late by `delay` (s) tells of an earlier
         time.
 
@@ -87,7 +90,7 @@ class LoggedCurrent:
         )
         return np.diff(inside) / np.diff(ends)
 
-    def ramp(self, delay: float = 0.0) -> np.ndarray:
+    def ramp(self, delay: float = 0.0) -> FloatArray:
         """Change over each step (m - 1), A; none where samples are means."""
         if self.means:
             return np.zeros(len(self.ends) - 1)
@@ -100,7 +103,7 @@ def motor_torque(
     steps: int,
     bias: float = 0.0,
     delay: float = 0.0,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[FloatArray, FloatArray]:
     """Mean torque of the Maxon during each step and its change over the step (steps each), N m;
     zero without current.
 
@@ -140,9 +143,9 @@ class SwingData:
     name: str
     scenario: RigScenario
     time: np.ndarray
-    angle: np.ndarray
-    motor: np.ndarray
-    ramp: np.ndarray
+    angle: FloatArray
+    motor: FloatArray
+    ramp: FloatArray
     motor_deviation: float
     rounding: float
     start_rate: float
@@ -196,35 +199,41 @@ def _swing_data(
         raise FitError(
             f"only {len(picked)} samples of the motion; at least {LEAST_SAMPLES} are needed"
         )
-    if np.ptp(angle[picked]) <= _COUNTS_MOVED * reading_step(scenario):
+    step = reading_step(scenario)
+    readings = angle[picked]
+    if np.ptp(readings) <= _COUNTS_MOVED * step:
         raise FitError(
             f"the angle stays at {angle[first]:.4f} rad after the release; there is no swing in it"
         )
-    rounding = reading_step(scenario) if _is_rounded(angle[picked], reading_step(scenario)) else 0.0
-    if rounding:
-        picked = picked[: _end_of_motion(angle[picked], rounding, stride * sampling)]
+    rounding = 0.0
+    if _is_rounded(readings, step):
+        rounding = step
+        picked = picked[: _end_of_motion(readings, rounding, stride * sampling)]
+        readings = angle[picked]
+    count = len(picked)
+    release = time[picked[0]]
     current, warnings = _current(log, scenario, picked)
-    motor, ramp = motor_torque(scenario, current, len(picked) - 1)
-    t = time[picked] - time[picked[0]]
+    motor, ramp = motor_torque(scenario, current, count - 1)
+    t = time[picked] - release
     early = slice(0, 8)
-    rate = float(np.polyfit(t[early], angle[picked][early], 2)[1])
-    facts: dict[str, Any] = {"wind_speed_m_per_s": scenario.experiment.wind_speed}
+    rate = float(np.polyfit(t[early], readings[early], 2)[1])
+    experiment = scenario.experiment
+    facts: dict[str, Any] = {"wind_speed_m_per_s": experiment.wind_speed}
     if kind == "swing":
-        facts = {"tail": str(scenario.experiment.tail), "axis": scenario.experiment.axis, **facts}
-    noise = (
-        scenario.maxon.torque_constant * scenario.maxon.current_noise / math.sqrt(stride)
-        if np.any(motor)
-        else 0.0
-    )
-    grid = np.arange(len(picked)) * float(np.mean(np.diff(t)))
+        facts = {"tail": str(experiment.tail), "axis": experiment.axis, **facts}
+    noise = 0.0
+    if np.any(motor):
+        maxon = scenario.maxon
+        noise = maxon.torque_constant * maxon.current_noise / math.sqrt(stride)
+    grid = np.arange(count) * float(np.mean(np.diff(t)))
     constants = constant_parameters(log, scenario, kind, options)
     data = SwingData(
-        name, scenario, grid, angle[picked], motor, ramp, noise, rounding, rate, current, constants
+        name, scenario, grid, readings, motor, ramp, noise, rounding, rate, current, constants
     )
-    return replace(data, release=float(time[picked[0]]), facts=facts, warnings=tuple(warnings))
+    return replace(data, release=float(release), facts=facts, warnings=tuple(warnings))
 
 
-def _release(time: np.ndarray, angle: np.ndarray, scenario: RigScenario, log: RunLog) -> int:
+def _release(time: FloatArray, angle: FloatArray, scenario: RigScenario, log: RunLog) -> int:
     """Row of the release: the end of the rest that the metadata or the scenario tell, else the
     first motion.
     """
@@ -232,12 +241,13 @@ def _release(time: np.ndarray, angle: np.ndarray, scenario: RigScenario, log: Ru
     if stated is None and "rest" in log.scenario.get("experiment", {}):
         stated = (0.0, scenario.experiment.rest - earlier_shift(log))
     if stated is not None:
-        if stated[1] >= time[-1]:
+        _, end = stated
+        last = time[-1]
+        if end >= last:
             raise FitError(
-                f"the rest ends at {stated[1]:g} s, but the log at {time[-1]:g} s; there is no "
-                "swing in it"
+                f"the rest ends at {end:g} s, but the log at {last:g} s; there is no swing in it"
             )
-        return int(np.searchsorted(time, stated[1] - 1e-9))
+        return int(np.searchsorted(time, end - 1e-9))
     moved = np.flatnonzero(np.abs(angle - angle[0]) > _COUNTS_MOVED * reading_step(scenario))
     if not moved.size:
         raise FitError(f"the angle stays at {angle[0]:.4f} rad; there is no swing in it")
@@ -253,13 +263,13 @@ def reading_step(scenario: RigScenario) -> float:
     return scenario.count_angle
 
 
-def _is_rounded(angle: np.ndarray, step: float) -> bool:
+def _is_rounded(angle: FloatArray, step: float) -> bool:
     """Whether the readings differ by whole steps."""
     steps = (angle - angle[0]) / step
     return bool(np.all(np.abs(steps - np.round(steps)) < _WHOLE))
 
 
-def _end_of_motion(angle: np.ndarray, step: float, sampling: float) -> int:
+def _end_of_motion(angle: FloatArray, step: float, sampling: float) -> int:
     """Number of samples until the reading changes by fewer than three steps in a tenth of a second.
 
     At rest a reading repeats one rounding error for as long as the log goes on, and on the way
@@ -268,11 +278,12 @@ def _end_of_motion(angle: np.ndarray, step: float, sampling: float) -> int:
     """
     window = max(round(_DWELL / sampling), 1)
     moving = np.flatnonzero(np.abs(angle[window:] - angle[:-window]) > _DWELL_STEPS * step)
-    return max(int(moving[-1]) + window + 1 if moving.size else len(angle), LEAST_SAMPLES)
+    end = int(moving[-1]) + window + 1 if moving.size else len(angle)
+    return max(end, LEAST_SAMPLES)
 
 
 def _current(
-    log: RunLog, scenario: RigScenario, picked: np.ndarray
+    log: RunLog, scenario: RigScenario, picked: IntArray
 ) -> tuple[LoggedCurrent | None, list[str]]:
     """The current of a driven swing; None of a free one, whose logged current is noise."""
     if scenario.is_robot:
@@ -282,11 +293,9 @@ def _current(
     current = log.signal(CURRENT)
     check_signals(log.time, {CURRENT: current}, largest_step=np.inf)
     limit = CURRENT_MARGIN * scenario.maxon.current_limit
-    if np.max(np.abs(current)) > limit:
-        raise FitError(
-            f"column {CURRENT!r} reaches {np.max(np.abs(current)):g}, beyond {limit:g} A; is it "
-            "in mA?"
-        )
+    largest = np.max(np.abs(current))
+    if largest > limit:
+        raise FitError(f"column {CURRENT!r} reaches {largest:g}, beyond {limit:g} A; is it in mA?")
     sampling = log.extra.get(CURRENT_SAMPLING, "mean" if is_ours(log) else "instantaneous")
     if sampling not in ("mean", "instantaneous"):
         raise FitError(

@@ -30,18 +30,40 @@ from scipy.fft import dct, idct
 from scipy.special import fdtrc, ndtr, stdtr, stdtrit
 
 from aerodima.optimisation.identify.least_squares import Solution, spread
+from aerodima.workbench.config.array_types import FloatArray, IntArray
 from aerodima.workbench.errors import FitError
 
 FAR_OFF = 6.0
 """Robust standard deviations beyond which a sample is no noise: two in a thousand million of normal
 ones."""
 FEW_FAR_OFF = 3
-_SLOW, _NEXT = 10, 60
-"""Modes of the cosine transform: wandering shows in the first, whose power is compared with that of
-the next."""
+_SLOW = 10
+"""First modes of the cosine transform, in which wandering shows."""
+_NEXT = 60
+"""End of the modes whose power is compared with theirs."""
 _LEAST_SAMPLES = 4 * _NEXT
 CHANCE = 1e-5
 """That noise wanders as much: below it, it is not noise."""
+_EXCESS = 0.2
+"""A residual whose variance exceeds that of its rounding by this part is not explained by it.
+
+Chosen on simulated swings, whose intervals hardly change between 0.05 and 1.
+"""
+CONFIDENCE = 0.95
+_RANK_TOLERANCE = 1e-7
+"""Singular values of the scaled Jacobian below this part of the largest count as zero."""
+_WIDE = 0.25
+_CURVED = 1.5
+_EVEN_MATTERS = 0.6
+"""Share of a standard deviation that evenly spread errors have: below it the sum is as good as
+normal."""
+_EVEN_ALONE = 0.995
+_SHARE = 0.05
+"""A parameter whose squared share in an unidentifiable direction exceeds the square of this is not
+determined."""
+_TAIL = 0.05
+_LEAST_TAIL = 1e-250
+"""Smaller tails are not counted with: the floating-point numbers end."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +85,7 @@ class ResidualCheck:
     swing: float = 0.0
 
 
-def check_residual(residual: np.ndarray, unknowns: int = 1) -> ResidualCheck:
+def check_residual(residual: FloatArray, unknowns: int = 1) -> ResidualCheck:
     """Checks a residual in the order of time (n).
 
     Args:
@@ -79,7 +101,8 @@ def check_residual(residual: np.ndarray, unknowns: int = 1) -> ResidualCheck:
     # Wild samples were reported above; they must not look like noise or like wandering.
     modes = dct(np.clip(x, -FAR_OFF * scale, FAR_OFF * scale), norm="ortho")
     freedom = (max(_SLOW - unknowns, 1), _NEXT - _SLOW)
-    ratio = np.sum(np.square(modes[1:_SLOW])) / freedom[0] / np.mean(np.square(modes[_SLOW:_NEXT]))
+    power = np.square(modes)
+    ratio = np.sum(power[1:_SLOW]) / freedom[0] / np.mean(power[_SLOW:_NEXT])
     modes[_SLOW:] = 0.0
     modes[0] = 0.0
     slow = float(np.max(np.abs(idct(modes, norm="ortho"))))
@@ -88,15 +111,10 @@ def check_residual(residual: np.ndarray, unknowns: int = 1) -> ResidualCheck:
 
 def chance_of(checks: Sequence[ResidualCheck]) -> float:
     """That noise wanders as much as several residuals together do."""
-    low, high = (sum(check.freedom[i] for check in checks) for i in range(2))
-    return float(fdtrc(low, high, np.mean([check.wander for check in checks])))
-
-
-_EXCESS = 0.2
-"""A residual whose variance exceeds that of its rounding by this part is not explained by it.
-
-Chosen on simulated swings, whose intervals hardly change between 0.05 and 1.
-"""
+    slow = sum(check.freedom[0] for check in checks)
+    following = sum(check.freedom[1] for check in checks)
+    wander = np.mean([check.wander for check in checks])
+    return float(fdtrc(slow, following, wander))
 
 
 @dataclass(frozen=True)
@@ -111,13 +129,13 @@ class Noise:
             is evenly spread, not normal. It is part of `covariance` (a third of its square).
     """
 
-    covariance: np.ndarray
+    covariance: FloatArray
     degrees_of_freedom: float = np.inf
     effective_samples: float = np.nan
-    rounding: np.ndarray | None = None
+    rounding: FloatArray | None = None
 
 
-def correlation_time(residual: np.ndarray) -> float:
+def correlation_time(residual: FloatArray) -> float:
     """1 + 2 sum rho_k of a signal (n): how many samples count as one; at least 1.
 
     The autocorrelation is summed in pairs until a pair is no longer positive (initial positive
@@ -133,12 +151,13 @@ def correlation_time(residual: np.ndarray) -> float:
     spectrum = np.fft.rfft(x, size)
     rho = np.fft.irfft(spectrum * spectrum.conj(), size)[: n // 2] / power
     pairs = rho[0 : len(rho) - 1 : 2] + rho[1 : len(rho) : 2]
-    end = int(np.argmax(pairs <= 0.0)) if np.any(pairs <= 0.0) else len(pairs)
+    falls = pairs <= 0.0
+    end = int(np.argmax(falls)) if np.any(falls) else len(pairs)
     return max(1.0, float(2.0 * np.sum(pairs[:end]) - 1.0))
 
 
 def serial_noise(
-    residual: np.ndarray, channels: list[slice], unknowns: int, rounding: float = 0.0
+    residual: FloatArray, channels: list[slice], unknowns: int, rounding: float = 0.0
 ) -> Noise:
     """Noise of time series, one per channel, from the residual itself: its variance, times its
     correlation time.
@@ -161,30 +180,21 @@ def serial_noise(
         part = residual[channel]
         power = float(np.mean(np.square(part)))
         explained = rounding**2 / 12.0
-        slow = min(max(power / explained - 1.0, 0.0) / _EXCESS, 1.0) if explained > 0.0 else 1.0
+        if explained > 0.0:
+            slow = min(max(power / explained - 1.0, 0.0) / _EXCESS, 1.0)
+        else:
+            slow = 1.0
         variance[channel] = power * (1.0 + slow * (correlation_time(part) - 1.0))
         effective += len(part) * (power / variance[channel][0] if power > 0.0 else 1.0)
     freedom = max(effective - unknowns, 1.0)
     return Noise(variance * effective / freedom, freedom, effective)
 
 
-def independent_noise(residual: np.ndarray, unknowns: int) -> Noise:
+def independent_noise(residual: FloatArray, unknowns: int) -> Noise:
     """Noise of rows that do not repeat each other (a table): one variance, from the residual."""
     freedom = max(len(residual) - unknowns, 1)
     variance = float(residual @ residual) / freedom
     return Noise(np.full(len(residual), variance), freedom, float(len(residual)))
-
-
-CONFIDENCE = 0.95
-_RANK_TOLERANCE = 1e-7
-"""Singular values of the scaled Jacobian below this part of the largest count as zero."""
-_WIDE, _CURVED = 0.25, 1.5
-_EVEN_MATTERS, _EVEN_ALONE = 0.6, 0.995
-"""Share of a standard deviation that evenly spread errors have: below the first the sum is as good
-as normal."""
-_SHARE = 0.05
-"""A parameter whose squared share in an unidentifiable direction exceeds the square of this is not
-determined."""
 
 
 @dataclass(frozen=True)
@@ -205,11 +215,11 @@ class Uncertainty:
         effective_samples: see `Noise`.
     """
 
-    covariance: np.ndarray
-    standard_deviation: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    beyond: np.ndarray
+    covariance: FloatArray
+    standard_deviation: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    beyond: FloatArray
     identifiable: np.ndarray
     unidentifiable: tuple[str, ...]
     effective_samples: float
@@ -229,7 +239,10 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     names = parameters.names
     x = solution.x
     inverse, hidden = _pseudo_inverse(solution.jacobian, scales)
-    seen = np.all(np.abs(hidden) <= _SHARE, axis=0) if len(hidden) else np.ones(len(scales), bool)
+    if len(hidden):
+        seen = np.all(np.abs(hidden) <= _SHARE, axis=0)
+    else:
+        seen = np.ones(len(scales), bool)
     alone = np.sqrt(np.maximum(np.diag(_covariance(inverse, noise, scales)), 0.0))
     freedom = max(noise.degrees_of_freedom, 1.0)
     # What the data do not see stays where it started, which may be a bound.
@@ -247,30 +260,29 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     factor = np.full(len(scales), _factor(freedom))
     if noise.rounding is not None:
-        shares = (
-            np.abs(inverse @ noise.rounding)
-            * scales
-            / (math.sqrt(3.0) * np.maximum(deviation, 1e-300))
-        )
-        factor *= [_rounded_factor(round(share, 2)) / _factor(np.inf) for share in shares.tolist()]
+        rounding = np.abs(inverse @ noise.rounding) * scales
+        shares = rounding / (math.sqrt(3.0) * np.maximum(deviation, 1e-300))
+        normal = _factor(np.inf)
+        factor *= [_rounded_factor(round(share, 2)) / normal for share in shares.tolist()]
     reach = given.reach * scales
     shift = given.shift * scales[:, None]
-    down = np.where(
-        sides < 0, 0.0, np.hypot(factor * deviation, np.linalg.norm(np.minimum(shift, 0.0), axis=1))
-    )
-    up = np.where(
-        sides > 0, 0.0, np.hypot(factor * deviation, np.linalg.norm(np.maximum(shift, 0.0), axis=1))
-    )
-    down = np.where(sides > 0, reach, down)
-    up = np.where(sides < 0, reach, up)
+    half_width = factor * deviation
+    at_lower = sides < 0
+    at_upper = sides > 0
+    shift_down = np.linalg.norm(np.minimum(shift, 0.0), axis=1)
+    shift_up = np.linalg.norm(np.maximum(shift, 0.0), axis=1)
+    down = np.where(at_lower, 0.0, np.hypot(half_width, shift_down))
+    up = np.where(at_upper, 0.0, np.hypot(half_width, shift_up))
+    down = np.where(at_upper, reach, down)
+    up = np.where(at_lower, reach, up)
     deviation = np.where(sides != 0, reach / factor, deviation)
     loose = seen & (down + up > parameters.upper - parameters.lower)
-    curved = seen & ~loose & _curved(solution, noise, alone, factor)
-    determined = seen & ~loose & ~curved
+    tight = seen & ~loose
+    curved = tight & _curved(solution, noise, alone, factor)
+    determined = tight & ~curved
     deviation[~determined] = np.inf
-    covariance[np.diag_indices_from(covariance)] = np.where(
-        determined, np.square(deviation), np.inf
-    )
+    variance = np.where(determined, np.square(deviation), np.inf)
+    covariance[np.diag_indices_from(covariance)] = variance
     unidentifiable = [_in_words(direction, names) for direction in hidden]
     unidentifiable += [
         f"{name} within its bounds" for name, flag in zip(names, loose, strict=True) if flag
@@ -323,7 +335,7 @@ def _rounded_factor(share: float) -> float:
     return float(brentq(missing, 1.0, 3.0))
 
 
-def _pseudo_inverse(jacobian: np.ndarray, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _pseudo_inverse(jacobian: FloatArray, scales: FloatArray) -> tuple[FloatArray, FloatArray]:
     """J^+ in scaled unknowns (p x m), the unidentifiable directions (k x p)."""
     U, s, Vt = np.linalg.svd(jacobian * scales, full_matrices=False)
     seen = s > _RANK_TOLERANCE * max(float(s[0]), 1e-300)
@@ -331,14 +343,17 @@ def _pseudo_inverse(jacobian: np.ndarray, scales: np.ndarray) -> tuple[np.ndarra
     return inverse, _hidden_directions(Vt, seen)
 
 
-def _covariance(inverse: np.ndarray, noise: Noise, scales: np.ndarray) -> np.ndarray:
+def _covariance(inverse: FloatArray, noise: Noise, scales: FloatArray) -> FloatArray:
     S = noise.covariance
-    scaled = (inverse * S) @ inverse.T if S.ndim == 1 else inverse @ S @ inverse.T
+    if S.ndim == 1:
+        scaled = (inverse * S) @ inverse.T
+    else:
+        scaled = inverse @ S @ inverse.T
     return scaled * np.outer(scales, scales)
 
 
 def _curved(
-    solution: Solution, noise: Noise, deviation: np.ndarray, factor: np.ndarray
+    solution: Solution, noise: Noise, deviation: FloatArray, factor: FloatArray
 ) -> np.ndarray:
     """Whose standard deviation changes by more than half of it within the intervals, cut at the
     bounds (p).
@@ -347,14 +362,16 @@ def _curved(
     much as a solution.
     """
     problem = solution.problem
-    low = problem.parameters.lower
-    high = problem.parameters.upper
-    scales = problem.parameters.scales
+    parameters = problem.parameters
+    low = parameters.lower
+    high = parameters.upper
+    scales = parameters.scales
     changed = np.zeros(len(scales), bool)
     if not np.any(2.0 * factor * deviation > _WIDE * (high - low)):
         return changed
     for i, reach in enumerate(factor * deviation):
-        for end in (max(solution.x[i] - reach, low[i]), min(solution.x[i] + reach, high[i])):
+        middle = solution.x[i]
+        for end in (max(middle - reach, low[i]), min(middle + reach, high[i])):
             if not np.isfinite(end) or reach == 0.0:
                 continue
             x = solution.x.copy()
@@ -369,7 +386,7 @@ def _curved(
     return changed
 
 
-def _hidden_directions(Vt: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def _hidden_directions(Vt: FloatArray, seen: np.ndarray) -> FloatArray:
     """A readable basis of the directions that are not seen (k x p): each has a parameter that the
     others lack.
     """
@@ -386,21 +403,18 @@ def _hidden_directions(Vt: np.ndarray, seen: np.ndarray) -> np.ndarray:
     return hidden / np.where(norms > 0.0, norms, 1.0)
 
 
-def _in_words(direction: np.ndarray, names: tuple[str, ...]) -> str:
+def _in_words(direction: FloatArray, names: tuple[str, ...]) -> str:
     """A direction of scaled unknowns: `cd`, or `0.80 gap + 0.60 h0`."""
     order = np.argsort(-np.abs(direction))
     parts = [(direction[i], names[i]) for i in order if abs(direction[i]) > _SHARE]
+    largest, first = parts[0]
     if len(parts) == 1:
-        return parts[0][1]
-    text = f"{parts[0][0]:.2f} {parts[0][1]}"
+        return first
+    text = f"{largest:.2f} {first}"
     for share, name in parts[1:]:
-        text += f" {'+' if share > 0 else '-'} {abs(share):.2f} {name}"
+        sign = "+" if share > 0 else "-"
+        text += f" {sign} {abs(share):.2f} {name}"
     return text
-
-
-_TAIL = 0.05
-_LEAST_TAIL = 1e-250
-"""Smaller tails are not counted with: the floating-point numbers end."""
 
 
 @dataclass(frozen=True)
@@ -417,17 +431,17 @@ class GivenBounds:
             p).
     """
 
-    inverse: np.ndarray
-    beyond: np.ndarray
-    reach: np.ndarray
-    shift: np.ndarray
+    inverse: FloatArray
+    beyond: FloatArray
+    reach: FloatArray
+    shift: FloatArray
 
 
 def held_at_bounds(
-    jacobian: np.ndarray,
-    residual: np.ndarray,
-    covariance: np.ndarray,
-    sides: np.ndarray,
+    jacobian: FloatArray,
+    residual: FloatArray,
+    covariance: FloatArray,
+    sides: IntArray,
     freedom: float,
     rank_tolerance: float,
 ) -> GivenBounds:
@@ -451,14 +465,22 @@ def held_at_bounds(
     shift = np.zeros((count, count))
     for k in np.flatnonzero(sides):
         # What is left of this column once the others have followed it.
-        alone = jacobian[:, k] - jacobian @ (inverse @ jacobian[:, k])
+        column = jacobian[:, k]
+        followed = inverse @ column
+        alone = column - jacobian @ followed
         row = alone / float(alone @ alone)
-        spread = row * covariance if covariance.ndim == 1 else row @ covariance
+        if covariance.ndim == 1:
+            spread = row * covariance
+        else:
+            spread = row @ covariance
         deviation = math.sqrt(max(float(spread @ row), 0.0))
         asked = max(-float(row @ residual) * sides[k], 0.0)
-        beyond[k] = asked / deviation if deviation > 0.0 else math.inf
+        if deviation > 0.0:
+            beyond[k] = asked / deviation
+        else:
+            beyond[k] = math.inf
         reach[k] = deviation * reach_inside(float(beyond[k]), freedom)
-        shift[:, k] = sides[k] * reach[k] * (inverse @ jacobian[:, k])
+        shift[:, k] = sides[k] * reach[k] * followed
     return GivenBounds(inverse, beyond, reach, shift)
 
 
@@ -472,7 +494,8 @@ def reach_inside(beyond: float, freedom: float) -> float:
     # F goes like (1 + r^2 / freedom)^(-(freedom + 1) / 2); in the limit of a known variance like
     # exp(-r^2 / 2).
     drop = -2.0 * math.log(_TAIL)
-    more = (
-        drop if math.isinf(freedom) else math.expm1(drop / (freedom + 1.0)) * (beyond**2 + freedom)
-    )
+    if math.isinf(freedom):
+        more = drop
+    else:
+        more = math.expm1(drop / (freedom + 1.0)) * (beyond**2 + freedom)
     return more / (math.sqrt(beyond**2 + more) + beyond)

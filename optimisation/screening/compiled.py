@@ -24,6 +24,44 @@ from aerodima.workbench.config.array_types import FloatArray
 
 LANES = 8 if llvm.get_host_cpu_features().get("avx512f") else 4
 """Cars that one pass works on: a register of AVX-512 or of AVX2."""
+_NAMED = {
+    "maximum": "max",
+    "minimum": "min",
+    "bitwise_or": "max",
+    "less": "olt",
+    "less_equal": "ole",
+    "equal": "oeq",
+}
+INTRINSICS = ("sqrt", "fabs", "rint")
+"""Operations that are functions of LLVM."""
+_COMPILED: dict[tuple[Any, ...], Compiled] = {}
+_KIND = f"<{LANES} x double>"
+_DECLARED = "\n".join(f"declare {_KIND} @llvm.{name}.v{LANES}f64({_KIND})" for name in INTRINSICS)
+_LOOP = """
+define void @run(i64 %steps, i64 %stride, ptr %given, ptr %own, ptr %kept) {{
+entry:
+  br label %begin
+begin:
+  %s = phi i64 [ 0, %entry ], [ %next, %ticked ]
+  %first = mul i64 %s, {GIVEN}
+  %now = getelementptr double, ptr %given, i64 %first
+  %flag = load double, ptr %now
+  %ticks = fcmp one double %flag, 0.0
+  br i1 %ticks, label %ticking, label %ticked
+ticking:
+  call void @tick(ptr %own, ptr %now, ptr %kept)
+  br label %ticked
+ticked:
+  %before = mul i64 %s, %stride
+  %place = getelementptr double, ptr %kept, i64 %before
+  call void @step(ptr %own, ptr %now, ptr %place)
+  %next = add i64 %s, 1
+  %more = icmp slt i64 %next, %steps
+  br i1 %more, label %begin, label %end
+end:
+  ret void
+}}
+"""
 
 
 def run(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -> list[FloatArray]:
@@ -46,12 +84,9 @@ def run(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -
         NotImplementedError: a function that cannot be compiled.
     """
     values = [attributes[name] for attributes, name in _attributes(batch, set())]
-    arrays = [value for value in values if isinstance(value, np.ndarray)]
-    if len({array.shape[-1] for array in arrays}) != 1 or not arrays[0].shape[-1]:
-        raise ValueError(
-            f"cars: {sorted({array.shape[-1] for array in arrays})}; one number, at least 1, is "
-            "needed"
-        )
+    counts = {value.shape[-1] for value in values if isinstance(value, np.ndarray)}
+    if len(counts) != 1 or 0 in counts:
+        raise ValueError(f"cars: {sorted(counts)}; one number, at least 1, is needed")
     if not len(ticks):
         return []
     layout = (
@@ -61,7 +96,8 @@ def run(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -
     key = (type(batch), len(given), *layout)
     if key not in _COMPILED:
         _COMPILED[key] = Compiled(batch, len(given))
-    return _COMPILED[key](batch, np.stack([ticks, *given], axis=-1).astype(float), keep)
+    numbers = np.stack([ticks, *given], axis=-1).astype(float)
+    return _COMPILED[key](batch, numbers, keep)
 
 
 def _attributes(batch: Any, known: set[int]) -> Iterator[tuple[dict[str, Any], str]]:
@@ -115,21 +151,33 @@ def _is(operand: Any, number: float) -> bool:
 def _product(record: Recording, a: Any, b: Any) -> Any:
     if _is(a, 0.0) or _is(b, 0.0):
         return 0.0
-    return b if _is(a, 1.0) else a if _is(b, 1.0) else record.add("fmul", a, b)
+    if _is(a, 1.0):
+        return b
+    if _is(b, 1.0):
+        return a
+    return record.add("fmul", a, b)
 
 
 def _sum(record: Recording, a: Any, b: Any) -> Any:
-    return b if _is(a, 0.0) else a if _is(b, 0.0) else record.add("fadd", a, b)
+    if _is(a, 0.0):
+        return b
+    if _is(b, 0.0):
+        return a
+    return record.add("fadd", a, b)
 
 
 def _difference(record: Recording, a: Any, b: Any) -> Any:
-    return a if _is(b, 0.0) else record.add("fsub", a, b)
+    if _is(b, 0.0):
+        return a
+    return record.add("fsub", a, b)
 
 
 def _quotient(record: Recording, a: Any, b: Any) -> Any:
     if not isinstance(b, Value):
         return _product(record, a, 1.0 / b)
-    return 0.0 if _is(a, 0.0) else record.add("fdiv", a, b)
+    if _is(a, 0.0):
+        return 0.0
+    return record.add("fdiv", a, b)
 
 
 def _power(record: Recording, a: Any, b: Any) -> Any:
@@ -160,51 +208,48 @@ def _sine(record: Recording, a: Any, ahead: float = 0.0) -> Any:
     """sin(a + ahead pi) for |a| below 1e6: by its series within a quarter turn of the next multiple
     of pi.
     """
-    halves = record.add("rint", _sum(record, record.add("fmul", a, 1.0 / math.pi), ahead))
+    add = record.add
+    quarter = _sum(record, add("fmul", a, 1.0 / math.pi), ahead)
+    halves = add("rint", quarter)
     turns = _difference(record, halves, ahead)
-    x = record.add("fsub", a, record.add("fmul", turns, math.pi))
-    x = record.add(
-        "fsub", x, record.add("fmul", turns, 1.2246467991473532e-16)
-    )  # what the double pi lacks
-    series = _series(
-        record,
-        record.add("fmul", x, x),
-        [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(10)],
-    )
-    half = record.add("fmul", halves, 0.5)
-    odd = record.add("fsub", half, record.add("rint", half))  # 0, or a half to either side
-    sign = record.add("fsub", 1.0, record.add("fmul", record.add("fmul", odd, odd), 8.0))
-    return record.add("fmul", record.add("fmul", sign, x), series)
+    x = add("fsub", a, add("fmul", turns, math.pi))
+    lacking = add("fmul", turns, 1.2246467991473532e-16)  # what the double pi lacks
+    x = add("fsub", x, lacking)
+    factors = [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(10)]
+    series = _series(record, add("fmul", x, x), factors)
+    half = add("fmul", halves, 0.5)
+    odd = add("fsub", half, add("rint", half))  # 0, or a half to either side
+    square = add("fmul", odd, odd)
+    sign = add("fsub", 1.0, add("fmul", square, 8.0))
+    return add("fmul", add("fmul", sign, x), series)
 
 
 def _arctan(record: Recording, a: Any) -> Any:
     """For |a| below 1e150: the angle is halved three times, to its series below 0.2."""
+    add = record.add
     for _ in range(3):
-        root = record.add("sqrt", record.add("fadd", record.add("fmul", a, a), 1.0))
-        a = record.add("fdiv", a, record.add("fadd", root, 1.0))
+        square = add("fmul", a, a)
+        root = add("sqrt", add("fadd", square, 1.0))
+        a = add("fdiv", a, add("fadd", root, 1.0))
     factors = [8.0 * (-1.0) ** k / (2 * k + 1) for k in range(11)]
-    return record.add("fmul", a, _series(record, record.add("fmul", a, a), factors))
+    series = _series(record, add("fmul", a, a), factors)
+    return add("fmul", a, series)
 
 
 def _tanh(record: Recording, a: Any) -> Any:
     """E / (E + 2) with E = exp(2 a) - 1, which is doubled six times in its exponent; 1 beyond
     20.
     """
-    x = record.add("fmul", _clip(record, a, -20.0, 20.0), 2.0**-5)
-    e = record.add("fmul", x, _series(record, x, [1.0 / math.factorial(k + 1) for k in range(16)]))
+    add = record.add
+    clipped = _clip(record, a, -20.0, 20.0)
+    x = add("fmul", clipped, 2.0**-5)
+    factors = [1.0 / math.factorial(k + 1) for k in range(16)]
+    e = add("fmul", x, _series(record, x, factors))
     for _ in range(6):
-        e = record.add("fmul", e, record.add("fadd", e, 2.0))
-    return record.add("fdiv", e, record.add("fadd", e, 2.0))
+        e = add("fmul", e, add("fadd", e, 2.0))
+    return add("fdiv", e, add("fadd", e, 2.0))
 
 
-_NAMED = {
-    "maximum": "max",
-    "minimum": "min",
-    "bitwise_or": "max",
-    "less": "olt",
-    "less_equal": "ole",
-    "equal": "oeq",
-}
 _NAMED |= {"absolute": "fabs", "sqrt": "sqrt", "rint": "rint"}
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "add": _sum,
@@ -227,8 +272,6 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     **{name: _named(kind) for name, kind in _NAMED.items()},
 }
 """By the name of the NumPy function; a comparison gives 1 or 0."""
-INTRINSICS = ("sqrt", "fabs", "rint")
-"""Operations that are functions of LLVM."""
 
 
 class Symbols(np.ndarray):
@@ -266,10 +309,19 @@ class Symbols(np.ndarray):
         each = np.frompyfunc(of_elements, ufunc.nin, 1)
         if method == "reduce":
             found: Any = plain[0]
-            axes = range(found.ndim) if axis is None else (axis,) if isinstance(axis, int) else axis
+            axes: Sequence[int]
+            if axis is None:
+                axes = range(found.ndim)
+            elif isinstance(axis, int):
+                axes = (axis,)
+            else:
+                axes = axis
             for one in sorted((axis % found.ndim for axis in axes), reverse=True):
                 rows = np.moveaxis(found, one, 0)
-                found = reduce(each, rows) if len(rows) else np.zeros(rows.shape[1:], object)
+                if len(rows):
+                    found = reduce(each, rows)
+                else:
+                    found = np.zeros(rows.shape[1:], object)
         else:
             found = each(*plain)
         if out is not None:
@@ -356,8 +408,9 @@ class Compiled:
             for own, name in _attributes(batch, set())
             if isinstance(own[name], np.ndarray)
         ]
+        arrays = [own[name] for own, name in places]
         numbers = np.concatenate(
-            [own[name].reshape(-1, own[name].shape[-1]) for own, name in places], dtype=float
+            [array.reshape(-1, array.shape[-1]) for array in arrays], dtype=float
         )
         cars = numbers.shape[1]
         numbers = np.pad(numbers, ((0, 0), (0, -cars % LANES)), mode="edge")
@@ -366,25 +419,25 @@ class Compiled:
         rows = memory[first : first + numbers.size].reshape(-1, self._count, LANES)
         rows[:] = numbers.reshape(self._count, -1, LANES).swapaxes(0, 1)
         given = np.repeat(given[..., None], LANES, axis=-1)
-        kept = np.empty((len(rows), len(given) if keep else 1, self._width, LANES))
-        stride = LANES * self._width * keep  # what is not kept is written to one place
+        steps = len(given)
+        width = self._width
+        kept = np.empty((len(rows), steps if keep else 1, width, LANES))
+        stride = LANES * width * keep  # what is not kept is written to one place
         for block, place in zip(rows, kept, strict=True):
-            self._call(len(given), stride, given.ctypes.data, block.ctypes.data, place.ctypes.data)
+            self._call(steps, stride, given.ctypes.data, block.ctypes.data, place.ctypes.data)
         numbers = rows.swapaxes(0, 1).reshape(self._count, -1)[:, :cars]
         for index in self._changed:
             own, name = places[index]
-            own[name] = numbers[self._rows[index]].reshape(own[name].shape).astype(own[name].dtype)
+            array = arrays[index]
+            own[name] = numbers[self._rows[index]].reshape(array.shape).astype(array.dtype)
         if not keep:
             return []
-        kept = np.moveaxis(kept, 0, 2).reshape(len(given), self._width, -1)[..., :cars]
-        parts = np.split(kept, np.cumsum([math.prod(shape) for shape in self._kept])[:-1], axis=1)
+        kept = np.moveaxis(kept, 0, 2).reshape(steps, width, -1)[..., :cars]
+        ends = np.cumsum([math.prod(shape) for shape in self._kept])
+        parts = np.split(kept, ends[:-1], axis=1)
         return [
-            part.reshape(len(given), *shape, cars)
-            for part, shape in zip(parts, self._kept, strict=True)
+            part.reshape(steps, *shape, cars) for part, shape in zip(parts, self._kept, strict=True)
         ]
-
-
-_COMPILED: dict[tuple[Any, ...], Compiled] = {}
 
 
 def _machine() -> Any:
@@ -399,35 +452,6 @@ def _machine() -> Any:
     )
 
 
-_KIND = f"<{LANES} x double>"
-_DECLARED = "\n".join(f"declare {_KIND} @llvm.{name}.v{LANES}f64({_KIND})" for name in INTRINSICS)
-_LOOP = """
-define void @run(i64 %steps, i64 %stride, ptr %given, ptr %own, ptr %kept) {{
-entry:
-  br label %begin
-begin:
-  %s = phi i64 [ 0, %entry ], [ %next, %ticked ]
-  %first = mul i64 %s, {GIVEN}
-  %now = getelementptr double, ptr %given, i64 %first
-  %flag = load double, ptr %now
-  %ticks = fcmp one double %flag, 0.0
-  br i1 %ticks, label %ticking, label %ticked
-ticking:
-  call void @tick(ptr %own, ptr %now, ptr %kept)
-  br label %ticked
-ticked:
-  %before = mul i64 %s, %stride
-  %place = getelementptr double, ptr %kept, i64 %before
-  call void @step(ptr %own, ptr %now, ptr %place)
-  %next = add i64 %s, 1
-  %more = icmp slt i64 %next, %steps
-  br i1 %more, label %begin, label %end
-end:
-  ret void
-}}
-"""
-
-
 def _function(
     name: str, operations: Sequence[tuple[Any, ...]], stored: Mapping[int, Any], kept: Sequence[Any]
 ) -> str:
@@ -438,55 +462,62 @@ def _function(
         stored: by row, what replaces it.
         kept: results.
     """
-
-    def named(operand: Any) -> str:
-        if isinstance(operand, Value):
-            return f"%v{operand.place}"
-        if isinstance(operand, tuple):
-            return f"%v{operand[1]}"
-        number = f"double 0x{np.float64(operand).view(np.uint64):016X}"
-        return "<" + ", ".join([number] * LANES) + ">"
-
     needed = set()
     waiting = [one.place for one in (*stored.values(), *kept) if isinstance(one, Value)]
     while waiting:
-        if (place := waiting.pop()) not in needed:
+        place = waiting.pop()
+        if place not in needed:
             needed.add(place)
             waiting += [one[1] for one in operations[place][1:] if isinstance(one, tuple)]
     lines: list[str] = []
     for place in sorted(needed):
-        what, *operands = operations[place]
-        v = f"%v{place} ="
-        p = f"%p{place}"
-        first, *others = (named(one) for one in operands)
-        if what in ("own", "given"):
-            lines.append(f"{p} = getelementptr double, ptr %{what}, i64 {int(operands[0]) * LANES}")
-            lines.append(f"{v} load {_KIND}, ptr {p}, align 8")
-        elif what in ("min", "max"):
-            lines.append(
-                f"%c{place} = fcmp {'olt' if what == 'min' else 'ogt'} {_KIND} {first}, {others[0]}"
-            )
-            lines.append(
-                f"{v} select <{LANES} x i1> %c{place}, {_KIND} {first}, {_KIND} {others[0]}"
-            )
-        elif what in ("olt", "ole", "oeq", "uno"):
-            lines.append(f"%c{place} = fcmp {what} {_KIND} {first}, {others[0]}")
-            lines.append(f"{v} uitofp <{LANES} x i1> %c{place} to {_KIND}")
-        elif what == "select":
-            lines.append(f"%c{place} = fcmp one {_KIND} {first}, zeroinitializer")
-            lines.append(
-                f"{v} select <{LANES} x i1> %c{place}, {_KIND} {others[0]}, {_KIND} {others[1]}"
-            )
-        elif what in INTRINSICS:
-            lines.append(f"{v} call {_KIND} @llvm.{what}.v{LANES}f64({_KIND} {first})")
-        else:
-            lines.append(f"{v} {what} contract {_KIND} {first}, {others[0]}")
+        lines += _instructions(place, operations[place])
     for base, results in (("own", stored.items()), ("kept", enumerate(kept))):
         for row, result in results:
-            lines.append(f"%{base}{row} = getelementptr double, ptr %{base}, i64 {row * LANES}")
-            lines.append(f"store {_KIND} {named(result)}, ptr %{base}{row}, align 8")
+            pointer = f"%{base}{row}"
+            lines.append(f"{pointer} = getelementptr double, ptr %{base}, i64 {row * LANES}")
+            lines.append(f"store {_KIND} {_operand(result)}, ptr {pointer}, align 8")
     body = "\n  ".join([*lines, "ret void"])
     return (
         f"define void @{name}(ptr noalias %own, ptr noalias %given, ptr noalias %kept) {{\n  "
         f"{body}\n}}\n"
     )
+
+
+def _operand(operand: Any) -> str:
+    """Writes a result or a constant as an operand of LLVM."""
+    if isinstance(operand, Value):
+        return f"%v{operand.place}"
+    if isinstance(operand, tuple):
+        return f"%v{operand[1]}"
+    number = f"double 0x{np.float64(operand).view(np.uint64):016X}"
+    return "<" + ", ".join([number] * LANES) + ">"
+
+
+def _instructions(place: int, operation: tuple[Any, ...]) -> list[str]:
+    """Writes the instructions of the operation at a place of the recorded list."""
+    what, *operands = operation
+    v = f"%v{place} ="
+    p = f"%p{place}"
+    c = f"%c{place}"
+    if what in ("own", "given"):
+        offset = int(operands[0]) * LANES
+        pointer = f"{p} = getelementptr double, ptr %{what}, i64 {offset}"
+        return [pointer, f"{v} load {_KIND}, ptr {p}, align 8"]
+    first, *others = map(_operand, operands)
+    if what in INTRINSICS:
+        return [f"{v} call {_KIND} @llvm.{what}.v{LANES}f64({_KIND} {first})"]
+    second = others[0]
+    if what == "select":
+        condition = f"{c} = fcmp one {_KIND} {first}, zeroinitializer"
+        choice = f"{v} select <{LANES} x i1> {c}, {_KIND} {second}, {_KIND} {others[1]}"
+        return [condition, choice]
+    if what in ("min", "max"):
+        test = "olt" if what == "min" else "ogt"
+        condition = f"{c} = fcmp {test} {_KIND} {first}, {second}"
+        choice = f"{v} select <{LANES} x i1> {c}, {_KIND} {first}, {_KIND} {second}"
+        return [condition, choice]
+    if what in ("olt", "ole", "oeq", "uno"):
+        condition = f"{c} = fcmp {what} {_KIND} {first}, {second}"
+        return [condition, f"{v} uitofp <{LANES} x i1> {c} to {_KIND}"]
+    return [f"{v} {what} contract {_KIND} {first}, {second}"]

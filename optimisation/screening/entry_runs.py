@@ -26,7 +26,7 @@ from aerodima.optimisation.screening.vehicle_motion import (
     W,
     advance,
     dot,
-    up,
+    up_in_body,
 )
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench.config.array_types import FloatArray
@@ -107,7 +107,10 @@ def enter(
     entering = Entering(cars, scenario, gains, steers_tail, motion)
     start = plan.turn_start - LEAD
     follows = plan.kind == "path"
-    length = 1.2 * np.max(entering.to_go / cars.speed) if follows else run_time(scenario) - start
+    if follows:
+        length = float(1.2 * np.max(entering.to_go / cars.speed))
+    else:
+        length = run_time(scenario) - start
     steps = round(length / STEP)
     last = round(LAST / STEP)
     ticks = round(1.0 / (STEP * rate))
@@ -118,18 +121,15 @@ def enter(
     driver = make_driver(scenario)
     if isinstance(driver, ScheduledDriver):
         planned[ticked] = [driver.schedule.at(one).steering_angle for one in time[ticked]]
-    run(
-        entering,
-        ticked,
-        time,
-        planned,
-        1.0 * (time >= plan.turn_start),
-        (index >= steps - last) / last,
-    )
-    straight = np.isnan(entering.ending) | (
-        np.abs(entering.ending) <= EXIT_YAW_RATE
-    )  # NaN: it is steered to the end
-    ends = entering.to_go <= 0.0 if follows else straight
+    counts = 1.0 * (time >= plan.turn_start)
+    share = (index >= steps - last) / last
+    run(entering, ticked, time, planned, counts, share)
+    if follows:
+        ends = entering.to_go <= 0.0
+    else:
+        ending = entering.ending
+        steered_to_the_end = np.isnan(ending)
+        ends = steered_to_the_end | (np.abs(ending) <= EXIT_YAW_RATE)
     figure = entering.total / np.maximum(entering.steered, 1.0)
     driven = 1.0 - entering.left / entering.whole
     return Entries(entering.upright & ends, figure, driven)
@@ -162,13 +162,11 @@ class Entering:
         self._cars = cars
         self._gains = gains
         self._steers_tail = steers_tail
-        numbers = [
-            scenario.car.wheelbase,
-            scenario.servo.rate,
-            controller.hold_kp,
-            controller.hold_kd,
-        ]
-        self._wheelbase, self._servo_rate, kp, kd = np.outer(numbers, np.ones(n))
+        ones = np.ones(n)
+        self._wheelbase = scenario.car.wheelbase * ones
+        self._servo_rate = scenario.servo.rate * ones
+        kp = controller.hold_kp * ones
+        kd = controller.hold_kd * ones
         self._rate = controller.rate
         self._half_width = cars.wheel[1, 0] + cars.edge + cars.tyre_half_width
         driver: Any = make_driver(scenario)
@@ -189,16 +187,17 @@ class Entering:
                 self._pitch_played = motion.pitch
             self._driver = replace(driver, path=replace(driver.path, **own), **chosen)
             self.to_go = self._driver.path.end + 0.0 * cars.speed
-        self.whole = self.left = self.to_go
+        self.whole = self.to_go
+        self.left = self.to_go
         self._pitch = np.stack([gains.pitch_angle, np.zeros(n), kp, kd])
         self.state = np.zeros((len(STATES), n))
         self._tail = np.zeros((2, 4, n))
-        self.state[RATES][V][0] = cars.speed
-        self.state[RATES][SPIN] = cars.speed / cars.rolling_radius
+        rates = self.state[RATES]
+        rates[V][0] = cars.speed
+        rates[SPIN] = cars.speed / cars.rolling_radius
         self.state[6] = gains.pitch_angle
-        self._seen = np.zeros(
-            (1 + round(np.ceil(scenario.imu.delay * controller.rate - 1e-9)), 3, n)
-        )
+        late = round(np.ceil(scenario.imu.delay * controller.rate - 1e-9))
+        self._seen = np.zeros((1 + late, 3, n))
         self._steering, self._command, self._reference, self._course = np.zeros((4, n))
         self._gone = np.zeros(n, bool)
         self.upright = np.ones(n, bool)
@@ -207,21 +206,19 @@ class Entering:
     def tick(self, time: Any, planned: Any, *_: Any) -> None:
         """Asks the law and the driver."""
         state = self.state
-        self._seen = np.concatenate(
-            [self._seen[1:], np.stack([state[5], *state[RATES][W][::2]])[None]]
-        )
+        rates = state[RATES]
+        measured = np.stack([state[5], *rates[W][::2]])
+        self._seen = np.concatenate([self._seen[1:], measured[None]])
         roll, roll_rate, yaw_rate = self._seen[0]
-        seen = Seen(roll, roll_rate, yaw_rate, state[RATES][V][0], self._command, True)
+        seen = Seen(roll, roll_rate, yaw_rate, rates[V][0], self._command, True)
         found = respond(self._gains, self._wheelbase, self._rate, self._reference, seen)
         self._reference = self._steers_tail * found.reference
         swung = np.stack([self._reference, 0.0 * self._reference, self._gains.kp, self._gains.kd])
         pitch = self._pitch
         if len(self._roll):
             share = np.clip(1.0 - self.to_go / self.whole, 0.0, 1.0)
-            pitch, swung = (
-                np.stack([between(share, places), *rest[1:]])
-                for places, rest in ((self._pitch_played, pitch), (self._roll, swung))
-            )
+            pitch = np.stack([between(share, self._pitch_played), *pitch[1:]])
+            swung = np.stack([between(share, self._roll), *swung[1:]])
         self._tail = np.stack([pitch, swung]) * self._cars.has_tail
         if self._driver is None:
             self._command = planned + 0.0 * self._command
@@ -234,23 +231,29 @@ class Entering:
         """Drives one step and judges it."""
         cars = self._cars
         most = self._servo_rate * STEP
-        self._steering = self._steering + np.clip(self._command - self._steering, -most, most)
-        both = np.stack([self._steering, self._steering])
-        new, _ = advance(STEP, cars, self.state, both, cars.speed / cars.rolling_radius, self._tail)
-        self.state = state = np.where(self._gone, self.state, new)
-        lift = wheel_lifts(state, cars, self._steering)
+        missing = self._command - self._steering
+        steering = self._steering + np.clip(missing, -most, most)
+        self._steering = steering
+        both = np.stack([steering, steering])
+        shaft_speed = cars.speed / cars.rolling_radius
+        new, _ = advance(STEP, cars, self.state, both, shaft_speed, self._tail)
+        state = np.where(self._gone, self.state, new)
+        self.state = state
+        front_left, front_right, rear_left, rear_right = wheel_lifts(state, cars, steering)
         (sail, board) = heights(state, cars)
-        side = np.maximum(np.minimum(lift[0], lift[2]), np.minimum(lift[1], lift[3]))
-        self._gone = self._gone | (up(state[4], state[5])[2] < np.cos(FLIP_TILT))
+        left = np.minimum(front_left, rear_left)
+        right = np.minimum(front_right, rear_right)
+        side = np.maximum(left, right)
+        self._gone = self._gone | (up_in_body(state)[2] < np.cos(FLIP_TILT))
         steers = np.abs(self._command) > STRAIGHT
         fine = (side <= TWO_WHEELS) & (sail > 0.0) & ((board > 0.0) | ~steers) & ~self._gone
         if isinstance(self._driver, PathDriver):
             path = self._driver.path
-            pose = (state[0], state[1], state[3])
-            self.to_go = np.minimum(self.to_go, path.end - path.station(*pose[:2]))
-            fine = fine & (
-                beyond_lane(path, *pose, self._half_width, self._driver.wheelbase, OUTLINE) <= 0.0
-            )
+            x, y, _, yaw = state[:4]
+            self.to_go = np.minimum(self.to_go, path.end - path.station(x, y))
+            wheelbase = self._driver.wheelbase
+            off_lane = beyond_lane(path, x, y, yaw, self._half_width, wheelbase, OUTLINE)
+            fine = fine & (off_lane <= 0.0)
         self.upright = self.upright & (fine | (counts == 0.0))
         self.left = np.where(self.upright, self.to_go, self.left)
         self.ending = self.ending + np.where(steers & (share > 0.0), np.nan, state[14] * share)
@@ -280,13 +283,15 @@ def wheel_lifts(state: FloatArray, cars: Vehicles, steering: FloatArray) -> Floa
         cars: n of them.
         steering: angle of the front wheels (n), rad.
     """
-    n = up(state[4], state[5])[:, None]
+    n = up_in_body(state)[:, None]
     steer = np.concatenate([np.stack([steering, steering]), np.zeros((2, cars.count))])
-    tilt = dot(np.stack([-np.sin(steer), np.cos(steer), 0.0 * steer]), n)
-    reach = np.sqrt(
-        cars.tyre_radius**2 * (1.0 - tilt * tilt + TINY) + cars.tyre_half_width**2 * tilt * tilt
-    )
-    centre = np.stack([cars.wheel[0], cars.wheel[1], cars.wheel[2] + state[TRAVEL]])
+    axle = np.stack([-np.sin(steer), np.cos(steer), 0.0 * steer])
+    tilt = dot(axle, n)
+    R2 = cars.tyre_radius**2
+    h2 = cars.tyre_half_width**2
+    reach = np.sqrt(R2 * (1.0 - tilt * tilt + TINY) + h2 * tilt * tilt)
+    x, y, z = cars.wheel
+    centre = np.stack([x, y, z + state[TRAVEL]])
     found: FloatArray = state[2] + dot(n, centre) - cars.edge * np.abs(tilt) - reach
     return found
 

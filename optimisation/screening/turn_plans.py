@@ -16,6 +16,13 @@ from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE
 from aerodima.workbench.controllers.swing_law import SwingSettings
 from aerodima.workbench.errors import UserError
 
+COMMON = {
+    "start": "manoeuvre.turn_start, s",
+    "rate": "controller.rate, Hz",
+    "late": "imu.delay, ticks",
+}
+"""Of `TurnPlans`: the same for all turns that are driven at once, with the words of a complaint."""
+
 
 @dataclass(frozen=True)
 class PlayedRoll:
@@ -64,15 +71,8 @@ class PlayedRoll:
         begin, end, roll, next_roll, rate, next_rate = piece
         share = np.clip((time - begin) / (end - begin), 0.0, 1.0)
         value, slope = cubic(share, end - begin, (roll, next_roll), (rate, next_rate))
-        return value, np.where((time < 0.0) | (time > self.time[-1]), 0.0, slope)
-
-
-COMMON = {
-    "start": "manoeuvre.turn_start, s",
-    "rate": "controller.rate, Hz",
-    "late": "imu.delay, ticks",
-}
-"""Of `TurnPlans`: the same for all turns that are driven at once, with the words of a complaint."""
+        rests = (time < 0.0) | (time > self.time[-1])
+        return value, np.where(rests, 0.0, slope)
 
 
 @dataclass(frozen=True)
@@ -134,10 +134,11 @@ class TurnPlans:
         numbers = np.array([[row[name] for name in names] for row in rows], float).T
         plans = cls(**dict(zip(names, numbers, strict=True)), played=PlayedRoll.none(len(rows)))
         for name, words in COMMON.items():
-            if len(found := np.unique(getattr(plans, name))) > 1:
+            values = np.unique(getattr(plans, name))
+            if len(values) > 1:
                 raise UserError(
-                    f"{words}: {found[0]:g} and {found[-1]:g}; turns that are driven at once have "
-                    "one"
+                    f"{words}: {values[0]:g} and {values[-1]:g}; turns that are driven at once "
+                    "have one"
                 )
         return plans
 
@@ -155,12 +156,10 @@ class TurnPlans:
         """Steering command (n) of the drivers at a time since the start of the turn, or at times
         (n), rad.
         """
-        level = np.where(
-            time + TICK_TOLERANCE < self.first_hold, self.first_angle, self.steer_angle
-        )
-        return np.where(
-            (time + TICK_TOLERANCE >= 0.0) & (time + TICK_TOLERANCE < self.hold), level, 0.0
-        )
+        now = time + TICK_TOLERANCE
+        level = np.where(now < self.first_hold, self.first_angle, self.steer_angle)
+        steers = (now >= 0.0) & (now < self.hold)
+        return np.where(steers, level, 0.0)
 
     def steering(self, time: Any) -> FloatArray:
         """Angle (n) to which the servos have turned the wheels at a time since the start of the
@@ -170,9 +169,8 @@ class TurnPlans:
             time: s; several in (times, 1) give angles (times, n).
         """
         rate = self.steer_rate
-        first = np.minimum(
-            np.maximum(rate * np.minimum(time, self.first_hold), 0.0), self.first_angle
-        )
+        begun = np.maximum(rate * np.minimum(time, self.first_hold), 0.0)
+        first = np.minimum(begun, self.first_angle)
         moved = rate * np.maximum(0.0, np.minimum(time, self.hold) - self.first_hold)
         angle = first + np.clip(self.steer_angle - first, -moved, moved)
         return np.maximum(angle - rate * np.maximum(0.0, time - self.hold), 0.0)
@@ -183,9 +181,8 @@ class TurnPlans:
         `angle_to_straighten`.
         """
         first = self.first_angle - self.steer_rate * (self.hold - self.first_hold)
-        last = np.where(
-            self.first_hold > 0.0, np.maximum(self.steer_angle, first), self.steer_angle
-        )
+        larger = np.maximum(self.steer_angle, first)
+        last = np.where(self.first_hold > 0.0, larger, self.steer_angle)
         return self.hold + last / self.steer_rate
 
 
@@ -194,6 +191,7 @@ def _row(scenario: Scenario) -> dict[str, float]:
     settings = SwingSettings.from_scenario(scenario)
     turn = scenario.manoeuvre
     imu = scenario.imu
+    swings = settings.mode == "swing"
     row: dict[str, Any] = {name: getattr(settings, name) for name in SwingSettings.model_fields}
     row |= {
         "ramp": turn.speed_ramp,
@@ -206,11 +204,12 @@ def _row(scenario: Scenario) -> dict[str, float]:
         "steer_rate": scenario.servo.rate,
         "late": np.ceil(imu.delay * settings.rate - 1e-9),
         "trigger_steering": np.inf,
-        "swings": float(settings.mode == "swing"),
+        "swings": float(swings),
     }
-    if settings.mode == "swing" and (name := scenario.controller.swing_file) != NO_SWING:
+    name = scenario.controller.swing_file
+    if swings and name != NO_SWING:
         raise UserError(f"controller.swing_file: {name}; the screening model knows: {NO_SWING}")
-    if settings.mode == "swing" and settings.trigger == "lateral_acceleration":
+    if swings and settings.trigger == "lateral_acceleration":
         raise UserError(
             f"controller.trigger: {settings.trigger}; the screening model knows: steering, yaw_rate"
         )

@@ -20,7 +20,7 @@ from aerodima.optimisation.screening.vehicle_motion import (
     W,
     advance,
     tail_axes,
-    up,
+    up_in_body,
 )
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench.config.array_types import FloatArray
@@ -38,6 +38,11 @@ _CALM_STATES = {
     **{name: CALM[name + "_rad_per_s"] for name in ("tail_pitch_rate", "tail_roll_rate")},
 }
 _CALM_PLACES = [STATES.index(name) for name in _CALM_STATES]
+WITHIN = (np.arange(8.0)[:, None] + 0.5) / 8.0
+"""Instants of a step, in its length: the wheels' angle in a step is the mean over them, so that it
+changes smoothly with the times of the steering."""
+HISTORY = ("history", "asked", "loads")
+"""What `Turns` keeps of every step."""
 
 
 class TurnRecord:
@@ -76,9 +81,8 @@ class TurnRecord:
         tail, board = heights(state, self._cars)
         self.lowest_tail = np.minimum(self.lowest_tail, tail)
         self.lowest_board = np.minimum(self.lowest_board, board)
-        leaves = (
-            np.isnan(self._left) & (time > self._straight) & (np.abs(state[14]) < EXIT_YAW_RATE)
-        )
+        calm = np.abs(state[14]) < EXIT_YAW_RATE
+        leaves = np.isnan(self._left) & (time > self._straight) & calm
         self._left = np.where(leaves, time, self._left)
         self._around = np.where(leaves, np.stack([before, state]), self._around)
 
@@ -88,14 +92,16 @@ class TurnRecord:
         """
         calm = np.logical_and.reduce(np.abs(state[_CALM_PLACES]) <= self._limits)
         loaded = np.logical_and.reduce(loads > LOADED_FORCE)
-        calm = calm & (up(state[4], state[5])[2] > _COS_CALM) & loaded & ~busy
+        level = up_in_body(state)[2] > _COS_CALM
+        calm = calm & level & loaded & ~busy
         self._restless = np.where(calm, self._restless, np.maximum(self._restless, time))
         first = np.isnan(self._settled) & (time - self._restless >= CALM_FOR - 1e-9)
         self._settled = np.where(first, state[3], self._settled)
 
     def heading(self, state: FloatArray) -> FloatArray:
         """Change of it from the start until the car settled, else to these states."""
-        return np.where(np.isnan(self._settled), state[3], self._settled) - self._begun[3]
+        yaw = np.where(np.isnan(self._settled), state[3], self._settled)
+        return yaw - self._begun[3]
 
     def exits(self, length: float) -> dict[str, FloatArray]:
         """What the cars do at their exit: the wheels are straight again and the yaw rate is below
@@ -112,17 +118,18 @@ class TurnRecord:
         earlier = self._left - length
         side = np.where(state[14] < 0.0, -1.0, 1.0)
         fall = side * (before[14] - state[14])
-        calm = np.where(
-            fall > 0.0, (side * before[14] - EXIT_YAW_RATE) / np.where(fall == 0.0, 1.0, fall), 0.0
-        )
-        share = np.clip(np.maximum(calm, (self._straight - earlier) / length), 0.0, 1.0)
+        beyond = side * before[14] - EXIT_YAW_RATE
+        calm = np.where(fall > 0.0, beyond / np.where(fall == 0.0, 1.0, fall), 0.0)
+        straight = (self._straight - earlier) / length
+        share = np.clip(np.maximum(calm, straight), 0.0, 1.0)
         then = course(before, self._cars)
         now = course(state, self._cars)
         exit_course = then + share * (now - then)
+        heading = before[3] + share * (state[3] - before[3])
         found = {
             "exit_time": earlier + share * length,
             "course": exit_course - course(self._begun, self._cars),
-            "sideslip": before[3] + share * (state[3] - before[3]) - exit_course,
+            "sideslip": heading - exit_course,
         }
         return {
             name: np.where(np.isnan(self._left), np.nan, values) for name, values in found.items()
@@ -137,35 +144,27 @@ def course(state: FloatArray, cars: Vehicles) -> FloatArray:
 def over_ground(state: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Course (n), rad, and speed (n), m/s, of the places x (n), m, of n cars."""
     yaw, pitch, roll = state[3:6]
-    ahead, left = velocity_over_ground(state[RATES][V], state[RATES][W], roll, pitch, x)
+    rates = state[RATES]
+    ahead, left = velocity_over_ground(rates[V], rates[W], roll, pitch, x)
     speed = np.sqrt(ahead * ahead + left * left + TINY)
-    return yaw + 2.0 * np.arctan(
-        left / (speed + ahead + TINY)
-    ), speed  # `compiled.run` has no arctan2
+    half_angle = np.arctan(left / (speed + ahead + TINY))  # `compiled.run` has no arctan2
+    return yaw + 2.0 * half_angle, speed
 
 
 def heights(state: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray]:
     """Of the lower corner of the sail's tip and of the board over the ground, m; tail far up where
     there is none.
     """
-    upright = up(state[4], state[5])
+    upright = up_in_body(state)
     x, _, e = tail_axes(state[6], state[7])
-    corner = np.sum(upright * (cars.mount + cars.tip[0] * e), axis=0)
-    low = (
-        state[2]
-        + corner
-        - np.sqrt(np.sum(upright * x, axis=0) ** 2 + TINY) * cars.tip[1]
-        - SAIL_TIP_MARGIN
-    )
-    board = state[2] + np.min(np.sum(upright[:, None] * cars.board, axis=0), axis=0)
+    z = state[2]
+    distance, width = cars.tip
+    corner = np.sum(upright * (cars.mount + distance * e), axis=0)
+    slope = np.sqrt(np.sum(upright * x, axis=0) ** 2 + TINY)
+    low = z + corner - slope * width - SAIL_TIP_MARGIN
+    corners = np.sum(upright[:, None] * cars.board, axis=0)
+    board = z + np.min(corners, axis=0)
     return np.where(cars.has_tail > 0.0, low, np.inf), board
-
-
-RECORDED = ("peak_roll", "lowest_tail", "lowest_board")
-"""Of `TurnRecord`, in `Turns`."""
-WITHIN = (np.arange(8.0)[:, None] + 0.5) / 8.0
-"""Instants of a step, in its length: the wheels' angle in a step is the mean over them, so that it
-changes smoothly with the times of the steering."""
 
 
 @dataclass(frozen=True)
@@ -204,10 +203,6 @@ class Turns:
     loads: FloatArray | None = None
 
 
-HISTORY = ("history", "asked", "loads")
-"""What `Turns` keeps of every step."""
-
-
 class Driven:
     """Cars on the way, a batch of `compiled.run`; times are s since the start of the steering.
 
@@ -243,15 +238,20 @@ class Driven:
         tail = self.law.commands()
         gathered = (time + plans.start) / plans.ramp
         speed = cars.speed * np.where(gathered < 1.0, gathered + plans.lead / plans.ramp, 1.0)
-        steered = np.sum(plans.steering(time + self._length * WITHIN), axis=0) / len(WITHIN)
+        angles = plans.steering(time + self._length * WITHIN)
+        steered = np.sum(angles, axis=0) / len(WITHIN)
         asked = asked_torque(before, tail)
-        commands = (np.stack([steered, steered]), speed / cars.rolling_radius, tail)
-        new, self.loads = advance(self._length, cars, before, *commands)
-        self.state = np.where(self.gone, before, new)
-        self.gone = self.gone | (up(self.state[4], self.state[5])[2] < np.cos(FLIP_TILT))
-        self.record.see(time + self._length, before, self.state)
-        self.record.settle(time + self._length, self.state, self.loads, self.law.busy)
-        return self.state, asked, self.loads
+        steering = np.stack([steered, steered])
+        shaft_speed = speed / cars.rolling_radius
+        new, loads = advance(self._length, cars, before, steering, shaft_speed, tail)
+        state = np.where(self.gone, before, new)
+        self.state = state
+        self.loads = loads
+        self.gone = self.gone | (up_in_body(state)[2] < np.cos(FLIP_TILT))
+        end = time + self._length
+        self.record.see(end, before, state)
+        self.record.settle(end, state, loads, self.law.busy)
+        return state, asked, loads
 
 
 def drive_turns(
@@ -275,10 +275,12 @@ def drive_turns(
         begun: states (24, n) when the steering begins, of cars whose tail still waits; the straight
             is not driven.
     """
-    state = np.zeros((len(STATES), cars.count)) if begun is None else begun
     if begun is None:
+        state = np.zeros((len(STATES), cars.count))
         state[6] = plans.pitch_angle
         state[7] = -plans.hold_angle
+    else:
+        state = begun
     ticks = round(1.0 / (length * float(plans.rate[0])))
     begin = round(float(plans.start[0]) / length)
     first = 0 if begun is None else begin
@@ -287,26 +289,28 @@ def drive_turns(
     kept = []
     for part in (np.arange(first, begin), np.arange(begin, end)):
         if part.size:
-            driven.record = TurnRecord(
-                cars, driven.state, plans.straight
-            )  # that of the turn begins with the turn
+            # The record of the turn begins with the turn.
+            driven.record = TurnRecord(cars, driven.state, plans.straight)
             ticked = (part % ticks == 0) | (part == first)
             kept.append(run(driven, ticked, (part - begin) * length, keep=history))
     state = driven.state
     loads = driven.loads
     record = driven.record
-    leaning = (np.arccos(np.clip(up(state[4], state[5])[2], -1.0, 1.0)) > END_TILT) & (
-        loads <= 0.0
-    ).any(axis=0)
+    cosine = np.clip(up_in_body(state)[2], -1.0, 1.0)
+    lifted = (loads <= 0.0).any(axis=0)
+    leaning = (np.arccos(cosine) > END_TILT) & lifted
     survived = ~(driven.gone | leaning)
+    histories = map(np.concatenate, zip(*kept, strict=True))
     return Turns(
         survived=survived,
         clean=survived & (record.lowest_tail > 0.0) & (record.lowest_board > 0.0),
         heading=record.heading(state),
         trigger=driven.law.trigger,
         last=state,
-        **dict(zip(HISTORY, map(np.concatenate, zip(*kept, strict=True)), strict=False)),
-        **{name: getattr(record, name) for name in RECORDED},
+        peak_roll=record.peak_roll,
+        lowest_tail=record.lowest_tail,
+        lowest_board=record.lowest_board,
+        **dict(zip(HISTORY, histories, strict=False)),
         **record.exits(length),
     )
 
@@ -353,19 +357,18 @@ class BatchLaw:
         before = self._state
         elapsed = time - self._since + 1e-9
         released = (before == SwingState.HOLD) & (p.swings > 0.0)
-        steered = p.commanded(
-            time - 1.0 / p.rate
-        )  # a controller sees what the driver gave a tick ago
-        released = released & (
-            (self._seen[0] > p.trigger_yaw_rate) | (steered > p.trigger_steering)
-        )
+        # A controller sees what the driver gave a tick ago.
+        steered = p.commanded(time - 1.0 / p.rate)
+        turning = self._seen[0] > p.trigger_yaw_rate
+        released = released & (turning | (steered > p.trigger_steering))
         self._enter(released, SwingState.DELAY, time, angle)
         elapsed = np.where(released, 1e-9, elapsed)
         begins = (self._state == SwingState.DELAY) & (elapsed >= p.delay)
         self._enter(begins, SwingState.SWING, time, angle)
         self.trigger = np.where(begins, time, self.trigger)
         travelled = angle - self._start
-        over = (travelled >= p.travel) | (elapsed >= p.stall_factor * p.travel / p.swing_speed)
+        stalled = elapsed >= p.stall_factor * p.travel / p.swing_speed
+        over = (travelled >= p.travel) | stalled
         over = np.where(p.played.plays > 0.0, elapsed >= p.played.time[-1], over)
         self._enter((before == SwingState.SWING) & over, SwingState.SETTLE, time, angle)
         self._commands = self._commanded(time)
@@ -389,10 +392,12 @@ class BatchLaw:
         swings = self._state == SwingState.SWING
         settles = self._state == SwingState.SETTLE
         roll = np.where(swings, swing, np.where(settles, settle, hold))
-        playing = (swings | settles) & (p.played.plays > 0.0)
-        followed = np.stack(
-            [*p.played.at(time - self.trigger + 0.5 / p.rate), p.played.kp, p.played.kd]
-        )
-        gains = np.stack([p.pitch_angle, zero, p.played.pitch_kp, p.played.pitch_kd])
-        both = np.stack([np.where(playing, gains, pitch), np.where(playing, followed, roll)])
-        return both * np.stack([1.0 + zero, 1.0 + zero, self._has_tail, self._has_tail])
+        played = p.played
+        playing = (swings | settles) & (played.plays > 0.0)
+        knot = played.at(time - self.trigger + 0.5 / p.rate)
+        followed = np.stack([*knot, played.kp, played.kd])
+        gains = np.stack([p.pitch_angle, zero, played.pitch_kp, played.pitch_kd])
+        pitch = np.where(playing, gains, pitch)
+        roll = np.where(playing, followed, roll)
+        one = 1.0 + zero
+        return np.stack([pitch, roll]) * np.stack([one, one, self._has_tail, self._has_tail])

@@ -28,24 +28,27 @@ from aerodima.workbench.aero.laws import LineMotion, plate_force
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.plants.car_model import CAGE_STIFFNESS, ROLLING_RATE
 
+_WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 STATES = (
     *("x", "y", "z", "yaw", "pitch", "roll", "tail_pitch", "tail_roll"),
-    *(f"travel_{wheel}" for wheel in ("front_left", "front_right", "rear_left", "rear_right")),
+    *(f"travel_{wheel}" for wheel in _WHEELS),
     *("w_x", "w_y", "w_z", "v_x", "v_y", "v_z"),
-    *(f"spin_{wheel}" for wheel in ("front_left", "front_right", "rear_left", "rear_right")),
-    *("tail_pitch_rate", "tail_roll_rate"),
+    *(f"spin_{wheel}" for wheel in _WHEELS),
+    "tail_pitch_rate",
+    "tail_roll_rate",
 )
 """m, rad, rad/s, m/s. Position of the origin of B in W, its velocity and the angular velocity in B,
 spin forwards."""
-POSITION, ANGLES, TAIL, TRAVEL, RATES = (
-    slice(0, 3),
-    slice(3, 6),
-    slice(6, 8),
-    slice(8, 12),
-    slice(12, 24),
-)
-W, V, SPIN, TAIL_RATE = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 12)
-"""Of the twelve rates."""
+POSITION = slice(0, 3)
+ANGLES = slice(3, 6)
+TAIL = slice(6, 8)
+TRAVEL = slice(8, 12)
+RATES = slice(12, 24)
+W = slice(0, 3)
+"""Of the twelve rates, as the next three."""
+V = slice(3, 6)
+SPIN = slice(6, 10)
+TAIL_RATE = slice(10, 12)
 DEGREES = 12
 STOP_RATE = 150.0
 """Natural frequency of a joint on its stop, rad/s."""
@@ -106,7 +109,13 @@ def dot(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def up(pitch: FloatArray, roll: FloatArray) -> FloatArray:
     """Upright direction in B (3, n)."""
-    return np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
+    cp = np.cos(pitch)
+    return np.stack([-np.sin(pitch), cp * np.sin(roll), cp * np.cos(roll)])
+
+
+def up_in_body(state: FloatArray) -> FloatArray:
+    """Upright direction in B (3, n) at a state (24, n)."""
+    return up(state[4], state[5])
 
 
 def tail_axes(pitch: FloatArray, roll: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -115,11 +124,10 @@ def tail_axes(pitch: FloatArray, roll: FloatArray) -> tuple[FloatArray, FloatArr
     cp = np.cos(pitch)
     sq = np.sin(roll)
     cq = np.cos(roll)
-    return (
-        np.stack([cp, 0.0 * cp, -sp]),
-        np.stack([sp * sq, cq, cp * sq]),
-        np.stack([sp * cq, -sq, cp * cq]),
-    )
+    chord = np.stack([cp, 0.0 * cp, -sp])
+    normal = np.stack([sp * sq, cq, cp * sq])
+    axis = np.stack([sp * cq, -sq, cp * cq])
+    return chord, normal, axis
 
 
 def equations(state: FloatArray, commands: Commands, cars: Vehicles) -> Equations:
@@ -138,8 +146,9 @@ def step(state: FloatArray, found: Equations, length: float) -> FloatArray:
     # Tyres turn with the car: what slips less is the velocity in B, whose rate is A - w x v.
     force = found.force + length * np.sum(found.damping[:, V] * cross(rates[W], rates[V]), axis=1)
     for joint, place in enumerate(range(DEGREES)[TAIL_RATE]):
-        matrix[place, place] += length**2 * found.stiffness[joint]
-        force[place] -= length * found.stiffness[joint] * rates[place]
+        stiffness = found.stiffness[joint]
+        matrix[place, place] += length**2 * stiffness
+        force[place] -= length * stiffness * rates[place]
     new = rates + length * solve(matrix, force)
     moved = state[: RATES.start] + length * configuration_rate(state, new, found.travel_rate)
     turn = length * new[W]
@@ -173,11 +182,16 @@ def configuration_rate(state: FloatArray, rates: FloatArray, travel_rate: FloatA
     sr = np.sin(roll)
     cr = np.cos(roll)
     turning = q * sr + r * cr
-    ahead = cp * u + sp * (sr * v + cr * w)
+    lifting = sr * v + cr * w
+    ahead = cp * u + sp * lifting
     left = cr * v - sr * w
-    place = [ahead * cy - left * sy, ahead * sy + left * cy, cp * (sr * v + cr * w) - sp * u]
-    angles = [turning / cp, q * cr - r * sr, p + turning * sp / cp]
-    return np.concatenate([np.stack(place + angles), rates[TAIL_RATE], travel_rate])
+    x_rate = ahead * cy - left * sy
+    y_rate = ahead * sy + left * cy
+    z_rate = cp * lifting - sp * u
+    pitch_rate = q * cr - r * sr
+    roll_rate = p + turning * sp / cp
+    body = np.stack([x_rate, y_rate, z_rate, turning / cp, pitch_rate, roll_rate])
+    return np.concatenate([body, rates[TAIL_RATE], travel_rate])
 
 
 def solve(matrix: FloatArray, force: FloatArray) -> FloatArray:
@@ -204,13 +218,8 @@ def solve(matrix: FloatArray, force: FloatArray) -> FloatArray:
 def _skew(a: FloatArray) -> FloatArray:
     """[a]x with [a]x b = a x b, (3, 3, n)."""
     zero = 0.0 * a[0]
-    return np.stack(
-        [
-            np.stack([zero, -a[2], a[1]]),
-            np.stack([a[2], zero, -a[0]]),
-            np.stack([-a[1], a[0], zero]),
-        ]
-    )
+    x, y, z = a
+    return np.stack([np.stack([zero, -z, y]), np.stack([z, zero, -x]), np.stack([-y, x, zero])])
 
 
 def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -232,7 +241,7 @@ def _body(state: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray, Fl
     mass[W, V] = _skew(moment)
     for axis in range(3, 6):
         mass[axis, axis] = cars.mass
-    weight = cars.gravity * up(state[4], state[5])
+    weight = cars.gravity * up_in_body(state)
     force[V] = -cars.mass * weight - cross(w, cross(w, moment))
     force[W] = -cross(moment, weight) - cross(w, _apply(cars.inertia, w))
     return mass, force, damping
@@ -254,11 +263,8 @@ def _tail(
     m = cars.tail_mass
     P = cars.mount
     L = cars.tail_centre * e
-    J = (
-        cars.tail_inertia[0] * _outer(x, x)
-        + cars.tail_inertia[1] * _outer(y, y)
-        + cars.tail_inertia[2] * _outer(e, e)
-    )
+    J_x, J_y, J_e = cars.tail_inertia
+    J = J_x * _outer(x, x) + J_y * _outer(y, y) + J_e * _outer(e, e)
     pitch_axis = np.zeros_like(x)
     pitch_axis[1] = 1.0
 
@@ -269,25 +275,30 @@ def _tail(
     mass[V, W] = -mass[W, V]
     eye = np.eye(3)[:, :, None]
     PL = _outer(P, L)
-    mass[W, W] += J + m * (
-        (dot(P, P) + 2 * dot(P, L)) * eye - _outer(P, P) - PL - np.swapaxes(PL, 0, 1)
-    )
+    about_mount = (dot(P, P) + 2 * dot(P, L)) * eye - _outer(P, P) - PL - np.swapaxes(PL, 0, 1)
+    mass[W, W] += J + m * about_mount
     for place, axis in zip(range(DEGREES)[TAIL_RATE], (pitch_axis, x), strict=True):
         pull = m * cross(axis, L)
         twist = _apply(J, axis)
-        mass[V, place] = mass[place, V] = pull
+        mass[V, place] = pull
+        mass[place, V] = pull
         both = cross(P, pull) + twist
-        mass[W, place] = mass[place, W] = both
+        mass[W, place] = both
+        mass[place, W] = both
         mass[place, place] = dot(axis, twist) + cars.rotor_inertia
-    mass[1, 10] += cars.hub_inertia
-    mass[10, 1] += cars.hub_inertia
-    mass[10, 10] += cars.hub_inertia
+    hub = cars.hub_inertia
+    mass[1, 10] += hub
+    mass[10, 1] += hub
+    mass[10, 10] += hub
 
     pitching = joint_rates[0] * pitch_axis
-    turn = w + pitching + joint_rates[1] * x
-    alpha = cross(w, pitching) + cross(w + pitching, joint_rates[1] * x)
-    a_S = cross(w, cross(w, P)) + cars.gravity * up(state[4], state[5])
-    F_air, M_air = _air(LineMotion(-rates[V] - cross(w, P), -cross(turn, e), e, y), x, cars)
+    rolling = joint_rates[1] * x
+    turn = w + pitching + rolling
+    alpha = cross(w, pitching) + cross(w + pitching, rolling)
+    swept = cross(w, P)
+    a_S = cross(w, swept) + cars.gravity * up_in_body(state)
+    line = LineMotion(-rates[V] - swept, -cross(turn, e), e, y)
+    F_air, M_air = _air(line, x, cars)
     F = m * (a_S + cross(alpha, L) + cross(turn, cross(turn, L))) - F_air
     M = cross(L, m * a_S) + _apply(J, alpha) + cross(turn, _apply(J, turn)) - M_air
     force[V] -= F
@@ -333,25 +344,22 @@ def _joints(
         kp = cars.torque_scale * kp
         kd = cars.torque_scale * kd
         asked = kp * (target - angle) + kd * (speed - rate)
-        upper = np.minimum(
-            cars.torque_limit,
-            np.maximum(0.0, cars.stall_torque * (1.0 - rate / cars.no_load_speed)),
-        )
-        lower = -np.minimum(
-            cars.torque_limit,
-            np.maximum(0.0, cars.stall_torque * (1.0 + rate / cars.no_load_speed)),
-        )
+        speed_ratio = rate / cars.no_load_speed
+        forwards = np.maximum(0.0, cars.stall_torque * (1.0 - speed_ratio))
+        backwards = np.maximum(0.0, cars.stall_torque * (1.0 + speed_ratio))
+        upper = np.minimum(cars.torque_limit, forwards)
+        lower = -np.minimum(cars.torque_limit, backwards)
         free = (asked < upper) & (asked > lower)
         rounded = np.tanh(cars.tanh_gain * rate)
         friction = -(cars.coulomb * rounded + cars.viscous * rate)
         slope = cars.viscous + cars.coulomb * cars.tanh_gain * (1.0 - rounded * rounded)
         beyond = np.maximum(angle - limit, 0.0) + np.minimum(angle + limit, 0.0)
-        stopped = (np.abs(angle) >= limit) * mass[place, place]
+        inertia = mass[place, place]
+        stopped = (np.abs(angle) >= limit) * inertia
+        stop_damping = 2.0 * STOP_RATE * stopped
         force[place] += np.clip(asked, lower, upper) + friction
-        force[place] -= (
-            mass[place, place] * STOP_RATE**2 * beyond + 2.0 * STOP_RATE * stopped * rate
-        )
-        damping[place, place] += free * kd + slope + 2.0 * STOP_RATE * stopped
+        force[place] -= inertia * STOP_RATE**2 * beyond + stop_damping * rate
+        damping[place, place] += free * kd + slope + stop_damping
         found.append(free * kp + STOP_RATE**2 * stopped)
     return np.stack(found)
 
@@ -373,7 +381,7 @@ def _tyres(
     w = rates[W]
     v = rates[V]
     spin = rates[SPIN]
-    n = up(state[4], state[5])
+    n = up_in_body(state)
     zero = np.zeros((2, cars.count))
     steer = np.concatenate([commands.steering, zero])
     axle = np.stack([-np.sin(steer), np.cos(steer), 0.0 * steer])  # (3, 4, n)
@@ -385,37 +393,40 @@ def _tyres(
     h2 = cars.tyre_half_width**2
     reach = np.sqrt(R2 * (1.0 - tilt * tilt) + h2 * tilt * tilt)
     down = (-1.0 / reach) * (R2 * (n4 - tilt * axle) + h2 * tilt * axle)
-    centre = np.stack([cars.wheel[0], cars.wheel[1], cars.wheel[2] + state[TRAVEL]])
+    wheel_x, wheel_y, wheel_z = cars.wheel
+    centre = np.stack([wheel_x, wheel_y, wheel_z + state[TRAVEL]])
     sides = np.array([1.0, -1.0])[:, None, None]
-    middle = centre[:, None] + cars.edge * sides * axle[:, None]  # (3, 2, 4, n)
+    axle_e = axle[:, None]
+    middle = centre[:, None] + cars.edge * sides * axle_e  # (3, 2, 4, n)
     n_e = n[:, None, None]
     sunk = np.maximum(reach - state[2] - dot(n_e, middle), 0.0)
     lever = down[:, None] + sunk * n_e
     place = middle + lever
-    spinning = cross(axle[:, None], lever)
+    spinning = cross(axle_e, lever)
     velocity = v[:, None, None] + cross(w[:, None, None], place)
 
     # Suspension: its rate and the loads follow from one balance per wheel.
     closing = -dot(n_e, velocity)
     slip = velocity + spinning * spin + closing * n_e  # along the ground, as `spinning`
     sliding = cars.friction / np.sqrt(dot(slip, slip) + cars.slip_speed**2)
-    lean = n[2] - sliding * slip[2]
+    n_z = n[2]
+    lean = n_z - sliding * slip[2]
     spring = cars.tyre_stiffness * sunk
     undamped = spring * np.maximum(1.0 + cars.tyre_dissipation * closing, 0.0)
-    carried = cars.preload + cars.spring * state[TRAVEL] + cars.unsprung * cars.gravity * n[2]
-    holding = cars.damper + np.sum(
-        np.maximum(lean, 0.0) * cars.tyre_dissipation * spring * n[2], axis=0
-    )
+    carried = cars.preload + cars.spring * state[TRAVEL] + cars.unsprung * cars.gravity * n_z
+    tyre_damping = np.maximum(lean, 0.0) * cars.tyre_dissipation * spring * n_z
+    holding = cars.damper + np.sum(tyre_damping, axis=0)
     travel_rate = (np.sum(undamped * lean, axis=0) - carried) / holding
-    load = spring * np.maximum(1.0 + cars.tyre_dissipation * (closing - n[2] * travel_rate), 0.0)
+    sinking = closing - n_z * travel_rate
+    load = spring * np.maximum(1.0 + cars.tyre_dissipation * sinking, 0.0)
 
     grip = sliding * load
-    _press(place, load * n_e - grip * slip, grip, n, force, damping)
+    push = load * n_e - grip * slip
+    _press(place, push, grip, n, force, damping)
     pushed = grip * spinning
     force[SPIN] -= np.sum(dot(pushed, slip), axis=0)
-    mixed = np.concatenate(
-        [np.sum(cross(place, pushed), axis=1), np.sum(pushed, axis=1)]
-    )  # (6, 4, n)
+    moments = np.sum(cross(place, pushed), axis=1)
+    mixed = np.concatenate([moments, np.sum(pushed, axis=1)])  # (6, 4, n)
     damping[:6, SPIN] += mixed
     damping[SPIN, :6] += np.swapaxes(mixed, 0, 1)
     own = np.sum(dot(pushed, spinning), axis=0)
@@ -425,19 +436,24 @@ def _tyres(
     resisting = cars.rolling * rounded
     slope = cars.rolling * (1.0 - rounded * rounded) / ROLLING_RATE
     force[SPIN] -= resisting
-    share = cars.shaft_gain * (commands.shaft_speed - 0.5 * (spin[2] + spin[3])) + np.sum(
-        resisting, axis=0
-    )
-    torque = np.clip(share, -cars.shaft_limit, cars.shaft_limit)
-    governed = 0.25 * cars.shaft_gain * (np.abs(share) < cars.shaft_limit)
+    shaft_speed = 0.5 * (spin[2] + spin[3])
+    asked = cars.shaft_gain * (commands.shaft_speed - shaft_speed) + np.sum(resisting, axis=0)
+    limit = cars.shaft_limit
+    torque = np.clip(asked, -limit, limit)
+    governed = 0.25 * cars.shaft_gain * (np.abs(asked) < limit)
+    inertia = cars.wheel_inertia
     for wheel in range(4):
-        mass[6 + wheel, 6 + wheel] = cars.wheel_inertia
-        mass[W, 6 + wheel] = mass[6 + wheel, W] = cars.wheel_inertia * axle[:, wheel]
-        damping[6 + wheel, 6 + wheel] += own[wheel] + slope[wheel]
-    mass[8:10, 8:10] += 0.25 * cars.shaft_inertia
-    damping[8:10, 8:10] += governed
-    force[8:10] += 0.5 * torque
-    force[W] -= cross(w, cars.wheel_inertia * np.sum(axle * spin, axis=1))
+        place = 6 + wheel
+        coupling = inertia * axle[:, wheel]
+        mass[place, place] = inertia
+        mass[W, place] = coupling
+        mass[place, W] = coupling
+        damping[place, place] += own[wheel] + slope[wheel]
+    rear = slice(8, 10)
+    mass[rear, rear] += 0.25 * cars.shaft_inertia
+    damping[rear, rear] += governed
+    force[rear] += 0.5 * torque
+    force[W] -= cross(w, inertia * np.sum(axle * spin, axis=1))
     return travel_rate, np.sum(load, axis=0)
 
 
@@ -447,15 +463,17 @@ def _board(state: FloatArray, cars: Vehicles, force: FloatArray, damping: FloatA
     """
     w = state[RATES][W]
     v = state[RATES][V]
-    n = up(state[4], state[5])
+    n = up_in_body(state)
     n_e = n[:, None]
     velocity = v[:, None] + cross(w[:, None], cars.board)  # (3, 2, n)
     sunk = np.maximum(-state[2] - dot(n_e, cars.board), 0.0)
     closing = -dot(n_e, velocity)
     load = CAGE_STIFFNESS * sunk * np.maximum(1.0 + BOARD_DISSIPATION * closing, 0.0)
     slip = velocity + closing * n_e
-    grip = cars.board_friction * load / np.sqrt(dot(slip, slip) + SLIDING**2)
-    _press(cars.board, load * n_e - grip * slip, grip, n, force, damping)
+    slip_speed = np.sqrt(dot(slip, slip) + SLIDING**2)
+    grip = cars.board_friction * load / slip_speed
+    push = load * n_e - grip * slip
+    _press(cars.board, push, grip, n, force, damping)
 
 
 def _press(
@@ -482,7 +500,8 @@ def _press(
     damping[V, V] += np.sum(grip, axis=0) * flat
     heavy = grip * place
     arm = cross(place, n[:, None])
-    damping[W, W] -= np.sum(heavy[:, None] * place + (grip * arm)[:, None] * arm, axis=2)
+    crossed = heavy[:, None] * place + (grip * arm)[:, None] * arm
+    damping[W, W] -= np.sum(crossed, axis=2)
     for axis in range(3):
         damping[axis, axis] += np.sum(dot(heavy, place), axis=0)
         turned = cross(np.sum(heavy, axis=1), flat[axis])

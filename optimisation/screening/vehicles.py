@@ -172,7 +172,8 @@ def _car(scenario: Scenario) -> dict[str, Any]:
     unsprung = {axle: unsprung_mass(car, axle) for axle in AXLES}
     stiffness = {"front": car.tyre_stiffness_front, "rear": car.tyre_stiffness_rear}
     ellipsoid = car.tyre_shape == "ellipsoid"
-    corner = (car.board_x + car.board_thickness / 2, car.board_width / 2 - car.board_thickness / 2)
+    board_x = car.board_x + car.board_thickness / 2
+    board_y = car.board_width / 2 - car.board_thickness / 2
     low = car.board_height if car.board else 10.0
     return {
         "speed": scenario.manoeuvre.speed,
@@ -202,7 +203,7 @@ def _car(scenario: Scenario) -> dict[str, Any]:
         "shaft_limit": drive.torque_limit,
         "rolling_radius": statics["rear"].wheel_height,
         "board_friction": car.cage_friction,
-        "board": [(corner[0],) * 2, (corner[1], -corner[1]), (low,) * 2],
+        "board": [(board_x, board_x), (board_y, -board_y), (low, low)],
     }
 
 

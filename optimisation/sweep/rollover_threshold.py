@@ -24,10 +24,12 @@ import numpy as np
 
 from aerodima.optimisation.sweep.runs import Runs, RunTask, tipped_before_turn
 from aerodima.workbench.batch.engine import Engine
+from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 
-SPEED, FRICTION = "manoeuvre.speed", "car.tyre_friction"
+SPEED = "manoeuvre.speed"
+FRICTION = "car.tyre_friction"
 TIPPED = "tipped over before its turn"
 """Outcome of a run that says nothing about the turn: neither survival nor flip, passed over like
 one that failed."""
@@ -89,18 +91,26 @@ class Search:
         """What is run next, from what was found so far; nothing at the end."""
         if start == "scan":
             return self._scanned(survived, lost, rows)
-        held, ended = (None if value is None else self.index(value) for value in (survived, lost))
+        held = None if survived is None else self.index(survived)
+        ended = None if lost is None else self.index(lost)
         stride = max(1, round(self.scan / self.tolerance))
         if start == "bisect":
-            place = (
-                (-1 if held is None else held) + (self._last + 1 if ended is None else ended)
-            ) // 2
+            below = -1 if held is None else held
+            above = self._last + 1 if ended is None else ended
+            place = (below + above) // 2
         elif held is None:
-            place = self.index(start) if ended is None else max(ended - stride, 0)
+            if ended is None:
+                place = self.index(start)
+            else:
+                place = max(ended - stride, 0)
+        elif ended is None:
+            place = min(held + stride, self._last)
         else:
-            place = min(held + stride, self._last) if ended is None else (held + ended) // 2
+            place = (held + ended) // 2
         value = self.value(place)
-        return [] if place < 0 or value in rows else [value]
+        if place < 0 or value in rows:
+            return []
+        return [value]
 
     def _scanned(
         self, survived: float | None, lost: float | None, rows: Mapping[float, Any]
@@ -111,7 +121,8 @@ class Search:
         if survived is None or lost is None or lost - survived <= self.tolerance + 1e-9:
             return []
         cuts = np.linspace(survived, lost, SECTIONS + 1)[1:-1]
-        return [value for cut in cuts if (value := rounded(cut)) not in rows]
+        values = map(rounded, cuts)
+        return [value for value in values if value not in rows]
 
     @property
     def _last(self) -> int:
@@ -152,7 +163,9 @@ class Threshold:
         """Middle of survived and lost; minus infinity below the range, infinity above it."""
         if self.survived is None:
             return -math.inf
-        return math.inf if self.lost is None else 0.5 * (self.survived + self.lost)
+        if self.lost is None:
+            return math.inf
+        return 0.5 * (self.survived + self.lost)
 
     @property
     def outcomes(self) -> dict[float, str]:
@@ -235,29 +248,26 @@ def find_thresholds(
     """
     finished = needed = 0
 
-    def one_more(_place: int, _row: dict[str, Any]) -> None:
+    def one_more(_place: int, _row: Row) -> None:
         nonlocal finished
         finished += 1
         if done is not None:
             done(finished, needed)
 
-    def run(wanted: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
+    def run(wanted: Sequence[tuple[int, float]]) -> list[Row]:
         nonlocal needed
         needed += len(wanted)
-        tasks = [
-            RunTask(
-                f"{case.name} {value:g}",
-                case.scenario,
-                (*case.settings, f"{search.factor}={value!r}"),
-            )
-            for case, value in ((cases[place], value) for place, value in wanted)
-        ]
+        tasks = []
+        for place, value in wanted:
+            case = cases[place]
+            settings = (*case.settings, f"{search.factor}={value!r}")
+            tasks.append(RunTask(f"{case.name} {value:g}", case.scenario, settings))
         return runs.rows(tasks, one_more)
 
-    for case in cases if starts is None else ():
-        load_scenario(case.scenario, case.settings)
     if starts is not None:
         return search_rows(search, starts, run, is_clean)
+    for case in cases:
+        load_scenario(case.scenario, case.settings)
     return search_rows(search, ["scan"] * len(cases), run, _survival)
 
 
@@ -276,17 +286,17 @@ def search_rows(
         judge: of that; in a climb never None.
     """
     rows: list[dict[float, Any]] = [{} for _ in starts]
-    while wanted := [
-        (place, value)
-        for place, (start, found) in enumerate(zip(starts, rows, strict=True))
-        for value in search.following(start, *first_loss(_verdicts(found, judge)), found)
-    ]:
+    while True:
+        wanted = []
+        for place, (start, found) in enumerate(zip(starts, rows, strict=True)):
+            survived, lost = first_loss(_verdicts(found, judge))
+            following = search.following(start, survived, lost, found)
+            wanted += [(place, value) for value in following]
+        if not wanted:
+            break
         for (place, value), row in zip(wanted, run(wanted), strict=True):
             rows[place][value] = row
-    return [
-        _threshold(search, {value: found[value] for value in sorted(found)}, judge)
-        for found in rows
-    ]
+    return [_threshold(search, dict(sorted(found.items())), judge) for found in rows]
 
 
 def first_loss(verdicts: Mapping[float, bool | None]) -> tuple[float | None, float | None]:
@@ -310,15 +320,20 @@ def _threshold(search: Search, rows: dict[float, Any], judge: Judge) -> Threshol
     survived, lost = first_loss(verdicts)
     islands: list[tuple[float, float]] = []
     open_island = False
-    for value in [value for value in rows if lost is not None and value > lost]:
-        if verdicts[value]:
-            islands.append((islands.pop()[0] if open_island else value, value))
-        open_island = bool(verdicts[value])
+    for value, survives in verdicts.items():
+        if lost is None or value <= lost:
+            continue
+        if survives:
+            first = islands.pop()[0] if open_island else value
+            islands.append((first, value))
+        open_island = bool(survives)
     return Threshold(search, survived, lost, tuple(islands), rows)
 
 
 def _outcome(row: Mapping[str, Any]) -> str:
-    return TIPPED if tipped_before_turn(row) else row["outcome"] or f"failed: {row['error']}"
+    if tipped_before_turn(row):
+        return TIPPED
+    return row["outcome"] or f"failed: {row['error']}"
 
 
 def _survival(row: Mapping[str, Any]) -> bool | None:

@@ -30,6 +30,12 @@ from aerodima.workbench.errors import SweepError
 from aerodima.workbench.logs.schema import software_versions
 
 STUDY_RUNS_SCHEMA = "aerodima/sweep/2"
+TABLE = "table.parquet"
+CSV = "table.csv"
+MARK = "study.json"
+ROWS = "rows.jsonl"
+TIMING = "timing.json"
+METADATA_KEY = b"aerodima"
 
 
 def run_study(
@@ -61,16 +67,20 @@ def run_study(
     runs = plan_runs(study)
     identity = _identity(study, runs)
     with open_store(out, identity, force=force) as store:
-        tasks = _with_logs(out, runs, store, force) if study.logs else [run.task for run in runs]
+        if study.logs:
+            tasks = _with_logs(out, runs, store, force)
+        else:
+            tasks = [run.task for run in runs]
         there = len(store.rows)
+        number = len(runs)
         if there and (out / TABLE).is_file():
-            progress(f"{out}: complete already, {len(runs)} runs")
+            progress(f"{out}: complete already, {number} runs")
             return read_table(out)
         progress(
-            f"{len(runs)} runs, {there} there already; {engine.workers} at a time, results in {out}"
+            f"{number} runs, {there} there already; {engine.workers} at a time, results in {out}"
         )
         start = time.monotonic()
-        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} of {len(runs)} runs"):
+        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} of {number} runs"):
             rows = Runs(engine, store, progress).rows(tasks)
         seconds = time.monotonic() - start
         new = len(store.rows) - there
@@ -127,16 +137,6 @@ def _how_it_went(frame: pd.DataFrame, number: int, seconds: float, engine: Engin
     if failed.any():
         line += f"; {int(failed.sum())} failed, the first: {frame.loc[failed, 'error'].iloc[0]}"
     return line
-
-
-TABLE, CSV, MARK, ROWS, TIMING = (
-    "table.parquet",
-    "table.csv",
-    "study.json",
-    "rows.jsonl",
-    "timing.json",
-)
-METADATA_KEY = b"aerodima"
 
 
 def open_store(folder: Path, identity: Mapping[str, Any], *, force: bool = False) -> RowStore:

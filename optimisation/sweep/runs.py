@@ -43,6 +43,34 @@ DRIVING = 0.9
 
 FINE_STEP = 0.0005
 """Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
+Item = TypeVar("Item")
+Done = Callable[[int, Any], None]
+"""Told the place of a new row and the row, in the order in which they finish."""
+WORKER_LOST_AGAIN = (
+    f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or "
+    "a crash in the solver)"
+)
+TEXT_COLUMNS = frozenset(
+    [
+        "axis",
+        "block",
+        "direction",
+        "error",
+        "kind",
+        "log",
+        "member",
+        "outcome",
+        "run",
+        "scenario",
+        "scenario_sha256",
+        "settings",
+        "signals",
+        "tail",
+        "tail_mode",
+        "touched",
+    ]
+)
+"""Columns that are texts even where no row has one."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +113,7 @@ def step_settings(step: float) -> tuple[str, ...]:
     return (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
 
 
-def evaluate(task: RunTask) -> dict[str, Any]:
+def evaluate(task: RunTask) -> Row:
     """Runs a task; one row of outcome, metrics and provenance, without anything that differs from
     time to time.
 
@@ -104,9 +132,10 @@ def evaluate(task: RunTask) -> dict[str, Any]:
             error, (UserError, ArithmeticError, RuntimeError, ValueError)
         ):
             raise
-        words = (
-            in_words(error) if task.law else " ".join(str(error).split()) or type(error).__name__
-        )
+        if task.law:
+            words = in_words(error)
+        else:
+            words = " ".join(str(error).split()) or type(error).__name__
         return failed_row(task, words, scenario)
 
 
@@ -123,20 +152,17 @@ def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
     return float(speed) < DRIVING * float(commanded)
 
 
-def failed_row(
-    task: RunTask, error: str, scenario: Scenario | RigScenario | None = None
-) -> dict[str, Any]:
+def failed_row(task: RunTask, error: str, scenario: Scenario | RigScenario | None = None) -> Row:
     """Row of a run that came to nothing; the columns of the metrics are missing in it."""
     return {"run": task.name, "outcome": None, "error": error, **_provenance(task, scenario)}
 
 
-def _measured(task: RunTask, scenario: Scenario | RigScenario) -> dict[str, Any]:
+def _measured(task: RunTask, scenario: Scenario | RigScenario) -> Row:
     from aerodima.workbench.simulate.simulation import simulate
 
     path = Path(task.log) if task.log else None
-    if (
-        path is not None and path.exists()
-    ):  # whole: its process was killed between writing it and saying so
+    if path is not None and path.exists():
+        # It is whole: its process was killed between writing it and saying so.
         return measured_row(task, scenario, read_run_log(path))
     if isinstance(scenario, RigScenario):
         run = simulate(scenario, path, force=True)
@@ -147,14 +173,15 @@ def _measured(task: RunTask, scenario: Scenario | RigScenario) -> dict[str, Any]
     return measured_row(task, scenario, run)
 
 
-def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -> dict[str, Any]:
+def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -> Row:
     """The row of a task whose scenario has been run, as `evaluate` gives it."""
+    last = {"error": "", **_provenance(task, scenario)}
     if isinstance(scenario, RigScenario):
         facts = {name: run.extra[name] for name in ("tail", "axis", "wind_speed_m_per_s")}
         facts["angle_rad"] = scenario.experiment.angle
         truth = {f"true_{name}": value for name, value in run.extra["truth"].items()}
         row = {"run": task.name, "outcome": "measured", "kind": run.kind, **facts, **truth}
-        return row | {"error": "", **_provenance(task, scenario)}
+        return row | last
     from aerodima.workbench.metrics.run_summary import summarise
     from aerodima.workbench.metrics.tip_up import path_row, tip_up
     from aerodima.workbench.metrics.turn_course import turn_course
@@ -177,30 +204,23 @@ def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -
 
             yaw = tail_yaw_impulses(run)
             row |= {f"{cause}_yaw_impulse_window_n_m_s": getattr(yaw, cause) for cause in CAUSES}
-    return row | {"error": "", **_provenance(task, scenario)}
+    return row | last
 
 
-def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> dict[str, Any]:
-    resolved = None if scenario is None else json.dumps(scenario.resolved(), sort_keys=True)
+def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> Row:
+    seed = None
+    digest = None
+    if scenario is not None:
+        seed = scenario.seed
+        resolved = json.dumps(scenario.resolved(), sort_keys=True)
+        digest = hashlib.sha256(resolved.encode()).hexdigest()
     return {
         "scenario": task.scenario,
         "settings": " ".join(task.settings),
-        "seed": None if scenario is None else scenario.seed,
-        "scenario_sha256": None
-        if resolved is None
-        else hashlib.sha256(resolved.encode()).hexdigest(),
+        "seed": seed,
+        "scenario_sha256": digest,
         **{f"version_{name}": version for name, version in sorted(software_versions().items())},
     }
-
-
-Item = TypeVar("Item")
-Done = Callable[[int, Any], None]
-"""Told the place of a new row and the row, in the order in which they finish."""
-
-WORKER_LOST_AGAIN = (
-    f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or "
-    "a crash in the solver)"
-)
 
 
 def open_run_engine(
@@ -237,7 +257,7 @@ class Runs:
         self.stage = stage
         self.ran = 0
 
-    def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[dict[str, Any]]:
+    def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[Row]:
         """`evaluate` of each task, in order, under its own name; one that kills its worker gives a
         row with an error.
 
@@ -344,7 +364,10 @@ def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:
     """
     try:
         scenario = load_any_scenario(name, settings)
-        swing = _swing(scenario.controller.swing_file) if isinstance(scenario, Scenario) else ""
+        if isinstance(scenario, Scenario):
+            swing = _swing(scenario.controller.swing_file)
+        else:
+            swing = ""
         return [scenario.resolved(), swing]
     except UserError as error:
         return [str(error)]
@@ -357,39 +380,14 @@ def _versions() -> dict[str, str]:
 
 def _swing(name: str) -> str:
     path = Path(name)
-    return (
-        ""
-        if name == NO_SWING
-        else _swing_content(name, path.stat().st_mtime_ns if path.is_file() else 0)
-    )
+    if name == NO_SWING:
+        return ""
+    return _swing_content(name, path.stat().st_mtime_ns if path.is_file() else 0)
 
 
 @lru_cache
 def _swing_content(name: str, _changed: int) -> str:
     return find_swing(name).model_dump_json()
-
-
-TEXT_COLUMNS = frozenset(
-    [
-        "axis",
-        "block",
-        "direction",
-        "error",
-        "kind",
-        "log",
-        "member",
-        "outcome",
-        "run",
-        "scenario",
-        "scenario_sha256",
-        "settings",
-        "signals",
-        "tail",
-        "tail_mode",
-        "touched",
-    ]
-)
-"""Columns that are texts even where no row has one."""
 
 
 def make_frame(rows: Sequence[Row]) -> pd.DataFrame:

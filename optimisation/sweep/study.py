@@ -92,13 +92,12 @@ class Sample(StrictModel):
         """One dict of factor -> value per sample, so many times the number of samples."""
         names = list(self.factors)
         number = times * self.number
+        generator = np.random.default_rng(self.seed)
         if self.method == "sobol":
-            engine = qmc.Sobol(len(names), rng=np.random.default_rng(self.seed))
-            shares = engine.random_base2(int(np.ceil(np.log2(number))))[:number]
+            power = int(np.ceil(np.log2(number)))
+            shares = qmc.Sobol(len(names), rng=generator).random_base2(power)[:number]
         else:
-            shares = qmc.LatinHypercube(len(names), rng=np.random.default_rng(self.seed)).random(
-                number
-            )
+            shares = qmc.LatinHypercube(len(names), rng=generator).random(number)
         columns = {
             name: self.factors[name].at(shares[:, index]) for index, name in enumerate(names)
         }
@@ -134,8 +133,15 @@ class Block(StrictModel):
         ]
         cells = list(product(*levels))
         sample = self.sample
-        samples = [{}] if sample is None else sample.rows(len(cells) if sample.anew else 1)
-        own = len(samples) // len(cells) if sample is not None and sample.anew else 0
+        if sample is None:
+            own = 0
+            samples: Sequence[Mapping[str, Value]] = [{}]
+        elif sample.anew:
+            samples = sample.rows(len(cells))
+            own = len(samples) // len(cells)
+        else:
+            samples = sample.rows(1)
+            own = 0
         for number, combination in enumerate(cells):
             point = dict(zip(names, combination, strict=True))
             for sampled in samples[number * own : (number + 1) * own] if own else samples:
@@ -154,11 +160,10 @@ class Block(StrictModel):
     @property
     def factors(self) -> list[str]:
         """Keys that differ from run to run."""
-        sampled = (
-            []
-            if self.sample is None
-            else [*self.sample.factors, *(["seed"] if self.sample.new_seeds else [])]
-        )
+        if self.sample is None:
+            sampled = []
+        else:
+            sampled = [*self.sample.factors, *(["seed"] if self.sample.new_seeds else [])]
         return [*self.grid, *sampled]
 
 
@@ -231,7 +236,10 @@ def check_factors(study: Study, where: str) -> None:
             raise SweepError(f"{label}: {error}") from None
         for factor in block.factors:
             _check_factor(factor, type(scenario), label)
-        both = [] if block.sample is None else sorted(set(block.grid) & set(block.sample.factors))
+        if block.sample is None:
+            both = []
+        else:
+            both = sorted(set(block.grid) & set(block.sample.factors))
         for name in both:
             values = block.grid[name]
             if isinstance(values, list) and any(isinstance(value, str | bool) for value in values):
@@ -255,9 +263,13 @@ def plan_runs(study: Study) -> list[PlannedRun]:
     members: Sequence[Member | None] = [None]
     if study.ensemble is not None:
         ensemble = load_ensemble(study.ensemble)
-        members = ensemble.members if study.members is None else ensemble.drawn(study.members)
+        if study.members is None:
+            members = ensemble.members
+        else:
+            members = ensemble.drawn(study.members)
     factors = list(dict.fromkeys(factor for block in study.blocks for factor in block.factors))
-    if (number := sum(block.size for block in study.blocks) * len(members)) > MOST_RUNS:
+    number = sum(block.size for block in study.blocks) * len(members)
+    if number > MOST_RUNS:
         raise SweepError(f"{study.name}: {number} runs; allowed: at most {MOST_RUNS}")
     runs: list[PlannedRun] = []
     for number, block in enumerate(study.blocks):
@@ -295,10 +307,15 @@ def _text(value: Value) -> str:
     """
     if isinstance(value, bool):
         return str(value).lower()
-    text = repr(value) if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        text = repr(value)
+    else:
+        text = str(value)
     mantissa, exponent, power = text.partition("e")
     numeric = isinstance(value, float) and exponent
-    return f"{mantissa}{'' if '.' in mantissa else '.0'}e{power}" if numeric else text
+    if numeric:
+        return f"{mantissa}{'' if '.' in mantissa else '.0'}e{power}"
+    return text
 
 
 def _in_blocks(data: dict[str, Any]) -> dict[str, Any]:
@@ -311,7 +328,9 @@ def _in_blocks(data: dict[str, Any]) -> dict[str, Any]:
 
 def _sum(value: Value, added: Value) -> Value:
     """Sum of a number of the grid and one of the sample; a seed of the sample stays whole."""
-    return added if not value else float(value) + float(added)
+    if not value:
+        return added
+    return float(value) + float(added)
 
 
 def _check_factor(factor: str, scenario: type[ScenarioFile], where: str) -> None:

@@ -29,8 +29,13 @@ from aerodima.workbench.plants.car_model import gearbox_height
 from aerodima.workbench.plants.tail import tail_geometry
 
 SCHEMA = "aerodima/candidates/1"
+SettingLists = list[str] | dict[float, list[str]]
+"""Settings, or settings by speed, m/s."""
 ALLOWED = ("tail.", "controller.", "feedback.")
 """A setting of a candidate begins with one of these."""
+SWINGING = ("tail.mode=swing", "controller.swing_file=none")
+LOW_PLACE = 0.07
+"""Height at which a mass is low in the car, m: about that of the axles."""
 
 
 @dataclass(frozen=True)
@@ -59,22 +64,16 @@ class Candidate:
         return (*self.settings, *self.by_speed[nearest_speed])
 
 
-SWINGING = ("tail.mode=swing", "controller.swing_file=none")
-LOW_PLACE = 0.07
-"""Height at which a mass is low in the car, m: about that of the axles."""
-
-
 def low_ballast(scenario: Scenario) -> tuple[str, ...]:
     """The car without tail, its gearbox with both motors `LOW_PLACE` above the ground and the arm's
     mass with it.
     """
     car = scenario.car
     tail = scenario.tail
-    arm = (
-        tail_geometry(tail).inertial.mass + tail.hub_mass
-        if tail.has_own_geometry
-        else tail.mass + tail.hub_mass
-    )
+    if tail.has_own_geometry:
+        arm = tail_geometry(tail).inertial.mass + tail.hub_mass
+    else:
+        arm = tail.mass + tail.hub_mass
     total = car.mass + arm
     lowered = LOW_PLACE - gearbox_height(car, tail)
     x = (car.mass * car.com_x + arm * car.gearbox_x) / total
@@ -96,17 +95,15 @@ BEST_SWING = Candidate(
     "best_swing",
     (
         *SWINGING,
-        *(
-            "controller.trigger=steering",
-            "controller.trigger_steering_angle=0.03",
-            "controller.delay=0.489",
-        ),
-        *("controller.swing_speed=13.68", "controller.swing_kd=3.415", "controller.travel=2.259"),
-        *(
-            "controller.settle_kp=18.19",
-            "controller.settle_kd=0.6648",
-            "controller.hold_angle=1.566",
-        ),
+        "controller.trigger=steering",
+        "controller.trigger_steering_angle=0.03",
+        "controller.delay=0.489",
+        "controller.swing_speed=13.68",
+        "controller.swing_kd=3.415",
+        "controller.travel=2.259",
+        "controller.settle_kp=18.19",
+        "controller.settle_kd=0.6648",
+        "controller.hold_angle=1.566",
         "controller.pitch_angle=0.593",
     ),
 )
@@ -132,9 +129,7 @@ class ListedCandidate(StrictModel):
 
     @field_validator("settings", "by_speed")
     @classmethod
-    def _of_the_controller(
-        cls, value: list[str] | dict[float, list[str]]
-    ) -> list[str] | dict[float, list[str]]:
+    def _of_the_controller(cls, value: SettingLists) -> SettingLists:
         lists = value.values() if isinstance(value, dict) else [value]
         for setting in (one for settings in lists for one in settings):
             if not setting.split("=")[0].strip().startswith(ALLOWED) or "=" not in setting:
@@ -216,7 +211,10 @@ def write_candidates(
 
 def swing_player(path_or_name: str) -> Candidate:
     """Plays a swing file. Raises `UserError` where it is missing or malformed."""
-    place = str(Path(path_or_name).resolve()) if Path(path_or_name).exists() else path_or_name
+    if Path(path_or_name).exists():
+        place = str(Path(path_or_name).resolve())
+    else:
+        place = path_or_name
     return Candidate(
         find_swing(path_or_name).name, ("tail.mode=swing", f"controller.swing_file={place}")
     )

@@ -40,11 +40,22 @@ KNOT_ROUNDING = 1e-2
 the stop."""
 
 CAR_KEYS = (
-    "car.mass", "car.com_height", "car.com_x", "car.gyration_roll", "car.wheelbase", "car.track",
+    "car.mass",
+    "car.com_height",
+    "car.com_x",
+    "car.gyration_roll",
+    "car.wheelbase",
+    "car.track",
     "tail.length",
-    "tail.mass", "tail.sail_length", "tail.sail_width", "tail.mount_x", "tail.mount_height",
-    "tail.normal_force_coefficient", "tail.roll_limit", "tail.pitch_limit",
-)  # fmt: skip
+    "tail.mass",
+    "tail.sail_length",
+    "tail.sail_width",
+    "tail.mount_x",
+    "tail.mount_height",
+    "tail.normal_force_coefficient",
+    "tail.roll_limit",
+    "tail.pitch_limit",
+)
 """Parameters that make it another car for a swing."""
 OWN_CAR = Member("car", 1.0, {})
 """The car of the scenario, for a task without training cars."""
@@ -100,9 +111,11 @@ def search_motion(
     programme = turn_programme(turns, search, task)
     solutions = []
     for number in range(search.starts):
-        start = programme.shooting.random_start(np.random.default_rng([search.seed, number]))
-        solutions.append(programme.solve(start, search.iterations))
-        progress(_line(number, solutions[-1]))
+        generator = np.random.default_rng([search.seed, number])
+        start = programme.shooting.random_start(generator)
+        solution = programme.solve(start, search.iterations)
+        solutions.append(solution)
+        progress(_line(number, solution))
     best = best_of(solutions)
     if best.violation > FEASIBLE:
         raise SwingError(f"no start came to a turn that keeps its limits; nearest: {best.worst}")
@@ -129,24 +142,29 @@ def turn_programme(
     if any(turn.tail.mode == "none" for turn in turns):
         raise SwingError("tail.mode: none; allowed: a tail that can swing")
     rate = turns[0].controller.rate
-    length = 1.0 / (rate * math.ceil(1.0 / (rate * FASTEST_TICK) - 1e-9))
+    steps = math.ceil(1.0 / (rate * FASTEST_TICK) - 1e-9)
+    length = 1.0 / (rate * steps)
     interval = search.length / (search.knots - 1)
-    return TurnProgramme(TurnShooting.of(turns, search.knots - 2, interval, task, length))
+    shooting = TurnShooting.of(turns, search.knots - 2, interval, task, length)
+    return TurnProgramme(shooting)
 
 
 def turn_on(task: Task, floor: Floor) -> Scenario:
     """The turn of a task's car on its floor, with the tail of the scenario."""
-    turn = load_scenario(
-        task.scenario, (*task.settings(HELD, floor.car, floor.speed), floor.setting)
-    )
+    settings = task.settings(HELD, floor.car, floor.speed)
+    turn = load_scenario(task.scenario, (*settings, floor.setting))
     duration = turn.manoeuvre.turn_start + task.pulse + AFTER
     return turn.varied(manoeuvre={"turn_hold": task.pulse, "duration": duration})
 
 
 def swing_of(
-    name: str, task: Task, turns: Sequence[tuple[Floor, Scenario]], programme: TurnProgramme,
-    solutions: list[TurnSolution], search: MotionSearch,
-) -> SwingFile:  # fmt: skip
+    name: str,
+    task: Task,
+    turns: Sequence[tuple[Floor, Scenario]],
+    programme: TurnProgramme,
+    solutions: list[TurnSolution],
+    search: MotionSearch,
+) -> SwingFile:
     """The best solution as a swing file: the first car's steering as settings, every car's in
     `found`.
     """
@@ -163,21 +181,25 @@ def swing_of(
     for member, ((floor, _), predicted) in enumerate(zip(turns, best.course, strict=True)):
         own = f"{floor.car.name}_{floor.speed:g}_{floor.share:g}"
         steering = steering_of(shooting, best.x, member)
-        facts |= {
-            f"{own}_{key}_{'s' if key.endswith('hold') else 'rad'}": value
-            for key, value in steering.items()
-        }
-        facts |= {f"{own}_friction": floor.friction, f"{own}_course_rad": float(predicted)}
+        for key, value in steering.items():
+            unit = "s" if key.endswith("hold") else "rad"
+            facts[f"{own}_{key}_{unit}"] = value
+        facts[f"{own}_friction"] = floor.friction
+        facts[f"{own}_course_rad"] = float(predicted)
     floor, turn = turns[0]
     steering = {**steering_of(shooting, best.x, 0), "turn_hold": task.pulse, "speed": floor.speed}
     settings = (*floor.car.settings_on(task.scenario), floor.setting)
     made = {
-        "source": "aerodima swing search", "scenario": task.scenario, "seed": search.seed,
+        "source": "aerodima swing search",
+        "scenario": task.scenario,
+        "seed": search.seed,
         "settings": (*settings, *(f"manoeuvre.{key}={value!r}" for key, value in steering.items())),
-        "options": {**asdict(search), "members": ", ".join(dict.fromkeys(one.car.name for one,
-        _ in turns))},
+        "options": {
+            **asdict(search),
+            "members": ", ".join(dict.fromkeys(one.car.name for one, _ in turns)),
+        },
         "found": facts,
-    }  # fmt: skip
+    }
     return steered_swing(name, turn, time, roll, rate, provenance=made)
 
 
@@ -213,7 +235,7 @@ def steered_swing(
     side = 1.0 if scenario.manoeuvre.direction == "left" else -1.0
     resolved = scenario.resolved()
 
-    def row(values: np.ndarray) -> tuple[float, ...]:
+    def row(values: FloatArray) -> tuple[float, ...]:
         return tuple(float(value) for value in np.round(values, 9) + 0.0)
 
     knots = {
@@ -246,13 +268,12 @@ def steered_swing(
 
 def _line(number: int, found: TurnSolution) -> str:
     course = ", ".join(f"{math.degrees(value):.1f}" for value in found.course)
-    state = (
-        "converged"
-        if found.converged
-        else f"violates {found.worst}"
-        if found.violation > FEASIBLE
-        else "stopped"
-    )
+    if found.converged:
+        state = "converged"
+    elif found.violation > FEASIBLE:
+        state = f"violates {found.worst}"
+    else:
+        state = "stopped"
     return (
         f"start {number + 1}: course {course} deg, {state}, {found.evaluations} batches in "
         f"{found.wall_time:.0f} s"

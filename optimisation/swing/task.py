@@ -39,8 +39,10 @@ PULSE = 0.5
 """Length of the steering unless another is asked for, s."""
 AFTER = 1.5
 """How long a run goes on after the steering, s."""
-MOST_ROLL, MOST_SIDESLIP = 0.35, 0.1
-"""rad; outwards from the turn on, and to either side at the exit."""
+MOST_ROLL = 0.35
+"""Outwards from the turn on, rad."""
+MOST_SIDESLIP = 0.1
+"""To either side at the exit, rad."""
 FRICTION_CLIMB = Search(FRICTION, 0.3, 1.3, 0.05, 0.0125)
 
 

@@ -29,8 +29,10 @@ from aerodima.workbench.config.array_types import FloatArray
 
 COURSE = 0.5
 """Scale of the course, rad."""
-SMOOTHNESS, STEADINESS = 3e-3, 1e-3
-"""Weights that choose among turns of nearly the same course."""
+SMOOTHNESS = 3e-3
+"""Weight that chooses among turns of nearly the same course."""
+STEADINESS = 1e-3
+"""Weight that chooses among turns of nearly the same course."""
 FEASIBLE = 1e-3
 """Largest scaled violation of a solution."""
 OPTIMAL = 1e-2
@@ -84,29 +86,25 @@ class TurnProgramme:
         self._sizes = np.array([row.size for row in shooting.rows])
         rows = shooting.rows
         variables = shooting.variables
-        low, high = (
-            np.tile([getattr(row, end) / row.size for row in rows], variables.members)
-            for end in ("lower", "upper")
-        )
+        low = np.tile([row.lower / row.size for row in rows], variables.members)
+        high = np.tile([row.upper / row.size for row in rows], variables.members)
         prog: Any = MathematicalProgram()
+        x = prog.NewContinuousVariables(variables.size, "x")
         self.prog = prog
-        self.x = prog.NewContinuousVariables(variables.size, "x")
-        prog.AddVisualizationCallback(self._keep, self.x)
-        prog.AddBoundingBoxConstraint(*variables.bounds, self.x)
-        prog.AddQuadraticCost(
-            2.0 * self._weights(), np.zeros(variables.size), self.x, is_convex=True
-        )
-        prog.AddCost(self._course_cost, self.x)
-        prog.AddConstraint(self._scaled_rows, low, high, self.x, description=ROWS)
+        self.x = x
+        prog.AddVisualizationCallback(self._keep, x)
+        prog.AddBoundingBoxConstraint(*variables.bounds, x)
+        weights = 2.0 * self._weights()
+        prog.AddQuadraticCost(weights, np.zeros(variables.size), x, is_convex=True)
+        prog.AddCost(self._course_cost, x)
+        prog.AddConstraint(self._scaled_rows, low, high, x, description=ROWS)
         rates = slice(1, variables.tail)
         travel = variables.roll_rows * variables.units[rates]
-        ends = [
-            np.full(len(travel), side * variables.most_roll - variables.start)
-            for side in (-1.0, 1.0)
-        ]
-        prog.AddLinearConstraint(travel, *ends, self.x[rates]).evaluator().set_description(
-            "travel of the tail"
-        )
+        ones = np.ones(len(travel))
+        least = (-variables.most_roll - variables.start) * ones
+        most = (variables.most_roll - variables.start) * ones
+        limits = prog.AddLinearConstraint(travel, least, most, x[rates])
+        limits.evaluator().set_description("travel of the tail")
 
     def solve(self, start: FloatArray, iterations: int = 30) -> TurnSolution:
         """The turn that is best near a start.
@@ -243,7 +241,7 @@ def _split(x: np.ndarray) -> tuple[FloatArray, FloatArray | None]:
     return ExtractValue(x).ravel(), ExtractGradient(x)
 
 
-def _joined(values: FloatArray, slopes: FloatArray, gradient: FloatArray | None) -> np.ndarray:
+def _joined(values: FloatArray, slopes: FloatArray, gradient: FloatArray | None) -> FloatArray:
     """Values (n,) as AutoDiff scalars by the chain rule; plain where the solver asks for no
     slopes.
     """

@@ -31,20 +31,23 @@ from aerodima.optimisation.screening.turn_plans import PlayedRoll, TurnPlans
 from aerodima.optimisation.screening.turns import Turns, course, drive_turns, heights
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.swing.task import Task
-from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.config.array_types import FloatArray, IntArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE
 from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
 
-AFTER, WINDOW = 0.8, 0.1
-"""s: how long turns are driven after the steering at least, and the windows in which peaks are
-limited one by one."""
+AFTER = 0.8
+"""How long turns are driven after the steering at least, s."""
+WINDOW = 0.1
+"""Windows in which peaks are limited one by one, s."""
 END_ROLL = 0.1
 """Largest roll of a car at the end, to either side, rad."""
 ROLL_MARGIN = 0.05
 """Below the largest roll that counts, for the reduced car's error, rad."""
-CLEARANCE, BOARD_CLEARANCE = 0.02, 0.003
-"""Least height of the tail, and of the anti-ramp board behind the car, over the ground, m."""
+CLEARANCE = 0.02
+"""Least height of the tail over the ground, m."""
+BOARD_CLEARANCE = 0.003
+"""Least height of the anti-ramp board behind the car over the ground, m."""
 DRAWS = 32
 """Random starts that are drawn; the best one is taken."""
 TORQUE_SHARE = 0.9
@@ -58,11 +61,18 @@ FOLLOW = {"kp": 60.0, "kd": 3.0}
 """Gains along the knots: the tail of 0.05 kg m2 follows within 0.05 rad at 100 Hz."""
 RELEASE_STEERING = 0.01
 """Steering command that releases a swing which goes by the steering, rad: less than any turn's."""
-RELEASE, RATE, ANGLE, TIME = 0.2, 8.0, 0.1, 0.2
-"""One unit of a release (s), a rate (rad/s), a steering angle (rad), the time of a first level (s).
-"""
-EARLIEST, LATEST = 0.02, 0.5
-"""Limits of the release, s after the start of the steering."""
+RELEASE = 0.2
+"""One unit of a release, s."""
+RATE = 8.0
+"""One unit of a rate, rad/s."""
+ANGLE = 0.1
+"""One unit of a steering angle, rad."""
+TIME = 0.2
+"""One unit of the time of a first level, s."""
+EARLIEST = 0.02
+"""Earliest release after the start of the steering, s."""
+LATEST = 0.5
+"""Latest release after the start of the steering, s."""
 STEERING = 3
 """Variables of one car's steering."""
 
@@ -186,20 +196,19 @@ class TurnVariables:
         """A swing over the top of random length and travel, and some steering."""
         knots = self.interval * np.arange(1, self.rates + 1)
         length = self.interval * (self.rates + 1)
-        duration = generator.uniform(0.5, 1.0) * length
-        travel = generator.uniform(0.2, 0.9) * 2.0 * abs(self.start)
+        uniform = generator.uniform
+        duration = uniform(0.5, 1.0) * length
+        travel = uniform(0.2, 0.9) * 2.0 * abs(self.start)
         phase = np.clip(knots / duration, 0.0, 1.0)
-        rates = np.clip(
-            6.0 * phase * (1.0 - phase) * travel / duration, -self.most_rate, self.most_rate
-        )
-        release = generator.uniform(EARLIEST, 0.7 * LATEST)
+        parabola = 6.0 * phase * (1.0 - phase) * travel / duration
+        rates = np.clip(parabola, -self.most_rate, self.most_rate)
+        release = uniform(EARLIEST, 0.7 * LATEST)
         low, high = self.steering
         size = (self.members, 1)
-        then, first = (
-            low * (most / low) ** generator.uniform(size=size)
-            for most in (high, min(high, 3.0 * low))
-        )
-        cars = np.hstack([then, first, generator.uniform(0.2 * self.pulse, 0.9 * self.pulse, size)])
+        then = low * (high / low) ** uniform(size=size)
+        first = low * (min(high, 3.0 * low) / low) ** uniform(size=size)
+        time = uniform(0.2 * self.pulse, 0.9 * self.pulse, size)
+        cars = np.hstack([then, first, time])
         return np.concatenate([[release], -np.sign(self.start) * rates, cars.ravel()]) / self.units
 
 
@@ -272,11 +281,16 @@ class TurnShooting:
         hold = first.controller.hold_angle
         least, largest = map(math.radians, task.steering)
         variables = TurnVariables(
-            len(scenarios), rates, interval, -hold, min(s.tail.roll_limit for s in scenarios),
+            len(scenarios),
+            rates,
+            interval,
+            -hold,
+            min(s.tail.roll_limit for s in scenarios),
             most_rate,
-            (least, min(largest, *(s.servo.limit for s in scenarios))), task.pulse,
+            (least, min(largest, *(s.servo.limit for s in scenarios))),
+            task.pulse,
             1.0 / first.controller.rate,
-        )  # fmt: skip
+        )
         swinging = [
             s.varied(tail={"mode": "swing"}, controller={"swing_file": "none"}) for s in scenarios
         ]
@@ -311,7 +325,7 @@ class TurnShooting:
             Row("yaw rate at the end", "rad/s", 1.0, -EXIT_YAW_RATE, EXIT_YAW_RATE),
         )
 
-    def drive(self, own: FloatArray, members: np.ndarray) -> Turns:
+    def drive(self, own: FloatArray, members: IntArray) -> Turns:
         """Turns of members (n), each with its own scaled variables (own, n), with their history."""
         plans = self.plans.take(members)
         time, roll, rate = self.variables.motion(own)
@@ -323,10 +337,13 @@ class TurnShooting:
             plans, steer_angle=angle, first_angle=first_angle, first_hold=first_hold, played=played
         )
         return drive_turns(
-            self.cars.take(members), plans, duration=WINDOW * self.windows, length=self.length,
+            self.cars.take(members),
+            plans,
+            duration=WINDOW * self.windows,
+            length=self.length,
             history=True,
             begun=self.begun[:, members],
-        )  # fmt: skip
+        )
 
     def random_start(self, generator: np.random.Generator) -> FloatArray:
         """Scaled variables (size,): of some draws that whose turns count and lead furthest, else
@@ -370,7 +387,7 @@ class TurnShooting:
         here = values[:, :, -1].T
         return Found(here[:, 0], slopes[:, 0], here[:, 1:], slopes[:, 1:])
 
-    def _read(self, turns: Turns, members: np.ndarray) -> tuple[FloatArray, FloatArray]:
+    def _read(self, turns: Turns, members: IntArray) -> tuple[FloatArray, FloatArray]:
         """Courses (n,) and rows (rows, n) of turns."""
         assert turns.history is not None
         assert turns.asked is not None

@@ -46,7 +46,8 @@ UPRIGHT = 0.8
 _MARGIN = 1e-3
 """rad and N m; an encoder and a stop give this much."""
 SCHEMA = "aerodima/verification/3"
-VERDICT, PAGE = "verification.yaml", "report.html"
+VERDICT = "verification.yaml"
+PAGE = "report.html"
 
 
 @dataclass(frozen=True)
@@ -147,34 +148,30 @@ def _turn_checks(row: Mapping[str, Any]) -> Iterator[Check]:
 
 
 def _tail_checks(swing: SwingFile, scenario: Scenario, log: RunLog) -> Iterator[Check]:
-    state = log.signal("controller_state")
+    signal = log.signal
+    state = signal("controller_state")
     limits = swing.limits
     since = log.time - log.time[np.flatnonzero(state == SwingState.SWING)[0]]
     after = since >= 0.0
     during = after & (since <= swing.knots.time_s[-1])
     point = swing_at(swing, since, scenario.manoeuvre.direction)
-    roll = log.signal("tail_roll_angle_rad")
-    pitch = log.signal("tail_pitch_angle_rad")
-    torque = np.maximum(
-        np.abs(log.signal("tail_roll_torque_n_m")), np.abs(log.signal("tail_pitch_torque_n_m"))
-    )
-    upright = after & (log.signal("tilt_truth_rad") < UPRIGHT)
-    ground = ground_clearance(
-        scenario, pitch[upright], roll[upright], log.signal("roll_truth_rad")[upright]
-    )
+    roll = signal("tail_roll_angle_rad")
+    pitch = signal("tail_pitch_angle_rad")
+    roll_torque = np.abs(signal("tail_roll_torque_n_m"))
+    pitch_torque = np.abs(signal("tail_pitch_torque_n_m"))
+    torque = np.maximum(roll_torque, pitch_torque)
+    upright = after & (signal("tilt_truth_rad") < UPRIGHT)
+    car_roll = signal("roll_truth_rad")[upright]
+    ground = ground_clearance(scenario, pitch[upright], roll[upright], car_roll)
     motion = make_range_of_motion(scenario, 25, 25)
     car = motion.clearance(pitch[after], roll[after], ("cage", "deck", "wheels"))
     off = np.abs(roll - point.roll_position)[during]
-    yield Check(
-        "knots followed to their end", float(not np.any(state == SwingState.FALLBACK)), "", low=1.0
-    )
+    pitch_off = np.abs(pitch - point.pitch_position)[during]
+    followed = not np.any(state == SwingState.FALLBACK)
+    yield Check("knots followed to their end", float(followed), "", low=1.0)
     yield Check("tail roll off the knots", float(np.max(off)), "rad")
     yield Check("tail roll off the last knot", float(off[-1]), "rad")
-    yield Check(
-        "tail pitch off the knots",
-        float(np.max(np.abs(pitch - point.pitch_position)[during])),
-        "rad",
-    )
+    yield Check("tail pitch off the knots", float(np.max(pitch_off)), "rad")
     for name, values, unit, limit in (
         ("tail roll", np.abs(roll), "rad", limits.roll_position_rad),
         ("tail pitch", np.abs(pitch), "rad", limits.pitch_position_rad),
