@@ -15,7 +15,6 @@ from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
-from aerodima.workbench.errors import ModelError
 from tests.workbench.aero.plants import (
     add_free_body,
     add_plant,
@@ -80,11 +79,10 @@ def free_tail(law, layout=LAYOUT):
     return builder.Build(), plant, force, wind
 
 
-@pytest.mark.slow
 def test_constant_coefficients_equal_an_independent_five_point_sum() -> None:
     diagram, plant, force, wind = free_tail(PolarLaw(DRAG, LIFT))
     rng = np.random.default_rng(4)
-    for _ in range(1000):
+    for _ in range(200):
         state = random_state(plant, rng)
         air = rng.normal(size=3) * 5.0
         context = plant_context(diagram, plant, state)
@@ -133,10 +131,10 @@ def test_lift_points_to_the_root_side_of_a_tail_that_hangs_downstream() -> None:
     "law", [PolarLaw(DRAG, LIFT), NormalForceLaw(1.7)], ids=["polar", "normal"]
 )
 def test_the_air_never_feeds_energy_to_a_body_in_still_air(law) -> None:
-    """Power of the wrench on the moving body, over 1,000 random states: at most zero."""
+    """Power of the wrench on the moving body, over 200 random states: at most zero."""
     diagram, plant, force, _ = free_tail(law)
     rng = np.random.default_rng(5)
-    for _ in range(1000):
+    for _ in range(200):
         state = random_state(plant, rng)
         wrench = port_value(force, plant_context(diagram, plant, state), "wrench")
         power = wrench[:3] @ state[10:13] + wrench[3:6] @ state[7:10]
@@ -145,7 +143,7 @@ def test_the_air_never_feeds_energy_to_a_body_in_still_air(law) -> None:
 
 def test_lift_does_no_work_on_the_relative_motion() -> None:
     rng = np.random.default_rng(6)
-    for _ in range(1000):
+    for _ in range(200):
         v = rng.normal(size=3) * 10.0
         a = rng.normal(size=3)
         a /= np.linalg.norm(a)
@@ -159,8 +157,3 @@ def test_drag_is_even_and_lift_odd_in_the_angle_of_attack() -> None:
     down = PolarLaw(1.0, 0.5).section_force((6.0, 0.0, -3.0), a, (1.0, 0, 0), 0.02, 1.2)
     assert up[0] == pytest.approx(down[0])
     assert up[2] == pytest.approx(-down[2])
-
-
-def test_a_negative_drag_coefficient_is_refused() -> None:
-    with pytest.raises(ModelError, match=r"drag: -0.1; allowed: >= 0"):
-        PolarLaw(-0.1)

@@ -12,6 +12,7 @@ from aerodima.workbench.controllers.manoeuvre import (
     TurnSchedule,
 )
 from aerodima.workbench.errors import UserError
+from tests.refusals import assert_refused
 
 SCHEDULE = TurnSchedule(SpeedRamp(4.0, 1.0, ThrottleLine(10.0, -1.0)), 1.0, 0.5, 2.0, 0.5)
 
@@ -31,6 +32,7 @@ def test_ports():
     assert names == ["steering_angle", "throttle", "planned_turn"]
     assert all(driver.GetOutputPort(name).size() == 1 for name in names)
     assert not driver.HasAnyDirectFeedthrough()
+    assert driver.num_input_ports() == 0
 
 
 def test_schedule_is_asked_exactly_once_every_10_ms():
@@ -64,8 +66,7 @@ def test_outputs_hold_the_schedule_from_the_first_instant():
 
 
 def test_rate_must_be_positive():
-    with pytest.raises(UserError, match=r"controller.rate: 0 Hz"):
-        TurnDriver(SCHEDULE, rate=0.0)
+    assert_refused(lambda: TurnDriver(SCHEDULE, rate=0.0), UserError, "controller.rate", "0")
 
 
 class LooksAtTheCar:
@@ -82,10 +83,6 @@ class LooksAtTheCar:
     def step(self, memory, seen):
         self.seen.append(seen)
         return memory + 1.0, DriverInput(seen.roll_rate, float(memory[0]), seen.yaw_rate)
-
-
-def test_a_schedule_needs_no_input_port():
-    assert TurnDriver(SCHEDULE).num_input_ports() == 0
 
 
 def test_a_law_sees_pose_and_rates_of_its_ports():
@@ -134,10 +131,11 @@ def test_a_driver_that_needs_the_pose_is_refused_beside_a_real_car():
     builder = DiagramBuilder()
     ports = {"steering_angle": 1, "throttle": 1}
     station = builder.AddSystem(NoPlant(ports))
-    with pytest.raises(
-        UserError, match=r"driver: follows a path.*allowed with a simulated car only"
-    ):
-        TurnDriver.add_to_builder(builder, LooksAtTheCar(), station=station)
+    assert_refused(
+        lambda: TurnDriver.add_to_builder(builder, LooksAtTheCar(), station=station),
+        UserError,
+        "driver",
+    )
 
 
 class NoPlant(LeafSystem):
