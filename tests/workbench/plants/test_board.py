@@ -20,6 +20,7 @@ def started(*settings: str) -> RunLog:
     return simulate(load_scenario("straight", [*FULL_THROTTLE, *settings]), record="outcome")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tail", ["none", "held"])
 def test_full_throttle_from_rest_lifts_the_front_wheels_and_the_board_stops_it(tail: str) -> None:
     log = started(f"tail.mode={tail}")
@@ -43,6 +44,7 @@ def test_without_its_board_the_car_tips_over_backwards(tail: str) -> None:
     assert -run.signal("pitch_truth_rad").min() > math.radians(60.0)
 
 
+@pytest.mark.slow
 def test_board_clears_the_ground_in_a_level_turn() -> None:
     """The whole published turn, from rest to standing upright again: the corners never come
     down.

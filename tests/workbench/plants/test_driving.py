@@ -85,6 +85,7 @@ def test_straight_driving_holds_speed_and_heading(drive, tail, speed_error, head
     assert np.abs(run.signal("position_y_truth_m")).max() < 4.0 * 5.0 * heading_error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
 def test_hard_start_turns_the_car_to_the_side_of_its_held_tail(drive, direction, side):
     # Its nose in the air, only the rear tyres push, in the middle; the centre of mass c lies beside
@@ -124,11 +125,12 @@ def test_slow_turn_follows_the_kinematic_bicycle(drive, direction):
         "car.tyre_shape=ellipsoid",  # a tyre of two edges scrubs: 4 % less
         f"manoeuvre.steer_angle={angle}",
         f"manoeuvre.direction={direction}",
-        "manoeuvre.turn_start=1.3",
+        "manoeuvre.rolling_start=true",
+        "manoeuvre.turn_start=0.1",
         "manoeuvre.turn_hold=2.0",
-        "manoeuvre.duration=3.0",
+        "manoeuvre.duration=1.4",
     )
-    steady = run.time > 2.0
+    steady = run.time > 0.8
     yaw_rate = run.signal("gyro_z_truth_rad_per_s")[steady].mean()
     wheelbase = run.scenario["car"]["wheelbase"]
     # At 0.6 m/s2 the slip of the tyres is small; 1 % is far below the 3.5 % between tan and sine of

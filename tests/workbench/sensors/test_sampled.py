@@ -1,4 +1,5 @@
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from pydrake.systems.primitives import ZeroOrderHold
 
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.sampled import SampledSensor, check_rate
+from tests.refusals import assert_refused
 
 
 class Clock(SampledSensor):
@@ -130,7 +132,6 @@ def test_several_outputs_cut_the_sample():
 
 
 def test_outputs_have_no_feedthrough():
-    assert isinstance(Clock(), LeafSystem)
     assert not Clock().HasAnyDirectFeedthrough()
 
 
@@ -141,22 +142,20 @@ def test_rate_up_to_one_per_step_is_allowed(rate, step):
     check_rate(rate, step, "imu.rate")
 
 
-def test_rate_above_one_per_step_is_refused():
-    with pytest.raises(
-        UserError, match=r"imu.rate: 501 Hz is above 1/step; allowed with step 0.002 s: <= 500 Hz"
-    ):
-        check_rate(501.0, 0.002, "imu.rate")
-    with pytest.raises(UserError, match=r"clock.rate: 1000 Hz is above 1/step"):
-        Clock(rate=1000.0, step=0.002)
-
-
-@pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf])
-def test_rate_must_be_positive_and_finite(rate):
-    with pytest.raises(UserError, match=r"gps.rate: .* allowed: > 0 Hz"):
-        check_rate(rate, 0.002, "gps.rate")
-
-
-@pytest.mark.parametrize("delay", [-0.01, math.nan, math.inf])
-def test_delay_must_not_be_negative(delay):
-    with pytest.raises(UserError, match=r"clock.delay: .* allowed: >= 0 s"):
-        Clock(delay=delay)
+@pytest.mark.parametrize(
+    ("work", "named"),
+    [
+        (partial(check_rate, 501.0, 0.002, "imu.rate"), ("imu.rate", "501", "0.002")),
+        *(
+            (partial(check_rate, rate, 0.002, "gps.rate"), ("gps.rate", f"{rate:g}"))
+            for rate in (0.0, -1.0, math.nan, math.inf)
+        ),
+        (partial(Clock, rate=1000.0, step=0.002), ("clock.rate", "1000")),
+        *(
+            (partial(Clock, delay=delay), ("clock.delay", f"{delay:g}"))
+            for delay in (-0.01, math.nan, math.inf)
+        ),
+    ],
+)
+def test_impossible_rate_and_delay_are_refused(work, named):
+    assert_refused(work, UserError, *named)
