@@ -64,3 +64,9 @@ def test_errors_of_a_seed_scale_with_the_accuracy() -> None:
 
 def test_rate_above_one_per_step_is_refused() -> None:
     assert_refused(lambda: shown(1, step=0.002), UserError, "force_sensor.rate", "1000")
+
+
+def test_readings_end_at_the_range_of_the_sensor() -> None:
+    limits = np.array(SETTINGS.ranges)
+    readings = sensor_readings(np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) * 2e4, 3, SETTINGS)
+    np.testing.assert_array_equal(readings, np.tile(limits * [1, -1, 1, -1, 1, -1], (3, 1)))
