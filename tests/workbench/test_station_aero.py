@@ -98,12 +98,18 @@ def test_head_wind_loads_the_swing_and_tail_wind_relieves_it(rate):
 
 
 @pytest.mark.parametrize("wind", [3.0, -3.0])
-def test_cross_wind_pushes_the_upright_sail_downwind(wind):
+def test_cross_wind_pushes_the_upright_sail_downwind_at_its_middle(wind):
     car = stand(wind={"mean_y": wind})
+    place = np.array([3.0, -2.0, 50.0])
+    car.place(RigidTransform(place))
     np.testing.assert_array_equal(car.output("wind_truth"), [0.0, wind, 0.0])
-    np.testing.assert_allclose(
-        force(car), [0.0, 0.5 * RHO * CN * AREA * wind * abs(wind), 0.0], atol=1e-9
-    )
+    push = [0.0, 0.5 * RHO * CN * AREA * wind * abs(wind), 0.0]
+    np.testing.assert_allclose(force(car), push, atol=1e-9)
+    tail = car.scenario.tail
+    middle = place + np.array([tail.mount_x, 0.0, tail.mount_height + ROOT + LENGTH / 2])
+    start = TAIL_TRUTH.index("tail_force_moment_x_truth_n_m")
+    about_origin = car.output("tail_truth")[start:][:3]
+    np.testing.assert_allclose(about_origin, np.cross(middle, push), rtol=1e-7, atol=1e-7)
 
 
 @pytest.mark.parametrize(("wind", "coefficient"), [(-3.0, 2.3), (3.0, 1.2)])

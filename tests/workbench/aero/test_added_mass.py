@@ -7,12 +7,8 @@ import math
 import numpy as np
 import pytest
 from pydrake.autodiffutils import InitializeAutoDiff
-from pydrake.geometry import Box, ProximityProperties, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import (
-    AddMultibodyPlantSceneGraph,
-    CoulombFriction,
-    DiscreteContactApproximation,
     MultibodyPlant,
 )
 from pydrake.multibody.tree import (
@@ -183,62 +179,6 @@ def transport_of_parts(plant, context, body, added) -> np.ndarray:
     return total
 
 
-def car_on_the_ground(added: float, angle: float = 1.2):
-    """A box of 3 kg at rest on the ground with a tail held at an angle; discrete plant, 2 ms."""
-    builder = DiagramBuilder()
-    plant, _ = AddMultibodyPlantSceneGraph(builder, 2e-3)
-    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
-    box = plant.AddRigidBody("car", SpatialInertia.SolidBoxWithMass(3.0, 0.6, 0.4, 0.2))
-    tail = plant.AddRigidBody("tail", rod())
-    top = plant.AddFrame(FixedOffsetFrame("top", box.body_frame(), RigidTransform([0.0, 0.0, 0.1])))
-    plant.WeldFrames(
-        top, tail.body_frame(), RigidTransform(RotationMatrix.MakeXRotation(angle), np.zeros(3))
-    )
-    properties = ProximityProperties()
-    properties.AddProperty("material", "coulomb_friction", CoulombFriction(0.8, 0.8))
-    properties.AddProperty("material", "point_contact_stiffness", 1e5)
-    properties.AddProperty("material", "hunt_crossley_dissipation", 5.0)
-    ground = RigidTransform([0.0, 0.0, -0.5])
-    plant.RegisterCollisionGeometry(
-        plant.world_body(), ground, Box(10, 10, 1), "ground", properties
-    )
-    for x in (-0.3, 0.3):
-        for y in (-0.2, 0.2):
-            corner = RigidTransform([x, y, -0.1 + 0.01])
-            plant.RegisterCollisionGeometry(box, corner, Sphere(0.01), f"foot_{x}_{y}", properties)
-    mass = add_added_mass(plant, tail, LAYOUT, added)
-    plant.SetDefaultFloatingBaseBodyPose(box, RigidTransform([0.0, 0.0, 0.1]))
-    plant.Finalize()
-    keeper = mass.add_to_builder(builder)
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    return diagram, context, plant, keeper
-
-
-def ground_force(plant, context) -> float:
-    """Vertical force of the ground on the car, N."""
-    results = plant.get_contact_results_output_port().Eval(plant.GetMyContextFromRoot(context))
-    return sum(
-        abs(results.point_pair_contact_info(i).contact_force()[2])
-        for i in range(results.num_point_pair_contacts())
-    )
-
-
-def test_a_resting_car_feels_nothing() -> None:
-    """With added mass of ten times the tail's, the ground still carries the weight of car and tail
-    and nothing else.
-    """
-    diagram, context, plant, _ = car_on_the_ground(10 * MASS / 5)
-    simulator = Simulator(diagram, context)
-    simulator.AdvanceTo(1.0)
-    weight = (3.0 + MASS) * GRAVITY
-    assert ground_force(plant, simulator.get_context()) == pytest.approx(weight, rel=1e-6)
-    assert (
-        np.abs(plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))).max()
-        < 1e-6
-    )
-
-
 def test_the_slides_stay_beside_the_tail_in_a_fast_swing() -> None:
     """A tail on a floating base that turns at 8 rad/s: the added mass leaves its place by less than
     1 mm.
@@ -258,45 +198,6 @@ def test_the_slides_stay_beside_the_tail_in_a_fast_swing() -> None:
         simulator.AdvanceTo(i * 2e-3)
         furthest = max(furthest, abs(slide.get_translation(context)))
     assert furthest < 1e-3
-
-
-def rig(added: float):
-    """The rig's swinging part (design section 4 and 6): bar, reflected rotor inertia and tail 1, on
-    one joint.
-    """
-    builder = DiagramBuilder()
-    plant = add_plant(builder)
-    tail = plant.AddRigidBody(
-        "cheetah_tail_1",
-        SpatialInertia.ThinRodWithMass(0.0982, 0.390, [0.0, 0.0, 1.0]).Shift([0, 0, 0.433]),
-    )
-    bar = plant.AddRigidBody("bar", SpatialInertia.SolidSphereWithMass(0.313, 0.124))
-    joint = plant.AddJoint(
-        RevoluteJoint("swing", plant.world_frame(), tail.body_frame(), [1.0, 0.0, 0.0])
-    )
-    plant.WeldFrames(tail.body_frame(), bar.body_frame(), RigidTransform([0.0, 0.0, 0.100]))
-    actuator = plant.AddJointActuator("motor", joint)
-    actuator.set_default_rotor_inertia(6.731e-3)
-    actuator.set_default_gear_ratio(1.0)
-    layout = SectionLayout.strip(start=0.270, length=0.390, width=0.0639)
-    mass = add_added_mass(plant, tail, layout, added, spanwise_free=False)
-    plant.Finalize()
-    return mass, builder
-
-
-@pytest.mark.parametrize("added", [-0.003, -0.0167])
-def test_admissible_negative_values_work(added) -> None:
-    """Tail 3 major (Table 11.2) and the recomputed tail 1 major at 20 m/s (ERRATA E23)."""
-    mass, builder = rig(added)
-    assert mass.add_to_builder(builder) is None
-
-
-def test_the_published_minus_0_033_kg_is_refused_by_name() -> None:
-    """Tail 1 minor at 20 m/s (Table 11.2): five times -0.033 kg outweighs tail, bar and rotor."""
-    mass, builder = rig(-0.033)
-    assert_refused(
-        lambda: mass.add_to_builder(builder), ModelError, "-0.033", "'cheetah_tail_1'", "-0.02"
-    )
 
 
 def test_bad_calls_are_refused() -> None:

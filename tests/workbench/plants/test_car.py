@@ -41,25 +41,6 @@ def test_car_has_the_mass_and_centre_of_mass_of_the_scenario(car):
     np.testing.assert_allclose(at_rest.com(), [expected.com_x, 0.0, expected.com_height], atol=1e-8)
 
 
-def test_tail_arm_comes_on_top_of_the_car():
-    at_rest = stand("held")
-    tail = at_rest.scenario.tail
-    car = at_rest.scenario.car
-    arm = tail.mass + tail.hub_mass + ANCHOR_MASS
-    assert at_rest.plant.CalcTotalMass(at_rest.plant_context, [at_rest.tail]) == pytest.approx(
-        arm, rel=1e-8
-    )
-    # For a left turn the arm lies to the left (+y): rod from the joint to the tip, sail at its end.
-    rod = tail.mass * (1 - tail.sail_mass_fraction)
-    sail = tail.mass * tail.sail_mass_fraction
-    lever = rod * tail.length / 2 + sail * (tail.length - tail.sail_length / 2)
-    first_moment = np.array([arm * tail.mount_x, lever, arm * tail.mount_height])
-    expected = (car.mass * np.array([car.com_x, 0.0, car.com_height]) + first_moment) / (
-        car.mass + arm
-    )
-    np.testing.assert_allclose(at_rest.com(), expected, atol=1e-8)
-
-
 def test_sprung_body_has_the_radii_of_gyration_of_the_scenario_about_its_own_axes():
     radii = {"gyration_roll": 0.09, "gyration_pitch": 0.13, "gyration_yaw": 0.15}
     car = stand(car=radii)

@@ -184,25 +184,6 @@ def test_left_turn_leans_to_the_right_and_turns_left(standard_runs):
     assert standard_runs["none"].signal("roll_truth_rad")[turning].min() > 0.0
 
 
-def test_tail_swings_over_the_top_to_the_outside(standard_runs):
-    run = standard_runs["swing"]
-    angle = run.signal("tail_roll_angle_rad")
-    height = run.signal("tail_tip_z_truth_m")
-    assert angle[run.time < 2.0].max() < -1.5
-    assert angle[-1] > 1.4
-    tail = run.scenario["tail"]
-    assert height.max() > 0.98 * (tail["mount_height"] + tail["length"])
-    # The tip starts on the left of the car and ends on its right.
-    run_start = 500
-    end = -1
-    for row, side in ((run_start, 1.0), (end, -1.0)):
-        yaw = run.signal("yaw_truth_rad")[row]
-        offset = (run.vector("tail_tip", "truth_m") - run.vector("position", "truth_m"))[row]
-        assert (
-            side * (-math.sin(yaw) * offset[0] + math.cos(yaw) * offset[1]) > 0.85 * tail["length"]
-        )
-
-
 @pytest.mark.slow
 def test_tailless_car_survives_the_lower_and_flips_at_the_upper_published_speed(
     standard_runs, drive

@@ -124,29 +124,6 @@ def test_friction_brakes_by_the_published_law() -> None:
         )
 
 
-def test_reaction_in_the_wind_closes_the_balance_of_forces() -> None:
-    """Support + weight + air = momentum change; the air from the section law, the rest is what
-    moves without air.
-    """
-    wind = Rig(STATIC)
-    still = Rig(without_air(friction=True))
-    angle = 0.4
-    rate = 3.0
-    torque = 0.5
-    moved = wind.reaction(angle, rate, torque)
-    calm = still.reaction(angle, rate, torque)
-    # The same acceleration without air needs the torque of the air from the motor: only the force
-    # of the air differs.
-    inertia = ROTOR + BAR_INERTIA + BAR_MASS * 0.01 + 0.0982 * 0.39**2 / 12 + 0.0982 * 0.433**2
-    push = inertia * (moved.acceleration - calm.acceleration)
-    same = still.reaction(angle, rate, torque + push)
-    assert same.acceleration == pytest.approx(moved.acceleration, rel=1e-9)
-    air = same.wrench - moved.wrench  # force and moment of the air on the rig, at W
-    about_pivot = air[3:] - np.cross(PIVOT, air[:3])
-    assert -about_pivot[0] == pytest.approx(push, rel=1e-9)
-    assert air[1] < 0.0
-
-
 @pytest.mark.parametrize("tail", [1, 2, 3])
 def test_published_currents_are_predicted_from_the_published_coefficients(tail: int) -> None:
     """Median error per angle, both orientations, without the copied rows (ERRATA E1) and the two
@@ -205,35 +182,6 @@ def test_zero_exposure_is_normal_and_no_exposure_at_all_an_error() -> None:
     )
     deep = STATIC.varied(tunnel={"jet_edge_depth": 0.9})
     assert_refused(lambda: Rig(deep), ModelError, "'bar'")
-
-
-@pytest.mark.slow
-def test_added_mass_acts_across_the_tail_only() -> None:
-    """Five parts at s_i: (J + m sum s^2) angle'' = tau; the support carries their normal inertia
-    alone.
-    """
-    mass = 0.02
-    rig = Rig(without_air().varied(aero={"added_mass": mass}))
-    distances = 0.270 + 0.39 * (np.arange(5) + 0.5) / 5
-    rng = np.random.default_rng(3)
-    for _ in range(20):
-        angle = rng.uniform(-1.7, 1.7)
-        rate = rng.uniform(-15, 15)
-        torque = rng.uniform(-6, 6)
-        bare, _ = derived(1, angle, rate, torque)
-        inertia = ROTOR + BAR_INERTIA + BAR_MASS * 0.01 + 0.0982 * 0.39**2 / 12 + 0.0982 * 0.433**2
-        acceleration = bare * inertia / (inertia + mass * np.sum(distances**2))
-        reaction = rig.reaction(angle, rate, torque)
-        assert reaction.acceleration == pytest.approx(acceleration, rel=1e-9)
-        # The same acceleration without added mass, plus m times the normal acceleration of each
-        # part.
-        _, wrench = derived(1, angle, rate, torque + (acceleration - bare) * inertia)
-        down = np.array([0.0, -math.sin(angle), -math.cos(angle)])
-        normal = np.array([0.0, -math.cos(angle), math.sin(angle)])
-        for s in distances:
-            force = mass * s * acceleration * normal
-            wrench = wrench + np.concatenate((force, np.cross(PIVOT + s * down, force)))
-        np.testing.assert_allclose(reaction.wrench, wrench, rtol=1e-9, atol=1e-9)
 
 
 def test_added_mass_that_takes_all_inertia_away_is_refused_by_name() -> None:

@@ -146,15 +146,6 @@ def test_positive_roll_swings_to_the_right_and_positive_pitch_forward():
     )
 
 
-def test_arm_has_the_mass_and_centre_of_mass_of_its_parts():
-    bench = ArmOnTheBench()
-    tail = bench.scenario.tail
-    rod = bench.plant.GetBodyByName("tail_rod").get_mass(bench.context)
-    sail = bench.plant.GetBodyByName("tail_sail").get_mass(bench.context)
-    assert rod + sail == pytest.approx(tail.mass)
-    assert sail == pytest.approx(tail.mass * tail.sail_mass_fraction)
-
-
 @pytest.mark.parametrize("roll", [0.0, 0.6, -math.pi / 2])
 def test_inertia_that_the_motors_count_with_is_that_of_the_plant(roll):
     bench = ArmOnTheBench(angles=(0.3, roll))

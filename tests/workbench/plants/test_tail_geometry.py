@@ -46,21 +46,6 @@ def about_origin(moments: MassMoments) -> np.ndarray:
     return np.trace(moments.second) * np.eye(3) - moments.second
 
 
-def test_rectangle_has_the_area_mass_and_inertia_of_a_thin_rectangle() -> None:
-    shape = plate()
-    (length, width, start) = (0.4, 0.2, 0.3)
-    mass = 0.5 * length * width
-    found = shape.moments.inertial()
-    assert shape.area == pytest.approx(length * width, rel=1e-9)
-    assert found.mass == pytest.approx(mass, rel=1e-9)
-    np.testing.assert_allclose(shape.centre_of_pressure, [0, 0, start + length / 2], **EXACT)
-    np.testing.assert_allclose(found.com, [0, 0, start + length / 2], **EXACT)
-    # Face across y, width along x.
-    expected = mass / 12 * np.array([length**2, length**2 + width**2, width**2])
-    np.testing.assert_allclose(found.moments, expected, **EXACT)
-    np.testing.assert_allclose(found.products, 0.0, atol=1e-13)
-
-
 def test_trapezoid_is_a_triangle_less_its_tip() -> None:
     shape = plate(chords=(0.2, 0.1))
     length = 0.4

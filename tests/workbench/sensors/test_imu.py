@@ -85,17 +85,6 @@ def test_constant_turn_to_the_left_gives_centripetal_acceleration_to_the_left():
         assert shown.yaw == pytest.approx(heading, abs=1e-3)
 
 
-def test_lever_arm_adds_centripetal_and_tangential_acceleration():
-    """IMU 0.1 m ahead of a fixed axis: a_x = -w^2 d (towards the axis), a_y = +alpha d."""
-    motion = (
-        RigidTransform(),
-        SpatialVelocity([0.0, 0.0, 5.0], np.zeros(3)),
-        SpatialAcceleration([0.0, 0.0, 20.0], np.zeros(3)),
-    )
-    shown = sample(motion, p_BoImu_B=np.array([0.1, 0.0, 0.0]))
-    np.testing.assert_allclose(shown[6:], [-2.5, 2.0, 0.0], atol=0.006)
-
-
 def test_motion_at_the_imu_is_the_second_derivative_of_its_path():
     """A body that rolls, pitches and yaws at once, against finite differences of the path (error
     about 1e-5).

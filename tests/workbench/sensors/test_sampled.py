@@ -4,8 +4,6 @@ from functools import partial
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import ZeroOrderHold
 
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.sampled import SampledSensor, check_rate
@@ -80,46 +78,6 @@ def test_exactly_one_sample_every_period():
     clock.indices.clear()
     simulator.AdvanceTo(1.0)
     assert clock.indices == list(range(100))
-
-
-def test_reader_sees_the_plant_before_its_step_and_a_controller_the_fresh_sample():
-    """Plant: counts its steps of 10 ms.
-
-    At 0.1 s it has made 10; sensor and controller both know it at that instant.
-    """
-
-    class Plant(LeafSystem):
-        def __init__(self):
-            super().__init__()
-            count = self.DeclareDiscreteState(1)
-            self.DeclareStateOutputPort("count", count)
-            self.DeclarePeriodicUnrestrictedUpdateEvent(0.01, 0.0, self.advance)
-
-        def advance(self, context, state):
-            state.get_mutable_discrete_state().set_value(
-                0, [context.get_discrete_state(0).value()[0] + 1.0]
-            )
-
-    class Sensor(SampledSensor):
-        def __init__(self):
-            super().__init__(name="sensor", outputs={"count": 1}, rate=50.0, delay=0.0, step=0.01)
-            self.DeclareVectorInputPort("count", 1)
-
-        def measure(self, context, index):
-            return self.GetInputPort("count").Eval(context)
-
-    builder = DiagramBuilder()
-    plant = builder.AddSystem(Plant())
-    sensor = builder.AddSystem(Sensor())
-    reader = builder.AddSystem(ZeroOrderHold(0.02, 1))
-    builder.Connect(plant.GetOutputPort("count"), sensor.GetInputPort("count"))
-    builder.Connect(sensor.GetOutputPort("count"), reader.get_input_port())
-    diagram = builder.Build()
-    simulator = Simulator(diagram)
-    simulator.AdvanceTo(0.105)
-    context = simulator.get_context()
-    assert sensor.GetOutputPort("count").Eval(sensor.GetMyContextFromRoot(context))[0] == 10.0
-    assert reader.get_output_port().Eval(reader.GetMyContextFromRoot(context))[0] == 10.0
 
 
 def test_several_outputs_cut_the_sample():

@@ -12,7 +12,7 @@ from aerodima.workbench.config.signal_table import STATION_OUTPUTS
 from aerodima.workbench.controllers.manoeuvre import run_time
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.stations.car_drives import DRIVES
-from aerodima.workbench.stations.car_station import make_car_station, simulated_car
+from aerodima.workbench.stations.car_station import simulated_car
 from aerodima.workbench.systems.system_ports import Stage, period_of
 
 WIND = ["wind.mean_x=-1.0", "wind.mean_y=2.0", "wind.gust_amplitude=1.0", "wind.turbulence=0.5"]
@@ -110,26 +110,3 @@ def test_air_in_wind_is_what_a_tail_force_says_at_every_state_of_a_run(settings)
         assert found[DRIVES["air_on_joints"]][2] == pytest.approx(axis @ moment, abs=1e-9)
         strongest = max(strongest, np.linalg.norm(force))
     assert strongest > 0.5
-
-
-@pytest.mark.parametrize("mode", ["none", "swing"])
-def test_station_has_the_ports_of_the_contract_with_and_without_its_truth(mode):
-    scenario = load_scenario(f"turn_{mode}")
-    stations = [make_car_station(scenario, with_truth=truth) for truth in (True, False)]
-    inputs, outputs = (
-        [{port.get_name(): port.size() for port in ports(station)} for station in stations]
-        for ports in (
-            lambda station: map(station.get_input_port, range(station.num_input_ports())),
-            lambda station: map(station.get_output_port, range(station.num_output_ports())),
-        )
-    )
-    assert inputs[0] == inputs[1]
-    contract = [
-        {name: size for name, size in ports.items() if not name.endswith("_truth")}
-        for ports in outputs
-    ]
-    assert (
-        contract[0]
-        == contract[1]
-        == {name: fields.size for name, fields in STATION_OUTPUTS.items()}
-    )

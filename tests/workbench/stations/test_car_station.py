@@ -28,7 +28,7 @@ from tests.workbench.stands import CarStand
 
 INPUTS = {"steering_angle": 1, "throttle": 1, "tail_pitch_command": 5, "tail_roll_command": 5}
 OUTPUTS = {"tail_state": 6, "tail_torque": 2, "imu": 9, "speed": 1, "status": 13}
-MODES = ("none", "held", "swing")
+MODES = ("none", "swing")
 
 
 def sizes(system):
@@ -59,6 +59,16 @@ class DummyInterface(LeafSystem):
                 self.DeclareVectorInputPort(name, size)
             else:
                 self.DeclareVectorOutputPort(name, size, lambda context, output: None)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("truth", [True, False])
+def test_simulated_station_has_the_ports_of_the_contract_with_and_without_its_truth(mode, truth):
+    scenario = scenario_from_dict({"tail": {"mode": mode}})
+    inputs, outputs = sizes(make_car_station(scenario, with_truth=truth))
+    assert inputs == INPUTS
+    assert {n: size for n, size in outputs.items() if not n.endswith("_truth")} == OUTPUTS
+    assert "plant_state_truth" in outputs
 
 
 def test_interface_takes_the_place_of_the_plant_with_the_same_ports():
