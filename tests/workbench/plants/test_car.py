@@ -19,8 +19,6 @@ from tests.workbench.stands import CarStand, edited
 G = 9.81
 LEFT = [wheel for wheel in WHEELS if wheel.endswith("left")]
 RIGHT = [wheel for wheel in WHEELS if wheel.endswith("right")]
-ANCHOR_MASS = 0.001
-"""Massive link by which the tail's SDF stands on its own."""
 
 
 def stand(tail="none", direction="left", **sections) -> CarStand:

@@ -215,31 +215,6 @@ def test_step_of_the_roll_command_follows_the_closed_form(kp, kd):
     assert errors[1] < 0.6 * errors[0]
 
 
-@pytest.mark.parametrize("roll", [0.0, -math.pi / 2])
-def test_step_of_the_pitch_command_follows_the_closed_form(roll):
-    # Lying sideways the pitch joint is 19 times lighter: the gains of the hold damp it within a
-    # step, not beyond.
-    kp = 17.0
-    kd = 5.0
-    target = 0.2
-    times = np.arange(0.02, 1.01, 0.02)
-    commands = {
-        "tail_pitch_command": [target, 0.0, kp, kd, 0.0],
-        "tail_roll_command": [roll, 0.0, 50.0, 5.0, 0.0],
-    }
-    bench = ArmOnTheBench(0.002, commands, (0.0, roll), **FRICTIONLESS)
-    rotor = bench.scenario.tail_motor.rotor_inertia * bench.scenario.tail_motor.gear_ratio**2
-    inertia = (
-        arm_inertia(
-            bench.scenario.tail, bench.scenario.tail_motor, bench.scenario.car
-        ).about_joints(roll)[0]
-        + rotor
-    )
-    expected = second_order(times, 0.0, target, inertia, kp, kd)
-    # First order in the step of 2 ms, on a rate of at most 0.5 rad/s.
-    np.testing.assert_allclose(bench.history("tail_pitch", times), expected, atol=0.002)
-
-
 def test_swing_reaches_the_commanded_rate_less_what_friction_takes():
     speed = 8.0
     kd = 3.0

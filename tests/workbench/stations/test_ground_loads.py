@@ -25,44 +25,6 @@ from aerodima.workbench.stations.outcome_record import (
 from tests.workbench.stands import CarStand
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "settings", "parts"),
-    [
-        ("turn_swing", [], ()),
-        (
-            "turn_swing",
-            ["manoeuvre.speed=4.5", "car.tyre_friction=0.9", "tail.sail=free"],
-            ("cage", "tail"),
-        ),
-        ("turn_none", ["manoeuvre.speed=3.61", "car.tyre_shape=ellipsoid"], ("cage",)),
-    ],
-)
-def test_loads_are_those_of_the_contact_solver(name, settings, parts):
-    scenario = load_scenario(name, settings)
-    log = simulate(scenario)
-    positions = log.table.filter(like="plant_position_").to_numpy().T
-    loads = GroundLoads(simulated_car(assemble(scenario).station))
-    found = dict(
-        zip(
-            (*WHEELS, *GROUND_CONTACTS),
-            loads.forces(positions[:, :-1], positions[:, 1:]),
-            strict=True,
-        )
-    )
-    for wheel in WHEELS:
-        expected = log.signal(f"wheel_force_{wheel}_z_truth_n")[1:]
-        assert expected.max() > 10.0
-        np.testing.assert_allclose(
-            found[wheel], expected, rtol=0.0, atol=0.2 * LOADED_FORCE, err_msg=wheel
-        )
-    for part in GROUND_CONTACTS:
-        expected = log.signal(f"ground_contact_{part}_truth_n")[1:]
-        assert expected.max() > 1.0 or part not in parts, part
-        # The log has the whole force, here is its vertical part: who touches is the same.
-        assert (found[part] > LOADED_FORCE).any() == (expected > LOADED_FORCE).any(), part
-
-
 @pytest.mark.parametrize("sail", ["facing", "locked", "free"])
 def test_heights_are_those_of_the_plant_wherever_it_stands(sail):
     car = simulated_car(assemble(load_scenario("turn_swing", [f"tail.sail={sail}"])).station)
@@ -134,33 +96,37 @@ def test_wheels_without_load_are_those_in_the_air():
 
 
 @pytest.mark.parametrize(
-    ("roll", "parts"), [(0.3, ("rear_right",)), (2.8, ("cage",))], ids=["wheels", "cage"]
+    ("roll", "car", "tail", "part"),
+    [
+        (0.3, {}, {"mode": "none"}, "rear_right"),
+        (0.3, {"tyre_shape": "ellipsoid"}, {"mode": "none"}, "rear_right"),
+        (2.8, {}, {"mode": "none"}, "cage"),
+        (-0.9, {}, {"mode": "held", "sail": "free"}, "tail"),
+    ],
+    ids=["cylinders", "ellipsoids", "cage", "tail"],
 )
-def test_loads_of_a_car_that_is_dropped_are_those_of_the_contact_solver(roll, parts):
-    """Onto its wheels or its cage, turning and sliding: the whole impact, step by step. The lagged
-    approximation takes friction's part in the motion too, which the solver ends at 1e-6.
-    """
-    car = CarStand(scenario_from_dict({"tail": {"mode": "none"}}))
-    car.place(RigidTransform(RollPitchYaw(roll, 0.1, 0.4), [0.0, 0.0, 0.35]), (1.0, 0.5, -1.5))
-    step = car.scenario.simulation.step
-    positions = [car.plant.GetPositions(car.plant_context).copy()]
+def test_loads_of_a_car_that_is_dropped_are_those_of_the_contact_solver(roll, car, tail, part):
+    """Onto wheels, cage or tail, turning and sliding: the whole impact, step by step."""
+    stand = CarStand(scenario_from_dict({"car": car, "tail": tail}))
+    stand.place(RigidTransform(RollPitchYaw(roll, 0.1, 0.4), [0.0, 0.0, 0.35]), (1.0, 0.5, -1.5))
+    step = stand.scenario.simulation.step
+    positions = [stand.plant.GetPositions(stand.plant_context).copy()]
     expected = []
     for number in range(1, 120):
-        car.advance((number + 0.5) * step)
-        positions.append(car.plant.GetPositions(car.plant_context).copy())
-        contact = CONTACT_TRUTH.read(car.output("contact_truth"))._asdict()
+        stand.advance((number + 0.5) * step)
+        positions.append(stand.plant.GetPositions(stand.plant_context).copy())
+        contact = CONTACT_TRUTH.read(stand.output("contact_truth"))._asdict()
         wheels = [contact[f"wheel_force_{wheel}_z_truth_n"] for wheel in WHEELS]
         vertical = dict.fromkeys(GROUND_CONTACTS, 0.0)
-        for point in car.contacts():
-            part = car.shape_of(point).split("_")[0]
-            if part in vertical:
-                vertical[part] += abs(point.contact_force()[2])
+        for point in stand.contacts():
+            touching = stand.shape_of(point).split("_")[0]
+            if touching in vertical:
+                vertical[touching] += abs(point.contact_force()[2])
         expected.append([*wheels, *vertical.values()])
     motion = np.array(positions[1:]).T
-    found = GroundLoads(simulated_car(car.station)).forces(motion[:, :-1], motion[:, 1:])
+    found = GroundLoads(simulated_car(stand.station)).forces(motion[:, :-1], motion[:, 1:])
     loads = np.array(expected[1:]).T
-    for part in parts:
-        assert loads[(*WHEELS, *GROUND_CONTACTS).index(part)].max() > 50.0, part
+    assert loads[(*WHEELS, *GROUND_CONTACTS).index(part)].max() > 20.0
     np.testing.assert_allclose(found, loads, rtol=1e-5, atol=1e-3)
 
 
