@@ -211,7 +211,7 @@ def test_bad_calls_are_refused() -> None:
     mass = add(0.01)
     assert_refused(lambda: mass.add_to_builder(DiagramBuilder()), ModelError)
     plant.Finalize()
-    assert_refused(lambda: add(0.01), ModelError, "added mass")
+    assert_refused(lambda: add(0.01), ModelError)
 
 
 @pytest.mark.parametrize(("spanwise_free", "inertia"), [(True, 0.0), (False, 5 * 0.2)])

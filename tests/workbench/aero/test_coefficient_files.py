@@ -201,7 +201,7 @@ def test_lift_may_be_negative_and_drag_scatter_below_zero() -> None:
     ("spoil", "named"),
     [
         (lambda c: c["nodes"].pop(2), ("5.0", "1.0")),
-        (lambda c: c["nodes"].reverse(), ("angle",)),
+        (lambda c: c["nodes"].reverse(), ("nodes[1]",)),
         (lambda c: c["nodes"][1].update(cd=math.nan), ("nodes.1.cd", "nan")),
         (lambda c: c["nodes"][1].update(cd="much"), ("nodes.1.cd", "'much'")),
         (lambda c: c.update(colour="red"), ("colour",)),

@@ -1,6 +1,4 @@
-"""Numbers with units: read in their own unit, refused in any other, and errors that say what is
-allowed.
-"""
+"""Numbers with units: read in their own unit, refused in any other by key, value and unit."""
 
 from typing import Literal
 

@@ -1,6 +1,4 @@
-"""Rig scenarios: the parameters are the published ones, and what is refused names what is
-allowed.
-"""
+"""Rig scenarios: the parameters are the published ones, and a refusal names key and value."""
 
 from __future__ import annotations
 

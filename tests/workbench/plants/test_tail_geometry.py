@@ -292,7 +292,7 @@ BENT = ((0.0, 0.0, 1.0), (0.1, 0.0, 1.0))
         (lambda: TailGeometry(name="t", arm=arm(0.7), plates=()), ("plates",)),
         (lambda: tail(plate(), plate(root=(0.0, 0.0, 2.0))), ("'sail'",)),
         (lambda: arm(0.7, density=0.0), ("density", "0.0", "kg/m")),
-        (lambda: tail(arm=arm(0.4, 0.4, axes=BENT)).added_mass_layout(), ("added mass",)),
+        (lambda: tail(arm=arm(0.4, 0.4, axes=BENT)).added_mass_layout(), ()),
     ],
     ids=["no plate", "name", "density", "bent"],
 )

@@ -49,6 +49,7 @@ def test_shell_and_board_of_a_free_sail_stand_behind_its_bearing():
         "sail_width": 0.2,
         "sail_shell_offset": 0.25,
         "sail_board_share": 0.5,
+        "sections": 3,
     }
     parameters = tail(sail="free", **sizes)
     sail = free_sail(parameters, sail_law(parameters)[0])
@@ -60,6 +61,7 @@ def test_shell_and_board_of_a_free_sail_stand_behind_its_bearing():
     for layout in (sail.shell_layout, sail_layout(parameters)):
         assert (layout.start, layout.end) == pytest.approx((0.3, 0.9))
         assert sum(layout.areas) == pytest.approx(0.12)
+        assert layout.number == 3
 
 
 @pytest.mark.parametrize("name", embedded_sets())
