@@ -122,17 +122,6 @@ def test_half_cylinder_is_hollow_towards_the_left_as_it_is_drawn(wind, coefficie
     )
 
 
-def test_published_table_takes_the_place_of_the_constant():
-    # Table 11.7 and eqs. 4.29-4.31: C_N is read at the relative speed, here a cross wind on the
-    # whole sail.
-    from aerodima.workbench.aero.coefficient_files import load_coefficients
-
-    car = stand({"coefficients": "robot_tail_weighted_average"}, wind={"mean_y": 7.0})
-    coefficient = load_coefficients("robot_tail_weighted_average").law().coefficient(7.0)
-    assert coefficient != pytest.approx(2.0, abs=0.01)
-    assert force(car)[1] == pytest.approx(0.5 * RHO * coefficient * AREA * 49.0)
-
-
 def test_facing_sail_of_a_driving_car_drags_along_its_path_and_its_encoder_says_where_it_points():
     # Tail upright, 4 m/s along x, no gravity: the air comes from ahead; the hollow, +y at angle 0,
     # turns to +x (-90).
@@ -141,17 +130,6 @@ def test_facing_sail_of_a_driving_car_drags_along_its_path_and_its_encoder_says_
     car.advance(0.05)
     state = TAIL_STATE.read(car.output("tail_state"))
     assert math.remainder(state.sail_angle, 2 * math.pi) == pytest.approx(-math.pi / 2, abs=0.01)
-
-
-@pytest.mark.parametrize("rate", [8.0, -8.0])
-def test_facing_sail_feels_the_swing_as_the_locked_one_and_the_drive_besides(rate):
-    car = floating((4.0, 0.0, 0.0), tail={"sail": "facing"})
-    car.plant.GetJointByName("tail_roll").set_angular_rate(car.plant_context, rate)
-    s = ROOT + LENGTH * (np.arange(5) + 0.5) / 5
-    drag = -0.5 * RHO * CN * AREA / 5 * np.sum(np.hypot(rate * s, 4.0) * 4.0)
-    np.testing.assert_allclose(
-        force(car), [drag, swing_load(4.0, 0.0, rate), 0.0], rtol=1e-9, atol=1e-9
-    )
 
 
 @pytest.mark.parametrize("start", [0.1, -0.1])
@@ -301,23 +279,6 @@ def test_too_negative_added_mass_is_refused_by_name_with_the_limit(mass, named):
     swing with it.
     """
     assert_refused(lambda: stand({"added_mass": mass}), ModelError, "tail.added_mass", *named)
-
-
-def test_car_without_tail_ignores_air_and_sail():
-    tail = {"mode": "none", "sail": "free", "added_mass": 0.1, "coefficients": "robot_tail_line"}
-    plain = CarStand(scenario_from_dict({"tail": {"mode": "none"}}))
-    other = CarStand(scenario_from_dict({"tail": tail, "wind": {"mean_y": 9.0, "turbulence": 1.0}}))
-    assert other.plant.GetPositionNames() == plain.plant.GetPositionNames()
-    ports = [
-        {s.get_output_port(i).get_name() for i in range(s.num_output_ports())}
-        for s in (plain.station, other.station)
-    ]
-    assert ports[0] == ports[1]
-    for car in (plain, other):
-        car.advance(0.2)
-    np.testing.assert_array_equal(
-        plain.output("plant_state_truth"), other.output("plant_state_truth")
-    )
 
 
 def test_validity_and_sections_of_the_sail_are_ports():

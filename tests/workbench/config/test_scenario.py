@@ -4,7 +4,6 @@ import json
 import math
 
 import pytest
-from pydantic import ValidationError
 
 from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_scenario, scenario_from_dict
 from aerodima.workbench.errors import ScenarioError, UserError
@@ -44,14 +43,6 @@ def test_resolved_scenario_is_json_and_resolves_to_itself(name):
     assert scenario_from_dict(json.loads(text)) == scenario
     assert json.loads(text)["schema"] == "aerodima/scenario/1"
     assert set(SECTIONS) <= set(json.loads(text))
-
-
-def test_scenario_is_frozen():
-    scenario = scenario_from_dict({})
-    with pytest.raises(ValidationError):
-        scenario.car.mass = 5.0
-    with pytest.raises(ValidationError):
-        scenario.seed = 5
 
 
 def test_empty_file_is_the_nominal_scenario(tmp_path):

@@ -19,7 +19,7 @@ from aerodima.workbench.controllers.law_of_scenario import (
     turn_words,
 )
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingState
-from aerodima.workbench.controllers.swing_player import SwingPlayer
+from aerodima.workbench.controllers.swing_player import LARGEST_ERROR, SwingPlayer
 from aerodima.workbench.controllers.tail_law import UNKNOWN_IMU, Observation
 from aerodima.workbench.errors import SwingFileError
 from tests.refusals import assert_refused
@@ -278,3 +278,22 @@ def test_a_swing_brings_its_turn_along() -> None:
     assert own_turn(mine, "turn_held") == ("turn_held", ("tail.mode=swing",))
     assert own_turn(made_with(None)) == ("turn_swing", ("tail.mode=swing",))
     assert_refused(lambda: own_turn(made_with("my_car.yaml")), SwingFileError, "my_car.yaml")
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("pitch_error", "state"), [(0.9, SwingState.SWING), (1.1, SwingState.FALLBACK)]
+)
+def test_pitch_that_is_too_far_from_its_curve_gives_the_swing_up_to_both_sides(
+    side: float, pitch_error: float, state: SwingState
+) -> None:
+    """Roll changes sign with the turn, pitch does not: 0.14 rad is its place after 0.1 s."""
+    place = {"roll": side * (INSIDE + 0.54), "pitch_angle": 0.14 + pitch_error * LARGEST_ERROR}
+    inside = side * INSIDE
+    ticks = run(
+        player(),
+        see(0.0, inside, plan=side),
+        see(0.5, inside, plan=side, yaw_rate=side * 1.5),
+        see(0.6, plan=side, **place),
+    )
+    assert ticks[-1][0] == state
