@@ -63,21 +63,22 @@ class CarStand:
         """Compression of a suspension from nominal ride height, m."""
         return self.plant.GetJointByName(f"{wheel}_suspension").get_translation(self.plant_context)
 
-    def wheel_forces(self) -> dict[str, np.ndarray]:
-        """Force of the ground on each wheel in W, N."""
-        contact = dict(zip(CONTACT_TRUTH.fields, self.output("contact_truth"), strict=True))
+    def _at_wheels(self, what: str, unit: str) -> dict[str, np.ndarray]:
+        contact = CONTACT_TRUTH.read(self.output("contact_truth"))._asdict()
         return {
-            wheel: np.array([contact[f"wheel_force_{wheel}_{axis}_truth_n"] for axis in "xyz"])
+            wheel: np.array(
+                [contact[f"wheel_{what}_{wheel}_{axis}_truth_{unit}"] for axis in "xyz"]
+            )
             for wheel in WHEELS
         }
 
+    def wheel_forces(self) -> dict[str, np.ndarray]:
+        """Force of the ground on each wheel in W, N."""
+        return self._at_wheels("force", "n")
+
     def wheel_contacts(self) -> dict[str, np.ndarray]:
         """Contact point of each wheel in W, m."""
-        contact = dict(zip(CONTACT_TRUTH.fields, self.output("contact_truth"), strict=True))
-        return {
-            wheel: np.array([contact[f"wheel_contact_{wheel}_{axis}_truth_m"] for axis in "xyz"])
-            for wheel in WHEELS
-        }
+        return self._at_wheels("contact", "m")
 
     def contacts(self) -> list:
         """Point contacts of the last step."""

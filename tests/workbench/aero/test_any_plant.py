@@ -25,6 +25,7 @@ from aerodima.workbench import (
     observe,
 )
 from aerodima.workbench.aero.polar_law import PolarLaw
+from tests.refusals import assert_refused
 from tests.workbench.aero.plants import add_free_body, add_plant
 
 MASS, WIDTH, HEIGHT, C_N, DENSITY, START = 0.4, 0.3, 0.5, 1.3, 1.225, 8.0
@@ -92,24 +93,15 @@ def test_drag_of_a_plate_slows_a_sled_as_the_formula_says(angle: float, time_ste
     )
 
 
-def test_plate_along_the_flow_feels_nothing_and_it_is_said() -> None:
+@pytest.mark.parametrize("make", [sled, pole], ids=["slide", "swing"])
+def test_plate_along_the_flow_is_warned_of_with_its_normal_and_the_right_one(make) -> None:
     builder = DiagramBuilder()
-    plant = sled(builder)
-    with pytest.warns(
-        UserWarning, match=r"body 'sled': no joint moves its sections along normal_B \(0, 1, 0\)"
-    ) as said:
-        add_tail_force(builder, plant, "sled", plate(math.pi / 2), C_N)
+    plant = make(builder)
+    name = "sled" if make is sled else "pole"
+    with pytest.warns(UserWarning, match=r"\(1, 0, 0\)") as said:
+        add_tail_force(builder, plant, name, plate(math.pi / 2), C_N)
     (line,) = [str(warning.message) for warning in said]
-    assert line.endswith("a swing feels no air; it moves them along (1, 0, 0)")
-    assert "\n" not in line
-
-
-def test_normal_across_a_swing_is_said() -> None:
-    builder = DiagramBuilder()
-    with pytest.warns(
-        UserWarning, match=r"along normal_B \(0, 1, 0\).*it moves them along \(1, 0, 0\)"
-    ):
-        add_tail_force(builder, pole(builder), "pole", plate(math.pi / 2), C_N)
+    assert all(part in line for part in (f"'{name}'", "(0, 1, 0)"))
 
 
 @pytest.mark.parametrize("wrong", [False, True])
@@ -148,9 +140,8 @@ def test_observed_wind_that_makes_no_force_is_said_after_the_run(along: bool) ->
     lines = [str(warning.message) for warning in said if "sections" in str(warning.message)]
     if along:
         (line,) = lines
-        assert line.startswith(
-            "tail_force_sled: air passed its sections at up to 3 m/s and made no force"
-        )
+        assert "tail_force_sled" in line
+        assert "3 m/s" in line
     else:
         assert lines == []
 
@@ -183,45 +174,13 @@ def test_linearised_damping_in_wind_is_that_of_the_formula() -> None:
     assert slope == pytest.approx(expected, rel=1e-12)
 
 
-def test_symbolic_is_refused_in_one_line_that_names_the_force() -> None:
-    builder = DiagramBuilder()
-    add_tail_force(builder, sled(builder), "sled", plate(0.0), C_N)
-    with pytest.raises(
-        RuntimeError, match=r"tail_force_sled .* does not support scalar conversion"
-    ) as refused:
-        builder.Build().ToSymbolic()
-    assert "\n" not in str(refused.value)
-
-
-def test_wrong_input_is_refused_in_one_line() -> None:
+def test_wrong_input_is_refused_by_name() -> None:
     builder = DiagramBuilder()
     plant = sled(builder)
-    with pytest.raises(UserError, match=r"no body named 'tail' \(bodies: world, sled\)"):
-        add_tail_force(builder, plant, "tail", plate(0.0), C_N)
-    add_tail_force(builder, plant, "sled", plate(0.0), C_N)
-    with pytest.raises(
-        UserError,
-        match=r"a system named 'tail_force_sled' already; a second one on body 'sled' needs",
-    ):
-        add_tail_force(builder, plant, "sled", plate(0.0), C_N)
-    with pytest.raises(UserError, match=r"width: -0\.1 m; allowed: > 0 m"):
-        SectionLayout.strip(start=0.0, length=0.1, width=-0.1)
 
+    def add(body: str) -> None:
+        add_tail_force(builder, plant, body, plate(0.0), C_N)
 
-def test_two_plates_with_names_of_their_own_add_up() -> None:
-    builder = DiagramBuilder()
-    plant = sled(builder)
-    forces = [
-        add_tail_force(builder, plant, "sled", plate(0.0), C_N, name=name)
-        for name in ("upper", "lower")
-    ]
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    plant.SetVelocities(plant.GetMyMutableContextFromRoot(context), [START])
-    (one,) = {
-        force.GetOutputPort("wrench").Eval(force.GetMyContextFromRoot(context))[0]
-        for force in forces
-    }
-    assert diagram.EvalTimeDerivatives(context).CopyToVector()[1] == pytest.approx(
-        2 * one / MASS, rel=1e-12
-    )
+    assert_refused(lambda: add("tail"), UserError, "'tail'", "sled")
+    add("sled")
+    assert_refused(lambda: add("sled"), UserError, "'tail_force_sled'", "'sled'")

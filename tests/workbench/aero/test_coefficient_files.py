@@ -5,7 +5,7 @@ files.
 from __future__ import annotations
 
 import math
-from copy import deepcopy
+from functools import partial
 
 import pytest
 import yaml
@@ -19,6 +19,7 @@ from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable
 from aerodima.workbench.aero.polar_law import PolarLaw, RegularTable
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.resources import models_dir, published_table
+from tests.refusals import assert_refused
 from tests.workbench.aero.published_coefficients import (
     cheetah_nodes,
     robot_tail_line,
@@ -58,31 +59,31 @@ def test_speed_functions_hold_their_edge_values() -> None:
     assert not line.covers(2.9)
 
 
+SQUARE = ((1.0, 1.0), (1.0, 1.0))
+
+
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("make", "named"),
     [
-        (lambda: SpeedTable((3.0, 3.0), (1.0, 1.0)), "increase strictly"),
-        (lambda: SpeedTable((3.0, 4.0), (1.0, math.nan)), r"values\[1\]"),
-        (lambda: SpeedTable((3.0,), (1.0,)), "at least 2"),
-        (
-            lambda: RegularTable((10.0, 5.0), (0.0, 1.0), ((1.0, 1.0), (1.0, 1.0))),
-            r"speeds\[1\] = 5.0 follows 10.0",
-        ),
+        (lambda: SpeedTable((3.0, 3.0), (1.0, 1.0)), ("3",)),
+        (lambda: SpeedTable((3.0, 4.0), (1.0, math.nan)), ("values[1]",)),
+        (lambda: SpeedTable((3.0,), (1.0,)), ()),
+        (lambda: RegularTable((10.0, 5.0), (0.0, 1.0), SQUARE), ("speeds[1]", "5.0", "10.0")),
         (
             lambda: RegularTable((5.0, 10.0), (0.0, 1.0), ((1.0, math.nan), (1.0, 1.0))),
-            r"values\[0\]\[1\]",
+            ("values[0][1]",),
         ),
-        (lambda: RegularTable((5.0, 10.0), (0.0, 1.0), ((1.0,), (1.0, 1.0))), "2 rows"),
-        (lambda: NormalForceLaw(-1.0), "coefficient: -1; allowed: >= 0"),
+        (lambda: RegularTable((5.0, 10.0), (0.0, 1.0), ((1.0,), (1.0, 1.0))), ("2",)),
+        (lambda: NormalForceLaw(-1.0), ("coefficient", "-1")),
         (
             lambda: PolarLaw(RegularTable((5.0, 9.0), (0.0, 1.0), ((1.0, -1.0), (1.0, 1.0)))),
-            "-1.0.*add energy",
+            ("-1.0",),
         ),
+        (lambda: PolarLaw(-0.1), ("drag", "-0.1")),
     ],
 )
-def test_unsorted_tables_holes_and_nan_are_refused(make, message) -> None:
-    with pytest.raises(ModelError, match=message):
-        make()
+def test_unsorted_tables_holes_nan_and_negative_drag_are_refused(make, named) -> None:
+    assert_refused(make, ModelError, *named)
 
 
 def content_of(name: str) -> dict:
@@ -197,63 +198,58 @@ def test_lift_may_be_negative_and_drag_scatter_below_zero() -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "message"),
+    ("spoil", "named"),
     [
-        (lambda c: c["nodes"].pop(2), "hole in the table: no node at 5.0 m/s, 1.0 rad"),
-        (lambda c: c["nodes"].reverse(), "must increase by angle"),
-        (lambda c: c["nodes"][1].update(cd=math.nan), r"nodes\.1\.cd: nan"),
-        (lambda c: c["nodes"][1].update(cd="much"), r"nodes\.1\.cd: 'much'.*number"),
-        (lambda c: c.update(colour="red"), "colour: unknown key"),
-        (lambda c: c.pop("source"), "source: missing"),
-        (lambda c: c.update(source=" "), "source: is empty"),
-        (lambda c: c.update(schema="other"), "schema: 'other'"),
-        (lambda c: c["range"].update(speed_m_per_s=[10.0, 5.0]), "range.speed_m_per_s"),
-        (lambda c: c.update(kind="spline"), "polar/spline"),
+        (lambda c: c["nodes"].pop(2), ("5.0", "1.0")),
+        (lambda c: c["nodes"].reverse(), ("nodes[1]",)),
+        (lambda c: c["nodes"][1].update(cd=math.nan), ("nodes.1.cd", "nan")),
+        (lambda c: c["nodes"][1].update(cd="much"), ("nodes.1.cd", "'much'")),
+        (lambda c: c.update(colour="red"), ("colour",)),
+        (lambda c: c.pop("source"), ("source",)),
+        (lambda c: c.update(source=" "), ("source",)),
+        (lambda c: c.update(schema="other"), ("schema", "'other'")),
+        (lambda c: c["range"].update(speed_m_per_s=[10.0, 5.0]), ("range.speed_m_per_s",)),
+        (lambda c: c.update(kind="spline"), ("spline",)),
         (
             lambda c: c["nodes"][0].update(status="guessed"),
-            "nodes.0.status: 'guessed'.*'measured' or 'seed'",
+            ("nodes.0.status", "'guessed'", "'measured'", "'seed'"),
         ),
-        (lambda c: c["nodes"][0].update(status=["seed"]), "'measured' or 'seed'"),
-        (
-            lambda c: c["nodes"][1].update(cd=-3.0),
-            r"nodes\.1\.cd: -3.0; allowed: >= -0.05.*add energy",
-        ),
-        (lambda c: c.update(nodes=3), "nodes: 3 is not allowed.*tuple"),
-        (lambda c: c.update(nodes=[]), "nodes: .* at least 1 item"),
-        (lambda c: c["nodes"].append(4), r"nodes\.4: 4 is not allowed.*dictionary"),
+        (lambda c: c["nodes"][0].update(status=["seed"]), ("nodes.0.status",)),
+        (lambda c: c["nodes"][1].update(cd=-3.0), ("nodes.1.cd", "-3.0", "-0.05")),
+        (lambda c: c.update(nodes=3), ("nodes", "3")),
+        (lambda c: c.update(nodes=[]), ("nodes",)),
+        (lambda c: c["nodes"].append(4), ("nodes.4", "4")),
         (
             lambda c: c["range"].update(speed_m_per_s=[[1.0], 2.0]),
-            r"range.speed_m_per_s.0: \[1.0\].*a valid number",
+            ("range.speed_m_per_s.0", "[1.0]"),
         ),
-        (
-            lambda c: c.update(quasi_steady_limit_m_per_s=[1.0]),
-            r"limit_m_per_s: \[1.0\].*a valid number",
+        (lambda c: c.update(quasi_steady_limit_m_per_s=[1.0]), ("limit_m_per_s", "[1.0]")),
+        *(
+            (as_normal("constant", cn=value), ("cn", shown))
+            for value, shown in (
+                ([1, 2], "[1, 2]"),
+                ("2", "'2'"),
+                (True, "True"),
+                (math.inf, "inf"),
+                (-1, "-1"),
+            )
         ),
-        (as_normal("constant", cn=[1, 2]), r"cn: \[1, 2\].*a valid number"),
-        (as_normal("constant", cn="2"), "cn: '2'.*a valid number"),
-        (as_normal("constant", cn=True), "cn: True.*a valid number"),
-        (as_normal("constant", cn=math.inf), "cn: inf.*finite"),
-        (as_normal("constant", cn=-1), "cn: -1.*add energy"),
-        (
-            as_normal("speed_line", cn_slope_s_per_m=-0.2, cn_intercept=1.5),
-            "give -0.5 at 10 m/s.*add energy",
-        ),
+        (as_normal("speed_line", cn_slope_s_per_m=-0.2, cn_intercept=1.5), ("-0.5", "10")),
         (
             as_normal(
                 "speed_table",
                 nodes=[{"speed_m_per_s": v, "cn": c} for v, c in ((1.0, 2.0), (2.0, -3.0))],
             ),
-            r"nodes\.1\.cn: -3.0.*add energy",
+            ("nodes.1.cn", "-3.0"),
         ),
     ],
 )
-def test_bad_files_are_refused_with_their_place(spoil, message) -> None:
-    content = deepcopy(example())
+def test_bad_files_are_refused_with_their_place(spoil, named) -> None:
+    content = example()
     spoil(content)
-    with pytest.raises(ModelError, match=message) as caught:
-        coefficients_from_dict(content, "tail.yaml")
-    assert "tail.yaml" in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert_refused(
+        lambda: coefficients_from_dict(content, "tail.yaml"), ModelError, "tail.yaml", *named
+    )
 
 
 def test_angles_in_degrees_warn_and_name_the_file() -> None:
@@ -261,7 +257,7 @@ def test_angles_in_degrees_warn_and_name_the_file() -> None:
     content["range"]["angle_rad"] = [0.0, 15.0]
     for node in content["nodes"]:
         node["angle_rad"] *= 15.0
-    with pytest.warns(UserWarning, match=r"tail\.yaml.*15\.0 rad.*degrees"):
+    with pytest.warns(UserWarning, match=r"tail\.yaml.*15\.0"):
         coefficients_from_dict(content, "tail.yaml")
 
 
@@ -274,15 +270,14 @@ def test_a_csv_table_loads_and_an_unknown_name_lists_the_sets(tmp_path) -> None:
     coefficients = load_coefficients(path)
     assert coefficients.source == "run 1; run 2"
     assert coefficients.law().drag(7.0, 0.25) == pytest.approx(1.5)
-    with pytest.raises(
-        ModelError, match="models/coefficients has none of this name; did you mean 'robot_tail_"
+    fast = tmp_path / "fast.csv"
+    fast.write_text(path.read_text().replace("9,0,2", "fast,0,2"))
+    latin = tmp_path / "latin.yaml"
+    latin.write_bytes(b"name: \xe9\xe8\n")
+    for wrong, named in (
+        ("robot_tale", ("robot_tale", "robot_tail_")),
+        (tmp_path / "none.yaml", ("none.yaml",)),
+        (fast, ("fast.csv", "'fast'", "'speed_m_per_s'")),
+        (latin, ("latin.yaml",)),
     ):
-        load_coefficients("robot_tale")
-    with pytest.raises(ModelError, match="no such file"):
-        load_coefficients(tmp_path / "none.yaml")
-    path.write_text(path.read_text().replace("9,0,2", "fast,0,2"))
-    with pytest.raises(ModelError, match=r"mine\.csv: .*'fast'.*'speed_m_per_s'"):
-        load_coefficients(path)
-    (tmp_path / "latin.yaml").write_bytes(b"name: \xe9\xe8\n")
-    with pytest.raises(ModelError, match=r"latin\.yaml: cannot be read"):
-        load_coefficients(tmp_path / "latin.yaml")
+        assert_refused(partial(load_coefficients, wrong), ModelError, *named)

@@ -26,7 +26,7 @@ from aerodima.workbench.aero.sail import FreeSail
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, add_wind
 from tests.workbench.aero.plants import add_plant
-from tests.workbench.aero.vanes import Vane, add_air, add_vane, side_moment
+from tests.workbench.aero.vanes import Vane, add_air, add_vane
 
 WIND, RHO = 6.0, 1.225
 SAIL = {"length": 0.4, "width": 0.1, "centre_of_pressure": 0.025, "board_width": 0.05}
@@ -57,8 +57,8 @@ def swing(
     simulator, plant, joint, _ = in_wind(vane, angle, time_step)
     times = []
     angles = []
-    for i in range(int(duration / 2e-3)):
-        simulator.AdvanceTo(i * 2e-3)
+    for time in np.arange(0.0, duration, 5e-3):
+        simulator.AdvanceTo(time)
         times.append(simulator.get_context().get_time())
         angles.append(joint.get_angle(plant.GetMyContextFromRoot(simulator.get_context())))
     return np.array(times), np.array(angles)
@@ -91,29 +91,9 @@ def test_it_swings_and_settles_as_theory_says(time_step) -> None:
     assert math.log(first_peak / second_peak) == pytest.approx(zeta * omega * period, rel=0.1)
 
 
-@pytest.mark.parametrize("start", [1.5, -1.5])
-def test_it_settles_broadside_to_the_wind_with_the_most_drag(start) -> None:
-    simulator, plant, joint, (shell, board) = in_wind(LIGHT, start)
-    simulator.AdvanceTo(3.0)
-    context = simulator.get_context()
-    assert joint.get_angle(plant.GetMyContextFromRoot(context)) == pytest.approx(0.0, abs=1e-2)
-    force = shell.GetOutputPort("wrench").Eval(shell.GetMyContextFromRoot(context))[:3]
-    np.testing.assert_allclose(force, [0.0, -0.5 * RHO * 2.0 * 0.04 * WIND**2, 0.0], atol=1e-2)
-    assert abs(board.GetOutputPort("wrench").Eval(board.GetMyContextFromRoot(context))[0]) < 1e-2
-
-
-@pytest.mark.slow
-def test_with_the_bearing_too_far_back_it_turns_away() -> None:
-    """The first design of the thesis (Fig. 5.9): it leaves the wind and rests half a turn round."""
-    vane = replace(VANE, sail=FreeSail(**SAIL | {"centre_of_pressure": -0.06}), damping=2e-2)
-    assert side_moment(vane.sail) < 0.0
-    _, angles = swing(vane, 0.02, 10.0)
-    assert abs(math.cos(angles[-1]) + 1.0) < 1e-2
-
-
 def test_bearing_damping_slows_the_vane() -> None:
     loose, stiff = (swing(replace(VANE, damping=damping), 0.2, 1.5)[1] for damping in (0.0, 3e-2))
-    assert np.abs(stiff[-100:]).max() < 0.2 * np.abs(loose[-100:]).max()
+    assert np.abs(stiff[-40:]).max() < 0.2 * np.abs(loose[-40:]).max()
 
 
 def test_a_half_cylinder_is_pushed_more_on_its_hollow_side() -> None:

@@ -9,13 +9,11 @@ import math
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.aero.sections import Jet, SectionLayout
-from aerodima.workbench.aero.tail_force import add_tail_force
-from aerodima.workbench.aero.wind import WindModel, WindSource, add_wind
+from aerodima.workbench.aero.sections import Jet
+from aerodima.workbench.aero.wind import WindModel, WindSource
 from aerodima.workbench.errors import ModelError
-from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value
+from tests.refusals import assert_refused
 
 
 def history(model: WindModel, duration: float, step: float = 0.01) -> np.ndarray:
@@ -63,32 +61,6 @@ def test_equal_seeds_give_equal_turbulence() -> None:
     assert np.abs(first - history(WindModel(turbulence=(1.0, 1.0, 1.0), seed=6), 1.0)).max() > 0.1
 
 
-def test_wind_and_motion_give_the_same_force() -> None:
-    """Only the relative velocity counts: a tail at rest in 5 m/s equals one that moves at -5 m/s in
-    still air.
-    """
-    wrenches = []
-    for wind, motion in ((5.0, 0.0), (0.0, -5.0), (2.0, -3.0)):
-        builder = DiagramBuilder()
-        plant = add_plant(builder)
-        add_free_body(plant)
-        plant.Finalize()
-        layout = SectionLayout.strip(start=0.1, length=0.5, width=0.2, normal_B=(0.0, 1.0, 0.0))
-        force = add_tail_force(
-            builder,
-            plant,
-            "tail",
-            layout,
-            2.0,
-            wind=add_wind(builder, WindModel(mean=(0.0, wind, 0.0))),
-        )
-        state = np.array([1.0] + [0.0] * 10 + [motion, 0.0])
-        wrenches.append(port_value(force, plant_context(builder.Build(), plant, state), "wrench"))
-    assert wrenches[0][1] == pytest.approx(0.5 * 1.225 * 0.1 * 2.0 * 25.0, rel=1e-12)
-    np.testing.assert_allclose(wrenches[1], wrenches[0], rtol=1e-12)
-    np.testing.assert_allclose(wrenches[2], wrenches[0], rtol=1e-12)
-
-
 def test_the_tunnel_blows_downstream() -> None:
     """Towards -y, turned by psi about z (design section 4)."""
     jet = Jet.below_pivot((0, 0, 0), 0.265, psi=0.1)
@@ -98,14 +70,14 @@ def test_the_tunnel_blows_downstream() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change",
     [
-        ({"mean": (math.nan, 0.0, 0.0)}, "mean"),
-        ({"turbulence": (-1.0, 0.0, 0.0)}, "turbulence"),
-        ({"gust_frequency": 0.0}, "gust_frequency"),
-        ({"seed": -1}, "seed"),
+        {"mean": (math.nan, 0.0, 0.0)},
+        {"turbulence": (-1.0, 0.0, 0.0)},
+        {"gust_frequency": 0.0},
+        {"seed": -1},
     ],
+    ids=str,
 )
-def test_bad_wind_is_refused(change, message) -> None:
-    with pytest.raises(ModelError, match=message):
-        WindModel(**change)
+def test_bad_wind_is_refused(change) -> None:
+    assert_refused(lambda: WindModel(**change), ModelError, *change)

@@ -8,6 +8,7 @@ from aerodima.workbench.config.checked_files import shipped_names
 from aerodima.workbench.config.ensemble import Member, load_ensemble
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import EnsembleError
+from tests.refusals import assert_refused
 
 TEXT = """schema: aerodima/ensemble/1
 name: two
@@ -50,52 +51,6 @@ def test_shipped_ensembles_load_and_every_member_is_a_scenario() -> None:
             ensemble.scenario(member, "turn_swing")
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        (
-            "ensemble/1",
-            "ensemble/0",
-            "schema: 'aerodima/ensemble/0' is not read by this version; allowed is",
-        ),
-        ("best: b", "best: c", "best: 'c' is no member"),
-        ("car.mass:", "car.masss:", "member 'b': car.masss: unknown key; did you mean 'mass'?"),
-        ("car.mass:", "cart.mass:", "'cart' is no section; did you mean 'car'?"),
-        ("weight: 3.0", "weight: -3.0", "weight: -3.0 is not allowed"),
-        ("weight: 3.0", "weight: .nan", "weight: nan is not allowed"),
-        ("name: b,", "name: a,", "'a' stands there twice"),
-        ("provenance:", "origin:", "origin: unknown key"),
-    ],
-)
-def test_a_wrong_file_is_one_line_that_says_what_is_allowed(
-    tmp_path: Path, old: str, new: str, said: str
-) -> None:
-    path = written(tmp_path, TEXT.replace(old, new))
-    with pytest.raises(EnsembleError, match=r"two\.yaml") as caught:
-        load_ensemble(path)
-    assert said in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_an_unknown_name_and_a_missing_file_are_told() -> None:
-    with pytest.raises(
-        EnsembleError, match="'carr': models/calibration has none of this name; did you mean 'car'"
-    ):
-        load_ensemble("carr")
-    with pytest.raises(EnsembleError, match=r"nowhere\.yaml: no such file"):
-        load_ensemble("nowhere.yaml")
-
-
-def test_a_member_whose_values_do_not_go_together_is_named(tmp_path: Path) -> None:
-    ensemble = load_ensemble(
-        written(tmp_path, TEXT.replace("car.mass: 6.5", "car.gyration_roll: 0.4"))
-    )
-    with pytest.raises(
-        EnsembleError, match=r"two\.yaml: member 'b': .*gyration_roll: 0.4 m; allowed: <="
-    ):
-        ensemble.scenario(ensemble.members[1], "turn_none")
-
-
 def test_drawn_members_stand_for_all_of_the_weight(tmp_path: Path) -> None:
     ensemble = load_ensemble(written(tmp_path, TEXT))
     members = tuple(
@@ -108,8 +63,7 @@ def test_drawn_members_stand_for_all_of_the_weight(tmp_path: Path) -> None:
     ]
     assert many.drawn(4) == many.members
     assert sum(member.weight for member in ensemble.drawn(1)) == 1.0
-    with pytest.raises(EnsembleError, match="0 members of"):
-        ensemble.drawn(0)
+    assert_refused(lambda: ensemble.drawn(0), EnsembleError, "0")
 
 
 def test_another_tail_than_the_built_one_keeps_its_size_on_the_car_of_a_member() -> None:
@@ -142,3 +96,34 @@ def test_no_car_is_in_two_parts_of_the_split() -> None:
     share = heavy.weight / (1.0 - ensemble.best.weight)
     drawn = sum(member.name == heavy.name for member in first) / len(first)
     assert drawn == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / len(first)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("ensemble/1", "ensemble/0", ("schema", "aerodima/ensemble/0")),
+        ("best: b", "best: c", ("best", "'c'")),
+        ("car.mass:", "car.masss:", ("'b'", "car.masss", "'mass'")),
+        ("car.mass:", "cart.mass:", ("'cart'", "'car'")),
+        ("weight: 3.0", "weight: -3.0", ("weight", "-3.0")),
+        ("weight: 3.0", "weight: .nan", ("weight", "nan")),
+        ("name: b,", "name: a,", ("'a'",)),
+        ("provenance:", "origin:", ("origin",)),
+        ("car.mass: 6.5", "car.gyration_roll: 0.4", ("'b'", "gyration_roll", "0.4")),
+    ],
+)
+def test_a_wrong_file_is_refused_by_file_member_and_key(
+    tmp_path: Path, old: str, new: str, named: tuple[str, ...]
+) -> None:
+    path = written(tmp_path, TEXT.replace(old, new))
+
+    def load() -> None:
+        ensemble = load_ensemble(path)
+        ensemble.scenario(ensemble.members[1], "turn_none")
+
+    assert_refused(load, EnsembleError, "two.yaml", *named)
+
+
+@pytest.mark.parametrize(("name", "nearest"), [("carr", "'car'"), ("nowhere.yaml", "")])
+def test_an_unknown_name_and_a_missing_file_are_named(name: str, nearest: str) -> None:
+    assert_refused(lambda: load_ensemble(name), EnsembleError, name, nearest)

@@ -8,8 +8,8 @@ from aerodima.workbench.config.signal_table import (
     STATUS,
     TAIL_COMMAND,
     TAIL_STATE,
-    PortFields,
 )
+from tests.refusals import assert_refused
 
 
 def test_station_ports_have_the_sizes_of_the_contract():
@@ -45,17 +45,18 @@ def test_read_and_write_are_inverse():
     np.testing.assert_array_equal(IMU.write(**IMU.read(values)._asdict()), values)
 
 
-def test_unknown_field_and_wrong_length_are_named():
-    with pytest.raises(
-        ValueError, match="TailState has no field 'yaw'; it has pitch_angle, roll_angle"
-    ):
-        TAIL_STATE.index("yaw")
-    with pytest.raises(ValueError, match="TailCommand has 5 elements, got 4"):
-        TAIL_COMMAND.read([0.0] * 4)
-    with pytest.raises(TypeError, match="torque"):
-        TAIL_COMMAND.write(position=0.0, velocity=0.0, kp=0.0, kd=0.0)
-
-
-def test_equal_fields_make_equal_ports():
-    assert PortFields("A", ("x",)) == PortFields("A", ("x",))
-    assert PortFields("A", ("x",)) != PortFields("A", ("y",))
+@pytest.mark.parametrize(
+    ("work", "error", "named"),
+    [
+        (lambda: TAIL_STATE.index("yaw"), ValueError, ("TailState", "'yaw'", "roll_angle")),
+        (lambda: TAIL_COMMAND.read([0.0] * 4), ValueError, ("TailCommand", "5", "4")),
+        (
+            lambda: TAIL_COMMAND.write(position=0.0, velocity=0.0, kp=0.0, kd=0.0),
+            TypeError,
+            ("torque",),
+        ),
+    ],
+    ids=["field", "length", "missing"],
+)
+def test_unknown_field_and_wrong_length_are_named(work, error, named):
+    assert_refused(work, error, *named)

@@ -16,6 +16,7 @@ from aerodima.workbench.config.swing_file import (
 )
 from aerodima.workbench.errors import SwingFileError
 from aerodima.workbench.resources import model_path
+from tests.refusals import assert_refused
 
 THESIS = "swings/thesis_8_rad_per_s.yaml"
 
@@ -109,88 +110,58 @@ def test_what_is_written_comes_back_equal_and_is_not_overwritten(tmp_path: Path)
     swing = swing_from_dict(data)
     path = write_swing(swing, tmp_path / "new" / "swing.yaml")
     assert read_swing(path) == swing
-    with pytest.raises(SwingFileError, match="exists already"):
-        write_swing(swing, path)
+    assert_refused(lambda: write_swing(swing, path), SwingFileError, str(path))
     write_swing(swing, path, force=True)
     (tmp_path / "file").write_text("")
-    with pytest.raises(SwingFileError, match="cannot be made or used as a folder"):
-        write_swing(swing, tmp_path / "file" / "swing.yaml")
+    below = tmp_path / "file" / "swing.yaml"
+    assert_refused(lambda: write_swing(swing, below), SwingFileError, str(tmp_path / "file"))
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "message"),
+    ("key", "value", "named"),
     [
+        ("schema", "aerodima/swing/2", ("aerodima/swing/2", "aerodima/swing/1")),
+        ("direction", "up", ("'up'", "'left'", "'right'")),
+        ("knots.time_s", [0.0, 0.3, 0.3], ("knots.time_s.2", "0.3")),
+        ("knots.time_s", [0.1, 0.3, 0.5], ("0.1",)),
+        ("knots.time_s.1", float("nan"), ("nan",)),
+        ("knots.time_s", [0.0], ("[0.0]",)),
+        ("knots.roll_velocity_rad_per_s", [8.0, 0.0], ("2", "3")),
+        ("knots.roll_position_rad.0", "-90 deg", ("'-90 deg'",)),
+        ("knots.roll_position_rad.0", True, ("True",)),
+        ("knots.roll_position_rad.2", 90.0, ("90.0", "1.5708")),
+        ("knots.roll_velocity_rad_per_s.0", 9.0, ("9.0", "8")),
+        ("knots.roll_torque_n_m", [0.0, 25.0, 0.0], ("knots.roll_torque_n_m.1", "25.0", "24.8")),
+        ("knots.roll_speed", [0.0], ()),
+        ("knots.pitch_position_rad", None, ()),
+        ("gains.feedback", {"states": ["tail_roll"]}, ("hold", "phases")),
+        ("gains.hold.kp", 501.0, ("501.0", "500")),
+        ("gains.phases.1.start_s", 0.0, ("gains.phases.1", "0.0")),
+        ("trigger.kind", "roll", ("'roll'",)),
+        ("trigger.threshold_rad_per_s", -1.0, ("-1.0",)),
+        ("trigger", {"kind": "yaw_rate"}, ("trigger.threshold_rad_per_s",)),
         (
-            "schema",
-            "aerodima/swing/2",
-            r"schema: 'aerodima/swing/2' is not read .*; allowed is 'aerodima/swing/1'",
-        ),
-        ("direction", "up", r"direction: 'up' is not allowed; .*'left' or 'right'"),
-        (
-            "knots.time_s",
-            [0.0, 0.3, 0.3],
-            r"knots\.time_s\.2: 0\.3 follows 0\.3; allowed: strictly increasing",
-        ),
-        ("knots.time_s", [0.1, 0.3, 0.5], r"knots\.time_s: 0\.1 is first; allowed: 0"),
-        ("knots.time_s.1", float("nan"), r"knots\.time_s\.1: nan is not allowed"),
-        ("knots.time_s", [0.0], r"knots\.time_s: \[0\.0\] is not allowed; .*at least 2"),
-        (
-            "knots.roll_velocity_rad_per_s",
-            [8.0, 0.0],
-            r"knots\.roll_velocity_rad_per_s: 2 values; allowed: 3",
-        ),
-        (
-            "knots.roll_position_rad.0",
-            "-90 deg",
-            r"knots\.roll_position_rad\.0: '-90 deg' is not allowed",
-        ),
-        ("knots.roll_position_rad.0", True, r"knots\.roll_position_rad\.0: True is not allowed"),
-        (
-            "knots.roll_position_rad.2",
-            90.0,
-            r"knots\.roll_position_rad\.2: 90\.0; allowed: -1\.5708 to 1\.5708",
+            "trigger",
+            {"kind": "time", "threshold_rad_per_s": 1.0},
+            ("trigger.threshold_rad_per_s",),
         ),
         (
-            "knots.roll_velocity_rad_per_s.0",
-            9.0,
-            r"knots\.roll_velocity_rad_per_s\.0: 9\.0; allowed: -8 to 8",
+            "trigger",
+            {"kind": "steering", "threshold_rad": 0.1, "threshold_rad_per_s": 1.0},
+            ("trigger.threshold_rad_per_s",),
         ),
-        (
-            "knots.roll_torque_n_m",
-            [0.0, 25.0, 0.0],
-            r"knots\.roll_torque_n_m\.1: 25\.0; allowed: -24\.8 to 24\.8",
-        ),
-        ("knots.roll_speed", [0.0], r"knots\.roll_speed: unknown key"),
-        ("knots.pitch_position_rad", None, r"knots\.pitch_position_rad: missing"),
-        (
-            "gains.feedback",
-            {"states": ["tail_roll"]},
-            r"gains\.feedback: unknown key; allowed: hold, phases",
-        ),
-        ("gains.hold.kp", 501.0, r"gains\.hold\.kp: 501\.0 is not allowed; .*500"),
-        (
-            "gains.phases.1.start_s",
-            0.0,
-            r"gains\.phases\.1: 0\.0 follows 0\.0; allowed: strictly increasing",
-        ),
-        ("trigger.kind", "roll", r"trigger\.kind: 'roll' is not allowed"),
-        (
-            "trigger.threshold_rad_per_s",
-            -1.0,
-            r"trigger\.threshold_rad_per_s: -1\.0 is not allowed",
-        ),
-        ("limits.torque_n_m", float("inf"), r"limits\.torque_n_m: inf is not allowed"),
-        ("car", {"car.mass": "6 kg"}, r"car\.car\.mass: '6 kg' is not allowed"),
-        ("trigger", None, r"trigger: missing"),
+        ("limits.torque_n_m", float("inf"), ("inf",)),
+        ("car", {"car.mass": "6 kg"}, ("car.car.mass", "'6 kg'")),
+        ("trigger", None, ()),
     ],
 )
-def test_errors_name_file_key_value_and_what_is_allowed(
-    tmp_path: Path, key: str, value, message: str
+def test_errors_name_file_key_and_value(
+    tmp_path: Path, key: str, value: object, named: tuple[str, ...]
 ) -> None:
     path = tmp_path / "swing.yaml"
     path.write_text(yaml.safe_dump(changed(key, value)))
-    with pytest.raises(SwingFileError, match=rf"swing\.yaml: {message}"):
-        read_swing(path)
+    place = key.removesuffix(".start_s")
+    assert_refused(lambda: read_swing(path), SwingFileError, "swing.yaml", place, *named)
 
 
 def test_a_curve_that_overshoots_its_limit_between_the_knots_is_refused() -> None:
@@ -204,46 +175,24 @@ def test_a_curve_that_overshoots_its_limit_between_the_knots_is_refused() -> Non
         "roll_position_rad": [edge, edge, 0.0],
         "roll_velocity_rad_per_s": [8.0, -8.0, 0.0],
     }
-    with pytest.raises(
-        SwingFileError, match=r"the curve reaches 1\.68353 at 0\.05 s; allowed: -1\.5708 to 1\.5708"
-    ):
-        swing_from_dict(data)
+    assert_refused(lambda: swing_from_dict(data), SwingFileError, "1.68353", "0.05", "1.5708")
 
 
 @pytest.mark.parametrize(
-    "trigger",
+    "text",
     [
-        {"kind": "yaw_rate"},
-        {"kind": "time", "threshold_rad_per_s": 1.0},
-        {"kind": "steering", "threshold_rad": 0.1, "threshold_rad_per_s": 1.0},
+        "schema: [",
+        "schema: aerodima/swing/1\nname: a\nname: b\n",
+        "- 1\n",
+        "",
+        None,
     ],
 )
-def test_a_trigger_has_a_threshold_if_it_looks_at_the_yaw_rate(trigger: dict) -> None:
-    with pytest.raises(
-        SwingFileError, match=r"trigger\.threshold_rad_per_s: allowed and needed with kind yaw_rate"
-    ):
-        swing_from_dict(changed("trigger", trigger))
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("schema: [", "not YAML"),
-        ("schema: aerodima/swing/1\nname: a\nname: b\n", "key named twice: name"),
-        ("- 1\n", "holds a list; allowed is a mapping"),
-        ("", "schema: None is not read by this version"),
-    ],
-)
-def test_what_is_no_swing_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_what_is_no_swing_file_is_refused(tmp_path: Path, text: str | None) -> None:
     path = tmp_path / "swing.yaml"
-    path.write_text(text)
-    with pytest.raises(SwingFileError, match=rf"swing\.yaml: .*{message}"):
-        read_swing(path)
-
-
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(SwingFileError, match=r"none\.yaml: no such file"):
-        read_swing(tmp_path / "none.yaml")
+    if text is not None:
+        path.write_text(text)
+    assert_refused(lambda: read_swing(path), SwingFileError, "swing.yaml")
 
 
 def test_another_car_is_named_parameter_by_parameter() -> None:
@@ -251,8 +200,7 @@ def test_another_car_is_named_parameter_by_parameter() -> None:
         changed("car", {"car.mass": 6.1, "tail.length": 0.9, "tail.colour": 1.0})
     )
     scenario = {"car": {"mass": 6.1}, "tail": {"length": 0.8}}
-    assert car_mismatches(swing, scenario) == [
-        "tail.length: made for 0.9, the scenario has 0.8",
-        "tail.colour: made for 1, the scenario has no such parameter",
-    ]
+    length, colour = car_mismatches(swing, scenario)
+    assert all(part in length for part in ("tail.length", "0.9", "0.8"))
+    assert all(part in colour for part in ("tail.colour", "1"))
     assert car_mismatches(swing_from_dict(thesis_data()), scenario) == []

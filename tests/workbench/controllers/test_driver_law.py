@@ -17,7 +17,7 @@ from aerodima.workbench.controllers.driver_law import (
 from aerodima.workbench.controllers.manoeuvre import SpeedRamp, ThrottleLine, make_schedule
 from aerodima.workbench.controllers.paths import off_path
 from aerodima.workbench.errors import UserError
-from tests.blocked_drake import run_without_drake
+from tests.refusals import assert_refused
 
 RAMP = SpeedRamp(4.0, 0.0, ThrottleLine(10.0, 0.0))
 STEER, RATE = math.radians(30.0), math.radians(30.0) / 0.14
@@ -231,40 +231,50 @@ def test_a_car_on_rigid_tyres_is_not_steered_from_side_to_side():
     assert np.sum(np.abs(np.diff(steering))) < 1.2 * there_and_back
 
 
-def test_a_speed_out_of_reach_is_refused_for_every_kind():
-    for name in ("entry_turn", "entry_fishhook", "entry_lane_change"):
-        with pytest.raises(UserError, match=r"manoeuvre.speed: 25 m/s; allowed: 0 to 14.4 m/s"):
-            make_driver(load_scenario(name, ["manoeuvre.speed=25"]))
+@pytest.mark.parametrize("ahead", [0.0, 0.3, 1.2])
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_path_driver_wants_the_curvature_of_where_the_car_is_after_his_delay(ahead, side):
+    """The car goes on round its circle while the driver reacts: a driver without delay, who sees it
+    there, wants the same. An arc of 0.2 m is its chord to (0.2 / 1.2)^2 / 24 = 0.1 %.
+    """
+    law = make_driver(load_scenario("entry_corner", [f"manoeuvre.direction={side}"]))
+    delayed = replace(law, delay=0.1)
+    prompt = replace(law, delay=0.0)
+    speed = 2.0
+    bent = (1.0 if side == "left" else -1.0) / law.path.radius
+
+    def seen(along: float) -> Seen:
+        """On a circle from 0.05 m beside the path in front of the corner, where it has come."""
+        turned = bent * along
+        x = law.path.bend + math.sin(turned) / bent
+        y = 0.05 + (1.0 - math.cos(turned)) / bent
+        return Seen(0.0, (x, y), turned, turned, speed, bent * speed)
+
+    there = prompt.wanted_curvature(seen(ahead + speed * delayed.delay), bent)
+    found = delayed.wanted_curvature(seen(ahead), bent)
+    assert found == pytest.approx(there, rel=2e-3)
+    assert abs(found - prompt.wanted_curvature(seen(ahead), bent)) > 0.02
 
 
-def test_drivers_run_where_drake_is_not():
-    program = """
-from aerodima.workbench.controllers.driver_law import Seen, make_driver
-from aerodima.workbench.config.scenario import load_scenario
+@pytest.mark.parametrize("name", ["entry_turn", "entry_fishhook", "entry_lane_change"])
+def test_a_speed_out_of_reach_is_refused_for_every_kind(name):
+    scenario = load_scenario(name, ["manoeuvre.speed=25"])
+    assert_refused(lambda: make_driver(scenario), UserError, "manoeuvre.speed", "25", "14.4")
 
-law = make_driver(load_scenario("entry_lane_change"))
-memory, given = law.step(law.start(), Seen(0.0, (0.0, 0.0), 0.0, 0.0, 2.0, 0.0))
-print(given.planned_turn)
-"""
-    result = run_without_drake(program)
-    assert result.stdout == "1.0\n", result.stderr
+
+AT_REST = ("manoeuvre.rolling_start=false", "manoeuvre.turn_start=3")
 
 
 @pytest.mark.parametrize("name", ["entry_turn", "entry_fishhook", "slalom"])
 def test_a_real_car_drives_by_time_and_imu_and_starts_at_rest(name):
-    refuse_simulated_only(
-        load_scenario(name, ["manoeuvre.rolling_start=false", "manoeuvre.turn_start=3"])
+    refuse_simulated_only(load_scenario(name, AT_REST))
+    rolling = load_scenario(name, ["manoeuvre.rolling_start=true"])
+    assert_refused(
+        lambda: refuse_simulated_only(rolling), UserError, "manoeuvre.rolling_start", "true"
     )
-    with pytest.raises(UserError, match=r"manoeuvre.rolling_start: true; allowed on a car: false"):
-        refuse_simulated_only(load_scenario(name, ["manoeuvre.rolling_start=true"]))
 
 
 def test_a_real_car_follows_a_path_only_by_a_driver_of_ones_own():
-    lane_change = load_scenario(
-        "entry_lane_change", ["manoeuvre.rolling_start=false", "manoeuvre.turn_start=3"]
-    )
-    with pytest.raises(
-        UserError, match=r"manoeuvre.kind: path.*allowed on a car: turn, .*fishhook, or a diagram"
-    ):
-        refuse_simulated_only(lane_change)
+    lane_change = load_scenario("entry_lane_change", AT_REST)
+    assert_refused(lambda: refuse_simulated_only(lane_change), UserError, "manoeuvre.kind", "path")
     refuse_simulated_only(lane_change, own_driver=True)

@@ -21,6 +21,8 @@ from aerodima.workbench.controllers.feedback_law import (
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingState
 from aerodima.workbench.controllers.tail_law import Observation
+from aerodima.workbench.errors import ScenarioError
+from tests.refusals import assert_refused
 
 NUMBERS = {
     "lean_gain": -2.0, "roll_gain": 3.0, "roll_rate_gain": 0.5, "yaw_rate_gain": 0.4, "grip": 4.5,
@@ -178,7 +180,7 @@ def test_arrays_of_cars_get_what_each_car_gets() -> None:
 
 
 def test_a_limit_beyond_that_of_the_tail_is_refused() -> None:
-    from aerodima.workbench.errors import ScenarioError
-
-    with pytest.raises(ScenarioError, match=r"feedback\.most_roll"):
-        load_scenario("entry_turn", ["feedback.most_roll=2.0"])
+    settings = ["feedback.most_roll=2.0"]
+    assert_refused(
+        lambda: load_scenario("entry_turn", settings), ScenarioError, "feedback.most_roll", "2"
+    )

@@ -9,6 +9,7 @@ import pytest
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.law_of_scenario import load_law
 from aerodima.workbench.errors import UserError
+from tests.refusals import assert_refused
 
 LAW = """
 from dataclasses import dataclass
@@ -46,13 +47,6 @@ class Broken:
 SCENARIO = load_scenario("turn_swing", ["controller.rate=50"])
 
 
-def refusal(place: str) -> str:
-    with pytest.raises(UserError) as caught:
-        load_law(place, SCENARIO)
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
-
-
 def test_class_of_a_file_becomes_a_law(tmp_path: Path) -> None:
     path = tmp_path / "my_law.py"
     path.write_text(LAW)
@@ -62,13 +56,20 @@ def test_class_of_a_file_becomes_a_law(tmp_path: Path) -> None:
     assert load_law(f"{path}:Tuned", SCENARIO).rate == 50.0, "from the scenario"
 
 
-def test_what_is_no_law_is_refused_by_name(tmp_path: Path) -> None:
-    path = tmp_path / "my_law.py"
-    path.write_text(LAW)
-    assert "my_law.py:MyLaw" in refusal(str(path))
-    assert "no such Python file" in refusal(f"{tmp_path / 'other.py'}:Held")
-    assert "no class Other" in refusal(f"{path}:Other")
-    assert "Half has no memory_size, start, step" in refusal(f"{path}:Half")
-    assert "Broken() failed: ValueError: no gains at all" in refusal(f"{path}:Broken")
-    path.write_text("import nothing_of_this_name\n")
-    assert "running it failed: ModuleNotFoundError" in refusal(f"{path}:Held")
+@pytest.mark.parametrize(
+    ("place", "named"),
+    [
+        ("my_law.py", ("my_law.py",)),
+        ("other.py:Held", ("other.py",)),
+        ("my_law.py:Other", ("Other",)),
+        ("my_law.py:Half", ("Half", "memory_size", "start", "step")),
+        ("my_law.py:Broken", ("Broken", "ValueError", "no gains")),
+        ("empty.py:Held", ("ModuleNotFoundError",)),
+    ],
+)
+def test_what_is_no_law_is_refused_by_name(
+    tmp_path: Path, place: str, named: tuple[str, ...]
+) -> None:
+    (tmp_path / "my_law.py").write_text(LAW)
+    (tmp_path / "empty.py").write_text("import nothing_of_this_name\n")
+    assert_refused(lambda: load_law(f"{tmp_path}/{place}", SCENARIO), UserError, *named)

@@ -14,9 +14,8 @@ from aerodima.workbench.controllers.manoeuvre import (
     run_time,
     steering_time,
 )
-from aerodima.workbench.controllers.swing_law import SwingLaw, SwingState
-from aerodima.workbench.controllers.tail_law import Observation
 from aerodima.workbench.errors import UserError
+from tests.refusals import assert_refused
 
 STEER = math.radians(30.0)
 
@@ -88,19 +87,6 @@ def test_ticks_reach_the_instants_whatever_their_rounding():
     assert schedule.at(np.nextafter(0.8, 0.0)).steering_angle == 0.0
 
 
-def test_right_turn_mirrors_the_left_one():
-    left = make_schedule(scenario())
-    right = make_schedule(scenario(direction="right"))
-    for time in 0.01 * np.arange(400):
-        a = left.at(time)
-        b = right.at(time)
-        assert (b.steering_angle, b.throttle, b.planned_turn) == (
-            -a.steering_angle,
-            a.throttle,
-            -a.planned_turn,
-        )
-
-
 def test_throttle_inverts_the_line_along_the_ramp():
     """speed = 10 throttle - 1: standstill at 0.1, 2 m/s half way up the ramp at 0.3, 4 m/s at
     0.5.
@@ -139,34 +125,14 @@ def test_auto_sequence_of_an_open_loop_car_is_one_throttle_from_the_first_tick()
     assert schedule.at(16.5).throttle == 0.0
 
 
-def test_open_loop_car_is_not_asked_for_less_than_it_breaks_away_with():
-    with pytest.raises(
-        UserError,
-        match=r"manoeuvre.speed: 1.4 m/s; allowed without governor: 0, or from 1.5 m/s on",
-    ):
-        make_schedule(scenario(governor=False, speed=1.4))
-    assert make_schedule(scenario(governor=True, speed=1.4)).at(3.0).throttle == pytest.approx(0.24)
-
-
 def test_feed_forward_is_clipped_to_full_throttle():
     line = ThrottleLine(10.0, 0.0, time_constant=5.0)
     assert line.throttle(2.0, acceleration=4.0) == 1.0
     assert line.throttle(2.0, acceleration=-4.0) == -1.0
 
 
-@pytest.mark.parametrize("speed", [9.01, -0.1, math.nan, math.inf])
-def test_speed_that_the_car_cannot_hold_is_refused(speed):
-    with pytest.raises(UserError, match=r"manoeuvre.speed: .* allowed: 0 to 9 m/s"):
-        make_schedule(scenario(speed=speed))
-
-
 def test_full_throttle_speed_is_allowed():
     assert make_schedule(scenario(speed=9.0)).at(3.0).throttle == pytest.approx(1.0)
-
-
-def test_ramp_must_end_before_the_turn():
-    with pytest.raises(UserError, match=r"manoeuvre.speed_ramp: 2.1 s; allowed: >= 0 and <= 2 s"):
-        make_schedule(scenario(speed_ramp=2.1))
 
 
 def test_zero_ramp_is_a_throttle_step():
@@ -186,11 +152,6 @@ def test_auto_sequence_of_the_car():
     assert schedule.at(0.0).planned_turn == 1.0
     assert run_time(manoeuvre) == 20.0
     assert run_time(scenario()) == 4.0
-
-
-def test_auto_log_must_outlast_the_sequence():
-    with pytest.raises(UserError, match=r"manoeuvre.log_end: 16 s; allowed: >= 16.5 s"):
-        make_schedule(scenario(kind="auto_turn", log_end=16.0))
 
 
 def test_straight_line_announces_no_turn():
@@ -254,28 +215,6 @@ def test_two_turns_are_the_same_pulse_twice_with_straight_wheels_in_between():
     assert {single.at(time).planned_turn for time in ticks} == {1.0}
 
 
-def test_the_published_law_brings_the_tail_back_for_the_second_turn():
-    twice = make_schedule(scenario(turns=2, turn_gap=4.0))
-    law = SwingLaw()
-    memory = law.start()
-    roll = -0.5 * math.pi
-    states = []
-    for tick in range(730):
-        time = 0.01 * tick
-        planned = twice.at(time).planned_turn
-        turning = 2.0 <= time < 2.5 or 6.5 <= time < 7.0
-        memory, _, command, state = law.step(
-            memory, Observation(time, 3.0 * turning, roll, 0.0, planned, True)
-        )
-        roll = roll + 0.01 * command[1] if command[2] == 0.0 else float(command[0])
-        states.append(state)
-    order = [
-        state for state, before in zip(states, [None, *states], strict=False) if state != before
-    ]
-    swing = [SwingState.HOLD, SwingState.SWING, SwingState.SETTLE]
-    assert order == [*swing, SwingState.RECOCK, *swing]
-
-
 def test_both_turns_have_two_levels_if_one_has():
     schedule = make_schedule(scenario(turns=2, turn_gap=0.5, first_angle=0.1, first_hold=0.2))
     assert steering(schedule, [2.1, 2.3, 2.6, 3.1, 3.3, 3.6]) == pytest.approx(
@@ -283,7 +222,7 @@ def test_both_turns_have_two_levels_if_one_has():
     )
 
 
-@pytest.mark.parametrize("changes", [{"turns": 2}, {"kind": "rising"}, {"kind": "slalom"}])
+@pytest.mark.parametrize("changes", [{}, {"turns": 2}, {"kind": "rising"}, {"kind": "slalom"}])
 def test_right_is_the_mirror_image_of_left(changes):
     left, right = (make_schedule(scenario(direction=side, **changes)) for side in ("left", "right"))
     for time in 0.05 * np.arange(100):
@@ -312,14 +251,25 @@ def test_a_rolling_start_has_the_throttle_of_its_speed_from_time_0(governor):
     )
 
 
-@pytest.mark.parametrize("kind", ["fishhook", "path"])
-def test_a_driver_that_looks_at_the_car_is_no_schedule(kind):
-    with pytest.raises(
-        UserError, match=rf"manoeuvre.kind: {kind}.*allowed as a function of time: turn, auto_turn"
-    ):
-        make_schedule(scenario(kind=kind))
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        *(
+            ({"speed": speed}, ("manoeuvre.speed", f"{speed:g}", "9"))
+            for speed in (9.01, -0.1, math.nan, math.inf)
+        ),
+        ({"governor": False, "speed": 1.4}, ("manoeuvre.speed", "1.4", "1.5")),
+        ({"speed_ramp": 2.1}, ("manoeuvre.speed_ramp", "2.1", "2")),
+        ({"kind": "auto_turn", "log_end": 16.0}, ("manoeuvre.log_end", "16", "16.5")),
+        ({"kind": "fishhook"}, ("manoeuvre.kind", "fishhook")),
+        ({"kind": "path"}, ("manoeuvre.kind", "path")),
+        ({"turns": 0}, ("manoeuvre.turns", "0")),
+    ],
+    ids=str,
+)
+def test_what_no_car_can_drive_as_a_function_of_time_is_refused(changes, named):
+    assert_refused(lambda: make_schedule(scenario(**changes)), UserError, *named)
 
 
-def test_no_turn_at_all_is_refused():
-    with pytest.raises(UserError, match=r"manoeuvre.turns: 0; allowed: >= 1"):
-        make_schedule(scenario(turns=0))
+def test_governor_holds_a_speed_below_that_at_which_an_open_loop_car_breaks_away():
+    assert make_schedule(scenario(speed=1.4)).at(3.0).throttle == pytest.approx(0.24)

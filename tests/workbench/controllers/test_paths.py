@@ -7,6 +7,7 @@ import pytest
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.paths import Corner, LaneChange, off_path, path_of
 from aerodima.workbench.errors import ScenarioError, UserError
+from tests.refusals import assert_refused
 
 WIDTH, WHEELBASE = 0.18, 0.26
 """A passenger car of 1.8 m at 1:10."""
@@ -176,13 +177,18 @@ def test_first_cones_stand_where_the_car_is_at_turn_start(rolling, begin):
     assert path.vehicle_width == pytest.approx(WIDTH)
 
 
-def test_wrong_input_names_what_is_allowed():
-    with pytest.raises(UserError, match=r"manoeuvre.corner_radius: 0.2 m; allowed: > 0.2 m"):
-        Corner(0.2, 0.4, 0.0, 1.0)
-    with pytest.raises(
-        ScenarioError,
-        match=r"manoeuvre.corner_radius: 0.2 m; allowed: > half of corner_width, 0.2 m",
-    ):
-        load_scenario("entry_corner", ["manoeuvre.corner_radius=0.2"])
-    with pytest.raises(UserError, match=r"off_path: y: shape \(1,\); allowed: finite"):
-        off(lane_change(), 0.0, math.nan, 0.0)
+@pytest.mark.parametrize(
+    ("work", "error", "named"),
+    [
+        (lambda: Corner(0.2, 0.4, 0.0, 1.0), UserError, ("manoeuvre.corner_radius", "0.2")),
+        (
+            lambda: load_scenario("entry_corner", ["manoeuvre.corner_radius=0.2"]),
+            ScenarioError,
+            ("manoeuvre.corner_radius", "corner_width", "0.2"),
+        ),
+        (lambda: off(lane_change(), 0.0, math.nan, 0.0), UserError, ("off_path", "y")),
+    ],
+    ids=["corner", "scenario", "place"],
+)
+def test_wrong_input_is_refused_by_name(work, error, named):
+    assert_refused(work, error, *named)

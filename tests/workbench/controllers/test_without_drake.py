@@ -6,8 +6,8 @@ from tests.blocked_drake import run_without_drake
 
 PROGRAM = """
 from aerodima.workbench.controllers.manoeuvre import SpeedRamp, ThrottleLine, TurnSchedule
-from aerodima.workbench.controllers.swing_law import SwingLaw, SwingMemory, SwingSettings,
-SwingState
+from aerodima.workbench.controllers.swing_law import SwingLaw, SwingMemory, SwingSettings
+from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.controllers.tail_law import Observation
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
 
@@ -34,6 +34,13 @@ for tick, yaw_rate in enumerate((0.0, 0.0, 1.5)):
     states.append(SwingState(state).name)
 assert states == ["HOLD", "HOLD", "SWING"], states
 assert TAIL_COMMAND.read(roll).velocity == 8.0
+
+from aerodima.workbench.controllers.driver_law import Seen, make_driver
+from aerodima.workbench.config.scenario import load_scenario
+
+law = make_driver(load_scenario("entry_lane_change"))
+_, given = law.step(law.start(), Seen(0.0, (0.0, 0.0), 0.0, 0.0, 2.0, 0.0))
+assert given.planned_turn == 1.0
 print("runs")
 """
 

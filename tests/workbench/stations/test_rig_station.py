@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from functools import partial
+
 import pytest
 from pydrake.systems.framework import LeafSystem
 
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.config.signal_table import MOTOR_CURRENT, RIG_OUTPUTS, ROBOT_RIG_INPUTS
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.stations.rig_station import make_rig_station
+from aerodima.workbench.stations.rig_station import (
+    make_rig_station,
+    sensor_offsets,
+    static_coefficients,
+)
+from tests.refusals import assert_refused
 
 
 class FakeInterface(LeafSystem):
@@ -57,23 +66,50 @@ def test_cheetah_rig_takes_a_current(name: str) -> None:
     assert outputs == {port: fields.size for port, fields in RIG_OUTPUTS.items()}
 
 
-def test_cheetah_rig_has_no_hardware() -> None:
-    with pytest.raises(
-        UserError, match="'swing' has no hardware interface; allowed with one: 'robot_swing'"
-    ):
-        make_rig_station(load_rig_scenario("flick"), interface=lambda scenario: FakeInterface())
+SHORT = {name: fields for name, fields in RIG_OUTPUTS.items() if name != "force_torque"}
 
 
-def test_interface_with_other_ports_is_refused_by_name() -> None:
-    short = {name: fields for name, fields in RIG_OUTPUTS.items() if name != "force_torque"}
-    with pytest.raises(
-        UserError, match=r"interface of 'fake_interface': outputs .* allowed: .*force_torque"
-    ):
-        make_rig_station(
-            load_rig_scenario("robot"), interface=lambda scenario: FakeInterface(outputs=short)
-        )
-    with pytest.raises(UserError, match=r"inputs .* allowed: .*tail_command"):
-        make_rig_station(
-            load_rig_scenario("robot"),
-            interface=lambda scenario: FakeInterface(inputs={"current_command": MOTOR_CURRENT}),
-        )
+@pytest.mark.parametrize(
+    ("name", "interface", "named"),
+    [
+        ("flick", FakeInterface, ("'swing'", "'robot_swing'")),
+        ("robot", partial(FakeInterface, outputs=SHORT), ("'fake_interface'", "force_torque")),
+        (
+            "robot",
+            partial(FakeInterface, inputs={"current_command": MOTOR_CURRENT}),
+            ("'fake_interface'", "current_command", "tail_command"),
+        ),
+    ],
+)
+def test_rig_without_hardware_and_interface_with_other_ports_are_refused(
+    name: str, interface: Callable, named: tuple[str, ...]
+) -> None:
+    scenario = load_rig_scenario(name)
+    assert_refused(
+        lambda: make_rig_station(scenario, interface=lambda _: interface()), UserError, *named
+    )
+
+
+def test_offsets_of_the_sensor_are_the_published_ones_of_a_cheetah_tail() -> None:
+    static = load_rig_scenario("static")
+    assert sensor_offsets(static) == static.tail_1.offsets
+    assert sensor_offsets(static.varied(experiment={"tail": 3})) == static.tail_3.offsets
+    assert any(static.tail_1.offsets)
+    assert not any(sensor_offsets(load_rig_scenario("robot")))
+
+
+def test_coefficients_of_a_hold_are_those_at_its_angle_against_the_wind() -> None:
+    """sin(attack) = |sin(angle + misalignment)| cos(psi): the wind across the tail's plane shares
+    its speed.
+    """
+    static = load_rig_scenario("static")
+
+    def of(angle: float, **tunnel: float) -> tuple[float, float]:
+        return static_coefficients(static.varied(experiment={"angle": angle}, tunnel=tunnel))
+
+    straight = of(0.3, psi3=0.0)
+    assert of(-0.3, psi3=0.0) == straight
+    assert of(0.25, psi3=0.0, misalignment=0.05) == pytest.approx(straight)
+    attack = math.asin(math.sin(0.3) * math.cos(0.5))
+    assert of(0.3, psi3=0.5) == pytest.approx(of(attack, psi3=0.0))
+    assert of(0.3, psi3=0.5) != pytest.approx(straight, rel=1e-3)
