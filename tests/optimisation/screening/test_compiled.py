@@ -12,13 +12,14 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aerodima.optimisation.entry.feedback_search import gains_of
-from aerodima.optimisation.screening.compiled import LANES, Recording, _attributes, run
+from aerodima.optimisation.screening.compiled import LANES, _attributes, run
 from aerodima.optimisation.screening.entry_runs import Entering
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import Driven, drive_turns
 from aerodima.optimisation.screening.vehicle_motion import STATES
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench import load_scenario
+from tests.refusals import assert_refused
 
 RNG = np.random.default_rng(5)
 ONCE = np.array([False])
@@ -97,25 +98,27 @@ def test_steps_change_arrays_by_what_they_are_given() -> None:
     assert batch.fast.dtype == bool
 
 
-def test_a_record_holds_an_operation_once() -> None:
-    record = Recording()
-    one = record.add("in", 0)
-    assert record.add("sqrt", one) is record.add("sqrt", one)
-    assert len(record.operations) == 2
+ONES = np.ones((3, 2))
 
 
-def test_what_cannot_be_compiled_is_refused() -> None:
-    arrays = {"a": np.ones((3, 2)), "b": np.ones((3, 2))}
-    with pytest.raises(NotImplementedError, match=r"numpy\.arctan2"):
-        run(batch_of(lambda a, b: [np.arctan2(a, b)], **arrays), ONCE)
-    with pytest.raises(NotImplementedError, match="power 3"):
-        run(batch_of(lambda a, b: [a**3], **arrays), ONCE)
-    for keywords in ({"keepdims": True}, {"initial": 1.0}):
-        with pytest.raises(NotImplementedError, match=r"numpy\.add"):
-            run(batch_of(lambda a, b, given=keywords: [np.sum(a, axis=0, **given)], **arrays), ONCE)
-    for cars in (0, 3):
-        with pytest.raises(ValueError, match="cars"):
-            run(batch_of(lambda a, b: [a], a=np.ones((1, cars)), b=np.ones((1, 0))), ONCE)
+@pytest.mark.parametrize(
+    ("function", "named"),
+    [
+        (lambda a, b: [np.arctan2(a, b)], "numpy.arctan2"),
+        (lambda a, b: [a**3], "3"),
+        (lambda a, b: [np.sum(a, axis=0, keepdims=True)], "numpy.add"),
+        (lambda a, b: [np.sum(a, axis=0, initial=1.0)], "numpy.add"),
+    ],
+)
+def test_what_cannot_be_compiled_is_refused(function: Callable[..., Any], named: str) -> None:
+    batch = batch_of(function, a=ONES, b=ONES)
+    assert_refused(lambda: run(batch, ONCE), NotImplementedError, named)
+
+
+@pytest.mark.parametrize("cars", [0, 3])
+def test_arrays_of_different_cars_are_refused(cars: int) -> None:
+    batch = batch_of(lambda a, b: [a], a=np.ones((1, cars)), b=np.ones((1, 0)))
+    assert_refused(lambda: run(batch, ONCE), ValueError, "cars")
 
 
 def run_in_numpy(
@@ -156,6 +159,7 @@ def agree(batch: Any, ticks: np.ndarray, *given: np.ndarray) -> None:
                     )
 
 
+@pytest.mark.slow
 def test_steps_of_turns() -> None:
     """The tails swing, the cars slide or tip, and some have left the turn."""
     scenarios = [load_scenario("turn_designed", words) for words in FRICTIONS]

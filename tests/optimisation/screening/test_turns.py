@@ -21,6 +21,7 @@ from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings
 from aerodima.workbench.controllers.swing_player import SwingPlayer
 from aerodima.workbench.metrics.turn_course import turn_course
 from tests.optimisation.screening_gate import screened_friction
+from tests.refusals import assert_refused
 
 
 @pytest.mark.parametrize(
@@ -58,6 +59,7 @@ def test_critical_friction_is_that_of_the_full_car() -> None:
     )  # screening/README.md
 
 
+@pytest.mark.slow
 def test_course_of_a_turn_is_that_of_the_full_car() -> None:
     """The reduced car in one go, and from the end of its straight on, against a log of the full
     one, both at 2 ms.
@@ -85,6 +87,7 @@ def test_course_of_a_turn_is_that_of_the_full_car() -> None:
         assert getattr(again, name)[0] == pytest.approx(getattr(whole, name)[0], abs=1e-9), name
 
 
+@pytest.mark.slow
 def test_heading_is_that_of_the_full_car_once_it_has_settled() -> None:
     """The designed tail, held to the outside, turns the car back by another 2 degrees until the end
     of the run.
@@ -98,24 +101,38 @@ def test_heading_is_that_of_the_full_car_once_it_has_settled() -> None:
     assert yaw[-1] - yaw[999] < full - 1.0
 
 
-def test_what_it_does_not_know_is_refused() -> None:
-    with pytest.raises(UserError, match="facing, locked"):
-        Vehicles.of([load_scenario("turn_swing_free_sail")])
-    with pytest.raises(UserError, match="direction left"):
-        Vehicles.of([load_scenario("turn_none", ("manoeuvre.direction=right",))])
-    for name in ("entry_turn", "entry_twice"):
-        with pytest.raises(UserError, match="rolling_start false, turns 1"):
-            Vehicles.of([load_scenario(name)])
-    with pytest.raises(UserError, match="turn_start, s: 2 and 3"):
-        TurnPlans.of(
-            [load_scenario("turn_none", (f"manoeuvre.turn_start={start}",)) for start in (2.0, 3.0)]
-        )
-    with pytest.raises(
-        UserError, match="swing_file: thesis_8_rad_per_s; the screening model knows: none"
-    ):
-        TurnPlans.of([load_scenario("turn_swing", ("controller.swing_file=thesis_8_rad_per_s",))])
-    with pytest.raises(UserError, match="trigger: lateral_acceleration"):
-        TurnPlans.of([load_scenario("turn_designed", ("controller.trigger=lateral_acceleration",))])
+def of_cars(name: str, *settings: str) -> Any:
+    return Vehicles.of([load_scenario(name, settings)])
+
+
+def of_plans(name: str, *settings: str) -> Any:
+    return TurnPlans.of([load_scenario(name), load_scenario(name, settings)])
+
+
+@pytest.mark.parametrize(
+    ("make", "words", "named"),
+    [
+        (of_cars, ("turn_swing_free_sail",), ("tail.sail", "free")),
+        (of_cars, ("turn_none", "manoeuvre.direction=right"), ("direction left",)),
+        (of_cars, ("turn_none", "wind.speed=3"), ("wind",)),
+        (of_cars, ("turn_swing", "tail.added_mass=0.01"), ("tail.added_mass", "0.01")),
+        (of_cars, ("entry_turn",), ("rolling_start",)),
+        (of_cars, ("entry_twice",), ("turns",)),
+        (of_plans, ("turn_none", "manoeuvre.turn_start=3"), ("manoeuvre.turn_start", "2", "3")),
+        (
+            of_plans,
+            ("turn_swing", "controller.swing_file=thesis_8_rad_per_s"),
+            ("swing_file", "thesis_8_rad_per_s"),
+        ),
+        (
+            of_plans,
+            ("turn_designed", "controller.trigger=lateral_acceleration"),
+            ("controller.trigger", "lateral_acceleration"),
+        ),
+    ],
+)
+def test_what_it_does_not_know_is_refused(make: Any, words: Any, named: Any) -> None:
+    assert_refused(lambda: make(*words), UserError, *named)
 
 
 def played() -> SwingFile:
