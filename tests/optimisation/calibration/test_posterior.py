@@ -89,6 +89,26 @@ def test_curved_figures_are_learnt_and_what_is_missed_is_said() -> None:
     )  # a car does not vouch for itself
 
 
+def test_deviation_of_a_surface_is_that_of_normal_errors_and_knows_no_wild_ones() -> None:
+    scaled = RNG.uniform(-1.0, 1.0, size=(4000, 1))
+    errors = np.array([0.05, 0.2]) * RNG.standard_normal((4000, 2))
+    errors[::200] += 2.0  # cars at the edge of a flip
+    errors[100::200] -= 2.0
+    fitted = Surface.line([0], scaled, scaled + errors, np.arange(4000))
+    assert fitted.deviation == pytest.approx([0.05, 0.2], rel=0.08)
+
+
+def test_survival_is_as_wide_as_the_outcome_and_what_is_missed_together() -> None:
+    turn = PLAN.turns[0]
+    car = PRIOR.draw(1, seed=4)
+    missed = 0.05
+    width = np.hypot(PLAN.outcome_width[turn.tail], missed)
+    car[0, PRIOR.column(f"{turn.system} car.tyre_friction")] = 0.6 * np.exp(-width)
+    flip = Surface((0,), partial(_level, np.log(0.6)), np.array([missed]))
+    made = replace(emulator(), flips=emulator().flips | {turn.name: flip})
+    assert made.survival(car, turn)[0] == pytest.approx(norm.cdf(1.0))
+
+
 def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_car() -> None:
     cars = PRIOR.spread(60, seed=16)
     scaled = PRIOR.scaled(cars)
@@ -143,6 +163,7 @@ def test_full_cars_shift_flips_and_figures_go_with_the_margin() -> None:
     assert corrected.value(car, figure)[0] == pytest.approx(3.0 - np.log(0.05), abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("margin", [0.0, -0.15])
 def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin: float) -> None:
     """A car that survives the slower turn by a hair, or against three deviations, and flips in the
@@ -161,23 +182,12 @@ def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin: float) -> 
     margins = {turn.name: made.margin(car, turn) for turn in made.prior.plan.turns}
     assert np.exp(made.log_outcomes(margins)[0]) == pytest.approx(expected, rel=0.01)
     rng = np.random.default_rng(5)
-    drawn = [made.draw_outcomes(car, rng) for _ in range(4000)]
+    drawn = [made.draw_outcomes(car, rng) for _ in range(1500)]
     assert np.mean([ends[slow.name] and not ends[fast.name] for ends in drawn]) == pytest.approx(
-        expected, abs=0.015
+        expected, abs=0.025
     )
     if margin == 0.0:
         assert expected < 0.1 < made.survival(car, slow)[0] * (1.0 - made.survival(car, fast)[0])
-
-
-def test_outcomes_count_on_the_right_side() -> None:
-    first = replace(emulator(), flips={turn.name: constant(np.log(0.6)) for turn in PLAN.turns})
-    low = PRIOR.draw(1, seed=4)
-    high = PRIOR.draw(1, seed=4)
-    for name in ("simulated car.tyre_friction", "physical car.tyre_friction"):
-        low[0, PRIOR.column(name)] = 0.5
-        high[0, PRIOR.column(name)] = 0.7
-    assert first.survival(low, PLAN.turns[0])[0] > 0.999
-    assert first.survival(high, PLAN.turns[0])[0] < 0.001
 
 
 def test_likelihood_knows_who_survived_and_whose_wheel_lifted() -> None:
@@ -230,7 +240,7 @@ def test_posterior_is_that_of_the_closed_form() -> None:
     assert np.std(free) == pytest.approx(1 / np.sqrt(3), rel=0.1)
 
 
-def test_density_of_a_figure_is_a_normal_of_its_share() -> None:
+def test_density_of_a_figure_is_a_normal_of_its_share_and_that_of_cars_their_mean() -> None:
     figure = figures_of(PLAN)[0]
     car = PRIOR.draw(1, seed=5)
     made = emulator((figure.name, "imu.x", 0.0), 0.1 * figure.published)
@@ -238,6 +248,8 @@ def test_density_of_a_figure_is_a_normal_of_its_share() -> None:
     spread *= 1.1  # a share of what is predicted
     expected = -0.5 * (0.1 / spread) ** 2 - np.log(spread * np.sqrt(2 * np.pi))
     assert log_density(made, figure, car)[0] == pytest.approx(expected, rel=1e-6)
+    same = np.repeat(car, 5, axis=0)
+    assert validation.joint_density(made, [figure], same) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.slow
@@ -284,6 +296,7 @@ def test_simulated_measurement_narrows_the_posterior_as_promised(name: str) -> N
     assert np.mean(gains) == pytest.approx(promised, abs=0.12)
 
 
+@pytest.mark.slow
 def test_information_of_a_normal_is_half_the_logarithm_of_the_narrowing() -> None:
     cars = PRIOR.draw(3000, seed=12)
     cars[:, PRIOR.column("tail.mass")] = 0.15 + 0.02 * RNG.standard_normal(len(cars))
@@ -294,6 +307,7 @@ def test_information_of_a_normal_is_half_the_logarithm_of_the_narrowing() -> Non
     )
 
 
+@pytest.mark.slow
 def test_best_determined_combination_is_the_one_that_was_measured() -> None:
     cars = PRIOR.draw(3000, seed=14)
     friction = PRIOR.column("physical car.tyre_friction")
