@@ -52,10 +52,10 @@ class Lab:
     tail_width: float = 0.0639
     tail_mass: float = 0.0982
     tail_com: float = 0.163
-    gap: float = 0.0
+    tail_gap: float = 0.0
     rotor_inertia: float = 6.731e-3
     torque_constant: float = 0.346
-    jet_depth: float = 0.265
+    jet_edge_depth: float = 0.265
     jet_slope: float = 1.0 / 18.0
     air_density: float = 1.225
     coulomb: float = 0.0435
@@ -81,7 +81,7 @@ def _axis(q: float) -> np.ndarray:
 def _exposed(lab: Lab, q: float, psi: float, start: float, length: float) -> tuple[float, float]:
     """First and last distance from the pivot that the jet meets."""
     rate = math.cos(q) + lab.jet_slope * math.sin(q) * math.cos(psi)
-    edge = lab.jet_depth / rate if rate > 1e-9 else math.inf
+    edge = lab.jet_edge_depth / rate if rate > 1e-9 else math.inf
     return max(start, edge), start + length
 
 
@@ -112,7 +112,7 @@ def _loads(
     total = np.zeros(3)
     moment = np.zeros(3)
     torque = 0.0
-    root = lab.bar_end + lab.gap
+    root = lab.bar_end + lab.tail_gap
     parts = 5 if rate else 1
     for start, length, width, drag, lift, number in (
         (root, lab.tail_length, lab.tail_width, cd, cl, parts),
@@ -140,14 +140,14 @@ def weight(lab: Lab, q: float) -> tuple[np.ndarray, float]:
     bodies = [
         (lab.mount_mass, np.array(lab.mount_com)),
         (lab.bar_mass, p + lab.bar_com * a),
-        (lab.tail_mass, p + (lab.bar_end + lab.gap + lab.tail_com) * a),
+        (lab.tail_mass, p + (lab.bar_end + lab.tail_gap + lab.tail_com) * a),
     ]
     wrench = np.zeros(6)
     for mass, place in bodies:
         load = mass * GRAVITY * np.array([0.0, 0.0, 1.0])
         wrench[:3] += load
         wrench[3:] += np.cross(place, load)
-    arm = lab.bar_mass * lab.bar_com + lab.tail_mass * (lab.bar_end + lab.gap + lab.tail_com)
+    arm = lab.bar_mass * lab.bar_com + lab.tail_mass * (lab.bar_end + lab.tail_gap + lab.tail_com)
     return wrench, -GRAVITY * arm * math.sin(q)
 
 
@@ -297,10 +297,10 @@ def write(log: RunLog, folder: Path, name: str) -> Path:
 
 def swinging_inertia(lab: Lab, added_mass: float) -> float:
     """Of bar, tail, rotor and added mass per fifth of the tail (kg) about the motor axis, kg m2."""
-    arms = lab.bar_end + lab.gap + lab.tail_length * (np.arange(5) + 0.5) / 5.0
+    arms = lab.bar_end + lab.tail_gap + lab.tail_length * (np.arange(5) + 0.5) / 5.0
     inertia = lab.bar_inertia + lab.bar_mass * lab.bar_com**2 + lab.rotor_inertia
     inertia += lab.tail_mass * (
-        lab.tail_length**2 / 12.0 + (lab.bar_end + lab.gap + lab.tail_com) ** 2
+        lab.tail_length**2 / 12.0 + (lab.bar_end + lab.tail_gap + lab.tail_com) ** 2
     )
     return inertia + added_mass * float(arms @ arms)
 
