@@ -208,7 +208,6 @@ def bar_swing(
     lab: Lab = LAB,
     *,
     angle: float = 1.4,
-    start_rate: float = 0.0,
     duration: float = 5.0,
     rate: float = 500.0,
     **extra: Any,
@@ -222,7 +221,7 @@ def bar_swing(
         return [w, load / inertia]
 
     truth = {"coulomb": lab.coulomb, "viscous": lab.viscous}
-    table = _swing(lab, motion, (angle, start_rate), duration, rate)
+    table = _swing(lab, motion, (angle, 0.0), duration, rate)
     table["current_a"] = 0.0
     return _log(table, "bar_swing", {"truth": truth, "rest_s": [-1.0, 0.0], **extra})
 
@@ -235,12 +234,10 @@ def flick(
     cl: float = 0.25,
     wind: float = 10.0,
     angle: float = math.radians(60.0),
-    start_rate: float = 0.0,
     duration: float = 1.5,
     rate: float = 500.0,
     convention: str = "instantaneous",
     seed: int = 0,
-    drive: int | None = None,
     **extra: Any,
 ) -> RunLog:
     """Tail 1 let go at `angle` and driven by a smooth current; C_D and C_L are constant.
@@ -248,11 +245,10 @@ def flick(
     Args:
         convention: whether a sample of the current is its value then, or the `mean` since the
             sample before.
-        seed, drive: of noise and drive; one draw for both without the latter.
+        seed: of drive and noise.
     """
     rng = np.random.default_rng(seed)
-    draw = rng if drive is None else np.random.default_rng(drive)
-    sine = Sine(1.5, 2.0 * math.pi * (1.0 + draw.uniform()), draw.uniform(0.0, 2.0 * math.pi))
+    sine = Sine(1.5, 2.0 * math.pi * (1.0 + rng.uniform()), rng.uniform(0.0, 2.0 * math.pi))
     inertia = swinging_inertia(lab, added_mass)
 
     def motion(t: float, state: np.ndarray) -> list[float]:
@@ -262,7 +258,7 @@ def flick(
         )
         return [w, (load - lab.torque_constant * sine.value(t) - _friction(lab, w)) / inertia]
 
-    table = _swing(lab, motion, (angle, start_rate), duration, rate)
+    table = _swing(lab, motion, (angle, 0.0), duration, rate)
     late = table.time_s.to_numpy() - lab.current_delay
     current = (
         sine.value(late) if convention == "instantaneous" else sine.mean(late - 1.0 / rate, late)

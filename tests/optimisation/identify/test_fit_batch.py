@@ -1,4 +1,4 @@
-"""Batches of fits: taken up again, never mixed, a worker that is killed, a journal that is damaged."""
+"""Batches of fits: taken up again, never mixed, after a killed worker or a damaged journal."""
 
 import os
 import signal

@@ -20,6 +20,7 @@ from aerodima.optimisation.identify.static_fit import (
     StaticBalance,
     StaticResidual,
     fit_static,
+    shifted_data,
     static_problem,
 )
 from aerodima.optimisation.identify.static_log import static_data
@@ -128,7 +129,7 @@ def test_rounding_of_the_angle_is_half_a_count_in_the_residual(windy: RunLog) ->
     data = static_data(windy)
     x = np.array([0.9, 0.3, 0.07, 5.0])
     half = 0.5 * data.scenario.count_angle
-    ends = [StaticResidual(replace(data, angle=data.angle + off))(x) for off in (-half, half)]
+    ends = [StaticResidual(shifted_data(data, {"encoder_zero": off}))(x) for off in (-half, half)]
     noise = StaticResidual(data).noise(SimpleNamespace(x=x))
     assert noise.rounding == pytest.approx(0.5 * (ends[1] - ends[0]), rel=1e-3, abs=1e-9)
 

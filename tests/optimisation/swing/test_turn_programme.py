@@ -18,6 +18,7 @@ from aerodima.optimisation.swing.motion_search import (
     OWN_CAR,
     MotionSearch,
     search_motion,
+    steered_swing,
     steering_of,
     swing_of,
 )
@@ -32,6 +33,7 @@ from aerodima.workbench.errors import SwingError
 from aerodima.workbench.metrics.turn_course import turn_course
 from aerodima.workbench.simulate.simulation import simulate
 from tests.optimisation.screening.test_turns import plans_of
+from tests.refusals import assert_refused
 
 FEW = MotionSearch(starts=1, knots=6, length=0.6, iterations=5)
 TASK = Task(scenario="turn_designed", training=0, floors=[1.3])
@@ -179,36 +181,71 @@ def test_pulse_and_limits_are_those_of_the_task() -> None:
     assert rows["sideslip at the exit"].upper == 0.3
 
 
+def test_a_turn_that_breaks_a_limit_has_not_converged_whatever_the_solver_says(
+    programme: TurnProgramme, start: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    beyond = start.copy()
+    beyond[1 : programme.shooting.variables.tail] = programme.shooting.variables.bounds[1][1]
+    monkeypatch.setattr(programme, "_solve", lambda x, _: (beyond, True))
+    broken = programme.solve(start, 1)
+    assert broken.violation > FEASIBLE
+    assert not broken.converged
+
+
+def test_the_tail_travels_within_its_limits_from_where_it_waits() -> None:
+    """From -1.5 rad it may go 3 rad to the right, and not at all to the left."""
+    turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
+    prog = turn_programme([turn], FEW).prog
+    (travel,) = prog.linear_constraints()
+    row = travel.evaluator()
+    limit = turn.tail.roll_limit
+    start = -turn.controller.hold_angle
+    assert row.upper_bound() == pytest.approx(np.full(row.num_constraints(), limit - start))
+    assert row.lower_bound() == pytest.approx(np.full(row.num_constraints(), -limit - start))
+
+
+@pytest.mark.parametrize("direction", ["left", "right"])
+def test_a_swing_of_a_turn_to_the_right_is_the_mirror_image(direction: str) -> None:
+    turn = load_scenario("turn_designed", (f"manoeuvre.direction={direction}",))
+    time = np.linspace(0.0, 0.6, 4)
+    roll = np.array([-1.5, -0.5, 0.5, 1.0])
+    rate = np.array([0.0, 3.0, 3.0, 0.0])
+    swing = steered_swing("made", turn, time, roll, rate, provenance={"source": ""})
+    side = 1.0 if direction == "left" else -1.0
+    assert swing.direction == direction
+    knots = swing.knots
+    assert np.array(knots.roll_position_rad) == pytest.approx(side * roll, abs=1e-8)
+    assert np.array(knots.roll_velocity_rad_per_s) == pytest.approx(side * rate, abs=1e-8)
+
+
 @pytest.mark.parametrize(
-    ("words", "change"),
+    ("make", "named"),
     [
-        ("knots: 3", {"knots": 3}),
-        ("length: 3", {"length": 3.0}),
-        ("starts: 0", {"starts": 0}),
+        (lambda: MotionSearch(knots=3), ("knots", "3")),
+        (lambda: MotionSearch(length=3.0), ("length", "3")),
+        (lambda: MotionSearch(starts=0), ("starts", "0")),
+        (lambda: turn_programme([load_scenario("turn_none")], FEW), ("tail.mode", "none")),
     ],
 )
-def test_options_out_of_range_are_refused(words: str, change: dict[str, Any]) -> None:
-    with pytest.raises(SwingError, match=words):
-        MotionSearch(**change)
-
-
-def test_cars_without_tail_are_refused() -> None:
-    with pytest.raises(SwingError, match=r"tail\.mode: none"):
-        turn_programme([load_scenario("turn_none")], FEW)
+def test_impossible_searches_are_refused(make: Any, named: tuple[str, ...]) -> None:
+    assert_refused(make, SwingError, *named)
 
 
 @pytest.mark.slow
-def test_the_command_refuses_before_it_drives(tmp_path: Path) -> None:
-    for flags, words in (
-        (["--set", "floors=[9]"], "floor 9: allowed"),
-        (["--set", "training=9999"], "training: 9999"),
-        (["--knots", "3"], "knots: 3"),
-    ):
-        result = CliRunner().invoke(
-            build_app(), ["swing", "search", "short_turn", "--out", str(tmp_path), *flags]
-        )
-        assert words in result.output + str(result.exception), flags
-        assert not list(tmp_path.glob("*.yaml"))
+@pytest.mark.parametrize(
+    ("flags", "named"),
+    [
+        (["--set", "floors=[9]"], ("floor", "9")),
+        (["--set", "training=9999"], ("training", "9999")),
+        (["--knots", "3"], ("knots", "3")),
+    ],
+)
+def test_the_command_refuses_before_it_drives(tmp_path: Path, flags: Any, named: Any) -> None:
+    words = ["swing", "search", "short_turn", "--out", str(tmp_path), *flags]
+    result = CliRunner().invoke(build_app(), words)
+    told = result.output + str(result.exception)
+    assert [part for part in named if part not in told] == []
+    assert not list(tmp_path.glob("*.yaml"))
 
 
 @pytest.mark.slow
