@@ -1,7 +1,5 @@
 """`aerodima fit ...` as a user calls it."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +28,7 @@ def hold():
 
 
 @pytest.mark.slow
-def test_static_logs_in_two_processes(hold, tmp_path: Path) -> None:
+def test_static_logs_in_two_processes(hold, tmp_path):
     paths = [write_run_log(hold, tmp_path / f"{number}.parquet") for number in (1, 2)]
     cut = tmp_path / "cut.parquet"
     cut.write_bytes(paths[0].read_bytes()[:1000])
@@ -61,7 +59,7 @@ def test_static_logs_in_two_processes(hold, tmp_path: Path) -> None:
         (("robot-tail", "--rig", "none.yaml"), ("none.yaml",)),
     ],
 )
-def test_wrong_options_are_told_once_and_leave_nothing(tmp_path: Path, words, named) -> None:
+def test_wrong_options_are_told_once_and_leave_nothing(tmp_path, words, named):
     kind, *options = words
     (tmp_path / "log.csv").touch()
     done = run(kind, tmp_path / "log.csv", *options, "--out", tmp_path / "none")
@@ -71,7 +69,7 @@ def test_wrong_options_are_told_once_and_leave_nothing(tmp_path: Path, words, na
     assert not (tmp_path / "none").exists()
 
 
-def test_what_a_fit_warns_about_is_shown(hold, tmp_path: Path) -> None:
+def test_what_a_fit_warns_about_is_shown(hold, tmp_path):
     """A force axis that is missing, a logged current in mA, and a rest phase with the wind on."""
     table = hold.table.drop(columns="force_y_n").assign(current_a=1000.0 * hold.table.current_a)
     log = replace(hold, table=table, extra={**hold.extra, "rest_s": [0.0, 0.9]})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -33,13 +32,11 @@ def result(name: str, *names: str, curves: dict | None = None) -> FitResult:
         (1.25e-13, 1.1e-13, 1.4e-13, "1.25e-13 (1.1e-13 .. 1.4e-13) kg"),
     ],
 )
-def test_an_interval_keeps_two_digits_of_its_width(
-    value: float, lower: float, upper: float, words: str
-) -> None:
+def test_an_interval_keeps_two_digits_of_its_width(value, lower, upper, words):
     assert format_estimate(Estimate("mass", "kg", value, 1.0, lower, upper), unit=True) == words
 
 
-def test_what_is_not_determined_or_frozen_has_no_interval() -> None:
+def test_what_is_not_determined_or_frozen_has_no_interval():
     unseen = Estimate("mass", "kg", 1.0, math.inf, -math.inf, math.inf, identifiable=False)
     assert format_estimate(unseen, unit=True) == "not determined"
     assert (
@@ -49,8 +46,8 @@ def test_what_is_not_determined_or_frozen_has_no_interval() -> None:
 
 
 def test_every_parameter_of_every_fit_has_a_row_with_what_noise_alone_would_give(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     write_report(
         tmp_path, "Robot tail", [result("logs/a.parquet", "cn"), result("Tables 11.4-11.7", "cn")]
     )
@@ -61,9 +58,7 @@ def test_every_parameter_of_every_fit_has_a_row_with_what_noise_alone_would_give
     assert table.cn_std.tolist() == [0.1, 0.1]
 
 
-def test_a_report_that_cannot_be_finished_leaves_the_earlier_one_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_report_that_cannot_be_finished_leaves_the_earlier_one_whole(tmp_path, monkeypatch):
     curve = {
         "x": [0.0, 1.0],
         "measured": [0.0, 1.0],
@@ -84,7 +79,7 @@ def test_a_report_that_cannot_be_finished_leaves_the_earlier_one_whole(
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_a_coefficient_file_that_the_aerodynamics_refuse_is_not_left(tmp_path: Path) -> None:
+def test_a_coefficient_file_that_the_aerodynamics_refuse_is_not_left(tmp_path):
     nodes = [{"speed_m_per_s": v, "cn": 2.0} for v in (5.0, 7.5)]
     good = {
         "schema": "aerodima/coefficients/1",

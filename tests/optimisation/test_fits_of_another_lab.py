@@ -47,9 +47,7 @@ def run(*arguments: str | Path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("broken", [False, True])
-def test_a_log_with_a_nan_costs_itself_and_the_table_but_nothing_else(
-    tmp_path: Path, broken: bool
-) -> None:
+def test_a_log_with_a_nan_costs_itself_and_the_table_but_nothing_else(tmp_path, broken):
     """A hold at each of two speeds and two angles."""
     cases = [(10.0, 15.0), (20.0, 15.0), (10.0, 30.0), (20.0, 30.0)]
     logs = [
@@ -74,7 +72,7 @@ def test_a_log_with_a_nan_costs_itself_and_the_table_but_nothing_else(
         assert [part for part in named if part not in done.stderr] == []
 
 
-def test_another_motor_is_warned_about_and_can_be_told(tmp_path: Path) -> None:
+def test_another_motor_is_warned_about_and_can_be_told(tmp_path):
     path = lab.write(lab.hold(replace(lab.LAB, torque_constant=0.40)), tmp_path, "hold")
     plain = run("static", path, "--out", tmp_path / "plain")
     assert plain.exit_code == 0
@@ -88,7 +86,7 @@ def test_another_motor_is_warned_about_and_can_be_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_rig_scenario_is_taken_from_a_file(tmp_path: Path) -> None:
+def test_a_rig_scenario_is_taken_from_a_file(tmp_path):
     path = lab.write(lab.bar_swing(replace(lab.LAB, bar_mass=0.35), duration=3.0), tmp_path, "bar")
     rig = tmp_path / "rig.yaml"
     rig.write_text("schema: aerodima/rig-scenario/1\nbar: {mass: 0.35}\n")
@@ -97,7 +95,7 @@ def test_a_rig_scenario_is_taken_from_a_file(tmp_path: Path) -> None:
     assert found.coulomb_n_m[0] == pytest.approx(0.0435, rel=1e-3)
 
 
-def test_a_rig_scenario_is_taken_from_a_mapping(tmp_path: Path) -> None:
+def test_a_rig_scenario_is_taken_from_a_mapping(tmp_path):
     log = lab.bar_swing(replace(lab.LAB, bar_mass=0.35), duration=3.0)
     log.table.to_csv(tmp_path / "foreign.csv", index=False)
     mapping = {
@@ -116,7 +114,7 @@ def test_a_rig_scenario_is_taken_from_a_mapping(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("stated", ["tare", "sheet", "scenario"])
-def test_an_offset_and_its_uncertainty_are_taken_as_stated(stated: str) -> None:
+def test_an_offset_and_its_uncertainty_are_taken_as_stated(stated):
     """Of a sensor with offsets: zeroed without wind just before, known from a sheet, or better than
     Table 4.8.
     """
@@ -152,7 +150,7 @@ def test_an_offset_and_its_uncertainty_are_taken_as_stated(stated: str) -> None:
 @pytest.mark.parametrize(
     ("convention", "rate"), [("instantaneous", 1000.0), ("instantaneous", 100.0), ("mean", 100.0)]
 )
-def test_what_a_sample_of_the_current_is_belongs_to_the_log(rate: float, convention: str) -> None:
+def test_what_a_sample_of_the_current_is_belongs_to_the_log(rate, convention):
     rig = replace(lab.LAB, current_noise=1e-5)
     log = lab.flick(rig, rate=rate, convention=convention, added_mass=0.05, seed=3)
     constant = FitOptions(settings=CONSTANT_AIR)
@@ -177,13 +175,13 @@ def test_what_a_sample_of_the_current_is_belongs_to_the_log(rate: float, convent
         )
 
 
-def test_a_wrong_convention_of_the_current_is_refused() -> None:
+def test_a_wrong_convention_of_the_current_is_refused():
     log = lab.flick(duration=0.5, current_sampling="often")
     assert_refused(lambda: swing_data(log, "swing"), FitError, "current_sampling", "often")
 
 
 @pytest.mark.slow
-def test_an_added_mass_far_from_every_seed_is_found(tmp_path: Path) -> None:
+def test_an_added_mass_far_from_every_seed_is_found(tmp_path):
     """Without the scan this one ends at 0.02 kg: the phase slips by a period."""
     path = lab.write(
         lab.flick(added_mass=0.2, angle=0.5 * math.pi, duration=3.0, seed=2), tmp_path, "flick"
@@ -219,7 +217,7 @@ def fitted(log: RunLog, folder: Path, *options: str) -> str:
 
 
 @pytest.mark.slow
-def test_a_burst_in_the_rest_is_told_and_a_robust_loss_holds_it_back(tmp_path: Path) -> None:
+def test_a_burst_in_the_rest_is_told_and_a_robust_loss_holds_it_back(tmp_path):
     log = lab.hold(wander=lambda time: np.where((time > 1.0) & (time <= 1.1), 2.0, 0.0))
     told = fitted(log, tmp_path)
     assert [part for part in ("50", "1.002 s") if part not in told] == []
@@ -230,7 +228,7 @@ def test_a_burst_in_the_rest_is_told_and_a_robust_loss_holds_it_back(tmp_path: P
     )
 
 
-def test_a_drift_that_dies_out_is_told(tmp_path: Path) -> None:
+def test_a_drift_that_dies_out_is_told(tmp_path):
     """One percent of the sensor's accuracy, that dies out within a second and a half."""
     log = lab.hold(wander=lambda time: 0.01 * np.exp(-time / 1.5), seed=4)
     assert "warning" in fitted(log, tmp_path)
@@ -238,16 +236,14 @@ def test_a_drift_that_dies_out_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("windy", [True, False])
-def test_a_rest_in_which_the_wind_blew_is_told_although_the_sensor_drifts(
-    tmp_path: Path, windy: bool
-) -> None:
+def test_a_rest_in_which_the_wind_blew_is_told_although_the_sensor_drifts(tmp_path, windy):
     log = lab.hold(rest=0.0, wander=lambda time: 2e-3 * np.exp(-time / 3.0), rest_s=[0.0, 2.0])
     told = fitted(log if windy else lab.hold(wind=10.0), tmp_path)
     assert ("warning" in told) == ("20 m/s" in told) == windy
 
 
 @pytest.mark.parametrize("noise", ["white", "filtered"])
-def test_honest_noise_passes_the_residual_check(noise: str) -> None:
+def test_honest_noise_passes_the_residual_check(noise):
     rng = np.random.default_rng(1)
     alarms = 0
     for _ in range(100):
@@ -263,7 +259,7 @@ def test_honest_noise_passes_the_residual_check(noise: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_wrong_constant_of_a_swing_is_in_the_interval_and_leads_the_budget() -> None:
+def test_a_wrong_constant_of_a_swing_is_in_the_interval_and_leads_the_budget():
     """The centre of mass of the bar 1 mm off: twice what is said of it."""
     result = fit_friction(swing_data(lab.bar_swing(replace(lab.LAB, bar_com=0.101)), "bar_swing"))
     coulomb = result["coulomb"]
@@ -282,8 +278,8 @@ def off_pivot() -> RunLog:
 
 @pytest.mark.slow
 def test_a_wrong_constant_of_a_hold_is_in_the_interval_and_its_share_in_the_budget(
-    off_pivot: RunLog,
-) -> None:
+    off_pivot,
+):
     assert max(map(abs, static_scores(off_pivot, exact=False).values())) < 3.0
     known = ("uncertainty.wind_speed=0", "uncertainty.air_density=0", "uncertainty.pivot_z=0")
     narrow = fit_static(static_data(off_pivot, options=FitOptions(settings=known)))
@@ -294,7 +290,7 @@ def test_a_wrong_constant_of_a_hold_is_in_the_interval_and_its_share_in_the_budg
 
 
 @pytest.mark.slow
-def test_exact_constants_leave_the_noise_alone(off_pivot: RunLog) -> None:
+def test_exact_constants_leave_the_noise_alone(off_pivot):
     wide = fit_static(static_data(off_pivot))
     exact = fit_static(static_data(off_pivot, options=FitOptions(constants="exact")))
     names = load_rig_scenario("static").uncertainty.model_dump()
@@ -309,7 +305,7 @@ def test_exact_constants_leave_the_noise_alone(off_pivot: RunLog) -> None:
 
 
 @pytest.mark.slow
-def test_an_encoder_zero_half_a_degree_off_is_named_and_can_be_freed(tmp_path: Path) -> None:
+def test_an_encoder_zero_half_a_degree_off_is_named_and_can_be_freed(tmp_path):
     zero = math.radians(0.5)
     path = lab.write(lab.bar_swing(replace(lab.LAB, encoder_zero=zero)), tmp_path, "swing")
     plain = run("friction", path, "--out", tmp_path / "plain")
@@ -322,7 +318,7 @@ def test_an_encoder_zero_half_a_degree_off_is_named_and_can_be_freed(tmp_path: P
 
 
 @pytest.mark.slow
-def test_a_late_current_is_found_when_its_delay_is_free() -> None:
+def test_a_late_current_is_found_when_its_delay_is_free():
     rig = replace(lab.LAB, current_delay=0.004)
     log = lab.flick(rig, added_mass=0.05, seed=5)
     options = FitOptions(
@@ -337,7 +333,7 @@ def test_a_late_current_is_found_when_its_delay_is_free() -> None:
     assert abs(found["added_mass"].value - 0.05) < 3.0 * found["added_mass"].standard_deviation
 
 
-def test_the_constants_of_a_simulated_log_are_exact() -> None:
+def test_the_constants_of_a_simulated_log_are_exact():
     log = simulate_static_log(
         load_rig_scenario("static", ["experiment.duration=2", "experiment.wind_speed=20"])
     )
@@ -359,9 +355,7 @@ def test_the_constants_of_a_simulated_log_are_exact() -> None:
         pytest.param(coverage_study.added_mass, 40, marks=pytest.mark.nightly),
     ],
 )
-def test_intervals_hold_the_truth_when_the_constants_are_off(
-    draw: coverage_study.Draw, number: int
-) -> None:
+def test_intervals_hold_the_truth_when_the_constants_are_off(draw, number):
     for found in coverage_study.scores(draw, number).values():
         assert len(found) >= 0.9 * number
         assert_standard(found)

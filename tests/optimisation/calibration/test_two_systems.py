@@ -56,12 +56,12 @@ def with_turns(turns: Iterable[Turn]) -> dict[str, object]:
         ({"schema": "aerodima/calibration-plan/2"}, ("calibration-plan/2",)),
     ],
 )
-def test_wrong_plan_is_refused_with_place_and_value(tmp_path, changes, named) -> None:
+def test_wrong_plan_is_refused_with_place_and_value(tmp_path, changes, named):
     path = changed(tmp_path, **changes)
     assert_refused(lambda: load_plan(path), ScenarioError, "plan.yaml", *named)
 
 
-def test_figures_are_those_of_the_tables_less_those_that_no_car_reaches() -> None:
+def test_figures_are_those_of_the_tables_less_those_that_no_car_reaches():
     names = [figure.name for figure in figures_of(PLAN)]
     assert len(names) == len(set(names)) == 4 * 5 - 3
     assert not set(names) & set(PLAN.left_out)
@@ -70,20 +70,20 @@ def test_figures_are_those_of_the_tables_less_those_that_no_car_reaches() -> Non
     assert published["Table 7.4 average_yaw_rate_rad_per_s"] == 0.70
 
 
-def test_every_car_of_the_prior_is_a_scenario_in_both_systems() -> None:
+def test_every_car_of_the_prior_is_a_scenario_in_both_systems():
     for car in PRIOR.draw(6, seed=1):
         for turn in PLAN.turns:
             load_scenario(f"turn_{turn.tail}", PRIOR.settings(car, turn))
 
 
-def test_the_systems_share_a_body_and_have_tyres_of_their_own() -> None:
+def test_the_systems_share_a_body_and_have_tyres_of_their_own():
     car = PRIOR.draw(1, seed=2)[0]
     simulated, physical = (PRIOR.values(car, system) for system in ("simulated", "physical"))
     differing = {key for key in simulated if simulated[key] != physical[key]}
     assert differing == {"car.tyre_friction", "car.tyre_slip_angle"}
 
 
-def test_a_biased_gyro_swings_earlier() -> None:
+def test_a_biased_gyro_swings_earlier():
     car = PRIOR.draw(1, seed=3)[0]
     car[PRIOR.column("gyro_bias")] = 0.04
     fast = next(turn for turn in PLAN.turns if turn.table == "Table 7.4")
@@ -92,7 +92,7 @@ def test_a_biased_gyro_swings_earlier() -> None:
     ).controller.trigger_yaw_rate == pytest.approx(0.96)
 
 
-def test_density_is_that_of_the_plan_and_nothing_outside() -> None:
+def test_density_is_that_of_the_plan_and_nothing_outside():
     car = PRIOR.draw(1, seed=4)
     height = PRIOR.column("car.com_height")
     mean = PLAN.density["car.com_height"].mean

@@ -34,7 +34,7 @@ def motion_of(roll: float, pitch: float) -> PathMotion:
     )
 
 
-def test_values_between_places_are_linear() -> None:
+def test_values_between_places_are_linear():
     places = np.array([[0.0], [2.0], [1.0]])
     assert [between(np.array([share]), places)[0] for share in (0.0, 0.25, 0.5, 0.75, 1.0)] == [
         0.0,
@@ -45,7 +45,7 @@ def test_values_between_places_are_linear() -> None:
     ]
 
 
-def test_the_tail_goes_where_the_motion_says_and_the_path_is_counted_from_its_end() -> None:
+def test_the_tail_goes_where_the_motion_says_and_the_path_is_counted_from_its_end():
     car = at_speeds(
         reduced_cars(CORNER, [tuple(CAR.settings_on(CORNER.scenario))], FEEDBACK), np.array([1.6])
     )
@@ -66,7 +66,7 @@ def test_the_tail_goes_where_the_motion_says_and_the_path_is_counted_from_its_en
 
 
 @pytest.mark.slow
-def test_the_bound_is_never_below_the_law_and_repeats() -> None:
+def test_the_bound_is_never_below_the_law_and_repeats():
     cases = floors([CAR], [1.2])
     table = search_bound(["corner"], cases, "designed", 1, 1, Runs())
     assert list(table) == ["manoeuvre", "car", "floor", *SEARCHED]
@@ -76,7 +76,7 @@ def test_the_bound_is_never_below_the_law_and_repeats() -> None:
     assert table.equals(search_bound(["corner"], cases, "designed", 1, 1, Runs()))
 
 
-def test_starts_differ_by_their_seed_and_the_bound_is_no_lower_than_the_law(monkeypatch) -> None:
+def test_starts_differ_by_their_seed_and_the_bound_is_no_lower_than_the_law(monkeypatch):
     """A bound that was searched worse than the law counts as the law's; every start is run once."""
 
     def speed(start):
@@ -95,6 +95,6 @@ def test_starts_differ_by_their_seed_and_the_bound_is_no_lower_than_the_law(monk
     assert again.ran == runs.ran, "what is there of one start is not run again for three"
 
 
-def test_a_manoeuvre_without_a_path_has_no_bound() -> None:
+def test_a_manoeuvre_without_a_path_has_no_bound():
     assert paths() == ["lane-change", "corner"]
     assert_refused(lambda: paths(["turn"]), SweepError, "turn", "lane-change", "corner")

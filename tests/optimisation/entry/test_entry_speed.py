@@ -41,57 +41,43 @@ def above(limit, failure="two wheels"):
     return lambda speed: failure if speed > limit else ""
 
 
+def passes(low, high, otherwise):
+    """What fails beyond two speeds, and below them."""
+    return lambda speed: "" if low < speed < high else otherwise(speed)
+
+
+def lacking(limit):
+    """Too little lateral acceleration up to a limit, two wheels beyond it."""
+    return lambda speed: "two wheels" if speed > limit else "lateral"
+
+
 @pytest.mark.parametrize(
-    ("limit", "entry"), [(2.57, 2.55), (2.55, 2.55), (2.53, 2.5), (2.0, 2.0), (2.05, 2.05)]
+    ("fails", "entry", "ended_by", "tried"),
+    [
+        (above(2.57), 2.55, "two wheels", None),
+        (above(2.55), 2.55, "two wheels", None),
+        (above(2.53), 2.5, "two wheels", None),
+        (above(2.27), 2.25, "two wheels", [2.0, 2.1, 2.2, 2.3, 2.25]),
+        (above(2.0), 2.0, "two wheels", [2.0, 2.1, 2.05]),
+        (above(1.72, "flipped"), 1.7, "flipped", [2.0, 1.9, 1.8, 1.7, 1.75]),
+        (above(0.9, "ground"), None, "ground", None),
+        (above(9.0), 4.0, "", None),
+        # The first failure ends a climb though the car survives beyond it.
+        (lambda speed: "ground" if 2.28 < speed < 2.35 else "", 2.25, "ground", None),
+        # A lack of lateral acceleration is passed on the way up, and ends a climb beyond.
+        (passes(2.35, 2.72, lambda _: "lateral"), 2.7, "lateral", None),
+        (passes(2.35, 2.42, lacking(2.42)), 2.4, "two wheels", None),
+        (lacking(2.3), None, "lateral", None),
+        (lacking(9.0), None, "lateral", None),
+    ],
 )
-def test_entry_speed_is_the_highest_twentieth_below_the_limit(limit, entry):
-    found = climbed(above(limit))
-    assert SEARCH.entry(found) == entry
-    assert SEARCH.ended_by(found) == "two wheels"
-
-
-def test_a_climb_goes_up_in_tenths_and_halves_the_last():
-    assert list(climbed(above(2.27))) == [2.0, 2.1, 2.2, 2.3, 2.25]
-
-
-def test_the_first_failure_ends_a_climb_though_the_car_survives_beyond_it():
-    found = climbed(lambda speed: "ground" if 2.28 < speed < 2.35 else "")
-    assert max(found) == 2.3
-    assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (2.25, "ground")
-
-
-def test_a_climb_whose_start_fails_goes_down():
-    found = climbed(above(1.72, "flipped"))
-    assert list(found) == [2.0, 1.9, 1.8, 1.7, 1.75]
-    assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (1.7, "flipped")
-
-
-def test_a_car_that_fails_at_the_lowest_speed_has_no_entry_speed():
-    found = climbed(above(0.9, "ground"))
-    assert min(found) == 1.0
-    assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (None, "ground")
-
-
-def test_a_climb_that_nothing_ends_comes_to_the_ceiling():
-    search = EntrySearch(start=2.0, ceiling=2.25)
-    found = climbed(above(9.0), search)
-    assert list(found) == [2.0, 2.1, 2.2, 2.25]
-    assert (search.entry(found), search.ended_by(found)) == (2.25, "")
-
-
-def test_a_lack_of_yaw_is_passed_on_the_way_up_and_ends_a_climb_beyond():
-    found = climbed(lambda speed: "" if 2.35 < speed < 2.72 else "lateral")
-    assert (SEARCH.entry(found), SEARCH.ended_by(found), max(found)) == (2.7, "lateral", 2.8)
-    found = climbed(
-        lambda speed: "two wheels" if speed > 2.42 else "" if speed > 2.35 else "lateral"
-    )
-    assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (2.4, "two wheels")
-
-
-@pytest.mark.parametrize("limit", [2.3, 9.0])
-def test_a_car_that_never_yaws_enough_has_no_entry_speed(limit):
-    found = climbed(lambda speed: "two wheels" if speed > limit else "lateral")
-    assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (None, "lateral")
+def test_a_climb_ends_below_its_first_failure(fails, entry, ended_by, tried):
+    """In tenths to the failure, then in the middle of the last one, whose halves are twentieths."""
+    found = climbed(fails)
+    assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (entry, ended_by)
+    assert tried in (None, list(found))
+    assert min(found) >= 1.0
+    assert max(found) <= 4.0
 
 
 @pytest.mark.parametrize(

@@ -30,12 +30,12 @@ CARS = load_ensemble("physical").split(1).training[:1]
 SETTINGS = tuple(CARS[0].settings_on("entry_turn"))
 
 
-def test_score_is_half_the_mean_and_half_that_of_the_worst_fifth() -> None:
+def test_score_is_half_the_mean_and_half_that_of_the_worst_fifth():
     ratios = np.array([[1.0, 1.2, 1.4, 1.6, 0.8], [1.2, 1.2, 1.2, 1.2, 1.2]])
     assert score(ratios) == pytest.approx([0.5 * (1.2 + 0.8), 1.2])
 
 
-def test_a_rolled_car_lifts_its_inner_wheels_by_the_sine_of_its_roll() -> None:
+def test_a_rolled_car_lifts_its_inner_wheels_by_the_sine_of_its_roll():
     _, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
     state = np.zeros((len(STATES), 1))
     flat = wheel_lifts(state, cars, np.zeros(1))
@@ -48,7 +48,7 @@ def test_a_rolled_car_lifts_its_inner_wheels_by_the_sine_of_its_roll() -> None:
 
 
 @pytest.mark.parametrize("manoeuvre", ["turn", "fishhook"])
-def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre) -> None:
+def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre):
     """Measured: 1 to 2 %.
 
     The fishhook is steered to both sides, the second time by its roll rate.
@@ -65,7 +65,7 @@ def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre) -> None
     assert figure[0, 0] == pytest.approx(full["lateral_acceleration_m_per_s2"], rel=0.05)
 
 
-def test_a_tail_that_stays_leant_is_no_completed_turn() -> None:
+def test_a_tail_that_stays_leant_is_no_completed_turn():
     """It returns at 0.01 rad/s, so that the car goes on turning after its wheels are straight."""
     drivers, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
     upright, _ = climb(cars, np.array([[3.2]]), drivers, gains_of([{}], drivers[0]), np.ones(1))
@@ -77,7 +77,7 @@ def test_a_tail_that_stays_leant_is_no_completed_turn() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("manoeuvre", ["lane-change", "corner"])
-def test_reduced_cars_keep_to_a_path_up_to_the_speed_of_the_full_ones(manoeuvre) -> None:
+def test_reduced_cars_keep_to_a_path_up_to_the_speed_of_the_full_ones(manoeuvre):
     """With the law and the first driver of the suite: 0.1 m/s below and above the reduced car's
     entry speed.
     """
@@ -103,7 +103,7 @@ def test_reduced_cars_keep_to_a_path_up_to_the_speed_of_the_full_ones(manoeuvre)
 
 
 @pytest.mark.slow
-def test_search_finds_a_law_that_a_file_of_candidates_brings_back(tmp_path) -> None:
+def test_search_finds_a_law_that_a_file_of_candidates_brings_back(tmp_path):
     found = search_feedback(
         floors(CARS, [1.2]), "designed", LawSearch(laws=3, generations=0), Runs()
     )
@@ -112,7 +112,7 @@ def test_search_finds_a_law_that_a_file_of_candidates_brings_back(tmp_path) -> N
     assert candidates([str(path)])[1].settings == found.settings
 
 
-def test_the_search_comes_to_the_best_law_and_begins_with_the_present_one() -> None:
+def test_the_search_comes_to_the_best_law_and_begins_with_the_present_one():
     tried: list[dict[str, float]] = []
 
     def worth(laws):
@@ -142,5 +142,5 @@ def no_law() -> None:
         (lambda: LawSearch(around=0.0), ("around", "0")),
     ],
 )
-def test_a_search_that_cannot_succeed_is_refused(wrong, named) -> None:
+def test_a_search_that_cannot_succeed_is_refused(wrong, named):
     assert_refused(wrong, UserError, *named)

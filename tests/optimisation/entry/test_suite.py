@@ -15,7 +15,7 @@ CARS = load_ensemble("physical").split(1).test[:2]
 
 
 @pytest.mark.parametrize("tail", suite.TAILS)
-def test_every_manoeuvre_is_a_scenario_with_either_tail_and_the_mount_of_the_car(tail) -> None:
+def test_every_manoeuvre_is_a_scenario_with_either_tail_and_the_mount_of_the_car(tail):
     for one in suite.manoeuvres(list(suite.MANOEUVRES), tail):
         scenario = load_scenario(one.scenario, (*CARS[0].settings_on(one.scenario), *one.settings))
         assert scenario.manoeuvre.rolling_start
@@ -27,7 +27,7 @@ def test_every_manoeuvre_is_a_scenario_with_either_tail_and_the_mount_of_the_car
             assert getattr(scenario.tail, key) == getattr(own.tail, key)
 
 
-def test_floors_are_shares_of_the_friction_of_each_car() -> None:
+def test_floors_are_shares_of_the_friction_of_each_car():
     cases = suite.floors(CARS, [0.8, 1.2])
     assert [floor.name for _, floor in cases] == ["x 0.8", "x 0.8", "x 1.2", "x 1.2"]
     for car, floor in cases:
@@ -38,7 +38,7 @@ def test_floors_are_shares_of_the_friction_of_each_car() -> None:
         assert there / friction == pytest.approx(float(floor.name[2:]), rel=1e-5)
 
 
-def test_the_car_without_tail_comes_first_and_once() -> None:
+def test_the_car_without_tail_comes_first_and_once():
     names = [one.name for one in suite.candidates(["feedback", "none", "held"])]
     assert names == ["no tail", "feedback", "held"]
 
@@ -53,7 +53,7 @@ def test_the_car_without_tail_comes_first_and_once() -> None:
         (lambda: suite.candidates(["feedbak"]), ("feedbak", "feedback")),
     ],
 )
-def test_what_is_not_there_is_refused(make, named) -> None:
+def test_what_is_not_there_is_refused(make, named):
     assert_refused(make, SweepError, *named)
 
 
@@ -92,7 +92,7 @@ def law_file(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_law_of_ones_own_climbs_and_one_that_fails_is_named(law_file) -> None:
+def test_a_law_of_ones_own_climbs_and_one_that_fails_is_named(law_file):
     who = suite.candidates([], [f"{law_file}:Upright", f"{law_file}:Failing"])
     turn = Manoeuvre("turn", "turn_swing", tuple(f"manoeuvre.{setting}" for setting in SHORT))
     search = EntrySearch(start=1.0, lowest=1.0, ceiling=1.0)
@@ -103,7 +103,7 @@ def test_a_law_of_ones_own_climbs_and_one_that_fails_is_named(law_file) -> None:
     assert table.loc["Failing", "ended_by"] == "error: KeyError: 'gain'"
 
 
-def test_a_law_is_run_again_when_its_file_has_changed(law_file) -> None:
+def test_a_law_is_run_again_when_its_file_has_changed(law_file):
     law, other = (
         RunTask("", "turn_swing", law=f"{law_file}:{name}") for name in ("Upright", "Failing")
     )
@@ -126,9 +126,7 @@ def test_a_law_is_run_again_when_its_file_has_changed(law_file) -> None:
         (["--law", "my_law.py:Upright"] * 2, ("Upright",)),
     ],
 )
-def test_wrong_flags_are_one_line_before_any_run(
-    law_file, capsys, monkeypatch, flags, named
-) -> None:
+def test_wrong_flags_are_one_line_before_any_run(law_file, capsys, monkeypatch, flags, named):
     monkeypatch.chdir(law_file.parent)
     monkeypatch.setattr("sys.argv", ["aerodima", "swing", "judge", "--out", "out", *flags])
     with pytest.raises(SystemExit):

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -79,13 +78,11 @@ def cut() -> RunLog:
         (cut, ("1.9", "2.098 s", "2 s", "0.5 s")),
     ],
 )
-def test_a_log_that_cannot_be_fitted_is_refused(
-    make: Callable[[], RunLog], named: tuple[str, ...]
-) -> None:
+def test_a_log_that_cannot_be_fitted_is_refused(make, named):
     assert_refused(lambda: car_drive(make()), UserError, "run.parquet", *named)
 
 
-def test_of_a_flipped_run_what_is_before_the_flip_is_used() -> None:
+def test_of_a_flipped_run_what_is_before_the_flip_is_used():
     drive = car_drive(changed(imu_roll_rad=lambda table: np.where(table.time_s < 2.4, 0.0, 1.2)))
     (warning,) = drive.warnings
     assert "2.4 s" in warning
@@ -93,9 +90,7 @@ def test_of_a_flipped_run_what_is_before_the_flip_is_used() -> None:
 
 
 @pytest.mark.parametrize(("stop", "cut"), [(math.pi / 2, True), (3.1416, False)])
-def test_a_swung_log_ends_at_the_stop_of_the_tail_not_at_the_limit_of_its_command(
-    stop: float, cut: bool
-) -> None:
+def test_a_swung_log_ends_at_the_stop_of_the_tail_not_at_the_limit_of_its_command(stop, cut):
     log = still_log()
     scenario = load_scenario("turn_swing", [f"tail.roll_stop={stop}"])
     angle = np.interp(log.table["time_s"], [2.0, 2.3], [-math.pi / 2, math.pi / 2])
@@ -108,7 +103,7 @@ def test_a_swung_log_ends_at_the_stop_of_the_tail_not_at_the_limit_of_its_comman
     assert (last <= 2.3) == cut
 
 
-def test_commands_are_held_and_steering_alone_is_late() -> None:
+def test_commands_are_held_and_steering_alone_is_late():
     time = np.array([1.0, 1.1, 1.2])
     driver = np.array([[0.0, 0.3, 0.0], [0.1, 0.2, 0.3], [1.0, 1.0, 1.0]])
     commands = LoggedCommands(time, driver, np.zeros((2, 3, 5)), 100.0, begin=1.0, latency=0.05)
@@ -165,7 +160,7 @@ def fit_of_formula(kind: type[Formula], noise: float) -> FitResult:
     return fit_car(replace(drive, channels=channels))
 
 
-def test_a_rough_cost_settles_and_what_the_log_does_not_show_is_named() -> None:
+def test_a_rough_cost_settles_and_what_the_log_does_not_show_is_named():
     found = fit_of_formula(Formula, 0.3)
     assert found.success, found.status
     (warning,) = found.warnings
@@ -174,7 +169,7 @@ def test_a_rough_cost_settles_and_what_the_log_does_not_show_is_named() -> None:
     assert found["com_height"].upper - found["com_height"].lower > 0.2
 
 
-def test_a_channel_with_three_times_the_noise_weighs_and_widens_by_three() -> None:
+def test_a_channel_with_three_times_the_noise_weighs_and_widens_by_three():
     found = fit_of_formula(Formula, 3.0)
     misfits = [value for name, value in found.facts.items() if name.startswith("misfit_")]
     assert len(misfits) == 4
@@ -184,7 +179,7 @@ def test_a_channel_with_three_times_the_noise_weighs_and_widens_by_three() -> No
     assert found["tyre_friction"].standard_deviation == pytest.approx(3.0 * narrow, rel=0.3)
 
 
-def test_what_the_step_of_the_plant_does_is_taken_off_and_in_the_interval() -> None:
+def test_what_the_step_of_the_plant_does_is_taken_off_and_in_the_interval():
     """Half a step acts as 0.01 of friction, of which half is the standard deviation."""
     friction = fit_of_formula(Stepped, 0.3)["tyre_friction"]
     assert friction.value == pytest.approx(0.61, abs=0.007)
@@ -195,7 +190,7 @@ UNKNOWNS = ("tyre_friction", "tyre_slip_angle", "com_height", "delay", "gyro_bia
 
 
 @pytest.mark.slow
-def test_the_truth_of_a_drive_lies_in_the_intervals() -> None:
+def test_the_truth_of_a_drive_lies_in_the_intervals():
     truth = drawn(4)
     found = fit_car(car_drive(emulated(truth)))
     assert found.success
@@ -206,7 +201,7 @@ def test_the_truth_of_a_drive_lies_in_the_intervals() -> None:
 
 @pytest.mark.slow
 @pytest.mark.nightly
-def test_intervals_of_drives_hold_the_truth() -> None:
+def test_intervals_of_drives_hold_the_truth():
     truths = [drawn(number) for number in range(40)]
     fits = [fit_car(car_drive(emulated(truth))) for truth in truths]
     for name in UNKNOWNS:
@@ -219,9 +214,7 @@ def test_intervals_of_drives_hold_the_truth() -> None:
 @pytest.mark.parametrize(
     ("flags", "named"), [(("--set", "car.mas=6"), ("car.mas", "mass")), ((), ("other", "car_run"))]
 )
-def test_wrong_settings_and_logs_end_in_one_line(
-    tmp_path: Path, flags: tuple[str, ...], named: tuple[str, ...]
-) -> None:
+def test_wrong_settings_and_logs_end_in_one_line(tmp_path, flags, named):
     log = write_run_log(replace(still_log(), kind="other"), tmp_path / "run.parquet")
     words = ["fit", "car", str(log), "--out", str(tmp_path / "fits"), "--workers", "1", *flags]
     done = CliRunner().invoke(build_app(), words)

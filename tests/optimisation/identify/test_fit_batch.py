@@ -32,9 +32,7 @@ def rates(batch: fit_batch.BatchResult) -> list[float]:
     return [round(result.free[0].value, -2) for result in batch.results]
 
 
-def test_a_second_call_takes_up_what_is_there_and_does_the_rest(
-    springs: list[Path], tmp_path: Path
-) -> None:
+def test_a_second_call_takes_up_what_is_there_and_does_the_rest(springs, tmp_path):
     out = tmp_path / "fits"
     calls = []
 
@@ -51,7 +49,7 @@ def test_a_second_call_takes_up_what_is_there_and_does_the_rest(
     assert (both.reused, again.reused) == (1, 1)
 
 
-def test_results_of_other_settings_are_not_mixed(springs: list[Path], tmp_path: Path) -> None:
+def test_results_of_other_settings_are_not_mixed(springs, tmp_path):
     fits = partial(fit_logs, fit_line_file, springs[:1], tmp_path / "fits")
     fits(settings={"fit": "springs"})
     assert_refused(lambda: fits(settings={"fit": "others"}), FitError, "settings")
@@ -68,9 +66,7 @@ def fit_or_die(path: str, *, poison: Path) -> FitResult:
 
 
 @pytest.mark.slow
-def test_a_log_that_kills_its_worker_does_not_stop_the_others(
-    springs: list[Path], tmp_path: Path
-) -> None:
+def test_a_log_that_kills_its_worker_does_not_stop_the_others(springs, tmp_path):
     poison = tmp_path / "poison"
     poison.touch()
     work = partial(fit_or_die, poison=poison)
@@ -92,9 +88,7 @@ def test_a_log_that_kills_its_worker_does_not_stop_the_others(
     ],
     ids=["last line cut off", "header cut off", "other JSON", "no text"],
 )
-def test_a_damaged_journal_costs_only_the_damaged_lines(
-    springs: list[Path], tmp_path: Path, damage, kept: int
-) -> None:
+def test_a_damaged_journal_costs_only_the_damaged_lines(springs, tmp_path, damage, kept):
     out = tmp_path / "fits"
     fit_logs(fit_line_file, springs, out, settings={})
     journal = out / "fits.jsonl"
@@ -105,9 +99,7 @@ def test_a_damaged_journal_costs_only_the_damaged_lines(
         assert rates(again) == [1000.0, 1100.0, 1200.0]
 
 
-def test_fits_of_another_version_are_made_again(
-    springs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_fits_of_another_version_are_made_again(springs, tmp_path, monkeypatch):
     fits = partial(fit_logs, fit_line_file, springs, tmp_path / "fits", settings={})
     fits()
     monkeypatch.setattr(fit_batch, "software_versions", lambda: {"project": "0.0.0"})

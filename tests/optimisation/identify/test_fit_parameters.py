@@ -1,7 +1,5 @@
 """Parameters of a fit: bounds, frozen ones, starts, and what is refused."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -28,11 +26,11 @@ AB = Parameters.of([Parameter("a", "1", 1.0, 0.0, 2.0), Parameter("b", "m", 5.0,
         (lambda: AB.starts([{"a": 3.0}]), ("a", "3")),
     ],
 )
-def test_impossible_parameters_are_refused(make, named) -> None:
+def test_impossible_parameters_are_refused(make, named):
     assert_refused(make, FitError, *named)
 
 
-def test_frozen_parameters_keep_their_place_and_may_stand_outside_their_bounds() -> None:
+def test_frozen_parameters_keep_their_place_and_may_stand_outside_their_bounds():
     parameters = Parameters.of(
         [
             Parameter("a", "1", 1.0),
@@ -44,10 +42,10 @@ def test_frozen_parameters_keep_their_place_and_may_stand_outside_their_bounds()
     assert parameters.values([10.0, 30.0]) == {"a": 10.0, "b": 2.0, "c": 30.0}
 
 
-def test_starts_are_the_seed_then_named_ones() -> None:
+def test_starts_are_the_seed_then_named_ones():
     assert [start.tolist() for start in AB.starts([{"b": 7.0}])] == [[1.0, 5.0], [1.0, 7.0]]
 
 
-def test_active_bounds_are_named_by_side() -> None:
+def test_active_bounds_are_named_by_side():
     assert AB.active(np.array([0.0, 1.0])) == {"a": "lower"}
     assert AB.active(np.array([1.0, 9.0])) == {"b": "upper"}

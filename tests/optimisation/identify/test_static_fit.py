@@ -50,7 +50,7 @@ def changed(log: RunLog, **columns: np.ndarray) -> RunLog:
 @pytest.mark.parametrize(
     ("tail", "degrees"), [(1, 0), (2, 0.3), (1, 30), (2, 45), (3, 60), (2, 75)]
 )
-def test_balance_is_that_of_the_plant(tail: int, degrees: float) -> None:
+def test_balance_is_that_of_the_plant(tail, degrees):
     scenario = truth.static_scenario(tail, "major", degrees, 20.0, -0.08)
     rig = Rig(scenario)
     balance = StaticBalance.of(scenario)
@@ -65,7 +65,7 @@ def test_balance_is_that_of_the_plant(tail: int, degrees: float) -> None:
     )
 
 
-def test_hanging_rig_weighs_its_mass_and_turns_it_about_the_sensor() -> None:
+def test_hanging_rig_weighs_its_mass_and_turns_it_about_the_sensor():
     balance = StaticBalance.of(truth.static_scenario(1, "major", 0.0, 10.0, 0.0))
     wrench, torque = balance.hanging(0.0)
     mass = 1.189 + 0.313 + 0.0982
@@ -75,7 +75,7 @@ def test_hanging_rig_weighs_its_mass_and_turns_it_about_the_sensor() -> None:
     assert torque == 0.0
 
 
-def test_jacobian_of_the_residual_is_that_of_differences(windy: RunLog) -> None:
+def test_jacobian_of_the_residual_is_that_of_differences(windy):
     problem = static_problem(static_data(windy))
     assert problem.jacobian is not None
     x = np.array([0.9, 0.3, 0.07, 5.0])
@@ -87,7 +87,7 @@ def test_jacobian_of_the_residual_is_that_of_differences(windy: RunLog) -> None:
     np.testing.assert_allclose(problem.jacobian(x), numeric, rtol=1e-6, atol=1e-6)
 
 
-def test_truth_lies_within_narrow_intervals_and_scipy_agrees(windy: RunLog) -> None:
+def test_truth_lies_within_narrow_intervals_and_scipy_agrees(windy):
     data = static_data(windy)
     result = fit_static(data)
     for name, value in truth.truth_of(windy).items():
@@ -106,7 +106,7 @@ def test_truth_lies_within_narrow_intervals_and_scipy_agrees(windy: RunLog) -> N
 
 @pytest.mark.slow
 @draws(1, 5)
-def test_intervals_hold_the_truth_in_95_percent(number: int) -> None:
+def test_intervals_hold_the_truth_in_95_percent(number):
     """So many logs of each of 108 holds, of which those at 75 degrees are out of the jet: only the
     current is known there.
     """
@@ -125,7 +125,7 @@ def test_intervals_hold_the_truth_in_95_percent(number: int) -> None:
         assert_held(good)
 
 
-def test_rounding_of_the_angle_is_half_a_count_in_the_residual(windy: RunLog) -> None:
+def test_rounding_of_the_angle_is_half_a_count_in_the_residual(windy):
     data = static_data(windy)
     x = np.array([0.9, 0.3, 0.07, 5.0])
     half = 0.5 * data.scenario.count_angle
@@ -134,7 +134,7 @@ def test_rounding_of_the_angle_is_half_a_count_in_the_residual(windy: RunLog) ->
     assert noise.rounding == pytest.approx(0.5 * (ends[1] - ends[0]), rel=1e-3, abs=1e-9)
 
 
-def test_without_exposure_only_the_current_is_determined() -> None:
+def test_without_exposure_only_the_current_is_determined():
     scenario = truth.static_scenario(1, "major", 75.0, 20.0, 0.0).varied(
         experiment={"duration": 2.0}
     )
@@ -145,7 +145,7 @@ def test_without_exposure_only_the_current_is_determined() -> None:
     assert result.facts["exposed_length_m"] == 0.0
 
 
-def test_without_rest_phase_the_bias_widens_the_intervals_and_is_told(windy: RunLog) -> None:
+def test_without_rest_phase_the_bias_widens_the_intervals_and_is_told(windy):
     with_rest = fit_static(static_data(windy))
     extra = {key: value for key, value in windy.extra.items() if key != "rest_s"}
     windy_only = windy.table[windy.time > 1.0].reset_index(drop=True)
@@ -154,7 +154,7 @@ def test_without_rest_phase_the_bias_widens_the_intervals_and_is_told(windy: Run
     assert without["current"].standard_deviation > 50.0 * with_rest["current"].standard_deviation
 
 
-def test_a_log_that_was_cut_and_starts_at_zero_again_keeps_its_rest_phase(windy: RunLog) -> None:
+def test_a_log_that_was_cut_and_starts_at_zero_again_keeps_its_rest_phase(windy):
     kept = windy.table[windy.time > 0.5 - 1e-9].reset_index(drop=True)
     rest = [at - 0.5 for at in windy.extra["rest_s"]]
     part = replace(
@@ -164,7 +164,7 @@ def test_a_log_that_was_cut_and_starts_at_zero_again_keeps_its_rest_phase(windy:
     assert fit_static(static_data(part))["cd"].holds(truth.CD)
 
 
-def test_a_missing_and_a_dead_axis_are_left_out_and_told(windy: RunLog) -> None:
+def test_a_missing_and_a_dead_axis_are_left_out_and_told(windy):
     log = replace(windy, table=windy.table.drop(columns="force_z_n"))
     log = changed(log, torque_y_n_m=np.full(len(log.table), 0.2))
     result = fit_static(static_data(log))
@@ -206,11 +206,11 @@ def gap(log: RunLog) -> RunLog:
         (extra(rest_s=1), ("rest_s", "1", "2")),
     ],
 )
-def test_a_bad_log_is_refused(windy: RunLog, damage: Callable, named: tuple[str, ...]) -> None:
+def test_a_bad_log_is_refused(windy, damage, named):
     assert_refused(lambda: static_data(damage(windy)), UserError, *named)
 
 
-def test_a_bound_of_the_user_stops_what_the_wide_ones_allow(windy: RunLog) -> None:
+def test_a_bound_of_the_user_stops_what_the_wide_ones_allow(windy):
     data = static_data(windy)
     shifted = replace(data, wrench=data.wrench + np.array([-4.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
     assert fit_static(shifted)["psi3"].value > 0.13

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,7 +41,7 @@ from tests.refusals import assert_refused
 @pytest.mark.parametrize(
     ("name", "added"), [("bar", 0.0), ("flick", 0.0), ("flick", 0.03), ("robot", 0.0)]
 )
-def test_pendulum_accelerates_as_the_plant(name: str, added: float) -> None:
+def test_pendulum_accelerates_as_the_plant(name, added):
     scenario = load_rig_scenario(name).varied(aero={"added_mass": added})
     rig = Rig(scenario)
     pendulum = Pendulum.of(scenario)
@@ -58,7 +57,7 @@ def test_pendulum_accelerates_as_the_plant(name: str, added: float) -> None:
         assert total / pendulum.total_inertia(added) == pytest.approx(expected, abs=1e-9)
 
 
-def test_rollout_without_loss_keeps_its_energy() -> None:
+def test_rollout_without_loss_keeps_its_energy():
     pendulum = Pendulum.of(load_rig_scenario("bar"))
     angle, rate = roll_out(pendulum, [], (1.5, 0.0), 0.004, 2000)
     energy = 0.5 * pendulum.inertia * rate**2 + pendulum.weight_sine * np.cos(angle)
@@ -67,7 +66,7 @@ def test_rollout_without_loss_keeps_its_energy() -> None:
 
 
 @pytest.mark.parametrize("name", ["flick", "bar", "robot"])
-def test_rollout_converges_below_an_encoder_count(name: str) -> None:
+def test_rollout_converges_below_an_encoder_count(name):
     """The step of the fits against an eighth of it; the forces have kinks at the jet's edge, so not
     to rounding.
     """
@@ -82,7 +81,7 @@ def test_rollout_converges_below_an_encoder_count(name: str) -> None:
     assert np.max(np.abs(coarse - fine)[1]) < 1e-3
 
 
-def test_motor_torque_moves_it_downstream_and_a_motion_without_bounds_is_refused() -> None:
+def test_motor_torque_moves_it_downstream_and_a_motion_without_bounds_is_refused():
     pendulum = Pendulum.of(load_rig_scenario("bar"))
     assert roll_out(pendulum, [], (0.0, 0.0), 0.004, 251, motor=[0.2] * 250)[0][-1] > 0.3
     with pytest.raises(FitError):
@@ -97,9 +96,7 @@ def test_motor_torque_moves_it_downstream_and_a_motion_without_bounds_is_refused
         ("robot", ["experiment.duration=2"], "robot_swing"),
     ],
 )
-def test_friction_of_a_simulated_swing_is_found(
-    tmp_path: Path, name: str, settings: list[str], kind: str
-) -> None:
+def test_friction_of_a_simulated_swing_is_found(tmp_path, name, settings, kind):
     scenario = load_rig_scenario(name, settings)
     result = fit_friction(swing_data(simulate(scenario, tmp_path / "log.parquet"), kind))
     known = scenario.robot_friction if scenario.is_robot else scenario.friction
@@ -110,8 +107,8 @@ def test_friction_of_a_simulated_swing_is_found(
 
 @pytest.mark.slow
 def test_added_mass_of_a_simulated_flick_is_found_and_brings_the_motion_to_the_noise(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     scenario = load_rig_scenario("flick", ["aero.added_mass=0.02", "experiment.duration=2.5"])
     log = simulate(scenario, tmp_path / "flick.parquet")
     result = fit_added_mass(swing_data(log, "swing"))
@@ -121,7 +118,7 @@ def test_added_mass_of_a_simulated_flick_is_found_and_brings_the_motion_to_the_n
 
 
 @pytest.mark.slow
-def test_robot_tail_line_is_found_and_bins_lie_on_it(tmp_path: Path) -> None:
+def test_robot_tail_line_is_found_and_bins_lie_on_it(tmp_path):
     scenario = load_rig_scenario("robot", ["experiment.wind_speed=7.5", "experiment.duration=2.5"])
     data = swing_data(simulate(scenario, tmp_path / "robot.parquet"), "robot_swing")
     line = fit_robot_tail(data, "line")
@@ -141,7 +138,7 @@ def test_robot_tail_line_is_found_and_bins_lie_on_it(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @draws(24, 120)
-def test_intervals_of_friction_hold_the_truth_in_95_percent(number: int) -> None:
+def test_intervals_of_friction_hold_the_truth_in_95_percent(number):
     rng = np.random.default_rng(7)
     held = []
     for _ in range(number):
@@ -160,7 +157,7 @@ def added_mass_of(log: RunLog) -> FitResult:
 
 @pytest.mark.slow
 @draws(8, 60)
-def test_intervals_of_added_mass_hold_the_truth_although_the_current_is_noisy(number: int) -> None:
+def test_intervals_of_added_mass_hold_the_truth_although_the_current_is_noisy(number):
     rng = np.random.default_rng(7)
     scores = []
     for seed in range(number):
@@ -172,7 +169,7 @@ def test_intervals_of_added_mass_hold_the_truth_although_the_current_is_noisy(nu
 
 @pytest.mark.slow
 @draws(6, 40)
-def test_intervals_of_the_robot_tail_hold_the_truth(number: int) -> None:
+def test_intervals_of_the_robot_tail_hold_the_truth(number):
     rng = np.random.default_rng(7)
     scores = []
     for _ in range(number):
@@ -184,7 +181,7 @@ def test_intervals_of_the_robot_tail_hold_the_truth(number: int) -> None:
 
 
 @pytest.mark.slow
-def test_an_error_of_the_model_widens_the_intervals_of_a_driven_swing() -> None:
+def test_an_error_of_the_model_widens_the_intervals_of_a_driven_swing():
     """A slow wave of the angle, as no parameter makes one: noise of angle and current explain a
     third of the square of what is left at most.
     """
@@ -201,7 +198,7 @@ def test_an_error_of_the_model_widens_the_intervals_of_a_driven_swing() -> None:
     assert abs(bent["added_mass"].value - 0.02) < 3.0 * bent["added_mass"].standard_deviation
 
 
-def test_noise_of_the_motor_is_that_of_the_mean_of_the_samples_of_a_step() -> None:
+def test_noise_of_the_motor_is_that_of_the_mean_of_the_samples_of_a_step():
     data = swing_data(truth.flick_log(0.0, seed=5), "swing")
     stride = round(data.step * truth.RATE)
     rng = np.random.default_rng(5)
@@ -213,7 +210,7 @@ def test_noise_of_the_motor_is_that_of_the_mean_of_the_samples_of_a_step() -> No
     assert np.std(error) == pytest.approx(data.motor_deviation, rel=0.15)
 
 
-def test_resting_on_after_the_swing_makes_an_interval_neither_wider_nor_narrower() -> None:
+def test_resting_on_after_the_swing_makes_an_interval_neither_wider_nor_narrower():
     """At rest the reading repeats one rounding error; the saw of a slow approach is no slow error
     of the model.
     """
@@ -233,7 +230,7 @@ def test_resting_on_after_the_swing_makes_an_interval_neither_wider_nor_narrower
 
 
 @pytest.mark.parametrize("told", ["metadata", "scenario"])
-def test_the_release_of_a_log_that_was_cut_is_found(told: str) -> None:
+def test_the_release_of_a_log_that_was_cut_is_found(told):
     """A log of a rest of 1 s and a swing, of which the first 0.6 s are cut off and the times begin
     at zero again.
     """
@@ -256,7 +253,7 @@ def test_the_release_of_a_log_that_was_cut_is_found(told: str) -> None:
     assert swing_data(part, "bar_swing").release == pytest.approx(0.4)
 
 
-def test_a_filtered_angle_is_no_count() -> None:
+def test_a_filtered_angle_is_no_count():
     log = truth.robot_log(2.0, 0.9, 7.5, 10.0, 1.5)
     angle = log.table.angle_rad.rolling(5, min_periods=1).mean()
     assert (
@@ -265,7 +262,7 @@ def test_a_filtered_angle_is_no_count() -> None:
     )
 
 
-def test_response_to_a_push_is_that_of_two_rollouts() -> None:
+def test_response_to_a_push_is_that_of_two_rollouts():
     scenario = load_rig_scenario("flick")
     pendulum = Pendulum.of(scenario)
     air = air_torque(scenario)
@@ -282,7 +279,7 @@ def test_response_to_a_push_is_that_of_two_rollouts() -> None:
     )
 
 
-def test_an_added_mass_beyond_the_inertia_names_the_least_one() -> None:
+def test_an_added_mass_beyond_the_inertia_names_the_least_one():
     pendulum = Pendulum.of(load_rig_scenario("flick"))
     least = -pendulum.inertia / sum(s * s for s in pendulum.part_distances)
     assert pendulum.total_inertia(0.99 * least) > 0.0
@@ -290,7 +287,7 @@ def test_an_added_mass_beyond_the_inertia_names_the_least_one() -> None:
     assert_refused(lambda: pendulum.total_inertia(-0.033), FitError, "-0.033", f"{least:.4g} kg")
 
 
-def test_jacobian_of_a_rollout_is_smooth_enough_for_differences() -> None:
+def test_jacobian_of_a_rollout_is_smooth_enough_for_differences():
     data = swing_data(truth.flick_log(0.01, seed=3), "swing")
     problem = SwingModel(data, still_tail_law).problem([added_mass_parameter(data)])
     x = problem.parameters.seed
@@ -334,6 +331,6 @@ def still_after_its_rest(log: RunLog) -> RunLog:
         (column("current_a", lambda _: 900.0), ("current_a", "900", "60 A")),
     ],
 )
-def test_a_bad_swing_log_is_refused(damage: Callable[[RunLog], RunLog], named: Any) -> None:
+def test_a_bad_swing_log_is_refused(damage, named):
     log = damage(truth.bar_log(0.04, 0.036, 1.4, 2.0))
     assert_refused(lambda: swing_data(log, "bar_swing"), UserError, *named)

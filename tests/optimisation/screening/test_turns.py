@@ -27,7 +27,7 @@ from tests.refusals import assert_refused
 @pytest.mark.parametrize(
     "changes", [(), ("controller.delay=0.03",), ("controller.travel=3.1",), ("tail.mode=held",)]
 )
-def test_the_law_commands_what_the_one_on_the_car_does(changes: tuple[str, ...]) -> None:
+def test_the_law_commands_what_the_one_on_the_car_does(changes):
     """Over a made-up path of yaw rate and tail: released, swung over the top, or given up where the
     tail is stopped.
     """
@@ -49,7 +49,7 @@ def test_the_law_commands_what_the_one_on_the_car_does(changes: tuple[str, ...])
         assert batch.commands()[:, :, 0] == pytest.approx(np.array([pitch[:4], roll[:4]])), time
 
 
-def test_critical_friction_is_that_of_the_full_car() -> None:
+def test_critical_friction_is_that_of_the_full_car():
     """Figures of the full car, 4.5 m/s, on the same grid: docs/reproduced.md."""
     full = {"none": 0.5375, "held": 0.4875, "swing": 0.8875}
     scenarios = [load_scenario("turn_designed", (f"tail.mode={mode}",)) for mode in full]
@@ -60,7 +60,7 @@ def test_critical_friction_is_that_of_the_full_car() -> None:
 
 
 @pytest.mark.slow
-def test_course_of_a_turn_is_that_of_the_full_car() -> None:
+def test_course_of_a_turn_is_that_of_the_full_car():
     """The reduced car in one go, and from the end of its straight on, against a log of the full
     one, both at 2 ms.
     """
@@ -88,7 +88,7 @@ def test_course_of_a_turn_is_that_of_the_full_car() -> None:
 
 
 @pytest.mark.slow
-def test_heading_is_that_of_the_full_car_once_it_has_settled() -> None:
+def test_heading_is_that_of_the_full_car_once_it_has_settled():
     """The designed tail, held to the outside, turns the car back by another 2 degrees until the end
     of the run.
     """
@@ -131,7 +131,7 @@ def of_plans(name: str, *settings: str) -> Any:
         ),
     ],
 )
-def test_what_it_does_not_know_is_refused(make: Any, words: Any, named: Any) -> None:
+def test_what_it_does_not_know_is_refused(make, words, named):
     assert_refused(lambda: make(*words), UserError, *named)
 
 
@@ -168,7 +168,7 @@ def plans_of(scenario: Scenario, swing: SwingFile) -> TurnPlans:
 
 
 @pytest.mark.slow
-def test_two_levels_and_a_played_swing_take_the_car_where_the_full_car_goes() -> None:
+def test_two_levels_and_a_played_swing_take_the_car_where_the_full_car_goes():
     levels = (
         "manoeuvre.steer_angle=0.05",
         "manoeuvre.first_angle=0.08",
@@ -197,7 +197,7 @@ def test_two_levels_and_a_played_swing_take_the_car_where_the_full_car_goes() ->
     assert reduced.trigger[0] == pytest.approx(0.01, abs=0.011)
 
 
-def test_the_wheels_follow_two_levels_at_the_rate_of_the_servo() -> None:
+def test_the_wheels_follow_two_levels_at_the_rate_of_the_servo():
     words = (
         "manoeuvre.steer_angle=0.1",
         "manoeuvre.first_angle=0.4",

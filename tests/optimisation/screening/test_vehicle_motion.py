@@ -81,7 +81,7 @@ def energy(state: np.ndarray, cars: Vehicles) -> float:
 
 
 @pytest.mark.slow
-def test_a_thrown_car_with_a_swinging_tail_keeps_its_energy() -> None:
+def test_a_thrown_car_with_a_swinging_tail_keeps_its_energy():
     cars = replace(without_air_and_friction(cars_of()), shaft_gain=np.zeros(1))
     state = state_of(
         z=5.0, roll=0.2, pitch=-0.1, tail_pitch=0.3, tail_roll=-0.8, w_x=1.0, w_y=-0.7, w_z=2.0,
@@ -102,7 +102,7 @@ def test_a_thrown_car_with_a_swinging_tail_keeps_its_energy() -> None:
     assert energy(state, cars) == pytest.approx(before, rel=1e-8)  # Runge-Kutta leaves 1e-10
 
 
-def test_loads_at_rest_are_those_of_the_full_car() -> None:
+def test_loads_at_rest_are_those_of_the_full_car():
     scenario = load_scenario("turn_none")
     turns = rolling("turn_none", steer=0.0, speed=1.0)
     state = turns.history[-1]
@@ -127,7 +127,7 @@ def rolling(name: str, steer: float, speed: float, *settings: str, **changes: An
     return drive_turns(cars, TurnPlans.of([scenario]), duration=2.5, history=True)
 
 
-def test_a_slow_circle_has_the_radius_of_the_steering() -> None:
+def test_a_slow_circle_has_the_radius_of_the_steering():
     speed = 1.0
     steer = 0.2
     turns = rolling("turn_none", steer, speed, "car.tyre_shape=ellipsoid")
@@ -139,7 +139,7 @@ def test_a_slow_circle_has_the_radius_of_the_steering() -> None:
     )
 
 
-def test_load_moves_outwards_by_height_over_track() -> None:
+def test_load_moves_outwards_by_height_over_track():
     stiff = {
         "spring": np.full((4, 1), 1e5),
         "tyre_stiffness": np.full((4, 1), 1e5),
@@ -161,7 +161,7 @@ def test_load_moves_outwards_by_height_over_track() -> None:
     assert (right - left) * scenario.car.track / 2 == pytest.approx(moment, rel=0.03)
 
 
-def test_a_car_tips_where_friction_passes_the_static_stability_factor() -> None:
+def test_a_car_tips_where_friction_passes_the_static_stability_factor():
     """In a turn that begins slowly, on stiff springs; the steered wheels push backwards in part,
     which costs grip.
     """
@@ -186,7 +186,7 @@ def test_a_car_tips_where_friction_passes_the_static_stability_factor() -> None:
     )
 
 
-def test_every_moment_has_its_sign() -> None:
+def test_every_moment_has_its_sign():
     cars = cars_of()
     ahead = {"v_x": 4.5, **{f"spin_{w}": 4.5 / cars.rolling_radius[0] for w in
              ("front_left", "front_right", "rear_left", "rear_right")}}  # fmt: skip
@@ -228,7 +228,7 @@ def mirrored(values: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
     return signs[:, None] * values[places]
 
 
-def test_a_mirrored_car_accelerates_as_its_picture() -> None:
+def test_a_mirrored_car_accelerates_as_its_picture():
     """On the ground, rolling, sliding and leaning, its tail beyond a stop and its motors at their
     limits.
     """
@@ -272,7 +272,7 @@ def motor_torque(joint: str, rate: float, *command: float, **changes: Any) -> fl
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize("joint", JOINTS)
-def test_a_motor_loses_its_torque_towards_its_speed_without_load(joint: str, side: float) -> None:
+def test_a_motor_loses_its_torque_towards_its_speed_without_load(joint, side):
     """To either side, and only when it drives: a motor that brakes has its whole torque."""
     cars = cars_of()
     stall, fastest, limit = (
@@ -288,7 +288,7 @@ def test_a_motor_loses_its_torque_towards_its_speed_without_load(joint: str, sid
         assert motor_torque(joint, side * rate, *asked) == pytest.approx(side * limit)
 
 
-def test_a_motor_within_its_limits_follows_its_gains_and_its_true_torque() -> None:
+def test_a_motor_within_its_limits_follows_its_gains_and_its_true_torque():
     scaled = cars_of("tail_motor.torque_error=0.1").torque_scale
     assert scaled == pytest.approx([1.1])
     found = motor_torque("roll", 0.5, 0.2, 1.5, 10.0, 2.0, torque_scale=scaled)
@@ -297,7 +297,7 @@ def test_a_motor_within_its_limits_follows_its_gains_and_its_true_torque() -> No
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize(("joint", "limit"), [("pitch", "pitch_limit"), ("roll", "roll_stop")])
-def test_a_stop_pushes_a_joint_back_to_either_side(joint: str, limit: str, side: float) -> None:
+def test_a_stop_pushes_a_joint_back_to_either_side(joint, limit, side):
     cars = without_air_and_friction(cars_of())
     cars = replace(cars, gravity=np.zeros(1))
     end = float(getattr(cars, limit)[0])
@@ -311,7 +311,7 @@ def test_a_stop_pushes_a_joint_back_to_either_side(joint: str, limit: str, side:
 
 @pytest.mark.parametrize("joint", JOINTS)
 @pytest.mark.parametrize("rate", [0.05, 2.0])
-def test_damping_of_a_joint_is_the_slope_of_its_torque(joint: str, rate: float) -> None:
+def test_damping_of_a_joint_is_the_slope_of_its_torque(joint, rate):
     """With Coulomb and viscous friction and the motor's own damping."""
     cars = replace(cars_of(), air_density=np.zeros(1))
     commands = coasting(cars)._replace(tail=FREE.copy())
@@ -326,7 +326,7 @@ def test_damping_of_a_joint_is_the_slope_of_its_torque(joint: str, rate: float) 
     assert slope < 0.0
 
 
-def test_wheels_that_spin_resist_a_yaw_by_rolling_the_car_outwards() -> None:
+def test_wheels_that_spin_resist_a_yaw_by_rolling_the_car_outwards():
     """The gyroscopic moment of four wheels in the air: -w x H, H along +y."""
     cars = cars_of()
     spins = {name: 80.0 for name in STATES if name.startswith("spin")}
@@ -338,7 +338,7 @@ def test_wheels_that_spin_resist_a_yaw_by_rolling_the_car_outwards() -> None:
     assert moments[0] - moments[1] == pytest.approx(expected, abs=1e-9)
 
 
-def test_inertia_of_the_tail_is_that_of_the_full_car() -> None:
+def test_inertia_of_the_tail_is_that_of_the_full_car():
     """Its joints with hub and rotors, and how they couple to the body, at a bent tail."""
     scenario = load_scenario("turn_designed")
     plant = add_car_plant(DiagramBuilder(), scenario, drawn=False).plant
@@ -354,7 +354,7 @@ def test_inertia_of_the_tail_is_that_of_the_full_car() -> None:
     assert mass[10:][:, [*range(6), 10, 11]] == pytest.approx(full, rel=1e-6, abs=1e-9)
 
 
-def test_a_car_at_another_speed_is_that_which_was_built_for_it() -> None:
+def test_a_car_at_another_speed_is_that_which_was_built_for_it():
     slow, fast = (
         cars_of("car.tyre_slip_angle=0.1", f"manoeuvre.speed={speed}") for speed in (3.0, 6.0)
     )

@@ -1,10 +1,5 @@
 """Candidates from names and files, the ballast of one, and what a task refuses."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 from aerodima.optimisation.entry.suite import candidates
@@ -38,9 +33,7 @@ TWICE = "  - {name: slow, settings: [tail.mode=none]}\n  - name: slow"
         ("  - name: slow", TWICE, ("slow",)),
     ],
 )
-def test_a_list_of_candidates_brings_tail_and_controller_alone(
-    tmp_path: Path, was: str, becomes: str, named: tuple[str, ...]
-) -> None:
+def test_a_list_of_candidates_brings_tail_and_controller_alone(tmp_path, was, becomes, named):
     path = tmp_path / "mine.yaml"
     path.write_text(LAWS)
     _, law = candidates([str(path)])
@@ -49,7 +42,7 @@ def test_a_list_of_candidates_brings_tail_and_controller_alone(
     assert_refused(lambda: candidates([str(path)]), UserError, *named)
 
 
-def test_candidates_that_ship_take_part_by_name() -> None:
+def test_candidates_that_ship_take_part_by_name():
     bare, held, best = candidates(["none", "held", "best_swing"])
     assert (bare, held) == (NO_TAIL, HELD)
     assert "controller.pitch_angle=0.593" in best.settings
@@ -57,7 +50,7 @@ def test_candidates_that_ship_take_part_by_name() -> None:
     assert any(setting.startswith("controller.swing_file=") for setting in thesis.settings)
 
 
-def test_low_ballast_moves_gearbox_and_arm_and_leaves_the_chassis() -> None:
+def test_low_ballast_moves_gearbox_and_arm_and_leaves_the_chassis():
     before = load_scenario("turn_fast")
     after = load_scenario("turn_fast", [*NO_TAIL.settings, *low_ballast(before)])
     assert gearbox_height(after.car, after.tail) == pytest.approx(LOW_PLACE)
@@ -73,7 +66,7 @@ def test_low_ballast_moves_gearbox_and_arm_and_leaves_the_chassis() -> None:
     assert (m1 * z1 - m0 * z0) / arm == pytest.approx(LOW_PLACE, abs=2e-3)
 
 
-def test_friction_of_a_floor_is_its_share_of_the_critical_one() -> None:
+def test_friction_of_a_floor_is_its_share_of_the_critical_one():
     floor = Floor(Member("own", 1.0, {}), 4.5, 1.3, 0.85)
     assert floor.friction == pytest.approx(1.3 * 0.85)
     assert floor.setting == "car.tyre_friction=1.105"
@@ -98,5 +91,5 @@ def test_friction_of_a_floor_is_its_share_of_the_critical_one() -> None:
         (lambda: load_task("short_turn", ["car=3"]), ("--set car=3",)),
     ],
 )
-def test_wrong_input_is_named(wrong: Any, named: tuple[str, ...]) -> None:
+def test_wrong_input_is_named(wrong, named):
     assert_refused(wrong, UserError, *named)

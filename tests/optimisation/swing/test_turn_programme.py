@@ -3,7 +3,6 @@ its swing file.
 """
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -65,7 +64,7 @@ def start(programme: TurnProgramme) -> np.ndarray:
     return programme.shooting.random_start(np.random.default_rng([1, 0]))
 
 
-def test_the_knots_are_the_integral_of_the_rates() -> None:
+def test_the_knots_are_the_integral_of_the_rates():
     chosen = variables()
     x = chosen.random_start(np.random.default_rng(3))
     time, roll, rate = chosen.motion(x[chosen.own(1)])
@@ -77,7 +76,7 @@ def test_the_knots_are_the_integral_of_the_rates() -> None:
     assert roll[2:] - roll[0] == pytest.approx(rows[: chosen.rates + 1])
 
 
-def test_a_car_shares_the_tail_and_has_its_own_steering() -> None:
+def test_a_car_shares_the_tail_and_has_its_own_steering():
     chosen = variables()
     x = np.arange(float(chosen.size))
     first, second = (x[chosen.own(member)] for member in (0, 1))
@@ -87,7 +86,7 @@ def test_a_car_shares_the_tail_and_has_its_own_steering() -> None:
     assert chosen.steered(rounded[chosen.own(1)])[2] == pytest.approx(0.14)
 
 
-def test_slopes_are_those_of_differences(programme: TurnProgramme, start: np.ndarray) -> None:
+def test_slopes_are_those_of_differences(programme, start):
     """Of all costs and rows as the solver sees them; another car's steering changes nothing."""
     prog = programme.prog
     h = 1e-6
@@ -111,7 +110,7 @@ def test_slopes_are_those_of_differences(programme: TurnProgramme, start: np.nda
     assert found.course_slopes[0, tail : tail + 3].any()
 
 
-def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path: Path) -> None:
+def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path):
     """What the programme says is what the reduced car does with the file that is written."""
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
     alone = turn_programme([turn], FEW)
@@ -135,7 +134,7 @@ def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path: Path)
     assert abs(swing_at(swing, 5.0).roll_velocity) == 0.0
 
 
-def test_a_constraint_of_the_user_is_kept() -> None:
+def test_a_constraint_of_the_user_is_kept():
     """A tail that may swing at 4 rad/s only; without it the programme swings faster."""
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
     rates = slice(1, 1 + FEW.knots - 2)
@@ -149,7 +148,7 @@ def test_a_constraint_of_the_user_is_kept() -> None:
     assert fastest[1] <= 4.0 + 1e-6
 
 
-def test_a_constraint_that_is_not_kept_is_named() -> None:
+def test_a_constraint_that_is_not_kept_is_named():
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
     late = turn_programme([turn], FEW)
     unit = late.shooting.variables.units[0]
@@ -162,7 +161,7 @@ def test_a_constraint_that_is_not_kept_is_named() -> None:
     assert "release in time" in solution.worst
 
 
-def test_pulse_and_limits_are_those_of_the_task() -> None:
+def test_pulse_and_limits_are_those_of_the_task():
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
     long = turn_programme(
         [turn], FEW, Task(scenario="turn_designed", pulse=1.0, most_roll=0.2, most_sideslip=0.3)
@@ -182,8 +181,8 @@ def test_pulse_and_limits_are_those_of_the_task() -> None:
 
 
 def test_a_turn_that_breaks_a_limit_has_not_converged_whatever_the_solver_says(
-    programme: TurnProgramme, start: np.ndarray, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    programme, start, monkeypatch
+):
     beyond = start.copy()
     beyond[1 : programme.shooting.variables.tail] = programme.shooting.variables.bounds[1][1]
     monkeypatch.setattr(programme, "_solve", lambda x, _: (beyond, True))
@@ -192,7 +191,7 @@ def test_a_turn_that_breaks_a_limit_has_not_converged_whatever_the_solver_says(
     assert not broken.converged
 
 
-def test_the_tail_travels_within_its_limits_from_where_it_waits() -> None:
+def test_the_tail_travels_within_its_limits_from_where_it_waits():
     """From -1.5 rad it may go 3 rad to the right, and not at all to the left."""
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
     prog = turn_programme([turn], FEW).prog
@@ -205,7 +204,7 @@ def test_the_tail_travels_within_its_limits_from_where_it_waits() -> None:
 
 
 @pytest.mark.parametrize("direction", ["left", "right"])
-def test_a_swing_of_a_turn_to_the_right_is_the_mirror_image(direction: str) -> None:
+def test_a_swing_of_a_turn_to_the_right_is_the_mirror_image(direction):
     turn = load_scenario("turn_designed", (f"manoeuvre.direction={direction}",))
     time = np.linspace(0.0, 0.6, 4)
     roll = np.array([-1.5, -0.5, 0.5, 1.0])
@@ -227,7 +226,7 @@ def test_a_swing_of_a_turn_to_the_right_is_the_mirror_image(direction: str) -> N
         (lambda: turn_programme([load_scenario("turn_none")], FEW), ("tail.mode", "none")),
     ],
 )
-def test_impossible_searches_are_refused(make: Any, named: tuple[str, ...]) -> None:
+def test_impossible_searches_are_refused(make, named):
     assert_refused(make, SwingError, *named)
 
 
@@ -240,7 +239,7 @@ def test_impossible_searches_are_refused(make: Any, named: tuple[str, ...]) -> N
         (["--knots", "3"], ("knots", "3")),
     ],
 )
-def test_the_command_refuses_before_it_drives(tmp_path: Path, flags: Any, named: Any) -> None:
+def test_the_command_refuses_before_it_drives(tmp_path, flags, named):
     words = ["swing", "search", "short_turn", "--out", str(tmp_path), *flags]
     result = CliRunner().invoke(build_app(), words)
     told = result.output + str(result.exception)
@@ -249,7 +248,7 @@ def test_the_command_refuses_before_it_drives(tmp_path: Path, flags: Any, named:
 
 
 @pytest.mark.slow
-def test_a_swing_is_found_from_the_floor_on() -> None:
+def test_a_swing_is_found_from_the_floor_on():
     """Whole way: floor from the full car, programme, and the full car drives what was found as
     far.
     """

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -37,7 +35,7 @@ def call(*words: object) -> Result:
         (math.nan, {"low": 0.95}, False),
     ],
 )
-def test_each_limit_that_is_broken_is_named_with_its_value(value, limits, kept) -> None:
+def test_each_limit_that_is_broken_is_named_with_its_value(value, limits, kept):
     check = Check("motor torque", value, "N m", **limits)
     complaints = Verification(thesis(), "", (check,), None).complaints
     assert check.is_kept == kept
@@ -46,7 +44,7 @@ def test_each_limit_that_is_broken_is_named_with_its_value(value, limits, kept) 
 
 
 @pytest.mark.slow
-def test_the_published_swing_is_measured_and_a_report_is_left(tmp_path: Path) -> None:
+def test_the_published_swing_is_measured_and_a_report_is_left(tmp_path):
     words = ("--set", "manoeuvre.speed=3.33", "--set", "manoeuvre.duration=3", "--step", 0.002)
     result = call("thesis_8_rad_per_s", "--out", tmp_path / "a", *words)
     verdict = yaml.safe_load((tmp_path / "a" / "verification.yaml").read_text())
@@ -71,9 +69,7 @@ def test_the_published_swing_is_measured_and_a_report_is_left(tmp_path: Path) ->
         ("car", {"car.mass": 7.5}, "car.mass: made for 7.5"),
     ],
 )
-def test_bad_swings_are_refused_before_anything_runs(
-    tmp_path: Path, section: str, change: Any, named: str
-) -> None:
+def test_bad_swings_are_refused_before_anything_runs(tmp_path, section, change, named):
     data = thesis().model_dump(mode="json", by_alias=True, exclude_none=True)
     if change is None:
         del data[section]
@@ -88,7 +84,7 @@ def test_bad_swings_are_refused_before_anything_runs(
 
 
 @pytest.mark.slow
-def test_a_swing_that_is_never_released_is_said_to_be(tmp_path: Path) -> None:
+def test_a_swing_that_is_never_released_is_said_to_be(tmp_path):
     lazy = thesis().model_copy(
         update={"trigger": thesis().trigger.model_copy(update={"threshold_rad_per_s": 50.0})}
     )
