@@ -46,14 +46,19 @@ def test_sample_is_even_within_its_limits_and_the_same_for_the_same_seed(method)
 
 
 def test_ensemble_multiplies_the_runs_and_overrides_come_after_the_member(tmp_path):
-    text = "ensemble: car\nmembers: 2\ngrid:\n  car.com_height: [0.2]\n"
-    runs = plan_runs(load_study(write_study(tmp_path / "s.yaml", text)))
+    text = (
+        "scenario: straight\nsettings: [car.com_x=0.13]\n"
+        "ensemble: car\nmembers: 2\ngrid:\n  car.com_height: [0.2]\n"
+    )
+    path = tmp_path / "s.yaml"
+    path.write_text(text)
+    runs = plan_runs(load_study(path))
     members = load_ensemble("car").drawn(2)
     assert [run.place["member"] for run in runs] == [member.name for member in members]
     assert sum(float(run.place["weight"]) for run in runs) == pytest.approx(1.0)
-    assert {load_scenario("straight", list(run.task.settings)).car.com_height for run in runs} == {
-        0.2
-    }
+    cars = [load_scenario("straight", list(run.task.settings)).car for run in runs]
+    assert {(car.com_x, car.com_height) for car in cars} == {(0.13, 0.2)}
+    assert cars[0] != cars[1]
 
 
 def test_small_and_large_numbers_reach_the_scenario_as_numbers(tmp_path):

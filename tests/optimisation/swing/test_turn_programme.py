@@ -178,6 +178,10 @@ def test_pulse_and_limits_are_those_of_the_task():
     assert "roll from 1.8 s on" not in rows
     assert rows["roll from 0.0 s on"].upper == pytest.approx(0.15)
     assert rows["sideslip at the exit"].upper == 0.3
+    torque = rows["torque asked for from 0.0 s on"]
+    assert -torque.lower == torque.upper
+    # A motor that is asked for less than it has still follows its knots.
+    assert 0.8 < torque.upper / turn.tail_motor.torque_limit < 1.0
 
 
 def test_a_turn_that_breaks_a_limit_has_not_converged_whatever_the_solver_says(
