@@ -18,7 +18,7 @@ from aerodima.optimisation.entry.feedback_search import (
     shares_of,
 )
 from aerodima.optimisation.entry.suite import FEEDBACK, candidates, floors, manoeuvres
-from aerodima.optimisation.screening.entry_runs import climb, wheel_lifts
+from aerodima.optimisation.screening.entry_runs import Entering, climb, wheel_lifts
 from aerodima.optimisation.screening.vehicle_motion import STATES
 from aerodima.optimisation.sweep.runs import Runs, RunTask, evaluate
 from aerodima.optimisation.swing.candidate import write_candidates
@@ -45,6 +45,16 @@ def test_a_rolled_car_lifts_its_inner_wheels_by_the_sine_of_its_roll():
     assert (flat[:, 0] < 0.0).all()
     assert rolled[0, 0] - rolled[1, 0] == pytest.approx(track * np.sin(0.1), abs=1e-4)
     assert rolled[2, 0] - rolled[3, 0] == pytest.approx(track * np.sin(0.1), abs=1e-4)
+
+
+@pytest.mark.parametrize(("angle", "upright"), [("pitch", True), ("roll", False)])
+def test_two_wheels_of_one_side_end_a_run_and_those_of_an_axle_do_not(angle, upright):
+    """Nose up by 0.1 rad lifts the front wheels by 28 mm, roll by 0.1 rad those of a side."""
+    drivers, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
+    entering = Entering(cars, drivers[0], gains_of([{}], drivers[0]), np.ones(1))
+    entering.state[STATES.index(angle)] = -0.1
+    entering.step(2.0, 0.0, 1.0, 0.0)
+    assert entering.upright[0] == upright
 
 
 @pytest.mark.parametrize("manoeuvre", ["turn", "fishhook"])
