@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -34,15 +32,6 @@ def result(name: str, *names: str, curves: dict | None = None) -> FitResult:
 )
 def test_an_interval_keeps_two_digits_of_its_width(value, lower, upper, words):
     assert format_estimate(Estimate("mass", "kg", value, 1.0, lower, upper), unit=True) == words
-
-
-def test_what_is_not_determined_or_frozen_has_no_interval():
-    unseen = Estimate("mass", "kg", 1.0, math.inf, -math.inf, math.inf, identifiable=False)
-    assert format_estimate(unseen, unit=True) == "not determined"
-    assert (
-        format_estimate(Estimate("mass", "kg", 1.5, 0.0, 1.5, 1.5, frozen=True), unit=True)
-        == "1.5 kg (frozen)"
-    )
 
 
 def test_every_parameter_of_every_fit_has_a_row_with_what_noise_alone_would_give(

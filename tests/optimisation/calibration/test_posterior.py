@@ -90,12 +90,12 @@ def test_curved_figures_are_learnt_and_what_is_missed_is_said():
 
 
 def test_deviation_of_a_surface_is_that_of_normal_errors_and_knows_no_wild_ones():
-    scaled = RNG.uniform(-1.0, 1.0, size=(4000, 1))
-    errors = np.array([0.05, 0.2]) * RNG.standard_normal((4000, 2))
-    errors[::200] += 2.0  # cars at the edge of a flip
-    errors[100::200] -= 2.0
-    fitted = Surface.line([0], scaled, scaled + errors, np.arange(4000))
-    assert fitted.deviation == pytest.approx([0.05, 0.2], rel=0.08)
+    scaled = RNG.uniform(-1.0, 1.0, size=(1000, 1))
+    errors = np.array([0.05, 0.2]) * RNG.standard_normal((1000, 2))
+    errors[::100] += 2.0  # cars at the edge of a flip
+    errors[50::100] -= 2.0
+    fitted = Surface.line([0], scaled, scaled + errors, np.arange(1000))
+    assert fitted.deviation == pytest.approx([0.05, 0.2], rel=0.12)
 
 
 def test_survival_is_as_wide_as_the_outcome_and_what_is_missed_together():
@@ -294,17 +294,6 @@ def test_simulated_measurement_narrows_the_posterior_as_promised(name):
         gains.append(np.sum(weights * np.log(np.maximum(weights * len(cars), 1e-300))))
     assert promised > 0.3
     assert np.mean(gains) == pytest.approx(promised, abs=0.12)
-
-
-@pytest.mark.slow
-def test_information_of_a_normal_is_half_the_logarithm_of_the_narrowing():
-    cars = PRIOR.draw(3000, seed=12)
-    cars[:, PRIOR.column("tail.mass")] = 0.15 + 0.02 * RNG.standard_normal(len(cars))
-    measured = next(m for m in validation.measurements(PRIOR) if m.name == "tail mass")
-    wide = replace(measured, deviation=0.01)
-    assert validation.information(wide, cars, 13, draws=3000) == pytest.approx(
-        0.5 * np.log(5.0), abs=0.05
-    )
 
 
 @pytest.mark.slow

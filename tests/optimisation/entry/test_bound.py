@@ -45,6 +45,7 @@ def test_values_between_places_are_linear():
     ]
 
 
+@pytest.mark.slow
 def test_the_tail_goes_where_the_motion_says_and_the_path_is_counted_from_its_end():
     car = at_speeds(
         reduced_cars(CORNER, [tuple(CAR.settings_on(CORNER.scenario))], FEEDBACK), np.array([1.6])

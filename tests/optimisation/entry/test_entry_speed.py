@@ -308,6 +308,7 @@ def test_ballast_is_that_of_the_car_and_comes_after_its_settings():
     assert float(masses[-1].partition("=")[2]) > 6.5
 
 
+@pytest.mark.slow
 def test_a_slow_real_car_completes_its_turn_and_yaws_into_it():
     short = ("speed_ramp=0.4", "turn_start=0.6", "turn_hold=0.1", "duration=1.3", "direction=right")
     turn = Manoeuvre("turn", "turn_none", tuple(f"manoeuvre.{setting}" for setting in short))

@@ -57,6 +57,7 @@ def test_two_wheels_of_one_side_end_a_run_and_those_of_an_axle_do_not(angle, upr
     assert entering.upright[0] == upright
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("manoeuvre", ["turn", "fishhook"])
 def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre):
     """Measured: 1 to 2 %.
