@@ -5,7 +5,7 @@ given steering and floor, for four controllers; within some of the cars the same
 Nothing of the model is fitted; its equations were completed while looking at the first twelve cars,
 which are left out here. Before that searches: 60 drawn laws on a car, and whether the full car's
 best of them is in the reduced car's best tenth. The folder keeps the full car's runs, so that a
-second call goes on with what is missing, and gets `screening.png`. Arguments: folder, cars, cars
+second call goes on with what is missing. Arguments: folder, cars, cars
 with 30 laws each, searches, workers.
 
     python -m tests.optimisation.screening_gate out/screening 60 3 40 2
@@ -37,16 +37,6 @@ from aerodima.optimisation.sweep.runs import Runs, RunTask, open_run_engine
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.figures.figure_style import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    VERMILION,
-    new_figure,
-    png,
-    styled,
-)
 
 SCENARIO, SPEED = "turn_designed", ("manoeuvre.speed=4.5",)
 SEARCH = Search(FRICTION, 0.3, 1.2, 0.1, 0.0125)
@@ -234,41 +224,6 @@ def searched(engine: Runs, car: Settings, seed: int) -> Searched:
     return Searched(ranks, SEARCH.value(place), SEARCH.value(first), driven)
 
 
-def picture(
-    frictions: Sequence[Pairs], headings: Sequence[Pairs], searches: Sequence[Searched]
-) -> bytes:
-    """Reduced over full car for each controller, and the ranks of the best law; a PNG."""
-    with styled():
-        figure, (axes,) = new_figure(12.0, 4.2, columns=3)
-        figure.set_layout_engine("constrained")
-        for name, colour, *both in zip(
-            CONTROLLERS, (GREY, ORANGE, BLUE, GREEN), frictions, headings, strict=True
-        ):
-            for place, pairs in zip(axes, both, strict=False):
-                place.plot(pairs.full, pairs.reduced, ".", color=colour, label=name)
-        for place, what in zip(
-            axes,
-            ("critical friction at full lock", "heading of a clean turn, degrees"),
-            strict=False,
-        ):
-            place.axline([place.get_xlim()[0]] * 2, slope=1.0, color=GREY, linewidth=0.8)
-            place.set(xlabel=f"full car: {what}", ylabel="reduced car")
-            place.set_aspect("equal", adjustable="datalim")
-        axes[0].legend()
-        ranks = sorted(min(search.ranks) for search in searches)
-        axes[2].plot(range(1, len(ranks) + 1), ranks, "o", color=BLUE)
-        axes[2].axhline(
-            BEST * CANDIDATES, color=VERMILION, label=f"best tenth of {CANDIDATES} laws"
-        )
-        axes[2].set(
-            xlabel="search",
-            ylabel="reduced car's rank of the full car's best law",
-            ylim=(0, CANDIDATES),
-        )
-        axes[2].legend()
-        return png(figure)
-
-
 def main() -> None:
     """Prints the table of the gate."""
     folder = Path(sys.argv[1])
@@ -282,7 +237,6 @@ def main() -> None:
         open_run_engine(cores) as workers,
     ):
         engine = Runs(workers, store)
-        done: list[Searched] = []
         for place, member in enumerate(
             others[:: max(1, len(others) // max(1, searches))][:searches]
         ):
@@ -296,19 +250,12 @@ def main() -> None:
                 f"{time.process_time() - begin:.0f} s of CPU",
                 flush=True,
             )
-            done.append(found)
         print(f"{'':36s} Spearman difference (most) pairs  clean alike")
-        frictions = []
-        headings = []
         for name, law in CONTROLLERS.items():
-            frictions.append(compared_friction(engine, [(*car, *law) for car in cars]))
-            print(f"{name:18s} critical friction {frictions[-1].words()}", flush=True)
-            headings.append(
-                compared_heading(engine, [(*car, *law, *STEERING, FLOOR) for car in cars])
-            )
-            print(f"{name:18s} heading           {headings[-1].words()}", flush=True)
-        if done:
-            (folder / "screening.png").write_bytes(picture(frictions, headings, done))
+            friction = compared_friction(engine, [(*car, *law) for car in cars])
+            print(f"{name:18s} critical friction {friction.words()}", flush=True)
+            heading = compared_heading(engine, [(*car, *law, *STEERING, FLOOR) for car in cars])
+            print(f"{name:18s} heading           {heading.words()}", flush=True)
         laws = drawn_laws(LAWS)
         for place in range(0, number, 4)[:with_laws]:
             friction = compared_friction(engine, [(*cars[place], *law) for law in laws])

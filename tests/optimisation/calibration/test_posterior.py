@@ -68,7 +68,7 @@ def _line(row, line, inputs):
     return row + inputs @ line
 
 
-def test_curved_figures_are_learnt_and_what_is_missed_is_said() -> None:
+def test_curved_figures_are_learnt_and_what_is_missed_is_said():
     cars = PRIOR.spread(900, seed=1)
     scaled = PRIOR.scaled(cars)
     bent = (
@@ -89,7 +89,27 @@ def test_curved_figures_are_learnt_and_what_is_missed_is_said() -> None:
     )  # a car does not vouch for itself
 
 
-def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_car() -> None:
+def test_deviation_of_a_surface_is_that_of_normal_errors_and_knows_no_wild_ones():
+    scaled = RNG.uniform(-1.0, 1.0, size=(1000, 1))
+    errors = np.array([0.05, 0.2]) * RNG.standard_normal((1000, 2))
+    errors[::100] += 2.0  # cars at the edge of a flip
+    errors[50::100] -= 2.0
+    fitted = Surface.line([0], scaled, scaled + errors, np.arange(1000))
+    assert fitted.deviation == pytest.approx([0.05, 0.2], rel=0.12)
+
+
+def test_survival_is_as_wide_as_the_outcome_and_what_is_missed_together():
+    turn = PLAN.turns[0]
+    car = PRIOR.draw(1, seed=4)
+    missed = 0.05
+    width = np.hypot(PLAN.outcome_width[turn.tail], missed)
+    car[0, PRIOR.column(f"{turn.system} car.tyre_friction")] = 0.6 * np.exp(-width)
+    flip = Surface((0,), partial(_level, np.log(0.6)), np.array([missed]))
+    made = replace(emulator(), flips=emulator().flips | {turn.name: flip})
+    assert made.survival(car, turn)[0] == pytest.approx(norm.cdf(1.0))
+
+
+def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_car():
     cars = PRIOR.spread(60, seed=16)
     scaled = PRIOR.scaled(cars)
     values = scaled[:, :1] + 0.01 * RNG.standard_normal((len(cars), 1))
@@ -100,7 +120,7 @@ def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_ca
         )
 
 
-def test_margin_of_a_car_that_was_not_seen_lacks_what_is_missed_of_its_flip() -> None:
+def test_margin_of_a_car_that_was_not_seen_lacks_what_is_missed_of_its_flip():
     turn = PLAN.turns[0]
     tried = PRIOR.draw(2, seed=17)
     tried[:, PRIOR.column(f"{turn.system} car.tyre_friction")] = 0.5
@@ -111,7 +131,7 @@ def test_margin_of_a_car_that_was_not_seen_lacks_what_is_missed_of_its_flip() ->
 
 
 @pytest.mark.slow
-def test_full_cars_shift_flips_and_figures_go_with_the_margin() -> None:
+def test_full_cars_shift_flips_and_figures_go_with_the_margin():
     """Full cars flip at a tenth more friction, and show a figure that is 3 less the logarithm of
     their margin.
     """
@@ -143,8 +163,9 @@ def test_full_cars_shift_flips_and_figures_go_with_the_margin() -> None:
     assert corrected.value(car, figure)[0] == pytest.approx(3.0 - np.log(0.05), abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("margin", [0.0, -0.15])
-def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin: float) -> None:
+def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin):
     """A car that survives the slower turn by a hair, or against three deviations, and flips in the
     faster one.
     """
@@ -161,26 +182,15 @@ def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin: float) -> 
     margins = {turn.name: made.margin(car, turn) for turn in made.prior.plan.turns}
     assert np.exp(made.log_outcomes(margins)[0]) == pytest.approx(expected, rel=0.01)
     rng = np.random.default_rng(5)
-    drawn = [made.draw_outcomes(car, rng) for _ in range(4000)]
+    drawn = [made.draw_outcomes(car, rng) for _ in range(1500)]
     assert np.mean([ends[slow.name] and not ends[fast.name] for ends in drawn]) == pytest.approx(
-        expected, abs=0.015
+        expected, abs=0.025
     )
     if margin == 0.0:
         assert expected < 0.1 < made.survival(car, slow)[0] * (1.0 - made.survival(car, fast)[0])
 
 
-def test_outcomes_count_on_the_right_side() -> None:
-    first = replace(emulator(), flips={turn.name: constant(np.log(0.6)) for turn in PLAN.turns})
-    low = PRIOR.draw(1, seed=4)
-    high = PRIOR.draw(1, seed=4)
-    for name in ("simulated car.tyre_friction", "physical car.tyre_friction"):
-        low[0, PRIOR.column(name)] = 0.5
-        high[0, PRIOR.column(name)] = 0.7
-    assert first.survival(low, PLAN.turns[0])[0] > 0.999
-    assert first.survival(high, PLAN.turns[0])[0] < 0.001
-
-
-def test_likelihood_knows_who_survived_and_whose_wheel_lifted() -> None:
+def test_likelihood_knows_who_survived_and_whose_wheel_lifted():
     """Friction 0.5 or 0.7 at a flip of 0.6; the inner wheel lifts at 0.8 or 1.2 rad/s, published
     1.
     """
@@ -217,7 +227,7 @@ def _lifting(place, at, inputs):
 
 
 @pytest.mark.slow
-def test_posterior_is_that_of_the_closed_form() -> None:
+def test_posterior_is_that_of_the_closed_form():
     """A figure that is linear in one coordinate leaves a normal of known mean and deviation."""
     figure = next(f for f in figures_of(PLAN) if f.name == "Table 7.3 max_yaw_rate_rad_per_s")
     slope = 4.0 * 0.05 * figure.published
@@ -230,7 +240,7 @@ def test_posterior_is_that_of_the_closed_form() -> None:
     assert np.std(free) == pytest.approx(1 / np.sqrt(3), rel=0.1)
 
 
-def test_density_of_a_figure_is_a_normal_of_its_share() -> None:
+def test_density_of_a_figure_is_a_normal_of_its_share_and_that_of_cars_their_mean():
     figure = figures_of(PLAN)[0]
     car = PRIOR.draw(1, seed=5)
     made = emulator((figure.name, "imu.x", 0.0), 0.1 * figure.published)
@@ -238,10 +248,12 @@ def test_density_of_a_figure_is_a_normal_of_its_share() -> None:
     spread *= 1.1  # a share of what is predicted
     expected = -0.5 * (0.1 / spread) ** 2 - np.log(spread * np.sqrt(2 * np.pi))
     assert log_density(made, figure, car)[0] == pytest.approx(expected, rel=1e-6)
+    same = np.repeat(car, 5, axis=0)
+    assert validation.joint_density(made, [figure], same) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.slow
-def test_intervals_hold_what_they_promise_when_the_model_is_perfect() -> None:
+def test_intervals_hold_what_they_promise_when_the_model_is_perfect():
     posterior = Posterior(PRIOR.draw(400, seed=6), 400.0, 0.3)
     inside = validation.perfect_model(
         emulator(), posterior, ("Table 7.3", "Table 7.4"), 2, 7, Runs()
@@ -250,7 +262,7 @@ def test_intervals_hold_what_they_promise_when_the_model_is_perfect() -> None:
 
 
 @pytest.mark.slow
-def test_left_out_table_is_predicted_without_its_figures() -> None:
+def test_left_out_table_is_predicted_without_its_figures():
     """Its own figures, however far off, leave the prediction where the other tables put it."""
     table = "Table 7.4"
     moved = [
@@ -268,7 +280,7 @@ def test_left_out_table_is_predicted_without_its_figures() -> None:
 
 
 @pytest.mark.parametrize("name", ["tail mass", "angle of balance", "slip angle at the limit"])
-def test_simulated_measurement_narrows_the_posterior_as_promised(name: str) -> None:
+def test_simulated_measurement_narrows_the_posterior_as_promised(name):
     """The mean of the divergence of the narrowed cars from all of them is the promised gain."""
     cars = PRIOR.draw(1500, seed=9)
     measured = next(m for m in validation.measurements(PRIOR) if m.name == name)
@@ -284,17 +296,8 @@ def test_simulated_measurement_narrows_the_posterior_as_promised(name: str) -> N
     assert np.mean(gains) == pytest.approx(promised, abs=0.12)
 
 
-def test_information_of_a_normal_is_half_the_logarithm_of_the_narrowing() -> None:
-    cars = PRIOR.draw(3000, seed=12)
-    cars[:, PRIOR.column("tail.mass")] = 0.15 + 0.02 * RNG.standard_normal(len(cars))
-    measured = next(m for m in validation.measurements(PRIOR) if m.name == "tail mass")
-    wide = replace(measured, deviation=0.01)
-    assert validation.information(wide, cars, 13, draws=3000) == pytest.approx(
-        0.5 * np.log(5.0), abs=0.05
-    )
-
-
-def test_best_determined_combination_is_the_one_that_was_measured() -> None:
+@pytest.mark.slow
+def test_best_determined_combination_is_the_one_that_was_measured():
     cars = PRIOR.draw(3000, seed=14)
     friction = PRIOR.column("physical car.tyre_friction")
     height = PRIOR.column("car.com_height")

@@ -5,6 +5,7 @@ cannot do.
 import numpy as np
 import pytest
 
+from aerodima.optimisation.entry import bound
 from aerodima.optimisation.entry.bound import SEARCHED, paths, search_bound
 from aerodima.optimisation.entry.feedback_search import gains_of, reduced_cars
 from aerodima.optimisation.entry.suite import FEEDBACK, floors, manoeuvres
@@ -19,6 +20,7 @@ from aerodima.optimisation.sweep.runs import Runs
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
+from tests.refusals import assert_refused
 
 CAR = load_ensemble("physical").split(1).test[0]
 (CORNER,) = manoeuvres(["corner"], "designed")
@@ -32,7 +34,7 @@ def motion_of(roll: float, pitch: float) -> PathMotion:
     )
 
 
-def test_values_between_places_are_linear() -> None:
+def test_values_between_places_are_linear():
     places = np.array([[0.0], [2.0], [1.0]])
     assert [between(np.array([share]), places)[0] for share in (0.0, 0.25, 0.5, 0.75, 1.0)] == [
         0.0,
@@ -43,7 +45,8 @@ def test_values_between_places_are_linear() -> None:
     ]
 
 
-def test_the_tail_goes_where_the_motion_says_and_the_path_is_counted_from_its_end() -> None:
+@pytest.mark.slow
+def test_the_tail_goes_where_the_motion_says_and_the_path_is_counted_from_its_end():
     car = at_speeds(
         reduced_cars(CORNER, [tuple(CAR.settings_on(CORNER.scenario))], FEEDBACK), np.array([1.6])
     )
@@ -64,7 +67,7 @@ def test_the_tail_goes_where_the_motion_says_and_the_path_is_counted_from_its_en
 
 
 @pytest.mark.slow
-def test_the_bound_is_never_below_the_law_and_repeats() -> None:
+def test_the_bound_is_never_below_the_law_and_repeats():
     cases = floors([CAR], [1.2])
     table = search_bound(["corner"], cases, "designed", 1, 1, Runs())
     assert list(table) == ["manoeuvre", "car", "floor", *SEARCHED]
@@ -74,7 +77,25 @@ def test_the_bound_is_never_below_the_law_and_repeats() -> None:
     assert table.equals(search_bound(["corner"], cases, "designed", 1, 1, Runs()))
 
 
-def test_a_manoeuvre_without_a_path_has_no_bound() -> None:
+def test_starts_differ_by_their_seed_and_the_bound_is_no_lower_than_the_law(monkeypatch):
+    """A bound that was searched worse than the law counts as the law's; every start is run once."""
+
+    def speed(start):
+        return {"bound": 1.0 + start.seed, "feedback": 2.5}.get(start.who, 2.0)
+
+    monkeypatch.setattr(bound, "best_speed", speed)
+    runs = Runs()
+    cases = floors([CAR], [1.2])
+    (one,), (three,) = (
+        search_bound(["corner"], cases, "designed", starts, 1, runs).to_dict("records")
+        for starts in (1, 3)
+    )
+    assert (one["bound"], three["bound"], three["feedback"]) == (2.5, 3.0, 2.5)
+    again = Runs()
+    search_bound(["corner"], cases, "designed", 3, 1, again)
+    assert again.ran == runs.ran, "what is there of one start is not run again for three"
+
+
+def test_a_manoeuvre_without_a_path_has_no_bound():
     assert paths() == ["lane-change", "corner"]
-    with pytest.raises(SweepError, match=r"manoeuvre 'turn': .*allowed: lane-change, corner"):
-        paths(["turn"])
+    assert_refused(lambda: paths(["turn"]), SweepError, "turn", "lane-change", "corner")

@@ -8,7 +8,6 @@ import pytest
 
 from aerodima.optimisation.entry.entry_speed import NO_REFERENCE, NOT_PROVED
 from aerodima.optimisation.entry.entry_table import (
-    entry_figure,
     entry_gains,
     entry_lines,
     entry_page,
@@ -135,35 +134,19 @@ def test_the_interval_narrows_with_the_cars_and_repeats_with_its_seed():
     # The median of n draws from a normal distribution has the standard deviation sigma sqrt(pi / 2
     # n).
     assert high - low == pytest.approx(2 * 1.96 * 0.05 * math.sqrt(math.pi / 400), rel=0.5)
+    # Of nine cars the median of a resample is the second at most in 3.0 % of the cases.
+    assert median_interval(np.arange(9.0), 1) == (1.0, 7.0)
     assert np.diff(median_interval(few, 1)) > 2.0 * (high - low)
     assert median_interval(many, 1) == (low, high) != median_interval(many, 2)
     assert all(math.isnan(end) for end in median_interval(np.array([]), 1))
 
 
-def test_lines_have_a_heading_per_manoeuvre_and_a_dash_for_what_is_not_known():
-    table = made_up(NONE, rows("new", [2.1, 2.2, 2.3, 2.4, 1.9]))
-    lines = entry_lines(summarise_entries(table))
-    assert lines[1] == "turn"
-    assert (
-        " ".join(lines[-1].split())
-        == "new 2.20 29 0 of 5 0 0 +10.0 % -5.0 % to +20.0 % -5.0 % – – two wheels"
-    )
-
-
-def test_page_says_the_fastest_first_and_has_a_picture_for_every_manoeuvre():
+def test_lines_and_page_show_every_candidate_of_every_manoeuvre():
     never = rows(NO_TAIL.name, [math.nan] * 5, manoeuvre="corner")
     table = made_up(NONE, rows("new", [2.1, 2.2, 2.3, 2.4, 1.9]), never)
-    page = entry_page(table, summarise_entries(table))
-    first, *manoeuvres = page.sections
-    assert first.parts[0].parts[0].items == ["turn: new, 2.20 m/s", "corner: none"]
-    assert [section.title for section in manoeuvres] == ["turn", "corner"]
-    assert manoeuvres[0].parts[1].rows[1][:2] == ("new", "2.20")
+    summary = summarise_entries(table)
+    words = " ".join(entry_lines(summary)[3].split())
+    assert all(part in words for part in ("new", "2.20", "+10.0 %", "-5.0 %", "+20.0 %"))
+    page = entry_page(table, summary)
+    assert [section.title for section in page.sections[1:]] == ["turn", "corner"]
     assert page.html().count("<img") == 2
-
-
-def test_the_picture_has_a_bar_at_every_median_and_a_dot_for_every_car():
-    table = made_up(NONE, rows("new", [2.1, 2.2, 2.3, 2.4, 1.9]))
-    (axis,) = entry_figure(table).axes
-    assert [label.get_text() for label in axis.get_yticklabels()] == ["new", "no tail"]
-    assert axis.patches[0].get_width() == 2.2
-    assert sum(len(line.get_xdata()) for line in axis.lines) == len(table)

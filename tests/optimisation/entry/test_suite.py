@@ -9,12 +9,13 @@ from aerodima.workbench.cli.program import main
 from aerodima.workbench.config.ensemble import Member, load_ensemble
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
+from tests.refusals import assert_refused
 
 CARS = load_ensemble("physical").split(1).test[:2]
 
 
 @pytest.mark.parametrize("tail", suite.TAILS)
-def test_every_manoeuvre_is_a_scenario_with_either_tail_and_the_mount_of_the_car(tail) -> None:
+def test_every_manoeuvre_is_a_scenario_with_either_tail_and_the_mount_of_the_car(tail):
     for one in suite.manoeuvres(list(suite.MANOEUVRES), tail):
         scenario = load_scenario(one.scenario, (*CARS[0].settings_on(one.scenario), *one.settings))
         assert scenario.manoeuvre.rolling_start
@@ -26,12 +27,7 @@ def test_every_manoeuvre_is_a_scenario_with_either_tail_and_the_mount_of_the_car
             assert getattr(scenario.tail, key) == getattr(own.tail, key)
 
 
-def test_a_search_sees_some_manoeuvres_alone() -> None:
-    assert set(suite.TRAINED_ON) < set(suite.MANOEUVRES)
-    assert not {"twice", "twice-late", "slalom", "corner"} & set(suite.TRAINED_ON)
-
-
-def test_floors_are_shares_of_the_friction_of_each_car() -> None:
+def test_floors_are_shares_of_the_friction_of_each_car():
     cases = suite.floors(CARS, [0.8, 1.2])
     assert [floor.name for _, floor in cases] == ["x 0.8", "x 0.8", "x 1.2", "x 1.2"]
     for car, floor in cases:
@@ -42,37 +38,23 @@ def test_floors_are_shares_of_the_friction_of_each_car() -> None:
         assert there / friction == pytest.approx(float(floor.name[2:]), rel=1e-5)
 
 
-def test_the_car_without_tail_comes_first_and_once() -> None:
+def test_the_car_without_tail_comes_first_and_once():
     names = [one.name for one in suite.candidates(["feedback", "none", "held"])]
     assert names == ["no tail", "feedback", "held"]
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "named"),
     [
-        (lambda: suite.manoeuvres(["fishhok"], "built"), "fishhok.*fishhook"),
-        (lambda: suite.manoeuvres(["turn"], "longer"), "tail 'longer'"),
-        (lambda: suite.manoeuvres(["turn", "turn"], "built"), "turn.*twice"),
-        (lambda: suite.floors(CARS, [3.0]), "floor 3: allowed: 0.2 to 2"),
-        (lambda: suite.candidates(["feedbak"]), "feedbak"),
+        (lambda: suite.manoeuvres(["fishhok"], "built"), ("fishhok", "fishhook")),
+        (lambda: suite.manoeuvres(["turn"], "longer"), ("longer",)),
+        (lambda: suite.manoeuvres(["turn", "turn"], "built"), ("turn",)),
+        (lambda: suite.floors(CARS, [3.0]), ("floor", "3", "0.2", "2")),
+        (lambda: suite.candidates(["feedbak"]), ("feedbak", "feedback")),
     ],
 )
-def test_what_is_not_there_is_refused(make, words) -> None:
-    with pytest.raises(SweepError, match=words):
-        make()
-
-
-@pytest.mark.parametrize(
-    ("flags", "words"), [(["--cars", "99"], "--cars 99"), (["--tail", "long"], "tail 'long'")]
-)
-def test_wrong_flags_are_one_line(tmp_path, capsys, monkeypatch, flags, words) -> None:
-    monkeypatch.setattr(
-        "sys.argv", ["aerodima", "swing", "judge", "--out", str(tmp_path / "out"), *flags]
-    )
-    with pytest.raises(SystemExit):
-        main()
-    assert words in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
+def test_what_is_not_there_is_refused(make, named):
+    assert_refused(make, SweepError, *named)
 
 
 LAW = """
@@ -110,7 +92,7 @@ def law_file(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_law_of_ones_own_climbs_and_one_that_fails_is_named(law_file) -> None:
+def test_a_law_of_ones_own_climbs_and_one_that_fails_is_named(law_file):
     who = suite.candidates([], [f"{law_file}:Upright", f"{law_file}:Failing"])
     turn = Manoeuvre("turn", "turn_swing", tuple(f"manoeuvre.{setting}" for setting in SHORT))
     search = EntrySearch(start=1.0, lowest=1.0, ceiling=1.0)
@@ -121,7 +103,7 @@ def test_a_law_of_ones_own_climbs_and_one_that_fails_is_named(law_file) -> None:
     assert table.loc["Failing", "ended_by"] == "error: KeyError: 'gain'"
 
 
-def test_a_law_is_run_again_when_its_file_has_changed(law_file) -> None:
+def test_a_law_is_run_again_when_its_file_has_changed(law_file):
     law, other = (
         RunTask("", "turn_swing", law=f"{law_file}:{name}") for name in ("Upright", "Failing")
     )
@@ -134,23 +116,21 @@ def test_a_law_is_run_again_when_its_file_has_changed(law_file) -> None:
 
 
 @pytest.mark.parametrize(
-    ("laws", "words"),
+    ("flags", "named"),
     [
-        (["{folder}/other.py:Upright"], "no such Python file"),
-        (["{folder}/my_law.py:Other"], "no class Other"),
-        (["{folder}/my_law.py:Half"], "Half has no memory_size, start, step"),
-        (["{folder}/my_law.py:Upright"] * 2, "candidate 'Upright': named twice"),
+        (["--cars", "99"], ("--cars", "99")),
+        (["--tail", "long"], ("long",)),
+        (["--law", "other.py:Upright"], ("other.py",)),
+        (["--law", "my_law.py:Other"], ("my_law.py", "Other")),
+        (["--law", "my_law.py:Half"], ("Half", "memory_size", "start", "step")),
+        (["--law", "my_law.py:Upright"] * 2, ("Upright",)),
     ],
 )
-def test_what_is_no_law_is_one_line_before_any_run(
-    law_file, capsys, monkeypatch, laws, words
-) -> None:
-    out = law_file.parent / "out"
-    flags = [part for law in laws for part in ("--law", law.format(folder=law_file.parent))]
-    monkeypatch.setattr("sys.argv", ["aerodima", "swing", "judge", "--out", str(out), *flags])
+def test_wrong_flags_are_one_line_before_any_run(law_file, capsys, monkeypatch, flags, named):
+    monkeypatch.chdir(law_file.parent)
+    monkeypatch.setattr("sys.argv", ["aerodima", "swing", "judge", "--out", "out", *flags])
     with pytest.raises(SystemExit):
         main()
-    told = capsys.readouterr().err.strip()
-    assert words in told
-    assert "\n" not in told
-    assert not out.exists()
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert [part for part in named if part not in line] == []
+    assert not (law_file.parent / "out").exists()

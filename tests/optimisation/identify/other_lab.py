@@ -52,10 +52,10 @@ class Lab:
     tail_width: float = 0.0639
     tail_mass: float = 0.0982
     tail_com: float = 0.163
-    gap: float = 0.0
+    tail_gap: float = 0.0
     rotor_inertia: float = 6.731e-3
     torque_constant: float = 0.346
-    jet_depth: float = 0.265
+    jet_edge_depth: float = 0.265
     jet_slope: float = 1.0 / 18.0
     air_density: float = 1.225
     coulomb: float = 0.0435
@@ -81,7 +81,7 @@ def _axis(q: float) -> np.ndarray:
 def _exposed(lab: Lab, q: float, psi: float, start: float, length: float) -> tuple[float, float]:
     """First and last distance from the pivot that the jet meets."""
     rate = math.cos(q) + lab.jet_slope * math.sin(q) * math.cos(psi)
-    edge = lab.jet_depth / rate if rate > 1e-9 else math.inf
+    edge = lab.jet_edge_depth / rate if rate > 1e-9 else math.inf
     return max(start, edge), start + length
 
 
@@ -112,7 +112,7 @@ def _loads(
     total = np.zeros(3)
     moment = np.zeros(3)
     torque = 0.0
-    root = lab.bar_end + lab.gap
+    root = lab.bar_end + lab.tail_gap
     parts = 5 if rate else 1
     for start, length, width, drag, lift, number in (
         (root, lab.tail_length, lab.tail_width, cd, cl, parts),
@@ -140,14 +140,14 @@ def weight(lab: Lab, q: float) -> tuple[np.ndarray, float]:
     bodies = [
         (lab.mount_mass, np.array(lab.mount_com)),
         (lab.bar_mass, p + lab.bar_com * a),
-        (lab.tail_mass, p + (lab.bar_end + lab.gap + lab.tail_com) * a),
+        (lab.tail_mass, p + (lab.bar_end + lab.tail_gap + lab.tail_com) * a),
     ]
     wrench = np.zeros(6)
     for mass, place in bodies:
         load = mass * GRAVITY * np.array([0.0, 0.0, 1.0])
         wrench[:3] += load
         wrench[3:] += np.cross(place, load)
-    arm = lab.bar_mass * lab.bar_com + lab.tail_mass * (lab.bar_end + lab.gap + lab.tail_com)
+    arm = lab.bar_mass * lab.bar_com + lab.tail_mass * (lab.bar_end + lab.tail_gap + lab.tail_com)
     return wrench, -GRAVITY * arm * math.sin(q)
 
 
@@ -208,7 +208,6 @@ def bar_swing(
     lab: Lab = LAB,
     *,
     angle: float = 1.4,
-    start_rate: float = 0.0,
     duration: float = 5.0,
     rate: float = 500.0,
     **extra: Any,
@@ -222,7 +221,7 @@ def bar_swing(
         return [w, load / inertia]
 
     truth = {"coulomb": lab.coulomb, "viscous": lab.viscous}
-    table = _swing(lab, motion, (angle, start_rate), duration, rate)
+    table = _swing(lab, motion, (angle, 0.0), duration, rate)
     table["current_a"] = 0.0
     return _log(table, "bar_swing", {"truth": truth, "rest_s": [-1.0, 0.0], **extra})
 
@@ -235,12 +234,10 @@ def flick(
     cl: float = 0.25,
     wind: float = 10.0,
     angle: float = math.radians(60.0),
-    start_rate: float = 0.0,
     duration: float = 1.5,
     rate: float = 500.0,
     convention: str = "instantaneous",
     seed: int = 0,
-    drive: int | None = None,
     **extra: Any,
 ) -> RunLog:
     """Tail 1 let go at `angle` and driven by a smooth current; C_D and C_L are constant.
@@ -248,11 +245,10 @@ def flick(
     Args:
         convention: whether a sample of the current is its value then, or the `mean` since the
             sample before.
-        seed, drive: of noise and drive; one draw for both without the latter.
+        seed: of drive and noise.
     """
     rng = np.random.default_rng(seed)
-    draw = rng if drive is None else np.random.default_rng(drive)
-    sine = Sine(1.5, 2.0 * math.pi * (1.0 + draw.uniform()), draw.uniform(0.0, 2.0 * math.pi))
+    sine = Sine(1.5, 2.0 * math.pi * (1.0 + rng.uniform()), rng.uniform(0.0, 2.0 * math.pi))
     inertia = swinging_inertia(lab, added_mass)
 
     def motion(t: float, state: np.ndarray) -> list[float]:
@@ -262,7 +258,7 @@ def flick(
         )
         return [w, (load - lab.torque_constant * sine.value(t) - _friction(lab, w)) / inertia]
 
-    table = _swing(lab, motion, (angle, start_rate), duration, rate)
+    table = _swing(lab, motion, (angle, 0.0), duration, rate)
     late = table.time_s.to_numpy() - lab.current_delay
     current = (
         sine.value(late) if convention == "instantaneous" else sine.mean(late - 1.0 / rate, late)
@@ -297,10 +293,10 @@ def write(log: RunLog, folder: Path, name: str) -> Path:
 
 def swinging_inertia(lab: Lab, added_mass: float) -> float:
     """Of bar, tail, rotor and added mass per fifth of the tail (kg) about the motor axis, kg m2."""
-    arms = lab.bar_end + lab.gap + lab.tail_length * (np.arange(5) + 0.5) / 5.0
+    arms = lab.bar_end + lab.tail_gap + lab.tail_length * (np.arange(5) + 0.5) / 5.0
     inertia = lab.bar_inertia + lab.bar_mass * lab.bar_com**2 + lab.rotor_inertia
     inertia += lab.tail_mass * (
-        lab.tail_length**2 / 12.0 + (lab.bar_end + lab.gap + lab.tail_com) ** 2
+        lab.tail_length**2 / 12.0 + (lab.bar_end + lab.tail_gap + lab.tail_com) ** 2
     )
     return inertia + added_mass * float(arms @ arms)
 

@@ -1,4 +1,4 @@
-"""Batches of fits: a worker that is killed, a journal that is damaged."""
+"""Batches of fits: taken up again, never mixed, after a killed worker or a damaged journal."""
 
 import os
 import signal
@@ -10,7 +10,52 @@ import pytest
 from aerodima.optimisation.identify import fit_batch
 from aerodima.optimisation.identify.fit_batch import WORKER_KILLED, fit_logs
 from aerodima.optimisation.identify.fit_pipeline import FitResult
+from aerodima.workbench.errors import FitError
 from tests.optimisation.identify.line_file import fit_line_file
+from tests.refusals import assert_refused
+
+
+@pytest.fixture
+def springs(tmp_path: Path) -> list[Path]:
+    """Springs of 1000, 1100 and 1200 N/m with a ripple."""
+    paths = []
+    for number in range(3):
+        rows = [
+            f"{x / 1000},{(1000 + 100 * number) * x / 1000 + (-1) ** x * 0.01}" for x in range(20)
+        ]
+        paths.append(tmp_path / f"spring_{number}.csv")
+        paths[-1].write_text("\n".join(["displacement_m,force_n", *rows]))
+    return paths
+
+
+def rates(batch: fit_batch.BatchResult) -> list[float]:
+    return [round(result.free[0].value, -2) for result in batch.results]
+
+
+def test_a_second_call_takes_up_what_is_there_and_does_the_rest(springs, tmp_path):
+    out = tmp_path / "fits"
+    calls = []
+
+    def work(name: str) -> FitResult:
+        calls.append(name)
+        return fit_line_file(name)
+
+    first = fit_logs(work, springs[:1], out, settings={})
+    both = fit_logs(work, springs[:2], out, settings={})
+    assert calls == [str(path) for path in springs[:2]]
+    assert both.results[0] == first.results[0]
+    springs[0].write_text(springs[0].read_text() + "\n0.031,110.0\n")
+    again = fit_logs(work, springs[:2], out, settings={})
+    assert (both.reused, again.reused) == (1, 1)
+
+
+def test_results_of_other_settings_are_not_mixed(springs, tmp_path):
+    fits = partial(fit_logs, fit_line_file, springs[:1], tmp_path / "fits")
+    fits(settings={"fit": "springs"})
+    assert_refused(lambda: fits(settings={"fit": "others"}), FitError, "settings")
+    assert fits(settings={"fit": "others"}, force=True).reused == 0
+    twice = partial(fit_logs, fit_line_file, springs[:1] * 2, tmp_path / "twice", settings={})
+    assert_refused(twice, FitError, str(springs[0]))
 
 
 def fit_or_die(path: str, *, poison: Path) -> FitResult:
@@ -21,63 +66,41 @@ def fit_or_die(path: str, *, poison: Path) -> FitResult:
 
 
 @pytest.mark.slow
-def test_a_log_that_kills_its_worker_does_not_stop_the_others(tmp_path: Path) -> None:
-    logs = []
-    for number in range(4):
-        rows = [
-            f"{x / 1000},{(1000 + 100 * number) * x / 1000 + (-1) ** x * 0.01}" for x in range(20)
-        ]
-        logs.append(tmp_path / f"spring_{number}.csv")
-        logs[-1].write_text("\n".join(["displacement_m,force_n", *rows]))
+def test_a_log_that_kills_its_worker_does_not_stop_the_others(springs, tmp_path):
     poison = tmp_path / "poison"
     poison.touch()
     work = partial(fit_or_die, poison=poison)
-    batch = fit_logs(work, logs, tmp_path / "fits", settings={}, workers=2)
-    assert batch.failed == {str(logs[1]): WORKER_KILLED}
-    assert [round(r.free[0].value, -2) for r in batch.results] == [1000.0, 1200.0, 1300.0]
+    batch = fit_logs(work, springs, tmp_path / "fits", settings={}, workers=2)
+    assert batch.failed == {str(springs[1]): WORKER_KILLED}
+    assert rates(batch) == [1000.0, 1200.0]
     poison.unlink()
-    again = fit_logs(work, logs, tmp_path / "fits", settings={}, workers=2)
-    assert (again.failed, again.reused, len(again.results)) == ({}, 3, 4)
+    again = fit_logs(work, springs, tmp_path / "fits", settings={}, workers=2)
+    assert (again.failed, again.reused, len(again.results)) == ({}, 2, 3)
 
 
-@pytest.mark.parametrize("damage", ["last line cut off", "header cut off", "other JSON", "no text"])
-def test_a_damaged_journal_costs_only_the_damaged_lines(tmp_path: Path, damage: str) -> None:
-    logs = []
-    for number in range(3):
-        logs.append(tmp_path / f"spring_{number}.csv")
-        logs[-1].write_text(
-            "\n".join(
-                [
-                    "displacement_m,force_n",
-                    *(f"{x / 1000},{2 * x + (-1) ** x * 0.01}" for x in range(20)),
-                ]
-            )
-        )
-    first = fit_logs(fit_line_file, logs, tmp_path / "fits", settings={"a": 1})
-    journal = tmp_path / "fits" / "fits.jsonl"
-    whole = journal.read_bytes()
-    lines = whole.splitlines(keepends=True)
-    content, kept = {
-        "last line cut off": (whole[:-40], 2),
-        "header cut off": (lines[0][:5], 0),
-        "other JSON": (b"".join([lines[0], b"5\n", b'{"log": "x"}\n', *lines[1:]]), 3),
-        "no text": (b"".join([lines[0], b"\xff\xfe\n", *lines[1:]]), 3),
-    }[damage]
-    journal.write_bytes(content)
+@pytest.mark.parametrize(
+    ("damage", "kept"),
+    [
+        (lambda lines: [*lines[:-1], lines[-1][:-40]], 2),
+        (lambda lines: [lines[0][:5]], 0),
+        (lambda lines: [lines[0], b"5\n", b'{"log": "x"}\n', *lines[1:]], 3),
+        (lambda lines: [lines[0], b"\xff\xfe\n", *lines[1:]], 3),
+    ],
+    ids=["last line cut off", "header cut off", "other JSON", "no text"],
+)
+def test_a_damaged_journal_costs_only_the_damaged_lines(springs, tmp_path, damage, kept):
+    out = tmp_path / "fits"
+    fit_logs(fit_line_file, springs, out, settings={})
+    journal = out / "fits.jsonl"
+    journal.write_bytes(b"".join(damage(journal.read_bytes().splitlines(keepends=True))))
     for reused in (kept, 3):
-        again = fit_logs(fit_line_file, logs, tmp_path / "fits", settings={"a": 1})
+        again = fit_logs(fit_line_file, springs, out, settings={})
         assert (again.reused, again.failed) == (reused, {})
-        assert [r.free[0].value for r in again.results] == [r.free[0].value for r in first.results]
+        assert rates(again) == [1000.0, 1100.0, 1200.0]
 
 
-def test_fits_of_another_version_are_made_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    log = tmp_path / "spring.csv"
-    rows = [f"{x / 1000},{2 * x + (-1) ** x * 0.01}" for x in range(20)]
-    log.write_text("\n".join(["displacement_m,force_n", *rows]))
-    for reused in (0, 1):
-        assert fit_logs(fit_line_file, [log], tmp_path / "fits", settings={}).reused == reused
+def test_fits_of_another_version_are_made_again(springs, tmp_path, monkeypatch):
+    fits = partial(fit_logs, fit_line_file, springs, tmp_path / "fits", settings={})
+    fits()
     monkeypatch.setattr(fit_batch, "software_versions", lambda: {"project": "0.0.0"})
-    for reused in (0, 1):
-        assert fit_logs(fit_line_file, [log], tmp_path / "fits", settings={}).reused == reused
+    assert [fits().reused for _ in range(2)] == [0, 3]

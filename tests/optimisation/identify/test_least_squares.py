@@ -12,7 +12,6 @@ from aerodima.optimisation.identify.least_squares import (
     Parameter,
     Parameters,
     Problem,
-    Solver,
     huber,
     solve,
     solve_huber,
@@ -25,6 +24,8 @@ from aerodima.optimisation.identify.least_squares_solvers import (
 )
 from aerodima.optimisation.identify.published_check import fit_line
 from aerodima.workbench.errors import FitError
+from tests.optimisation.coverage import assert_held, assert_standard, draws
+from tests.refusals import assert_refused
 
 METHODS = [solve_algebraic, solve_rollout, solve_formula]
 TIME = np.linspace(0.0, 3.0, 40)
@@ -49,7 +50,7 @@ def decay(amplitude_size: float = 1.0, **bounds: float) -> Problem:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
-def test_agrees_with_scipy_whatever_the_units(method: Solver, size: float) -> None:
+def test_agrees_with_scipy_whatever_the_units(method, size):
     problem = decay(size)
     scales = np.array([size, 1.0, size])
     reference = least_squares(
@@ -66,7 +67,7 @@ def test_agrees_with_scipy_whatever_the_units(method: Solver, size: float) -> No
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_stops_on_a_bound_at_the_constrained_minimum(method: Solver) -> None:
+def test_stops_on_a_bound_at_the_constrained_minimum(method):
     problem = decay(k=1.0)
     reference = least_squares(
         problem.residual, problem.parameters.seed, bounds=([0, 0, -np.inf], [10, 1.0, np.inf])
@@ -78,21 +79,18 @@ def test_stops_on_a_bound_at_the_constrained_minimum(method: Solver) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_residual_that_is_not_finite_at_the_seed_names_the_unknowns(method: Solver) -> None:
+def test_a_residual_that_is_not_finite_at_the_seed_names_the_unknowns(method):
     problem = Problem(
         Parameters.of([Parameter("mass", "kg", -0.1)]),
         lambda x: np.array([np.sqrt(x[0]) - 1.0]),
         name="pendulum",
     )
-    with (
-        np.errstate(invalid="ignore"),
-        pytest.raises(FitError, match=r"pendulum.*not finite.*mass = -0\.1 kg"),
-    ):
-        solve(problem, method)
+    with np.errstate(invalid="ignore"):
+        assert_refused(lambda: solve(problem, method), FitError, "pendulum", "mass = -0.1 kg")
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_other_seeds_are_tried_when_one_has_no_model(method: Solver) -> None:
+def test_other_seeds_are_tried_when_one_has_no_model(method):
     def residual(x: np.ndarray) -> np.ndarray:
         if x[0] < 0.0:
             raise FitError(f"the mass matrix is indefinite at {x[0]} kg")
@@ -101,11 +99,11 @@ def test_other_seeds_are_tried_when_one_has_no_model(method: Solver) -> None:
     parameters = Parameters.of([Parameter("mass", "kg", -0.1, -1.0, 10.0)])
     solution = solve(Problem(parameters, residual), method, parameters.starts([{"mass": 1.0}]))
     assert [attempt.success for attempt in solution.attempts] == [False, True]
-    assert "indefinite at -0.1" in solution.attempts[0].status
+    assert "-0.1" in solution.attempts[0].status
     assert solution.x[0] == pytest.approx(2.0 / 1.01, rel=1e-8)
 
 
-def test_a_rollout_that_breaks_down_within_the_solve_shortens_the_step() -> None:
+def test_a_rollout_that_breaks_down_within_the_solve_shortens_the_step():
     # From 0.2 the full Gauss-Newton step of log(x) - 3 goes to 1.1, from there to 4.2; beyond 25
     # there is no model.
     def residual(x: np.ndarray) -> np.ndarray:
@@ -118,7 +116,7 @@ def test_a_rollout_that_breaks_down_within_the_solve_shortens_the_step() -> None
 
 
 @pytest.mark.parametrize("ends", ["nan", "error"])
-def test_a_model_that_ends_beside_the_solution_has_a_one_sided_derivative(ends: str) -> None:
+def test_a_model_that_ends_beside_the_solution_has_a_one_sided_derivative(ends):
     def residual(x: np.ndarray) -> np.ndarray:
         if x[0] < 1.0 and ends == "error":
             raise FitError(f"no model at {x[0]}")
@@ -135,23 +133,20 @@ def test_a_model_that_ends_beside_the_solution_has_a_one_sided_derivative(ends: 
     alone = Problem(
         problem.parameters, lambda x: residual(x) * (1.0 if x[0] == 1.1 else np.nan), name="edge"
     )
-    with pytest.raises(
-        FitError, match=r"edge: no derivative by x: the model ends on both sides of x = 1\.1"
-    ):
-        alone.central_differences(np.array([1.1]))
+    assert_refused(lambda: alone.central_differences(np.array([1.1])), FitError, "edge", "x = 1.1")
 
 
-def test_a_model_that_ends_within_snopt_is_a_failed_attempt() -> None:
+def test_a_model_that_ends_within_snopt_is_a_failed_attempt():
     parameters = Parameters.of([Parameter("x", "1", 2.0, 0.0, 5.0)])
     problem = Problem(
         parameters, lambda x: np.array([x[0] - 1.00001]) * (1.0 if x[0] >= 1.0 else np.nan)
     )
     attempt = solve_algebraic(problem, np.array([2.0]))
     assert not attempt.success
-    assert "the residual is not finite (nan in row 0) at x = " in attempt.status
+    assert "nan in row 0" in attempt.status
 
 
-def test_of_several_minima_the_lowest_is_kept_and_all_are_listed() -> None:
+def test_of_several_minima_the_lowest_is_kept_and_all_are_listed():
     parameters = Parameters.of([Parameter("x", "1", 3.0, -5.0, 5.0)])
     # The cost is stationary where (x + 2) (2 x (x - 2) + 1/4) = 0: minima at 1 + sqrt(7/8) and,
     # lower, at -2.
@@ -162,7 +157,7 @@ def test_of_several_minima_the_lowest_is_kept_and_all_are_listed() -> None:
     assert solution.x[0] == pytest.approx(-2.0, abs=1e-6)
 
 
-def test_jacobian_at_the_solution_is_that_of_the_formula() -> None:
+def test_jacobian_at_the_solution_is_that_of_the_formula():
     solution = solve(decay(), solve_rollout)
     a, k, _ = solution.x
     exact = np.column_stack([np.exp(-k * TIME), -a * TIME * np.exp(-k * TIME), np.ones_like(TIME)])
@@ -170,7 +165,7 @@ def test_jacobian_at_the_solution_is_that_of_the_formula() -> None:
     assert np.allclose(solution.jacobian, exact, atol=1e-6)
 
 
-def test_a_bent_valley_that_stops_gauss_newton_is_followed_by_snopt() -> None:
+def test_a_bent_valley_that_stops_gauss_newton_is_followed_by_snopt():
     # Rosenbrock's valley with a weight of 1e5: Gauss-Newton from here needs many short steps.
     parameters = Parameters.of(
         [Parameter("x", "1", -1.5, -5.0, 5.0), Parameter("y", "1", 2.0, -5.0, 5.0)]
@@ -189,19 +184,19 @@ def line(y: np.ndarray, x: np.ndarray, loss):
     return fit_line(x, y, SLOPE, OFFSET, name="line", channel="y", loss=loss)
 
 
-def test_huber_residual_is_quadratic_within_and_linear_beyond_its_limit() -> None:
+def test_huber_residual_is_quadratic_within_and_linear_beyond_its_limit():
     loss = 0.5 * huber(np.array([0.5, -1.0, 3.0, -3.0]), 1.0) ** 2
     assert loss == pytest.approx([0.125, 0.5, 2.5, 2.5])
 
 
-def test_spread_is_the_standard_deviation_of_normal_values_and_ignores_a_wild_tenth() -> None:
+def test_spread_is_the_standard_deviation_of_normal_values_and_ignores_a_wild_tenth():
     values = np.random.default_rng(1).normal(3.0, 2.0, 20000)
     assert spread(values) == pytest.approx(2.0, rel=0.03)
     values[::10] += 1e6
     assert spread(values) < 2.4
 
 
-def test_wild_points_tear_the_least_squares_line_away_and_not_the_huber_line() -> None:
+def test_wild_points_tear_the_least_squares_line_away_and_not_the_huber_line():
     rng = np.random.default_rng(2)
     x = np.linspace(0.0, 1.0, 60)
     y = 4.0 * x - 1.0 + 0.05 * rng.normal(size=60)
@@ -215,26 +210,35 @@ def test_wild_points_tear_the_least_squares_line_away_and_not_the_huber_line() -
     assert held.facts["outliers"] == 3
     # The interval is that of the good points, not of the wild ones.
     assert held["slope"].standard_deviation < 0.2 * torn["slope"].standard_deviation
-    assert held.status.startswith("Huber: ")
-    assert len(held.attempts) == 2
+
+
+def test_normal_data_lose_a_twentieth_of_their_variance_to_the_huber_loss():
+    """Huber's limit of 1.345 is 95 % efficient."""
+    x = np.linspace(0.0, 1.0, 2000)
+    y = 2.0 * x + 0.1 * np.random.default_rng(8).normal(size=2000)
+    least, robust = (line(y, x, loss)["slope"].standard_deviation for loss in ("squares", "huber"))
+    assert (robust / least) ** 2 == pytest.approx(1.0 / 0.95, rel=0.06)
 
 
 @pytest.mark.slow
-def test_intervals_under_huber_hold_the_truth_in_95_percent_with_and_without_outliers() -> None:
+@pytest.mark.parametrize("wild", [0.0, 0.05])
+@draws(60, 400)
+def test_intervals_under_huber_hold_the_truth_in_95_percent(number, wild):
     rng = np.random.default_rng(3)
     x = np.linspace(0.0, 1.0, 80)
-    for wild in (0.0, 0.05):
-        held = []
-        for _ in range(200):
-            y = 2.0 * x + 0.5 + 0.1 * rng.normal(size=80)
-            y += np.where(rng.uniform(size=80) < wild, 3.0 * rng.choice([-1.0, 1.0], size=80), 0.0)
-            found = line(y, x, "huber")
-            held += [found["slope"].holds(2.0), found["offset"].holds(0.5)]
-        # 400 intervals in pairs: a scatter of 1.5 %; 800 of another seed gave 0.94 and 0.96.
-        assert 0.91 <= np.mean(held) <= 0.985
+    scores = []
+    held = []
+    for _ in range(number):
+        y = 2.0 * x + 0.5 + 0.1 * rng.normal(size=80)
+        y += np.where(rng.uniform(size=80) < wild, 3.0 * rng.choice([-1.0, 1.0], size=80), 0.0)
+        slope = line(y, x, "huber")["slope"]
+        held.append(slope.holds(2.0))
+        scores.append((slope.value - 2.0) / slope.standard_deviation)
+    assert_held(held)
+    assert_standard(scores)
 
 
-def test_given_and_differenced_jacobians_lead_to_the_same_minimum() -> None:
+def test_given_and_differenced_jacobians_lead_to_the_same_minimum():
     rng = np.random.default_rng(4)
     x = np.linspace(0.0, 2.0, 50)
     y = np.exp(-1.3 * x) + 0.01 * rng.normal(size=50)
@@ -257,7 +261,7 @@ def test_given_and_differenced_jacobians_lead_to_the_same_minimum() -> None:
     assert abs(np.linalg.lstsq(influence.jacobian, influence.residual, rcond=None)[0][0]) < 1e-4
 
 
-def test_data_that_fit_exactly_are_left_alone() -> None:
+def test_data_that_fit_exactly_are_left_alone():
     x = np.linspace(0.0, 1.0, 12)
     result = line(3.0 * x + 1.0, x, "huber")
     assert result["slope"].value == pytest.approx(3.0, abs=1e-6)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,7 @@ from aerodima.optimisation.identify.published_check import (
 from aerodima.optimisation.identify.static_fit import StaticBalance
 
 
-def test_constants_of_the_models_predict_tail_1_as_the_design_says() -> None:
+def test_constants_of_the_models_predict_tail_1_as_the_design_says():
     rows = static_rows()
     rows = rows[(rows["tail"] == 1) & (rows.axis == "major")]
     error = np.abs(predicted_currents(balances(), rows) / rows.current_a - 1.0)
@@ -25,7 +23,7 @@ def test_constants_of_the_models_predict_tail_1_as_the_design_says() -> None:
 
 
 @pytest.mark.slow
-def test_joint_fit_meets_the_published_currents_within_physical_bounds() -> None:
+def test_joint_fit_meets_the_published_currents_within_physical_bounds():
     found = fit_rig_constants()
     assert len(found.rows) == 200
     assert found.median_error <= 0.02
@@ -45,7 +43,7 @@ def test_joint_fit_meets_the_published_currents_within_physical_bounds() -> None
     assert {("Table 10.6", 20, 5), ("Table 10.16", 20, 1)} <= listed
 
 
-def test_known_constants_are_found_again_from_currents_made_with_them() -> None:
+def test_known_constants_are_found_again_from_currents_made_with_them():
     rows = static_rows()
     rows = rows[(rows.current_a > 0.2) & (rows.test_no <= 2)].copy()
     changes = {"maxon": {"torque_constant": 0.33}, "tunnel": {"jet_edge_depth": 0.26}}

@@ -6,20 +6,31 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
 from aerodima.optimisation.identify.log_rig import FitOptions
-from aerodima.optimisation.identify.static_fit import StaticBalance, fit_static, static_problem
+from aerodima.optimisation.identify.static_fit import (
+    StaticBalance,
+    StaticResidual,
+    fit_static,
+    shifted_data,
+    static_problem,
+)
 from aerodima.optimisation.identify.static_log import static_data
-from aerodima.workbench.errors import FitError, LogError
+from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.stations.rig_station import simulate_static_log
+from tests.optimisation.coverage import assert_held, draws
 from tests.optimisation.identify import static_truth as truth
+from tests.refusals import assert_refused
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +50,7 @@ def changed(log: RunLog, **columns: np.ndarray) -> RunLog:
 @pytest.mark.parametrize(
     ("tail", "degrees"), [(1, 0), (2, 0.3), (1, 30), (2, 45), (3, 60), (2, 75)]
 )
-def test_balance_is_that_of_the_plant(tail: int, degrees: float) -> None:
+def test_balance_is_that_of_the_plant(tail, degrees):
     scenario = truth.static_scenario(tail, "major", degrees, 20.0, -0.08)
     rig = Rig(scenario)
     balance = StaticBalance.of(scenario)
@@ -54,7 +65,7 @@ def test_balance_is_that_of_the_plant(tail: int, degrees: float) -> None:
     )
 
 
-def test_hanging_rig_weighs_its_mass_and_turns_it_about_the_sensor() -> None:
+def test_hanging_rig_weighs_its_mass_and_turns_it_about_the_sensor():
     balance = StaticBalance.of(truth.static_scenario(1, "major", 0.0, 10.0, 0.0))
     wrench, torque = balance.hanging(0.0)
     mass = 1.189 + 0.313 + 0.0982
@@ -64,7 +75,7 @@ def test_hanging_rig_weighs_its_mass_and_turns_it_about_the_sensor() -> None:
     assert torque == 0.0
 
 
-def test_jacobian_of_the_residual_is_that_of_differences(windy: RunLog) -> None:
+def test_jacobian_of_the_residual_is_that_of_differences(windy):
     problem = static_problem(static_data(windy))
     assert problem.jacobian is not None
     x = np.array([0.9, 0.3, 0.07, 5.0])
@@ -76,7 +87,7 @@ def test_jacobian_of_the_residual_is_that_of_differences(windy: RunLog) -> None:
     np.testing.assert_allclose(problem.jacobian(x), numeric, rtol=1e-6, atol=1e-6)
 
 
-def test_truth_lies_within_narrow_intervals_and_scipy_agrees(windy: RunLog) -> None:
+def test_truth_lies_within_narrow_intervals_and_scipy_agrees(windy):
     data = static_data(windy)
     result = fit_static(data)
     for name, value in truth.truth_of(windy).items():
@@ -94,28 +105,36 @@ def test_truth_lies_within_narrow_intervals_and_scipy_agrees(windy: RunLog) -> N
 
 
 @pytest.mark.slow
-def test_intervals_hold_the_truth_in_95_percent() -> None:
+@draws(1, 5)
+def test_intervals_hold_the_truth_in_95_percent(number):
+    """So many logs of each of 108 holds, of which those at 75 degrees are out of the jet: only the
+    current is known there.
+    """
     held = defaultdict(list)
-    undetermined = 0
-    for log in truth.static_logs(5, rest=1.0, duration=3.0, seed=4):
+    for log in truth.static_logs(number, rest=1.0, duration=3.0, seed=4):
         result = fit_static(static_data(log))
-        exposed = log.extra["exposed"]
         for name, value in truth.truth_of(log).items():
-            if result[name].identifiable:
+            seen = log.extra["exposed"] or name == "current"
+            assert result[name].identifiable == seen
+            if seen:
                 held[name].append(result[name].holds(value))
-            # 75 degrees is out of the jet: only the current is known there.
-            assert result[name].identifiable == (exposed or name == "current")
-            undetermined += not result[name].identifiable
-    assert undetermined == 270
-    assert [len(held[name]) for name in ("cd", "cl", "psi3", "current")] == [450, 450, 450, 540]
-    for values in held.values():
-        assert 0.92 <= np.mean(values) <= 0.98
-    # 1890 intervals, about four of them bound together by one log's noise: other seeds scatter by
-    # 0.9 %.
-    assert 0.94 <= np.mean(np.concatenate(list(held.values()))) <= 0.96
+    counts = {name: len(good) for name, good in held.items()}
+    exposed = 90 * number
+    assert counts == {"cd": exposed, "cl": exposed, "psi3": exposed, "current": 108 * number}
+    for good in held.values():
+        assert_held(good)
 
 
-def test_without_exposure_only_the_current_is_determined() -> None:
+def test_rounding_of_the_angle_is_half_a_count_in_the_residual(windy):
+    data = static_data(windy)
+    x = np.array([0.9, 0.3, 0.07, 5.0])
+    half = 0.5 * data.scenario.count_angle
+    ends = [StaticResidual(shifted_data(data, {"encoder_zero": off}))(x) for off in (-half, half)]
+    noise = StaticResidual(data).noise(SimpleNamespace(x=x))
+    assert noise.rounding == pytest.approx(0.5 * (ends[1] - ends[0]), rel=1e-3, abs=1e-9)
+
+
+def test_without_exposure_only_the_current_is_determined():
     scenario = truth.static_scenario(1, "major", 75.0, 20.0, 0.0).varied(
         experiment={"duration": 2.0}
     )
@@ -126,16 +145,16 @@ def test_without_exposure_only_the_current_is_determined() -> None:
     assert result.facts["exposed_length_m"] == 0.0
 
 
-def test_without_rest_phase_the_bias_widens_the_intervals_and_is_told(windy: RunLog) -> None:
+def test_without_rest_phase_the_bias_widens_the_intervals_and_is_told(windy):
     with_rest = fit_static(static_data(windy))
     extra = {key: value for key, value in windy.extra.items() if key != "rest_s"}
     windy_only = windy.table[windy.time > 1.0].reset_index(drop=True)
     without = fit_static(static_data(replace(windy, table=windy_only, extra=extra)))
-    assert any("no rest phase" in warning for warning in without.warnings)
+    assert len(without.warnings) > len(with_rest.warnings)
     assert without["current"].standard_deviation > 50.0 * with_rest["current"].standard_deviation
 
 
-def test_a_log_that_was_cut_and_starts_at_zero_again_keeps_its_rest_phase(windy: RunLog) -> None:
+def test_a_log_that_was_cut_and_starts_at_zero_again_keeps_its_rest_phase(windy):
     kept = windy.table[windy.time > 0.5 - 1e-9].reset_index(drop=True)
     rest = [at - 0.5 for at in windy.extra["rest_s"]]
     part = replace(
@@ -145,74 +164,55 @@ def test_a_log_that_was_cut_and_starts_at_zero_again_keeps_its_rest_phase(windy:
     assert fit_static(static_data(part))["cd"].holds(truth.CD)
 
 
-def test_a_missing_and_a_dead_axis_are_left_out_and_told(windy: RunLog) -> None:
+def test_a_missing_and_a_dead_axis_are_left_out_and_told(windy):
     log = replace(windy, table=windy.table.drop(columns="force_z_n"))
     log = changed(log, torque_y_n_m=np.full(len(log.table), 0.2))
     result = fit_static(static_data(log))
     assert set(result.residual_rms) == {"fx", "fy", "tx", "tz", "speed"}
-    assert any("force_z_n is missing" in warning for warning in result.warnings)
-    assert any("torque_y_n_m is constant" in warning for warning in result.warnings)
+    for axis in ("force_z_n", "torque_y_n_m"):
+        assert any(axis in warning for warning in result.warnings)
     assert result["cd"].value == pytest.approx(truth.CD, abs=0.02)
 
 
+def extra(**facts: Any) -> Callable[[RunLog], RunLog]:
+    return lambda log: replace(log, extra={**log.extra, **facts})
+
+
+def column(name: str, change: Callable[[np.ndarray, np.ndarray], Any]) -> Callable:
+    """A log in which a column becomes a function of itself and the time."""
+    return lambda log: changed(log, **{name: change(log.table[name].to_numpy(), log.time)})
+
+
+def gap(log: RunLog) -> RunLog:
+    return replace(log, table=log.table.drop(index=range(2000, 2500)).reset_index(drop=True))
+
+
 @pytest.mark.parametrize(
-    ("damage", "message"),
+    ("damage", "named"),
     [
-        (
-            lambda log: changed(
-                log, force_y_n=np.where(log.time == 2.0, np.nan, log.signal("force_y_n"))
-            ),
-            "force_y_n.*2 s",
-        ),
-        (
-            lambda log: replace(
-                log, table=log.table.drop(index=range(2000, 2500)).reset_index(drop=True)
-            ),
-            "gap",
-        ),
-        (lambda log: changed(log, time_s=log.time[::-1].copy()), "not increasing"),
-        (lambda log: changed(log, angle_rad=np.degrees(log.signal("angle_rad"))), "degrees"),
-        (lambda log: changed(log, torque_x_n_m=1000.0 * log.signal("torque_x_n_m")), "wrong unit"),
-        (
-            lambda log: changed(log, angle_rad=log.signal("angle_rad") + 0.1 * log.time),
-            "holds it within 1 degree",
-        ),
-        (lambda log: replace(log, table=log.table.head(3)), "3 samples"),
-        (lambda log: replace(log, kind="swing"), "of kind 'swing'"),
-        (
-            lambda log: replace(log, extra={**log.extra, "wind_speed_m_per_s": 200.0}),
-            "200.0; allowed",
-        ),
-        (
-            lambda log: replace(log, extra={**log.extra, "wind_speed_m_per_s": True}),
-            "True; allowed",
-        ),
-        (
-            lambda log: replace(log, extra={**log.extra, "offsets_to_add": [1, 2]}),
-            r"is \[1, 2\]; 6 numbers",
-        ),
-        (
-            lambda log: replace(log, extra={**log.extra, "tail": "7"}),
-            "'tail' is '7'; allowed: 1, 2, 3",
-        ),
-        (
-            lambda log: replace(log, extra={**log.extra, "rest_s": [0.0, 0.01]}),
-            "samples in the rest phase",
-        ),
-        (lambda log: replace(log, extra={**log.extra, "rest_s": 1}), "'rest_s' is 1; 2 numbers"),
+        (column("force_y_n", lambda f, t: np.where(t == 2.0, np.nan, f)), ("force_y_n", "2 s")),
+        (gap, ("time_s",)),
+        (column("time_s", lambda t, _: t[::-1].copy()), ("time_s",)),
+        (column("angle_rad", lambda q, _: np.degrees(q)), ("angle_rad",)),
+        (column("torque_x_n_m", lambda m, _: 1000.0 * m), ("torque_x_n_m",)),
+        (column("angle_rad", lambda q, t: q + 0.1 * t), ("1 degree",)),
+        (lambda log: replace(log, table=log.table.head(3)), ("3",)),
+        (lambda log: replace(log, kind="swing"), ("swing",)),
+        (extra(wind_speed_m_per_s=200.0), ("wind_speed_m_per_s", "200")),
+        (extra(wind_speed_m_per_s=True), ("wind_speed_m_per_s", "True")),
+        (extra(offsets_to_add=[1, 2]), ("offsets_to_add", "[1, 2]", "6")),
+        (extra(tail="7"), ("tail", "7")),
+        (extra(rest_s=[0.0, 0.01]), ("rest",)),
+        (extra(rest_s=1), ("rest_s", "1", "2")),
     ],
 )
-def test_a_bad_log_is_refused_with_its_reason(windy: RunLog, damage, message: str) -> None:
-    with pytest.raises((FitError, LogError), match=message):
-        static_data(damage(windy))
+def test_a_bad_log_is_refused(windy, damage, named):
+    assert_refused(lambda: static_data(damage(windy)), UserError, *named)
 
 
-def test_a_bound_of_the_user_stops_what_the_wide_ones_allow(windy: RunLog) -> None:
+def test_a_bound_of_the_user_stops_what_the_wide_ones_allow(windy):
     data = static_data(windy)
     shifted = replace(data, wrench=data.wrench + np.array([-4.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
     assert fit_static(shifted)["psi3"].value > 0.13
     printed = fit_static(shifted, FitOptions(bounds=(("psi3", -0.12, 0.12),)))
     assert (printed["psi3"].value, printed["psi3"].bound) == (0.12, "upper")
-    assert any(
-        "psi3 stopped at its upper bound 0.12 rad" in warning for warning in printed.warnings
-    )

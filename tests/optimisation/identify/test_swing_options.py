@@ -25,6 +25,7 @@ from aerodima.optimisation.identify.swing_coefficients import (
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.errors import FitError
 from tests.optimisation.identify import swing_truth as truth
+from tests.refusals import assert_refused
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def short():
 
 
 @pytest.mark.slow
-def test_it_starts_from_zero_and_a_scan_and_from_the_table_where_that_leaves_inertia(short) -> None:
+def test_it_starts_from_zero_and_a_scan_and_from_the_table_where_that_leaves_inertia(short):
     result = fit_added_mass(short)
     assert result["added_mass"].value == pytest.approx(0.02, abs=0.001)
     # Table 4.12 has -0.1 kg at 10 m/s, more than the inertia that tail 1 has.
@@ -54,7 +55,7 @@ def test_it_starts_from_zero_and_a_scan_and_from_the_table_where_that_leaves_ine
 
 
 @pytest.mark.slow
-def test_bounds_leave_some_inertia_and_move_the_start_inside(short) -> None:
+def test_bounds_leave_some_inertia_and_move_the_start_inside(short):
     least = Pendulum.of(short.scenario).least_added_mass
     free = added_mass_parameter(short)
     assert least < free.lower < 0.95 * least
@@ -63,22 +64,20 @@ def test_bounds_leave_some_inertia_and_move_the_start_inside(short) -> None:
     assert within["added_mass"].value == 0.05
 
 
-def test_a_fit_that_stops_at_a_bound_says_so_and_bounds_need_a_parameter() -> None:
+def test_a_fit_that_stops_at_a_bound_says_so_and_bounds_need_a_parameter():
     data = swing_data(truth.bar_log(0.04, 0.036, 1.4, 2.0), "bar_swing")
     result = fit_friction(data, options=FitOptions(bounds=(("coulomb", 0.0, 0.0399),)))
     assert result["coulomb"].bound == "upper"
     assert result["coulomb"].lower < result["coulomb"].value == result["coulomb"].upper
     assert all(e.lower <= e.value <= e.upper for e in result.estimates)
-    assert any(
-        "coulomb stopped at its upper bound 0.0399 N m" in warning for warning in result.warnings
-    )
-    with pytest.raises(FitError, match=r"bound on 'cd': the free parameters are coulomb, viscous"):
-        fit_friction(data, options=FitOptions(bounds=(("cd", 0.0, 1.0),)))
+    assert any("coulomb" in warning and "0.0399" in warning for warning in result.warnings)
+    wrong = FitOptions(bounds=(("cd", 0.0, 1.0),))
+    assert_refused(lambda: fit_friction(data, options=wrong), FitError, "cd", "coulomb", "viscous")
     far = fit_friction(data, options=FitOptions(bounds=(("viscous", 0.5, 1.0),)))
     assert far["viscous"].value == 0.5
 
 
-def test_wild_encoder_samples_do_not_move_the_friction_under_huber() -> None:
+def test_wild_encoder_samples_do_not_move_the_friction_under_huber():
     log = truth.bar_log(0.04, 0.036, 1.4, 3.0)
     wild = log.table.angle_rad.to_numpy().copy()
     wild[np.random.default_rng(5).choice(len(wild), 60, replace=False)] += 0.2
@@ -91,7 +90,7 @@ def test_wild_encoder_samples_do_not_move_the_friction_under_huber() -> None:
     assert held.facts["outliers"] >= 10  # of 60, one in four falls on the grid of the rollout
 
 
-def test_a_far_lower_cost_is_kept_although_the_solver_did_not_say_success() -> None:
+def test_a_far_lower_cost_is_kept_although_the_solver_did_not_say_success():
     problem = Problem(Parameters.of([Parameter("x", "1", 0.0)]), lambda x: x - 3.0)
     outcomes = iter([(np.array([3.1]), 0.005, False), (np.array([9.0]), 18.0, True)])
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.optimisation.identify.pendulum import (
     Pendulum,
     air_torque,
@@ -27,16 +29,19 @@ from aerodima.optimisation.identify.swing_coefficients import (
 from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.errors import FitError, LogError
+from aerodima.workbench.errors import FitError, UserError
+from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.simulate.simulation import simulate
+from tests.optimisation.coverage import assert_held, assert_standard, draws
 from tests.optimisation.identify import swing_truth as truth
+from tests.refusals import assert_refused
 
 
 @pytest.mark.parametrize(
     ("name", "added"), [("bar", 0.0), ("flick", 0.0), ("flick", 0.03), ("robot", 0.0)]
 )
-def test_pendulum_accelerates_as_the_plant(name: str, added: float) -> None:
+def test_pendulum_accelerates_as_the_plant(name, added):
     scenario = load_rig_scenario(name).varied(aero={"added_mass": added})
     rig = Rig(scenario)
     pendulum = Pendulum.of(scenario)
@@ -52,7 +57,7 @@ def test_pendulum_accelerates_as_the_plant(name: str, added: float) -> None:
         assert total / pendulum.total_inertia(added) == pytest.approx(expected, abs=1e-9)
 
 
-def test_rollout_without_loss_keeps_its_energy() -> None:
+def test_rollout_without_loss_keeps_its_energy():
     pendulum = Pendulum.of(load_rig_scenario("bar"))
     angle, rate = roll_out(pendulum, [], (1.5, 0.0), 0.004, 2000)
     energy = 0.5 * pendulum.inertia * rate**2 + pendulum.weight_sine * np.cos(angle)
@@ -61,7 +66,7 @@ def test_rollout_without_loss_keeps_its_energy() -> None:
 
 
 @pytest.mark.parametrize("name", ["flick", "bar", "robot"])
-def test_rollout_converges_below_an_encoder_count(name: str) -> None:
+def test_rollout_converges_below_an_encoder_count(name):
     """The step of the fits against an eighth of it; the forces have kinks at the jet's edge, so not
     to rounding.
     """
@@ -76,10 +81,10 @@ def test_rollout_converges_below_an_encoder_count(name: str) -> None:
     assert np.max(np.abs(coarse - fine)[1]) < 1e-3
 
 
-def test_motor_torque_moves_it_downstream_and_a_motion_without_bounds_is_refused() -> None:
+def test_motor_torque_moves_it_downstream_and_a_motion_without_bounds_is_refused():
     pendulum = Pendulum.of(load_rig_scenario("bar"))
     assert roll_out(pendulum, [], (0.0, 0.0), 0.004, 251, motor=[0.2] * 250)[0][-1] > 0.3
-    with pytest.raises(FitError, match="the rollout comes apart after"):
+    with pytest.raises(FitError):
         roll_out(pendulum, [], (0.0, 0.0), 0.004, 251, motor=[500.0] * 250)
 
 
@@ -91,9 +96,7 @@ def test_motor_torque_moves_it_downstream_and_a_motion_without_bounds_is_refused
         ("robot", ["experiment.duration=2"], "robot_swing"),
     ],
 )
-def test_friction_of_a_simulated_swing_is_found(
-    tmp_path: Path, name: str, settings: list[str], kind: str
-) -> None:
+def test_friction_of_a_simulated_swing_is_found(tmp_path, name, settings, kind):
     scenario = load_rig_scenario(name, settings)
     result = fit_friction(swing_data(simulate(scenario, tmp_path / "log.parquet"), kind))
     known = scenario.robot_friction if scenario.is_robot else scenario.friction
@@ -104,8 +107,8 @@ def test_friction_of_a_simulated_swing_is_found(
 
 @pytest.mark.slow
 def test_added_mass_of_a_simulated_flick_is_found_and_brings_the_motion_to_the_noise(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     scenario = load_rig_scenario("flick", ["aero.added_mass=0.02", "experiment.duration=2.5"])
     log = simulate(scenario, tmp_path / "flick.parquet")
     result = fit_added_mass(swing_data(log, "swing"))
@@ -115,7 +118,7 @@ def test_added_mass_of_a_simulated_flick_is_found_and_brings_the_motion_to_the_n
 
 
 @pytest.mark.slow
-def test_robot_tail_line_is_found_and_bins_lie_on_it(tmp_path: Path) -> None:
+def test_robot_tail_line_is_found_and_bins_lie_on_it(tmp_path):
     scenario = load_rig_scenario("robot", ["experiment.wind_speed=7.5", "experiment.duration=2.5"])
     data = swing_data(simulate(scenario, tmp_path / "robot.parquet"), "robot_swing")
     line = fit_robot_tail(data, "line")
@@ -134,47 +137,80 @@ def test_robot_tail_line_is_found_and_bins_lie_on_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_intervals_of_friction_hold_the_truth_in_95_percent() -> None:
+@draws(24, 120)
+def test_intervals_of_friction_hold_the_truth_in_95_percent(number):
     rng = np.random.default_rng(7)
     held = []
-    for _ in range(120):
+    for _ in range(number):
         coulomb, viscous, angle = rng.uniform([0.02, 0.02, 1.0], [0.08, 0.05, 1.6])
         result = fit_friction(swing_data(truth.bar_log(coulomb, viscous, angle, 4.0), "bar_swing"))
         held.append([result["coulomb"].holds(coulomb), result["viscous"].holds(viscous)])
-    # 240 intervals in pairs: a scatter of 1.7 %; the encoder's rounding is not quite white.
-    assert 0.91 <= np.mean(held) <= 0.985
+    for good in np.transpose(held):
+        assert_held(good)
+
+
+def added_mass_of(log: RunLog) -> FitResult:
+    """With exact constants of the rig."""
+    data = swing_data(log, "swing")
+    return SwingModel(data, still_tail_law).fit([added_mass_parameter(data)], exact=True)
 
 
 @pytest.mark.slow
-def test_intervals_of_added_mass_hold_the_truth_although_the_current_is_noisy() -> None:
+@draws(8, 60)
+def test_intervals_of_added_mass_hold_the_truth_although_the_current_is_noisy(number):
     rng = np.random.default_rng(7)
     scores = []
-    for seed in range(16):
+    for seed in range(number):
         mass = rng.uniform(-0.01, 0.05)
-        data = swing_data(truth.flick_log(mass, seed), "swing")
-        found = SwingModel(data, still_tail_law).fit([added_mass_parameter(data)])["added_mass"]
+        found = added_mass_of(truth.flick_log(mass, seed, duration=1.0))["added_mass"]
         scores.append((found.value - mass) / found.standard_deviation)
-    # 16 standard scores: their deviation is known to 18 %; 60 gave 0.97, and 95 % of the intervals
-    # held.
-    assert 0.5 <= np.std(scores) <= 1.5
-    assert np.mean(np.abs(scores) < 1.96) >= 0.8
+    assert_standard(scores)
 
 
 @pytest.mark.slow
-def test_intervals_of_the_robot_tail_hold_the_truth() -> None:
+@draws(6, 40)
+def test_intervals_of_the_robot_tail_hold_the_truth(number):
     rng = np.random.default_rng(7)
     scores = []
-    for _ in range(12):
+    for _ in range(number):
         cn, angle = rng.uniform([1.2, 0.8], [2.6, 0.95])
         log = truth.robot_log(cn, angle, rng.choice([5.0, 7.5, 10.0]), rng.choice([4.0, 10.0]), 1.5)
         found = fit_robot_tail(swing_data(log, "robot_swing"))["cn"]
         scores.append((found.value - cn) / found.standard_deviation)
-    # 12 standard scores: their deviation is known to 20 %.
-    assert 0.4 <= np.std(scores) <= 1.6
-    assert np.mean(np.abs(scores) < 1.96) >= 0.8
+    assert_standard(scores)
 
 
-def test_resting_on_after_the_swing_makes_an_interval_neither_wider_nor_narrower() -> None:
+@pytest.mark.slow
+def test_an_error_of_the_model_widens_the_intervals_of_a_driven_swing():
+    """A slow wave of the angle, as no parameter makes one: noise of angle and current explain a
+    third of the square of what is left at most.
+    """
+    log = truth.flick_log(0.02, seed=1, duration=0.5)
+    wave = 4e-3 * np.sin(40.0 * log.table.time_s)
+    honest, bent = (
+        added_mass_of(replace(log, table=log.table.assign(angle_rad=log.table.angle_rad + added)))
+        for added in (0.0, wave)
+    )
+    larger = bent.residual_rms["angle"] / honest.residual_rms["angle"]
+    assert larger > 5.0
+    wider = bent["added_mass"].standard_deviation / honest["added_mass"].standard_deviation
+    assert wider == pytest.approx(larger / math.sqrt(3.0), rel=0.5)
+    assert abs(bent["added_mass"].value - 0.02) < 3.0 * bent["added_mass"].standard_deviation
+
+
+def test_noise_of_the_motor_is_that_of_the_mean_of_the_samples_of_a_step():
+    data = swing_data(truth.flick_log(0.0, seed=5), "swing")
+    stride = round(data.step * truth.RATE)
+    rng = np.random.default_rng(5)
+    time = np.arange(1500) / truth.RATE
+    current = 1.5 * np.sin(2.0 * math.pi * (1.0 + rng.uniform()) * time)
+    means = current[: stride * len(data.motor)].reshape(-1, stride).mean(axis=1)
+    error = data.motor + data.scenario.maxon.torque_constant * means
+    assert stride > 1
+    assert np.std(error) == pytest.approx(data.motor_deviation, rel=0.15)
+
+
+def test_resting_on_after_the_swing_makes_an_interval_neither_wider_nor_narrower():
     """At rest the reading repeats one rounding error; the saw of a slow approach is no slow error
     of the model.
     """
@@ -194,7 +230,7 @@ def test_resting_on_after_the_swing_makes_an_interval_neither_wider_nor_narrower
 
 
 @pytest.mark.parametrize("told", ["metadata", "scenario"])
-def test_the_release_of_a_log_that_was_cut_is_found(told: str) -> None:
+def test_the_release_of_a_log_that_was_cut_is_found(told):
     """A log of a rest of 1 s and a swing, of which the first 0.6 s are cut off and the times begin
     at zero again.
     """
@@ -217,7 +253,7 @@ def test_the_release_of_a_log_that_was_cut_is_found(told: str) -> None:
     assert swing_data(part, "bar_swing").release == pytest.approx(0.4)
 
 
-def test_a_filtered_angle_is_no_count() -> None:
+def test_a_filtered_angle_is_no_count():
     log = truth.robot_log(2.0, 0.9, 7.5, 10.0, 1.5)
     angle = log.table.angle_rad.rolling(5, min_periods=1).mean()
     assert (
@@ -226,7 +262,7 @@ def test_a_filtered_angle_is_no_count() -> None:
     )
 
 
-def test_response_to_a_push_is_that_of_two_rollouts() -> None:
+def test_response_to_a_push_is_that_of_two_rollouts():
     scenario = load_rig_scenario("flick")
     pendulum = Pendulum.of(scenario)
     air = air_torque(scenario)
@@ -243,15 +279,15 @@ def test_response_to_a_push_is_that_of_two_rollouts() -> None:
     )
 
 
-def test_an_added_mass_beyond_the_inertia_names_the_least_one() -> None:
+def test_an_added_mass_beyond_the_inertia_names_the_least_one():
     pendulum = Pendulum.of(load_rig_scenario("flick"))
     least = -pendulum.inertia / sum(s * s for s in pendulum.part_distances)
     assert pendulum.total_inertia(0.99 * least) > 0.0
-    with pytest.raises(FitError, match=rf"must be above {least:.4g} kg"):
-        pendulum.total_inertia(-0.033)  # the published value of tail 1 at 20 m/s
+    # The published value of tail 1 at 20 m/s.
+    assert_refused(lambda: pendulum.total_inertia(-0.033), FitError, "-0.033", f"{least:.4g} kg")
 
 
-def test_jacobian_of_a_rollout_is_smooth_enough_for_differences() -> None:
+def test_jacobian_of_a_rollout_is_smooth_enough_for_differences():
     data = swing_data(truth.flick_log(0.01, seed=3), "swing")
     problem = SwingModel(data, still_tail_law).problem([added_mass_parameter(data)])
     x = problem.parameters.seed
@@ -261,54 +297,40 @@ def test_jacobian_of_a_rollout_is_smooth_enough_for_differences() -> None:
     assert np.all(np.linalg.norm(one_sided - central, axis=0) < 1e-2 * size)
 
 
+def column(name: str, values: Callable[[pd.DataFrame], Any]) -> Callable[[RunLog], RunLog]:
+    return lambda log: replace(log, table=log.table.assign(**{name: values(log.table)}))
+
+
+def extra(**facts: Any) -> Callable[[RunLog], RunLog]:
+    return lambda log: replace(log, extra={**log.extra, **facts})
+
+
+def gap(log: RunLog) -> RunLog:
+    return replace(log, table=log.table.drop(index=range(500, 900)).reset_index(drop=True))
+
+
+def still(log: RunLog) -> RunLog:
+    return replace(column("angle_rad", lambda _: 1.0)(log), scenario={"mount": {}}, extra={})
+
+
+def still_after_its_rest(log: RunLog) -> RunLog:
+    return column("angle_rad", lambda _: 1.0)(extra(rest_s=[0.0, 0.5])(log))
+
+
 @pytest.mark.parametrize(
-    ("damage", "message"),
+    ("damage", "named"),
     [
-        (lambda log: replace(log, kind="swing"), "of kind 'swing'"),
-        (lambda log: replace(log, table=log.table.head(3)), "3 samples"),
-        (
-            lambda log: replace(
-                log, table=log.table.assign(angle_rad=np.degrees(log.table.angle_rad))
-            ),
-            "degrees",
-        ),
-        (
-            lambda log: replace(
-                log, table=log.table.drop(index=range(500, 900)).reset_index(drop=True)
-            ),
-            "gap",
-        ),
-        (
-            lambda log: replace(
-                log,
-                table=log.table.assign(angle_rad=1.0),
-                scenario={key: {} for key in ("mount",)},
-                extra={},
-            ),
-            "no swing in it",
-        ),
-        (
-            lambda log: replace(
-                log,
-                table=log.table.assign(angle_rad=1.0),
-                extra={**log.extra, "rest_s": [0.0, 0.5]},
-            ),
-            r"the angle stays at 1\.0000 rad after the release",
-        ),
-        (
-            lambda log: replace(log, extra={**log.extra, "rest_s": [0.0, 99.0]}),
-            "rest ends at 99 s, but the log at 2 s",
-        ),
-        (
-            lambda log: replace(log, table=log.table.assign(time_s=1e3 * log.table.time_s)),
-            "is the time in ms",
-        ),
-        (
-            lambda log: replace(log, table=log.table.assign(current_a=900.0)),
-            "beyond 60 A; is it in mA",
-        ),
+        (lambda log: replace(log, kind="swing"), ("swing",)),
+        (lambda log: replace(log, table=log.table.head(3)), ("3",)),
+        (column("angle_rad", lambda table: np.degrees(table.angle_rad)), ("angle_rad",)),
+        (gap, ("time_s", "0.401 s", "0.499 s")),
+        (still, ("1.0000 rad",)),
+        (still_after_its_rest, ("1.0000 rad",)),
+        (extra(rest_s=[0.0, 99.0]), ("99 s", "2 s")),
+        (column("time_s", lambda table: 1e3 * table.time_s), ("1 s",)),
+        (column("current_a", lambda _: 900.0), ("current_a", "900", "60 A")),
     ],
 )
-def test_a_bad_swing_log_is_refused_with_its_reason(damage, message: str) -> None:
-    with pytest.raises((FitError, LogError), match=message):
-        swing_data(damage(truth.bar_log(0.04, 0.036, 1.4, 2.0)), "bar_swing")
+def test_a_bad_swing_log_is_refused(damage, named):
+    log = damage(truth.bar_log(0.04, 0.036, 1.4, 2.0))
+    assert_refused(lambda: swing_data(log, "bar_swing"), UserError, *named)

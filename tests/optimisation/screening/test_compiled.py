@@ -12,13 +12,14 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aerodima.optimisation.entry.feedback_search import gains_of
-from aerodima.optimisation.screening.compiled import LANES, Recording, _attributes, run
+from aerodima.optimisation.screening.compiled import LANES, _attributes, run
 from aerodima.optimisation.screening.entry_runs import Entering
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import Driven, drive_turns
 from aerodima.optimisation.screening.vehicle_motion import STATES
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench import load_scenario
+from tests.refusals import assert_refused
 
 RNG = np.random.default_rng(5)
 ONCE = np.array([False])
@@ -66,7 +67,7 @@ def batch_of(function: Callable[..., Any], **arrays: np.ndarray) -> Any:
     ],
 )
 @pytest.mark.parametrize("cars", [1, LANES, 2 * LANES + 3])
-def test_functions_of_arrays(function: Callable[..., Any], cars: int) -> None:
+def test_functions_of_arrays(function, cars):
     a, b = RNG.normal(size=(2, 3, cars))
     for found, expected in zip(
         run(batch_of(function, a=a, b=b), ONCE, keep=True), function(a, b), strict=True
@@ -74,48 +75,27 @@ def test_functions_of_arrays(function: Callable[..., Any], cars: int) -> None:
         assert_allclose(found[0], expected, rtol=1e-14, atol=1e-15)
 
 
-def test_steps_change_arrays_by_what_they_are_given() -> None:
-    class Falling(Pair):
-        def tick(self, gain: Any, _: Any) -> None:
-            self.ticks = self.ticks + gain
-
-        def step(self, _: Any, force: Any) -> list[Any]:
-            self.speed = self.speed + force * self.own.mobility
-            self.fast = self.fast | (self.speed > 2.0)
-            return [np.stack([self.speed, self.ticks])]
-
-    mobility = np.linspace(0.5, 1.5, LANES + 3)
-    still = {"ticks": 0.0 * mobility, "speed": 0.0 * mobility, "fast": mobility > np.inf}
-    batch, twin = (Falling(own=SimpleNamespace(mobility=mobility), **still) for _ in range(2))
-    given = np.array([True, False, True]), np.array([1.0, 2.0, 4.0]), np.array([1.0, 0.5, 0.25])
-    assert_allclose(
-        run(batch, *given, keep=True), run_in_numpy(twin, *given, keep=True), rtol=1e-15
-    )
-    assert_allclose(batch.speed, 1.75 * mobility, rtol=1e-15)
-    assert np.array_equal(batch.ticks, np.full(LANES + 3, 5.0))
-    assert np.array_equal(batch.fast, 1.75 * mobility > 2.0)
-    assert batch.fast.dtype == bool
+ONES = np.ones((3, 2))
 
 
-def test_a_record_holds_an_operation_once() -> None:
-    record = Recording()
-    one = record.add("in", 0)
-    assert record.add("sqrt", one) is record.add("sqrt", one)
-    assert len(record.operations) == 2
+@pytest.mark.parametrize(
+    ("function", "named"),
+    [
+        (lambda a, b: [np.arctan2(a, b)], "numpy.arctan2"),
+        (lambda a, b: [a**3], "3"),
+        (lambda a, b: [np.sum(a, axis=0, keepdims=True)], "numpy.add"),
+        (lambda a, b: [np.sum(a, axis=0, initial=1.0)], "numpy.add"),
+    ],
+)
+def test_what_cannot_be_compiled_is_refused(function, named):
+    batch = batch_of(function, a=ONES, b=ONES)
+    assert_refused(lambda: run(batch, ONCE), NotImplementedError, named)
 
 
-def test_what_cannot_be_compiled_is_refused() -> None:
-    arrays = {"a": np.ones((3, 2)), "b": np.ones((3, 2))}
-    with pytest.raises(NotImplementedError, match=r"numpy\.arctan2"):
-        run(batch_of(lambda a, b: [np.arctan2(a, b)], **arrays), ONCE)
-    with pytest.raises(NotImplementedError, match="power 3"):
-        run(batch_of(lambda a, b: [a**3], **arrays), ONCE)
-    for keywords in ({"keepdims": True}, {"initial": 1.0}):
-        with pytest.raises(NotImplementedError, match=r"numpy\.add"):
-            run(batch_of(lambda a, b, given=keywords: [np.sum(a, axis=0, **given)], **arrays), ONCE)
-    for cars in (0, 3):
-        with pytest.raises(ValueError, match="cars"):
-            run(batch_of(lambda a, b: [a], a=np.ones((1, cars)), b=np.ones((1, 0))), ONCE)
+@pytest.mark.parametrize("cars", [0, 3])
+def test_arrays_of_different_cars_are_refused(cars):
+    batch = batch_of(lambda a, b: [a], a=np.ones((1, cars)), b=np.ones((1, 0)))
+    assert_refused(lambda: run(batch, ONCE), ValueError, "cars")
 
 
 def run_in_numpy(
@@ -156,7 +136,8 @@ def agree(batch: Any, ticks: np.ndarray, *given: np.ndarray) -> None:
                     )
 
 
-def test_steps_of_turns() -> None:
+@pytest.mark.slow
+def test_steps_of_turns():
     """The tails swing, the cars slide or tip, and some have left the turn."""
     scenarios = [load_scenario("turn_designed", words) for words in FRICTIONS]
     cars = Vehicles.of(scenarios)
@@ -178,7 +159,7 @@ DRIVERS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("manoeuvre", DRIVERS)
-def test_steps_of_entries(manoeuvre: str) -> None:
+def test_steps_of_entries(manoeuvre):
     """From 3 to 6 m/s, steered to one side and then, by the roll rate, to the other; or along a
     path.
     """

