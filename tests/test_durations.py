@@ -1,7 +1,6 @@
 """The list of slow tests names tests that exist, and a test that is missing there is found."""
 
 import ast
-from pathlib import Path
 
 import pytest
 
