@@ -151,17 +151,22 @@ class SerialLink:
             self._condition.notify_all()
         for thread in self._threads:
             thread.join(timeout)
-        self._lose("closed", count=False)
-
-    def _lose(self, reason: str, count: bool = True) -> None:
-        """Closes the device after an error; `_run` opens it again."""
         port = self._port
-        self._port = None
-        self.connected = False
-        if port is None:
-            return
-        self.error = reason
-        self.losses += count
+        if port is not None:
+            self._lose(port, "closed", count=False)
+
+    def _lose(self, port: Serial, reason: str, count: bool = True) -> None:
+        """Closes a port after an error; `_run` opens the device again.
+
+        Both threads may fail on one port; the later one must not close what was opened since.
+        """
+        with self._condition:
+            if self._port is not port:
+                return
+            self._port = None
+            self.connected = False
+            self.error = reason
+            self.losses += count
         try:
             port.close()
         except Exception as error:  # a device that has gone cannot be closed properly
@@ -181,20 +186,21 @@ class SerialLink:
             except (
                 Exception
             ) as error:  # pyserial raises OSError, TypeError and others on a lost device
-                self._lose(f"reading failed: {reason_of(error)}")
+                self._lose(port, f"reading failed: {reason_of(error)}")
                 continue
             if data:
                 self._inbox.append((time.monotonic(), data))
 
     def _reopen(self) -> None:
         try:
-            self._port = self._open_port()
+            port = self._open_port()
         except Exception as error:  # whatever the driver says, the thread must live to try again
             self.error = reason_of(error)
             self._closing.wait(_RECONNECT)
-        else:
-            with self._condition:
-                self._waiting = None  # made before the device was lost: too old
+            return
+        with self._condition:
+            self._waiting = None  # made before the device was lost: too old
+            self._port = port
             self.connected = True
 
     # -- sending thread
@@ -206,9 +212,10 @@ class SerialLink:
                     lambda: self._waiting is not None or self._closing.is_set(), 0.1
                 )
                 data = self._waiting
+                # Taken together: data from before a loss must not meet the port opened after it.
+                port = self._port
             if data is None:
                 continue
-            port = self._port
             if port is None:
                 self._closing.wait(_WITHOUT_PORT)
                 continue
@@ -216,7 +223,7 @@ class SerialLink:
                 port.write(data)
                 self.written += 1
             except Exception as error:
-                self._lose(f"writing failed: {reason_of(error)}")
+                self._lose(port, f"writing failed: {reason_of(error)}")
             with self._condition:
                 if self._waiting is data:
                     self._waiting = None
