@@ -49,7 +49,7 @@ def read_durations(path: Path) -> dict[str, float]:
 
 def read_budgets(path: Path) -> dict[str, float]:
     """Seconds of each entry: a test without its parameters."""
-    entries = tomllib.loads(path.read_text(encoding="utf-8"))["test"]
+    entries = tomllib.loads(path.read_text(encoding="utf-8")).get("test", [])
     return {entry["name"]: float(entry["seconds"]) for entry in entries}
 
 
