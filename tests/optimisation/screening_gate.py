@@ -15,10 +15,9 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import spearmanr
@@ -29,14 +28,12 @@ from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.sweep.rollover_threshold import (
     FRICTION,
     Search,
-    Threshold,
     is_clean,
     search_rows,
 )
 from aerodima.optimisation.sweep.runs import Runs, RunTask, open_run_engine
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
-from aerodima.workbench.config.scenario import Scenario
 
 SCENARIO, SPEED = "turn_designed", ("manoeuvre.speed=4.5",)
 SEARCH = Search(FRICTION, 0.3, 1.2, 0.1, 0.0125)
@@ -69,7 +66,7 @@ class Pairs(NamedTuple):
     reduced: np.ndarray
     alike: np.ndarray
 
-    def words(self) -> str:
+    def words(self):
         """Rank correlation, median and largest difference, pairs, cases where both were clean or
         neither.
         """
@@ -83,13 +80,13 @@ class Pairs(NamedTuple):
             f"{100 * self.alike.mean():6.0f} %"
         )
 
-    def best_is_screened(self) -> bool:
+    def best_is_screened(self):
         """Whether the full car's best is in the share of the reduced one's best."""
         rank = int((self.reduced > self.reduced[np.nanargmax(self.full)]).sum())
         return rank < max(1, round(BEST * len(self.full)))
 
 
-def drawn_laws(number: int, seed: int = 5) -> list[Settings]:
+def drawn_laws(number, seed=5):
     """Settings of constant-rate swings: rate, release, gains, travel, braking, pitch."""
     g = np.random.default_rng(seed)
     ranges = {
@@ -107,7 +104,7 @@ def drawn_laws(number: int, seed: int = 5) -> list[Settings]:
     ]
 
 
-def screened_friction(scenarios: Sequence[Scenario], search: Search) -> list[Threshold]:
+def screened_friction(scenarios, search):
     """The threshold of clean runs of every scenario, all of them driven at once.
 
     Args:
@@ -120,7 +117,7 @@ def screened_friction(scenarios: Sequence[Scenario], search: Search) -> list[Thr
     cars = Vehicles.of(scenarios)
     plans = TurnPlans.of(scenarios)
 
-    def run(wanted: Sequence[tuple[int, float]]) -> list[bool]:
+    def run(wanted):
         places = [place for place, _ in wanted]
         frictions = [value for _, value in wanted]
         turns = drive_turns(
@@ -131,10 +128,10 @@ def screened_friction(scenarios: Sequence[Scenario], search: Search) -> list[Thr
     return search_rows(search, ["bisect"] * len(scenarios), run, bool)
 
 
-def compared_friction(engine: Runs, cases: Sequence[Settings]) -> Pairs:
+def compared_friction(engine, cases):
     """Critical friction of every case."""
 
-    def run(wanted: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
+    def run(wanted):
         return engine.rows(
             [
                 RunTask(f"{place}", SCENARIO, (*cases[place], f"{FRICTION}={value!r}"))
@@ -148,7 +145,7 @@ def compared_friction(engine: Runs, cases: Sequence[Settings]) -> Pairs:
     return Pairs(one, other, np.isfinite(one) == np.isfinite(other))
 
 
-def compared_heading(engine: Runs, cases: Sequence[Settings]) -> Pairs:
+def compared_heading(engine, cases):
     """Heading change of every case where it is clean, degrees."""
     rows = engine.rows([RunTask(str(place), SCENARIO, case) for place, case in enumerate(cases)])
     scenarios = [load_scenario(SCENARIO, case) for case in cases]
@@ -179,14 +176,14 @@ class Searched(NamedTuple):
     runs: int
 
     @property
-    def found(self) -> bool:
+    def found(self):
         """Whether the full car's best, or one of several as good, is in the reduced car's best
         tenth.
         """
         return min(self.ranks) <= BEST * CANDIDATES
 
 
-def searched(engine: Runs, car: Settings, seed: int) -> Searched:
+def searched(engine, car, seed):
     """The laws that stay clean longest on the full car, without driving each to its limit.
 
     The limit of the law that the reduced car puts first is searched for; all others are driven one
@@ -199,7 +196,7 @@ def searched(engine: Runs, car: Settings, seed: int) -> Searched:
     order = np.argsort([-(found.survived or 0.0) for found in screened], kind="stable").tolist()
     driven = 0
 
-    def clean(places: Sequence[int], friction: float) -> list[int]:
+    def clean(places, friction):
         nonlocal driven
         driven += len(places)
         tasks = [
@@ -210,7 +207,7 @@ def searched(engine: Runs, car: Settings, seed: int) -> Searched:
             place for place, row in zip(places, engine.rows(tasks), strict=True) if is_clean(row)
         ]
 
-    def run(wanted: Sequence[tuple[int, float]]) -> list[bool]:
+    def run(wanted):
         return [bool(clean([order[0]], friction)) for _, friction in wanted]
 
     limit = search_rows(SEARCH, ["bisect"], run, bool)[0].survived
@@ -224,14 +221,14 @@ def searched(engine: Runs, car: Settings, seed: int) -> Searched:
     return Searched(ranks, SEARCH.value(place), SEARCH.value(first), driven)
 
 
-def main() -> None:
+def main():
     """Prints the table of the gate."""
     folder = Path(sys.argv[1])
     (number, with_laws, searches, cores) = map(int, sys.argv[2:])
     ensemble = load_ensemble()
     tuned = {member.name for member in ensemble.drawn(TUNED)}
     others = [m for m in ensemble.drawn(len(ensemble.members)) if m.name not in tuned]
-    cars: list[Settings] = [(*m.settings_on(SCENARIO), *SPEED) for m in others[:number]]
+    cars = [(*m.settings_on(SCENARIO), *SPEED) for m in others[:number]]
     with (
         RowStore(folder / "runs.jsonl", {"schema": "screening gate"}) as store,
         open_run_engine(cores) as workers,
@@ -275,7 +272,7 @@ def main() -> None:
     )
 
 
-def reduced_seconds(scenarios: Sequence[Scenario], count: int = 768) -> float:
+def reduced_seconds(scenarios, count=768):
     """CPU time of one run among many, s."""
     places = np.arange(count) % len(scenarios)
     vehicles = Vehicles.of(scenarios).take(places)

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -15,7 +14,7 @@ from aerodima.workbench.logs.schema import write_run_log
 from aerodima.workbench.stations.rig_station import simulate_static_log
 
 
-def run(*arguments: str | Path):
+def run(*arguments):
     return CliRunner().invoke(build_app(), ["fit", *map(str, arguments)])
 
 

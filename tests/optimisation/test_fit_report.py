@@ -14,7 +14,7 @@ from aerodima.workbench.errors import ModelError
 from tests.refusals import assert_refused
 
 
-def result(name: str, *names: str, curves: dict | None = None) -> FitResult:
+def result(name, *names, curves=None):
     estimates = tuple(Estimate(n, "1", 2.0, 0.1, 1.8, 2.2, noise_deviation=0.04) for n in names)
     return FitResult(
         name, estimates, ((0.01,),), 1.0, {"angle": 0.1}, True, "done", (), curves=curves or {}
@@ -59,7 +59,7 @@ def test_a_report_that_cannot_be_finished_leaves_the_earlier_one_whole(tmp_path,
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert {"fits.csv", "fits.yaml", "report.html", "curves.png"} <= set(before)
 
-    def stopped(self: FigureCanvasAgg, *args: object, **kwargs: object) -> None:
+    def stopped(self, *args, **kwargs):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(FigureCanvasAgg, "print_png", stopped)

@@ -6,10 +6,8 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +23,6 @@ from aerodima.optimisation.identify.static_fit import (
 )
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.stations.rig_station import simulate_static_log
 from tests.optimisation.coverage import assert_held, draws
@@ -34,7 +31,7 @@ from tests.refusals import assert_refused
 
 
 @pytest.fixture(scope="module")
-def windy() -> RunLog:
+def windy():
     """Tail 1 at 15 degrees in 20 m/s with psi3 = 0.05 rad, 5 s, the first without wind."""
     scenario = truth.static_scenario(1, "major", 15.0, 20.0, 0.05).varied(
         experiment={"duration": 5.0}
@@ -43,7 +40,7 @@ def windy() -> RunLog:
     return truth.log_with_rest(scenario, Rig(scenario), calm, 1.0)
 
 
-def changed(log: RunLog, **columns: np.ndarray) -> RunLog:
+def changed(log, **columns):
     return replace(log, table=log.table.assign(**columns))
 
 
@@ -174,16 +171,16 @@ def test_a_missing_and_a_dead_axis_are_left_out_and_told(windy):
     assert result["cd"].value == pytest.approx(truth.CD, abs=0.02)
 
 
-def extra(**facts: Any) -> Callable[[RunLog], RunLog]:
+def extra(**facts):
     return lambda log: replace(log, extra={**log.extra, **facts})
 
 
-def column(name: str, change: Callable[[np.ndarray, np.ndarray], Any]) -> Callable:
+def column(name, change):
     """A log in which a column becomes a function of itself and the time."""
     return lambda log: changed(log, **{name: change(log.table[name].to_numpy(), log.time)})
 
 
-def gap(log: RunLog) -> RunLog:
+def gap(log):
     return replace(log, table=log.table.drop(index=range(2000, 2500)).reset_index(drop=True))
 
 

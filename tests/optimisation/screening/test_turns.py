@@ -3,7 +3,6 @@ scenario survives.
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +14,6 @@ from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
 from aerodima.optimisation.swing.motion_search import steered_swing
 from aerodima.workbench import Observation, UserError, load_scenario, metrics_of, simulate
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings
 from aerodima.workbench.controllers.swing_player import SwingPlayer
 from aerodima.workbench.metrics.turn_course import turn_course
@@ -101,11 +98,11 @@ def test_heading_is_that_of_the_full_car_once_it_has_settled():
     assert yaw[-1] - yaw[999] < full - 1.0
 
 
-def of_cars(name: str, *settings: str) -> Any:
+def of_cars(name, *settings):
     return Vehicles.of([load_scenario(name, settings)])
 
 
-def of_plans(name: str, *settings: str) -> Any:
+def of_plans(name, *settings):
     return TurnPlans.of([load_scenario(name), load_scenario(name, settings)])
 
 
@@ -135,7 +132,7 @@ def test_what_it_does_not_know_is_refused(make, words, named):
     assert_refused(lambda: make(*words), UserError, *named)
 
 
-def played() -> SwingFile:
+def played():
     """A swing over the top that the steering releases."""
     turn = load_scenario("turn_designed")
     time = np.linspace(0.0, 0.8, 9)
@@ -146,7 +143,7 @@ def played() -> SwingFile:
     return steered_swing("played", turn, time, roll, rate, provenance={"source": ""})
 
 
-def plans_of(scenario: Scenario, swing: SwingFile) -> TurnPlans:
+def plans_of(scenario, swing):
     """Of a car that plays a swing file, which the steering releases in a turn to the left."""
     (phase,) = swing.gains.phases
     threshold = swing.trigger.threshold_rad
@@ -157,7 +154,7 @@ def plans_of(scenario: Scenario, swing: SwingFile) -> TurnPlans:
     gains = [
         np.array([gain]) for joint in (phase.roll, phase.pitch) for gain in (joint.kp, joint.kd)
     ]
-    numbers: dict[str, Any] = {
+    numbers = {
         "trigger_yaw_rate": np.inf,
         "trigger_steering": threshold,
         "delay": 0.0,

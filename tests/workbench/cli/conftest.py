@@ -20,7 +20,7 @@ def call():
     app = build_app()
     runner = CliRunner()
 
-    def run(*words: object) -> Result:
+    def run(*words):
         return runner.invoke(app, [str(word) for word in words], catch_exceptions=False)
 
     return run
@@ -32,7 +32,7 @@ def refused(call):
     no traceback.
     """
 
-    def run(*words: object) -> str:
+    def run(*words):
         result = call(*words)
         assert result.exit_code == 2, result.output
         assert result.stderr.startswith("error: ")

@@ -15,7 +15,7 @@ from aerodima.workbench.errors import UserError
 RUNNER = CliRunner()
 
 
-def app() -> typer.Typer:
+def app():
     program = typer.Typer()
     program.callback()(lambda: None)
     register(program)

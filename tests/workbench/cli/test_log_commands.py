@@ -71,7 +71,7 @@ def test_recover_says_what_it_saved(call, refused, tmp_path):
     """
     path = tmp_path / "run.parquet"
 
-    def interrupt(time: float, _length: float) -> None:
+    def interrupt(time, _length):
         if time > 0.8:
             raise KeyboardInterrupt
 

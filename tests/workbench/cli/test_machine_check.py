@@ -8,7 +8,7 @@ from aerodima.workbench.cli import doctor_commands as doctor
 from aerodima.workbench.cli.program import build_app
 
 
-def finding(subject: str) -> doctor.Finding:
+def finding(subject):
     return next(found for found in doctor.examine() if found.subject == subject)
 
 

@@ -66,7 +66,7 @@ def environment(tmp_path):
 
 @pytest.fixture
 def aerodima(environment):
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    def run(*arguments):
         command = [sys.executable, "-m", "aerodima", *arguments]
         return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
 
@@ -132,7 +132,7 @@ def test_bad_flag_is_status_2_without_traceback(aerodima, arguments):
     assert "Error: " in done.stderr
 
 
-def listen_to_ctrl_c() -> None:
+def listen_to_ctrl_c():
     """A shell starts background jobs deaf to Ctrl-C, and their children inherit it."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
@@ -211,7 +211,7 @@ Commands = dict[str, Any]
 def commands():
     """Every command and group by its words."""
 
-    def below(words: str, command: Any) -> Commands:
+    def below(words, command):
         inner = getattr(command, "commands", {}).items()
         return {words: command} | {
             key: one for name, sub in inner for key, one in below(f"{words} {name}", sub).items()
@@ -222,7 +222,7 @@ def commands():
     }
 
 
-def options_of(command: Any) -> dict[str, Any]:
+def options_of(command):
     return {
         name: option for option in command.params for name in option.opts if name.startswith("-")
     }

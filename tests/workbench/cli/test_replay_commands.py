@@ -22,7 +22,7 @@ def log(tmp_path_factory):
 def impatient(monkeypatch):
     """Ctrl-C as soon as the program waits."""
 
-    def interrupt(seconds: float) -> None:
+    def interrupt(seconds):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(time, "sleep", interrupt)

@@ -27,7 +27,7 @@ def test_export_to_a_file_is_not_overwritten(call, refused, tmp_path):
 
 
 def test_diagram_is_a_picture(call, tmp_path, monkeypatch):
-    drawn: list[DiagramPicture] = []
+    drawn = []
     monkeypatch.setattr(
         DiagramPicture, "render", lambda picture, kind: drawn.append(picture) or kind.encode()
     )

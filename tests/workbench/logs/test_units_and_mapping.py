@@ -1,5 +1,4 @@
 import math
-from typing import Any
 
 import pytest
 
@@ -7,7 +6,7 @@ from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import load_mapping, mapping_from, unit_factor, unit_in_name
 from tests.refusals import assert_refused
 
-MAPPING: dict[str, Any] = {
+MAPPING = {
     "schema": "aerodima/log-mapping/1",
     "kind": "swing",
     "time": {"from": "t"},
@@ -18,7 +17,7 @@ MAPPING: dict[str, Any] = {
 }
 
 
-def changed(**parts: Any) -> dict[str, Any]:
+def changed(**parts):
     return {**MAPPING, **parts}
 
 

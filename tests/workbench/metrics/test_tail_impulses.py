@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.tail_impulses import tail_impulses, tail_yaw_impulses
 from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import GRAVITY, TAIL_MASS, made_up_run, times
@@ -21,13 +20,11 @@ FORWARD = 3.0
 """Speed of the car, m/s."""
 
 
-def in_axes(stem: str, suffix: str, values: np.ndarray) -> dict[str, np.ndarray]:
+def in_axes(stem, suffix, values):
     return {f"{stem}_{axis}_{suffix}": values[:, number] for number, axis in enumerate("xyz")}
 
 
-def tail_columns(
-    yaw: np.ndarray, ground: np.ndarray, com: np.ndarray, velocity: np.ndarray
-) -> dict[str, np.ndarray]:
+def tail_columns(yaw, ground, com, velocity):
     """Of a car at places `ground` whose tail is a point mass at `com`."""
     momentum = TAIL_MASS * velocity
     return {
@@ -39,9 +36,7 @@ def tail_columns(
     }
 
 
-def point_mass_run(
-    roll: np.ndarray, roll_rate: np.ndarray, yaw: float = 0.0, direction: str = "left"
-) -> RunLog:
+def point_mass_run(roll, roll_rate, yaw=0.0, direction="left"):
     """A car that goes straight at heading `yaw` from (5, -2) m, its tail at these roll angles (0
     up, positive to the right).
     """
@@ -60,7 +55,7 @@ def point_mass_run(
     return made_up_run(columns, direction)
 
 
-def speeding_up(side: float) -> tuple[np.ndarray, np.ndarray]:
+def speeding_up(side):
     """Roll angle and rate: at rest on the inside, even acceleration for 0.2 s, then even speed."""
     since = np.clip(times() - START, 0.0, SPEED_UP)
     rate = ACCELERATION * since
@@ -69,11 +64,11 @@ def speeding_up(side: float) -> tuple[np.ndarray, np.ndarray]:
     return side * roll, side * rate
 
 
-def at_rest(roll: float) -> tuple[np.ndarray, np.ndarray]:
+def at_rest(roll):
     return np.full(times().size, roll), np.zeros(times().size)
 
 
-def at(time: float) -> int:
+def at(time):
     return round(time / (times()[1] - times()[0]))
 
 

@@ -1,14 +1,12 @@
 """Motions in closed form: straight lines, circles, a spin, a lean. The turn is from 2 to 2.64 s."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 
 from aerodima.workbench.metrics.turn_course import (
-    TurnCourse,
     turn_course,
     velocity_over_ground,
 )
@@ -18,9 +16,7 @@ V = 3.0
 """Below the centre of mass, m/s."""
 
 
-def moving(
-    course: Any, heading: Any, yaw_rate: Any, roll: Any = 0.0, speed: Any = V, side: float = 1.0
-) -> TurnCourse:
+def moving(course, heading, yaw_rate, roll=0.0, speed=V, side=1.0):
     """Of a run in which the point below the centre of mass moves along `course`.
 
     The body points along `heading` and leans by `roll`. The columns are those of the chassis' own
@@ -50,7 +46,7 @@ def moving(
     return turn_course(made_up_run(columns, "left" if side > 0 else "right"))
 
 
-def arc(rate: float, until: float = 2.64) -> tuple[np.ndarray, np.ndarray]:
+def arc(rate, until=2.64):
     """Angle and rate of an even turn from 2 s to some time."""
     t = times()
     return rate * np.clip(t - 2.0, 0.0, until - 2.0), rate * ((t >= 2.0) & (t <= until + 1e-9))

@@ -17,19 +17,17 @@ PEAK = 2.0
 """Of the yaw-rate pulse, rad/s."""
 
 
-def pulse(
-    peak: float = PEAK, start: float = TURN[0], length: float = TURN[1] - TURN[0]
-) -> np.ndarray:
+def pulse(peak=PEAK, start=TURN[0], length=TURN[1] - TURN[0]):
     """Half a sine over the window: mean 2/pi of the peak, integral 2/pi of peak x length."""
     phase = np.clip((times() - start) / length, 0.0, 1.0)
     return peak * np.sin(np.pi * phase)
 
 
-def ramp(size: float, start: float = TURN[0], end: float = TURN[1]) -> np.ndarray:
+def ramp(size, start=TURN[0], end=TURN[1]):
     return size * np.clip((times() - start) / (end - start), 0.0, 1.0)
 
 
-def doublet(size: float, start: float = 2.1, half: float = 0.25) -> np.ndarray:
+def doublet(size, start=2.1, half=0.25):
     """A roll rate out and back: +size for `half` seconds, then -size for as long; leans by size x
     half in between.
     """
@@ -40,7 +38,7 @@ def doublet(size: float, start: float = 2.1, half: float = 0.25) -> np.ndarray:
     )
 
 
-def turning(side: float) -> dict[str, np.ndarray | float]:
+def turning(side):
     """A turn to the left (side +1): yaw to the left, acceleration to the left, body and tail moving
     accordingly.
     """
@@ -310,7 +308,7 @@ def test_a_scenario_value_that_is_no_number_is_named(key, value):
     assert_refused(lambda: metrics_of(run), LogError, f"manoeuvre.{key}", repr(value))
 
 
-def degrees(*corners: float) -> np.ndarray:
+def degrees(*corners):
     """A tilt history (rad) through these angles, evenly spaced over the run."""
     return np.radians(np.interp(times(), np.linspace(0.0, times()[-1], len(corners)), corners))
 
