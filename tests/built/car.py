@@ -4,7 +4,7 @@ No simulation.
 """
 
 import math
-from functools import cache
+from functools import cache, partial
 from xml.etree import ElementTree
 
 import numpy as np
@@ -36,7 +36,6 @@ def actuated(part, built=None):
     """Joints of the tail or the car that a motor or servo moves."""
     built = built or car()[1]
     instance = built.tail if part == "tail" else built.car
-    assert instance is not None
     return {
         built.plant.get_joint_actuator(i).joint().name()
         for i in built.plant.GetJointActuatorIndices(instance)
@@ -47,7 +46,6 @@ def joints(kind, part, built=None):
     """Names of the joints of a type in the tail or the car."""
     built = built or car()[1]
     instance = built.tail if part == "tail" else built.car
-    assert instance is not None
     found = (built.plant.get_joint(index) for index in built.plant.GetJointIndices(instance))
     return sorted(joint.name() for joint in found if joint.type_name() == kind)
 
@@ -235,22 +233,13 @@ def time_to_a_steady_speed():
     return car()[0].drive.time_constant * math.log(1.0 / 0.03)
 
 
-@check
-def speed_at_30_percent():
+def speed_at(percent):
     drive = car()[0].drive
-    return drive.throttle_gain * 0.30 + drive.throttle_offset
+    return drive.throttle_gain * percent / 100.0 + drive.throttle_offset
 
 
-@check
-def speed_at_35_percent():
-    drive = car()[0].drive
-    return drive.throttle_gain * 0.35 + drive.throttle_offset
-
-
-@check
-def speed_at_50_percent():
-    drive = car()[0].drive
-    return drive.throttle_gain * 0.50 + drive.throttle_offset
+for percent in (30, 35, 50):
+    CHECKS[f"speed_at_{percent}_percent"] = partial(speed_at, percent)
 
 
 @check
@@ -274,9 +263,7 @@ def speed_at_full_throttle():
 
 def _robot_grid(factor):
     (block,) = load_study("robot_swings").blocks
-    values = block.grid[factor]
-    assert isinstance(values, list)
-    return [float(value) for value in values]
+    return ", ".join(f"{float(value):g}" for value in block.grid[factor])
 
 
 @check
@@ -284,29 +271,17 @@ def swings_of_the_robot_campaign():
     return float(len(plan_runs(load_study("robot_swings"))))
 
 
-@check
-def winds_of_the_robot_campaign():
-    return ", ".join(f"{value:g}" for value in _robot_grid("experiment.wind_speed"))
+CHECKS["winds_of_the_robot_campaign"] = partial(_robot_grid, "experiment.wind_speed")
+CHECKS["gains_of_the_robot_campaign"] = partial(_robot_grid, "robot.kp")
 
 
-@check
-def gains_of_the_robot_campaign():
-    return ", ".join(f"{value:g}" for value in _robot_grid("robot.kp"))
+def described(design):
+    return f"order {design.order}, {design.cutoff_hz:g} Hz"
 
 
-@check
-def filter_of_the_rig():
-    return f"order {RIG_FILTER.order}, {RIG_FILTER.cutoff_hz:g} Hz"
-
-
-@check
-def filter_of_the_imu():
-    return f"order {IMU_FILTER.order}, {IMU_FILTER.cutoff_hz:g} Hz"
-
-
-@check
-def filter_of_the_gps():
-    return f"order {GPS_FILTER.order}, {GPS_FILTER.cutoff_hz:g} Hz"
+CHECKS["filter_of_the_rig"] = partial(described, RIG_FILTER)
+CHECKS["filter_of_the_imu"] = partial(described, IMU_FILTER)
+CHECKS["filter_of_the_gps"] = partial(described, GPS_FILTER)
 
 
 def force_at(gamma):

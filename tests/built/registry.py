@@ -2,11 +2,6 @@
 of these are slow.
 """
 
-from collections.abc import Callable
-
-from tests.built.statements import Value
-
-Find = Callable[[], Value]
 CHECKS = {}
 RUNS = {}
 SLOW = set()

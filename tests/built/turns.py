@@ -173,9 +173,7 @@ def speed_at_2_s():
 @run
 def yaw_rate_when_an_inner_wheel_lifts():
     """No tail, 3.33 m/s: the first of the two inner wheels."""
-    found = trial("none", TAILLESS).summary.metrics.lift_yaw_rate_rad_per_s
-    assert found is not None
-    return found
+    return trial("none", TAILLESS).summary.metrics.lift_yaw_rate_rad_per_s
 
 
 @run
@@ -185,7 +183,6 @@ def stands_on_its_right_wheels_and_comes_back():
     """
     one = trial("none", 3.37)
     loads = signals_of(one).wheel_loads
-    assert loads is not None
     left_off = np.all(loads[:, [0, 2]] < UNLOADED, axis=1) & np.any(
         loads[:, [1, 3]] > UNLOADED, axis=1
     )
@@ -214,7 +211,6 @@ def tipping_acceleration_over_that_of_a_box():
     signals = signals_of(trial("none", TAILLESS))
     box = scenario.environment.gravity * scenario.car.outer_half_track / scenario.car.com_height
     loads = signals.wheel_loads
-    assert loads is not None
     off = np.flatnonzero(signals.in_window & (loads[:, 0] < UNLOADED) & (loads[:, 2] < UNLOADED))
     return float(low_pass(signals.time, signals.lateral_acceleration, IMU_FILTER)[off[0]] / box)
 

@@ -4,22 +4,17 @@ Every constant, bias of an instrument and coefficient is drawn anew for each log
 the priors that the scenario's section `uncertainty` states; the fit knows nothing of the draw.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
 from dataclasses import fields, replace
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.optimisation.identify.log_rig import FitOptions
 from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.optimisation.identify.swing_coefficients import fit_added_mass, fit_friction
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.logs.schema import RunLog
 from tests.optimisation.identify import other_lab as lab
 
 AIR = ("aero.source=constant", "aero.drag=0.9", "aero.lift=0.25")
@@ -65,9 +60,6 @@ def added_mass(rig, rng):
     log = lab.flick(rig, added_mass=mass, angle=angle, duration=1.2, rate=250.0, seed=seed)
     options = FitOptions(settings=AIR)
     return log, fit_added_mass(swing_data(log, "swing", options=options), options)
-
-
-Draw = Callable[[lab.Lab, np.random.Generator], tuple[RunLog, FitResult]]
 
 
 def scores(draw, logs):

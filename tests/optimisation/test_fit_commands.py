@@ -47,8 +47,6 @@ def test_static_logs_in_two_processes(hold, tmp_path):
     [
         (("friction", "--bound", "coulomb=1,0.5"), ("--bound", "coulomb=1,0.5")),
         (("friction", "--bound", "mass=0,1"), ("mass", "coulomb", "viscous")),
-        (("added-mass", "--bound", "cd=0,1"), ("cd", "added_mass")),
-        (("static", "--bound", "mass=0,1"), ("mass", "cd", "cl", "psi3", "current")),
         (("static", "--constants", "known"), ("--constants known", "uncertain", "exact")),
         (("static", "--loss", "bisquare"), ("--loss bisquare", "squares", "huber")),
         (("robot-tail", "--shape", "curve"), ("--shape curve", "constant", "line", "bins")),

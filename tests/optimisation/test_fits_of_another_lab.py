@@ -2,8 +2,6 @@
 truth in the file).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -2,8 +2,6 @@
 of finer steps.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

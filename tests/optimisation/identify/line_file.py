@@ -2,8 +2,6 @@
 tested.
 """
 
-from __future__ import annotations
-
 import pandas as pd
 
 from aerodima.optimisation.identify.published_check import fit_line

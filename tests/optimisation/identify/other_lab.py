@@ -7,8 +7,6 @@ section 4; the force law that of section 5; the numbers below are typed off the 
 4.5, 4.6).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 

@@ -2,8 +2,6 @@
 front.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -36,12 +34,7 @@ def log_with_rest(scenario, rig, calm, rest):
     return simulate_static_log(scenario.varied(experiment={"wind_off": rest}), rig, calm)
 
 
-def truth_of(log):
-    """Truth of a fit of this log."""
-    return dict(log.extra["truth"])
-
-
-def static_logs(tests, rest, duration=20.0, seed=0):
+def static_logs(tests, rest, duration, seed):
     """Three tails, two axes, six angles, three speeds, `tests` logs each: 540 logs with five."""
     rng = np.random.default_rng(seed)
     number = 1000 * seed
@@ -57,9 +50,4 @@ def static_logs(tests, rest, duration=20.0, seed=0):
                     calm = Rig(scenario.varied(experiment={"wind_speed": 0.0}))
                     for _ in range(tests):
                         number += 1
-                        one = scenario.varied(seed=number)
-                        yield (
-                            simulate_static_log(one, rig)
-                            if rest is None
-                            else log_with_rest(one, rig, calm, rest)
-                        )
+                        yield log_with_rest(scenario.varied(seed=number), rig, calm, rest)

@@ -5,8 +5,6 @@ A test shows that the pendulum moves as the rig's plant does; the rollout takes 
 the plant takes seconds.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -42,7 +40,6 @@ def flick_log(added_mass, seed, wind_speed=10.0, duration=1.5):
         seed=seed,
     )
     air = air_torque(scenario)
-    assert air is not None
     friction = scenario.friction
     smooth = friction_torque(friction.coulomb, friction.viscous, friction.tanh_gain)
     time = np.arange(round(duration * RATE)) / RATE
@@ -61,7 +58,6 @@ def robot_log(cn, angle, wind_speed, kp, duration=2.0):
     )
     air = air_torque(scenario, NormalForceLaw(cn))
     friction = scenario.robot_friction
-    assert air is not None
     smooth = friction_torque(friction.coulomb, friction.viscous, friction.tanh_gain)
     return _log(scenario, [air, smooth, motor_of(scenario)], 0.0, None)
 

@@ -2,8 +2,6 @@
 the intervals.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

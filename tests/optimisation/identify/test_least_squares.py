@@ -2,8 +2,6 @@
 nothing is lost.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import least_squares

@@ -1,7 +1,5 @@
 """Starts and bounds of the fits to swings, and Huber's loss on a swing with wild samples."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

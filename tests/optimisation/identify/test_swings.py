@@ -1,7 +1,5 @@
 """Fits on swings: the pendulum against the rig's plant, known truth, and what can go wrong."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -316,9 +314,7 @@ def still_after_its_rest(log):
 @pytest.mark.parametrize(
     ("damage", "named"),
     [
-        (lambda log: replace(log, kind="swing"), ("swing",)),
         (lambda log: replace(log, table=log.table.head(3)), ("3",)),
-        (column("angle_rad", lambda table: np.degrees(table.angle_rad)), ("angle_rad",)),
         (gap, ("time_s", "0.401 s", "0.499 s")),
         (still, ("1.0000 rad",)),
         (still_after_its_rest, ("1.0000 rad",)),

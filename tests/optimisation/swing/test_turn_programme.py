@@ -239,7 +239,6 @@ def test_impossible_searches_are_refused(make, named):
     [
         (["--set", "floors=[9]"], ("floor", "9")),
         (["--set", "training=9999"], ("training", "9999")),
-        (["--knots", "3"], ("knots", "3")),
     ],
 )
 def test_the_command_refuses_before_it_drives(tmp_path, flags, named):

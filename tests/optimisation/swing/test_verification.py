@@ -1,7 +1,5 @@
 """`aerodima swing verify`: what it measures, what it refuses, what it leaves behind."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

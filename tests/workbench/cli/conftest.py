@@ -2,16 +2,10 @@
 a folder.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import CliRunner
 
 from aerodima.workbench.cli.program import build_app
-
-Call = Callable[..., Result]
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,5 @@
 """`aerodima log compare`: two runs beside one another, on the terminal and as a page."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

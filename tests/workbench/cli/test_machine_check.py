@@ -1,7 +1,5 @@
 """What the doctor finds, and what it says when something is missing."""
 
-from __future__ import annotations
-
 from typer.testing import CliRunner
 
 from aerodima.workbench.cli import doctor_commands as doctor

@@ -1,7 +1,5 @@
 """`aerodima models check`."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

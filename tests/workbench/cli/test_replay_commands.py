@@ -1,7 +1,5 @@
 """`aerodima replay`: files or a viewer, from a log alone."""
 
-from __future__ import annotations
-
 import time
 
 import pytest

@@ -1,7 +1,5 @@
 """`aerodima models export`, `diagram` and `range-of-motion`."""
 
-from __future__ import annotations
-
 import json
 
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict

@@ -1,7 +1,5 @@
 """A Matplotlib figure as plain panels: what is drawn is there, and what cannot be is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

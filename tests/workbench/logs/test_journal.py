@@ -276,7 +276,6 @@ def test_a_killed_process_loses_at_most_the_batch_it_was_filling(tmp_path):
         [sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE, cwd=root
     )
     try:
-        assert child.stdout is not None
         assert child.stdout.readline() == b"running\n"
     finally:
         os.kill(child.pid, signal.SIGKILL)

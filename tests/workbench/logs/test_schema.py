@@ -47,11 +47,6 @@ def test_every_column_ends_in_its_unit_and_has_a_meaning():
             assert column.name.endswith(UNIT_ENDINGS[column.unit]), column
 
 
-def test_no_column_is_there_twice():
-    names = [column.name for column in car_run_columns(("chassis_qw",))]
-    assert len(names) == len(set(names))
-
-
 def test_what_is_written_comes_back_bit_for_bit(tmp_path):
     run = awkward_run()
     back = read_run_log(write_run_log(run, tmp_path / "new folder" / "run.parquet"))
@@ -189,11 +184,8 @@ def test_truncated_parquet_points_to_recovery(tmp_path, kept):
     ("name", "value", "place"),
     [
         ("scenario", [1], "scenario: [1]"),
-        ("scenario", None, "scenario: None"),
         ("scenario", {"tail": 3}, "scenario.tail: 3"),
-        ("extra", None, "extra: None"),
         ("versions", "1.0", "versions: '1.0'"),
-        ("seed", "seven", "seed: 'seven'"),
         ("seed", True, "seed: True"),
         ("kind", 3, "kind: 3"),
     ],

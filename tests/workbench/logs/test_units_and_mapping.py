@@ -96,7 +96,6 @@ ANGLE = {"from": "a"}
         ({"columns": {}}, ["columns"]),
         ({"columns": {"angle_deg": ANGLE}}, ["columns.angle_deg", "'angle_rad'"]),
         ({"columns": {"angle_rad": {"form": "a"}}}, ["columns.angle_rad.form", "'from'"]),
-        ({"columns": {"angle_rad": {}}}, ["columns.angle_rad", "`from`", "`constant`"]),
         ({"columns": {"angle_rad": {**ANGLE, "constant": 1}}}, ["`from`", "`constant`"]),
         ({"columns": {"angle_rad": {**ANGLE, "unit": "mA"}}}, ["columns.angle_rad", "'mA'"]),
         ({"columns": {"angle_rad": {**ANGLE, "scale": 0}}}, ["columns.angle_rad.scale", "0"]),
@@ -110,7 +109,6 @@ ANGLE = {"from": "a"}
             {"metadata": {"wind_speed_m_per_s": {"value": 1, "unit": "mA"}}},
             ["metadata.wind_speed_m_per_s", "'mA'"],
         ),
-        ({"csv": {"delimeter": ";"}}, ["csv.delimeter", "'delimiter'"]),
     ],
 )
 def test_a_wrong_mapping_names_the_place(change, named):

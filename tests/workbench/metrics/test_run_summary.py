@@ -124,7 +124,6 @@ def test_metrics_of_a_plant_are_those_of_its_motion():
     assert found == pytest.approx(expected, abs=1e-6)
     np.testing.assert_allclose(plant_speed(plant_log()), np.hypot(np.pi, 3.0))
     air = plant_air(plant_log())
-    assert air is not None
     assert air[[0, 250, 1000]] == pytest.approx([1.0, 2.5, 11.0])
 
 

@@ -6,7 +6,6 @@ import pytest
 
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
-from aerodima.workbench.metrics.published_values import published_values
 from aerodima.workbench.metrics.turn_metrics import metrics_of, outcome_from, outcome_of
 from aerodima.workbench.metrics.turn_signals import turn_signals
 from tests.refusals import assert_refused
@@ -382,18 +381,6 @@ def test_outcome_reads_the_log():
     )  # fmt: skip
     assert outcome.board_before_turn_s == pytest.approx(TURN[0])
     assert outcome.end_tilt_rad == pytest.approx(math.radians(30.0))
-
-
-def test_published_kohut_figures_are_speed_times_yaw_rate_in_degrees():
-    """ERRATA E36: all eight agree within 1.7 %, which rules out radians and a missing factor."""
-    for row in published_values():
-        m = row.metrics
-        assert m.max_kohut_deg_m_per_s2 == pytest.approx(
-            m.speed_m_per_s * math.degrees(m.max_yaw_rate_rad_per_s), rel=0.017
-        )
-        assert m.average_kohut_deg_m_per_s2 == pytest.approx(
-            m.speed_m_per_s * math.degrees(m.average_yaw_rate_rad_per_s), rel=0.017
-        )
 
 
 def test_filtered_metrics_are_the_sensors_and_raw_ones_the_truth():

@@ -1,7 +1,5 @@
 """A cart on a rail whose pole ends in a plate in the wind, as a reader would build it."""
 
-from __future__ import annotations
-
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator

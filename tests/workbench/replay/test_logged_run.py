@@ -2,8 +2,6 @@
 refused in one line.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Five moments: those that a reader wants to see, in order, inside the log."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

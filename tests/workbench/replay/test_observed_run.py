@@ -1,7 +1,5 @@
 """Any plant, watched: what its log holds, what reads it, and what is refused in one line."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """The camera sees left on the left, up above; the robot stands on its floor."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.geometry import Box

@@ -1,7 +1,5 @@
 """The log of a real car moves as its sensors say."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -2,11 +2,8 @@
 the camera.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,9 +27,9 @@ class Tracks:
     """Takes the calls that a Meshcat and its animation get."""
 
     def __init__(self):
-        self.transforms: dict[str, dict[int, Any]] = defaultdict(dict)
-        self.properties: dict[tuple[str, str], dict[int, Any]] = defaultdict(dict)
-        self.camera: tuple[Any, Any] | None = None
+        self.transforms = defaultdict(dict)
+        self.properties = defaultdict(dict)
+        self.camera = None
 
     def SetTransform(self, *words):  # noqa: N802, Drake's name
         if isinstance(words[0], int):
@@ -115,7 +112,6 @@ def test_world_moves_so_that_the_car_stays_in_view(tailed):
         shown = tracks.transforms["/drake"][frame].multiply(com[row])
         assert np.linalg.norm(shown[:2]) < 0.1  # smoothed: the car moves a little in the picture
         assert shown[2] == pytest.approx(com[row, 2])  # the floor stays where it is
-    assert tracks.camera is not None
     position, target = tracks.camera
     assert position[0] > 1.0  # ahead of a car that heads along x
     assert position[1] < 0.0  # outside of a left turn: right

@@ -1,7 +1,5 @@
 """The strip: five labelled pictures in one PNG, equal for equal runs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import matplotlib.image

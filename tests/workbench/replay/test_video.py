@@ -2,8 +2,6 @@
 missing.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

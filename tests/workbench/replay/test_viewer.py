@@ -1,7 +1,5 @@
 """The viewer listens on this machine only, and says what is wrong with a port."""
 
-from __future__ import annotations
-
 import gc
 import logging
 import subprocess

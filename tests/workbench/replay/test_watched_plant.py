@@ -2,10 +2,6 @@
 points right.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -18,10 +14,10 @@ class Shown:
     """Takes the calls that a Meshcat gets; the last of each path."""
 
     def __init__(self):
-        self.poses: dict[str, Any] = {}
-        self.properties: dict[tuple[str, str], Any] = {}
-        self.objects: list[str] = []
-        self.camera: list[tuple[Any, Any]] = []
+        self.poses = {}
+        self.properties = {}
+        self.objects = []
+        self.camera = []
 
     def SetTransform(self, path, X):  # noqa: N802, Drake's name
         self.poses[path] = X

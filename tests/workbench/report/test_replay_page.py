@@ -1,7 +1,5 @@
 """The replay as a file: one page that needs nothing else, with title, outcome and animation."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -1,7 +1,5 @@
 """Signals of runs on a page: which, with what unit, and that thinning them out loses no peak."""
 
-from __future__ import annotations
-
 import base64
 from dataclasses import replace
 

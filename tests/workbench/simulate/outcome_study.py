@@ -8,8 +8,6 @@ not end early:
     python -m tests.workbench.simulate.outcome_study 50 1
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from typing import NamedTuple
