@@ -4,7 +4,7 @@ No simulation.
 """
 
 import math
-from functools import cache
+from functools import cache, partial
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,42 +12,40 @@ from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.optimisation.sweep.study import load_study, plan_runs
 from aerodima.workbench.aero.laws import LineMotion, NormalForceLaw
-from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import AXLES
 from aerodima.workbench.controllers.manoeuvre import ThrottleLine
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, RIG_FILTER
-from aerodima.workbench.plants.car import CarPlant, add_car_plant
+from aerodima.workbench.plants.car import add_car_plant
 from aerodima.workbench.plants.car_model import wheel_rates
 from aerodima.workbench.resources import model_path
 from aerodima.workbench.stations.car_air import free_sail, sail_law
 from tests.built.registry import CHECKS, check
-from tests.built.statements import Value, parameter_entry
+from tests.built.statements import parameter_entry
 from tests.workbench.aero import vanes
 
 
 @cache
-def car(tail: str = "swing", *settings: str) -> tuple[Scenario, CarPlant]:
+def car(tail="swing", *settings):
     scenario = load_scenario(f"turn_{tail}", list(settings))
     return scenario, add_car_plant(DiagramBuilder(), scenario)
 
 
-def actuated(part: str, built: CarPlant | None = None) -> set[str]:
+def actuated(part, built=None):
     """Joints of the tail or the car that a motor or servo moves."""
     built = built or car()[1]
     instance = built.tail if part == "tail" else built.car
-    assert instance is not None
     return {
         built.plant.get_joint_actuator(i).joint().name()
         for i in built.plant.GetJointActuatorIndices(instance)
     }
 
 
-def joints(kind: str, part: str, built: CarPlant | None = None) -> list[str]:
+def joints(kind, part, built=None):
     """Names of the joints of a type in the tail or the car."""
     built = built or car()[1]
     instance = built.tail if part == "tail" else built.car
-    assert instance is not None
     found = (built.plant.get_joint(index) for index in built.plant.GetJointIndices(instance))
     return sorted(joint.name() for joint in found if joint.type_name() == kind)
 
@@ -56,19 +54,19 @@ def joints(kind: str, part: str, built: CarPlant | None = None) -> list[str]:
 
 
 @check
-def driven_tail_joints() -> Value:
+def driven_tail_joints():
     return " and ".join(sorted(name.removeprefix("tail_") for name in actuated("tail")))
 
 
 @check
-def third_joint_has_a_motor() -> Value:
+def third_joint_has_a_motor():
     """Of the free sail, which is the one with a joint of its own."""
     _, built = car("swing", "tail.sail=free")
     assert "tail_sail_turn" in joints("revolute", "tail", built)
     return "tail_sail_turn" in actuated("tail", built)
 
 
-def side_moment(*settings: str) -> float:
+def side_moment(*settings):
     """Side area of shell and board times its distance behind the bearing (m3): above 0 the sail
     turns into the wind.
     """
@@ -77,18 +75,18 @@ def side_moment(*settings: str) -> float:
 
 
 @check
-def final_sail_turns_into_the_wind() -> Value:
+def final_sail_turns_into_the_wind():
     return side_moment() > 0.0
 
 
 @check
-def sail_turns_into_the_wind_with_its_bearing_further_back() -> Value:
+def sail_turns_into_the_wind_with_its_bearing_further_back():
     """Bearing 0.6 of the width further back than ours."""
     return side_moment("tail.sail_shell_offset=-0.35") > 0.0
 
 
 @check
-def torque_in_a_wind_of_30() -> Value:
+def torque_in_a_wind_of_30():
     """Moment (N m) of the air about the roll axis, sail broadside at rest in a wind of 30 m/s."""
     tail = car()[0].tail
     air = car()[0].environment
@@ -98,7 +96,7 @@ def torque_in_a_wind_of_30() -> Value:
 
 
 @check
-def sail_area() -> Value:
+def sail_area():
     tail = car()[0].tail
     return tail.sail_length * tail.sail_width
 
@@ -107,7 +105,7 @@ def sail_area() -> Value:
 
 
 @check
-def end_of_the_anti_ramp_board() -> Value:
+def end_of_the_anti_ramp_board():
     """Where the board's body stands in the plant, against the axles."""
     scenario, built = car()
     plant = built.plant
@@ -126,16 +124,16 @@ def end_of_the_anti_ramp_board() -> Value:
 
 
 @cache
-def car_file() -> ElementTree.Element:
+def car_file():
     return ElementTree.parse(model_path("car/car.sdf")).getroot()
 
 
 @check
-def gearbox_stands_within_the_cage() -> Value:
+def gearbox_stands_within_the_cage():
     """Seen from above: the gearbox within the corners of the cage."""
     scenario, _ = car()
     corners = [
-        [float(number) for number in collision.findtext("pose").split()[:3]]  # type: ignore[union-attr]
+        [float(number) for number in collision.findtext("pose").split()[:3]]
         for collision in car_file().iter("collision")
         if "cage" in collision.get("name", "")
     ]
@@ -148,14 +146,14 @@ def gearbox_stands_within_the_cage() -> Value:
 
 
 @check
-def gearbox_from_the_middle_of_the_wheelbase() -> Value:
+def gearbox_from_the_middle_of_the_wheelbase():
     """Distance (m) of its middle behind the middle between the axles."""
     scenario, _ = car()
     return 0.5 * scenario.car.wheelbase - scenario.car.gearbox_x
 
 
 @check
-def friction_over_stability_factor() -> Value:
+def friction_over_stability_factor():
     """Friction over (half track / height of the centre of mass): above 1 a rigid car tips before it
     slides.
     """
@@ -164,20 +162,20 @@ def friction_over_stability_factor() -> Value:
 
 
 @check
-def suspensions() -> Value:
+def suspensions():
     return float(
         sum("suspension" in name for name in joints("prismatic", "car") + joints("revolute", "car"))
     )
 
 
 @check
-def steered_wheels() -> Value:
+def steered_wheels():
     steering = sorted(name for name in actuated("car") if "steering" in name)
     return "front" if steering == ["front_left_steering", "front_right_steering"] else str(steering)
 
 
 @check
-def differential_ratio() -> Value:
+def differential_ratio():
     """Turns of the motor's shaft per turn of both rear wheels, from the constraint of the model
     file.
     """
@@ -190,7 +188,7 @@ def differential_ratio() -> Value:
 
 
 @check
-def front_tyre_damping() -> Value:
+def front_tyre_damping():
     """Damping (N s/m) of a front tyre under its share of the car's weight: dissipation x normal
     force.
     """
@@ -208,7 +206,7 @@ for axle in AXLES:
 
 
 @check
-def suspension_damping_over_stiffness() -> Value:
+def suspension_damping_over_stiffness():
     values = car()[0].car
     front = values.suspension_damping_front / values.suspension_stiffness_front
     rear = values.suspension_damping_rear / values.suspension_stiffness_rear
@@ -219,42 +217,33 @@ def suspension_damping_over_stiffness() -> Value:
 # Straight line
 
 
-def throttle_line() -> ThrottleLine:
+def throttle_line():
     drive = car()[0].drive
     return ThrottleLine(drive.throttle_gain, drive.throttle_offset)
 
 
 @check
-def governor_of_the_automatic_run() -> Value:
+def governor_of_the_automatic_run():
     return load_scenario("auto_turn").drive.governor
 
 
 @check
-def time_to_a_steady_speed() -> Value:
+def time_to_a_steady_speed():
     """After a throttle step the open-loop drive is within 3 % of its steady speed, s."""
     return car()[0].drive.time_constant * math.log(1.0 / 0.03)
 
 
-@check
-def speed_at_30_percent() -> Value:
+def speed_at(percent):
     drive = car()[0].drive
-    return drive.throttle_gain * 0.30 + drive.throttle_offset
+    return drive.throttle_gain * percent / 100.0 + drive.throttle_offset
+
+
+for percent in (30, 35, 50):
+    CHECKS[f"speed_at_{percent}_percent"] = partial(speed_at, percent)
 
 
 @check
-def speed_at_35_percent() -> Value:
-    drive = car()[0].drive
-    return drive.throttle_gain * 0.35 + drive.throttle_offset
-
-
-@check
-def speed_at_50_percent() -> Value:
-    drive = car()[0].drive
-    return drive.throttle_gain * 0.50 + drive.throttle_offset
-
-
-@check
-def speed_at_full_throttle() -> Value:
+def speed_at_full_throttle():
     """Fastest speed (m/s) that a scenario may ask for, bisected."""
     low = 0.0
     high = 100.0
@@ -272,44 +261,30 @@ def speed_at_full_throttle() -> Value:
 # Tunnel tests and aerodynamic model of the robot's tail
 
 
-def _robot_grid(factor: str) -> list[float]:
+def _robot_grid(factor):
     (block,) = load_study("robot_swings").blocks
-    values = block.grid[factor]
-    assert isinstance(values, list)
-    return [float(value) for value in values]
+    return ", ".join(f"{float(value):g}" for value in block.grid[factor])
 
 
 @check
-def swings_of_the_robot_campaign() -> Value:
+def swings_of_the_robot_campaign():
     return float(len(plan_runs(load_study("robot_swings"))))
 
 
-@check
-def winds_of_the_robot_campaign() -> Value:
-    return ", ".join(f"{value:g}" for value in _robot_grid("experiment.wind_speed"))
+CHECKS["winds_of_the_robot_campaign"] = partial(_robot_grid, "experiment.wind_speed")
+CHECKS["gains_of_the_robot_campaign"] = partial(_robot_grid, "robot.kp")
 
 
-@check
-def gains_of_the_robot_campaign() -> Value:
-    return ", ".join(f"{value:g}" for value in _robot_grid("robot.kp"))
+def described(design):
+    return f"order {design.order}, {design.cutoff_hz:g} Hz"
 
 
-@check
-def filter_of_the_rig() -> Value:
-    return f"order {RIG_FILTER.order}, {RIG_FILTER.cutoff_hz:g} Hz"
+CHECKS["filter_of_the_rig"] = partial(described, RIG_FILTER)
+CHECKS["filter_of_the_imu"] = partial(described, IMU_FILTER)
+CHECKS["filter_of_the_gps"] = partial(described, GPS_FILTER)
 
 
-@check
-def filter_of_the_imu() -> Value:
-    return f"order {IMU_FILTER.order}, {IMU_FILTER.cutoff_hz:g} Hz"
-
-
-@check
-def filter_of_the_gps() -> Value:
-    return f"order {GPS_FILTER.order}, {GPS_FILTER.cutoff_hz:g} Hz"
-
-
-def force_at(gamma: float) -> float:
+def force_at(gamma):
     """Normal force (N) on 1 m2 of sail whose axis leans by gamma out of broadside, wind of 1 m/s
     along x.
     """
@@ -322,24 +297,24 @@ def force_at(gamma: float) -> float:
 
 
 @check
-def force_broadside_over_equation_6_8() -> Value:
+def force_broadside_over_equation_6_8():
     return force_at(0.0) / (0.5 * 1.225 * 2.0 * 1.0)
 
 
 @check
-def force_at_45_degrees_over_equation_6_8() -> Value:
+def force_at_45_degrees_over_equation_6_8():
     return force_at(math.radians(45.0)) / (0.5 * 1.225 * 2.0 * math.cos(math.radians(45.0)))
 
 
 @check
-def torque_constant_at_the_rotor() -> Value:
+def torque_constant_at_the_rotor():
     output = parameter_entry("rig/robot.torque_constant")
     ratio = parameter_entry("tail_motor.gear_ratio")
     return float(output.value) / float(ratio.value)
 
 
 @check
-def current_at_the_peak_torque() -> Value:
+def current_at_the_peak_torque():
     return car()[0].tail_motor.torque_limit / float(
         parameter_entry("rig/robot.torque_constant").value
     )

@@ -11,10 +11,10 @@ import sys
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.resources import model_path
 from tests.built.found import CHECKS, RUNS
-from tests.built.statements import FILE, Value, load_statements
+from tests.built.statements import FILE, load_statements
 
 
-def written(value: Value) -> str:
+def written(value):
     """As YAML, numbers with five digits."""
     if isinstance(value, bool):
         return str(value).lower()
@@ -25,7 +25,7 @@ def written(value: Value) -> str:
     return f'"{value}"' if "," in value else value
 
 
-def main(part: str) -> None:
+def main(part):
     """Measures what has `part` in its name."""
     path = model_path(FILE)
     for kind, known in (("check", CHECKS), ("run", RUNS)):

@@ -6,17 +6,16 @@ from dataclasses import fields
 from aerodima.workbench.metrics.published_values import TurnMetrics, flip_bracket, published_values
 from aerodima.workbench.report.demo import DemoPlan
 from tests.built.registry import check
-from tests.built.statements import Value
 
 
 @check
-def speeds_of_the_demo_in_whole_km_per_h() -> Value:
+def speeds_of_the_demo_in_whole_km_per_h():
     return all(
         math.isclose(3.6 * speed, round(3.6 * speed), abs_tol=1e-9) for _, speed in DemoPlan().turns
     )
 
 
-def physical(configuration: str) -> TurnMetrics:
+def physical(configuration):
     return next(
         r.metrics
         for r in published_values()
@@ -25,31 +24,31 @@ def physical(configuration: str) -> TurnMetrics:
 
 
 @check
-def gain_of_speed() -> Value:
+def gain_of_speed():
     return 100.0 * (physical("tailed").speed_m_per_s / physical("tailless").speed_m_per_s - 1.0)
 
 
 @check
-def loss_of_roll_integral() -> Value:
+def loss_of_roll_integral():
     return 100.0 * (
         1.0 - physical("tailed").roll_integral_rad / physical("tailless").roll_integral_rad
     )
 
 
 @check
-def gain_of_kohut() -> Value:
+def gain_of_kohut():
     slow = physical("tailless")
     fast = physical("tailed")
     return 100.0 * (fast.max_kohut_deg_m_per_s2 / slow.max_kohut_deg_m_per_s2 - 1.0)
 
 
 @check
-def simulated_gain_of_speed() -> Value:
+def simulated_gain_of_speed():
     return 100.0 * (flip_bracket("tailed").flipped / flip_bracket("tailless").flipped - 1.0)
 
 
 @check
-def metrics_that_improve() -> Value:
+def metrics_that_improve():
     """Of the eight, between the best physical runs: larger is better but for the roll integral
     (ERRATA E34).
     """
@@ -68,7 +67,7 @@ def metrics_that_improve() -> Value:
 
 
 @check
-def largest_error_of_kohut() -> Value:
+def largest_error_of_kohut():
     """Of the printed Kohut figures against speed x yaw rate in degrees, largest relative
     difference.
     """
@@ -84,11 +83,11 @@ def largest_error_of_kohut() -> Value:
 
 
 @check
-def recorded_tailed_turns() -> Value:
+def recorded_tailed_turns():
     """From 35 to 50 % in steps of 5 %."""
     return float(len(range(35, 51, 5)))
 
 
 @check
-def names_of_the_metrics() -> Value:
+def names_of_the_metrics():
     return float(len(fields(TurnMetrics)))

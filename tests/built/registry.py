@@ -2,29 +2,24 @@
 of these are slow.
 """
 
-from collections.abc import Callable
-
-from tests.built.statements import Value
-
-Find = Callable[[], Value]
-CHECKS: dict[str, Find] = {}
-RUNS: dict[str, Find] = {}
-SLOW: set[str] = set()
+CHECKS = {}
+RUNS = {}
+SLOW = set()
 
 
-def check(function: Find) -> Find:
+def check(function):
     """Registers what is found without a simulation under its own name."""
     CHECKS[function.__name__] = function
     return function
 
 
-def run(function: Find) -> Find:
+def run(function):
     """Registers what a few runs show under its own name."""
     RUNS[function.__name__] = function
     return function
 
 
-def slow(function: Find) -> Find:
+def slow(function):
     """Registers what many runs show."""
     SLOW.add(function.__name__)
     return run(function)

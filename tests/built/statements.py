@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
-from aerodima.workbench.config.scenario import ParameterEntry, load_parameter_file
+from aerodima.workbench.config.scenario import load_parameter_file
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.resources import model_path, published_rows
 
@@ -26,7 +26,7 @@ ROUNDING = 1e-4
 _SAYS_WHY = ("differs", "not checkable")
 
 
-def _known_column(address: Value) -> Value:
+def _known_column(address):
     """A published value, or the address of one: table/row or table/row/column."""
     return (
         _published(address)
@@ -66,21 +66,21 @@ class Statement(StrictModel):
     reason: str = ""
 
     @property
-    def kind(self) -> str:
+    def kind(self):
         """`parameter`, `check`, `run` or empty."""
         return "" if self.ours is None else self.ours.partition(" ")[0]
 
     @property
-    def source(self) -> str:
+    def source(self):
         """What is behind the kind: a parameter, a check or a run."""
         return "" if self.ours is None else self.ours.partition(" ")[2]
 
     @property
-    def our_value(self) -> Value | None:
+    def our_value(self):
         """The parameter as it is now, or what the check or the run found."""
         return parameter_entry(self.source).value if self.kind == "parameter" else self.measured
 
-    def holds(self, ours: Value) -> bool:
+    def holds(self, ours):
         """Whether a value of ours is what the thesis states."""
         if isinstance(ours, bool | str) or isinstance(self.published, bool | str):
             return type(ours) is type(self.published) and ours == self.published
@@ -149,7 +149,7 @@ class StatementFile(StrictModel):
     settled: tuple[Settled, ...] = ()
 
     @property
-    def statements(self) -> tuple[Statement, ...]:
+    def statements(self):
         """All of them, in order."""
         return tuple(statement for topic in self.topics for statement in topic.statements)
 
@@ -165,13 +165,13 @@ class StatementFile(StrictModel):
         return self
 
 
-def load_statements() -> StatementFile:
+def load_statements():
     """Reads the file; ModelError names the row, its value and what is allowed."""
     path = model_path(FILE)
     return checked(StatementFile, read_yaml(path), str(path), ModelError)
 
 
-def parameter_entry(name: str) -> ParameterEntry:
+def parameter_entry(name):
     """A number of `models/parameters` by its name, such as `rig/robot.kp`; ModelError for an
     unknown one.
     """
@@ -183,11 +183,11 @@ def parameter_entry(name: str) -> ParameterEntry:
 
 
 @cache
-def _entries(section: str) -> dict[str, ParameterEntry]:
+def _entries(section):
     return load_parameter_file(model_path(f"parameters/{section}.yaml"))
 
 
-def published_row(address: str) -> dict[str, str]:
+def published_row(address):
     """Row of a published table by table/row: the row's first column, or its first two with a space
     between.
 
@@ -202,7 +202,7 @@ def published_row(address: str) -> dict[str, str]:
     raise ModelError(f"published value {address!r}: {table} has no row {row!r}")
 
 
-def _published(address: str) -> Value:
+def _published(address):
     entry = published_row(address)
     column = [*address.split("/"), "value_si"][2]
     if column not in entry:
@@ -213,7 +213,7 @@ def _published(address: str) -> Value:
         return entry[column]
 
 
-_VERDICTS: tuple[Verdict, ...] = ("agrees", "adopted", "differs", "not checkable")
+_VERDICTS = ("agrees", "adopted", "differs", "not checkable")
 _INTRODUCTION = """# The car as it was built
 
 What the thesis states about the built car and its tail, in our words, beside what the model has.
@@ -225,7 +225,7 @@ the real car had 15 s. What the ensemble says: [What is reproduced](reproduced.m
 """
 
 
-def statements_page() -> str:
+def statements_page():
     """The page as Markdown."""
     file = load_statements()
     verdicts = [statement.verdict for statement in file.statements]
@@ -245,7 +245,7 @@ def statements_page() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _statement_row(one: Statement) -> str:
+def _statement_row(one):
     sign = {"at least": "≥ ", "at most": "≤ ", "equal": ""}[one.compare]
     ours = (
         ""
@@ -256,13 +256,13 @@ def _statement_row(one: Statement) -> str:
     return _row(one.section, one.says, published, ours, f"**{one.verdict}**", one.reason)
 
 
-def _settled_row(number: int, point: Settled) -> str:
+def _settled_row(number, point):
     about = f"{number}. {point.about}"
     settled = f"**{point.settled}**"
     return _row(about, point.section, point.thesis, point.had, settled, point.how)
 
 
-def _with_unit(value: bool | float | str, unit: str) -> str:
+def _with_unit(value, unit):
     if isinstance(value, bool):
         return "yes" if value else "no"
     return (
@@ -272,5 +272,5 @@ def _with_unit(value: bool | float | str, unit: str) -> str:
     )
 
 
-def _row(*cells: str) -> str:
+def _row(*cells):
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

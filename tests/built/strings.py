@@ -9,20 +9,19 @@ from dataclasses import fields
 from aerodima.hardware.protocol import ak70, radio, teensy
 from aerodima.hardware.protocol.ak70 import MitCommand
 from tests.built.registry import check
-from tests.built.statements import Value
 
 
 @check
-def servo_pulses() -> Value:
+def servo_pulses():
     return ", ".join(map(str, teensy.SERVO_PULSES))
 
 
 @check
-def throttle_pulses() -> Value:
+def throttle_pulses():
     return ", ".join(map(str, teensy.THROTTLE_PULSES))
 
 
-def command_string() -> str:
+def command_string():
     first, second = (
         teensy.MotorOrder(
             number, teensy.MotorRequest.COMMAND, MitCommand(number + 0.1, 0.2, 0.3, 0.4, 0.5)
@@ -34,7 +33,7 @@ def command_string() -> str:
 
 
 @check
-def order_of_a_motor_command() -> Value:
+def order_of_a_motor_command():
     """The first CAN message of the string, its numbers replaced by what they are."""
     names = {
         "1": "ID",
@@ -51,7 +50,7 @@ def order_of_a_motor_command() -> Value:
 
 
 @check
-def order_of_the_command_string() -> Value:
+def order_of_the_command_string():
     first, second, pulses = command_string().rstrip("|").split("|")
     assert first.split(";")[0].strip() == "1"
     assert second.split(";")[1].strip() == "2"
@@ -63,7 +62,7 @@ def order_of_the_command_string() -> Value:
 
 
 @check
-def order_of_the_reply_string() -> Value:
+def order_of_the_reply_string():
     body = b"1;10;21;31;2;20;22;32;90;0;30;0;0;30;0;0;0"
     reply = teensy.decode_reply(body + f";*{teensy.crc8(body):02X}|".encode())
     parts = [
@@ -86,13 +85,13 @@ def order_of_the_reply_string() -> Value:
 
 
 @check
-def radio_struct() -> Value:
+def radio_struct():
     assert radio.PACKED.size == struct.calcsize("<BBffff")
     return radio.PACKED.format.lstrip("<")
 
 
 @check
-def order_of_a_radio_message() -> Value:
+def order_of_a_radio_message():
     command = radio.OperatorCommand(
         radio.RadioMode.MANUAL, throttle=0.1, steering=0.2, pitch_tail=0.3, roll_tail=0.4
     )
@@ -103,31 +102,31 @@ def order_of_a_radio_message() -> Value:
 
 
 @check
-def radio_classes() -> Value:
+def radio_classes():
     return ", ".join(sorted(kind.name.lower().replace("_", " ") for kind in radio.RadioClass))
 
 
 @check
-def radio_modes() -> Value:
+def radio_modes():
     return ", ".join(sorted(mode.name.lower() for mode in radio.RadioMode))
 
 
 @check
-def states_of_a_motor_in_the_string() -> Value:
+def states_of_a_motor_in_the_string():
     return ", ".join(sorted(request.name.lower() for request in teensy.MotorRequest))
 
 
 @check
-def stop_without_a_command_has_zeros() -> Value:
+def stop_without_a_command_has_zeros():
     """Whether what an operator sends outside of a command is all zeros."""
     return not any(radio.make_heartbeat(7)[2:]) and not any(radio.make_emergency_stop()[1:])
 
 
 @check
-def full_turn_of_the_encoder() -> Value:
+def full_turn_of_the_encoder():
     return math.radians(teensy.NUMBERS["sail"][1])
 
 
 @check
-def neutral_command_is_zero() -> Value:
+def neutral_command_is_zero():
     return all(getattr(ak70.NEUTRAL, field.name) == 0.0 for field in fields(ak70.NEUTRAL))

@@ -8,12 +8,11 @@ import numpy as np
 
 from aerodima.workbench.controllers.swing_law import SwingState
 from tests.built.registry import run
-from tests.built.statements import Value
-from tests.built.turns import TAILED, Trial, column, signals_of, throttle_speed, trial
+from tests.built.turns import TAILED, column, signals_of, throttle_speed, trial
 
 
 @run
-def states_of_the_law() -> Value:
+def states_of_the_law():
     """In the order in which a turn goes through them."""
     states = column(trial("swing", TAILED), "controller_state")
     order = [int(states[0]), *(int(b) for a, b in pairwise(states) if a != b)]
@@ -21,16 +20,16 @@ def states_of_the_law() -> Value:
 
 
 @run
-def feed_forward_torque() -> Value:
+def feed_forward_torque():
     return float(np.max(np.abs(column(trial("swing", TAILED), "tail_roll_command_torque_n_m"))))
 
 
-def first_of(state: SwingState) -> int:
+def first_of(state):
     return int(np.flatnonzero(column(trial("swing", TAILED), "controller_state") == state)[0])
 
 
 @run
-def tail_angle_before_the_turn() -> Value:
+def tail_angle_before_the_turn():
     """Left turn; positive is to the right, so the inside is at -90 degrees, rad."""
     one = trial("swing", TAILED)
     return float(
@@ -39,40 +38,40 @@ def tail_angle_before_the_turn() -> Value:
 
 
 @run
-def tail_angle_at_the_end() -> Value:
+def tail_angle_at_the_end():
     return float(column(trial("swing", TAILED), "tail_roll_angle_rad")[-1])
 
 
 @run
-def yaw_rate_at_the_trigger() -> Value:
+def yaw_rate_at_the_trigger():
     """What the IMU reported when the swing began, rad/s."""
     return float(column(trial("swing", TAILED), "imu_gyro_z_rad_per_s")[first_of(SwingState.SWING)])
 
 
 @run
-def travel_of_the_swing() -> Value:
+def travel_of_the_swing():
     """Roll travel (rad) from the trigger until position control takes over."""
     angle = column(trial("swing", TAILED), "tail_roll_angle_rad")
     return float(angle[first_of(SwingState.SETTLE)] - angle[first_of(SwingState.SWING)])
 
 
 @run
-def fastest_tail_speed() -> Value:
+def fastest_tail_speed():
     return float(np.max(column(trial("swing", TAILED), "tail_roll_rate_rad_per_s")))
 
 
 @run
-def largest_tail_torque() -> Value:
+def largest_tail_torque():
     return float(np.max(np.abs(column(trial("swing", TAILED), "tail_roll_torque_n_m"))))
 
 
 @run
-def tail_touches_the_ground() -> Value:
+def tail_touches_the_ground():
     return "tail" in trial("swing", TAILED).summary.metrics.outcome.touched
 
 
 @run
-def air_turns_the_car_out_of_the_turn() -> Value:
+def air_turns_the_car_out_of_the_turn():
     """Yaw impulse (N m s, into the turn) of the air on the tail while it swings, about the car's
     centre of mass.
     """
@@ -89,17 +88,17 @@ def air_turns_the_car_out_of_the_turn() -> Value:
 # The held tail at 55 % throttle
 
 
-def held_at_55_percent() -> Trial:
+def held_at_55_percent():
     return trial("held", throttle_speed(0.55))
 
 
 @run
-def outcome_held_at_55_percent() -> Value:
+def outcome_held_at_55_percent():
     return held_at_55_percent().summary.metrics.outcome.result
 
 
 @run
-def yaw_rate_held_at_55_percent() -> Value:
+def yaw_rate_held_at_55_percent():
     """Largest yaw rate into the turn that the IMU reports, rad/s: above 1 the tail would have
     swung.
     """

@@ -2,18 +2,14 @@
 speed.
 """
 
-from collections.abc import Callable, Sequence
 from functools import cache, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.metrics.published_values import TurnMetrics
 from aerodima.workbench.metrics.run_summary import KM_PER_H
 from tests.built.registry import RUNS, SLOW, slow
-from tests.built.statements import Value
-from tests.built.turns import ROUNDING, TAILED, TAILLESS, Trial, run_trial, throttle_speed, trial
+from tests.built.turns import ROUNDING, TAILED, TAILLESS, run_trial, throttle_speed, trial
 
 WITHOUT = tuple(
     whole / KM_PER_H for whole in range(2, 22) if whole / KM_PER_H < TAILLESS + ROUNDING
@@ -25,7 +21,7 @@ TAIL_SPEEDS = (2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0)
 
 
 @cache
-def turned(tail: str, speed: float, *settings: str) -> tuple[bool, TurnMetrics]:
+def turned(tail, speed, *settings):
     """Whether it stayed upright, and the raw metrics."""
     found = run_trial(
         load_scenario(f"turn_{tail}", [f"manoeuvre.speed={speed!r}", *settings])
@@ -33,12 +29,12 @@ def turned(tail: str, speed: float, *settings: str) -> tuple[bool, TurnMetrics]:
     return found.survived, found.metrics.raw
 
 
-def tailless(name: str) -> NDArray[np.float64]:
+def tailless(name):
     """A metric over the speeds from 0.56 to 3.33 m/s."""
     return np.array([getattr(turned("none", speed)[1], name) for speed in WITHOUT])
 
 
-def tailed(name: str) -> NDArray[np.float64]:
+def tailed(name):
     """A metric over speed (3.33 to 4.44 m/s) and tail speed, shape (5, 7); NaN where the car
     flipped.
     """
@@ -54,9 +50,7 @@ def tailed(name: str) -> NDArray[np.float64]:
     )
 
 
-def line(
-    speeds: Sequence[float] | NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[float, float, float]:
+def line(speeds, values):
     """Slope, offset and share of the variance that a straight line explains."""
     kept = np.isfinite(values)
     at = np.asarray(speeds)[kept]
@@ -66,20 +60,20 @@ def line(
 
 
 @slow
-def change_of_the_mean_yaw_rate() -> Value:
+def change_of_the_mean_yaw_rate():
     """Largest less smallest mean yaw rate over 0.56 to 3.33 m/s without tail, of their mean."""
     values = tailless("average_yaw_rate_rad_per_s")
     return float(np.ptp(values) / np.mean(values))
 
 
 @slow
-def straightness_of_the_mean_acceleration() -> Value:
+def straightness_of_the_mean_acceleration():
     """Share of the variance of the mean acceleration over speed that a line explains, no tail."""
     return line(WITHOUT, tailless("average_linear_acceleration_m_per_s2"))[2]
 
 
 @slow
-def slope_with_tail_over_without() -> Value:
+def slope_with_tail_over_without():
     """Slope of the mean acceleration over speed, all tail speeds together, over that without
     tail.
     """
@@ -91,7 +85,7 @@ def slope_with_tail_over_without() -> Value:
 
 
 @slow
-def largest_acceleration_over_the_tailless_line() -> Value:
+def largest_acceleration_over_the_tailless_line():
     """Mean over all tailed runs of the largest acceleration over the line through those without
     tail.
     """
@@ -100,7 +94,7 @@ def largest_acceleration_over_the_tailless_line() -> Value:
     return float(np.nanmean(tailed("max_linear_acceleration_m_per_s2") / expected[:, np.newaxis]))
 
 
-def with_over_without(name: str) -> Value:
+def with_over_without(name):
     """Mean over all tailed runs of a metric over its mean without tail from 2.78 to 3.33 m/s."""
     return float(np.nanmean(tailed(name)) / np.mean(tailless(name)[-3:]))
 
@@ -110,14 +104,14 @@ for name in ("max_yaw_rate_rad_per_s", "average_yaw_rate_rad_per_s", "roll_integ
     SLOW.add(f"{name}_with_over_without")
 
 
-def scatter(name: str) -> float:
+def scatter(name):
     """Scatter of a metric over the tail speeds, of its mean; mean over the speeds."""
     values = tailed(name)
     return float(np.nanmean(np.nanstd(values, axis=1) / np.nanmean(values, axis=1)))
 
 
 @slow
-def scatter_of_acceleration_and_roll_over_that_of_yaw() -> Value:
+def scatter_of_acceleration_and_roll_over_that_of_yaw():
     """Scatter over the tail speeds: the smaller of acceleration and roll integral over that of the
     yaw rate.
     """
@@ -126,7 +120,7 @@ def scatter_of_acceleration_and_roll_over_that_of_yaw() -> Value:
 
 
 @slow
-def most_stable_tail_speed() -> Value:
+def most_stable_tail_speed():
     """The tail speed (rad/s) with the smallest mean roll integral over 3.33 to 4.44 m/s; one that
     flips is none.
     """
@@ -142,7 +136,7 @@ def most_stable_tail_speed() -> Value:
 
 
 @slow
-def change_of_the_mean_acceleration_with_throttle() -> Value:
+def change_of_the_mean_acceleration_with_throttle():
     """Largest less smallest mean lateral acceleration, of their mean, over the tailed runs at 35 to
     50 %.
     """
@@ -154,16 +148,16 @@ def change_of_the_mean_acceleration_with_throttle() -> Value:
     return float(np.ptp(values) / np.mean(values))
 
 
-def of_the_physical_pair(measure: Callable[[Trial], float]) -> float:
+def of_the_physical_pair(measure):
     """A measure of the fastest physical run with its tail over that of the fastest without."""
     return measure(trial("swing", 6.10)) / measure(trial("none", 3.37))
 
 
 @slow
-def physical_mean_yaw_rate_with_over_without() -> Value:
+def physical_mean_yaw_rate_with_over_without():
     return of_the_physical_pair(lambda one: one.summary.metrics.filtered.average_yaw_rate_rad_per_s)
 
 
 @slow
-def time_on_two_wheels_with_over_without() -> Value:
+def time_on_two_wheels_with_over_without():
     return of_the_physical_pair(lambda one: one.summary.metrics.two_wheel_time_s or 0.0)

@@ -7,22 +7,20 @@ A run is made once per process.
 import math
 from dataclasses import fields
 from functools import cache, partial
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aerodima.workbench.actuators.chassis_actuators import steady_speed
-from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import AXLES
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
-from aerodima.workbench.metrics.published_values import Platform, TurnMetrics, published_values
+from aerodima.workbench.metrics.published_values import TurnMetrics, published_values
 from aerodima.workbench.metrics.run_summary import KM_PER_H, RunSummary, summarise
-from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
+from aerodima.workbench.metrics.turn_signals import turn_signals
 from aerodima.workbench.simulate.simulation import simulate
 from tests.built.registry import RUNS, run
-from tests.built.statements import Value
 
 TAILLESS, TAILED = 12 / KM_PER_H, 16 / KM_PER_H
 """Fastest turns that the simulated car of the thesis survived without and with its tail, m/s
@@ -48,13 +46,13 @@ class Trial(NamedTuple):
     summary: RunSummary
 
 
-def run_trial(scenario: Scenario, record: Literal["all", "outcome"] = "outcome") -> Trial:
+def run_trial(scenario, record="outcome"):
     run = simulate(scenario, record=record, stop_when_certain=True)
     return Trial(run, summarise(run, scenario.name))
 
 
 @cache
-def trial(tail: str, speed: float, *settings: str) -> Trial:
+def trial(tail, speed, *settings):
     """The published turn of the car of the parameter files; every column at the two published
     speeds.
     """
@@ -67,27 +65,27 @@ def trial(tail: str, speed: float, *settings: str) -> Trial:
     return run_trial(load_scenario(f"turn_{tail}", overrides), "all" if everything else "outcome")
 
 
-def throttle_speed(throttle: float) -> float:
+def throttle_speed(throttle):
     """Steady speed (m/s) by the assumed line of the parameters: Fig. 6.8 is not in the text."""
     return steady_speed(throttle, load_scenario("turn_none").drive)
 
 
-def signals_of(one: Trial) -> TurnSignals:
+def signals_of(one):
     return turn_signals(one.run_log)
 
 
-def column(one: Trial, name: str) -> NDArray[np.float64]:
+def column(one, name):
     return one.run_log.signal(name)
 
 
-def in_window(one: Trial) -> NDArray[np.bool_]:
+def in_window(one):
     return signals_of(one).in_window
 
 
 # Outcomes
 
 
-def outcome(tail: str, kilometres_per_hour: int) -> Value:
+def outcome(tail, kilometres_per_hour):
     return trial(tail, kilometres_per_hour / KM_PER_H).summary.metrics.outcome.result
 
 
@@ -97,14 +95,14 @@ for tail, speeds in {"none": (10, 12, 13), "swing": (12, 16, 17)}.items():
 
 
 @run
-def outcome_swing_at_6_10() -> Value:
+def outcome_swing_at_6_10():
     return trial("swing", 6.10).summary.metrics.outcome.result
 
 
 # Metrics of Tables 7.1 to 7.4
 
 
-def metric(platform: Platform, configuration: str, name: str) -> Value:
+def metric(platform, configuration, name):
     """A metric of a published row's run: raw signals for the simulated car, filtered ones for the
     real one.
     """
@@ -128,7 +126,7 @@ for row in published_values():
 
 
 @run
-def time_of_the_servo() -> Value:
+def time_of_the_servo():
     """From the steering command until the linkage stands at 30 degrees, s: its inner and outer
     wheel stop moving.
     """
@@ -141,12 +139,12 @@ def time_of_the_servo() -> Value:
 
 
 @run
-def time_until_straight_again() -> Value:
+def time_until_straight_again():
     first, last = signals_of(trial("none", TAILLESS)).window
     return last - first
 
 
-def wheel_angle(side: str) -> Value:
+def wheel_angle(side):
     one = trial("none", TAILLESS)
     since = one.run_log.time - signals_of(one).window[0]
     held = (since > 0.3) & (since < 0.45)
@@ -158,7 +156,7 @@ RUNS["angle_of_the_right_wheel"] = partial(wheel_angle, "right")
 
 
 @run
-def speed_kept_in_the_turn() -> Value:
+def speed_kept_in_the_turn():
     """Forward speed at the end of the turn over that at its start, no tail, 3.33 m/s."""
     one = trial("none", TAILLESS)
     forward = column(one, "velocity_x_truth_m_per_s")[in_window(one)]
@@ -166,28 +164,25 @@ def speed_kept_in_the_turn() -> Value:
 
 
 @run
-def speed_at_2_s() -> Value:
+def speed_at_2_s():
     """Share of the commanded speed that is reached when the turn begins."""
     one = trial("none", TAILLESS)
     return float(signals_of(one).speed[in_window(one)][0] / TAILLESS)
 
 
 @run
-def yaw_rate_when_an_inner_wheel_lifts() -> Value:
+def yaw_rate_when_an_inner_wheel_lifts():
     """No tail, 3.33 m/s: the first of the two inner wheels."""
-    found = trial("none", TAILLESS).summary.metrics.lift_yaw_rate_rad_per_s
-    assert found is not None
-    return found
+    return trial("none", TAILLESS).summary.metrics.lift_yaw_rate_rad_per_s
 
 
 @run
-def stands_on_its_right_wheels_and_comes_back() -> Value:
+def stands_on_its_right_wheels_and_comes_back():
     """Physical tailless turn: left turn at 3.37 m/s, both left wheels leave the ground, at the end
     all bear.
     """
     one = trial("none", 3.37)
     loads = signals_of(one).wheel_loads
-    assert loads is not None
     left_off = np.all(loads[:, [0, 2]] < UNLOADED, axis=1) & np.any(
         loads[:, [1, 3]] > UNLOADED, axis=1
     )
@@ -195,7 +190,7 @@ def stands_on_its_right_wheels_and_comes_back() -> Value:
 
 
 @run
-def rolls_over_its_front_right_end() -> Value:
+def rolls_over_its_front_right_end():
     """At 3.61 m/s without tail: leaning right, nose down, when its tilt passes 60 degrees."""
     one = trial("none", 13 / KM_PER_H)
     past = np.flatnonzero(column(one, "tilt_truth_rad") > math.radians(60.0))
@@ -206,7 +201,7 @@ def rolls_over_its_front_right_end() -> Value:
 
 
 @run
-def tipping_acceleration_over_that_of_a_box() -> Value:
+def tipping_acceleration_over_that_of_a_box():
     """Filtered lateral acceleration when both inner wheels are in the air (no tail, 3.33 m/s), over
     a box's.
 
@@ -216,13 +211,12 @@ def tipping_acceleration_over_that_of_a_box() -> Value:
     signals = signals_of(trial("none", TAILLESS))
     box = scenario.environment.gravity * scenario.car.outer_half_track / scenario.car.com_height
     loads = signals.wheel_loads
-    assert loads is not None
     off = np.flatnonzero(signals.in_window & (loads[:, 0] < UNLOADED) & (loads[:, 2] < UNLOADED))
     return float(low_pass(signals.time, signals.lateral_acceleration, IMU_FILTER)[off[0]] / box)
 
 
 @run
-def damping_changes_the_outcome() -> Value:
+def damping_changes_the_outcome():
     """Whether half or twice the suspension's damping changes what the car survives at 3.33 and 3.61
     m/s.
     """
@@ -246,7 +240,7 @@ def damping_changes_the_outcome() -> Value:
 # Straight on
 
 
-def full_throttle(board: str) -> Value:
+def full_throttle(board):
     """From rest with full throttle at once, no tail."""
     settings = [
         "tail.mode=none",
@@ -264,7 +258,7 @@ RUNS["full_throttle_without_board"] = partial(full_throttle, "false")
 
 
 @run
-def board_touches_in_the_turn() -> Value:
+def board_touches_in_the_turn():
     """In the fastest turns survived in simulation, with and without tail."""
     runs = (trial("none", TAILLESS), trial("swing", TAILED))
     return any("board" in one.summary.metrics.outcome.touched for one in runs)
@@ -274,7 +268,7 @@ def board_touches_in_the_turn() -> Value:
 
 
 @run
-def slalom() -> Value:
+def slalom():
     """Driven on at its speed."""
     return run_trial(
         load_scenario("slalom", ["manoeuvre.duration=4.0"])

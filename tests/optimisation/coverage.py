@@ -2,10 +2,6 @@
 draws.
 """
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
@@ -14,18 +10,18 @@ ENDS = np.array([0.0005, 0.9995])
 """Of a band; a test of right intervals leaves it in one of a thousand sets of draws."""
 
 
-def draws(few: int, many: int) -> pytest.MarkDecorator:
+def draws(few, many):
     """Runs a test with `number`: few draws in the ordinary suite, many at night."""
     return pytest.mark.parametrize("number", [few, pytest.param(many, marks=pytest.mark.nightly)])
 
 
-def assert_held(held: Sequence[bool] | np.ndarray, confidence: float = 0.95) -> None:
+def assert_held(held, confidence=0.95):
     """Asserts that a share of independent intervals hold their truth as often as promised."""
     low, high = binom.ppf(ENDS, len(held), confidence)
     assert low <= np.sum(held) <= high, f"{np.sum(held)} of {len(held)}, allowed {low} to {high}"
 
 
-def assert_standard(scores: Sequence[float] | np.ndarray) -> None:
+def assert_standard(scores):
     """Asserts that independent errors over their standard deviations have the mean square 1.
 
     It tells half an interval from a whole one with far fewer draws than their share does.

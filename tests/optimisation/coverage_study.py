@@ -4,28 +4,23 @@ Every constant, bias of an instrument and coefficient is drawn anew for each log
 the priors that the scenario's section `uncertainty` states; the fit knows nothing of the draw.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.optimisation.identify.log_rig import FitOptions
 from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.optimisation.identify.swing_coefficients import fit_added_mass, fit_friction
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.logs.schema import RunLog
 from tests.optimisation.identify import other_lab as lab
 
 AIR = ("aero.source=constant", "aero.drag=0.9", "aero.lift=0.25")
 
 
-def shifted(rig: lab.Lab, rng: np.random.Generator) -> lab.Lab:
+def shifted(rig, rng):
     """A laboratory whose constants are off, as the scenario states them."""
     stated = load_rig_scenario("static").uncertainty.model_dump()
     off = {name: deviation * rng.normal() for name, deviation in stated.items()}
@@ -35,7 +30,7 @@ def shifted(rig: lab.Lab, rng: np.random.Generator) -> lab.Lab:
     return replace(rig, pivot=tuple(pivot), wind_gain=1.0 + off["wind_speed"], **changes)
 
 
-def static(rig: lab.Lab, rng: np.random.Generator) -> tuple[RunLog, FitResult]:
+def static(rig, rng):
     """A hold at a random angle and wind, with rest."""
     rig = replace(
         rig,
@@ -50,7 +45,7 @@ def static(rig: lab.Lab, rng: np.random.Generator) -> tuple[RunLog, FitResult]:
     return log, fit_static(static_data(log))
 
 
-def friction(rig: lab.Lab, rng: np.random.Generator) -> tuple[RunLog, FitResult]:
+def friction(rig, rng):
     """A free swing of the bar; what the scenario says of its friction is not used."""
     coulomb, viscous, angle = rng.uniform([0.02, 0.02, 1.0], [0.08, 0.05, 1.5])
     rig = replace(rig, coulomb=coulomb, viscous=viscous)
@@ -58,7 +53,7 @@ def friction(rig: lab.Lab, rng: np.random.Generator) -> tuple[RunLog, FitResult]
     return log, fit_friction(swing_data(log, "bar_swing"))
 
 
-def added_mass(rig: lab.Lab, rng: np.random.Generator) -> tuple[RunLog, FitResult]:
+def added_mass(rig, rng):
     """A driven swing in the wind with coefficients that are known."""
     angle, mass = rng.uniform([0.7, 0.0], [1.3, 0.06])
     seed = int(rng.integers(1 << 30))
@@ -67,12 +62,9 @@ def added_mass(rig: lab.Lab, rng: np.random.Generator) -> tuple[RunLog, FitResul
     return log, fit_added_mass(swing_data(log, "swing", options=options), options)
 
 
-Draw = Callable[[lab.Lab, np.random.Generator], tuple[RunLog, FitResult]]
-
-
-def scores(draw: Draw, logs: int) -> Mapping[str, list[float]]:
+def scores(draw, logs):
     """Errors over standard deviations of what the first logs determine, by parameter."""
-    found: dict[str, list[float]] = {}
+    found = {}
     for number in range(logs):
         rng = np.random.default_rng([1, number])
         log, result = draw(shifted(lab.LAB, rng), rng)

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -15,7 +14,7 @@ from aerodima.workbench.logs.schema import write_run_log
 from aerodima.workbench.stations.rig_station import simulate_static_log
 
 
-def run(*arguments: str | Path):
+def run(*arguments):
     return CliRunner().invoke(build_app(), ["fit", *map(str, arguments)])
 
 
@@ -48,8 +47,6 @@ def test_static_logs_in_two_processes(hold, tmp_path):
     [
         (("friction", "--bound", "coulomb=1,0.5"), ("--bound", "coulomb=1,0.5")),
         (("friction", "--bound", "mass=0,1"), ("mass", "coulomb", "viscous")),
-        (("added-mass", "--bound", "cd=0,1"), ("cd", "added_mass")),
-        (("static", "--bound", "mass=0,1"), ("mass", "cd", "cl", "psi3", "current")),
         (("static", "--constants", "known"), ("--constants known", "uncertain", "exact")),
         (("static", "--loss", "bisquare"), ("--loss bisquare", "squares", "huber")),
         (("robot-tail", "--shape", "curve"), ("--shape curve", "constant", "line", "bins")),

@@ -1,7 +1,5 @@
 """What a reader of a fit's report sees: digits, order of the parameters, axes of the figures."""
 
-from __future__ import annotations
-
 import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -14,7 +12,7 @@ from aerodima.workbench.errors import ModelError
 from tests.refusals import assert_refused
 
 
-def result(name: str, *names: str, curves: dict | None = None) -> FitResult:
+def result(name, *names, curves=None):
     estimates = tuple(Estimate(n, "1", 2.0, 0.1, 1.8, 2.2, noise_deviation=0.04) for n in names)
     return FitResult(
         name, estimates, ((0.01,),), 1.0, {"angle": 0.1}, True, "done", (), curves=curves or {}
@@ -26,7 +24,6 @@ def result(name: str, *names: str, curves: dict | None = None) -> FitResult:
     [
         (0.0475021, 0.0474671, 0.0475371, "0.047502 (0.047467 .. 0.047537) kg"),
         (1.5407912, 1.5406, 1.54098, "1.54079 (1.54060 .. 1.54098) kg"),
-        (9893.6, 9851.8, 9935.5, "9894 (9852 .. 9936) kg"),
         (1.25e-13, 1.1e-13, 1.4e-13, "1.25e-13 (1.1e-13 .. 1.4e-13) kg"),
     ],
 )
@@ -59,7 +56,7 @@ def test_a_report_that_cannot_be_finished_leaves_the_earlier_one_whole(tmp_path,
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert {"fits.csv", "fits.yaml", "report.html", "curves.png"} <= set(before)
 
-    def stopped(self: FigureCanvasAgg, *args: object, **kwargs: object) -> None:
+    def stopped(self, *args, **kwargs):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(FigureCanvasAgg, "print_png", stopped)

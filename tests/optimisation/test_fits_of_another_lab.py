@@ -2,11 +2,8 @@
 truth in the file).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -31,7 +28,6 @@ from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.mapping import mapping_from
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.stations.rig_station import simulate_static_log
 from tests.optimisation import coverage_study
 from tests.optimisation.coverage import assert_standard
@@ -41,7 +37,7 @@ from tests.refusals import assert_refused
 CONSTANT_AIR = ("aero.source=constant", "aero.drag=0.9", "aero.lift=0.25")
 
 
-def run(*arguments: str | Path):
+def run(*arguments):
     return CliRunner().invoke(build_app(), ["fit", *map(str, arguments)])
 
 
@@ -121,8 +117,8 @@ def test_an_offset_and_its_uncertainty_are_taken_as_stated(stated):
     angle = math.radians(20.0)
     bias = np.array([0.3, -0.2, 0.5, 0.02, 0.01, -0.03])
     rig = replace(lab.LAB, force_bias=bias)
-    facts: dict = {"offsets_to_add": (-bias).tolist()}
-    settings: tuple[str, ...] = ()
+    facts = {"offsets_to_add": (-bias).tolist()}
+    settings = ()
     if stated == "tare":
         # What the sensor shows without wind is taken away from its readings.
         rig = replace(rig, force_bias=-lab.weight(lab.LAB, angle)[0])
@@ -196,7 +192,7 @@ def test_an_added_mass_far_from_every_seed_is_found(tmp_path):
     assert starts[-1] > 0.1
 
 
-def static_scores(log: RunLog, exact: bool = True, **options) -> dict[str, float]:
+def static_scores(log, exact=True, **options):
     """How many standard deviations each coefficient is off; without the uncertainty of constants by
     default.
     """
@@ -209,7 +205,7 @@ def static_scores(log: RunLog, exact: bool = True, **options) -> dict[str, float
     }
 
 
-def fitted(log: RunLog, folder: Path, *options: str) -> str:
+def fitted(log, folder, *options):
     """What the command says of a hold."""
     done = run("static", lab.write(log, folder, "hold"), "--out", folder / "fits", *options)
     assert done.exit_code == 0, done.stderr
@@ -270,7 +266,7 @@ def test_a_wrong_constant_of_a_swing_is_in_the_interval_and_leads_the_budget():
 
 
 @pytest.fixture(scope="module")
-def off_pivot() -> RunLog:
+def off_pivot():
     """The sensor's measuring point 2 mm off: twice what is said of it."""
     x, y, z = lab.LAB.pivot
     return lab.hold(replace(lab.LAB, pivot=(x, y, z + 0.002)))

@@ -36,7 +36,7 @@ SLOW = {turn.system: turn for turn in reversed(PLAN.turns) if turn.table and tur
 STILL = {"window": 0.6, "latency": 0.0, "gyro_bias": 0.0, "forward": 0.0}
 
 
-def motion(begin: float = 0.0, end: float = 2.0) -> Motion:
+def motion(begin=0.0, end=2.0):
     """Yaws at 2 rad/s and rolls at 0.5 rad/s between two times after the steering; the inner wheels
     lift at 0.3 s.
     """

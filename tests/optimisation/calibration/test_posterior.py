@@ -29,7 +29,7 @@ PRIOR = CarPrior(PLAN)
 RNG = np.random.default_rng(0)
 
 
-def constant(value: float) -> Surface:
+def constant(value):
     return Surface((0,), partial(_level, value), np.array([1e-6]))
 
 
@@ -37,7 +37,7 @@ def _level(value, inputs):
     return np.full((len(inputs), 1), value)
 
 
-def emulator(slope: tuple[str, str, float] | None = None, level: float = 0.0) -> Emulator:
+def emulator(slope=None, level=0.0):
     """All figures as published, whatever the car, but one that is a line in one coordinate; all
     outcomes certain.
 

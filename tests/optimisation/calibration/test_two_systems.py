@@ -1,13 +1,10 @@
 """Plan and prior of the two systems: what is refused, what a car can be, and what its runs get."""
 
-from collections.abc import Iterable
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
 
-from aerodima.optimisation.calibration.two_systems import CarPrior, Turn, figures_of, load_plan
+from aerodima.optimisation.calibration.two_systems import CarPrior, figures_of, load_plan
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.resources import model_path
@@ -17,7 +14,7 @@ PLAN = load_plan()
 PRIOR = CarPrior(PLAN)
 
 
-def changed(tmp_path: Path, **changes: object) -> Path:
+def changed(tmp_path, **changes):
     content = (
         yaml.safe_load(model_path("calibration/plans/two_systems.yaml").read_text(encoding="utf-8"))
         | changes
@@ -27,11 +24,11 @@ def changed(tmp_path: Path, **changes: object) -> Path:
     return path
 
 
-def sized(**sizes: int) -> dict[str, object]:
+def sized(**sizes):
     return {"size": PLAN.size.model_dump() | sizes}
 
 
-def with_turns(turns: Iterable[Turn]) -> dict[str, object]:
+def with_turns(turns):
     return {"turns": [turn.model_dump() for turn in turns]}
 
 

@@ -27,7 +27,7 @@ CAR = load_ensemble("physical").split(1).test[0]
 SCENARIO = load_scenario(CORNER.scenario, (*CORNER.settings, *FEEDBACK.settings))
 
 
-def motion_of(roll: float, pitch: float) -> PathMotion:
+def motion_of(roll, pitch):
     one = np.ones(1)
     return PathMotion(
         0.28 * one, 1.2 * one, 0.1 * one, np.full((12, 1), roll), np.full((4, 1), pitch)

@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 
-import pandas as pd
 import pytest
 
 from aerodima.optimisation.entry.entry_speed import (
@@ -315,7 +314,6 @@ def test_a_slow_real_car_completes_its_turn_and_yaws_into_it():
     search = EntrySearch(start=1.0, lowest=1.0, ceiling=1.0)
     table = climb([turn], [], [(Member("own", 1.0, {}), EntryFloor("own"))], Runs(), search)
     row = table.iloc[0]
-    assert isinstance(table, pd.DataFrame)
     assert (row["entry_speed_m_per_s"], row["at_ceiling"], row["runs"]) == (1.0, True, 2)
     assert 0.2 < row["figure_m_per_s2"] < 2.5, (
         "v2 / R of 0.28 m wheelbase at 30 degrees, on the way to it, is 2"

@@ -124,7 +124,7 @@ def test_search_finds_a_law_that_a_file_of_candidates_brings_back(tmp_path):
 
 
 def test_the_search_comes_to_the_best_law_and_begins_with_the_present_one():
-    tried: list[dict[str, float]] = []
+    tried = []
 
     def worth(laws):
         tried.extend(map(dict, laws))
@@ -138,7 +138,7 @@ def test_the_search_comes_to_the_best_law_and_begins_with_the_present_one():
     assert search_laws(search, start, worth, [].append) == best
 
 
-def no_law() -> None:
+def no_law():
     (start,) = laws_at(np.full((1, len(RANGES)), 0.5))
     search_laws(
         LawSearch(laws=3, generations=0), start, lambda laws: np.zeros(len(laws)), [].append

@@ -2,15 +2,12 @@
 of finer steps.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.manoeuvre import make_schedule
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.sensors.car_sensors import STEPS
 from aerodima.workbench.simulate.simulation import simulate
 
@@ -37,7 +34,7 @@ class Truth:
     seed: int
 
 
-def drawn(number: int) -> Truth:
+def drawn(number):
     """Of a number; the same at every call."""
     rng = np.random.default_rng([31, number])
     values = {name: float(rng.uniform(*limits)) for name, limits in RANGES.items()}
@@ -47,7 +44,7 @@ def drawn(number: int) -> Truth:
     return Truth(values, int(rng.integers(1 << 30)))
 
 
-def emulated(truth: Truth, name: str = "turn_none", step: float = STEP) -> RunLog:
+def emulated(truth, name="turn_none", step=STEP):
     """A log as the car would write it: sensors and commands alone, and the scenario as it is taken
     to be.
     """
@@ -75,7 +72,7 @@ def emulated(truth: Truth, name: str = "turn_none", step: float = STEP) -> RunLo
     return replace(run, table=table, scenario=planned.resolved(), source=f"{name}.parquet")
 
 
-def _real(planned: Scenario, truth: Truth, step: float) -> Scenario:
+def _real(planned, truth, step):
     car = {key: truth.values[key] for key in ("tyre_friction", "tyre_slip_angle", "com_height")}
     return planned.varied(
         car=car,

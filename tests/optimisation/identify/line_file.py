@@ -2,15 +2,12 @@
 tested.
 """
 
-from __future__ import annotations
-
 import pandas as pd
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.optimisation.identify.published_check import fit_line
 
 
-def fit_line_file(path: str) -> FitResult:
+def fit_line_file(path):
     """Rate and preload of a CSV file with `displacement_m` and `force_n`."""
     table = pd.read_csv(path)
     x = table["displacement_m"].to_numpy(float)

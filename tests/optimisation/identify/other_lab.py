@@ -7,23 +7,20 @@ section 4; the force law that of section 5; the numbers below are typed off the 
 4.5, 4.6).
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.integrate import solve_ivp
 
-from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, write_run_log
+from aerodima.workbench.logs.schema import run_log_from_metadata, write_run_log
 
 GRAVITY = 9.81
 ACCURACY = np.array([8.0067, 7.9933, 14.46, 0.4283, 0.445, 0.38])
 COUNT = 2.0 * math.pi / (512 * 4 * 26)
+HOLD_ANGLE = math.radians(20.0)
+FLICK_ANGLE = math.radians(60.0)
 READINGS = ("force_x_n", "force_y_n", "force_z_n", "torque_x_n_m", "torque_y_n_m", "torque_z_n_m")
 
 
@@ -74,18 +71,18 @@ class Lab:
 LAB = Lab()
 
 
-def _axis(q: float) -> np.ndarray:
+def _axis(q):
     return np.array([0.0, -math.sin(q), -math.cos(q)])
 
 
-def _exposed(lab: Lab, q: float, psi: float, start: float, length: float) -> tuple[float, float]:
+def _exposed(lab, q, psi, start, length):
     """First and last distance from the pivot that the jet meets."""
     rate = math.cos(q) + lab.jet_slope * math.sin(q) * math.cos(psi)
     edge = lab.jet_edge_depth / rate if rate > 1e-9 else math.inf
     return max(start, edge), start + length
 
 
-def _force(v: np.ndarray, a: np.ndarray, cd: float, cl: float, scale: float) -> np.ndarray:
+def _force(v, a, cd, cl, scale):
     """Drag along v and lift across it, to the root; the lift turns over within a degree and fades
     at the end.
     """
@@ -101,9 +98,7 @@ def _force(v: np.ndarray, a: np.ndarray, cd: float, cl: float, scale: float) -> 
     return scale * speed * (cd * v + cl * turned * speed * lift)
 
 
-def _loads(
-    lab: Lab, q: float, rate: float, psi: float, wind: float, cd: float, cl: float
-) -> tuple[np.ndarray, ...]:
+def _loads(lab, q, rate, psi, wind, cd, cl):
     """Force, moment about W and torque about the motor axis (downstream positive) of the air on
     tail and bar.
     """
@@ -133,7 +128,7 @@ def _loads(
     return total, moment, np.array(torque)
 
 
-def weight(lab: Lab, q: float) -> tuple[np.ndarray, float]:
+def weight(lab, q):
     """Wrench of the support (6) and torque about the motor axis of the weight alone."""
     a = _axis(q)
     p = np.array(lab.pivot)
@@ -152,20 +147,20 @@ def weight(lab: Lab, q: float) -> tuple[np.ndarray, float]:
 
 
 def hold(
-    lab: Lab = LAB,
+    lab=LAB,
     *,
-    cd: float = 0.9,
-    cl: float = 0.25,
-    psi: float = 0.03,
-    angle: float = math.radians(20.0),
-    wind: float = 20.0,
-    rest: float = 2.0,
-    duration: float = 8.0,
-    rate: float = 500.0,
-    seed: int = 0,
-    wander: Callable[[np.ndarray], np.ndarray] | None = None,
-    **extra: Any,
-) -> RunLog:
+    cd=0.9,
+    cl=0.25,
+    psi=0.03,
+    angle=HOLD_ANGLE,
+    wind=20.0,
+    rest=2.0,
+    duration=8.0,
+    rate=500.0,
+    seed=0,
+    wander=None,
+    **extra,
+):
     """A static hold whose first `rest` seconds are without wind; the sensor was zeroed at nothing
     (offset 0).
 
@@ -205,17 +200,17 @@ def hold(
 
 
 def bar_swing(
-    lab: Lab = LAB,
+    lab=LAB,
     *,
-    angle: float = 1.4,
-    duration: float = 5.0,
-    rate: float = 500.0,
-    **extra: Any,
-) -> RunLog:
+    angle=1.4,
+    duration=5.0,
+    rate=500.0,
+    **extra,
+):
     """The bare bar let go at `angle`."""
     inertia = lab.bar_inertia + lab.bar_mass * lab.bar_com**2 + lab.rotor_inertia
 
-    def motion(t: float, state: np.ndarray) -> list[float]:
+    def motion(t, state):
         q, w = state
         load = -GRAVITY * lab.bar_mass * lab.bar_com * math.sin(q) - _friction(lab, w)
         return [w, load / inertia]
@@ -227,19 +222,19 @@ def bar_swing(
 
 
 def flick(
-    lab: Lab = LAB,
+    lab=LAB,
     *,
-    added_mass: float = 0.02,
-    cd: float = 0.9,
-    cl: float = 0.25,
-    wind: float = 10.0,
-    angle: float = math.radians(60.0),
-    duration: float = 1.5,
-    rate: float = 500.0,
-    convention: str = "instantaneous",
-    seed: int = 0,
-    **extra: Any,
-) -> RunLog:
+    added_mass=0.02,
+    cd=0.9,
+    cl=0.25,
+    wind=10.0,
+    angle=FLICK_ANGLE,
+    duration=1.5,
+    rate=500.0,
+    convention="instantaneous",
+    seed=0,
+    **extra,
+):
     """Tail 1 let go at `angle` and driven by a smooth current; C_D and C_L are constant.
 
     Args:
@@ -251,7 +246,7 @@ def flick(
     sine = Sine(1.5, 2.0 * math.pi * (1.0 + rng.uniform()), rng.uniform(0.0, 2.0 * math.pi))
     inertia = swinging_inertia(lab, added_mass)
 
-    def motion(t: float, state: np.ndarray) -> list[float]:
+    def motion(t, state):
         q, w = state
         load = weight(lab, q)[1] + float(
             _loads(lab, q, w or 1e-300, 0.0, lab.wind_gain * wind, cd, cl)[2]
@@ -276,22 +271,22 @@ class Sine:
     frequency: float
     phase: float
 
-    def value(self, t: Any) -> Any:
+    def value(self, t):
         return self.size * np.sin(self.frequency * t + self.phase)
 
-    def mean(self, start: Any, end: Any) -> Any:
+    def mean(self, start, end):
         ends = np.cos(self.frequency * start + self.phase) - np.cos(
             self.frequency * end + self.phase
         )
         return self.size * ends / (self.frequency * (end - start))
 
 
-def write(log: RunLog, folder: Path, name: str) -> Path:
+def write(log, folder, name):
     """The log as a file."""
     return write_run_log(replace(log, source=name), folder / f"{name}.parquet")
 
 
-def swinging_inertia(lab: Lab, added_mass: float) -> float:
+def swinging_inertia(lab, added_mass):
     """Of bar, tail, rotor and added mass per fifth of the tail (kg) about the motor axis, kg m2."""
     arms = lab.bar_end + lab.tail_gap + lab.tail_length * (np.arange(5) + 0.5) / 5.0
     inertia = lab.bar_inertia + lab.bar_mass * lab.bar_com**2 + lab.rotor_inertia
@@ -301,17 +296,15 @@ def swinging_inertia(lab: Lab, added_mass: float) -> float:
     return inertia + added_mass * float(arms @ arms)
 
 
-def _friction(lab: Lab, w: float) -> float:
+def _friction(lab, w):
     return lab.coulomb * math.tanh(10.0 * w) + lab.viscous * w
 
 
-def _count(lab: Lab, angle: Any) -> Any:
+def _count(lab, angle):
     return np.round(angle / lab.count) * lab.count
 
 
-def _swing(
-    lab: Lab, motion: Callable, start: tuple[float, float], duration: float, rate: float
-) -> pd.DataFrame:
+def _swing(lab, motion, start, duration, rate):
     time = np.arange(round(duration * rate) + 1) / rate
     found = solve_ivp(
         motion, (0.0, time[-1]), start, "DOP853", time, rtol=1e-11, atol=1e-13, max_step=0.004
@@ -320,7 +313,7 @@ def _swing(
     return pd.DataFrame({"time_s": time, "angle_rad": _count(lab, found.y[0] - lab.encoder_zero)})
 
 
-def _log(table: pd.DataFrame, kind: str, extra: dict[str, Any]) -> RunLog:
+def _log(table, kind, extra):
     metadata = {
         "schema": "aerodima/run-log/1",
         "scenario": {},

@@ -2,15 +2,11 @@
 front.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
-from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
-from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.stations.rig_station import simulate_static_log
 
@@ -20,7 +16,7 @@ CD, CL = 0.9, 0.25
 """Of all logs: inside the bounds, and of the size of the published ones."""
 
 
-def static_scenario(tail: int, axis: str, degrees: float, speed: float, psi: float) -> RigScenario:
+def static_scenario(tail, axis, degrees, speed, psi):
     return load_rig_scenario("static").varied(
         experiment={
             "tail": tail,
@@ -33,19 +29,12 @@ def static_scenario(tail: int, axis: str, degrees: float, speed: float, psi: flo
     )
 
 
-def log_with_rest(scenario: RigScenario, rig: Rig, calm: Rig, rest: float) -> RunLog:
+def log_with_rest(scenario, rig, calm, rest):
     """The hold of `rig`, after `rest` seconds at the same angle without wind (`calm`)."""
     return simulate_static_log(scenario.varied(experiment={"wind_off": rest}), rig, calm)
 
 
-def truth_of(log: RunLog) -> dict[str, float]:
-    """Truth of a fit of this log."""
-    return dict(log.extra["truth"])
-
-
-def static_logs(
-    tests: int, rest: float | None, duration: float = 20.0, seed: int = 0
-) -> Iterator[RunLog]:
+def static_logs(tests, rest, duration, seed):
     """Three tails, two axes, six angles, three speeds, `tests` logs each: 540 logs with five."""
     rng = np.random.default_rng(seed)
     number = 1000 * seed
@@ -61,9 +50,4 @@ def static_logs(
                     calm = Rig(scenario.varied(experiment={"wind_speed": 0.0}))
                     for _ in range(tests):
                         number += 1
-                        one = scenario.varied(seed=number)
-                        yield (
-                            simulate_static_log(one, rig)
-                            if rest is None
-                            else log_with_rest(one, rig, calm, rest)
-                        )
+                        yield log_with_rest(scenario.varied(seed=number), rig, calm, rest)

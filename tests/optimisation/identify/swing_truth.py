@@ -5,8 +5,6 @@ A test shows that the pendulum moves as the rig's plant does; the rollout takes 
 the plant takes seconds.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -15,14 +13,14 @@ import pandas as pd
 from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, friction_torque, roll_out
 from aerodima.optimisation.identify.swing_coefficients import motor_of
 from aerodima.workbench.aero.laws import NormalForceLaw
-from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
-from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.logs.schema import run_log_from_metadata
 from aerodima.workbench.stations.rig_station import rig_log_metadata
 
 RATE = 1000.0
 
 
-def bar_log(coulomb: float, viscous: float, angle: float = 1.5, duration: float = 5.0) -> RunLog:
+def bar_log(coulomb, viscous, angle=1.5, duration=5.0):
     """A free swing of the bare bar, let go at once."""
     scenario = load_rig_scenario("bar").varied(
         experiment={"angle": angle, "duration": duration, "rest": 0.0}
@@ -30,9 +28,7 @@ def bar_log(coulomb: float, viscous: float, angle: float = 1.5, duration: float 
     return _log(scenario, [friction_torque(coulomb, viscous, 10.0)], 0.0, None)
 
 
-def flick_log(
-    added_mass: float, seed: int, wind_speed: float = 10.0, duration: float = 1.5
-) -> RunLog:
+def flick_log(added_mass, seed, wind_speed=10.0, duration=1.5):
     """Tail 1 let go at 60 degrees and driven by a current that is logged with its noise."""
     scenario = load_rig_scenario("flick").varied(
         experiment={
@@ -44,7 +40,6 @@ def flick_log(
         seed=seed,
     )
     air = air_torque(scenario)
-    assert air is not None
     friction = scenario.friction
     smooth = friction_torque(friction.coulomb, friction.viscous, friction.tanh_gain)
     time = np.arange(round(duration * RATE)) / RATE
@@ -53,9 +48,7 @@ def flick_log(
     return _log(scenario, [air, smooth], added_mass, current, rng)
 
 
-def robot_log(
-    cn: float, angle: float, wind_speed: float, kp: float, duration: float = 2.0
-) -> RunLog:
+def robot_log(cn, angle, wind_speed, kp, duration=2.0):
     """The robot's tail let go under its motor, with a constant C_N; only the counts of its angle
     are not exact.
     """
@@ -65,18 +58,17 @@ def robot_log(
     )
     air = air_torque(scenario, NormalForceLaw(cn))
     friction = scenario.robot_friction
-    assert air is not None
     smooth = friction_torque(friction.coulomb, friction.viscous, friction.tanh_gain)
     return _log(scenario, [air, smooth, motor_of(scenario)], 0.0, None)
 
 
 def _log(
-    scenario: RigScenario,
+    scenario,
     torques,
-    added_mass: float,
-    current: np.ndarray | None,
-    rng: np.random.Generator | None = None,
-) -> RunLog:
+    added_mass,
+    current,
+    rng=None,
+):
     count = round(scenario.experiment.duration * RATE) + 1
     motor = None if current is None else (-scenario.maxon.torque_constant * current).tolist()
     angle, rate = roll_out(

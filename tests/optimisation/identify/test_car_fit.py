@@ -2,12 +2,8 @@
 the intervals.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +12,6 @@ from typer.testing import CliRunner
 
 from aerodima.optimisation.identify.car_fit import fit_car
 from aerodima.optimisation.identify.car_log import TAIL, CarDrive, LoggedCommands, car_drive
-from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import UserError
@@ -25,7 +20,7 @@ from tests.optimisation.identify.car_truth import drawn, emulated
 from tests.refusals import assert_refused
 
 
-def still_log(steered: float = 0.5, **columns: float) -> RunLog:
+def still_log(steered=0.5, **columns):
     """A log without motion of the first 4 s of `turn_none`, steered from 2.0 to 2.5 s."""
     scenario = load_scenario("turn_none")
     time = np.arange(0.0, 4.0, 0.002)
@@ -46,20 +41,20 @@ def still_log(steered: float = 0.5, **columns: float) -> RunLog:
     return RunLog(table, scenario.resolved(), 1, source="run.parquet")
 
 
-def changed(**columns: Callable[[pd.DataFrame], Any]) -> RunLog:
+def changed(**columns):
     log = still_log()
     return replace(log, table=log.table.assign(**columns))
 
 
-def without(column: str) -> RunLog:
+def without(column):
     return replace(still_log(), table=still_log().table.drop(columns=column))
 
 
-def gyro_with_nan(table: pd.DataFrame) -> np.ndarray:
+def gyro_with_nan(table):
     return np.where(table.time_s == table.time_s[1100], math.nan, 0.0)
 
 
-def cut() -> RunLog:
+def cut():
     return replace(still_log(), table=still_log().table.query("time_s > 1.9 and time_s < 2.1"))
 
 
@@ -118,9 +113,7 @@ class Formula(CarDrive):
 
     per_step = 0.0
 
-    def run(
-        self, changes: Mapping[str, Mapping[str, float]], latency: float, speed: float
-    ) -> Mapping[str, Any]:
+    def run(self, changes, latency, speed):
         time = np.arange(1.4, 3.2, 0.002)
         slip = changes["car"]["tyre_slip_angle"]
         friction = changes["car"]["tyre_friction"]
@@ -146,7 +139,7 @@ class Stepped(Formula):
 TRUTH = {"tyre_friction": 0.61, "tyre_slip_angle": 0.12}
 
 
-def fit_of_formula(kind: type[Formula], noise: float) -> FitResult:
+def fit_of_formula(kind, noise):
     """Of a log of a formula without steps, with noise in units of what its sensors have."""
     base = car_drive(still_log())
     drive = kind(**{name: getattr(base, name) for name in base.__dataclass_fields__})

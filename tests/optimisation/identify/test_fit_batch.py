@@ -9,14 +9,13 @@ import pytest
 
 from aerodima.optimisation.identify import fit_batch
 from aerodima.optimisation.identify.fit_batch import WORKER_KILLED, fit_logs
-from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.workbench.errors import FitError
 from tests.optimisation.identify.line_file import fit_line_file
 from tests.refusals import assert_refused
 
 
 @pytest.fixture
-def springs(tmp_path: Path) -> list[Path]:
+def springs(tmp_path):
     """Springs of 1000, 1100 and 1200 N/m with a ripple."""
     paths = []
     for number in range(3):
@@ -28,7 +27,7 @@ def springs(tmp_path: Path) -> list[Path]:
     return paths
 
 
-def rates(batch: fit_batch.BatchResult) -> list[float]:
+def rates(batch):
     return [round(result.free[0].value, -2) for result in batch.results]
 
 
@@ -36,7 +35,7 @@ def test_a_second_call_takes_up_what_is_there_and_does_the_rest(springs, tmp_pat
     out = tmp_path / "fits"
     calls = []
 
-    def work(name: str) -> FitResult:
+    def work(name):
         calls.append(name)
         return fit_line_file(name)
 
@@ -58,7 +57,7 @@ def test_results_of_other_settings_are_not_mixed(springs, tmp_path):
     assert_refused(twice, FitError, str(springs[0]))
 
 
-def fit_or_die(path: str, *, poison: Path) -> FitResult:
+def fit_or_die(path, *, poison):
     """The fit of a spring, but the log of that name kills its process while `poison` exists."""
     if Path(path).stem == "spring_1" and poison.exists():
         os.kill(os.getpid(), signal.SIGKILL)

@@ -2,8 +2,6 @@
 nothing is lost.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -31,7 +29,7 @@ METHODS = [solve_algebraic, solve_rollout, solve_formula]
 TIME = np.linspace(0.0, 3.0, 40)
 
 
-def decay(amplitude_size: float = 1.0, **bounds: float) -> Problem:
+def decay(amplitude_size=1.0, **bounds):
     """y = a exp(-k t) + c with a ripple that no model explains; `a` may be of any size."""
     y = amplitude_size * (2.0 * np.exp(-1.3 * TIME) + 0.5 + 0.05 * np.sin(17.0 * TIME))
     parameters = Parameters.of(
@@ -91,7 +89,7 @@ def test_a_residual_that_is_not_finite_at_the_seed_names_the_unknowns(method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_other_seeds_are_tried_when_one_has_no_model(method):
-    def residual(x: np.ndarray) -> np.ndarray:
+    def residual(x):
         if x[0] < 0.0:
             raise FitError(f"the mass matrix is indefinite at {x[0]} kg")
         return np.array([x[0] - 2.0, 0.1 * x[0]])
@@ -106,7 +104,7 @@ def test_other_seeds_are_tried_when_one_has_no_model(method):
 def test_a_rollout_that_breaks_down_within_the_solve_shortens_the_step():
     # From 0.2 the full Gauss-Newton step of log(x) - 3 goes to 1.1, from there to 4.2; beyond 25
     # there is no model.
-    def residual(x: np.ndarray) -> np.ndarray:
+    def residual(x):
         return np.array([np.log(x[0]) - 3.0, 0.0]) if x[0] < 25.0 else np.array([np.nan, 0.0])
 
     solution = solve(
@@ -117,7 +115,7 @@ def test_a_rollout_that_breaks_down_within_the_solve_shortens_the_step():
 
 @pytest.mark.parametrize("ends", ["nan", "error"])
 def test_a_model_that_ends_beside_the_solution_has_a_one_sided_derivative(ends):
-    def residual(x: np.ndarray) -> np.ndarray:
+    def residual(x):
         if x[0] < 1.0 and ends == "error":
             raise FitError(f"no model at {x[0]}")
         if x[0] < 1.0:
@@ -180,7 +178,7 @@ def test_a_bent_valley_that_stops_gauss_newton_is_followed_by_snopt():
 SLOPE, OFFSET = ("slope", "1"), ("offset", "1")
 
 
-def line(y: np.ndarray, x: np.ndarray, loss):
+def line(y, x, loss):
     return fit_line(x, y, SLOPE, OFFSET, name="line", channel="y", loss=loss)
 
 
@@ -245,7 +243,7 @@ def test_given_and_differenced_jacobians_lead_to_the_same_minimum():
     y[10] = 3.0
     parameters = Parameters.of([Parameter("decay", "1", 1.0, 0.0, 5.0)])
 
-    def residual(p: np.ndarray) -> np.ndarray:
+    def residual(p):
         return np.exp(-p[0] * x) - y
 
     found = []

@@ -1,7 +1,5 @@
 """Starts and bounds of the fits to swings, and Huber's loss on a swing with wild samples."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -94,7 +92,7 @@ def test_a_far_lower_cost_is_kept_although_the_solver_did_not_say_success():
     problem = Problem(Parameters.of([Parameter("x", "1", 0.0)]), lambda x: x - 3.0)
     outcomes = iter([(np.array([3.1]), 0.005, False), (np.array([9.0]), 18.0, True)])
 
-    def method(_: Problem, start: np.ndarray) -> Attempt:
+    def method(_, start):
         x, cost, success = next(outcomes)
         return Attempt(start, x, cost, success, "told", 1)
 

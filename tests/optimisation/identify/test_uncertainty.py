@@ -2,8 +2,6 @@
 bound.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -11,7 +9,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 from scipy.stats import norm, t
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
+from aerodima.optimisation.identify.fit_pipeline import fit
 from aerodima.optimisation.identify.least_squares import (
     Parameter,
     Parameters,
@@ -31,7 +29,7 @@ from aerodima.optimisation.identify.uncertainty import (
 from tests.optimisation.coverage import assert_held, draws
 
 
-def line(y: np.ndarray, t: np.ndarray, *more: Parameter) -> Problem:
+def line(y, t, *more):
     parameters = Parameters.of(
         [Parameter("slope", "N/s", 1.0), Parameter("offset", "N", 0.0), *more]
     )
@@ -153,7 +151,7 @@ def test_intervals_of_filtered_data_hold_the_truth_in_95_percent(number):
     for _ in range(number):
         y = A @ [0.7, 0.2] + sosfiltfilt(sos, rng.normal(size=len(t)))
         x = np.linalg.lstsq(A, y, rcond=None)[0]
-        solution = Solution(line(y, t), x, A @ x - y, A, None, ())  # type: ignore[arg-type]
+        solution = Solution(line(y, t), x, A @ x - y, A, None, ())
         for noise, found in (
             (serial_noise(solution.residual, [slice(None)], 2), held),
             (independent_noise(solution.residual, 2), naive),
@@ -180,9 +178,7 @@ def test_interval_of_a_rounded_reading_holds_95_percent(even):
     assert np.mean(np.abs(error) <= sure.upper[0]) == pytest.approx(0.95, abs=0.003)
 
 
-def fitted(
-    y: np.ndarray, x: np.ndarray, low: float = -math.inf, high: float = math.inf
-) -> FitResult:
+def fitted(y, x, low=-math.inf, high=math.inf):
     """A line through points of unit noise, its slope within bounds."""
     seed = min(max(0.5, low), high)
     parameters = Parameters.of(
@@ -252,7 +248,7 @@ def test_intervals_hold_a_truth_near_the_bound_in_95_percent(number, inside):
         if x[0] < 0.0:
             x = np.array([0.0, x[1] - 0.9 * x[0]])
         residual = jacobian @ (x - truth) - error
-        solution = Solution(problem, x, residual, jacobian, None, ())  # type: ignore[arg-type]
+        solution = Solution(problem, x, residual, jacobian, None, ())
         sure = uncertainty(solution, Noise(np.ones(2)))
         held.append((sure.lower <= truth) & (truth <= sure.upper))
         assert np.all((sure.lower <= x) & (x <= sure.upper))

@@ -3,7 +3,6 @@ scenario survives.
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +14,6 @@ from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
 from aerodima.optimisation.swing.motion_search import steered_swing
 from aerodima.workbench import Observation, UserError, load_scenario, metrics_of, simulate
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings
 from aerodima.workbench.controllers.swing_player import SwingPlayer
 from aerodima.workbench.metrics.turn_course import turn_course
@@ -75,11 +72,7 @@ def test_course_of_a_turn_is_that_of_the_full_car():
     cars = Vehicles.of([scenario])
     plans = TurnPlans.of([scenario])
     whole = drive_turns(cars, plans, duration=0.7, history=True)
-    assert whole.history is not None
     again = drive_turns(cars, plans, duration=0.7, begun=whole.history[999])
-    assert full.course_change_rad is not None
-    assert full.exit_time_s is not None
-    assert full.exit_sideslip_rad is not None
     assert np.degrees(whole.course[0]) == pytest.approx(np.degrees(full.course_change_rad), abs=1.0)
     assert whole.exit_time[0] == pytest.approx(full.exit_time_s, abs=0.03)
     assert whole.sideslip[0] == pytest.approx(full.exit_sideslip_rad, abs=0.02)
@@ -95,17 +88,16 @@ def test_heading_is_that_of_the_full_car_once_it_has_settled():
     scenario = load_scenario("turn_designed", ("car.tyre_friction=0.5",))
     full = np.degrees(metrics_of(simulate(scenario, record="outcome")).heading_change_rad)
     turns = drive_turns(Vehicles.of([scenario]), TurnPlans.of([scenario]), history=True)
-    assert turns.history is not None
     yaw = np.degrees(turns.history[:, STATES.index("yaw"), 0])
     assert np.degrees(turns.heading[0]) == pytest.approx(full, abs=0.5)
     assert yaw[-1] - yaw[999] < full - 1.0
 
 
-def of_cars(name: str, *settings: str) -> Any:
+def of_cars(name, *settings):
     return Vehicles.of([load_scenario(name, settings)])
 
 
-def of_plans(name: str, *settings: str) -> Any:
+def of_plans(name, *settings):
     return TurnPlans.of([load_scenario(name), load_scenario(name, settings)])
 
 
@@ -135,7 +127,7 @@ def test_what_it_does_not_know_is_refused(make, words, named):
     assert_refused(lambda: make(*words), UserError, *named)
 
 
-def played() -> SwingFile:
+def played():
     """A swing over the top that the steering releases."""
     turn = load_scenario("turn_designed")
     time = np.linspace(0.0, 0.8, 9)
@@ -146,7 +138,7 @@ def played() -> SwingFile:
     return steered_swing("played", turn, time, roll, rate, provenance={"source": ""})
 
 
-def plans_of(scenario: Scenario, swing: SwingFile) -> TurnPlans:
+def plans_of(scenario, swing):
     """Of a car that plays a swing file, which the steering releases in a turn to the left."""
     (phase,) = swing.gains.phases
     threshold = swing.trigger.threshold_rad
@@ -157,7 +149,7 @@ def plans_of(scenario: Scenario, swing: SwingFile) -> TurnPlans:
     gains = [
         np.array([gain]) for joint in (phase.roll, phase.pitch) for gain in (joint.kp, joint.kd)
     ]
-    numbers: dict[str, Any] = {
+    numbers = {
         "trigger_yaw_rate": np.inf,
         "trigger_steering": threshold,
         "delay": 0.0,

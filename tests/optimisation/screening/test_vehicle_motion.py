@@ -3,7 +3,6 @@ of every moment.
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -35,7 +34,7 @@ GRAVITY = 9.81
 FREE = np.zeros((2, 4, 1))
 
 
-def derivative(state: np.ndarray, commands: Commands, cars: Vehicles) -> np.ndarray:
+def derivative(state, commands, cars):
     """dx/dt (24, n)."""
     found = equations(state, commands, cars)
     acceleration = solve(found.mass, found.force)
@@ -44,32 +43,32 @@ def derivative(state: np.ndarray, commands: Commands, cars: Vehicles) -> np.ndar
     return np.concatenate([configuration_rate(state, rates, found.travel_rate), acceleration])
 
 
-def cars_of(*settings: str, scenario: str = "turn_designed") -> Vehicles:
+def cars_of(*settings, scenario="turn_designed"):
     return Vehicles.of([load_scenario(scenario, settings)])
 
 
-def without_air_and_friction(cars: Vehicles) -> Vehicles:
+def without_air_and_friction(cars):
     zero = np.zeros(cars.count)
     return replace(cars, air_density=zero, coulomb=zero, viscous=zero)
 
 
-def state_of(**values: float) -> np.ndarray:
+def state_of(**values):
     state = np.zeros((len(STATES), 1))
     for name, value in values.items():
         state[STATES.index(name)] = value
     return state
 
 
-def coasting(cars: Vehicles) -> Commands:
+def coasting(cars):
     return Commands(np.zeros((2, 1)), np.zeros(1), FREE)
 
 
-def acceleration(cars: Vehicles, commands: Commands | None = None, **values: float) -> np.ndarray:
+def acceleration(cars, commands=None, **values):
     found = equations(state_of(**values), commands or coasting(cars), cars)
     return solve(found.mass, found.force)[:, 0]
 
 
-def energy(state: np.ndarray, cars: Vehicles) -> float:
+def energy(state, cars):
     """Of a car in the air, J; its weight acts at the centre of car and arm."""
     found = equations(state, coasting(cars), cars)
     rates = state[RATES]
@@ -109,7 +108,7 @@ def test_loads_at_rest_are_those_of_the_full_car():
         assert loads[2 * place : 2 * place + 2] == pytest.approx(expected, rel=5e-3)
 
 
-def rolling(name: str, steer: float, speed: float, *settings: str, **changes: Any) -> Any:
+def rolling(name, steer, speed, *settings, **changes):
     words = (
         f"manoeuvre.speed={speed}",
         f"manoeuvre.steer_angle={steer}",
@@ -209,7 +208,7 @@ def test_every_moment_has_its_sign():
     assert next(rates) < next(rates)  # the air brakes a swing
 
 
-def mirrored(values: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+def mirrored(values, names):
     """What the car shows in a mirror: left and right wheels change places."""
     places = [
         names.index(
@@ -253,7 +252,7 @@ def test_a_mirrored_car_accelerates_as_its_picture():
 JOINTS = {"pitch": 10, "roll": 11}
 
 
-def motor_torque(joint: str, rate: float, *command: float, **changes: Any) -> float:
+def motor_torque(joint, rate, *command, **changes):
     """Of the motor of a joint that is in the middle and turns, N m."""
     cars = replace(without_air_and_friction(cars_of()), **changes)
     state = state_of(z=5.0, **{f"tail_{joint}_rate": rate})

@@ -39,7 +39,7 @@ def wait_for(condition, process=None):
         time.sleep(0.05)
 
 
-def listen_to_ctrl_c() -> None:
+def listen_to_ctrl_c():
     """A job in the background ignores it, and its children would too."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
@@ -65,12 +65,12 @@ def started(*command):
             process.communicate(timeout=PATIENCE)
 
 
-def rows(out: Path) -> int:
+def rows(out):
     path = out / ROWS
     return len(path.read_bytes().splitlines()) - 1 if path.exists() else 0
 
 
-def workers_of(process) -> list[psutil.Process]:
+def workers_of(process):
     children = psutil.Process(process.pid).children(recursive=True)
     return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
 
@@ -132,7 +132,7 @@ def test_scheduler_and_worker_of_the_page_give_the_same_table(tmp_path):
     assert (tmp_path / "out" / TABLE).read_bytes() == (tmp_path / "here" / TABLE).read_bytes()
 
 
-def _has_worker(address: str) -> bool:
+def _has_worker(address):
     from distributed import Client
 
     with Client(address, timeout=PATIENCE) as client:

@@ -1,9 +1,8 @@
 """Studies whose runs take a tenth of a second: a fifth of a second straight ahead."""
 
 import os
-from pathlib import Path
 
-from aerodima.optimisation.sweep.runs import RunTask, evaluate
+from aerodima.optimisation.sweep.runs import evaluate
 
 POISON = "poison"
 """Name of a task that ends the process that works on it."""
@@ -19,21 +18,21 @@ TINY_SETTINGS = (
 )
 
 
-def write_study(path: Path, text: str) -> Path:
+def write_study(path, text):
     path.write_text(
         f"schema: aerodima/study/1\nname: tiny\nscenario: straight\nsettings: {TINY}\n{text}"
     )
     return path
 
 
-def tiny_study(folder: Path, number: int = 4) -> Path:
+def tiny_study(folder, number=4):
     return write_study(
         folder / "study.yaml",
         f"grid:\n  manoeuvre.speed: {{first: 1.0, last: 2.0, number: {number}}}\n",
     )
 
 
-def evaluate_or_die(task: RunTask) -> dict:
+def evaluate_or_die(task):
     if task.name == POISON:
         os._exit(9)
     return evaluate(task)

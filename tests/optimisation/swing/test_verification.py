@@ -1,24 +1,22 @@
 """`aerodima swing verify`: what it measures, what it refuses, what it leaves behind."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
 import yaml
-from typer.testing import CliRunner, Result
+from typer.testing import CliRunner
 
 from aerodima.optimisation.swing.verification import Check, Verification
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.config.swing_file import SwingFile, read_swing, write_swing
+from aerodima.workbench.config.swing_file import read_swing, write_swing
 from aerodima.workbench.resources import model_path
 
 
-def thesis() -> SwingFile:
+def thesis():
     return read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
 
 
-def call(*words: object) -> Result:
+def call(*words):
     return CliRunner().invoke(
         build_app(), ["swing", "verify", *map(str, words)], catch_exceptions=False
     )

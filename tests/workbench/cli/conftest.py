@@ -2,16 +2,10 @@
 a folder.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import CliRunner
 
 from aerodima.workbench.cli.program import build_app
-
-Call = Callable[..., Result]
 
 
 @pytest.fixture(scope="session")
@@ -20,7 +14,7 @@ def call():
     app = build_app()
     runner = CliRunner()
 
-    def run(*words: object) -> Result:
+    def run(*words):
         return runner.invoke(app, [str(word) for word in words], catch_exceptions=False)
 
     return run
@@ -32,7 +26,7 @@ def refused(call):
     no traceback.
     """
 
-    def run(*words: object) -> str:
+    def run(*words):
         result = call(*words)
         assert result.exit_code == 2, result.output
         assert result.stderr.startswith("error: ")

@@ -2,8 +2,6 @@
 line.
 """
 
-from __future__ import annotations
-
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -15,7 +13,7 @@ from aerodima.workbench.errors import UserError
 RUNNER = CliRunner()
 
 
-def app() -> typer.Typer:
+def app():
     program = typer.Typer()
     program.callback()(lambda: None)
     register(program)

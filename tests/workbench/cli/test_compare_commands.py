@@ -1,10 +1,7 @@
 """`aerodima log compare`: two runs beside one another, on the terminal and as a page."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -45,7 +42,7 @@ def runs(logs):
     return {name: read_run_log(path) for name, path in logs.items()}
 
 
-def compare(*arguments: str | Path):
+def compare(*arguments):
     return CliRunner().invoke(build_app(), ["log", "compare", *map(str, arguments)])
 
 

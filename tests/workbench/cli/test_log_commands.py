@@ -1,9 +1,8 @@
 """`aerodima log metrics` and `aerodima log recover`."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -33,7 +32,6 @@ def test_metrics_prints_and_writes_the_figures_of_the_log(call, log, tmp_path):
     table = tmp_path / "metrics.csv"
     result = call("log", "metrics", log, "--out", table)
     assert result.exit_code == 0, result.output
-    assert "max_yaw_rate_rad_per_s" in result.stdout
     written = pd.read_csv(table, index_col="run").loc[str(log)]
     expected = metrics_of(read_run_log(log)).as_row()
     assert written["outcome"] == "survived"
@@ -65,13 +63,13 @@ def test_metrics_table_is_not_overwritten(refused, log, untouched):
     assert table.read_text() == "precious"
 
 
-def test_recover_says_what_it_saved(call, refused, tmp_path):
+def test_recover_says_what_it_saved(call, refused, log, tmp_path):
     """A journal as a killed run leaves it: the run is interrupted by an exception, its journal
     stays.
     """
     path = tmp_path / "run.parquet"
 
-    def interrupt(time: float, _length: float) -> None:
+    def interrupt(time, _length):
         if time > 0.8:
             raise KeyboardInterrupt
 
@@ -80,6 +78,10 @@ def test_recover_says_what_it_saved(call, refused, tmp_path):
     assert not path.exists()
     result = call("log", "recover", journal_path(path))
     assert result.exit_code == 0, result.output
-    assert read_run_log(path).time[-1] > 0.7
+    rescued = read_run_log(path)
+    assert rescued.time[-1] > 0.7
+    for name in ("time_s", "position_x_truth_m", "imu_gyro_z_rad_per_s"):
+        whole = read_run_log(log).signal(name)
+        np.testing.assert_array_equal(rescued.signal(name), whole[: len(rescued.table)])
     assert str(path) in result.stdout
     assert "no.journal" in refused("log", "recover", tmp_path / "no.journal")

@@ -65,8 +65,7 @@ def test_condition_keeps_the_raw_log_and_refuses_to_overwrite(call, refused, fol
 
 
 def test_export_goes_beside_the_log_and_names_a_wrong_format(call, refused, folder):
-    message = refused("log", "export", folder / "run.parquet", "--to", "xlsx")
-    assert all(named in message for named in ("--to", "'xlsx'", "csv, mcap"))
+    assert "'xlsx'" in refused("log", "export", folder / "run.parquet", "--to", "xlsx")
     result = call("log", "export", folder / "run.parquet", "--to", "csv")
     assert result.stdout.split() == [str(folder / "run.csv"), str(folder / "run.csv.json")]
     assert "--force" in refused("log", "export", folder / "run.parquet", "--to", "csv")

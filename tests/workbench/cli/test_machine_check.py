@@ -1,14 +1,12 @@
 """What the doctor finds, and what it says when something is missing."""
 
-from __future__ import annotations
-
 from typer.testing import CliRunner
 
 from aerodima.workbench.cli import doctor_commands as doctor
 from aerodima.workbench.cli.program import build_app
 
 
-def finding(subject: str) -> doctor.Finding:
+def finding(subject):
     return next(found for found in doctor.examine() if found.subject == subject)
 
 

@@ -1,9 +1,6 @@
 """`aerodima models check`."""
 
-from __future__ import annotations
-
 import shutil
-from pathlib import Path
 
 import pytest
 
@@ -26,7 +23,7 @@ URDF = """
 """
 
 
-def sdf(tmp_path: Path, dynamics: str = "", mass: float = 1.0, izz: float = 0.1) -> Path:
+def sdf(tmp_path, dynamics="", mass=1.0, izz=0.1):
     links = LINK.format(name="a", mass=1.0, izz=0.1) + LINK.format(name="b", mass=mass, izz=izz)
     path = tmp_path / "model.sdf"
     path.write_text(
@@ -81,7 +78,7 @@ def test_good_model_of_a_user_passes(call, tmp_path):
 def failed(call):
     """Checks a file; the verdict is no, exit status 1, with the problems on stderr."""
 
-    def check(path: Path) -> str:
+    def check(path):
         result = call("models", "check", path)
         assert result.exit_code == 1, result.output
         return result.stderr

@@ -1,7 +1,5 @@
 """Commands that read logs read those of any plant, as far as they apply."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.workbench.replay.cart_poles import observed_swing

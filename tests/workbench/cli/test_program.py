@@ -2,15 +2,12 @@
 per user error.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 from typer.main import get_command
@@ -66,17 +63,11 @@ def environment(tmp_path):
 
 @pytest.fixture
 def aerodima(environment):
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    def run(*arguments):
         command = [sys.executable, "-m", "aerodima", *arguments]
         return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
 
     return run
-
-
-def test_help_lists_the_commands_of_every_distribution(aerodima):
-    done = aerodima("--help")
-    assert done.returncode == 0
-    assert re.search(r"^\s+probe\s+A command of another package\.$", done.stdout, re.MULTILINE)
 
 
 def test_version_is_printed_alone(aerodima):
@@ -121,9 +112,8 @@ def test_bug_keeps_its_traceback(aerodima, kind, last):
         ("no-such-command",),
         ("probe",),
         ("probe", "fine", "--times", "many"),
-        ("probe", "a", "b"),
     ],
-    ids=["flag", "command", "missing", "type", "extra"],
+    ids=["flag", "command", "missing", "type"],
 )
 def test_bad_flag_is_status_2_without_traceback(aerodima, arguments):
     done = aerodima(*arguments)
@@ -132,7 +122,7 @@ def test_bad_flag_is_status_2_without_traceback(aerodima, arguments):
     assert "Error: " in done.stderr
 
 
-def listen_to_ctrl_c() -> None:
+def listen_to_ctrl_c():
     """A shell starts background jobs deaf to Ctrl-C, and their children inherit it."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
@@ -147,7 +137,6 @@ def test_ctrl_c_is_one_line_and_status_130(environment):
         text=True,
         preexec_fn=listen_to_ctrl_c,
     ) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == "waiting\n"
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=30)
@@ -204,14 +193,11 @@ def test_exit_status_is_that_of_the_table(aerodima, call, tmp_path, status):
     assert found == status
 
 
-Commands = dict[str, Any]
-
-
 @pytest.fixture(scope="module")
 def commands():
     """Every command and group by its words."""
 
-    def below(words: str, command: Any) -> Commands:
+    def below(words, command):
         inner = getattr(command, "commands", {}).items()
         return {words: command} | {
             key: one for name, sub in inner for key, one in below(f"{words} {name}", sub).items()
@@ -222,7 +208,7 @@ def commands():
     }
 
 
-def options_of(command: Any) -> dict[str, Any]:
+def options_of(command):
     return {
         name: option for option in command.params for name in option.opts if name.startswith("-")
     }
@@ -249,7 +235,6 @@ def test_old_option_says_the_new_one(refused, words, new):
     assert all(name in refused(*words.split()) for name in new)
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh"])
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
@@ -260,7 +245,7 @@ def test_old_option_says_the_new_one(refused, words, new):
         ("drive auto_turn --wiring t", {"teensy_bridge"}),
     ],
 )
-def test_shell_completes(tmp_path, monkeypatch, shell, words, offered):
+def test_shell_completes(tmp_path, monkeypatch, words, offered):
     monkeypatch.chdir(tmp_path)
     Path("my_law.py").write_text("import numpy\n\n\nclass Mine:\n    pass\n")
     line = f"aerodima {words}"
@@ -269,14 +254,7 @@ def test_shell_completes(tmp_path, monkeypatch, shell, words, offered):
         "COMP_CWORD": str(len(words.split())),
         "_TYPER_COMPLETE_ARGS": line,
     }
-    done = CliRunner().invoke(
-        build_app(), [], env=asked | {"_AERODIMA_COMPLETE": f"complete_{shell}"}
-    )
-    out = done.stdout.replace(r"\\:", ":")
-    found = set(
-        re.findall(r"^(?:_arguments .*\(\()?\"(.*?)\"", out, re.MULTILINE)
-        if shell == "zsh"
-        else out.split()
-    )
+    done = CliRunner().invoke(build_app(), [], env=asked | {"_AERODIMA_COMPLETE": "complete_bash"})
+    found = set(done.stdout.split())
     assert found >= offered, done.output
     assert all(word.startswith(words.split()[-1]) for word in found)

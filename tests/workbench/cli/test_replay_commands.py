@@ -1,7 +1,5 @@
 """`aerodima replay`: files or a viewer, from a log alone."""
 
-from __future__ import annotations
-
 import time
 
 import pytest
@@ -22,7 +20,7 @@ def log(tmp_path_factory):
 def impatient(monkeypatch):
     """Ctrl-C as soon as the program waits."""
 
-    def interrupt(seconds: float) -> None:
+    def interrupt(seconds):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(time, "sleep", interrupt)

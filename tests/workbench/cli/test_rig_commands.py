@@ -1,7 +1,5 @@
 """`aerodima rig`: what it prints, writes and refuses."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -43,7 +41,6 @@ def test_swings_write_their_logs(call, tmp_path, command, kind):
         (("--tail", 4), "experiment.tail: 4"),
         (("--axis", "sideways"), "experiment.axis: 'sideways'"),
         (("--wind", -10), "experiment.wind_speed: -10.0"),
-        (("--angle", 120), "experiment.angle"),
         (("--set", "force_sensor.rate=5000"), "force_sensor.rate: 5000 Hz"),
         (("--set", "maxon.torque_const=1"), "'torque_constant'"),
     ],

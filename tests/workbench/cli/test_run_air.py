@@ -1,7 +1,5 @@
 """`aerodima run` with a free sail and with a coefficient table, from the run to its pictures."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

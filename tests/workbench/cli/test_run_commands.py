@@ -1,7 +1,5 @@
 """`aerodima run`: what it prints, writes and refuses."""
 
-from __future__ import annotations
-
 import pytest
 
 from aerodima.workbench.logs.schema import read_run_log
@@ -117,22 +115,16 @@ def test_existing_page_is_refused_before_anything_is_simulated(refused, untouche
     [
         (("--speed", "nan"), ("manoeuvre.speed", "nan")),
         (("--speed", "-1"), ("manoeuvre.speed", "-1", "0", "m/s")),
-        (("--speed", "25"), ("25", "m/s")),  # beyond the throttle line
         (
             ("--tail", "wagging"),
             ("tail.mode=wagging", "'none', 'held' or 'swing'"),
         ),
-        (("--set", "com_height=0.2"), ("com_height", "car.com_height")),
         (("turn_swin",), ("turn_swin", "'turn_swing'")),
         (("--law", "nowhere.py:Law"), ("nowhere.py",)),
         (("--law", "nowhere.py:Law", "--tail", "none"), ("--law",)),
         (("--law", "nowhere.py:Law", "--swing", "thesis_8_rad_per_s"), ("--law", "--swing")),
-        (("--direction", "up"), ("manoeuvre.direction", "'left' or 'right'")),
         (("--set", "car.com_heigth=0.2"), ("car.com_heigth", "'com_height'")),
         (("--set", "car.com_height=21 cm"), ("car.com_height", "'cm'", "'m'")),
-        (("--set", "cra.com_height=0.2"), ("'cra'", "'car'")),
-        (("--set", "car.mass=-4"), ("car.mass", "-4", "kg")),
-        (("--set", "car.mass=2"), ("car.mass", "2 kg")),
         (("--set", "nonsense"), ("nonsense", "section.key=value")),
         (("--set", "imu.rate=2000"), ("imu.rate", "2000 Hz", "1/step", "500 Hz")),
         (("nowhere.yaml",), ("nowhere.yaml",)),

@@ -1,7 +1,5 @@
 """`aerodima run --swing`: a swing file on the whole car."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

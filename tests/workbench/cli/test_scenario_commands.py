@@ -1,7 +1,5 @@
 """`aerodima models export`, `diagram` and `range-of-motion`."""
 
-from __future__ import annotations
-
 import json
 
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
@@ -27,7 +25,7 @@ def test_export_to_a_file_is_not_overwritten(call, refused, tmp_path):
 
 
 def test_diagram_is_a_picture(call, tmp_path, monkeypatch):
-    drawn: list[DiagramPicture] = []
+    drawn = []
     monkeypatch.setattr(
         DiagramPicture, "render", lambda picture, kind: drawn.append(picture) or kind.encode()
     )

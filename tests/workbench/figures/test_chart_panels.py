@@ -1,10 +1,5 @@
 """A Matplotlib figure as plain panels: what is drawn is there, and what cannot be is refused."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -21,7 +16,7 @@ from tests.refusals import assert_refused
 X = np.linspace(0.0, 4.0, 41)
 
 
-def panel(draw: Callable[[Any], Any]) -> dict[str, Any]:
+def panel(draw):
     figure, grid = new_figure(6.0, 3.0)
     draw(grid[0, 0])
     (cell,) = chart_panels(figure)["cells"]
@@ -45,7 +40,7 @@ def test_gap_stays_a_gap():
 
 
 def test_stripe_and_rule_reach_from_edge_to_edge():
-    def draw(axes: Any) -> None:
+    def draw(axes):
         shade_turn(axes, (1.0, 2.0))
         axes.axhline(0.5, color=GREY)
 
@@ -70,7 +65,7 @@ def test_bars_bands_points_and_error_bars_are_where_they_were():
     assert any(4.5 in shape["y"] and 5.5 in shape["y"] for shape in shapes)
 
 
-def angle_and_torque() -> None:
+def angle_and_torque():
     figure, grid = new_figure(6.0, 3.0)
     grid[0, 0].plot(X, X, label="angle")
     grid[0, 0].twinx().plot(X, 10.0 * X, label="torque")

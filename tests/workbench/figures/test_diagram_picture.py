@@ -2,8 +2,6 @@
 missing.
 """
 
-from __future__ import annotations
-
 import shutil
 
 import pytest
@@ -31,10 +29,8 @@ def diagram():
 @needs_graphviz
 def test_a_notebook_shows_the_systems_by_name(diagram):
     drawn = draw_diagram(diagram)._repr_svg_()
-    assert drawn is not None
     assert "name=wind" in drawn
     assert "name=tail" in drawn
-    assert '<svg width="100%"' in drawn
 
 
 @needs_graphviz

@@ -2,8 +2,6 @@
 beside them.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 
@@ -21,7 +19,7 @@ NOISE = np.array([0.01, 0.01, 0.02, 5e-4, 5e-4, 5e-4])
 HANGING_UNTIL, LIFTED_AT, RELEASED_AT, LENGTH = 3.0, 4.5, 5.0, 26.0
 
 
-def swing_truth(time: np.ndarray) -> pd.DataFrame:
+def swing_truth(time):
     """A tail that hangs, is lifted to 90 degrees, falls and swings out.
 
     At rest the wrench is zero: a zeroed sensor.
@@ -44,7 +42,7 @@ def swing_truth(time: np.ndarray) -> pd.DataFrame:
     return table
 
 
-def swing_readings(seed: int = 3) -> pd.DataFrame:
+def swing_readings(seed=3):
     """The truth with drift and noise, and with the gap, in our names and units."""
     time = np.arange(round(LENGTH * RATE) + 1) / RATE
     table = swing_truth(time)
@@ -55,7 +53,7 @@ def swing_readings(seed: int = 3) -> pd.DataFrame:
     return table[~lost].reset_index(drop=True)
 
 
-def laboratory_columns(table: pd.DataFrame) -> pd.DataFrame:
+def laboratory_columns(table):
     """The same in the laboratory's names, units and signs (README, example 1)."""
     return pd.DataFrame(
         {
@@ -73,7 +71,7 @@ def laboratory_columns(table: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def write_laboratory_csv(path: Path, table: pd.DataFrame) -> Path:
+def write_laboratory_csv(path, table):
     """Semicolons, decimal commas, a line of text first."""
     text = laboratory_columns(table).to_csv(sep=";", decimal=",", index=False)
     path.write_text("Wind tunnel, tail 1, major axis\n" + text, encoding="utf-8")
@@ -87,7 +85,7 @@ YAW_RATE, CAR_SPEED = 2.0, 4.0
 IMU_RATE, GPS_RATE, GPS_LATE = 100.0, 10.0, 0.055
 
 
-def car_files(folder: Path) -> tuple[Path, Path]:
+def car_files(folder):
     """A left turn with yaw rate 2 rad/s and lateral acceleration v r, as IMU and GPS files (README,
     example 2).
     """

@@ -1,14 +1,11 @@
 """Drift, gaps and filters, and what is said about them."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import pytest
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.logs.schema import run_log_from_metadata, run_metadata
 from aerodima.workbench.logs.signals import (
     RIG_FILTER,
     LowPass,
@@ -23,11 +20,11 @@ TIMES = np.arange(5001) / 500.0
 
 
 def rig_log(
-    signals: Mapping[str, Any] | None = None,
-    time: np.ndarray = TIMES,
-    kind: str = "swing",
-    **extra: Any,
-) -> RunLog:
+    signals=None,
+    time=TIMES,
+    kind="swing",
+    **extra,
+):
     table = pd.DataFrame({"time_s": time, "angle_rad": np.zeros(time.size), **(signals or {})})
     return run_log_from_metadata(
         table, run_metadata({}, 0, kind=kind, extra=extra), source="rig.parquet"
@@ -52,7 +49,7 @@ def test_drift_with_the_wind_on_keeps_the_level_of_the_first_resting_time():
 HELD = ("planned_turn", "speed_m_per_s", "status_armed", "controller_state", "throttle_command")
 
 
-def holed() -> RunLog:
+def holed():
     """A straight line with a gap of 0.02 s after 2 s and NaN from 4 to 4.01 s; states, commands and
     samples of a slow sensor that change in the gap.
     """
@@ -90,11 +87,11 @@ def test_a_filter_shifts_nothing_and_takes_the_mains_out():
     assert np.max(np.abs(done.signal("force_y_n") - clean)[middle]) < 1e-4
 
 
-def without(lost: np.ndarray) -> RunLog:
+def without(lost):
     return rig_log({"force_y_n": np.where(lost, np.nan, 1.0)})
 
 
-def filtered(run_log: RunLog) -> RunLog:
+def filtered(run_log):
     return low_pass_columns(run_log, ["force_y_n"], RIG_FILTER)
 
 
@@ -116,12 +113,7 @@ def filtered(run_log: RunLog) -> RunLog:
             lambda: remove_drift(without(TIMES[42] == TIMES), ["force_y_n"], [(0.0, 4.0)]),
             ["force_y_n", "1", "0.084 s"],
         ),
-        (lambda: filtered(rig_log({"force_y_n": 0.0}, TIMES[:3])), ["force_y_n", "3"]),
         (lambda: filtered(without(TIMES >= 0)), ["force_y_n", "5001", "nan", "0 s"]),
-        (
-            lambda: filtered(rig_log({"force_y_n": 0.0}, TIMES[::-1].copy())),
-            ["time_s", "row 1", "9.998 s"],
-        ),
         (lambda: filtered(rig_log()), ["force_y_n"]),
         (lambda: filtered(holed()), ["time_s", "1 gap", "0.02 s", "2 s"]),
     ],

@@ -1,6 +1,5 @@
 import dataclasses
 import json
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -10,12 +9,11 @@ from mcap.reader import make_reader
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.exporters import export_log, topics_of
 from aerodima.workbench.logs.foreign_files import read_mcap
-from aerodima.workbench.logs.schema import RunLog
 from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import made_up_run, signals_equal
 
 
-def mcap_table(path: Path) -> pd.DataFrame:
+def mcap_table(path):
     """The signals of an exported run."""
     columns = read_mcap(path).columns
     return pd.DataFrame(
@@ -23,13 +21,13 @@ def mcap_table(path: Path) -> pd.DataFrame:
     )
 
 
-def mcap_metadata(path: Path) -> str:
+def mcap_metadata(path):
     with open(path, "rb") as stream:
         (record,) = make_reader(stream).iter_metadata()
     return str(record.metadata["json"])
 
 
-def awkward_run() -> RunLog:
+def awkward_run():
     """Signals that a text loses easily: neighbours of 1, the smallest number, minus zero, NaN."""
     run = made_up_run(
         {"imu_gyro_x_rad_per_s": np.nextafter(1.0, 2.0), "throttle_command": -0.0}, truth=False

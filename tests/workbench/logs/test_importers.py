@@ -2,8 +2,6 @@
 
 import builtins
 import json
-from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -14,7 +12,7 @@ from scipy.io import savemat
 
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.importers import import_log
-from aerodima.workbench.logs.log_findings import LogFinding, refuse_implausible
+from aerodima.workbench.logs.log_findings import refuse_implausible
 from aerodima.workbench.logs.mapping import mapping_from
 from aerodima.workbench.logs.signals import hold_last
 from tests.refusals import assert_refused
@@ -24,7 +22,7 @@ ANGLE = 0.5 * np.sin(2.0 * TIMES)
 RATE = np.cos(2.0 * TIMES)
 
 
-def swing_mapping(prefix: str = "", time: str | None = None, kind: str = "swing", **more: Any):
+def swing_mapping(prefix="", time=None, kind="swing", **more):
     columns = {"angle_rad": {"from": f"{prefix}theta", "unit": "deg"}}
     columns["angular_velocity_rad_per_s"] = {"from": f"{prefix}omega", "unit": "deg/s"}
     columns |= {"force_y_n": {"from": f"{prefix}Fy"}, **more.pop("columns", {})}
@@ -41,7 +39,7 @@ def swing_mapping(prefix: str = "", time: str | None = None, kind: str = "swing"
     )
 
 
-def foreign(**columns: Any) -> pd.DataFrame:
+def foreign(**columns):
     table = {
         "t": TIMES * 1e3,
         "theta": np.rad2deg(ANGLE),
@@ -51,12 +49,12 @@ def foreign(**columns: Any) -> pd.DataFrame:
     return pd.DataFrame({**table, **columns})
 
 
-def write_csv(folder: Path, table: pd.DataFrame) -> Path:
+def write_csv(folder, table):
     table.to_csv(folder / "log.csv", index=False)
     return folder / "log.csv"
 
 
-def write_mat_7_3(path: Path, columns: dict[str, np.ndarray]) -> None:
+def write_mat_7_3(path, columns):
     """As MATLAB writes it: a text block of 512 bytes, then HDF5 with rows and columns exchanged."""
     with h5py.File(path, "w", userblock_size=512) as file:
         group = file.create_group("data")
@@ -72,9 +70,7 @@ def write_mat_7_3(path: Path, columns: dict[str, np.ndarray]) -> None:
         stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64")
 
 
-def write_mcap(
-    path: Path, messages: list[tuple[str, float, dict[str, Any]]], encoding: str = "json"
-) -> None:
+def write_mcap(path, messages, encoding="json"):
     with open(path, "wb") as stream:
         writer = Writer(stream)
         writer.start()
@@ -91,14 +87,14 @@ def write_mcap(
         writer.finish()
 
 
-def assert_told(found: LogFinding, column: str, time: float | None, *named: str) -> None:
+def assert_told(found, column, time, *named):
     """What a finding says: its column, its time (s), and what its text must name."""
     assert found.column == column
     assert found.time == (None if time is None else pytest.approx(time))
     assert [part for part in named if part not in found.text] == []
 
 
-def assert_is_the_swing(table: pd.DataFrame) -> None:
+def assert_is_the_swing(table):
     assert np.allclose(table["time_s"], TIMES, atol=1e-9)
     assert np.allclose(table["angle_rad"], ANGLE, atol=1e-12)
     assert np.allclose(table["angular_velocity_rad_per_s"], RATE, atol=1e-12)
@@ -155,7 +151,7 @@ def test_a_missing_optional_package_names_the_extra(tmp_path, monkeypatch, packa
     path.write_bytes(b"MATLAB 7.3 MAT-file" + bytes(600))
     real = builtins.__import__
 
-    def without(name: str, *args: Any, **kwargs: Any) -> Any:
+    def without(name, *args, **kwargs):
         if name.split(".")[0] == package:
             raise ImportError(name)
         return real(name, *args, **kwargs)
@@ -166,23 +162,23 @@ def test_a_missing_optional_package_names_the_extra(tmp_path, monkeypatch, packa
     )
 
 
-def write_rubbish(path: Path) -> Path:
+def write_rubbish(path):
     path.write_bytes(b"\x00\xff\x13 rubbish \n\n\x00" * 50)
     return path
 
 
-def write_cut_mcap(path: Path) -> Path:
+def write_cut_mcap(path):
     write_mcap(path, [("/imu", time, {"theta": 1.0}) for time in TIMES])
     path.write_bytes(path.read_bytes()[:-300])
     return path
 
 
-def write_cdr_mcap(path: Path) -> Path:
+def write_cdr_mcap(path):
     write_mcap(path, [("/imu", 0.0, {})], encoding="cdr")
     return path
 
 
-def write_wide_csv(path: Path) -> Path:
+def write_wide_csv(path):
     """Decimal commas beside commas as delimiters: more values than names."""
     path.write_text("t,theta,Fy\n" + "".join(f"0,{i},1,5,2\n" for i in range(9)), encoding="utf-8")
     return path
@@ -281,13 +277,13 @@ def test_gap_and_nan_are_reported_with_column_and_time_and_stay(tmp_path):
     assert len(imported.run_log.table) == 390
 
 
-def swapped() -> pd.DataFrame:
+def swapped():
     table = foreign()
     table.loc[[50, 51], "t"] = table.loc[[51, 50], "t"].to_numpy()
     return table
 
 
-def with_cell(row: int, name: str, value: Any) -> pd.DataFrame:
+def with_cell(row, name, value):
     table = foreign().astype({name: object})
     table.loc[row, name] = value
     return table
@@ -341,7 +337,7 @@ def test_a_column_of_another_length_needs_times_of_its_own(tmp_path):
 def test_values_beyond_what_is_plausible_betray_a_wrong_unit(column, unit, plausible, wrong):
     """Of either sign; a heading and a free sail turn several times, other angles do not."""
 
-    def check(value: float, largest: float | None = None) -> None:
+    def check(value, largest=None):
         table = pd.DataFrame({"time_s": [0.0, 0.01, 0.02], column: [0.0, value, np.nan]})
         refuse_implausible(table, {column: unit}, {column: largest}, "log.csv")
 

@@ -23,18 +23,18 @@ def metadata():
     return run_metadata({"name": "bench"}, seed=3, kind="bench_run", extra={"mass_kg": 0.15})
 
 
-def row(number: int) -> np.ndarray:
+def row(number):
     return np.array([0.01 * number, np.sin(number), -float(number)])
 
 
-def written(path: Path, rows: int, **options) -> JournalWriter:
+def written(path, rows, **options):
     journal = JournalWriter(path, COLUMNS, metadata(), **options)
     for number in range(rows):
         journal.append(row(number))
     return journal
 
 
-def expected(rows: int) -> np.ndarray:
+def expected(rows):
     return np.array([row(number) for number in range(rows)])
 
 
@@ -64,7 +64,7 @@ def test_the_caller_may_reuse_its_row(tmp_path):
 def test_an_exception_keeps_the_journal_with_every_row(tmp_path):
     path = tmp_path / "run.parquet"
 
-    def run_that_fails() -> None:
+    def run_that_fails():
         with JournalWriter(path, COLUMNS, metadata()) as journal:
             for number in range(260):
                 journal.append(row(number))
@@ -133,16 +133,16 @@ def test_neither_a_log_nor_a_left_journal_is_overwritten_without_force(tmp_path)
     assert len(read_run_log(path).table) == 6
 
 
-def left_empty(folder: Path) -> None:
+def left_empty(folder):
     recover(written(folder / "empty.parquet", 0).abandon())
 
 
-def no_arrow_stream(folder: Path) -> None:
+def no_arrow_stream(folder):
     (folder / "text.journal").write_text("not an Arrow stream, but long enough to look like one")
     recover(folder / "text.journal")
 
 
-def folder_is_a_file(folder: Path) -> None:
+def folder_is_a_file(folder):
     (folder / "out").write_text("a file")
     JournalWriter(folder / "out" / "run.parquet", COLUMNS, metadata())
 
@@ -199,7 +199,7 @@ def test_the_rows_of_a_journal_whose_folder_was_renamed_are_written(tmp_path):
 def test_a_disk_that_fails_to_sync_stops_the_run(tmp_path, monkeypatch):
     """The disk answers in a thread, so the next request for it reports the failure."""
 
-    def fail(descriptor: int) -> None:
+    def fail(descriptor):
         raise OSError(errno.EIO, "input/output error")
 
     journal = JournalWriter(
@@ -207,7 +207,7 @@ def test_a_disk_that_fails_to_sync_stops_the_run(tmp_path, monkeypatch):
     )
     monkeypatch.setattr(os, "fsync", fail)
 
-    def run() -> None:
+    def run():
         for number in range(200):
             journal.append(row(number))
             time.sleep(0.01)
@@ -276,7 +276,6 @@ def test_a_killed_process_loses_at_most_the_batch_it_was_filling(tmp_path):
         [sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE, cwd=root
     )
     try:
-        assert child.stdout is not None
         assert child.stdout.readline() == b"running\n"
     finally:
         os.kill(child.pid, signal.SIGKILL)

@@ -3,11 +3,10 @@
 import re
 import shlex
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import CliRunner
 
 from aerodima.workbench import logs
 from aerodima.workbench.cli.program import build_app
@@ -29,11 +28,11 @@ from tests.workbench.logs.foreign_logs import (
 README = (Path(logs.__file__).parent / "README.md").read_text(encoding="utf-8")
 
 
-def blocks(language: str) -> list[str]:
+def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
 
 
-def commands(example: int) -> list[list[str]]:
+def commands(example):
     return [shlex.split(line)[1:] for line in blocks("bash")[example].splitlines()]
 
 
@@ -47,7 +46,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def call(words: list[str]) -> Result:
+def call(words):
     result = CliRunner().invoke(build_app(), words, catch_exceptions=False)
     assert result.exit_code == 0, result.output
     return result
@@ -83,7 +82,7 @@ def test_swing_of_the_readme_comes_out_as_it_was(folder):
         # that is 0.8 of it, twice that at 2 sigma.
         assert np.sqrt(np.mean(error**2)) < 1.6 * noise, name
     (in_python,) = blocks("python")
-    done: dict[str, Any] = {}
+    done = {}
     exec(in_python, done)  # the same log, drift from a rest before and one after the swing
     assert len(done["log"].extra["conditioning"]) == 3
     for name, noise in zip(done["forces"], [0.01, 0.02], strict=True):

@@ -47,11 +47,6 @@ def test_every_column_ends_in_its_unit_and_has_a_meaning():
             assert column.name.endswith(UNIT_ENDINGS[column.unit]), column
 
 
-def test_no_column_is_there_twice():
-    names = [column.name for column in car_run_columns(("chassis_qw",))]
-    assert len(names) == len(set(names))
-
-
 def test_what_is_written_comes_back_bit_for_bit(tmp_path):
     run = awkward_run()
     back = read_run_log(write_run_log(run, tmp_path / "new folder" / "run.parquet"))
@@ -99,29 +94,29 @@ def test_a_failed_write_keeps_the_old_file_and_leaves_nothing_behind(tmp_path, m
     assert list(tmp_path.iterdir()) == [path]
 
 
-def write_parquet(path: Path, table: pa.Table, metadata: dict | None = None) -> Path:
+def write_parquet(path, table, metadata=None):
     """A Parquet file as another program might leave it."""
     encoded = {} if metadata is None else {METADATA_KEY: encode_metadata(metadata)}
     pq.write_table(table.replace_schema_metadata(encoded), path)
     return path
 
 
-def file_for_folder(folder: Path) -> None:
+def file_for_folder(folder):
     (folder / "out").write_text("a file")
     write_run_log(made_up_run(), folder / "out" / "run.parquet")
 
 
-def journal_without_log(folder: Path) -> None:
+def journal_without_log(folder):
     (folder / "run.parquet.journal").write_bytes(b"")
     read_run_log(folder / "run.parquet")
 
 
-def other_version(folder: Path) -> None:
+def other_version(folder):
     metadata = {**made_up_run().metadata(), "schema": "aerodima/run-log/9"}
     read_run_log(write_parquet(folder / "later.parquet", pa.table({"time_s": [0.0]}), metadata))
 
 
-def less(folder: Path, write: bool) -> None:
+def less(folder, write):
     """Without two columns that it must have."""
     run = made_up_run()
     run = dataclasses.replace(run, table=run.table.drop(columns=["imu_yaw_rad", "tilt_truth_rad"]))
@@ -131,19 +126,19 @@ def less(folder: Path, write: bool) -> None:
     read_run_log(write_parquet(folder / "other.parquet", table, run.metadata()))
 
 
-def nan_in_metadata(folder: Path) -> None:
+def nan_in_metadata(folder):
     run = dataclasses.replace(made_up_run(), extra={"tail_mass_kg": float("nan")})
     write_run_log(run, folder / "run.parquet")
 
 
-def text_in_a_signal(folder: Path) -> None:
+def text_in_a_signal(folder):
     run = made_up_run()
     table = run.table.astype({"throttle_command": object})
     table.loc[0, "throttle_command"] = "full"
     write_run_log(dataclasses.replace(run, table=table), folder / "run.parquet")
 
 
-def no_such_column(folder: Path) -> None:
+def no_such_column(folder):
     path = write_run_log(made_up_run(), folder / "first.parquet")
     shutil.copy(path, folder / "copy.parquet")
     read_run_log(folder / "copy.parquet").signal("speed")
@@ -189,11 +184,8 @@ def test_truncated_parquet_points_to_recovery(tmp_path, kept):
     ("name", "value", "place"),
     [
         ("scenario", [1], "scenario: [1]"),
-        ("scenario", None, "scenario: None"),
         ("scenario", {"tail": 3}, "scenario.tail: 3"),
-        ("extra", None, "extra: None"),
         ("versions", "1.0", "versions: '1.0'"),
-        ("seed", "seven", "seed: 'seven'"),
         ("seed", True, "seed: True"),
         ("kind", 3, "kind: 3"),
     ],

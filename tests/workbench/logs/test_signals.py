@@ -18,11 +18,11 @@ from tests.refusals import assert_refused
 FILTERS = [IMU_FILTER, GPS_FILTER, RIG_FILTER]
 
 
-def sine(time: np.ndarray, hertz: float) -> np.ndarray:
+def sine(time, hertz):
     return np.sin(2.0 * np.pi * hertz * time)
 
 
-def gain_and_lag(design: LowPass, hertz: float) -> tuple[float, float]:
+def gain_and_lag(design, hertz):
     """Measured gain and phase lag (rad) at one frequency, from the middle of 40 periods."""
     time = np.arange(0.0, 40.0 / hertz, 1.0 / (200.0 * design.cutoff_hz))
     middle = slice(len(time) // 4, 3 * len(time) // 4)
@@ -60,7 +60,7 @@ HUNDRED = np.arange(100) / 100.0
 WITH_GAP = np.delete(HUNDRED, np.arange(50, 56))
 
 
-def with_time(row: int, value: float) -> np.ndarray:
+def with_time(row, value):
     time = SHORT.copy()
     time[row] = value
     return time
@@ -79,10 +79,6 @@ def with_time(row: int, value: float) -> np.ndarray:
         ),
         (
             lambda: check_signals(HUNDRED, {"fine": np.zeros(100), "current_a": WITH_NAN}),
-            ["current_a", "2", "nan", "0.42 s"],
-        ),
-        (
-            lambda: low_pass(HUNDRED, WITH_NAN, IMU_FILTER, "current_a"),
             ["current_a", "2", "nan", "0.42 s"],
         ),
         (lambda: check_signals(with_time(4, 0.2), {}), ["time_s", "row 4", "0.2 s"]),

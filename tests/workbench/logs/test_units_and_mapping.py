@@ -1,5 +1,4 @@
 import math
-from typing import Any
 
 import pytest
 
@@ -7,7 +6,7 @@ from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import load_mapping, mapping_from, unit_factor, unit_in_name
 from tests.refusals import assert_refused
 
-MAPPING: dict[str, Any] = {
+MAPPING = {
     "schema": "aerodima/log-mapping/1",
     "kind": "swing",
     "time": {"from": "t"},
@@ -18,7 +17,7 @@ MAPPING: dict[str, Any] = {
 }
 
 
-def changed(**parts: Any) -> dict[str, Any]:
+def changed(**parts):
     return {**MAPPING, **parts}
 
 
@@ -97,7 +96,6 @@ ANGLE = {"from": "a"}
         ({"columns": {}}, ["columns"]),
         ({"columns": {"angle_deg": ANGLE}}, ["columns.angle_deg", "'angle_rad'"]),
         ({"columns": {"angle_rad": {"form": "a"}}}, ["columns.angle_rad.form", "'from'"]),
-        ({"columns": {"angle_rad": {}}}, ["columns.angle_rad", "`from`", "`constant`"]),
         ({"columns": {"angle_rad": {**ANGLE, "constant": 1}}}, ["`from`", "`constant`"]),
         ({"columns": {"angle_rad": {**ANGLE, "unit": "mA"}}}, ["columns.angle_rad", "'mA'"]),
         ({"columns": {"angle_rad": {**ANGLE, "scale": 0}}}, ["columns.angle_rad.scale", "0"]),
@@ -111,7 +109,6 @@ ANGLE = {"from": "a"}
             {"metadata": {"wind_speed_m_per_s": {"value": 1, "unit": "mA"}}},
             ["metadata.wind_speed_m_per_s", "'mA'"],
         ),
-        ({"csv": {"delimeter": ";"}}, ["csv.delimeter", "'delimiter'"]),
     ],
 )
 def test_a_wrong_mapping_names_the_place(change, named):

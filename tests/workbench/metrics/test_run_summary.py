@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.schema import PLANT_RUN, RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.logs.schema import PLANT_RUN, run_log_from_metadata, run_metadata
 from aerodima.workbench.metrics.run_summary import (
     metrics_of_runs,
     plant_air,
@@ -81,7 +81,7 @@ def test_a_swing_from_a_file_is_a_mode_of_its_own_and_has_no_published_figures()
     assert not published_for(driven("optimised", 16 / 3.6))
 
 
-def plant_log() -> RunLog:
+def plant_log():
     """A body that goes round a quarter of a circle of 2 m in 1 s while it climbs 3 m, turned to the
     right, with two tails in the air.
     """
@@ -124,7 +124,6 @@ def test_metrics_of_a_plant_are_those_of_its_motion():
     assert found == pytest.approx(expected, abs=1e-6)
     np.testing.assert_allclose(plant_speed(plant_log()), np.hypot(np.pi, 3.0))
     air = plant_air(plant_log())
-    assert air is not None
     assert air[[0, 250, 1000]] == pytest.approx([1.0, 2.5, 11.0])
 
 

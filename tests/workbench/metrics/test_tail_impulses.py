@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.tail_impulses import tail_impulses, tail_yaw_impulses
 from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import GRAVITY, TAIL_MASS, made_up_run, times
@@ -21,13 +20,11 @@ FORWARD = 3.0
 """Speed of the car, m/s."""
 
 
-def in_axes(stem: str, suffix: str, values: np.ndarray) -> dict[str, np.ndarray]:
+def in_axes(stem, suffix, values):
     return {f"{stem}_{axis}_{suffix}": values[:, number] for number, axis in enumerate("xyz")}
 
 
-def tail_columns(
-    yaw: np.ndarray, ground: np.ndarray, com: np.ndarray, velocity: np.ndarray
-) -> dict[str, np.ndarray]:
+def tail_columns(yaw, ground, com, velocity):
     """Of a car at places `ground` whose tail is a point mass at `com`."""
     momentum = TAIL_MASS * velocity
     return {
@@ -39,9 +36,7 @@ def tail_columns(
     }
 
 
-def point_mass_run(
-    roll: np.ndarray, roll_rate: np.ndarray, yaw: float = 0.0, direction: str = "left"
-) -> RunLog:
+def point_mass_run(roll, roll_rate, yaw=0.0, direction="left"):
     """A car that goes straight at heading `yaw` from (5, -2) m, its tail at these roll angles (0
     up, positive to the right).
     """
@@ -60,7 +55,7 @@ def point_mass_run(
     return made_up_run(columns, direction)
 
 
-def speeding_up(side: float) -> tuple[np.ndarray, np.ndarray]:
+def speeding_up(side):
     """Roll angle and rate: at rest on the inside, even acceleration for 0.2 s, then even speed."""
     since = np.clip(times() - START, 0.0, SPEED_UP)
     rate = ACCELERATION * since
@@ -69,11 +64,11 @@ def speeding_up(side: float) -> tuple[np.ndarray, np.ndarray]:
     return side * roll, side * rate
 
 
-def at_rest(roll: float) -> tuple[np.ndarray, np.ndarray]:
+def at_rest(roll):
     return np.full(times().size, roll), np.zeros(times().size)
 
 
-def at(time: float) -> int:
+def at(time):
     return round(time / (times()[1] - times()[0]))
 
 
@@ -84,13 +79,11 @@ def test_the_weight_of_a_tail_on_the_inside_helps(direction, inside, yaw):
     the world.
     """
     result = tail_impulses(point_mass_run(*at_rest(inside), yaw=yaw, direction=direction))
-    assert result is not None
     expected = TAIL_MASS * GRAVITY * LENGTH
     assert result.weight == pytest.approx(expected * 0.64, rel=1e-9)
     assert result.inertial == pytest.approx(0.0, abs=1e-9)
     assert result.aerodynamic == 0.0
     outside = tail_impulses(point_mass_run(*at_rest(-inside), yaw=yaw, direction=direction))
-    assert outside is not None
     assert outside.weight == pytest.approx(-expected * 0.64, rel=1e-9)
 
 
@@ -105,7 +98,6 @@ def test_speeding_the_tail_up_outwards_helps(direction, side, yaw):
     """
     roll, rate = speeding_up(side)
     result = tail_impulses(point_mass_run(roll, rate, yaw=yaw, direction=direction))
-    assert result is not None
     gained = TAIL_MASS * (LENGTH**2 + HEIGHT * LENGTH * np.cos(roll)) * rate * side
     assert result.inertial == pytest.approx(gained[at(2.64)] - gained[at(2.0)], rel=1e-6)
 
@@ -125,7 +117,6 @@ def test_air_that_holds_the_tail_back_while_it_swings_outwards_helps(direction, 
         **in_axes("tail_force_moment", "truth_n_m", moment),
     )
     result = tail_impulses(dataclasses.replace(run, table=table))
-    assert result is not None
     assert result.aerodynamic == pytest.approx(2.0 * (HEIGHT + LENGTH) * 0.64, rel=1e-9)
 
 
@@ -134,7 +125,6 @@ def test_a_jump_of_the_momentum_counts_in_full():
     roll = np.where(times() >= 2.3, 5.0 * (times() - 2.3), 0.0) - math.pi / 2
     roll = np.minimum(roll, 3.0)
     result = tail_impulses(point_mass_run(roll, rate))
-    assert result is not None
     gained = TAIL_MASS * (LENGTH**2 + HEIGHT * LENGTH * math.cos(roll[at(2.64)])) * 5.0
     assert result.inertial == pytest.approx(gained, rel=1e-6)
 
@@ -156,7 +146,6 @@ def test_inertial_moment_of_any_motion_is_minus_arm_cross_mass_times_acceleratio
     com = ground + np.array([0.0, 0.0, HEIGHT]) + arm
     velocity = np.gradient(com, t, axis=0)
     result = tail_impulses(made_up_run(tail_columns(yaw, ground, com, velocity)))
-    assert result is not None
     acceleration = np.gradient(velocity, t, axis=0)
     heading = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)])
     about_heading = np.sum(-np.cross(com - ground, TAIL_MASS * acceleration) * heading, axis=1)

@@ -1,16 +1,11 @@
 """A cart on a rail whose pole ends in a plate in the wind, as a reader would build it."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench import SectionLayout, WindModel, add_tail_force, add_wind, observe
-from aerodima.workbench.logs.schema import RunLog
 
 URDF = """
 <robot name="cart_pole">
@@ -43,7 +38,7 @@ PLATE = SectionLayout.strip(
 )
 
 
-def add_cart_pole(builder: DiagramBuilder, time_step: float) -> MultibodyPlant:
+def add_cart_pole(builder, time_step):
     """The cart-pole in a builder, with the force on its plate, in wind along x."""
     plant, _ = AddMultibodyPlantSceneGraph(builder, time_step)
     Parser(plant).AddModelsFromString(URDF, "urdf")
@@ -53,9 +48,7 @@ def add_cart_pole(builder: DiagramBuilder, time_step: float) -> MultibodyPlant:
     return plant
 
 
-def observed_swing(
-    time_step: float, path: Any = None, **options: Any
-) -> tuple[RunLog, MultibodyPlant, Any]:
+def observed_swing(time_step, path=None, **options):
     """Half a second of a swing from 1 rad: its log, the plant, and the plant's context at the
     end.
     """

@@ -1,7 +1,5 @@
 """Arrows act where the forces do."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder

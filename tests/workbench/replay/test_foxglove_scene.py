@@ -2,8 +2,6 @@
 those of the run.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
@@ -15,7 +13,6 @@ from pydrake.math import RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.logs.exporters import export_log
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.force_arrows import force_arrows
 from aerodima.workbench.replay.foxglove_scene import (
     BODIES,
@@ -38,7 +35,7 @@ def exported(short_runs, tmp_path_factory):
     return path
 
 
-def messages(path: Path, topic: str) -> list:
+def messages(path, topic):
     """Time (s) and message, by the class that the file names."""
     found = []
     with open(path, "rb") as stream:
@@ -48,7 +45,7 @@ def messages(path: Path, topic: str) -> list:
     return found
 
 
-def row_at(run: RunLog, time: float) -> int:
+def row_at(run, time):
     (row,) = np.flatnonzero(np.abs(run.time - time) < 1e-6)
     return int(row)
 
@@ -120,7 +117,7 @@ def test_arrows_are_those_of_the_replay_and_go_when_the_force_does(tailed, expor
     assert seen > 100
 
 
-def rotation(*wxyz: float) -> np.ndarray:
+def rotation(*wxyz):
     return np.asarray(RotationMatrix(Quaternion(np.array(wxyz) / np.linalg.norm(wxyz))).matrix())
 
 

@@ -3,9 +3,6 @@ time.
 """
 
 import math
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +17,6 @@ from aerodima.workbench.replay.hand_drive import (
     LOOK,
     SLICE,
     TAIL_SPEED,
-    Shown,
     Wishes,
     drive_by_hand,
 )
@@ -29,16 +25,16 @@ from aerodima.workbench.replay.hand_drive import (
 class Clock:
     """Time that passes when somebody sleeps, and by `busy` s whenever it is read."""
 
-    def __init__(self, busy: float) -> None:
+    def __init__(self, busy):
         self.now = 0.0
         self.busy = busy
         self.slept = 0.0
 
-    def monotonic(self) -> float:
+    def monotonic(self):
         self.now += self.busy
         return self.now
 
-    def sleep(self, time: float) -> None:
+    def sleep(self, time):
         self.now += time
         self.slept += time
 
@@ -46,20 +42,20 @@ class Clock:
 class Script:
     """Controls that follow a function of the number of looks; one look is `SLICE` of the run."""
 
-    def __init__(self, plan: Callable[[int], Wishes]) -> None:
+    def __init__(self, plan):
         self.plan = plan
         self.looks = -1
         self.shown = []
 
-    def wishes(self) -> Wishes:
+    def wishes(self):
         self.looks += 1
         return self.plan(self.looks)
 
-    def show(self, now: Shown) -> None:
+    def show(self, now):
         self.shown.append(now)
 
 
-def left_turn(look: int) -> Wishes:
+def left_turn(look):
     """2 m/s; from 1.2 s on to the left, the tail's roll by hand to 0.5 rad; straight again from 2 s
     on.
     """
@@ -68,9 +64,7 @@ def left_turn(look: int) -> Wishes:
     return Wishes(steering, 2.0, 1.0, 0.5 if time >= 1.2 else math.nan)
 
 
-def driven(
-    folder: Path, plan: Callable[[int], Wishes], clock: Clock, **options: Any
-) -> tuple[Script, list[Path]]:
+def driven(folder, plan, clock, **options):
     script = Script(plan)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hand_drive, "wall", clock)
@@ -127,7 +121,7 @@ def test_log_says_who_drove_and_its_metrics_are_those_of_the_steering_given(left
 
 @pytest.mark.slow
 def test_reset_begins_a_second_log_from_standstill_and_end_ends(tmp_path):
-    def plan(look: int) -> Wishes:
+    def plan(look):
         return Wishes(0.0, 2.0, attempt=int(look >= 30), over=look >= 60)
 
     _, logs = driven(tmp_path, plan, Clock(0.0))
@@ -139,7 +133,7 @@ def test_reset_begins_a_second_log_from_standstill_and_end_ends(tmp_path):
 
 
 def test_a_pause_costs_no_simulated_time(tmp_path):
-    def plan(look: int) -> Wishes:
+    def plan(look):
         return Wishes(0.0, 1.0, pace=0.0 if 5 <= look < 50 else 1.0, over=look >= 60)
 
     _, (log,) = driven(tmp_path, plan, Clock(0.0))
@@ -154,7 +148,7 @@ def test_half_speed_takes_twice_as_long(tmp_path):
 
 @pytest.mark.slow
 def test_a_slow_computer_slows_the_run_down_says_so_once_and_skips_nothing(tmp_path):
-    said: list[str] = []
+    said = []
     script, (log,) = driven(
         tmp_path, lambda look: Wishes(), Clock(0.02), length=2.5, say=said.append
     )

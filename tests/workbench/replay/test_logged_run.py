@@ -2,8 +2,6 @@
 refused in one line.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
@@ -12,12 +10,11 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.replay.logged_run import LoggedRun, add_logged_run
+from aerodima.workbench.replay.logged_run import add_logged_run
 from tests.refusals import assert_refused
 
 
-def logged_car(run: RunLog) -> LoggedRun:
+def logged_car(run):
     return add_logged_run(DiagramBuilder(), run)
 
 

@@ -1,29 +1,26 @@
 """Five moments: those that a reader wants to see, in order, inside the log."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.strip import five_moments
 from tests.workbench.made_up_runs import made_up_run, times
 
 
-def run_with(**signals: np.ndarray) -> RunLog:
+def run_with(**signals):
     """A left turn from 2 s to 2.64 s; the yaw rate passes the trigger of 1 rad/s at 2.1 s."""
     yaw_rate = np.where((times() >= 2.1) & (times() < 2.7), 1.5, 0.0)
     run = made_up_run({"gyro_z_truth_rad_per_s": yaw_rate, **signals}, tail_mode="held")
     return replace(run, scenario={**run.scenario, "controller": {"trigger_yaw_rate": 1.0}})
 
 
-def hump(peak_time: float, height: float, width: float = 0.2) -> np.ndarray:
+def hump(peak_time, height, width=0.2):
     return height * np.exp(-0.5 * ((times() - peak_time) / width) ** 2)
 
 
-def told(run: RunLog) -> dict[str, float]:
+def told(run):
     return {moment.label: float(run.time[moment.row]) for moment in five_moments(run)}
 
 

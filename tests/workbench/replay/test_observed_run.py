@@ -1,7 +1,5 @@
 """Any plant, watched: what its log holds, what reads it, and what is refused in one line."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
@@ -26,7 +24,6 @@ from aerodima.workbench import (
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.run_figures import plot_overlay
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.run_summary import plant_outcome
 from aerodima.workbench.replay.logged_run import add_logged_run
 from aerodima.workbench.simulate.car_run import assemble
@@ -98,7 +95,7 @@ def test_replay_puts_the_bodies_where_they_were(swings):
         assert after.translation() == pytest.approx(before.translation(), abs=1e-6)
 
 
-def fallen(tilt: list[float]) -> RunLog:
+def fallen(tilt):
     """A body that holds this tilt, rad, in three rows."""
     log, *_ = observed_swing(0.01)
     table = log.table.iloc[:3].copy()
@@ -107,8 +104,8 @@ def fallen(tilt: list[float]) -> RunLog:
 
 
 def test_outcome_is_that_of_a_base_that_starts_upright():
-    assert plant_outcome(fallen([0.0, 0.5, 0.1])).result == "survived"  # type: ignore[union-attr]
-    assert plant_outcome(fallen([0.0, 1.4, 0.1])).result == "flipped"  # type: ignore[union-attr]
+    assert plant_outcome(fallen([0.0, 0.5, 0.1])).result == "survived"
+    assert plant_outcome(fallen([0.0, 1.4, 0.1])).result == "flipped"
     upside_down = fallen([3.1, 1.4, 0.1])
     assert plant_outcome(upside_down) is None
     assert plant_metrics(upside_down)["outcome"] is None
@@ -180,7 +177,7 @@ def test_impulse_of_the_logged_air_is_the_change_of_momentum():
     assert impulse == pytest.approx(change, abs=2e-5)
 
 
-def cart_pole() -> tuple[DiagramBuilder, MultibodyPlant]:
+def cart_pole():
     builder = DiagramBuilder()
     return builder, add_cart_pole(builder, 0.01)
 
@@ -203,7 +200,7 @@ def test_run_that_dies_leaves_a_journal(tmp_path):
     builder, plant = cart_pole()
     run = observe(builder, plant, log=tmp_path / "run.parquet")
 
-    def interrupted() -> None:
+    def interrupted():
         with run:
             Simulator(builder.Build()).AdvanceTo(0.1)
             raise RuntimeError("out of patience")
@@ -214,32 +211,32 @@ def test_run_that_dies_leaves_a_journal(tmp_path):
     assert_refused(lambda: run.log, UserError, "with")
 
 
-def not_in_the_builder() -> None:
+def not_in_the_builder():
     observe(DiagramBuilder(), cart_pole()[1])
 
 
-def abstract_signal() -> None:
+def abstract_signal():
     builder, plant = cart_pole()
     observe(builder, plant, signals={"poses": plant.get_body_poses_output_port()})
 
 
-def signal_of_another_diagram() -> None:
+def signal_of_another_diagram():
     observe(*cart_pole(), signals={"state": cart_pole()[1].get_state_output_port()})
 
 
-def signal_called_time() -> None:
+def signal_called_time():
     builder, plant = cart_pole()
     port = builder.AddSystem(ConstantVectorSource([1.0])).get_output_port()
     observe(builder, plant, signals={"time_s": port})
 
 
-def observed_twice() -> None:
+def observed_twice():
     builder, plant = cart_pole()
     observe(builder, plant)
     observe(builder, plant)
 
 
-def not_finalised() -> None:
+def not_finalised():
     builder = DiagramBuilder()
     observe(builder, builder.AddSystem(MultibodyPlant(0.01)))
 

@@ -1,7 +1,5 @@
 """The camera sees left on the left, up above; the robot stands on its floor."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.geometry import Box
@@ -13,13 +11,12 @@ from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench import observe
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay import offscreen
 from aerodima.workbench.replay.offscreen import Camera, OffscreenRun, check_renderer, floor_picture
 from tests.refusals import assert_refused
 
 
-def along_x(height: float = 2.0, target: float = 2.0) -> Camera:
+def along_x(height=2.0, target=2.0):
     """Looks along x from 4 m behind the origin."""
     return Camera(
         np.array([-4.0, 0.0, height]), np.array([0.0, 0.0, target]), 100.0, width=120, height=100
@@ -45,7 +42,7 @@ def test_floor_begins_at_the_horizon_and_is_seen_where_it_is(height):
     assert (column, row) == pytest.approx((70.5, 80.5))
 
 
-def plate_above_the_floor(low: float) -> RunLog:
+def plate_above_the_floor(low):
     """A red plate of 0.6 m x 0.6 m that hangs in the air for two rows, so high, m."""
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)

@@ -1,7 +1,5 @@
 """The log of a real car moves as its sensors say."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -11,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.logs.schema import run_log_from_metadata, run_metadata
 from aerodima.workbench.replay.force_arrows import force_arrows
 from aerodima.workbench.replay.logged_run import add_logged_run
 from aerodima.workbench.replay.reckoned_motion import replayable
@@ -23,7 +21,7 @@ TIMES = np.arange(301) / 100.0
 SPEED, YAW_RATE = 3.0, 1.5
 
 
-def circle(scenario: str = "turn_held", **signals: object) -> RunLog:
+def circle(scenario="turn_held", **signals):
     """A car that drives a circle to the left at 3 m/s and 1.5 rad/s, heading 0.7 rad at first."""
     columns = {
         "time_s": TIMES,

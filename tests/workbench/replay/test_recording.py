@@ -2,11 +2,8 @@
 the camera.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,25 +26,25 @@ from tests.refusals import assert_refused
 class Tracks:
     """Takes the calls that a Meshcat and its animation get."""
 
-    def __init__(self) -> None:
-        self.transforms: dict[str, dict[int, Any]] = defaultdict(dict)
-        self.properties: dict[tuple[str, str], dict[int, Any]] = defaultdict(dict)
-        self.camera: tuple[Any, Any] | None = None
+    def __init__(self):
+        self.transforms = defaultdict(dict)
+        self.properties = defaultdict(dict)
+        self.camera = None
 
-    def SetTransform(self, *words: Any) -> None:  # noqa: N802, Drake's name
+    def SetTransform(self, *words):  # noqa: N802, Drake's name
         if isinstance(words[0], int):
             frame, path, X = words
             self.transforms[path][frame] = X
 
-    def SetProperty(self, *words: Any) -> None:  # noqa: N802
+    def SetProperty(self, *words):  # noqa: N802
         if isinstance(words[0], int):
             frame, path, name, value = words
             self.properties[path, name][frame] = value
 
-    def SetObject(self, *words: Any) -> None:  # noqa: N802
+    def SetObject(self, *words):  # noqa: N802
         pass
 
-    def SetCameraPose(self, camera: Any, target: Any) -> None:  # noqa: N802
+    def SetCameraPose(self, camera, target):  # noqa: N802
         self.camera = camera, target
 
 
@@ -74,7 +71,7 @@ def test_long_replay_keeps_its_length_with_fewer_frames():
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, 50.0, float("nan")])
 def test_rate_out_of_range_is_refused(tailed, rate):
-    work = partial(record_run, tailed, None, rate)  # type: ignore[arg-type]
+    work = partial(record_run, tailed, None, rate)
     assert_refused(work, UserError, "--rate", f"{rate:g}", "0.02", "20")
 
 
@@ -90,7 +87,7 @@ def test_point_of_an_arrow_is_force_times_scale_from_its_foot():
     lengths = np.array([[0.1, -0.2, 0.3], [0.0, 0.0, 0.0], [0.0, 0.4, 0.0]])
     tracks = Tracks()
     arrow = ForceArrow("wind", (1.0, 0.0, 0.0), points, lengths)
-    _draw_arrow(tracks, tracks, arrow, np.arange(3))  # type: ignore[arg-type]
+    _draw_arrow(tracks, tracks, arrow, np.arange(3))
     path = "/drake/forces/wind"
     for frame in (0, 2):
         X_WA = tracks.transforms[path][frame]
@@ -109,13 +106,12 @@ def test_world_moves_so_that_the_car_stays_in_view(tailed):
     logged = add_logged_run(DiagramBuilder(), tailed)
     tracks = Tracks()
     rows = np.array([0, 100, len(tailed.time) - 1])
-    _follow(tracks, tracks, logged, rows)  # type: ignore[arg-type]
+    _follow(tracks, tracks, logged, rows)
     com = tailed.vector("com", "truth_m")
     for frame, row in enumerate(rows):
         shown = tracks.transforms["/drake"][frame].multiply(com[row])
         assert np.linalg.norm(shown[:2]) < 0.1  # smoothed: the car moves a little in the picture
         assert shown[2] == pytest.approx(com[row, 2])  # the floor stays where it is
-    assert tracks.camera is not None
     position, target = tracks.camera
     assert position[0] > 1.0  # ahead of a car that heads along x
     assert position[1] < 0.0  # outside of a left turn: right

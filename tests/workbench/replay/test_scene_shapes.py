@@ -2,10 +2,7 @@
 colour.
 """
 
-from __future__ import annotations
-
 import json
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +13,6 @@ from pydrake.geometry import (
     Cylinder,
     Ellipsoid,
     Mesh,
-    Shape,
     Sphere,
 )
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -30,7 +26,7 @@ from aerodima.workbench.resources import models_dir
 X_BG = RigidTransform(RollPitchYaw(0.3, -0.2, 0.5), np.array([0.1, 0.2, 0.3]))
 
 
-def scene_with(shape: Shape) -> list[dict[str, Any]]:
+def scene_with(shape):
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
     body = plant.AddRigidBody("thing", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
@@ -39,7 +35,7 @@ def scene_with(shape: Shape) -> list[dict[str, Any]]:
     return json.loads(json.dumps(shapes_of(plant, scene_graph)))
 
 
-def corners(scene: list[dict[str, Any]]) -> np.ndarray:
+def corners(scene):
     """Points in the shape's own frame (n, 3) of the scene put into another plant; the colours are
     still those.
     """

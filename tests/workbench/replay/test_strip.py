@@ -1,7 +1,5 @@
 """The strip: five labelled pictures in one PNG, equal for equal runs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import matplotlib.image
@@ -9,7 +7,6 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.force_arrows import WHEEL_COLOUR
 from aerodima.workbench.replay.strip import FRAME, STRIP, strip_figure, write_strip
 from tests.refusals import assert_refused
@@ -37,7 +34,7 @@ def test_equal_runs_give_equal_bytes(strip, tailed, tmp_path):
     assert again.read_bytes() == strip.read_bytes()
 
 
-def loaded(run_log: RunLog, force: float) -> RunLog:
+def loaded(run_log, force):
     """The run with `force` (N) upward on the front right wheel and nothing on the others."""
     table = run_log.table.copy()
     table[[name for name in table.columns if name.startswith("wheel_force_")]] = 0.0
@@ -45,7 +42,7 @@ def loaded(run_log: RunLog, force: float) -> RunLog:
     return replace(run_log, table=table)
 
 
-def green_rows(run_log: RunLog) -> list[int]:
+def green_rows(run_log):
     """Height of what has the colour of a wheel's arrow in each of the five pictures, pixels."""
     heights = []
     for axes in strip_figure(run_log).axes:

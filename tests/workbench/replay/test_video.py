@@ -2,19 +2,14 @@
 missing.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from PIL import Image
 
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay import video
 from aerodima.workbench.replay.video import FRAMES_PER_SECOND, Film, write_video
 from tests.refusals import assert_refused
@@ -24,7 +19,7 @@ REST = 25
 """Frames for which the last one stays."""
 
 
-def cut(run_log: RunLog, length: float) -> RunLog:
+def cut(run_log, length):
     """The beginning of a run."""
     return replace(run_log, table=run_log.table[run_log.time <= run_log.time[0] + length + 1e-9])
 
@@ -40,7 +35,7 @@ def film(brief):
     return Film({"longer": brief["tailed"], "shorter": brief["tailless"]}, 1.0)
 
 
-def panel(frame: Image.Image, which: int, header: bool = False) -> NDArray[np.uint8]:
+def panel(frame, which, header=False):
     left = which * (PANEL[0] + GAP)
     top, bottom = (0, HEADER) if header else (HEADER, HEADER + PANEL[1])
     return np.asarray(frame.crop((left, top, left + PANEL[0], bottom)))
@@ -116,7 +111,7 @@ def test_video_of_many_minutes_is_refused(brief):
     assert_refused(lambda: Film({"run": run}, 0.02), UserError, "150 s", "0.02", "120 s")
 
 
-def stretched(run_log: RunLog, length: float) -> pd.DataFrame:
+def stretched(run_log, length):
     table = run_log.table.copy()
     table["time_s"] = np.linspace(0.0, length, len(table))
     return table

@@ -1,7 +1,5 @@
 """The viewer listens on this machine only, and says what is wrong with a port."""
 
-from __future__ import annotations
-
 import gc
 import logging
 import subprocess
@@ -24,7 +22,7 @@ def test_viewer_is_on_this_machine_only_and_quiet(caplog):
 
 def test_a_viewer_may_be_forgotten_while_another_thread_collects_garbage():
     """Drake aborts the process where that thread destroys it."""
-    cycle: dict[str, object] = {"viewer": open_meshcat()}
+    cycle = {"viewer": open_meshcat()}
     cycle["self"] = cycle
     del cycle
     thread = threading.Thread(target=gc.collect)

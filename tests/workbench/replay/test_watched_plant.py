@@ -2,10 +2,6 @@
 points right.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -17,32 +13,32 @@ ARROW = "/drake/forces/air_on_tail"
 class Shown:
     """Takes the calls that a Meshcat gets; the last of each path."""
 
-    def __init__(self) -> None:
-        self.poses: dict[str, Any] = {}
-        self.properties: dict[tuple[str, str], Any] = {}
-        self.objects: list[str] = []
-        self.camera: list[tuple[Any, Any]] = []
+    def __init__(self):
+        self.poses = {}
+        self.properties = {}
+        self.objects = []
+        self.camera = []
 
-    def SetTransform(self, path: str, X: Any) -> None:  # noqa: N802, Drake's name
+    def SetTransform(self, path, X):  # noqa: N802, Drake's name
         self.poses[path] = X
 
-    def SetProperty(self, path: str, name: str, value: Any) -> None:  # noqa: N802
+    def SetProperty(self, path, name, value):  # noqa: N802
         self.properties[path, name] = value
 
-    def SetObject(self, path: str, *_: Any) -> None:  # noqa: N802
+    def SetObject(self, path, *_):  # noqa: N802
         self.objects.append(path)
 
-    def SetLineSegments(self, path: str, *_: Any) -> None:  # noqa: N802
+    def SetLineSegments(self, path, *_):  # noqa: N802
         self.objects.append(path)
 
-    def SetCameraPose(self, eye: Any, target: Any) -> None:  # noqa: N802
+    def SetCameraPose(self, eye, target):  # noqa: N802
         self.camera.append((eye, target))
 
 
-def shown(com: list[float], force: list[float]) -> Shown:
+def shown(com, force):
     """A body of 0.2 m about its origin at the centre of mass, whose tail of 1 m points up."""
     meshcat = Shown()
-    live = LiveScene(meshcat, ["tail"], [0.2], 0.1)  # type: ignore[arg-type]
+    live = LiveScene(meshcat, ["tail"], [0.2], 0.1)
     context = live.CreateDefaultContext()
     middle = np.array([com[0], com[1], com[2] + 0.5])
     live.GetInputPort("com").FixValue(context, [*com, 0.0, 0.0, 0.0])

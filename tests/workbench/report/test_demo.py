@@ -42,9 +42,9 @@ class Made(NamedTuple):
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     out = tmp_path_factory.mktemp("demo") / "out"
-    messages: list[str] = []
+    messages = []
 
-    def interrupt(line: str) -> None:
+    def interrupt(line):
         messages.append(line)
         if "] 1/4 " in line:
             raise KeyboardInterrupt
@@ -65,7 +65,7 @@ def rows(made):
         return {row["run"]: row for row in csv.DictReader(file)}
 
 
-def unfinished(out: Path) -> None:
+def unfinished(out):
     """As an interruption before the last step leaves it."""
     mark = out / "demo.json"
     mark.write_text(mark.read_text().splitlines(keepends=True)[0])
@@ -148,7 +148,7 @@ def test_force_makes_again_and_leaves_foreign_files(tmp_path):
     old = out / "logs" / "turn_none_3.33.parquet"
     old.write_text("old")
 
-    def interrupt(line: str) -> None:
+    def interrupt(line):
         if line.startswith("1 runs"):  # before the first run: the old log is gone, the note is not
             raise KeyboardInterrupt
 

@@ -2,8 +2,6 @@
 page says.
 """
 
-from __future__ import annotations
-
 import pandas as pd
 
 from aerodima.optimisation.entry.suite import MANOEUVRES, NAMED, floors, manoeuvres

@@ -1,7 +1,5 @@
 """The replay as a file: one page that needs nothing else, with title, outcome and animation."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -20,7 +18,7 @@ def page(short_runs):
     return replay_page(short_runs["swing"])
 
 
-def messages(page: str) -> list[bytes]:
+def messages(page):
     """What Drake's Meshcat would have sent to the browser."""
     return [base64.b64decode(code) for code in re.findall(r"base64,([A-Za-z0-9+/=]{40,})", page)]
 

@@ -1,7 +1,5 @@
 """Signals of runs on a page: which, with what unit, and that thinning them out loses no peak."""
 
-from __future__ import annotations
-
 import base64
 from dataclasses import replace
 
@@ -9,15 +7,14 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.config.signal_table import sensor_columns, truth_columns
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.report.run_channels import MOST_POINTS, channels_of, thinned
 
 
-def unpacked(text: str) -> np.ndarray:
+def unpacked(text):
     return np.frombuffer(base64.b64decode(text), "<f4")
 
 
-def longer(run: RunLog, times: int) -> RunLog:
+def longer(run, times):
     """The run as if logged so many times as fast, each sample held."""
     table = run.table.loc[run.table.index.repeat(times)].reset_index(drop=True)
     return replace(

@@ -8,16 +8,13 @@ not end early:
     python -m tests.workbench.simulate.outcome_study 50 1
 """
 
-from __future__ import annotations
-
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.simulate.simulation import simulate
@@ -41,13 +38,13 @@ class DrawnCar:
     settings: tuple[str, ...]
     shares: tuple[float, ...]
 
-    def at(self, friction: float) -> Scenario:
+    def at(self, friction):
         """Its scenario at a friction."""
         return load_scenario(
             f"turn_{self.mode}", [*self.settings, f"car.tyre_friction={friction:.6f}"]
         )
 
-    def scenarios(self) -> Iterator[Scenario]:
+    def scenarios(self):
         """Its scenarios near the limit."""
         low = 0.45
         high = 0.95
@@ -60,7 +57,7 @@ class DrawnCar:
         yield from (self.at(0.5 * (low + high) * (1.0 + NEAR * share)) for share in self.shares)
 
 
-def drawn_cars(seed: int, count: int) -> Iterator[DrawnCar]:
+def drawn_cars(seed, count):
     """Of one seed always the same, however many."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
@@ -85,7 +82,7 @@ class Compared(NamedTuple):
     share: float
 
 
-def differences(scenario: Scenario, recorded: bool = True) -> Compared:
+def differences(scenario, recorded=True):
     """Compares an outcome trial with a run of full length, `recorded` whole or a trial too that
     does not end early.
 

@@ -1,17 +1,12 @@
 """From a scenario to a run log: complete, repeatable, safe."""
 
-import signal
-import subprocess
-import sys
-import time
-
 import numpy as np
 import pytest
 
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.config.signal_table import sensor_columns, truth_columns
 from aerodima.workbench.errors import LogError, UserError
-from aerodima.workbench.logs.journal import journal_path, recover
+from aerodima.workbench.logs.journal import journal_path
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.simulate.simulation import simulate
 from tests.refusals import assert_refused
@@ -194,39 +189,3 @@ def test_progress_is_told_ten_times_a_second(tmp_path):
     assert {length for _, length in told} == {0.5}
     assert 5 <= len(told) <= 7
     np.testing.assert_allclose(np.diff(times), 0.1, atol=0.01)
-
-
-@pytest.mark.slow
-def test_run_that_is_killed_leaves_a_journal_that_becomes_a_log(run, tmp_path):
-    path = tmp_path / "killed.parquet"
-    code = (
-        "import sys; from aerodima.workbench.simulate.simulation import simulate;"
-        "from aerodima.workbench.config.scenario import load_scenario;"
-        "simulate(load_scenario('turn_swing', ['manoeuvre.duration=300.0']), sys.argv[1])"
-    )
-    process = subprocess.Popen([sys.executable, "-c", code, str(path)])
-    try:
-        deadline = time.monotonic() + 60.0
-        while process.poll() is None and time.monotonic() < deadline:
-            # Twice 500 rows of 150 columns: on a busy machine half of the journal is the frames of
-            # small batches.
-            if (
-                journal_path(path).is_file()
-                and journal_path(path).stat().st_size > 2 * 500 * 150 * 8
-            ):
-                break
-            time.sleep(0.05)
-        assert process.poll() is None
-    finally:
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    assert not path.exists()
-    rescued = recover(journal_path(path))
-    assert not rescued.complete
-    log = read_run_log(path)
-    assert rescued.rows == len(log.table) >= 500
-    assert log.scenario["manoeuvre"]["duration"] == 300.0
-    whole = run()
-    rows = len(whole.table)
-    for name in ("time_s", "position_x_truth_m", "imu_gyro_z_rad_per_s"):
-        np.testing.assert_array_equal(log.signal(name)[:rows], whole.signal(name)[: len(log.table)])

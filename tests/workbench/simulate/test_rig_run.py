@@ -2,8 +2,6 @@
 resolve.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -12,7 +10,6 @@ from scipy.integrate import solve_ivp
 
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import LogError, UserError
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.simulate.simulation import simulate
 from tests.refusals import assert_refused
@@ -34,7 +31,7 @@ def logs(tmp_path_factory):
     return made
 
 
-def wrench_truth(log: RunLog) -> np.ndarray:
+def wrench_truth(log):
     return np.column_stack((log.vector("force", "truth_n"), log.vector("torque", "truth_n_m")))
 
 
@@ -58,7 +55,7 @@ def test_free_bar_swing_decays_with_the_published_friction(logs):
     angle = log.signal("angle_truth_rad")
     rate = log.signal("angular_velocity_truth_rad_per_s")
 
-    def motion(_t: float, x: np.ndarray) -> list[float]:
+    def motion(_t, x):
         friction = 0.0435 * math.tanh(10.0 * x[1]) + 0.0364 * x[1]
         return [x[1], (-0.313 * 9.81 * 0.1 * math.sin(x[0]) - friction) / inertia]
 

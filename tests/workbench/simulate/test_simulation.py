@@ -43,11 +43,6 @@ def test_trial_of_a_surviving_car_has_the_outcome_and_metrics_of_its_logged_run(
     expected = summarise(logged, scenario.name)
     found = summarise(run, scenario.name)
     assert not {STOPPED, SETTLED} & set(run.extra)
-    for name in ("raw", "filtered", "outcome"):
-        theirs, ours = (
-            dataclasses.asdict(getattr(each.metrics, name)) for each in (expected, found)
-        )
-        assert flat(ours) == pytest.approx(flat(theirs), rel=1e-9, abs=1e-9)
     assert found.metrics.outcome.result == "survived"
     assert flat(found.metrics.as_row()) == pytest.approx(
         flat(expected.metrics.as_row()), rel=1e-9, abs=1e-9
