@@ -7,8 +7,6 @@ Fails if a run is missing from a table, stands in it twice, or a study takes lon
 Example: python -m tests.kill_loop --kills 100
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import random
@@ -30,20 +28,20 @@ PIECES, SECONDS = 12, 0.1
 MOST_SECONDS = 90.0
 
 
-def piece(number: int) -> int:
+def piece(number):
     """Takes `SECONDS`."""
     time.sleep(SECONDS)
     return number * number
 
 
-def kill_one(draw: random.Random, killed: list[int]) -> None:
+def kill_one(draw, killed):
     """Kills one of the workers that are there."""
     victim = draw.choice(sorted(workers()))
     os.kill(victim, signal.SIGKILL)
     killed.append(victim)
 
 
-def main() -> int:
+def main():
     """Run from the command line; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m tests.kill_loop", description=__doc__)
     parser.add_argument("--kills", type=int, default=100)

@@ -2,16 +2,12 @@
 them again.
 """
 
-from __future__ import annotations
-
 import ast
 import base64
 import io
 import json
 import re
-from pathlib import Path
 from tempfile import gettempdir
-from typing import Any
 
 import pytest
 from PIL import Image
@@ -35,12 +31,12 @@ LARGEST, TOGETHER = 1_000_000, 5_000_000
 """Bytes of a notebook, and of all."""
 
 
-def content(path: Path) -> dict[str, Any]:
+def content(path):
     return json.loads(path.read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_stored_outputs_are_those_of_the_code(path: Path) -> None:
+def test_stored_outputs_are_those_of_the_code(path):
     notebook = content(path)
     assert notebook["metadata"].get(SIGNATURE) == signature(notebook), (
         f"{path.name}: run `make notebooks`"
@@ -53,7 +49,7 @@ def test_stored_outputs_are_those_of_the_code(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_stored_outputs_are_small_and_of_no_machine(path: Path) -> None:
+def test_stored_outputs_are_small_and_of_no_machine(path):
     assert path.stat().st_size <= LARGEST
     assert sum(one.stat().st_size for one in NOTEBOOKS) <= TOGETHER
     pictures = 0
@@ -73,7 +69,7 @@ def test_stored_outputs_are_small_and_of_no_machine(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebook_imports_only_public_names(path: Path) -> None:
+def test_notebook_imports_only_public_names(path):
     code = [source(cell) for cell in code_cells(content(path)) if SOLUTION not in tags_of(cell)]
     text = "\n".join(
         line for cell in code for line in cell.splitlines() if not line.startswith("%")
@@ -84,13 +80,13 @@ def test_notebook_imports_only_public_names(path: Path) -> None:
             assert not any(alias.name.startswith("_") for alias in node.names)
 
 
-def picture() -> str:
+def picture():
     stream = io.BytesIO()
     Image.radial_gradient("L").save(stream, "PNG")
     return base64.b64encode(stream.getvalue()).decode()
 
 
-def executed(**changes: Any) -> dict[str, Any]:
+def executed(**changes):
     """A notebook as nbclient leaves it: a slider with a picture, a page, a stream in two pieces, an
     address.
     """
@@ -132,7 +128,7 @@ def executed(**changes: Any) -> dict[str, Any]:
     }
 
 
-def test_what_is_stored_is_the_same_each_time() -> None:
+def test_what_is_stored_is_the_same_each_time():
     (cell,) = cleaned(executed())["cells"]
     slider, text, frame = cell["outputs"]
     assert set(slider["data"]) == {"image/png", "text/plain"}
@@ -147,7 +143,7 @@ def test_what_is_stored_is_the_same_each_time() -> None:
     ("changed", "seen"),
     [("1.505", False), ("1.6", True), ("1.5 1.5", True)],
 )
-def test_an_execution_that_gives_something_else_is_seen(changed: str, seen: bool) -> None:
+def test_an_execution_that_gives_something_else_is_seen(changed, seen):
     stored = cleaned(executed())
     found = cleaned(executed())
     found["cells"][0]["outputs"][1]["text"] = f"peak {changed} rad\n"
@@ -156,7 +152,7 @@ def test_an_execution_that_gives_something_else_is_seen(changed: str, seen: bool
     assert differences(stored, found) == []
 
 
-def test_a_picture_that_is_gone_is_seen() -> None:
+def test_a_picture_that_is_gone_is_seen():
     stored = cleaned(executed())
     found = cleaned(executed())
     del found["cells"][0]["outputs"][0]

@@ -2,8 +2,6 @@
 skipped.
 """
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

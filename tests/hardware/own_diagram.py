@@ -5,8 +5,6 @@ and broken ones.
 write when that was (s, `time.monotonic`) into the file that the environment names.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import time

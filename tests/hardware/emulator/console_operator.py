@@ -2,8 +2,6 @@
 emergency stop.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from contextlib import ExitStack

@@ -398,7 +398,7 @@ def after(emulator, since, joints=JOINTS):
     """Seconds from `since` to both motors off (0 without motors) and to the neutral throttle; NaN:
     not yet.
     """
-    found: dict[str, float] = {}
+    found = {}
     for event in emulator.events:
         if event["time_s"] >= since:
             found.setdefault(event["event"] + event.get("joint", ""), event["time_s"] - since)
