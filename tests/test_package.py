@@ -1,6 +1,5 @@
 """What is installed: packages, data, versions, dependencies, and how little an import costs."""
 
-import re
 import subprocess
 import sys
 import tomllib
@@ -74,9 +73,8 @@ def test_wheel_puts_models_where_the_package_looks_for_them():
 
 
 @pytest.mark.parametrize("package", sorted(PACKAGES))
-def test_package_is_typed_and_says_what_it_is_for(package):
+def test_package_is_typed(package):
     assert (ROOT / package / "py.typed").is_file()
-    assert (ROOT / package / "__init__.py").read_text(encoding="utf-8").startswith('"""')
 
 
 def test_version_is_that_of_the_distribution_and_in_the_changelog():
@@ -92,11 +90,6 @@ def test_package_has_one_name(package):
     assert done.stderr.splitlines()[-1].startswith(
         f"ImportError: this package has one name, aerodima.{package}"
     )
-
-
-def test_unknown_attribute_of_the_package_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="attribute version"):
-        _ = workbench.version
 
 
 def test_core_dependencies_are_those_of_the_contract():
@@ -115,11 +108,6 @@ def test_constraints_pin_every_declared_dependency_within_its_bounds(python):
             assert requirement.specifier.contains(pinned[name]), (
                 f"{requirement} but {pinned[name]} is pinned"
             )
-
-
-def test_constraints_name_no_download_addresses():
-    text = (ROOT / "constraints.txt").read_text(encoding="utf-8")
-    assert not re.search(r"://|@|--", text)
 
 
 def test_both_ends_of_drake_are_pinned():
