@@ -65,7 +65,7 @@ def report_all_the_time(served, report):
         served.link.report(report, now)
         hear(now)
 
-    served.console.turn = turn  # type: ignore[method-assign]
+    served.console.turn = turn
 
 
 def readings(page):
@@ -81,7 +81,7 @@ NO_PLOTS = ["–", "–", "–", "roll (solid) – · pitch (dashed) –", "roll
 def stalled(served):
     """The console stands still, its connections open."""
     release = threading.Event()
-    served.console.turn = lambda _: release.wait(60.0)  # type: ignore[method-assign,assignment,return-value]
+    served.console.turn = lambda _: release.wait(60.0)
     try:
         yield
     finally:
@@ -185,7 +185,7 @@ def test_a_console_that_dies_says_so_on_the_page(page, tmp_path):
     with contextlib.closing(Served(tmp_path)) as served:
         page.goto(served.access.url)
         eventually(lambda: page.evaluate(IN_CONTROL))
-        served.console.turn = lambda _: 1 / 0  # type: ignore[method-assign,assignment,return-value]
+        served.console.turn = lambda _: 1 / 0
         eventually(
             lambda: (
                 "The console has failed and ends: ZeroDivisionError" in page.inner_text("#banner")

@@ -43,7 +43,6 @@ class Driver:
     def open(self):
         """Goes to the address that the program says; the car is driven from then on."""
         page = self.page
-        assert self.process.stderr is not None
         address = next(line for line in self.process.stderr if line.startswith("watch: "))
         page.goto(address.removeprefix("watch: ").strip(), timeout=PATIENCE)
         self.until(TIME_NOW, "> 0")

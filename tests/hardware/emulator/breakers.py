@@ -240,6 +240,5 @@ class ReceiverDies(Breaker):
     def strike(self):
         super().strike()
         devices = self.car.devices
-        assert devices is not None
         port = devices.teensy._link if devices.watchdog is None else devices.watchdog._port
         port._inbox = _DeadEnd()
