@@ -7,8 +7,6 @@ writes nothing and complains where an execution gives something else than what i
 cells tagged `varies`.
 """
 
-from __future__ import annotations
-
 import argparse
 import base64
 import hashlib
@@ -44,34 +42,34 @@ _NUMBER = re.compile(r"[-−+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 Cell = dict[str, Any]
 
 
-def source(cell: Cell) -> str:
+def source(cell):
     """Text of a cell."""
     return "".join(cell["source"])
 
 
-def code_cells(notebook: dict[str, Any]) -> list[Cell]:
+def code_cells(notebook):
     """In the order of the story."""
     return [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
 
 
-def signature(notebook: dict[str, Any]) -> str:
+def signature(notebook):
     """Hash of the code."""
     return hashlib.sha256(
         "\0".join(source(cell) for cell in code_cells(notebook)).encode()
     ).hexdigest()[:16]
 
 
-def tags(cell: Cell) -> list[str]:
+def tags(cell):
     """Of a cell."""
     return list(cell["metadata"].get("tags", ()))
 
 
-def text_of(value: str | list[str]) -> str:
+def text_of(value):
     """A text as a notebook holds it: whole, or by lines."""
     return value if isinstance(value, str) else "".join(value)
 
 
-def execute(path: Path) -> dict[str, Any]:
+def execute(path):
     """The notebook with fresh outputs, ready to be stored; deprecation warnings are errors from the
     first cell on.
     """
@@ -84,7 +82,7 @@ def execute(path: Path) -> dict[str, Any]:
         return _executed(path)
 
 
-def _executed(path: Path) -> dict[str, Any]:
+def _executed(path):
     import nbformat
     from nbclient import NotebookClient
 
@@ -103,13 +101,13 @@ def _executed(path: Path) -> dict[str, Any]:
     return cleaned(json.loads(nbformat.writes(notebook)))
 
 
-def cleaned(notebook: dict[str, Any]) -> dict[str, Any]:
+def cleaned(notebook):
     """Without what differs from one execution to the next, and with small pictures."""
     widgets = notebook["metadata"].pop("widgets", {}).get(_STATE, {}).get("state", {})
     for number, cell in enumerate(code_cells(notebook), start=1):
         cell["execution_count"] = number
         cell["metadata"].pop("execution", None)
-        outputs: list[dict[str, Any]] = []
+        outputs = []
         for output in _without_widgets(cell["outputs"], widgets):
             _add(outputs, _stable(output, number))
         cell["outputs"] = outputs
@@ -122,9 +120,7 @@ def cleaned(notebook: dict[str, Any]) -> dict[str, Any]:
     return notebook
 
 
-def _without_widgets(
-    outputs: list[dict[str, Any]], widgets: dict[str, Any]
-) -> list[dict[str, Any]]:
+def _without_widgets(outputs, widgets):
     """What the sliders of an output show in their place."""
     found = []
     for output in outputs:
@@ -138,7 +134,7 @@ def _without_widgets(
     return found
 
 
-def _stable(output: dict[str, Any], number: int) -> dict[str, Any]:
+def _stable(output, number):
     if output["output_type"] == "stream":
         return output | {"text": _plain(text_of(output["text"]))}
     data = {kind: text_of(value) for kind, value in output["data"].items() if kind != _WIDGET}
@@ -155,7 +151,7 @@ def _stable(output: dict[str, Any], number: int) -> dict[str, Any]:
     return {"output_type": output["output_type"], "metadata": {}, "data": data} | counted
 
 
-def _add(outputs: list[dict[str, Any]], output: dict[str, Any]) -> None:
+def _add(outputs, output):
     """Lines of one stream that follow one another are one output."""
     last = outputs[-1] if outputs else {}
     if output["output_type"] == "stream" and last.get("name") == output["name"]:
@@ -164,13 +160,13 @@ def _add(outputs: list[dict[str, Any]], output: dict[str, Any]) -> None:
         outputs.append(output)
 
 
-def _plain(text: str) -> str:
+def _plain(text):
     """Without addresses in memory and names of temporary folders."""
     text = re.sub(re.escape(tempfile.gettempdir()) + r"/\w+", "/tmp/folder", text)
     return re.sub(r" at 0x[0-9a-f]+", "", text)
 
 
-def _small(png: str) -> str:
+def _small(png):
     from PIL import Image
 
     stream = io.BytesIO()
@@ -181,7 +177,7 @@ def _small(png: str) -> str:
     return base64.b64encode(stream.getvalue()).decode()
 
 
-def differences(stored: dict[str, Any], found: dict[str, Any]) -> list[str]:
+def differences(stored, found):
     """Cells whose execution gave something else than what is stored: kinds, words, or numbers
     beyond the tolerance.
     """
@@ -196,7 +192,7 @@ def differences(stored: dict[str, Any], found: dict[str, Any]) -> list[str]:
     return complaints
 
 
-def shown(cell: Cell) -> str:
+def shown(cell):
     """Outputs of a cell as text, pictures as their kind."""
     lines = []
     for output in cell["outputs"]:
@@ -208,7 +204,7 @@ def shown(cell: Cell) -> str:
     return "\n".join(lines)
 
 
-def _alike(old: str, new: str) -> bool:
+def _alike(old, new):
     if _NUMBER.sub("#", old).split() != _NUMBER.sub("#", new).split():
         return False
     pairs = zip(
@@ -217,7 +213,7 @@ def _alike(old: str, new: str) -> bool:
     return all(abs(float(a) - float(b)) <= TOLERANCE * max(abs(float(a)), 0.1) for a, b in pairs)
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments=None):
     """Status of the program: 1 when a stored notebook is not what an execution gives."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter

@@ -7,8 +7,6 @@ every run came to its end once and all runs came to the same.
 Example: python -m tests.soak --runs 60 --memory 0.5 --out out/soak
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import os
@@ -20,7 +18,6 @@ import time
 from collections import Counter
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import psutil
 
@@ -35,7 +32,7 @@ SETTINGS = ("manoeuvre.duration=3.0",)
 """The turn and its end, without the quiet seconds after."""
 
 
-def one_run(marks: Path, number: int) -> str:
+def one_run(marks, number):
     """Simulates and measures the turn; leaves a mark with its process."""
     from aerodima.workbench.metrics.turn_metrics import metrics_of
     from aerodima.workbench.simulate.simulation import simulate
@@ -50,21 +47,21 @@ class MemoryLog:
     engine.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path):
         self._path = path
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
-        self.peak: dict[int, float] = {}
+        self.peak = {}
 
-    def __enter__(self) -> MemoryLog:
+    def __enter__(self):
         self._thread.start()
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, *error):
         self._over.set()
         self._thread.join()
 
-    def _run(self) -> None:
+    def _run(self):
         start = time.monotonic()
         with self._path.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
@@ -76,7 +73,7 @@ class MemoryLog:
                 stream.flush()
 
 
-def workers() -> dict[int, float]:
+def workers():
     """Process -> memory (bytes) of the workers of this process."""
     found = {}
     for child in psutil.Process().children(recursive=True):
@@ -88,7 +85,7 @@ def workers() -> dict[int, float]:
     return found
 
 
-def soak(runs: int, number: int, memory: float, out: Path) -> dict[str, Any]:
+def soak(runs, number, memory, out):
     """The study, with a worker killed after a third of the runs and one stopped after two thirds;
     what it came to.
     """
@@ -96,7 +93,7 @@ def soak(runs: int, number: int, memory: float, out: Path) -> dict[str, Any]:
     marks.mkdir(parents=True)
     ended = 0
 
-    def done(place: int, result: str) -> None:
+    def done(place, result):
         nonlocal ended
         ended += 1
         for at, kind in ((runs // 3, signal.SIGKILL), (2 * runs // 3, signal.SIGSTOP)):
@@ -131,15 +128,15 @@ def soak(runs: int, number: int, memory: float, out: Path) -> dict[str, Any]:
     }
 
 
-def _processes(marks: Path) -> Counter[int]:
+def _processes(marks):
     return Counter(int(line) for path in marks.iterdir() for line in path.read_text().split())
 
 
-def _megabytes() -> str:
+def _megabytes():
     return ", ".join(f"{memory / 1e6:.0f}" for _, memory in sorted(workers().items()))
 
 
-def main() -> int:
+def main():
     """Run from the command line; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m tests.soak", description=__doc__)
     parser.add_argument("--runs", type=int, default=2000)

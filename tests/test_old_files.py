@@ -2,12 +2,9 @@
 how they were made.
 """
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -45,21 +42,21 @@ FITS = {
 }
 
 
-def values(name: str) -> dict[str, Any]:
+def values(name):
     """What the version that wrote a file read from it."""
-    found: dict[str, Any] = json.loads((FOLDER / "values.json").read_text(encoding="utf-8"))[name]
+    found = json.loads((FOLDER / "values.json").read_text(encoding="utf-8"))[name]
     return found
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_log_has_its_rows_columns_and_last_values(name: str) -> None:
+def test_log_has_its_rows_columns_and_last_values(name):
     table = read_run_log(FOLDER / f"{name}.parquet").table
     was = values(f"{name}.parquet")
     assert table.shape == (was["rows"], was["columns"])
     assert {column: table[column].iloc[-1] for column in was["last"]} == was["last"]
 
 
-def test_outcome_of_an_old_run_is_that_of_its_day() -> None:
+def test_outcome_of_an_old_run_is_that_of_its_day():
     outcome = outcome_of(read_run_log(FOLDER / "turn.parquet"))
     was = values("turn.parquet")["outcome"]
     assert (outcome.result, outcome.clean, list(outcome.touched)) == (
@@ -70,7 +67,7 @@ def test_outcome_of_an_old_run_is_that_of_its_day() -> None:
     assert outcome.max_tilt_rad == pytest.approx(was["max_tilt_rad"], rel=1e-12)
 
 
-def test_old_run_can_be_made_again() -> None:
+def test_old_run_can_be_made_again():
     """Its scenario is one of today, with the numbers that it had."""
     from aerodima.workbench.config.scenario import scenario_from_dict
 
@@ -91,7 +88,7 @@ def test_old_run_can_be_made_again() -> None:
     }
 
 
-def test_scenario_files_give_the_numbers_that_they_name() -> None:
+def test_scenario_files_give_the_numbers_that_they_name():
     turn = load_scenario(FOLDER / "turn.yaml")
     hold = load_rig_scenario(FOLDER / "hold.yaml")
     assert (turn.car.com_height, turn.tail.sail, turn.wind.mean_y, turn.seed) == (
@@ -107,7 +104,7 @@ def test_scenario_files_give_the_numbers_that_they_name() -> None:
     )
 
 
-def test_exported_bundle_drives() -> None:
+def test_exported_bundle_drives():
     from aerodima.workbench.controllers.law_of_scenario import load_drive
 
     scenario, law = load_drive(str(FOLDER / "bundle.json"))
@@ -115,7 +112,7 @@ def test_exported_bundle_drives() -> None:
     assert law.rate == scenario.controller.rate
 
 
-def test_swing_with_feedback_is_refused_and_plays_what_it_played_without() -> None:
+def test_swing_with_feedback_is_refused_and_plays_what_it_played_without():
     path = FOLDER / "swing.yaml"
     assert_refused(lambda: read_swing(path), UserError, str(path), "gains.feedback")
     data = yaml.safe_load((FOLDER / "swing.yaml").read_text(encoding="utf-8"))
@@ -126,7 +123,7 @@ def test_swing_with_feedback_is_refused_and_plays_what_it_played_without() -> No
     assert swing_at(swing, 0.62).roll_position == pytest.approx(was["roll_at_0.62_s"], abs=1e-12)
 
 
-def test_ensemble_has_its_members() -> None:
+def test_ensemble_has_its_members():
     ensemble = load_ensemble(FOLDER / "ensemble.yaml")
     was = values("ensemble.yaml")
     assert (ensemble.name, len(ensemble.members), ensemble.best.name) == (
@@ -141,7 +138,7 @@ def test_ensemble_has_its_members() -> None:
     assert car.com_height == was["first"]["values"]["car.com_height"]
 
 
-def test_coefficients_give_the_same_force() -> None:
+def test_coefficients_give_the_same_force():
     found = load_coefficients(FOLDER / "robot_tail_bins.yaml")
     was = values("robot_tail_bins.yaml")
     assert (found.name, found.kind) == (was["name"], was["kind"])
@@ -151,7 +148,7 @@ def test_coefficients_give_the_same_force() -> None:
     assert force[1] == pytest.approx(was["force_y_n"], rel=1e-12)
 
 
-def test_study_file_plans_the_runs_that_its_table_has() -> None:
+def test_study_file_plans_the_runs_that_its_table_has():
     from aerodima.optimisation.sweep.run_study import read_table
     from aerodima.optimisation.sweep.study import plan_runs
 
@@ -165,7 +162,7 @@ def test_study_file_plans_the_runs_that_its_table_has() -> None:
         assert np.allclose(planned, table[factor], equal_nan=True, rtol=1e-9)
 
 
-def test_table_of_a_study_is_that_of_its_csv() -> None:
+def test_table_of_a_study_is_that_of_its_csv():
     from aerodima.optimisation.sweep.run_study import read_table
 
     table = read_table(FOLDER / "study")
@@ -178,7 +175,7 @@ def test_table_of_a_study_is_that_of_its_csv() -> None:
 
 
 @pytest.mark.slow
-def test_a_study_goes_on_in_no_folder_of_an_earlier_version() -> None:
+def test_a_study_goes_on_in_no_folder_of_an_earlier_version():
     """Its rows were made by other versions: the folder is refused by name, and nothing in it is
     touched.
     """
@@ -202,7 +199,7 @@ def test_a_study_goes_on_in_no_folder_of_an_earlier_version() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FITS)
-def test_fit_of_an_old_log_is_the_one_of_its_day(name: str) -> None:
+def test_fit_of_an_old_log_is_the_one_of_its_day(name):
     fit, log = FITS[name]
     report = yaml.safe_load((FOLDER / f"fit_{name}.yaml").read_text(encoding="utf-8"))
     (was,) = report["fits"]

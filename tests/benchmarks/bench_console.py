@@ -21,8 +21,14 @@ import numpy as np
 
 from aerodima.hardware.car.car_ports import PORTS_FILE
 from tests.benchmarks.rows import BenchRow
-from tests.browser.conftest import BROWSERS, FLAGS
-from tests.browser.console_session import SETTINGS, ConsoleSession, OperatorPage, wait_for
+from tests.browser.console_session import (
+    BROWSERS,
+    FLAGS,
+    SETTINGS,
+    ConsoleSession,
+    OperatorPage,
+    wait_for,
+)
 
 PRESSES, SHOWN_PRESSES, KILLS = 100, 40, 6
 _BOTH = {"tail_pitch", "tail_roll"}

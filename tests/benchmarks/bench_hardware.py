@@ -17,12 +17,12 @@ from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.resources import model_path
 from tests.benchmarks.rows import BenchRow
-from tests.hardware.firmware.core_functions import make_reply
 
 _CALLS = 20_000
 _REPEATS = 7
 _COMMAND = ak70.MitCommand(-1.5, 8.0, 17.0, 5.0, 0.25)
 _REPLY = CanFrame(0, bytes.fromhex("0170A39478051E00"))
+_TEENSY_REPLY = b"1;-1.50000;8.0000;0.2500;2;0.00000;0.0000;0.0000;90.000;7;31;0;7;31;0;1000;0;*A9|"
 
 
 def _cost(call: Callable[[], object]) -> float:
@@ -98,14 +98,9 @@ def bench_strings_and_radio() -> Iterator[BenchRow]:
         teensy.MotorOrder(2, teensy.MotorRequest.EXIT, ak70.NEUTRAL),
     )
     command = teensy.TeensyCommand(orders, 1500, 1600)
-    reports = (
-        teensy.MotorReport(1, -1.5, 8.0, 0.25, 7, 31, 0),
-        teensy.MotorReport(2, 0.0, 0.0, 0.0, 7, 31, 0),
-    )
-    reply = make_reply(teensy.TeensyReply(reports, 90.0, 1000, teensy.TeensyStatus.RUNNING))
     frame = radio.make_command(radio.OperatorCommand(radio.RadioMode.MANUAL, 0.5, -0.25, 1.0, -1.5))
     encode = _cost(lambda: teensy.make_command(command))
-    decode = _cost(lambda: teensy.decode_reply(reply))
+    decode = _cost(lambda: teensy.decode_reply(_TEENSY_REPLY))
     yield BenchRow("teensy_command_encode", encode, "us", "<= 100")
     yield BenchRow("teensy_reply_decode", decode, "us", "<= 100")
     yield BenchRow(

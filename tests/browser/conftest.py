@@ -2,24 +2,11 @@
 skipped.
 """
 
-from __future__ import annotations
-
 import shutil
 
 import pytest
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-FLAGS = (
-    "--no-sandbox",
-    "--no-first-run",
-    "--disable-quic",
-    "--disable-sync",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-)
-"""WebGL in software; the browser's own errands, which would wait for a network, are off."""
+from tests.browser.console_session import BROWSERS, FLAGS
 
 
 @pytest.fixture(scope="session")

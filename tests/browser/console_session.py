@@ -26,6 +26,18 @@ window.makePad = (id, index = 0, mapping = "standard") => ({
 """
 """Script that gives a page gamepads: `fakePads`, filled by `makePad`."""
 TRIES = 5
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = (
+    "--no-sandbox",
+    "--no-first-run",
+    "--disable-quic",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+)
+"""WebGL in software; the browser's own errands, which would wait for a network, are off."""
 
 
 class ConsoleSession:

@@ -1,9 +1,6 @@
 """The console for those who use a keyboard alone."""
 
-from __future__ import annotations
-
 import time
-from typing import Any
 
 import pytest
 
@@ -30,7 +27,7 @@ def console(page, served):
     return page
 
 
-def tell(served: Served, console: Any, report: CarReport, condition: str) -> None:
+def tell(served, console, report, condition):
     """The car reports until the page shows it."""
     end = time.monotonic() + 10.0
     while not console.evaluate(f"Boolean({condition})"):
@@ -46,7 +43,7 @@ STOPPED = CarReport(False, True, RadioMode.IDLE, operator_age=0.02)
 
 
 def test_the_console_is_worked_by_keyboard_alone(console, served):
-    def armed(condition: str) -> None:
+    def armed(condition):
         tell(served, console, ARMED, condition)
 
     armed("state.radio.armed")

@@ -1,10 +1,6 @@
 """The operator's page in a real browser, on the emulated car: what stops it, and what moves it."""
 
-from __future__ import annotations
-
 import time
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +9,7 @@ pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.driving.plain_loop import PERIOD
-from aerodima.workbench.logs.schema import RunLog, read_run_log
+from aerodima.workbench.logs.schema import read_run_log
 from tests.browser.console_session import GAMEPADS, TRIES, ConsoleSession, OperatorPage, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.emulated]
@@ -34,15 +30,15 @@ def operator(page, session):
     return OperatorPage(page, session)
 
 
-def press_button(page: Any) -> None:
+def press_button(page):
     page.click("#stop")
 
 
-def press_key(page: Any) -> None:
+def press_key(page):
     page.keyboard.press("Escape")
 
 
-def press_gamepad(page: Any) -> None:
+def press_gamepad(page):
     page.evaluate("() => { fakePads = []; }")
     page.wait_for_timeout(100)  # the page sees it let go, if it was pressed
     page.evaluate(
@@ -55,7 +51,7 @@ def test_a_car_without_a_tail_is_driven_from_the_page(page, tmp_path):
     with ConsoleSession(tmp_path, "--no-view", "--set", "tail.mode=none") as session:
         operator = OperatorPage(page, session)
 
-        def drive() -> None:
+        def drive():
             page.fill("#slider-steering", "-15")
             page.fill("#slider-throttle", "20")
             operator.reach("state.radio.report.speed > 0.2 && state.radio.report.yaw_rate > 0.05")
@@ -70,7 +66,7 @@ def test_a_car_without_a_tail_is_driven_from_the_page(page, tmp_path):
 
 @pytest.mark.parametrize("press", [press_button, press_key, press_gamepad])
 def test_stop_reaches_the_emulated_bus_and_stays(operator, session, press):
-    def stop() -> None:
+    def stop():
         pressed = time.monotonic()
         press(operator.page)
         wait_for(
@@ -95,7 +91,7 @@ def test_stop_reaches_the_emulated_bus_and_stays(operator, session, press):
 def test_slider_moves_the_emulated_tail(operator):
     page = operator.page
 
-    def move() -> None:
+    def move():
         start = page.evaluate("state.radio.report.tail_roll")
         asked = page.evaluate("sliders.values(seconds()).roll")
         assert abs(asked - start) < 0.05  # the tail stays where it is
@@ -116,7 +112,7 @@ def test_an_unplugged_gamepad_leaves_the_car_at_rest(operator, session):
     page.evaluate("() => { fakePads = [makePad('one')]; }")
     operator.until("!document.getElementById('use-gamepad').disabled")
 
-    def steer() -> None:
+    def steer():
         page.set_checked("#use-gamepad", True)
         page.evaluate("() => { fakePads[0].axes[0] = -1; }")
         operator.reach("sliders.values(seconds()).steering > 0.3")
@@ -157,7 +153,7 @@ def test_a_hidden_tab_sends_no_heartbeat_more_and_the_dead_man_stops_the_car(ope
         page.click("#record")
     operator.until("state.recording.on")
 
-    def hide() -> OperatorPage:
+    def hide():
         last = page.evaluate(HIDE)
         operator.until("!state.car.driving")
         assert session.recorded("command")[-1]["count"] == last
@@ -173,7 +169,7 @@ def test_a_hidden_tab_sends_no_heartbeat_more_and_the_dead_man_stops_the_car(ope
 def test_a_closed_tab_sends_the_car_to_rest_before_the_dead_man_would(operator, session):
     pages = [operator.page]
 
-    def close() -> OperatorPage:
+    def close():
         context = pages[-1].context  # a page that another one covers would be hidden first
         pages[-1].close()
         pages.append(context.new_page())
@@ -186,16 +182,14 @@ def test_a_closed_tab_sends_the_car_to_rest_before_the_dead_man_would(operator, 
     stopped_in_order(log)
 
 
-def stopped_by_the_operator(
-    operator: OperatorPage, session: ConsoleSession, go: Callable[[], OperatorPage]
-) -> RunLog:
+def stopped_by_the_operator(operator, session, go):
     """Log of a drive, slowly ahead in MANUAL, during which the operator has gone; `go` returns one
     who is back.
 
     Again, when a busy machine made the drive stop by itself.
     """
 
-    def drive() -> None:
+    def drive():
         began = time.monotonic()
         operator.page.fill("#slider-throttle", "3")
         wait_for(
@@ -214,7 +208,7 @@ def stopped_by_the_operator(
     raise AssertionError(log.extra["stop_reason"])
 
 
-def stopped_in_order(log: RunLog) -> tuple[float, float]:
+def stopped_in_order(log):
     """Age of the operator (s) in the tick in which the drive stopped, and how late its ticks came
     at most (s).
 

@@ -2,15 +2,11 @@
 may lack.
 """
 
-from __future__ import annotations
-
 import contextlib
 import http.server
 import threading
 import time
-from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 import pytest
 
@@ -18,7 +14,6 @@ pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
 from aerodima.hardware.console.console_server import open_socket
 from aerodima.hardware.protocol.radio import (
-    CarReport,
     EmergencyStop,
     Heartbeat,
     OperatorCommand,
@@ -40,7 +35,7 @@ KNOCK = """(port) => new Promise((resolve) => {
 class Quiet(http.server.SimpleHTTPRequestHandler):
     """Files of a folder, without a line per request."""
 
-    def log_message(self, *_: Any) -> None:
+    def log_message(self, *_):
         pass
 
 
@@ -50,11 +45,11 @@ def served(tmp_path):
         yield served
 
 
-def shown(page: Any) -> str:
+def shown(page):
     return page.inner_text("body")
 
 
-def show_armed(page: Any, served: Served) -> None:
+def show_armed(page, served):
     """The car reports that it is armed until the page shows it."""
     end = time.monotonic() + 10.0
     while page.inner_text("#car") != "ARMED":
@@ -63,17 +58,17 @@ def show_armed(page: Any, served: Served) -> None:
         time.sleep(0.05)
 
 
-def report_all_the_time(served: Served, report: CarReport) -> None:
+def report_all_the_time(served, report):
     hear = served.console.turn
 
-    def turn(now: float) -> None:
+    def turn(now):
         served.link.report(report, now)
         hear(now)
 
-    served.console.turn = turn  # type: ignore[method-assign]
+    served.console.turn = turn
 
 
-def readings(page: Any) -> list[str]:
+def readings(page):
     """What the boxes above and the plots show of car and console."""
     texts = [page.inner_text(name) for name in ("#car", "#heard-mode", "#speed", "#link", "#seat")]
     return [*texts, *page.locator(".plot b").all_inner_texts()]
@@ -83,10 +78,10 @@ NO_PLOTS = ["–", "–", "–", "roll (solid) – · pitch (dashed) –", "roll
 
 
 @contextlib.contextmanager
-def stalled(served: Served) -> Iterator[None]:
+def stalled(served):
     """The console stands still, its connections open."""
     release = threading.Event()
-    served.console.turn = lambda _: release.wait(60.0)  # type: ignore[method-assign,assignment,return-value]
+    served.console.turn = lambda _: release.wait(60.0)
     try:
         yield
     finally:
@@ -190,7 +185,7 @@ def test_a_console_that_dies_says_so_on_the_page(page, tmp_path):
     with contextlib.closing(Served(tmp_path)) as served:
         page.goto(served.access.url)
         eventually(lambda: page.evaluate(IN_CONTROL))
-        served.console.turn = lambda _: 1 / 0  # type: ignore[method-assign,assignment,return-value]
+        served.console.turn = lambda _: 1 / 0
         eventually(
             lambda: (
                 "The console has failed and ends: ZeroDivisionError" in page.inner_text("#banner")
@@ -223,18 +218,18 @@ def gamepads(page, served):
     return page
 
 
-def plug(page: Any, *pads: str) -> None:
+def plug(page, *pads):
     page.evaluate(f"() => {{ fakePads = [{', '.join(f'makePad({pad})' for pad in pads)}]; }}")
     page.wait_for_timeout(100.0)
 
 
-def drive_by_gamepad(page: Any) -> None:
+def drive_by_gamepad(page):
     page.check("#use-gamepad")
     page.locator("input[value=manual]").evaluate("box => box.click()")
     assert page.evaluate("mode") == "manual"
 
 
-def steering(page: Any) -> float:
+def steering(page):
     page.wait_for_timeout(100.0)
     return float(page.evaluate("sliders.values(seconds()).steering"))
 

@@ -2,12 +2,8 @@
 it.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +32,7 @@ class Driver:
         folder: where the logs go.
     """
 
-    def __init__(self, page: Any, folder: Path) -> None:
+    def __init__(self, page, folder):
         self.page = page
         self.log = folder / "by_hand.parquet"
         command = [sys.executable, "-P", "-m", "aerodima", "play", *QUICK, "--out", str(self.log)]
@@ -44,25 +40,24 @@ class Driver:
             command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
 
-    def open(self) -> None:
+    def open(self):
         """Goes to the address that the program says; the car is driven from then on."""
         page = self.page
-        assert self.process.stderr is not None
         address = next(line for line in self.process.stderr if line.startswith("watch: "))
         page.goto(address.removeprefix("watch: ").strip(), timeout=PATIENCE)
         self.until(TIME_NOW, "> 0")
         page.wait_for_function("() => viewer.renderer.info.render.triangles > 0", timeout=PATIENCE)
         page.evaluate(DRAW_NO_MORE)
 
-    def press(self, key: str, times: int = 1) -> None:
+    def press(self, key, times=1):
         for _ in range(times):
             self.page.keyboard.press(key)
 
-    def until(self, slider: str, condition: str) -> None:
+    def until(self, slider, condition):
         """Waits until the slider says so, however slowly simulated time passes."""
         self.page.wait_for_function(f"name => {VALUE} {condition}", arg=slider, timeout=PATIENCE)
 
-    def says(self, slider: str) -> float:
+    def says(self, slider):
         return float(self.page.evaluate(f"name => {VALUE}", slider))
 
 

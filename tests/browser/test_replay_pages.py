@@ -5,18 +5,13 @@ A browser that draws in software has deadlines of its own, so these tests run al
 realtime`).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.report.replay_page import comparison_page, write_replay_html
 from aerodima.workbench.simulate.simulation import simulate
 
@@ -41,12 +36,12 @@ def replay_file(runs, tmp_path_factory):
     return write_replay_html(runs["held"], tmp_path_factory.mktemp("page") / "held.html")
 
 
-def open_offline(page: Any, path: Path) -> None:
+def open_offline(page, path):
     page.context.set_offline(True)
     page.goto(path.as_uri())
 
 
-def picture(page: Any, path: Path) -> np.ndarray:
+def picture(page, path):
     page.screenshot(path=path, timeout=60_000)
     return imread(path)[..., :3]
 
@@ -93,7 +88,7 @@ PIXEL = (
 FRAME = 0.02
 
 
-def drag(page: Any, start: float, end: float) -> None:
+def drag(page, start, end):
     """Presses at a share of the width of the first chart and lets go at another."""
     box = page.locator(".signals .u-over").first.bounding_box()
     page.mouse.move(box["x"] + start * box["width"], box["y"] + 20)
@@ -125,18 +120,18 @@ def test_dragging_the_cursor_seeks_the_animation(page, replay_file):
     assert page.evaluate(CURSOR) == pytest.approx(0.5 * end, abs=FRAME)
 
 
-def comparison_of(runs: list[RunLog], path: Path) -> Path:
+def comparison_of(runs, path):
     names = [f"run {number}" for number in range(len(runs))]
     path.write_text(comparison_page(runs, names).html(), encoding="utf-8")
     return path
 
 
-def cut(run: RunLog, length: float, step: int = 1) -> RunLog:
+def cut(run, length, step=1):
     """Its first seconds, every so many rows."""
     return replace(run, table=run.table[run.time <= length].iloc[::step].reset_index(drop=True))
 
 
-def all_loaded(page: Any, count: int) -> None:
+def all_loaded(page, count):
     page.wait_for_function(
         f"() => comparison.views.size === {count} && [...comparison.views.values()].every((view) "
         "=> view.replay)",

@@ -14,9 +14,9 @@ class FakeAdapter(can.BusABC):
         super().__init__(channel="fake")
         self._can_protocol = can.CanProtocol.CAN_20
         self.channel_info = "fake adapter"
-        self.incoming: queue.Queue = queue.Queue()
-        self.outgoing: list[can.Message] = []
-        self.send_error: Exception | None = None
+        self.incoming = queue.Queue()
+        self.outgoing = []
+        self.send_error = None
         self.send_gate = threading.Event()
         self.send_gate.set()
         self.echo = False

@@ -18,7 +18,6 @@ from aerodima.hardware.protocol.ak70 import (
     is_special,
     make_reply,
 )
-from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.config.car_parameters import TailMotorParameters
 from aerodima.workbench.config.scenario import load_parameter_file
 from aerodima.workbench.resources import model_path
@@ -115,8 +114,8 @@ class FakePort:
         self._turned = time.monotonic()
         self.fault = 0
         self.fault_text = ""
-        self.sent: list[tuple[float, CanFrame]] = []
-        self.inbox: deque[tuple[float, CanFrame]] = deque()
+        self.sent = []
+        self.inbox = deque()
         self.send_error = None
         self.flushed = False
 

@@ -5,8 +5,6 @@ and broken ones.
 write when that was (s, `time.monotonic`) into the file that the environment names.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import time
@@ -54,20 +52,19 @@ class LeanIn(LeafSystem):
         state.set_value(np.array([time_now, turned, yaw_rate]))
 
     def _calc_steering_angle(self, context, out):
-        out.set_value([0.2 if 2.0 <= context.get_discrete_state_vector().value()[0] < 2.4 else 0.0])
+        time_now = context.get_discrete_state_vector().value()[0]
+        out.set_value([0.2 if 2.0 <= time_now < 2.4 else 0.0])
 
     def _calc_throttle(self, context, out):
-        out.set_value([min(0.3, 0.12 + 0.15 * context.get_discrete_state_vector().value()[0])])
+        time_now = context.get_discrete_state_vector().value()[0]
+        out.set_value([min(0.3, 0.12 + 0.15 * time_now)])
 
     def _calc_tail_pitch_command(self, context, out):
         out.set_value([0.0, 0.0, 17.0, 5.0, 0.0])
 
     def _calc_tail_roll_command(self, context, out):
-        angle = -math.pi / 2 + min(
-            1.0, max(0.0, 2.0 * context.get_discrete_state_vector().value()[1])
-        )
-        if math.isnan(context.get_discrete_state_vector().value()[1]):
-            angle = math.nan
+        turned = context.get_discrete_state_vector().value()[1]
+        angle = -math.pi / 2 + np.clip(2.0 * turned, 0.0, 1.0)  # NaN stays NaN
         out.set_value([angle, 0.0, 17.0, 5.0, 0.0])
 
 

@@ -39,8 +39,6 @@ def drive(*words):
     return result.exit_code, result.stderr
 
 
-WHEEL = {"wheel": {"path": "x"}}
-CANBUS = {"can": {"interface": "canbus9000", "channel": "x"}}
 WATCHED = ["--wiring", "watched_can"]
 RIG = str(model_path("scenarios/rig/robot.yaml"))
 REFUSED = {
@@ -48,16 +46,11 @@ REFUSED = {
     "scenario": (["nothing"], {}, "nothing"),
     "scenario of the rig": ([RIG], {}, "robot.yaml"),
     "firmware": (["auto_turn"], {"firmware_profile": "v3"}, "v3"),
-    "key of the ports": (["auto_turn"], WHEEL, "wheel"),
     "traffic on the bridge": (["auto_turn", "--traffic", "a.blf"], {}, "--traffic", "watched_can"),
     "rate": (["auto_turn", "--set", "controller.rate=50"], {}, "controller.rate", "50"),
     "no watchdog test": (["auto_turn"], {}, "teensy_bridge"),
     "missing device": (["auto_turn", "--dry-run"], {}, "teensy", "/dev/no-teensy"),
     "missing adapter": (["auto_turn", "--dry-run", *WATCHED], {}, "slcan", "/dev/no-can"),
-    "interface": (["auto_turn", "--dry-run", *WATCHED], CANBUS, "canbus9000"),
-    "no serial device": (
-        ["auto_turn", "--dry-run"], {"teensy": {"path": "/dev/null"}}, "teensy", "/dev/null"
-    ),
     "no terminal": (["auto_turn", "--watchdog-test"], {}),
     "law": (["auto_turn", "--law", "nowhere.py:Law"], {}, "nowhere.py"),
     "law and swing": (
@@ -87,7 +80,6 @@ def refused(*words, named):
 BUNDLE = make_bundle(load_scenario("auto_turn"))
 WRONG_BUNDLES = {
     "no file": (None, [], "bundle.json"),
-    "list": ("[1]", [], "bundle.json"),
     "no JSON": ("{", [], "bundle.json"),
     "swing": (json.dumps({**BUNDLE, "swing": {"schema": "x"}}), [], "aerodima/swing/1", "x"),
     "changed": (json.dumps(BUNDLE), ["--set", "manoeuvre.speed=3"], "--set"),

@@ -25,8 +25,6 @@ from aerodima.hardware.console.console_server import make_app, make_server, open
 from aerodima.hardware.console.operator_radio import OperatorRadio
 from aerodima.hardware.console.page_access import Access
 from aerodima.hardware.protocol.radio import (
-    CarReport,
-    EmergencyStop,
     Heartbeat,
     OperatorCommand,
     RadioMode,
@@ -213,22 +211,6 @@ def test_beats_are_passed_on_one_for_one_and_none_is_invented(served):
     eventually(lambda: served.sent(OperatorCommand)[-1] == OperatorCommand(RadioMode.IDLE))
     time.sleep(0.2)
     assert len(served.sent(Heartbeat)) == 5
-
-
-def test_second_page_is_read_only_but_may_stop_the_car(served):
-    cookie = served.enter()
-    first = served.page(cookie)
-    second = served.page(cookie)
-    assert first.state()["controls"]
-    assert not second.state()["controls"]
-    second.beat(mode="manual")
-    assert "\n" not in second.refusal()
-    assert served.sent(Heartbeat) == []
-    second.say(type="stop", by="key")
-    assert first.state(lambda state: state["radio"]["stopped_by"])["radio"]["stopped_by"] == "key"
-    eventually(lambda: len(served.sent(EmergencyStop)) >= 3)
-    served.link.report(CarReport(False, True, RadioMode.IDLE), time.monotonic())
-    first.state(lambda state: state["radio"]["confirmed"])
 
 
 def die(*_):

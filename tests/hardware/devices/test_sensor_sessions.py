@@ -125,5 +125,7 @@ def test_a_sensor_is_silent_when_its_sample_is_too_old(clock):
     ):
         assert thread.age(clock.now + age) == pytest.approx(max(0.0, age))
         assert thread.fault(clock.now + age)[0] is fault
+    thread._session.fault_text = "frozen"
+    assert thread.fault(clock.now) == (SourceFault.REPORTED, "frozen")
     thread._port = None
     assert thread.fault(clock.now)[0] is SourceFault.LOST

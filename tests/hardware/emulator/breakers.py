@@ -2,8 +2,6 @@
 threads.
 """
 
-from __future__ import annotations
-
 import math
 import multiprocessing
 import os
@@ -21,7 +19,7 @@ from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.driving.car_guard import DriveLimits
 from aerodima.hardware.driving.held_car import run_watchdog_test
-from aerodima.hardware.driving.run_journal import RunJournal, open_run_journal
+from aerodima.hardware.driving.run_journal import open_run_journal
 from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.logs.schema import read_run_log
@@ -36,7 +34,7 @@ class Breaker:
     """
 
     def __init__(self):
-        self.struck: float | None = None
+        self.struck = None
 
     def begin(self, car, scenario, folder):
         """Before the car is armed."""
@@ -81,7 +79,7 @@ class DiskFull(Breaker):
 
     def begin(self, car, scenario, folder):
         super().begin(car, scenario, folder)
-        self.journal: RunJournal = open_run_journal(folder / "run.parquet", scenario, car.name)
+        self.journal = open_run_journal(folder / "run.parquet", scenario, car.name)
         self.before = resource.getrlimit(resource.RLIMIT_FSIZE)
 
     def strike(self):
@@ -112,7 +110,7 @@ class FolderRemoved(DiskFull):
 
     def begin(self, car, scenario, folder):
         super().begin(car, scenario, folder / "logs")
-        self.said: list[str] = []
+        self.said = []
         self.journal._say = self.said.append
 
     def strike(self):
@@ -242,6 +240,5 @@ class ReceiverDies(Breaker):
     def strike(self):
         super().strike()
         devices = self.car.devices
-        assert devices is not None
         port = devices.teensy._link if devices.watchdog is None else devices.watchdog._port
         port._inbox = _DeadEnd()

@@ -2,8 +2,6 @@
 emergency stop.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from contextlib import ExitStack
@@ -32,7 +30,6 @@ class ConsoleOperator:
     """Beats as a page does, from the beginning to `close`."""
 
     def __init__(self, ports):
-        assert ports.console is not None
         self._locked = ExitStack()
         self._locked.enter_context(
             lock_devices([ports.console.path], "a console")

@@ -4,8 +4,6 @@ all of them.
 A start of `aerodima emulate` costs three seconds of processor time, nearly all of it for imports.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import multiprocessing.connection
 import os

@@ -128,7 +128,6 @@ def presses_stop(process, emulator):
     """
     del process
     time.sleep(1.0)
-    assert emulator.operator is not None
     return emulator.operator.press_stop()
 
 
@@ -288,7 +287,7 @@ def run_refused_case(case, folder):
         time.sleep(rest)
         before = len(emulator.named("entered"))
         process = _start(emulator, folder, "turn_swing", SETTINGS, arm=case.damage is None)
-        if case.damage is not None and process.stdout is not None:
+        if case.damage is not None:
             for line in process.stdout:
                 if "watchdog: " in line:  # the last check before the question
                     break
@@ -381,7 +380,7 @@ def driving(emulator, folder, case, car):
     process = _start(emulator, folder, case.scenario, case.settings, diagram=case.diagram)
     try:
         seen = []
-        for line in process.stdout or ():
+        for line in process.stdout:
             seen.append(line)
             if line.startswith("driving"):
                 break
@@ -398,7 +397,7 @@ def after(emulator, since, joints=JOINTS):
     """Seconds from `since` to both motors off (0 without motors) and to the neutral throttle; NaN:
     not yet.
     """
-    found: dict[str, float] = {}
+    found = {}
     for event in emulator.events:
         if event["time_s"] >= since:
             found.setdefault(event["event"] + event.get("joint", ""), event["time_s"] - since)
@@ -425,7 +424,7 @@ def run_process_case(case, folder):
         status = None
         said = ""
         if case.reason:
-            said = (process.stdout.read() if process.stdout else "") or ""
+            said = process.stdout.read()
             status = process.wait(30.0)
         else:
             time.sleep(0.5)

@@ -2,7 +2,6 @@
 time.
 """
 
-import can
 import pytest
 
 from aerodima.hardware.emulator.emulated_bus import (
@@ -41,7 +40,7 @@ class NoLog:
     """Keeps the messages that a traffic log would write."""
 
     def __init__(self):
-        self.messages: list[can.Message] = []
+        self.messages = []
 
     def add(self, message):
         self.messages.append(message)

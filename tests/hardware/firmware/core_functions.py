@@ -2,10 +2,7 @@
 fake Teensy.
 """
 
-from __future__ import annotations
-
 import ctypes
-from collections.abc import Sequence
 from ctypes import (
     POINTER,
     Structure,
@@ -20,7 +17,6 @@ from ctypes import (
 )
 from dataclasses import astuple
 from functools import cache
-from typing import Any
 
 from aerodima.hardware.firmware import teensy_firmware
 from aerodima.hardware.firmware.teensy_firmware import (
@@ -32,14 +28,13 @@ from aerodima.hardware.firmware.teensy_firmware import (
     to_core,
     to_plain,
 )
-from aerodima.hardware.protocol.ak70 import FirmwareProfile, MitCommand, MitReply
-from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.ak70 import MitCommand, MitReply
+from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.teensy import (
     Attitude,
     MotorOrder,
     MotorRequest,
     TeensyCommand,
-    TeensyReply,
 )
 
 _LONGEST = 512
@@ -74,7 +69,7 @@ class _Reply(Structure):
     )
 
 
-_FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
+_FUNCTIONS = {
     "ad_crc8": (c_uint8, [c_char_p, c_size_t]),
     "ad_decode_command": (c_int, [c_char_p, c_size_t, POINTER(_Command)]),
     "ad_make_reply": (c_size_t, [POINTER(_Reply), c_char_p, c_size_t]),
@@ -91,7 +86,7 @@ _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
 
 
 @cache
-def library() -> Any:
+def library():
     loaded = teensy_firmware.library()
     for name, (result, arguments) in _FUNCTIONS.items():
         function = getattr(loaded, name)
@@ -107,16 +102,16 @@ class CommandReader:
         rejected: strings dropped since the start.
     """
 
-    def __init__(self) -> None:
+    def __init__(self):
         self._library = library()
         self._reader = self._library.ad_reader_new()
         self.rejected = 0
 
-    def __del__(self) -> None:
+    def __del__(self):
         if getattr(self, "_reader", None):
             self._library.ad_reader_free(self._reader)
 
-    def feed(self, data: bytes) -> tuple[int, TeensyCommand | None]:
+    def feed(self, data):
         """How many commands became complete with these bytes, and the newest of them."""
         command = _Command()
         rejected = c_uint32()
@@ -127,12 +122,12 @@ class CommandReader:
         return found, _command(command) if found else None
 
 
-def crc8(data: bytes) -> int:
+def crc8(data):
     """The core's checksum; see `aerodima.hardware.protocol.teensy.crc8`."""
     return int(library().ad_crc8(data, len(data)))
 
 
-def decode_command(text: bytes) -> TeensyCommand:
+def decode_command(text):
     """The command in one whole string, read by the core; `FrameError` for anything else."""
     command = _Command()
     if not library().ad_decode_command(text, len(text), ctypes.byref(command)):
@@ -140,7 +135,7 @@ def decode_command(text: bytes) -> TeensyCommand:
     return _command(command)
 
 
-def make_reply(reply: TeensyReply) -> bytes:
+def make_reply(reply):
     """The reply string as the core writes it; `FrameError` if it refuses."""
     reports = [
         _Report(
@@ -162,7 +157,7 @@ def make_reply(reply: TeensyReply) -> bytes:
     return text.raw[:size]
 
 
-def make_command(motor_id: int, command: MitCommand, profile: FirmwareProfile) -> CanFrame:
+def make_command(motor_id, command, profile):
     """The frame of a command as the core makes it; `FrameError` if it refuses."""
     frame = Frame()
     values = (c_double * 5)(*astuple(command))
@@ -173,7 +168,7 @@ def make_command(motor_id: int, command: MitCommand, profile: FirmwareProfile) -
     return to_plain(frame)
 
 
-def decode_reply(frame: CanFrame, profile: FirmwareProfile) -> MitReply:
+def decode_reply(frame, profile):
     """The state in a motor's reply as the core reads it; `FrameError` if it refuses."""
     report = _Report()
     if not library().ad_decode_reply(
@@ -187,10 +182,10 @@ def decode_reply(frame: CanFrame, profile: FirmwareProfile) -> MitReply:
 
 
 def limit_command(
-    command: MitCommand,
-    replies: Sequence[tuple[float, float, float, float]],
-    limits: dict[str, float],
-) -> MitCommand:
+    command,
+    replies,
+    limits,
+):
     """What the core leaves of a command after replies (position, velocity, torque, time in s)."""
     flat = [value for *state, when in replies for value in (*state, 1000.0 * when)]
     limited = (c_double * 5)()
@@ -204,7 +199,7 @@ def limit_command(
     return MitCommand(*limited)
 
 
-def _command(command: _Command) -> TeensyCommand:
+def _command(command):
     first, second = (
         MotorOrder(order.motor_id, MotorRequest(order.request), MitCommand(*order.values))
         for order in command.orders

@@ -66,19 +66,14 @@ def on_host(program, sketch):
     return run(sketch / program)
 
 
-def build(program, sketch, core=None):
-    """A program of `cortex_m7/` and a core, `sketch/src` when None, as an image for the
-    emulator.
-    """
-    core = core or sketch / "src"
+def build(program, sketch):
+    """A program of `cortex_m7/` and the exported core as an image for the emulator."""
+    core = sketch / "src"
     objects = [sketch / f"{program}.start.o"]
     run(
         "arm-none-eabi-gcc",
         *CPU,
-        "-O2",
-        "-Wall",
-        "-Wextra",
-        "-Werror",
+        *COMMON[1:],
         "-c",
         PROGRAMS / "start.c",
         "-o",

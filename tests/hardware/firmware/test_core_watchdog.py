@@ -17,7 +17,6 @@ from aerodima.hardware.protocol.ak70 import (
     make_neutral,
     make_reply,
 )
-from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.teensy import (
     Attitude,
     MotorOrder,
@@ -44,8 +43,8 @@ class Bench:
         self.now = begin
         self.core = TeensyCore(settings, begin)
         self.core.feed(b"|", begin)
-        self.sent: list[tuple[float, CanFrame]] = []
-        self.replies: list[tuple[float, bytes]] = []
+        self.sent = []
+        self.replies = []
         self.deaf = False
         self._collect()
 

@@ -2,13 +2,9 @@
 on the host.
 """
 
-import sys
-
 import pytest
 
-from aerodima.hardware.firmware.teensy_firmware import SKETCH
 from tests.hardware.firmware import cortex_m7
-from tests.hardware.firmware.recorded import FUNCTIONS
 
 LONGEST_STEP = 60_000
 """Instructions; 0.1 ms of the Teensy at 600 MHz when each takes one cycle. Its loop must pass in a
@@ -28,24 +24,11 @@ def numbers(line):
 
 
 @pytest.mark.slow
-def test_every_call_that_the_tests_make_of_the_core_gives_the_same_bits(sketch):
-    calls = sketch / "calls.bin"
-    cortex_m7.run(sys.executable, "-m", "tests.hardware.firmware.recorded", calls)
-    lines = cortex_m7.emulate(
-        cortex_m7.build("replay", sketch, SKETCH / "src"), "-icount", "shift=0"
-    ).splitlines()
-    calls.unlink()
-    assert numbers(lines[0])["equal"] > 100_000, lines[0]
-    rows = {FUNCTIONS[row["function"]]: row for row in map(numbers, lines[1:])}
-    assert all(row["calls"] for row in rows.values())
-    print({name: row["longest"] for name, row in rows.items()})
-    assert rows["ad_core_step"]["longest"] < LONGEST_STEP
-
-
-@pytest.mark.slow
 def test_a_day_of_drives_over_the_end_of_the_clock(sketch):
-    line = cortex_m7.emulate(cortex_m7.build("day", sketch))
-    assert line == cortex_m7.on_host("day", sketch)
+    image = cortex_m7.build("day", sketch)
+    line, longest = cortex_m7.emulate(image, "-icount", "shift=0").splitlines()
+    assert line == cortex_m7.on_host("day", sketch).splitlines()[0]
+    assert 0 < numbers(longest)["longest_step"] < LONGEST_STEP
     counted = numbers(line)
     drives = 24 * 6
     assert counted["enters"] == 2 * drives

@@ -16,7 +16,22 @@ constexpr uint32_t kBlockMs = 600'000, kDay = 24u * 3'600'000, kBegin = 0u - kDa
 
 struct Counts {
   unsigned long commands, enters, exits, replies, wrong_order, not_running, not_stopped;
+  uint32_t hash = 2166136261u;  // of all frames and replies
+  uint32_t longest_step;        // instructions, on the emulated processor with -icount shift=0
+
+  void note(const void* bytes, size_t size) {
+    for (size_t i = 0; i < size; ++i) hash = (hash ^ static_cast<const uint8_t*>(bytes)[i]) * 16777619u;
+  }
 };
+
+// Counts down; one is 40 instructions.
+uint32_t clock_now() {
+#ifdef __arm__
+  return *(volatile uint32_t*)0xE000E018;
+#else
+  return 0;
+#endif
+}
 
 class Bench {
  public:
@@ -32,7 +47,10 @@ class Bench {
 
   void pass(uint32_t ms) {
     now_ += ms;
+    const uint32_t begin = clock_now();
     core_.step(now_);
+    const uint32_t spent = 40 * ((begin - clock_now()) & 0xFFFFFF);
+    if (spent > counts.longest_step) counts.longest_step = spent;
     aerodima::CanFrame frame;
     while (core_.next_frame(&frame)) {
       const bool exit = aerodima::is_exit(frame), enter = !exit && frame.data[0] == 0xFF && frame.data[7] == 0xFC;
@@ -40,14 +58,19 @@ class Bench {
       counts.enters += enter;
       counts.commands += !exit && !enter;
       counts.wrong_order += !exit && stopped_;
+      counts.note(&frame.id, sizeof frame.id);
+      counts.note(frame.data, frame.length);
       aerodima::CanFrame answer;
       answer.length = 6;
-      const uint8_t data[] = {static_cast<uint8_t>(frame.id), 0x80, 0, 0x80, 0x08, 0};
+      const uint8_t low = static_cast<uint8_t>(now_);
+      const uint8_t data[] = {static_cast<uint8_t>(frame.id), 0x80, low, 0x80, 0x08, low};
       for (int i = 0; i < 6; ++i) answer.data[i] = data[i];
       core_.receive(answer);
     }
     char text[aerodima::kLongestReply];
-    counts.replies += core_.take_reply(text, sizeof text) != 0;
+    const size_t size = core_.take_reply(text, sizeof text);
+    counts.note(text, size);
+    counts.replies += size != 0;
   }
 
   void drive(uint32_t begin) {
@@ -100,8 +123,9 @@ int main() {
   }
   char* later = static_cast<char*>(malloc(1));
   const Counts& c = bench.counts;
-  printf("commands %lu enters %lu exits %lu replies %lu wrong_order %lu not_running %lu not_stopped %lu rejected %lu heap %d\n",
+  printf("commands %lu enters %lu exits %lu replies %lu wrong_order %lu not_running %lu not_stopped %lu rejected %lu heap %d hash %lu\n",
          c.commands, c.enters, c.exits, c.replies, c.wrong_order, c.not_running, c.not_stopped, bench.rejected(),
-         heap == later);
+         heap == later, static_cast<unsigned long>(c.hash));
+  printf("longest_step %lu\n", static_cast<unsigned long>(c.longest_step));
   return 0;
 }
