@@ -22,7 +22,7 @@ from aerodima.hardware.protocol.radio import (
 from tests.browser.console_session import GAMEPADS
 from tests.hardware.console.test_console_server import ARMED, Served, eventually
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.nightly]
 
 IN_CONTROL = "state !== null && state.controls"
 KNOCK = """(port) => new Promise((resolve) => {

@@ -12,7 +12,7 @@ from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.replay.captions import caption_of
 from aerodima.workbench.replay.hand_drive import HEADING_NOW, SPEED, SPEED_NOW, STEERING, TIME_NOW
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.nightly]
 
 QUICK = ("--set", "simulation.step=0.004", "--set", "simulation.log_rate=250")
 VALUE = "viewer.gui_controllers[name]?.getValue()"

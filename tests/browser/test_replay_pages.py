@@ -15,7 +15,7 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.report.replay_page import comparison_page, write_replay_html
 from aerodima.workbench.simulate.simulation import simulate
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.nightly]
 
 SHORT = ("speed=1.0", "turn_start=0.2", "speed_ramp=0.1", "turn_hold=0.1", "duration=0.7")
 READY = "() => typeof replay !== 'undefined' && replay.duration > 0"

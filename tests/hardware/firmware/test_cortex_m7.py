@@ -23,7 +23,7 @@ def numbers(line):
     return dict(zip(words[::2], map(int, words[1::2]), strict=True))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_day_of_drives_over_the_end_of_the_clock(sketch):
     image = cortex_m7.build("day", sketch)
     line, longest = cortex_m7.emulate(image, "-icount", "shift=0").splitlines()
@@ -39,7 +39,7 @@ def test_a_day_of_drives_over_the_end_of_the_clock(sketch):
     assert counted["heap"] == 1  # what was free at the start is free at the end
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_sketch_does_on_the_processor_what_it_does_on_the_host(sketch):
     assert cortex_m7.emulate(cortex_m7.build("sketch_run", sketch)) == cortex_m7.on_host(
         "sketch_run", sketch
