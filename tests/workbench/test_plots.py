@@ -2,28 +2,23 @@
 bytes every time.
 """
 
-from collections.abc import Callable
-from typing import Any
-
 import matplotlib
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
 
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.figure_style import TURN_SHADE, png
 from aerodima.workbench.figures.run_figures import plot_turn
-from aerodima.workbench.logs.schema import RunLog
 from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import made_up_run
 
 
-def _axes_with_data(figure: Figure) -> list[Any]:
+def _axes_with_data(figure):
     return [axes for axes in figure.get_axes() if axes.axison]
 
 
-FIGURES: dict[str, Callable[[dict[str, RunLog]], Figure]] = {
+FIGURES = {
     "turn, no tail": lambda runs: plot_turn(runs["none"]),
     "turn, swing": lambda runs: plot_turn(runs["swing"], "swing"),
 }

@@ -49,7 +49,7 @@ class _Reader(HTMLParser):
         self.text += data
 
 
-def _read(text: str) -> _Reader:
+def _read(text):
     reader = _Reader()
     reader.feed(text)
     reader.close()

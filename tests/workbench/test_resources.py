@@ -2,8 +2,6 @@
 the right one.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

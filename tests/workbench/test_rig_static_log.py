@@ -1,7 +1,5 @@
 """Static logs: schema, truth, and the model of the sensor's errors (design section 11)."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
 

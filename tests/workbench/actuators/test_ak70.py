@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.actuators.ak70 import TailJoints, mit_torque, torque_speed_limits
-from aerodima.workbench.config.car_parameters import TailMotorParameters
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.plants.tail import ArmInertia
 
-MOTOR: TailMotorParameters = scenario_from_dict({}).tail_motor
+MOTOR = scenario_from_dict({}).tail_motor
 LINE = torque_speed_limits(MOTOR)
 STALL, NO_LOAD = LINE
 UNLIMITED = (1e9, 1e9)

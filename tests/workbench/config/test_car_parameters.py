@@ -28,7 +28,7 @@ GOOD = {
 }
 
 
-def entry(**changes) -> ParameterEntry:
+def entry(**changes):
     return ParameterEntry.model_validate(
         {key: value for key, value in (GOOD | changes).items() if value is not None}
     )
@@ -69,7 +69,7 @@ def gps_file(tmp_path, monkeypatch):
     return path
 
 
-def _spoilt(text: str) -> str:
+def _spoilt(text):
     """The first number of a parameter file becomes one that no unit allows."""
     return re.sub(r"value: [-0-9.e]+", "value: -1.0e9", text, count=1)
 

@@ -185,7 +185,7 @@ def test_slalom_may_steer_while_it_gathers_speed():
     )
 
 
-def test_wheels_are_straightened_from_what_is_left_of_a_larger_first_level() -> None:
+def test_wheels_are_straightened_from_what_is_left_of_a_larger_first_level():
     """At 2 rad/s, from 0.5 rad: none is left after 0.2 s; 0.3 rad after 0.1 s; all of it without a
     second level.
     """

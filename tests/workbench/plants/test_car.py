@@ -21,7 +21,7 @@ LEFT = [wheel for wheel in WHEELS if wheel.endswith("left")]
 RIGHT = [wheel for wheel in WHEELS if wheel.endswith("right")]
 
 
-def stand(tail="none", direction="left", **sections) -> CarStand:
+def stand(tail="none", direction="left", **sections):
     overrides = {"tail": {"mode": tail}, "manoeuvre": {"direction": direction}}
     for section, values in sections.items():
         overrides[section] = overrides.get(section, {}) | values

@@ -1,22 +1,18 @@
 """The fast pendulum moves and reacts as the Drake plant."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.plants.rig_model import mount_properties
 from aerodima.workbench.plants.rig_motion import RigMotion
-from aerodima.workbench.plants.sdf_model import Inertial
 from tests.refusals import assert_refused
 
-VARIANTS: list[tuple[str, dict[str, Any]]] = [
+VARIANTS = [
     ("flick", {}),
     ("flick", {"experiment": {"tail": 3, "axis": "minor", "wind_speed": 20.0}}),
     ("flick", {"aero": {"added_mass": 0.02}}),
@@ -29,13 +25,11 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
 ]
 
 
-def scenario(name: str, changes: dict[str, Any]) -> RigScenario:
+def scenario(name, changes):
     return load_rig_scenario(name).varied(**changes)
 
 
-def wrench_on(
-    motion: RigMotion, mount: Inertial, angle: float, rate: float, acceleration: float
-) -> np.ndarray:
+def wrench_on(motion, mount, angle, rate, acceleration):
     """Of the support on the rig at W (6), N and N m, from the momenta of what swings and the weight
     of what stands.
     """
@@ -63,7 +57,7 @@ def wrench_on(
 
 
 @pytest.mark.parametrize(("name", "changes"), VARIANTS)
-def test_it_moves_and_reacts_as_the_plant(name: str, changes: dict[str, Any]) -> None:
+def test_it_moves_and_reacts_as_the_plant(name, changes):
     """The same physics written twice: to 1e-9, with room for the rounding of two different orders
     of summation.
     """
@@ -82,7 +76,7 @@ def test_it_moves_and_reacts_as_the_plant(name: str, changes: dict[str, Any]) ->
         np.testing.assert_allclose(wrench, reaction.wrench, rtol=1e-9, atol=1e-9)
 
 
-def test_added_mass_that_leaves_no_inertia_is_refused() -> None:
+def test_added_mass_that_leaves_no_inertia_is_refused():
     motion = replace(RigMotion.of(scenario("flick", {})), added_mass=-0.033)
     assert_refused(
         lambda: motion.acceleration(1.0, 0.0, 0.0), UserError, "added_mass", "-0.033", "-0.02"

@@ -96,14 +96,14 @@ class ArmOnTheBench:
         for joint, angle in zip(("tail_pitch", "tail_roll"), angles, strict=True):
             plant.GetJointByName(joint).set_angle(self.context, angle)
 
-    def angle(self, joint: str) -> float:
+    def angle(self, joint):
         return self.plant.GetJointByName(joint).get_angle(self.context)
 
-    def tip(self) -> np.ndarray:
+    def tip(self):
         pose = self.plant.GetBodyByName("tail_rod").EvalPoseInWorld(self.context)
         return pose.multiply(np.array([0.0, 0.0, self.scenario.tail.length]))
 
-    def history(self, joint: str, times: np.ndarray) -> np.ndarray:
+    def history(self, joint, times):
         angles = []
         for time in times:
             self.simulator.AdvanceTo(time)
