@@ -18,21 +18,10 @@ def _axes_with_data(figure):
     return [axes for axes in figure.get_axes() if axes.axison]
 
 
-FIGURES = {
-    "turn, no tail": lambda runs: plot_turn(runs["none"]),
-    "turn, swing": lambda runs: plot_turn(runs["swing"], "swing"),
-}
-
-
-@pytest.fixture(scope="module")
-def figures(standard_runs):
-    return {name: make(standard_runs) for name, make in FIGURES.items()}
-
-
-@pytest.mark.parametrize("name", ["turn, no tail", "turn, swing"])
-def test_the_turn_is_shaded_from_steering_command_to_straight_wheels(figures, name):
+@pytest.mark.parametrize("name", ["none", "swing"])
+def test_the_turn_is_shaded_from_steering_command_to_straight_wheels(standard_runs, name):
     # 2 s + 0.5 s of steering + 0.14 s in which the servo comes back.
-    for axes in _axes_with_data(figures[name]):
+    for axes in _axes_with_data(plot_turn(standard_runs[name])):
         if axes.get_ylabel().startswith("roll motor"):
             continue
         (shade,) = [patch for patch in axes.patches if to_hex(patch.get_facecolor()) == TURN_SHADE]

@@ -59,11 +59,6 @@ def test_near_the_no_load_speed_the_motor_brakes_but_does_not_push():
         assert torque(speed=side * 1.1 * NO_LOAD, ff=-side * 20.0, line=LINE) == -side * 20.0
 
 
-def test_at_the_speeds_of_the_swing_the_line_does_not_act():
-    assert torque(speed=8.0, ff=24.8, line=LINE) == 24.8
-    assert torque(speed=-8.0, ff=-24.8, line=LINE) == -24.8
-
-
 @pytest.mark.parametrize("load", [0.0, 3.0, -7.0])
 @pytest.mark.parametrize("inertia", [0.005, 0.08])
 def test_law_at_the_end_of_a_step_holds_at_the_end_of_the_step(load, inertia):

@@ -65,7 +65,6 @@ SQUARE = ((1.0, 1.0), (1.0, 1.0))
     [
         (lambda: SpeedTable((3.0, 3.0), (1.0, 1.0)), ("3",)),
         (lambda: SpeedTable((3.0, 4.0), (1.0, math.nan)), ("values[1]",)),
-        (lambda: SpeedTable((3.0,), (1.0,)), ()),
         (lambda: RegularTable((10.0, 5.0), (0.0, 1.0), SQUARE), ("speeds[1]", "5.0", "10.0")),
         (
             lambda: RegularTable((5.0, 10.0), (0.0, 1.0), ((1.0, math.nan), (1.0, 1.0))),
@@ -201,36 +200,19 @@ def test_lift_may_be_negative_and_drag_scatter_below_zero():
         (lambda c: c["nodes"].pop(2), ("5.0", "1.0")),
         (lambda c: c["nodes"].reverse(), ("nodes[1]",)),
         (lambda c: c["nodes"][1].update(cd=math.nan), ("nodes.1.cd", "nan")),
-        (lambda c: c["nodes"][1].update(cd="much"), ("nodes.1.cd", "'much'")),
         (lambda c: c.update(colour="red"), ("colour",)),
-        (lambda c: c.pop("source"), ("source",)),
         (lambda c: c.update(source=" "), ("source",)),
-        (lambda c: c.update(schema="other"), ("schema", "'other'")),
         (lambda c: c["range"].update(speed_m_per_s=[10.0, 5.0]), ("range.speed_m_per_s",)),
         (lambda c: c.update(kind="spline"), ("spline",)),
         (
             lambda c: c["nodes"][0].update(status="guessed"),
             ("nodes.0.status", "'guessed'", "'measured'", "'seed'"),
         ),
-        (lambda c: c["nodes"][0].update(status=["seed"]), ("nodes.0.status",)),
         (lambda c: c["nodes"][1].update(cd=-3.0), ("nodes.1.cd", "-3.0", "-0.05")),
-        (lambda c: c.update(nodes=3), ("nodes", "3")),
         (lambda c: c.update(nodes=[]), ("nodes",)),
-        (lambda c: c["nodes"].append(4), ("nodes.4", "4")),
-        (
-            lambda c: c["range"].update(speed_m_per_s=[[1.0], 2.0]),
-            ("range.speed_m_per_s.0", "[1.0]"),
-        ),
-        (lambda c: c.update(quasi_steady_limit_m_per_s=[1.0]), ("limit_m_per_s", "[1.0]")),
         *(
             (as_normal("constant", cn=value), ("cn", shown))
-            for value, shown in (
-                ([1, 2], "[1, 2]"),
-                ("2", "'2'"),
-                (True, "True"),
-                (math.inf, "inf"),
-                (-1, "-1"),
-            )
+            for value, shown in ((True, "True"), (math.inf, "inf"), (-1, "-1"))
         ),
         (as_normal("speed_line", cn_slope_s_per_m=-0.2, cn_intercept=1.5), ("-0.5", "10")),
         (

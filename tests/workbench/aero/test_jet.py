@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pandas as pd
 import pytest
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, SpatialInertia
@@ -11,12 +10,10 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from aerodima.workbench.aero.coefficient_files import load_coefficients
-from aerodima.workbench.aero.laws import LineMotion
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.resources import model_path
 from tests.refusals import assert_refused
 from tests.workbench.aero.plants import add_plant, plant_context, port_value
 
@@ -101,61 +98,6 @@ def test_a_jet_that_some_reachable_angle_meets_is_taken():
     builder = DiagramBuilder()
     plant = pendulum(builder, limits=(0.5, 1.6))
     add_tail_force(builder, plant, "tail", TAIL, 2.0, jet=Jet.below_pivot((0, 0, 0), EDGE_DEPTH))
-
-
-def holding_moment(cd, cl, angle, speed, psi):
-    """Moment that the motor must hold against the wind, upstream positive, N m: air minus
-    gravity.
-    """
-    jet = Jet.below_pivot((0, 0, 0), EDGE_DEPTH, psi)
-    a = (0.0, -math.sin(angle), -math.cos(angle))
-    air = 0.0
-    for layout, law in ((TAIL, PolarLaw(cd, cl, lift_blend=0.0)), (BAR, PolarLaw(2.0))):
-        distances, areas = jet.exposed_sections(layout, (0.0, 0.0, 0.0), a)
-        moment = law.line_force(
-            LineMotion(
-                (speed * math.sin(psi), -speed * math.cos(psi), 0.0),
-                (0.0, 0.0, 0.0),
-                a,
-                (1.0, 0.0, 0.0),
-            ),
-            distances,
-            areas,
-            1.225,
-        )
-        air -= moment[3]  # downstream is a turn about -x
-    return air - 9.81 * math.sin(angle) * (0.0982 * (0.270 + 0.163) + 0.313 * 0.100)
-
-
-def test_the_published_holding_currents_of_tail_1_are_predicted():
-    """Medians 0.4, 0.6 and 1.7 % with kt N = 0.346 N m/A.
-
-    Lift to the tip misses by tens of percent (ERRATA E39).
-    """
-    fits = pd.read_csv(model_path("published/static_fits.csv"))
-    fits = fits[
-        (fits["tail"] == 1)
-        & (fits["axis"] == "major")
-        & fits.derived_repeats_wind_speed_m_per_s.isna()
-    ]
-    for angle_deg, bound in ((0, 0.005), (15, 0.009), (30, 0.020)):
-        rows = fits[fits.angle_of_attack_deg == angle_deg]
-        predicted = [
-            holding_moment(cd, cl, math.radians(angle_deg), speed, psi) / 0.346
-            for cd, cl, speed, psi in zip(
-                rows.cd, rows.cl, rows.wind_speed_m_per_s, rows.psi3_rad, strict=True
-            )
-        ]
-        error = np.abs(np.array(predicted) / rows.current_a.to_numpy() - 1.0)
-        assert np.median(error) < bound, angle_deg
-        flipped = [
-            holding_moment(cd, -cl, math.radians(angle_deg), speed, psi) / 0.346
-            for cd, cl, speed, psi in zip(
-                rows.cd, rows.cl, rows.wind_speed_m_per_s, rows.psi3_rad, strict=True
-            )
-        ]
-        if angle_deg == 30:
-            assert np.median(np.abs(np.array(flipped) / rows.current_a.to_numpy() - 1.0)) > 0.3
 
 
 def test_above_the_quasi_steady_limit_a_section_is_marked():

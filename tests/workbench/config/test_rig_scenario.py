@@ -1,7 +1,6 @@
 """Rig scenarios: the parameters are the published ones, and a refusal names key and value."""
 
 import csv
-import math
 
 import pytest
 
@@ -116,20 +115,15 @@ def test_what_is_not_varied_stays():
         ({"experiment": {"kind": "swing", "rest": 30.0}}, ("experiment.rest", "30", "20")),
         ({"experiment": {"target": 1.749}}, ("experiment.target", "1.749", "mount.angle_limit")),
         ({"experiment": {"tail": 4}}, ("experiment.tail", "4")),
-        ({"experiment": {"axis": "diagonal"}}, ("experiment.axis", "'diagonal'")),
         ({"experiment": {"wind_speed": -10.0}}, ("experiment.wind_speed", "-10.0")),
         ({"experiment": {"angle": 1.749}}, ("experiment.angle", "1.749", "mount.angle_limit")),
-        ({"experiment": {"angle": math.nan}}, ("experiment.angle",)),
         ({"encoder": {"rate": 1001.0}}, ("encoder.rate", "1001", "0.001")),
         ({"force_sensor": {"rate": 2000.0}}, ("force_sensor.rate", "2000", "0.001")),
-        ({"maxon": {"torque_constant": "0.3 Nm/A"}}, ("torque_constant", "'N m/A'")),
         (
             {"aero": {"added_mass": 0.02}, "tunnel": {"misalignment": 0.05}},
             ("aero.added_mass", "0.02", "tunnel.misalignment"),
         ),
         ({"tunel": {"psi3": 0.1}}, ("tunel", "'tunnel'")),
-        ({"tunnel": {"psi3": "5 deg"}}, ("psi3", "'rad'")),
-        ({"bar": 3}, ("bar", "3")),
         ({"schema": "aerodima/scenario/1"}, ("schema", "'aerodima/rig-scenario/1'")),
     ],
     ids=str,

@@ -131,10 +131,6 @@ def test_feed_forward_is_clipped_to_full_throttle():
     assert line.throttle(2.0, acceleration=-4.0) == -1.0
 
 
-def test_full_throttle_speed_is_allowed():
-    assert make_schedule(scenario(speed=9.0)).at(3.0).throttle == pytest.approx(1.0)
-
-
 def test_zero_ramp_is_a_throttle_step():
     assert SpeedRamp(4.0, 0.0, ThrottleLine(10.0, -1.0, 0.5)).throttle(0.0) == pytest.approx(0.5)
 

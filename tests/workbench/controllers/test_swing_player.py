@@ -81,6 +81,11 @@ def run(law, *seen):
     return ticks
 
 
+def states(law, *seen):
+    """Name of the state after each tick."""
+    return [state.name for state, _, _ in run(law, *seen)]
+
+
 def released(time, **at_release):
     """Hold, trigger, and one look at `time` s after the release."""
     return [see(0.0), see(0.5, yaw_rate=1.5), see(0.5 + time, **at_release)]
@@ -107,27 +112,19 @@ def test_a_silent_imu_releases_nothing():
 
 def test_delay_and_time_since_the_announcement():
     delayed = player(trigger={"kind": "yaw_rate", "threshold_rad_per_s": 1.0, "delay_s": 0.05})
-    states = [
-        tick[0].name
-        for tick in run(delayed, see(0.0), see(0.1, yaw_rate=2.0), see(0.14), see(0.15))
-    ]
-    assert states == ["HOLD", "DELAY", "DELAY", "SWING"]
+    seen = [see(0.0), see(0.1, yaw_rate=2.0), see(0.14), see(0.15)]
+    assert states(delayed, *seen) == ["HOLD", "DELAY", "DELAY", "SWING"]
     later = replace(delayed, settings=delayed.settings.model_copy(update={"delay": 0.02}))
-    states = [
-        tick[0].name for tick in run(later, see(0.0), see(0.1, yaw_rate=2.0), see(0.16), see(0.17))
-    ]
-    assert states == ["HOLD", "DELAY", "DELAY", "SWING"], (
+    seen = [see(0.0), see(0.1, yaw_rate=2.0), see(0.16), see(0.17)]
+    assert states(later, *seen) == ["HOLD", "DELAY", "DELAY", "SWING"], (
         "the controller's delay comes on top of the file's"
     )
     steered = player(trigger={"kind": "steering", "threshold_rad": 0.1})
-    looks = [see(0.0, steering_angle=-0.5), see(0.1, yaw_rate=2.0), see(0.2, steering_angle=0.5)]
-    assert [tick[0].name for tick in run(steered, *looks)] == ["HOLD", "HOLD", "SWING"]
+    seen = [see(0.0, steering_angle=-0.5), see(0.1, yaw_rate=2.0), see(0.2, steering_angle=0.5)]
+    assert states(steered, *seen) == ["HOLD", "HOLD", "SWING"]
     timed = player(trigger={"kind": "time", "delay_s": 0.3})
-    states = [
-        tick[0].name
-        for tick in run(timed, see(1.0, plan=0.0), see(2.0), see(2.29, yaw_rate=3.0), see(2.3))
-    ]
-    assert states == ["HOLD", "HOLD", "HOLD", "SWING"]
+    seen = [see(1.0, plan=0.0), see(2.0), see(2.29, yaw_rate=3.0), see(2.3)]
+    assert states(timed, *seen) == ["HOLD", "HOLD", "HOLD", "SWING"]
 
 
 def test_torque_stays_inside_the_limit_of_the_file():

@@ -67,9 +67,6 @@ def test_ground_under_a_car_on_its_wheels_and_under_one_that_leans(motion):
     assert ground_clearance(flat, LIMIT, LIMIT) == pytest.approx(
         mount - scenario.tail.sail_width / 2
     )
-    by_query = motion.clearance(0.0, np.array([-LIMIT, LIMIT]), ("ground",))
-    assert np.all(by_query <= mount)
-    assert np.all(by_query > mount - 0.041 - scenario.tail.sail_reach - 1e-3)  # mounted 41 mm lower
     assert motion.clearance(0.0, -LIMIT, ("ground",)) == pytest.approx(
         0.24 - scenario.tail.sail_reach, abs=5e-3
     ), "mounted at 0.24 m"

@@ -7,9 +7,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.rig_sensors import RigSensor, force_errors
-from tests.refusals import assert_refused
 
 SETTINGS = load_rig_scenario("static").force_sensor
 OFFSETS = (-0.064, -0.019, 15.695, -0.011, -0.538, 0.013)
@@ -58,10 +56,6 @@ def test_errors_of_a_seed_scale_with_the_accuracy():
     for name in ("bias", "drift", "noise"):
         assert getattr(two, name)[0] == pytest.approx(2 * getattr(one, name)[0])
         np.testing.assert_array_equal(getattr(two, name)[1:], getattr(one, name)[1:])
-
-
-def test_rate_above_one_per_step_is_refused():
-    assert_refused(lambda: shown(1, step=0.002), UserError, "force_sensor.rate", "1000")
 
 
 def test_readings_end_at_the_range_of_the_sensor():

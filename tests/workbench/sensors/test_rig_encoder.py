@@ -6,9 +6,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.rig_sensors import RigEncoder, quantise
-from tests.refusals import assert_refused
 
 SCENARIO = load_rig_scenario("static")
 
@@ -48,12 +46,3 @@ def test_angle_to_half_a_count_and_rate_to_one_count_per_window(rate):
 
 def test_it_never_wraps():
     assert turning(100.0, 0.1)[0] == pytest.approx(10.3, abs=1e-4)
-
-
-def test_rate_above_one_per_step_is_refused():
-    assert_refused(
-        lambda: RigEncoder(SCENARIO.encoder, SCENARIO.count_angle, 0.002),
-        UserError,
-        "encoder.rate",
-        "1000",
-    )
