@@ -1,10 +1,8 @@
 """A simulated station on its own, with constant inputs: what happens when nobody drives."""
 
 import numpy as np
-from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
-from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import STATION_INPUTS, WHEELS
 from aerodima.workbench.plants.sdf_model import SdfModel
 from aerodima.workbench.stations.car_station import make_car_station, simulated_car
@@ -14,7 +12,7 @@ from aerodima.workbench.stations.ground_truth import CONTACT_TRUTH
 class CarStand:
     """The station of a scenario with every input fixed, zero unless given."""
 
-    def __init__(self, scenario: Scenario, **inputs: list[float]):
+    def __init__(self, scenario, **inputs):
         self.scenario = scenario
         self.station = make_car_station(scenario)
         self.simulator = Simulator(self.station)
@@ -30,9 +28,7 @@ class CarStand:
         self.plant_context = self.plant.GetMyMutableContextFromRoot(self.context)
         self.chassis = self.plant.GetBodyByName("chassis")
 
-    def place(
-        self, X_WB: RigidTransform, velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ) -> None:
+    def place(self, X_WB, velocity=(0.0, 0.0, 0.0)):
         """Puts the car somewhere, with its wheels still and every part moving at one velocity (m/s,
         W).
         """
@@ -47,23 +43,23 @@ class CarStand:
         self.plant.SetPositions(self.plant_context, q)
         self.plant.SetVelocities(self.plant_context, v)
 
-    def advance(self, time: float) -> None:
+    def advance(self, time):
         self.simulator.AdvanceTo(time)
 
-    def output(self, port: str) -> np.ndarray:
+    def output(self, port):
         return self.station.GetOutputPort(port).Eval(self.context)
 
-    def com(self) -> np.ndarray:
+    def com(self):
         return self.plant.CalcCenterOfMassPositionInWorld(self.plant_context)
 
-    def com_velocity(self) -> np.ndarray:
+    def com_velocity(self):
         return self.plant.CalcCenterOfMassTranslationalVelocityInWorld(self.plant_context)
 
-    def suspension(self, wheel: str) -> float:
+    def suspension(self, wheel):
         """Compression of a suspension from nominal ride height, m."""
         return self.plant.GetJointByName(f"{wheel}_suspension").get_translation(self.plant_context)
 
-    def _at_wheels(self, what: str, unit: str) -> dict[str, np.ndarray]:
+    def _at_wheels(self, what, unit):
         contact = CONTACT_TRUTH.read(self.output("contact_truth"))._asdict()
         return {
             wheel: np.array(
@@ -72,15 +68,15 @@ class CarStand:
             for wheel in WHEELS
         }
 
-    def wheel_forces(self) -> dict[str, np.ndarray]:
+    def wheel_forces(self):
         """Force of the ground on each wheel in W, N."""
         return self._at_wheels("force", "n")
 
-    def wheel_contacts(self) -> dict[str, np.ndarray]:
+    def wheel_contacts(self):
         """Contact point of each wheel in W, m."""
         return self._at_wheels("contact", "m")
 
-    def contacts(self) -> list:
+    def contacts(self):
         """Point contacts of the last step."""
         results = self.plant.get_contact_results_output_port().Eval(self.plant_context)
         return [
@@ -88,7 +84,7 @@ class CarStand:
             for index in range(results.num_point_pair_contacts())
         ]
 
-    def shape_of(self, contact) -> str:
+    def shape_of(self, contact):
         """Name of the car's collision shape in a contact, such as `tyre` or `cage_0`."""
         inspector = simulated_car(self.station).scene_graph.model_inspector()
         pair = contact.point_pair()
@@ -96,7 +92,7 @@ class CarStand:
         return next(name for name in names if name != "ground")
 
 
-def edited(model: SdfModel, old: str, new: str, path) -> SdfModel:
+def edited(model, old, new, path):
     """A model file with one piece of text replaced."""
     text = model.text()
     assert old in text

@@ -6,7 +6,6 @@ import signal
 import time
 from collections import Counter
 from functools import partial
-from pathlib import Path
 
 import pytest
 
@@ -21,7 +20,7 @@ def test_results_stand_in_the_order_of_the_items(workers):
 
 
 def test_each_finished_item_is_told_once_with_its_place():
-    told: list[tuple[int, float]] = []
+    told = []
     run_batch(math.sqrt, [1.0, 4.0, 9.0], 2, lambda place, result: told.append((place, result)))
     assert sorted(told) == [(0, 1.0), (1, 2.0), (2, 3.0)]
 
@@ -31,7 +30,7 @@ def test_the_error_of_an_item_reaches_the_caller_as_it_is(workers):
     assert_refused(lambda: run_batch(math.sqrt, [1.0, -1.0, 4.0], workers), ValueError)
 
 
-def die_of_two(marks: Path, number: int) -> int:
+def die_of_two(marks, number):
     """Leaves a mark per try and kills its own process for number 2."""
     (marks / f"{number}_{time.monotonic_ns()}").touch()
     if number == 2:
@@ -41,7 +40,7 @@ def die_of_two(marks: Path, number: int) -> int:
 
 @pytest.mark.slow
 def test_a_piece_that_kills_its_worker_is_found_and_the_others_are_done(tmp_path):
-    told: list[int] = []
+    told = []
     results = run_batch(
         partial(die_of_two, tmp_path),
         [0, 1, 2, 3, 4, 5],

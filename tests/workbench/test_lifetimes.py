@@ -53,7 +53,7 @@ def test_systems_of_a_user_outlive_the_run(record):
     scenario = load_scenario("turn_none", ["manoeuvre.duration=2.7"])
     held = []
 
-    def build(builder, station) -> None:
+    def build(builder, station):
         build_of(scenario)(builder, station)
         held.append(station)
 

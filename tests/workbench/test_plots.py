@@ -2,42 +2,26 @@
 bytes every time.
 """
 
-from collections.abc import Callable
-from typing import Any
-
 import matplotlib
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
 
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.figure_style import TURN_SHADE, png
 from aerodima.workbench.figures.run_figures import plot_turn
-from aerodima.workbench.logs.schema import RunLog
 from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import made_up_run
 
 
-def _axes_with_data(figure: Figure) -> list[Any]:
+def _axes_with_data(figure):
     return [axes for axes in figure.get_axes() if axes.axison]
 
 
-FIGURES: dict[str, Callable[[dict[str, RunLog]], Figure]] = {
-    "turn, no tail": lambda runs: plot_turn(runs["none"]),
-    "turn, swing": lambda runs: plot_turn(runs["swing"], "swing"),
-}
-
-
-@pytest.fixture(scope="module")
-def figures(standard_runs):
-    return {name: make(standard_runs) for name, make in FIGURES.items()}
-
-
-@pytest.mark.parametrize("name", ["turn, no tail", "turn, swing"])
-def test_the_turn_is_shaded_from_steering_command_to_straight_wheels(figures, name):
+@pytest.mark.parametrize("name", ["none", "swing"])
+def test_the_turn_is_shaded_from_steering_command_to_straight_wheels(standard_runs, name):
     # 2 s + 0.5 s of steering + 0.14 s in which the servo comes back.
-    for axes in _axes_with_data(figures[name]):
+    for axes in _axes_with_data(plot_turn(standard_runs[name])):
         if axes.get_ylabel().startswith("roll motor"):
             continue
         (shade,) = [patch for patch in axes.patches if to_hex(patch.get_facecolor()) == TURN_SHADE]

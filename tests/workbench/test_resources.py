@@ -2,10 +2,6 @@
 the right one.
 """
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from aerodima.workbench import resources
@@ -19,10 +15,6 @@ def fresh_lookup():
     models_dir.cache_clear()
     yield
     models_dir.cache_clear()
-
-
-def test_checkout_has_its_models_beside_the_packages():
-    assert models_dir() == Path(__file__).resolve().parents[2] / "models"
 
 
 def test_file_is_found_by_its_path_below_models():

@@ -66,10 +66,10 @@ def test_the_key_follows_the_content_alone():
 
 
 def test_an_interruption_says_what_is_kept_and_how_to_go_on():
-    said: list[str] = []
+    said = []
     progress = ProgressBar(said.append, 4, there=1)
 
-    def work() -> None:
+    def work():
         with saying_how_to_go_on(said.append, lambda: f"{progress.done} of 4 runs"):
             progress.one_more("survived")
             raise KeyboardInterrupt

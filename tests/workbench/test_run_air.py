@@ -91,13 +91,6 @@ def test_added_mass_counts_in_no_mass_of_the_log(run):
     assert log.extra["total_mass_kg"] == pytest.approx(log.scenario["car"]["mass"] + arm, rel=1e-8)
 
 
-@pytest.mark.slow
-def test_added_mass_stays_beside_the_tail_through_a_whole_swing(run):
-    log = run("tail.added_mass=0.05")
-    (slide,) = [name for name in log.table.columns if name.startswith("plant_position_added_mass")]
-    assert np.abs(log.signal(slide)).max() < 2e-3  # of a tail of 0.8 m
-
-
 def test_log_says_how_long_the_coefficients_were_outside_their_range(run):
     # Standing in a cross wind the sail meets the wind itself; the line of the robot tail is
     # measured from 3 to 15 m/s.

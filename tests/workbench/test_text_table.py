@@ -1,6 +1,6 @@
 """Tables of the terminal."""
 
-from aerodima.workbench.text_table import shown_value, text_table
+from aerodima.workbench.text_table import shown_value
 
 
 def test_rounding_of_a_zero_is_a_zero_and_an_empty_text_is_none():
@@ -10,14 +10,4 @@ def test_rounding_of_a_zero_is_a_zero_and_an_empty_text_is_none():
         "–",
         "none",
         "True",
-    ]
-
-
-def test_columns_are_as_wide_as_their_cells_and_headings_do_not_count():
-    rows = [["a heading that is long"], ["x", "1"], ["yyy", "22"]]
-    assert text_table(["", "run"], rows) == [
-        "     run",
-        "a heading that is long",
-        "x    1",
-        "yyy  22",
     ]

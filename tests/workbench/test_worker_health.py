@@ -12,9 +12,7 @@ import signal
 import threading
 import time
 import weakref
-from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import dask
 import pytest
@@ -29,10 +27,10 @@ from tests.refusals import assert_refused
 
 MEGABYTE = 1_000_000
 LIMIT = 400 * MEGABYTE
-_kept: list[bytearray] = []
+_kept = []
 
 
-def leak(marks: Path, size: int, pause: float, number: int) -> int:
+def leak(marks, size, pause, number):
     """Leaves a mark with its process, and `size` bytes that are never freed, in the way of an
     immortal diagram.
     """
@@ -44,7 +42,7 @@ def leak(marks: Path, size: int, pause: float, number: int) -> int:
     return number * number
 
 
-def processes(marks: Path) -> dict[int, list[int]]:
+def processes(marks):
     """Run -> the processes that began it."""
     return {
         int(path.name): [int(line) for line in path.read_text().split()] for path in marks.iterdir()
@@ -64,8 +62,8 @@ def opened(tmp_path):
 
     with ExitStack() as stack:
 
-        def open_(workers: int = 2, memory: float | None = LIMIT) -> tuple[Engine, list[str]]:
-            said: list[str] = []
+        def open_(workers=2, memory=LIMIT):
+            said = []
             engine = stack.enter_context(
                 open_engine(
                     workers, memory=memory, progress=said.append, record=tmp_path / WORKER_RECORD
@@ -76,15 +74,15 @@ def opened(tmp_path):
         yield open_
 
 
-def recorded(folder: Path) -> list[dict]:
+def recorded(folder):
     path = folder / WORKER_RECORD
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
-def once_running(marks: Path, number: int, act: Callable[[int], None]) -> threading.Thread:
+def once_running(marks, number, act):
     """Acts on the process of a run as soon as that has begun."""
 
-    def wait() -> None:
+    def wait():
         while not (path := marks / str(number)).exists() or not path.read_text().endswith("\n"):
             time.sleep(0.01)
         act(processes(marks)[number][0])
@@ -151,7 +149,7 @@ def test_result_that_dies_with_its_worker_is_made_again(opened, marks, tmp_path,
     assert f"process {killed[0]}" in said[0]
 
 
-def late_transfers(monkeypatch, delays: list[float]) -> None:
+def late_transfers(monkeypatch, delays):
     """Lets the first results that are fetched travel so long (s) each."""
     gather = Client.gather
 
@@ -202,7 +200,7 @@ def test_study_ends_when_no_worker_is_there_for_long(opened, marks, monkeypatch)
     assert_refused(work, UserError, "0.3 s")
 
 
-def refuse_in_time(number: int) -> int:
+def refuse_in_time(number):
     raise TimeoutError(f"piece {number} took too long")
 
 
@@ -243,7 +241,7 @@ def test_workers_without_room_for_a_single_run_are_an_error(opened):
 @pytest.mark.parametrize("serial", [True, False])
 def test_work_that_stands_still_says_so(opened, marks, monkeypatch, tmp_path, serial):
     monkeypatch.setattr("aerodima.workbench.batch.engine.STILL_LEAST", 1.0)
-    said: list[str] = []
+    said = []
     if serial:
         engine = Engine(said.append, tmp_path / WORKER_RECORD)
     else:
@@ -254,7 +252,7 @@ def test_work_that_stands_still_says_so(opened, marks, monkeypatch, tmp_path, se
     assert all(event["event"] == "still" for event in recorded(tmp_path))
 
 
-def sleep_long_at_three(number: int) -> int:
+def sleep_long_at_three(number):
     time.sleep(4.0 if number == 3 else 0.05)
     return number
 
@@ -262,7 +260,7 @@ def sleep_long_at_three(number: int) -> int:
 class _Cycle:
     """Garbage that only the collector frees."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.own = self
 
 

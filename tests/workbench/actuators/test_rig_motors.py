@@ -1,7 +1,5 @@
 """The two motors of the rigs: sign, limit, and what a NaN does."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -14,7 +12,7 @@ from aerodima.workbench.stations.rig_station import MaxonMotor
 SCENARIO = load_rig_scenario("robot")
 
 
-def outputs(system, **inputs) -> tuple[float, float]:
+def outputs(system, **inputs):
     """Torque (N m) and current (A)."""
     context = system.CreateDefaultContext()
     for name, value in inputs.items():
@@ -28,7 +26,7 @@ def outputs(system, **inputs) -> tuple[float, float]:
     ("command", "current"),
     [(2.0, 2.0), (-2.0, -2.0), (40.0, 30.0), (-40.0, -30.0), (math.nan, 0.0)],
 )
-def test_positive_current_pushes_upstream_within_the_limit(command: float, current: float) -> None:
+def test_positive_current_pushes_upstream_within_the_limit(command, current):
     torque, flowing = outputs(MaxonMotor(SCENARIO.maxon), current_command=command)
     assert flowing == current
     assert torque == pytest.approx(-0.346 * current)
@@ -44,7 +42,7 @@ def test_positive_current_pushes_upstream_within_the_limit(command: float, curre
         ((math.nan, 0.0, 4.0, 0.0, 0.0), 0.0),
     ],
 )
-def test_mit_law_on_the_rig(command: tuple[float, ...], torque: float) -> None:
+def test_mit_law_on_the_rig(command, torque):
     """tau = kp (0 - 0.5) + kd (0 - 2) + tau_ff within 24.8 N m; the current has the other sign,
     1.23 N m/A.
     """

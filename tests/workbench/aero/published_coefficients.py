@@ -3,24 +3,20 @@
 Weights follow thesis eqs. 4.29-4.31: w_i proportional to 1 / resnorm_i.
 """
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from aerodima.workbench.resources import published_table
 
 BAND = (10.0, 90.0)
 
 
-def weighted(values: pd.Series, resnorms: pd.Series) -> float:
+def weighted(values, resnorms):
     return float(np.average(values, weights=1.0 / resnorms))
 
 
-def robot_tail_rows() -> pd.DataFrame:
+def robot_tail_rows():
     """The 160 distinct coefficients of the robot tail: Table 11.3 repeats 11.6 and is left out
     (ERRATA E24).
     """
@@ -28,11 +24,11 @@ def robot_tail_rows() -> pd.DataFrame:
     return rows[rows.source_table != "Table 11.3"]
 
 
-def averages(group: pd.DataFrame, columns: dict[str, str]) -> dict[str, Any]:
+def averages(group, columns):
     """Weighted average and percentiles by the name in the file, of columns of the table, and their
     number.
     """
-    found: dict[str, Any] = {}
+    found = {}
     for name, column in columns.items():
         low, high = np.percentile(group[column], BAND)
         values = {
@@ -44,20 +40,20 @@ def averages(group: pd.DataFrame, columns: dict[str, str]) -> dict[str, Any]:
     return found | {"samples": len(group)}
 
 
-def robot_tail_nodes() -> list[dict[str, Any]]:
+def robot_tail_nodes():
     groups = robot_tail_rows().groupby("relative_velocity_m_per_s")
     return [
         {"speed_m_per_s": float(speed), **averages(group, {"cn": "cd"})} for speed, group in groups
     ]
 
 
-def robot_tail_line() -> dict[str, float]:
+def robot_tail_line():
     rows = robot_tail_rows()
     slope, intercept = np.polyfit(rows.relative_velocity_m_per_s, rows.cd, 1)
     return {"cn_slope_s_per_m": round(float(slope), 6), "cn_intercept": round(float(intercept), 6)}
 
 
-def cheetah_nodes(tail: int, axis: str) -> list[dict[str, Any]]:
+def cheetah_nodes(tail, axis):
     """The 18 nodes of one cheetah tail: measured ones from the static fits, the others seeds
     (ERRATA E1, E3, E4, F).
     """

@@ -1,7 +1,5 @@
 """Added mass: periods, mass matrices, contact, impulses, negative values."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -15,13 +13,12 @@ from pydrake.multibody.tree import (
     FixedOffsetFrame,
     JacobianWrtVariable,
     RevoluteJoint,
-    RigidBody,
     SpatialInertia,
 )
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass, added_mass_matrix
+from aerodima.workbench.aero.added_mass import add_added_mass, added_mass_matrix
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
@@ -36,12 +33,12 @@ HOLD_RATE = 40.0
 """Of the hold of a slide, rad/s."""
 
 
-def rod() -> SpatialInertia:
+def rod():
     """Thin rod from the body origin along +z."""
     return SpatialInertia.ThinRodWithMassAboutEnd(MASS, LENGTH, [0.0, 0.0, 1.0])
 
 
-def add_pendulum(plant: MultibodyPlant) -> tuple[RigidBody, RevoluteJoint]:
+def add_pendulum(plant):
     """A rod that hangs from the origin; angle 0 hangs."""
     body = plant.AddRigidBody("tail", rod())
     down = RigidTransform(RotationMatrix.MakeXRotation(math.pi), np.zeros(3))
@@ -49,13 +46,13 @@ def add_pendulum(plant: MultibodyPlant) -> tuple[RigidBody, RevoluteJoint]:
     return body, plant.AddJoint(RevoluteJoint("swing", hang, body.body_frame(), [1.0, 0.0, 0.0]))
 
 
-def analytic_frequency(added: float) -> float:
+def analytic_frequency(added):
     """Small-angle frequency of the rod with the extra inertia sum m s_i^2, rad/s."""
     inertia = MASS * LENGTH**2 / 3 + added * sum(s * s for s in LAYOUT.distances)
     return math.sqrt(MASS * GRAVITY * LENGTH / 2 / inertia)
 
 
-def zero_crossing_period(plant, diagram, amplitude: float, duration: float, joint) -> float:
+def zero_crossing_period(plant, diagram, amplitude, duration, joint):
     """Mean period from the interpolated upward zero crossings."""
     simulator = Simulator(diagram)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
@@ -78,7 +75,7 @@ def zero_crossing_period(plant, diagram, amplitude: float, duration: float, join
 @pytest.mark.parametrize(
     ("ratio", "spanwise_free"), [(0.1, True), (10.0, True), (10.0, False), (-0.05, True)]
 )
-def test_a_pendulum_has_the_analytic_period(ratio, spanwise_free) -> None:
+def test_a_pendulum_has_the_analytic_period(ratio, spanwise_free):
     """To 1e-6 in a continuous plant.
 
     An amplitude of 1e-3 rad lengthens the period by theta^2/16 = 6e-8 only.
@@ -113,7 +110,7 @@ def two_joint_tail(plant, added, **options):
     return tail, add_added_mass(plant, tail, LAYOUT, added, **options)
 
 
-def random_tail_state(plant, rng) -> np.ndarray:
+def random_tail_state(plant, rng):
     """Random pose, joint angles and velocities, with the slides at their rest place."""
     context = plant.CreateDefaultContext()
     q = plant.GetPositions(context).copy()
@@ -129,7 +126,7 @@ def random_tail_state(plant, rng) -> np.ndarray:
 
 
 @pytest.mark.parametrize("added", [0.02, 0.2, -0.003])
-def test_a_two_joint_tail_accelerates_by_the_mass_matrix_of_the_jacobians(added) -> None:
+def test_a_two_joint_tail_accelerates_by_the_mass_matrix_of_the_jacobians(added):
     """(M + M_added) vdot = tau(q, v) - sum J_i^T m (1 - a a^T) Jdot_i v, on a plant without added
     mass.
     """
@@ -166,7 +163,7 @@ def test_a_two_joint_tail_accelerates_by_the_mass_matrix_of_the_jacobians(added)
         )
 
 
-def transport_of_parts(plant, context, body, added) -> np.ndarray:
+def transport_of_parts(plant, context, body, added):
     """sum J_i^T m (1 - a a^T) Jdot_i v."""
 
     world = plant.world_frame()
@@ -180,7 +177,7 @@ def transport_of_parts(plant, context, body, added) -> np.ndarray:
     return total
 
 
-def test_the_slides_stay_beside_the_tail_in_a_fast_swing() -> None:
+def test_the_slides_stay_beside_the_tail_in_a_fast_swing():
     """A tail on a floating base that turns at 8 rad/s: the added mass leaves its place by less than
     1 mm.
     """
@@ -201,11 +198,11 @@ def test_the_slides_stay_beside_the_tail_in_a_fast_swing() -> None:
     assert furthest < 1e-3
 
 
-def test_bad_calls_are_refused() -> None:
+def test_bad_calls_are_refused():
     plant = MultibodyPlant(0.0)
     body = plant.AddRigidBody("tail", rod())
 
-    def add(mass_per_part: float) -> AddedMass:
+    def add(mass_per_part):
         return add_added_mass(plant, body, LAYOUT, mass_per_part)
 
     assert_refused(lambda: add(math.nan), ModelError, "'tail'", "nan")
@@ -216,9 +213,7 @@ def test_bad_calls_are_refused() -> None:
 
 
 @pytest.mark.parametrize(("spanwise_free", "inertia"), [(True, 0.0), (False, 5 * 0.2)])
-def test_added_mass_has_no_inertia_along_the_tail_unless_it_is_welded(
-    spanwise_free: bool, inertia: float
-) -> None:
+def test_added_mass_has_no_inertia_along_the_tail_unless_it_is_welded(spanwise_free, inertia):
     plant = MultibodyPlant(0.0)
     tail = plant.AddRigidBody("tail", rod())
     mass = add_added_mass(plant, tail, LAYOUT, 0.2, spanwise_free=spanwise_free)
@@ -231,7 +226,7 @@ def test_added_mass_has_no_inertia_along_the_tail_unless_it_is_welded(
 
 
 @pytest.mark.parametrize("start", [(1e-3, 0.0), (0.0, 0.05)], ids=["displaced", "moving"])
-def test_a_slide_that_leaves_its_place_returns_as_a_critically_damped_spring(start) -> None:
+def test_a_slide_that_leaves_its_place_returns_as_a_critically_damped_spring(start):
     """On a tail at rest: x = (x0 + (v0 + w x0) t) exp(-w t)."""
     builder = DiagramBuilder()
     plant = add_plant(builder, gravity=False)
@@ -254,7 +249,7 @@ def test_a_slide_that_leaves_its_place_returns_as_a_critically_damped_spring(sta
 
 
 @pytest.mark.parametrize("spanwise_free", [True, False])
-def test_only_the_acceleration_relative_to_the_air_counts(spanwise_free) -> None:
+def test_only_the_acceleration_relative_to_the_air_counts(spanwise_free):
     """A free rod in air that starts to move: across the rod it is carried along by M / (m + M),
     along it not at all.
     """
@@ -279,7 +274,7 @@ def test_only_the_acceleration_relative_to_the_air_counts(spanwise_free) -> None
     np.testing.assert_allclose(vdot[3:6], [carried, 0.0, 0.0], rtol=1e-9, atol=1e-9)
 
 
-def test_gradients_pass_through_added_mass_jet_and_gusts() -> None:
+def test_gradients_pass_through_added_mass_jet_and_gusts():
     """The whole diagram converts: accelerations by the state, against central differences."""
     builder = DiagramBuilder()
     plant = add_plant(builder)

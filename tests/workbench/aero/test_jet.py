@@ -1,11 +1,8 @@
 """The exposed part of a tail in the tunnel, and the published holding currents that it predicts."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
-import pandas as pd
 import pytest
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, SpatialInertia
@@ -13,12 +10,10 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from aerodima.workbench.aero.coefficient_files import load_coefficients
-from aerodima.workbench.aero.laws import LineMotion
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.resources import model_path
 from tests.refusals import assert_refused
 from tests.workbench.aero.plants import add_plant, plant_context, port_value
 
@@ -48,7 +43,7 @@ def pendulum(builder, pivot_height=0.0, limits=None):
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 15.0, 30.0, 45.0, 60.0])
-def test_exposure_starts_where_the_edge_crosses_the_axis(angle_deg) -> None:
+def test_exposure_starts_where_the_edge_crosses_the_axis(angle_deg):
     """s = h0 / (cos + sin/18), design section 5, wherever the pivot stands."""
     angle = math.radians(angle_deg)
     jet = Jet.below_pivot((0.1, 0.2, 0.5), EDGE_DEPTH)
@@ -62,7 +57,7 @@ def test_exposure_starts_where_the_edge_crosses_the_axis(angle_deg) -> None:
     assert np.diff(distances) == pytest.approx(areas[0] / 0.0639)
 
 
-def test_without_exposure_the_force_is_zero_and_flagged() -> None:
+def test_without_exposure_the_force_is_zero_and_flagged():
     """Above about 68 degrees nothing hangs in the jet: cos + sin/18 = 0.265/0.660 at 69.4
     degrees.
     """
@@ -90,7 +85,7 @@ def test_without_exposure_the_force_is_zero_and_flagged() -> None:
 
 
 @pytest.mark.parametrize(("limits", "depth"), [((-1.5, 1.5), 0.70), ((1.3, 1.6), EDGE_DEPTH)])
-def test_a_jet_that_no_reachable_angle_meets_is_refused(limits, depth) -> None:
+def test_a_jet_that_no_reachable_angle_meets_is_refused(limits, depth):
     builder = DiagramBuilder()
     plant = pendulum(builder, limits=limits)
     jet = Jet.below_pivot((0, 0, 0), depth)
@@ -99,68 +94,13 @@ def test_a_jet_that_no_reachable_angle_meets_is_refused(limits, depth) -> None:
     )
 
 
-def test_a_jet_that_some_reachable_angle_meets_is_taken() -> None:
+def test_a_jet_that_some_reachable_angle_meets_is_taken():
     builder = DiagramBuilder()
     plant = pendulum(builder, limits=(0.5, 1.6))
     add_tail_force(builder, plant, "tail", TAIL, 2.0, jet=Jet.below_pivot((0, 0, 0), EDGE_DEPTH))
 
 
-def holding_moment(cd: float, cl: float, angle: float, speed: float, psi: float) -> float:
-    """Moment that the motor must hold against the wind, upstream positive, N m: air minus
-    gravity.
-    """
-    jet = Jet.below_pivot((0, 0, 0), EDGE_DEPTH, psi)
-    a = (0.0, -math.sin(angle), -math.cos(angle))
-    air = 0.0
-    for layout, law in ((TAIL, PolarLaw(cd, cl, lift_blend=0.0)), (BAR, PolarLaw(2.0))):
-        distances, areas = jet.exposed_sections(layout, (0.0, 0.0, 0.0), a)
-        moment = law.line_force(
-            LineMotion(
-                (speed * math.sin(psi), -speed * math.cos(psi), 0.0),
-                (0.0, 0.0, 0.0),
-                a,
-                (1.0, 0.0, 0.0),
-            ),
-            distances,
-            areas,
-            1.225,
-        )
-        air -= moment[3]  # downstream is a turn about -x
-    return air - 9.81 * math.sin(angle) * (0.0982 * (0.270 + 0.163) + 0.313 * 0.100)
-
-
-def test_the_published_holding_currents_of_tail_1_are_predicted() -> None:
-    """Medians 0.4, 0.6 and 1.7 % with kt N = 0.346 N m/A.
-
-    Lift to the tip misses by tens of percent (ERRATA E39).
-    """
-    fits = pd.read_csv(model_path("published/static_fits.csv"))
-    fits = fits[
-        (fits["tail"] == 1)
-        & (fits["axis"] == "major")
-        & fits.derived_repeats_wind_speed_m_per_s.isna()
-    ]
-    for angle_deg, bound in ((0, 0.005), (15, 0.009), (30, 0.020)):
-        rows = fits[fits.angle_of_attack_deg == angle_deg]
-        predicted = [
-            holding_moment(cd, cl, math.radians(angle_deg), speed, psi) / 0.346
-            for cd, cl, speed, psi in zip(
-                rows.cd, rows.cl, rows.wind_speed_m_per_s, rows.psi3_rad, strict=True
-            )
-        ]
-        error = np.abs(np.array(predicted) / rows.current_a.to_numpy() - 1.0)
-        assert np.median(error) < bound, angle_deg
-        flipped = [
-            holding_moment(cd, -cl, math.radians(angle_deg), speed, psi) / 0.346
-            for cd, cl, speed, psi in zip(
-                rows.cd, rows.cl, rows.wind_speed_m_per_s, rows.psi3_rad, strict=True
-            )
-        ]
-        if angle_deg == 30:
-            assert np.median(np.abs(np.array(flipped) / rows.current_a.to_numpy() - 1.0)) > 0.3
-
-
-def test_above_the_quasi_steady_limit_a_section_is_marked() -> None:
+def test_above_the_quasi_steady_limit_a_section_is_marked():
     """The cheetah tables go to 30 m/s, the quasi-steady model was shown up to 10 m/s only (design
     section 5).
     """

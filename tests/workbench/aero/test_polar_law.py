@@ -2,8 +2,6 @@
 energy.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -36,7 +34,7 @@ LAYOUT = SectionLayout.strip(
 DRAG, LIFT = 1.3, 0.4
 
 
-def five_point_sum(state: np.ndarray, wind: np.ndarray, layout: SectionLayout) -> np.ndarray:
+def five_point_sum(state, wind, layout):
     """Force and moment about the body origin, written from the text of design section 5 with
     trigonometry and NumPy.
     """
@@ -74,7 +72,7 @@ def free_tail(law, layout=LAYOUT):
     return builder.Build(), plant, force, wind
 
 
-def test_constant_coefficients_equal_an_independent_five_point_sum() -> None:
+def test_constant_coefficients_equal_an_independent_five_point_sum():
     diagram, plant, force, wind = free_tail(PolarLaw(DRAG, LIFT))
     rng = np.random.default_rng(4)
     for _ in range(200):
@@ -89,7 +87,7 @@ def test_constant_coefficients_equal_an_independent_five_point_sum() -> None:
         )
 
 
-def test_lift_points_to_the_root_side_of_a_tail_that_hangs_downstream() -> None:
+def test_lift_points_to_the_root_side_of_a_tail_that_hangs_downstream():
     """Tail hanging, swung 30 degrees towards -y, wind towards -y: gamma = +30 degrees and positive
     lift is up.
     """
@@ -104,7 +102,7 @@ def test_lift_points_to_the_root_side_of_a_tail_that_hangs_downstream() -> None:
 @pytest.mark.parametrize(
     "law", [PolarLaw(DRAG, LIFT), NormalForceLaw(1.7)], ids=["polar", "normal"]
 )
-def test_the_air_never_feeds_energy_to_a_body_in_still_air(law) -> None:
+def test_the_air_never_feeds_energy_to_a_body_in_still_air(law):
     """Power of the wrench on the moving body, over 200 random states: at most zero."""
     diagram, plant, force, _ = free_tail(law)
     rng = np.random.default_rng(5)

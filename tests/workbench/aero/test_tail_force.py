@@ -2,8 +2,6 @@
 one plant.
 """
 
-from __future__ import annotations
-
 import math
 from functools import partial
 
@@ -36,7 +34,7 @@ LAYOUT = SectionLayout.strip(
 )
 
 
-def wing_pose(layout: SectionLayout, i: int) -> RigidTransform:
+def wing_pose(layout, i):
     """Wing frame of section i: span along the axis, z along the normal."""
     y = np.asarray(layout.axis_B)
     z = np.asarray(layout.normal_B)
@@ -45,7 +43,7 @@ def wing_pose(layout: SectionLayout, i: int) -> RigidTransform:
     )
 
 
-def test_constant_two_equals_one_drake_wing_per_section() -> None:
+def test_constant_two_equals_one_drake_wing_per_section():
     """C_N = 2 is Drake's flat plate.
 
     A wing takes the velocity of its body's origin, so each gets one.
@@ -101,7 +99,7 @@ def test_constant_two_equals_one_drake_wing_per_section() -> None:
         np.testing.assert_allclose(wrench[6:], X_WB.translation(), atol=1e-15)
 
 
-def test_the_force_the_plant_receives_is_the_logged_wrench() -> None:
+def test_the_force_the_plant_receives_is_the_logged_wrench():
     """The list port acts at the root of the axis, the wrench port at the body origin: shifted, they
     agree.
     """
@@ -122,7 +120,7 @@ def test_the_force_the_plant_receives_is_the_logged_wrench() -> None:
     np.testing.assert_allclose(moment, wrench[3:6], rtol=1e-12, atol=1e-12)
 
 
-def test_a_plate_falls_broadside_at_terminal_velocity() -> None:
+def test_a_plate_falls_broadside_at_terminal_velocity():
     """m g = 1/2 rho A C_N v^2; a plate that falls edge-on is not slowed at all."""
     for normal, axis, broadside in (
         ((0, 0, 1.0), (1.0, 0, 0), True),
@@ -150,7 +148,7 @@ def test_a_plate_falls_broadside_at_terminal_velocity() -> None:
         assert velocity[2] == pytest.approx(-terminal if broadside else -9.81 * 4.0, rel=1e-6)
 
 
-def test_the_sections_report_speed_angle_reynolds_number_and_force() -> None:
+def test_the_sections_report_speed_angle_reynolds_number_and_force():
     """A tail that points up and drives forward and up at 45 degrees: gamma < 0, the air flows
     towards the root.
     """
@@ -172,7 +170,7 @@ def test_the_sections_report_speed_angle_reynolds_number_and_force() -> None:
     np.testing.assert_array_equal(port_value(force, context, "validity"), np.ones(5))
 
 
-def test_several_aerodynamic_bodies_share_a_plant() -> None:
+def test_several_aerodynamic_bodies_share_a_plant():
     """Three bodies, three wrenches, hidden multiplexers: each body falls as it would alone."""
     builder = DiagramBuilder()
     plant = add_plant(builder)
@@ -193,7 +191,7 @@ def test_several_aerodynamic_bodies_share_a_plant() -> None:
         )
 
 
-def test_a_foreign_body_or_plant_is_refused_by_name() -> None:
+def test_a_foreign_body_or_plant_is_refused_by_name():
     """A body of another plant, an unknown name, a plant outside the builder, a plant before
     Finalize.
     """
@@ -203,7 +201,7 @@ def test_a_foreign_body_or_plant_is_refused_by_name() -> None:
     add_free_body(plant)
     stranger = add_free_body(other, "stranger")
 
-    def add(body: object, place: DiagramBuilder = builder) -> None:
+    def add(body, place=builder):
         add_tail_force(place, plant, body, LAYOUT, 2.0)
 
     assert_refused(lambda: add("tail"), ModelError)
@@ -222,5 +220,5 @@ def test_a_foreign_body_or_plant_is_refused_by_name() -> None:
         (partial(SectionLayout.strip, start=0.0, length=1.0, width=-0.1), ("width", "-0.1")),
     ],
 )
-def test_air_without_density_and_a_layout_without_area_are_refused(make, named) -> None:
+def test_air_without_density_and_a_layout_without_area_are_refused(make, named):
     assert_refused(make, ModelError, *named)

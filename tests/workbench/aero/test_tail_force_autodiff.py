@@ -2,8 +2,6 @@
 are singular.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -82,7 +80,7 @@ def differences(parts, state, step=1e-6):
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_gradients_equal_central_differences(name) -> None:
+def test_gradients_equal_central_differences(name):
     """To 1e-6 of the largest entry; central differences with a step of 1e-6 err by about 1e-9 of
     it.
     """
@@ -95,7 +93,7 @@ def test_gradients_equal_central_differences(name) -> None:
         np.testing.assert_allclose(exact, approximate, atol=1e-6 * np.abs(approximate).max())
 
 
-def test_gradients_inside_a_jet_follow_the_moving_exposure() -> None:
+def test_gradients_inside_a_jet_follow_the_moving_exposure():
     parts = diagrams(PolarLaw(1.2, 0.4), Jet((0.0, 0.0, 0.3)))
     state = np.array([1.0, 0.05, 0.02, 0.01, 0.0, 0.0, 0.1, 0.3, -0.2, 0.4, 1.0, 2.0, 0.5])
     exact = gradient(parts, state)
@@ -104,7 +102,7 @@ def test_gradients_inside_a_jet_follow_the_moving_exposure() -> None:
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_gradients_are_finite_in_still_air_and_at_ninety_degrees(name) -> None:
+def test_gradients_are_finite_in_still_air_and_at_ninety_degrees(name):
     """Body at rest without wind; and wind exactly along the axis (+z), where lift has no
     direction.
     """
@@ -117,7 +115,7 @@ def test_gradients_are_finite_in_still_air_and_at_ninety_degrees(name) -> None:
             np.testing.assert_array_equal(slopes[:, 7:], 0.0)  # quadratic in the velocity
 
 
-def test_other_outputs_convert_too() -> None:
+def test_other_outputs_convert_too():
     _, (plant, force, _), converted = diagrams(PolarLaw(1.2, 0.4))
     context = converted.CreateDefaultContext()
     rows = force.GetOutputPort("sections").Eval(force.GetMyContextFromRoot(context)).reshape(5, 4)

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.multibody.tree import RevoluteJoint, RigidBody, SpatialInertia, UnitInertia
+from pydrake.multibody.tree import RevoluteJoint, SpatialInertia, UnitInertia
 
 from aerodima.workbench.aero.sail import FreeSail
 from aerodima.workbench.aero.sections import Air
@@ -26,7 +26,7 @@ class Vane:
     inertia: float
     damping: float = 0.0
 
-    def frequency(self, wind_speed: float) -> float:
+    def frequency(self, wind_speed):
         """Undamped small-angle frequency (rad/s) in a wind (m/s); 0 where the sail turns away."""
         stiffness = (
             0.5
@@ -37,7 +37,7 @@ class Vane:
         )
         return math.sqrt(max(stiffness, 0.0) / self.inertia)
 
-    def damping_ratio(self, wind_speed: float) -> float:
+    def damping_ratio(self, wind_speed):
         """Share zeta of critical damping by air and bearing in a wind (m/s) that the sail faces."""
         rate = (
             0.5
@@ -49,7 +49,7 @@ class Vane:
         return (rate + self.damping) / (2 * self.inertia * self.frequency(wind_speed))
 
 
-def side_moment(sail: FreeSail, power: int = 1) -> float:
+def side_moment(sail, power=1):
     """Sum of side area x (distance behind the bearing)^power, m^(2 + power)."""
     plates = (
         (sail.shell_share * sail.width, sail.centre_of_pressure),
@@ -58,7 +58,7 @@ def side_moment(sail: FreeSail, power: int = 1) -> float:
     return sail.length * sum(width * behind**power for width, behind in plates)
 
 
-def add_vane(plant, vane: Vane, name: str = "sail") -> tuple[RigidBody, RevoluteJoint]:
+def add_vane(plant, vane, name="sail"):
     """Body of a sail that is balanced on its bearing, and the bearing, upright in the world."""
     middle = np.array([0.0, 0.0, vane.sail.start + vane.sail.length / 2])
     radius = vane.inertia / vane.mass
@@ -73,7 +73,7 @@ def add_vane(plant, vane: Vane, name: str = "sail") -> tuple[RigidBody, Revolute
     return body, plant.AddJoint(RevoluteJoint(f"{name}_joint", *frames, np.eye(3)[2], vane.damping))
 
 
-def add_air(builder, plant, sail: FreeSail, body="sail", *, wind):
+def add_air(builder, plant, sail, body="sail", *, wind):
     """Force of the air on shell and board."""
     shell = add_tail_force(builder, plant, body, sail.shell_layout, sail.shell_law, wind=wind)
     board = add_tail_force(

@@ -1,6 +1,5 @@
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -20,13 +19,13 @@ members:
 """
 
 
-def written(folder: Path, text: str) -> Path:
+def written(folder, text):
     path = folder / "two.yaml"
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def test_weights_are_scaled_to_one_and_the_best_is_found(tmp_path: Path) -> None:
+def test_weights_are_scaled_to_one_and_the_best_is_found(tmp_path):
     ensemble = load_ensemble(written(tmp_path, TEXT))
     assert [member.weight for member in ensemble.members] == [0.75, 0.25]
     assert ensemble.best.settings_on("turn_swing") == ("car.mass=6.5",)
@@ -34,15 +33,15 @@ def test_weights_are_scaled_to_one_and_the_best_is_found(tmp_path: Path) -> None
 
 
 def test_a_member_overrides_the_parameters_and_a_setting_overrides_the_member(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     ensemble = load_ensemble(written(tmp_path, TEXT))
     car = ensemble.scenario(ensemble.members[0], "turn_none", ["car.com_height=0.2"])
     assert (car.car.com_height, car.tail.sail) == (0.2, "free")
     assert ensemble.scenario(ensemble.members[0], "turn_none").car.com_height == 0.25
 
 
-def test_shipped_ensembles_load_and_every_member_is_a_scenario() -> None:
+def test_shipped_ensembles_load_and_every_member_is_a_scenario():
     assert "car" in shipped_names("calibration")
     for name in shipped_names("calibration"):
         ensemble = load_ensemble(name)
@@ -51,7 +50,7 @@ def test_shipped_ensembles_load_and_every_member_is_a_scenario() -> None:
             ensemble.scenario(member, "turn_swing")
 
 
-def test_drawn_members_stand_for_all_of_the_weight(tmp_path: Path) -> None:
+def test_drawn_members_stand_for_all_of_the_weight(tmp_path):
     ensemble = load_ensemble(written(tmp_path, TEXT))
     members = tuple(
         Member(str(place), weight, {}) for place, weight in enumerate((0.1, 0.55, 0.02, 0.33))
@@ -66,7 +65,7 @@ def test_drawn_members_stand_for_all_of_the_weight(tmp_path: Path) -> None:
     assert_refused(lambda: ensemble.drawn(0), EnsembleError, "0")
 
 
-def test_another_tail_than_the_built_one_keeps_its_size_on_the_car_of_a_member() -> None:
+def test_another_tail_than_the_built_one_keeps_its_size_on_the_car_of_a_member():
     ensemble = load_ensemble()
     member = ensemble.members[0]
     built, designed = (ensemble.scenario(member, name) for name in ("turn_swing", "turn_designed"))
@@ -80,7 +79,7 @@ def test_another_tail_than_the_built_one_keeps_its_size_on_the_car_of_a_member()
     assert designed.car == built.car
 
 
-def test_no_car_is_in_two_parts_of_the_split() -> None:
+def test_no_car_is_in_two_parts_of_the_split():
     ensemble = load_ensemble()
     split = ensemble.split(1)
     names = [member.name for part in split for member in part]
@@ -112,12 +111,10 @@ def test_no_car_is_in_two_parts_of_the_split() -> None:
         ("car.mass: 6.5", "car.gyration_roll: 0.4", ("'b'", "gyration_roll", "0.4")),
     ],
 )
-def test_a_wrong_file_is_refused_by_file_member_and_key(
-    tmp_path: Path, old: str, new: str, named: tuple[str, ...]
-) -> None:
+def test_a_wrong_file_is_refused_by_file_member_and_key(tmp_path, old, new, named):
     path = written(tmp_path, TEXT.replace(old, new))
 
-    def load() -> None:
+    def load():
         ensemble = load_ensemble(path)
         ensemble.scenario(ensemble.members[1], "turn_none")
 
@@ -125,5 +122,5 @@ def test_a_wrong_file_is_refused_by_file_member_and_key(
 
 
 @pytest.mark.parametrize(("name", "nearest"), [("carr", "'car'"), ("nowhere.yaml", "")])
-def test_an_unknown_name_and_a_missing_file_are_named(name: str, nearest: str) -> None:
+def test_an_unknown_name_and_a_missing_file_are_named(name, nearest):
     assert_refused(lambda: load_ensemble(name), EnsembleError, name, nearest)

@@ -3,29 +3,11 @@ import pytest
 
 from aerodima.workbench.config.signal_table import (
     IMU,
-    STATION_INPUTS,
-    STATION_OUTPUTS,
     STATUS,
     TAIL_COMMAND,
     TAIL_STATE,
 )
 from tests.refusals import assert_refused
-
-
-def test_station_ports_have_the_sizes_of_the_contract():
-    assert {name: fields.size for name, fields in STATION_INPUTS.items()} == {
-        "steering_angle": 1,
-        "throttle": 1,
-        "tail_pitch_command": 5,
-        "tail_roll_command": 5,
-    }
-    assert {name: fields.size for name, fields in STATION_OUTPUTS.items()} == {
-        "tail_state": 6,
-        "tail_torque": 2,
-        "imu": 9,
-        "speed": 1,
-        "status": 13,
-    }
 
 
 def test_field_order_of_the_contract():

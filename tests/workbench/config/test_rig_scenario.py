@@ -1,11 +1,6 @@
 """Rig scenarios: the parameters are the published ones, and a refusal names key and value."""
 
-from __future__ import annotations
-
 import csv
-import math
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -22,12 +17,12 @@ from tests.refusals import assert_refused
 RIG = rig_scenario_from_dict({})
 
 
-def rows(name: str) -> list[dict[str, str]]:
+def rows(name):
     with open(model_path(f"published/{name}.csv"), newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
 
-def test_tails_are_those_of_the_published_tables() -> None:
+def test_tails_are_those_of_the_published_tables():
     for tail, properties, offsets in zip(
         (RIG.tail_1, RIG.tail_2, RIG.tail_3),
         rows("tail_properties"),
@@ -46,7 +41,7 @@ def test_tails_are_those_of_the_published_tables() -> None:
         )
 
 
-def test_mount_bar_and_pivot_are_those_of_the_published_tables() -> None:
+def test_mount_bar_and_pivot_are_those_of_the_published_tables():
     mount, bar = rows("rig_bodies")
     for key in ("xx", "yy", "zz", "xy", "xz", "yz"):
         assert getattr(RIG.mount, f"inertia_{key}") == pytest.approx(
@@ -67,7 +62,7 @@ def test_mount_bar_and_pivot_are_those_of_the_published_tables() -> None:
     assert -RIG.bar.tail_distance == float(terms["Tail", "3"]["z_m"])
 
 
-def test_friction_and_accuracies_are_those_of_the_published_tables() -> None:
+def test_friction_and_accuracies_are_those_of_the_published_tables():
     (average,) = (
         row for row in rows("bar_friction") if row["record"] == "published_weighted_average"
     )
@@ -77,7 +72,7 @@ def test_friction_and_accuracies_are_those_of_the_published_tables() -> None:
     assert list(RIG.force_sensor.accuracies) == accuracies
 
 
-def test_the_robot_tail_is_the_one_on_the_car() -> None:
+def test_the_robot_tail_is_the_one_on_the_car():
     car = scenario_from_dict({})
     assert RIG.robot_tail == car.tail
     assert RIG.robot_motor == car.tail_motor
@@ -86,11 +81,11 @@ def test_the_robot_tail_is_the_one_on_the_car() -> None:
 
 
 @pytest.mark.parametrize("section", sorted(RigScenario.sections()))
-def test_every_number_has_unit_and_source(section: str) -> None:
+def test_every_number_has_unit_and_source(section):
     assert set(RigScenario.parameters(section)) == set(RigScenario.sections()[section].model_fields)
 
 
-def test_shipped_scenarios_resolve_and_survive_a_round_trip() -> None:
+def test_shipped_scenarios_resolve_and_survive_a_round_trip():
     assert RigScenario.names() == ["bar", "flick", "robot", "static"]
     for name in RigScenario.names():
         scenario = load_rig_scenario(name)
@@ -98,7 +93,7 @@ def test_shipped_scenarios_resolve_and_survive_a_round_trip() -> None:
         assert scenario.varied() == scenario
 
 
-def test_a_key_of_an_earlier_version_has_its_name_of_today() -> None:
+def test_a_key_of_an_earlier_version_has_its_name_of_today():
     now = rig_scenario_from_dict({"tunnel": {"misalignment": 0.07}})
     assert rig_scenario_from_dict({"tunnel": {"kilter": 0.07}}) == now
     resolved = now.resolved()
@@ -106,7 +101,7 @@ def test_a_key_of_an_earlier_version_has_its_name_of_today() -> None:
     assert rig_scenario_from_dict(resolved) == now
 
 
-def test_what_is_not_varied_stays() -> None:
+def test_what_is_not_varied_stays():
     varied = RIG.varied(seed=9, experiment={"tail": 2})
     assert (varied.seed, varied.experiment.tail, varied.tail_name) == (9, 2, "2")
     assert varied.varied(seed=RIG.seed, experiment={"tail": 1}) == RIG
@@ -120,30 +115,23 @@ def test_what_is_not_varied_stays() -> None:
         ({"experiment": {"kind": "swing", "rest": 30.0}}, ("experiment.rest", "30", "20")),
         ({"experiment": {"target": 1.749}}, ("experiment.target", "1.749", "mount.angle_limit")),
         ({"experiment": {"tail": 4}}, ("experiment.tail", "4")),
-        ({"experiment": {"axis": "diagonal"}}, ("experiment.axis", "'diagonal'")),
         ({"experiment": {"wind_speed": -10.0}}, ("experiment.wind_speed", "-10.0")),
         ({"experiment": {"angle": 1.749}}, ("experiment.angle", "1.749", "mount.angle_limit")),
-        ({"experiment": {"angle": math.nan}}, ("experiment.angle",)),
         ({"encoder": {"rate": 1001.0}}, ("encoder.rate", "1001", "0.001")),
         ({"force_sensor": {"rate": 2000.0}}, ("force_sensor.rate", "2000", "0.001")),
-        ({"maxon": {"torque_constant": "0.3 Nm/A"}}, ("torque_constant", "'N m/A'")),
         (
             {"aero": {"added_mass": 0.02}, "tunnel": {"misalignment": 0.05}},
             ("aero.added_mass", "0.02", "tunnel.misalignment"),
         ),
         ({"tunel": {"psi3": 0.1}}, ("tunel", "'tunnel'")),
-        ({"tunnel": {"psi3": "5 deg"}}, ("psi3", "'rad'")),
-        ({"bar": 3}, ("bar", "3")),
         ({"schema": "aerodima/scenario/1"}, ("schema", "'aerodima/rig-scenario/1'")),
     ],
     ids=str,
 )
-def test_wrong_scenarios_are_refused_by_name(
-    overrides: dict[str, Any], named: tuple[str, ...]
-) -> None:
+def test_wrong_scenarios_are_refused_by_name(overrides, named):
     assert_refused(lambda: rig_scenario_from_dict(overrides), ScenarioError, *named)
 
 
-def test_missing_scenario_file(tmp_path: Path) -> None:
+def test_missing_scenario_file(tmp_path):
     path = tmp_path / "nowhere.yaml"
     assert_refused(lambda: load_rig_scenario(path), ScenarioError, "nowhere.yaml")

@@ -1,5 +1,4 @@
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -111,7 +110,7 @@ def test_a_driver_names_what_it_looks_at_and_starts_without_seeing_it(name, sour
     assert memory.shape == law.start().shape
 
 
-def bicycle(scenario, law) -> Iterator[tuple[float, float, float, float, float]]:
+def bicycle(scenario, law):
     """Place, heading, steering command and announced side of a kinematic bicycle behind the
     scenario's servo.
     """
@@ -243,7 +242,7 @@ def test_path_driver_wants_the_curvature_of_where_the_car_is_after_his_delay(ahe
     speed = 2.0
     bent = (1.0 if side == "left" else -1.0) / law.path.radius
 
-    def seen(along: float) -> Seen:
+    def seen(along):
         """On a circle from 0.05 m beside the path in front of the corner, where it has come."""
         turned = bent * along
         x = law.path.bend + math.sin(turned) / bent

@@ -38,9 +38,7 @@ assert isinstance(LAW, FeedbackLaw)
 GAINS = LAW.gains
 
 
-def seen(
-    roll: float = 0.0, roll_rate: float = 0.0, yaw: float = 0.0, steering: float = 0.0, **changes
-) -> Observation:
+def seen(roll=0.0, roll_rate=0.0, yaw=0.0, steering=0.0, **changes):
     imu = [0.0] * IMU.size
     imu[ROLL] = roll
     imu[GYRO_X] = roll_rate
@@ -51,11 +49,11 @@ def seen(
     return replace(found, **changes)
 
 
-def step(observation: Observation, memory: np.ndarray | None = None):
+def step(observation, memory=None):
     return LAW.step(np.zeros(1) if memory is None else memory, observation)
 
 
-def rested(observation: Observation) -> float:
+def rested(observation):
     """Where the reference comes to rest, rad."""
     memory = np.zeros(1)
     for _ in range(200):
@@ -63,7 +61,7 @@ def rested(observation: Observation) -> float:
     return float(memory[0])
 
 
-def test_the_scenario_chooses_the_law_and_a_held_tail_has_the_other_one() -> None:
+def test_the_scenario_chooses_the_law_and_a_held_tail_has_the_other_one():
     assert isinstance(law_of_scenario(load_scenario("entry_turn")), SwingLaw)
     assert isinstance(
         law_of_scenario(load_scenario("entry_turn", ["controller.law=feedback", "tail.mode=held"])),
@@ -71,9 +69,7 @@ def test_the_scenario_chooses_the_law_and_a_held_tail_has_the_other_one() -> Non
     )
 
 
-def test_the_tail_leans_to_the_inside_of_a_turn_and_towards_the_side_to_which_the_car_rolls() -> (
-    None
-):
+def test_the_tail_leans_to_the_inside_of_a_turn_and_towards_the_side_to_which_the_car_rolls():
     """Inside: its weight stands against the roll.
 
     Towards the roll: the reaction of the motor turns the car back.
@@ -84,7 +80,7 @@ def test_the_tail_leans_to_the_inside_of_a_turn_and_towards_the_side_to_which_th
     assert state == SwingState.SWING
 
 
-def test_lean_is_the_sum_of_prediction_roll_roll_rate_and_yaw_rate() -> None:
+def test_lean_is_the_sum_of_prediction_roll_roll_rate_and_yaw_rate():
     wheelbase = SCENARIO.car.wheelbase
     predicted = math.tanh(16.0 * math.tan(0.05) / (wheelbase * GAINS.grip))
     expected = GAINS.lean_gain * predicted + GAINS.roll_gain * 0.05 + GAINS.roll_rate_gain * 0.2
@@ -95,7 +91,7 @@ def test_lean_is_the_sum_of_prediction_roll_roll_rate_and_yaw_rate() -> None:
     )
 
 
-def test_a_mirrored_car_gets_the_mirrored_command() -> None:
+def test_a_mirrored_car_gets_the_mirrored_command():
     for roll, rate, yaw, steering, tail in (
         (0.3, 1.0, 0.1, 0.2, 0.4),
         (0.02, 0.1, 0, 0, -0.8),
@@ -112,7 +108,7 @@ def test_a_mirrored_car_gets_the_mirrored_command() -> None:
         assert state == same_state
 
 
-def test_the_reference_goes_out_and_comes_back_at_its_speeds_and_waits_upright() -> None:
+def test_the_reference_goes_out_and_comes_back_at_its_speeds_and_waits_upright():
     memory, _, command, _ = step(seen(steering=0.5))
     assert command[0] == pytest.approx(-GAINS.out_speed / LAW.rate)
     memory, _, command, state = step(seen(), np.array([-0.5]))
@@ -124,7 +120,7 @@ def test_the_reference_goes_out_and_comes_back_at_its_speeds_and_waits_upright()
     assert state == SwingState.HOLD
 
 
-def test_a_reversed_turn_swings_through_the_middle() -> None:
+def test_a_reversed_turn_swings_through_the_middle():
     memory = np.array([-0.5])
     way = []
     for _ in range(20):
@@ -135,7 +131,7 @@ def test_a_reversed_turn_swings_through_the_middle() -> None:
     assert way[5] - way[4] == pytest.approx(GAINS.out_speed / LAW.rate)
 
 
-def test_noise_of_the_imu_is_no_swing() -> None:
+def test_noise_of_the_imu_is_no_swing():
     rng = np.random.default_rng(1)
     memory = np.zeros(1)
     for roll, rate in rng.normal(0.0, [0.005, 0.02], (200, 2)):
@@ -143,14 +139,14 @@ def test_noise_of_the_imu_is_no_swing() -> None:
         assert state == SwingState.HOLD
 
 
-def test_a_frozen_or_late_imu_makes_the_law_hold_the_tail_still() -> None:
+def test_a_frozen_or_late_imu_makes_the_law_hold_the_tail_still():
     memory = np.array([0.7])
     for _ in range(30):
         memory, _, command, _ = step(seen(0.3, 3.0, steering=0.5, imu_valid=False), memory)
         assert command.tolist() == [0.7, 0.0, GAINS.kp, GAINS.kd, 0.0]
 
 
-def test_unknown_signals_command_nothing_wild() -> None:
+def test_unknown_signals_command_nothing_wild():
     nan = math.nan
     _, pitch, command, state = step(seen(roll_angle=nan), LAW.start())
     assert state == SwingState.OFF
@@ -163,7 +159,7 @@ def test_unknown_signals_command_nothing_wild() -> None:
     )
 
 
-def test_arrays_of_cars_get_what_each_car_gets() -> None:
+def test_arrays_of_cars_get_what_each_car_gets():
     rng = np.random.default_rng(1)
     roll, rate, yaw, steering = rng.normal(0.0, [[0.2], [1.0], [2.0], [0.3]], (4, 50))
     tail = rng.uniform(-1.4, 1.4, 50)
@@ -179,7 +175,7 @@ def test_arrays_of_cars_get_what_each_car_gets() -> None:
         )
 
 
-def test_a_limit_beyond_that_of_the_tail_is_refused() -> None:
+def test_a_limit_beyond_that_of_the_tail_is_refused():
     settings = ["feedback.most_roll=2.0"]
     assert_refused(
         lambda: load_scenario("entry_turn", settings), ScenarioError, "feedback.most_roll", "2"

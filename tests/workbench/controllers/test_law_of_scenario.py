@@ -1,9 +1,5 @@
 """A tail law from a file: loaded without Drake, refused in one line when it is none."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
@@ -47,7 +43,7 @@ class Broken:
 SCENARIO = load_scenario("turn_swing", ["controller.rate=50"])
 
 
-def test_class_of_a_file_becomes_a_law(tmp_path: Path) -> None:
+def test_class_of_a_file_becomes_a_law(tmp_path):
     path = tmp_path / "my_law.py"
     path.write_text(LAW)
     law = load_law(f"{path}:Held", SCENARIO)
@@ -67,9 +63,7 @@ def test_class_of_a_file_becomes_a_law(tmp_path: Path) -> None:
         ("empty.py:Held", ("ModuleNotFoundError",)),
     ],
 )
-def test_what_is_no_law_is_refused_by_name(
-    tmp_path: Path, place: str, named: tuple[str, ...]
-) -> None:
+def test_what_is_no_law_is_refused_by_name(tmp_path, place, named):
     (tmp_path / "my_law.py").write_text(LAW)
     (tmp_path / "empty.py").write_text("import nothing_of_this_name\n")
     assert_refused(lambda: load_law(f"{tmp_path}/{place}", SCENARIO), UserError, *named)

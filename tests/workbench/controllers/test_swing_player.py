@@ -1,17 +1,14 @@
 """The player on a made-up swing: by hand, tick by tick, without plant."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.swing_file import SwingFile, swing_from_dict
+from aerodima.workbench.config.swing_file import swing_from_dict
 from aerodima.workbench.controllers.law_of_scenario import (
     law_of_scenario,
     own_turn,
@@ -28,10 +25,10 @@ INSIDE, OUTSIDE, LENGTH = -1.5, 1.2, 0.5
 TICK = 0.01
 
 
-def swing(**changes: Any) -> SwingFile:
+def swing(**changes):
     """From -1.5 to 1.2 rad in 0.5 s, evenly: 5.4 rad/s at 0.4 N m."""
     rate = (OUTSIDE - INSIDE) / LENGTH
-    data: dict[str, Any] = {
+    data = {
         "schema": "aerodima/swing/1", "name": "made up", "direction": "left",
         "trigger": {"kind": "yaw_rate", "threshold_rad_per_s": 1.0},
         "knots": {
@@ -60,15 +57,13 @@ def swing(**changes: Any) -> SwingFile:
     return swing_from_dict(data)
 
 
-def player(**changes: Any) -> SwingPlayer:
+def player(**changes):
     return SwingPlayer(swing(**changes))
 
 
-def see(
-    time: float, roll: float = INSIDE, *, yaw_rate: float = 0.0, plan: float = 1.0, **more: Any
-) -> Observation:
+def see(time, roll=INSIDE, *, yaw_rate=0.0, plan=1.0, **more):
     imu = (0.1, 0.0, 0.0, 0.0, 0.0, yaw_rate, 0.0, 0.0, 0.0)
-    given: dict[str, Any] = {
+    given = {
         "time": time, "yaw_rate": yaw_rate, "roll_angle": roll, "pitch_angle": 0.1,
         "planned_turn": plan,
         "imu_valid": True, "roll_rate": 0.0, "pitch_rate": 0.0, "imu": imu, "speed": 0.0,
@@ -76,7 +71,7 @@ def see(
     return Observation(**(given | more))
 
 
-def run(law: SwingPlayer, *seen: Observation) -> list[tuple[SwingState, np.ndarray, np.ndarray]]:
+def run(law, *seen):
     """State, pitch command and roll command after each tick."""
     memory = law.start()
     ticks = []
@@ -86,12 +81,17 @@ def run(law: SwingPlayer, *seen: Observation) -> list[tuple[SwingState, np.ndarr
     return ticks
 
 
-def released(time: float, **at_release: Any) -> list[Observation]:
+def states(law, *seen):
+    """Name of the state after each tick."""
+    return [state.name for state, _, _ in run(law, *seen)]
+
+
+def released(time, **at_release):
     """Hold, trigger, and one look at `time` s after the release."""
     return [see(0.0), see(0.5, yaw_rate=1.5), see(0.5 + time, **at_release)]
 
 
-def test_waits_at_the_first_knot_and_releases_on_a_yaw_rate_into_the_turn_only() -> None:
+def test_waits_at_the_first_knot_and_releases_on_a_yaw_rate_into_the_turn_only():
     ticks = run(
         player(),
         see(0.0),
@@ -105,50 +105,42 @@ def test_waits_at_the_first_knot_and_releases_on_a_yaw_rate_into_the_turn_only()
     np.testing.assert_allclose(pitch, [0.1, 0.0, 17.0, 5.0, 0.0])
 
 
-def test_a_silent_imu_releases_nothing() -> None:
+def test_a_silent_imu_releases_nothing():
     ticks = run(player(), see(0.0), see(0.1, yaw_rate=2.0, imu_valid=False, imu=UNKNOWN_IMU))
     assert ticks[-1][0] == SwingState.HOLD
 
 
-def test_delay_and_time_since_the_announcement() -> None:
+def test_delay_and_time_since_the_announcement():
     delayed = player(trigger={"kind": "yaw_rate", "threshold_rad_per_s": 1.0, "delay_s": 0.05})
-    states = [
-        tick[0].name
-        for tick in run(delayed, see(0.0), see(0.1, yaw_rate=2.0), see(0.14), see(0.15))
-    ]
-    assert states == ["HOLD", "DELAY", "DELAY", "SWING"]
+    seen = [see(0.0), see(0.1, yaw_rate=2.0), see(0.14), see(0.15)]
+    assert states(delayed, *seen) == ["HOLD", "DELAY", "DELAY", "SWING"]
     later = replace(delayed, settings=delayed.settings.model_copy(update={"delay": 0.02}))
-    states = [
-        tick[0].name for tick in run(later, see(0.0), see(0.1, yaw_rate=2.0), see(0.16), see(0.17))
-    ]
-    assert states == ["HOLD", "DELAY", "DELAY", "SWING"], (
+    seen = [see(0.0), see(0.1, yaw_rate=2.0), see(0.16), see(0.17)]
+    assert states(later, *seen) == ["HOLD", "DELAY", "DELAY", "SWING"], (
         "the controller's delay comes on top of the file's"
     )
     steered = player(trigger={"kind": "steering", "threshold_rad": 0.1})
-    looks = [see(0.0, steering_angle=-0.5), see(0.1, yaw_rate=2.0), see(0.2, steering_angle=0.5)]
-    assert [tick[0].name for tick in run(steered, *looks)] == ["HOLD", "HOLD", "SWING"]
+    seen = [see(0.0, steering_angle=-0.5), see(0.1, yaw_rate=2.0), see(0.2, steering_angle=0.5)]
+    assert states(steered, *seen) == ["HOLD", "HOLD", "SWING"]
     timed = player(trigger={"kind": "time", "delay_s": 0.3})
-    states = [
-        tick[0].name
-        for tick in run(timed, see(1.0, plan=0.0), see(2.0), see(2.29, yaw_rate=3.0), see(2.3))
-    ]
-    assert states == ["HOLD", "HOLD", "HOLD", "SWING"]
+    seen = [see(1.0, plan=0.0), see(2.0), see(2.29, yaw_rate=3.0), see(2.3)]
+    assert states(timed, *seen) == ["HOLD", "HOLD", "HOLD", "SWING"]
 
 
-def test_torque_stays_inside_the_limit_of_the_file() -> None:
+def test_torque_stays_inside_the_limit_of_the_file():
     late = INSIDE + 5.4 * 0.1 - 0.45
     _, _, roll = run(player(), *released(0.1, roll=late, roll_rate=5.4))[-1]
     position, velocity, kp, kd, torque = roll
     assert kp * (position - late) + kd * (velocity - 5.4) + torque == pytest.approx(3.0)
 
 
-def test_the_joints_follow_the_knots_with_their_gains_and_torque() -> None:
+def test_the_joints_follow_the_knots_with_their_gains_and_torque():
     _, pitch, roll = run(player(), *released(0.1, roll=INSIDE + 0.5, roll_rate=5.0))[-1]
     np.testing.assert_allclose(roll, [INSIDE + 5.4 * 0.105, 5.4, 6.0, 1.0, 0.4], atol=1e-12)
     np.testing.assert_allclose(pitch, [0.1 + 0.4 * 0.105, 0.4, 17.0, 2.0, 0.0], atol=1e-12)
 
 
-def test_after_the_last_knot_the_tail_is_held_there() -> None:
+def test_after_the_last_knot_the_tail_is_held_there():
     end = see(0.5 + LENGTH, roll=OUTSIDE)
     state, pitch, roll = run(player(), see(0.0), see(0.5, yaw_rate=1.5), end)[-1]
     assert state == SwingState.SETTLE
@@ -156,7 +148,7 @@ def test_after_the_last_knot_the_tail_is_held_there() -> None:
     np.testing.assert_allclose(pitch, [0.3, 0.0, 17.0, 2.0, 0.0])
 
 
-def test_a_blocked_tail_is_given_up_and_the_thesis_law_finishes() -> None:
+def test_a_blocked_tail_is_given_up_and_the_thesis_law_finishes():
     seen = [*released(0.25), see(0.76, roll=-1.4), see(1.0, roll=1.0), see(1.01, roll=1.0)]
     ticks = run(player(), *seen)
     assert [state.name for state, _, _ in ticks] == ["HOLD", "SWING", *["FALLBACK"] * 4]
@@ -168,7 +160,7 @@ def test_a_blocked_tail_is_given_up_and_the_thesis_law_finishes() -> None:
     )  # then to the outside
 
 
-def test_is_led_back_slowly_for_a_second_turn_to_the_same_side() -> None:
+def test_is_led_back_slowly_for_a_second_turn_to_the_same_side():
     """Announcement withdrawn and given again: from where it is, at 1 rad/s, without a step, then a
     second swing.
     """
@@ -189,7 +181,7 @@ def test_is_led_back_slowly_for_a_second_turn_to_the_same_side() -> None:
     np.testing.assert_allclose(np.diff(asked), -TICK, atol=1e-9)
 
 
-def test_a_right_turn_is_the_exact_mirror_image() -> None:
+def test_a_right_turn_is_the_exact_mirror_image():
     """Every angle about x, every yaw rate and the plan change sign: so do the roll commands, and
     nothing else.
     """
@@ -221,7 +213,7 @@ def test_a_right_turn_is_the_exact_mirror_image() -> None:
         np.testing.assert_array_equal(roll * [-1, -1, 1, 1, -1], roll_m)
 
 
-def test_unknown_angles_give_no_unknown_commands() -> None:
+def test_unknown_angles_give_no_unknown_commands():
     unknown = {"roll": math.nan, "roll_rate": math.nan, "pitch_angle": math.nan, "imu": UNKNOWN_IMU}
     assert run(player(), see(0.0, **unknown))[0][0] == SwingState.OFF
     state, pitch, roll = run(player(), *released(0.1, roll=-1.0), see(0.61, **unknown))[-1]
@@ -230,7 +222,7 @@ def test_unknown_angles_give_no_unknown_commands() -> None:
     assert np.all(np.isfinite(pitch))
 
 
-def test_a_scenario_names_its_law() -> None:
+def test_a_scenario_names_its_law():
     assert isinstance(law_of_scenario(load_scenario("turn_swing")), SwingLaw)
     named = load_scenario("turn_swing", ["controller.swing_file=thesis_8_rad_per_s"])
     assert isinstance(law_of_scenario(named), SwingPlayer)
@@ -241,7 +233,7 @@ def test_a_scenario_names_its_law() -> None:
     assert isinstance(law_of_scenario(held), SwingLaw), "a tail that is held plays no swing"
 
 
-def test_a_swing_for_another_car_is_refused_by_name(tmp_path: Any) -> None:
+def test_a_swing_for_another_car_is_refused_by_name(tmp_path):
     from aerodima.workbench.config.swing_file import write_swing
 
     path = write_swing(swing(car={"car.mass": 6.5}), tmp_path / "heavy.yaml")
@@ -257,13 +249,13 @@ def test_a_swing_for_another_car_is_refused_by_name(tmp_path: Any) -> None:
     )
 
 
-def made_with(scenario: str | None, *settings: str, **found: float) -> SwingFile:
+def made_with(scenario, *settings, **found):
     return swing(
         provenance={"source": "made up", "scenario": scenario, "settings": settings, "found": found}
     )
 
 
-def test_a_swing_brings_its_turn_along() -> None:
+def test_a_swing_brings_its_turn_along():
     """Car and turn of its file, at the speed and friction that it claims to survive; another turn
     sets nothing.
     """
@@ -285,8 +277,8 @@ def test_a_swing_brings_its_turn_along() -> None:
     ("pitch_error", "state"), [(0.9, SwingState.SWING), (1.1, SwingState.FALLBACK)]
 )
 def test_pitch_that_is_too_far_from_its_curve_gives_the_swing_up_to_both_sides(
-    side: float, pitch_error: float, state: SwingState
-) -> None:
+    side, pitch_error, state
+):
     """Roll changes sign with the turn, pitch does not: 0.14 rad is its place after 0.1 s."""
     place = {"roll": side * (INSIDE + 0.54), "pitch_angle": 0.14 + pitch_error * LARGEST_ERROR}
     inside = side * INSIDE

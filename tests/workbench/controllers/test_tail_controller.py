@@ -65,13 +65,6 @@ def test_law_is_called_exactly_once_in_each_of_its_periods(rate):
     np.testing.assert_allclose(law.times, np.arange(rate) / rate, atol=1e-12)
 
 
-def test_ports_and_no_feedthrough():
-    controller = TailController(SwingLaw())
-    sizes = {port.get_name(): port.size() for port in map(controller.get_output_port, range(3))}
-    assert sizes == {"tail_pitch_command": 5, "tail_roll_command": 5, "state": 1}
-    assert not controller.HasAnyDirectFeedthrough()
-
-
 def test_holds_triggers_swings_and_settles():
     bench = Bench()
     assert bench.advance(0.105) == HOLD

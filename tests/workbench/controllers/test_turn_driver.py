@@ -25,15 +25,6 @@ class CountingSchedule:
         return SCHEDULE.at(time)
 
 
-def test_ports():
-    driver = TurnDriver(SCHEDULE)
-    names = [driver.get_output_port(i).get_name() for i in range(driver.num_output_ports())]
-    assert names == ["steering_angle", "throttle", "planned_turn"]
-    assert all(driver.GetOutputPort(name).size() == 1 for name in names)
-    assert not driver.HasAnyDirectFeedthrough()
-    assert driver.num_input_ports() == 0
-
-
 def test_schedule_is_asked_exactly_once_every_10_ms():
     schedule = CountingSchedule()
     simulator = Simulator(TurnDriver(schedule))

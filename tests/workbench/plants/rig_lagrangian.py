@@ -7,8 +7,6 @@ forces of Lagrange's equations there. The motor's torque acts between mount and 
 alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 
@@ -33,9 +31,7 @@ ROOTS = {1: 0.270, 2: 0.295, 3: 0.295}
 Motion = Callable[..., tuple[float, ...]]
 
 
-def derived(
-    tail: int, angle: float, rate: float, torque: float, misalignment: float = 0.0
-) -> tuple[float, np.ndarray]:
+def derived(tail, angle, rate, torque, misalignment=0.0):
     """Acceleration of the angle (rad/s2) and the support's wrench at W (6): force (N) and moment (N
     m).
     """
@@ -47,7 +43,7 @@ def derived(
 
 
 @cache
-def _equations() -> Motion:
+def _equations():
     """Acceleration and wrench as a function of (angle, rate, torque, misalignment, the four numbers
     of the tail).
     """
@@ -60,10 +56,10 @@ def _equations() -> Motion:
     # First order is all that the equations need where the support is held.
     turn = sp.eye(3) + sp.Matrix([[0, -c, b], [c, 0, -a], [-b, a, 0]])
 
-    def rate_of(vector: sp.Matrix) -> sp.Matrix:
+    def rate_of(vector):
         return vector.jacobian([*support, q]) * sp.Matrix([*speeds, w])
 
-    def along(phase: sp.Expr) -> sp.Matrix:
+    def along(phase):
         """Hanging straight down at zero, downstream (-y) with a growing angle; turned with the
         support.
         """
@@ -89,7 +85,7 @@ def _equations() -> Motion:
     held = dict.fromkeys([*support, *speeds], 0)
     acceleration = sp.Symbol("acceleration")
 
-    def generalised_force(coordinate: sp.Symbol, speed: sp.Symbol) -> sp.Expr:
+    def generalised_force(coordinate, speed):
         """D/dt (dL/dspeed) - dL/dcoordinate with the support held: only the angle moves."""
         momentum = lagrangian.diff(speed)
         change = momentum.diff(q) * w + momentum.diff(w) * acceleration

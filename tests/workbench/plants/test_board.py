@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.simulate.simulation import simulate
 from tests.workbench.stands import CarStand
@@ -14,13 +13,13 @@ from tests.workbench.stands import CarStand
 FULL_THROTTLE = ("manoeuvre.speed=12.9", "manoeuvre.speed_ramp=0.001", "manoeuvre.duration=1.2")
 
 
-def started(*settings: str) -> RunLog:
+def started(*settings):
     return simulate(load_scenario("straight", [*FULL_THROTTLE, *settings]), record="outcome")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tail", ["none", "held"])
-def test_full_throttle_from_rest_lifts_the_front_wheels_and_the_board_stops_it(tail: str) -> None:
+def test_full_throttle_from_rest_lifts_the_front_wheels_and_the_board_stops_it(tail):
     log = started(f"tail.mode={tail}")
     car = load_scenario("straight").car
     assert metrics_of(log).outcome.result == "survived"
@@ -35,7 +34,7 @@ def test_full_throttle_from_rest_lifts_the_front_wheels_and_the_board_stops_it(t
 
 
 @pytest.mark.parametrize("tail", ["none", "held"])
-def test_without_its_board_the_car_tips_over_backwards(tail: str) -> None:
+def test_without_its_board_the_car_tips_over_backwards(tail):
     run = started(f"tail.mode={tail}", "car.board=false")
     assert metrics_of(run).outcome.result == "flipped"
     # Backwards and not sideways: the nose went up beyond 60 degrees.
@@ -43,7 +42,7 @@ def test_without_its_board_the_car_tips_over_backwards(tail: str) -> None:
 
 
 @pytest.mark.slow
-def test_board_clears_the_ground_in_a_level_turn() -> None:
+def test_board_clears_the_ground_in_a_level_turn():
     """The whole published turn, from rest to standing upright again: the corners never come
     down.
     """
@@ -54,7 +53,7 @@ def test_board_clears_the_ground_in_a_level_turn() -> None:
     assert np.all(run.signal("ground_contact_board_truth_n") == 0.0)
 
 
-def test_car_weighs_and_balances_the_same_without_its_board() -> None:
+def test_car_weighs_and_balances_the_same_without_its_board():
     with_board, without = (
         CarStand(load_scenario("turn_none", [f"car.board={word}"])) for word in ("true", "false")
     )

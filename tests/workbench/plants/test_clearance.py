@@ -1,7 +1,5 @@
 """The map of the tail's range of motion, against geometry done by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -21,17 +19,17 @@ LIMIT = math.pi / 2
 
 
 @pytest.fixture(scope="module")
-def motion() -> RangeOfMotion:
+def motion():
     joints = ["tail.mount_x=-0.03", "tail.mount_height=0.24"]
     return make_range_of_motion(load_scenario("turn_swing", joints), 13, 13)
 
 
-def test_an_upright_tail_swings_freely_in_roll_and_backwards(motion: RangeOfMotion) -> None:
+def test_an_upright_tail_swings_freely_in_roll_and_backwards(motion):
     assert np.all(motion.clearance(0.0, motion.roll) > 0.02)
     assert np.all(motion.clearance(-0.7, motion.roll) > 0.02)
 
 
-def test_a_tail_pitched_forwards_meets_the_rear_bar_of_the_cage(motion: RangeOfMotion) -> None:
+def test_a_tail_pitched_forwards_meets_the_rear_bar_of_the_cage(motion):
     """The bar is 80 mm ahead of and 80 mm above the joints, 6 mm thick like the rod: it is met near
     45 degrees.
     """
@@ -44,7 +42,7 @@ def test_a_tail_pitched_forwards_meets_the_rear_bar_of_the_cage(motion: RangeOfM
     assert motion.clearance(0.8, 0.0) < 0.0 < motion.clearance(-0.8, 0.0), "forwards is positive"
 
 
-def test_the_map_is_that_of_a_car_with_two_equal_sides(motion: RangeOfMotion) -> None:
+def test_the_map_is_that_of_a_car_with_two_equal_sides(motion):
     for part in ("cage", "wheels"):
         there = motion.clearance(0.3, motion.roll, (part,))
         np.testing.assert_allclose(
@@ -52,7 +50,7 @@ def test_the_map_is_that_of_a_car_with_two_equal_sides(motion: RangeOfMotion) ->
         )  # the drawn sail stands out to one side only
 
 
-def test_ground_under_a_car_on_its_wheels_and_under_one_that_leans(motion: RangeOfMotion) -> None:
+def test_ground_under_a_car_on_its_wheels_and_under_one_that_leans(motion):
     scenario = load_scenario("turn_swing")
     mount = scenario.tail.mount_height
     half_track = scenario.car.outer_half_track
@@ -69,9 +67,6 @@ def test_ground_under_a_car_on_its_wheels_and_under_one_that_leans(motion: Range
     assert ground_clearance(flat, LIMIT, LIMIT) == pytest.approx(
         mount - scenario.tail.sail_width / 2
     )
-    by_query = motion.clearance(0.0, np.array([-LIMIT, LIMIT]), ("ground",))
-    assert np.all(by_query <= mount)
-    assert np.all(by_query > mount - 0.041 - scenario.tail.sail_reach - 1e-3)  # mounted 41 mm lower
     assert motion.clearance(0.0, -LIMIT, ("ground",)) == pytest.approx(
         0.24 - scenario.tail.sail_reach, abs=5e-3
     ), "mounted at 0.24 m"
@@ -83,7 +78,7 @@ def test_ground_under_a_car_on_its_wheels_and_under_one_that_leans(motion: Range
     assert float(ground_clearance(scenario, 0.0, -LIMIT, -0.2)) == pytest.approx(leaning)
 
 
-def test_between_the_nodes_it_is_linear_and_beyond_them_held() -> None:
+def test_between_the_nodes_it_is_linear_and_beyond_them_held():
     nodes = np.array([0.0, 1.0, 2.0])
     values = np.array([[0.0, 1.0, 2.0], [2.0, 3.0, 4.0], [4.0, 5.0, 6.0]])
     motion = RangeOfMotion(nodes, nodes, np.repeat(values[:, :, None], len(PARTS), axis=2))
@@ -92,6 +87,6 @@ def test_between_the_nodes_it_is_linear_and_beyond_them_held() -> None:
     assert motion.clearance(nodes[:, None], nodes[None, :]).shape == (3, 3)
 
 
-def test_a_grid_of_too_few_nodes_is_refused() -> None:
+def test_a_grid_of_too_few_nodes_is_refused():
     scenario = load_scenario("turn_swing")
     assert_refused(lambda: make_range_of_motion(scenario, 5, 2), UserError, "roll", "2", "3")

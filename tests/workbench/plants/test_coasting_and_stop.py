@@ -15,7 +15,6 @@ from aerodima.optimisation.screening.vehicle_motion import STATES, Commands, equ
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench import UserError, load_scenario, simulate
 from aerodima.workbench.actuators.chassis_actuators import shaft_torque, steady_speed
-from aerodima.workbench.config.scenario import Scenario
 from tests.refusals import assert_refused
 
 RESISTANCE = 0.04
@@ -23,7 +22,7 @@ FORWARD = STATES.index("v_x")
 NO_STOP = "tail.roll_stop=3.1416"
 
 
-def deceleration(scenario: Scenario) -> float:
+def deceleration(scenario):
     """Of the car without tail, m/s2: wheels and drive turn with it."""
     car = scenario.car
     turning = (
@@ -33,7 +32,7 @@ def deceleration(scenario: Scenario) -> float:
 
 
 @pytest.mark.slow
-def test_car_coasts_as_its_resistance_says_and_stops() -> None:
+def test_car_coasts_as_its_resistance_says_and_stops():
     settings = ("tail.mode=none", "manoeuvre.straight_time=2", "manoeuvre.speed=1.0",
     "manoeuvre.steer_angle=0",
                 "manoeuvre.wait_after_turn=0", "manoeuvre.log_end=5.7",
@@ -49,7 +48,7 @@ def test_car_coasts_as_its_resistance_says_and_stops() -> None:
     assert np.abs(speed[-100:]).max() < 0.01
 
 
-def test_throttle_line_is_that_of_the_rolling_car() -> None:
+def test_throttle_line_is_that_of_the_rolling_car():
     drive = load_scenario("auto_turn").drive
     gain = 0.1
     radius = 0.067
@@ -59,7 +58,7 @@ def test_throttle_line_is_that_of_the_rolling_car() -> None:
     assert shaft_torque(0.0, target, drive, gain, radius, loss) == 0.0
 
 
-def test_reduced_car_coasts_alike() -> None:
+def test_reduced_car_coasts_alike():
     scenario = load_scenario(
         "turn_none", (f"car.rolling_resistance={RESISTANCE}", "manoeuvre.steer_angle=0")
     )
@@ -76,7 +75,7 @@ def test_reduced_car_coasts_alike() -> None:
 
 
 @pytest.mark.slow
-def test_without_a_stop_the_motor_carries_the_tail_that_is_held() -> None:
+def test_without_a_stop_the_motor_carries_the_tail_that_is_held():
     """At rest kp (q - 90 degrees) = m g l sin q, to the motor's and the joint's friction."""
     settings = ("manoeuvre.speed=0", "manoeuvre.steer_angle=0", "manoeuvre.duration=2.6")
     resting, free = (load_scenario("turn_held", (*settings, *more)) for more in ((), (NO_STOP,)))
@@ -96,11 +95,11 @@ def test_without_a_stop_the_motor_carries_the_tail_that_is_held() -> None:
     assert reduced == pytest.approx([-math.pi / 2, angle], abs=5e-3)
 
 
-def log_at(log, name: str) -> float:
+def log_at(log, name):
     return float(log.signal(name)[-1])
 
 
-def test_command_beyond_the_stop_is_refused() -> None:
+def test_command_beyond_the_stop_is_refused():
     assert_refused(
         lambda: load_scenario("turn_swing", ("tail.roll_stop=1.2",)),
         UserError,

@@ -200,7 +200,7 @@ def test_flip_bracket_is_the_same_at_a_quarter_of_the_step(drive):
     assert metrics_of(drive("turn_none", fine, "manoeuvre.speed=3.61")).outcome.result == "flipped"
 
 
-def energy(car: CarStand) -> float:
+def energy(car):
     """Kinetic energy, potential energy of gravity and springs, and what the tyres store, J."""
     numbers = car.scenario.car
     context = car.plant_context

@@ -21,14 +21,6 @@ def test_equation_4_12_with_the_sign_of_the_errata():
     assert SMOOTH(0.1) == pytest.approx(-(0.161 * np.tanh(1.0) + 0.0057))
 
 
-def test_it_is_equation_6_1_once_the_joint_moves():
-    # -sign(w) (Cf + Vf |w|); tanh(10 * 1 rad/s) is 4e-9 below one.
-    for rate in (1.0, -1.0, 8.0):
-        assert SMOOTH(rate) == pytest.approx(
-            -np.sign(rate) * (COULOMB + VISCOUS * abs(rate)), rel=1e-8
-        )
-
-
 def test_friction_reads_the_rate_and_not_the_angle():
     system = JointFriction(SMOOTH)
     context = system.CreateDefaultContext()

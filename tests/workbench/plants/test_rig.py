@@ -2,8 +2,6 @@
 currents.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 from collections import defaultdict
@@ -11,7 +9,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import ModelError, UserError
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.resources import model_path
@@ -31,7 +29,7 @@ from tests.workbench.plants.rig_lagrangian import (
 STATIC = load_rig_scenario("static")
 
 
-def without_air(tail: int = 1, friction: bool = False, **sections: dict[str, float]) -> RigScenario:
+def without_air(tail=1, friction=False, **sections):
     settings = {"friction": {} if friction else {"coulomb": 0.0, "viscous": 0.0}, **sections}
     return STATIC.varied(
         experiment={"tail": tail, "wind_speed": 0.0},
@@ -43,7 +41,7 @@ def without_air(tail: int = 1, friction: bool = False, **sections: dict[str, flo
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("tail", "misalignment"), [(1, 0.0), (2, 0.0), (3, 0.0), (1, 0.07)])
-def test_bare_rig_moves_and_reacts_as_lagrange_derives_it(tail: int, misalignment: float) -> None:
+def test_bare_rig_moves_and_reacts_as_lagrange_derives_it(tail, misalignment):
     """Acceleration and all six reactions over 100 random states.
 
     Both sides carry twelve or more digits, so 1e-9 is far above rounding and far below any
@@ -61,7 +59,7 @@ def test_bare_rig_moves_and_reacts_as_lagrange_derives_it(tail: int, misalignmen
         np.testing.assert_allclose(reaction.wrench, wrench, rtol=1e-9, atol=1e-9)
 
 
-def test_hanging_rig_weighs_what_it_weighs() -> None:
+def test_hanging_rig_weighs_what_it_weighs():
     mass = MOUNT_MASS + BAR_MASS + TAILS[1][0]
     reaction = Rig(without_air()).reaction(0.0, 0.0, 0.0)
     assert reaction.acceleration == pytest.approx(0.0, abs=1e-12)
@@ -72,7 +70,7 @@ def test_hanging_rig_weighs_what_it_weighs() -> None:
     assert reaction.wrench[4] == pytest.approx(-0.320, abs=5e-4)  # design section 4
 
 
-def test_wind_pushes_downstream_and_a_positive_current_holds_against_it() -> None:
+def test_wind_pushes_downstream_and_a_positive_current_holds_against_it():
     rig = Rig(STATIC)
     assert rig.reaction(0.0, 0.0, 0.0).acceleration > 0.0
     assert rig.reaction_at_current(0.0, 0.0, 20.0).acceleration < 0.0
@@ -83,7 +81,7 @@ def test_wind_pushes_downstream_and_a_positive_current_holds_against_it() -> Non
     assert held.wrench[1] > 0.0  # the support holds the rig against a wind that blows towards -y
 
 
-def test_gravity_pulls_a_tail_that_hangs_downstream_back_upstream() -> None:
+def test_gravity_pulls_a_tail_that_hangs_downstream_back_upstream():
     rig = Rig(without_air())
     assert rig.reaction(0.5, 0.0, 0.0).acceleration < 0.0
     assert rig.holding_current(0.5) < 0.0
@@ -92,7 +90,7 @@ def test_gravity_pulls_a_tail_that_hangs_downstream_back_upstream() -> None:
     assert rig.reaction(0.5, 0.0, rig.torque_of(rig.holding_current(0.5))).wrench[3] < 0.0
 
 
-def test_misalignment_turns_the_wind_about_z() -> None:
+def test_misalignment_turns_the_wind_about_z():
     """Broadside drag D on the turned wind: the support answers with -D sin psi along x and +D cos
     psi along y.
     """
@@ -109,7 +107,7 @@ def test_misalignment_turns_the_wind_about_z() -> None:
     np.testing.assert_allclose(wrench[:2], [-drag * math.sin(psi), drag * math.cos(psi)], rtol=1e-9)
 
 
-def test_friction_brakes_by_the_published_law() -> None:
+def test_friction_brakes_by_the_published_law():
     """Table 4.7 and eq. 4.12 with ERRATA E14."""
     smooth = Rig(without_air())
     rubbing = Rig(without_air(friction=True))
@@ -125,7 +123,7 @@ def test_friction_brakes_by_the_published_law() -> None:
 
 
 @pytest.mark.parametrize("tail", [1, 2, 3])
-def test_published_currents_are_predicted_from_the_published_coefficients(tail: int) -> None:
+def test_published_currents_are_predicted_from_the_published_coefficients(tail):
     """Median error per angle, both orientations, without the copied rows (ERRATA E1) and the two
     without wind (E4).
     """
@@ -159,7 +157,7 @@ def test_published_currents_are_predicted_from_the_published_coefficients(tail: 
         np.testing.assert_allclose(medians, [0.003, 0.007, 0.016], atol=0.0015)
 
 
-def test_angle_and_current_beyond_their_limits_are_refused() -> None:
+def test_angle_and_current_beyond_their_limits_are_refused():
     rig = Rig(STATIC)
     strong = Rig(STATIC.varied(experiment={"wind_speed": 40.0}))
     for work, named in (
@@ -171,7 +169,7 @@ def test_angle_and_current_beyond_their_limits_are_refused() -> None:
         assert_refused(work, UserError, *named)
 
 
-def test_zero_exposure_is_normal_and_no_exposure_at_all_an_error() -> None:
+def test_zero_exposure_is_normal_and_no_exposure_at_all_an_error():
     rig = Rig(STATIC)
     assert rig.is_exposed(math.radians(60.0))
     assert not rig.is_exposed(math.radians(75.0))
@@ -184,7 +182,7 @@ def test_zero_exposure_is_normal_and_no_exposure_at_all_an_error() -> None:
     assert_refused(lambda: Rig(deep), ModelError, "'bar'")
 
 
-def test_added_mass_that_takes_all_inertia_away_is_refused_by_name() -> None:
+def test_added_mass_that_takes_all_inertia_away_is_refused_by_name():
     """The published -0.033 kg of tail 1; its rig stays positive definite down to J / sum(s^2)."""
     published = STATIC.varied(aero={"added_mass": -0.033})
     assert_refused(lambda: Rig(published), ModelError, "-0.033", "'tail'")

@@ -86,29 +86,27 @@ def test_numbers_that_are_set_are_the_numbers_of_the_document(rod):
     rod.set_controller_gains("hinge", 200, 2)
     link = "link[@name='rod']"
     joint = "joint[@name='hinge']"
-    assert numbers(rod, f"{link}/inertial/mass") == [2.5]
-    assert numbers(rod, f"{link}/inertial/pose") == [0.1, -0.2, 0.3, 0, 0, 0]
-    assert [numbers(rod, f"{link}/inertial/inertia/{tag}") for tag in ("ixx", "iyy", "izz")] == [
-        [0.4],
-        [0.5],
-        [0.6],
-    ]
     contact = f"{link}/collision/{DRAKE}proximity_properties"
-    assert numbers(rod, f"{contact}/{DRAKE}point_contact_stiffness") == [2e4]
-    assert numbers(rod, f"{contact}/{DRAKE}hunt_crossley_dissipation") == [3.0]
-    assert (
-        numbers(rod, f"{contact}/{DRAKE}mu_static")
-        == numbers(rod, f"{contact}/{DRAKE}mu_dynamic")
-        == [0.7]
-    )
-    assert numbers(rod, f"{link}/collision/pose") == [1, 2, 3, 0, 0, 0]
-    assert numbers(rod, f"{link}/collision/geometry/sphere/radius") == [0.25]
-    assert numbers(rod, f"{joint}/axis/limit/lower") == [-0.5]
-    assert numbers(rod, f"{joint}/axis/limit/upper") == [0.75]
-    assert numbers(rod, f"{joint}/axis/limit/effort") == [9]
-    assert numbers(rod, f"{joint}/axis/dynamics/damping") == [0.1]
-    assert numbers(rod, f"{joint}/{DRAKE}rotor_inertia") == [4.14e-5]
-    assert numbers(rod, f"{joint}/{DRAKE}gear_ratio") == [10]
+    expected = {
+        f"{link}/inertial/mass": [2.5],
+        f"{link}/inertial/pose": [0.1, -0.2, 0.3, 0, 0, 0],
+        f"{link}/inertial/inertia/ixx": [0.4],
+        f"{link}/inertial/inertia/iyy": [0.5],
+        f"{link}/inertial/inertia/izz": [0.6],
+        f"{contact}/{DRAKE}point_contact_stiffness": [2e4],
+        f"{contact}/{DRAKE}hunt_crossley_dissipation": [3.0],
+        f"{contact}/{DRAKE}mu_static": [0.7],
+        f"{contact}/{DRAKE}mu_dynamic": [0.7],
+        f"{link}/collision/pose": [1, 2, 3, 0, 0, 0],
+        f"{link}/collision/geometry/sphere/radius": [0.25],
+        f"{joint}/axis/limit/lower": [-0.5],
+        f"{joint}/axis/limit/upper": [0.75],
+        f"{joint}/axis/limit/effort": [9],
+        f"{joint}/axis/dynamics/damping": [0.1],
+        f"{joint}/{DRAKE}rotor_inertia": [4.14e-5],
+        f"{joint}/{DRAKE}gear_ratio": [10],
+    }
+    assert {place: numbers(rod, place) for place in expected} == expected
     assert dict(rod.model.find(f"{joint}/{DRAKE}controller_gains").items()) == {
         "p": "200",
         "d": "2",

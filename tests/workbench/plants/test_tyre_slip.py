@@ -3,7 +3,6 @@ steering, grip.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench import UserError, load_scenario, simulate
-from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.plants.car_model import slip_speed
 from tests.refusals import assert_refused
@@ -22,7 +20,7 @@ FRICTION, SLIP_ANGLE = 0.8, 0.15
 STEERED = math.radians(2.0)
 
 
-def circle(speed: float, *settings: str, angle: float = STEERED) -> Scenario:
+def circle(speed, *settings, angle=STEERED):
     """A turn to the left that lasts until the end of the run, on tyres with one smooth contact."""
     return load_scenario(
         "turn_none",
@@ -43,7 +41,7 @@ def circle(speed: float, *settings: str, angle: float = STEERED) -> Scenario:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("speed", [2.0, 3.0, 4.0])
-def test_steady_circle_is_that_of_the_neutral_bicycle(speed: float) -> None:
+def test_steady_circle_is_that_of_the_neutral_bicycle(speed):
     """Front and rear slip alike, so the understeer gradient is zero; the rear axle slips as its
     side force asks.
     """
@@ -65,7 +63,7 @@ def test_steady_circle_is_that_of_the_neutral_bicycle(speed: float) -> None:
 
 
 @pytest.mark.slow
-def test_yaw_rate_after_a_step_of_the_steering_is_that_of_the_linear_bicycle() -> None:
+def test_yaw_rate_after_a_step_of_the_steering_is_that_of_the_linear_bicycle():
     scenario = circle(3.0, "manoeuvre.turn_hold=0.6", "manoeuvre.duration=3.0")
     log = simulate(scenario)
     rate = log.signal("gyro_z_truth_rad_per_s")
@@ -80,7 +78,7 @@ def test_yaw_rate_after_a_step_of_the_steering_is_that_of_the_linear_bicycle() -
     assert rate[during] == pytest.approx(expected, abs=0.06 * expected[-1])
 
 
-def bicycle(scenario: Scenario, time: float) -> float:
+def bicycle(scenario, time):
     """Yaw rate (rad/s) of the linear bicycle so long (s) after a step of the steering."""
     cars = Vehicles.of([scenario])
     speed = scenario.manoeuvre.speed
@@ -100,13 +98,13 @@ def bicycle(scenario: Scenario, time: float) -> float:
         -(c_front * front**2 + c_rear * rear**2) / (inertia * speed),
     )
     system[:2, 2] = c_front * STEERED / mass, c_front * front * STEERED / inertia
-    state: Any = expm(system * time)[:, 2]
+    state = expm(system * time)[:, 2]
     return float(state[1])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "slip_angle"), [("", 0.0), ("", SLIP_ANGLE), ("turn_swing", 0.0)])
-def test_friction_stays_within_its_circle_on_every_row(name: str, slip_angle: float) -> None:
+def test_friction_stays_within_its_circle_on_every_row(name, slip_angle):
     """The lagged approximation bounds the friction of a step by the load at its start, one row
     before.
     """
@@ -124,7 +122,7 @@ def test_friction_stays_within_its_circle_on_every_row(name: str, slip_angle: fl
 
 
 @pytest.mark.slow
-def test_reduced_car_has_the_same_tyre() -> None:
+def test_reduced_car_has_the_same_tyre():
     """Yaw rate and sideslip of the full car while they build up; a row is 2 ms, as a step of the
     reduced car.
     """
@@ -146,6 +144,6 @@ def test_reduced_car_has_the_same_tyre() -> None:
             assert history[row - 1, 16, place] == pytest.approx(left, abs=0.003)
 
 
-def test_negative_slip_angle_is_refused() -> None:
+def test_negative_slip_angle_is_refused():
     settings = "car.tyre_slip_angle=-0.1"
     assert_refused(lambda: circle(3.0, settings), UserError, "tyre_slip_angle", "-0.1")

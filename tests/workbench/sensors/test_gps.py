@@ -6,9 +6,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
 from pydrake.systems.analysis import Simulator
 
-from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.car_sensors import GpsSpeed
-from tests.refusals import assert_refused
 from tests.workbench.sensors.body_motion import motion_vector
 
 
@@ -68,8 +66,3 @@ def test_change_of_speed_shows_after_the_delay():
         simulator.AdvanceTo(time)
         shown.append(gps.GetOutputPort("speed").Eval(simulator.get_context())[0])
     assert shown == [1.0, 2.0]
-
-
-def test_rate_above_one_per_step_is_refused():
-    settings = SimpleNamespace(rate=10.0, delay=0.0, noise=0.0)
-    assert_refused(lambda: GpsSpeed(settings, seed=1, step=0.2), UserError, "gps.rate", "10")

@@ -8,9 +8,7 @@ from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.config.signal_table import IMU
-from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.car_sensors import STEPS, ChassisMotion, Imu, motion_at_imu
-from tests.refusals import assert_refused
 from tests.workbench.sensors.body_motion import motion_vector
 
 QUIET = {"gyro_noise": 0.0, "gyro_bias": 0.0, "accelerometer_noise": 0.0, "attitude_noise": 0.0}
@@ -174,18 +172,6 @@ def test_noise_has_the_asked_deviations_and_one_bias_per_run():
     assert np.std(biases) == pytest.approx(0.2, rel=0.12)
 
 
-def test_runs_repeat_bit_for_bit_with_the_seed():
-    noisy = {
-        "gyro_noise": 0.05,
-        "gyro_bias": 0.2,
-        "accelerometer_noise": 0.5,
-        "attitude_noise": 0.02,
-    }
-    first = samples(50, motion=still(), seed=5, **noisy)
-    np.testing.assert_array_equal(first, samples(50, motion=still(), seed=5, **noisy))
-    assert not np.array_equal(first, samples(50, motion=still(), seed=6, **noisy))
-
-
 def test_resolution_of_the_data_sheet():
     rows = samples(
         20, motion=still(), gyro_noise=0.05, accelerometer_noise=0.5, attitude_noise=0.02
@@ -193,12 +179,3 @@ def test_resolution_of_the_data_sheet():
     counts = rows * np.repeat([900.0, 900.0, 100.0], 3)
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
     assert STEPS[0] == pytest.approx(1 / 900)
-
-
-def test_rate_above_one_per_step_is_refused():
-    assert_refused(
-        lambda: Imu(settings(rate=600.0), p_BoImu_B=ORIGIN, seed=1, step=0.002),
-        UserError,
-        "imu.rate",
-        "600",
-    )

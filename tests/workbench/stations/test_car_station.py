@@ -143,13 +143,6 @@ def test_tail_state_names_pitch_and_roll_with_their_signs():
     assert (still.sail_angle, still.sail_rate) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize(("direction", "angle"), [("left", -np.pi / 2), ("right", np.pi / 2)])
-def test_tail_waits_on_the_inside_of_the_turn(direction, angle):
-    car = stand("held", manoeuvre={"direction": direction})
-    car.simulator.Initialize()
-    assert TAIL_STATE.read(car.output("tail_state")).roll_angle == pytest.approx(angle, abs=4e-4)
-
-
 def test_steering_and_throttle_move_the_car_where_they_say():
     gentle = {
         "tail": {"mode": "none"},

@@ -59,17 +59,6 @@ def test_yaw_is_the_integral_of_what_the_gyros_say(standard_runs):
     )
 
 
-def test_roll_gyro_is_the_derivative_of_roll(run):
-    moving = np.abs(run.signal("roll_truth_rad")[1:]) < 1.0
-    roll_rate = rate_of(run.signal("roll_truth_rad"))[moving]
-    p = run.signal("gyro_x_truth_rad_per_s")[1:][moving]
-    assert p.max() > 0.2
-    # roll' = p + tan(pitch) (...), and the car yaws by at most 3 rad/s.
-    pitch = np.abs(run.signal("pitch_truth_rad")).max()
-    assert pitch < 0.2
-    np.testing.assert_allclose(roll_rate, p, atol=0.01 + 3.0 * np.tan(pitch))
-
-
 def test_tilt_is_the_angle_between_both_up_axes(run):
     expected = np.arccos(np.clip(rotation(run)[:, 2, 2], -1.0, 1.0))
     # Near zero the cosine resolves angles to 2e-8 only.

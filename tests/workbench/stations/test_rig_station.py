@@ -1,9 +1,6 @@
 """The rig behind its ports: simulated and real have the same ones."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
 from functools import partial
 
 import pytest
@@ -23,7 +20,7 @@ from tests.refusals import assert_refused
 class FakeInterface(LeafSystem):
     """Has the ports of the contract and shows zeros."""
 
-    def __init__(self, inputs=ROBOT_RIG_INPUTS, outputs=RIG_OUTPUTS) -> None:
+    def __init__(self, inputs=ROBOT_RIG_INPUTS, outputs=RIG_OUTPUTS):
         super().__init__()
         self.set_name("fake_interface")
         for name, fields in inputs.items():
@@ -44,7 +41,7 @@ def ports(station):
     return inputs, {name: size for name, size in outputs.items() if not name.endswith("_truth")}
 
 
-def test_simulated_and_real_robot_rig_have_the_same_ports() -> None:
+def test_simulated_and_real_robot_rig_have_the_same_ports():
     scenario = load_rig_scenario("robot")
     simulated = make_rig_station(scenario)
     real = make_rig_station(scenario, interface=lambda scenario: FakeInterface())
@@ -60,7 +57,7 @@ def test_simulated_and_real_robot_rig_have_the_same_ports() -> None:
 
 
 @pytest.mark.parametrize("name", ["flick", "bar"])
-def test_cheetah_rig_takes_a_current(name: str) -> None:
+def test_cheetah_rig_takes_a_current(name):
     inputs, outputs = ports(make_rig_station(load_rig_scenario(name)))
     assert inputs == {"current_command": 1}
     assert outputs == {port: fields.size for port, fields in RIG_OUTPUTS.items()}
@@ -81,16 +78,14 @@ SHORT = {name: fields for name, fields in RIG_OUTPUTS.items() if name != "force_
         ),
     ],
 )
-def test_rig_without_hardware_and_interface_with_other_ports_are_refused(
-    name: str, interface: Callable, named: tuple[str, ...]
-) -> None:
+def test_rig_without_hardware_and_interface_with_other_ports_are_refused(name, interface, named):
     scenario = load_rig_scenario(name)
     assert_refused(
         lambda: make_rig_station(scenario, interface=lambda _: interface()), UserError, *named
     )
 
 
-def test_offsets_of_the_sensor_are_the_published_ones_of_a_cheetah_tail() -> None:
+def test_offsets_of_the_sensor_are_the_published_ones_of_a_cheetah_tail():
     static = load_rig_scenario("static")
     assert sensor_offsets(static) == static.tail_1.offsets
     assert sensor_offsets(static.varied(experiment={"tail": 3})) == static.tail_3.offsets
@@ -98,13 +93,13 @@ def test_offsets_of_the_sensor_are_the_published_ones_of_a_cheetah_tail() -> Non
     assert not any(sensor_offsets(load_rig_scenario("robot")))
 
 
-def test_coefficients_of_a_hold_are_those_at_its_angle_against_the_wind() -> None:
+def test_coefficients_of_a_hold_are_those_at_its_angle_against_the_wind():
     """sin(attack) = |sin(angle + misalignment)| cos(psi): the wind across the tail's plane shares
     its speed.
     """
     static = load_rig_scenario("static")
 
-    def of(angle: float, **tunnel: float) -> tuple[float, float]:
+    def of(angle, **tunnel):
         return static_coefficients(static.varied(experiment={"angle": angle}, tunnel=tunnel))
 
     straight = of(0.3, psi3=0.0)

@@ -2,12 +2,9 @@
 have.
 """
 
-from __future__ import annotations
-
 import pytest
 
-from aerodima.workbench.aero.laws import NormalForceLaw, TwoSidedLaw
-from aerodima.workbench.config.car_parameters import TailParameters
+from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.plants.tail import sail_inertial, tail_sdf
@@ -17,17 +14,17 @@ from tests.refusals import assert_refused
 from tests.workbench.aero.vanes import side_moment
 
 
-def tail(shape: str, *settings: str) -> TailParameters:
+def tail(shape, *settings):
     return load_scenario("turn_swing", [f"tail.sail_shape={shape}", *settings]).tail
 
 
-def broadside(law: NormalForceLaw | TwoSidedLaw, sign: float) -> float:
+def broadside(law, sign):
     """Coefficient broadside in air that moves along the normal."""
     force = law.section_force((0.0, sign, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), 1.0, 2.0)
     return abs(float(force[1]))
 
 
-def test_coefficients_are_those_of_table_2_1() -> None:
+def test_coefficients_are_those_of_table_2_1():
     rows = published_table("shape_drag")
     planar = rows[rows["dimensionality"] == "2D"].set_index("row_in_table")["cd"]
     flat = sail_law(tail("flat", "tail.sail=locked"))[0]
@@ -42,7 +39,7 @@ def test_coefficients_are_those_of_table_2_1() -> None:
     assert broadside(named, 1.0) == 2.0
 
 
-def test_depth_and_board_follow_the_shape() -> None:
+def test_depth_and_board_follow_the_shape():
     built = load_scenario("turn_swing").tail
     assert tail("half_cylinder_caps_board").sail_depth == built.sail_depth
     assert tail("half_cylinder").sail_depth == pytest.approx(0.5 * built.sail_width)
@@ -59,7 +56,7 @@ def test_depth_and_board_follow_the_shape() -> None:
     )
 
 
-def test_drawing_has_a_board_where_the_shape_has_one() -> None:
+def test_drawing_has_a_board_where_the_shape_has_one():
     for shape, drawn in (("flat", False), ("flat_board", True), ("half_cylinder", False)):
         car = load_scenario("turn_swing", [f"tail.sail_shape={shape}"])
         assert ("backing_board" in tail_sdf(car.tail, car.tail_motor, car.car).text()) is drawn
@@ -73,11 +70,9 @@ def test_drawing_has_a_board_where_the_shape_has_one() -> None:
         ("round", [], ("sail_shape", "'round'")),
     ],
 )
-def test_what_the_text_does_not_have_is_refused(
-    shape: str, settings: list[str], named: tuple[str, ...]
-) -> None:
+def test_what_the_text_does_not_have_is_refused(shape, settings, named):
     assert_refused(lambda: tail(shape, *settings), ScenarioError, *named)
 
 
-def test_shape_of_a_picture_needs_coefficients() -> None:
+def test_shape_of_a_picture_needs_coefficients():
     assert tail("disc_gap_band", "tail.coefficients=half_cylinder").sail_depth > 0.0

@@ -2,18 +2,13 @@
 drawn as it is.
 """
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import ModelError, ScenarioError
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.car import add_car_plant
 from aerodima.workbench.plants.tail import (
     arm_inertia,
@@ -45,7 +40,7 @@ plates:
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tails")
     built = tail_geometry(load_scenario("turn_swing").tail)
     bent = folder / "bent.yaml"
@@ -57,20 +52,20 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     }
 
 
-def scenario(files: dict[str, Path], name: str | None) -> Scenario:
+def scenario(files, name):
     return load_scenario(
         "turn_swing", [*LOCKED, *([f"tail.geometry={files[name]}"] if name else [])]
     )
 
 
 @pytest.fixture(scope="module")
-def runs(files: dict[str, Path]) -> dict[str | None, RunLog]:
+def runs(files):
     return {name: simulate(scenario(files, name)) for name in (None, "known", "densities")}
 
 
 def test_built_tail_as_an_object_with_its_known_inertia_runs_as_before(
-    files: dict[str, Path],
-) -> None:
+    files,
+):
     parameters = scenario(files, None)
     own = scenario(files, "known")
     one, other = (tail_sdf(car.tail, car.tail_motor, car.car) for car in (parameters, own))
@@ -84,16 +79,14 @@ def test_built_tail_as_an_object_with_its_known_inertia_runs_as_before(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["known", "densities"])
-def test_run_of_the_built_tail_as_a_file_is_that_of_its_parameters_to_the_last_bit(
-    runs: dict, name: str
-) -> None:
+def test_run_of_the_built_tail_as_a_file_is_that_of_its_parameters_to_the_last_bit(runs, name):
     assert runs[name].table.equals(runs[None].table)
     assert runs[None].table["tail_roll_angle_rad"].max() > 1.0  # it swung
 
 
 def test_bent_tail_drives_with_its_own_mass_sections_and_tip(
-    files: dict[str, Path],
-) -> None:
+    files,
+):
     geometry = read_tail(files["bent"])
     car = scenario(files, "bent")
     builder = DiagramBuilder()
@@ -118,9 +111,7 @@ def test_bent_tail_drives_with_its_own_mass_sections_and_tip(
 
 
 @pytest.mark.parametrize("roll", [0.0, 0.7])
-def test_motors_count_with_the_inertia_of_a_tail_that_is_bent_sideways(
-    files: dict[str, Path], roll: float
-) -> None:
+def test_motors_count_with_the_inertia_of_a_tail_that_is_bent_sideways(files, roll):
     car = scenario(files, "bent")
     builder = DiagramBuilder()
     plant = add_car_plant(builder, car).plant
@@ -134,7 +125,7 @@ def test_motors_count_with_the_inertia_of_a_tail_that_is_bent_sideways(
     )
 
 
-def test_wrong_uses_of_a_tail_file_are_refused(files: dict[str, Path], tmp_path: Path) -> None:
+def test_wrong_uses_of_a_tail_file_are_refused(files, tmp_path):
     missing = load_scenario(
         "turn_swing", ["tail.sail=locked", f"tail.geometry={tmp_path / 'none.yaml'}"]
     )

@@ -1,12 +1,8 @@
 """One message of Drake is dropped by its exact text; every other one is still seen."""
 
-from __future__ import annotations
-
 import logging
 import subprocess
 import sys
-
-import pytest
 
 from aerodima.workbench.plants.car import HALF_SPACE_WARNING, is_news
 
@@ -20,14 +16,14 @@ builder.Build().CreateDefaultContext()
 """
 
 
-def test_car_is_built_without_a_message() -> None:
+def test_car_is_built_without_a_message():
     """Drake warns only once in a process."""
     command = [sys.executable, "-c", BUILD_CAR]
     built = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
     assert built.stderr == ""
 
 
-def test_other_messages_pass(caplog: pytest.LogCaptureFixture) -> None:
+def test_other_messages_pass(caplog):
     drake = logging.getLogger("drake")
     drake.addFilter(is_news)
     before = len(drake.filters)
