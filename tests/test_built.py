@@ -18,8 +18,20 @@ from tests.built.statements import (
 from tests.refusals import assert_refused
 
 FILE = load_statements()
+WHOLE_STUDIES = {"slope_with_tail", "yaw_rate_constant", "physical_acceleration_constant"}
+"""Rows of ten runs and more, which are measured at night."""
+
+
+def marks_of(statement: Statement) -> list[pytest.MarkDecorator]:
+    if statement.kind == "check":
+        return []
+    if statement.id in WHOLE_STUDIES:
+        return [pytest.mark.slow, pytest.mark.nightly]
+    return [pytest.mark.slow]
+
+
 FOUND = [
-    pytest.param(s, id=s.id, marks=[pytest.mark.slow] if s.kind == "run" else [])
+    pytest.param(s, id=s.id, marks=marks_of(s))
     for s in FILE.statements
     if s.kind in ("check", "run")
 ]

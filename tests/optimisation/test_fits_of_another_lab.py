@@ -347,8 +347,8 @@ def test_the_constants_of_a_simulated_log_are_exact():
         (coverage_study.static, 30),
         (coverage_study.friction, 10),
         pytest.param(coverage_study.static, 200, marks=pytest.mark.nightly),
-        pytest.param(coverage_study.friction, 100, marks=pytest.mark.nightly),
-        pytest.param(coverage_study.added_mass, 40, marks=pytest.mark.nightly),
+        pytest.param(coverage_study.friction, 40, marks=pytest.mark.nightly),
+        pytest.param(coverage_study.added_mass, 6, marks=pytest.mark.nightly),
     ],
 )
 def test_intervals_hold_the_truth_when_the_constants_are_off(draw, number):

@@ -150,7 +150,7 @@ def added_mass_of(log):
 
 
 @pytest.mark.slow
-@draws(8, 60)
+@draws(8, 30)
 def test_intervals_of_added_mass_hold_the_truth_although_the_current_is_noisy(number):
     rng = np.random.default_rng(7)
     scores = []
