@@ -18,7 +18,12 @@ from tests.built.statements import (
 from tests.refusals import assert_refused
 
 FILE = load_statements()
-WHOLE_STUDIES = {"slope_with_tail", "yaw_rate_constant", "physical_acceleration_constant"}
+WHOLE_STUDIES = {
+    "largest_acceleration_same",
+    "physical_acceleration_constant",
+    "slope_with_tail",
+    "yaw_rate_constant",
+}
 """Rows of ten runs and more, which are measured at night."""
 
 

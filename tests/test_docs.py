@@ -9,6 +9,7 @@ import re
 import shlex
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -70,8 +71,14 @@ def test_pages_with_outcomes_are_there() -> None:
     assert {*OUTCOMES} <= {page.relative_to(DOCS).as_posix() for page in PAGES}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.relative_to(DOCS).as_posix())
+def marked(page: Path) -> Any:
+    """A page as a case: the first page is run with the slow tests, the others at night."""
+    name = page.relative_to(DOCS).as_posix()
+    marks = [pytest.mark.slow] if name == "index.md" else [pytest.mark.slow, pytest.mark.nightly]
+    return pytest.param(page, id=name, marks=marks)
+
+
+@pytest.mark.parametrize("page", [marked(page) for page in PAGES])
 def test_examples_of_the_page_run(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -210,6 +210,7 @@ def test_timeout_that_a_piece_raises_is_its_own_error(opened):
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_workers_that_dask_pauses_are_said_and_replaced_and_the_study_ends(
     opened, marks, tmp_path, monkeypatch
 ):
@@ -226,6 +227,7 @@ def test_workers_that_dask_pauses_are_said_and_replaced_and_the_study_ends(
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_workers_without_room_for_a_single_run_are_an_error(opened):
     no_room = dask.config.set(
         {

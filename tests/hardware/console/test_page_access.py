@@ -38,6 +38,7 @@ def connections():
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "sent", [b"", b"GET / HTTP/1.1\r\nHost: 127.0."], ids=["nothing", "half a request"]
 )

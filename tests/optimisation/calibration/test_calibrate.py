@@ -189,6 +189,7 @@ def test_full_car_flips_at_the_friction_of_the_reduced_one():
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_whole_job_writes_pages_and_ensembles_and_goes_on_with_its_runs(tmp_path):
     plan = small_plan()
     runs = Runs()

@@ -253,6 +253,7 @@ def test_density_of_a_figure_is_a_normal_of_its_share_and_that_of_cars_their_mea
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_intervals_hold_what_they_promise_when_the_model_is_perfect():
     posterior = Posterior(PRIOR.draw(400, seed=6), 400.0, 0.3)
     inside = validation.perfect_model(

@@ -76,6 +76,7 @@ def workers_of(process):
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_killed_worker_and_ctrl_c_lose_and_double_nothing(tmp_path):
     grid = f"grid:\n  manoeuvre.speed: {{first: 1.0, last: 2.0, number: {MANY}}}\n"
     study = write_study(tmp_path / "study.yaml", grid)

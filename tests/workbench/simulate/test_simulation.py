@@ -104,6 +104,7 @@ def test_car_that_meets_wind_drives_its_trial_to_the_end():
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_trials_near_the_limit_say_what_full_runs_say():
     compared = [
         differences(scenario) for car in drawn_cars(seed=3, count=2) for scenario in car.scenarios()
