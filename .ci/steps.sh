@@ -21,7 +21,7 @@ run_step() {
   wait $! || step_status=$?
   if [ "$step_status" -eq 0 ]; then
     printf '%-36s ok %5d s\n' "$name" "$((SECONDS - begin))" >&3
-    grep -E '^RERUN|^[0-9]+ passed' "$log" | tail -n 20 | sed 's/^/    /' >&3 || true
+    grep -E '^RERUN|^[0-9]+ passed' "$log" | sed 's/^/    /' >&3 || true
   else
     { printf '%-36s FAILED %d s (status %d)\n' "$name" "$((SECONDS - begin))" "$step_status"; cat "$log"; } >&3
   fi
@@ -66,7 +66,8 @@ newest_python() {
 }
 
 install_default() {
-  # What `make test` needs, and the pages and notebooks, in one resolution.
+  # What `make test` needs, and the pages and notebooks; an environment that `make test` made lacks these.
+  rm -f .venv/.installed
   make --no-print-directory install INSTALL_GROUPS="--group dev --group docs" INSTALL_EXTRAS='[notebooks]'
 }
 

@@ -1,6 +1,7 @@
 """How long tests take: `python -m tests.durations` lists those that take more than they may.
 
-A run of pytest leaves `out/tests/durations.csv`. A test above `MAX_SECONDS` stands in
+`out/tests/durations.csv` holds the latest duration of every test that was run in the checkout. A
+test above `MAX_SECONDS` stands in
 `tests/slow_tests.toml` with its seconds on a quiet machine and the reason. The command ends with
 status 1 if a test is missing there, or takes more than twice its seconds.
 """
@@ -25,14 +26,15 @@ SLACK = 2.0
 
 
 def write_durations(stats: Mapping[str, Iterable[Any]], path: Path) -> None:
-    """Writes the seconds of each test, set-up and tear-down included, the longest first."""
-    seconds: dict[str, float] = defaultdict(float)
+    """Stores the seconds of each test, set-up and tear-down included, the longest first."""
+    measured: dict[str, float] = defaultdict(float)
     for reports in stats.values():
         for report in reports:
             if hasattr(report, "duration") and hasattr(report, "when"):
-                seconds[report.nodeid] += report.duration
-    if not seconds:
+                measured[report.nodeid] += report.duration
+    if not measured:
         return
+    seconds = {**read_durations(path), **measured} if path.is_file() else measured
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

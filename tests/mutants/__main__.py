@@ -6,7 +6,7 @@ Usage: `python -m tests.mutants [--area AREA] [--file PART] [--jobs N]`.
 A mutant is one plausible mistake: `file`, the text `find` that stands there exactly once, and
 `replace`. `tests` names the files that are expected to notice it; they run first. If they pass, the
 whole mirrored folder runs. The command ends with status 1 if a mutant cannot be applied, or if
-fewer than 90 % are noticed.
+fewer than 90 % are noticed. Before the first mutant the named files run without any, and must pass.
 """
 
 from __future__ import annotations
@@ -43,7 +43,16 @@ TIME_LIMIT = 600.0
 """Longest run of the tests on one mutant, s; a mutant that hangs counts as noticed."""
 MIN_SHARE = 0.9
 """Share of the mutants that must be noticed."""
-MARKS = "not realtime and not emulated and not nightly"
+PASSED = 0
+"""Status of pytest when all tests passed."""
+FAILED = 1
+"""Status of pytest when a test failed."""
+NOTHING_RUN = 5
+"""Status of pytest when no test has the marks; any further one says that nothing was judged."""
+HUNG = -1
+"""Stands for a run that did not end within `TIME_LIMIT`."""
+FAST = "not slow and not realtime and not emulated and not nightly"
+SLOW = "slow and not realtime and not emulated and not nightly"
 
 
 @dataclass(frozen=True)
@@ -114,15 +123,15 @@ def copy_checkout(root: Path, target: Path) -> None:
             shutil.copy2(source, target / name)
 
 
-def run_tests(copy: Path, paths: list[str]) -> tuple[int, str]:
-    """Status of pytest, and the first test that failed; status -1 after `TIME_LIMIT`."""
+def run_tests(copy: Path, paths: list[str], marks: str) -> tuple[int, str]:
+    """Status of pytest, and the first test that failed; `HUNG` after `TIME_LIMIT`."""
     environment = dict(os.environ)
     environment["PYTHONPATH"] = str(copy / "src")
     environment["PYTHONPYCACHEPREFIX"] = str(copy / ".pycache")
     environment["OMP_NUM_THREADS"] = "1"
     environment["OPENBLAS_NUM_THREADS"] = "1"
     environment["MPLBACKEND"] = "Agg"
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-m", MARKS, "-p", "no:cacheprovider"]
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-m", marks, "-p", "no:cacheprovider"]
     try:
         done = subprocess.run(
             [*command, *paths],
@@ -134,7 +143,7 @@ def run_tests(copy: Path, paths: list[str]) -> tuple[int, str]:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return -1, f"hung for {TIME_LIMIT:.0f} s"
+        return HUNG, f"hung for {TIME_LIMIT:.0f} s"
     failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
     return done.returncode, failed[0].partition(" - ")[0] if failed else ""
 
@@ -144,21 +153,30 @@ def judge(mutant: Mutant, copy: Path) -> Outcome:
     path = copy / mutant.file
     original = path.read_text(encoding="utf-8")
     start = time.monotonic()
+    stages = [([*mutant.tests], FAST), ([*mutant.tests], SLOW)]
+    if (copy / mutant.folder).exists():
+        stages += [([mutant.folder], FAST), ([mutant.folder], SLOW)]
     path.write_text(original.replace(mutant.find, mutant.replace), encoding="utf-8")
     # A compiled file counts as current when time and size agree, and a mutant may keep both.
     os.utime(path, (time.time() + 10, time.time() + 10))
     try:
-        status = 0
-        detail = ""
-        for paths in ([*mutant.tests], [mutant.folder]):
-            if paths and all((copy / name).exists() for name in paths):
-                status, detail = run_tests(copy, paths)
-            if status not in (0, 5):
+        for number, (paths, marks) in enumerate(stages):
+            status, detail = run_tests(copy, paths, marks)
+            first_stage = number == 0
+            if status not in (PASSED, NOTHING_RUN):
                 break
     finally:
         path.write_text(original, encoding="utf-8")
         os.utime(path, (time.time() + 20, time.time() + 20))
-    return Outcome(mutant, status not in (0, 5), detail, time.monotonic() - start)
+    noticed = status in (FAILED, HUNG)
+    if status == FAILED and not first_stage:
+        # Only the first stage was run without a mutant, so the test that failed must pass again.
+        test = detail.removeprefix("FAILED ").removeprefix("ERROR ")
+        again, _ = run_tests(copy, [test], "not realtime and not emulated")
+        noticed = again == PASSED
+    if status not in (PASSED, NOTHING_RUN, FAILED, HUNG):
+        detail = f"pytest ended with status {status}: {detail}"
+    return Outcome(mutant, noticed, detail, time.monotonic() - start)
 
 
 def judge_all(mutants: list[Mutant], root: Path, jobs: int) -> list[Outcome]:
@@ -172,6 +190,11 @@ def judge_all(mutants: list[Mutant], root: Path, jobs: int) -> list[Outcome]:
             copy.mkdir()
             copy_checkout(root, copy)
             copies.put(copy)
+        named = sorted({name for mutant in mutants for name in mutant.tests})
+        print(f"{len(named)} test files without a mutant first ...", flush=True)
+        status, detail = run_tests(copy, named, FAST)
+        if status != PASSED:
+            raise SystemExit(f"error: a test fails without any mutant: {detail} (status {status})")
 
         def work(mutant: Mutant) -> Outcome:
             copy = copies.get()
