@@ -104,9 +104,10 @@ def console(
     with listener:
         try:
             if car is not None:
+                # or nobody would end the car
                 signal.signal(
                     signal.SIGTERM, signal.default_int_handler
-                )  # or nobody would end the car
+                )
                 car.start(typer.echo)
                 ports = car.ports
             if ports:

@@ -124,9 +124,10 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
             asyncio.create_task(_watched(console, _turn(console))),
             asyncio.create_task(_end(console, end)),
         ]
+        # a second Ctrl-C ends the server without asking for an end
         with contextlib.suppress(
             asyncio.CancelledError
-        ):  # a second Ctrl-C ends the server without asking for an end
+        ):
             yield
         for task in tasks:
             task.cancel()
@@ -233,9 +234,10 @@ async def _show_states(console: Console, websocket: WebSocket, page: int) -> Non
 
 async def _send(websocket: WebSocket, content: object) -> None:
     text = json.dumps(content, allow_nan=False)
+    # the page has gone, whatever that is called; `_serve_page` sees it
     with contextlib.suppress(
         Exception
-    ):  # the page has gone, whatever that is called; `_serve_page` sees it
+    ):
         await websocket.send_text(text)
 
 

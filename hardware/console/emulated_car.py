@@ -90,10 +90,11 @@ class EmulatedCarProcess:
         """
         say(f"starting the emulated car in {self.folder}")
         command = ["emulate", *self._scenario, "--out", str(self.folder), "--wiring", self.wiring]
+        # killed or not, it does not leave an emulator behind
         command += [
             "--parent",
             str(os.getpid()),
-        ]  # killed or not, it does not leave an emulator behind
+        ]
         self._emulator = self._run([*command, *self._flags])
         ready = self.folder / READY_FILE
         end = time.monotonic() + _START_TIME

@@ -180,9 +180,10 @@ class OperatorRadio:
         self._sender = packet.sender
         self.report = report
         self._heard = arrival
+        # a car that is armed anew under a stop is stopped again
         self.confirmed = (
             self.stopped and self.report.stopped
-        )  # a car that is armed anew under a stop is stopped again
+        )
 
     def _stops(self) -> list[bytes]:
         if self.stopped and not self.confirmed:

@@ -242,9 +242,10 @@ class Motor:
 
     def receive(self, frame: CanFrame, time: float) -> None:
         """Takes a frame that names this motor, which arrived at `time` (s, monotonic)."""
+        # of the Teensy, or of another program: it is answered too
         if frame == make_exit(
             self.settings.motor_id
-        ):  # of the Teensy, or of another program: it is answered too
+        ):
             self._cycle_frames += 1
             return
         try:
@@ -371,9 +372,10 @@ class Motor:
             self._unanswered += self._cycle_frames
         if not self._unanswered:
             self.missed = 0
+        # a late loop catches up faster than a motor can answer
         elif (
             gap >= self.settings.safety.reply_time
-        ):  # a late loop catches up faster than a motor can answer
+        ):
             self.missed += 1
         self._count.add(self._cycle_frames, self._cycle_replies, now)
         self._cycle_frames = 0

@@ -147,8 +147,8 @@ class CarGuard:
         stage: see the picture above.
         reason: why the car stopped, empty before. hard: whether that reason was a hard one.
         left: the operator has left the mode and reported while the car was being stopped. One who
-            falls silent then
-            has not chosen to end the drive: the console sends a car to rest whose page has gone.
+            falls silent then has not chosen to end the drive: the console sends a car to rest whose
+            page has gone.
         reading: of the last cycle.
         rested: the operator has reported IDLE since the car took commands.
         lateness: of the last cycle, s; 0 for a cycle without a due time.
@@ -394,9 +394,10 @@ class CarGuard:
         elif self.left and self.reading.status[_OPERATOR] in _GONE:
             self.left = False
             self.reason += " and was not heard any more"
+        # latches before the car is armed too
         stopped = (
             self.reading.status[_OPERATOR] == SourceFault.STOPPED
-        )  # latches before the car is armed too
+        )
         if reason and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
             self.stop(reason, now, hard)
 

@@ -116,9 +116,10 @@ class RunJournal(JournalWriter):
         super().abandon()
 
     def _finish(self) -> None:
+        # a disk that takes nothing must not hold up the end of the program
         with contextlib.suppress(
             queue.Full
-        ):  # a disk that takes nothing must not hold up the end of the program
+        ):
             self._waiting.put(None, timeout=_LAST_WAIT)
         self._thread.join(_LAST_WAIT)
         if self._thread.is_alive():

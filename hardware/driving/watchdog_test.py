@@ -123,9 +123,8 @@ def require_watchdog_test(
 
     Raises:
         HardwareError: there is none for the wiring, it was made on the emulator and the motors are
-            real, or what it
-            has shown has changed since: adapter or Teensy, motor ids, firmware profile, firmware,
-                timing.
+            real, or what it has shown has changed since: adapter or Teensy, motor ids, firmware
+            profile, firmware, timing.
     """
     path = record_path(wiring, folder, ports)
     again = f"make one with `aerodima drive SCENARIO --wiring {wiring} --watchdog-test`"

@@ -193,9 +193,10 @@ class EmulatedMotor:
         self._angle = self._zero + self._direction * angle
         self._speed = self._direction * speed
         self._torque = self._direction * torque
+        # it measures its own current, the wrong way round
         if self._board.entry(
             Fault.MOTOR_REVERSED, self.joint
-        ):  # it measures its own current, the wrong way round
+        ):
             self._torque = -self._torque
         self._past.append((time.monotonic(), self._angle, self._speed, self._torque))
 
@@ -248,9 +249,10 @@ class EmulatedMotor:
     def _reply(self) -> CanFrame:
         board = self._board
         angle, speed, torque = self._state()
+        # all of the torque works against what holds it where it was
         if board.entry(
             Fault.BLOCKED, self.joint
-        ):  # all of the torque works against what holds it where it was
+        ):
             angle = self._blocked_at
             speed = 0.0
             held = self._command if self.entered else NEUTRAL
@@ -286,9 +288,10 @@ class EmulatedMotor:
             return [CanFrame(frame.arbitration_id, bytes(byte ^ 0x5A for byte in frame.data))]
         if board.meets(Fault.REPLY_SHORT, joint):
             return [CanFrame(frame.arbitration_id, frame.data[:5])]
+        # classic CAN has no more than 8 bytes: longer than 6, and not 8
         if board.meets(
             Fault.REPLY_LONG, joint
-        ):  # classic CAN has no more than 8 bytes: longer than 6, and not 8
+        ):
             return [CanFrame(frame.arbitration_id, (frame.data + b"\0")[:7])]
         if board.meets(Fault.DOUBLE_ID, joint):
             return [

@@ -87,9 +87,10 @@ class EmulatedCar:
         signals = signals_of(CAR_PORTS, output_ports(station, estimator) | sources)
         signals += truth_signals(station)
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=facts)
+        # a disk that is asked to sync may wait
         self._journal = RunJournal(
             log, recorded_columns(signals), metadata
-        )  # a disk that is asked to sync may wait
+        )
         RunRecorder.add_to_builder(
             builder, self._journal, signals, log_rate, scenario.simulation.step
         )

@@ -141,9 +141,10 @@ class Emulator:
         self._car_ports = _serial_ports(plugs)
         if settings.wiring == "watched_can":
             names.append("can")
+            # a pseudo-terminal does not restart when it is opened
             options = {
                 "sleep_after_open": 0.0
-            }  # a pseudo-terminal does not restart when it is opened
+            }
             self._car_ports["can"] = {
                 "interface": "slcan",
                 "channel": str(plugs / "can"),

@@ -159,9 +159,10 @@ def _check(values: tuple[float, ...] | list[float]) -> None:
         ("roll tail", _ANGLE),
     )
     for (name, limit), value in zip(limits, values, strict=True):
+        # also catches NaN; the margin is the rounding to a 32-bit float
         if not abs(value) <= limit * (
             1 + 1e-6
-        ):  # also catches NaN; the margin is the rounding to a 32-bit float
+        ):
             raise FrameError(f"radio {name} {value!r}: allowed is -{limit:g} to {limit:g}")
         if 0 < abs(value) < _LEAST_NORMAL:
             raise FrameError(

@@ -262,9 +262,8 @@ class CanBus:
 
         Args:
             urgent: goes out before all others, is repeated until the driver takes it, and removes
-                the waiting commands
-                for the same id: for exit frames. Other frames that wait are replaced by the next
-                    one of the same id.
+                the waiting commands for the same id: for exit frames. Other frames that wait are
+                replaced by the next one of the same id.
 
         Returns:
             False if the bus is closed.

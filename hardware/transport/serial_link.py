@@ -183,9 +183,8 @@ class SerialLink:
                 continue
             try:
                 data = port.read(max(1, port.in_waiting))
-            except (
-                Exception
-            ) as error:  # pyserial raises OSError, TypeError and others on a lost device
+            # pyserial raises OSError, TypeError and others on a lost device
+            except Exception as error:
                 self._lose(port, f"reading failed: {reason_of(error)}")
                 continue
             if data:

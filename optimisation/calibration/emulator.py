@@ -93,9 +93,10 @@ class Surface:
             np.full(len(columns), 2.0), LENGTHS
         ) + WhiteKernel(0.01, NOISES)
         with warnings.catch_warnings():
+            # the length of a column without influence is at its bound
             warnings.simplefilter(
                 "ignore"
-            )  # the length of a column without influence is at its bound
+            )
             tuned = GaussianProcessRegressor(kernel).fit(chosen[:TUNED], target[:TUNED]).kernel_
         fitted = GaussianProcessRegressor(tuned, optimizer=None).fit(chosen, target)
         size = tuned.k1.k1.constant_value
@@ -334,9 +335,10 @@ def _search(
     known = np.flatnonzero(np.isfinite(flip))
     tried = np.array(found["inputs"]).reshape(-1, cars.shape[1])
     order = np.argsort(cars[:, 0])
+    # no two cars share their first number
     whose = order[
         np.searchsorted(cars[order, 0], tried[:, 0])
-    ]  # no two cars share their first number
+    ]
     own = np.isfinite(flip[whose])
     shown = len(np.unique(whose[own]))
     if min(len(known), shown) < least:

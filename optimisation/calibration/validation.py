@@ -50,8 +50,7 @@ class LeftOut:
             `inside`.
         density, prior_density, constant_density: logarithm of the joint density of its figures, per
             share of each: of the cars that the other tables leave, of the prior, and of a model
-                that says of each figure what the
-            other tables imply.
+            that says of each figure what the other tables imply.
     """
 
     table: str

@@ -401,11 +401,11 @@ def climb(
 
     Returns:
         A row per climb: manoeuvre, candidate, car, floor; `entry_speed_m_per_s` as the fine step
-            bears it out, NaN
-        without; `at_ceiling`; `ended_by`, what failed first (`failed_rule`), or, where the fine
-        step lowered the speed, what failed last there; at the entry speed `figure_m_per_s2`, mean
-        lateral acceleration, and `course_change_rad` of a turn; `proved`; `found_m_per_s` at the
-        ordinary step; number of `runs`. A run that comes to nothing fails and is named.
+        bears it out, NaN without; `at_ceiling`; `ended_by`, what failed first (`failed_rule`), or,
+        where the fine step lowered the speed, what failed last there; at the entry speed
+        `figure_m_per_s2`, mean lateral acceleration, and `course_change_rad` of a turn; `proved`;
+        `found_m_per_s` at the ordinary step; number of `runs`. A run that comes to nothing fails
+        and is named.
 
     Raises:
         UserError: a name twice, or a car that a scenario does not load.

@@ -368,8 +368,7 @@ class HuberSolution:
         solution: x, and residual and Jacobian of the problem as it was given; its attempts end with
             the robust one.
         influence: the same x with the clipped residual, and the Jacobian times the share of the
-            residuals within the
-            limit: J^+ S J^+' of it is Huber's asymptotic covariance.
+            residuals within the limit: J^+ S J^+' of it is Huber's asymptotic covariance.
         scale: standard deviation of the residual without its outliers.
         beyond: number of residuals that the loss holds back more than three scales.
     """

@@ -49,8 +49,8 @@ _PROMISE_TOLERANCE = 1e-8
 """A refused step that promised less than this part of the cost was refused by rounding: the minimum
 is reached."""
 _KINK_TOLERANCE = 1e-4
-"""The same where no step, however short, lowers the cost: the minimum is a kink of
-the model (jet edge, node of a table)."""
+"""The same where no step, however short, lowers the cost: the minimum is a kink of the
+model (jet edge, node of a table)."""
 _STEP_TOLERANCE = 1e-8
 _COST_TOLERANCE = 1e-10
 _GRADIENT_TOLERANCE = 1e-9

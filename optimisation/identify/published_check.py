@@ -116,8 +116,7 @@ def recompute_averages() -> pd.DataFrame:
 
     Returns:
         A row per average: table, quantity, published, its `averages`, and `agrees`: whether they
-            differ by no more than
-        half a unit of the last printed digit.
+        differ by no more than half a unit of the last printed digit.
     """
     entries: list[tuple[str, str, str, pd.Series, pd.Series]] = []
     for name in ("bar_friction", "robot_tail_friction"):

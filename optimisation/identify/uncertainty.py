@@ -167,12 +167,10 @@ def serial_noise(
         channels: where each time series stands in it.
         unknowns: number of the free parameters; they are paid for out of the effective samples.
         rounding: step of the readings, in units of the residual. Where a reading moves through many
-            steps, rounding
-            errors are evenly spread and average out at least as fast as white noise, also when they
-                look like a saw: a
-            residual whose variance they explain (a twelfth of the step's square) counts for single
-            samples, one that exceeds it by a fifth counts by its correlation, and in between by
-            both in part.
+            steps, rounding errors are evenly spread and average out at least as fast as white
+            noise, also when they look like a saw: a residual whose variance they explain (a twelfth
+            of the step's square) counts for single samples, one that exceeds it by a fifth counts
+            by its correlation, and in between by both in part.
     """
     variance = np.empty(len(residual))
     effective = 0.0

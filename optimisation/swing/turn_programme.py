@@ -1,12 +1,11 @@
 """Steering and tail of a turn as a `MathematicalProgram`, which the user may add to before it is
 solved.
 
-    maximise   mean course of the cars,  less SMOOTHNESS x mean square of the steps of the scaled
-    rate
-                                         and STEADINESS x mean square of the scaled step of the
-                                         steering
-    subject to every row of `TurnShooting` for every car, the tail's range at and between its knots
-    (linear), bounds
+    maximise    mean course of the cars
+                less SMOOTHNESS x mean square of the steps of the scaled rate
+                and STEADINESS x mean square of the scaled step of the steering
+    subject to  every row of `TurnShooting` for every car, bounds,
+                the tail's range at and between its knots (linear)
 
 Courses, rows and all slopes at a point come from one batch of turns (`TurnShooting.at`), which cost
 and constraints share. SNOPT solves; of the points that it visits the best one that keeps everything

@@ -260,9 +260,8 @@ class DaskEngine(Engine):
         except KilledWorker:
             self._lost(address)
             return None, None
-        except (
-            CancelledError
-        ) as error:  # as when the connection to the scheduler was lost for a moment
+        # as when the connection to the scheduler was lost for a moment
+        except CancelledError as error:
             self._record.event("taken_back", f"Dask took a run back ({error}): it is made again")
             self._forget_future(future, self._again)
             return None, None
@@ -289,9 +288,10 @@ class DaskEngine(Engine):
         scheduler then keeps the piece for that worker alone, so the future would wait forever.
         """
         loop: Any = self._client.loop
+        # one for all looks: it may need several
         gather: Any = self._client.gather(
             [future], asynchronous=True
-        )  # one for all looks: it may need several
+        )
         gathering = asyncio.run_coroutine_threadsafe(gather, loop.asyncio_loop)
         until = time.monotonic() + RESULT_WITHIN
         try:

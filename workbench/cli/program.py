@@ -54,16 +54,18 @@ class ErrorBoundary(TyperGroup):
             message = str(error)
             cause: BaseException = error
         except OSError as error:
+            # not about a file that the user named: closed pipe, lost network
             if (
                 error.filename is None
-            ):  # not about a file that the user named: closed pipe, lost network
+            ):
                 raise
             message = f"{error.filename}: {error.strerror}"
             cause = error
         except Exception as error:
+            # of the error about an option that is not there
             option = getattr(
                 error, "option_name", ""
-            )  # of the error about an option that is not there
+            )
             if option not in RENAMED:
                 raise
             message = f"{option} is now {RENAMED[option]}"

@@ -71,9 +71,8 @@ class TailController(LeafSystem):
         speed (1, optional): m/s, from the station; unknown when not connected.
         steering_angle (1, optional): command of the driver, rad; unknown when not connected.
     Output ports:
-        tail_pitch_command (5), tail_roll_command (5): `signal_table.TAIL_COMMAND`, in rad, rad/s, N
-        m/rad,
-            N m s/rad, N m.
+        tail_pitch_command (5), tail_roll_command (5): `signal_table.TAIL_COMMAND`, in rad, rad/s,
+            N m/rad, N m s/rad, N m.
         state (1): number of the law's state.
 
     Args:

@@ -284,9 +284,8 @@ class SwingMachine(ABC, Generic[Memory]):
 
 
 def _as_array(memory: SwingMemory) -> np.ndarray:
-    return np.array(
-        list(vars(memory).values())
-    )  # in the order of the fields; `astuple` copies deeply
+    # in the order of the fields; `astuple` copies deeply
+    return np.array(list(vars(memory).values()))
 
 
 def enter(state: SwingState, memory: Memory, time: float) -> Memory:

@@ -184,9 +184,10 @@ def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> M
 
 
 def _add_ground(plant: MultibodyPlant, friction: float) -> None:
+    # a filter that is there already is not added again
     logging.getLogger("drake").addFilter(
         is_news
-    )  # a filter that is there already is not added again
+    )
     properties = ProximityProperties()
     AddContactMaterial(
         dissipation=0.0,

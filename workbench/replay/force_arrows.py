@@ -136,9 +136,10 @@ class DrawnArrow:
         """
         whole = float(np.linalg.norm(length))
         shaft = max(whole - _HEAD_LENGTH, 1e-3)
+        # the cone has its point at the origin and opens along z
         turned = RotationMatrix.MakeXRotation(
             np.pi
-        )  # the cone has its point at the origin and opens along z
+        )
         poses = {
             self.path: RigidTransform(shortest_turn(length / whole), point),
             f"{self.path}/shaft": RigidTransform(np.array([0.0, 0.0, shaft / 2])),

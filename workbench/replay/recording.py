@@ -154,9 +154,10 @@ def _draw_traces(
             meshcat.SetTriangleMesh(path, vertices, faces, colour)
             animation.SetProperty(0, path, "visible", False)
             animation.SetProperty(int(end), path, "visible", True)
+            # every track has the same length, for the loop
             animation.SetProperty(
                 last, path, "visible", True
-            )  # every track has the same length, for the loop
+            )
 
 
 def tube(points: FloatArray, radius: float) -> tuple[FloatArray, NDArray[np.int32]]:

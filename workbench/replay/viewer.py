@@ -193,7 +193,8 @@ class ChaseCamera:
             place = np.array([*X_WB.translation()[:2], 0.0])
             turned = RigidTransform(RotationMatrix.MakeZRotation(-heading), np.zeros(3))
             self._meshcat.SetTransform(WORLD, turned @ RigidTransform(-place))
+            # whole metres: its lines stay in place
             self._meshcat.SetTransform(
                 GROUND, RigidTransform(np.round(place))
-            )  # whole metres: its lines stay in place
+            )
         return float(np.hypot(velocity[0], velocity[1])), heading

@@ -220,8 +220,7 @@ class CarTruth(_Kinematics):
         contact_results: ContactResults, from the plant.
         drive_torque (1): N m on the shaft.
         tail_torque (2), tail_air (6): only with a tail; motor torques, N m, and of the air on it
-        the moment about the
-            origin of the chassis, N m, and the force, N, in W.
+            the moment about the origin of the chassis, N m, and the force, N, in W.
     Output ports:
         body_truth, contact_truth, and with a tail tail_truth.
     """
