@@ -28,6 +28,7 @@ AXES = {
     for sign, factor in (("+", 1), ("-", -1))
 }
 _TURN = 2.0 * math.pi
+"""A full turn, rad."""
 Sign = Literal[1, -1]
 
 

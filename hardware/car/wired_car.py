@@ -31,6 +31,7 @@ from aerodima.workbench.errors import HardwareError
 _LAST_STRINGS = 5
 """Strings with throttle 0 and exit that are sent at the end, one every 10 ms."""
 _CYCLE = 0.01
+"""Time between two cycles, s."""
 _ROLL = IMU.index("roll")
 _PITCH = IMU.index("pitch")
 

@@ -31,6 +31,7 @@ _SHOW = 0.05
 _FAREWELL = 0.3
 """s in which pages learn that the console has failed, before it ends."""
 _MOST_BYTES = 4096
+"""Longest message that a page may send, bytes."""
 _BACKLOG = 16
 """Connections that are accepted in one go; more of them could take every file before the first one
 is looked at."""

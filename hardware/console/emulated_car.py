@@ -22,8 +22,11 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 
 _START_TIME = 120.0
+"""Longest wait for the emulator, and for one test of its watchdog, s."""
 _END_TIME = 20.0
+"""Longest wait for a process to end, s."""
 _LOOK = 0.05
+"""Time between two looks at whether the emulator is ready, s."""
 _TESTS = 3
 """Times that the watchdog test is tried: a computer that is busy with other work can be late for
 the emulated car."""

@@ -17,6 +17,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HOST = "127.0.0.1"
 _BYTES = 24
+"""Random bytes of a token or session."""
 REQUEST_TIME = 3.0
 """s in which a connection must have made its whole request, the first one or the next."""
 MOST_WAITING = 64

@@ -36,17 +36,22 @@ if TYPE_CHECKING:
     from serial import Serial
 
 _RECONNECT = 0.25
+"""Wait after a lost device before the next attempt, s."""
 _CLOSE = 0.5
+"""Longest wait for the thread when a sensor is closed, s."""
 
 T = TypeVar("T")
 _PERIOD = 1.0 / RATE
+"""Time between two samples of the IMU, s."""
 _ANSWER_TIME = 0.05
+"""Longest wait for an answer of the IMU, s."""
 _MODE_CHANGE = 0.03
 """Between operation modes, s (data sheet table 3-6: 19 ms to CONFIG, 7 ms from it)."""
 _LEAD = 0.006
 """From the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms, the
 chip adds to it."""
 _STATUS_EVERY = 100
+"""Requests between two looks at the chip's own status."""
 _ALIKE = 10
 """Samples in a row, or solutions of a moving car, that may be equal to the last bit: noise of gyro
 and accelerometer is above their steps (data sheet table 0-2), and the speed of a car that moves

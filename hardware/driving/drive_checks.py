@@ -33,19 +33,27 @@ from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE, UNAR
 from aerodima.workbench.errors import HardwareError
 
 _MB = 1e6
+"""Bytes in a megabyte."""
 _SLEEPS = 20
+"""Sleeps of 1 ms that are timed."""
 _COARSE_SLEEP = 0.002
 """s; a computer whose sleeps end later than that cannot keep 10 ms."""
 _FIRST_YEAR = 2024
+"""A calendar that shows an earlier year has not been set."""
 _CLOCK_DIFFERENCE = 2.0
+"""Largest difference from the receiver's time that is not reported, s."""
 _WATCHES = {
     "teensy_bridge": "the Teensy, by the strings of the computer",
     "watched_can": "the Teensy, by the heartbeat on the motors' bus",
 }
 _RATIO_TOLERANCE = 0.2
+"""How far the ratio of `_speed_ratio` may be from 1 with the right profile."""
 _WARMEST = 120.0
+"""Highest temperature of a motor that can be, degrees Celsius."""
 _COLDEST = -30.0
+"""Lowest temperature of a motor that can be, degrees Celsius."""
 _LEAST_SAMPLES = 10
+"""Fewest samples that show a living IMU."""
 _ROLL = IMU.index("roll")
 _PITCH = IMU.index("pitch")
 

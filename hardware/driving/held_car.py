@@ -62,7 +62,9 @@ _CUTS = {
 _WAYS = {"tail_pitch": ("forward", "back"), "tail_roll": ("to the right", "to the left")}
 """Positive, negative (design section 4)."""
 _STEP = math.radians(5.0)
+"""Angle by which a joint is moved in the test of its motor, rad."""
 _MOST_WRONG = math.radians(2.0)
+"""Largest error of that movement, rad."""
 _KP = 60.0
 """N m/rad: five degrees ask for 5 N m at most, and the weight of a tail that lies on its side
 (1.2 N m on the emulated car) costs one degree; with the soft gains that hold it, it would cost
@@ -70,9 +72,13 @@ four."""
 _KD = 5.0
 """N m s/rad."""
 _MOVE = 1.0
+"""Time of the movement, s."""
 _SETTLE = 0.5
+"""Time after it until the joint is at rest, s."""
 _LEAST_REPLIES = 20
+"""Cycles over which the torque is averaged; fewest replies that give a position."""
 _MOST_SPREAD = math.radians(1.0)
+"""Largest movement of a joint that counts as held still, rad."""
 _TORQUE_ERROR = 0.5
 """N m by which the reported torque may differ: a motor reads its current, not its torque."""
 _TORQUE_SHARE = 0.4

@@ -33,8 +33,11 @@ from aerodima.hardware.transport.can_adapter import TrafficLog, can
 from aerodima.workbench.errors import HardwareError
 
 _ENTER = 0xFC
+"""Last byte of the frame that enters a motor."""
 _EXIT = 0xFD
+"""Last byte of the frame that exits it."""
 _ZERO = 0xFE
+"""Last byte of the frame that sets its zero."""
 _PROFILE = AK70_10_V1_0_8
 WARM = 30.0
 """Temperature of a healthy motor, degrees Celsius."""
@@ -49,8 +52,11 @@ DRIFT_RATE = 3.0
 _OK = b"\r"
 _ERROR = b"\a"
 _LONGEST_LINE = 64
+"""Bytes kept of a line that has not ended."""
 _MOST_HEARD = 4096
+"""Bytes that wait for the computer beyond which frames of other nodes are dropped."""
 _MOST_BYTES = 4096
+"""Most bytes of one read."""
 
 
 class EmulatedBus:

@@ -58,9 +58,12 @@ _FLAGS = (
     "-fPIC",
 )
 _BUILD_TIME = 120.0
+"""Longest time that the compiler may take, s."""
 _HOST_ONLY = ("c_interface.h", "c_interface.cpp")
 _WRAP = 1 << 32
+"""The Teensy's clock of milliseconds begins anew after so many."""
 _LONGEST = 512
+"""Room for the string of a reply, bytes."""
 
 
 def motor_limits(settings: MotorSettings) -> dict[str, float]:

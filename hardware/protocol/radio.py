@@ -35,10 +35,15 @@ REPORT_PERIOD = 0.05
 """s between two reports."""
 _HEAD = struct.Struct(f"<BBBBB{FAULT_CODES}B8f")
 _MOST_BYTES = 100
+"""Longest report with its text, bytes."""
 _ARMED = 1
+"""Bit of the flags: the car is armed."""
 _STOPPED = 2
+"""Bit of the flags: the car is stopped."""
 _ASKS_SHIFT = 2
+"""Place of `asks` in the flags, bits."""
 _NO_TAIL = 16
+"""Bit of the flags: the car has no tail."""
 _NUMBERS = (
     "yaw_rate",
     "roll",

@@ -34,7 +34,9 @@ SERVO_PULSES = (950, 1500, 2050)
 THROTTLE_PULSES = (1100, 1500, 1900)
 """Least, idle and most pulse of the speed controller, us (thesis 5.4.5)."""
 _MOST_DIGITS = 12
+"""Most characters of a number."""
 _REPLY_FIELDS = 17
+"""Fields of a reply."""
 _UNKNOWN_AGE = 65535
 """Age of an attitude that is not known, ms."""
 _MOTOR_FIELDS = ("position", "velocity", "kp", "kd", "torque")

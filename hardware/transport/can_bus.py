@@ -20,6 +20,7 @@ from aerodima.hardware.transport.can_adapter import CanSettings, TrafficLog, can
 from aerodima.workbench.errors import HardwareError
 
 _RECEIVE_TIMEOUT = 0.05
+"""Longest wait of one read from the driver, s."""
 _RECEIVER_SILENT = 0.5
 """A receive thread that has not come round for that long is taken for dead, s."""
 _SENDER_STUCK = 0.25
@@ -28,12 +29,14 @@ _SEND_TIMEOUT = 0.02
 """For the driver, s. pyserial looks at it after the write too: a thread that waits 5 ms for its
 turn is not late."""
 _SEND_RETRY = 0.001
+"""Wait after a failed sending before the next attempt, s."""
 _SEND_BLOCKED = 0.05
 """The driver takes no frame for that long: its buffer is full (ENOBUFS) since nobody acknowledges
 on the bus, s."""
 _MOST_GARBAGE = 200
 """Lines in a row that are no frame."""
 _ECHO_TIME = 0.05
+"""A frame that equals one sent within this time is its echo, s."""
 _ERROR_BUS_OFF = 0x40
 """Class bit of socketcan's error frames (linux/can/error.h)."""
 _GONE = (
@@ -48,6 +51,7 @@ _GONE = (
 _STALE_AFTER = 0.05
 """A command that has waited that long is not sent any more, s: five cycles of the loop."""
 _MOST_URGENT = 256
+"""Most urgent frames that wait."""
 
 
 class BusFault(IntEnum):

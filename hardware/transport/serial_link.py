@@ -23,10 +23,15 @@ _READ_TIMEOUT = 0.02
 """s; a read returns with the first byte, so that only a silent port waits that long: 50 times a
 second."""
 _WITHOUT_PORT = 0.002
+"""Wait of the sending thread while there is no port, s."""
 _WRITE_TIMEOUT = 0.1
+"""Longest time of a write, s."""
 _RECONNECT = 0.25
+"""Wait between two attempts to open the port again, s."""
 _THREAD_SILENT = 0.5
+"""A reading thread that has not come round for that long is taken for dead, s."""
 _MOST_CHUNKS = 4096
+"""Most pieces of received data that wait to be taken."""
 
 
 class SerialSettings(StrictModel):

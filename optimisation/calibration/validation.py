@@ -36,6 +36,7 @@ from aerodima.workbench.errors import UserError
 from aerodima.workbench.resources import model_path
 
 TRIES = 10_000
+"""Draws of a posterior car that survives every turn, before it is given up."""
 BAND = (0.05, 0.5, 0.95)
 """Quantiles of a 90 % interval and its median."""
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 Out = Annotated[Path, cli.written("Folder for CSV, YAML, PNG and report.html.")]
 _MOST_SHOWN = 20
+"""Most fits that the terminal shows."""
 
 
 @dataclass(frozen=True)

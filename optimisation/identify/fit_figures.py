@@ -16,6 +16,7 @@ from aerodima.workbench.figures.figure_style import BLUE, GREY, SKY, VERMILION, 
 _MOST_CURVES = 12
 """Panels of a figure."""
 _MOST_NAMED = 16
+"""Most fits whose names stand below the axis."""
 
 
 def figures_of(results: Sequence[FitResult]) -> dict[str, Figure]:

@@ -34,8 +34,11 @@ LOSSES: tuple[Loss, ...] = ("squares", "huber")
 LIMIT = 1.345
 """In standard deviations: 95 % efficient on normal data."""
 _NORMAL = 1.4826
+"""Standard deviation of normal data over its median deviation."""
 _SETTLED = 0.05
+"""Relative change of the scale below which it has settled."""
 _MOST_SCALES = 4
+"""Most fits with the scale taken anew."""
 
 
 @dataclass(frozen=True)

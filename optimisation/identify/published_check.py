@@ -31,10 +31,12 @@ from aerodima.workbench.resources import published_rows, published_table
 OUTLIER = 0.03
 """Relative error of a predicted current above which a row is listed."""
 _TOLERANCE = 0.02
+"""Relative error of a current above which the fit weighs it less."""
 _LEAST_CURRENT = 0.5
 """The fit takes errors of smaller currents relative to this, A: the tests without wind held almost
 nothing."""
 _TAILS = (1, 2, 3)
+"""Numbers of the tails with published holds."""
 _CELL = ["tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s"]
 
 

@@ -56,7 +56,9 @@ UPRIGHT_MARGIN = math.radians(0.5)
 """A tail that hangs straight within this has its lift to the root, on whichever side of 0 an
 encoder reads it."""
 _DRAG = PolarLaw(1.0, 0.0)
+"""Drag alone, with a coefficient of 1."""
 _LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
+"""Lift alone, with a coefficient of 1."""
 
 
 def static_parameters(data: StaticData, options: FitOptions = FREE) -> Parameters:

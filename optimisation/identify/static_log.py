@@ -57,7 +57,9 @@ m."""
 TARED = "tared_angle_rad"
 """Key in a log's `extra`: angle at which the sensor was zeroed without wind just before, rad."""
 LEAST_SAMPLES = 100
+"""Fewest samples of a hold, and of a rest."""
 _LARGEST_WANDER = math.radians(1.0)
+"""Largest change of the angle within a hold, rad."""
 CURRENT_MARGIN = 2.0
 """Logged currents beyond this many times the motor's limit are of another unit."""
 _NO_CHANGE = 4.0
@@ -68,7 +70,9 @@ _LARGEST_FORCE = 1000.0
 _LARGEST_TORQUE = 40.0
 """About twice the range of the Axia80-M20, N m."""
 _ROUNDS = 40
+"""Most rounds of the robust regression."""
 _SETTLED = 1e-4
+"""Change, in scales, below which it has settled."""
 _MOST_CORRELATED = 8192
 """Samples that the correlation time of a noise is taken from."""
 

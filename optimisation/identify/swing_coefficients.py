@@ -41,8 +41,11 @@ BIN = 2.0
 """Distance of the nodes of a table over the relative speed, m/s."""
 _NODE = "cn_at_"
 _SEED = 2.0
+"""Start of a normal-force coefficient."""
 _LOW = 0.0
+"""Lower bound of a normal-force coefficient."""
 _HIGH = 10.0
+"""Upper bound of a normal-force coefficient."""
 _MOST_ADDED_MASS = 1.0
 """kg per part: twice the bound of Table 4.12, at which one published swing stopped."""
 _SCANNED = 24

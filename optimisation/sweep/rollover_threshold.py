@@ -130,6 +130,7 @@ class Search:
 
 
 FRICTION_SEARCH = Search(FRICTION, 0.4, 1.1, 0.05, 0.01)
+"""Scan of the friction coefficient; the last two numbers are its steps, coarse and fine."""
 SEARCHES = {"speed": Search(SPEED, 2.5, 6.5, 0.25, 0.05), "friction": FRICTION_SEARCH}
 """Name -> scan."""
 

@@ -23,6 +23,7 @@ from aerodima.workbench.systems.system_ports import (
 
 Vector3 = tuple[float, float, float]
 _CALM: Vector3 = (0.0, 0.0, 0.0)
+"""No wind, m/s."""
 
 
 @dataclass(frozen=True)

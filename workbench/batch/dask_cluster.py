@@ -36,6 +36,7 @@ ALL_GARBAGE = 100
 what is new."""
 _pieces = itertools.count(1)
 _GIGABYTE = 1.0e9
+"""Bytes in a gigabyte."""
 
 
 @contextmanager

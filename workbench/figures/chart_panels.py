@@ -24,9 +24,13 @@ from matplotlib.ticker import FixedLocator
 from aerodima.workbench.config.array_types import FloatArray
 
 _PIXELS_PER_INCH = 82
+"""Pixels of a panel per inch of the figure."""
 _LEAST_HEIGHT = 120
+"""Least height of a panel, pixels."""
 _PIXELS_PER_POINT = 1.33
+"""Pixels per point of line widths and marks."""
 _LEAST_SAMPLES = 3
+"""Fewest points of a line that is drawn as a series."""
 _NO_LINE = ("None", "none", " ", "")
 """Matplotlib's names of the line style that draws nothing."""
 _NO_MARK = (*_NO_LINE, None)

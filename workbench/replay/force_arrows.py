@@ -18,7 +18,9 @@ from aerodima.workbench.replay.reckoned_motion import RECKONED
 from aerodima.workbench.replay.viewer import WORLD
 
 WHEEL_COLOUR = (0.10, 0.55, 0.25)
+"""Red, green, blue from 0 to 1: force of the ground on a wheel."""
 AIR_COLOUR = (0.85, 0.25, 0.10)
+"""Red, green, blue from 0 to 1: force of the air on a tail."""
 WHEEL_SCALE = 0.02
 """Length of the arrow of a wheel, m per N: a wheel at rest carries about 15 N."""
 SHOWN_LENGTH = 0.015

@@ -32,6 +32,7 @@ FORCES = "/scene/forces"
 """Topic of the force arrows: `SceneUpdate`."""
 WORLD_FRAME = "world"
 _FLOOR = (0.90, 0.91, 0.92)
+"""Red, green, blue from 0 to 1."""
 _SHAFT = 0.014
 """Diameter of the shaft of an arrow, m."""
 _HEAD = 0.036

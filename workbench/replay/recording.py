@@ -32,9 +32,13 @@ NEARER = 0.78
 """Share of `LoggedRun.camera_place` for Meshcat's camera: a visitor can zoom out where a picture
 cannot."""
 TIP_COLOUR = Rgba(0.93, 0.60, 0.10)
+"""Path of the tail's tip."""
 COM_COLOUR = Rgba(0.25, 0.30, 0.75)
+"""Path of the centre of mass."""
 _TRACE_RADIUS = 0.006
+"""Radius of a path, m."""
 _TRACE_PIECES = 200
+"""Most pieces of a path, which appear one after another."""
 
 
 def record_run(run_log: RunLog, meshcat: Meshcat, rate: float = 1.0) -> LoggedRun:

@@ -25,6 +25,7 @@ _BEFORE = 0.25
 _AFTER = 0.75
 """Time shown after the turn, s."""
 _TIPPING = np.radians(35.0)
+"""Tilt from which a car is shown as tipping, rad."""
 _APART = 0.05
 """Shortest time between two pictures, s, where the run leaves the room."""
 FRAME = (440, 470)
@@ -38,6 +39,7 @@ _LABEL = 84
 STRIP = (5 * FRAME[0] + 6 * _GAP, FRAME[1] + _TITLE + _LABEL)
 """Width and height of the strip, pixels."""
 _DPI = 100
+"""Pixels per inch."""
 
 
 @dataclass(frozen=True)

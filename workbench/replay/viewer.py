@@ -25,9 +25,13 @@ PORTS = (1024, 65535)
 WORLD = "/drake"
 GROUND = f"{WORLD}/ground"
 _FLOOR = Rgba(0.90, 0.91, 0.92)
+"""Colour of the floor."""
 _FINE = Rgba(0.80, 0.82, 0.84)
+"""Colour of the lines between the metres."""
 _METRE = Rgba(0.42, 0.46, 0.52)
+"""Colour of the lines at each metre."""
 _FINE_STEP = 0.25
+"""Distance of the lines between the metres, m."""
 _SHADOW_BIAS = -0.01 / 500.0
 """One centimetre of the 500 m that the shadow of Meshcat's lamp reaches."""
 _LIVE_AREA = (-4.0, 16.0, -8.0, 10.0)
