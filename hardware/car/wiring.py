@@ -150,9 +150,7 @@ class CarReader:
         self.imu_time = math.nan
 
     def read(self, devices: Devices, now: float, released: bool) -> CarReading:
-        """The reading of now (s, monotonic); `released` stands for `armed` where there are no
-        motors.
-        """
+        """The reading at `now` (s, monotonic); `released` means `armed` where no motors are."""
         motors = devices.group.motors
         for index, motor in enumerate(motors):
             if math.isfinite(motor.position):
@@ -217,9 +215,7 @@ def _worst(devices: Devices, sources: dict[str, tuple[float, int, str]]) -> str:
 
 
 class _SailRate:
-    """Sail angle and its rate from the Teensy's replies, each with the time at which the Teensy
-    sent it.
-    """
+    """Sail angle and rate from the Teensy's replies, each with the time at which it was sent."""
 
     def __init__(self) -> None:
         self._past: deque[tuple[float, float]] = deque(maxlen=64)

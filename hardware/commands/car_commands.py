@@ -384,9 +384,7 @@ def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm:
 
 
 def _eyes(ports: CarPorts, wiring: WiringName) -> tuple[Callable[[str], bool], str]:
-    """Who answers what is seen of the tail: the operator, or nobody where there is nothing to be
-    seen.
-    """
+    """Who answers what is seen of the tail: the operator, or nobody where nothing is to be seen."""
     from aerodima.hardware.driving.watchdog_test import is_emulated
 
     if is_emulated(wiring, ports):

@@ -174,9 +174,7 @@ def make_server(app: Starlette) -> uvicorn.Server:
 
 
 async def _watched(console: Console, task: Coroutine[Any, Any, None]) -> None:
-    """Whatever dies by an exception that nobody meant ends the console: half of one is worse than
-    none.
-    """
+    """Any exception that nobody meant ends the console: half of one is worse than none."""
     try:
         await task
     except Exception as error:

@@ -78,9 +78,7 @@ class EmulatedCarProcess:
         return self.folder / PORTS_FILE
 
     def events(self, *names: str) -> list[dict[str, Any]]:
-        """What happened so far, or that of these names: each with its time, s on
-        `time.monotonic`.
-        """
+        """Events so far, or those of these names; each with its time, s on `time.monotonic`."""
         return [
             event
             for event in read_events(self.folder / EVENTS_FILE)
@@ -236,9 +234,7 @@ def emulated_car(
 
 
 def _own_folder(folder: Path) -> Path:
-    """The folder; where an earlier car has left its files, one in it with the next number from
-    2.
-    """
+    """The folder; where an earlier car left its files, one in it with the next number from 2."""
     found = folder
     number = 1
     while (found / READY_FILE).exists():

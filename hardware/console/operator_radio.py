@@ -80,9 +80,7 @@ class OperatorRadio:
         return now - self._heard
 
     def fault(self, now: float) -> str:
-        """Why nothing reaches the car from here, in words; empty while the port takes what is
-        sent.
-        """
+        """Why nothing reaches the car from here; empty while the port takes what is sent."""
         if fault := self._link.fault:
             return f"the radio's port is lost: {fault}"
         if now - self._lost < _LOST_SHOWN:

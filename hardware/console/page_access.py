@@ -46,9 +46,7 @@ class Access:
         return f"http://{HOST}:{self._port}/?token={self._token}"
 
     def redeem(self, token: str) -> str | None:
-        """A session for the token, which is worth nothing from now on; None for a wrong or used
-        one.
-        """
+        """A session for the token, which is then used up; None for a wrong or used one."""
         if not secrets.compare_digest(token.encode(), self._token.encode()):
             return None
         self._token = secrets.token_urlsafe(_BYTES)

@@ -109,9 +109,7 @@ class BeatClock:
         self._before = -math.inf
 
     def in_time(self, sent: float, now: float) -> bool:
-        """Whether a heartbeat that left at the page's time `sent` and came at `now` (both s) is
-        passed on.
-        """
+        """Whether a heartbeat sent at the page's time `sent`, in at `now` (s), is passed on."""
         if math.isfinite(self._offset):
             self._offset += self._FORGET * (now - self._before)
         self._before = now

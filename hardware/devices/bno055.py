@@ -82,8 +82,7 @@ class Mode(IntEnum):
 
 
 SAMPLE_BYTES = Register.CALIBRATION + 1 - Register.GYRO
-"""One burst: gyro, Euler angles, quaternion, linear acceleration, gravity, temperature,
-calibration."""
+"""One burst: gyro, Euler angles, quaternion, acceleration, gravity, temperature, calibration."""
 
 
 @dataclass(frozen=True)

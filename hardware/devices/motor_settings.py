@@ -1,6 +1,4 @@
-"""Settings and limits of one tail motor: what it can, where it may go, and when it is switched
-off.
-"""
+"""Settings and limits of a tail motor: what it can do, where it may go, when it is switched off."""
 
 from __future__ import annotations
 
@@ -35,9 +33,7 @@ def check_command(command: MitCommand) -> None:
 
 
 def pd_torque(command: MitCommand, position: float, speed: float) -> float:
-    """Torque (N m) that the motor's loop makes of a command at `position` (rad) and `speed`
-    (rad/s).
-    """
+    """Torque (N m) that the motor makes of a command at `position` (rad) and `speed` (rad/s)."""
     return (
         command.kp * (command.position - position)
         + command.kd * (command.velocity - speed)

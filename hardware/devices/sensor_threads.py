@@ -81,9 +81,7 @@ class Session(Generic[T]):
         """
 
     def read(self, port: Serial) -> tuple[float, T] | None:
-        """The next sample and when it was taken (s, monotonic); None after a short wait without
-        one.
-        """
+        """The next sample and its time (s, monotonic); None after a short wait without one."""
         raise NotImplementedError
 
 
@@ -149,9 +147,7 @@ class SensorThread(Generic[T]):
 
     @property
     def newest(self) -> tuple[float, T] | None:
-        """When the newest sample was taken (s, monotonic), and the sample; None before the
-        first.
-        """
+        """Time of the newest sample (s, monotonic), and the sample; None before the first."""
         return self._newest
 
     def age(self, now: float) -> float:
@@ -286,9 +282,7 @@ class Bno055Session(Session[Bno055Sample]):
         return asked, sample
 
     def _after(self, asked: float) -> float:
-        """When the next sample is asked for: about a period later, in step with whoever wants
-        it.
-        """
+        """When the next sample is asked for: about a period later, in step with who wants it."""
         first = self._due - _LEAD
         return first + math.ceil((asked + 0.5 * _PERIOD - first) / _PERIOD) * _PERIOD
 

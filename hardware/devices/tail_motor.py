@@ -434,9 +434,7 @@ class Motor:
         self._send(make_exit(self.settings.motor_id), urgent=True)
 
     def _send_exits(self, now: float) -> None:
-        """The neutral command first, for the motor may jump to its last command when it is entered
-        again.
-        """
+        """The neutral command first: an entered motor may jump to its last command."""
         self._exit_time = now
         self._send(make_neutral(self.settings.motor_id, self.settings.profile), urgent=True)
         for _ in range(self.settings.safety.exit_burst):

@@ -114,9 +114,7 @@ def watchdog_check(wiring: str, unwatched: str) -> Check:
 def motor_checks(
     car: WiredCar, scenario: Scenario, ports: CarPorts, safety: DriveSafety
 ) -> list[Check]:
-    """Firmware profile by the replies, and the zero by where the tail is held; with the motors
-    holding.
-    """
+    """Firmware profile by the replies, zero by where the tail is held; with the motors holding."""
     checks = []
     for name, motor_id in zip(("tail pitch", "tail roll"), ports.motor_ids, strict=True):
         try:
@@ -279,9 +277,7 @@ def _fits(profile: FirmwareProfile, replies: Sequence[tuple[float, CanFrame]]) -
 def _speed_ratio(
     profile: FirmwareProfile, replies: Sequence[tuple[float, CanFrame]]
 ) -> float | None:
-    """Least-squares slope of the position over the integral of the velocity; None with too little
-    motion.
-    """
+    """Least-squares slope of position over integrated velocity; None with too little motion."""
     decoded = [decode_reply(frame, profile) for _, frame in replies]
     times = np.array([time for time, _ in replies])
     velocity = np.array([reply.velocity for reply in decoded])

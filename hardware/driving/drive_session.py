@@ -233,9 +233,7 @@ def run_drive(
 
 
 class TickTimeout(BaseException):
-    """Raised within a controller that takes too long; no error of a kind that it may want to
-    catch.
-    """
+    """Raised within a controller that takes too long; of no kind that it may want to catch."""
 
 
 @contextmanager

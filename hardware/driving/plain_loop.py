@@ -31,8 +31,7 @@ from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSetti
 PERIOD = 0.01
 """s; of every loop that talks to the car."""
 WRITE_DELAY = 0.001
-"""s after a tick, at which its commands leave: the same instant in the plain loop and in the
-diagram."""
+"""s from a tick to its commands: the same in the plain loop and in the diagram."""
 Clock = Callable[[], float]
 Wait = Callable[[float], None]
 

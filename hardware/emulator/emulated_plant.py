@@ -154,9 +154,7 @@ class EmulatedCar:
 
 
 def _with_eager_imu(scenario: Scenario) -> Scenario:
-    """A sample is seen after the step that follows it, so a step of the delay is in the
-    stepping.
-    """
+    """A sample is seen after the step that follows it: a step of the delay is in the stepping."""
     step = scenario.simulation.step
     imu = scenario.imu.model_copy(
         update={"rate": 1.0 / step, "delay": max(0.0, scenario.imu.delay - step)}

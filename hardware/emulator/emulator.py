@@ -211,9 +211,7 @@ class Emulator:
         return self._close()
 
     def _note_delay(self, delay: float) -> None:
-        """Every time that the car falls behind and catches up is an event `late`, with the largest
-        delay.
-        """
+        """Each time the car falls behind and catches up: event `late` with the largest delay."""
         self.latest = max(self.latest, delay)
         if delay > _LATE:
             self._lag = max(self._lag, delay)

@@ -185,9 +185,7 @@ def core_sources() -> list[Path]:
 
 
 def firmware_hash() -> str:
-    """SHA-256 over core and sketch: which firmware a watchdog test was made with. 64 hexadecimal
-    digits.
-    """
+    """SHA-256 over core and sketch, 64 hexadecimal digits: which firmware a test was made with."""
     digest = hashlib.sha256()
     for path in (*core_sources(), SKETCH / "aerodima_teensy.ino"):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")

@@ -194,9 +194,7 @@ def decode_reply(text: bytes) -> TeensyReply:
 
 
 def crc8(data: bytes) -> int:
-    """CRC-8, polynomial x^8 + x^2 + x + 1, from 0: finds every burst of errors up to 8 bits
-    long.
-    """
+    """CRC-8, polynomial x^8 + x^2 + x + 1, from 0: finds every burst of errors of up to 8 bits."""
     value = 0
     for byte in data:
         value = _CRC_TABLE[value ^ byte]

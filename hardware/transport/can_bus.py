@@ -99,9 +99,7 @@ class Outbox:
             self._condition.notify_all()
 
     def next(self) -> CanFrame | None:
-        """Waits for the next frame to send; None once the box is closed and empty of urgent
-        ones.
-        """
+        """Waits for the next frame to send; None once the box is closed without urgent ones."""
         with self._condition:
             while True:
                 if self._urgent:
@@ -360,9 +358,7 @@ class CanBus:
             self._take(now, message)
 
     def _drop_garbage(self, error: Exception) -> None:
-        """Goes on after a line of slcan that is no frame, or not even text; raises everything
-        else.
-        """
+        """Goes on after a line of slcan that is no frame, or no text; raises everything else."""
         causes = (error, error.__cause__)
         if self._garbage_in_a_row > _MOST_GARBAGE or not any(
             isinstance(e, ValueError | IndexError) for e in causes

@@ -1,6 +1,4 @@
-"""A serial port with threads of its own: it comes back after a broken cable and never holds up the
-loop.
-"""
+"""A serial port with its own threads: it survives a broken cable and never holds up the loop."""
 
 from __future__ import annotations
 
@@ -129,9 +127,7 @@ class SerialLink:
         )
 
     def write(self, data: bytes) -> None:
-        """Hands bytes to the sending thread and returns at once; they replace bytes that still
-        wait.
-        """
+        """Hands bytes to the sending thread and returns at once; replaces bytes that still wait."""
         with self._condition:
             self.replaced += self._waiting is not None
             self._waiting = data
@@ -235,9 +231,7 @@ class SerialLink:
 
 
 def reason_of(error: BaseException) -> str:
-    """What went wrong with a device and what a user can do, from the first system error in the
-    chain.
-    """
+    """What went wrong with a device and what to do, from the first system error in the chain."""
     root: BaseException | None = error
     while root is not None and getattr(root, "errno", None) is None:
         root = root.__cause__ or root.__context__

@@ -303,9 +303,7 @@ def _unseen(
     tried: FloatArray,
     whose: IntArray,
 ) -> FloatArray:
-    """Margin of cars that were tried (k), as the emulator has it for cars that it was not fitted
-    to.
-    """
+    """Margin of cars that were tried (k), as the emulator has it for cars it was not fitted to."""
     without = flip.copy()
     without[np.isfinite(flip)] -= surface.missed[:, 0]
     margin: FloatArray = without[whose] - np.log(
@@ -351,9 +349,7 @@ def _search(
 
 
 def _deviation(missed: FloatArray) -> FloatArray:
-    """What 68 % of the errors (m, k) do not exceed; a car at the edge of a flip may miss by any
-    amount.
-    """
+    """What 68 % of errors (m, k) do not exceed; a car at a flip's edge may miss by any amount."""
     found: FloatArray = np.quantile(np.abs(missed), 0.6827, axis=0)
     return found
 

@@ -133,9 +133,7 @@ def joint_density(emulator: Emulator, figures: Sequence[Figure], cars: FloatArra
 
 
 def _survivors(emulator: Emulator, cars: FloatArray, figure: Figure, seed: int) -> FloatArray:
-    """Cars of the prior that are drawn by their probability to survive the turn, as the printed one
-    did.
-    """
+    """Cars of the prior, drawn by their probability to survive the turn, as the printed one did."""
     weight = emulator.survival(cars, figure.turn)
     return cars[np.random.default_rng(seed).choice(len(cars), len(cars), p=weight / weight.sum())]
 
@@ -237,9 +235,7 @@ class Measurement:
 
 
 def information(measurement: Measurement, cars: FloatArray, seed: int, draws: int = 400) -> float:
-    """Expected gain of a measurement over what posterior cars (m, n) know: mutual information,
-    nats.
-    """
+    """Expected gain of a measurement over what posterior cars (m, n) know: information, nats."""
     truth = measurement.value(cars)
     rng = np.random.default_rng(seed)
     seen = rng.choice(truth, draws) + measurement.deviation * rng.standard_normal(draws)

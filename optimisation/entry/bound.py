@@ -68,9 +68,7 @@ class BoundStart:
 
 
 def paths(names: Sequence[str] = ()) -> list[str]:
-    """These manoeuvres of the suite, by default all that have a path; SweepError for another
-    one.
-    """
+    """These manoeuvres of the suite, by default all with a path; SweepError for another one."""
     known = [name for name, one in MANOEUVRES.items() if one.rule == "path"]
     for name in names:
         if name not in known:

@@ -278,9 +278,7 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
 
 
 def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, float]) -> Channel:
-    """The samples of a sensor within a span, s: a row of the log for each, at the time when it was
-    taken.
-    """
+    """Samples of a sensor within a span, s: a row of the log for each, at its own time."""
     source, column, _ = CHANNELS[name]
     age = log.signal(f"status_{source}_age_s")
     values = log.signal(column)

@@ -151,9 +151,7 @@ class FitResult:
         return 2.0 * max(self.cost, 1e-12)
 
     def row(self) -> dict[str, Any]:
-        """One flat row for CSV: facts, then value, standard deviation and interval of every
-        parameter.
-        """
+        """One row for CSV: facts, then value, standard deviation and interval of each parameter."""
         row: dict[str, Any] = {"fit": self.name, **self.facts}
         for e in self.estimates:
             if e.unit in ("1", ""):

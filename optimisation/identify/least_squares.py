@@ -208,9 +208,7 @@ class Problem:
     name: str = "fit"
 
     def differences(self, x: FloatArray, at_x: FloatArray) -> FloatArray:
-        """The Jacobian (m x p): the given one, or one-sided differences that stay within the
-        bounds.
-        """
+        """The Jacobian (m x p): given, or one-sided differences that stay within the bounds."""
         if self.jacobian is not None:
             return np.asarray(self.jacobian(x), float)
         steps = _DIFFERENCE * self.parameters.scales

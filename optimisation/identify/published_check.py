@@ -73,9 +73,7 @@ def static_rows() -> pd.DataFrame:
 
 
 def repeated_speed(rows: pd.DataFrame) -> pd.Series:
-    """Rows that equal those of a lower wind speed at the same tail, axis and angle in every
-    number.
-    """
+    """Rows equal in every number to those of a lower wind speed at the same tail, axis, angle."""
     cell = ["tail", "axis", "angle_of_attack_deg", "test_no"]
     numbers = ["cd", "cl", "psi3_rad", "current_a", "resnorm"]
     ordered = rows.sort_values("wind_speed_m_per_s", kind="stable")
@@ -95,9 +93,7 @@ def published_twin(rows: pd.DataFrame, table: str) -> str:
 
 
 def duplicated_robot_tables() -> list[str]:
-    """From each pair of equal tables, the one whose lowest relative velocity lies above the wind
-    speed.
-    """
+    """Of each pair of equal tables the one whose lowest relative speed exceeds the wind speed."""
     rows = published_table("robot_tail_drag")
     return [
         str(table)
@@ -253,9 +249,7 @@ class RigConstants:
 
 
 def constants_parameters() -> Parameters:
-    """The unknown constants; seed and physical bounds are value and prior in
-    `models/parameters/rig`.
-    """
+    """Unknown constants; seed and physical bounds: value and prior in `models/parameters/rig`."""
     found = [_unknown("maxon", "torque_constant"), _unknown("tunnel", "jet_edge_depth")]
     for tail in _TAILS:
         found += [_unknown(f"tail_{tail}", "com_distance"), _unknown(f"tail_{tail}", "gap")]

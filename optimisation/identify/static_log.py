@@ -49,8 +49,7 @@ REACTIONS = ("fx", "fy", "fz", "tx", "ty", "tz")
 COLUMNS = {c: f"force_{c[1]}_n" if c[0] == "f" else f"torque_{c[1]}_n_m" for c in REACTIONS}
 RATE = "angular_velocity_rad_per_s"
 OFFSETS = "offsets_to_add"
-"""Key in a log's `extra`: what the sensor was zeroed at, N and N m; zeros once it has been added.
-"""
+"""Key in a log's `extra`: what the sensor was zeroed at, N and N m; zeros once it was added."""
 OFFSETS_UNCERTAINTY = "offsets_uncertainty"
 """Key in a log's `extra`: standard deviation of what is left of the readings' offsets (6), N and N
 m."""
@@ -63,8 +62,7 @@ _LARGEST_WANDER = math.radians(1.0)
 CURRENT_MARGIN = 2.0
 """Logged currents beyond this many times the motor's limit are of another unit."""
 _NO_CHANGE = 4.0
-"""Standard deviations of noise and drift within which the readings of hold and rest are the same.
-"""
+"""Standard deviations of noise and drift within which readings of hold and rest are the same."""
 _LARGEST_FORCE = 1000.0
 """About twice the range of the Axia80-M20, N: larger readings are of another unit."""
 _LARGEST_TORQUE = 40.0

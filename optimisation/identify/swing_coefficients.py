@@ -147,9 +147,7 @@ def motor_of(scenario: RigScenario) -> Torque:
 
 
 def potential_flow_mass(data: SwingData) -> float:
-    """rho pi R^2 of the length of one part (eq. 2.6), kg: a circular cylinder of the mean of both
-    widths.
-    """
+    """rho pi R^2 times the length of one part (eq. 2.6), kg: a cylinder of the mean width."""
     tail = data.scenario.cheetah_tail
     density = data.scenario.environment.air_density
     radius = 0.25 * (tail.major_axis + tail.minor_axis)

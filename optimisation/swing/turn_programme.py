@@ -133,9 +133,7 @@ class TurnProgramme:
         )
 
     def at(self, x: FloatArray) -> Found:
-        """Courses and rows with their slopes at scaled variables (size,); the last point is
-        remembered.
-        """
+        """Courses, rows and slopes at scaled variables (size,); the last point is remembered."""
         key = np.ascontiguousarray(x, dtype=np.float64).tobytes()
         if self._last is None or self._last[0] != key:
             self._last = (key, self.shooting.at(np.asarray(x, dtype=np.float64)))
@@ -232,18 +230,14 @@ def best_of(solutions: list[TurnSolution]) -> TurnSolution:
 
 
 def _split(x: np.ndarray) -> tuple[FloatArray, FloatArray | None]:
-    """Values (size,) and, of AutoDiff scalars, their slopes (size, n) of what the solver
-    evaluates.
-    """
+    """Values (size,) and, of AutoDiff scalars, slopes (size, n) of what the solver evaluates."""
     if x.dtype != object:
         return x, None
     return ExtractValue(x).ravel(), ExtractGradient(x)
 
 
 def _joined(values: FloatArray, slopes: FloatArray, gradient: FloatArray | None) -> FloatArray:
-    """Values (n,) as AutoDiff scalars by the chain rule; plain where the solver asks for no
-    slopes.
-    """
+    """Values (n,) as AutoDiff scalars by the chain rule; plain if no slopes are asked for."""
     if gradient is None or not gradient.size:
         return values
     return np.array(

@@ -156,9 +156,7 @@ class PolarLaw(SectionLaw):
 
     @cached_property
     def _one_grid(self) -> bool:
-        """Whether both coefficients are tables over the same nodes, so that one search serves
-        both.
-        """
+        """Whether both coefficients are tables over the same nodes: one search serves both."""
         drag = self.drag
         lift = self.lift
         if not (isinstance(drag, RegularTable) and isinstance(lift, RegularTable)):

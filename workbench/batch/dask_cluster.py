@@ -198,9 +198,7 @@ class Worker:
 
 
 def do_piece(work: Callable[[Any], Any], item: Any) -> tuple[Any, float, int, int]:
-    """In the worker: the result, how long it took (s), the process and its memory afterwards
-    (bytes).
-    """
+    """In the worker: the result, its time (s), the process and its memory afterwards (bytes)."""
     start = time.monotonic()
     result = work(item)
     seconds = time.monotonic() - start

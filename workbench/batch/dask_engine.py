@@ -107,9 +107,7 @@ def run_batch(
     progress: ProgressLine = on_stderr,
     record: Path | None = None,
 ) -> list[Result]:
-    """`Engine.map` on an engine for these items alone; with one worker, or one item, in this
-    process.
-    """
+    """`Engine.map` on an engine for these items; one worker, or one item, runs in this process."""
     check_workers(workers)
     number = min(workers, len(items))
     alone = nullcontext(Engine(progress, record))

@@ -49,8 +49,7 @@ from aerodima.workbench.systems.system_ports import (
 )
 
 POSE = PortFields("DriverPose", ("qw", "qx", "qy", "qz", "x", "y", "vx", "vy"))
-"""What a driver of a path sees: rotation of the car in W, place of Bo and its velocity in W; m and
-m/s."""
+"""What a driver of a path sees: rotation of the car in W, place and velocity of Bo in W; m, m/s."""
 STANDING = 0.1
 """m/s; a slower car has no course of its own."""
 NO_MEMORY = np.zeros(0)
@@ -129,9 +128,7 @@ class TailController(LeafSystem):
         law: TailLaw | None = None,
         idle: bool = False,
     ) -> "TailController":
-        """Adds a law, by default that of the scenario, between the ports of a station and of a
-        driver.
-        """
+        """Adds a law, by default the scenario's, between the ports of a station and a driver."""
         stage = stage_before(station, Stage.CONTROLLER)
         inputs = {
             port: station.GetOutputPort(port) for port in ("tail_state", "imu", "status", "speed")

@@ -57,9 +57,7 @@ class ThrottleLine:
     breakaway: float = 0.0
 
     def throttle(self, speed: float, acceleration: float = 0.0) -> float:
-        """Throttle for a speed (m/s) while it changes by `acceleration` (m/s2), clipped to
-        -1..1.
-        """
+        """Throttle for a speed (m/s) that changes by `acceleration` (m/s2), clipped to -1..1."""
         throttle = (speed + self.time_constant * acceleration - self.offset) / self.gain
         return min(1.0, max(-1.0, throttle))
 
@@ -123,9 +121,7 @@ def angle_to_straighten(
 
 
 def steering_time(hold: float, repeats: int = 1, gap: float = 0.0) -> float:
-    """From the start of the first step to the end of the last one, s; arguments as for
-    `TurnSchedule`.
-    """
+    """From the start of the first step to the end of the last, s; arguments of `TurnSchedule`."""
     return repeats * hold + (repeats - 1) * gap
 
 
@@ -342,8 +338,6 @@ def throttle_line(scenario: Any) -> ThrottleLine:
 
 
 def run_time(scenario: Any) -> float:
-    """Length of the run of `scenario.manoeuvre`, s: `log_end` of the AUTO sequence, else
-    `duration`.
-    """
+    """Length of the run of `scenario.manoeuvre`, s: `log_end` of AUTO sequences, or `duration`."""
     manoeuvre = scenario.manoeuvre
     return float(manoeuvre.log_end if manoeuvre.kind == "auto_turn" else manoeuvre.duration)

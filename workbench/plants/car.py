@@ -207,9 +207,7 @@ def _add_ground(plant: MultibodyPlant, friction: float) -> None:
 def _let_parts_pass_each_other(
     plant: MultibodyPlant, scene_graph: SceneGraph, instances: list[ModelInstanceIndex]
 ) -> None:
-    """Contact acts between car and ground only; the free range of the tail is a limit of its
-    joints.
-    """
+    """Contact acts between car and ground only; the tail's range is a limit of its joints."""
     geometries: list[GeometryId] = []
     for instance in instances:
         for body in plant.GetBodyIndices(instance):

@@ -56,9 +56,7 @@ class ForceArrow:
 
 
 def force_arrows(logged: LoggedRun) -> list[ForceArrow]:
-    """Every arrow of a run, one row per row of the log; none for a real car, whose log holds no
-    forces.
-    """
+    """Arrows of a run, a row per row of the log; none for a real car, which logs no forces."""
     run_log = logged.run_log
     if RECKONED in run_log.extra:
         return []

@@ -99,9 +99,7 @@ class Camera:
         return np.array([right, np.cross(forward, right), forward])
 
     def project(self, points: FloatArray) -> FloatArray:
-        """Points (..., 3) in W, m, as column, row (pixels) and inverse depth (1/m), shape (...,
-        3).
-        """
+        """Points (..., 3) in W, m, as column, row (pixels), inverse depth (1/m), shape (..., 3)."""
         p_C = (points - self.p_WC) @ self.axes.T
         inverse = 1.0 / np.maximum(p_C[..., 2], 1e-3)
         column = 0.5 * self.width + self.focal_length * p_C[..., 0] * inverse
@@ -279,9 +277,7 @@ def _draw_line(
     width: int,
     head: bool = False,
 ) -> None:  # fmt: skip
-    """A line through points (n, 3) in W, m, as far as they lie before the camera; an arrow with a
-    head.
-    """
+    """A line through points (n, 3) in W, m, where before the camera; an arrow has a head."""
     before = (points - camera.p_WC) @ camera.axes[2] > _CLIPPING.near()
     seen = camera.project(points[before])[:, :2]
     if len(seen) < 2:

@@ -125,9 +125,7 @@ def _first(signals: TurnSignals, condition: NDArray[np.bool_], otherwise: float)
 
 
 def _spread(times: list[float], first: float, last: float) -> list[float]:
-    """The same times in order, inside the log and apart from each other as far as it has room,
-    s.
-    """
+    """The same times in order, inside the log and apart as far as it has room, s."""
     gap = min(_APART, (last - first) / len(times))
     ordered: list[float] = []
     for index, wanted in enumerate(times):

@@ -35,8 +35,7 @@ _FINE_STEP = 0.25
 _SHADOW_BIAS = -0.01 / 500.0
 """One centimetre of the 500 m that the shadow of Meshcat's lamp reaches."""
 _LIVE_AREA = (-4.0, 16.0, -8.0, 10.0)
-"""Floor of a live run (x from, x to, y from, y to; m): it is not known yet where the car will go.
-"""
+"""Floor of a live run (x from, x to, y from, y to; m): where the car will go is not known yet."""
 _AREA = (-14.0, 14.0, -14.0, 14.0)
 """The floor that is drawn around the car, m."""
 

@@ -1,6 +1,4 @@
-"""One verb: from a scenario of the car or of a rig to the log of its run, in a file or in
-memory.
-"""
+"""One verb: from a scenario of car or rig to the log of its run, in a file or in memory."""
 
 from __future__ import annotations
 

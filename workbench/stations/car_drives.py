@@ -370,9 +370,7 @@ def _tail_joints(plant: MultibodyPlant) -> list[Joint]:
 
 
 def _driven_ports(car: CarPlant) -> list[tuple[InputPort, Mapping[int, int]]]:
-    """Input ports of the plant, each with the elements of the drives that its own are; the others
-    are 0.
-    """
+    """Input ports of the plant, each with its elements of the drives; the others are 0."""
     plant = car.plant
     names = car.actuated_joints
     count = len(names)
