@@ -75,7 +75,7 @@ def execute(path):
     """
     try:
         return _executed(path)
-    # seen twice in sixteen executions on a busy machine: the kernel waits, and the client too
+    # Seen twice in sixteen executions on a busy machine: the kernel waits, and the client too.
     except TimeoutError:
         print(f"{path.name}: nothing came from the kernel for {SILENCE} s; once more")
         return _executed(path)

@@ -104,7 +104,7 @@ def console(
     with listener:
         try:
             if car is not None:
-                # or nobody would end the car
+                # Otherwise nobody would end the car.
                 signal.signal(
                     signal.SIGTERM, signal.default_int_handler
                 )

@@ -125,7 +125,7 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
             asyncio.create_task(_watched(console, _turn(console))),
             asyncio.create_task(_end(console, end)),
         ]
-        # a second Ctrl-C ends the server without asking for an end
+        # A second Ctrl-C ends the server without asking for an end.
         with contextlib.suppress(
             asyncio.CancelledError
         ):
@@ -233,7 +233,7 @@ async def _show_states(console: Console, websocket: WebSocket, page: int) -> Non
 
 async def _send(websocket: WebSocket, content: object) -> None:
     text = json.dumps(content, allow_nan=False)
-    # the page has gone, whatever that is called; `_serve_page` sees it
+    # The page has gone, whatever that is called; `_serve_page` sees it.
     with contextlib.suppress(
         Exception
     ):

@@ -91,7 +91,7 @@ class EmulatedCarProcess:
         """
         say(f"starting the emulated car in {self.folder}")
         command = ["emulate", *self._scenario, "--out", str(self.folder), "--wiring", self.wiring]
-        # killed or not, it does not leave an emulator behind
+        # The emulator ends with this process, also when that is killed.
         command += [
             "--parent",
             str(os.getpid()),

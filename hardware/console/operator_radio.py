@@ -178,7 +178,7 @@ class OperatorRadio:
         self._sender = packet.sender
         self.report = report
         self._heard = arrival
-        # a car that is armed anew under a stop is stopped again
+        # A car that is armed anew under a stop is stopped again.
         self.confirmed = (
             self.stopped and self.report.stopped
         )

@@ -208,7 +208,7 @@ class SensorThread(Generic[T]):
                 elif (found := self._session.read(port)) is not None:
                     self._newest = found
                     self.count += 1
-            # pyserial raises OSError, TypeError and others on a lost device
+            # pyserial raises OSError, TypeError and others on a lost device.
             except Exception as error:
                 self.losses += port is not None
                 self._lose(str(error))

@@ -242,7 +242,7 @@ class Motor:
 
     def receive(self, frame: CanFrame, time: float) -> None:
         """Takes a frame that names this motor, which arrived at `time` (s, monotonic)."""
-        # of the Teensy, or of another program: it is answered too
+        # An exit frame of the Teensy or of another program is answered too.
         if frame == make_exit(
             self.settings.motor_id
         ):
@@ -372,7 +372,7 @@ class Motor:
             self._unanswered += self._cycle_frames
         if not self._unanswered:
             self.missed = 0
-        # a late loop catches up faster than a motor can answer
+        # A late loop catches up faster than a motor can answer.
         elif (
             gap >= self.settings.safety.reply_time
         ):

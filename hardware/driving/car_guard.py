@@ -382,7 +382,7 @@ class CarGuard:
         elif self.left and self.reading.status[_OPERATOR] in _GONE:
             self.left = False
             self.reason += " and was not heard any more"
-        # latches before the car is armed too
+        # The stop latches before the car is armed too.
         stopped = (
             self.reading.status[_OPERATOR] == SourceFault.STOPPED
         )

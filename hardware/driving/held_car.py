@@ -202,7 +202,7 @@ def run_watchdog_test(
     if scenario.tail.mode == "none":
         raise HardwareError("tail.mode: none; a watchdog test needs the motors of a tail")
     cut, answer = _CUTS[wiring]
-    # the page of an emulated car, its radio, is not there yet
+    # The page of an emulated car, its radio, is not there yet.
     unheard = ports.model_copy(
         update={"radio": None}
     )

@@ -121,7 +121,7 @@ def run_loop(
         journal.append(row.make(time_now, step, reading, np.append(guard.link_times(start), spent)))
         if journal.error:
             guard.stop(journal.error, clock())
-        # the row of the end; its tick belongs to what comes after
+        # This is the row of the end; its tick belongs to what comes after.
         if (
             time_now + 0.5 * PERIOD > length
         ):

@@ -117,7 +117,7 @@ class RunJournal(JournalWriter):
         super().abandon()
 
     def _finish(self) -> None:
-        # a disk that takes nothing must not hold up the end of the program
+        # A disk that takes nothing must not hold up the end of the program.
         with contextlib.suppress(
             queue.Full
         ):

@@ -199,7 +199,7 @@ class EmulatedMotor:
         self._angle = self._zero + self._direction * angle
         self._speed = self._direction * speed
         self._torque = self._direction * torque
-        # it measures its own current, the wrong way round
+        # The motor measures its own current, the wrong way round.
         if self._board.entry(
             Fault.MOTOR_REVERSED, self.joint
         ):
@@ -255,7 +255,7 @@ class EmulatedMotor:
     def _reply(self) -> CanFrame:
         board = self._board
         angle, speed, torque = self._state()
-        # all of the torque works against what holds it where it was
+        # All of the torque works against what holds it where it was.
         if board.entry(
             Fault.BLOCKED, self.joint
         ):
@@ -294,7 +294,7 @@ class EmulatedMotor:
             return [CanFrame(frame.arbitration_id, bytes(byte ^ 0x5A for byte in frame.data))]
         if board.meets(Fault.REPLY_SHORT, joint):
             return [CanFrame(frame.arbitration_id, frame.data[:5])]
-        # classic CAN has no more than 8 bytes: longer than 6, and not 8
+        # Classic CAN has no more than 8 bytes: longer than 6, and not 8.
         if board.meets(
             Fault.REPLY_LONG, joint
         ):

@@ -87,7 +87,7 @@ class EmulatedCar:
         signals = signals_of(CAR_PORTS, output_ports(station, estimator) | sources)
         signals += truth_signals(station)
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=facts)
-        # a disk that is asked to sync may wait
+        # A disk that is asked to sync may wait.
         self._journal = RunJournal(
             log, recorded_columns(signals), metadata
         )

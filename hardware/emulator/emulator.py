@@ -141,7 +141,7 @@ class Emulator:
         self._car_ports = _serial_ports(plugs)
         if settings.wiring == "watched_can":
             names.append("can")
-            # a pseudo-terminal does not restart when it is opened
+            # A pseudo-terminal does not restart when it is opened.
             options = {
                 "sleep_after_open": 0.0
             }

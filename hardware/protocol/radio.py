@@ -164,7 +164,7 @@ def _check(values: tuple[float, ...] | list[float]) -> None:
         ("roll tail", _ANGLE),
     )
     for (name, limit), value in zip(limits, values, strict=True):
-        # also catches NaN; the margin is the rounding to a 32-bit float
+        # `not` also catches NaN; the margin is the rounding to a 32-bit float.
         if not abs(value) <= limit * (
             1 + 1e-6
         ):

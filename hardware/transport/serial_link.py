@@ -184,7 +184,7 @@ class SerialLink:
                 continue
             try:
                 data = port.read(max(1, port.in_waiting))
-            # pyserial raises OSError, TypeError and others on a lost device
+            # pyserial raises OSError, TypeError and others on a lost device.
             except Exception as error:
                 self._lose(port, f"reading failed: {reason_of(error)}")
                 continue

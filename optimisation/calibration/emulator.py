@@ -93,7 +93,7 @@ class Surface:
             np.full(len(columns), 2.0), LENGTHS
         ) + WhiteKernel(0.01, NOISES)
         with warnings.catch_warnings():
-            # the length of a column without influence is at its bound
+            # The length of a column without influence is at its bound.
             warnings.simplefilter(
                 "ignore"
             )
@@ -333,7 +333,7 @@ def _search(
     known = np.flatnonzero(np.isfinite(flip))
     tried = np.array(found["inputs"]).reshape(-1, cars.shape[1])
     order = np.argsort(cars[:, 0])
-    # no two cars share their first number
+    # No two cars share their first number.
     whose = order[
         np.searchsorted(cars[order, 0], tried[:, 0])
     ]

@@ -304,7 +304,7 @@ def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, floa
     value = values[used][new]
     alike = max(MODEL_TIME * (time.size - 1) / float(np.ptp(time)), 1.0)
     size = maximum_filter1d(np.abs(value), 2 * round(alike) + 1)
-    # rounding is evenly spread
+    # Rounding is evenly spread.
     squares = (
         noise**2 + step**2 / 12.0 + alike * np.square(MODEL_SHARE * size)
     )

@@ -173,7 +173,7 @@ def _static_data(
         step = hold[used].astype(float)
     mean = hold_mean(time[used], np.stack(list(columns.values()))[:, used], step, options.loss)
     held = float(np.mean(angle[hold]))
-    # refused where it cannot be right, also if a rest makes it unneeded
+    # Refused where it cannot be right, also if a rest makes it unneeded.
     log.stated(
         OFFSETS, len(REACTIONS)
     )

@@ -275,7 +275,7 @@ def _tail(scenario: Scenario) -> dict[str, Any]:
 
 
 def _coefficients(law: object) -> tuple[float, float]:
-    # a sail that faces the wind has one drag in every direction
+    # A sail that faces the wind has one drag in every direction.
     if isinstance(
         law, CrossedPlatesLaw
     ):

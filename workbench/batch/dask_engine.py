@@ -258,7 +258,7 @@ class DaskEngine(Engine):
         except KilledWorker:
             self._lost(address)
             return None, None
-        # as when the connection to the scheduler was lost for a moment
+        # This happens when the connection to the scheduler was lost for a moment.
         except CancelledError as error:
             self._record.event("taken_back", f"Dask took a run back ({error}): it is made again")
             self._forget_future(future, self._again)
@@ -286,7 +286,7 @@ class DaskEngine(Engine):
         scheduler then keeps the piece for that worker alone, so the future would wait forever.
         """
         loop: Any = self._client.loop
-        # one for all looks: it may need several
+        # One call serves all looks: it may need several.
         gather: Any = self._client.gather(
             [future], asynchronous=True
         )

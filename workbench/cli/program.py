@@ -54,7 +54,7 @@ class ErrorBoundary(TyperGroup):
             message = str(error)
             cause: BaseException = error
         except OSError as error:
-            # not about a file that the user named: closed pipe, lost network
+            # Such an error is not about a file that the user named: closed pipe, lost network.
             if (
                 error.filename is None
             ):
@@ -62,7 +62,7 @@ class ErrorBoundary(TyperGroup):
             message = f"{error.filename}: {error.strerror}"
             cause = error
         except Exception as error:
-            # of the error about an option that is not there
+            # The error about an option that is not there has its name.
             option = getattr(
                 error, "option_name", ""
             )

@@ -296,7 +296,7 @@ def make_schedule(scenario: Any) -> Schedule:
         start = manoeuvre.straight_time
         throttle_off = start + manoeuvre.turn_hold + manoeuvre.wait_after_turn
         check_range("manoeuvre.log_end", manoeuvre.log_end, throttle_off, math.inf, "s")
-        # the car's sequence sets its throttle and waits (thesis 7.2.1)
+        # The car's sequence sets its throttle and waits (thesis 7.2.1).
         if (
             not scenario.drive.governor
         ):

@@ -280,7 +280,7 @@ class SwingMachine(ABC, Generic[Memory]):
 
 
 def _as_array(memory: SwingMemory) -> np.ndarray:
-    # in the order of the fields; `astuple` copies deeply
+    # `vars` keeps the order of the fields; `astuple` would copy deeply.
     return np.array(list(vars(memory).values()))
 
 

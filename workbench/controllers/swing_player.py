@@ -118,7 +118,7 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
             memory.mirror * observation.roll_angle - float(point.roll_position),
             observation.pitch_angle - float(point.pitch_position),
         )
-        # an unknown angle counts as where it should be
+        # An unknown angle counts as where it should be.
         if not any(
             abs(error) > LARGEST_ERROR for error in behind
         ):

@@ -193,7 +193,7 @@ def _look(line: Line2D) -> dict[str, Any]:
         "colour": _colour(line.get_color(), line.get_alpha()),
         "width": line.get_linewidth(),
     }
-    # Matplotlib has no other way to read them
+    # Matplotlib has no other way to read them.
     _, dashes = getattr(
         line, "_dash_pattern", (0, None)
     )

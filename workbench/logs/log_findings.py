@@ -113,7 +113,7 @@ def table_findings(table: pd.DataFrame, kind: str = "") -> list[LogFinding]:
         values = table[name].to_numpy(dtype=np.float64)
         found += nan_findings(time, name, values)
         finite = values[np.isfinite(values)]
-        # an encoder counts whole steps: a held angle is constant
+        # An encoder counts whole steps: a held angle is constant.
         held = kind == "static" and name.startswith(
             "ang"
         )

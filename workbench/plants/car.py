@@ -184,7 +184,7 @@ def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> M
 
 
 def _add_ground(plant: MultibodyPlant, friction: float) -> None:
-    # a filter that is there already is not added again
+    # A filter that is there already is not added again.
     logging.getLogger("drake").addFilter(
         is_news
     )

@@ -136,7 +136,7 @@ class DrawnArrow:
         """
         whole = float(np.linalg.norm(length))
         shaft = max(whole - _HEAD_LENGTH, 1e-3)
-        # the cone has its point at the origin and opens along z
+        # The cone has its point at the origin and opens along z.
         turned = RotationMatrix.MakeXRotation(
             np.pi
         )

@@ -168,7 +168,7 @@ def _forces(arrows: list[ForceArrow], row: int, time: float) -> Any:
             head_length=_HEAD_LENGTH,
             head_diameter=_HEAD,
         )
-        # Foxglove's arrows point along x, `shortest_turn` turns z
+        # Foxglove's arrows point along x, `shortest_turn` turns z.
         along_x = RotationMatrix.MakeYRotation(
             -np.pi / 2.0
         )

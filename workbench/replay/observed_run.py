@@ -124,7 +124,7 @@ class ObservedRun:
         metadata: dict[str, Any],
     ) -> None:
         """Adds the recorder of these ports; LogError when two columns have one name."""
-        # what cannot be read is not written
+        # What cannot be read is not written.
         decode_metadata(
             {METADATA_KEY: encode_metadata(metadata)}, "observe"
         )

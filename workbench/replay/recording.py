@@ -155,7 +155,7 @@ def _draw_traces(
             meshcat.SetTriangleMesh(path, vertices, faces, colour)
             animation.SetProperty(0, path, "visible", False)
             animation.SetProperty(int(end), path, "visible", True)
-            # every track has the same length, for the loop
+            # Every track has the same length, for the loop.
             animation.SetProperty(
                 last, path, "visible", True
             )

@@ -196,7 +196,7 @@ class ChaseCamera:
             place = np.array([*X_WB.translation()[:2], 0.0])
             turned = RigidTransform(RotationMatrix.MakeZRotation(-heading), np.zeros(3))
             self._meshcat.SetTransform(WORLD, turned @ RigidTransform(-place))
-            # whole metres: its lines stay in place
+            # The ground moves by whole metres: its lines stay in place.
             self._meshcat.SetTransform(
                 GROUND, RigidTransform(np.round(place))
             )
