@@ -92,10 +92,7 @@ class EmulatedCarProcess:
         say(f"starting the emulated car in {self.folder}")
         command = ["emulate", *self._scenario, "--out", str(self.folder), "--wiring", self.wiring]
         # The emulator ends with this process, also when that is killed.
-        command += [
-            "--parent",
-            str(os.getpid()),
-        ]
+        command += ["--parent", str(os.getpid())]
         self._emulator = self._run([*command, *self._flags])
         ready = self.folder / READY_FILE
         end = time.monotonic() + _START_TIME
