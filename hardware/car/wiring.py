@@ -90,7 +90,8 @@ class CarCommand:
     for nothing.
 
     Attributes:
-        steering_angle: rad, positive to the left. throttle: -1 to 1.
+        steering_angle: rad, positive to the left.
+        throttle: -1 to 1.
         tail_pitch, tail_roll: (5,) as `aerodima.workbench.config.signal_table.TAIL_COMMAND`.
     """
 
@@ -116,8 +117,9 @@ class CarReading:
 
     Attributes:
         tail_state: (6,) `aerodima.workbench.config.signal_table.TAIL_STATE`, rad and rad/s.
-        tail_torque: (2,) N m. imu: (9,) `aerodima.workbench.config.signal_table.IMU`. speed: (1,)
-            m/s.
+        tail_torque: (2,) N m.
+        imu: (9,) `aerodima.workbench.config.signal_table.IMU`.
+        speed: (1,) m/s.
         status: (13,) `aerodima.workbench.config.signal_table.STATUS`: ages in s (infinite before
             the first sample), faults, armed.
         operator: the operator's last command, for driving by radio.
@@ -243,8 +245,8 @@ class CarReporter:
     """One car's reports.
 
     Args:
-        has_tail: the car has tail motors. car: its number, which tells it from others on the
-            channel.
+        has_tail: the car has tail motors.
+        car: its number, which tells it from others on the channel.
     """
 
     def __init__(self, has_tail: bool = True, car: int = 0) -> None:

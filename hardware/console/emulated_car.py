@@ -45,7 +45,10 @@ class EmulatedCarProcess:
             car asks.
         faults: script of `aerodima emulate --faults`.
 
-    Attributes: folder: with its files. wiring: of the car. view: where Meshcat shows it.
+    Attributes:
+        folder: with its files.
+        wiring: of the car.
+        view: where Meshcat shows it.
     """
 
     def __init__(

@@ -49,7 +49,8 @@ class OperatorRadio:
         confirmed: the car has reported that stop.
         mode: of the last command that was passed on.
         report: the car's last one; None before the first.
-        rejected: frames that are no report. foreign: reports of other modules or cars.
+        rejected: frames that are no report.
+        foreign: reports of other modules or cars.
     """
 
     def __init__(self, link: SerialLink, receiver: int = BROADCAST, car: int = 0) -> None:

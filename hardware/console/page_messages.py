@@ -36,8 +36,11 @@ class Beat(_Message):
     """The page lives and asks for this; every 50 ms.
 
     Attributes:
-        count: grows by one with each heartbeat. time: of the page's clock, s.
-        throttle: -1 to 1. steering: rad, positive to the left. pitch, roll: of the tail, rad.
+        count: grows by one with each heartbeat.
+        time: of the page's clock, s.
+        throttle: -1 to 1.
+        steering: rad, positive to the left.
+        pitch, roll: of the tail, rad.
     """
 
     type: Literal["beat"]

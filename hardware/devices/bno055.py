@@ -91,7 +91,8 @@ class Bno055Sample:
 
     Attributes:
         quaternion: (w, x, y, z), turns chip axes into the world's, z up; unit length.
-        gyro: rad/s. acceleration: m/s2, gravity removed.
+        gyro: rad/s.
+        acceleration: m/s2, gravity removed.
         temperature: degrees Celsius.
         calibration: 0 (none) to 3 (full) of system, gyro, accelerometer, magnetometer.
     """

@@ -361,7 +361,9 @@ class MotorSettings:
         profile: ranges of its firmware.
         safety: when it is switched off, and how gently it is taken over.
         low, high: range of the joint, rad.
-        torque_limit: of the total PD torque, N m. kp_max: N m/rad. kd_max: N m s/rad.
+        torque_limit: of the total PD torque, N m.
+        kp_max: N m/rad.
+        kd_max: N m s/rad.
         jump_speed: fastest change of position that is believed, rad/s.
         hold_kp, hold_kd: gains with which a position is held, N m/rad and N m s/rad.
         direction: +1 or -1: sign of the motor's angle against the joint's.

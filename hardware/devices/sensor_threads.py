@@ -89,8 +89,8 @@ class Repeats:
     """How often a device has said the same in a row.
 
     Args:
-        name: of the device. most: samples that may be alike; a living sensor differs in its last
-            bits.
+        name: of the device.
+        most: samples that may be alike; a living sensor differs in its last bits.
 
     Attributes:
         fault_text: that it has frozen; empty while it lives.
@@ -126,7 +126,9 @@ class SensorThread(Generic[T]):
         silent: age of a sample at which the sensor counts as silent, s.
 
     Attributes:
-        count: samples so far. losses: how often the device was lost. error: of the last loss.
+        count: samples so far.
+        losses: how often the device was lost.
+        error: of the last loss.
     """
 
     def __init__(

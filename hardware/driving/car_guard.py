@@ -141,7 +141,8 @@ class CarGuard:
 
     Attributes:
         stage: see the picture above.
-        reason: why the car stopped, empty before. hard: whether that reason was a hard one.
+        reason: why the car stopped, empty before.
+        hard: whether that reason was a hard one.
         left: the operator has left the mode and reported while the car was being stopped. One who
             falls silent then has not chosen to end the drive: the console sends a car to rest whose
             page has gone.
@@ -149,8 +150,8 @@ class CarGuard:
         rested: the operator has reported IDLE since the car took commands.
         lateness: of the last cycle, s; 0 for a cycle without a due time.
         overruns: cycles that came later than `safety.overrun`.
-        cycle_times: `time.monotonic` of every cycle since `drive`, s. slow_ticks: of those whose
-            controller was slow.
+        cycle_times: `time.monotonic` of every cycle since `drive`, s.
+        slow_ticks: of those whose controller was slow.
     """
 
     def __init__(

@@ -245,8 +245,8 @@ class MotorTest:
 
     Attributes:
         moved: rad.
-        torque: that the motor reported at the end of the way, N m. wanted: that its gains ask for
-            there, N m.
+        torque: that the motor reported at the end of the way, N m.
+        wanted: that its gains ask for there, N m.
         temperature: degrees Celsius; None if the motor does not report it.
     """
 

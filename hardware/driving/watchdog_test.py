@@ -32,7 +32,8 @@ class WatchdogTest(StrictModel):
 
     Attributes:
         time_to_exit: s from the cut to the Teensy's report that it has switched the motors off.
-        cut: what was cut. seen_off_by: who saw that the motors were off.
+        cut: what was cut.
+        seen_off_by: who saw that the motors were off.
         emulated: made on an emulator; void for real motors.
         firmware: `teensy_hash`.
         ports: as `CarPorts`.

@@ -143,8 +143,8 @@ class EmulatedMotor:
 
     Args:
         joint, motor_id: which one.
-        zero: motor angle at joint angle 0, rad. direction: sign of the motor's angle against the
-            joint's.
+        zero: motor angle at joint angle 0, rad.
+        direction: sign of the motor's angle against the joint's.
 
     Attributes:
         entered: whether it makes torque.

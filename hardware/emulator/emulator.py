@@ -81,7 +81,8 @@ class EmulatorSettings:
     """What is emulated.
 
     Attributes:
-        scenario: of the car. wiring: which side of it is spoken.
+        scenario: of the car.
+        wiring: which side of it is spoken.
         folder: new or empty; ports, logs and files of the emulator.
         script: of faults and of the operator.
         duration: s after which it ends by itself; None for ever.

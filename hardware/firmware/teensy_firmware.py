@@ -93,11 +93,13 @@ class FirmwareSettings:
     Attributes:
         wiring: in `teensy_bridge` the Teensy drives the motors; in `watched_can` it sends exit
             frames only.
-        profile: of the motors. motor_ids: pitch and roll; switched off when the Teensy starts.
+        profile: of the motors.
+        motor_ids: pitch and roll; switched off when the Teensy starts.
         sail_bits: of a word of the sail's encoder. The thesis reads 12; the part that it names has
             10 (ERRATA E30).
         limits: `motor_limits` of the two motors; None: all that the profile allows.
-        timing: of its watchdog and its replies. safety: of attitude and throttle.
+        timing: of its watchdog and its replies.
+        safety: of attitude and throttle.
 
     Raises:
         HardwareError: unknown wiring.

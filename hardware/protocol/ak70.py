@@ -142,7 +142,11 @@ class MitCommand:
     torque.
 
     Attributes:
-        position: rad. velocity: rad/s. kp: N m/rad. kd: N m s/rad. torque: N m.
+        position: rad.
+        velocity: rad/s.
+        kp: N m/rad.
+        kd: N m s/rad.
+        torque: N m.
     """
 
     position: float
@@ -164,7 +168,9 @@ class MitReply:
 
     Attributes:
         motor_id: from the first byte.
-        position: rad, wrapped to the profile's range. velocity: rad/s. torque: N m.
+        position: rad, wrapped to the profile's range.
+        velocity: rad/s.
+        torque: N m.
         temperature: degrees Celsius; None in the 6-byte form.
         fault: fault byte, 0 none; None in the 6-byte form.
     """

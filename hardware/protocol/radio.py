@@ -85,7 +85,9 @@ class OperatorCommand:
 
     Attributes:
         mode: who drives; IDLE nobody.
-        throttle: -1 to 1. steering: rad, positive to the left. pitch_tail, roll_tail: rad.
+        throttle: -1 to 1.
+        steering: rad, positive to the left.
+        pitch_tail, roll_tail: rad.
     """
 
     mode: RadioMode
@@ -195,12 +197,16 @@ class CarReport:
     """One report.
 
     Attributes:
-        armed: the car takes commands. stopped: the operator's emergency stop came and stays.
+        armed: the car takes commands.
+        stopped: the operator's emergency stop came and stays.
         mode: of the last command that the car heard.
         faults: codes of the sources in their order, `FAULT_CODES` of them; 0 for none.
-        yaw_rate: rad/s. roll: of the chassis, rad. tail_pitch, tail_roll: rad. torque_pitch,
-            torque_roll: N m.
-        speed: m/s. operator_age: s since the operator was heard alive, infinite before.
+        yaw_rate: rad/s.
+        roll: of the chassis, rad.
+        tail_pitch, tail_roll: rad.
+        torque_pitch, torque_roll: N m.
+        speed: m/s.
+        operator_age: s since the operator was heard alive, infinite before.
         text: the worst fault in words, cut to what the frame holds.
         asks: what the operator must do before the car drives.
         car: number of the car among those that share a radio channel, 0 to 255.

@@ -132,8 +132,12 @@ class MotorReport:
 
     Attributes:
         motor_id: whose.
-        position: rad. velocity: rad/s. torque: N m.
-        replies: CAN replies counted modulo 256. temperature: degrees Celsius. fault: fault byte.
+        position: rad.
+        velocity: rad/s.
+        torque: N m.
+        replies: CAN replies counted modulo 256.
+        temperature: degrees Celsius.
+        fault: fault byte.
     """
 
     motor_id: int
@@ -151,7 +155,8 @@ class TeensyReply:
 
     Attributes:
         sail: degrees, 0 to 360.
-        clock: ms since the Teensy started. status: of its watchdog.
+        clock: ms since the Teensy started.
+        status: of its watchdog.
     """
 
     motors: tuple[MotorReport, MotorReport]

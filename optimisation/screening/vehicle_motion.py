@@ -496,8 +496,10 @@ def _press(
     """Adds forces of the ground on the body, all in B.
 
     Args:
-        place: (3, ..., n), m; push: (3, ..., n), N; grip: its slope with the slip in any direction
-            along the ground (..., n), N s/m; n: upright (3, n).
+        place: (3, ..., n), m.
+        push: (3, ..., n), N.
+        grip: its slope with the slip in any direction along the ground (..., n), N s/m.
+        n: upright (3, n).
     """
     columns = (3, -1, n.shape[-1])
     place = place.reshape(columns)

@@ -86,7 +86,9 @@ class Column:
     """One column of a run log.
 
     Attributes:
-        name: exact. unit: "" for a pure number. meaning: in words.
+        name: exact.
+        unit: "" for a pure number.
+        meaning: in words.
         optional: came after logs were written without it; where it is not in a file it is read as
             NaN.
     """
