@@ -105,9 +105,7 @@ def console(
         try:
             if car is not None:
                 # Otherwise nobody would end the car.
-                signal.signal(
-                    signal.SIGTERM, signal.default_int_handler
-                )
+                signal.signal(signal.SIGTERM, signal.default_int_handler)
                 car.start(typer.echo)
                 ports = car.ports
             if ports:

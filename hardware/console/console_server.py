@@ -126,9 +126,7 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
             asyncio.create_task(_end(console, end)),
         ]
         # A second Ctrl-C ends the server without asking for an end.
-        with contextlib.suppress(
-            asyncio.CancelledError
-        ):
+        with contextlib.suppress(asyncio.CancelledError):
             yield
         for task in tasks:
             task.cancel()
@@ -234,9 +232,7 @@ async def _show_states(console: Console, websocket: WebSocket, page: int) -> Non
 async def _send(websocket: WebSocket, content: object) -> None:
     text = json.dumps(content, allow_nan=False)
     # The page has gone, whatever that is called; `_serve_page` sees it.
-    with contextlib.suppress(
-        Exception
-    ):
+    with contextlib.suppress(Exception):
         await websocket.send_text(text)
 
 

@@ -180,9 +180,7 @@ class OperatorRadio:
         self.report = report
         self._heard = arrival
         # A car that is armed anew under a stop is stopped again.
-        self.confirmed = (
-            self.stopped and self.report.stopped
-        )
+        self.confirmed = self.stopped and self.report.stopped
 
     def _stops(self) -> list[bytes]:
         if self.stopped and not self.confirmed:

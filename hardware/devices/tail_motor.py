@@ -243,9 +243,7 @@ class Motor:
     def receive(self, frame: CanFrame, time: float) -> None:
         """Takes a frame that names this motor, which arrived at `time` (s, monotonic)."""
         # An exit frame of the Teensy or of another program is answered too.
-        if frame == make_exit(
-            self.settings.motor_id
-        ):
+        if frame == make_exit(self.settings.motor_id):
             self._cycle_frames += 1
             return
         try:
@@ -373,9 +371,7 @@ class Motor:
         if not self._unanswered:
             self.missed = 0
         # A late loop catches up faster than a motor can answer.
-        elif (
-            gap >= self.settings.safety.reply_time
-        ):
+        elif gap >= self.settings.safety.reply_time:
             self.missed += 1
         self._count.add(self._cycle_frames, self._cycle_replies, now)
         self._cycle_frames = 0

@@ -384,9 +384,7 @@ class CarGuard:
             self.left = False
             self.reason += " and was not heard any more"
         # The stop latches before the car is armed too.
-        stopped = (
-            self.reading.status[_OPERATOR] == SourceFault.STOPPED
-        )
+        stopped = self.reading.status[_OPERATOR] == SourceFault.STOPPED
         if reason and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
             self.stop(reason, now, hard)
 

@@ -203,9 +203,7 @@ def run_watchdog_test(
         raise HardwareError("tail.mode: none; a watchdog test needs the motors of a tail")
     cut, answer = _CUTS[wiring]
     # The page of an emulated car, its radio, is not there yet.
-    unheard = ports.model_copy(
-        update={"radio": None}
-    )
+    unheard = ports.model_copy(update={"radio": None})
     with held(wire_car(scenario, unheard, wiring, lambda: None)) as car:
         run_cycles(car, CarCommand(), _HOLDING)
         last = time.monotonic()

@@ -122,9 +122,7 @@ def run_loop(
         if journal.error:
             guard.stop(journal.error, clock())
         # This is the row of the end; its tick belongs to what comes after.
-        if (
-            time_now + 0.5 * PERIOD > length
-        ):
+        if time_now + 0.5 * PERIOD > length:
             break
         reading = guard.read(clock(), start + time_now)
         begin = clock()

@@ -118,9 +118,7 @@ class RunJournal(JournalWriter):
 
     def _finish(self) -> None:
         # A disk that takes nothing must not hold up the end of the program.
-        with contextlib.suppress(
-            queue.Full
-        ):
+        with contextlib.suppress(queue.Full):
             self._waiting.put(None, timeout=_LAST_WAIT)
         self._thread.join(_LAST_WAIT)
         if self._thread.is_alive():

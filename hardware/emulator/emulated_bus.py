@@ -200,9 +200,7 @@ class EmulatedMotor:
         self._speed = self._direction * speed
         self._torque = self._direction * torque
         # The motor measures its own current, the wrong way round.
-        if self._board.entry(
-            Fault.MOTOR_REVERSED, self.joint
-        ):
+        if self._board.entry(Fault.MOTOR_REVERSED, self.joint):
             self._torque = -self._torque
         self._past.append((time.monotonic(), self._angle, self._speed, self._torque))
 
@@ -256,9 +254,7 @@ class EmulatedMotor:
         board = self._board
         angle, speed, torque = self._state()
         # All of the torque works against what holds it where it was.
-        if board.entry(
-            Fault.BLOCKED, self.joint
-        ):
+        if board.entry(Fault.BLOCKED, self.joint):
             angle = self._blocked_at
             speed = 0.0
             held = self._command if self.entered else NEUTRAL
@@ -295,9 +291,7 @@ class EmulatedMotor:
         if board.meets(Fault.REPLY_SHORT, joint):
             return [CanFrame(frame.arbitration_id, frame.data[:5])]
         # Classic CAN has no more than 8 bytes: longer than 6, and not 8.
-        if board.meets(
-            Fault.REPLY_LONG, joint
-        ):
+        if board.meets(Fault.REPLY_LONG, joint):
             return [CanFrame(frame.arbitration_id, (frame.data + b"\0")[:7])]
         if board.meets(Fault.DOUBLE_ID, joint):
             return [

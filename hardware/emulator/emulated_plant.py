@@ -88,9 +88,7 @@ class EmulatedCar:
         signals += truth_signals(station)
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=facts)
         # A disk that is asked to sync may wait.
-        self._journal = RunJournal(
-            log, recorded_columns(signals), metadata
-        )
+        self._journal = RunJournal(log, recorded_columns(signals), metadata)
         RunRecorder.add_to_builder(
             builder, self._journal, signals, log_rate, scenario.simulation.step
         )

@@ -143,9 +143,7 @@ class Emulator:
         if settings.wiring == "watched_can":
             names.append("can")
             # A pseudo-terminal does not restart when it is opened.
-            options = {
-                "sleep_after_open": 0.0
-            }
+            options = {"sleep_after_open": 0.0}
             self._car_ports["can"] = {
                 "interface": "slcan",
                 "channel": str(plugs / "can"),

@@ -167,9 +167,7 @@ def _check(values: tuple[float, ...] | list[float]) -> None:
     )
     for (name, limit), value in zip(limits, values, strict=True):
         # `not` also catches NaN; the margin is the rounding to a 32-bit float.
-        if not abs(value) <= limit * (
-            1 + 1e-6
-        ):
+        if not abs(value) <= limit * (1 + 1e-6):
             raise FrameError(f"radio {name} {value!r}: allowed is -{limit:g} to {limit:g}")
         if 0 < abs(value) < _LEAST_NORMAL:
             raise FrameError(

@@ -94,9 +94,7 @@ class Surface:
         ) + WhiteKernel(0.01, NOISES)
         with warnings.catch_warnings():
             # The length of a column without influence is at its bound.
-            warnings.simplefilter(
-                "ignore"
-            )
+            warnings.simplefilter("ignore")
             tuned = GaussianProcessRegressor(kernel).fit(chosen[:TUNED], target[:TUNED]).kernel_
         fitted = GaussianProcessRegressor(tuned, optimizer=None).fit(chosen, target)
         size = tuned.k1.k1.constant_value
@@ -334,9 +332,7 @@ def _search(
     tried = np.array(found["inputs"]).reshape(-1, cars.shape[1])
     order = np.argsort(cars[:, 0])
     # No two cars share their first number.
-    whose = order[
-        np.searchsorted(cars[order, 0], tried[:, 0])
-    ]
+    whose = order[np.searchsorted(cars[order, 0], tried[:, 0])]
     own = np.isfinite(flip[whose])
     shown = len(np.unique(whose[own]))
     if min(len(known), shown) < least:

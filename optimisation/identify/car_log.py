@@ -305,7 +305,5 @@ def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, floa
     alike = max(MODEL_TIME * (time.size - 1) / float(np.ptp(time)), 1.0)
     size = maximum_filter1d(np.abs(value), 2 * round(alike) + 1)
     # Rounding is evenly spread.
-    squares = (
-        noise**2 + step**2 / 12.0 + alike * np.square(MODEL_SHARE * size)
-    )
+    squares = noise**2 + step**2 / 12.0 + alike * np.square(MODEL_SHARE * size)
     return Channel(time, value, np.sqrt(np.maximum(squares, LEAST_NOISE**2)))

@@ -174,9 +174,7 @@ def _static_data(
     mean = hold_mean(time[used], np.stack(list(columns.values()))[:, used], step, options.loss)
     held = float(np.mean(angle[hold]))
     # Refused where it cannot be right, also if a rest makes it unneeded.
-    log.stated(
-        OFFSETS, len(REACTIONS)
-    )
+    log.stated(OFFSETS, len(REACTIONS))
     if rest is None:
         added, deviation, tare = _stated_offset(log, scenario, warnings)
     else:

@@ -287,9 +287,7 @@ class DaskEngine(Engine):
         """
         loop: Any = self._client.loop
         # One call serves all looks: it may need several.
-        gather: Any = self._client.gather(
-            [future], asynchronous=True
-        )
+        gather: Any = self._client.gather([future], asynchronous=True)
         gathering = asyncio.run_coroutine_threadsafe(gather, loop.asyncio_loop)
         until = time.monotonic() + RESULT_WITHIN
         try:

@@ -55,17 +55,13 @@ class ErrorBoundary(TyperGroup):
             cause: BaseException = error
         except OSError as error:
             # Such an error is not about a file that the user named: closed pipe, lost network.
-            if (
-                error.filename is None
-            ):
+            if error.filename is None:
                 raise
             message = f"{error.filename}: {error.strerror}"
             cause = error
         except Exception as error:
             # The error about an option that is not there has its name.
-            option = getattr(
-                error, "option_name", ""
-            )
+            option = getattr(error, "option_name", "")
             if option not in RENAMED:
                 raise
             message = f"{option} is now {RENAMED[option]}"

@@ -297,9 +297,7 @@ def make_schedule(scenario: Any) -> Schedule:
         throttle_off = start + manoeuvre.turn_hold + manoeuvre.wait_after_turn
         check_range("manoeuvre.log_end", manoeuvre.log_end, throttle_off, math.inf, "s")
         # The car's sequence sets its throttle and waits (thesis 7.2.1).
-        if (
-            not scenario.drive.governor
-        ):
+        if not scenario.drive.governor:
             ramp = SpeedRamp(manoeuvre.speed, 0.0, ramp.line)
         return TurnSchedule(ramp, side, angle, start, manoeuvre.turn_hold, throttle_off)
     if manoeuvre.kind == "straight":

@@ -119,9 +119,7 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
             observation.pitch_angle - float(point.pitch_position),
         )
         # An unknown angle counts as where it should be.
-        if not any(
-            abs(error) > LARGEST_ERROR for error in behind
-        ):
+        if not any(abs(error) > LARGEST_ERROR for error in behind):
             return memory
         inside = -memory.turn * self.settings.hold_angle
         memory = replace(

@@ -194,9 +194,7 @@ def _look(line: Line2D) -> dict[str, Any]:
         "width": line.get_linewidth(),
     }
     # Matplotlib has no other way to read them.
-    _, dashes = getattr(
-        line, "_dash_pattern", (0, None)
-    )
+    _, dashes = getattr(line, "_dash_pattern", (0, None))
     if dashes and _is_joined(line):
         look["dash"] = [round(_PIXELS_PER_POINT * float(length), 2) for length in dashes]
     mark = line.get_marker()

@@ -114,9 +114,7 @@ def table_findings(table: pd.DataFrame, kind: str = "") -> list[LogFinding]:
         found += nan_findings(time, name, values)
         finite = values[np.isfinite(values)]
         # An encoder counts whole steps: a held angle is constant.
-        held = kind == "static" and name.startswith(
-            "ang"
-        )
+        held = kind == "static" and name.startswith("ang")
         changes = name.startswith(_MEASURED) and "_command_" not in name and not held
         if changes and finite.size > 1 and np.ptp(finite) == 0.0:
             found.append(

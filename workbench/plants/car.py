@@ -185,9 +185,7 @@ def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> M
 
 def _add_ground(plant: MultibodyPlant, friction: float) -> None:
     # A filter that is there already is not added again.
-    logging.getLogger("drake").addFilter(
-        is_news
-    )
+    logging.getLogger("drake").addFilter(is_news)
     properties = ProximityProperties()
     AddContactMaterial(
         dissipation=0.0,

@@ -137,9 +137,7 @@ class DrawnArrow:
         whole = float(np.linalg.norm(length))
         shaft = max(whole - _HEAD_LENGTH, 1e-3)
         # The cone has its point at the origin and opens along z.
-        turned = RotationMatrix.MakeXRotation(
-            np.pi
-        )
+        turned = RotationMatrix.MakeXRotation(np.pi)
         poses = {
             self.path: RigidTransform(shortest_turn(length / whole), point),
             f"{self.path}/shaft": RigidTransform(np.array([0.0, 0.0, shaft / 2])),

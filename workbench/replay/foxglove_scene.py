@@ -169,9 +169,7 @@ def _forces(arrows: list[ForceArrow], row: int, time: float) -> Any:
             head_diameter=_HEAD,
         )
         # Foxglove's arrows point along x, `shortest_turn` turns z.
-        along_x = RotationMatrix.MakeYRotation(
-            -np.pi / 2.0
-        )
+        along_x = RotationMatrix.MakeYRotation(-np.pi / 2.0)
         turn = shortest_turn(arrow.lengths[row] / length) @ along_x
         _place(drawn, RigidTransform(turn, arrow.points[row]), arrow.colour)
     return update

@@ -125,9 +125,7 @@ class ObservedRun:
     ) -> None:
         """Adds the recorder of these ports; LogError when two columns have one name."""
         # What cannot be read is not written.
-        decode_metadata(
-            {METADATA_KEY: encode_metadata(metadata)}, "observe"
-        )
+        decode_metadata({METADATA_KEY: encode_metadata(metadata)}, "observe")
         self._columns = recorded_columns(signals)
         self._metadata = metadata
         twice = sorted({name for name in self._columns if self._columns.count(name) > 1})

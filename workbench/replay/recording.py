@@ -156,9 +156,7 @@ def _draw_traces(
             animation.SetProperty(0, path, "visible", False)
             animation.SetProperty(int(end), path, "visible", True)
             # Every track has the same length, for the loop.
-            animation.SetProperty(
-                last, path, "visible", True
-            )
+            animation.SetProperty(last, path, "visible", True)
 
 
 def tube(points: FloatArray, radius: float) -> tuple[FloatArray, NDArray[np.int32]]:

@@ -197,7 +197,5 @@ class ChaseCamera:
             turned = RigidTransform(RotationMatrix.MakeZRotation(-heading), np.zeros(3))
             self._meshcat.SetTransform(WORLD, turned @ RigidTransform(-place))
             # The ground moves by whole metres: its lines stay in place.
-            self._meshcat.SetTransform(
-                GROUND, RigidTransform(np.round(place))
-            )
+            self._meshcat.SetTransform(GROUND, RigidTransform(np.round(place)))
         return float(np.hypot(velocity[0], velocity[1])), heading
