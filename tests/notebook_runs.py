@@ -75,9 +75,8 @@ def execute(path):
     """
     try:
         return _executed(path)
-    except (
-        TimeoutError
-    ):  # seen twice in sixteen executions on a busy machine: the kernel waits, and the client too
+    # Seen twice in sixteen executions on a busy machine: the kernel waits, and the client too.
+    except TimeoutError:
         print(f"{path.name}: nothing came from the kernel for {SILENCE} s; once more")
         return _executed(path)
 

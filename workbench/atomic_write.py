@@ -69,8 +69,7 @@ def _take_name(temporary: Path, path: Path, force: bool, error: type[UserError])
             return
         except FileExistsError:
             refuse_existing(path, force, error)
-        except (
-            OSError
-        ):  # a file system without hard links: the check and the rename are then two steps
+        # Without hard links in the file system, the check and the rename are two steps.
+        except OSError:
             refuse_existing(path, force, error)
     os.replace(temporary, path)

@@ -1,6 +1,4 @@
-"""Errors that a user can cause and fix: one line that names the place, the value and what is
-allowed.
-"""
+"""Errors that a user can cause and fix: one line with the place, the value and what is allowed."""
 
 
 class UserError(Exception):

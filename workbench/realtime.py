@@ -80,9 +80,7 @@ def _set_priority(priority: int) -> str:
 
 
 def _may_lock() -> bool:
-    """A limit would be worse than no lock: what is asked for beyond it fails in the middle of a
-    drive.
-    """
+    """A limit is worse than no lock: what is asked for beyond it fails in mid-drive."""
     if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         return True
     try:

@@ -21,6 +21,7 @@ _PACKAGE = Path(__file__).resolve().parent
 _SHIPPED = _PACKAGE / "_models"
 _CHECKOUT = _PACKAGE.parent / "models"
 _MOST_SUGGESTIONS = 3
+"""Most names that are suggested for one that is not known."""
 
 
 @cache

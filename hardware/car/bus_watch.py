@@ -17,8 +17,11 @@ from aerodima.hardware.protocol.teensy import SWITCHED_OFF, TeensyStatus
 from aerodima.workbench.errors import HardwareError
 
 BEAT_ID = 0x7A0
+"""CAN id of the computer's heartbeat."""
 ANSWER_ID = 0x7A1
+"""CAN id of the Teensy's answer to it."""
 _MAGIC = 0xAD
+"""First byte of heartbeats and answers."""
 
 
 class BeatState(IntEnum):

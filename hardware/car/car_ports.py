@@ -53,9 +53,7 @@ class GpsDevice(SerialSettings):
 
 
 class RadioDevice(SerialSettings):
-    """The XBee module; `operator` is the 64-bit serial number of the operator's module (None: any
-    module).
-    """
+    """The XBee module; `operator` is the 64-bit serial number of the operator's (None: any)."""
 
     operator: int | None = Field(None, ge=0, lt=2**64)
 

@@ -28,6 +28,7 @@ AXES = {
     for sign, factor in (("+", 1), ("-", -1))
 }
 _TURN = 2.0 * math.pi
+"""A full turn, rad."""
 Sign = Literal[1, -1]
 
 
@@ -76,9 +77,7 @@ class Mounting(QuantityModel):
         return self.sail_direction * (encoder - self.sail_zero) % _TURN
 
     def servo_pulse(self, steering_angle: float) -> int:
-        """Pulse (us) of a steering angle (rad, positive to the left), clipped to what the servo
-        reaches.
-        """
+        """Pulse (us) of a steering angle (rad, left positive), clipped to the servo's reach."""
         share = min(1.0, max(-1.0, steering_angle / self.steering_range))
         return pulse(self.steering_direction * share, SERVO_PULSES)
 
@@ -119,9 +118,7 @@ class Mounting(QuantityModel):
 
 
 def load_mounting() -> Mounting:
-    """The table of `models/parameters/hardware/mounting.yaml`; `UserError` names what is wrong in
-    it.
-    """
+    """Table of `models/parameters/hardware/mounting.yaml`; `UserError` names what is wrong."""
     mounting = load_section(model_path("parameters/hardware/mounting.yaml"), Mounting)
     mounting.chip_to_body  # noqa: B018 - raises if the axes are none
     return mounting

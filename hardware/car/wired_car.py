@@ -31,6 +31,7 @@ from aerodima.workbench.errors import HardwareError
 _LAST_STRINGS = 5
 """Strings with throttle 0 and exit that are sent at the end, one every 10 ms."""
 _CYCLE = 0.01
+"""Time between two cycles, s."""
 _ROLL = IMU.index("roll")
 _PITCH = IMU.index("pitch")
 
@@ -121,9 +122,7 @@ class WiredCar:
         devices.group.set_enter(time.monotonic())
 
     def hold(self, now: float) -> None:
-        """Holds the tail where it is, until the next command that is not all zeros; nothing after
-        `stop`.
-        """
+        """Holds the tail until the next command that is not all zeros; nothing after `stop`."""
         if self.devices is not None:
             self.devices.group.set_hold(now)
 
@@ -154,9 +153,7 @@ class WiredCar:
 
     @property
     def unwatched(self) -> str:
-        """Reason why the watchdog of this wiring is not reliable; empty while it is, or before
-        `start`.
-        """
+        """Why the watchdog of this wiring is not reliable; empty while it is, or before `start`."""
         watchdog = None if self.devices is None else self.devices.watchdog
         return "" if watchdog is None or watchdog.healthy else watchdog.reason
 

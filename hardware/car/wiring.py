@@ -90,7 +90,8 @@ class CarCommand:
     for nothing.
 
     Attributes:
-        steering_angle: rad, positive to the left. throttle: -1 to 1.
+        steering_angle: rad, positive to the left.
+        throttle: -1 to 1.
         tail_pitch, tail_roll: (5,) as `aerodima.workbench.config.signal_table.TAIL_COMMAND`.
     """
 
@@ -116,8 +117,9 @@ class CarReading:
 
     Attributes:
         tail_state: (6,) `aerodima.workbench.config.signal_table.TAIL_STATE`, rad and rad/s.
-        tail_torque: (2,) N m. imu: (9,) `aerodima.workbench.config.signal_table.IMU`. speed: (1,)
-            m/s.
+        tail_torque: (2,) N m.
+        imu: (9,) `aerodima.workbench.config.signal_table.IMU`.
+        speed: (1,) m/s.
         status: (13,) `aerodima.workbench.config.signal_table.STATUS`: ages in s (infinite before
             the first sample), faults, armed.
         operator: the operator's last command, for driving by radio.
@@ -150,9 +152,7 @@ class CarReader:
         self.imu_time = math.nan
 
     def read(self, devices: Devices, now: float, released: bool) -> CarReading:
-        """The reading of now (s, monotonic); `released` stands for `armed` where there are no
-        motors.
-        """
+        """The reading at `now` (s, monotonic); `released` means `armed` where no motors are."""
         motors = devices.group.motors
         for index, motor in enumerate(motors):
             if math.isfinite(motor.position):
@@ -217,9 +217,7 @@ def _worst(devices: Devices, sources: dict[str, tuple[float, int, str]]) -> str:
 
 
 class _SailRate:
-    """Sail angle and its rate from the Teensy's replies, each with the time at which the Teensy
-    sent it.
-    """
+    """Sail angle and rate from the Teensy's replies, each with the time at which it was sent."""
 
     def __init__(self) -> None:
         self._past: deque[tuple[float, float]] = deque(maxlen=64)
@@ -247,8 +245,8 @@ class CarReporter:
     """One car's reports.
 
     Args:
-        has_tail: the car has tail motors. car: its number, which tells it from others on the
-            channel.
+        has_tail: the car has tail motors.
+        car: its number, which tells it from others on the channel.
     """
 
     def __init__(self, has_tail: bool = True, car: int = 0) -> None:

@@ -44,6 +44,7 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 
 _SENSOR_TIMEOUT = 0.01
+"""Longest wait of a read from a sensor's port, s."""
 T = TypeVar("T")
 
 

@@ -9,8 +9,6 @@ from aerodima.workbench.cli import options as cli
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the commands in the order of the help page (entry point of the group
-    `aerodima.commands`).
-    """
+    """Adds the commands in the order of the help page (entry point group `aerodima.commands`)."""
     for command in (drive, console, emulate):
         app.command(rich_help_panel=cli.CAR)(command)

@@ -104,9 +104,8 @@ def console(
     with listener:
         try:
             if car is not None:
-                signal.signal(
-                    signal.SIGTERM, signal.default_int_handler
-                )  # or nobody would end the car
+                # Otherwise nobody would end the car.
+                signal.signal(signal.SIGTERM, signal.default_int_handler)
                 car.start(typer.echo)
                 ports = car.ports
             if ports:
@@ -383,9 +382,7 @@ def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm:
 
 
 def _eyes(ports: CarPorts, wiring: WiringName) -> tuple[Callable[[str], bool], str]:
-    """Who answers what is seen of the tail: the operator, or nobody where there is nothing to be
-    seen.
-    """
+    """Who answers what is seen of the tail: the operator, or nobody where nothing is to be seen."""
     from aerodima.hardware.driving.watchdog_test import is_emulated
 
     if is_emulated(wiring, ports):

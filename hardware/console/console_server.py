@@ -31,6 +31,7 @@ _SHOW = 0.05
 _FAREWELL = 0.3
 """s in which pages learn that the console has failed, before it ends."""
 _MOST_BYTES = 4096
+"""Longest message that a page may send, bytes."""
 _BACKLOG = 16
 """Connections that are accepted in one go; more of them could take every file before the first one
 is looked at."""
@@ -124,9 +125,8 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
             asyncio.create_task(_watched(console, _turn(console))),
             asyncio.create_task(_end(console, end)),
         ]
-        with contextlib.suppress(
-            asyncio.CancelledError
-        ):  # a second Ctrl-C ends the server without asking for an end
+        # A second Ctrl-C ends the server without asking for an end.
+        with contextlib.suppress(asyncio.CancelledError):
             yield
         for task in tasks:
             task.cancel()
@@ -172,9 +172,7 @@ def make_server(app: Starlette) -> uvicorn.Server:
 
 
 async def _watched(console: Console, task: Coroutine[Any, Any, None]) -> None:
-    """Whatever dies by an exception that nobody meant ends the console: half of one is worse than
-    none.
-    """
+    """Any exception that nobody meant ends the console: half of one is worse than none."""
     try:
         await task
     except Exception as error:
@@ -233,9 +231,8 @@ async def _show_states(console: Console, websocket: WebSocket, page: int) -> Non
 
 async def _send(websocket: WebSocket, content: object) -> None:
     text = json.dumps(content, allow_nan=False)
-    with contextlib.suppress(
-        Exception
-    ):  # the page has gone, whatever that is called; `_serve_page` sees it
+    # The page has gone, whatever that is called; `_serve_page` sees it.
+    with contextlib.suppress(Exception):
         await websocket.send_text(text)
 
 

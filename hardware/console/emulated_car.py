@@ -22,8 +22,11 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 
 _START_TIME = 120.0
+"""Longest wait for the emulator, and for one test of its watchdog, s."""
 _END_TIME = 20.0
+"""Longest wait for a process to end, s."""
 _LOOK = 0.05
+"""Time between two looks at whether the emulator is ready, s."""
 _TESTS = 3
 """Times that the watchdog test is tried: a computer that is busy with other work can be late for
 the emulated car."""
@@ -42,7 +45,10 @@ class EmulatedCarProcess:
             car asks.
         faults: script of `aerodima emulate --faults`.
 
-    Attributes: folder: with its files. wiring: of the car. view: where Meshcat shows it.
+    Attributes:
+        folder: with its files.
+        wiring: of the car.
+        view: where Meshcat shows it.
     """
 
     def __init__(
@@ -75,9 +81,7 @@ class EmulatedCarProcess:
         return self.folder / PORTS_FILE
 
     def events(self, *names: str) -> list[dict[str, Any]]:
-        """What happened so far, or that of these names: each with its time, s on
-        `time.monotonic`.
-        """
+        """Events so far, or those of these names; each with its time, s on `time.monotonic`."""
         return [
             event
             for event in read_events(self.folder / EVENTS_FILE)
@@ -90,10 +94,8 @@ class EmulatedCarProcess:
         """
         say(f"starting the emulated car in {self.folder}")
         command = ["emulate", *self._scenario, "--out", str(self.folder), "--wiring", self.wiring]
-        command += [
-            "--parent",
-            str(os.getpid()),
-        ]  # killed or not, it does not leave an emulator behind
+        # The emulator ends with this process, also when that is killed.
+        command += ["--parent", str(os.getpid())]
         self._emulator = self._run([*command, *self._flags])
         ready = self.folder / READY_FILE
         end = time.monotonic() + _START_TIME
@@ -232,9 +234,7 @@ def emulated_car(
 
 
 def _own_folder(folder: Path) -> Path:
-    """The folder; where an earlier car has left its files, one in it with the next number from
-    2.
-    """
+    """The folder; where an earlier car left its files, one in it with the next number from 2."""
     found = folder
     number = 1
     while (found / READY_FILE).exists():

@@ -49,7 +49,8 @@ class OperatorRadio:
         confirmed: the car has reported that stop.
         mode: of the last command that was passed on.
         report: the car's last one; None before the first.
-        rejected: frames that are no report. foreign: reports of other modules or cars.
+        rejected: frames that are no report.
+        foreign: reports of other modules or cars.
     """
 
     def __init__(self, link: SerialLink, receiver: int = BROADCAST, car: int = 0) -> None:
@@ -80,9 +81,7 @@ class OperatorRadio:
         return now - self._heard
 
     def fault(self, now: float) -> str:
-        """Why nothing reaches the car from here, in words; empty while the port takes what is
-        sent.
-        """
+        """Why nothing reaches the car from here; empty while the port takes what is sent."""
         if fault := self._link.fault:
             return f"the radio's port is lost: {fault}"
         if now - self._lost < _LOST_SHOWN:
@@ -180,9 +179,8 @@ class OperatorRadio:
         self._sender = packet.sender
         self.report = report
         self._heard = arrival
-        self.confirmed = (
-            self.stopped and self.report.stopped
-        )  # a car that is armed anew under a stop is stopped again
+        # A car that is armed anew under a stop is stopped again.
+        self.confirmed = self.stopped and self.report.stopped
 
     def _stops(self) -> list[bytes]:
         if self.stopped and not self.confirmed:

@@ -17,6 +17,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HOST = "127.0.0.1"
 _BYTES = 24
+"""Random bytes of a token or session."""
 REQUEST_TIME = 3.0
 """s in which a connection must have made its whole request, the first one or the next."""
 MOST_WAITING = 64
@@ -45,9 +46,7 @@ class Access:
         return f"http://{HOST}:{self._port}/?token={self._token}"
 
     def redeem(self, token: str) -> str | None:
-        """A session for the token, which is worth nothing from now on; None for a wrong or used
-        one.
-        """
+        """A session for the token, which is then used up; None for a wrong or used one."""
         if not secrets.compare_digest(token.encode(), self._token.encode()):
             return None
         self._token = secrets.token_urlsafe(_BYTES)

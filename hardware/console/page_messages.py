@@ -36,8 +36,11 @@ class Beat(_Message):
     """The page lives and asks for this; every 50 ms.
 
     Attributes:
-        count: grows by one with each heartbeat. time: of the page's clock, s.
-        throttle: -1 to 1. steering: rad, positive to the left. pitch, roll: of the tail, rad.
+        count: grows by one with each heartbeat.
+        time: of the page's clock, s.
+        throttle: -1 to 1.
+        steering: rad, positive to the left.
+        pitch, roll: of the tail, rad.
     """
 
     type: Literal["beat"]
@@ -109,9 +112,7 @@ class BeatClock:
         self._before = -math.inf
 
     def in_time(self, sent: float, now: float) -> bool:
-        """Whether a heartbeat that left at the page's time `sent` and came at `now` (both s) is
-        passed on.
-        """
+        """Whether a heartbeat sent at the page's time `sent`, in at `now` (s), is passed on."""
         if math.isfinite(self._offset):
             self._offset += self._FORGET * (now - self._before)
         self._before = now

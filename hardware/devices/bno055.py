@@ -20,30 +20,42 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.workbench.config.checked_files import STANDARD_GRAVITY
 
 RATE = 100.0
 """Hz of the fusion (data sheet table 3-14)."""
 CHIP_ID = 0xA0
 """What register 0 holds (data sheet section 4.3.1)."""
 _START = 0xAA
+"""First byte of a request."""
 _DATA = 0xBB
+"""First byte of an answer with data."""
 _STATUS = 0xEE
+"""First byte of an answer with a status code."""
 _WRITE = 0x00
+"""Second byte of a request that writes."""
 _READ = 0x01
+"""Second byte of a request that reads."""
 _MOST_DATA = 128
+"""Most bytes that one request reads or writes."""
 RADIANS = 0x06
 """UNITS: m/s2, rad/s, rad, degrees Celsius."""
 WRITE_DONE = 0x01
+"""Status code of a write that was carried out."""
 _STATUS_CODES = range(0x01, 0x0B)
 """What may stand behind `EE`: write done, then nine kinds of failure (data sheet table 4-2, UART
 protocol)."""
 _SAMPLE = struct.Struct("<3h3h4h3h3hbB")
 _GYRO = 900.0
+"""Counts of the gyro per rad/s."""
 _QUATERNION = 16384.0
+"""Counts of a component of the quaternion per 1."""
 _ACCELERATION = 100.0
-_GRAVITY = 9.80665
+"""Counts of linear acceleration and gravity per m/s2."""
 _NORM_TOLERANCE = 0.01
+"""How far the length of a quaternion may be from 1."""
 _GRAVITY_TOLERANCE = 0.5
+"""How far the reported gravity may be from the standard one, m/s2."""
 
 
 class Register(IntEnum):
@@ -70,8 +82,7 @@ class Mode(IntEnum):
 
 
 SAMPLE_BYTES = Register.CALIBRATION + 1 - Register.GYRO
-"""One burst: gyro, Euler angles, quaternion, linear acceleration, gravity, temperature,
-calibration."""
+"""One burst: gyro, Euler angles, quaternion, acceleration, gravity, temperature, calibration."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +91,8 @@ class Bno055Sample:
 
     Attributes:
         quaternion: (w, x, y, z), turns chip axes into the world's, z up; unit length.
-        gyro: rad/s. acceleration: m/s2, gravity removed.
+        gyro: rad/s.
+        acceleration: m/s2, gravity removed.
         temperature: degrees Celsius.
         calibration: 0 (none) to 3 (full) of system, gyro, accelerometer, magnetometer.
     """
@@ -148,9 +160,9 @@ def decode_sample(data: bytes) -> Bno055Sample:
             "damaged"
         )
     gravity = math.sqrt(sum((value / _ACCELERATION) ** 2 for value in numbers[13:16]))
-    if abs(gravity - _GRAVITY) > _GRAVITY_TOLERANCE:
+    if abs(gravity - STANDARD_GRAVITY) > _GRAVITY_TOLERANCE:
         raise FrameError(
-            f"BNO055 gravity of {gravity:.3g} m/s2; allowed is {_GRAVITY:g} +- "
+            f"BNO055 gravity of {gravity:.3g} m/s2; allowed is {STANDARD_GRAVITY:g} +- "
             f"{_GRAVITY_TOLERANCE:g}"
         )
     calibration = numbers[17]
@@ -182,7 +194,7 @@ def encode_sample(sample: Bno055Sample) -> bytes:
         *(0, 0, 0),  # Euler angles, which nobody reads
         *(_word(value * _QUATERNION) for value in sample.quaternion),
         *(_word(value * _ACCELERATION) for value in sample.acceleration),
-        *(_word(value * _GRAVITY * _ACCELERATION) for value in sample.rotation[2]),
+        *(_word(value * STANDARD_GRAVITY * _ACCELERATION) for value in sample.rotation[2]),
         max(-128, min(127, sample.temperature)),
         system << 6 | gyro << 4 | accelerometer << 2 | magnetometer,
     )

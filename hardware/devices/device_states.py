@@ -11,9 +11,7 @@ from aerodima.hardware.protocol.can_frame import CanFrame
 
 
 class SourceFault(IntEnum):
-    """Fault codes of sail, imu, speed and operator on `status`; those of the tail motors are
-    `MotorFault`.
-    """
+    """Fault codes of sail, imu, speed and operator in `status`; tail motors have `MotorFault`."""
 
     NONE = 0
     NOT_FITTED = 1

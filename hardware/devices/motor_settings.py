@@ -1,6 +1,4 @@
-"""Settings and limits of one tail motor: what it can, where it may go, and when it is switched
-off.
-"""
+"""Settings and limits of a tail motor: what it can do, where it may go, when it is switched off."""
 
 from __future__ import annotations
 
@@ -35,9 +33,7 @@ def check_command(command: MitCommand) -> None:
 
 
 def pd_torque(command: MitCommand, position: float, speed: float) -> float:
-    """Torque (N m) that the motor's loop makes of a command at `position` (rad) and `speed`
-    (rad/s).
-    """
+    """Torque (N m) that the motor makes of a command at `position` (rad) and `speed` (rad/s)."""
     return (
         command.kp * (command.position - position)
         + command.kd * (command.velocity - speed)
@@ -365,7 +361,9 @@ class MotorSettings:
         profile: ranges of its firmware.
         safety: when it is switched off, and how gently it is taken over.
         low, high: range of the joint, rad.
-        torque_limit: of the total PD torque, N m. kp_max: N m/rad. kd_max: N m s/rad.
+        torque_limit: of the total PD torque, N m.
+        kp_max: N m/rad.
+        kd_max: N m s/rad.
         jump_speed: fastest change of position that is believed, rad/s.
         hold_kp, hold_kd: gains with which a position is held, N m/rad and N m s/rad.
         direction: +1 or -1: sign of the motor's angle against the joint's.

@@ -36,17 +36,22 @@ if TYPE_CHECKING:
     from serial import Serial
 
 _RECONNECT = 0.25
+"""Wait after a lost device before the next attempt, s."""
 _CLOSE = 0.5
+"""Longest wait for the thread when a sensor is closed, s."""
 
 T = TypeVar("T")
 _PERIOD = 1.0 / RATE
+"""Time between two samples of the IMU, s."""
 _ANSWER_TIME = 0.05
+"""Longest wait for an answer of the IMU, s."""
 _MODE_CHANGE = 0.03
 """Between operation modes, s (data sheet table 3-6: 19 ms to CONFIG, 7 ms from it)."""
 _LEAD = 0.006
 """From the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms, the
 chip adds to it."""
 _STATUS_EVERY = 100
+"""Requests between two looks at the chip's own status."""
 _ALIKE = 10
 """Samples in a row, or solutions of a moving car, that may be equal to the last bit: noise of gyro
 and accelerometer is above their steps (data sheet table 0-2), and the speed of a car that moves
@@ -76,9 +81,7 @@ class Session(Generic[T]):
         """
 
     def read(self, port: Serial) -> tuple[float, T] | None:
-        """The next sample and when it was taken (s, monotonic); None after a short wait without
-        one.
-        """
+        """The next sample and its time (s, monotonic); None after a short wait without one."""
         raise NotImplementedError
 
 
@@ -86,8 +89,8 @@ class Repeats:
     """How often a device has said the same in a row.
 
     Args:
-        name: of the device. most: samples that may be alike; a living sensor differs in its last
-            bits.
+        name: of the device.
+        most: samples that may be alike; a living sensor differs in its last bits.
 
     Attributes:
         fault_text: that it has frozen; empty while it lives.
@@ -123,7 +126,9 @@ class SensorThread(Generic[T]):
         silent: age of a sample at which the sensor counts as silent, s.
 
     Attributes:
-        count: samples so far. losses: how often the device was lost. error: of the last loss.
+        count: samples so far.
+        losses: how often the device was lost.
+        error: of the last loss.
     """
 
     def __init__(
@@ -144,9 +149,7 @@ class SensorThread(Generic[T]):
 
     @property
     def newest(self) -> tuple[float, T] | None:
-        """When the newest sample was taken (s, monotonic), and the sample; None before the
-        first.
-        """
+        """Time of the newest sample (s, monotonic), and the sample; None before the first."""
         return self._newest
 
     def age(self, now: float) -> float:
@@ -207,9 +210,8 @@ class SensorThread(Generic[T]):
                 elif (found := self._session.read(port)) is not None:
                     self._newest = found
                     self.count += 1
-            except (
-                Exception
-            ) as error:  # pyserial raises OSError, TypeError and others on a lost device
+            # pyserial raises OSError, TypeError and others on a lost device.
+            except Exception as error:
                 self.losses += port is not None
                 self._lose(str(error))
                 self.error = " ".join(str(error).split())
@@ -282,9 +284,7 @@ class Bno055Session(Session[Bno055Sample]):
         return asked, sample
 
     def _after(self, asked: float) -> float:
-        """When the next sample is asked for: about a period later, in step with whoever wants
-        it.
-        """
+        """When the next sample is asked for: about a period later, in step with who wants it."""
         first = self._due - _LEAD
         return first + math.ceil((asked + 0.5 * _PERIOD - first) / _PERIOD) * _PERIOD
 

@@ -242,9 +242,8 @@ class Motor:
 
     def receive(self, frame: CanFrame, time: float) -> None:
         """Takes a frame that names this motor, which arrived at `time` (s, monotonic)."""
-        if frame == make_exit(
-            self.settings.motor_id
-        ):  # of the Teensy, or of another program: it is answered too
+        # An exit frame of the Teensy or of another program is answered too.
+        if frame == make_exit(self.settings.motor_id):
             self._cycle_frames += 1
             return
         try:
@@ -371,9 +370,8 @@ class Motor:
             self._unanswered += self._cycle_frames
         if not self._unanswered:
             self.missed = 0
-        elif (
-            gap >= self.settings.safety.reply_time
-        ):  # a late loop catches up faster than a motor can answer
+        # A late loop catches up faster than a motor can answer.
+        elif gap >= self.settings.safety.reply_time:
             self.missed += 1
         self._count.add(self._cycle_frames, self._cycle_replies, now)
         self._cycle_frames = 0
@@ -432,9 +430,7 @@ class Motor:
         self._send(make_exit(self.settings.motor_id), urgent=True)
 
     def _send_exits(self, now: float) -> None:
-        """The neutral command first, for the motor may jump to its last command when it is entered
-        again.
-        """
+        """The neutral command first: an entered motor may jump to its last command."""
         self._exit_time = now
         self._send(make_neutral(self.settings.motor_id, self.settings.profile), urgent=True)
         for _ in range(self.settings.safety.exit_burst):

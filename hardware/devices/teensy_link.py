@@ -44,6 +44,7 @@ from aerodima.hardware.transport.serial_link import SerialLink
 _LONGEST_REPLY = 200
 """Bytes between two `|`; more is noise."""
 _WRAP = 2**32
+"""The Teensy's clock of milliseconds begins anew after so many."""
 _BACKWARDS = 1000
 """A count that falls by more than that is a restart of the microcontroller, ms."""
 _SILENT = 0.1

@@ -16,6 +16,7 @@ from aerodima.workbench.errors import HardwareError
 _UBX = b"\xb5\x62"
 _NAV_PVT = b"\x01\x07"
 _NAV_PVT_BYTES = 92
+"""Length of the content of a NAV-PVT message, bytes."""
 _MOST_PAYLOAD = 256
 """Longer messages are stepped over byte by byte; a false start in noise must not hold up good
 frames for long."""

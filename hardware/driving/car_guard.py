@@ -69,9 +69,7 @@ class DriveLimits:
         self._time = -math.inf
 
     def throttle(self, asked: float, now: float) -> float:
-        """The permitted part of a finite throttle: clipped, rising at the limited rate, falling at
-        once.
-        """
+        """Permitted part of a finite throttle: clipped, rises at a limited rate, falls at once."""
         safety = self._safety
         side = math.copysign(1.0, asked)
         if math.isfinite(self._time):
@@ -106,9 +104,7 @@ class DriveLimits:
         )
 
     def too_fast(self, reading: CarReading, now: float) -> str:
-        """Reason to stop because the car is too fast; empty otherwise, and while the speed is
-        unknown.
-        """
+        """Reason to stop if the car is too fast; empty otherwise, or while the speed is unknown."""
         speed = float(reading.speed[0])
         limit = self._safety.speed_limit
         known = reading.status[_SPEED] == SourceFault.NONE
@@ -145,16 +141,17 @@ class CarGuard:
 
     Attributes:
         stage: see the picture above.
-        reason: why the car stopped, empty before. hard: whether that reason was a hard one.
+        reason: why the car stopped, empty before.
+        hard: whether that reason was a hard one.
         left: the operator has left the mode and reported while the car was being stopped. One who
-            falls silent then
-            has not chosen to end the drive: the console sends a car to rest whose page has gone.
+            falls silent then has not chosen to end the drive: the console sends a car to rest whose
+            page has gone.
         reading: of the last cycle.
         rested: the operator has reported IDLE since the car took commands.
         lateness: of the last cycle, s; 0 for a cycle without a due time.
         overruns: cycles that came later than `safety.overrun`.
-        cycle_times: `time.monotonic` of every cycle since `drive`, s. slow_ticks: of those whose
-            controller was slow.
+        cycle_times: `time.monotonic` of every cycle since `drive`, s.
+        slow_ticks: of those whose controller was slow.
     """
 
     def __init__(
@@ -205,9 +202,7 @@ class CarGuard:
         return Asks.CHOICE if self.rested else Asks.REST
 
     def link_times(self, start: float) -> np.ndarray:
-        """(3,) `LINK_COLUMNS` of the log, s on the clock of a run that started at `start` (s,
-        monotonic).
-        """
+        """(3,) `LINK_COLUMNS` of the log, s from the `start` (s, monotonic) of the run."""
         return np.array(
             [self.lateness, self.wiring.imu_time - start, self.wiring.teensy_time - start]
         )
@@ -257,9 +252,7 @@ class CarGuard:
         self._go_unless_stopped(Stage.DRIVING, now)
 
     def reset(self, now: float) -> None:
-        """Forgets the reason and the devices' faults; the car is ready to be armed, and not
-        armed.
-        """
+        """Forgets the reason and the devices' faults; the car can be armed, and is not."""
         if self.stage not in (Stage.READY, Stage.STOPPED):
             raise HardwareError(f"the car cannot be reset: it is {self.stage.name.lower()}")
         self.wiring.reset(now)
@@ -313,9 +306,7 @@ class CarGuard:
         return self.reading
 
     def write(self, command: CarCommand, now: float) -> None:
-        """The second half: the command of driver and tail law, if the car drives; otherwise
-        throttle 0.
-        """
+        """The second half: command of driver and tail law if the car drives; else throttle 0."""
         if self.stage is Stage.DRIVING and not command.finite:
             self.stop("the controller commands NaN or infinity", now, hard=True)
         if self.stage is Stage.DRIVING:
@@ -327,9 +318,7 @@ class CarGuard:
             self.wiring.write(CarCommand(), now)
 
     def note_computing(self, spent: float, now: float) -> None:
-        """How long the controller took for its tick, s; too many slow ones within a second stop the
-        car.
-        """
+        """Time of the controller's tick, s; too many slow ones within a second stop the car."""
         if spent <= self._safety.slow_tick:
             return
         self.slow_ticks.append(now)
@@ -394,9 +383,8 @@ class CarGuard:
         elif self.left and self.reading.status[_OPERATOR] in _GONE:
             self.left = False
             self.reason += " and was not heard any more"
-        stopped = (
-            self.reading.status[_OPERATOR] == SourceFault.STOPPED
-        )  # latches before the car is armed too
+        # The stop latches before the car is armed too.
+        stopped = self.reading.status[_OPERATOR] == SourceFault.STOPPED
         if reason and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
             self.stop(reason, now, hard)
 

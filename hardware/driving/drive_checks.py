@@ -33,19 +33,27 @@ from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE, UNAR
 from aerodima.workbench.errors import HardwareError
 
 _MB = 1e6
+"""Bytes in a megabyte."""
 _SLEEPS = 20
+"""Sleeps of 1 ms that are timed."""
 _COARSE_SLEEP = 0.002
 """s; a computer whose sleeps end later than that cannot keep 10 ms."""
 _FIRST_YEAR = 2024
+"""A calendar that shows an earlier year has not been set."""
 _CLOCK_DIFFERENCE = 2.0
+"""Largest difference from the receiver's time that is not reported, s."""
 _WATCHES = {
     "teensy_bridge": "the Teensy, by the strings of the computer",
     "watched_can": "the Teensy, by the heartbeat on the motors' bus",
 }
 _RATIO_TOLERANCE = 0.2
+"""How far the ratio of `_speed_ratio` may be from 1 with the right profile."""
 _WARMEST = 120.0
+"""Highest temperature of a motor that can be, degrees Celsius."""
 _COLDEST = -30.0
+"""Lowest temperature of a motor that can be, degrees Celsius."""
 _LEAST_SAMPLES = 10
+"""Fewest samples that show a living IMU."""
 _ROLL = IMU.index("roll")
 _PITCH = IMU.index("pitch")
 
@@ -106,9 +114,7 @@ def watchdog_check(wiring: str, unwatched: str) -> Check:
 def motor_checks(
     car: WiredCar, scenario: Scenario, ports: CarPorts, safety: DriveSafety
 ) -> list[Check]:
-    """Firmware profile by the replies, and the zero by where the tail is held; with the motors
-    holding.
-    """
+    """Firmware profile by the replies, zero by where the tail is held; with the motors holding."""
     checks = []
     for name, motor_id in zip(("tail pitch", "tail roll"), ports.motor_ids, strict=True):
         try:
@@ -271,9 +277,7 @@ def _fits(profile: FirmwareProfile, replies: Sequence[tuple[float, CanFrame]]) -
 def _speed_ratio(
     profile: FirmwareProfile, replies: Sequence[tuple[float, CanFrame]]
 ) -> float | None:
-    """Least-squares slope of the position over the integral of the velocity; None with too little
-    motion.
-    """
+    """Least-squares slope of position over integrated velocity; None with too little motion."""
     decoded = [decode_reply(frame, profile) for _, frame in replies]
     times = np.array([time for time, _ in replies])
     velocity = np.array([reply.velocity for reply in decoded])

@@ -106,7 +106,8 @@ class DriveOptions:
     """How to drive.
 
     Attributes:
-        log: the run log to be written. force: replace it.
+        log: the run log to be written.
+        force: replace it.
         dry_run: never arm; the sequence runs with the car switched off.
         with_drake: the diagram in Drake's simulator, otherwise the plain loop.
         confirm: asks somebody beside the car whether it may be armed; None arms without asking.
@@ -233,9 +234,7 @@ def run_drive(
 
 
 class TickTimeout(BaseException):
-    """Raised within a controller that takes too long; no error of a kind that it may want to
-    catch.
-    """
+    """Raised within a controller that takes too long; of no kind that it may want to catch."""
 
 
 @contextmanager

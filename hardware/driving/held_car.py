@@ -62,7 +62,9 @@ _CUTS = {
 _WAYS = {"tail_pitch": ("forward", "back"), "tail_roll": ("to the right", "to the left")}
 """Positive, negative (design section 4)."""
 _STEP = math.radians(5.0)
+"""Angle by which a joint is moved in the test of its motor, rad."""
 _MOST_WRONG = math.radians(2.0)
+"""Largest error of that movement, rad."""
 _KP = 60.0
 """N m/rad: five degrees ask for 5 N m at most, and the weight of a tail that lies on its side
 (1.2 N m on the emulated car) costs one degree; with the soft gains that hold it, it would cost
@@ -70,9 +72,13 @@ four."""
 _KD = 5.0
 """N m s/rad."""
 _MOVE = 1.0
+"""Time of the movement, s."""
 _SETTLE = 0.5
+"""Time after it until the joint is at rest, s."""
 _LEAST_REPLIES = 20
+"""Cycles over which the torque is averaged; fewest replies that give a position."""
 _MOST_SPREAD = math.radians(1.0)
+"""Largest movement of a joint that counts as held still, rad."""
 _TORQUE_ERROR = 0.5
 """N m by which the reported torque may differ: a motor reads its current, not its torque."""
 _TORQUE_SHARE = 0.4
@@ -196,9 +202,8 @@ def run_watchdog_test(
     if scenario.tail.mode == "none":
         raise HardwareError("tail.mode: none; a watchdog test needs the motors of a tail")
     cut, answer = _CUTS[wiring]
-    unheard = ports.model_copy(
-        update={"radio": None}
-    )  # the page of an emulated car, its radio, is not there yet
+    # The page of an emulated car, its radio, is not there yet.
+    unheard = ports.model_copy(update={"radio": None})
     with held(wire_car(scenario, unheard, wiring, lambda: None)) as car:
         run_cycles(car, CarCommand(), _HOLDING)
         last = time.monotonic()
@@ -238,8 +243,8 @@ class MotorTest:
 
     Attributes:
         moved: rad.
-        torque: that the motor reported at the end of the way, N m. wanted: that its gains ask for
-            there, N m.
+        torque: that the motor reported at the end of the way, N m.
+        wanted: that its gains ask for there, N m.
         temperature: degrees Celsius; None if the motor does not report it.
     """
 

@@ -31,8 +31,7 @@ from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSetti
 PERIOD = 0.01
 """s; of every loop that talks to the car."""
 WRITE_DELAY = 0.001
-"""s after a tick, at which its commands leave: the same instant in the plain loop and in the
-diagram."""
+"""s from a tick to its commands: the same in the plain loop and in the diagram."""
 Clock = Callable[[], float]
 Wait = Callable[[float], None]
 
@@ -122,9 +121,8 @@ def run_loop(
         journal.append(row.make(time_now, step, reading, np.append(guard.link_times(start), spent)))
         if journal.error:
             guard.stop(journal.error, clock())
-        if (
-            time_now + 0.5 * PERIOD > length
-        ):  # the row of the end; its tick belongs to what comes after
+        # This is the row of the end; its tick belongs to what comes after.
+        if time_now + 0.5 * PERIOD > length:
             break
         reading = guard.read(clock(), start + time_now)
         begin = clock()

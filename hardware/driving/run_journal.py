@@ -30,6 +30,7 @@ LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s", "c
 of the row, on the clock of the run, and how long the controller computed. The Teensy's clock is
 aligned by `aerodima.hardware.devices.teensy_link`."""
 _MOST_WAITING = 3000
+"""Most rows that wait for the disk, or are kept after it has failed."""
 _FLUSH = 0.08
 """s; with the period of the loop, a killed drive loses less than 0.1 s."""
 _LOOK = 1.0
@@ -116,9 +117,8 @@ class RunJournal(JournalWriter):
         super().abandon()
 
     def _finish(self) -> None:
-        with contextlib.suppress(
-            queue.Full
-        ):  # a disk that takes nothing must not hold up the end of the program
+        # A disk that takes nothing must not hold up the end of the program.
+        with contextlib.suppress(queue.Full):
             self._waiting.put(None, timeout=_LAST_WAIT)
         self._thread.join(_LAST_WAIT)
         if self._thread.is_alive():

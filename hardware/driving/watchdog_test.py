@@ -32,7 +32,8 @@ class WatchdogTest(StrictModel):
 
     Attributes:
         time_to_exit: s from the cut to the Teensy's report that it has switched the motors off.
-        cut: what was cut. seen_off_by: who saw that the motors were off.
+        cut: what was cut.
+        seen_off_by: who saw that the motors were off.
         emulated: made on an emulator; void for real motors.
         firmware: `teensy_hash`.
         ports: as `CarPorts`.
@@ -123,9 +124,8 @@ def require_watchdog_test(
 
     Raises:
         HardwareError: there is none for the wiring, it was made on the emulator and the motors are
-            real, or what it
-            has shown has changed since: adapter or Teensy, motor ids, firmware profile, firmware,
-                timing.
+            real, or what it has shown has changed since: adapter or Teensy, motor ids, firmware
+            profile, firmware, timing.
     """
     path = record_path(wiring, folder, ports)
     again = f"make one with `aerodima drive SCENARIO --wiring {wiring} --watchdog-test`"

@@ -33,8 +33,11 @@ from aerodima.hardware.transport.can_adapter import TrafficLog, can
 from aerodima.workbench.errors import HardwareError
 
 _ENTER = 0xFC
+"""Last byte of the frame that enters a motor."""
 _EXIT = 0xFD
+"""Last byte of the frame that exits it."""
 _ZERO = 0xFE
+"""Last byte of the frame that sets its zero."""
 _PROFILE = AK70_10_V1_0_8
 WARM = 30.0
 """Temperature of a healthy motor, degrees Celsius."""
@@ -49,8 +52,11 @@ DRIFT_RATE = 3.0
 _OK = b"\r"
 _ERROR = b"\a"
 _LONGEST_LINE = 64
+"""Bytes kept of a line that has not ended."""
 _MOST_HEARD = 4096
+"""Bytes that wait for the computer beyond which frames of other nodes are dropped."""
 _MOST_BYTES = 4096
+"""Most bytes of one read."""
 
 
 class EmulatedBus:
@@ -137,8 +143,8 @@ class EmulatedMotor:
 
     Args:
         joint, motor_id: which one.
-        zero: motor angle at joint angle 0, rad. direction: sign of the motor's angle against the
-            joint's.
+        zero: motor angle at joint angle 0, rad.
+        direction: sign of the motor's angle against the joint's.
 
     Attributes:
         entered: whether it makes torque.
@@ -193,9 +199,8 @@ class EmulatedMotor:
         self._angle = self._zero + self._direction * angle
         self._speed = self._direction * speed
         self._torque = self._direction * torque
-        if self._board.entry(
-            Fault.MOTOR_REVERSED, self.joint
-        ):  # it measures its own current, the wrong way round
+        # The motor measures its own current, the wrong way round.
+        if self._board.entry(Fault.MOTOR_REVERSED, self.joint):
             self._torque = -self._torque
         self._past.append((time.monotonic(), self._angle, self._speed, self._torque))
 
@@ -248,9 +253,8 @@ class EmulatedMotor:
     def _reply(self) -> CanFrame:
         board = self._board
         angle, speed, torque = self._state()
-        if board.entry(
-            Fault.BLOCKED, self.joint
-        ):  # all of the torque works against what holds it where it was
+        # All of the torque works against what holds it where it was.
+        if board.entry(Fault.BLOCKED, self.joint):
             angle = self._blocked_at
             speed = 0.0
             held = self._command if self.entered else NEUTRAL
@@ -286,9 +290,8 @@ class EmulatedMotor:
             return [CanFrame(frame.arbitration_id, bytes(byte ^ 0x5A for byte in frame.data))]
         if board.meets(Fault.REPLY_SHORT, joint):
             return [CanFrame(frame.arbitration_id, frame.data[:5])]
-        if board.meets(
-            Fault.REPLY_LONG, joint
-        ):  # classic CAN has no more than 8 bytes: longer than 6, and not 8
+        # Classic CAN has no more than 8 bytes: longer than 6, and not 8.
+        if board.meets(Fault.REPLY_LONG, joint):
             return [CanFrame(frame.arbitration_id, (frame.data + b"\0")[:7])]
         if board.meets(Fault.DOUBLE_ID, joint):
             return [

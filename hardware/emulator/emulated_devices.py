@@ -29,7 +29,9 @@ _RESTART_TIME = 0.5
 OPERATOR_RATE = 20.0
 """Hz: five commands and heartbeats within the dead-man time of 0.25 s."""
 _DAY = 86_400.0
+"""Length of a day, s."""
 _STOP_FRAMES = 3
+"""How often an operator sends an emergency stop."""
 _ON_ITS_SIDE = 1.57
 """Roll that the fault `tipped_over` reports, rad."""
 _TOO_FAST = 9.0

@@ -87,9 +87,8 @@ class EmulatedCar:
         signals = signals_of(CAR_PORTS, output_ports(station, estimator) | sources)
         signals += truth_signals(station)
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=facts)
-        self._journal = RunJournal(
-            log, recorded_columns(signals), metadata
-        )  # a disk that is asked to sync may wait
+        # A disk that is asked to sync may wait.
+        self._journal = RunJournal(log, recorded_columns(signals), metadata)
         RunRecorder.add_to_builder(
             builder, self._journal, signals, log_rate, scenario.simulation.step
         )
@@ -153,9 +152,7 @@ class EmulatedCar:
 
 
 def _with_eager_imu(scenario: Scenario) -> Scenario:
-    """A sample is seen after the step that follows it, so a step of the delay is in the
-    stepping.
-    """
+    """A sample is seen after the step that follows it: a step of the delay is in the stepping."""
     step = scenario.simulation.step
     imu = scenario.imu.model_copy(
         update={"rate": 1.0 / step, "delay": max(0.0, scenario.imu.delay - step)}

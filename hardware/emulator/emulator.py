@@ -81,7 +81,8 @@ class EmulatorSettings:
     """What is emulated.
 
     Attributes:
-        scenario: of the car. wiring: which side of it is spoken.
+        scenario: of the car.
+        wiring: which side of it is spoken.
         folder: new or empty; ports, logs and files of the emulator.
         script: of faults and of the operator.
         duration: s after which it ends by itself; None for ever.
@@ -141,9 +142,8 @@ class Emulator:
         self._car_ports = _serial_ports(plugs)
         if settings.wiring == "watched_can":
             names.append("can")
-            options = {
-                "sleep_after_open": 0.0
-            }  # a pseudo-terminal does not restart when it is opened
+            # A pseudo-terminal does not restart when it is opened.
+            options = {"sleep_after_open": 0.0}
             self._car_ports["can"] = {
                 "interface": "slcan",
                 "channel": str(plugs / "can"),
@@ -210,9 +210,7 @@ class Emulator:
         return self._close()
 
     def _note_delay(self, delay: float) -> None:
-        """Every time that the car falls behind and catches up is an event `late`, with the largest
-        delay.
-        """
+        """Each time the car falls behind and catches up: event `late` with the largest delay."""
         self.latest = max(self.latest, delay)
         if delay > _LATE:
             self._lag = max(self._lag, delay)

@@ -180,9 +180,7 @@ class FaultBoard:
         self.time = -math.inf
 
     def begin(self, clock: Clock, now: float) -> None:
-        """What a clock counts from has come; starts the script if that clock is its own, for
-        good.
-        """
+        """What a clock counts from has come; starts the script for good, if that is its clock."""
         if clock == self._script.clock and self._begin is None:
             self._begin = now
             self._events.add("script_begins", clock=clock)

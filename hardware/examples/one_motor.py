@@ -15,9 +15,8 @@ if __name__ == "__main__":
         start = car.reading.tail_state[1]
         for cycle in range(300):
             angle = start + 0.1 * math.sin(0.02 * math.pi * cycle)
-            command = CarCommand(
-                tail_roll=np.array([angle, 0.0, 60.0, 5.0, 0.0])
-            )  # position, speed, kp, kd, torque
+            # The five numbers are position, speed, kp, kd and torque.
+            command = CarCommand(tail_roll=np.array([angle, 0.0, 60.0, 5.0, 0.0]))
             run_cycles(car, command)
             print(
                 f"{car.reading.tail_state[1]:+.3f} rad {car.reading.tail_torque[1]:+.2f} N m "

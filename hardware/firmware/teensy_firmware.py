@@ -58,9 +58,12 @@ _FLAGS = (
     "-fPIC",
 )
 _BUILD_TIME = 120.0
+"""Longest time that the compiler may take, s."""
 _HOST_ONLY = ("c_interface.h", "c_interface.cpp")
 _WRAP = 1 << 32
+"""The Teensy's clock of milliseconds begins anew after so many."""
 _LONGEST = 512
+"""Room for the string of a reply, bytes."""
 
 
 def motor_limits(settings: MotorSettings) -> dict[str, float]:
@@ -90,11 +93,13 @@ class FirmwareSettings:
     Attributes:
         wiring: in `teensy_bridge` the Teensy drives the motors; in `watched_can` it sends exit
             frames only.
-        profile: of the motors. motor_ids: pitch and roll; switched off when the Teensy starts.
+        profile: of the motors.
+        motor_ids: pitch and roll; switched off when the Teensy starts.
         sail_bits: of a word of the sail's encoder. The thesis reads 12; the part that it names has
             10 (ERRATA E30).
         limits: `motor_limits` of the two motors; None: all that the profile allows.
-        timing: of its watchdog and its replies. safety: of attitude and throttle.
+        timing: of its watchdog and its replies.
+        safety: of attitude and throttle.
 
     Raises:
         HardwareError: unknown wiring.
@@ -182,9 +187,7 @@ def core_sources() -> list[Path]:
 
 
 def firmware_hash() -> str:
-    """SHA-256 over core and sketch: which firmware a watchdog test was made with. 64 hexadecimal
-    digits.
-    """
+    """SHA-256 over core and sketch, 64 hexadecimal digits: which firmware a test was made with."""
     digest = hashlib.sha256()
     for path in (*core_sources(), SKETCH / "aerodima_teensy.ino"):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")

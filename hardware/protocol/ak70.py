@@ -43,13 +43,17 @@ its position, under the same CAN id: with ids up to 0x3F an echoed command looks
 below half of the position range, where `aerodima.hardware.devices.tail_motor` never commands, and
 0xFF begins the special frames."""
 _POSITION_STEPS = (1 << 16) - 1
+"""Largest number in the 16 bits of a position."""
 _STEPS = (1 << 12) - 1
+"""Largest number in the 12 bits of every other value."""
 _RESERVED = b"\xff" * 7
 _ENTER = b"\xfc"
 _EXIT = b"\xfd"
 _ZERO = b"\xfe"
 _SHORT_REPLY = 6
+"""Bytes of a reply without temperature and fault."""
 _LONG_REPLY = 8
+"""Bytes of a reply with both, and of a special frame."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +142,11 @@ class MitCommand:
     torque.
 
     Attributes:
-        position: rad. velocity: rad/s. kp: N m/rad. kd: N m s/rad. torque: N m.
+        position: rad.
+        velocity: rad/s.
+        kp: N m/rad.
+        kd: N m s/rad.
+        torque: N m.
     """
 
     position: float
@@ -160,7 +168,9 @@ class MitReply:
 
     Attributes:
         motor_id: from the first byte.
-        position: rad, wrapped to the profile's range. velocity: rad/s. torque: N m.
+        position: rad, wrapped to the profile's range.
+        velocity: rad/s.
+        torque: N m.
         temperature: degrees Celsius; None in the 6-byte form.
         fault: fault byte, 0 none; None in the 6-byte form.
     """

@@ -1,6 +1,4 @@
-"""A classic CAN data frame as plain data, so that protocol and motor do not depend on a CAN
-library.
-"""
+"""A classic CAN data frame as plain data: protocol and motor depend on no CAN library."""
 
 from __future__ import annotations
 

@@ -35,10 +35,15 @@ REPORT_PERIOD = 0.05
 """s between two reports."""
 _HEAD = struct.Struct(f"<BBBBB{FAULT_CODES}B8f")
 _MOST_BYTES = 100
+"""Longest report with its text, bytes."""
 _ARMED = 1
+"""Bit of the flags: the car is armed."""
 _STOPPED = 2
+"""Bit of the flags: the car is stopped."""
 _ASKS_SHIFT = 2
+"""Place of `asks` in the flags, bits."""
 _NO_TAIL = 16
+"""Bit of the flags: the car has no tail."""
 _NUMBERS = (
     "yaw_rate",
     "roll",
@@ -80,7 +85,9 @@ class OperatorCommand:
 
     Attributes:
         mode: who drives; IDLE nobody.
-        throttle: -1 to 1. steering: rad, positive to the left. pitch_tail, roll_tail: rad.
+        throttle: -1 to 1.
+        steering: rad, positive to the left.
+        pitch_tail, roll_tail: rad.
     """
 
     mode: RadioMode
@@ -159,9 +166,8 @@ def _check(values: tuple[float, ...] | list[float]) -> None:
         ("roll tail", _ANGLE),
     )
     for (name, limit), value in zip(limits, values, strict=True):
-        if not abs(value) <= limit * (
-            1 + 1e-6
-        ):  # also catches NaN; the margin is the rounding to a 32-bit float
+        # `not` also catches NaN; the margin is the rounding to a 32-bit float.
+        if not abs(value) <= limit * (1 + 1e-6):
             raise FrameError(f"radio {name} {value!r}: allowed is -{limit:g} to {limit:g}")
         if 0 < abs(value) < _LEAST_NORMAL:
             raise FrameError(
@@ -189,12 +195,16 @@ class CarReport:
     """One report.
 
     Attributes:
-        armed: the car takes commands. stopped: the operator's emergency stop came and stays.
+        armed: the car takes commands.
+        stopped: the operator's emergency stop came and stays.
         mode: of the last command that the car heard.
         faults: codes of the sources in their order, `FAULT_CODES` of them; 0 for none.
-        yaw_rate: rad/s. roll: of the chassis, rad. tail_pitch, tail_roll: rad. torque_pitch,
-            torque_roll: N m.
-        speed: m/s. operator_age: s since the operator was heard alive, infinite before.
+        yaw_rate: rad/s.
+        roll: of the chassis, rad.
+        tail_pitch, tail_roll: rad.
+        torque_pitch, torque_roll: N m.
+        speed: m/s.
+        operator_age: s since the operator was heard alive, infinite before.
         text: the worst fault in words, cut to what the frame holds.
         asks: what the operator must do before the car drives.
         car: number of the car among those that share a radio channel, 0 to 255.

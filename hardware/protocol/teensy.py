@@ -34,7 +34,9 @@ SERVO_PULSES = (950, 1500, 2050)
 THROTTLE_PULSES = (1100, 1500, 1900)
 """Least, idle and most pulse of the speed controller, us (thesis 5.4.5)."""
 _MOST_DIGITS = 12
+"""Most characters of a number."""
 _REPLY_FIELDS = 17
+"""Fields of a reply."""
 _UNKNOWN_AGE = 65535
 """Age of an attitude that is not known, ms."""
 _MOTOR_FIELDS = ("position", "velocity", "kp", "kd", "torque")
@@ -130,8 +132,12 @@ class MotorReport:
 
     Attributes:
         motor_id: whose.
-        position: rad. velocity: rad/s. torque: N m.
-        replies: CAN replies counted modulo 256. temperature: degrees Celsius. fault: fault byte.
+        position: rad.
+        velocity: rad/s.
+        torque: N m.
+        replies: CAN replies counted modulo 256.
+        temperature: degrees Celsius.
+        fault: fault byte.
     """
 
     motor_id: int
@@ -149,7 +155,8 @@ class TeensyReply:
 
     Attributes:
         sail: degrees, 0 to 360.
-        clock: ms since the Teensy started. status: of its watchdog.
+        clock: ms since the Teensy started.
+        status: of its watchdog.
     """
 
     motors: tuple[MotorReport, MotorReport]
@@ -192,9 +199,7 @@ def decode_reply(text: bytes) -> TeensyReply:
 
 
 def crc8(data: bytes) -> int:
-    """CRC-8, polynomial x^8 + x^2 + x + 1, from 0: finds every burst of errors up to 8 bits
-    long.
-    """
+    """CRC-8, polynomial x^8 + x^2 + x + 1, from 0: finds every burst of errors of up to 8 bits."""
     value = 0
     for byte in data:
         value = _CRC_TABLE[value ^ byte]

@@ -14,11 +14,17 @@ from dataclasses import dataclass
 from aerodima.hardware.protocol.can_frame import FrameError
 
 START = 0x7E
+"""First byte of a frame."""
 _RECEIVED = 0x90
+"""First byte of the content: data that arrived."""
 _TRANSMIT = 0x10
+"""First byte of the content: data to send."""
 _RECEIVED_HEAD = 12
+"""Bytes before the data that arrived."""
 _TRANSMIT_HEAD = 14
+"""Bytes before the data to send."""
 _LONGEST = 128
+"""Longest content of a frame, bytes."""
 _UNKNOWN_NETWORK_ADDRESS = b"\xff\xfe"
 BROADCAST = 0xFFFF
 """Address of every module: a broadcast."""

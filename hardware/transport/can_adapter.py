@@ -42,6 +42,7 @@ _CONTAINER_BYTES = 2048
 """A block goes to the disk when it holds that much: about 20 frames, a tenth of a second of two
 motors at 100 Hz."""
 _MOST_WAITING = 10_000
+"""Most messages that wait for the disk."""
 
 
 class CanSettings(StrictModel):

@@ -20,6 +20,7 @@ from aerodima.hardware.transport.can_adapter import CanSettings, TrafficLog, can
 from aerodima.workbench.errors import HardwareError
 
 _RECEIVE_TIMEOUT = 0.05
+"""Longest wait of one read from the driver, s."""
 _RECEIVER_SILENT = 0.5
 """A receive thread that has not come round for that long is taken for dead, s."""
 _SENDER_STUCK = 0.25
@@ -28,12 +29,14 @@ _SEND_TIMEOUT = 0.02
 """For the driver, s. pyserial looks at it after the write too: a thread that waits 5 ms for its
 turn is not late."""
 _SEND_RETRY = 0.001
+"""Wait after a failed sending before the next attempt, s."""
 _SEND_BLOCKED = 0.05
 """The driver takes no frame for that long: its buffer is full (ENOBUFS) since nobody acknowledges
 on the bus, s."""
 _MOST_GARBAGE = 200
 """Lines in a row that are no frame."""
 _ECHO_TIME = 0.05
+"""A frame that equals one sent within this time is its echo, s."""
 _ERROR_BUS_OFF = 0x40
 """Class bit of socketcan's error frames (linux/can/error.h)."""
 _GONE = (
@@ -48,6 +51,7 @@ _GONE = (
 _STALE_AFTER = 0.05
 """A command that has waited that long is not sent any more, s: five cycles of the loop."""
 _MOST_URGENT = 256
+"""Most urgent frames that wait."""
 
 
 class BusFault(IntEnum):
@@ -95,9 +99,7 @@ class Outbox:
             self._condition.notify_all()
 
     def next(self) -> CanFrame | None:
-        """Waits for the next frame to send; None once the box is closed and empty of urgent
-        ones.
-        """
+        """Waits for the next frame to send; None once the box is closed without urgent ones."""
         with self._condition:
             while True:
                 if self._urgent:
@@ -262,9 +264,8 @@ class CanBus:
 
         Args:
             urgent: goes out before all others, is repeated until the driver takes it, and removes
-                the waiting commands
-                for the same id: for exit frames. Other frames that wait are replaced by the next
-                    one of the same id.
+                the waiting commands for the same id: for exit frames. Other frames that wait are
+                replaced by the next one of the same id.
 
         Returns:
             False if the bus is closed.
@@ -357,9 +358,7 @@ class CanBus:
             self._take(now, message)
 
     def _drop_garbage(self, error: Exception) -> None:
-        """Goes on after a line of slcan that is no frame, or not even text; raises everything
-        else.
-        """
+        """Goes on after a line of slcan that is no frame, or no text; raises everything else."""
         causes = (error, error.__cause__)
         if self._garbage_in_a_row > _MOST_GARBAGE or not any(
             isinstance(e, ValueError | IndexError) for e in causes

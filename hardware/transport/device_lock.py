@@ -27,6 +27,7 @@ _FOLDERS = ("/run/lock", "/var/lock", tempfile.gettempdir())
 _UNKNOWN_WAIT = 1.0
 """s; for a holder that has not said yet who it is."""
 _LOOK = 0.02
+"""Time between two looks at a lock, s."""
 
 
 def can_address(settings: CanSettings) -> str:

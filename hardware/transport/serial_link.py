@@ -1,6 +1,4 @@
-"""A serial port with threads of its own: it comes back after a broken cable and never holds up the
-loop.
-"""
+"""A serial port with its own threads: it survives a broken cable and never holds up the loop."""
 
 from __future__ import annotations
 
@@ -23,10 +21,15 @@ _READ_TIMEOUT = 0.02
 """s; a read returns with the first byte, so that only a silent port waits that long: 50 times a
 second."""
 _WITHOUT_PORT = 0.002
+"""Wait of the sending thread while there is no port, s."""
 _WRITE_TIMEOUT = 0.1
+"""Longest time of a write, s."""
 _RECONNECT = 0.25
+"""Wait between two attempts to open the port again, s."""
 _THREAD_SILENT = 0.5
+"""A reading thread that has not come round for that long is taken for dead, s."""
 _MOST_CHUNKS = 4096
+"""Most pieces of received data that wait to be taken."""
 
 
 class SerialSettings(StrictModel):
@@ -124,9 +127,7 @@ class SerialLink:
         )
 
     def write(self, data: bytes) -> None:
-        """Hands bytes to the sending thread and returns at once; they replace bytes that still
-        wait.
-        """
+        """Hands bytes to the sending thread and returns at once; replaces bytes that still wait."""
         with self._condition:
             self.replaced += self._waiting is not None
             self._waiting = data
@@ -183,9 +184,8 @@ class SerialLink:
                 continue
             try:
                 data = port.read(max(1, port.in_waiting))
-            except (
-                Exception
-            ) as error:  # pyserial raises OSError, TypeError and others on a lost device
+            # pyserial raises OSError, TypeError and others on a lost device.
+            except Exception as error:
                 self._lose(port, f"reading failed: {reason_of(error)}")
                 continue
             if data:
@@ -231,9 +231,7 @@ class SerialLink:
 
 
 def reason_of(error: BaseException) -> str:
-    """What went wrong with a device and what a user can do, from the first system error in the
-    chain.
-    """
+    """What went wrong with a device and what to do, from the first system error in the chain."""
     root: BaseException | None = error
     while root is not None and getattr(root, "errno", None) is None:
         root = root.__cause__ or root.__context__

@@ -119,9 +119,7 @@ def _joined(found: Mapping[str, list[Any]]) -> TurnResults:
 
 
 def _different(cars: FloatArray, number: int, seed: int) -> FloatArray:
-    """So many of the drawn cars (m, n), no two alike: a sampler that stays where it is draws a car
-    again.
-    """
+    """So many of the drawn cars (m, n), no two alike: a sampler that stays repeats a car."""
     return np.random.default_rng(seed).permutation(np.unique(cars, axis=0))[:number]
 
 
@@ -308,9 +306,7 @@ class FineRuns:
 
 
 def run_fine(plan: CalibrationPlan, posterior: Posterior, runs: Runs) -> FineRuns:
-    """Runs cars of a posterior through every turn with the full car at the fine step of the
-    plan.
-    """
+    """Runs cars of a posterior through every turn with the full car at the plan's fine step."""
     cars = _different(posterior.cars, plan.size.ensemble, plan.seed)
     runs.stage = "full cars"
     everywhere = {turn.name: cars for turn in plan.turns}

@@ -93,9 +93,8 @@ class Surface:
             np.full(len(columns), 2.0), LENGTHS
         ) + WhiteKernel(0.01, NOISES)
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore"
-            )  # the length of a column without influence is at its bound
+            # The length of a column without influence is at its bound.
+            warnings.simplefilter("ignore")
             tuned = GaussianProcessRegressor(kernel).fit(chosen[:TUNED], target[:TUNED]).kernel_
         fitted = GaussianProcessRegressor(tuned, optimizer=None).fit(chosen, target)
         size = tuned.k1.k1.constant_value
@@ -302,9 +301,7 @@ def _unseen(
     tried: FloatArray,
     whose: IntArray,
 ) -> FloatArray:
-    """Margin of cars that were tried (k), as the emulator has it for cars that it was not fitted
-    to.
-    """
+    """Margin of cars that were tried (k), as the emulator has it for cars it was not fitted to."""
     without = flip.copy()
     without[np.isfinite(flip)] -= surface.missed[:, 0]
     margin: FloatArray = without[whose] - np.log(
@@ -334,9 +331,8 @@ def _search(
     known = np.flatnonzero(np.isfinite(flip))
     tried = np.array(found["inputs"]).reshape(-1, cars.shape[1])
     order = np.argsort(cars[:, 0])
-    whose = order[
-        np.searchsorted(cars[order, 0], tried[:, 0])
-    ]  # no two cars share their first number
+    # No two cars share their first number.
+    whose = order[np.searchsorted(cars[order, 0], tried[:, 0])]
     own = np.isfinite(flip[whose])
     shown = len(np.unique(whose[own]))
     if min(len(known), shown) < least:
@@ -349,9 +345,7 @@ def _search(
 
 
 def _deviation(missed: FloatArray) -> FloatArray:
-    """What 68 % of the errors (m, k) do not exceed; a car at the edge of a flip may miss by any
-    amount.
-    """
+    """What 68 % of errors (m, k) do not exceed; a car at a flip's edge may miss by any amount."""
     found: FloatArray = np.quantile(np.abs(missed), 0.6827, axis=0)
     return found
 

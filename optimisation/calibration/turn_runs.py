@@ -279,8 +279,7 @@ def run_full(piece: Piece) -> list[Row]:
 
     Returns:
         A row per car: `survived` and `clean`, `trigger` s after the steering or None, and the
-            figures of a survived
-        run; or `error` of a car that could not be run.
+        figures of a survived run; or `error` of a car that could not be run.
     """
     prior = prior_of(piece.plan)
     return [_full_row(prior, piece.turn, np.array(car), piece.step) for car in piece.cars]

@@ -350,17 +350,13 @@ class CarPrior:
         return cars[rng.choice(len(cars), number, p=weight / weight.sum())]
 
     def values(self, car: FloatArray, system: Platform) -> dict[str, float]:
-        """Parameters of one car (n) as `section.key`, with six digits, that its run in a system
-        needs.
-        """
+        """Parameters of a car (n) as `section.key`, six digits, that its run in a system needs."""
         found = {name: car[self.column(name)] for name in self.plan.body}
         found |= {key: car[self.column(f"{system} {key}")] for key in self.plan.each}
         return {key: float(f"{value:.6g}") for key, value in found.items()}
 
     def settings(self, car: FloatArray, turn: Turn) -> list[str]:
-        """Overrides of a scenario for one car (n) in a turn; a bias of the gyro moves the
-        trigger.
-        """
+        """Overrides of a scenario for one car (n) in a turn; a gyro bias moves the trigger."""
         values = {key: f"{value:.6g}" for key, value in self.values(car, turn.system).items()}
         if turn.system == "physical":
             trigger = self._base.controller.trigger_yaw_rate - car[self.column("gyro_bias")]

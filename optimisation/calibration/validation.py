@@ -36,6 +36,7 @@ from aerodima.workbench.errors import UserError
 from aerodima.workbench.resources import model_path
 
 TRIES = 10_000
+"""Draws of a posterior car that survives every turn, before it is given up."""
 BAND = (0.05, 0.5, 0.95)
 """Quantiles of a 90 % interval and its median."""
 
@@ -50,8 +51,7 @@ class LeftOut:
             `inside`.
         density, prior_density, constant_density: logarithm of the joint density of its figures, per
             share of each: of the cars that the other tables leave, of the prior, and of a model
-                that says of each figure what the
-            other tables imply.
+            that says of each figure what the other tables imply.
     """
 
     table: str
@@ -133,9 +133,7 @@ def joint_density(emulator: Emulator, figures: Sequence[Figure], cars: FloatArra
 
 
 def _survivors(emulator: Emulator, cars: FloatArray, figure: Figure, seed: int) -> FloatArray:
-    """Cars of the prior that are drawn by their probability to survive the turn, as the printed one
-    did.
-    """
+    """Cars of the prior, drawn by their probability to survive the turn, as the printed one did."""
     weight = emulator.survival(cars, figure.turn)
     return cars[np.random.default_rng(seed).choice(len(cars), len(cars), p=weight / weight.sum())]
 
@@ -237,9 +235,7 @@ class Measurement:
 
 
 def information(measurement: Measurement, cars: FloatArray, seed: int, draws: int = 400) -> float:
-    """Expected gain of a measurement over what posterior cars (m, n) know: mutual information,
-    nats.
-    """
+    """Expected gain of a measurement over what posterior cars (m, n) know: information, nats."""
     truth = measurement.value(cars)
     rng = np.random.default_rng(seed)
     seen = rng.choice(truth, draws) + measurement.deviation * rng.standard_normal(draws)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 Out = Annotated[Path, cli.written("Folder for CSV, YAML, PNG and report.html.")]
 _MOST_SHOWN = 20
+"""Most fits that the terminal shows."""
 
 
 @dataclass(frozen=True)
@@ -168,9 +169,7 @@ def averages(results: list[FitResult], out: Path) -> Extra:
 
 
 def static_tables(results: list[FitResult], out: Path) -> Extra:
-    """Coefficient files of what the logs span, and all averages per tail, axis, angle and wind
-    speed.
-    """
+    """Coefficient files of what the logs span; averages per tail, axis, angle and wind speed."""
     from dataclasses import replace
 
     from aerodima.optimisation.identify.coefficient_averages import (

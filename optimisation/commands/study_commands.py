@@ -1,6 +1,4 @@
-"""`aerodima sweep run` and `sweep threshold`: studies of many runs, and where a car begins to roll
-over.
-"""
+"""`aerodima sweep run` and `sweep threshold`: studies of many runs, and where a car rolls over."""
 
 from __future__ import annotations
 
@@ -42,9 +40,7 @@ def register(app: typer.Typer) -> None:
 def engine_for(
     out: Path | None, workers: int = 2, scheduler: str | None = None
 ) -> Iterator[tuple[Engine, ProgressLine]]:
-    """An engine whose workers leave their record in a folder, and the terminal for lines of
-    progress.
-    """
+    """An engine whose workers record in a folder, and the terminal for lines of progress."""
     from aerodima.workbench.batch.row_store import WORKER_RECORD, terminal
 
     progress = terminal()

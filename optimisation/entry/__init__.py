@@ -1,3 +1,1 @@
-"""Entry speeds of manoeuvres on the full car: climbs of many cars and tails at once, and their
-summary.
-"""
+"""Entry speeds of manoeuvres on the full car: climbs of many cars and tails, and a summary."""

@@ -35,6 +35,7 @@ DRIVER = [(0.15, 0.6), (0.0, 3.0), (0.02, 0.3)]
 MOTION = [(-1.45, 1.45)] * 12 + [(-1.25, 0.6)] * 4
 """Ranges of the tail's roll and pitch at places of the path, rad."""
 ROLLS = len(DRIVER) + 12
+"""Where the rolls end among the searched numbers."""
 FIRST = 2.0
 """First speed that is expected, m/s."""
 STEP = 0.1
@@ -67,9 +68,7 @@ class BoundStart:
 
 
 def paths(names: Sequence[str] = ()) -> list[str]:
-    """These manoeuvres of the suite, by default all that have a path; SweepError for another
-    one.
-    """
+    """These manoeuvres of the suite, by default all with a path; SweepError for another one."""
     known = [name for name, one in MANOEUVRES.items() if one.rule == "path"]
     for name in names:
         if name not in known:

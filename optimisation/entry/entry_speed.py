@@ -56,8 +56,7 @@ ERROR = "error: "
 NOT_PROVED = "not proved"
 """Begins what ended a climb whose speed the fine step bore out nowhere in `MOST_BACK` tries."""
 NO_REFERENCE = "no reference"
-"""Ends a climb that has nothing to be compared with: the car without tail has no entry speed there.
-"""
+"""Ends a climb with nothing to compare: the car without tail has no entry speed there."""
 
 
 @dataclass(frozen=True)
@@ -159,9 +158,7 @@ class EntrySearch:
         return passed, None
 
     def entry(self, found: Mapping[float, str]) -> float | None:
-        """Entry speed of a climb that has ended, m/s; None where the manoeuvre was completed at no
-        speed.
-        """
+        """Entry speed of a climb that has ended, m/s; None if completed at no speed."""
         passed, _ = self.bracket(found)
         if passed is None or found[passed]:
             return None
@@ -289,9 +286,7 @@ class _Climb:
         return RunTask(name, self.manoeuvre.scenario, settings, law=self.who.law)
 
     def note(self, kept: dict[float, _Run], speed: float, row: Mapping[str, Any]) -> None:
-        """Keeps what the row of a run comes to where it is completed, or where no driver is
-        left.
-        """
+        """Keeps what the row of a run comes to if it is completed, or no driver is left."""
         figure = _number(row.get("lateral_acceleration_m_per_s2"))
         course = _number(row.get("course_change_rad"))
         drivers = self.manoeuvre.drivers
@@ -401,11 +396,11 @@ def climb(
 
     Returns:
         A row per climb: manoeuvre, candidate, car, floor; `entry_speed_m_per_s` as the fine step
-            bears it out, NaN
-        without; `at_ceiling`; `ended_by`, what failed first (`failed_rule`), or, where the fine
-        step lowered the speed, what failed last there; at the entry speed `figure_m_per_s2`, mean
-        lateral acceleration, and `course_change_rad` of a turn; `proved`; `found_m_per_s` at the
-        ordinary step; number of `runs`. A run that comes to nothing fails and is named.
+        bears it out, NaN without; `at_ceiling`; `ended_by`, what failed first (`failed_rule`), or,
+        where the fine step lowered the speed, what failed last there; at the entry speed
+        `figure_m_per_s2`, mean lateral acceleration, and `course_change_rad` of a turn; `proved`;
+        `found_m_per_s` at the ordinary step; number of `runs`. A run that comes to nothing fails
+        and is named.
 
     Raises:
         UserError: a name twice, or a car that a scenario does not load.

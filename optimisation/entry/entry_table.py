@@ -1,6 +1,4 @@
-"""What entry speeds of many cars come to: medians, gains over other candidates, and how sure they
-are.
-"""
+"""What entry speeds of many cars come to: medians, gains over others, how sure they are."""
 
 from __future__ import annotations
 
@@ -127,9 +125,7 @@ def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
 
 
 def has_gain(summary: pd.DataFrame) -> bool:
-    """Whether a candidate with a tail enters faster than the car without one; True when none was
-    judged.
-    """
+    """Whether a tail enters faster than the car without one; True when none was judged."""
     without = summary["candidate"].isin([NO_TAIL.name, LOW_BALLAST.name])
     with_tail = summary[~without]
     if with_tail.empty:

@@ -104,9 +104,7 @@ def manoeuvres(names: Sequence[str], tail: str) -> list[Manoeuvre]:
 
 
 def candidates(names: Sequence[str], laws: Sequence[str] = ()) -> list[Candidate]:
-    """Candidates as `read_candidates` and `own_law` have them; the car without tail is the first
-    one.
-    """
+    """Candidates of `read_candidates` and `own_law`; the car without tail is the first one."""
     scenario = MANOEUVRES["turn"].scenario
     found = [
         *read_candidates(names, NAMED, scenario),

@@ -284,9 +284,7 @@ class CarModel:
         return found
 
     def weigh(self, x: FloatArray) -> Noise:
-        """Scales from the residual: a channel counts for as many samples as its residual is
-        worth.
-        """
+        """Scales from the residual: a channel counts for as many samples as it is worth."""
         residual = self.rows(x) / self.divisors
         noise = serial_noise(residual, list(self.places.values()), len(x))
         rise = {name: math.sqrt(noise.covariance[place][0]) for name, place in self.places.items()}

@@ -278,9 +278,7 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
 
 
 def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, float]) -> Channel:
-    """The samples of a sensor within a span, s: a row of the log for each, at the time when it was
-    taken.
-    """
+    """Samples of a sensor within a span, s: a row of the log for each, at its own time."""
     source, column, _ = CHANNELS[name]
     age = log.signal(f"status_{source}_age_s")
     values = log.signal(column)
@@ -306,7 +304,6 @@ def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, floa
     value = values[used][new]
     alike = max(MODEL_TIME * (time.size - 1) / float(np.ptp(time)), 1.0)
     size = maximum_filter1d(np.abs(value), 2 * round(alike) + 1)
-    squares = (
-        noise**2 + step**2 / 12.0 + alike * np.square(MODEL_SHARE * size)
-    )  # rounding is evenly spread
+    # Rounding is evenly spread.
+    squares = noise**2 + step**2 / 12.0 + alike * np.square(MODEL_SHARE * size)
     return Channel(time, value, np.sqrt(np.maximum(squares, LEAST_NOISE**2)))

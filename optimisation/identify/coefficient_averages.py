@@ -194,9 +194,7 @@ def _static_node(speed: float, angle: float, group: list[FitResult]) -> dict[str
 
 
 def _average(name: str, pairs: Sequence[tuple[float, float]]) -> dict[str, float]:
-    """The weighted average of values with their resnorms under the name itself, the others beside
-    it.
-    """
+    """Weighted average of values with resnorms under the name itself, the others beside it."""
     found = averages(*np.array(pairs).T)
     del found["samples"]
     numbers = {name: round(found.pop("weighted"), 5)}

@@ -16,6 +16,7 @@ from aerodima.workbench.figures.figure_style import BLUE, GREY, SKY, VERMILION, 
 _MOST_CURVES = 12
 """Panels of a figure."""
 _MOST_NAMED = 16
+"""Most fits whose names stand below the axis."""
 
 
 def figures_of(results: Sequence[FitResult]) -> dict[str, Figure]:
@@ -87,9 +88,7 @@ def _name_fits(ax: Axes, results: Sequence[FitResult]) -> None:
 
 @styled()
 def plot_curves(*results: FitResult) -> Figure:
-    """Measured and model, such as the angle of a swing, a panel per fit; below it what the model
-    leaves.
-    """
+    """Measurement and model, such as a swing's angle, a panel per fit; below it the residual."""
     curves = [
         (short_name(result.name), name, curve)
         for result in results

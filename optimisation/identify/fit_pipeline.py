@@ -38,7 +38,9 @@ from aerodima.workbench.config.array_types import FloatArray
 _NEGLIGIBLE = 0.03
 """A constant whose standard deviation moves the whitened residual by less is left as it is."""
 _ROUNDS = 4
+"""Most fits with the noise taken anew."""
 _SETTLED = 0.1
+"""Change of the logarithm of the noise's size below which it has settled."""
 _STRANGE = 3.5
 """Prior standard deviations beyond which the shift of a constant is reported."""
 _CHANCE = 1e-4
@@ -46,6 +48,7 @@ _CHANCE = 1e-4
 _FEW = 50
 """Most degrees of freedom that the data leave where such a misfit is reported."""
 _LEAST_SHARE = 1e-3
+"""Smallest share of a source that the budget names."""
 Channels = Mapping[str, tuple[slice, float]]
 """Name -> rows of a channel in the residual, and the weight that they were divided by."""
 NoiseModel = Callable[[Solution], Noise]
@@ -148,9 +151,7 @@ class FitResult:
         return 2.0 * max(self.cost, 1e-12)
 
     def row(self) -> dict[str, Any]:
-        """One flat row for CSV: facts, then value, standard deviation and interval of every
-        parameter.
-        """
+        """One row for CSV: facts, then value, standard deviation and interval of each parameter."""
         row: dict[str, Any] = {"fit": self.name, **self.facts}
         for e in self.estimates:
             if e.unit in ("1", ""):

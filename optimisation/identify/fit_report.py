@@ -32,6 +32,7 @@ from aerodima.workbench.report.report_page import (
 
 SCHEMA = "aerodima/fit-report/1"
 _MOST_DECIMALS = 9
+"""Most decimals of a number that is not written as a power of ten."""
 _LEAST_SHARE = 0.01
 """Least share of a variance that is shown."""
 

@@ -34,8 +34,11 @@ LOSSES: tuple[Loss, ...] = ("squares", "huber")
 LIMIT = 1.345
 """In standard deviations: 95 % efficient on normal data."""
 _NORMAL = 1.4826
+"""Standard deviation of normal data over its median deviation."""
 _SETTLED = 0.05
+"""Relative change of the scale below which it has settled."""
 _MOST_SCALES = 4
+"""Most fits with the scale taken anew."""
 
 
 @dataclass(frozen=True)
@@ -205,9 +208,7 @@ class Problem:
     name: str = "fit"
 
     def differences(self, x: FloatArray, at_x: FloatArray) -> FloatArray:
-        """The Jacobian (m x p): the given one, or one-sided differences that stay within the
-        bounds.
-        """
+        """The Jacobian (m x p): given, or one-sided differences that stay within the bounds."""
         if self.jacobian is not None:
             return np.asarray(self.jacobian(x), float)
         steps = _DIFFERENCE * self.parameters.scales
@@ -368,8 +369,7 @@ class HuberSolution:
         solution: x, and residual and Jacobian of the problem as it was given; its attempts end with
             the robust one.
         influence: the same x with the clipped residual, and the Jacobian times the share of the
-            residuals within the
-            limit: J^+ S J^+' of it is Huber's asymptotic covariance.
+            residuals within the limit: J^+ S J^+' of it is Huber's asymptotic covariance.
         scale: standard deviation of the residual without its outliers.
         beyond: number of residuals that the loss holds back more than three scales.
     """

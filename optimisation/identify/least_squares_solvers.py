@@ -41,6 +41,7 @@ Gauss-Newton step."""
 _DAMPING_FIRST = 1.0
 """Damping after a refused step."""
 _DAMPING_MOST = 1e20
+"""Damping beyond which a solution is given up."""
 _UNIDENTIFIABLE = 1e-9
 """Singular values below this part of the largest do not count: unidentifiable directions."""
 _AT_BOUND = 1e-6
@@ -49,12 +50,16 @@ _PROMISE_TOLERANCE = 1e-8
 """A refused step that promised less than this part of the cost was refused by rounding: the minimum
 is reached."""
 _KINK_TOLERANCE = 1e-4
-"""The same where no step, however short, lowers the cost: the minimum is a kink of
-the model (jet edge, node of a table)."""
+"""The same where no step, however short, lowers the cost: the minimum is a kink of the
+model (jet edge, node of a table)."""
 _STEP_TOLERANCE = 1e-8
+"""A step below this part of the scaled unknowns is short."""
 _COST_TOLERANCE = 1e-10
+"""A step that lowers the cost by less than this part has settled."""
 _GRADIENT_TOLERANCE = 1e-9
+"""Slope over the root of the cost below which the gradient vanishes."""
 _FEW_STEPS = 8
+"""Gauss-Newton steps before SNOPT takes over."""
 
 
 def solve_rollout(problem: Problem, start: FloatArray, most_steps: int = 100) -> Attempt:

@@ -35,6 +35,7 @@ KNOWLEDGE: tuple[Knowledge, ...] = ("uncertain", "exact")
 ANGLE = "angle_rad"
 CURRENT = "current_a"
 LARGEST_ANGLE = math.radians(110.0)
+"""Largest angle of a log, rad: a larger one is of another unit."""
 LARGEST_SPEED = 60.0
 """m/s of wind that a log may state: far beyond any tunnel for tails of this size, below a slip of
 the unit."""
@@ -76,6 +77,7 @@ a sign; none for an error of an instrument."""
 BIASES = ("fx_bias", "fy_bias", "fz_bias", "tx_bias", "ty_bias", "tz_bias")
 """What is left in the readings of the force sensor, N and N m."""
 _BIAS_REACH = 500.0
+"""Bound of a free bias to either side, N or N m."""
 _SCALE = 0.01
 """Scale of a free constant, as a share of its reach."""
 _FAR = 20.0

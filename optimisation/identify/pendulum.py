@@ -57,9 +57,7 @@ class Pendulum:
 
     @property
     def least_added_mass(self) -> float:
-        """The added mass per part that takes away all inertia, kg; what there is must lie above
-        it.
-        """
+        """Added mass per part that takes away all inertia, kg; what there is lies above it."""
         return -self.inertia / sum(s * s for s in self.part_distances)
 
     def total_inertia(self, mass_per_part: float) -> float:

@@ -31,10 +31,12 @@ from aerodima.workbench.resources import published_rows, published_table
 OUTLIER = 0.03
 """Relative error of a predicted current above which a row is listed."""
 _TOLERANCE = 0.02
+"""Relative error of a current above which the fit weighs it less."""
 _LEAST_CURRENT = 0.5
 """The fit takes errors of smaller currents relative to this, A: the tests without wind held almost
 nothing."""
 _TAILS = (1, 2, 3)
+"""Numbers of the tails with published holds."""
 _CELL = ["tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s"]
 
 
@@ -71,9 +73,7 @@ def static_rows() -> pd.DataFrame:
 
 
 def repeated_speed(rows: pd.DataFrame) -> pd.Series:
-    """Rows that equal those of a lower wind speed at the same tail, axis and angle in every
-    number.
-    """
+    """Rows equal in every number to those of a lower wind speed at the same tail, axis, angle."""
     cell = ["tail", "axis", "angle_of_attack_deg", "test_no"]
     numbers = ["cd", "cl", "psi3_rad", "current_a", "resnorm"]
     ordered = rows.sort_values("wind_speed_m_per_s", kind="stable")
@@ -93,9 +93,7 @@ def published_twin(rows: pd.DataFrame, table: str) -> str:
 
 
 def duplicated_robot_tables() -> list[str]:
-    """From each pair of equal tables, the one whose lowest relative velocity lies above the wind
-    speed.
-    """
+    """Of each pair of equal tables the one whose lowest relative speed exceeds the wind speed."""
     rows = published_table("robot_tail_drag")
     return [
         str(table)
@@ -116,8 +114,7 @@ def recompute_averages() -> pd.DataFrame:
 
     Returns:
         A row per average: table, quantity, published, its `averages`, and `agrees`: whether they
-            differ by no more than
-        half a unit of the last printed digit.
+        differ by no more than half a unit of the last printed digit.
     """
     entries: list[tuple[str, str, str, pd.Series, pd.Series]] = []
     for name in ("bar_friction", "robot_tail_friction"):
@@ -252,9 +249,7 @@ class RigConstants:
 
 
 def constants_parameters() -> Parameters:
-    """The unknown constants; seed and physical bounds are value and prior in
-    `models/parameters/rig`.
-    """
+    """Unknown constants; seed and physical bounds: value and prior in `models/parameters/rig`."""
     found = [_unknown("maxon", "torque_constant"), _unknown("tunnel", "jet_edge_depth")]
     for tail in _TAILS:
         found += [_unknown(f"tail_{tail}", "com_distance"), _unknown(f"tail_{tail}", "gap")]

@@ -56,13 +56,13 @@ UPRIGHT_MARGIN = math.radians(0.5)
 """A tail that hangs straight within this has its lift to the root, on whichever side of 0 an
 encoder reads it."""
 _DRAG = PolarLaw(1.0, 0.0)
+"""Drag alone, with a coefficient of 1."""
 _LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
+"""Lift alone, with a coefficient of 1."""
 
 
 def static_parameters(data: StaticData, options: FitOptions = FREE) -> Parameters:
-    """The unknowns, from the seeds of Tables 4.9 and 10.1-10.5 at the nearest angle and wind
-    speed.
-    """
+    """Unknowns, from the seeds of Tables 4.9 and 10.1-10.5 at the nearest angle and wind speed."""
     table = _seed_table()
     angle = abs(math.degrees(data.angle))
     nodes = [node for node in table if str(node[0]) == data.facts["tail"]]
@@ -138,9 +138,7 @@ class StaticResidual:
         return self._constant + bar + cd * drag + cl * lift + current * self._motor
 
     def jacobian(self, x: FloatArray) -> FloatArray:
-        """d residual / d unknowns: exact in C_D, C_L and current, a central difference over
-        psi3.
-        """
+        """d residual / d unknowns: exact in C_D, C_L and current, central difference over psi3."""
         cd, cl, psi, _ = x.tolist()
         here = self._effect(psi)
         change = self._effect(psi + _TURN) - self._effect(psi - _TURN)
@@ -228,9 +226,7 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
 
 
 def _uncertain_rig(data: StaticData) -> UncertainRig:
-    """The hold with the rig's constants as unknowns; the biases of the readings are then no
-    noise.
-    """
+    """The hold with the rig's constants as unknowns; biases of the readings are then no noise."""
     exact = data
     if any(p.name in BIASES for p in data.constants):
         exact = replace(

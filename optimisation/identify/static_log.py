@@ -49,26 +49,28 @@ REACTIONS = ("fx", "fy", "fz", "tx", "ty", "tz")
 COLUMNS = {c: f"force_{c[1]}_n" if c[0] == "f" else f"torque_{c[1]}_n_m" for c in REACTIONS}
 RATE = "angular_velocity_rad_per_s"
 OFFSETS = "offsets_to_add"
-"""Key in a log's `extra`: what the sensor was zeroed at, N and N m; zeros once it has been added.
-"""
+"""Key in a log's `extra`: what the sensor was zeroed at, N and N m; zeros once it was added."""
 OFFSETS_UNCERTAINTY = "offsets_uncertainty"
 """Key in a log's `extra`: standard deviation of what is left of the readings' offsets (6), N and N
 m."""
 TARED = "tared_angle_rad"
 """Key in a log's `extra`: angle at which the sensor was zeroed without wind just before, rad."""
 LEAST_SAMPLES = 100
+"""Fewest samples of a hold, and of a rest."""
 _LARGEST_WANDER = math.radians(1.0)
+"""Largest change of the angle within a hold, rad."""
 CURRENT_MARGIN = 2.0
 """Logged currents beyond this many times the motor's limit are of another unit."""
 _NO_CHANGE = 4.0
-"""Standard deviations of noise and drift within which the readings of hold and rest are the same.
-"""
+"""Standard deviations of noise and drift within which readings of hold and rest are the same."""
 _LARGEST_FORCE = 1000.0
 """About twice the range of the Axia80-M20, N: larger readings are of another unit."""
 _LARGEST_TORQUE = 40.0
 """About twice the range of the Axia80-M20, N m."""
 _ROUNDS = 40
+"""Most rounds of the robust regression."""
 _SETTLED = 1e-4
+"""Change, in scales, below which it has settled."""
 _MOST_CORRELATED = 8192
 """Samples that the correlation time of a noise is taken from."""
 
@@ -171,9 +173,8 @@ def _static_data(
         step = hold[used].astype(float)
     mean = hold_mean(time[used], np.stack(list(columns.values()))[:, used], step, options.loss)
     held = float(np.mean(angle[hold]))
-    log.stated(
-        OFFSETS, len(REACTIONS)
-    )  # refused where it cannot be right, also if a rest makes it unneeded
+    # Refused where it cannot be right, also if a rest makes it unneeded.
+    log.stated(OFFSETS, len(REACTIONS))
     if rest is None:
         added, deviation, tare = _stated_offset(log, scenario, warnings)
     else:

@@ -41,8 +41,11 @@ BIN = 2.0
 """Distance of the nodes of a table over the relative speed, m/s."""
 _NODE = "cn_at_"
 _SEED = 2.0
+"""Start of a normal-force coefficient."""
 _LOW = 0.0
+"""Lower bound of a normal-force coefficient."""
 _HIGH = 10.0
+"""Upper bound of a normal-force coefficient."""
 _MOST_ADDED_MASS = 1.0
 """kg per part: twice the bound of Table 4.12, at which one published swing stopped."""
 _SCANNED = 24
@@ -144,9 +147,7 @@ def motor_of(scenario: RigScenario) -> Torque:
 
 
 def potential_flow_mass(data: SwingData) -> float:
-    """rho pi R^2 of the length of one part (eq. 2.6), kg: a circular cylinder of the mean of both
-    widths.
-    """
+    """rho pi R^2 times the length of one part (eq. 2.6), kg: a cylinder of the mean width."""
     tail = data.scenario.cheetah_tail
     density = data.scenario.environment.air_density
     radius = 0.25 * (tail.major_axis + tail.minor_axis)

@@ -62,9 +62,7 @@ class SwingModel:
         return self.law(self.data)
 
     def motion(self, values: Values, count: int | None = None) -> tuple[FloatArray, FloatArray]:
-        """Angles (rad) and rates (rad/s) on the grid of the data, or on its first `count` times (n
-        each).
-        """
+        """Angles (rad), rates (rad/s) on the data's grid, or its first `count` times (n each)."""
         data = self.data
         return roll_out(
             self.pendulum,
@@ -89,9 +87,7 @@ class SwingModel:
         return self.problem_in(Parameters.of([*parameters, *start]))
 
     def problem_in(self, parameters: Parameters) -> Problem:
-        """The same in all parameters, those of the start among them, constants of the rig too or
-        not.
-        """
+        """The same in all parameters with those of the start, constants of the rig too or not."""
 
         def residual(x: FloatArray) -> FloatArray:
             values = parameters.values(x)

@@ -38,6 +38,7 @@ LARGEST_STEP = 0.004
 LEAST_SAMPLES = 50
 """Fewest samples of a swing that are fitted."""
 _COUNTS_MOVED = 20
+"""Steps of the angle's reading beyond which the tail has moved."""
 _DWELL = 0.1
 """A reading that moves no further than `_DWELL_STEPS` in that time (s) is at rest or nearly so;
 chosen on simulated swings."""

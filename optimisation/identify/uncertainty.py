@@ -37,11 +37,13 @@ FAR_OFF = 6.0
 """Robust standard deviations beyond which a sample is no noise: two in a thousand million of normal
 ones."""
 FEW_FAR_OFF = 3
+"""Fewest such samples that are reported."""
 _SLOW = 10
 """First modes of the cosine transform, in which wandering shows."""
 _NEXT = 60
 """End of the modes whose power is compared with theirs."""
 _LEAST_SAMPLES = 4 * _NEXT
+"""Fewest samples in which wandering is looked for."""
 CHANCE = 1e-5
 """That noise wanders as much: below it, it is not noise."""
 _EXCESS = 0.2
@@ -50,18 +52,23 @@ _EXCESS = 0.2
 Chosen on simulated swings, whose intervals hardly change between 0.05 and 1.
 """
 CONFIDENCE = 0.95
+"""Probability of the intervals."""
 _RANK_TOLERANCE = 1e-7
 """Singular values of the scaled Jacobian below this part of the largest count as zero."""
 _WIDE = 0.25
+"""Share of the distance of its bounds beyond which an interval is checked for curvature."""
 _CURVED = 1.5
+"""Factor by which a standard deviation changes that counts as curved."""
 _EVEN_MATTERS = 0.6
 """Share of a standard deviation that evenly spread errors have: below it the sum is as good as
 normal."""
 _EVEN_ALONE = 0.995
+"""Share beyond which evenly spread errors are taken to be alone."""
 _SHARE = 0.05
 """A parameter whose squared share in an unidentifiable direction exceeds the square of this is not
 determined."""
 _TAIL = 0.05
+"""Share of the tail beyond a bound that an interval leaves out."""
 _LEAST_TAIL = 1e-250
 """Smaller tails are not counted with: the floating-point numbers end."""
 
@@ -167,12 +174,10 @@ def serial_noise(
         channels: where each time series stands in it.
         unknowns: number of the free parameters; they are paid for out of the effective samples.
         rounding: step of the readings, in units of the residual. Where a reading moves through many
-            steps, rounding
-            errors are evenly spread and average out at least as fast as white noise, also when they
-                look like a saw: a
-            residual whose variance they explain (a twelfth of the step's square) counts for single
-            samples, one that exceeds it by a fifth counts by its correlation, and in between by
-            both in part.
+            steps, rounding errors are evenly spread and average out at least as fast as white
+            noise, also when they look like a saw: a residual whose variance they explain (a twelfth
+            of the step's square) counts for single samples, one that exceeds it by a fifth counts
+            by its correlation, and in between by both in part.
     """
     variance = np.empty(len(residual))
     effective = 0.0

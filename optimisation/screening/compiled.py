@@ -237,9 +237,7 @@ def _arctan(record: Recording, a: Any) -> Any:
 
 
 def _tanh(record: Recording, a: Any) -> Any:
-    """E / (E + 2) with E = exp(2 a) - 1, which is doubled six times in its exponent; 1 beyond
-    20.
-    """
+    """E / (E + 2) with E = exp(2 a) - 1, doubled six times in its exponent; 1 beyond 20."""
     add = record.add
     clipped = _clip(record, a, -20.0, 20.0)
     x = add("fmul", clipped, 2.0**-5)

@@ -45,6 +45,7 @@ STEP = 0.002
 STRAIGHT = 0.01
 """rad; below it a command steers to no side."""
 TURN = 2.0 * np.pi
+"""A full turn, rad."""
 LEAD = 0.1
 """s; of the straight before the steering so much is driven."""
 OUTLINE = 9

@@ -40,16 +40,25 @@ STATES = (
 """m, rad, rad/s, m/s. Position of the origin of B in W, its velocity and the angular velocity in B,
 spin forwards."""
 POSITION = slice(0, 3)
+"""Of the states: x, y, z, m."""
 ANGLES = slice(3, 6)
+"""Of the states: yaw, pitch, roll, rad."""
 TAIL = slice(6, 8)
+"""Of the states: pitch and roll of the tail, rad."""
 TRAVEL = slice(8, 12)
+"""Of the states: travel of the four wheels, m."""
 RATES = slice(12, 24)
+"""Of the states: the twelve rates."""
 W = slice(0, 3)
 """Of the twelve rates, as the next three."""
 V = slice(3, 6)
+"""Velocity, m/s."""
 SPIN = slice(6, 10)
+"""Spin of the four wheels, rad/s."""
 TAIL_RATE = slice(10, 12)
+"""Rates of the tail's pitch and roll, rad/s."""
 DEGREES = 12
+"""Number of the rates."""
 STOP_RATE = 150.0
 """Natural frequency of a joint on its stop, rad/s."""
 BOARD_DISSIPATION = 1.0
@@ -487,8 +496,10 @@ def _press(
     """Adds forces of the ground on the body, all in B.
 
     Args:
-        place: (3, ..., n), m; push: (3, ..., n), N; grip: its slope with the slip in any direction
-            along the ground (..., n), N s/m; n: upright (3, n).
+        place: (3, ..., n), m.
+        push: (3, ..., n), N.
+        grip: its slope with the slip in any direction along the ground (..., n), N s/m.
+        n: upright (3, n).
     """
     columns = (3, -1, n.shape[-1])
     place = place.reshape(columns)

@@ -275,9 +275,8 @@ def _tail(scenario: Scenario) -> dict[str, Any]:
 
 
 def _coefficients(law: object) -> tuple[float, float]:
-    if isinstance(
-        law, CrossedPlatesLaw
-    ):  # a sail that faces the wind has one drag in every direction
+    # A sail that faces the wind has one drag in every direction.
+    if isinstance(law, CrossedPlatesLaw):
         return _coefficients(law.normal)[0], _coefficients(law.side)[0]
     if isinstance(law, NormalForceLaw) and not callable(law.coefficient):
         return float(law.coefficient), 0.0

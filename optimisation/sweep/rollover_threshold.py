@@ -34,8 +34,7 @@ TIPPED = "tipped over before its turn"
 """Outcome of a run that says nothing about the turn: neither survival nor flip, passed over like
 one that failed."""
 SECTIONS = 3
-"""A scan cuts its bracket into this many parts per round: two runs, one per core of a small
-computer."""
+"""Parts of a bracket per round of a scan: two runs, one per core of a small computer."""
 
 Start = float | Literal["scan", "bisect"]
 """Value at which a climb begins, or another way to search."""
@@ -130,6 +129,7 @@ class Search:
 
 
 FRICTION_SEARCH = Search(FRICTION, 0.4, 1.1, 0.05, 0.01)
+"""Scan of the friction coefficient; the last two numbers are its steps, coarse and fine."""
 SEARCHES = {"speed": Search(SPEED, 2.5, 6.5, 0.25, 0.05), "friction": FRICTION_SEARCH}
 """Name -> scan."""
 
@@ -169,9 +169,7 @@ class Threshold:
 
     @property
     def outcomes(self) -> dict[float, str]:
-        """Value -> `survived`, `flipped`, `TIPPED`, or `failed: ...`, of every run of a
-        scenario.
-        """
+        """Value -> `survived`, `flipped`, `TIPPED` or `failed: ...` of each run of a scenario."""
         return {value: _outcome(row) for value, row in self.rows.items()}
 
     @property

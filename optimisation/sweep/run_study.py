@@ -150,9 +150,7 @@ def open_store(folder: Path, identity: Mapping[str, Any], *, force: bool = False
 def write_table(
     folder: Path, frame: pd.DataFrame, identity: Mapping[str, Any], timing: Mapping[str, Any]
 ) -> None:
-    """Writes the table of a study as Parquet and CSV, and beside it what was run and how long it
-    took.
-    """
+    """Writes the table of a study as Parquet and CSV, and beside it what was run and its time."""
     table = pa.Table.from_pandas(frame, preserve_index=False)
     table = table.replace_schema_metadata(
         {METADATA_KEY: json.dumps(identity, sort_keys=True).encode()}

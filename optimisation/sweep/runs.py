@@ -292,9 +292,7 @@ class Runs:
         words: Callable[[int, Row], str] | None,
         lost: Callable[[Item], Row] | None = None,
     ) -> list[Row]:
-        """Rows of items by their keys; `words` makes the words of a line of progress for each new
-        one.
-        """
+        """Rows of items by their keys; `words` makes the line of progress of each new one."""
         missing = {
             key: item for key, item in zip(keys, items, strict=True) if key not in self._known
         }

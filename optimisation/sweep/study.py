@@ -40,9 +40,7 @@ class Range(StrictModel):
     number: int = Field(description="of values", ge=1, le=10_000)
 
     def values(self) -> list[Value]:
-        """The values; the plain decimals that a reader expects, without the last bits of a
-        division.
-        """
+        """The values as the plain decimals that a reader expects, without bits of a division."""
         return [float(f"{value:.12g}") for value in np.linspace(self.first, self.last, self.number)]
 
 

@@ -221,9 +221,7 @@ def swing_player(path_or_name: str) -> Candidate:
 
 
 def refuse_twice(names: Sequence[str], what: str) -> None:
-    """Raises SweepError where one of these is named twice: the rows of both would be taken for
-    one.
-    """
+    """Raises SweepError where one of these is named twice: its rows would be taken for one."""
     for index, name in enumerate(names):
         if name in names[:index]:
             raise SweepError(f"{what} {name!r}: named twice; allowed: once")

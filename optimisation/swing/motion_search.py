@@ -165,9 +165,7 @@ def swing_of(
     solutions: list[TurnSolution],
     search: MotionSearch,
 ) -> SwingFile:
-    """The best solution as a swing file: the first car's steering as settings, every car's in
-    `found`.
-    """
+    """The best solution as a swing file: steering of the first car as settings, all in `found`."""
     best = best_of(solutions)
     shooting = programme.shooting
     time, roll, rate = shooting.variables.motion(best.x)

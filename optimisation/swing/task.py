@@ -44,6 +44,7 @@ MOST_ROLL = 0.35
 MOST_SIDESLIP = 0.1
 """To either side at the exit, rad."""
 FRICTION_CLIMB = Search(FRICTION, 0.3, 1.3, 0.05, 0.0125)
+"""Scan of the friction coefficient; the last two numbers are its steps, coarse and fine."""
 
 
 class Task(StrictModel):

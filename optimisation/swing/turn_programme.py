@@ -1,12 +1,11 @@
 """Steering and tail of a turn as a `MathematicalProgram`, which the user may add to before it is
 solved.
 
-    maximise   mean course of the cars,  less SMOOTHNESS x mean square of the steps of the scaled
-    rate
-                                         and STEADINESS x mean square of the scaled step of the
-                                         steering
-    subject to every row of `TurnShooting` for every car, the tail's range at and between its knots
-    (linear), bounds
+    maximise    mean course of the cars
+                less SMOOTHNESS x mean square of the steps of the scaled rate
+                and STEADINESS x mean square of the scaled step of the steering
+    subject to  every row of `TurnShooting` for every car, bounds,
+                the tail's range at and between its knots (linear)
 
 Courses, rows and all slopes at a point come from one batch of turns (`TurnShooting.at`), which cost
 and constraints share. SNOPT solves; of the points that it visits the best one that keeps everything
@@ -134,9 +133,7 @@ class TurnProgramme:
         )
 
     def at(self, x: FloatArray) -> Found:
-        """Courses and rows with their slopes at scaled variables (size,); the last point is
-        remembered.
-        """
+        """Courses, rows and slopes at scaled variables (size,); the last point is remembered."""
         key = np.ascontiguousarray(x, dtype=np.float64).tobytes()
         if self._last is None or self._last[0] != key:
             self._last = (key, self.shooting.at(np.asarray(x, dtype=np.float64)))
@@ -233,18 +230,14 @@ def best_of(solutions: list[TurnSolution]) -> TurnSolution:
 
 
 def _split(x: np.ndarray) -> tuple[FloatArray, FloatArray | None]:
-    """Values (size,) and, of AutoDiff scalars, their slopes (size, n) of what the solver
-    evaluates.
-    """
+    """Values (size,) and, of AutoDiff scalars, slopes (size, n) of what the solver evaluates."""
     if x.dtype != object:
         return x, None
     return ExtractValue(x).ravel(), ExtractGradient(x)
 
 
 def _joined(values: FloatArray, slopes: FloatArray, gradient: FloatArray | None) -> FloatArray:
-    """Values (n,) as AutoDiff scalars by the chain rule; plain where the solver asks for no
-    slopes.
-    """
+    """Values (n,) as AutoDiff scalars by the chain rule; plain if no slopes are asked for."""
     if gradient is None or not gradient.size:
         return values
     return np.array(

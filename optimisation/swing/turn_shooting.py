@@ -113,9 +113,7 @@ class TurnVariables:
         return self.tail + STEERING * self.members
 
     def own(self, member: int) -> FloatArray:
-        """Places of the variables that one car's turn depends on: the tail's, then its
-        steering's.
-        """
+        """Places of the variables of one car's turn: the tail's, then its steering's."""
         first = self.tail + STEERING * member
         return np.concatenate([np.arange(self.tail), np.arange(first, first + STEERING)])
 
@@ -179,9 +177,7 @@ class TurnVariables:
         return time, self.start + np.concatenate([still, travelled]), np.concatenate([still, rate])
 
     def steered(self, own: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Angle, first angle (rad) and its time (s) of one car's turn, from its scaled
-        variables.
-        """
+        """Angle, first angle (rad) and its time (s) of a car's turn, from its scaled variables."""
         return (ANGLE * own[self.tail], ANGLE * own[self.tail + 1], TIME * own[self.tail + 2])
 
     def on_ticks(self, x: FloatArray) -> FloatArray:
@@ -414,9 +410,7 @@ class TurnShooting:
         return turned, np.array(rows)
 
     def _peaks(self, values: FloatArray, lowest: bool = False) -> FloatArray:
-        """Per window the value (steps, n) of the largest magnitude, or the least one: (windows,
-        n).
-        """
+        """Per window the value (steps, n) of largest magnitude, or the least: (windows, n)."""
         windows = np.split(values, self.windows)
         return np.array(
             [-_peak(-window) if lowest else _peak(window, np.abs(window)) for window in windows]

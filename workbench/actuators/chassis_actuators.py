@@ -1,6 +1,4 @@
-"""Brushless drive on the rear differential, and steering servo with its linkage (design section
-6).
-"""
+"""Brushless drive on the rear differential; steering servo with its linkage (design section 6)."""
 
 import math
 from collections.abc import Sequence
@@ -80,9 +78,7 @@ def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[fl
 def knuckle_angles(
     steering_angle: float, servo: ServoParameters, car: CarParameters
 ) -> tuple[float, float]:
-    """Angles (rad) of the left and right front wheel for a steering angle, as the linkage makes
-    them.
-    """
+    """Angles (rad) of the left and right front wheel for a steering angle, by the linkage."""
     if servo.linkage == "parallel":
         return steering_angle, steering_angle
     return ackermann(steering_angle, car.wheelbase, car.track)
@@ -133,9 +129,7 @@ def servo_frame(
 def knuckle_motion(
     angle: float, rate: float, servo: ServoParameters, car: CarParameters
 ) -> tuple[float, float, float, float]:
-    """Angles (rad) of the left and right front wheel and their rates (rad/s), for those of the
-    bicycle.
-    """
+    """Angles (rad) and rates (rad/s) of left and right front wheel, for those of the bicycle."""
     left, right = knuckle_angles(angle, servo, car)
     if servo.linkage == "parallel":
         return left, right, rate, rate

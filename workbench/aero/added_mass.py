@@ -62,8 +62,11 @@ from aerodima.workbench.systems.system_ports import (
 )
 
 _CONTINUOUS_RATE = 100.0
+"""Rate of the keeper in a continuous plant, rad/s."""
 _RATE_TIMES_STEP = 0.2
+"""Rate of the keeper times the time step of a discrete plant."""
 _POSITION_SAMPLES = 64
+"""Positions at which the inertia is checked."""
 
 
 @dataclass(frozen=True)

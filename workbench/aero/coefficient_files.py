@@ -75,9 +75,7 @@ class SpeedNode(StrictModel):
 
 
 class PolarNode(StrictModel):
-    """A node over speed and |gamma|, measured or only guessed as a start of a fit; even in the
-    angle.
-    """
+    """A node over speed and |gamma|, measured or only a guess to start a fit; even in the angle."""
 
     model_config = ConfigDict(extra="allow")
 

@@ -208,9 +208,7 @@ def plate_force(
 
 
 def require_increasing(name: str, values: Sequence[float], where: str) -> None:
-    """Refuses a grid with fewer than two points, NaN, negative values or without strict
-    increase.
-    """
+    """Refuses a grid of fewer than two points, NaN, negative values or no strict increase."""
     for i, value in enumerate(values):
         check_from_zero(f"{where}: {name}[{i}]", value, unit="1")
     if len(values) < 2:

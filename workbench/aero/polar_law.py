@@ -30,7 +30,9 @@ from aerodima.workbench.errors import ModelError
 
 Coefficient = Callable[[Scalar, Scalar], Scalar]
 _LIFT_END = math.radians(10.0)
+"""Usual `lift_end` of a `PolarLaw`, rad."""
 _ONE_DEGREE = math.radians(1.0)
+"""Usual `lift_blend` of a `PolarLaw`, rad."""
 
 LEAST_DRAG = -0.05
 """Lowest C_D of a table. A node may lie a little below zero: the fits scatter, and one published
@@ -154,9 +156,7 @@ class PolarLaw(SectionLaw):
 
     @cached_property
     def _one_grid(self) -> bool:
-        """Whether both coefficients are tables over the same nodes, so that one search serves
-        both.
-        """
+        """Whether both coefficients are tables over the same nodes: one search serves both."""
         drag = self.drag
         lift = self.lift
         if not (isinstance(drag, RegularTable) and isinstance(lift, RegularTable)):

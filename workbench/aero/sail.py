@@ -87,9 +87,7 @@ class FreeSail:
 
     @property
     def board_place(self) -> float:
-        """Distance of the middle of the board behind the bearing, m: it begins where the shell
-        ends.
-        """
+        """Distance of the board's middle behind the bearing, m: it begins where the shell ends."""
         return self.centre_of_pressure + self.shell_share * self.width / 2 + self.board_width / 2
 
     def _strip(

@@ -17,6 +17,7 @@ from aerodima.workbench.errors import ModelError
 Vector = tuple[float, float, float]
 """Components along three axes."""
 _SAMPLES = 1000
+"""Positions at which a layout is looked for in the jet."""
 
 
 @dataclass(frozen=True)

@@ -60,8 +60,7 @@ EXTRAPOLATED = 2.0
 BEYOND_QUASI_STEADY = 3.0
 """Validity of a section faster than the quasi-steady law is meant for."""
 _POSES = 9
-"""Positions at which `idle_normal` looks at a plant: its default and random ones between its
-limits."""
+"""Positions at which `idle_normal` looks at a plant: its default, and random ones in its limits."""
 _ALONG = 1e-6
 """Share of its motion that a section must make along its normal, for `idle_normal`."""
 _REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
@@ -162,9 +161,7 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             Impl._construct(self, *args)
 
         def reporter(self) -> Any:
-            """The same system once more, to be watched beside a diagram that does not show its
-            ports.
-            """
+            """The same system again, to be watched beside a diagram that hides its ports."""
             return Impl(self._plant, self.body, *self._settings)
 
         @property
@@ -188,9 +185,7 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             return self._plant.get_body(self._body)
 
         def _motion(self, context: Any) -> tuple[Any, LineMotion]:
-            """Pose of the body (three rows of [R | p]), and motion of its sections against the
-            air.
-            """
+            """Pose of the body (three rows of [R | p]), motion of its sections against the air."""
             kinematics = self._kinematics
             plant = self._plant
             body = self.body
@@ -417,9 +412,7 @@ def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -
 
 
 def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> np.ndarray:
-    """Velocities of the section centres in B per unit rate of each joint, over several poses (3,
-    n).
-    """
+    """Velocities of section centres in B per unit rate of each joint, in several poses (3, n)."""
     moving = [
         joint.velocity_start() + k
         for joint in joints_of(plant)

@@ -23,6 +23,7 @@ from aerodima.workbench.systems.system_ports import (
 
 Vector3 = tuple[float, float, float]
 _CALM: Vector3 = (0.0, 0.0, 0.0)
+"""No wind, m/s."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +75,7 @@ class WindModel:
         return cls(mean=(x, y, z), **gusts)
 
     def turbulence_step(self, step: int, previous: Any) -> list[Any]:
-        """The filtered noise after one more update; `step` 0 draws from the stationary
-        distribution.
-        """
+        """Filtered noise after one more update; `step` 0 draws from the stationary distribution."""
         noise = np.random.Generator(
             np.random.Philox(key=self.seed, counter=[0, 0, 0, step])
         ).standard_normal(3)

@@ -36,6 +36,7 @@ ALL_GARBAGE = 100
 what is new."""
 _pieces = itertools.count(1)
 _GIGABYTE = 1.0e9
+"""Bytes in a gigabyte."""
 
 
 @contextmanager
@@ -197,9 +198,7 @@ class Worker:
 
 
 def do_piece(work: Callable[[Any], Any], item: Any) -> tuple[Any, float, int, int]:
-    """In the worker: the result, how long it took (s), the process and its memory afterwards
-    (bytes).
-    """
+    """In the worker: the result, its time (s), the process and its memory afterwards (bytes)."""
     start = time.monotonic()
     result = work(item)
     seconds = time.monotonic() - start

@@ -107,9 +107,7 @@ def run_batch(
     progress: ProgressLine = on_stderr,
     record: Path | None = None,
 ) -> list[Result]:
-    """`Engine.map` on an engine for these items alone; with one worker, or one item, in this
-    process.
-    """
+    """`Engine.map` on an engine for these items; one worker, or one item, runs in this process."""
     check_workers(workers)
     number = min(workers, len(items))
     alone = nullcontext(Engine(progress, record))
@@ -260,9 +258,8 @@ class DaskEngine(Engine):
         except KilledWorker:
             self._lost(address)
             return None, None
-        except (
-            CancelledError
-        ) as error:  # as when the connection to the scheduler was lost for a moment
+        # This happens when the connection to the scheduler was lost for a moment.
+        except CancelledError as error:
             self._record.event("taken_back", f"Dask took a run back ({error}): it is made again")
             self._forget_future(future, self._again)
             return None, None
@@ -289,9 +286,8 @@ class DaskEngine(Engine):
         scheduler then keeps the piece for that worker alone, so the future would wait forever.
         """
         loop: Any = self._client.loop
-        gather: Any = self._client.gather(
-            [future], asynchronous=True
-        )  # one for all looks: it may need several
+        # One call serves all looks: it may need several.
+        gather: Any = self._client.gather([future], asynchronous=True)
         gathering = asyncio.run_coroutine_threadsafe(gather, loop.asyncio_loop)
         until = time.monotonic() + RESULT_WITHIN
         try:

@@ -49,9 +49,7 @@ class Engine:
 
     @property
     def events(self) -> dict[str, int]:
-        """Kind of event (docs/howto/studies.md) -> how often: `replaced`, `lost`, `paused`, `still`
-        ...
-        """
+        """Kind of event (docs/howto/studies.md) -> how often: `replaced`, `lost`, `paused` ..."""
         return dict(self._record.counts)
 
     def map(

@@ -164,9 +164,7 @@ def content_key(*content: Any) -> str:
 
 
 def refuse_foreign_files(folder: Path, error: type[UserError] = UserError) -> None:
-    """Raises `error` when a folder holds anything that nobody made for the work that is to be done
-    there.
-    """
+    """Raises `error` when a folder holds what nobody made for the work that is done there."""
     names = sorted(path.name for path in folder.iterdir() if path.name != WORKER_RECORD)
     if names:
         shown = ", ".join(names[:3])

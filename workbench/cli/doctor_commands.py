@@ -26,7 +26,9 @@ from aerodima.workbench.realtime import permitted
 from aerodima.workbench.resources import models_dir
 
 OLDEST_PYTHON = (3, 11)
+"""Oldest version of Python that the workbench runs on."""
 OLDEST_DRAKE = (1, 51)
+"""Oldest version of Drake that the workbench runs on."""
 SMALLEST_DISK = 1e9
 """Free bytes below which logs and reports of a day's work may not fit; a turn's log has 2 MB, its
 replay 4 MB."""

@@ -91,9 +91,7 @@ def check_model_file(path: Path) -> Iterator[CheckResult]:
 
 
 def refuse_ignored_attributes(path: Path) -> None:
-    """Raises ModelError for joint friction, or a URDF joint spring, that Drake would drop without a
-    word.
-    """
+    """Raises ModelError for joint friction, or a URDF joint spring, that Drake drops silently."""
     kind = path.suffix.lower().lstrip(".")
     if kind not in IGNORED_BY_DRAKE:
         raise ModelError(f"{path}: ending {path.suffix!r}; allowed: .sdf, .urdf")
@@ -143,9 +141,7 @@ def load_strictly(path: Path) -> None:
 
 
 def sdf_differences(nominal: SdfModel) -> list[str]:
-    """Lines in which the file on disk differs from the same model with the numbers of the
-    parameters.
-    """
+    """Lines in which the file on disk differs from the model with the parameters' numbers."""
     lines = zip_longest(
         SdfModel(nominal.path).text().splitlines(), nominal.text().splitlines(), fillvalue=""
     )

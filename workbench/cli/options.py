@@ -78,9 +78,7 @@ def _keys(kind: str) -> list[tuple[str, str]]:
 
 
 def endings(*allowed: str) -> Callable[[typer.CallbackParam, Any], Any]:
-    """Check of an option: its files end in one of these, so that none holds what its name does not
-    say.
-    """
+    """Check of an option: its files end in one of these, so that no name misleads."""
 
     def check(param: typer.CallbackParam, value: Any) -> Any:
         for path in value if isinstance(value, list | tuple) else [value]:
@@ -198,9 +196,7 @@ class WorkOptions:
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with an option for every field of its parameters that are dataclasses, in their
-    place.
-    """
+    """The command with an option for each field of its dataclass parameters, in their place."""
     parameters: list[Parameter] = []
     groups: dict[str, Any] = {}
 

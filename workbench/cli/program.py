@@ -54,16 +54,14 @@ class ErrorBoundary(TyperGroup):
             message = str(error)
             cause: BaseException = error
         except OSError as error:
-            if (
-                error.filename is None
-            ):  # not about a file that the user named: closed pipe, lost network
+            # Such an error is not about a file that the user named: closed pipe, lost network.
+            if error.filename is None:
                 raise
             message = f"{error.filename}: {error.strerror}"
             cause = error
         except Exception as error:
-            option = getattr(
-                error, "option_name", ""
-            )  # of the error about an option that is not there
+            # The error about an option that is not there has its name.
+            option = getattr(error, "option_name", "")
             if option not in RENAMED:
                 raise
             message = f"{option} is now {RENAMED[option]}"

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
 
 SHOWN_FACTS = ("tail", "axis", "wind_speed_m_per_s", "exposed")
-"""What `extra` of a log says of its experiment; `exposed`: whether a part of the tail is in the
-jet."""
+"""What `extra` of a log says of its experiment; `exposed`: part of the tail is in the jet."""
 
 
 @dataclass(frozen=True)

@@ -1,3 +1,1 @@
-"""Scenarios, parameters, ensembles and swing files: everything that a run is made of, typed and
-checked.
-"""
+"""Scenarios, parameters, ensembles, swing files: what a run is made of, typed and checked."""

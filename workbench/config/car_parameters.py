@@ -126,9 +126,7 @@ class CarParameters(QuantityModel):
 
     @property
     def outer_half_track(self) -> float:
-        """Distance (m) from the car's middle to the line on which its outer tyres stand once it
-        leans.
-        """
+        """Distance (m) from the car's middle to the line under its outer tyres once it leans."""
         return self.track / 2 + (self.tyre_width / 2 if self.tyre_shape == "cylinder" else 0.0)
 
 
@@ -396,9 +394,7 @@ class GpsParameters(QuantityModel):
 
 
 class SailEncoderParameters(QuantityModel):
-    """Absolute encoder of the sail joint, read by the microcontroller (thesis 5.4.5; ERRATA
-    E30).
-    """
+    """Absolute encoder of the sail joint, at the microcontroller (thesis 5.4.5; ERRATA E30)."""
 
     rate: float = quantity("Hz", "rate at which the reading reaches the station", gt=0, le=10000)
     delay: float = quantity("s", "age of a sample when it appears", ge=0, le=1)

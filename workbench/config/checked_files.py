@@ -1,6 +1,4 @@
-"""Checked files: sections whose numbers have units, and reading and writing of YAML files made of
-them.
-"""
+"""Checked files: sections whose numbers have units; reading and writing of YAML files of them."""
 
 import difflib
 import math
@@ -138,9 +136,7 @@ class UniqueKeyLoader(yaml.CSafeLoader):
     """Safe loader that refuses a key named twice, of which plain YAML silently takes the last."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """One mapping; raises yaml.constructor.ConstructorError with the place of the second
-        key.
-        """
+        """One mapping; raises yaml.constructor.ConstructorError at the place of the second key."""
         keys = [key.value for key, _ in node.value]
         twice = sorted({str(key) for key in keys if keys.count(key) > 1})
         if twice:

@@ -47,9 +47,7 @@ class MountParameters(QuantityModel):
 
 
 class BarParameters(QuantityModel):
-    """Steel bar on the motor axis that carries the tail (thesis Tables 4.5 and 4.6, section
-    4.6).
-    """
+    """Steel bar on the motor axis, carrying the tail (thesis Tables 4.5 and 4.6, section 4.6)."""
 
     mass: float = quantity("kg", "bar", gt=0, le=10)
     com_distance: float = quantity("m", "centre of mass below the pivot", gt=0, le=2)
@@ -128,9 +126,7 @@ class TunnelParameters(QuantityModel):
 
 
 class ForceSensorParameters(QuantityModel):
-    """Axia80-M20 under the rig (thesis section 4.3, Table 4.8; model of the errors: design section
-    11).
-    """
+    """Axia80-M20 under the rig (thesis section 4.3, Table 4.8; errors: design section 11)."""
 
     rate: float = quantity("Hz", "samples per second", gt=0, le=100000)
     fx_accuracy: float = quantity(

@@ -61,17 +61,13 @@ class PortFields:
         return len(self.fields)
 
     def index(self, name: str) -> int:
-        """Position of a field in the vector; ValueError, with the known names, for an unknown
-        field.
-        """
+        """Place of a field in the vector; ValueError, with the known names, for an unknown one."""
         if name not in self.fields:
             raise ValueError(f"{self.name} has no field '{name}'; it has {', '.join(self.fields)}")
         return self.fields.index(name)
 
     def read(self, values: Sequence[float] | np.ndarray) -> Any:
-        """The vector (size,) as an immutable named tuple of plain floats; ValueError for another
-        length.
-        """
+        """The vector (size,) as a named tuple of plain floats; ValueError for another length."""
         if len(values) != len(self.fields):
             raise ValueError(f"{self.name} has {len(self.fields)} elements, got {len(values)}")
         return self._tuple(
@@ -90,7 +86,9 @@ class Column:
     """One column of a run log.
 
     Attributes:
-        name: exact. unit: "" for a pure number. meaning: in words.
+        name: exact.
+        unit: "" for a pure number.
+        meaning: in words.
         optional: came after logs were written without it; where it is not in a file it is read as
             NaN.
     """
@@ -349,9 +347,7 @@ def sensor_columns() -> list[Column]:
 
 
 def plant_position_columns(position_names: Iterable[str]) -> list[Column]:
-    """One column per plant position, in the order of `plant.GetPositionNames()`; what the replay
-    reads.
-    """
+    """A column per plant position, in the order of `plant.GetPositionNames()`; for the replay."""
     return [
         Column(f"{PLANT_POSITION_PREFIX}{name}", "rad, m or 1", f"plant position {name}")
         for name in position_names

@@ -28,7 +28,9 @@ from aerodima.workbench.errors import SwingFileError
 SCHEMA = "aerodima/swing/1"
 
 _LIMIT_MARGIN = 1e-6
+"""How far a value may lie beyond its limit, rad or N m: rounding."""
 _SAMPLES_PER_INTERVAL = 16
+"""Points between two knots at which the curve is checked."""
 
 Samples = Annotated[tuple[float, ...], Field(strict=False, min_length=2)]
 Direction = Literal["left", "right"]

@@ -49,8 +49,7 @@ from aerodima.workbench.systems.system_ports import (
 )
 
 POSE = PortFields("DriverPose", ("qw", "qx", "qy", "qz", "x", "y", "vx", "vy"))
-"""What a driver of a path sees: rotation of the car in W, place of Bo and its velocity in W; m and
-m/s."""
+"""What a driver of a path sees: rotation of the car in W, place and velocity of Bo in W; m, m/s."""
 STANDING = 0.1
 """m/s; a slower car has no course of its own."""
 NO_MEMORY = np.zeros(0)
@@ -71,9 +70,8 @@ class TailController(LeafSystem):
         speed (1, optional): m/s, from the station; unknown when not connected.
         steering_angle (1, optional): command of the driver, rad; unknown when not connected.
     Output ports:
-        tail_pitch_command (5), tail_roll_command (5): `signal_table.TAIL_COMMAND`, in rad, rad/s, N
-        m/rad,
-            N m s/rad, N m.
+        tail_pitch_command (5), tail_roll_command (5): `signal_table.TAIL_COMMAND`, in rad, rad/s,
+            N m/rad, N m s/rad, N m.
         state (1): number of the law's state.
 
     Args:
@@ -130,9 +128,7 @@ class TailController(LeafSystem):
         law: TailLaw | None = None,
         idle: bool = False,
     ) -> "TailController":
-        """Adds a law, by default that of the scenario, between the ports of a station and of a
-        driver.
-        """
+        """Adds a law, by default the scenario's, between the ports of a station and a driver."""
         stage = stage_before(station, Stage.CONTROLLER)
         inputs = {
             port: station.GetOutputPort(port) for port in ("tail_state", "imu", "status", "speed")

@@ -42,7 +42,8 @@ class Seen(NamedTuple):
     Attributes:
         roll, roll_rate: of the car, rad and rad/s, positive to the right.
         yaw_rate: of the car, rad/s, positive to the left.
-        speed: m/s; steering_angle: command, rad, positive to the left.
+        speed: m/s.
+        steering_angle: command, rad, positive to the left.
         valid: whether the IMU is fresh and without fault.
     """
 
@@ -71,7 +72,8 @@ def respond(gains: Any, wheelbase: Any, rate: float, reference: Any, seen: Seen)
 
     Args:
         gains: any object with the fields of `FeedbackParameters`, numbers or arrays (n).
-        wheelbase: m; rate: of the controller, Hz.
+        wheelbase: m.
+        rate: of the controller, Hz.
         reference: of the step before, rad.
         seen: signals.
     """

@@ -57,9 +57,7 @@ class ThrottleLine:
     breakaway: float = 0.0
 
     def throttle(self, speed: float, acceleration: float = 0.0) -> float:
-        """Throttle for a speed (m/s) while it changes by `acceleration` (m/s2), clipped to
-        -1..1.
-        """
+        """Throttle for a speed (m/s) that changes by `acceleration` (m/s2), clipped to -1..1."""
         throttle = (speed + self.time_constant * acceleration - self.offset) / self.gain
         return min(1.0, max(-1.0, throttle))
 
@@ -123,9 +121,7 @@ def angle_to_straighten(
 
 
 def steering_time(hold: float, repeats: int = 1, gap: float = 0.0) -> float:
-    """From the start of the first step to the end of the last one, s; arguments as for
-    `TurnSchedule`.
-    """
+    """From the start of the first step to the end of the last, s; arguments of `TurnSchedule`."""
     return repeats * hold + (repeats - 1) * gap
 
 
@@ -300,9 +296,8 @@ def make_schedule(scenario: Any) -> Schedule:
         start = manoeuvre.straight_time
         throttle_off = start + manoeuvre.turn_hold + manoeuvre.wait_after_turn
         check_range("manoeuvre.log_end", manoeuvre.log_end, throttle_off, math.inf, "s")
-        if (
-            not scenario.drive.governor
-        ):  # the car's sequence sets its throttle and waits (thesis 7.2.1)
+        # The car's sequence sets its throttle and waits (thesis 7.2.1).
+        if not scenario.drive.governor:
             ramp = SpeedRamp(manoeuvre.speed, 0.0, ramp.line)
         return TurnSchedule(ramp, side, angle, start, manoeuvre.turn_hold, throttle_off)
     if manoeuvre.kind == "straight":
@@ -341,8 +336,6 @@ def throttle_line(scenario: Any) -> ThrottleLine:
 
 
 def run_time(scenario: Any) -> float:
-    """Length of the run of `scenario.manoeuvre`, s: `log_end` of the AUTO sequence, else
-    `duration`.
-    """
+    """Length of the run of `scenario.manoeuvre`, s: `log_end` of AUTO sequences, or `duration`."""
     manoeuvre = scenario.manoeuvre
     return float(manoeuvre.log_end if manoeuvre.kind == "auto_turn" else manoeuvre.duration)

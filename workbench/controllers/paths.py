@@ -32,9 +32,7 @@ OUTLINE = 41
 
 
 class Lane(NamedTuple):
-    """A straight lane between cones, m: from `start` to `end` along x, from `right` to `left` along
-    y.
-    """
+    """A straight lane between cones, m: `start` to `end` along x, `right` to `left` along y."""
 
     start: float
     end: float

@@ -93,9 +93,7 @@ class SwingSettings(ControllerParameters):
 
     @classmethod
     def from_scenario(cls, scenario: Any) -> "SwingSettings":
-        """Settings from `scenario.controller` and `scenario.tail.mode` (any object with these
-        attributes).
-        """
+        """Settings from `controller` and `tail.mode` of a scenario, or of any object with them."""
         values = {
             key: getattr(scenario.controller, key) for key in ControllerParameters.model_fields
         }
@@ -173,9 +171,7 @@ class SwingMachine(ABC, Generic[Memory]):
     def step(
         self, memory: np.ndarray, observation: Observation
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        """One tick: new memory (memory_size,), pitch command (5), roll command (5), number of the
-        state.
-        """
+        """One tick: new memory (memory_size,), pitch and roll command (5), number of the state."""
         after, pitch_command, roll_command = self.tick(
             self.memory_type(*memory.tolist()), observation
         )
@@ -284,9 +280,8 @@ class SwingMachine(ABC, Generic[Memory]):
 
 
 def _as_array(memory: SwingMemory) -> np.ndarray:
-    return np.array(
-        list(vars(memory).values())
-    )  # in the order of the fields; `astuple` copies deeply
+    # `vars` keeps the order of the fields; `astuple` would copy deeply.
+    return np.array(list(vars(memory).values()))
 
 
 def enter(state: SwingState, memory: Memory, time: float) -> Memory:

@@ -118,9 +118,8 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
             memory.mirror * observation.roll_angle - float(point.roll_position),
             observation.pitch_angle - float(point.pitch_position),
         )
-        if not any(
-            abs(error) > LARGEST_ERROR for error in behind
-        ):  # an unknown angle counts as where it should be
+        # An unknown angle counts as where it should be.
+        if not any(abs(error) > LARGEST_ERROR for error in behind):
             return memory
         inside = -memory.turn * self.settings.hold_angle
         memory = replace(

@@ -13,6 +13,7 @@ import numpy as np
 from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE
 
 UNKNOWN_IMU = (math.nan,) * 9
+"""Nine values of an IMU that is not known."""
 NO_COMMAND = np.zeros(5)
 """Gains of zero: the motors are free."""
 NO_COMMAND.flags.writeable = False

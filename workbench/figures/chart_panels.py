@@ -24,9 +24,13 @@ from matplotlib.ticker import FixedLocator
 from aerodima.workbench.config.array_types import FloatArray
 
 _PIXELS_PER_INCH = 82
+"""Pixels of a panel per inch of the figure."""
 _LEAST_HEIGHT = 120
+"""Least height of a panel, pixels."""
 _PIXELS_PER_POINT = 1.33
+"""Pixels per point of line widths and marks."""
 _LEAST_SAMPLES = 3
+"""Fewest points of a line that is drawn as a series."""
 _NO_LINE = ("None", "none", " ", "")
 """Matplotlib's names of the line style that draws nothing."""
 _NO_MARK = (*_NO_LINE, None)
@@ -189,9 +193,8 @@ def _look(line: Line2D) -> dict[str, Any]:
         "colour": _colour(line.get_color(), line.get_alpha()),
         "width": line.get_linewidth(),
     }
-    _, dashes = getattr(
-        line, "_dash_pattern", (0, None)
-    )  # Matplotlib has no other way to read them
+    # Matplotlib has no other way to read them.
+    _, dashes = getattr(line, "_dash_pattern", (0, None))
     if dashes and _is_joined(line):
         look["dash"] = [round(_PIXELS_PER_POINT * float(length), 2) for length in dashes]
     mark = line.get_marker()

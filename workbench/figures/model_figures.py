@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 _PART_COLOURS = dict(zip(PARTS, (VERMILION, ORANGE, PURPLE, BLUE), strict=True))
 _FINE = 241
+"""Angles of each joint at which the clearance is drawn."""
 _ARROW = 0.12
 """Length of a normal over the size of the tail."""
 

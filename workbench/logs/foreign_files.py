@@ -98,9 +98,7 @@ class ForeignLog:
 
 
 def joined(logs: list[ForeignLog]) -> ForeignLog:
-    """Several files of one run as one: the columns of the second file are called `2:<name>`, and so
-    on.
-    """
+    """Files of one run as one: the columns of the second are called `2:<name>`, and so on."""
     if len(logs) == 1:
         return logs[0]
     columns: dict[str, pd.Series] = {}
@@ -312,9 +310,7 @@ def read_mcap(path: Path) -> ForeignLog:
 
 
 def _numbers(table: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:
-    """Every column of numbers with its name, null as NaN; a list gives one for each of its
-    places.
-    """
+    """Every column of numbers by name, null as NaN; a list gives one for each of its places."""
     for name, values in table.items():
         is_list = values.map(lambda value: isinstance(value, list))
         if values.dtype.kind in "fiub" or values.isna().all():

@@ -159,9 +159,7 @@ def _column(
     time: FloatArray,
     findings: list[LogFinding],
 ) -> tuple[FloatArray, bool]:
-    """One of our columns on the grid `time`, and whether it had other times and is held between
-    them.
-    """
+    """One of our columns on the grid `time`, and whether its own times differ and it is held."""
     if source.from_ is None:
         return np.full(time.size, float(source.constant or 0.0)), False
     values = (

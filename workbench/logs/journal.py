@@ -129,15 +129,11 @@ class JournalWriter:
             self.flush()
 
     def add_facts(self, facts: Mapping[str, Any]) -> None:
-        """Add to `extra` of the log what only the end of the run knows; the journal itself goes
-        without.
-        """
+        """Adds to `extra` of the log what only the run's end knows; the journal goes without."""
         self._metadata["extra"] = {**self._metadata.get("extra", {}), **facts}
 
     def flush(self) -> None:
-        """Hand the rows so far to the operating system; LogError when it does not take them (disk
-        full).
-        """
+        """Hands the rows so far to the operating system; LogError if it refuses (disk full)."""
         if not self._open:
             raise LogError(f"{self.journal}: closed already")
         try:

@@ -113,9 +113,8 @@ def table_findings(table: pd.DataFrame, kind: str = "") -> list[LogFinding]:
         values = table[name].to_numpy(dtype=np.float64)
         found += nan_findings(time, name, values)
         finite = values[np.isfinite(values)]
-        held = kind == "static" and name.startswith(
-            "ang"
-        )  # an encoder counts whole steps: a held angle is constant
+        # An encoder counts whole steps: a held angle is constant.
+        held = kind == "static" and name.startswith("ang")
         changes = name.startswith(_MEASURED) and "_command_" not in name and not held
         if changes and finite.size > 1 and np.ptp(finite) == 0.0:
             found.append(

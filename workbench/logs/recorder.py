@@ -49,9 +49,7 @@ class LogInMemory:
         """Nothing to be closed."""
 
     def append(self, row: np.ndarray) -> None:
-        """Takes one row; a copy of it, since the recorder writes the next one into the same
-        array.
-        """
+        """Takes a copy of one row: the recorder writes the next one into the same array."""
         self._rows.append(row.copy())
 
     def add_facts(self, facts: Mapping[str, Any]) -> None:

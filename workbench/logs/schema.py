@@ -209,9 +209,7 @@ def _versions() -> dict[str, str]:
 
 
 def software_versions() -> dict[str, str]:
-    """Versions that a run depends on; read from the installed distributions, so Drake is not
-    imported.
-    """
+    """Versions that a run depends on, of the installed distributions: Drake is not imported."""
     return dict(_versions())
 
 
@@ -299,9 +297,7 @@ def encode_metadata(metadata: Mapping[str, Any]) -> bytes:
 
 
 def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) -> dict[str, Any]:
-    """The metadata object of an Arrow schema; LogError when it is absent or of another schema
-    version.
-    """
+    """Metadata object of an Arrow schema; LogError when absent or of another schema version."""
     raw = (schema_metadata or {}).get(METADATA_KEY)
     if raw is None:
         raise LogError(f"{source}: not a run log (no {METADATA_KEY.decode()!r} metadata)")

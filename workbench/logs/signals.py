@@ -80,9 +80,7 @@ def check_time(time: FloatArray, column: str = "time_s") -> None:
 
 
 def gaps_in(time: FloatArray) -> NDArray[np.int64]:
-    """Rows of times (n,) that have a gap behind them: a step longer than `GAP_FACTOR` median
-    steps.
-    """
+    """Rows of times (n,) with a gap behind them: a step longer than `GAP_FACTOR` median steps."""
     steps = np.diff(time)
     if steps.size:
         return np.flatnonzero(steps > GAP_FACTOR * np.median(steps))
@@ -90,9 +88,7 @@ def gaps_in(time: FloatArray) -> NDArray[np.int64]:
 
 
 def check_gaps(time: FloatArray, largest_step: float | None = None, column: str = "time_s") -> None:
-    """Raise LogError naming the first step longer than `largest_step` (s; default 1.5 median
-    steps).
-    """
+    """Raises LogError with the first step above `largest_step` (s; default 1.5 median steps)."""
     steps = np.diff(time)
     if largest_step is None:
         allowed = GAP_FACTOR * float(np.median(steps))
@@ -307,9 +303,7 @@ def remove_drift(
 
 
 def low_pass_columns(run_log: RunLog, columns: Sequence[str], design: LowPass) -> RunLog:
-    """Columns after a zero-phase low pass; LogError for gaps, NaN, too low a rate or too few
-    samples.
-    """
+    """Columns after a zero-phase low pass; LogError for gaps, NaN, a low rate or few samples."""
     time = run_log.time
     changed = {
         name: _named(run_log, low_pass, time, run_log.signal(name), design, column=name)
@@ -332,9 +326,7 @@ def conditioning_notes(run_log: RunLog) -> list[str]:
 
 
 def earlier_shift(run_log: RunLog) -> float:
-    """By how much the times of a log were made earlier when it was cut, s, as logs of version 0.2
-    say.
-    """
+    """By how much a log's times were made earlier when it was cut, s, as version 0.2 has it."""
     return float(
         sum(entry.get("time_shift_s", 0.0) for entry in run_log.extra.get("conditioning", []))
     )
@@ -348,9 +340,7 @@ def _noted(run_log: RunLog, notes: Sequence[str]) -> RunLog:
 
 
 def _is_held(column: str) -> bool:
-    """Whether a column is a command, a state or a held sample: it jumps, and is not
-    interpolated.
-    """
+    """Whether a column is a command, state or held sample: it jumps, and is not interpolated."""
     return "_command" in column or column.startswith(
         ("status_", "speed_", "planned_", "controller_")
     )

@@ -13,8 +13,7 @@ SAMPLE_TIMES = {"simulated": 0.001, "physical": 0.01}
 Platform = Literal["simulated", "physical"]
 
 FILTERED = "filtered_"
-"""How the columns of metrics from the signals of the physical rows begin; the others have no
-prefix."""
+"""Prefix of the columns of metrics from the signals of the physical rows; others have none."""
 
 _ROLL_SUM = "integral_of_roll_rate_as_printed"
 

@@ -74,9 +74,7 @@ def plant_tilt(run_log: RunLog) -> FloatArray | None:
 
 
 def plant_air(run_log: RunLog) -> FloatArray | None:
-    """Forces of the air on all tails, the sum of their magnitudes, N, shape (n,); None without a
-    tail.
-    """
+    """Forces of the air on all tails, sum of their magnitudes, N, (n,); None without a tail."""
     forces = [air_force(run_log, name) for name, _ in tails_of(run_log)]
     if forces:
         return np.asarray(np.sum(forces, axis=0))
@@ -84,9 +82,7 @@ def plant_air(run_log: RunLog) -> FloatArray | None:
 
 
 def of_plants(run_logs: Sequence[RunLog]) -> bool:
-    """Whether these are runs of plants that `observe` logged; LogError when some are and some are
-    not.
-    """
+    """Whether these are runs that `observe` logged; LogError when some are and some are not."""
     plants = [run_log.kind == PLANT_RUN for run_log in run_logs]
     if any(plants) and not all(plants):
         car = run_logs[plants.index(False)].name

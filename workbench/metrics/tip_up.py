@@ -46,9 +46,8 @@ class TipUp:
         side_lift_m: largest value over time of the smaller lift of the two wheels of one side, m;
             None where the log lacks the lifts.
         touched_when_steered: which of cage, board and tail touched the ground, the anti-ramp board
-            while the car is
-            steered alone: it is there to catch a car that gathers speed after a turn; None where
-                the log cannot tell.
+            while the car is steered alone: it is there to catch a car that gathers speed after a
+            turn; None where the log cannot tell.
         lateral_acceleration_m_per_s2: see `lateral_acceleration`; None where the log ends before
             the steering.
         last_yaw_rate_rad_per_s: mean of the last `LAST` seconds; None where the car is steered in

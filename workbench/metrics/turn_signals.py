@@ -40,8 +40,7 @@ EXIT_YAW_RATE = 0.1
 """rad/s; a car that yaws less, its wheels straight, has left the turn. A large tail to one side
 alone gives 0.065."""
 CALM_FOR = 0.1
-"""Time for which everything must have been calm, s: a third of a period of roll on the suspension.
-"""
+"""Time for which all must have been calm, s: a third of a period of roll on the suspension."""
 CALM = {
     "gyro_x_truth_rad_per_s": 0.15,
     "gyro_y_truth_rad_per_s": 0.15,

@@ -184,9 +184,8 @@ def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> M
 
 
 def _add_ground(plant: MultibodyPlant, friction: float) -> None:
-    logging.getLogger("drake").addFilter(
-        is_news
-    )  # a filter that is there already is not added again
+    # A filter that is there already is not added again.
+    logging.getLogger("drake").addFilter(is_news)
     properties = ProximityProperties()
     AddContactMaterial(
         dissipation=0.0,
@@ -206,9 +205,7 @@ def _add_ground(plant: MultibodyPlant, friction: float) -> None:
 def _let_parts_pass_each_other(
     plant: MultibodyPlant, scene_graph: SceneGraph, instances: list[ModelInstanceIndex]
 ) -> None:
-    """Contact acts between car and ground only; the free range of the tail is a limit of its
-    joints.
-    """
+    """Contact acts between car and ground only; the tail's range is a limit of its joints."""
     geometries: list[GeometryId] = []
     for instance in instances:
         for body in plant.GetBodyIndices(instance):

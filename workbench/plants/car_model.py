@@ -85,9 +85,7 @@ def wheel_rates(car: CarParameters, axle: str) -> tuple[float, float]:
 
 
 def rolling_torques(car: CarParameters, gravity: float) -> dict[str, float]:
-    """Torque (N m) against the rolling of one wheel of each axle, at its standing load without tail
-    arm.
-    """
+    """Torque (N m) against a wheel's rolling, by axle, at its standing load without tail arm."""
     statics = {axle: axle_statics(car, gravity, axle) for axle in AXLES}
     return {
         axle: car.rolling_resistance * one.wheel_load * one.wheel_height

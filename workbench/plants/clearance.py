@@ -27,6 +27,7 @@ _TAIL_LINKS = ("tail_rod", "tail_sail")
 _FAR = 0.3
 """m; clearances beyond this are not looked for and count as this."""
 _GROUND_SIZE = 20.0
+"""Length and width of the ground, m."""
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.config.rig_scenario import MountParameters, RigScenario
 
 DOWN = (0.0, 0.0, -1.0)
+"""Direction in world axes."""
 UPSTREAM = (0.0, 1.0, 0.0)
-"""Directions in world axes; the wind blows to -y."""
+"""Direction in world axes against the wind, which blows to -y."""
 
 
 def pivot_position(mount: MountParameters) -> np.ndarray:

@@ -236,9 +236,7 @@ def _parts(scenario: RigScenario) -> tuple[tuple[SwingingMass, ...], tuple[Blade
 
 
 def _swinging(properties: Inertial, root: float, tilt: float) -> SwingingMass:
-    """A body whose origin is `root` below the pivot along the bar and whose axis is tilted from
-    it.
-    """
+    """A body with its origin `root` below the pivot along the bar and its axis tilted from it."""
     beyond = -properties.com[2]
     along = root + beyond * math.cos(tilt)
     across = beyond * math.sin(tilt)

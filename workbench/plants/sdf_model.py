@@ -104,9 +104,7 @@ class SdfModel:
     def set_shape(
         self, link: str, shape: str, position: Sequence[float] | None = None, **sizes: str
     ) -> None:
-        """Sets sizes (such as `radius="0.07"`) and position of a visual or collision shape of a
-        link.
-        """
+        """Sets sizes (such as `radius="0.07"`) and position of a visual or collision shape."""
         for element in self._shapes(link, shape):
             if position is not None:
                 self._set_position(element, position)
@@ -164,9 +162,7 @@ class SdfModel:
                 self._child(properties, _drake(tag)).text = self._text(value)
 
     def set_joint(self, joint: str, **values: float) -> None:
-        """Sets `damping`, `spring_stiffness`, `spring_reference`, `lower`, `upper`, `effort` of a
-        joint.
-        """
+        """Sets a joint's damping, spring stiffness and reference, lower and upper limit, effort."""
         axis = self._child(self._named("joint", joint), "axis")
         for tag, value in values.items():
             parent = self._child(
@@ -175,9 +171,7 @@ class SdfModel:
             self._child(parent, tag).text = self._text(value)
 
     def set_rotor(self, joint: str, inertia: float, gear_ratio: float) -> None:
-        """Sets rotor inertia (kg m2, before the gearbox) and gear ratio of the actuator of a
-        joint.
-        """
+        """Sets rotor inertia (kg m2, before the gearbox) and gear ratio of a joint's actuator."""
         element = self._named("joint", joint)
         self._child(element, _drake("rotor_inertia")).text = f"{inertia:.15g}"
         self._child(element, _drake("gear_ratio")).text = self._text(gear_ratio)
@@ -195,9 +189,7 @@ class SdfModel:
         element.remove(self._child(element, "axis"))
 
     def remove_shapes(self, link: str, shape: str | None = None, kind: str = "*") -> None:
-        """Takes away the visuals and collision shapes of a link, or those of a name or of one kind
-        alone.
-        """
+        """Removes visuals and collision shapes of a link, or those of a name or of one kind."""
         element = self._named("link", link)
         for found in self._shapes(link, shape, kind):
             element.remove(found)

@@ -38,14 +38,12 @@ ROD_RADIUS = 0.006
 BOARD_THICKNESS = 0.002
 """Thickness of the backing board as drawn, m."""
 SAIL_TIP_MARGIN = 0.01
-"""Radius (m) of the spheres that feel the ground at the corners of the sail's tip, as drawn in the
-SDF."""
+"""Radius (m) of the spheres that feel the ground at the sail's tip corners, as in the SDF."""
 TAIL_CONTACT_STIFFNESS = 1.0e4
 """Contact stiffness (N/m) of the sail's corners: film and a half ring, soft against the tyres; acts
 in a crash only."""
 ADDED_MASS_PARTS = 5
-"""Equal parts of the whole tail that carry the added mass (design section 5, thesis section 4.6).
-"""
+"""Equal parts of the tail that carry the added mass (design section 5, thesis section 4.6)."""
 LEAST_INERTIA_LEFT = 0.03
 """Share of every inertia that a negative `tail.added_mass` must leave: a swing of the default tail
 with 3 % is the same at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
@@ -116,9 +114,7 @@ class ArmInertia(NamedTuple):
     pitch_product: float = 0.0
 
     def about_joints(self, roll_angle: float) -> tuple[float, float]:
-        """About the pitch and the roll axis at a roll angle (rad), the diagonal of the arm's mass
-        matrix.
-        """
+        """About pitch and roll axis at a roll angle (rad): the arm's mass matrix, diagonal."""
         return inertia_about_joints(self, roll_angle)
 
 
@@ -156,9 +152,7 @@ def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParame
 
 
 def added_mass_layout(tail: TailParameters) -> SectionLayout:
-    """Parts of the tail that carry added mass, in the frame of the body `tail_rod`: z along the
-    tail.
-    """
+    """Parts of the tail that carry added mass, in the frame of `tail_rod`: z along the tail."""
     return tail_geometry(tail).added_mass_layout(ADDED_MASS_PARTS)
 
 

@@ -208,9 +208,7 @@ _Directions = Annotated[tuple[_Direction, ...], Field(strict=False, min_length=1
 
 
 class TailPart(QuantityModel):
-    """A part of a tail, made in Python or read from a file; ModelError names what is wrong, in one
-    line.
-    """
+    """A part of a tail, made in Python or read from a file; ModelError says what is wrong."""
 
     def __init__(self, **values: Any) -> None:
         try:
@@ -220,9 +218,7 @@ class TailPart(QuantityModel):
 
 
 class TailArm(TailPart):
-    """The rod that carries the plates: straight pieces from the origin of T, a thin rod of even
-    mass.
-    """
+    """The rod that carries the plates: straight pieces from the origin of T, thin, of even mass."""
 
     lengths: _Sizes = quantity("m", "of its straight pieces from the joints on")
     density: float = quantity("kg/m", "mass over length", gt=0)
@@ -365,9 +361,7 @@ class Plate(TailPart):
 
 
 def _layout(run: list[Piece], sections: int) -> SectionLayout:
-    """Sections on a straight run; distances count from T's origin where the run's line goes through
-    it.
-    """
+    """Sections on a straight run; distances count from T's origin if the run's line meets it."""
     first = run[0]
     start = float(first.start @ first.axis)
     through_origin = start >= 0.0 and np.linalg.norm(first.start - start * first.axis) < 1e-12

@@ -18,7 +18,9 @@ from aerodima.workbench.replay.reckoned_motion import RECKONED
 from aerodima.workbench.replay.viewer import WORLD
 
 WHEEL_COLOUR = (0.10, 0.55, 0.25)
+"""Red, green, blue from 0 to 1: force of the ground on a wheel."""
 AIR_COLOUR = (0.85, 0.25, 0.10)
+"""Red, green, blue from 0 to 1: force of the air on a tail."""
 WHEEL_SCALE = 0.02
 """Length of the arrow of a wheel, m per N: a wheel at rest carries about 15 N."""
 SHOWN_LENGTH = 0.015
@@ -54,9 +56,7 @@ class ForceArrow:
 
 
 def force_arrows(logged: LoggedRun) -> list[ForceArrow]:
-    """Every arrow of a run, one row per row of the log; none for a real car, whose log holds no
-    forces.
-    """
+    """Arrows of a run, a row per row of the log; none for a real car, which logs no forces."""
     run_log = logged.run_log
     if RECKONED in run_log.extra:
         return []
@@ -136,9 +136,8 @@ class DrawnArrow:
         """
         whole = float(np.linalg.norm(length))
         shaft = max(whole - _HEAD_LENGTH, 1e-3)
-        turned = RotationMatrix.MakeXRotation(
-            np.pi
-        )  # the cone has its point at the origin and opens along z
+        # The cone has its point at the origin and opens along z.
+        turned = RotationMatrix.MakeXRotation(np.pi)
         poses = {
             self.path: RigidTransform(shortest_turn(length / whole), point),
             f"{self.path}/shaft": RigidTransform(np.array([0.0, 0.0, shaft / 2])),

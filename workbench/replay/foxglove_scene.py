@@ -32,6 +32,7 @@ FORCES = "/scene/forces"
 """Topic of the force arrows: `SceneUpdate`."""
 WORLD_FRAME = "world"
 _FLOOR = (0.90, 0.91, 0.92)
+"""Red, green, blue from 0 to 1."""
 _SHAFT = 0.014
 """Diameter of the shaft of an arrow, m."""
 _HEAD = 0.036
@@ -167,9 +168,8 @@ def _forces(arrows: list[ForceArrow], row: int, time: float) -> Any:
             head_length=_HEAD_LENGTH,
             head_diameter=_HEAD,
         )
-        along_x = RotationMatrix.MakeYRotation(
-            -np.pi / 2.0
-        )  # Foxglove's arrows point along x, `shortest_turn` turns z
+        # Foxglove's arrows point along x, `shortest_turn` turns z.
+        along_x = RotationMatrix.MakeYRotation(-np.pi / 2.0)
         turn = shortest_turn(arrow.lengths[row] / length) @ along_x
         _place(drawn, RigidTransform(turn, arrow.points[row]), arrow.colour)
     return update

@@ -31,13 +31,11 @@ from aerodima.workbench.systems.system_ports import released
 SLICE = 0.02
 """s of the run between two looks at the controls."""
 LOOK = 0.1
-"""s of the run between two values shown: a page that draws in software falls behind with one per
-slice."""
+"""s of the run between two values shown: a page drawn in software falls behind with more."""
 ACCELERATION = 3.0
 """Change of the commanded speed, m/s2: what the car's tyres and drive follow on a floor of 0.5."""
 TAIL_SPEED = 8.0
-"""Fastest commanded roll of a tail that is moved by hand, rad/s: the published swing (Table 6.4).
-"""
+"""Fastest commanded roll of a tail moved by hand, rad/s: the published swing (Table 6.4)."""
 LATE = 0.9
 """Below this share of the wanted pace a message warns the driver."""
 # Names of the sliders.

@@ -124,9 +124,8 @@ class ObservedRun:
         metadata: dict[str, Any],
     ) -> None:
         """Adds the recorder of these ports; LogError when two columns have one name."""
-        decode_metadata(
-            {METADATA_KEY: encode_metadata(metadata)}, "observe"
-        )  # what cannot be read is not written
+        # What cannot be read is not written.
+        decode_metadata({METADATA_KEY: encode_metadata(metadata)}, "observe")
         self._columns = recorded_columns(signals)
         self._metadata = metadata
         twice = sorted({name for name in self._columns if self._columns.count(name) > 1})

@@ -44,6 +44,7 @@ _RENDERER = "vtk"
 _CLEAR = np.array((232, 235, 237), dtype=np.uint8)
 """What VTK leaves where no robot is: the floor's colour, so that its smooth edges pass into it."""
 _CLIPPING = ClippingRange(0.05, 100.0)
+"""Nearest and farthest distance that is drawn, m."""
 _SUNLIGHT = 0.9
 """Light from above, relative."""
 _LAMP = 0.35
@@ -55,6 +56,7 @@ _SUN_DISTANCE = 40.0
 _SUN_PIXELS = 512
 """Width and height of that camera's picture."""
 _SHADOW = 0.72
+"""Brightness of the floor in full shadow, relative."""
 # Colours: red, green, blue from 0 to 1.
 _SKY = (0.93, 0.95, 0.97)
 _FLOOR = (0.91, 0.92, 0.93)
@@ -65,6 +67,7 @@ _METRE_WIDTH = 0.012
 _FINE_WIDTH = 0.006
 """Half width of the lines between them, m."""
 _FIELD_OF_VIEW = math.radians(34.0)
+"""Angle that the height of a picture spans, rad."""
 _HEAD = 9.0
 """Length of the head of an arrow, pixels."""
 _TRY = "from aerodima.workbench.replay.offscreen import try_renderer; try_renderer()"
@@ -96,9 +99,7 @@ class Camera:
         return np.array([right, np.cross(forward, right), forward])
 
     def project(self, points: FloatArray) -> FloatArray:
-        """Points (..., 3) in W, m, as column, row (pixels) and inverse depth (1/m), shape (...,
-        3).
-        """
+        """Points (..., 3) in W, m, as column, row (pixels), inverse depth (1/m), shape (..., 3)."""
         p_C = (points - self.p_WC) @ self.axes.T
         inverse = 1.0 / np.maximum(p_C[..., 2], 1e-3)
         column = 0.5 * self.width + self.focal_length * p_C[..., 0] * inverse
@@ -276,9 +277,7 @@ def _draw_line(
     width: int,
     head: bool = False,
 ) -> None:  # fmt: skip
-    """A line through points (n, 3) in W, m, as far as they lie before the camera; an arrow with a
-    head.
-    """
+    """A line through points (n, 3) in W, m, where before the camera; an arrow has a head."""
     before = (points - camera.p_WC) @ camera.axes[2] > _CLIPPING.near()
     seen = camera.project(points[before])[:, :2]
     if len(seen) < 2:

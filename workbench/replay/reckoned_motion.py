@@ -29,8 +29,7 @@ from aerodima.workbench.plants.tail import tail_geometry
 RECKONED = "reckoned"
 """Key in the `extra` of a log whose motion was reckoned."""
 _BOX_HEIGHT = 0.25
-"""Height (m) of the box whose corners stay above the ground; the roof of a 1:10 car on its side or
-back."""
+"""Height (m) of the box whose corners stay above ground; the roof of an overturned 1:10 car."""
 _JOINTS = {
     "tail_tail_pitch_q": "tail_pitch_angle_rad",
     "tail_tail_roll_q": "tail_roll_angle_rad",
@@ -83,9 +82,7 @@ def with_turning_sail(scenario: Scenario) -> Scenario:
 
 
 def _signals(run_log: RunLog, name: str) -> dict[str, FloatArray]:
-    """Speed, heading, roll, pitch and joint angles, shape (n,) each; what may be missing is left
-    out.
-    """
+    """Speed, heading, roll, pitch, joint angles, (n,) each; what may be missing is left out."""
     time = run_log.time
     present = set(run_log.table.columns)
     if "speed_m_per_s" not in present or not {"imu_yaw_rad", "imu_gyro_z_rad_per_s"} & present:

@@ -29,12 +29,15 @@ MOST_FRAMES = 1000
 """A replay of more than 20 s has fewer frames per second: a page of so many has 7 MB."""
 
 NEARER = 0.78
-"""Share of `LoggedRun.camera_place` for Meshcat's camera: a visitor can zoom out where a picture
-cannot."""
+"""Share of `LoggedRun.camera_place` for Meshcat: a visitor can zoom out, a picture cannot."""
 TIP_COLOUR = Rgba(0.93, 0.60, 0.10)
+"""Path of the tail's tip."""
 COM_COLOUR = Rgba(0.25, 0.30, 0.75)
+"""Path of the centre of mass."""
 _TRACE_RADIUS = 0.006
+"""Radius of a path, m."""
 _TRACE_PIECES = 200
+"""Most pieces of a path, which appear one after another."""
 
 
 def record_run(run_log: RunLog, meshcat: Meshcat, rate: float = 1.0) -> LoggedRun:
@@ -132,9 +135,7 @@ def camera_pose(azimuth: float, place: tuple[float, float, float]) -> tuple[Floa
 
 
 def traces(logged: LoggedRun) -> list[tuple[str, Rgba, FloatArray]]:
-    """Name, colour and points in W (n, 3), m, of the paths that are drawn: centre of mass and tail
-    tip.
-    """
+    """Name, colour and points in W (n, 3), m, of the drawn paths: centre of mass and tail tip."""
     tips = [(name, TIP_COLOUR, points) for name, points in logged.tips.items()]
     return [("com", COM_COLOUR, logged.run_log.vector("com", "truth_m")), *tips]
 
@@ -154,9 +155,8 @@ def _draw_traces(
             meshcat.SetTriangleMesh(path, vertices, faces, colour)
             animation.SetProperty(0, path, "visible", False)
             animation.SetProperty(int(end), path, "visible", True)
-            animation.SetProperty(
-                last, path, "visible", True
-            )  # every track has the same length, for the loop
+            # Every track has the same length, for the loop.
+            animation.SetProperty(last, path, "visible", True)
 
 
 def tube(points: FloatArray, radius: float) -> tuple[FloatArray, NDArray[np.int32]]:

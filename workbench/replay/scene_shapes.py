@@ -43,9 +43,7 @@ _KINDS = {"box": Box, "cylinder": Cylinder, "sphere": Sphere, "ellipsoid": Ellip
 
 
 def body_label(plant: MultibodyPlant, index: BodyIndex) -> str:
-    """Name of a body in a log: with its model instance before it where another body has the same
-    name.
-    """
+    """Name of a body in a log, after its model instance where another body has the same name."""
     body = plant.get_body(index)
     if index == world_index():
         return WORLD_BODY
@@ -124,9 +122,7 @@ def _outermost(points: FloatArray) -> FloatArray:
 
 
 def points_of(entry: Mapping[str, Any]) -> FloatArray:
-    """Points that a shape of a log spans, in the frame of its body, m, shape (n, 3); of a round one
-    many.
-    """
+    """Points that a shape of a log spans, in the frame of its body, m, (n, 3); many if round."""
     size: FloatArray = np.asarray(entry["size"], dtype=float)
     if entry["kind"] == "hull":
         points = size

@@ -25,6 +25,7 @@ _BEFORE = 0.25
 _AFTER = 0.75
 """Time shown after the turn, s."""
 _TIPPING = np.radians(35.0)
+"""Tilt from which a car is shown as tipping, rad."""
 _APART = 0.05
 """Shortest time between two pictures, s, where the run leaves the room."""
 FRAME = (440, 470)
@@ -38,6 +39,7 @@ _LABEL = 84
 STRIP = (5 * FRAME[0] + 6 * _GAP, FRAME[1] + _TITLE + _LABEL)
 """Width and height of the strip, pixels."""
 _DPI = 100
+"""Pixels per inch."""
 
 
 @dataclass(frozen=True)
@@ -123,9 +125,7 @@ def _first(signals: TurnSignals, condition: NDArray[np.bool_], otherwise: float)
 
 
 def _spread(times: list[float], first: float, last: float) -> list[float]:
-    """The same times in order, inside the log and apart from each other as far as it has room,
-    s.
-    """
+    """The same times in order, inside the log and apart as far as it has room, s."""
     gap = min(_APART, (last - first) / len(times))
     ordered: list[float] = []
     for index, wanted in enumerate(times):

@@ -27,11 +27,13 @@ Progress = Callable[[float, float], None]
 """Told how many of how many frames are drawn."""
 
 FRAMES_PER_SECOND = 25
+"""Frames per second of the video, whatever its rate."""
 _REST = 1.0
 """How long the last frame stays, s."""
 MOST_SECONDS = 120.0
 """Longest video: a minute of drawing for each run."""
 MOST_RUNS = 6
+"""Most runs side by side."""
 _ALONE = (640, 400)
 """Width and height of the picture of one run, pixels; even, as MP4 wants them."""
 _TOGETHER = (480, 300)

@@ -25,14 +25,17 @@ PORTS = (1024, 65535)
 WORLD = "/drake"
 GROUND = f"{WORLD}/ground"
 _FLOOR = Rgba(0.90, 0.91, 0.92)
+"""Colour of the floor."""
 _FINE = Rgba(0.80, 0.82, 0.84)
+"""Colour of the lines between the metres."""
 _METRE = Rgba(0.42, 0.46, 0.52)
+"""Colour of the lines at each metre."""
 _FINE_STEP = 0.25
+"""Distance of the lines between the metres, m."""
 _SHADOW_BIAS = -0.01 / 500.0
 """One centimetre of the 500 m that the shadow of Meshcat's lamp reaches."""
 _LIVE_AREA = (-4.0, 16.0, -8.0, 10.0)
-"""Floor of a live run (x from, x to, y from, y to; m): it is not known yet where the car will go.
-"""
+"""Floor of a live run (x from, x to, y from, y to; m): where the car will go is not known yet."""
 _AREA = (-14.0, 14.0, -14.0, 14.0)
 """The floor that is drawn around the car, m."""
 
@@ -193,7 +196,6 @@ class ChaseCamera:
             place = np.array([*X_WB.translation()[:2], 0.0])
             turned = RigidTransform(RotationMatrix.MakeZRotation(-heading), np.zeros(3))
             self._meshcat.SetTransform(WORLD, turned @ RigidTransform(-place))
-            self._meshcat.SetTransform(
-                GROUND, RigidTransform(np.round(place))
-            )  # whole metres: its lines stay in place
+            # The ground moves by whole metres: its lines stay in place.
+            self._meshcat.SetTransform(GROUND, RigidTransform(np.round(place)))
         return float(np.hypot(velocity[0], velocity[1])), heading

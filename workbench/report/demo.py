@@ -242,9 +242,7 @@ def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSumma
 
 
 def thesis_turn_chapter(summaries: Sequence[RunSummary]) -> Section:
-    """Brackets of the flip, outcomes and metrics of the turn at full lock, beside those of the
-    thesis.
-    """
+    """Brackets of the flip, outcomes and metrics of the full-lock turn, beside the thesis's."""
     said = (
         "Flipped: the body tilts beyond 75 degrees, or ends beyond 20 degrees with a wheel in the "
         "air. Clean: it survived, and neither cage nor tail touched the ground, nor the anti-ramp "
@@ -316,9 +314,7 @@ def _outcome_table(summaries: Sequence[RunSummary]) -> Table:
 
 
 def _metric_table(summaries: Sequence[RunSummary]) -> Folded:
-    """Metrics of the runs that the thesis made too; raw beside its simulation, filtered beside its
-    car.
-    """
+    """Metrics of runs that the thesis made too: raw beside its simulation, filtered by its car."""
     rows = []
     for run in summaries:
         for platform, row in published_for(run).items():

@@ -1,6 +1,4 @@
-"""Entry speeds (`models/entry`): a table of `aerodima swing judge`, and some of its cars in
-step.
-"""
+"""Entry speeds (`models/entry`): table of `aerodima swing judge`, some of its cars in step."""
 
 import math
 from collections.abc import Mapping
@@ -28,9 +26,7 @@ UNKNOWN = ("error: ", "no reference", "not proved")
 
 
 class ShownCandidate(StrictModel):
-    """A candidate by its name in the table, its words on the page, and its settings of the
-    scenario.
-    """
+    """A candidate: its name in the table, its words on the page, its settings of the scenario."""
 
     name: str
     words: str

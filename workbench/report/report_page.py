@@ -34,8 +34,7 @@ _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?( ?%|°)?(\s(to\s|\().*)?|nan|[-
 """Cells that are set to the right: a number, a range, or none."""
 Content: TypeAlias = "Page | pd.DataFrame | str | bytes"
 PLOT_LIBRARY = "uPlot-1.6.32"
-"""Folder of the library that draws interactive plots, as its authors publish it, with its licence
-(MIT)."""
+"""Folder of the library for interactive plots, as its authors publish it, with licence (MIT)."""
 
 
 @dataclass(frozen=True)

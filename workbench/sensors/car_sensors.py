@@ -26,8 +26,7 @@ velocity and velocity before the plant's last step; 0 before the first step of a
 no acceleration yet, then 1."""
 Vector = tuple[Any, Any, Any]
 GYRO_RANGE = math.radians(2000.0)
-"""Where each axis of the gyroscope saturates, rad/s; BNO055 in fusion mode (Bosch
-BST-BNO055-DS000)."""
+"""Where each gyroscope axis saturates, rad/s; BNO055 in fusion mode (Bosch BST-BNO055-DS000)."""
 FORCE_RANGE = 4.0 * STANDARD_GRAVITY
 """Where each axis of its accelerometer saturates, m/s2, gravity included."""
 STEPS = np.repeat([1.0 / 900.0, 1.0 / 900.0, 0.01], 3)

@@ -46,9 +46,7 @@ class SensorErrors:
     def readings(
         self, values: np.ndarray, time: FloatArray | float, noise: np.ndarray
     ) -> np.ndarray:
-        """Readings (..., n) of true values at times (..., 1), s, with numbers (..., n) of the
-        stream.
-        """
+        """Readings (..., n) of true values at times (..., 1), s; numbers (..., n) of the stream."""
         found = values - self.offset + self.bias + self.drift * time + self.noise * noise
         return np.clip(found, -self.limits, self.limits)
 

@@ -1,6 +1,4 @@
-"""Roll angle and roll rate of the car from what its IMU reports, as a Drake system around
-`roll_filter`.
-"""
+"""Roll angle and rate of the car from its IMU's reports, as a Drake system on `roll_filter`."""
 
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
 

@@ -68,9 +68,10 @@ def estimate_roll(
     from the accelerometer less the centripetal acceleration of a car that does not slip sideways,
     corrects slowly:
 
-        d(roll)/dt  = p + tan(pitch) (q sin(roll) + r cos(roll)),   d(pitch)/dt = q cos(roll) - r
-        sin(roll) f = a + g up,  (f_x, f_y - v r, f_z + v q) = g (-sin(pitch), sin(roll) cos(pitch),
-        cos(roll) cos(pitch))
+        d(roll)/dt  = p + tan(pitch) (q sin(roll) + r cos(roll))
+        d(pitch)/dt = q cos(roll) - r sin(roll)
+        f = a + g up
+        (f_x, f_y - v r, f_z + v q) = g (-sin(pitch), sin(roll) cos(pitch), cos(roll) cos(pitch))
 
     `up` is the vertical that the chip itself used to take gravity off, from its own roll and pitch:
     putting it back gives what the accelerometer measured, whatever error that attitude has. In a

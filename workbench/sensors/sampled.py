@@ -273,9 +273,7 @@ class CounterNoise:
         return self._block[row]
 
     def first(self, count: int) -> np.ndarray:
-        """Numbers (count, width) of the first samples: the rows that `at` gives for 0 ...
-        count - 1.
-        """
+        """Numbers (count, width) of the first samples: the rows of `at` for 0 ... count - 1."""
         blocks = [
             self._generator(1 + block).standard_normal((BLOCK, self._width))
             for block in range(-(-count // BLOCK))
@@ -283,9 +281,7 @@ class CounterNoise:
         return np.concatenate([np.empty((0, self._width)), *blocks])[:count]
 
     def constant(self) -> np.ndarray:
-        """Numbers (width,) that belong to the run as a whole, such as a bias; independent of all
-        samples.
-        """
+        """Numbers (width,) of the run as a whole, such as a bias; independent of all samples."""
         return self._generator(0).standard_normal(self._width)
 
     def _generator(self, stream: int) -> np.random.Generator:

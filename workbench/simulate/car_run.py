@@ -1,6 +1,4 @@
-"""The whole diagram of a car's run: station, driver, controller and estimator; and its
-simulation.
-"""
+"""The diagram of a car's run: station, driver, controller and estimator; and its simulation."""
 
 import math
 from collections.abc import Callable, Iterator

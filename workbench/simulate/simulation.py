@@ -1,6 +1,4 @@
-"""One verb: from a scenario of the car or of a rig to the log of its run, in a file or in
-memory.
-"""
+"""One verb: from a scenario of car or rig to the log of its run, in a file or in memory."""
 
 from __future__ import annotations
 
@@ -42,10 +40,8 @@ def simulate(
         log: the Parquet file to be; refused when it exists, unless `force`. None keeps the log in
             memory.
         record: `all` records every column of a run log; `outcome`, of the car and in memory only,
-            what the metrics need
-            and what the sensors report, for half of the CPU time: the vertical forces of the ground
-                come from the
-            motion (design section 9).
+            what the metrics need and what the sensors report, for half of the CPU time: the
+            vertical forces of the ground come from the motion (design section 9).
         stop_when_certain: end the run of a car when its outcome is certain, by default with
             `record="outcome"` only: when its tilt has passed 75 degrees and the turn is over; a
             trial of a single turn in still air also when the car has settled after it

@@ -126,9 +126,7 @@ def free_sail(tail: TailParameters, law: SectionLaw) -> FreeSail:
 
 
 def sail_strips(tail: TailParameters) -> list[tuple[SectionLayout, SectionLaw]]:
-    """Lines of sections of the sail with the law of each, all in the frame of the body
-    `tail_sail`.
-    """
+    """Lines of sections of the sail with the law of each, in the frame of body `tail_sail`."""
     law, _ = sail_law(tail)
     if tail.has_own_geometry:
         return [(layout, law) for layout in tail_geometry(tail).section_layouts()]

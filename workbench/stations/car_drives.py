@@ -93,8 +93,8 @@ class CarDrives(LeafSystem):
     Input ports:
         inputs (n): `MOTION`, then `LAST`, then throttle: -1..1, and steering_angle: commanded
             bicycle steering angle, rad, positive to the left. With a tail, tail_pitch_command and
-            tail_roll_command: position rad, velocity rad/s, kp N m/rad, kd N m s/rad, torque N m; a
-                NaN gives no torque. In wind its velocity v_WA in W, m/s.
+            tail_roll_command: position rad, velocity rad/s, kp N m/rad, kd N m s/rad, torque N m;
+            a NaN gives no torque. In wind its velocity v_WA in W, m/s.
     Output ports:
         drives (25): see `DRIVES`.
         wind_direction (1): with a tail, of the sail's first line of sections, as
@@ -370,9 +370,7 @@ def _tail_joints(plant: MultibodyPlant) -> list[Joint]:
 
 
 def _driven_ports(car: CarPlant) -> list[tuple[InputPort, Mapping[int, int]]]:
-    """Input ports of the plant, each with the elements of the drives that its own are; the others
-    are 0.
-    """
+    """Input ports of the plant, each with its elements of the drives; the others are 0."""
     plant = car.plant
     names = car.actuated_joints
     count = len(names)

@@ -41,8 +41,7 @@ BASE_COLUMNS = [
     for name in names_of(CAR_TRUTH["body_truth"])
     if not name.startswith(("acceleration", "com"))
 ]
-"""Position, roll, pitch, yaw, tilt, velocity and angular velocity of the base: those of a car's
-body."""
+"""Position, roll, pitch, yaw, tilt, velocity and angular velocity of the base: a car body's."""
 COM_COLUMNS = [f"com_{axis}_truth_m" for axis in _XYZ] + [
     f"com_velocity_{axis}_truth_m_per_s" for axis in _XYZ
 ]
@@ -62,9 +61,7 @@ def pose_columns(body: str) -> list[str]:
 
 
 def air_columns(stem: str) -> list[str]:
-    """Columns of the air on a tail, W axes: force, moment about Wo, root and tip of its
-    sections.
-    """
+    """Columns of the air on a tail, W axes: force, moment about Wo, root and tip of sections."""
     parts = (("", "n"), ("_moment", "n_m"), ("_root", "m"), ("_tip", "m"))
     return [f"{stem}{what}_{axis}_truth_{unit}" for what, unit in parts for axis in _XYZ]
 
@@ -75,9 +72,7 @@ def section_columns(stem: str, number: int) -> list[str]:
 
 
 def own_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
-    """Model instances that have bodies, without the world's and those of added mass, which weigh
-    nothing.
-    """
+    """Model instances with bodies, without the world's and those of weightless added mass."""
     instances = [ModelInstanceIndex(index) for index in range(1, plant.num_model_instances())]
     return [
         instance
@@ -109,9 +104,7 @@ class _Kinematics(LeafSystem):
 
 
 def _body_truth(place: Any, velocity: Any, motion: ChassisMotion, p_BoImu_B: Any) -> list[float]:
-    """Position, roll, pitch, yaw, tilt, velocity, angular velocity and acceleration at a point of a
-    body.
-    """
+    """Position, roll, pitch, yaw, tilt, velocities and acceleration at a point of a body."""
     angles, gyro, acceleration = motion_at_imu(motion, p_BoImu_B)
     tilt = math.acos(min(max(motion.R_WB[2][2], -1.0), 1.0))
     return [*place, *angles, tilt, *in_body(motion.R_WB, velocity), *gyro, *acceleration]
@@ -220,8 +213,7 @@ class CarTruth(_Kinematics):
         contact_results: ContactResults, from the plant.
         drive_torque (1): N m on the shaft.
         tail_torque (2), tail_air (6): only with a tail; motor torques, N m, and of the air on it
-        the moment about the
-            origin of the chassis, N m, and the force, N, in W.
+            the moment about the origin of the chassis, N m, and the force, N, in W.
     Output ports:
         body_truth, contact_truth, and with a tail tail_truth.
     """
@@ -314,9 +306,7 @@ class CarTruth(_Kinematics):
 def ground_forces(
     results: ContactResults, slots: dict[int, str]
 ) -> Iterator[tuple[str, np.ndarray, PointPairContactInfo]]:
-    """Slot (`contact_slots`), force (3) of the ground on it in W, N, and Drake's account of each
-    contact.
-    """
+    """Slot (`contact_slots`), ground's force (3) in W, N, Drake's account of each contact."""
     for index in range(results.num_point_pair_contacts()):
         info = results.point_pair_contact_info(index)
         pair = info.point_pair()

@@ -92,9 +92,7 @@ class _Shape:
     dissipation: float
 
     def contact(self, up: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How deep (n) it is in the ground, m, and where Drake puts the contact on its body (3, n),
-        m.
-        """
+        """Depth (n) in the ground, m; where Drake puts the contact on its body (3, n), m."""
         up_G = self.R_BG.T @ up
         square = self.radii[:, None] ** 2
         half = np.sqrt(np.sum(square * up_G**2, axis=0))
@@ -458,9 +456,7 @@ class OutcomeRecord:
         return columns
 
     def _contacts(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
-        """Vertical forces of the ground in the step before each row, N; none before the first
-        step.
-        """
+        """Vertical forces of the ground in the step before a row, N; none before the first step."""
         positions = states[: self._plant.num_positions()]
         forces = self._loads.forces(positions[:, np.maximum(steps - 1, 0)], positions[:, steps])
         forces[:, steps == 0] = 0.0

@@ -1,3 +1,1 @@
-"""What the Drake systems of the workbench share: order of events, named state, noise,
-connections.
-"""
+"""What Drake systems of the workbench share: order of events, named state, noise, connections."""

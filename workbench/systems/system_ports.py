@@ -46,8 +46,7 @@ LeafSystem_: Any = vars(pydrake.systems.framework)["LeafSystem_"]
 """Drake's template of leaf systems."""
 SystemT = TypeVar("SystemT", bound=System)
 Part = OutputPort | str | tuple[OutputPort, Sequence[int]]
-"""Of what a port is made: another port, an input of the diagram by its name, or some elements of a
-port."""
+"""Of what a port is made: another port, a named input of the diagram, or elements of a port."""
 _LONG = 1e9
 """Time until which the clock of `add_status` runs, s."""
 LEAD = 1e-9
@@ -113,9 +112,7 @@ def declare_spatial_forces(
 
 
 def vector_of(port: InputPort | OutputPort, context: Context) -> FloatArray:
-    """Value (n,) of a vector port of n numbers; of an input port an array that is not to be
-    changed.
-    """
+    """Value (n,) of a vector port; of an input port an array that is not to be changed."""
     return cast(FloatArray, port.Eval(context))
 
 
@@ -167,9 +164,7 @@ def connected(
 def transformed(
     builder: DiagramBuilder, name: str, source: OutputPort, matrix: np.ndarray
 ) -> OutputPort:
-    """A vector port (m) that is a matrix (m, n) times another one (n); adds one system of that
-    name.
-    """
+    """A vector port (m): a matrix (m, n) times another one (n); adds one system of that name."""
     return connected(builder, MatrixGain(matrix), name, u0=source).get_output_port()
 
 
@@ -210,9 +205,7 @@ class Wires:
         self._targets.append((target, selections))
 
     def add_to_builder(self, name: str = "wires") -> System:
-        """Adds the system of this name with all connections; output ports that are fed to None have
-        none.
-        """
+        """Adds the named system with all connections; output ports fed to None have none."""
         sizes = [SelectorParams.InputPortParams(size=size) for size in self._sizes]
         outputs = [
             SelectorParams.OutputPortParams(selections=selections)
