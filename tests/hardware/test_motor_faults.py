@@ -84,10 +84,12 @@ FAULTS = {
     "reports a fault": (report(2), MotorFault.MOTOR_REPORTED, CYCLE, "over-current"),
     "reports an unknown fault": (report(200), MotorFault.MOTOR_REPORTED, CYCLE, "200"),
     "jumps": (
-        lambda roll: setattr(roll, "reading_offset", 0.7), MotorFault.POSITION_JUMP, CYCLE, "0."
+        lambda roll: setattr(roll, "reading_offset", 0.7),
+        MotorFault.POSITION_JUMP, CYCLE, "0.2 rad",
     ),
     "jumps back": (
-        lambda roll: setattr(roll, "reading_offset", -0.7), MotorFault.POSITION_JUMP, CYCLE, "0."
+        lambda roll: setattr(roll, "reading_offset", -0.7),
+        MotorFault.POSITION_JUMP, CYCLE, "0.2 rad",
     ),
     "double": (double, MotorFault.DOUBLE_ID, 3 * CYCLE, "2"),
 }  # fmt: skip

@@ -111,7 +111,7 @@ def heat(motor):
     [
         (None, ("+0.0", "+5")),
         (heat, ("70", "60")),
-        (mislead, ()),
+        (mislead, ("+0.9", "N m", "profile")),
     ],
 )
 def test_what_is_not_well_is_named_and_the_motors_are_off(bench, spoil, named):

@@ -90,9 +90,9 @@ def test_a_teensy_that_dies_is_noticed(watch, clock, armed):
     assert watch.healthy
     turn(watch, clock, 0.05)
     assert not watch.healthy
-    assert watch.reason
+    assert f"{ANSWER + 0.02:.2f} s" in watch.reason
     if not armed:
-        assert_refused(watch.arm, HardwareError)
+        assert_refused(watch.arm, HardwareError, "does not answer", watch.reason)
 
 
 def test_a_loop_that_stood_still_is_no_silence_of_the_teensy(watch, clock):

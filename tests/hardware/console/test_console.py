@@ -95,12 +95,12 @@ def test_a_console_that_has_failed_rests_the_car_and_obeys_nothing_but_a_stop(be
 def test_a_page_that_looks_on_may_stop_the_car_and_nothing_else(bench):
     bench.drive()
     sent = len(bench.link.sent)
-    for work in (
-        lambda: bench.beat(bench.second, mode="auto"),
-        lambda: bench.ask("reset", bench.second),
-        lambda: bench.ask("take", bench.second),
+    for work, named in (
+        (lambda: bench.beat(bench.second, mode="auto"), "read-only"),
+        (lambda: bench.ask("reset", bench.second), "read-only"),
+        (lambda: bench.ask("take", bench.second), "another page controls"),
     ):
-        assert_refused(work, UserError)
+        assert_refused(work, UserError, named)
     assert len(bench.link.sent) == sent
     bench.say(STOP, bench.second)
     assert bench.link.sent[-1] == [EmergencyStop()]
@@ -143,10 +143,10 @@ def test_the_record_says_what_was_sent_and_what_a_lost_port_did_not_take(bench):
 
 def test_a_car_is_armed_at_rest_and_without_a_stop_only(bench):
     bench.drive()
-    assert_refused(lambda: bench.ask("arm"), UserError)
+    assert_refused(lambda: bench.ask("arm"), UserError, "mode", "rest")
     bench.beat()
     bench.say(STOP)
-    assert_refused(lambda: bench.ask("arm"), UserError)
+    assert_refused(lambda: bench.ask("arm"), UserError, "emergency stop")
     bench.ask("disarm")
     bench.ask("reset")
     bench.ask("arm")

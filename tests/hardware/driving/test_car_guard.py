@@ -247,7 +247,7 @@ def test_a_device_that_is_silent_or_a_missing_watchdog_test_forbids_arming(car):
         car.turn()
         car.guard.arm(car.now)
 
-    assert_refused(lambda: car.guard.drive(RadioMode.AUTO, car.now), HardwareError)
+    assert_refused(lambda: car.guard.drive(RadioMode.AUTO, car.now), HardwareError, "not armed")
     car.wiring.faults["imu"] = SourceFault.SILENT
     assert_refused(arm, HardwareError, "imu")
     car.wiring.faults.clear()

@@ -7,6 +7,7 @@ import signal
 import time
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from aerodima.hardware.car.car_ports import ports_from_dict
@@ -112,6 +113,14 @@ def test_an_exception_in_the_controller(drive):
     assert log.time[-1] > 0.25
 
 
+def test_a_controller_that_commands_nan_switches_the_motors_off(drive):
+    result = drive.run(lambda result: (result[0], np.full(5, np.nan), *result[2:]))
+    assert not result.orderly
+    assert "NaN" in result.reason
+    drive.assert_safe()
+    assert read_run_log(drive.log).extra["stop_reason"] == result.reason
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal(drive, number):
     ticks = []
@@ -145,29 +154,34 @@ def test_the_operator_stops_and_nothing_is_armed_again(drive):
 
     result = drive.run(stop)
     assert not result.orderly
+    assert "emergency stop" in result.reason
     drive.assert_safe()
 
 
-def test_an_operator_who_is_lost_in_auto_is_no_orderly_end(drive):
+@pytest.mark.parametrize("heard", [True, False])
+def test_an_operator_who_leaves_auto_is_an_orderly_end_and_one_who_is_lost_is_not(drive, heard):
     ticks = []
 
-    def vanish(result):
+    def leave(result):
         """The console sends the car to rest when the page has gone; the heartbeat ends with the
         page.
         """
         ticks.append(len(ticks))
         drive.bench.radio.command = OperatorCommand(RadioMode.IDLE)
-        drive.bench.radio.silence = 0.05 + 0.01 * len(ticks)
+        if not heard:
+            drive.bench.radio.silence = 0.05 + 0.01 * len(ticks)
         return result
 
-    result = drive.run(vanish)
-    assert not result.orderly
-    assert "IDLE" in result.reason
+    result = drive.run(leave)
+    assert result.orderly is heard
+    assert "left AUTO for IDLE" in result.reason
+    assert ("not heard" in result.reason) is not heard
     drive.assert_safe()
+    assert read_run_log(drive.log).extra["stop_reason"] == result.reason
 
 
 def test_without_an_answer_on_the_terminal_nothing_is_armed(drive):
-    assert_refused(lambda: drive.run(confirm=lambda: False), HardwareError)
+    assert_refused(lambda: drive.run(confirm=lambda: False), HardwareError, "not armed")
     assert not [frame for _, frame in drive.bench.port.sent if frame.data.endswith(b"\xfc")]
     assert not drive.log.exists()
     assert not list(drive.log.parent.glob("*.journal"))

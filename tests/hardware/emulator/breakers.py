@@ -132,12 +132,13 @@ class OpenedAgain(Breaker):
 
     def begin(self, car, scenario, folder):
         super().begin(car, scenario, folder)
+        self.folder = folder / "emulated"
         self.again = wire_car(
-            scenario, read_ports(folder / "emulated" / PORTS_FILE), car.name, lambda: None
+            scenario, read_ports(self.folder / PORTS_FILE), car.name, lambda: None
         )
 
     def end(self):
-        assert_refused(self.again.start, HardwareError)
+        assert_refused(self.again.start, HardwareError, str(self.folder), "no such device")
 
 
 class SecondProgram(Breaker):

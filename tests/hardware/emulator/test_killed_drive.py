@@ -71,5 +71,10 @@ def test_a_watchdog_test_on_the_emulator_is_recorded_as_such(emulator, tmp_path)
 def test_motors_that_were_not_seen_off_are_not_recorded(emulator, tmp_path):
     records = tmp_path / "records"
     arguments = (CAR, emulator.ports, emulator.wiring, lambda _: False)
-    assert_refused(lambda: run_watchdog_test(*arguments, folder=records), HardwareError)
+    assert_refused(
+        lambda: run_watchdog_test(*arguments, folder=records),
+        HardwareError,
+        emulator.wiring,
+        "not seen off",
+    )
     assert not records.exists()

@@ -164,7 +164,7 @@ REFUSED = {
        for name in ("ak70_10_v3", "V3.0", "AK70-10 V3", "ak80")},
     "no standard id": (lambda: CanFrame(0x800, b""), FrameError, "800"),
     "negative id": (lambda: CanFrame(-1, b""), FrameError, "-0x1"),
-    "no extended id": (lambda: CanFrame(1 << 29, b"", True), FrameError, ""),
+    "no extended id": (lambda: CanFrame(1 << 29, b"", True), FrameError, "0x20000000"),
     "nine bytes": (lambda: CanFrame(1, bytes(9)), FrameError, "9"),
 }  # fmt: skip
 

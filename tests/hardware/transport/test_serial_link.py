@@ -9,7 +9,12 @@ import time
 import pytest
 
 from aerodima.hardware.transport import serial_link
-from aerodima.hardware.transport.serial_link import SerialLink, SerialSettings, open_serial
+from aerodima.hardware.transport.serial_link import (
+    SerialLink,
+    SerialSettings,
+    open_serial,
+    reason_of,
+)
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.fake_can import wait_until
 from tests.refusals import assert_refused
@@ -155,11 +160,43 @@ def test_what_waits_is_written_before_the_device_is_closed(link, ports):
     assert not link.connected
 
 
-@pytest.mark.parametrize("path", ["/dev/ttyNOT_THERE", "/dev/null"])
-def test_a_path_that_is_no_serial_device_is_refused(path):
+@pytest.mark.parametrize(
+    ("path", "named"), [("/dev/ttyNOT_THERE", "no such device"), ("/dev/null", "no serial device")]
+)
+def test_a_path_that_is_no_serial_device_is_refused(path, named):
     settings = SerialSettings(path=path)
-    assert_refused(lambda: open_serial(settings), HardwareError, path)
-    assert_refused(lambda: SerialLink.open(settings), HardwareError, path)
+    assert_refused(lambda: open_serial(settings), HardwareError, path, named)
+    assert_refused(lambda: SerialLink.open(settings), HardwareError, path, named)
+
+
+@pytest.mark.parametrize(
+    ("number", "named"),
+    [
+        (errno.EACCES, "dialout"),
+        (errno.EBUSY, "another program"),
+        (errno.ENOENT, "no such device"),
+        (errno.ENOTTY, "no serial device"),
+        (errno.EIO, "said by the system"),
+    ],
+)
+def test_what_the_system_says_of_a_device_is_told_in_words_that_help(number, named):
+    error = OSError("could not open the port")
+    error.__cause__ = OSError(number, "said by the system")
+    assert named in reason_of(error)
+
+
+def test_a_port_that_both_threads_lose_is_lost_once_and_the_next_one_stays_open(link, ports):
+    old, new = ports
+    old.close = lambda: None  # the driver stays in its write
+    old.gate.clear()
+    link.write(b"stuck")
+    assert wait_until(lambda: old.begun)
+    old.broken = GONE
+    assert wait_until(lambda: link.losses == 1 and link.connected)
+    old.gate.set()
+    link.write(b"next")
+    assert wait_until(lambda: new.written == [b"next"])
+    assert (link.losses, link.connected) == (1, True)
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
