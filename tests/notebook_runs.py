@@ -22,8 +22,8 @@ from typing import Any
 FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
 SIGNATURE = "executed"
 """Key of the notebook's metadata: hash of the code that made the outputs."""
-VARIES, SOLUTION = "varies", "solution"
-"""Tags of cells: output depends on the machine; answer to an exercise, folded."""
+VARIES = "varies"
+"""Tag of cells whose output depends on the machine."""
 COLOURS = 128
 SILENCE = 400
 """Longest time of a cell, s."""

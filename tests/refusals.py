@@ -6,10 +6,17 @@ from collections.abc import Callable
 
 import pytest
 
+from aerodima.workbench.errors import UserError
+
 
 def assert_refused(work: Callable[[], object], error: type[Exception], *named: str) -> None:
-    """Asserts that `work` raises `error`, and that the message holds each of `named`."""
+    """Asserts that `work` raises `error`, and that the message holds each of `named`; that of a
+    `UserError` is one line.
+    """
     with pytest.raises(error) as caught:
         work()
-    missing = [part for part in named if part not in str(caught.value)]
-    assert not missing, f"{missing} not named in: {caught.value}"
+    message = str(caught.value)
+    missing = [part for part in named if part not in message]
+    assert not missing, f"{missing} not named in: {message}"
+    if isinstance(caught.value, UserError):
+        assert "\n" not in message

@@ -75,6 +75,14 @@ def upward(package: str, folder: str, source: str) -> list[str]:
 
 
 @pytest.mark.parametrize("package", sorted(LAYERS))
+def test_layers_are_the_folders_of_the_package_and_a_basename_occurs_once(package: str) -> None:
+    folders = {path.parent.name for path in (ROOT / package).glob("*/*.py")}
+    assert sorted(LAYERS[package]) == sorted(folders)
+    stems = [path.stem for path in (ROOT / package).rglob("*.py") if path.stem != "__init__"]
+    assert sorted(stems) == sorted(set(stems))
+
+
+@pytest.mark.parametrize("package", sorted(LAYERS))
 def test_folders_import_only_what_stands_below_them(package: str) -> None:
     wrong = {}
     for path in sorted((ROOT / package).rglob("*.py")):

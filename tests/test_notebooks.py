@@ -2,7 +2,6 @@
 them again.
 """
 
-import ast
 import json
 import re
 
@@ -11,14 +10,11 @@ import pytest
 from tests.notebook_runs import (
     FOLDER,
     SIGNATURE,
-    SOLUTION,
     code_cells,
     differences,
     shown,
     signature,
-    source,
 )
-from tests.notebook_runs import tags as tags_of
 
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 LARGEST, TOGETHER = 1_000_000, 5_000_000
@@ -60,18 +56,6 @@ def test_stored_outputs_are_small_and_of_no_machine(path):
             )
             assert not re.search(r"<iframe|<script| at 0x|/home/|/tmp/tmp|/work/", text), cell["id"]
     assert pictures >= 3
-
-
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebook_imports_only_public_names(path):
-    code = [source(cell) for cell in code_cells(content(path)) if SOLUTION not in tags_of(cell)]
-    text = "\n".join(
-        line for cell in code for line in cell.splitlines() if not line.startswith("%")
-    )
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.ImportFrom):
-            assert not any(part.startswith("_") for part in (node.module or "").split("."))
-            assert not any(alias.name.startswith("_") for alias in node.names)
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,21 @@
-"""Names that the packages export: each is there, and importing a package loads no module of it."""
+"""Names that the packages export: each is there, importing a package loads no module of it, and
+notebooks and pages import nothing else.
+"""
 
 from __future__ import annotations
 
+import ast
 import importlib
+import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from tests.notebook_runs import FOLDER, code_cells, source
+from tests.page_blocks import blocks
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("workbench", "optimisation", "hardware")
@@ -46,3 +54,42 @@ def test_importing_the_packages_loads_none_of_their_modules() -> None:
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert set(done.stdout.split()) == {f"aerodima.{package}" for package in PACKAGES}
+
+
+def deep_imports(code: str) -> list[str]:
+    """Names that a piece of code imports from our packages and that they do not export."""
+    found = []
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names if alias.name.startswith("aerodima.")]
+        elif isinstance(node, ast.ImportFrom) and str(node.module).startswith("aerodima"):
+            package = str(node.module).removeprefix("aerodima.")
+            public = public_names(package) if package in PACKAGES else set()
+            found += [f"{node.module}.{n.name}" for n in node.names if n.name not in public]
+    return found
+
+
+def code_of(path: Path) -> list[str]:
+    """Python of a notebook, by cells and without magics, or of a page, by blocks."""
+    if path.suffix == ".md":
+        return [block["text"] for block in blocks(path) if block["language"] == "python"]
+    cells = code_cells(json.loads(path.read_text(encoding="utf-8")))
+    return [re.sub(r"^%.*", "", source(cell), flags=re.M) for cell in cells]
+
+
+@pytest.mark.parametrize(
+    "paths",
+    [list(FOLDER.glob("*.ipynb")), [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]],
+    ids=["notebooks", "pages"],
+)
+def test_notebooks_and_pages_import_only_exported_names(paths: list[Path]) -> None:
+    code = [text for path in paths for text in code_of(path)]
+    assert "from aerodima.workbench import" in "".join(code)
+    assert [name for text in code for name in deep_imports(text)] == []
+
+
+def test_an_import_of_a_name_that_is_not_exported_is_seen() -> None:
+    assert deep_imports("from aerodima.workbench.config.scenario import load_scenario")
+    assert deep_imports("from aerodima.workbench import resources")
+    assert deep_imports("import aerodima.hardware.driving")
+    assert not deep_imports("from aerodima.workbench import load_scenario, simulate\nimport numpy")

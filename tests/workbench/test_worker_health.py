@@ -236,7 +236,7 @@ def test_workers_without_room_for_a_single_run_are_an_error(opened):
         }
     )
     with no_room:
-        assert_refused(opened, UserError)
+        assert_refused(opened, UserError, "paused")
 
 
 @pytest.mark.slow

@@ -20,10 +20,10 @@ AB = Parameters.of([Parameter("a", "1", 1.0, 0.0, 2.0), Parameter("b", "m", 5.0,
         (lambda: Parameter("cd", "1", 0.5, 1.0, 0.0), ("cd",)),
         (lambda: Parameter("cd", "1", 0.5, math.nan, 1.0), ("cd", "nan")),
         (lambda: Parameter("cd", "1", 0.0, 0.0, 0.0), ("cd",)),
-        (lambda: Parameters.of([Parameter("a", "1", 1.0)] * 2), ("a",)),
-        (lambda: Parameters.of([Parameter("a", "1", 1.0, frozen=True)]), ()),
+        (lambda: Parameters.of([Parameter("a", "1", 1.0)] * 2), (": a",)),
+        (lambda: Parameters.of([Parameter("a", "1", 1.0, frozen=True)]), ("free",)),
         (lambda: AB.starts([{"c": 1.0}]), ("c", "a, b")),
-        (lambda: AB.starts([{"a": 3.0}]), ("a", "3")),
+        (lambda: AB.starts([{"a": 3.0}]), ("'a'", "3")),
     ],
 )
 def test_impossible_parameters_are_refused(make, named):

@@ -190,7 +190,7 @@ def gap(log):
         (column("angle_rad", lambda q, _: np.degrees(q)), ("angle_rad",)),
         (column("torque_x_n_m", lambda m, _: 1000.0 * m), ("torque_x_n_m",)),
         (column("angle_rad", lambda q, t: q + 0.1 * t), ("1 degree",)),
-        (lambda log: replace(log, table=log.table.head(3)), ("3",)),
+        (lambda log: replace(log, table=log.table.head(3)), ("3 samples",)),
         (lambda log: replace(log, kind="swing"), ("swing",)),
         (extra(wind_speed_m_per_s=200.0), ("wind_speed_m_per_s", "200")),
         (extra(wind_speed_m_per_s=True), ("wind_speed_m_per_s", "True")),

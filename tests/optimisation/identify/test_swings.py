@@ -314,7 +314,7 @@ def still_after_its_rest(log):
 @pytest.mark.parametrize(
     ("damage", "named"),
     [
-        (lambda log: replace(log, table=log.table.head(3)), ("3",)),
+        (lambda log: replace(log, table=log.table.head(3)), ("3 samples",)),
         (gap, ("time_s", "0.401 s", "0.499 s")),
         (still, ("1.0000 rad",)),
         (still_after_its_rest, ("1.0000 rad",)),

@@ -47,7 +47,7 @@ def test_row_has_outcome_metrics_and_provenance_and_nothing_that_changes():
         ("car.mass=-1", ("car.mass", "-1")),
         ("car.mass=1.3", ("car.mass", "1.3 kg")),
         ("tail.sail_length=1.2", ("tail.sail_length", "1.2 m")),
-        ("manoeuvre.duration=0.001", ("2",)),
+        ("manoeuvre.duration=0.001", ("1 sample",)),
     ],
 )
 def test_impossible_run_is_a_row_with_one_line_of_error(setting, named):

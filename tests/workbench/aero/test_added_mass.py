@@ -207,9 +207,9 @@ def test_bad_calls_are_refused():
 
     assert_refused(lambda: add(math.nan), ModelError, "'tail'", "nan")
     mass = add(0.01)
-    assert_refused(lambda: mass.add_to_builder(DiagramBuilder()), ModelError)
+    assert_refused(lambda: mass.add_to_builder(DiagramBuilder()), ModelError, "not finalised")
     plant.Finalize()
-    assert_refused(lambda: add(0.01), ModelError)
+    assert_refused(lambda: add(0.01), ModelError, "already finalised")
 
 
 @pytest.mark.parametrize(("spanwise_free", "inertia"), [(True, 0.0), (False, 5 * 0.2)])

@@ -1,6 +1,4 @@
-"""The polar law against an independent sum, the continuous rod, the published currents, and
-energy.
-"""
+"""The polar law against an independent sum; the side of its lift, and the energy of still air."""
 
 import math
 

@@ -204,19 +204,22 @@ def test_a_foreign_body_or_plant_is_refused_by_name():
     def add(body, place=builder):
         add_tail_force(place, plant, body, LAYOUT, 2.0)
 
-    assert_refused(lambda: add("tail"), ModelError)
+    assert_refused(lambda: add("tail"), ModelError, "not finalised")
     plant.Finalize()
     other.Finalize()
     assert_refused(lambda: add(stranger), ModelError, "stranger")
     assert_refused(lambda: add("tial"), ModelError, "'tial'", "tail")
-    assert_refused(lambda: add("tail", DiagramBuilder()), ModelError)
+    assert_refused(lambda: add("tail", DiagramBuilder()), ModelError, "'plant'", "builder")
 
 
 @pytest.mark.parametrize(
     ("make", "named"),
     [
         *((partial(Air, density=value), ("density",)) for value in (-1.2, 0.0, math.nan)),
-        (partial(SectionLayout.strip, start=0.0, length=1.0, width=0.1, number=0), ("0",)),
+        (
+            partial(SectionLayout.strip, start=0.0, length=1.0, width=0.1, number=0),
+            ("sections is 0",),
+        ),
         (partial(SectionLayout.strip, start=0.0, length=1.0, width=-0.1), ("width", "-0.1")),
     ],
 )

@@ -113,7 +113,7 @@ def test_entry_without_source_reason_or_prior_is_refused(changes, named):
     ("good", "bad", "named"),
     [
         ("unit: Hz", "unit: kHz", ("rate", "kHz", "'Hz'")),
-        ("rate:", "7:", ("7",)),
+        ("rate:", "7:", (": 7:",)),
         ("rate:", "rait:", ("rait", "'rate'")),
         ("parameters/1", "parameters/2", ("schema", "aerodima/parameters/1")),
         ("source: assumed,", "", ("delay", "source")),

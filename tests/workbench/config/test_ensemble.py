@@ -62,7 +62,7 @@ def test_drawn_members_stand_for_all_of_the_weight(tmp_path):
     ]
     assert many.drawn(4) == many.members
     assert sum(member.weight for member in ensemble.drawn(1)) == 1.0
-    assert_refused(lambda: ensemble.drawn(0), EnsembleError, "0")
+    assert_refused(lambda: ensemble.drawn(0), EnsembleError, "0 members")
 
 
 def test_another_tail_than_the_built_one_keeps_its_size_on_the_car_of_a_member():

@@ -1,5 +1,6 @@
 """Numbers with units: read in their own unit, refused in any other by key, value and unit."""
 
+import math
 from typing import Literal
 
 import pytest
@@ -45,12 +46,12 @@ def test_unit_is_kept_with_the_field():
     [
         *(
             ({"stiffness": f"5 {unit}"}, ("stiffness", f"'{unit}'", "'N/m'"))
-            for unit in ("N/mm", "n/m", "N m")
+            for unit in ("N/mm", "kN/m", "n/m", "N m")
         ),
         ({"stiffness": "soft"}, ("stiffness", "'soft'", "N/m")),
         *(
             ({"stiffness": value}, ("stiffness",))
-            for value in (float("nan"), float("inf"), "nan N/m", True)
+            for value in (math.nan, math.inf, -math.inf, "nan N/m", "inf N/m", True)
         ),
         ({"stiffness": 101.0}, ("stiffness", "101.0", "100", "N/m")),
         ({"stiffness": 0.0}, ("stiffness", "0", "N/m")),

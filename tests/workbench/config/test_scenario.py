@@ -133,7 +133,7 @@ def test_values_at_the_edge_of_what_is_refused_are_taken():
         (b"\xff\xfe\x00", ()),
         ("car: {mass: 5.0}\ncar: {mass: 7.0}\n", ("car",)),
         ("car: {mass: 5.0, com_x: 0.1, mass: 7.0}\n", ("mass",)),
-        ("1: {a: 2}\n", ("1",)),
+        ("1: {a: 2}\n", (": 1:",)),
         ("car: {mas: 5.0}\n", ("car.mas", "'mass'")),
         (None, ()),
     ],

@@ -154,16 +154,19 @@ def folder_is_a_file(folder):
         (lambda folder: recover(folder / "run.parquet"), ["run.parquet", "*.journal"]),
         (no_arrow_stream, ["text.journal"]),
         (left_empty, ["empty.parquet.journal"]),
-        (folder_is_a_file, ["out"]),
+        (folder_is_a_file, ["/out"]),
         (
             lambda folder: JournalWriter(folder / "run", (*COLUMNS, "angle_rad"), metadata()),
-            ["run", "angle_rad"],
+            ["/run", "angle_rad"],
         ),
         (
             lambda folder: JournalWriter(folder / "run", COLUMNS, metadata() | {"kind": "car_run"}),
-            ["run", "imu_yaw_rad"],
+            ["/run", "imu_yaw_rad"],
         ),
-        (lambda folder: written(folder / "run", 1).append(np.zeros(1)), ["run", "1", "3"]),
+        (
+            lambda folder: written(folder / "run", 1).append(np.zeros(1)),
+            ["/run", "1 values", "3 columns"],
+        ),
     ],
 )
 def test_what_cannot_be_written_or_rescued_is_named(tmp_path, work, named):

@@ -56,6 +56,23 @@ def test_what_is_written_comes_back_bit_for_bit(tmp_path):
     assert set(back.versions) == {"project", "drake", "python", "numpy"}
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda table: table.assign(throttle_command=0.0),
+        lambda table: table.assign(gyro_x_truth_rad_per_s=1.0),
+        lambda table: table.iloc[:-1],
+        lambda table: table[[*table.columns[1:], table.columns[0]]],
+        lambda table: table.drop(columns="status_armed"),
+    ],
+    ids=["sign of zero", "last bit", "a row less", "order", "a column less"],
+)
+def test_the_smallest_difference_makes_runs_unequal(change):
+    run = awkward_run()
+    assert signals_equal(run, dataclasses.replace(run, table=run.table.copy()))
+    assert not signals_equal(run, dataclasses.replace(run, table=change(run.table)))
+
+
 def test_pandas_reads_the_file_without_this_project(tmp_path):
     run = made_up_run()
     table = pd.read_parquet(write_run_log(run, tmp_path / "run.parquet"))
@@ -106,6 +123,11 @@ def file_for_folder(folder):
     write_run_log(made_up_run(), folder / "out" / "run.parquet")
 
 
+def folder_for_file(folder):
+    (folder / "runs").mkdir()
+    write_run_log(made_up_run(), folder / "runs", force=True)
+
+
 def journal_without_log(folder):
     (folder / "run.parquet.journal").write_bytes(b"")
     read_run_log(folder / "run.parquet")
@@ -147,8 +169,8 @@ def no_such_column(folder):
 @pytest.mark.parametrize(
     ("work", "named"),
     [
-        (file_for_folder, ["out"]),
-        (lambda folder: write_run_log(made_up_run(), folder / ".", force=True), []),
+        (file_for_folder, ["/out"]),
+        (folder_for_file, ["/runs:"]),
         (lambda folder: read_run_log(folder / "nothing.parquet"), ["nothing.parquet"]),
         (journal_without_log, ["aerodima log recover", "run.parquet.journal"]),
         (other_version, ["later.parquet", "aerodima/run-log/9", "aerodima/run-log/1"]),
