@@ -4,8 +4,13 @@
 class UserError(Exception):
     """Wrong input from outside (file, flag, frame, port).
 
-    The command line prints it and exits with status 2.
+    The command line prints it and exits with status 2. What a parser or a device says may have
+    several lines; the message is one.
     """
+
+    def __init__(self, message: str = "") -> None:
+        lines = [line.strip() for line in str(message).splitlines()]
+        super().__init__(" ".join(line for line in lines if line))
 
 
 class ScenarioError(UserError, ValueError):
