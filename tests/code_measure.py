@@ -83,6 +83,9 @@ def product_nodes(root: Path) -> int:
 def main() -> None:
     """Prints the tables."""
     root = Path(sys.argv[1] if sys.argv[1:] else ".").resolve()
+    missing = [name for name in (*PACKAGES, "tests") if not (root / name).is_dir()]
+    if missing:
+        sys.exit(f"error: {root} is no checkout of the workbench: it has no {', '.join(missing)}")
     folders = {name: measure_folder(root / name, root) for name in (*PACKAGES, "tests")}
     folders["product"] = [module for package in PACKAGES for module in folders[package]]
     print("| folder | nodes | statements | nodes a statement |\n|---|---|---|---|")
