@@ -15,10 +15,10 @@ from .identify.swing_coefficients import fit_friction_log as fit_friction_log
 from .identify.swing_coefficients import fit_robot_tail_log as fit_robot_tail_log
 from .identify.uncertainty import independent_noise as independent_noise
 from .identify.uncertainty import serial_noise as serial_noise
-from .sweep.rollover_threshold import critical_friction as critical_friction
-from .sweep.run_study import run_study as run_study
-from .sweep.runs import open_run_engine as open_run_engine
-from .sweep.study import load_study as load_study
+from .studies.rollover_threshold import critical_friction as critical_friction
+from .studies.run_study import run_study as run_study
+from .studies.runs import open_run_engine as open_run_engine
+from .studies.study import load_study as load_study
 from .swing.motion_search import MotionSearch as MotionSearch
 from .swing.motion_search import turn_programme as turn_programme
 from .swing.task import Task as Task

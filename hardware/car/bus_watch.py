@@ -14,7 +14,7 @@ from enum import IntEnum
 from aerodima.hardware.devices.device_states import FramePort
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.teensy import SWITCHED_OFF, TeensyStatus
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 BEAT_ID = 0x7A0
 """CAN id of the computer's heartbeat."""

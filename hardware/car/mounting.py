@@ -16,11 +16,11 @@ import numpy as np
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.teensy_link import pulse
 from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.checked_files import QuantityModel, quantity
-from aerodima.workbench.config.scenario import load_section
-from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.checked_files import QuantityModel, quantity
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.scenario.scenario import load_section
 
 AXES = {
     f"{sign}{axis}": factor * np.eye(3)["xyz".index(axis)]

@@ -25,8 +25,8 @@ from aerodima.hardware.protocol.ak70 import MitCommand
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.radio import Asks
 from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
-from aerodima.workbench.config.signal_table import IMU, STATUS
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.signal_table import IMU, STATUS
 
 _LAST_STRINGS = 5
 """Strings with throttle 0 and exit that are sent at the end, one every 10 ms."""

@@ -35,8 +35,9 @@ from aerodima.hardware.protocol.radio import (
     make_report,
 )
 from aerodima.hardware.transport.can_bus import CanBus
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.signal_table import (
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.signal_table import (
     IMU,
     STATUS,
     STATUS_SOURCES,
@@ -44,7 +45,6 @@ from aerodima.workbench.config.signal_table import (
     TAIL_STATE,
     TAIL_TORQUE,
 )
-from aerodima.workbench.errors import HardwareError
 
 WiringName = Literal["teensy_bridge", "watched_can"]
 WIRINGS: tuple[WiringName, ...] = get_args(WiringName)
@@ -92,7 +92,7 @@ class CarCommand:
     Attributes:
         steering_angle: rad, positive to the left.
         throttle: -1 to 1.
-        tail_pitch, tail_roll: (5,) as `aerodima.workbench.config.signal_table.TAIL_COMMAND`.
+        tail_pitch, tail_roll: (5,) as `aerodima.workbench.scenario.signal_table.TAIL_COMMAND`.
     """
 
     steering_angle: float = 0.0
@@ -116,11 +116,11 @@ class CarReading:
     Values hold their last sample.
 
     Attributes:
-        tail_state: (6,) `aerodima.workbench.config.signal_table.TAIL_STATE`, rad and rad/s.
+        tail_state: (6,) `aerodima.workbench.scenario.signal_table.TAIL_STATE`, rad and rad/s.
         tail_torque: (2,) N m.
-        imu: (9,) `aerodima.workbench.config.signal_table.IMU`.
+        imu: (9,) `aerodima.workbench.scenario.signal_table.IMU`.
         speed: (1,) m/s.
-        status: (13,) `aerodima.workbench.config.signal_table.STATUS`: ages in s (infinite before
+        status: (13,) `aerodima.workbench.scenario.signal_table.STATUS`: ages in s (infinite before
             the first sample), faults, armed.
         operator: the operator's last command, for driving by radio.
         fault_text: the worst fault in words, empty while there is none.

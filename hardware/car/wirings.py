@@ -40,8 +40,8 @@ from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.transport.can_bus import CanBus
 from aerodima.hardware.transport.device_lock import can_address, lock_devices
 from aerodima.hardware.transport.serial_link import SerialLink, SerialSettings, open_serial
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import Scenario
 
 _SENSOR_TIMEOUT = 0.01
 """Longest wait of a read from a sensor's port, s."""

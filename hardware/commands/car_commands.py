@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodima import hardware, workbench
-from aerodima.workbench.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import HardwareError, LogError
+from aerodima.workbench.core.atomic_write import make_folder, refuse_existing
+from aerodima.workbench.core.errors import HardwareError, LogError
 
 if TYPE_CHECKING:
     from aerodima.hardware.car.car_ports import CarPorts, ConsoleDevice
     from aerodima.hardware.car.wiring import WiringName
-    from aerodima.workbench.config.scenario import Scenario
+    from aerodima.workbench.scenario.scenario import Scenario
 Ports = Annotated[
     Path,
     typer.Option(help="Ports file (JSON): which device is where, ids and zeros of the motors."),
@@ -252,7 +252,7 @@ def drive(
     from aerodima.hardware.car.car_ports import read_ports
     from aerodima.hardware.car.wiring import wiring_name
     from aerodima.hardware.driving.drive_session import DriveOptions, run_drive
-    from aerodima.workbench.controllers.law_of_scenario import load_build, load_drive, load_law
+    from aerodima.workbench.control.law_of_scenario import load_build, load_drive, load_law
 
     name = wiring_name(wiring)
     overrides = [*([f"controller.swing_file={swing}"] if swing else []), *(settings or [])]
@@ -270,7 +270,7 @@ def drive(
     if law is not None:
         tail_law = load_law(law, chosen)
     elif not other_car and build is None:
-        from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
+        from aerodima.workbench.control.law_of_scenario import refuse_other_car
 
         refuse_other_car(chosen)
     car_ports = read_ports(ports)

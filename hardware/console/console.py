@@ -24,7 +24,7 @@ from aerodima.hardware.console.page_messages import (
     radio_state,
 )
 from aerodima.hardware.protocol.radio import RadioMode
-from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.core.errors import LogError, UserError
 
 GONE_AFTER: Final = 2.0
 """s without a word after which a page counts as gone, though its connection stands: hidden, frozen,

@@ -22,7 +22,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from aerodima.hardware.console.console import Console
 from aerodima.hardware.console.page_access import HOST, Access, impatient_http
 from aerodima.hardware.console.page_messages import read_message
-from aerodima.workbench.errors import HardwareError, UserError
+from aerodima.workbench.core.errors import HardwareError, UserError
 
 _TURN = 0.01
 """Time between two looks at the radio, s."""

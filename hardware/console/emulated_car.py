@@ -18,8 +18,8 @@ from typing import Any
 from aerodima.hardware.car.car_ports import EVENTS_FILE, PORTS_FILE, READY_FILE
 from aerodima.hardware.car.wiring import WiringName, wiring_name
 from aerodima.hardware.emulator.fault_script import read_events
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import Scenario
 
 _START_TIME = 120.0
 """Longest wait for the emulator, and for one test of its watchdog, s."""

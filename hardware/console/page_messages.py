@@ -12,8 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from aerodima.hardware.console.operator_radio import REPORT_SILENCE, OperatorRadio
 from aerodima.hardware.devices.device_states import MotorFault, SourceFault
 from aerodima.hardware.protocol.radio import CarReport, OperatorCommand, RadioMode
-from aerodima.workbench.config.signal_table import STATUS_SOURCES
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.scenario.signal_table import STATUS_SOURCES
 
 MODES = {
     "rest": RadioMode.IDLE,

@@ -11,7 +11,7 @@ from aerodima.hardware.devices.device_states import ENERGISED, FramePort, MotorF
 from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 _HEARD = 400
 """Frames that are kept: two seconds of two motors."""

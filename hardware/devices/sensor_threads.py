@@ -30,7 +30,7 @@ from aerodima.hardware.devices.bno055 import (
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.ublox import GpsSample, GpsStream
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 if TYPE_CHECKING:
     from serial import Serial

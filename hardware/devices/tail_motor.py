@@ -44,7 +44,7 @@ from aerodima.hardware.protocol.ak70 import (
     unwrap,
 )
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 _REMIND = 0.1
 """Interval of the exit frames to a faulted motor after the first ones, s."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 _UBX = b"\xb5\x62"
 _NAV_PVT = b"\x01\x07"

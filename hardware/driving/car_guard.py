@@ -33,8 +33,8 @@ from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_settings import Lasting
 from aerodima.hardware.protocol.radio import Asks, RadioMode
-from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE
 
 _ROLL = IMU.index("roll")
 _PITCH = IMU.index("pitch")

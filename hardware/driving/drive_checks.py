@@ -28,9 +28,9 @@ from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.driving.plain_loop import PERIOD
 from aerodima.hardware.protocol.ak70 import PROFILES, FirmwareProfile, decode_reply
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE, UNARMED_SOURCES
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE, UNARMED_SOURCES
 
 _MB = 1e6
 """Bytes in a megabyte."""
@@ -303,7 +303,7 @@ def standstill_checks(
 
     Args:
         samples: of the chip, all that came within the moment, in its own axes.
-        reading: (9,) `aerodima.workbench.config.signal_table.IMU`, the newest, in body axes.
+        reading: (9,) `aerodima.workbench.scenario.signal_table.IMU`, the newest, in body axes.
     """
     different = {(sample.quaternion, sample.gyro, sample.acceleration) for sample in samples}
     count = len(samples)

@@ -13,12 +13,12 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
 
 from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.driving.plain_loop import PERIOD, WRITE_DELAY, Pilot, PilotStep
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS
-from aerodima.workbench.controllers.tail_law import TailLaw
-from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.simulate.car_run import Build, assemble
-from aerodima.workbench.systems.system_ports import DiscreteVector, vector_of
+from aerodima.workbench.car.car_run import Build, assemble
+from aerodima.workbench.control.tail_law import TailLaw
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.port_wiring import DiscreteVector, vector_of
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import STATION_INPUTS, STATION_OUTPUTS
 
 _REHEARSED = 3
 """Ticks before the motors are on."""
@@ -34,7 +34,7 @@ class CarInterface(LeafSystem):
     nothing.
 
     Input and output ports: exactly `STATION_INPUTS` and `STATION_OUTPUTS` of
-    `aerodima.workbench.config.signal_table`.
+    `aerodima.workbench.scenario.signal_table`.
 
     Attributes: reading: output from the next tick on.
     """

@@ -46,16 +46,13 @@ from aerodima.hardware.driving.plain_loop import (
 )
 from aerodima.hardware.driving.run_journal import RunJournal, log_facts, open_run_journal
 from aerodima.hardware.protocol.radio import Asks, RadioMode
-from aerodima.workbench.atomic_write import make_folder, refuse_existing
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import STATUS, UNARMED_SOURCES
-from aerodima.workbench.controllers.driver_law import refuse_simulated_only
-from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, traceback_and_reason
-from aerodima.workbench.controllers.manoeuvre import run_time
-from aerodima.workbench.controllers.tail_law import TailLaw
-from aerodima.workbench.errors import HardwareError, LogError, UserError
-from aerodima.workbench.logs.schema import DIAGRAM, DRIVEN_BY, TAIL_LAW
-from aerodima.workbench.realtime import (
+from aerodima.workbench.control.driver_law import refuse_simulated_only
+from aerodima.workbench.control.law_of_scenario import law_of_scenario, traceback_and_reason
+from aerodima.workbench.control.manoeuvre import run_time
+from aerodima.workbench.control.tail_law import TailLaw
+from aerodima.workbench.core.atomic_write import make_folder, refuse_existing
+from aerodima.workbench.core.errors import HardwareError, LogError, UserError
+from aerodima.workbench.core.realtime import (
     DRIVE_PRIORITY,
     is_realtime,
     prefer_latency,
@@ -63,9 +60,12 @@ from aerodima.workbench.realtime import (
     restore_latency,
     restore_ordinary,
 )
+from aerodima.workbench.logs.schema import DIAGRAM, DRIVEN_BY, TAIL_LAW
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import STATUS, UNARMED_SOURCES
 
 if TYPE_CHECKING:
-    from aerodima.workbench.simulate.car_run import Build
+    from aerodima.workbench.car.car_run import Build
 
 _HOUR = 3600.0
 """s; the longest drive by radio."""
@@ -487,7 +487,7 @@ def _logged_run(drive: _Drive, journal: RunJournal, pilot: Pilot, mode: RadioMod
         )
         journal.add_facts({"slow_ticks": len(guard.slow_ticks)})
         if drive.build is not None:
-            from aerodima.workbench.simulate.car_run import name_of
+            from aerodima.workbench.car.car_run import name_of
 
             journal.add_facts({DIAGRAM: name_of(drive.build)})
         if drive.options.law_name:

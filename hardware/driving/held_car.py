@@ -39,11 +39,11 @@ from aerodima.hardware.protocol.teensy import TeensyStatus
 from aerodima.hardware.transport.can_bus import CanBus
 from aerodima.hardware.transport.device_lock import can_address, lock_devices
 from aerodima.hardware.transport.serial_link import SerialLink
-from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.config.scenario import Scenario, load_scenario
-from aerodima.workbench.config.signal_table import STATUS, TAIL_STATE
-from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.realtime import DRIVE_PRIORITY, prefer_realtime, restore_ordinary
+from aerodima.workbench.core.atomic_write import write_atomically
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.realtime import DRIVE_PRIORITY, prefer_realtime, restore_ordinary
+from aerodima.workbench.scenario.scenario import Scenario, load_scenario
+from aerodima.workbench.scenario.signal_table import STATUS, TAIL_STATE
 
 _HEARD = 0.5
 """s within which Teensy and watchdog must answer."""

@@ -18,15 +18,15 @@ from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.driving.run_journal import RunJournal, drive_columns
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_OUTPUTS
-from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
-from aerodima.workbench.controllers.manoeuvre import make_schedule
-from aerodima.workbench.controllers.tail_law import TailLaw, observe
+from aerodima.workbench.car.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
+from aerodima.workbench.control.law_of_scenario import law_of_scenario
+from aerodima.workbench.control.manoeuvre import make_schedule
+from aerodima.workbench.control.tail_law import TailLaw, observe
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.realtime import SWITCH_INTERVAL
 from aerodima.workbench.logs.signals import RowUnwrapper
-from aerodima.workbench.realtime import SWITCH_INTERVAL
-from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import CAR_PORTS, STATION_OUTPUTS
 
 PERIOD = 0.01
 """s; of every loop that talks to the car."""

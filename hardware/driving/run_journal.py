@@ -18,12 +18,12 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import sensor_columns
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.journal import JournalWriter, read_journal
 from aerodima.workbench.logs.schema import run_metadata, write_table
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import sensor_columns
 
 LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s", "controller_time_s")
 """Columns of a drive alone: lateness of the cycle, times at which IMU and Teensy sampled the values

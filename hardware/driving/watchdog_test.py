@@ -18,11 +18,11 @@ from aerodima.hardware.car.car_ports import JOINTS, CarPorts, is_emulated_port
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.firmware.teensy_firmware import firmware_hash
-from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.config.checked_files import StrictModel, checked
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.atomic_write import write_atomically
+from aerodima.workbench.core.checked_files import StrictModel, checked
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.logs.schema import software_versions
-from aerodima.workbench.resources import model_path
 
 SCHEMA = "aerodima/watchdog_test/2"
 

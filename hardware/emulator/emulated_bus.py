@@ -30,7 +30,7 @@ from aerodima.hardware.protocol.ak70 import (
 )
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.transport.can_adapter import TrafficLog, can
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 _ENTER = 0xFC
 """Last byte of the frame that enters a motor."""

@@ -159,7 +159,7 @@ class EmulatedImu:
         self._sampled = False
 
     def set_reading(self, reading: np.ndarray) -> None:
-        """(9,) as `aerodima.workbench.config.signal_table.IMU`."""
+        """(9,) as `aerodima.workbench.scenario.signal_table.IMU`."""
         if self._board.entry(Fault.FROZEN, "imu") and self._sampled:
             return
         self._sampled = True

@@ -14,16 +14,16 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from aerodima.hardware.driving.run_journal import RunJournal
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_INPUTS, STATION_OUTPUTS
+from aerodima.workbench.car.car_run import truth_signals
+from aerodima.workbench.car.car_station import make_car_station, simulated_car
+from aerodima.workbench.car.roll_estimator import RollEstimator
+from aerodima.workbench.car.roll_filter import RollFilterSettings
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import run_metadata
-from aerodima.workbench.replay.viewer import ChaseCamera
-from aerodima.workbench.sensors.roll_estimator import RollEstimator
-from aerodima.workbench.sensors.roll_filter import RollFilterSettings
-from aerodima.workbench.simulate.car_run import truth_signals
-from aerodima.workbench.stations.car_station import make_car_station, simulated_car
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import CAR_PORTS, STATION_INPUTS, STATION_OUTPUTS
+from aerodima.workbench.view.viewer import ChaseCamera
 
 _PICTURE = 1.0 / 30.0
 """Between two moves of the view's camera, s."""

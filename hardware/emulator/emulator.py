@@ -60,11 +60,11 @@ from aerodima.hardware.emulator.fault_script import (
 )
 from aerodima.hardware.firmware.teensy_firmware import firmware_settings
 from aerodima.hardware.transport.can_adapter import TrafficLog
-from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.realtime import EMULATOR_PRIORITY, prefer_latency, prefer_realtime
-from aerodima.workbench.replay.viewer import open_meshcat
+from aerodima.workbench.core.atomic_write import write_atomically
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.realtime import EMULATOR_PRIORITY, prefer_latency, prefer_realtime
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.view.viewer import open_meshcat
 
 _TURN = 0.001
 """The firmware's loop and the script are looked at that often at least, s."""

@@ -40,9 +40,9 @@ from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.protocol.ak70 import FirmwareProfile
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, TeensyStatus
-from aerodima.workbench.atomic_write import make_folder
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.atomic_write import make_folder
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import Scenario
 
 SKETCH = Path(__file__).resolve().parent / "aerodima_teensy"
 """The Arduino sketch; its folder `src` is the core."""

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 FAULT_NAMES: Mapping[int, str] = MappingProxyType(
     {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 STANDARD_IDS = 1 << 11
 """How many identifiers 11 bits make (ISO 11898-1)."""

@@ -8,7 +8,7 @@ checksum.
 From the car, 20 times per second, packed little-endian: class (4; another layout has another),
 sequence, flags (1 armed, 2 the emergency stop came, 4 and 8 what the car asks the operator for, 16
 the car has no tail), number of the car, mode last heard, fault codes of
-`aerodima.workbench.config.signal_table.STATUS_SOURCES`, eight 32-bit floats, then the worst fault
+`aerodima.workbench.scenario.signal_table.STATUS_SOURCES`, eight 32-bit floats, then the worst fault
 in words. 43 to 100 bytes, as many as the smallest modules carry.
 """
 
@@ -30,7 +30,7 @@ REPORT_CLASS = 4
 """First byte, and version of the layout: another layout has another, or a console of before would
 read wrong values."""
 FAULT_CODES = 6
-"""In a report, one per source of `aerodima.workbench.config.signal_table.STATUS_SOURCES`."""
+"""In a report, one per source of `aerodima.workbench.scenario.signal_table.STATUS_SOURCES`."""
 REPORT_PERIOD = 0.05
 """s between two reports."""
 _HEAD = struct.Struct(f"<BBBBB{FAULT_CODES}B8f")

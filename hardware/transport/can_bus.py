@@ -17,7 +17,7 @@ from pathlib import Path
 
 from aerodima.hardware.protocol.can_frame import MOST_BYTES, CanFrame
 from aerodima.hardware.transport.can_adapter import CanSettings, TrafficLog, can, open_bus
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 _RECEIVE_TIMEOUT = 0.05
 """Longest wait of one read from the driver, s."""

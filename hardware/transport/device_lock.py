@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from aerodima.hardware.transport.can_adapter import CanSettings
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 _FOLDERS = ("/run/lock", "/var/lock", tempfile.gettempdir())
 _UNKNOWN_WAIT = 1.0

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from aerodima.workbench.config.checked_files import StrictModel
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.checked_files import StrictModel
+from aerodima.workbench.core.errors import HardwareError
 
 if TYPE_CHECKING:
     from serial import Serial

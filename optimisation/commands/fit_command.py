@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from aerodima import optimisation, workbench
-from aerodima.workbench.atomic_write import make_folder
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import FitError, UserError
+from aerodima.workbench.core.atomic_write import make_folder
+from aerodima.workbench.core.errors import FitError, UserError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -304,7 +304,7 @@ def car(
     Example: aerodima fit car run.parquet --out fits --set car.mass=6.4
     """
     from aerodima.optimisation.identify.car_fit import fit_car_log
-    from aerodima.workbench.config.scenario import scenario_from_dict
+    from aerodima.workbench.scenario.scenario import scenario_from_dict
 
     given: dict[str, Any] = {}
     for setting in settings or ():

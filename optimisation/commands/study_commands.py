@@ -14,11 +14,11 @@ import typer
 from aerodima import optimisation, workbench
 from aerodima.workbench.batch.dask_cluster import THREAD_VARIABLES
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import SweepError
-from aerodima.workbench.text_table import text_table
+from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.text_table import text_table
 
 if TYPE_CHECKING:
-    from aerodima.optimisation.sweep.runs import Runs
+    from aerodima.optimisation.studies.runs import Runs
     from aerodima.workbench.batch.engine import Engine
     from aerodima.workbench.batch.row_store import ProgressLine
 
@@ -53,7 +53,7 @@ def engine_for(
 @contextmanager
 def runs_in(out: Path, work: cli.WorkOptions) -> Iterator[Runs]:
     """Runs that are kept in a folder; its engine and who computes them are what the options say."""
-    from aerodima.optimisation.sweep.runs import kept_runs
+    from aerodima.optimisation.studies.runs import kept_runs
 
     with (
         engine_for(out, work.workers, work.scheduler) as (engine, progress),
@@ -74,8 +74,8 @@ def run(
 
     Example: aerodima sweep run mount --out sweeps/mount
     """
-    from aerodima.optimisation.sweep.run_study import TABLE
-    from aerodima.optimisation.sweep.study import plan_runs
+    from aerodima.optimisation.studies.run_study import TABLE
+    from aerodima.optimisation.studies.study import plan_runs
 
     loaded = optimisation.load_study(study)
     plan_runs(loaded)
@@ -114,8 +114,8 @@ def threshold(
 
     Example: aerodima sweep threshold friction turn_swing --set manoeuvre.speed=4.44
     """
-    from aerodima.optimisation.sweep.rollover_threshold import SEARCHES, Case, find_thresholds
-    from aerodima.optimisation.sweep.runs import Runs
+    from aerodima.optimisation.studies.rollover_threshold import SEARCHES, Case, find_thresholds
+    from aerodima.optimisation.studies.runs import Runs
 
     if factor not in SEARCHES:
         raise SweepError(f"{factor}: allowed: {', '.join(SEARCHES)}")
@@ -152,9 +152,9 @@ def calibrate(
     # Before NumPy is loaded: with another number of BLAS threads the last digits differ, other cars
     # are drawn, and an interrupted calibration would not go on with its own runs.
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
-    from aerodima.optimisation.calibration.two_systems import load_plan
-    from aerodima.optimisation.calibration.validation_page import calibrate as carry_out
-    from aerodima.optimisation.calibration.validation_page import require_extra
+    from aerodima.optimisation.calibrate.calibration_plan import load_plan
+    from aerodima.optimisation.calibrate.validation_page import calibrate as carry_out
+    from aerodima.optimisation.calibrate.validation_page import require_extra
 
     require_extra()
     chosen = load_plan(plan)

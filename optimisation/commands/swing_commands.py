@@ -12,12 +12,12 @@ import typer
 
 from aerodima import optimisation, workbench
 from aerodima.optimisation.commands.study_commands import runs_in
-from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import SweepError, SwingError
+from aerodima.workbench.core.atomic_write import refuse_existing
+from aerodima.workbench.core.errors import SweepError, SwingError
 
 if TYPE_CHECKING:
-    from aerodima.workbench.config.ensemble import Member
+    from aerodima.workbench.scenario.ensemble import Member
 TaskArgument = Annotated[str, cli.named("Task", "tasks")]
 TestCars = Annotated[int, typer.Option(help="So many of the test cars.", min=1)]
 SplitSeed = Annotated[int, typer.Option(help="Of the split of the cars.", min=0)]
@@ -31,7 +31,7 @@ Floors = Annotated[
 
 
 def _suite(table: str) -> list[str]:
-    from aerodima.optimisation.entry import suite
+    from aerodima.optimisation.judge import suite
 
     return list(getattr(suite, table))
 
@@ -80,7 +80,7 @@ def search(
     """
     from aerodima.optimisation.swing.motion_search import search_motion
     from aerodima.optimisation.swing.task import load_task
-    from aerodima.workbench.config.swing_file import write_swing
+    from aerodima.workbench.scenario.swing_file import write_swing
 
     asked = load_task(task, settings or ())
     motion = optimisation.MotionSearch(starts, seed, knots, length, iterations)
@@ -142,15 +142,15 @@ def judge(
     Example: aerodima swing judge --manoeuvre fishhook --cars 1 --candidate published --out
     out/judge
     """
-    from aerodima.optimisation.entry import suite
-    from aerodima.optimisation.entry.entry_speed import ERROR, EntrySearch, climb
-    from aerodima.optimisation.entry.entry_table import (
+    from aerodima.optimisation.judge import suite
+    from aerodima.optimisation.judge.entry_speed import ERROR, EntrySearch, climb
+    from aerodima.optimisation.judge.entry_table import (
         entry_lines,
         entry_page,
         has_gain,
         summarise_entries,
     )
-    from aerodima.workbench.report.report_page import write_files
+    from aerodima.workbench.view.report_page import write_files
 
     search = EntrySearch(start=start, step=step, ceiling=ceiling)
     driven = suite.manoeuvres(manoeuvre or suite.TRAINED_ON, tail)
@@ -205,9 +205,9 @@ def train(
 
     Example: aerodima swing train --cars 2 --laws 3 --generations 1 --out out/train
     """
-    from aerodima.optimisation.entry import suite
-    from aerodima.optimisation.entry.feedback_search import LawSearch, search_feedback
-    from aerodima.optimisation.swing.candidate import write_candidates
+    from aerodima.optimisation.judge import suite
+    from aerodima.optimisation.judge.candidate import write_candidates
+    from aerodima.optimisation.swing.feedback_search import LawSearch, search_feedback
 
     path = out / "candidates.yaml"
     refuse_existing(path, work.force, SwingError)
@@ -262,9 +262,9 @@ def bound(
     Example: aerodima swing bound --manoeuvre corner --cars 1 --starts 1 --generations 3 --out
     out/bound
     """
-    from aerodima.optimisation.entry import bound as bounds
-    from aerodima.optimisation.entry import suite
-    from aerodima.workbench.report.report_page import write_files
+    from aerodima.optimisation.judge import suite
+    from aerodima.optimisation.swing import bound as bounds
+    from aerodima.workbench.view.report_page import write_files
 
     names = bounds.paths(manoeuvre or ())
     split = workbench.load_ensemble(ensemble).split(seed)

@@ -34,10 +34,10 @@ from aerodima.optimisation.identify.least_squares import (
 from aerodima.optimisation.identify.least_squares_solvers import bounded_step, triangle
 from aerodima.optimisation.identify.log_rig import FREE, FitOptions
 from aerodima.optimisation.identify.uncertainty import Noise, serial_noise, uncertainty
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.scenario.scenario import Scenario
 
 CAR = ("tyre_friction", "tyre_slip_angle", "com_height")
 DELAY = "delay"

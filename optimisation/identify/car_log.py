@@ -13,17 +13,17 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from aerodima.optimisation.identify.log_rig import named
-from aerodima.workbench.actuators.chassis_actuators import steady_speed
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import IMU
-from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE, DriverInput
-from aerodima.workbench.controllers.tail_law import Observation
-from aerodima.workbench.errors import FitError, UserError
+from aerodima.workbench.car.car_sensors import STEPS
+from aerodima.workbench.car.chassis_actuators import steady_speed
+from aerodima.workbench.car.turn_signals import STEERED
+from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput
+from aerodima.workbench.control.tail_law import Observation
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import FitError, UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
-from aerodima.workbench.metrics.turn_signals import STEERED
-from aerodima.workbench.sensors.car_sensors import STEPS
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import IMU
 
 LEAD = 0.6
 """The car of a model rolls from so long before the first steering command on, s."""
@@ -164,7 +164,7 @@ class CarDrive:
         Raises:
             FitError: there is no such car.
         """
-        from aerodima.workbench.simulate.car_run import LiveView, run_outcome
+        from aerodima.workbench.car.car_run import LiveView, run_outcome
 
         scenario = self.scenario
         played = replace(self.commands, latency=latency)

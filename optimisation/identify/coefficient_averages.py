@@ -21,9 +21,9 @@ from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.optimisation.identify.least_squares import LIMIT, spread
 from aerodima.workbench.aero.coefficient_files import SCHEMA, coefficients_from_dict
 from aerodima.workbench.aero.laws import CHEETAH_LIMIT, ROBOT_LIMIT
-from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.atomic_write import write_atomically
+from aerodima.workbench.core.errors import FitError
 
 _ANGLE_STEP = 1.0
 """Holds within half of this (degrees) of each other are one node."""

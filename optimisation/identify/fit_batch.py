@@ -27,7 +27,7 @@ from aerodima.workbench.batch.row_store import (
     saying_how_to_go_on,
     silent,
 )
-from aerodima.workbench.errors import FitError, UserError
+from aerodima.workbench.core.errors import FitError, UserError
 from aerodima.workbench.logs.schema import software_versions
 
 JOURNAL = "fits.jsonl"

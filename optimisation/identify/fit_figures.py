@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from aerodima.optimisation.identify.fit_pipeline import FitResult, short_name
-from aerodima.workbench.figures.figure_style import BLUE, GREY, SKY, VERMILION, new_figure, styled
+from aerodima.workbench.view.figure_style import BLUE, GREY, SKY, VERMILION, new_figure, styled
 
 _MOST_CURVES = 12
 """Panels of a figure."""

@@ -33,7 +33,7 @@ from aerodima.optimisation.identify.least_squares import (
 )
 from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
 from aerodima.optimisation.identify.uncertainty import Noise, Uncertainty, uncertainty
-from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray
 
 _NEGLIGIBLE = 0.03
 """A constant whose standard deviation moves the whitened residual by less is left as it is."""

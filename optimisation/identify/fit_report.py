@@ -16,9 +16,9 @@ import yaml
 
 from aerodima.optimisation.identify.fit_figures import figures_of
 from aerodima.optimisation.identify.fit_pipeline import Estimate, FitResult, short_name
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.schema import software_versions
-from aerodima.workbench.report.report_page import (
+from aerodima.workbench.view.report_page import (
     Bullets,
     Content,
     Finding,

@@ -16,8 +16,8 @@ from typing import Literal
 
 import numpy as np
 
-from aerodima.workbench.config.array_types import FloatArray, IntArray
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.errors import FitError
 
 Residual = Callable[[FloatArray], FloatArray]
 Jacobian = Callable[[FloatArray], FloatArray]

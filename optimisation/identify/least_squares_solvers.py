@@ -32,8 +32,8 @@ from aerodima.optimisation.identify.least_squares import (
     finite_differences,
     finite_residual,
 )
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import FitError
 
 _DAMPING_LEAST = 1e-8
 """Least damping, relative to the square of the least singular value that counts: next to a

@@ -18,17 +18,17 @@ from typing import Any, Literal
 import numpy as np
 
 from aerodima.optimisation.identify.least_squares import Loss, Parameter
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.checked_files import find_file, nearest, read_yaml, unit_of
-from aerodima.workbench.config.rig_scenario import (
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.checked_files import find_file, nearest, read_yaml, unit_of
+from aerodima.workbench.core.errors import FitError, LogError
+from aerodima.workbench.core.resources import published_table
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.logs.signals import check_signals
+from aerodima.workbench.scenario.rig_scenario import (
     RigScenario,
     RigUncertaintyParameters,
     rig_scenario_from_dict,
 )
-from aerodima.workbench.errors import FitError, LogError
-from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import check_signals
-from aerodima.workbench.resources import published_table
 
 Knowledge = Literal["uncertain", "exact"]
 KNOWLEDGE: tuple[Knowledge, ...] = ("uncertain", "exact")

@@ -2,7 +2,7 @@
 a fit.
 
 inertia x acceleration = weight + air + motor - friction, about the motor axis, positive downstream.
-Inertia, weight and air are those of `aerodima.workbench.plants.rig_motion`; a test compares the
+Inertia, weight and air are those of `aerodima.workbench.rig.rig_motion`; a test compares the
 acceleration with the plant's.
 """
 
@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from aerodima.workbench.aero.laws import SectionLaw
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.rig_scenario import RigScenario
-from aerodima.workbench.errors import FitError
-from aerodima.workbench.plants.rig_motion import RigMotion
-from aerodima.workbench.plants.tail import smooth_friction
+from aerodima.workbench.car.tail_plant import smooth_friction
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.rig.rig_motion import RigMotion
+from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 Torque = Callable[[float, float], float]
 """Angle (rad) and rate (rad/s) to torque about the motor axis, N m."""

@@ -24,9 +24,9 @@ from aerodima.optimisation.identify.least_squares_solvers import solve_formula, 
 from aerodima.optimisation.identify.log_rig import with_values
 from aerodima.optimisation.identify.static_fit import StaticBalance
 from aerodima.optimisation.identify.uncertainty import Noise, independent_noise
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
-from aerodima.workbench.resources import published_rows, published_table
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.resources import published_rows, published_table
+from aerodima.workbench.scenario.rig_scenario import RigScenario, rig_scenario_from_dict
 
 OUTLIER = 0.03
 """Relative error of a predicted current above which a row is listed."""

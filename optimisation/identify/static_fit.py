@@ -32,12 +32,12 @@ from aerodima.optimisation.identify.static_log import REACTIONS, StaticData, sta
 from aerodima.optimisation.identify.uncertainty import Noise
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.rig_scenario import RigScenario
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.resources import published_table
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.plants.rig_layout import bar_layout, pivot_position, tail_layout
-from aerodima.workbench.resources import published_table
+from aerodima.workbench.rig.rig_layout import bar_layout, pivot_position, tail_layout
+from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 UNKNOWNS = {
     "cd": Parameter("cd", "1", 0.0, -0.1, 3.0, scale=1.0),

@@ -39,11 +39,11 @@ from aerodima.optimisation.identify.uncertainty import (
     check_residual,
     correlation_time,
 )
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.rig_scenario import RigScenario
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, stated_rest
+from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 REACTIONS = ("fx", "fy", "fz", "tx", "ty", "tz")
 COLUMNS = {c: f"force_{c[1]}_n" if c[0] == "f" else f"torque_{c[1]}_n_m" for c in REACTIONS}

@@ -29,11 +29,11 @@ from aerodima.optimisation.identify.pendulum import (
 from aerodima.optimisation.identify.swing_fit import SwingModel, TorqueLaw, Values
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
 from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable
-from aerodima.workbench.config.rig_scenario import RigScenario
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, LEAST_INERTIA_LEFT
+from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.resources import published_table
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, LEAST_INERTIA_LEFT
-from aerodima.workbench.resources import published_table
+from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 Shape = Literal["constant", "line", "bins"]
 SHAPES: tuple[Shape, ...] = ("constant", "line", "bins")

@@ -28,7 +28,7 @@ from aerodima.optimisation.identify.log_rig import (
 from aerodima.optimisation.identify.pendulum import Pendulum, Torque, roll_out, torque_response
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 from aerodima.optimisation.identify.uncertainty import Noise, serial_noise
-from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray
 
 Values = Mapping[str, float]
 TorqueLaw = Callable[[Values], Sequence[Torque]]

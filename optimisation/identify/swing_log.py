@@ -23,12 +23,12 @@ from aerodima.optimisation.identify.log_rig import (
     rig_of,
 )
 from aerodima.optimisation.identify.static_log import CURRENT_MARGIN
-from aerodima.workbench.config.array_types import FloatArray, IntArray
-from aerodima.workbench.config.rig_scenario import RigScenario
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.car.car_sensors import MotorReply
+from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, earlier_shift, stated_rest
-from aerodima.workbench.sensors.car_sensors import MotorReply
+from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 CURRENT_SAMPLING = "current_sampling"
 """Key in a log's `extra`: whether a sample of the current is its value then or its mean since the

@@ -30,8 +30,8 @@ from scipy.fft import dct, idct
 from scipy.special import fdtrc, ndtr, stdtr, stdtrit
 
 from aerodima.optimisation.identify.least_squares import Solution, spread
-from aerodima.workbench.config.array_types import FloatArray, IntArray
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.errors import FitError
 
 FAR_OFF = 6.0
 """Robust standard deviations beyond which a sample is no noise: two in a thousand million of normal

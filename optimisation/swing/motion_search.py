@@ -14,24 +14,24 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.sweep.runs import Runs
-from aerodima.optimisation.swing.candidate import HELD
+from aerodima.optimisation.judge.candidate import HELD
+from aerodima.optimisation.studies.runs import Runs
 from aerodima.optimisation.swing.task import AFTER, Floor, Task, find_floors
-from aerodima.optimisation.swing.turn_programme import (
+from aerodima.optimisation.swing.turn_nlp import (
     FEASIBLE,
     TurnProgramme,
     TurnSolution,
     best_of,
 )
 from aerodima.optimisation.swing.turn_shooting import FOLLOW, HOLD, RELEASE_STEERING, TurnShooting
-from aerodima.workbench.actuators.ak70 import torque_speed_limits
 from aerodima.workbench.batch.row_store import ProgressLine, silent
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.ensemble import Member
-from aerodima.workbench.config.scenario import Scenario, load_scenario
-from aerodima.workbench.config.swing_file import SCHEMA, SwingFile, swing_from_dict
-from aerodima.workbench.errors import SwingError
+from aerodima.workbench.car.ak70 import torque_speed_limits
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.scenario.ensemble import Member
+from aerodima.workbench.scenario.scenario import Scenario, load_scenario
+from aerodima.workbench.scenario.swing_file import SCHEMA, SwingFile, swing_from_dict
 
 FASTEST_TICK = 0.005
 """Longest step of the reduced cars, s; the controller's ticks must be whole steps."""

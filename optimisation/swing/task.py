@@ -14,25 +14,25 @@ from typing import Any, Literal
 import yaml
 from pydantic import Field
 
-from aerodima.optimisation.sweep.rollover_threshold import (
+from aerodima.optimisation.judge.candidate import THESIS, Candidate, refuse_twice
+from aerodima.optimisation.studies.rollover_threshold import (
     FRICTION,
     SPEED,
     Case,
     Search,
     find_thresholds,
 )
-from aerodima.optimisation.sweep.runs import Runs, step_settings
-from aerodima.optimisation.swing.candidate import THESIS, Candidate, refuse_twice
-from aerodima.workbench.config.checked_files import (
+from aerodima.optimisation.studies.runs import Runs, step_settings
+from aerodima.workbench.core.checked_files import (
     StrictModel,
     checked,
     find_file,
     nearest,
     read_yaml,
 )
-from aerodima.workbench.config.ensemble import Member, load_ensemble
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import SweepError, UserError
+from aerodima.workbench.core.errors import SweepError, UserError
+from aerodima.workbench.scenario.ensemble import Member, load_ensemble
+from aerodima.workbench.scenario.scenario import load_scenario
 
 SCHEMA = "aerodima/task/1"
 PULSE = 0.5

@@ -27,14 +27,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aerodima.optimisation.screening.turn_plans import PlayedRoll, TurnPlans
-from aerodima.optimisation.screening.turns import Turns, course, drive_turns, heights
-from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.swing.task import Task
-from aerodima.workbench.config.array_types import FloatArray, IntArray
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE
-from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
+from aerodima.workbench.car.reduced.turn_plans import PlayedRoll, TurnPlans
+from aerodima.workbench.car.reduced.turns import Turns, course, drive_turns, heights
+from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
+from aerodima.workbench.car.turn_signals import EXIT_YAW_RATE
+from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE
+from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.scenario.scenario import Scenario
 
 AFTER = 0.8
 """How long turns are driven after the steering at least, s."""

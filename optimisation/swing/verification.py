@@ -15,23 +15,23 @@ from typing import Any
 import numpy as np
 import yaml
 
-from aerodima.optimisation.sweep.rollover_threshold import is_clean
-from aerodima.optimisation.sweep.runs import FINE_STEP, RunTask, measured_row, step_settings
-from aerodima.optimisation.swing.candidate import swing_player
-from aerodima.workbench.config.scenario import Scenario, load_scenario
-from aerodima.workbench.config.swing_file import SwingFile, swing_at
-from aerodima.workbench.controllers.law_of_scenario import (
+from aerodima.optimisation.judge.candidate import swing_player
+from aerodima.optimisation.studies.rollover_threshold import is_clean
+from aerodima.optimisation.studies.runs import FINE_STEP, RunTask, measured_row, step_settings
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.car.clearance import ground_clearance, make_range_of_motion
+from aerodima.workbench.control.law_of_scenario import (
     find_swing,
     own_turn,
     refuse_other_car,
     turn_words,
 )
-from aerodima.workbench.controllers.swing_law import SwingState
-from aerodima.workbench.errors import SwingError
-from aerodima.workbench.figures.run_figures import plot_overlay
+from aerodima.workbench.control.swing_law import SwingState
+from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.logs.schema import RunLog, software_versions
-from aerodima.workbench.plants.clearance import ground_clearance, make_range_of_motion
-from aerodima.workbench.report.report_page import (
+from aerodima.workbench.scenario.scenario import Scenario, load_scenario
+from aerodima.workbench.scenario.swing_file import SwingFile, swing_at
+from aerodima.workbench.view.report_page import (
     Page,
     Preformatted,
     Section,
@@ -39,7 +39,7 @@ from aerodima.workbench.report.report_page import (
     write_files,
     zoomable,
 )
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.view.run_figures import plot_overlay
 
 UPRIGHT = 0.8
 """Largest tilt at which the height of the tail over the ground is asked for, rad."""

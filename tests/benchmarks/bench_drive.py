@@ -18,8 +18,8 @@ from pathlib import Path
 import can
 import numpy as np
 
+from aerodima.workbench.core.realtime import permitted
 from aerodima.workbench.logs.schema import RunLog, read_run_log
-from aerodima.workbench.realtime import permitted
 from tests.benchmarks.rows import BenchRow, NotPermittedError
 
 _PROGRAM = str(Path(sys.executable).with_name("aerodima"))

@@ -28,11 +28,11 @@ from aerodima.optimisation.identify.swing_coefficients import (
 )
 from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.logs.schema import write_run_log
-from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.simulate.simulation import simulate
-from aerodima.workbench.stations.rig_station import simulate_static_log
+from aerodima.workbench.rig.rig_plant import Rig
+from aerodima.workbench.rig.rig_station import simulate_static_log
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from tests.benchmarks.rows import BenchRow
 
 REPEATS = 5

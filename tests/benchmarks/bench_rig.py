@@ -12,9 +12,9 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, friction_torque, roll_out
-from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
-from aerodima.workbench.plants.rig import Rig, add_rig_plant
-from aerodima.workbench.stations.rig_station import simulate_static_log
+from aerodima.workbench.rig.rig_plant import Rig, add_rig_plant
+from aerodima.workbench.rig.rig_station import simulate_static_log
+from aerodima.workbench.scenario.rig_scenario import RigScenario, load_rig_scenario
 from tests.benchmarks.rows import BenchRow
 
 _REPEATS = 5

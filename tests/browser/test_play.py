@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.replay.captions import caption_of
-from aerodima.workbench.replay.hand_drive import HEADING_NOW, SPEED, SPEED_NOW, STEERING, TIME_NOW
+from aerodima.workbench.view.captions import caption_of
+from aerodima.workbench.view.hand_drive import HEADING_NOW, SPEED, SPEED_NOW, STEERING, TIME_NOW
 
 pytestmark = [pytest.mark.realtime, pytest.mark.nightly]
 

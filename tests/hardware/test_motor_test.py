@@ -13,7 +13,7 @@ from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.devices.device_states import MotorState
 from aerodima.hardware.driving import held_car
 from aerodima.hardware.driving.held_car import run_motor_test
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.car.fake_devices import CarOnTheBench
 from tests.refusals import assert_refused
 

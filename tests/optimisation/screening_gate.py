@@ -20,18 +20,18 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
-from aerodima.optimisation.screening.turn_plans import TurnPlans
-from aerodima.optimisation.screening.turns import drive_turns
-from aerodima.optimisation.screening.vehicles import Vehicles
-from aerodima.optimisation.sweep.rollover_threshold import (
+from aerodima.optimisation.studies.rollover_threshold import (
     FRICTION,
     Search,
     is_clean,
     search_rows,
 )
-from aerodima.optimisation.sweep.runs import Runs, RunTask, open_run_engine
+from aerodima.optimisation.studies.runs import Runs, RunTask, open_run_engine
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
+from aerodima.workbench.car.reduced.turn_plans import TurnPlans
+from aerodima.workbench.car.reduced.turns import drive_turns
+from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
 
 SCENARIO, SPEED = "turn_designed", ("manoeuvre.speed=4.5",)
 SEARCH = Search(FRICTION, 0.3, 1.2, 0.1, 0.0125)

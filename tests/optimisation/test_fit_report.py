@@ -8,7 +8,7 @@ from aerodima.optimisation.identify.coefficient_averages import write_sets
 from aerodima.optimisation.identify.fit_pipeline import Estimate, FitResult
 from aerodima.optimisation.identify.fit_report import format_estimate, write_report
 from aerodima.workbench.aero.coefficient_files import load_coefficients
-from aerodima.workbench.errors import ModelError
+from aerodima.workbench.core.errors import ModelError
 from tests.refusals import assert_refused
 
 

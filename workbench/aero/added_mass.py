@@ -52,14 +52,10 @@ from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort
 from aerodima.workbench.aero.laws import dot
 from aerodima.workbench.aero.sections import SectionLayout, sampled_poses
 from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX, connect_spatial_forces
-from aerodima.workbench.config.checked_files import check_range
-from aerodima.workbench.errors import ModelError
-from aerodima.workbench.systems.system_ports import (
-    LeafSystem_,
-    connected,
-    declare_spatial_forces,
-    system_template,
-)
+from aerodima.workbench.core.checked_files import check_range
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.port_wiring import add_and_connect, declare_spatial_forces
+from aerodima.workbench.core.system_lifetime import LeafSystem_, system_template
 
 _CONTINUOUS_RATE = 100.0
 """Rate of the keeper in a continuous plant, rad/s."""
@@ -124,7 +120,7 @@ class AddedMass:
         keeper = SlideKeeper(self.plant, self.middle, mass, list(self.slides), rate)
         name = f"added_mass_keeper_{self.body.name()}"
         state = self.plant.get_state_output_port()
-        connected(builder, keeper, name, plant_state=state)
+        add_and_connect(builder, keeper, name, plant_state=state)
         if wind_acceleration is not None:
             builder.Connect(wind_acceleration, keeper.GetInputPort("wind_acceleration"))
         connect_spatial_forces(builder, self.plant, keeper.GetOutputPort("spatial_forces"))

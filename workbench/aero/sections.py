@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from aerodima.workbench.aero.laws import LineMotion, check_above_zero
-from aerodima.workbench.errors import ModelError
+from aerodima.workbench.core.errors import ModelError
 
 Vector = tuple[float, float, float]
 """Components along three axes."""

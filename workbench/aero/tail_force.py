@@ -36,17 +36,10 @@ from aerodima.workbench.aero.laws import (
     wind_direction,
 )
 from aerodima.workbench.aero.sections import Air, Jet, SectionLayout, joints_of, sampled_poses
-from aerodima.workbench.errors import ModelError
-from aerodima.workbench.systems.system_ports import (
-    LeafSystem_,
-    Stage,
-    connected,
-    declare_spatial_forces,
-    period_of,
-    system_template,
-    vector_of,
-    weakly,
-)
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.event_order import EventPriority, period_of
+from aerodima.workbench.core.port_wiring import add_and_connect, declare_spatial_forces, vector_of
+from aerodima.workbench.core.system_lifetime import LeafSystem_, system_template, weak_callback
 
 SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
 ADDED_MASS_PREFIX = "added_mass_"
@@ -153,7 +146,7 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
                 ("validity", layout.number, self._calc_validity),
                 ("wind_direction", 1, self._calc_wind_direction),
             ):
-                self.DeclareVectorOutputPort(name, size, weakly(calc), inputs)
+                self.DeclareVectorOutputPort(name, size, weak_callback(calc), inputs)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             plant = other._plant.ToScalarType[T]()
@@ -349,7 +342,7 @@ def add_tail_force(
     inputs = {"plant_state": plant.get_state_output_port()}
     if wind is not None:
         inputs["wind_velocity"] = wind
-    system = connected(builder, force, name, **inputs)
+    system = add_and_connect(builder, force, name, **inputs)
     if applied:
         connect_spatial_forces(builder, plant, system.GetOutputPort("spatial_forces"))
     return system
@@ -455,7 +448,7 @@ class SectionWatch(LeafSystem):
         self._validity = self.DeclareVectorInputPort("validity", number)
         self._clear()
         self.DeclareInitializationPublishEvent(self._start)
-        self.DeclarePeriodicPublishEvent(period_of(rate, Stage.RECORD), 0.0, self._look)
+        self.DeclarePeriodicPublishEvent(period_of(rate, EventPriority.RECORD), 0.0, self._look)
 
     @classmethod
     def add_to_builder(
@@ -467,7 +460,7 @@ class SectionWatch(LeafSystem):
         rate: float,
     ) -> SectionWatch:
         """Adds a watch, at `rate` Hz, on these ports of a `TailForce`."""
-        return connected(
+        return add_and_connect(
             builder, cls(validity.size(), rate), name, sections=sections, validity=validity
         )
 

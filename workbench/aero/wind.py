@@ -12,14 +12,9 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from aerodima.workbench.aero.laws import check_above_zero, check_from_zero
 from aerodima.workbench.aero.sections import Jet
-from aerodima.workbench.errors import ModelError
-from aerodima.workbench.systems.system_ports import (
-    LeafSystem_,
-    Stage,
-    period_of,
-    system_template,
-    weakly,
-)
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.event_order import EventPriority, period_of
+from aerodima.workbench.core.system_lifetime import LeafSystem_, system_template, weak_callback
 
 Vector3 = tuple[float, float, float]
 _CALM: Vector3 = (0.0, 0.0, 0.0)
@@ -110,10 +105,12 @@ def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
                 self.DeclareDiscreteState(model.turbulence_step(0, None))
                 # The update at 0 changes nothing.
                 self.DeclarePeriodicDiscreteUpdateEvent(
-                    period_of(1.0 / model.update_period, Stage.WIND), 0.0, self._update
+                    period_of(1.0 / model.update_period, EventPriority.WIND), 0.0, self._update
                 )
-            self.DeclareVectorOutputPort("wind_velocity", 3, weakly(self._calc))
-            self.DeclareVectorOutputPort("wind_acceleration", 3, weakly(self._calc_acceleration))
+            self.DeclareVectorOutputPort("wind_velocity", 3, weak_callback(self._calc))
+            self.DeclareVectorOutputPort(
+                "wind_acceleration", 3, weak_callback(self._calc_acceleration)
+            )
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Impl._construct(self, other._model, converter)

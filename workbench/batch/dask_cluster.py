@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
 
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -27,7 +27,7 @@ from aerodima.workbench.batch.dask_cluster import (
 )
 from aerodima.workbench.batch.engine import Engine, Item, Result, Standstill, WorkerRecord
 from aerodima.workbench.batch.row_store import ProgressLine, on_stderr
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
 
 if TYPE_CHECKING:
     from distributed import Client, Future

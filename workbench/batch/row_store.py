@@ -19,8 +19,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
-from aerodima.workbench.atomic_write import make_folder
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.atomic_write import make_folder
+from aerodima.workbench.core.errors import UserError
 
 ProgressLine = Callable[[str], None]
 """Told how far work is, a line each."""

@@ -21,9 +21,9 @@ import typer
 
 from aerodima import workbench
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import UserError
-from aerodima.workbench.realtime import permitted
-from aerodima.workbench.resources import models_dir
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.realtime import permitted
+from aerodima.workbench.core.resources import models_dir
 
 OLDEST_PYTHON = (3, 11)
 """Oldest version of Python that the workbench runs on."""

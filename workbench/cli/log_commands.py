@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodima import workbench
-from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import LogError, UserError
-from aerodima.workbench.text_table import shown_value, text_table
+from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.core.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
     from aerodima.workbench.logs.exporters import SceneMessage
@@ -136,11 +136,11 @@ def export(
 
 def _scene(run_log: RunLog) -> Iterable[SceneMessage]:
     """What a viewer draws of a car's run; a note says why there is nothing."""
-    from aerodima.workbench.config.signal_table import RIG_KINDS
+    from aerodima.workbench.scenario.signal_table import RIG_KINDS
 
     if run_log.kind in RIG_KINDS:
         return ()
-    from aerodima.workbench.replay.foxglove_scene import foxglove_scene  # imports Drake
+    from aerodima.workbench.view.foxglove_scene import foxglove_scene  # imports Drake
 
     try:
         return foxglove_scene(run_log)
@@ -214,13 +214,13 @@ def compare(
         refuse_existing(html, force, UserError)
     run_logs = [workbench.read_run_log(path) for path in runs]
     from aerodima.workbench.metrics.run_summary import of_plants
-    from aerodima.workbench.report.replay_page import (
+    from aerodima.workbench.view.replay_page import (
         comparison_page,
         different_cars,
         metrics_rows,
         scenario_differences,
     )
-    from aerodima.workbench.report.report_page import write_files
+    from aerodima.workbench.view.report_page import write_files
 
     differences = scenario_differences(run_logs)
     for group in (differences, metrics_rows(run_logs)):

@@ -13,16 +13,16 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
-from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
-from aerodima.workbench.config.scenario import Scenario, load_parameter_file, scenario_from_dict
-from aerodima.workbench.config.swing_file import read_swing
-from aerodima.workbench.errors import ModelError, UserError
-from aerodima.workbench.plants.car import MODELS_PACKAGE
-from aerodima.workbench.plants.car_model import car_sdf
-from aerodima.workbench.plants.rig_model import cheetah_rig_sdf, robot_rig_sdf
-from aerodima.workbench.plants.sdf_model import SdfModel
-from aerodima.workbench.plants.tail import tail_sdf
-from aerodima.workbench.resources import models_dir
+from aerodima.workbench.car.car_model import car_sdf
+from aerodima.workbench.car.car_plant import MODELS_PACKAGE
+from aerodima.workbench.car.tail_plant import tail_sdf
+from aerodima.workbench.core.errors import ModelError, UserError
+from aerodima.workbench.core.resources import models_dir
+from aerodima.workbench.core.sdf_model import SdfModel
+from aerodima.workbench.rig.rig_model import cheetah_rig_sdf, robot_rig_sdf
+from aerodima.workbench.scenario.rig_scenario import RigScenario, rig_scenario_from_dict
+from aerodima.workbench.scenario.scenario import Scenario, load_parameter_file, scenario_from_dict
+from aerodima.workbench.scenario.swing_file import read_swing
 
 IGNORED_BY_DRAKE = {
     "sdf": {

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodima import workbench
-from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import UserError
-from aerodima.workbench.text_table import shown_value, text_table
+from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from aerodima.workbench.plants.tail_geometry import TailGeometry
+    from aerodima.workbench.aero.tail_geometry import TailGeometry
 
 
 def register(app: typer.Typer) -> None:
@@ -220,7 +220,7 @@ def export(
 
     Every number and its swing are in it; it needs no other file.
     """
-    from aerodima.workbench.controllers.law_of_scenario import make_bundle
+    from aerodima.workbench.control.law_of_scenario import make_bundle
 
     text = (
         json.dumps(make_bundle(workbench.load_scenario(scenario, settings or ())), indent=2) + "\n"

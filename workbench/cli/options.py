@@ -16,8 +16,8 @@ from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
-from aerodima.workbench.errors import UserError
-from aerodima.workbench.resources import models_dir
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.resources import models_dir
 
 RUNS = "Run the car and look at runs"
 SWINGS = "Find swings and vary numbers"
@@ -64,7 +64,7 @@ def _keys(kind: str) -> list[tuple[str, str]]:
     """`section.key=` of `Scenario` or `RigScenario`, with the value where it is one of a few words;
     what it is.
     """
-    from aerodima.workbench.config import rig_scenario
+    from aerodima.workbench.scenario import rig_scenario
 
     keys = []
     for section, model in getattr(rig_scenario, kind).sections().items():

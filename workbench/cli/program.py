@@ -19,7 +19,7 @@ import typer
 from typer.core import TyperGroup
 
 from aerodima.workbench.cli.options import SECTIONS, Status
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
 
 ENTRY_POINT_GROUP = "aerodima.commands"
 RENAMED = {

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodima import workbench
-from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.cli.log_commands import run_names
-from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.core.atomic_write import refuse_existing
+from aerodima.workbench.core.errors import LogError, UserError
 
 if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
@@ -53,7 +53,7 @@ def play(
 
     car = workbench.load_scenario(scenario, settings or ())
     from aerodima.workbench.cli.run_commands import live_view
-    from aerodima.workbench.replay.hand_drive import HELP, MeshcatControls, drive_by_hand
+    from aerodima.workbench.view.hand_drive import HELP, MeshcatControls, drive_by_hand
 
     meshcat = live_view(port)
     typer.echo(HELP, err=True)
@@ -61,7 +61,7 @@ def play(
     for written in drive_by_hand(
         car, controls, log=out, meshcat=meshcat, length=length, force=force, say=typer.echo
     ):
-        from aerodima.workbench.replay.captions import caption_of
+        from aerodima.workbench.view.captions import caption_of
 
         typer.echo(f"log: {written}: {caption_of(workbench.read_run_log(written)).text}")
 
@@ -117,7 +117,7 @@ def replay(
 
 def _write_video(runs: list[Path], video: Path, start: float, rate: float, force: bool) -> None:
     from aerodima.workbench.cli.run_commands import show_progress
-    from aerodima.workbench.replay.video import check_video, write_video
+    from aerodima.workbench.view.video import check_video, write_video
 
     check_video(video, force)
     names = [name.replace("_", " ") for name in run_names(runs)]
@@ -134,11 +134,11 @@ def _replay_one(
 
     run_log = workbench.read_run_log(run)
     if html is not None:
-        from aerodima.workbench.report.replay_page import write_replay_html
+        from aerodima.workbench.view.replay_page import write_replay_html
 
         typer.echo(f"replay: {write_replay_html(run_log, html, force=force, rate=rate)}")
     if strip is not None:
-        from aerodima.workbench.replay.strip import write_strip
+        from aerodima.workbench.view.filmstrip import write_strip
 
         typer.echo(f"strip: {write_strip(run_log, strip, force=force)}")
     if port is not None or (html is None and strip is None):
@@ -147,9 +147,9 @@ def _replay_one(
 
 def _show(run_log: RunLog, port: int | None, rate: float) -> None:
     """Plays the run in Meshcat until Ctrl-C."""
-    from aerodima.workbench.replay.captions import caption_of
-    from aerodima.workbench.replay.recording import record_run
-    from aerodima.workbench.replay.viewer import open_meshcat
+    from aerodima.workbench.view.captions import caption_of
+    from aerodima.workbench.view.recording import record_run
+    from aerodima.workbench.view.viewer import open_meshcat
 
     meshcat = open_meshcat(port)
     record_run(run_log, meshcat, rate)

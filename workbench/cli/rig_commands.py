@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodima import workbench
-from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import LogError
-from aerodima.workbench.text_table import shown_value, text_table
+from aerodima.workbench.core.atomic_write import refuse_existing
+from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
@@ -99,7 +99,7 @@ def rig(
 
 def summary_lines(log: RunLog) -> list[str]:
     """What an experiment came to, for the terminal: its facts, then what was measured."""
-    from aerodima.workbench.config.signal_table import TIME
+    from aerodima.workbench.scenario.signal_table import TIME
 
     facts = [[name, shown_value(log.extra[name])] for name in SHOWN_FACTS if name in log.extra]
     measured = log.table.describe().loc[["mean", "min", "max"]].T

@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodima import workbench
-from aerodima.workbench.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import LogError, UserError
-from aerodima.workbench.text_table import shown_value, text_table
+from aerodima.workbench.core.atomic_write import make_folder, refuse_existing
+from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.core.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
-    from aerodima.workbench.config.scenario import Scenario
-    from aerodima.workbench.controllers.tail_law import TailLaw
+    from aerodima.workbench.car.car_run import Progress
+    from aerodima.workbench.control.tail_law import TailLaw
     from aerodima.workbench.logs.schema import RunLog
-    from aerodima.workbench.simulate.car_run import Progress
+    from aerodima.workbench.scenario.scenario import Scenario
 
 SHOWN_METRICS = (
     "speed_m_per_s",
@@ -94,7 +94,7 @@ def demo(
     --out out/demo
     """
     from aerodima.workbench.batch.row_store import terminal
-    from aerodima.workbench.report.demo import DemoPlan, make_demo
+    from aerodima.workbench.view.demo import DemoPlan, make_demo
 
     start = time.monotonic()
     page = make_demo(out, DemoPlan(seed=seed), workers=workers, force=force, progress=terminal())
@@ -111,7 +111,7 @@ def run(options: RunOptions) -> None:
     Example: aerodima run turn_swing --speed 4.44 --out run.parquet --html run.html
     """
     # What can be wrong is looked at before Drake is imported, which takes seconds.
-    from aerodima.workbench.controllers.law_of_scenario import (
+    from aerodima.workbench.control.law_of_scenario import (
         find_swing,
         own_turn,
         refuse_other_car,
@@ -154,7 +154,7 @@ def run(options: RunOptions) -> None:
     if options.out is not None:
         typer.echo(f"log: {options.out}")
     if options.html is not None:
-        from aerodima.workbench.report.replay_page import write_replay_html
+        from aerodima.workbench.view.replay_page import write_replay_html
 
         typer.echo(f"replay: {write_replay_html(run_log, options.html, force=options.force)}")
 
@@ -168,9 +168,9 @@ def _refuse_outputs(log: Path | None, html: Path | None, force: bool) -> None:
 
 
 def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> RunLog:
-    from aerodima.workbench.controllers.law_of_scenario import load_build, traceback_and_reason
+    from aerodima.workbench.car.car_run import turn_end
+    from aerodima.workbench.control.law_of_scenario import load_build, traceback_and_reason
     from aerodima.workbench.logs.journal import journal_path
-    from aerodima.workbench.simulate.car_run import turn_end
 
     duration = scenario.manoeuvre.duration
     end = turn_end(scenario)
@@ -215,7 +215,7 @@ def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> 
 
 
 def _own_law(place: str, scenario: Scenario) -> TailLaw:
-    from aerodima.workbench.controllers.law_of_scenario import load_law
+    from aerodima.workbench.control.law_of_scenario import load_law
 
     if scenario.tail.mode == "none":
         raise UserError(f"--law {place}: this car has no tail; allowed with --tail held or swing")
@@ -224,8 +224,8 @@ def _own_law(place: str, scenario: Scenario) -> TailLaw:
 
 def list_scenarios() -> None:
     """List the scenarios of the car, for `run`, and of the rigs, for `rig`."""
-    from aerodima.workbench.config.rig_scenario import RigScenario
-    from aerodima.workbench.config.scenario import Scenario
+    from aerodima.workbench.scenario.rig_scenario import RigScenario
+    from aerodima.workbench.scenario.scenario import Scenario
 
     cars = [(name, Scenario.load(name)) for name in Scenario.names()]
     rows = [
@@ -240,7 +240,7 @@ def list_scenarios() -> None:
 
 def live_view(port: int | None = None) -> Meshcat:
     """Opens Meshcat and says where to watch."""
-    from aerodima.workbench.replay.viewer import open_meshcat
+    from aerodima.workbench.view.viewer import open_meshcat
 
     meshcat = open_meshcat(port)
     typer.echo(f"watch: {meshcat.web_url()}", err=True)
@@ -263,7 +263,7 @@ def summary_lines(run_log: RunLog) -> list[str]:
     """What a run came to, for the terminal: its outcome, the first metrics, and what the sail's
     sections met.
     """
-    from aerodima.workbench.replay.captions import outcome_in_words
+    from aerodima.workbench.view.captions import outcome_in_words
 
     metrics = workbench.metrics_of(run_log)
     row = metrics.as_row()

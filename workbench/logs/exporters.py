@@ -13,11 +13,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.atomic_write import refuse_existing, write_atomically
-from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX, TIME
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.foreign_files import NANOSECOND, require_packages
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.scenario.signal_table import PLANT_POSITION_PREFIX, TIME
 
 Format = Literal["csv", "mcap"]
 FORMATS: tuple[Format, ...] = ("csv", "mcap")
@@ -54,7 +54,7 @@ def export_log(
         path: to write.
         form: of the file.
         force: replace an existing file.
-        scene: for MCAP, what a viewer draws, such as `aerodima.workbench.replay.foxglove_scene`
+        scene: for MCAP, what a viewer draws, such as `aerodima.workbench.view.foxglove_scene`
             gives.
 
     Raises:

@@ -25,9 +25,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.checked_files import nearest
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.checked_files import nearest
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.mapping import CsvFormat
 
 MOST_COLUMNS = 64

@@ -14,11 +14,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.signal_table import RIG_KINDS, TIME
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.foreign_files import (
     ForeignLog,
     joined,
@@ -44,6 +41,9 @@ from aerodima.workbench.logs.mapping import (
 )
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.logs.signals import GAP_FACTOR, check_time, hold_last
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import RIG_KINDS, TIME
 
 _TEXT_FILES = (".csv", ".txt", ".tsv")
 _READERS = {".parquet": read_parquet, ".mat": read_mat, ".mcap": read_mcap}

@@ -20,8 +20,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike
 
-from aerodima.workbench.atomic_write import make_folder, refuse_existing
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.atomic_write import make_folder, refuse_existing
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import (
     METADATA_KEY,
     RunLog,

@@ -13,10 +13,10 @@ import pandas as pd
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import detrend
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.signal_table import TIME
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.signals import gaps_in
+from aerodima.workbench.scenario.signal_table import TIME
 
 FEW_SAMPLES = 32
 """Fewer rows than this cannot be filtered and hold no experiment."""

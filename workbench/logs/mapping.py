@@ -10,14 +10,15 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, field_validator, model_validator
 
-from aerodima.workbench.config.checked_files import (
+from aerodima.workbench.core.checked_files import (
     STANDARD_GRAVITY,
     StrictModel,
     checked,
     nearest,
     read_yaml,
 )
-from aerodima.workbench.config.signal_table import (
+from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.scenario.signal_table import (
     RIG_KINDS,
     TIME,
     Column,
@@ -25,7 +26,6 @@ from aerodima.workbench.config.signal_table import (
     sensor_columns,
     truth_columns,
 )
-from aerodima.workbench.errors import LogError
 
 Number = Annotated[float, Field(strict=False)]
 

@@ -21,12 +21,13 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import VectorLogSink
 
-from aerodima.workbench.config.signal_table import TIME, Column, names_of
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.event_order import nominal_time, row_period
+from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
 from aerodima.workbench.logs.signals import RowUnwrapper
-from aerodima.workbench.systems.system_ports import nominal_time, row_period, vector_of
+from aerodima.workbench.scenario.signal_table import TIME, Column, names_of
 
 Signals = list[tuple[OutputPort, list[str]]]
 """Ports with the names of the columns that they fill."""
@@ -247,7 +248,7 @@ def output_ports(*systems: System) -> dict[str, OutputPort]:
 
 
 def signals_of(table: Mapping[str, list[Column]], ports: Mapping[str, OutputPort]) -> Signals:
-    """The ports of a table (`aerodima.workbench.config.signal_table`) that are there, with the
+    """The ports of a table (`aerodima.workbench.scenario.signal_table`) that are there, with the
     names of its columns.
     """
     return [(ports[name], names_of(columns)) for name, columns in table.items() if name in ports]

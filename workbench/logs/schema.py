@@ -1,7 +1,7 @@
 """The run log: one run in one Parquet file, its signals as columns and its provenance in the file's
 metadata.
 
-Columns are float64 (`aerodima.workbench.config.signal_table`). The metadata are one JSON object
+Columns are float64 (`aerodima.workbench.scenario.signal_table`). The metadata are one JSON object
 under the key `aerodima`: schema, scenario (resolved), seed, versions, created, kind, extra. Two
 runs of the same scenario and seed have equal signals, bit for bit; `created` is all that may
 differ.
@@ -24,9 +24,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, field_validator
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.checked_files import checked
-from aerodima.workbench.config.signal_table import (
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.checked_files import checked
+from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.scenario.signal_table import (
     CAR_TRUTH,
     RIG_KINDS,
     TIME,
@@ -34,14 +35,13 @@ from aerodima.workbench.config.signal_table import (
     sensor_columns,
     truth_columns,
 )
-from aerodima.workbench.errors import LogError
 
 SCHEMA = "aerodima/run-log/1"
 METADATA_KEY = b"aerodima"
 _TAIL_TRUTH = frozenset(names_of(CAR_TRUTH["tail_truth"]))
 PLANT_RUN = "plant_run"
 """Kind of a log that `observe` wrote: of any plant, with the columns of
-`aerodima.workbench.stations.ground_truth`."""
+`aerodima.workbench.car.ground_truth`."""
 TAIL_LAW = "tail_law"
 """Key in `extra` of a run whose tail followed a law that the scenario does not name: the name of
 its class."""
@@ -240,7 +240,7 @@ def write_run_log(run_log: RunLog, path: Path | str, force: bool = False) -> Pat
 
 def write_table(table: pa.Table, metadata: Mapping[str, Any], path: Path, force: bool) -> Path:
     """Write an Arrow table of float64 columns with this metadata object; see `write_run_log`."""
-    from aerodima.workbench.atomic_write import write_atomically  # who reads a log writes none
+    from aerodima.workbench.core.atomic_write import write_atomically  # who reads a log writes none
 
     refuse_missing(table.column_names, metadata, str(path))
     table = table.replace_schema_metadata({METADATA_KEY: encode_metadata(metadata)})

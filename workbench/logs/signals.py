@@ -19,10 +19,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.signal_table import TIME
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.scenario.signal_table import TIME
 
 GAP_FACTOR = 1.5
 """A step longer than this many median steps is a gap."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 from functools import cache
 from typing import Literal
 
-from aerodima.workbench.resources import published_rows
+from aerodima.workbench.core.resources import published_rows
 
 SAMPLE_TIMES = {"simulated": 0.001, "physical": 0.01}
 """Time between the samples that the printed roll sums were made of, s: inferred, not published

@@ -13,22 +13,17 @@ from typing import Any
 import numpy as np
 from scipy.integrate import trapezoid
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.ensemble import BUILT
-from aerodima.workbench.controllers.law_of_scenario import NO_SWING
-from aerodima.workbench.controllers.swing_law import SwingState
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.car.tail_impulses import CAUSES, FLIP_TILT, Impulses, tail_impulses
+from aerodima.workbench.car.turn_signals import turn_window
+from aerodima.workbench.control.law_of_scenario import NO_SWING
+from aerodima.workbench.control.swing_law import SwingState
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
 from aerodima.workbench.metrics.published_values import Platform, PublishedValues, published_values
-from aerodima.workbench.metrics.tail_impulses import CAUSES, FLIP_TILT, Impulses, tail_impulses
-from aerodima.workbench.metrics.turn_metrics import (
-    Outcome,
-    RunMetrics,
-    metrics_of,
-    outcome_from,
-)
-from aerodima.workbench.metrics.turn_signals import turn_window
+from aerodima.workbench.metrics.turn_metrics import Outcome, RunMetrics, metrics_of, outcome_from
+from aerodima.workbench.scenario.ensemble import BUILT
 
 TAILS = "tails"
 """Key in `extra` of a `plant_run`: name and body of each tail force."""

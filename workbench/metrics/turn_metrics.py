@@ -4,7 +4,7 @@ stayed on its wheels.
 Everything is computed from the log alone. The eight metrics come twice, from the signals that the
 thesis took for its simulated car (`RunMetrics.raw`) and for the real one (`RunMetrics.filtered`);
 all else from the ground truth if the log has it, otherwise from the sensors (`RunMetrics.source`).
-Signs are turned so that the turn is positive (`aerodima.workbench.metrics.turn_signals`), so left
+Signs are turned so that the turn is positive (`aerodima.workbench.car.turn_signals`), so left
 and right turns are measured alike. Definitions: design section 10, thesis section 3.3 and eqs
 7.1-7.7.
 """
@@ -17,8 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
+from aerodima.workbench.car.tail_impulses import END_TILT, FLIP_TILT, tail_effort
+from aerodima.workbench.car.turn_signals import (
+    LOADED_FORCE,
+    TurnSignals,
+    settled_row,
+    turn_signals,
+)
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, check_time, low_pass
 from aerodima.workbench.metrics.published_values import (
@@ -27,16 +33,7 @@ from aerodima.workbench.metrics.published_values import (
     Platform,
     TurnMetrics,
 )
-from aerodima.workbench.metrics.tail_impulses import FLIP_TILT, tail_effort
-from aerodima.workbench.metrics.turn_signals import (
-    LOADED_FORCE,
-    TurnSignals,
-    settled_row,
-    turn_signals,
-)
-
-END_TILT = math.radians(20.0)
-"""Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""
+from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, WHEELS
 
 OF_THE_TURN = ("speed_in_turn_m_per_s", "lift_yaw_rate_rad_per_s")
 """What the thesis says of a turn beside its eight metrics."""

@@ -19,8 +19,8 @@ from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.radio_link import IDLE, RadioLink
 from aerodima.hardware.devices.ublox import GpsSample
 from aerodima.hardware.protocol.radio import Asks, OperatorCommand, RadioMode
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import load_scenario
 from tests.hardware.fake_motors import FakeMotor, FakePort
 
 PORTS = {"schema": "aerodima/ports/1", "teensy": {"path": "/dev/a"}, "imu": {"path": "/dev/b"}}

@@ -11,7 +11,7 @@ from aerodima.hardware.car.bus_watch import ANSWER_ID, BEAT_ID, BeatState, BusWa
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.teensy import SWITCHED_OFF, TeensyStatus
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.refusals import assert_refused
 
 ANSWER = load_drive_safety().heartbeat_answer

@@ -15,7 +15,7 @@ from aerodima.hardware.protocol.radio import (
     OperatorCommand,
     RadioMode,
 )
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
 from tests.hardware.console.test_operator_radio import CAR, REST, FakeLink
 from tests.refusals import assert_refused
 

@@ -30,7 +30,7 @@ from aerodima.hardware.protocol.radio import (
     RadioMode,
 )
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.console.test_console import ARMED
 from tests.hardware.console.test_operator_radio import CAR, FakeLink
 from tests.refusals import assert_refused

@@ -22,7 +22,7 @@ from aerodima.hardware.protocol.radio import (
     make_report,
 )
 from aerodima.hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
 from tests.refusals import assert_refused
 
 CAR = 7

@@ -22,7 +22,7 @@ from aerodima.hardware.protocol.ak70 import (
     make_command,
 )
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.workbench.errors import HardwareError, ScenarioError
+from aerodima.workbench.core.errors import HardwareError, ScenarioError
 from tests.hardware.fake_motors import PROFILE, Bench, hold, settings, tail_motor_parameters
 from tests.refusals import assert_refused
 

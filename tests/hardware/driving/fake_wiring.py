@@ -10,9 +10,9 @@ from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.device_states import MotorFault, SourceFault
 from aerodima.hardware.devices.radio_link import IDLE
 from aerodima.hardware.protocol.radio import Asks, OperatorCommand, RadioMode
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.signal_table import STATUS, STATUS_SOURCES
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import STATUS, STATUS_SOURCES
 
 PERIOD = 0.01
 

@@ -11,7 +11,7 @@ from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.radio_link import IDLE
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.protocol.radio import Asks, OperatorCommand, RadioMode
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.driving.fake_wiring import PERIOD, FakeWiring
 from tests.refusals import assert_refused
 

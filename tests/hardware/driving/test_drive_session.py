@@ -13,8 +13,8 @@ import pytest
 from aerodima.hardware.car.car_ports import ports_from_dict
 from aerodima.hardware.driving.drive_session import RUN_OVER, DriveOptions, run_drive
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.control.law_of_scenario import law_of_scenario
+from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.logs.schema import read_run_log
 from tests.hardware.car.fake_devices import PORTS, CarOnTheBench, ImuAtRest
 from tests.refusals import assert_refused

@@ -12,13 +12,13 @@ import pytest
 
 from aerodima.hardware.car.wiring import WIRINGS
 from aerodima.hardware.driving.held_car import run_watchdog_test
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.signal_table import sensor_columns
+from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.replay.reckoned_motion import replayable
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import sensor_columns
+from aerodima.workbench.view.dead_reckoning import replayable
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 
 pytestmark = [pytest.mark.emulated, pytest.mark.slow]

@@ -13,7 +13,7 @@ from aerodima.hardware.driving.watchdog_test import (
     require_watchdog_test,
     write_record,
 )
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.refusals import assert_refused
 
 

@@ -20,9 +20,9 @@ from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.driving.car_guard import DriveLimits
 from aerodima.hardware.driving.held_car import run_watchdog_test
 from aerodima.hardware.driving.run_journal import open_run_journal
-from aerodima.workbench.config.signal_table import IMU
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.scenario.signal_table import IMU
 from tests.refusals import assert_refused
 
 

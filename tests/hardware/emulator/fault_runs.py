@@ -21,10 +21,10 @@ from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.driving.plain_loop import PERIOD, wait_until
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit
 from aerodima.hardware.protocol.radio import Asks, RadioMode
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.signal_table import STATUS
-from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.realtime import DRIVE_PRIORITY, prefer_realtime, restore_ordinary
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.realtime import DRIVE_PRIORITY, prefer_realtime, restore_ordinary
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import STATUS
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.emulator.fault_cases import AT, CASES, PITCH, ROLL
 from tests.hardware.emulator.process_runs import CASES as PROCESS_CASES

@@ -24,7 +24,7 @@ from aerodima.hardware.car.wiring import WIRINGS
 from aerodima.hardware.driving.held_car import run_watchdog_test
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8, decode_reply
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.scenario.scenario import load_scenario
 from tests.hardware import own_diagram
 from tests.hardware.emulator.emulator_process import EmulatorProcess
 from tests.hardware.fake_can import wait_until

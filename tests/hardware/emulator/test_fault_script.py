@@ -14,7 +14,7 @@ from aerodima.hardware.emulator.fault_script import (
     read_script,
 )
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
 from tests.refusals import assert_refused
 
 

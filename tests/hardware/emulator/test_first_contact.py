@@ -17,7 +17,7 @@ from aerodima.hardware.driving.held_car import (
     run_watchdog_test,
     write_zeros,
 )
-from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.scenario.scenario import load_scenario
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.emulator.fault_runs import SCENARIO, SETTINGS
 

@@ -26,7 +26,7 @@ from aerodima.hardware.protocol.teensy import (
     decode_reply,
 )
 from aerodima.hardware.protocol.teensy import make_command as make_string
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.refusals import assert_refused
 
 TIMING = load_teensy_timing()

@@ -25,7 +25,7 @@ from aerodima.hardware.protocol.ak70 import (
     unwrap,
 )
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.refusals import assert_refused
 
 PROFILE = AK70_10_V1_0_8

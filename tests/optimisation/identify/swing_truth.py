@@ -13,9 +13,9 @@ import pandas as pd
 from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, friction_torque, roll_out
 from aerodima.optimisation.identify.swing_coefficients import motor_of
 from aerodima.workbench.aero.laws import NormalForceLaw
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.logs.schema import run_log_from_metadata
-from aerodima.workbench.stations.rig_station import rig_log_metadata
+from aerodima.workbench.rig.rig_station import rig_log_metadata
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 
 RATE = 1000.0
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.errors import FitError
 from tests.refusals import assert_refused
 
 AB = Parameters.of([Parameter("a", "1", 1.0, 0.0, 2.0), Parameter("b", "m", 5.0, 0.0, 9.0)])

@@ -21,7 +21,7 @@ from aerodima.optimisation.identify.least_squares_solvers import (
     solve_rollout,
 )
 from aerodima.optimisation.identify.published_check import fit_line
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.errors import FitError
 from tests.optimisation.coverage import assert_held, assert_standard, draws
 from tests.refusals import assert_refused
 

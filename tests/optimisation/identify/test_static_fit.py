@@ -20,9 +20,9 @@ from aerodima.optimisation.identify.static_fit import (
     static_problem,
 )
 from aerodima.optimisation.identify.static_log import static_data
-from aerodima.workbench.errors import UserError
-from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.stations.rig_station import simulate_static_log
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.rig.rig_plant import Rig
+from aerodima.workbench.rig.rig_station import simulate_static_log
 from tests.optimisation.coverage import assert_held, draws
 from tests.optimisation.identify import static_truth as truth
 from tests.refusals import assert_refused

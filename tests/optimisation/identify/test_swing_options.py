@@ -21,7 +21,7 @@ from aerodima.optimisation.identify.swing_coefficients import (
     potential_flow_mass,
 )
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.errors import FitError
 from tests.optimisation.identify import swing_truth as truth
 from tests.refusals import assert_refused
 

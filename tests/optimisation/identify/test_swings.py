@@ -23,10 +23,10 @@ from aerodima.optimisation.identify.swing_coefficients import (
 )
 from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.errors import FitError, UserError
-from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.core.errors import FitError, UserError
+from aerodima.workbench.rig.rig_plant import Rig
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from tests.optimisation.coverage import assert_held, assert_standard, draws
 from tests.optimisation.identify import swing_truth as truth
 from tests.refusals import assert_refused

@@ -15,8 +15,8 @@ from aerodima.workbench.aero.coefficient_files import (
 )
 from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable
 from aerodima.workbench.aero.polar_law import PolarLaw, RegularTable
-from aerodima.workbench.errors import ModelError
-from aerodima.workbench.resources import models_dir, published_table
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.resources import models_dir, published_table
 from tests.refusals import assert_refused
 from tests.workbench.aero.published_coefficients import (
     cheetah_nodes,

@@ -17,7 +17,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
-from aerodima.workbench.errors import ModelError
+from aerodima.workbench.core.errors import ModelError
 from tests.refusals import assert_refused
 from tests.workbench.aero.plants import (
     add_free_body,

@@ -13,15 +13,15 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
+from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.cli.options import Status
 from aerodima.workbench.cli.program import RENAMED, build_app
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 
 PROBE = '''
 import time
 import typer
-from aerodima.workbench.errors import ScenarioError, UserError
+from aerodima.workbench.core.errors import ScenarioError, UserError
 
 
 def register(app):

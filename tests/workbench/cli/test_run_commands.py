@@ -3,7 +3,7 @@
 import pytest
 
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.replay.captions import caption_of
+from aerodima.workbench.view.captions import caption_of
 
 SETTINGS = "manoeuvre.turn_start=0.4 manoeuvre.speed_ramp=0.3 manoeuvre.duration=1.2"
 SHORT = tuple(word for setting in SETTINGS.split() for word in ("--set", setting))

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.mapping import load_mapping, mapping_from, unit_factor, unit_in_name
 from tests.refusals import assert_refused
 

@@ -1,0 +1,317 @@
+"""The turns of a calibration on reduced cars and on full cars, and the figures that the thesis
+would have printed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid, trapezoid
+from scipy.signal import butter, lfilter
+
+from aerodima.optimisation.calibrate.calibration_plan import (
+    FIGURES,
+    FORWARD,
+    FRICTION,
+    LIFT,
+    CalibrationPlan,
+    CarPrior,
+    Turn,
+)
+from aerodima.workbench.batch.row_store import Row
+from aerodima.workbench.car.reduced.dynamics import RATES, V, W
+from aerodima.workbench.car.reduced.turn_plans import TurnPlans
+from aerodima.workbench.car.reduced.turns import Turns, drive_turns
+from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
+from aerodima.workbench.car.turn_signals import LOADED_FORCE, turn_signals
+from aerodima.workbench.control.swing_law import SwingState
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
+from aerodima.workbench.metrics.published_values import SAMPLE_TIMES
+from aerodima.workbench.metrics.turn_metrics import outcome_of
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import WHEELS
+
+BEFORE = 0.4
+"""Time before the start of the steering that figures are made of, s."""
+AFTER = 1.6
+"""Time after the start of the steering that figures are made of, s."""
+STEP = 0.002
+"""Step of the reduced cars, s."""
+LEFT = [index for index, wheel in enumerate(WHEELS) if wheel.endswith("left")]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What figures are made of, every `STEP` from `BEFORE` the steering on.
+
+    Attributes:
+        yaw_rate, acceleration, roll_rate: rad/s, lateral m/s2, outwards rad/s, (k) each.
+        both_inner: whether both inner wheels bear load (k).
+    """
+
+    yaw_rate: FloatArray
+    acceleration: FloatArray
+    roll_rate: FloatArray
+    both_inner: NDArray[np.bool_]
+
+
+def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -> dict[str, float]:
+    """`FIGURES` of one run that survived, as the thesis took them for the system, and the yaw rate
+    of the lift.
+
+    Args:
+        motion: of the run.
+        turn: whose system decides over filter and sample time.
+        nuisances: window and latency in s, gyro_bias in rad/s, forward above 0.5 for a filter of
+            one direction.
+    """
+    of_the_field = turn.system == "physical"
+    stride = round(SAMPLE_TIMES["physical"] / STEP) if of_the_field else 1
+    time: FloatArray = STEP * np.arange(len(motion.yaw_rate), dtype=float)[::stride]
+    signals = [
+        values[::stride] for values in (motion.yaw_rate, motion.acceleration, motion.roll_rate)
+    ]
+    start = BEFORE
+    if of_the_field:
+        start -= nuisances["latency"]
+        signals[0] = signals[0] + nuisances["gyro_bias"]
+        if nuisances["forward"] > FORWARD:
+            b, a = butter(IMU_FILTER.order, IMU_FILTER.cutoff_hz, fs=1.0 / SAMPLE_TIMES["physical"])
+            signals = [lfilter(b, a, values - values[0]) + values[0] for values in signals]
+        else:
+            signals = [low_pass(time, values, IMU_FILTER) for values in signals]
+    window = (time >= start - 1e-9) & (time <= start + nuisances["window"] + 1e-9)
+    figures: list[float] = []
+    inside = time[window]
+    span = inside[-1] - inside[0]
+    for values in signals[:2]:
+        figures.append(np.max(np.abs(values[window])))
+        figures.append(trapezoid(values[window], inside) / span)
+    figures.append(np.max(cumulative_trapezoid(signals[2], time, initial=0.0)))
+    steered = np.arange(len(motion.both_inner)) * STEP >= BEFORE
+    lifted = np.flatnonzero(~motion.both_inner & steered)
+    until = motion.yaw_rate
+    if lifted.size:
+        until = until[: lifted[0] + 1]
+    figures.append(np.max(until))
+    return dict(zip((*FIGURES, LIFT), map(float, figures), strict=True))
+
+
+def nuisances_of(prior: CarPrior, car: FloatArray) -> dict[str, float]:
+    """Name -> value of a car (n)."""
+    return {name: float(car[prior.column(name)]) for name in prior.plan.nuisances}
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Work for the engine: cars (m, n) in one turn.
+
+    Attributes:
+        reach: of the search for the flip around the friction of a car, to either side, in its
+            logarithm.
+        step: of the full car, s; None for the default.
+        margins: logarithm of the friction at which a search begins over that of each car.
+    """
+
+    plan: CalibrationPlan
+    turn: Turn
+    cars: tuple[tuple[float, ...], ...]
+    reach: float = 0.0
+    step: float | None = None
+    margins: tuple[float, ...] = ()
+
+
+@lru_cache(maxsize=4)
+def _prior(plan: str) -> CarPrior:
+    return CarPrior(CalibrationPlan.model_validate_json(plan))
+
+
+def prior_of(plan: CalibrationPlan) -> CarPrior:
+    """The prior of a plan, made once in each process."""
+    return _prior(plan.model_dump_json(by_alias=True))
+
+
+def run_reduced(piece: Piece) -> dict[str, Any]:
+    """Searches the friction at which each reduced car flips; figures of every run of the search
+    that survived.
+
+    Returns:
+        `flips` (m): logarithm of the friction at the flip, None where the search did not find it;
+        and of the survived runs `inputs` (k, n), cars with their friction, and `figures` (k, 6).
+    """
+    plan = piece.plan
+    prior = prior_of(plan)
+    column = prior.column
+    turn = piece.turn
+    cars = np.array(piece.cars)
+    of_friction = column(f"{turn.system} {FRICTION}")
+    of_bias = column("gyro_bias")
+    names = list(plan.nuisances)
+    of_nuisances = [column(name) for name in names]
+    scenarios = [load_scenario(f"turn_{turn.tail}", prior.settings(car, turn)) for car in cars]
+    vehicles = Vehicles.of(scenarios)
+    plans = TurnPlans.of(scenarios)
+    begun = drive_turns(vehicles, plans, duration=0.0, length=STEP).last
+    rng = np.random.default_rng([plan.seed, crc32(turn.name.encode()), crc32(cars.tobytes())])
+    x = cars[:, column("imu.x")]
+    z = cars[:, column("imu.z")]
+    centre = np.log(cars[:, of_friction])
+    least = centre - piece.reach
+    most = centre + piece.reach
+    low = least
+    high = most
+    inputs = []
+    figures = []
+    for _ in range(plan.size.rounds):
+        tried = np.exp(0.5 * (low + high))
+        driven = drive_turns(
+            replace(vehicles, friction=tried),
+            plans,
+            duration=AFTER,
+            length=STEP,
+            history=True,
+            begun=begun,
+        )
+        survived = driven.survived
+        logarithm = np.log(tried)
+        low = np.where(survived, logarithm, low)
+        high = np.where(survived, high, logarithm)
+        motions = _motions(driven, x, z)
+        for place in np.flatnonzero(survived):
+            # Other nuisances for every run: they cost nothing.
+            car = cars[place].copy()
+            car[of_nuisances] = [rng.uniform(*plan.nuisances[name]) for name in names]
+            car[of_bias] = cars[place, of_bias]
+            car[of_friction] = tried[place]
+            inputs.append(car.tolist())
+            shown = figures_of_motion(motions[place], turn, nuisances_of(prior, car))
+            figures.append(list(shown.values()))
+    known = (low > least) & (high < most)
+    flips: list[float | None] = (0.5 * (low + high)).tolist()
+    for place in np.flatnonzero(~known):
+        flips[place] = None
+    return {"flips": flips, "inputs": inputs, "figures": figures}
+
+
+def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
+    """Motion of each reduced car at its IMU, x and z (m) in B; at rest before the steering."""
+    assert driven.history is not None
+    assert driven.loads is not None
+    rates = driven.history[:, RATES]
+    w = rates[:, W]
+    v = rates[:, V]
+    w_rate = np.gradient(w, STEP, axis=0)
+    v_rate = np.gradient(v, STEP, axis=0)
+    w_x = w[:, 0]
+    w_z = w[:, 2]
+    ahead = w_x * x + w_z * z
+    acceleration = v_rate[:, 1] + w_z * v[:, 0] - w_x * v[:, 2]
+    acceleration = acceleration + w_rate[:, 2] * x - w_rate[:, 0] * z + w[:, 1] * ahead
+    loaded = (driven.loads[:, LEFT] > LOADED_FORCE).all(axis=1)
+    # States are those behind a step, loads those at its beginning.
+    before = np.zeros((round(BEFORE / STEP) + 1, len(x)))
+    yaw = np.concatenate([before, w_z[:-1]]).T
+    lateral = np.concatenate([before, acceleration[:-1]]).T
+    roll = np.concatenate([before, w_x[:-1]]).T
+    both = np.concatenate([before[1:] == 0.0, loaded]).T
+    return [Motion(*signals) for signals in zip(yaw, lateral, roll, both, strict=True)]
+
+
+def search_full(piece: Piece) -> dict[str, Any]:
+    """Searches the friction at which each full car flips; returns what `run_reduced` does.
+
+    The search begins at the margin of each car and goes up or down, by the reach of the piece and
+    then by twice as much as the step before, until the outcome changes; then it bisects. The last
+    run has the friction of the car. A bracket wider than the reach gives no flip. `errors` says why
+    cars could not be run.
+    """
+    prior = prior_of(piece.plan)
+    turn = piece.turn
+    column = prior.column(f"{turn.system} {FRICTION}")
+    flips: list[float | None] = []
+    found: dict[str, list[Any]] = {"flips": flips, "inputs": [], "figures": [], "errors": []}
+
+    def survives(car: FloatArray, friction: float) -> bool:
+        tried = car.copy()
+        tried[column] = np.exp(friction)
+        row = _full_row(prior, turn, tried, piece.step)
+        if "error" in row:
+            raise UserError(row["error"])
+        if row["survived"]:
+            found["inputs"].append(tried.tolist())
+            found["figures"].append([row[metric] for metric in (*FIGURES, LIFT)])
+        return bool(row["survived"])
+
+    for numbers, margin in zip(piece.cars, piece.margins, strict=True):
+        car = np.array(numbers)
+        own = float(np.log(car[column]))
+        tried = own + margin
+        low = -np.inf
+        high = np.inf
+        ahead = piece.reach
+        try:
+            for _ in range(piece.plan.size.full_rounds):
+                if survives(car, tried):
+                    low = tried
+                else:
+                    high = tried
+                if np.isfinite(high - low):
+                    tried = 0.5 * (low + high)
+                else:
+                    tried += ahead if np.isfinite(low) else -ahead
+                    ahead *= 2.0
+            survives(car, own)
+        except UserError as error:
+            found["errors"].append(f"; {error}")
+        flips.append(tried if high - low <= piece.reach else None)
+    return found
+
+
+def run_full(piece: Piece) -> list[Row]:
+    """Runs full cars (m) in a turn, each at its own friction.
+
+    Returns:
+        A row per car: `survived` and `clean`, `trigger` s after the steering or None, and the
+        figures of a survived run; or `error` of a car that could not be run.
+    """
+    prior = prior_of(piece.plan)
+    return [_full_row(prior, piece.turn, np.array(car), piece.step) for car in piece.cars]
+
+
+def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) -> Row:
+    from aerodima.workbench.batch.simulation import simulate
+
+    settings = prior.settings(car, turn)
+    if step is not None:
+        settings += [f"simulation.step={step!r}"]
+    try:
+        run = simulate(load_scenario(f"turn_{turn.tail}", settings), record="outcome")
+        signals = turn_signals(run, "truth")
+        outcome = outcome_of(run)
+        start = signals.window[0]
+        row: Row = {
+            "survived": outcome.result == "survived",
+            "clean": outcome.clean,
+            "trigger": None,
+        }
+        if run.has_tail:
+            swings = np.isin(run.signal("controller_state"), (SwingState.DELAY, SwingState.SWING))
+            if swings.any():
+                row["trigger"] = float(signals.time[np.argmax(swings)] - start)
+        if row["survived"]:
+            grid = start - BEFORE + STEP * np.arange(round((BEFORE + AFTER) / STEP))
+            values = [signals.yaw_rate, signals.lateral_acceleration, signals.roll_rate]
+            both = (signals.wheel_loads[:, LEFT] > LOADED_FORCE).all(axis=1)  # type: ignore[index]
+            even = [np.interp(grid, signals.time, column) for column in (*values, 1.0 * both)]
+            motion = Motion(even[0], even[1], even[2], even[3] > 0.5)
+            row |= figures_of_motion(motion, turn, nuisances_of(prior, car))
+        return row
+    except (UserError, ArithmeticError, RuntimeError, ValueError) as error:
+        return {"error": " ".join(str(error).split())}

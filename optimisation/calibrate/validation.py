@@ -1,0 +1,305 @@
+"""What tests a calibration: each table predicted from the others, posterior cars that play the
+thesis, information.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import pickle
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.linalg import eigh
+from scipy.special import logsumexp
+from scipy.stats import norm, t
+
+from aerodima.optimisation.calibrate.calibration import Posterior, log_density, sample, spread_of
+from aerodima.optimisation.calibrate.calibration_plan import (
+    OFF,
+    OFF_ROLL,
+    SLIP,
+    CarPrior,
+    Figure,
+    figures_of,
+)
+from aerodima.optimisation.calibrate.surrogate import Emulator
+from aerodima.optimisation.studies.runs import Runs
+from aerodima.workbench.batch.row_store import content_key
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.scenario.scenario import load_scenario
+
+TRIES = 10_000
+"""Draws of a posterior car that survives every turn, before it is given up."""
+BAND = (0.05, 0.5, 0.95)
+"""Quantiles of a 90 % interval and its median."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """One table predicted without its own figures.
+
+    Attributes:
+        table: name.
+        rows: per figure: `figure`, `published`, `low`, `median`, `high`, `prior_low`, `prior_high`,
+            `inside`.
+        density, prior_density, constant_density: logarithm of the joint density of its figures, per
+            share of each: of the cars that the other tables leave, of the prior, and of a model
+            that says of each figure what the other tables imply.
+    """
+
+    table: str
+    rows: pd.DataFrame
+    density: float
+    prior_density: float
+    constant_density: float
+
+
+class Question(NamedTuple):
+    """A table that is to be predicted from the figures of the others, by cars of a prior inside the
+    emulator's.
+    """
+
+    emulator: Emulator
+    figures: Sequence[Figure]
+    table: str
+    seed: int
+    prior: CarPrior | None = None
+
+
+def predictions(questions: Sequence[Question], runs: Runs) -> list[LeftOut]:
+    """`leave_out` of each question, each once."""
+    keys = [
+        content_key("leave_out", hashlib.sha256(pickle.dumps(question)).hexdigest())
+        for question in questions
+    ]
+    return [
+        LeftOut(**row | {"rows": pd.DataFrame(row["rows"])})
+        for row in runs.call(_answer, questions, keys)
+    ]
+
+
+def _answer(question: Question) -> dict[str, Any]:
+    found = leave_out(*question)
+    return vars(found) | {"rows": found.rows.to_dict("records")}
+
+
+def leave_out(
+    emulator: Emulator,
+    figures: Sequence[Figure],
+    table: str,
+    seed: int,
+    prior: CarPrior | None = None,
+) -> LeftOut:
+    """Predicts a table from the figures of the others; see `Question`."""
+    own = [figure for figure in figures if figure.turn.table == table]
+    others = [figure for figure in figures if figure not in own]
+    cars = sample(emulator, others, seed, prior).cars
+    survivors = _survivors(emulator, emulator.prior.draw(len(cars), seed), own[0], seed)
+    rng = np.random.default_rng(seed)
+    rows = []
+    for figure in own:
+        low, median, high = np.quantile(predicted(emulator, figure, cars, rng), BAND)
+        prior_low, _, prior_high = np.quantile(predicted(emulator, figure, survivors, rng), BAND)
+        inside = low <= figure.published <= high
+        rows.append(
+            (figure.name, figure.published, low, median, high, prior_low, prior_high, inside)
+        )
+    names = ["figure", "published", "low", "median", "high", "prior_low", "prior_high", "inside"]
+    known, guessed = (joint_density(emulator, own, drawn) for drawn in (cars, survivors))
+    return LeftOut(
+        table, pd.DataFrame(rows, columns=names), known, guessed, _constant(own, figures)
+    )
+
+
+def predicted(
+    emulator: Emulator, figure: Figure, cars: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Draws (m) of what the thesis would have printed for cars (m, n)."""
+    values = emulator.value(cars, figure)
+    return values + spread_of(emulator, figure, cars, values) * rng.standard_normal(len(cars))
+
+
+def joint_density(emulator: Emulator, figures: Sequence[Figure], cars: FloatArray) -> float:
+    """Logarithm of the density of figures together, averaged over cars (m, n)."""
+    logs = np.sum([log_density(emulator, figure, cars) for figure in figures], axis=0)
+    return float(logsumexp(logs) - np.log(len(cars)))
+
+
+def _survivors(emulator: Emulator, cars: FloatArray, figure: Figure, seed: int) -> FloatArray:
+    """Cars of the prior, drawn by their probability to survive the turn, as the printed one did."""
+    weight = emulator.survival(cars, figure.turn)
+    return cars[np.random.default_rng(seed).choice(len(cars), len(cars), p=weight / weight.sum())]
+
+
+def _constant(own: Sequence[Figure], figures: Sequence[Figure]) -> float:
+    """What the other tables say of the same metrics, with Student's t for so few; nan where only
+    one other does.
+    """
+    total = 0.0
+    for figure in own:
+        others = np.array(
+            [f.published for f in figures if f.metric == figure.metric and f not in own]
+        )
+        if len(others) < 2:
+            return math.nan
+        spread = np.std(others, ddof=1) * np.sqrt(1.0 + 1.0 / len(others)) / abs(figure.published)
+        off = (figure.published - np.mean(others)) / abs(figure.published)
+        total += float(t.logpdf(off, len(others) - 1, 0.0, spread))
+    return total
+
+
+def rigid(prior: CarPrior) -> CarPrior:
+    """The stiffest tyres of the prior, no latency, no bias, zero phase, no delay of the swing."""
+    plan = prior.plan
+    low = dict(zip(prior.names, prior.ranges[:, 0], strict=True))
+    delay = float(low.get("controller.delay", 0.0))
+    slips = {name: float(value) for name, value in low.items() if name.endswith(SLIP)}
+    ranges = plan.ranges | {name: (slip, slip + 1e-3) for name, slip in slips.items()}
+    if "controller.delay" in plan.body:
+        ranges["controller.delay"] = (delay, delay + 1e-3)
+    nuisances = {
+        "window": (0.639, 0.641),
+        "latency": (0.0, 1e-3),
+        "gyro_bias": (-1e-3, 1e-3),
+        "forward": (0.0, 0.1),
+    }
+    return CarPrior(plan.model_copy(update={"ranges": ranges, "nuisances": nuisances}))
+
+
+def _playing(
+    emulator: Emulator, posterior: Posterior, rng: np.random.Generator
+) -> tuple[FloatArray, dict[str, bool]]:
+    """A posterior car (1, n) and how its turns end, one that survives every turn with a table."""
+    for _ in range(TRIES):
+        car = posterior.cars[rng.integers(len(posterior.cars))][None]
+        ends = emulator.draw_outcomes(car, rng)
+        if all(ends[turn.name] for turn in emulator.prior.plan.turns if turn.table):
+            return car, ends
+    raise UserError(f"none of {TRIES} posterior cars survives every turn with a table")
+
+
+def perfect_model(
+    emulator: Emulator,
+    posterior: Posterior,
+    tables: Sequence[str],
+    number: int,
+    seed: int,
+    runs: Runs,
+) -> float:
+    """Share of the figures of tables that lie in their 90 % interval when posterior cars play the
+    thesis.
+    """
+    rng = np.random.default_rng(seed)
+    plan = emulator.prior.plan
+    questions = []
+    for place in range(number):
+        car, ends = _playing(emulator, posterior, rng)
+        turns = tuple(
+            turn.model_copy(update={"ends": "survived" if ends[turn.name] else "flipped"})
+            for turn in plan.turns
+        )
+        played = replace(emulator, prior=CarPrior(plan.model_copy(update={"turns": turns})))
+        figures = [
+            replace(f, published=float(predicted(emulator, f, car, rng)[0]))
+            for f in figures_of(plan)
+        ]
+        questions += [Question(played, figures, table, seed + place) for table in tables]
+    runs.stage = "tables of posterior cars that play the thesis"
+    return float(
+        np.mean(np.concatenate([left.rows["inside"] for left in predictions(questions, runs)]))
+    )
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Something that the lab can measure of its car.
+
+    Attributes:
+        name: what.
+        how: the procedure in a sentence.
+        deviation: of one measurement, in the unit of the value.
+        value: cars (m, n) -> what would be measured (m).
+    """
+
+    name: str
+    how: str
+    deviation: float
+    value: Callable[[FloatArray], FloatArray]
+
+
+def information(measurement: Measurement, cars: FloatArray, seed: int, draws: int = 400) -> float:
+    """Expected gain of a measurement over what posterior cars (m, n) know: information, nats."""
+    truth = measurement.value(cars)
+    rng = np.random.default_rng(seed)
+    seen = rng.choice(truth, draws) + measurement.deviation * rng.standard_normal(draws)
+    logs = logsumexp(norm.logpdf(seen[:, None], truth, measurement.deviation), axis=1) - np.log(
+        len(truth)
+    )
+    own = -0.5 - np.log(measurement.deviation * np.sqrt(2.0 * np.pi))
+    return float(own - np.mean(logs))
+
+
+def measurements(prior: CarPrior) -> tuple[Measurement, ...]:
+    """What a lab with a scale, a ruler and a flat floor can measure of the real car:
+    `calibration/measurements.csv`.
+
+    Its deviations are in the unit of the parameter; without a parameter it is the angle of balance,
+    in degrees.
+    """
+
+    def value(key: str) -> Callable[[FloatArray], FloatArray]:
+        if not key:
+            return partial(_angle_of_balance, prior)
+        column = prior.column(f"physical {key}" if key in prior.plan.each else key)
+        return lambda cars: cars[:, column]
+
+    rows = pd.read_csv(model_path("calibration/measurements.csv"), keep_default_na=False).to_numpy()
+    return tuple(
+        Measurement(name, how, deviation, value(key)) for name, how, deviation, key in rows
+    )
+
+
+def _angle_of_balance(prior: CarPrior, cars: FloatArray) -> FloatArray:
+    """Roll at which cars (m) balance on the outer edges of their tyres, degrees."""
+    width = load_scenario("turn_none").car.tyre_width
+    track, height = (cars[:, prior.column(key)] for key in ("car.track", "car.com_height"))
+    return np.degrees(np.arctan2(0.5 * (track + width), height))
+
+
+def combinations(
+    prior: CarPrior, cars: FloatArray, seed: int
+) -> list[tuple[float, dict[str, float]]]:
+    """What the data determine best: variance over that of the prior, and its largest coordinates,
+    five of them.
+    """
+    physical = [
+        index for index, name in enumerate(prior.names) if name not in ("forward", OFF, OFF_ROLL)
+    ]
+    before, after = (prior.scaled(c)[:, physical] for c in (prior.draw(4000, seed), cars))
+    ratios, vectors = eigh(np.cov(after.T), np.cov(before.T))
+    found = []
+    for ratio, vector in list(zip(ratios, vectors.T, strict=True))[:5]:
+        share = vector * np.std(before, axis=0)
+        largest = np.argsort(-np.abs(share))[:4]
+        scale = np.linalg.norm(share)
+        found.append(
+            (float(ratio), {prior.names[physical[i]]: float(share[i] / scale) for i in largest})
+        )
+    return found
+
+
+def brier(emulator: Emulator, cars: FloatArray) -> tuple[float, Mapping[str, float]]:
+    """Brier score of the published outcomes, and the probability of surviving each turn."""
+    chances = {
+        turn.name: float(np.mean(emulator.survival(cars, turn)))
+        for turn in emulator.prior.plan.turns
+    }
+    misses = [chances[turn.name] - (turn.ends == "survived") for turn in emulator.prior.plan.turns]
+    return float(np.mean(np.square(misses))), chances

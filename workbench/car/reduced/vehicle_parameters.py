@@ -1,0 +1,301 @@
+"""Numbers of many cars as arrays, read from their scenarios and from the full car: nothing is
+fitted, nothing typed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.framework import DiagramBuilder
+
+from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw
+from aerodima.workbench.car.ak70 import torque_speed_limits
+from aerodima.workbench.car.car_air import sail_law, sail_layout
+from aerodima.workbench.car.car_model import (
+    EDGE_HALF_WIDTH,
+    axle_statics,
+    rolling_torques,
+    slip_speed,
+    unsprung_mass,
+    wheel_rates,
+)
+from aerodima.workbench.car.car_plant import add_car_plant
+from aerodima.workbench.car.chassis_actuators import shaft_gain
+from aerodima.workbench.car.tail_plant import SAIL_TIP_MARGIN
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import AXLES, SIDES
+
+SLIDING = 0.01
+"""Least slip over which friction is spread, m/s."""
+WHEELS = tuple((axle, side) for axle in AXLES for side in SIDES)
+"""Front left, front right, rear left, rear right."""
+
+
+@dataclass(frozen=True)
+class Vehicles:
+    """Numbers of n cars; SI units. The last axis of every field is the car.
+
+    Attributes:
+        speed: m/s, of the straight before the turn.
+        friction: of the tyres; `slip_speed` over which it is spread, m/s.
+        gravity: m/s2; `air_density` kg/m3.
+        mass: of all that does not move with the tail, kg.
+        centre: its centre of mass in B (3, n), m; `inertia` about the origin of B (3, 3, n), kg m2.
+        com_x: of the centre of mass of the car without tail arm, whose course counts, m.
+        wheel: places of the wheels' centres in B (3, 4, n), m.
+        tyre_radius, tyre_half_width: half axes of the ellipsoids that the tyres stand on, m.
+        edge: distance of these from the wheel's middle, m, one to either side.
+        tyre_stiffness: of one edge (4, n), N/m; `tyre_dissipation` s/m.
+        spring, damper, preload: of one wheel's suspension (4, n), N/m, N s/m, N.
+        unsprung: mass that hangs on it (4, n), kg.
+        rolling: torque against its rolling (4, n), N m.
+        wheel_inertia: of one wheel about its axle; `shaft_inertia` of the drive, kg m2.
+        shaft_gain: torque per speed error, N m s/rad; `shaft_limit` N m; `rolling_radius` m.
+        board: rear corners of the anti-ramp board in B (3, 2, n), m, radius included; far above
+            without a board.
+        board_friction: of it on the ground.
+        has_tail: 1 or 0.
+        mount: crossing of the tail's joint axes in B (3, n), m.
+        tail_mass: kg; `tail_centre` of it from the joints, m.
+        tail_inertia: about the joints in tail axes (3, n), kg m2.
+        hub_inertia, rotor_inertia: about the pitch axis, and of a motor at its joint, kg m2.
+        coulomb, viscous, tanh_gain: friction of a joint, N m, N m s/rad, s/rad.
+        torque_limit, stall_torque: N m; `no_load_speed` rad/s; `torque_scale` true over nominal
+            torque.
+        roll_stop, pitch_limit: of the joints, rad.
+        tip: distance of the sail's corners from the joints, and from the tail's axis (2, n), m.
+        section_distances, section_areas: of the sail (sections, n), m and m2.
+        force_across, force_chord: C_N along the sail's normal and its chord.
+    """
+
+    speed: FloatArray
+    friction: FloatArray
+    slip_speed: FloatArray
+    gravity: FloatArray
+    air_density: FloatArray
+    mass: FloatArray
+    centre: FloatArray
+    inertia: FloatArray
+    com_x: FloatArray
+    wheel: FloatArray
+    tyre_radius: FloatArray
+    tyre_half_width: FloatArray
+    edge: FloatArray
+    tyre_stiffness: FloatArray
+    tyre_dissipation: FloatArray
+    spring: FloatArray
+    damper: FloatArray
+    preload: FloatArray
+    unsprung: FloatArray
+    rolling: FloatArray
+    wheel_inertia: FloatArray
+    shaft_inertia: FloatArray
+    shaft_gain: FloatArray
+    shaft_limit: FloatArray
+    rolling_radius: FloatArray
+    board: FloatArray
+    board_friction: FloatArray
+    has_tail: FloatArray
+    mount: FloatArray
+    tail_mass: FloatArray
+    tail_centre: FloatArray
+    tail_inertia: FloatArray
+    hub_inertia: FloatArray
+    rotor_inertia: FloatArray
+    coulomb: FloatArray
+    viscous: FloatArray
+    tanh_gain: FloatArray
+    torque_limit: FloatArray
+    stall_torque: FloatArray
+    no_load_speed: FloatArray
+    torque_scale: FloatArray
+    roll_stop: FloatArray
+    pitch_limit: FloatArray
+    tip: FloatArray
+    section_distances: FloatArray
+    section_areas: FloatArray
+    force_across: FloatArray
+    force_chord: FloatArray
+
+    @property
+    def count(self) -> int:
+        """Number of cars."""
+        return len(self.mass)
+
+    @classmethod
+    def of(cls, scenarios: Sequence[Scenario]) -> Vehicles:
+        """The cars of scenarios.
+
+        Raises:
+            UserError: a scenario has what the model does not know (free sail, added mass, wind,
+                coefficients that are no constants, another linkage or manoeuvre); says what it
+                knows.
+            ModelError: the full car does not load.
+        """
+        bodies: dict[str, dict[str, Any]] = {}
+        numbers = []
+        for scenario in scenarios:
+            _refuse_unknown(scenario)
+            key = scenario.model_dump_json(
+                include={"car", "tail", "tail_motor", "environment", "drive"}
+            )
+            if key not in bodies:
+                bodies[key] = _bodies(scenario)
+            found = _car(scenario) | _tail(scenario) | bodies[key]
+            numbers.append({name: np.array(value, float) for name, value in found.items()})
+        return cls(
+            **{
+                field.name: np.stack([n[field.name] for n in numbers], axis=-1)
+                for field in fields(cls)
+            }
+        )
+
+    def take(self, places: Any) -> Vehicles:
+        """Cars at these places, again and again if asked."""
+        return Vehicles(
+            **{field.name: getattr(self, field.name)[..., places] for field in fields(self)}
+        )
+
+
+def _car(scenario: Scenario) -> dict[str, Any]:
+    car = scenario.car
+    drive = scenario.drive
+    gravity = scenario.environment.gravity
+    statics = {axle: axle_statics(car, gravity, axle) for axle in AXLES}
+    rates = {axle: wheel_rates(car, axle) for axle in AXLES}
+    unsprung = {axle: unsprung_mass(car, axle) for axle in AXLES}
+    stiffness = {"front": car.tyre_stiffness_front, "rear": car.tyre_stiffness_rear}
+    ellipsoid = car.tyre_shape == "ellipsoid"
+    board_x = car.board_x + car.board_thickness / 2
+    board_y = car.board_width / 2 - car.board_thickness / 2
+    low = car.board_height if car.board else 10.0
+    return {
+        "speed": scenario.manoeuvre.speed,
+        "friction": car.tyre_friction,
+        "slip_speed": max(SLIDING, slip_speed(car, scenario.manoeuvre.speed)),
+        "gravity": gravity,
+        "air_density": scenario.environment.air_density,
+        "com_x": car.com_x,
+        "wheel": [
+            [car.wheelbase * (axle == "front") for axle, _ in WHEELS],
+            [(0.5 if side == "left" else -0.5) * car.track for _, side in WHEELS],
+            [statics[axle].wheel_height for axle, _ in WHEELS],
+        ],
+        "tyre_radius": car.tyre_radius,
+        "tyre_half_width": car.tyre_width / 2 if ellipsoid else EDGE_HALF_WIDTH,
+        "edge": 0.0 if ellipsoid else car.tyre_width / 2 - EDGE_HALF_WIDTH,
+        "tyre_stiffness": [stiffness[axle] / 2 for axle, _ in WHEELS],
+        "tyre_dissipation": car.tyre_dissipation,
+        "spring": [rates[axle][0] for axle, _ in WHEELS],
+        "damper": [rates[axle][1] for axle, _ in WHEELS],
+        "preload": [-rates[axle][0] * statics[axle].spring_reference for axle, _ in WHEELS],
+        "unsprung": [unsprung[axle] for axle, _ in WHEELS],
+        "rolling": [rolling_torques(car, gravity)[axle] for axle, _ in WHEELS],
+        "wheel_inertia": 0.5 * car.wheel_mass * car.tyre_radius**2,
+        "shaft_inertia": drive.rotor_inertia,
+        "shaft_gain": shaft_gain(drive, car),
+        "shaft_limit": drive.torque_limit,
+        "rolling_radius": statics["rear"].wheel_height,
+        "board_friction": car.cage_friction,
+        "board": [(board_x, board_x), (board_y, -board_y), (low, low)],
+    }
+
+
+def _bodies(scenario: Scenario) -> dict[str, Any]:
+    """Mass properties of car and arm, from the full car."""
+    built = add_car_plant(DiagramBuilder(), scenario, drawn=False)
+    plant = built.plant
+    context = built.plant.CreateDefaultContext()
+
+    def inertia_of(frame: str, bodies: list[Any]) -> SpatialInertia:
+        return plant.CalcSpatialInertia(context, plant.GetBodyByName(frame).body_frame(), bodies)
+
+    bodies = list(plant.GetBodyIndices(built.car))
+    if built.tail is None:
+        arm = {
+            "tail_mass": 0.0,
+            "tail_centre": 0.0,
+            "tail_inertia": np.zeros(3),
+            "hub_inertia": 0.0,
+        }
+    else:
+        for name in ("tail_roll", "tail_pitch"):
+            joint: Any = plant.GetJointByName(name)
+            joint.set_angle(context, 0.0)
+        bodies += [plant.GetBodyByName(name).index() for name in ("tail_anchor", "tail_hub")]
+        M_TTo_T = inertia_of(
+            "tail_rod", [plant.GetBodyByName(name).index() for name in ("tail_rod", "tail_sail")]
+        )
+        arm = {
+            "tail_mass": M_TTo_T.get_mass(),
+            "tail_centre": M_TTo_T.get_com()[2],
+            "tail_inertia": M_TTo_T.CalcRotationalInertia().get_moments(),
+            "hub_inertia": plant.GetBodyByName("tail_hub")
+            .default_rotational_inertia()
+            .get_moments()[1],
+        }
+    M_BBo_B = inertia_of("chassis", bodies)
+    inertia = M_BBo_B.CalcRotationalInertia().CopyToFullMatrix3()
+    return arm | {"mass": M_BBo_B.get_mass(), "centre": M_BBo_B.get_com(), "inertia": inertia}
+
+
+def _tail(scenario: Scenario) -> dict[str, Any]:
+    tail = scenario.tail
+    motor = scenario.tail_motor
+    friction = scenario.friction
+    has_tail = tail.mode != "none"
+    stall, no_load = torque_speed_limits(motor)
+    layout = sail_layout(tail)
+    (across, chord) = _coefficients(sail_law(tail)[0])
+    return {
+        "has_tail": float(has_tail),
+        "mount": (tail.mount_x, 0.0, tail.mount_height),
+        "rotor_inertia": motor.rotor_inertia * motor.gear_ratio**2,
+        "coulomb": friction.coulomb,
+        "viscous": friction.viscous,
+        "tanh_gain": friction.tanh_gain,
+        "torque_limit": motor.torque_limit,
+        "stall_torque": stall,
+        "no_load_speed": no_load,
+        "torque_scale": 1.0 + motor.torque_error,
+        "roll_stop": tail.roll_stop,
+        "pitch_limit": tail.pitch_limit,
+        "tip": (tail.length - SAIL_TIP_MARGIN, tail.sail_width / 2 - SAIL_TIP_MARGIN),
+        "section_distances": layout.distances,
+        "section_areas": np.array(layout.areas) * has_tail,
+        "force_across": across,
+        "force_chord": chord,
+    }
+
+
+def _coefficients(law: object) -> tuple[float, float]:
+    # A sail that faces the wind has one drag in every direction.
+    if isinstance(law, CrossedPlatesLaw):
+        return _coefficients(law.normal)[0], _coefficients(law.side)[0]
+    if isinstance(law, NormalForceLaw) and not callable(law.coefficient):
+        return float(law.coefficient), 0.0
+    raise UserError("tail.coefficients: the screening model knows constants of a normal-force law")
+
+
+def _refuse_unknown(scenario: Scenario) -> None:
+    tail = scenario.tail
+    if tail.mode != "none" and tail.sail == "free":
+        raise UserError("tail.sail: 'free'; the screening model knows: facing, locked")
+    if tail.mode != "none" and tail.added_mass != 0.0:
+        raise UserError(f"tail.added_mass: {tail.added_mass:g} kg; the screening model knows: 0 kg")
+    if not scenario.wind.is_still:
+        raise UserError("wind: blows in this scenario; the screening model knows still air")
+    if scenario.servo.linkage != "parallel":
+        raise UserError(
+            f"servo.linkage: {scenario.servo.linkage!r}; the screening model knows: parallel"
+        )
+    if scenario.manoeuvre.kind != "turn" or scenario.manoeuvre.direction != "left":
+        raise UserError("manoeuvre: the screening model knows: kind turn, direction left")
+    if scenario.manoeuvre.rolling_start or scenario.manoeuvre.turns != 1:
+        raise UserError("manoeuvre: the screening model knows: rolling_start false, turns 1")

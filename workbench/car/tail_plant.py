@@ -1,0 +1,381 @@
+"""The car's tail as a `TailGeometry`, and its SDF: hub, rod and sail with three joints
+(models/tail/tail.sdf).
+
+Joint signs: roll 0 = straight up, positive to the right (-y), axis +x; pitch axis +y, positive
+tilts forward; sail about the tail's own axis (design section 4). At sail angle 0 the sail is hollow
+towards +y; one that faces the wind is welded there, since its angle follows from the wind at every
+instant (`TailForce`, port `wind_direction`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import yaml
+
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.aero.tail_geometry import SCHEMA, Piece, Plate, TailArm, TailGeometry
+from aerodima.workbench.core.atomic_write import write_atomically
+from aerodima.workbench.core.checked_files import checked, read_yaml
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.core.sdf_model import Inertial, SdfModel
+from aerodima.workbench.scenario.car_parameters import (
+    SHELL_DEPTH,
+    CarParameters,
+    TailMotorParameters,
+    TailParameters,
+)
+
+TAIL_SDF = "tail/tail.sdf"
+ROD_RADIUS = 0.006
+"""Radius of the tail rod (m), as drawn in the SDF; used for its inertia about its own axis only."""
+BOARD_THICKNESS = 0.002
+"""Thickness of the backing board as drawn, m."""
+SAIL_TIP_MARGIN = 0.01
+"""Radius (m) of the spheres that feel the ground at the sail's tip corners, as in the SDF."""
+TAIL_CONTACT_STIFFNESS = 1.0e4
+"""Contact stiffness (N/m) of the sail's corners: film and a half ring, soft against the tyres; acts
+in a crash only."""
+ADDED_MASS_PARTS = 5
+"""Equal parts of the tail that carry the added mass (design section 5, thesis section 4.6)."""
+LEAST_INERTIA_LEFT = 0.03
+"""Share of every inertia that a negative `tail.added_mass` must leave: a swing of the default tail
+with 3 % is the same at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
+FrictionLaw = Callable[[float], float]
+"""Joint rate (rad/s) to friction torque (N m), which opposes it."""
+_ARM_COLOUR = "0.16 0.17 0.20 1"
+"""Red, green, blue and opacity of the rod, from 0 to 1."""
+_PLATE_COLOUR = "0.93 0.74 0.18 1"
+"""Red, green, blue and opacity of the plates, from 0 to 1."""
+_THIN = 0.002
+"""Least drawn thickness of a plate, m."""
+_HALF_CYLINDER = "package://aerodima_models/tail/half_cylinder.obj"
+"""Diameter and length 1, hollow towards +y, its opening in the plane y = 0."""
+
+
+def read_tail(path: str | Path) -> TailGeometry:
+    """Reads a tail file.
+
+    Raises:
+        ModelError: no such file, a wrong key, value or unit, or a tail that cannot be; names the
+            file.
+    """
+    place = Path(path)
+    return checked(
+        TailGeometry, read_yaml(place, ModelError), str(place), ModelError, schema=SCHEMA
+    )
+
+
+def write_tail(geometry: TailGeometry, path: str | Path, *, force: bool = False) -> Path:
+    """Writes a tail file; what is read again is the same tail, to the last bit.
+
+    Raises:
+        ModelError: the file exists and `force` is not given.
+    """
+    content = geometry.model_dump(mode="json", by_alias=True, exclude_none=True)
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
+    return write_atomically(Path(path), text, force, ModelError)
+
+
+def smooth_friction(coulomb: float, viscous: float, tanh_gain: float) -> FrictionLaw:
+    """tau = -(Cf tanh(k w) + Vf w): thesis eq. 4.12 with the sign of ERRATA E14 and E15; k = 10
+    s/rad there.
+
+    Drake's joints have no Coulomb friction (design section 6).
+
+    Args:
+        coulomb, viscous: Cf (N m) and Vf (N m s/rad).
+        tanh_gain: k, s/rad.
+    """
+    return lambda rate: -(coulomb * math.tanh(tanh_gain * rate) + viscous * rate)
+
+
+class ArmInertia(NamedTuple):
+    """Inertia (kg m2) of the moving arm about its joints with the added mass of the air, without
+    the rotors.
+
+    Args:
+        roll: rod and sail about the roll axis.
+        pitch_upright: hub, rod and sail about the pitch axis, arm straight up.
+        pitch_sideways: the same with the arm along the pitch axis.
+        pitch_product: product of inertia yz of rod and sail about the joints; 0 for a tail that is
+            even to both sides.
+    """
+
+    roll: float
+    pitch_upright: float
+    pitch_sideways: float
+    pitch_product: float = 0.0
+
+    def about_joints(self, roll_angle: float) -> tuple[float, float]:
+        """About pitch and roll axis at a roll angle (rad): the arm's mass matrix, diagonal."""
+        return inertia_about_joints(self, roll_angle)
+
+
+def inertia_about_joints(arm: ArmInertia, roll_angle: float) -> tuple[float, float]:
+    """See `ArmInertia.about_joints`."""
+    sideways = math.sin(roll_angle) ** 2
+    pitch = arm.pitch_upright + sideways * (arm.pitch_sideways - arm.pitch_upright)
+    return pitch - arm.pitch_product * math.sin(2.0 * roll_angle), arm.roll
+
+
+def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParameters) -> ArmInertia:
+    """Inertia of the arm as `tail_sdf` builds it, with the added mass on it.
+
+    Added mass acts across the tail only: about the roll axis and about the pitch axis of an upright
+    arm it counts with its distance from the joints; an arm along the pitch axis turns about itself
+    and moves no air.
+    """
+    model = tail_sdf(tail, motor, car)
+    hub = model.inertial("tail_hub")
+    about_root = [0.0, 0.0, 0.0]
+    product = 0.0
+    for link in ("tail_rod", "tail_sail"):
+        part = model.inertial(link)
+        x, y, z = part.com
+        levers = (y**2 + z**2, x**2 + z**2, x**2 + y**2)
+        for axis, (moment, lever) in enumerate(zip(part.moments, levers, strict=True)):
+            about_root[axis] += moment + part.mass * lever
+        product += part.products[2] - part.mass * y * z
+    air = 0.0
+    if tail.added_mass != 0.0:
+        air = tail.added_mass * sum(distance**2 for distance in added_mass_layout(tail).distances)
+    upright = hub.moments[1] + about_root[1] + air
+    sideways = hub.moments[1] + about_root[2]
+    return ArmInertia(about_root[0] + air, upright, sideways, product)
+
+
+def added_mass_layout(tail: TailParameters) -> SectionLayout:
+    """Parts of the tail that carry added mass, in the frame of `tail_rod`: z along the tail."""
+    return tail_geometry(tail).added_mass_layout(ADDED_MASS_PARTS)
+
+
+def tail_geometry(tail: TailParameters) -> TailGeometry:
+    """The tail of a scenario as an object, with the mass and inertia that its parameters give.
+
+    The rod is a uniform thin rod from the roll axis to the tip, the sail ends at the tip, see
+    `sail_inertial`. The densities are those of these masses over length and area: `from_densities`
+    is the same tail to rounding. With `tail.geometry` it is that of the tail file.
+
+    Raises:
+        ModelError: the tail file is missing or wrong.
+    """
+    if tail.has_own_geometry:
+        try:
+            return read_tail(tail.geometry)
+        except ModelError as error:
+            raise ModelError(f"tail.geometry: {error}") from None
+    sail = sail_inertial(tail)
+    rod_mass = tail.mass - sail.mass
+    rod = rod_mass * tail.length**2 / 12
+    arm = TailArm(lengths=(tail.length,), density=rod_mass / tail.length, radius=ROD_RADIUS)
+    moments = (rod, rod, 0.5 * rod_mass * ROD_RADIUS**2)
+    plate = Plate(
+        name="sail",
+        root=(0.0, 0.0, tail.length - tail.sail_length),
+        lengths=(tail.sail_length,),
+        chords=(tail.sail_width, tail.sail_width),
+        normal=(0.0, -1.0, 0.0),
+        density=sail.mass / (tail.sail_length * tail.sail_width),
+        depth=tail.sail_depth,
+        sections=tail.sections,
+    )
+    return TailGeometry(
+        name=tail.name,
+        arm=arm,
+        plates=(plate,),
+        arm_inertial=Inertial(rod_mass, (0, 0, tail.length / 2), moments),
+        sail_inertial=sail,
+    )
+
+
+def tail_sdf(
+    tail: TailParameters,
+    motor: TailMotorParameters,
+    car: CarParameters,
+    geometry: TailGeometry | None = None,
+) -> SdfModel:
+    """The tail model with the numbers of a scenario.
+
+    Args:
+        geometry: whose mass and inertia it has; by default that of the parameters, see
+            `tail_geometry`.
+    """
+    model = SdfModel(model_path(TAIL_SDF))
+    geometry = geometry or tail_geometry(tail)
+    hub = 0.4 * tail.hub_mass * 0.03**2
+    model.set_inertial("tail_hub", Inertial(tail.hub_mass, (0, 0, 0), (hub, hub, hub)))
+    model.set_inertial("tail_rod", geometry.arm_mass)
+    model.set_inertial("tail_sail", geometry.sail_mass)
+    if tail.has_own_geometry:
+        corners = set_tail_shapes(model, geometry, SAIL_TIP_MARGIN)
+    else:
+        corners = _set_sail_shapes(model, tail)
+    for shape in corners:
+        model.set_contact(
+            "tail_sail", shape, TAIL_CONTACT_STIFFNESS, 1.0, ground_partner_friction(car)
+        )
+    for joint, limit in (("tail_pitch", tail.pitch_limit), ("tail_roll", tail.roll_stop)):
+        model.set_joint(joint, lower=-limit, upper=limit, effort=motor.torque_limit)
+        model.set_rotor(joint, motor.rotor_inertia, motor.gear_ratio)
+    model.set_joint("tail_sail_turn", damping=tail.sail_bearing_damping)
+    return model
+
+
+def sail_inertial(tail: TailParameters) -> Inertial:
+    """Shell and board: a uniform box as long and wide as the sail and as deep as both, balanced on
+    its axis.
+    """
+    mass = tail.mass * tail.sail_mass_fraction
+    length = mass * tail.sail_length**2 / 12
+    width = mass * tail.sail_width**2 / 12
+    deep = mass * tail.sail_depth**2 / 12
+    return Inertial(
+        mass,
+        (0, 0, tail.length - tail.sail_length / 2),
+        (length + deep, length + width, width + deep),
+    )
+
+
+def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> list[str]:
+    """The drawn shell opens to +y at its place before the bearing, with the board behind it; names
+    of the corners.
+    """
+    model.set_shape("tail_rod", "rod", (0, 0, tail.length / 2), length=f"{tail.length:.9g}")
+    width = tail.sail_width
+    middle = tail.length - tail.sail_length / 2
+    deep = max(tail.shell_share / SHELL_DEPTH * width, BOARD_THICKNESS)
+    scale = f"{width:.9g} {deep:.9g} {tail.sail_length:.9g}"
+    model.set_shape("tail_sail", "sail", (0, tail.sail_front, middle), scale=scale)
+    board = tail.board_share * width
+    if board:
+        behind = tail.sail_front - tail.shell_share * width - board / 2
+        size = f"{BOARD_THICKNESS:.9g} {board:.9g} {tail.sail_length:.9g}"
+        model.set_shape("tail_sail", "backing_board", (0, behind, middle), size=size)
+    else:
+        model.remove_shapes("tail_sail", "backing_board")
+    for shape, side in (("tail_tip_front", 1), ("tail_tip_rear", -1)):
+        corner = (side * (tail.sail_width / 2 - SAIL_TIP_MARGIN), 0, tail.length - SAIL_TIP_MARGIN)
+        model.set_shape("tail_sail", shape, corner)
+    return ["tail_tip_front", "tail_tip_rear"]
+
+
+def ground_partner_friction(car: CarParameters) -> float:
+    """Friction that cage, board and tail must carry so that Drake combines it with the ground's to
+    `cage_friction`.
+
+    Drake combines mu = 2 mu1 mu2 / (mu1 + mu2); the ground carries the tyre friction, so that the
+    tyres' own pair gives exactly that. A scenario's cage friction is below twice its tyre friction.
+    """
+    return car.cage_friction * car.tyre_friction / (2 * car.tyre_friction - car.cage_friction)
+
+
+def set_tail_shapes(model: SdfModel, geometry: TailGeometry, margin: float) -> list[str]:
+    """Draws rod and plates, section by section, in place of what the model draws.
+
+    Args:
+        model: models/tail/tail.sdf; its links `tail_rod` and `tail_sail` have the frame T of the
+            geometry.
+        margin: radius of the spheres that feel the ground, m; they lie that far inside the outline.
+
+    Returns:
+        Names of these spheres, shapes of `tail_sail`: at the corners of plates, and at the tip of
+        an arm without one.
+    """
+    for link in ("tail_rod", "tail_sail"):
+        model.remove_shapes(link)
+    points = geometry.arm.points
+    for number, (near, far) in enumerate(pairwise(points)):
+        length = float(np.linalg.norm(far - near))
+        axis = (far - near) / length
+        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        across /= np.linalg.norm(across)
+        pose = _pose((near + far) / 2, np.column_stack([across, np.cross(axis, across), axis]))
+        radius = f"{geometry.arm.radius:.9g}"
+        model.add_shape(
+            "tail_rod",
+            f"rod_{number}",
+            pose,
+            "cylinder",
+            colour=_ARM_COLOUR,
+            radius=radius,
+            length=f"{length:.9g}",
+        )
+    for plate in geometry.plates:
+        for number, piece in enumerate(plate.pieces):
+            _draw(model, plate, piece, f"{plate.name.replace(' ', '_')}_{number}")
+    pieces = [piece for plate in geometry.plates for piece in plate.pieces]
+    corners = [corner for plate in geometry.plates for corner in _corners(plate, margin)]
+    if not any(_covers(piece, points[-1]) for piece in pieces):
+        corners.append(points[-1])
+    names = [f"tail_corner_{number}" for number in range(len(corners))]
+    for name, corner in zip(names, corners, strict=True):
+        model.add_shape(
+            "tail_sail", name, [*corner, 0.0, 0.0, 0.0], "sphere", radius=f"{margin:.9g}"
+        )
+    return names
+
+
+def _draw(model: SdfModel, plate: Plate, piece: Piece, name: str) -> None:
+    """A box, or half a cylinder, of the middle width of each section."""
+    part = piece.length / plate.sections
+    frame = np.column_stack([piece.across, piece.normal, piece.axis])
+    if plate.kind == "half_shell":
+        frame = np.column_stack([-piece.across, -piece.normal, piece.axis])
+    for number in range(plate.sections):
+        share = (number + 0.5) / plate.sections
+        width = piece.chords[0] + share * (piece.chords[1] - piece.chords[0])
+        pose = _pose(piece.start + share * piece.length * piece.axis, frame)
+        if plate.kind == "half_shell":
+            size = {"uri": _HALF_CYLINDER, "scale": f"{width:.9g} {width:.9g} {part:.9g}"}
+            model.add_shape(
+                "tail_sail", f"{name}_{number}", pose, "mesh", colour=_PLATE_COLOUR, **size
+            )
+        else:
+            box = f"{width:.9g} {max(plate.depth, _THIN):.9g} {part:.9g}"
+            model.add_shape(
+                "tail_sail", f"{name}_{number}", pose, "box", colour=_PLATE_COLOUR, size=box
+            )
+
+
+def _corners(plate: Plate, margin: float) -> list[np.ndarray]:
+    """Far corners of each piece in T, m, and near ones of a first piece that narrows; all lie
+    inside the outline.
+    """
+    found = []
+    for number, piece in enumerate(plate.pieces):
+        near, far = piece.chords
+        inset = min(margin, piece.length / 2)
+        ends = [(far, piece.length - inset)]
+        if number == 0 and near > far:
+            ends.append((near, inset))
+        for chord, along in ends:
+            side = max(chord / 2 - margin, 0.0)
+            found += [
+                piece.start + along * piece.axis + sign * side * piece.across
+                for sign in (-1.0, 1.0)
+            ]
+    return found
+
+
+def _covers(piece: Piece, point: np.ndarray) -> bool:
+    """Whether a point in T lies on a piece, to a millimetre."""
+    from_start = point - piece.start
+    along = float(from_start @ piece.axis)
+    across = float(from_start @ piece.across)
+    off = float(from_start @ piece.normal)
+    near, far = piece.chords
+    width = near + (far - near) * min(max(along / piece.length, 0.0), 1.0)
+    return -1e-3 < along < piece.length + 1e-3 and abs(across) < width / 2 and abs(off) < 1e-3
+
+
+def _pose(position: np.ndarray, frame: np.ndarray) -> list[float]:
+    from pydrake.math import RollPitchYaw, RotationMatrix
+
+    return [*position.tolist(), *RollPitchYaw(RotationMatrix(frame)).vector().tolist()]

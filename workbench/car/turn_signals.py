@@ -1,0 +1,355 @@
+"""The signals of one run that metrics are made of, with the sign turned so that the turn is
+positive.
+
+Ground truth is used where the log has it, otherwise the sensors, or the sensors alone;
+`TurnSignals.source` says which. Turning the sign makes a left turn and its mirror image in a right
+turn equal: yaw rate and lateral acceleration are positive into the turn, roll and roll rate are
+positive outwards (to the right in a left turn: a positive rotation about x of B).
+"""
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from aerodima.workbench.control.manoeuvre import angle_to_straighten, steering_time
+from aerodima.workbench.control.swing_law import SwingState
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, RunLog
+from aerodima.workbench.logs.signals import check_signals, check_time
+from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, TIME, WHEELS
+
+STEERED = 0.01
+"""A command above this (rad) is steering by hand, not the middle of a stick."""
+_STRAIGHT = 1e-6
+"""rad; below it the wheels are straight but for rounding."""
+_TIME_MARGIN = 1e-6
+"""Log times are sums of steps: a sample this close to the edge of the window (s) belongs to it."""
+LOADED_FORCE = 0.1
+"""A wheel, cage, board or tail touches the ground from this force on, N; a part in the air feels
+exactly none."""
+_RATE_MARGIN = 0.05
+"""A log is not thinned out for this much of its rate."""
+EXIT_YAW_RATE = 0.1
+"""rad/s; a car that yaws less, its wheels straight, has left the turn. A large tail to one side
+alone gives 0.065."""
+CALM_FOR = 0.1
+"""Time for which all must have been calm, s: a third of a period of roll on the suspension."""
+CALM = {
+    "gyro_x_truth_rad_per_s": 0.15,
+    "gyro_y_truth_rad_per_s": 0.15,
+    "gyro_z_truth_rad_per_s": EXIT_YAW_RATE,
+    "velocity_y_truth_m_per_s": 0.2,
+    "tilt_truth_rad": math.radians(3.0),
+    "tail_pitch_rate_rad_per_s": 0.3,
+    "tail_roll_rate_rad_per_s": 0.3,
+}
+"""Largest magnitudes of a calm row. All wheels bear load in it too, and the law neither swings nor
+is about to."""
+CALM_SPIN = math.hypot(*(limit for name, limit in CALM.items() if name.startswith("gyro")))
+"""A car that turns faster than this, rad/s, about whatever axis, is not calm."""
+_LOADS = tuple(f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS)
+_STATE = "controller_state"
+_BUSY = (SwingState.DELAY, SwingState.SWING)
+_ROUNDING = 1e-9
+"""Rounding of a time, s."""
+
+
+@dataclass(frozen=True)
+class TurnSignals:
+    """Signals of a run over its log times, shape (n,) unless stated.
+
+    Attributes:
+        time: s.
+        window: start and end of the turn (from the steering command until the wheels are straight
+            again), s.
+        sign: +1 left turn, -1 right turn.
+        source: `truth` or `sensors`.
+        speed: ground speed, m/s.
+        yaw_rate: body rate about z, into the turn, rad/s.
+        lateral_acceleration: along y of B, gravity removed, into the turn, m/s2.
+        roll_rate: body rate about x, outwards, rad/s; without truth its mean before the turn (the
+            bias of the gyro) is removed.
+        roll: roll angle, outwards, unwrapped, rad.
+        yaw: heading, into the turn, unwrapped, rad.
+        tilt: angle of the body's z axis from the world's, 0 to pi, rad.
+        wheel_loads: vertical ground force, order of `WHEELS`, shape (n, 4), N; None without truth.
+        ground_contact: ground force on cage, board and tail, shape (n, 3), N; None without truth.
+    """
+
+    time: FloatArray
+    window: tuple[float, float]
+    sign: float
+    source: Literal["truth", "sensors"]
+    speed: FloatArray
+    yaw_rate: FloatArray
+    lateral_acceleration: FloatArray
+    roll_rate: FloatArray
+    roll: FloatArray
+    yaw: FloatArray
+    tilt: FloatArray
+    wheel_loads: FloatArray | None
+    ground_contact: FloatArray | None
+
+    def sampled(self, rate: float) -> "TurnSignals":
+        """What a logger of `rate` (Hz) would have kept: the newest row at each k / rate; all of a
+        slower log.
+        """
+        count = self.time.size
+        if (count - 1) / (self.time[-1] - self.time[0]) <= rate * (1.0 + _RATE_MARGIN):
+            return self
+        first = math.ceil(self.time[0] * rate - _TIME_MARGIN)
+        last = math.floor(self.time[-1] * rate + _TIME_MARGIN)
+        instants = np.arange(first, last + 1) / rate + _TIME_MARGIN
+        rows = np.searchsorted(self.time, instants, side="right") - 1
+        sampled: dict[str, Any] = {}
+        for field in fields(self):
+            values = getattr(self, field.name)
+            if isinstance(values, np.ndarray):
+                sampled[field.name] = values[rows]
+        return replace(self, **sampled)
+
+    @property
+    def in_window(self) -> NDArray[np.bool_]:
+        """Which samples lie in the window, both ends included."""
+        return (self.time >= self.window[0] - _TIME_MARGIN) & (
+            self.time <= self.window[1] + _TIME_MARGIN
+        )
+
+    @property
+    def from_start(self) -> NDArray[np.bool_]:
+        """Which samples lie at or after the start of the turn."""
+        return self.time >= self.window[0] - _TIME_MARGIN
+
+
+def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = None) -> TurnSignals:
+    """Signals of a run's turn, from the given source; by default from the truth where the log has
+    it.
+
+    Raises:
+        LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends
+            before the turn does.
+    """
+    if run_log.kind == PLANT_RUN:
+        raise LogError(
+            f"{run_log.name}: a turn and its metrics need a run of the car; plant_metrics() reads "
+            "this log"
+        )
+    time = run_log.time
+    check_time(time)
+    sign = turn_sign(run_log)
+    window = turn_window(run_log)
+    source = source or ("truth" if run_log.has_truth else "sensors")
+    if source == "truth":
+        named = _from_truth(run_log)
+    else:
+        named = _from_sensors(run_log, window)
+    check_signals(time, {f"{name} ({source})": values for name, values in named.items()})
+    if time[0] > window[0] + _TIME_MARGIN or time[-1] < window[1] - _TIME_MARGIN:
+        raise LogError(
+            f"{run_log.name}: holds {time[0]:g} to {time[-1]:g} s, the turn is {window[0]:g} to "
+            f"{window[1]:g} s"
+        )
+    turned = {
+        name: sign * values for name, values in named.items() if name not in ("speed", "tilt")
+    }
+    return TurnSignals(
+        time=time,
+        window=window,
+        sign=sign,
+        source=source,
+        speed=named["speed"],
+        tilt=named["tilt"],
+        wheel_loads=_columns(run_log, [f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS]),
+        ground_contact=_columns(
+            run_log, [f"ground_contact_{part}_truth_n" for part in GROUND_CONTACTS]
+        ),
+        **turned,
+    )
+
+
+def turn_sign(run_log: RunLog) -> float:
+    """+1 for a left turn, -1 for a right one, the side of the first steering; +1 for a straight run
+    or a slalom.
+    """
+    if DRIVEN_BY in run_log.extra:
+        return -1.0 if np.sum(run_log.signal("steering_command_rad")) < 0.0 else 1.0
+    if run_log.setting("manoeuvre", "kind") in ("straight", "slalom"):
+        return 1.0
+    return -1.0 if run_log.setting("manoeuvre", "direction") == "right" else 1.0
+
+
+def turn_window(run_log: RunLog) -> tuple[float, float]:
+    """Start and end of the turn, s: from the steering command to straight wheels after it.
+
+    The end is that of the last step of steering + the time in which the servo brings the wheels
+    back. A turn starts when the scenario says, the turn of the AUTO sequence at the first steering
+    command in the log. A fishhook ends after the last steering command in the log, or with the log.
+    For other kinds the window is the run from `turn_start` on, or the whole run if it is shorter
+    than that. That of a car that somebody steered is from the first to the last steering command,
+    the whole run without any.
+    """
+    if DRIVEN_BY in run_log.extra:
+        steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
+        if steered.size == 0:
+            return float(run_log.time[0]), float(run_log.time[-1])
+        return float(run_log.time[steered[0]]), float(run_log.time[steered[-1]])
+    kind = run_log.setting("manoeuvre", "kind")
+    first = float(run_log.time[0])
+    start = run_log.number("manoeuvre", "turn_start")
+    last = float(run_log.time[-1])
+    if kind not in ("turn", "auto_turn", "fishhook"):
+        return (start if first < start < last else first), last
+    steer_angle = run_log.number("manoeuvre", "steer_angle")
+    if kind == "auto_turn":
+        steering = np.flatnonzero(
+            np.abs(run_log.signal("steering_command_rad")) > 0.5 * steer_angle
+        )
+        if steering.size == 0:
+            raise LogError(f"{run_log.name}: no steering command in the run, so no turn to measure")
+        start = float(run_log.time[steering[0]])
+    rate = run_log.number("servo", "rate")
+    if rate <= 0.0:
+        raise LogError(
+            f"{run_log.name}: its scenario has servo.rate {rate:g}, but it must be above 0"
+        )
+    hold = run_log.number("manoeuvre", "turn_hold")
+    settings = run_log.scenario["manoeuvre"]
+    if kind == "fishhook":
+        steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
+        if steered.size:
+            steered_until = float(run_log.time[steered[-1]])
+        else:
+            steered_until = start
+        return start, min(steered_until + steer_angle / rate, last)
+    # A log of before has one level and one step of steering and does not name others.
+    first_level = [
+        run_log.number("manoeuvre", key) for key in ("first_angle", "first_hold") if key in settings
+    ]
+    repeats = 1
+    gap = 0.0
+    if kind == "turn":
+        repeats = int(settings.get("turns", 1))
+        gap = float(settings.get("turn_gap", 0.0))
+    straightening = angle_to_straighten(steer_angle, hold, rate, *first_level) / rate
+    return start, start + steering_time(hold, repeats, gap) + straightening
+
+
+class SteeredWindow(NamedTuple):
+    """A time in which a car is steered to one side.
+
+    Attributes:
+        start, end: s; the end is the first instant at which the command is that side's no more, or
+            the end of the log.
+        side: +1 left, -1 right.
+    """
+
+    start: float
+    end: float
+    side: float
+
+
+def steered_windows(run_log: RunLog) -> list[SteeredWindow]:
+    """When a run was steered to which side, from the logged steering command, in the order of time;
+    none if never.
+
+    The pulses of a turn, both halves of a fishhook, the half waves of a slalom, what the driver of
+    a path did.
+
+    Raises:
+        LogError: the log has no steering command.
+    """
+    return windows_of_steering(run_log.time, run_log.signal("steering_command_rad"))
+
+
+def windows_of_steering(time: FloatArray, angle: FloatArray) -> list[SteeredWindow]:
+    """Windows (see `steered_windows`) of angles (n), rad, at times (n), s; an angle below `STEERED`
+    opens none.
+    """
+    side = np.sign(np.where(np.abs(angle) > _STRAIGHT, angle, 0.0))
+    edges = [0, *(np.flatnonzero(np.diff(side)) + 1), side.size]
+    return [
+        SteeredWindow(float(time[first]), float(time[min(end, side.size - 1)]), float(side[first]))
+        for first, end in itertools.pairwise(edges)
+        if np.max(np.abs(angle[first:end]), initial=0.0) > STEERED
+    ]
+
+
+def _from_truth(run_log: RunLog) -> dict[str, FloatArray]:
+    return {
+        "speed": np.hypot(
+            run_log.signal("velocity_x_truth_m_per_s"), run_log.signal("velocity_y_truth_m_per_s")
+        ),
+        "yaw_rate": run_log.signal("gyro_z_truth_rad_per_s"),
+        "lateral_acceleration": run_log.signal("acceleration_y_truth_m_per_s2"),
+        "roll_rate": run_log.signal("gyro_x_truth_rad_per_s"),
+        "roll": np.unwrap(run_log.signal("roll_truth_rad")),
+        "yaw": np.unwrap(run_log.signal("yaw_truth_rad")),
+        "tilt": run_log.signal("tilt_truth_rad"),
+    }
+
+
+def _from_sensors(run_log: RunLog, window: tuple[float, float]) -> dict[str, FloatArray]:
+    roll = run_log.signal("imu_roll_rad")
+    pitch = run_log.signal("imu_pitch_rad")
+    return {
+        "speed": run_log.signal("speed_m_per_s"),
+        "yaw_rate": run_log.signal("imu_gyro_z_rad_per_s"),
+        "lateral_acceleration": run_log.signal("imu_acceleration_y_m_per_s2"),
+        "roll_rate": _without_bias(run_log, "imu_gyro_x_rad_per_s", window[0]),
+        "roll": np.unwrap(roll),
+        "yaw": np.unwrap(run_log.signal("imu_yaw_rad")),
+        "tilt": np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1.0, 1.0)),
+    }
+
+
+def _without_bias(run_log: RunLog, column: str, turn_start: float) -> FloatArray:
+    """A rate less its mean over the second half of the driving before the turn, when the car goes
+    straight.
+    """
+    time = run_log.time
+    rate = run_log.signal(column)
+    check_signals(time, {column: rate})
+    straight = (time >= 0.5 * (time[0] + turn_start)) & (time < turn_start)
+    if np.any(straight):
+        return rate - float(np.mean(rate[straight]))
+    return rate
+
+
+def _columns(run_log: RunLog, names: list[str]) -> FloatArray | None:
+    if not all(name in run_log.table.columns for name in names):
+        return None
+    signals = {name: run_log.signal(name) for name in names}
+    check_signals(run_log.time, signals)
+    return np.column_stack(list(signals.values()))
+
+
+def settled_row(table: pd.DataFrame | Mapping[str, FloatArray], turn_end: float) -> int | None:
+    """First row of a run's table at which the car has been calm for `CALM_FOR`; None if it never
+    was.
+
+    None too where the table lacks a column, as that of a real car does.
+
+    Args:
+        table: columns as in a run log.
+        turn_end: when the wheels are straight again, s.
+    """
+    if not {*CALM, *_LOADS, _STATE} <= set(table):
+        return None
+    time = np.asarray(table[TIME])
+    calm = (time >= turn_end) & ~np.isin(table[_STATE], _BUSY)
+    for name, limit in CALM.items():
+        calm &= np.abs(np.asarray(table[name])) <= limit
+    for name in _LOADS:
+        calm &= np.asarray(table[name]) > LOADED_FORCE
+    restless = np.maximum.accumulate(np.where(calm, turn_end, time))
+    settled = time - restless >= CALM_FOR - _ROUNDING
+    if settled.any():
+        return int(np.argmax(settled))
+    return None

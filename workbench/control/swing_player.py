@@ -1,0 +1,211 @@
+"""Plays a swing file, as plain Python: hold, release, follow the knots, settle; the thesis' law
+when it fails.
+
+No Drake: the same law runs on a computer for which Drake has no wheel. `TailController` wraps it as
+a system. The states are those of `swing_law`: the tail waits at the first knot, and beyond its last
+one it settles. A tail that is blocked or free is handed over:
+
+```
+  SWING ---- a radian from its knots ----> FALLBACK ---- another turn announced ----> RECOCK or HOLD
+```
+
+A swing for the other turn direction is the exact mirror image: angles about x, yaw rate and plan
+are turned before the law, roll commands after it.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
+
+import numpy as np
+
+from aerodima.workbench.control.swing_law import (
+    SwingLaw,
+    SwingMachine,
+    SwingMemory,
+    SwingSettings,
+    SwingState,
+    Tick,
+    Wait,
+    enter,
+)
+from aerodima.workbench.control.tail_law import EPSILON, Observation
+from aerodima.workbench.scenario.swing_file import JointGains, SwingFile, gains_at, swing_at
+
+LARGEST_ERROR = 1.0
+"""Largest distance of a joint from its knots, rad; beyond it the swing is given up."""
+
+
+@dataclass(frozen=True)
+class PlayerMemory(SwingMemory):
+    """What the law remembers beside its state.
+
+    Args:
+        fallen_state, fallen_since, fallen_start: of the thesis' law while it finishes the swing.
+    """
+
+    fallen_state: float = SwingState.SWING
+    fallen_since: float = 0.0
+    fallen_start: float = 0.0
+
+
+@dataclass(frozen=True)
+class SwingPlayer(SwingMachine[PlayerMemory]):
+    """The law (a `TailLaw`).
+
+    Args:
+        swing: the file.
+        settings: of the thesis' law, which finishes a swing that is given up; its mode is taken as
+            "swing". Its delay is waited on top of the file's.
+    """
+
+    swing: SwingFile
+    settings: SwingSettings = field(default_factory=SwingSettings.published)
+    memory_type = PlayerMemory
+
+    @classmethod
+    def from_scenario(cls, swing: SwingFile, scenario: Any) -> Self:
+        """With rate and fallback of `scenario.controller` (any object with these attributes)."""
+        return cls(swing, SwingSettings.from_scenario(scenario))
+
+    @property
+    def direction(self) -> float:  # type: ignore[override]  # a field of the file
+        """+1 for a swing file of a left turn, -1 of a right one."""
+        return 1.0 if self.swing.direction == "left" else -1.0
+
+    @property
+    def _wait(self) -> Wait:
+        knots = self.swing.knots
+        hold = self.swing.gains.hold
+        trigger = self.swing.trigger
+        delay = 0.0 if trigger.kind == "time" else trigger.delay_s
+        roll = knots.roll_position_rad[0]
+        pitch = knots.pitch_position_rad[0]
+        return Wait(roll, pitch, hold.kp, hold.kd, delay + self.settings.delay)
+
+    def _swinging(self, memory: PlayerMemory) -> bool:
+        state = memory.fallen_state if memory.state == SwingState.FALLBACK else memory.state
+        return state == SwingState.SWING
+
+    def _pitch_angle(self, memory: PlayerMemory, observation: Observation) -> float:
+        return (
+            observation.pitch_angle
+            if math.isfinite(observation.pitch_angle)
+            else memory.pitch_angle
+        )
+
+    def _released(self, memory: PlayerMemory, observation: Observation) -> bool:
+        trigger = self.swing.trigger
+        if trigger.kind == "time":
+            return observation.time - memory.announced + EPSILON >= trigger.delay_s
+        if trigger.kind == "steering":
+            assert trigger.threshold_rad is not None
+            return memory.turn * observation.steering_angle > trigger.threshold_rad
+        assert trigger.threshold_rad_per_s is not None
+        return (
+            observation.imu_valid
+            and memory.turn * observation.yaw_rate > trigger.threshold_rad_per_s
+        )
+
+    def _swing(
+        self, memory: PlayerMemory, observation: Observation, elapsed: float
+    ) -> PlayerMemory:
+        time = observation.time
+        if elapsed >= self.swing.knots.time_s[-1]:
+            return enter(SwingState.SETTLE, memory, time)
+        point = swing_at(self.swing, time - memory.since)
+        behind = (
+            memory.mirror * observation.roll_angle - float(point.roll_position),
+            observation.pitch_angle - float(point.pitch_position),
+        )
+        # An unknown angle counts as where it should be.
+        if not any(abs(error) > LARGEST_ERROR for error in behind):
+            return memory
+        inside = -memory.turn * self.settings.hold_angle
+        memory = replace(
+            memory, fallen_state=float(SwingState.SWING), fallen_since=time, fallen_start=inside
+        )
+        return enter(SwingState.FALLBACK, memory, time)
+
+    def _commands(
+        self, memory: PlayerMemory, observation: Observation, time: float
+    ) -> Tick[PlayerMemory]:
+        if memory.state == SwingState.FALLBACK:
+            return self._fall_back(memory, observation)
+        elapsed = time - memory.since
+        wait = self._wait
+        pitch = self._held(wait.pitch)
+        roll = self._held(wait.roll)
+        if memory.state == SwingState.SWING:
+            roll, pitch = self._along_the_knots(memory, observation, elapsed)
+        elif memory.state == SwingState.SETTLE:
+            last = self.swing.gains.phases[-1]
+            knots = self.swing.knots
+            pitch = np.array([knots.pitch_position_rad[-1], 0.0, last.pitch.kp, last.pitch.kd, 0.0])
+            roll = np.array([knots.roll_position_rad[-1], 0.0, last.roll.kp, last.roll.kd, 0.0])
+        elif memory.state == SwingState.RECOCK:
+            share = min(1.0, elapsed / max(self._recock_time(memory), EPSILON))
+            from_roll = memory.mirror * memory.start_roll
+            kp = self.settings.settle_kp
+            kd = self.settings.settle_kd
+            roll = np.array([from_roll + share * (wait.roll - from_roll), 0.0, kp, kd, 0.0])
+            pitch = self._held(memory.start_pitch + share * (wait.pitch - memory.start_pitch))
+        roll[[0, 1, 4]] *= memory.mirror
+        return memory, pitch, roll
+
+    def _along_the_knots(
+        self, memory: PlayerMemory, observation: Observation, elapsed: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Commands (5) to roll and pitch, in the direction of the file.
+
+        A command is held until the next tick, so position and rate are those of the middle between
+        the two.
+        """
+        point = swing_at(self.swing, elapsed + 0.5 / self.rate)
+        roll_gains, pitch_gains = gains_at(self.swing, elapsed)
+        roll = self._command(
+            (point.roll_position, point.roll_velocity, point.roll_torque),
+            roll_gains,
+            (memory.mirror * observation.roll_angle, memory.mirror * observation.roll_rate),
+        )
+        pitch = self._command(
+            (point.pitch_position, point.pitch_velocity, point.pitch_torque),
+            pitch_gains,
+            (observation.pitch_angle, observation.pitch_rate),
+        )
+        return roll, pitch
+
+    def _command(
+        self, wanted: tuple[Any, Any, Any], gains: JointGains, state: tuple[float, float]
+    ) -> np.ndarray:
+        """Position, rate, gains and torque for a joint at (rad, rad/s).
+
+        As much is taken from the torque that the motor, in its present state, gives no more than
+        the file's limit.
+        """
+        position, velocity, torque = map(float, wanted)
+        own = gains.kp * (position - state[0]) + gains.kd * (velocity - state[1])
+        own = own if math.isfinite(own) else 0.0
+        most = self.swing.limits.torque_n_m
+        return np.array(
+            [position, velocity, gains.kp, gains.kd, min(max(own + torque, -most), most) - own]
+        )
+
+    def _fall_back(self, memory: PlayerMemory, observation: Observation) -> Tick[PlayerMemory]:
+        """The thesis' law from where the tail is: on over the top, then settle outside."""
+        turn = memory.turn
+        fallen = SwingMemory(
+            state=memory.fallen_state, since=memory.fallen_since, turn=turn, mirror=turn,
+            start_roll=memory.fallen_start, roll_angle=memory.roll_angle,
+        )  # fmt: skip
+        same_turn = Observation(
+            observation.time, 0.0, observation.roll_angle, memory.pitch_angle, turn, imu_valid=False
+        )
+        after, pitch, roll = SwingLaw(self.settings).tick(fallen, same_turn)
+        memory = replace(
+            memory,
+            fallen_state=after.state,
+            fallen_since=after.since,
+            fallen_start=after.start_roll,
+        )
+        return memory, pitch, roll

@@ -1,0 +1,62 @@
+"""Templates of systems, and how long systems stay in memory."""
+
+from __future__ import annotations
+
+import sys
+import weakref
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pydrake.systems.framework
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.systems.framework import (
+    DiagramBuilder,
+)
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+LeafSystem_: Any = vars(pydrake.systems.framework)["LeafSystem_"]
+"""Drake's template of leaf systems."""
+
+
+def system_template(name: str, module: str) -> Callable[[Callable[[Any], Any]], Any]:
+    """Decorator of a function f(T) that returns a system class, for T = float and AutoDiffXd (see
+    `TemplateSystem`).
+
+    Args:
+        name: of the template.
+        module: `__name__` of the caller. To find it by itself Drake reads the source of the whole
+            call stack, which takes seconds where imports are nested deeply.
+    """
+    decorator: Callable[[Callable[[Any], Any]], Any] = TemplateSystem.define(  # type: ignore[no-untyped-call]
+        name, T_list=[float, AutoDiffXd], scope=sys.modules[module]
+    )
+    return decorator
+
+
+def weak_callback(calc: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:
+    """A bound method as the function of an output port that does not keep its system, and the whole
+    diagram, for ever.
+
+    A port lives as long as its system. Drake 1.51 keeps the functions of all ports, 1.58 those of
+    abstract ones.
+    """
+    method: Any = weakref.WeakMethod(calc)
+    return lambda context, output: method()(context, output)
+
+
+@contextmanager
+def break_reference_cycles(builder: DiagramBuilder) -> Iterator[None]:
+    """Lets a diagram go from memory, which nothing may use afterwards.
+
+    The cycles between the builder, its systems and their ports are those that Python cannot collect
+    up to Drake 1.51.
+    """
+    try:
+        yield
+    finally:
+        waiting: list[Any] = [builder]
+        while waiting:
+            waiting += getattr(waiting.pop(), "__dict__", {}).pop(
+                "_pydrake_internal_ref_cycle_peers", ()
+            )

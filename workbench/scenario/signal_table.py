@@ -1,0 +1,325 @@
+"""The signals of car and rig in one table: ports, their fields, and the columns that they fill in a
+log.
+
+The simulated and the real station have the same vector ports (design section 9). A column's name
+ends in its unit; a rate reads `rad_per_s`, a moment `n_m`, a number without unit has none. Columns
+with `_truth` exist in simulated runs only. Plain Python: the controllers of the no-Drake mode read
+the same names.
+
+Signs and axes of the car: body frame B x forward, y left, z up, its origin on the ground under the
+rear axle; W is the world, z up; steering and yaw positive to the left; tail roll 0 = straight up,
+positive to the right; acceleration is linear (gravity removed) in body axes. Of the rig: angles are
+0 hanging and positive downstream; a positive motor current pushes upstream; forces and torques are
+readings of the force sensor in W axes (design section 4), zeroed: add the offsets of Table 4.4
+(`offsets_to_add` in a log's metadata) for the wrench of the support on the rig.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from aerodima.workbench.core.port_fields import PortFields
+
+AXLES = ("front", "rear")
+SIDES = ("left", "right")
+WHEELS = tuple(f"{axle}_{side}" for axle in AXLES for side in SIDES)
+"""front_left, front_right, rear_left, rear_right: the order of every quantity per wheel."""
+GROUND_CONTACTS = ("cage", "board", "tail")
+PLANT_POSITION_PREFIX = "plant_position_"
+RIG_KINDS = ("static", "swing", "bar_swing", "robot_swing")
+"""Kinds of rig log: tail held by the motor, tail let go, bar let go without a tail, tail of the
+robot swung."""
+TIME = "time_s"
+UNARMED_SOURCES = ("sail", "imu", "speed", "operator")
+"""Sources of `status` that are heard before the motors are armed."""
+STATUS_SOURCES = ("tail_pitch", "tail_roll", *UNARMED_SOURCES)
+RIG_STATUS_SOURCES = ("motor", "force", "operator")
+_AXES = ("x", "y", "z")
+_TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a run log.
+
+    Attributes:
+        name: exact.
+        unit: "" for a pure number.
+        meaning: in words.
+        optional: came after logs were written without it; where it is not in a file it is read as
+            NaN.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    optional: bool = False
+
+
+def _vector(stem: str, suffix: str, unit: str, meaning: str) -> list[Column]:
+    """Three columns `<stem>_{x,y,z}_<suffix>`."""
+    return [Column(f"{stem}_{axis}_{suffix}", unit, f"{meaning}, {axis}") for axis in _AXES]
+
+
+def _of_wheels(stem: str, suffix: str, unit: str, meaning: str) -> list[Column]:
+    return [
+        c
+        for wheel in WHEELS
+        for c in _vector(f"{stem}_{wheel}", suffix, unit, meaning.format(wheel))
+    ]
+
+
+def _status_fields(sources: Sequence[str]) -> tuple[str, ...]:
+    return (*(f"{source}_{what}" for source in sources for what in ("age", "fault")), "armed")
+
+
+STEERING_ANGLE = PortFields("SteeringAngle", ("steering_angle",))
+"""rad, positive to the left."""
+THROTTLE = PortFields("Throttle", ("throttle",))
+"""-1 to 1."""
+TAIL_COMMAND = PortFields("TailCommand", ("position", "velocity", "kp", "kd", "torque"))
+"""One tail motor in MIT mode: rad, rad/s, N m/rad, N m s/rad, N m."""
+TAIL_STATE = PortFields(
+    "TailState", ("pitch_angle", "roll_angle", "sail_angle", "pitch_rate", "roll_rate", "sail_rate")
+)
+"""rad and rad/s, as the encoders report them."""
+TAIL_TORQUE = PortFields("TailTorque", ("pitch", "roll"))
+"""N m, as the motors report it."""
+IMU = PortFields(
+    "ImuSample",
+    (
+        "roll",
+        "pitch",
+        "yaw",
+        *(f"{what}_{axis}" for what in ("gyro", "acceleration") for axis in _AXES),
+    ),
+)
+"""rad; rad/s; m/s2 without gravity. All in body axes."""
+SPEED = PortFields("Speed", ("speed",))
+"""m/s, horizontal."""
+STATUS = PortFields("Status", _status_fields(STATUS_SOURCES))
+"""Per source: age of its newest sample in s, fault code (0 = none). Armed: 0 or 1."""
+PLANNED_TURN = PortFields("PlannedTurn", ("planned_turn",))
+"""The turn that the driver announces, from the start of the run on: +1 left, -1 right, 0 none. Goes
+from the driver to the tail controller."""
+RIG_STATE = PortFields("RigState", ("angle", "rate"))
+"""rad and rad/s, as encoder or motor report them."""
+MOTOR_CURRENT = PortFields("MotorCurrent", ("current",))
+"""A."""
+FORCE_TORQUE = PortFields(
+    "ForceTorque", tuple(f"{what}_{axis}" for what in ("force", "torque") for axis in _AXES)
+)
+"""N and N m, zeroed."""
+RIG_STATUS = PortFields("RigStatus", _status_fields(RIG_STATUS_SOURCES))
+"""Status of the rig; its fields are like those of `STATUS`."""
+
+STATION_INPUTS: dict[str, PortFields] = {
+    "steering_angle": STEERING_ANGLE,
+    "throttle": THROTTLE,
+    "tail_pitch_command": TAIL_COMMAND,
+    "tail_roll_command": TAIL_COMMAND,
+}
+STATION_OUTPUTS: dict[str, PortFields] = {
+    "tail_state": TAIL_STATE,
+    "tail_torque": TAIL_TORQUE,
+    "imu": IMU,
+    "speed": SPEED,
+    "status": STATUS,
+}
+ROBOT_RIG_INPUTS: dict[str, PortFields] = {"tail_command": TAIL_COMMAND}
+RIG_OUTPUTS: dict[str, PortFields] = {
+    "rig_state": RIG_STATE,
+    "motor_current": MOTOR_CURRENT,
+    "force_torque": FORCE_TORQUE,
+    "status": RIG_STATUS,
+}
+
+
+def _command(joint: str) -> list[Column]:
+    stem = f"tail_{joint}_command"
+    return [
+        Column(f"{stem}_position_rad", "rad", f"tail {joint} position command"),
+        Column(f"{stem}_velocity_rad_per_s", "rad/s", f"tail {joint} velocity command"),
+        Column(f"{stem}_kp", "N m/rad", f"tail {joint} position gain"),
+        Column(f"{stem}_kd", "N m s/rad", f"tail {joint} velocity gain"),
+        Column(f"{stem}_torque_n_m", "N m", f"tail {joint} feed-forward torque"),
+    ]
+
+
+CAR_PORTS: Mapping[str, list[Column]] = {
+    "steering_angle": [
+        Column(
+            "steering_command_rad", "rad", "steering command before the servo, positive to the left"
+        )
+    ],
+    "throttle": [Column("throttle_command", "", "throttle command, -1 to 1")],
+    "planned_turn": [
+        Column("planned_turn", "", "turn that the driver announces: +1 left, -1 right, 0 none")
+    ],
+    "tail_pitch_command": _command("pitch"),
+    "tail_roll_command": _command("roll"),
+    "state": [Column("controller_state", "", "number of the tail controller's state")],
+    "tail_state": [
+        *(
+            Column(f"{part}_angle_rad", "rad", f"{part.replace('_', ' ')} angle")
+            for part in _TAIL_PARTS
+        ),
+        *(
+            Column(f"{part}_rate_rad_per_s", "rad/s", f"{part.replace('_', ' ')} rate")
+            for part in _TAIL_PARTS
+        ),
+    ],
+    "tail_torque": [
+        Column(f"tail_{part}_torque_n_m", "N m", f"torque of the tail {part} motor")
+        for part in ("pitch", "roll")
+    ],
+    "imu": [
+        *(Column(f"imu_{angle}_rad", "rad", f"IMU {angle}") for angle in ("roll", "pitch", "yaw")),
+        *_vector("imu_gyro", "rad_per_s", "rad/s", "IMU angular rate, B axes"),
+        *_vector(
+            "imu_acceleration",
+            "m_per_s2",
+            "m/s2",
+            "IMU linear acceleration, gravity removed, B axes",
+        ),
+    ],
+    "speed": [Column("speed_m_per_s", "m/s", "ground speed of the GPS")],
+    "status": [
+        *(
+            Column(f"status_{source}_{what}", unit, meaning.format(source))
+            for source in STATUS_SOURCES
+            for what, unit, meaning in (
+                ("age_s", "s", "age of the newest sample of {}"),
+                ("fault", "", "fault code of {}, 0 = none"),
+            )
+        ),
+        Column("status_armed", "", "1 when the tail motors are armed"),
+    ],
+    "roll_estimate": [Column("roll_estimate_rad", "rad", "roll angle from the on-board estimator")],
+    "roll_rate_estimate": [
+        Column("roll_rate_estimate_rad_per_s", "rad/s", "roll rate from the on-board estimator")
+    ],
+}
+"""Port of driver, tail controller, station or roll estimator -> its columns: what a run on the real
+car has too. Sensor columns hold their last sample."""
+
+CAR_TRUTH: Mapping[str, list[Column]] = {
+    "body_truth": [
+        *_vector("position", "truth_m", "m", "position of Bo in W"),
+        Column("roll_truth_rad", "rad", "roll of B, positive leans to the right"),
+        Column("pitch_truth_rad", "rad", "pitch of B, positive nose down"),
+        Column("yaw_truth_rad", "rad", "yaw of B, positive to the left, unwrapped"),
+        Column("tilt_truth_rad", "rad", "angle of the body's z axis from the world's"),
+        *_vector("velocity", "truth_m_per_s", "m/s", "velocity of Bo in W, B axes"),
+        *_vector("gyro", "truth_rad_per_s", "rad/s", "angular velocity of B in W, B axes"),
+        *_vector(
+            "acceleration",
+            "truth_m_per_s2",
+            "m/s2",
+            "acceleration at the IMU, gravity removed, B axes",
+        ),
+        *_vector("com", "truth_m", "m", "centre of mass of the whole vehicle in W"),
+    ],
+    "tail_truth": [
+        *_vector("tail_tip", "truth_m", "m", "tip of the tail in W"),
+        *_vector("tail_com", "truth_m", "m", "centre of mass of the tail in W"),
+        *_vector("tail_momentum", "truth_n_s", "N s", "linear momentum of the tail, W axes"),
+        *_vector(
+            "tail_angular_momentum",
+            "truth_n_m_s",
+            "N m s",
+            "angular momentum of the tail about Wo, W axes",
+        ),
+        *_vector("tail_force", "truth_n", "N", "aerodynamic force on the tail, W axes"),
+        *_vector(
+            "tail_force_moment",
+            "truth_n_m",
+            "N m",
+            "aerodynamic moment on the tail about Wo, W axes",
+        ),
+        Column("tail_power_truth_w", "W", "mechanical power of the tail motors"),
+    ],
+    "contact_truth": [
+        *_of_wheels(
+            "wheel_force",
+            "truth_n",
+            "N",
+            "force of the ground on the {} wheel in the last step, W axes",
+        ),
+        *_of_wheels(
+            "wheel_contact", "truth_m", "m", "contact point of the {} wheel in W, weighted by load"
+        ),
+        *(
+            Column(
+                f"ground_contact_{part}_truth_n",
+                "N",
+                f"magnitude of the ground's force on the {part}",
+            )
+            for part in GROUND_CONTACTS
+        ),
+        Column("drive_power_truth_w", "W", "mechanical power of the drive"),
+    ],
+    "wind_truth": _vector("wind", "truth_m_per_s", "m/s", "velocity of the air, W axes"),
+}
+"""Port of a simulated station -> its columns. A car without a tail has no `tail_truth`, a run
+without wind no `wind_truth`."""
+
+RIG_PORTS: Mapping[str, list[Column]] = {
+    "rig_state": [
+        Column("angle_rad", "rad", "angle of the tail, 0 hanging, positive swung downstream"),
+        Column("angular_velocity_rad_per_s", "rad/s", "rate of that angle"),
+    ],
+    "motor_current": [Column("current_a", "A", "motor current, positive pushes the tail upstream")],
+    "force_torque": [
+        *_vector("force", "n", "N", "force reading, W axes"),
+        *_vector("torque", "n_m", "N m", "torque reading at W, W axes"),
+    ],
+}
+"""Port of a rig's station -> its columns. W has its origin at the force sensor's point, z up, x
+along the motor axis; the wind blows towards -y."""
+
+RIG_TRUTH: Mapping[str, list[Column]] = {
+    "state_truth": [
+        Column("angle_truth_rad", "rad", "angle of the tail"),
+        Column("angular_velocity_truth_rad_per_s", "rad/s", "rate of that angle"),
+    ],
+    "wrench_truth": [
+        *_vector("force", "truth_n", "N", "force of the support on the rig, W axes"),
+        *_vector("torque", "truth_n_m", "N m", "torque of the support on the rig at W, W axes"),
+    ],
+    "motor_torque_truth": [Column("motor_torque_truth_n_m", "N m", "torque of the motor")],
+}
+"""Port of a simulated rig -> its columns in the log of a swing."""
+
+
+def names_of(columns: Iterable[Column]) -> list[str]:
+    """Their names."""
+    return [column.name for column in columns]
+
+
+def sensor_columns() -> list[Column]:
+    """Every column that a run on the real car has too."""
+    time = Column(TIME, "s", "time since the start of the run")
+    return [time, *(column for columns in CAR_PORTS.values() for column in columns)]
+
+
+def plant_position_columns(position_names: Iterable[str]) -> list[Column]:
+    """A column per plant position, in the order of `plant.GetPositionNames()`; for the replay."""
+    return [
+        Column(f"{PLANT_POSITION_PREFIX}{name}", "rad, m or 1", f"plant position {name}")
+        for name in position_names
+    ]
+
+
+def truth_columns() -> list[Column]:
+    """Every ground-truth column of a simulated run with a tail and without wind, without the plant
+    positions.
+    """
+    return [
+        column for port, columns in CAR_TRUTH.items() if port != "wind_truth" for column in columns
+    ]
+
+
+def rig_columns() -> list[Column]:
+    """The table of a wind-tunnel log."""
+    time = Column(TIME, "s", "time since the start of the log")
+    return [time, *(column for columns in RIG_PORTS.values() for column in columns)]

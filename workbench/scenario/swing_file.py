@@ -1,0 +1,385 @@
+"""Swing files: a tail movement as knots in time, with the gains, limits and trigger that belong to
+it.
+
+One YAML file of schema `aerodima/swing/1`. Time 0 is the moment the trigger releases the swing.
+Positions, rates and torques are those of the tail joints (roll 0 upright, positive to the right;
+pitch positive forwards), written for the turn direction that the file names; for the other
+direction roll is mirrored (`swing_at`). Between the knots the motion is a cubic. Plain Python and
+NumPy: the player must also run where Drake has no wheel.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike, NDArray
+from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
+
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.atomic_write import write_atomically
+from aerodima.workbench.core.checked_files import StrictModel, checked, read_yaml
+from aerodima.workbench.core.errors import SwingFileError
+
+SCHEMA = "aerodima/swing/1"
+
+_LIMIT_MARGIN = 1e-6
+"""How far a value may lie beyond its limit, rad or N m: rounding."""
+_SAMPLES_PER_INTERVAL = 16
+"""Points between two knots at which the curve is checked."""
+
+Samples = Annotated[tuple[float, ...], Field(strict=False, min_length=2)]
+Direction = Literal["left", "right"]
+
+
+def _from_zero(times: tuple[float, ...]) -> tuple[float, ...]:
+    if times[0] != 0.0:
+        raise ValueError(f"{times[0]!r} is first; allowed: 0, the moment of release")
+    for number, (before, after) in enumerate(pairwise(times), start=1):
+        if after <= before:
+            raise ValueError(
+                f"{number}: {after!r} follows {before!r}; allowed: strictly increasing times"
+            )
+    return times
+
+
+Times = Annotated[Samples, AfterValidator(_from_zero)]
+"""s, since the release."""
+
+
+class _Strict(StrictModel):
+    model_config = ConfigDict(strict=True)
+
+
+class Knots(_Strict):
+    """States at the knots, all of the length of `time_s`; cubic Hermite between them."""
+
+    time_s: Times = Field(
+        description="times since the release, s, strictly increasing, the first 0"
+    )
+    roll_position_rad: Samples = Field(description="tail roll, rad")
+    roll_velocity_rad_per_s: Samples = Field(description="tail roll rate, rad/s")
+    pitch_position_rad: Samples = Field(description="tail pitch, rad")
+    pitch_velocity_rad_per_s: Samples = Field(description="tail pitch rate, rad/s")
+    roll_torque_n_m: Samples | None = Field(
+        None, description="feed-forward torque of the roll motor, N m"
+    )
+    pitch_torque_n_m: Samples | None = Field(
+        None, description="feed-forward torque of the pitch motor, N m"
+    )
+
+    @model_validator(mode="after")
+    def _equally_long(self) -> Self:
+        _refuse_other_length(self, *type(self).model_fields)
+        return self
+
+    def states(self, joint: Literal["roll", "pitch"]) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (rad) and rates (rad/s) of one joint at the knots, shape (knots,)."""
+        return (
+            np.asarray(getattr(self, f"{joint}_position_rad")),
+            np.asarray(getattr(self, f"{joint}_velocity_rad_per_s")),
+        )
+
+
+def _refuse_other_length(series: Any, *names: str) -> None:
+    count = len(series.time_s)
+    for name in names:
+        samples = getattr(series, name)
+        if samples is not None and len(samples) != count:
+            raise ValueError(f"{name}: {len(samples)} values; allowed: {count}, as many as time_s")
+
+
+class JointGains(_Strict):
+    """Gains of one tail joint in the motor's own law (design section 6)."""
+
+    kp: float = Field(description="position gain, N m/rad", ge=0, le=500)
+    kd: float = Field(description="velocity gain, N m s/rad", ge=0, le=5)
+
+
+class GainPhase(_Strict):
+    """Gains from `start_s` on."""
+
+    start_s: float = Field(description="time since the release, s", ge=0)
+    roll: JointGains
+    pitch: JointGains
+
+
+class Gains(_Strict):
+    """Gains while the tail waits (`hold`) and in the phases of the swing."""
+
+    hold: JointGains
+    phases: Annotated[tuple[GainPhase, ...], Field(strict=False, min_length=1)]
+
+    @field_validator("phases")
+    @classmethod
+    def _in_order(cls, phases: tuple[GainPhase, ...]) -> tuple[GainPhase, ...]:
+        _from_zero(tuple(phase.start_s for phase in phases))
+        return phases
+
+
+class Limits(_Strict):
+    """What the knots and the curve between them must not leave; symmetric."""
+
+    roll_position_rad: float = Field(
+        description="largest magnitude of the roll angle, rad", gt=0, le=math.pi
+    )
+    pitch_position_rad: float = Field(
+        description="largest magnitude of the pitch angle, rad", gt=0, le=math.pi
+    )
+    velocity_rad_per_s: float = Field(description="largest joint rate, rad/s", gt=0)
+    torque_n_m: float = Field(description="largest motor torque, N m", gt=0)
+
+
+class Trigger(_Strict):
+    """What releases the swing: yaw rate or steering command into the planned turn, or a time since
+    its announcement.
+    """
+
+    kind: Literal["yaw_rate", "steering", "time"] = "yaw_rate"
+    threshold_rad_per_s: float | None = Field(
+        None, description="yaw_rate: into the planned turn, rad/s", gt=0
+    )
+    threshold_rad: float | None = Field(
+        None, description="steering: command into the planned turn, rad", gt=0
+    )
+    delay_s: float = Field(
+        0.0, description="from the trigger to the release, s; time: since the announcement", ge=0
+    )
+
+    @model_validator(mode="after")
+    def _has_threshold(self) -> Self:
+        for name, kind in (("threshold_rad_per_s", "yaw_rate"), ("threshold_rad", "steering")):
+            if (self.kind == kind) != (getattr(self, name) is not None):
+                raise ValueError(f"{name}: allowed and needed with kind {kind} only")
+        return self
+
+
+class Provenance(_Strict):
+    """Where the swing comes from."""
+
+    source: str = Field(description="what made it: a table, a command")
+    scenario: str | None = Field(None, description="scenario it was made with")
+    seed: int | None = Field(None, description="seed of the solver's starts", ge=0)
+    settings: Annotated[tuple[str, ...], Field(strict=False)] = Field(
+        (), description="overrides of that scenario"
+    )
+    options: dict[str, float | int | str] = Field(
+        default_factory=dict, description="of the command that made it"
+    )
+    found: dict[str, float | int | str] = Field(
+        default_factory=dict,
+        description="what it found, such as peak_roll_rad; unit at the end of the name",
+    )
+    solver_log: str | None = Field(None, description="file of the solver's log")
+    versions: dict[str, str] = Field(
+        default_factory=dict, description="project, drake, python, numpy"
+    )
+
+
+class SwingFile(_Strict):
+    """A swing.
+
+    `car` holds the parameters it was made for, as `section.key` of a scenario in SI units.
+    """
+
+    schema_: Literal["aerodima/swing/1"] = Field("aerodima/swing/1", alias="schema")
+    name: str = Field(min_length=1, max_length=80)
+    direction: Direction = Field(description="turn that the knots are written for")
+    trigger: Trigger
+    knots: Knots
+    gains: Gains
+    limits: Limits
+    provenance: Provenance
+    car: dict[str, float] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _within_limits(self) -> Self:
+        joints: tuple[Literal["roll", "pitch"], ...] = ("roll", "pitch")
+        for joint in joints:
+            allowed = getattr(self.limits, f"{joint}_position_rad")
+            self._refuse_beyond(
+                f"knots.{joint}_position_rad", allowed, f"limits.{joint}_position_rad"
+            )
+            self._refuse_beyond(
+                f"knots.{joint}_velocity_rad_per_s",
+                self.limits.velocity_rad_per_s,
+                "limits.velocity_rad_per_s",
+            )
+            self._refuse_beyond(
+                f"knots.{joint}_torque_n_m", self.limits.torque_n_m, "limits.torque_n_m"
+            )
+            self._refuse_overshoot(joint, allowed)
+        return self
+
+    def _refuse_beyond(self, key: str, allowed: float, limit: str) -> None:
+        for number, value in enumerate(getattr(self.knots, key.removeprefix("knots.")) or ()):
+            if abs(value) > allowed + _LIMIT_MARGIN:
+                raise ValueError(
+                    f"{key}.{number}: {value!r}; allowed: -{allowed:g} to {allowed:g} ({limit})"
+                )
+
+    def _refuse_overshoot(self, joint: Literal["roll", "pitch"], allowed: float) -> None:
+        times = np.asarray(self.knots.time_s)
+        fine = np.interp(
+            np.arange((len(times) - 1) * _SAMPLES_PER_INTERVAL + 1) / _SAMPLES_PER_INTERVAL,
+            np.arange(len(times)),
+            times,
+        )
+        position, _ = hermite(fine, times, *self.knots.states(joint))
+        worst = int(np.argmax(np.abs(position)))
+        if abs(position[worst]) > allowed + _LIMIT_MARGIN:
+            raise ValueError(
+                f"knots.{joint}_position_rad: the curve reaches {position[worst]:g} at "
+                f"{fine[worst]:g} s; allowed: "
+                f"-{allowed:g} to {allowed:g} (limits.{joint}_position_rad)"
+            )
+
+
+def read_swing(path: Path | str) -> SwingFile:
+    """Read a swing file.
+
+    Raises:
+        SwingFileError: missing file, bad YAML, a key named twice, another schema, unknown key,
+            value not allowed, NaN; names file, key and value.
+    """
+    return swing_from_dict(read_yaml(Path(path), SwingFileError), str(path))
+
+
+def swing_from_dict(data: Any, where: str = "swing") -> SwingFile:
+    """A swing from plain data; `where` is the file named in errors (SwingFileError)."""
+    return checked(SwingFile, data, where, SwingFileError, schema=SCHEMA)
+
+
+def write_swing(swing: SwingFile, path: Path | str, force: bool = False) -> Path:
+    """Write a swing file, whole or not at all; SwingFileError when it exists (without `force`) or
+    cannot be written.
+    """
+    text = yaml.safe_dump(
+        swing.model_dump(mode="json", by_alias=True, exclude_none=True), sort_keys=False, width=110
+    )
+    return write_atomically(Path(path), text, force, SwingFileError)
+
+
+def car_mismatches(
+    swing: SwingFile, scenario: Mapping[str, Any], tolerance: float = 1e-9
+) -> list[str]:
+    """How the car of a resolved scenario differs from the one the swing was made for: one line per
+    parameter.
+
+    Args:
+        swing: the file; a swing without `car` fits any car.
+        scenario: resolved scenario as a dict.
+        tolerance: relative difference that counts as equal.
+    """
+    lines = []
+    for name, made_for in swing.car.items():
+        section, _, key = name.partition(".")
+        value = (scenario.get(section) or {}).get(key)
+        if value is None:
+            lines.append(f"{name}: made for {made_for:g}, the scenario has no such parameter")
+        elif not math.isclose(float(value), made_for, rel_tol=tolerance, abs_tol=1e-12):
+            lines.append(f"{name}: made for {made_for:g}, the scenario has {float(value):g}")
+    return lines
+
+
+@dataclass(frozen=True)
+class SwingPoint:
+    """Tail commands at one time or at many; each has the shape of the times asked for. rad, rad/s,
+    N m.
+    """
+
+    roll_position: FloatArray
+    roll_velocity: FloatArray
+    pitch_position: FloatArray
+    pitch_velocity: FloatArray
+    roll_torque: FloatArray
+    pitch_torque: FloatArray
+
+
+def swing_at(swing: SwingFile, time: ArrayLike, direction: Direction | None = None) -> SwingPoint:
+    """Positions, rates and feed-forward torques at times since the release.
+
+    Positions are cubic Hermite polynomials through the knots, rates their derivatives, torques
+    linear between knots. Before 0 the tail rests at the first knot, after the last knot at the
+    last: rates and torques are then zero.
+
+    Args:
+        swing: the file.
+        time: s, any shape.
+        direction: turn to make; when it is not the one the file was made for, roll is mirrored.
+    """
+    t = np.asarray(time, dtype=np.float64)
+    times = np.asarray(swing.knots.time_s)
+    side = 1.0 if direction in (None, swing.direction) else -1.0
+    roll, roll_rate = hermite(t, times, *swing.knots.states("roll"))
+    pitch, pitch_rate = hermite(t, times, *swing.knots.states("pitch"))
+    roll_torque = _torque(t, times, swing.knots.roll_torque_n_m)
+    return SwingPoint(
+        roll_position=side * roll,
+        roll_velocity=side * roll_rate,
+        pitch_position=pitch,
+        pitch_velocity=pitch_rate,
+        roll_torque=side * roll_torque,
+        pitch_torque=_torque(t, times, swing.knots.pitch_torque_n_m),
+    )
+
+
+def gains_at(swing: SwingFile, time: float) -> tuple[JointGains, JointGains]:
+    """Roll and pitch gains at a time since the release, s; before it the hold gains for both."""
+    begun = [phase for phase in swing.gains.phases if phase.start_s <= time]
+    if begun:
+        return (begun[-1].roll, begun[-1].pitch)
+    return (swing.gains.hold, swing.gains.hold)
+
+
+def hermite(
+    t: FloatArray,
+    times: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Value and derivative of the cubic Hermite interpolant; at rest outside the knots.
+
+    Args:
+        t: s, any shape.
+        times: of the knots, s, strictly increasing, shape (n,).
+        position: at the knots, shape (n,).
+        velocity: at the knots, per second, shape (n,).
+    """
+    i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
+    h = times[i + 1] - times[i]
+    share = np.clip((t - times[i]) / h, 0.0, 1.0)
+    value, rate = cubic(share, h, (position[i], position[i + 1]), (velocity[i], velocity[i + 1]))
+    return value, np.where((t < times[0]) | (t > times[-1]), 0.0, rate)
+
+
+def cubic(
+    share: NDArray,
+    h: NDArray,
+    positions: tuple[NDArray, NDArray],
+    velocities: tuple[NDArray, NDArray],
+) -> Any:
+    """Value and derivative of the cubic between two knots; arrays of any shape.
+
+    Args:
+        share: of the interval that has gone by, 0 to 1.
+        h: length of the interval, s.
+        positions, velocities: at its two ends.
+    """
+    rise = positions[1] - positions[0]
+    start = h * velocities[0]
+    end = h * velocities[1]
+    quadratic = 3.0 * rise - 2.0 * start - end
+    third = start + end - 2.0 * rise
+    value = positions[0] + share * (start + share * (quadratic + share * third))
+    return value, (start + share * (2.0 * quadratic + 3.0 * share * third)) / h
+
+
+def _torque(t: FloatArray, times: FloatArray, torque: tuple[float, ...] | None) -> FloatArray:
+    if torque is None:
+        return np.zeros_like(t)
+    return np.interp(t, times, torque, left=0.0, right=0.0)

@@ -1,0 +1,252 @@
+"""A logged run: a plant, its positions over time, and the signals of its log.
+
+All replays are made of it.
+
+The plant of a car is rebuilt from the scenario in its log, that of any other diagram from the
+shapes in its log.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context, DiagramBuilder
+from scipy.ndimage import gaussian_filter1d
+
+from aerodima.workbench.car.car_plant import add_car_plant, add_plant
+from aerodima.workbench.car.ground_truth import air_columns, pose_columns
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import LogError, ScenarioError
+from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
+from aerodima.workbench.logs.signals import check_signals, check_time
+from aerodima.workbench.metrics.run_summary import tails_of
+from aerodima.workbench.scenario.scenario import scenario_from_dict
+from aerodima.workbench.scenario.signal_table import PLANT_POSITION_PREFIX
+from aerodima.workbench.view.dead_reckoning import replayable, with_turning_sail
+from aerodima.workbench.view.scene_shapes import WORLD_BODY, add_shapes, points_of
+
+SCENE = "scene"
+"""Key in `extra` of a `plant_run`: the shapes that its replay draws."""
+AIR_SCALE_KEY = "air_scale_m_per_n"
+"""Key in `extra` of a `plant_run`: the length of arrows of the air, m per N."""
+AIR_SCALE = 0.10
+"""Length of the arrow of the air on a tail, m per N, unless the run says another: the car's gives a
+few newtons."""
+_SAIL_POSITION = f"{PLANT_POSITION_PREFIX}tail_tail_sail_turn_q"
+_BELOW = 0.02
+"""A plant that reaches further below z = 0 than this (m), such as a pendulum, is drawn above a
+lower floor."""
+_LOOKS = 40
+"""Rows that say how large the plant is and how low it reaches."""
+_LEAST_SIZE = 0.15
+"""The camera does not come nearer than to a plant of this radius, m."""
+_FOLLOW_TIME = 0.15
+"""Width (s) of the smoothing of the camera's path: it does not shake with the car."""
+_CAMERA_SIDE = 0.45
+"""Angle between the car's heading and the direction to the camera, rad."""
+
+
+@dataclass(frozen=True)
+class AirOnTail:
+    """The force of the air on one tail over a run, W axes, shape (n, 3) each.
+
+    Attributes:
+        name: of the tail.
+        force: N.
+        moment: about Wo, N m.
+        root, tip: ends of its sections in W, m.
+    """
+
+    name: str
+    force: FloatArray
+    moment: FloatArray
+    root: FloatArray
+    tip: FloatArray
+
+
+@dataclass(frozen=True)
+class LoggedRun:
+    """A run whose plant can be put where it was.
+
+    Attributes:
+        run_log: the run, with what a replay reads; of a real car see `replayable`.
+        plant: moved, not simulated.
+        scene_graph: shapes of the plant.
+        positions: of the plant, shape (n, nq), one row per row of the log.
+        path: where it went, W, m, shape (n, 3); the floor is drawn about it.
+        tips: name -> path of the tip of a tail in W, m, shape (n, 3).
+        air: the air on each tail; none where the log holds no forces.
+        air_scale: length of an arrow of the air, m per N.
+        camera_place: distance and height of the camera, and height of the point that it looks at,
+            over the floor, m.
+        floor: height of the floor, m.
+    """
+
+    run_log: RunLog
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    positions: FloatArray
+    path: FloatArray
+    tips: dict[str, FloatArray]
+    air: list[AirOnTail]
+    air_scale: float
+    camera_place: tuple[float, float, float]
+    floor: float = 0.0
+
+    def move(self, plant_context: Context, row: int) -> None:
+        """Puts the plant where it was in one row of the log."""
+        self.plant.SetPositions(plant_context, self.positions[row])
+
+    @property
+    def camera_path(self) -> FloatArray:
+        """The point of the floor that stays in the middle of the picture, W, m, shape (n, 3)."""
+        com = self.run_log.vector("com", "truth_m")
+        time = self.run_log.time
+        com[:, 2] = self.floor
+        width = _FOLLOW_TIME / float(np.median(np.diff(time)))
+        reach = min(int(np.ceil(3.0 * width)), len(com) - 1)
+        straight_on = np.pad(com, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
+        return gaussian_filter1d(straight_on, width, axis=0, truncate=3.0)[reach : reach + len(com)]
+
+    @property
+    def camera_azimuth(self) -> float:
+        """Direction (rad about z) from the robot to the camera: ahead, to the outside of the turn,
+        halfway through it.
+
+        A plant without a base has no heading: the camera looks along y then, a little from the
+        side.
+        """
+        if "yaw_truth_rad" not in self.run_log.table:
+            return -0.5 * np.pi + _CAMERA_SIDE
+        yaw = self.run_log.signal("yaw_truth_rad")
+        final = float(np.clip(yaw[-1] - yaw[0], -np.pi / 2, np.pi / 2))
+        side = -_CAMERA_SIDE if final >= 0 else _CAMERA_SIDE
+        return float(yaw[0]) + 0.5 * final + side
+
+
+def add_logged_run(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
+    """Adds the plant of a run log to a diagram.
+
+    Raises:
+        LogError: the log cannot be replayed (see `replayable`): its scenario cannot be read, it has
+            other plant positions than the car of its scenario; it lacks shapes, or the columns of a
+            body or a tail; a value is not finite.
+    """
+    check_time(run_log.time)
+    if run_log.kind == PLANT_RUN:
+        return _add_plant(builder, run_log)
+    return _add_car(builder, replayable(run_log))
+
+
+def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
+    name = run_log.name
+    try:
+        scenario = scenario_from_dict(run_log.scenario)
+    except ScenarioError as error:
+        raise LogError(f"{name}: the scenario in its metadata cannot be read: {error}") from None
+    car = add_car_plant(builder, with_turning_sail(scenario))
+    plant = car.plant
+    table = run_log.table
+    if (
+        scenario.tail.sail == "facing"
+        and car.tail is not None
+        and _SAIL_POSITION not in table.columns
+    ):
+        # Its simulation has no such joint.
+        table = table.assign(**{_SAIL_POSITION: run_log.signal("sail_angle_rad")})
+    wanted = [PLANT_POSITION_PREFIX + position for position in plant.GetPositionNames()]
+    logged = {column for column in table.columns if column.startswith(PLANT_POSITION_PREFIX)}
+    if set(wanted) != logged:
+        missing = sorted(set(wanted) - logged)
+        foreign = sorted(logged - set(wanted))
+        raise LogError(
+            f"{name}: its plant positions are not those of the car of its scenario; "
+            f"missing: {', '.join(missing) or 'none'}; unknown: {', '.join(foreign) or 'none'}"
+        )
+    positions = table[wanted].to_numpy(dtype=np.float64)
+    if not np.all(np.isfinite(positions)):
+        row, column = np.argwhere(~np.isfinite(positions))[0]
+        raise LogError(f"{name}: {wanted[column]} is not finite at {run_log.time[row]:g} s")
+    path = run_log.vector("position", "truth_m")
+    place = (2.0, 0.9, 0.25)
+    tips: dict[str, FloatArray] = {}
+    air = []
+    if car.tail is not None:
+        tip = run_log.vector("tail_tip", "truth_m")
+        place = (3.0, 1.3, 0.5)  # a tail needs room
+        tips = {"tail_tip": tip}
+        if "tail_force_x_truth_n" in table.columns:
+            force = run_log.vector("tail_force", "truth_n")
+            moment = run_log.vector("tail_force_moment", "truth_n_m")
+            root = _origins(plant, "tail_rod", positions)
+            air = [AirOnTail("tail", force, moment, root, tip)]
+    return LoggedRun(run_log, plant, car.scene_graph, positions, path, tips, air, AIR_SCALE, place)
+
+
+def _origins(plant: MultibodyPlant, body: str, positions: FloatArray) -> FloatArray:
+    """Where the origin of a body is in W, m, in each row of positions, shape (n, 3)."""
+    context = plant.CreateDefaultContext()
+    found = np.zeros((len(positions), 3))
+    for row, values in enumerate(positions):
+        plant.SetPositions(context, values)
+        found[row] = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(body)).translation()
+    return found
+
+
+def _add_plant(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
+    """Each body that had visible shapes as a free body."""
+    name = run_log.name
+    extra = run_log.extra
+    if not extra.get(SCENE):
+        raise LogError(
+            f"{name}: has no shapes to be drawn; its plant was not registered with a scene graph"
+        )
+    plant, scene_graph = add_plant(builder, 0.0)
+    bodies = add_shapes(plant, extra[SCENE], name)
+    plant.Finalize()
+    tails = [tail for tail, _ in tails_of(run_log)]
+    wanted = [column for body in bodies for column in pose_columns(body)]
+    wanted += [column for tail in tails for column in air_columns(tail)] + [
+        f"com_{axis}_truth_m" for axis in "xyz"
+    ]
+    path = run_log.vector("com", "truth_m")
+    check_signals(run_log.time, {column: run_log.signal(column) for column in wanted})
+    positions = np.zeros((len(run_log.table), plant.num_positions()))
+    for body in bodies:
+        start = plant.GetBodyByName(body).floating_positions_start()
+        positions[:, start : start + 7] = run_log.table[pose_columns(body)].to_numpy(
+            dtype=np.float64
+        )
+    air = [
+        AirOnTail(
+            tail, *np.split(run_log.table[air_columns(tail)].to_numpy(dtype=np.float64), 4, axis=1)
+        )
+        for tail in tails
+    ]
+    tips = {one.name: one.tip for one in air}
+    scale = float(extra.get(AIR_SCALE_KEY, AIR_SCALE))
+    context = plant.CreateDefaultContext()
+    size = _LEAST_SIZE
+    lowest = np.inf
+    moving = [
+        (plant.GetBodyByName(one["body"]), points_of(one))
+        for one in extra[SCENE]
+        if one["body"] != WORLD_BODY
+    ]
+    for row in np.unique(np.linspace(0, len(positions) - 1, _LOOKS).astype(int)):
+        plant.SetPositions(context, positions[row])
+        points = [
+            plant.EvalBodyPoseInWorld(context, body).multiply(points.T).T for body, points in moving
+        ]
+        points += [one.tip[row : row + 1] for one in air]
+        for some in points:
+            size = max(size, float(np.max(np.linalg.norm(some - path[row], axis=1))))
+            lowest = min(lowest, float(np.min(some[:, 2])))
+    scale = float(extra.get(AIR_SCALE_KEY, AIR_SCALE))
+    floor = lowest if lowest < -_BELOW else 0.0
+    target = float(np.median(path[:, 2])) - floor
+    place = (3.6 * size, target + 0.9 * size, target)
+    return LoggedRun(run_log, plant, scene_graph, positions, path, tips, air, scale, place, floor)

@@ -1,0 +1,336 @@
+"""Pages: what stands on one as plain objects; `templates/` says how it looks, `write_files` puts it
+in a folder.
+
+A part of a page is a text (a paragraph) or one of the classes below; a text is a string, a `Link`,
+or a tuple of these, which a blank separates.
+The templates escape every text once.
+"""
+
+import base64
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from matplotlib.figure import Figure
+
+from aerodima.workbench.core.atomic_write import write_atomically
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.view.chart_panels import NoChartError, chart_panels
+from aerodima.workbench.view.figure_style import png
+
+if TYPE_CHECKING:
+    import jinja2
+    import markupsafe
+    import pandas as pd
+
+
+_PIXELS_PER_INCH = 95
+"""Resolution of figures on the page. Their letters are equally large, and a figure of 11 inches
+fills the page."""
+_NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?( ?%|°)?(\s(to\s|\().*)?|nan|[-–]?")
+"""Cells that are set to the right: a number, a range, or none."""
+Content: TypeAlias = "Page | pd.DataFrame | str | bytes"
+PLOT_LIBRARY = "uPlot-1.6.32"
+"""Folder of the library for interactive plots, as its authors publish it, with licence (MIT)."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link to a file beside the page or to an anchor; its words are the address when there are no
+    others.
+    """
+
+    target: str
+    words: str = ""
+
+
+Text: TypeAlias = str | Link | tuple[str | Link, ...]
+
+
+@dataclass(frozen=True)
+class Noted:
+    """A cell with a smaller note below its text."""
+
+    text: str
+    note: str
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a chapter comes to, set off from the rest."""
+
+    parts: Sequence["Part"]
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list."""
+
+    items: Sequence[Text]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; columns of numbers are set to the right.
+
+    Args:
+        header: names of the columns, with their units.
+        rows: cells.
+        marked: rows that stand out.
+    """
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[Text | Noted]]
+    marked: Sequence[int] = ()
+
+    @property
+    def numbers(self) -> list[bool]:
+        """Which columns hold numbers alone."""
+        if not self.rows:
+            return [False] * len(self.header)
+        columns = zip(*self.rows, strict=True)
+        return [
+            all(isinstance(cell, str) and _NUMBER.fullmatch(cell) for cell in column)
+            for column in columns
+        ]
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A figure inside the page, or an image beside it.
+
+    Args:
+        drawing: the figure, or the relative address of an image that is there.
+        caption: below it.
+        alternative: what it shows, for those who cannot see it.
+        name: of the figure's PNG beside the page, without ending; "" for one inside.
+    """
+
+    drawing: Figure | str
+    caption: Text
+    alternative: str
+    name: str = ""
+
+    @cached_property
+    def data(self) -> bytes:
+        """The PNG of a figure."""
+        assert isinstance(self.drawing, Figure)
+        return png(self.drawing)
+
+    @property
+    def source(self) -> str:
+        """Address of the image."""
+        if isinstance(self.drawing, str):
+            return self.drawing
+        if self.name:
+            return f"{self.name}.png"
+        return f"data:image/png;base64,{base64.b64encode(self.data).decode()}"
+
+    @property
+    def width(self) -> int | None:
+        """In pixels of the page; an image beside it has its own."""
+        if isinstance(self.drawing, str) or self.name:
+            return None
+        return round(_PIXELS_PER_INCH * self.drawing.get_figwidth())
+
+
+@dataclass(frozen=True)
+class InteractivePlot(Plot):
+    """A figure in which a reader can zoom and read values off; printed, or without scripts, it is
+    the figure's image.
+
+    Its figure may hold no images and no words in the coordinates of the data (`NoChartError`).
+    """
+
+    @cached_property
+    def panels(self) -> dict[str, Any]:
+        """What the page draws."""
+        assert isinstance(self.drawing, Figure)
+        return chart_panels(self.drawing)
+
+
+@dataclass(frozen=True)
+class Folded:
+    """Content that opens on a click."""
+
+    summary: str
+    parts: Sequence["Part"]
+
+
+@dataclass(frozen=True)
+class Preformatted:
+    """Text in columns, such as JSON."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Templated:
+    """What has a template of its own, with the values that it names."""
+
+    template: str
+    values: Mapping[str, Any]
+
+
+def zoomable(drawing: Figure, caption: Text, alternative: str, name: str = "") -> Plot:
+    """An interactive plot, or a plain one of a figure that has an image or words inside a panel."""
+    plot = InteractivePlot(drawing, caption, alternative, name)
+    try:
+        _ = plot.panels
+    except NoChartError:
+        return Plot(drawing, caption, alternative, name)
+    return plot
+
+
+Part: TypeAlias = Text | Finding | Bullets | Table | Plot | Folded | Preformatted | Templated
+
+
+@dataclass(frozen=True)
+class Section:
+    """One chapter: its title and what stands in it."""
+
+    title: str
+    parts: Sequence[Part]
+
+    @property
+    def anchor(self) -> str:
+        """Target of links to the section."""
+        return re.sub(r"\W+", "_", self.title.lower()).strip("_")
+
+
+@dataclass(frozen=True)
+class Page:
+    """A whole document: title, what it is about, chapters."""
+
+    title: str
+    lead: Text
+    sections: Sequence[Section]
+
+    def html(self) -> str:
+        """The document; equal pages give equal text."""
+        return render("page.html", page=self)
+
+    @property
+    def interactive(self) -> bool:
+        """Whether the plot library must be on the page for its plots."""
+        return any(_has_interactive(section.parts) for section in self.sections)
+
+    def plots(self) -> Iterator[Plot]:
+        """The figures that lie beside the page."""
+        return (
+            part
+            for section in self.sections
+            for part in section.parts
+            if isinstance(part, Plot) and part.name
+        )
+
+
+def _has_interactive(parts: Sequence[Part]) -> bool:
+    return any(
+        isinstance(part, InteractivePlot)
+        or (isinstance(part, Finding | Folded) and _has_interactive(part.parts))
+        for part in parts
+    )
+
+
+def write_files(
+    folder: Path,
+    contents: Mapping[str, Content],
+    *,
+    force: bool = True,
+    error: type[UserError] = UserError,
+) -> list[Path]:
+    """Writes files into a folder, each in one step, and none of them before all are made.
+
+    Args:
+        folder: made when it is not there.
+        contents: name -> content; a table becomes CSV or Parquet by the name, a page brings the
+            plots beside it.
+        force: replace files that exist.
+        error: class of the errors raised: a file exists, or cannot be written.
+    """
+    made: dict[str, str | bytes] = {}
+    for name, content in contents.items():
+        if isinstance(content, Page):
+            made |= {f"{plot.name}.png": plot.data for plot in content.plots()}
+            made[name] = content.html()
+        elif isinstance(content, str | bytes):
+            made[name] = content
+        else:
+            if name.endswith(".csv"):
+                made[name] = content.to_csv(index=False)
+            else:
+                made[name] = content.to_parquet(index=False)
+    return [
+        write_atomically(folder / name, content, force, error) for name, content in made.items()
+    ]
+
+
+def metric_name(metric: str) -> str:
+    """`max_yaw_rate_rad_per_s` -> `largest yaw rate`."""
+    return {
+        "speed_m_per_s": "speed at the start of the turn",
+        "max_yaw_rate_rad_per_s": "largest yaw rate",
+        "average_yaw_rate_rad_per_s": "mean yaw rate",
+        "max_linear_acceleration_m_per_s2": "largest lateral acceleration",
+        "average_linear_acceleration_m_per_s2": "mean lateral acceleration",
+        "max_kohut_deg_m_per_s2": "largest Kohut",
+        "average_kohut_deg_m_per_s2": "mean Kohut",
+        "roll_integral_rad": "roll integral",
+        "speed_in_turn_m_per_s": "speed in the turn",
+        "lift_yaw_rate_rad_per_s": "yaw rate at which an inner wheel lifts",
+        "integral_of_roll_rate_as_printed": "sum of roll-rate samples as printed",
+    }[metric]
+
+
+def metric_unit(metric: str) -> str:
+    """Unit of a metric as it is printed."""
+    endings = (
+        ("rad_per_s", "rad/s"),
+        ("m_per_s2", "m/s²"),
+        ("m_per_s", "m/s"),
+        ("_rad", "rad"),
+        ("printed", "rad/s"),
+    )
+    if "kohut" in metric:
+        return "deg m/s²"
+    return next(unit for ending, unit in endings if metric.endswith(ending))
+
+
+def percent(ratio: float) -> str:
+    """+12 %."""
+    return f"{100 * ratio:+.0f} %"
+
+
+def render(template: str, **values: Any) -> str:
+    """A template of `templates/` with values; every text in them is escaped."""
+    return _templates().get_template(template).render(values)
+
+
+@cache
+def _templates() -> "jinja2.Environment":
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    loader = FileSystemLoader(Path(__file__).parent / "templates")
+    made = Environment(
+        loader=loader,
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.tests["a"] = lambda part, name: type(part).__name__ == name
+    made.globals["shipped"] = _shipped
+    return made
+
+
+def _shipped(name: str) -> "markupsafe.Markup":
+    """A file of the plot library, for a page; its template syntax, if it had any, is not read."""
+    from markupsafe import Markup
+
+    return Markup(
+        (Path(__file__).parent / "templates" / PLOT_LIBRARY / name).read_text(encoding="utf-8")
+    )

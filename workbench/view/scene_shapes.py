@@ -1,0 +1,178 @@
+"""The visible shapes of a plant as plain data for a log, and back: a replay then needs no model
+file.
+
+A mesh is kept as the convex hull of at most `MOST_POINTS` of its points, a capsule as a cylinder
+and two spheres. Half spaces are left out: a replay has a floor of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import Any
+
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Convex,
+    Cylinder,
+    Ellipsoid,
+    Mesh,
+    Rgba,
+    Role,
+    SceneGraph,
+    Shape,
+    Sphere,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia, world_index
+
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import LogError
+
+MOST_POINTS = 200
+"""Points of the hull that stands for a mesh."""
+WORLD_BODY = ""
+"""Body of a shape that stands still."""
+_GREY = Rgba(0.7, 0.7, 0.7)
+"""Colour of a shape whose model names none."""
+_KINDS = {"box": Box, "cylinder": Cylinder, "sphere": Sphere, "ellipsoid": Ellipsoid}
+
+
+def body_label(plant: MultibodyPlant, index: BodyIndex) -> str:
+    """Name of a body in a log, after its model instance where another body has the same name."""
+    body = plant.get_body(index)
+    if index == world_index():
+        return WORLD_BODY
+    if plant.NumBodiesWithName(body.name()) == 1:
+        return body.name()
+    return f"{plant.GetModelInstanceName(body.model_instance())}_{body.name()}"
+
+
+def shapes_of(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[dict[str, Any]]:
+    """Every visible shape of a plant that is registered with this scene graph: body, kind, size,
+    pose, colour.
+    """
+    inspector = scene_graph.model_inspector()
+    bodies = [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
+    own = {geometry for body in bodies for geometry in plant.GetVisualGeometriesForBody(body)}
+    scene = []
+    for geometry in inspector.GetAllGeometryIds(Role.kIllustration):
+        if geometry not in own:
+            continue
+        body: RigidBody = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
+        phong: Any = inspector.GetIllustrationProperties(geometry).GetPropertyOrDefault(
+            "phong", "diffuse", _GREY
+        )
+        colour = [round(part, 4) for part in (phong.r(), phong.g(), phong.b())]
+        for kind, size, X_GS in _parts(inspector.GetShape(geometry)):
+            X_BS = inspector.GetPoseInFrame(geometry) @ X_GS
+            pose = [*X_BS.rotation().ToQuaternion().wxyz().tolist(), *X_BS.translation().tolist()]
+            label = body_label(plant, body.index())
+            scene.append(
+                {"body": label, "kind": kind, "size": size, "pose": pose, "colour": colour}
+            )
+    return scene
+
+
+def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:
+    """Kind, size (m) and pose in the shape's frame of what stands for a shape."""
+    here = RigidTransform()
+    if isinstance(shape, Box):
+        yield "box", [shape.width(), shape.depth(), shape.height()], here
+    elif isinstance(shape, Cylinder):
+        yield "cylinder", [shape.radius(), shape.length()], here
+    elif isinstance(shape, Sphere):
+        yield "sphere", [shape.radius()], here
+    elif isinstance(shape, Ellipsoid):
+        yield "ellipsoid", [shape.a(), shape.b(), shape.c()], here
+    elif isinstance(shape, Capsule):
+        yield "cylinder", [shape.radius(), shape.length()], here
+        for end in (-0.5, 0.5):
+            yield (
+                "sphere",
+                [shape.radius()],
+                RigidTransform(np.array([0.0, 0.0, end * shape.length()])),
+            )
+    elif isinstance(shape, Mesh | Convex):
+        hull = shape.GetConvexHull()
+        points = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
+        yield "hull", np.round(_outermost(points), 6).tolist(), here
+
+
+def _directions() -> FloatArray:
+    """Unit vectors spread evenly over the sphere, shape (`MOST_POINTS`, 3)."""
+    place = np.arange(MOST_POINTS) + 0.5
+    height = 1.0 - 2.0 * place / MOST_POINTS
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * place
+    radius = np.sqrt(1.0 - height**2)
+    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
+
+
+def _outermost(points: FloatArray) -> FloatArray:
+    """At most `MOST_POINTS` corners of a hull (n, 3): the farthest in directions spread evenly over
+    the sphere.
+    """
+    if len(points) <= MOST_POINTS:
+        return points
+    return np.asarray(points[np.unique(np.argmax(_directions() @ points.T, axis=1))])
+
+
+def points_of(entry: Mapping[str, Any]) -> FloatArray:
+    """Points that a shape of a log spans, in the frame of its body, m, (n, 3); many if round."""
+    size: FloatArray = np.asarray(entry["size"], dtype=float)
+    if entry["kind"] == "hull":
+        points = size
+    elif entry["kind"] == "box":
+        points = size * np.array(list(product((-0.5, 0.5), repeat=3)))
+    elif entry["kind"] == "cylinder":
+        across = _directions()[:, :2] / np.linalg.norm(_directions()[:, :2], axis=1, keepdims=True)
+        points = np.column_stack([size[0] * across, size[1] * np.resize((-0.5, 0.5), MOST_POINTS)])
+    else:
+        points = size * _directions()
+    X_BS = pose_of(entry)
+    return points @ X_BS.rotation().matrix().T + X_BS.translation()
+
+
+def pose_of(entry: Mapping[str, Any]) -> RigidTransform:
+    """Pose of a shape of a log in the frame of its body."""
+    w, x, y, z, *place = (float(value) for value in entry["pose"])
+    return RigidTransform(Quaternion(np.array([w, x, y, z])), np.array(place))
+
+
+def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
+    """Puts the shapes of a log into a plant, before Finalize: a free body for each that moves.
+
+    Names of these bodies.
+
+    Args:
+        plant: registered with a scene graph.
+        scene: from `shapes_of`, read from a log.
+        name: of the log, for messages.
+
+    Raises:
+        LogError: it is not what `shapes_of` makes.
+    """
+    bodies: dict[str, RigidBody] = {WORLD_BODY: plant.world_body()}
+    try:
+        for number, entry in enumerate(scene):
+            body = entry["body"]
+            if body not in bodies:
+                bodies[body] = plant.AddRigidBody(
+                    body, SpatialInertia.SolidSphereWithMass(1.0, 0.1)
+                )
+            colour = Rgba(*(float(part) for part in entry["colour"])).rgba
+            shape = _shape(entry, f"shape_{number}")
+            plant.RegisterVisualGeometry(bodies[body], pose_of(entry), shape, f"{number}", colour)
+    except (KeyError, TypeError, ValueError, RuntimeError) as cause:
+        raise LogError(f"{name}: the shapes in its metadata cannot be read ({cause!r})") from None
+    return [body for body in bodies if body != WORLD_BODY]
+
+
+def _shape(entry: Mapping[str, Any], label: str) -> Shape:
+    if entry["kind"] == "hull":
+        return Convex(points=np.array(entry["size"], dtype=float).T, label=label)
+    return _KINDS[entry["kind"]](*(float(number) for number in entry["size"]))

@@ -1,0 +1,201 @@
+"""Drake's Meshcat as the workbench shows it: on this machine only, a light floor with a metre grid,
+no axes.
+
+Everything is drawn below the path `/drake`, so that a replay can move the world under a camera that
+stays with the car.
+"""
+
+import ctypes
+import logging
+import math
+
+import numpy as np
+from pydrake.geometry import Box, Meshcat, MeshcatParams, Rgba
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import Context, Diagram
+
+from aerodima.workbench.car.car_station import simulated_car
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import UserError
+
+HOST = "127.0.0.1"
+PORTS = (1024, 65535)
+"""Ports that Drake's Meshcat takes; below them it ends the whole program."""
+
+WORLD = "/drake"
+GROUND = f"{WORLD}/ground"
+_FLOOR = Rgba(0.90, 0.91, 0.92)
+"""Colour of the floor."""
+_FINE = Rgba(0.80, 0.82, 0.84)
+"""Colour of the lines between the metres."""
+_METRE = Rgba(0.42, 0.46, 0.52)
+"""Colour of the lines at each metre."""
+_FINE_STEP = 0.25
+"""Distance of the lines between the metres, m."""
+_SHADOW_BIAS = -0.01 / 500.0
+"""One centimetre of the 500 m that the shadow of Meshcat's lamp reaches."""
+_LIVE_AREA = (-4.0, 16.0, -8.0, 10.0)
+"""Floor of a live run (x from, x to, y from, y to; m): where the car will go is not known yet."""
+_AREA = (-14.0, 14.0, -14.0, 14.0)
+"""The floor that is drawn around the car, m."""
+
+
+def open_meshcat(port: int | None = None) -> Meshcat:
+    """Starts a viewer on 127.0.0.1, with a floor and a camera that sees a whole run from the side.
+
+    Args:
+        port: 1024 to 65535; None takes the first free one from 7000 on. Its address is
+            `meshcat.web_url()`.
+
+    Raises:
+        UserError: the port is in use or not in that range, or none is free.
+    """
+    if port is not None and not PORTS[0] <= port <= PORTS[1]:
+        raise UserError(f"--port: {port}; allowed: {PORTS[0]} to {PORTS[1]}")
+    meshcat = _start(port)
+    for path in ("/Grid", "/Axes"):
+        meshcat.SetProperty(path, "visible", False)
+    meshcat.SetProperty("/Background", "top_color", [0.78, 0.85, 0.93])
+    meshcat.SetProperty("/Background", "bottom_color", [0.93, 0.94, 0.95])
+    _set_lights(meshcat)
+    draw_ground(meshcat, _LIVE_AREA)
+    meshcat.SetCamera(Meshcat.PerspectiveCamera(fov=40.0, aspect=16 / 9, near=0.05, far=100.0))
+    meshcat.SetCameraPose(np.array([4.5, -8.5, 4.5]), np.array([5.0, 1.0, 0.0]))
+    return meshcat
+
+
+def _start(port: int | None) -> Meshcat:
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(logging.WARNING)  # the caller prints the address where a visitor needs it
+    try:
+        meshcat = Meshcat(MeshcatParams(host=HOST, port=port))
+    except RuntimeError as error:
+        if port is not None:
+            place = f"port {port} of {HOST} is in use"
+        else:
+            place = f"no free port on {HOST}"
+        raise UserError(
+            f"Meshcat: {place}; choose another --port ({PORTS[0]} to {PORTS[1]})"
+        ) from error
+    finally:
+        log.setLevel(level)
+    _keep_for_ever(meshcat)
+    return meshcat
+
+
+def _keep_for_ever(meshcat: Meshcat) -> None:
+    """One reference too many, so that nothing destroys the viewer before the process is gone.
+
+    Drake aborts the process when another thread than its maker's destroys a viewer. The garbage
+    collector runs in whatever thread it is due; the interpreter, when it ends, clears modules in
+    the main thread, and a Dask worker has made its replays in another one.
+    """
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(meshcat))
+
+
+def _set_lights(meshcat: Meshcat) -> None:
+    """One sun from above with soft light all around, so that the floor is even and the car throws a
+    shadow.
+    """
+    for lamp in ("SpotLight", "PointLightNegativeX", "PointLightPositiveX"):
+        meshcat.SetProperty(f"/Lights/{lamp}", "visible", False)
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.6)
+    sun = "/Lights/FillLight/<object>"
+    meshcat.SetProperty(sun, "position", [2.0, -3.0, 9.0])
+    meshcat.SetProperty(sun, "intensity", 2.2)
+    for side in ("width", "height"):
+        meshcat.SetProperty(sun, f"shadow.mapSize.{side}", 4096.0)
+    meshcat.SetProperty(sun, "shadow.bias", _SHADOW_BIAS)
+    meshcat.SetProperty(sun, "castShadow", True)
+
+
+def area_around(points: FloatArray, margin: float = 3.0) -> tuple[float, float, float, float]:
+    """Smallest floor with whole metres (x from, x to, y from, y to) that has a margin (m) about
+    points (n, 3).
+    """
+    low = np.floor(np.min(points[:, :2], axis=0) - margin)
+    high = np.ceil(np.max(points[:, :2], axis=0) + margin)
+    return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+
+def draw_ground(
+    meshcat: Meshcat, area: tuple[float, float, float, float], height: float = 0.0
+) -> None:
+    """Draws the floor with a line every metre and a lighter one every quarter of a metre.
+
+    Args:
+        area: x from, x to, y from, y to, whole metres.
+        height: of the floor, m.
+    """
+    x0, x1, y0, y1 = area
+    meshcat.SetTransform(GROUND, RigidTransform(np.array([0.0, 0.0, height])))
+    floor = Box(x1 - x0, y1 - y0, 0.01)
+    meshcat.SetObject(f"{GROUND}/floor", floor, _FLOOR)
+    meshcat.SetTransform(
+        f"{GROUND}/floor", RigidTransform(np.array([(x0 + x1) / 2, (y0 + y1) / 2, -0.012]))
+    )
+    for name, step, height, colour in (
+        ("fine", _FINE_STEP, -0.004, _FINE),
+        ("metre", 1.0, -0.001, _METRE),
+    ):
+        start, end = _grid_lines(area, step, height)
+        meshcat.SetLineSegments(f"{GROUND}/{name}", start, end, 1.0, colour)
+
+
+def _grid_lines(
+    area: tuple[float, float, float, float], step: float, height: float
+) -> tuple[FloatArray, FloatArray]:
+    """Ends of the lines of a grid, each of shape (3, n), metre by metre: some browsers drop lines
+    that pass the eye.
+    """
+    x0, x1, y0, y1 = area
+    xs = x0 + step * np.arange(round((x1 - x0) / step) + 1)
+    ys = y0 + step * np.arange(round((y1 - y0) / step) + 1)
+    start = [[x, y, height] for x in xs for y in np.arange(y0, y1)] + [
+        [x, y, height] for y in ys for x in np.arange(x0, x1)
+    ]
+    along_y = len(xs) * round(y1 - y0)
+    end = [[x, y + 1, z] for x, y, z in start[:along_y]] + [
+        [x + 1, y, z] for x, y, z in start[along_y:]
+    ]
+    return np.asfortranarray(np.transpose(start)), np.asfortranarray(np.transpose(end))
+
+
+class ChaseCamera:
+    """Looks at a car from behind: the world moves and turns under a camera that stands still.
+
+    Args:
+        station: simulated, of the car.
+        meshcat: shows the car; None: nothing is shown.
+    """
+
+    def __init__(self, station: Diagram, meshcat: Meshcat | None) -> None:
+        self._plant = simulated_car(station).plant
+        self._meshcat = meshcat
+        self._chassis = self._plant.GetBodyByName("chassis")
+        if meshcat is not None:
+            draw_ground(meshcat, _AREA)
+            meshcat.SetCameraPose(np.array([-2.6, 0.0, 1.5]), np.array([0.8, 0.0, 0.2]))
+
+    def follow(self, context: Context) -> tuple[float, float]:
+        """Turns the view after the car in a context of the whole diagram.
+
+        Returns:
+            Its speed over ground, m/s, and its heading, rad, positive to the left of the x axis of
+            the world.
+        """
+        plant_context = self._plant.GetMyContextFromRoot(context)
+        X_WB = self._plant.EvalBodyPoseInWorld(plant_context, self._chassis)
+        velocity = self._plant.EvalBodySpatialVelocityInWorld(
+            plant_context, self._chassis
+        ).translational()
+        ahead = X_WB.rotation().matrix()[:, 0]
+        heading = math.atan2(ahead[1], ahead[0])
+        if self._meshcat is not None:
+            place = np.array([*X_WB.translation()[:2], 0.0])
+            turned = RigidTransform(RotationMatrix.MakeZRotation(-heading), np.zeros(3))
+            self._meshcat.SetTransform(WORLD, turned @ RigidTransform(-place))
+            # The ground moves by whole metres: its lines stay in place.
+            self._meshcat.SetTransform(GROUND, RigidTransform(np.round(place)))
+        return float(np.hypot(velocity[0], velocity[1])), heading
