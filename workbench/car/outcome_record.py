@@ -39,7 +39,7 @@ from aerodima.workbench.car.turn_signals import CALM_FOR, CALM_SPIN, settled_row
 from aerodima.workbench.control.manoeuvre import run_time
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.event_order import nominal_time, row_period
-from aerodima.workbench.core.port_wiring import PortMux, add_and_connect, vector_of
+from aerodima.workbench.core.port_wiring import add_and_connect, add_selector, vector_of
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, TIME, WHEELS
 
@@ -309,10 +309,11 @@ class OutcomeRecord:
             steps.append(station.GetOutputPort("last_tail_torque_truth"))
         size = sum(port.size() for port in steps)
         self._steps_log = add_and_connect(builder, VectorLogSink(size, publish_period=step))
-        mux = PortMux(builder)
-        mux.route(self._rows.get_input_port(), *(port for port, _ in cheap))
-        mux.route(self._steps_log.get_input_port(), *steps)
-        mux.add_to_builder("logged")
+        logged = add_selector(
+            builder, "logged", {"rows": [port for port, _ in cheap], "steps": steps}
+        )
+        for name, log in (("rows", self._rows), ("steps", self._steps_log)):
+            builder.Connect(logged.GetOutputPort(name), log.get_input_port())
         self._loads = GroundLoads(self._car)
         chassis = self._plant.GetBodyByName("chassis")
         q = chassis.floating_positions_start()

@@ -247,6 +247,15 @@ def test_each_command_moves_its_own_joint_with_the_torque_that_is_shown():
     assert truth.tail_power_truth_w == pytest.approx(0.7 * rates[0] - 0.4 * rates[1])
 
 
+def test_friction_of_the_joints_is_told_apart_from_the_torque_of_the_motors():
+    car = stand("held", friction={"coulomb": 0.0, "viscous": 0.1})
+    for name, rate in (("pitch", 3.0), ("roll", -2.0)):
+        car.plant.GetJointByName(f"tail_{name}").set_angular_rate(car.plant_context, rate)
+    car.simulator.Initialize()
+    np.testing.assert_array_equal(car.output("tail_torque"), [0.0, 0.0])
+    np.testing.assert_allclose(car.output("tail_actuation_truth"), [-0.3, 0.2])
+
+
 def test_rolling_wheels_are_braked_by_their_axle_s_resistance():
     """Far above the ground a spinning wheel feels nothing but c_r times the load of its axle at
     its radius.

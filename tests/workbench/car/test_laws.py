@@ -11,7 +11,7 @@ ROWS = np.linspace(-2.0, 2.0, 9)
 
 
 @pytest.mark.parametrize(
-    "law, others",
+    ("law", "others"),
     [
         (laws.pd_torque, (0.1, 1.0, 0.3, 20.0, 0.5, 0.2)),
         (laws.joint_friction, (0.1, 0.02, 10.0)),
