@@ -85,11 +85,11 @@ class TailMotor(LeafSystem):
     (tail.sdf).
 
     Input ports:
-        joint_state (2): angle rad, rate rad/s.
+        joint_motion (6): angle, rad, and rate, rad/s, of the joint; 1, or 0 before the first step;
+            rate before the last step, rad/s; torque of motor and friction in it, N m; angle of the
+            roll joint now, rad.
         tail_command (5): position rad, velocity rad/s, kp N m/rad, kd N m s/rad, torque N m; a NaN
             in it gives zero torque.
-        last_step (4): 1, or 0 before the first step; rate of the joint before that step, rad/s;
-            torque of motor and friction in it, N m; angle of the roll joint now, rad.
     Output ports:
         torque (1): N m along the joint axis.
 
@@ -108,16 +108,15 @@ class TailMotor(LeafSystem):
         self._step = scenario.simulation.step
         self._line = torque_speed_limits(motor)
         self._rotor = motor.rotor_inertia * motor.gear_ratio**2
-        self._state = self.DeclareVectorInputPort("joint_state", 2)
+        self._motion = self.DeclareVectorInputPort("joint_motion", 6)
         self._command = self.DeclareVectorInputPort("tail_command", TAIL_COMMAND.size)
-        self._last_step = self.DeclareVectorInputPort("last_step", 4)
         inputs = {self.all_input_ports_ticket()}
         self.DeclareVectorOutputPort("torque", 1, weak_callback(self._calc), inputs)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        angle, rate = vector_of(self._state, context).tolist()
+        motion = vector_of(self._motion, context).tolist()
+        angle, rate, stepped, last_rate, last_torque, roll = motion
         command = vector_of(self._command, context).tolist()
-        stepped, last_rate, last_torque, roll = vector_of(self._last_step, context).tolist()
         inertia = self._arm.about_joints(roll)[self._axis] + self._rotor
         acceleration = stepped * (rate - last_rate) / self._step
         law = self._friction
@@ -129,8 +128,9 @@ class TailMotor(LeafSystem):
 
 
 TailMotorFactory = Callable[[Scenario, str], LeafSystem]
-"""Makes the motor of one of `TAIL_JOINTS`. Its output port `torque` (1) drives the joint, N m; of
-the input ports of `TailMotor` it has those that it needs."""
+"""Makes the motor of one of `TAIL_JOINTS`. Its output port `torque` (1) drives the joint, N m. It
+has those input ports that it needs: `joint_state` (2), angle, rad, and rate, rad/s, of the joint,
+or one of those of `TailMotor`."""
 
 
 def add_tail_motor(
@@ -143,8 +143,7 @@ def add_tail_motor(
     """Adds a motor, named after its joint, and connects those of the inputs that it has.
 
     Raises:
-        UserError: the motor has no output port `torque` (1), or an input port that is not one of
-            those of `TailMotor`.
+        UserError: the motor has no output port `torque` (1), or an input port of another name.
     """
     motor = make(scenario, joint)
     motor.set_name(f"{joint}_motor")

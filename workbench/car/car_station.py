@@ -13,7 +13,7 @@ import numpy as np
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
-from pydrake.systems.primitives import Adder, PassThrough, SymbolicVectorSystem
+from pydrake.systems.primitives import Adder, Multiplexer, PassThrough, SymbolicVectorSystem
 
 from aerodima.workbench.car.ak70 import TAIL_JOINTS, TailMotor, TailMotorFactory, add_tail_motor
 from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, add_wind_source
@@ -27,7 +27,7 @@ from aerodima.workbench.car.car_sensors import (
 )
 from aerodima.workbench.car.chassis_actuators import DriveTrain, SteeringServo
 from aerodima.workbench.car.laws import joint_friction
-from aerodima.workbench.car.plant_ports import LAST_MOTOR_TORQUES, PlantPorts
+from aerodima.workbench.car.plant_ports import PlantPorts
 from aerodima.workbench.core.port_contract import (
     add_status,
     export_interface,
@@ -41,7 +41,6 @@ from aerodima.workbench.scenario.signal_table import (
     STATION_OUTPUTS,
     STATUS,
     TAIL_COMMAND,
-    TAIL_STATE,
 )
 
 NOT_FITTED = 1.0
@@ -68,7 +67,7 @@ def make_car_station(
     """Makes the station of a scenario as a diagram.
 
     A tail motor of your own is a system with an output port `torque` (1), N m, and any of the input
-    ports `joint_state` (2), rad and rad/s, `tail_command` (5) and `last_step` (4) of `TailMotor`:
+    ports `joint_state` (2), rad and rad/s, and `tail_command` (5):
 
         class Spring(LeafSystem):
             def __init__(self, scenario, joint):
@@ -135,10 +134,11 @@ def _add_simulated_car(
     if car.tail is None:
         tail = None
         ports.drive(torques, steering)
-        for joint in TAIL_JOINTS:  # nobody obeys these commands
-            ignored = builder.AddNamedSystem(f"no_{joint}_motor", PassThrough(TAIL_COMMAND.size))
-            inputs[f"{joint}_command"] = ignored.get_input_port()
-        motor_torques = concatenate(builder, "no_torques", [ports.zero] * len(TAIL_JOINTS))
+        ignored = Multiplexer([TAIL_COMMAND.size] * len(TAIL_JOINTS))
+        builder.AddNamedSystem("ignored_commands", ignored)
+        for index, joint in enumerate(TAIL_JOINTS):
+            inputs[f"{joint}_command"] = ignored.get_input_port(index)
+        motor_torques = ports.motion("tail_torque")
     else:
         tail = TailDrives.add_to_builder(builder, scenario, car, ports, air, tail_motor)
         inputs |= tail.commands
@@ -161,7 +161,7 @@ def _add_simulated_car(
         add_and_connect(builder, sensor, chassis_motion=ports.motion("chassis_motion"))
     ages = {"imu_age": imu, "speed_age": gps}
     if tail is None:
-        tail_state = concatenate(builder, "no_tail_state", [ports.zero] * TAIL_STATE.size)
+        tail_state = ports.motion("tail_state")
     else:
         tail_state, encoders = _add_encoders(builder, scenario, ports, tail.air)
         ages |= encoders
@@ -180,9 +180,7 @@ def _add_simulated_car(
     if with_truth:
         outputs |= _add_truth(builder, scenario, car, ports, torques, tail, air)
     elif tail is not None:
-        outputs["last_tail_torque_truth"] = concatenate(
-            builder, "last_tail_torque", [(ports.last_step, LAST_MOTOR_TORQUES)]
-        )
+        outputs["last_tail_torque_truth"] = ports.motion("last_tail_torque")
     if air is not None:
         outputs["wind_truth"] = air
     export_outputs(builder, outputs)
@@ -226,7 +224,7 @@ class TailDrives:
                 scenario,
                 joint,
                 joint_state=ports.motion(f"{joint}_state"),
-                last_step=ports.motion(f"{joint}_last_step"),
+                joint_motion=ports.motion(f"{joint}_motion"),
             )
             torques.append(motor.GetOutputPort("torque"))
             if motor.HasInputPort("tail_command"):

@@ -23,7 +23,7 @@ from pydrake.systems.primitives import ZeroOrderHold
 from aerodima.workbench.car.ak70 import TAIL_JOINTS
 from aerodima.workbench.car.car_plant import CarPlant
 from aerodima.workbench.core.port_wiring import PortSlice, add_selector, constant, vector_of
-from aerodima.workbench.scenario.signal_table import WHEELS
+from aerodima.workbench.scenario.signal_table import TAIL_STATE, WHEELS
 
 STEPPED = range(1)
 """Place in `last_step` of a 1, which is 0 before the first step."""
@@ -98,9 +98,10 @@ class PlantPorts:
         chassis_motion (20): see `CHASSIS_MOTION_SIZE`; spins (5): of shaft and `WHEELS`, rad/s;
         last_frame (4): 1, or 0 before the first step, and the servo's frame. With a tail,
         tail_joints (4): angles, rad, then rates, rad/s, of pitch and roll; tail_rates (2): the
-        rates alone; <joint>_state (2): angle and rate of one of `TAIL_JOINTS`; <joint>_last_step
-        (4): see `TailMotor`; tail_motion (16): see `TailAerodynamics`; sail_turn (1): angle of the
-        sail's joint, rad.
+        rates alone; <joint>_state (2): angle and rate of one of `TAIL_JOINTS`; <joint>_motion (6):
+        see `TailMotor`; tail_motion (16): see `TailAerodynamics`; sail_turn (1): angle of the
+        sail's joint, rad; last_tail_torque (2): of the motors in the last step, N m. Without,
+        tail_torque (2) and tail_state (6), which are 0.
         """
         return self._motion.GetOutputPort(part)
 
@@ -127,13 +128,18 @@ class PlantPorts:
             "last_frame": [(last, STEPPED), (last, LAST_FRAME)],
         }
         if self._car.tail is None:
+            parts["tail_torque"] = [self.zero] * len(TAIL_JOINTS)
+            parts["tail_state"] = [self.zero] * TAIL_STATE.size
             return parts
+        parts["last_tail_torque"] = [(last, LAST_MOTOR_TORQUES)]
         joints = _tail_joints(plant)
         angles: list[PortSlice] = [(state, [place]) for place, _ in joints]
         rates: list[PortSlice] = [(state, [nq + place]) for _, place in joints]
         for index, joint in enumerate(TAIL_JOINTS):
             parts[f"{joint}_state"] = [angles[index], rates[index]]
-            parts[f"{joint}_last_step"] = [
+            parts[f"{joint}_motion"] = [
+                angles[index],
+                rates[index],
                 (last, STEPPED),
                 (last, [LAST_RATES[index]]),
                 (last, [LAST_JOINT_TORQUES[index]]),

@@ -52,8 +52,8 @@ def declare_spatial_forces(
 
 def vector_of(port: InputPort | OutputPort, context: Context) -> FloatArray:
     """Value (n,) of a vector port; of an input port an array that is not to be changed."""
-    value: Any = port.Eval(context)
-    return value  # type: ignore[no-any-return]
+    value: FloatArray = port.Eval(context)
+    return value
 
 
 class DiscreteVector:

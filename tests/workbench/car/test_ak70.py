@@ -109,9 +109,8 @@ def motor_torques(commands, state, torque=0.0, step=0.0):
         motor = TailMotor(scenario, joint)
         context = motor.CreateDefaultContext()
         inputs = {
-            "joint_state": state[index::2],
+            "joint_motion": [*state[index::2], 1.0, state[2 + index], torque, state[1]],
             "tail_command": commands[index],
-            "last_step": [1.0, state[2 + index], torque, state[1]],
         }
         for name, values in inputs.items():
             motor.GetInputPort(name).FixValue(context, values)
