@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from aerodima.workbench.car.car_run import assemble
+from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.car.car_station import make_car_station, simulated_car
 from aerodima.workbench.control.manoeuvre import run_time
 from aerodima.workbench.core.errors import UserError

@@ -7,7 +7,7 @@ import pytest
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from aerodima.workbench.car.car_run import assemble
+from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.car.car_station import make_car_station, simulated_car
 from aerodima.workbench.car.chassis_actuators import knuckle_angles
 from aerodima.workbench.car.ground_truth import BODY_TRUTH, TAIL_TRUTH
