@@ -14,7 +14,7 @@ from .aero.wind import WindModel as WindModel
 from .aero.wind import add_wind as add_wind
 from .batch.dask_engine import open_engine as open_engine
 from .batch.simulation import simulate as simulate
-from .car.car_run import assemble as assemble
+from .car.car_diagram import assemble as assemble
 from .car.car_station import make_car_station as make_car_station
 from .car.clearance import make_range_of_motion as make_range_of_motion
 from .car.roll_estimator import RollEstimator as RollEstimator

@@ -13,7 +13,7 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
 
 from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.driving.plain_loop import PERIOD, WRITE_DELAY, Pilot, PilotStep
-from aerodima.workbench.car.car_run import Build, assemble
+from aerodima.workbench.car.car_diagram import Build, assemble
 from aerodima.workbench.control.tail_law import TailLaw
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.port_wiring import DiscreteVector, vector_of
@@ -94,12 +94,12 @@ class DiagramPilot(Pilot):
         car = assemble(
             scenario, interface=lambda _: self._interface, tail_law=law, lean=True, build=build
         )
-        self.columns = [name for _, names in car.own for name in names]
+        self.columns = [name for _, names in car.user_signals for name in names]
         named: dict[str, Any] = {names[0]: port for port, names in car.signals}
         self._ports = [
             named["planned_turn"],
             named["controller_state"],
-            *(port for port, _ in car.own),
+            *(port for port, _ in car.user_signals),
         ]
         self._diagram = car.builder.Build()
         self._simulator = Simulator(self._diagram)

@@ -65,7 +65,7 @@ from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import STATUS, UNARMED_SOURCES
 
 if TYPE_CHECKING:
-    from aerodima.workbench.car.car_run import Build
+    from aerodima.workbench.car.car_diagram import Build
 
 _HOUR = 3600.0
 """s; the longest drive by radio."""
@@ -487,9 +487,9 @@ def _logged_run(drive: _Drive, journal: RunJournal, pilot: Pilot, mode: RadioMod
         )
         journal.add_facts({"slow_ticks": len(guard.slow_ticks)})
         if drive.build is not None:
-            from aerodima.workbench.car.car_run import name_of
+            from aerodima.workbench.car.car_diagram import build_name
 
-            journal.add_facts({DIAGRAM: name_of(drive.build)})
+            journal.add_facts({DIAGRAM: build_name(drive.build)})
         if drive.options.law_name:
             journal.add_facts({TAIL_LAW: drive.options.law_name})
         path = journal.close()

@@ -14,7 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from aerodima.hardware.driving.run_journal import RunJournal
-from aerodima.workbench.car.car_run import truth_signals
+from aerodima.workbench.car.car_diagram import truth_signals
 from aerodima.workbench.car.car_station import make_car_station, simulated_car
 from aerodima.workbench.car.roll_estimator import RollEstimator
 from aerodima.workbench.car.roll_filter import RollFilterSettings

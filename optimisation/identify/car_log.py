@@ -164,7 +164,8 @@ class CarDrive:
         Raises:
             FitError: there is no such car.
         """
-        from aerodima.workbench.car.car_run import LiveView, run_outcome
+        from aerodima.workbench.car.car_run import run_outcome
+        from aerodima.workbench.car.run_view import LiveView
 
         scenario = self.scenario
         played = replace(self.commands, latency=latency)

@@ -182,7 +182,7 @@ def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -
         truth = {f"true_{name}": value for name, value in run.extra["truth"].items()}
         row = {"run": task.name, "outcome": "measured", "kind": run.kind, **facts, **truth}
         return row | last
-    from aerodima.workbench.car.outcome_record import STOPPED
+    from aerodima.workbench.car.termination import STOPPED
     from aerodima.workbench.car.tip_up import path_row, tip_up
     from aerodima.workbench.car.turn_course import turn_course
     from aerodima.workbench.car.turn_signals import steered_windows

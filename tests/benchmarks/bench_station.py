@@ -16,8 +16,8 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.car.car_plant import add_car_plant
-from aerodima.workbench.car.car_run import assemble
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
 from aerodima.workbench.logs.schema import run_metadata

@@ -8,7 +8,7 @@ import weakref
 import pytest
 
 from aerodima.workbench.batch.simulation import simulate
-from aerodima.workbench.car.car_run import assemble, build_of
+from aerodima.workbench.car.car_diagram import assemble, default_build
 from aerodima.workbench.core.system_lifetime import break_reference_cycles
 from aerodima.workbench.rig.rig_run import assemble_rig
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
@@ -54,7 +54,7 @@ def test_systems_of_a_user_outlive_the_run(record):
     held = []
 
     def build(builder, station):
-        build_of(scenario)(builder, station)
+        default_build(scenario)(builder, station)
         held.append(station)
 
     simulate(scenario, record=record, build=build)

@@ -14,7 +14,8 @@ from aerodima.workbench.scenario.scenario import Scenario
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
-    from aerodima.workbench.car.car_run import Build, Progress
+    from aerodima.workbench.car.car_diagram import Build
+    from aerodima.workbench.car.run_view import Progress
 
 
 def simulate(
@@ -65,7 +66,7 @@ def simulate(
             takes too much current, unwritable or existing log.
         RuntimeError: Drake's solver gave up.
     """
-    from aerodima.workbench.car.car_run import LiveView
+    from aerodima.workbench.car.run_view import LiveView
 
     view = LiveView(meshcat, real_time_rate, progress)
     if isinstance(scenario, RigScenario):

@@ -1,27 +1,29 @@
-"""AK70-10 motors in MIT mode (design section 6): on the tail of the car, and on that of the robot
-on the rig.
+"""AK70-10 motors in MIT mode (design section 6): on the joints of the car's tail, and on that of
+the robot on the rig.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
 
-from aerodima.workbench.car.tail_plant import ArmInertia, FrictionLaw, arm_inertia, smooth_friction
+from aerodima.workbench.car.laws import joint_friction, pd_torque, torque_bounds
+from aerodima.workbench.car.tail_plant import arm_inertia
+from aerodima.workbench.core.elementwise import clip
+from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.core.system_lifetime import weak_callback
 from aerodima.workbench.scenario.car_parameters import TailMotorParameters
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import TAIL_COMMAND
 
-ROLL = 1
-"""Pitch and roll joint stand in this order."""
+TAIL_JOINTS = ("tail_pitch", "tail_roll")
+"""Joints that a motor drives, in the order of all vectors of two."""
 NOW = (0.0, 1.0, 0.0)
 """Step without length, at whose instant a law holds."""
 
 
 def torque_speed_limits(motor: TailMotorParameters) -> tuple[float, float]:
-    """Stall torque (N m) and no-load speed (rad/s) at the output, from the pack voltage.
+    """Returns stall torque (N m) and no-load speed (rad/s) at the output, from the pack voltage.
 
     Ideal DC machine: the torque constant in N m/A equals 1/speed_constant in SI units.
     """
@@ -40,7 +42,7 @@ def mit_torque(
     line: tuple[float, float],
     ahead: tuple[float, float, float] = NOW,
 ) -> float:
-    """Torque (N m) of one motor in MIT mode, positive along the joint axis.
+    """Returns the torque (N m) of one motor in MIT mode, positive along the joint axis.
 
     tau = kp (q_d - q) + kd (qd_d - qd) + tau_ff with gains clipped to the frame's range, all of it
     wrong by the error of the torque constant, then held inside the peak torque and the torque-speed
@@ -60,85 +62,105 @@ def mit_torque(
         ahead: length of the plant's step, s, inertia of the joint with the reflected rotor, kg m2,
             and torque on it from all but its motor, N m; by default the law holds at this instant.
     """
-    q_d, qd_d, kp, kd, feedforward = command
+    target, target_rate, kp, kd, feedforward = command
     scale = 1.0 + motor.torque_error
-    kp = scale * min(max(kp, 0.0), motor.kp_max)
-    kd = scale * min(max(kd, 0.0), motor.kd_max)
+    kp = scale * clip(kp, 0.0, motor.kp_max)
+    kd = scale * clip(kd, 0.0, motor.kd_max)
     step, inertia, load = ahead
     coasting = speed + step * load / inertia
-    torque = kp * (q_d - position - step * coasting) + kd * (qd_d - coasting) + scale * feedforward
+    torque = pd_torque(  # angles are counted from the present one
+        step * coasting, coasting, target - position, target_rate, kp, kd, scale * feedforward
+    )
     torque /= 1.0 + step * (kd + step * kp) / inertia
-    stall, no_load = line
-    upper = min(motor.torque_limit, max(0.0, stall * (1.0 - speed / no_load)))
-    lower = max(-motor.torque_limit, min(0.0, -stall * (1.0 + speed / no_load)))
-    return min(max(torque, lower), upper)
+    lower, upper = torque_bounds(speed, motor.torque_limit, *line)
+    limited: float = clip(torque, lower, upper)
+    return limited
 
 
-class TailJoints:
-    """What drives the tail's two joints: the motors' law at the end of the step, and the friction
-    of the joints.
+class TailMotor(LeafSystem):
+    """One motor on a joint of the car's tail: `mit_torque` at the end of the plant's step.
 
-    The load on a joint is taken from the last step, inertia times acceleration less the torque that
+    The load on the joint is that of the last step, inertia times acceleration less the torque that
     acted, with the friction of this instant. The reflected rotor inertia is part of the plant
     (tail.sdf).
 
+    Input ports:
+        joint_motion (6): angle, rad, and rate, rad/s, of the joint; 1, or 0 before the first step;
+            rate before the last step, rad/s; torque of motor and friction in it, N m; angle of the
+            roll joint now, rad.
+        tail_command (5): position rad, velocity rad/s, kp N m/rad, kd N m s/rad, torque N m; a NaN
+            in it gives zero torque.
+    Output ports:
+        torque (1): N m along the joint axis.
+
     Args:
-        motor: limits and rotor.
-        arm: inertia of the arm about its joints.
-        friction: of each joint.
-        step: of the plant, s.
+        scenario: with motor, arm, friction of the joints and step of the plant.
+        joint: one of `TAIL_JOINTS`.
     """
 
-    def __init__(
-        self, motor: TailMotorParameters, arm: ArmInertia, friction: FrictionLaw, step: float
-    ) -> None:
+    def __init__(self, scenario: Scenario, joint: str) -> None:
+        super().__init__()
+        motor = scenario.tail_motor
         self._motor = motor
-        self._arm = arm
-        self._friction = friction
-        self._step = step
+        self._axis = TAIL_JOINTS.index(joint)
+        self._arm = arm_inertia(scenario.tail, motor, scenario.car)
+        self._friction = scenario.friction
+        self._step = scenario.simulation.step
         self._line = torque_speed_limits(motor)
         self._rotor = motor.rotor_inertia * motor.gear_ratio**2
+        self._motion = self.DeclareVectorInputPort("joint_motion", 6)
+        self._command = self.DeclareVectorInputPort("tail_command", TAIL_COMMAND.size)
+        inputs = {self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort("torque", 1, weak_callback(self._calc), inputs)
 
-    @classmethod
-    def of_scenario(cls, scenario: Scenario) -> "TailJoints":
-        """Motors, friction, arm and step of a scenario."""
-        friction = scenario.friction
-        law = smooth_friction(friction.coulomb, friction.viscous, friction.tanh_gain)
-        inertia = arm_inertia(scenario.tail, scenario.tail_motor, scenario.car)
-        return cls(scenario.tail_motor, inertia, law, scenario.simulation.step)
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        motion = vector_of(self._motion, context).tolist()
+        angle, rate, stepped, last_rate, last_torque, roll = motion
+        command = vector_of(self._command, context).tolist()
+        inertia = self._arm.about_joints(roll)[self._axis] + self._rotor
+        acceleration = stepped * (rate - last_rate) / self._step
+        law = self._friction
+        friction = joint_friction(rate, law.coulomb, law.viscous, law.tanh_gain)
+        load = inertia * acceleration - last_torque + friction
+        ahead = (self._step, inertia, load)
+        torque = mit_torque(angle, rate, command, self._motor, self._line, ahead)
+        output[0] = torque if torque == torque else 0.0
 
-    def torques(
-        self,
-        angles: Sequence[float],
-        rates: Sequence[float],
-        accelerations: Sequence[float],
-        last_torques: Sequence[float],
-        commands: Sequence[Sequence[float]],
-    ) -> list[tuple[float, float]]:
-        """Motor and friction torque (N m) of each joint, pitch and roll in this order.
 
-        Args:
-            angles: rad.
-            rates: rad/s.
-            accelerations: of the plant's last step, rad/s2.
-            last_torques: motor and friction together, of the plant's last step, N m.
-            commands: per joint as in `mit_torque`; a NaN in it gives zero motor torque for that
-                joint.
-        """
-        torques = []
-        for joint, about_joint in enumerate(self._arm.about_joints(angles[ROLL])):
-            angle = angles[joint]
-            rate = rates[joint]
-            inertia = about_joint + self._rotor
-            friction = self._friction(rate)
-            ahead = (
-                self._step,
-                inertia,
-                inertia * accelerations[joint] - last_torques[joint] + friction,
+TailMotorFactory = Callable[[Scenario, str], LeafSystem]
+"""Makes the motor of one of `TAIL_JOINTS`. Its output port `torque` (1) drives the joint, N m. It
+has those input ports that it needs: `joint_state` (2), angle, rad, and rate, rad/s, of the joint,
+or one of those of `TailMotor`."""
+
+
+def add_tail_motor(
+    builder: DiagramBuilder,
+    make: TailMotorFactory,
+    scenario: Scenario,
+    joint: str,
+    **inputs: OutputPort,
+) -> LeafSystem:
+    """Adds a motor, named after its joint, and connects those of the inputs that it has.
+
+    Raises:
+        UserError: the motor has no output port `torque` (1), or an input port of another name.
+    """
+    motor = make(scenario, joint)
+    motor.set_name(f"{joint}_motor")
+    builder.AddSystem(motor)
+    for index in range(motor.num_input_ports()):
+        port = motor.get_input_port(index)
+        source = inputs.get(port.get_name())
+        if source is not None:
+            builder.Connect(source, port)
+        elif port.get_name() != "tail_command":
+            raise UserError(
+                f"tail_motor: input port {port.get_name()!r}; must be one of tail_command, "
+                f"{', '.join(inputs)}"
             )
-            torque = mit_torque(angle, rate, commands[joint], self._motor, self._line, ahead)
-            torques.append((torque if torque == torque else 0.0, friction))
-        return torques
+    if not motor.HasOutputPort("torque") or motor.GetOutputPort("torque").size() != 1:
+        raise UserError("tail_motor: must have an output port 'torque' with one element")
+    return motor
 
 
 class MitMotor(LeafSystem):
@@ -168,19 +190,18 @@ class MitMotor(LeafSystem):
         self._line = torque_speed_limits(motor)
         self._state = self.DeclareVectorInputPort("joint_state", 2)
         self._command = self.DeclareVectorInputPort("tail_command", TAIL_COMMAND.size)
-        tickets = {self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("torque", 1, weak_callback(self._calc_torque), tickets)
-        self.DeclareVectorOutputPort("current", 1, weak_callback(self._calc_current), tickets)
+        inputs = {self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort("torque", 1, weak_callback(self._calc_torque), inputs)
+        self.DeclareVectorOutputPort("current", 1, weak_callback(self._calc_current), inputs)
 
     def _torque(self, context: Context) -> float:
-        state = vector_of(self._state, context)
-        command = vector_of(self._command, context)
-        angle, rate = state.tolist()
-        torque = mit_torque(angle, rate, command.tolist(), self._motor, self._line)
+        angle, rate = vector_of(self._state, context).tolist()
+        command = vector_of(self._command, context).tolist()
+        torque = mit_torque(angle, rate, command, self._motor, self._line)
         return torque if torque == torque else 0.0
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.array([self._torque(context)]))
+        output[0] = self._torque(context)
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.array([-self._torque(context) / self._torque_constant]))
+        output[0] = -self._torque(context) / self._torque_constant

@@ -1,5 +1,5 @@
-"""The air around the simulated car: the wind of a scenario, the sections of its sail and their
-coefficients.
+"""The air around the simulated car: the wind of a scenario, the sections of its sail with their
+coefficients, and their force on the tail.
 
 The air acts on the sail only; the chassis feels none.
 """
@@ -7,20 +7,35 @@ The air acts on the sail only; the chassis feels none.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+    System,
+)
 
-from aerodima.workbench.aero.laws import ROBOT_LIMIT, NormalForceLaw, SectionLaw, facing_law
-from aerodima.workbench.aero.sail import FreeSail
+from aerodima.workbench.aero.laws import (
+    ROBOT_LIMIT,
+    NormalForceLaw,
+    SectionLaw,
+    cross,
+    facing_law,
+    wind_direction,
+)
+from aerodima.workbench.aero.sail import FreeSail, SailMotion, generalised_force, sail_motion
 from aerodima.workbench.aero.sections import Air, SectionLayout
-from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.car.tail_plant import tail_geometry
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.checked_files import CONSTANT, SAIL_LAWS
 from aerodima.workbench.core.errors import ModelError
-from aerodima.workbench.core.port_wiring import concatenate
+from aerodima.workbench.core.port_wiring import add_and_connect, concatenate, vector_of
+from aerodima.workbench.core.system_lifetime import weak_callback
 from aerodima.workbench.scenario.car_parameters import SAIL_SHAPES, TailParameters
 from aerodima.workbench.scenario.scenario import Scenario
 
@@ -139,43 +154,133 @@ def sail_strips(tail: TailParameters) -> list[tuple[SectionLayout, SectionLaw]]:
     ]
 
 
-@dataclass(frozen=True)
-class SailReport:
-    """What the air does to the car's sail.
+class TailAerodynamics(LeafSystem):
+    """The air on the car's tail, as a generalised force on chassis and joints.
 
-    Attributes:
-        sections, validity: of the sail's opening, or of all lines of a tail of its own geometry, as
-            `TailForce`.
+    Each line of sections has a `SectionLaw`; the motion of the sail is in closed form, by test
+    equal to Drake's. A list of spatial forces would make a Python object per step.
+
+    Input ports:
+        tail_motion (16): of the chassis its quaternion w, x, y, z, angular velocity, rad/s, and
+            velocity, m/s, in W; angles, rad, and rates, rad/s, of pitch, roll and sail joint.
+        wind_velocity (3): v_WA in W, m/s; only in wind.
+    Output ports:
+        force (9): moment on the chassis about its origin, N m, and force on it, N, in W; torques
+            on pitch, roll and sail joint, N m.
+        wind_direction (1): of the first line of sections, as `TailForce.wind_direction`, rad.
+
+    Args:
+        scenario: with tail and density of the air.
+        p_BoSo_B: where the tail's joint axes cross, in the chassis frame (3), m.
+        windy: whether the air moves.
     """
 
-    sections: OutputPort
-    validity: OutputPort
+    def __init__(self, scenario: Scenario, p_BoSo_B: FloatArray, windy: bool) -> None:
+        super().__init__()
+        self.set_name("tail_aerodynamics")
+        self._lines = sail_strips(scenario.tail)
+        self._density = scenario.environment.air_density
+        self._p_BoSo_B = p_BoSo_B.tolist()
+        self._motion = self.DeclareVectorInputPort("tail_motion", 16)
+        self._wind = self.DeclareVectorInputPort("wind_velocity", 3) if windy else None
+        inputs = {self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort("force", 9, weak_callback(self._calc_force), inputs)
+        self.DeclareVectorOutputPort(
+            "wind_direction", 1, weak_callback(self._calc_wind_direction), inputs
+        )
+
+    @classmethod
+    def add_to_builder(
+        cls,
+        builder: DiagramBuilder,
+        scenario: Scenario,
+        plant: MultibodyPlant,
+        *,
+        tail_motion: OutputPort,
+        wind: OutputPort | None,
+    ) -> TailAerodynamics:
+        """Adds the air around the tail of a plant; still air without `wind`."""
+        chassis = plant.GetFrameByName("chassis")
+        sail = plant.GetFrameByName("tail_sail")
+        X_BS = plant.CalcRelativeTransform(plant.CreateDefaultContext(), chassis, sail)
+        air = cls(scenario, X_BS.translation(), wind is not None)
+        add_and_connect(builder, air, tail_motion=tail_motion)
+        if wind is not None:
+            builder.Connect(wind, air.GetInputPort("wind_velocity"))
+        return air
+
+    def _sail(self, context: Context) -> tuple[SailMotion, Any]:
+        """Motion of the sail; velocity of the air, None where it is still."""
+        x = vector_of(self._motion, context).tolist()
+        sail = sail_motion(x[:4], x[4:10], x[10:13], x[13:], self._p_BoSo_B)
+        wind = None if self._wind is None else vector_of(self._wind, context).tolist()
+        return sail, wind
+
+    def _calc_force(self, context: Context, output: BasicVector) -> None:
+        sail, wind = self._sail(context)
+        fx = fy = fz = mx = my = mz = 0.0
+        for layout, law in self._lines:
+            line = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, wind)
+            gx, gy, gz, kx, ky, kz = law.line_force(
+                line, layout.distances, layout.areas, self._density
+            )
+            if layout.p_BoRo_B != (0.0, 0.0, 0.0):
+                dx, dy, dz = cross(layout.root_in(sail.R_WS), (gx, gy, gz))
+                kx = kx + dx
+                ky = ky + dy
+                kz = kz + dz
+            fx = fx + gx
+            fy = fy + gy
+            fz = fz + gz
+            mx = mx + kx
+            my = my + ky
+            mz = mz + kz
+        force = generalised_force(sail, (fx, fy, fz), (mx, my, mz))
+        output.SetFromVector(np.array(force))
+
+    def _calc_wind_direction(self, context: Context, output: BasicVector) -> None:
+        sail, wind = self._sail(context)
+        (layout, _) = self._lines[0]
+        line = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, wind)
+        output[0] = wind_direction(line, layout.distances, layout.areas)
 
 
 def add_sail_report(
     builder: DiagramBuilder, plant: MultibodyPlant, scenario: Scenario, wind: OutputPort | None
-) -> SailReport:
-    """Adds systems that say what the air does to the sail; the `CarDrives` push the plant."""
+) -> dict[str, OutputPort]:
+    """Adds systems that say what the air does to the sail; `TailAerodynamics` pushes the plant.
+
+    Returns:
+        The ports `sections` and `validity` of `TailForce`: of the sail's opening, or of all lines
+        of a tail of its own geometry.
+    """
+    from aerodima.workbench.aero.tail_force import add_tail_force
+
     tail = scenario.tail
     _, limit = sail_law(tail)
     air = Air(scenario.environment.air_density, scenario.environment.air_viscosity)
-    lines = [
-        add_tail_force(
-            builder, plant, "tail_sail", layout, law, air=air, wind=wind, quasi_steady_limit=limit,
+    lines = []
+    for number, (layout, law) in enumerate(sail_strips(tail)):
+        line = add_tail_force(
+            builder,
+            plant,
+            "tail_sail",
+            layout,
+            law,
+            air=air,
+            wind=wind,
+            quasi_steady_limit=limit,
             applied=False,
             name=f"tail_force_tail_sail_{number}" if number else None,
         )
-        for number, (layout, law) in enumerate(sail_strips(tail))
-    ]  # fmt: skip
+        lines.append(line)
     if tail.sail == "free":
-        shown = lines[:1]
-    else:
-        shown = lines
-
-    def joined(name: str) -> OutputPort:
-        ports = [line.GetOutputPort(name) for line in shown]
+        lines = lines[:1]
+    report = {}
+    for name in ("sections", "validity"):
+        ports = [line.GetOutputPort(name) for line in lines]
         if len(ports) == 1:
-            return ports[0]
-        return concatenate(builder, f"sail_{name}", ports)
-
-    return SailReport(joined("sections"), joined("validity"))
+            report[name] = ports[0]
+        else:
+            report[name] = concatenate(builder, f"sail_{name}", ports)
+    return report

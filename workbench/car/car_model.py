@@ -35,8 +35,6 @@ EDGE_HALF_WIDTH = 0.002
 stays on it."""
 
 
-ROLLING_RATE = 1.0
-"""Rate (rad/s) of a wheel over which its rolling resistance is rounded off."""
 RIGID_SLIP = 1e-4
 """Slip (m/s) over which Drake spreads friction by default, that of rigid tyres."""
 

@@ -6,13 +6,17 @@ not know which it is. The simulated station adds ground-truth ports, whose names
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from pydrake.geometry import Meshcat, MeshcatVisualizer
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.symbolic import Expression, Variable
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
+from pydrake.systems.primitives import Adder, Multiplexer, PassThrough, SymbolicVectorSystem
 
-from aerodima.workbench.car.car_air import add_sail_report, add_wind_source
-from aerodima.workbench.car.car_drives import LAST, DrivenCar, add_car_drives
+from aerodima.workbench.car.ak70 import TAIL_JOINTS, TailMotor, TailMotorFactory, add_tail_motor
+from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, add_wind_source
 from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
 from aerodima.workbench.car.car_sensors import (
     GpsSpeed,
@@ -21,27 +25,29 @@ from aerodima.workbench.car.car_sensors import (
     MotorReply,
     SailEncoder,
 )
-from aerodima.workbench.car.ground_truth import CarTruth
+from aerodima.workbench.car.chassis_actuators import DriveTrain, SteeringServo
+from aerodima.workbench.car.laws import joint_friction
+from aerodima.workbench.car.plant_ports import PlantPorts
 from aerodima.workbench.core.port_contract import (
     add_status,
     export_interface,
     export_outputs,
     require_ports,
 )
-from aerodima.workbench.core.port_wiring import PortMux, PortSlice, add_and_connect
+from aerodima.workbench.core.port_wiring import add_and_connect, concatenate
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import (
     STATION_INPUTS,
     STATION_OUTPUTS,
     STATUS,
-    TAIL_STATE,
+    TAIL_COMMAND,
 )
 
 NOT_FITTED = 1.0
 """Fault code on `status` of a part that this car does not have, such as the motors of a car without
 tail arm."""
-
 TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
+"""Parts of the tail that report on `status`."""
 HEALTHY = ("imu_fault", "speed_fault", "operator_age", "operator_fault")
 """Fields of `status` that are 0 in simulation."""
 
@@ -56,8 +62,22 @@ def make_car_station(
     meshcat: Meshcat | None = None,
     *,
     with_truth: bool = True,
+    tail_motor: TailMotorFactory = TailMotor,
 ) -> Diagram:
-    """The station of a scenario as a diagram.
+    """Makes the station of a scenario as a diagram.
+
+    A tail motor of your own is a system with an output port `torque` (1), N m, and any of the input
+    ports `joint_state` (2), rad and rad/s, and `tail_command` (5):
+
+        class Spring(LeafSystem):
+            def __init__(self, scenario, joint):
+                super().__init__()
+                state = self.DeclareVectorInputPort("joint_state", 2)
+                self.DeclareVectorOutputPort(
+                    "torque", 1, lambda context, torque: torque.SetFromVector(
+                        -5.0 * state.Eval(context)[:1]))
+
+        station = make_car_station(scenario, tail_motor=Spring)
 
     Args:
         scenario: what to simulate, or what to drive.
@@ -65,14 +85,17 @@ def make_car_station(
         meshcat: shows the simulated car live.
         with_truth: of a simulated car, whether the station has every ground truth, or only the
             plant's state and the torque of the tail motors in its last step, which costs nothing.
+        tail_motor: makes the motor of a simulated joint, called with the scenario and one of
+            `tail_pitch` and `tail_roll`.
 
     Raises:
         ModelError: a model does not load with the numbers of the scenario.
-        UserError: the interface, or the simulated car, has other ports than the station must have.
+        UserError: the interface, the simulated car or a tail motor has other ports than it must
+            have.
     """
     builder = DiagramBuilder()
     if interface is None:
-        _simulate(builder, scenario, meshcat, with_truth)
+        _add_simulated_car(builder, scenario, meshcat, with_truth, tail_motor)
     else:
         export_interface(builder, interface(scenario), STATION_INPUTS, STATION_OUTPUTS)
     station = builder.Build()
@@ -81,97 +104,187 @@ def make_car_station(
     return station
 
 
-def _simulate(
-    builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None, with_truth: bool
+def _add_simulated_car(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    meshcat: Meshcat | None,
+    with_truth: bool,
+    tail_motor: TailMotorFactory,
 ) -> None:
-    mux = PortMux(builder, STATION_INPUTS)
+    """Adds plant, drive train, servo, tail and sensors, and exports the ports of the station."""
+    # The plant, and the wind that pushes its added mass.
     wind = add_wind_source(builder, scenario)
-    gusts = wind is not None and scenario.wind.gust_amplitude > 0.0
-    pushing = None
-    if wind and gusts:
-        pushing = wind.GetOutputPort("wind_acceleration")
-    seen = with_truth or meshcat is not None
-    car = add_car_plant(builder, scenario, pushing, sampled_outputs=with_truth, drawn=seen)
-    blowing = None
-    if wind is not None:
-        blowing = wind.GetOutputPort("wind_velocity")
-    driven = add_car_drives(builder, mux, scenario, car, blowing)
-    reports: dict[str, System] = {}
+    drawn = with_truth or meshcat is not None
+    gust = None
+    if wind is not None and scenario.wind.gust_amplitude > 0.0:
+        gust = wind.GetOutputPort("wind_acceleration")
+    car = add_car_plant(builder, scenario, gust, sampled_outputs=with_truth, drawn=drawn)
+    ports = PlantPorts(builder, car)
+    air = wind.GetOutputPort("wind_velocity") if wind is not None else None
+
+    # Drive train, steering and tail.
+    drive = DriveTrain.add_to_builder(builder, scenario, spins=ports.motion("spins"))
+    servo = SteeringServo.add_to_builder(builder, scenario, last_frame=ports.motion("last_frame"))
+    inputs: dict[str, InputPort] = {
+        "throttle": drive.GetInputPort("throttle"),
+        "steering_angle": servo.GetInputPort("steering_angle"),
+    }
+    torques = drive.GetOutputPort("torques")
+    steering = servo.GetOutputPort("steering")
     if car.tail is None:
-        mux.route("tail_state", *[driven.zero] * TAIL_STATE.size)
+        tail = None
+        ports.drive(torques, steering)
+        ignored = Multiplexer([TAIL_COMMAND.size] * len(TAIL_JOINTS))
+        builder.AddNamedSystem("ignored_commands", ignored)
+        for index, joint in enumerate(TAIL_JOINTS):
+            inputs[f"{joint}_command"] = ignored.get_input_port(index)
+        motor_torques = ports.motion("tail_torque")
     else:
-        reports = _add_tail(builder, mux, scenario, driven)
+        tail = TailDrives.add_to_builder(builder, scenario, car, ports, air, tail_motor)
+        inputs |= tail.commands
+        motor_torques = tail.motor_torques
+        force = tail.air.GetOutputPort("force")
+        ports.drive(torques, steering, motor_torques, tail.joint_torques, force)
+
+    # Sensors.
     step = scenario.simulation.step
-    seed = scenario.seed
-    gravity = scenario.environment.gravity
-    place = (scenario.imu.x, 0.0, scenario.imu.z)
-    imu = Imu(scenario.imu, p_BoImu_B=place, seed=seed, step=step, discrete=True, gravity=gravity)
-    gps = GpsSpeed(scenario.gps, seed=seed, step=step, discrete=True)
+    imu = Imu(
+        scenario.imu,
+        p_BoImu_B=(scenario.imu.x, 0.0, scenario.imu.z),
+        seed=scenario.seed,
+        step=step,
+        discrete=True,
+        gravity=scenario.environment.gravity,
+    )
+    gps = GpsSpeed(scenario.gps, seed=scenario.seed, step=step, discrete=True)
     for sensor in (imu, gps):
-        builder.AddSystem(sensor)
-        mux.route(sensor.GetInputPort("chassis_motion"), *driven.chassis_motion)
-    mux.route("tail_torque", driven.drive("motor_torques"))
+        add_and_connect(builder, sensor, chassis_motion=ports.motion("chassis_motion"))
+    ages = {"imu_age": imu, "speed_age": gps}
+    if tail is None:
+        tail_state = ports.motion("tail_state")
+    else:
+        tail_state, encoders = _add_encoders(builder, scenario, ports, tail.air)
+        ages |= encoders
+
+    # Ports of the station.
+    for name in STATION_INPUTS:
+        builder.ExportInput(inputs[name], name)
     outputs = {
+        "tail_state": tail_state,
+        "tail_torque": motor_torques,
         "imu": imu.GetOutputPort("imu"),
         "speed": gps.GetOutputPort("speed"),
-        "status": _add_status(builder, {"imu_age": imu, "speed_age": gps}, reports),
+        "status": _add_status(builder, ages),
         "plant_state_truth": car.plant.get_state_output_port(),
     }
     if with_truth:
-        outputs |= _add_truth(builder, mux, scenario, car, driven, blowing)
+        outputs |= _add_truth(builder, scenario, car, ports, torques, tail, air)
+    elif tail is not None:
+        outputs["last_tail_torque_truth"] = ports.motion("last_tail_torque")
+    if air is not None:
+        outputs["wind_truth"] = air
     export_outputs(builder, outputs)
-    if car.tail is not None and not with_truth:
-        mux.route("last_tail_torque_truth", (driven.last, LAST["motor_torques"]))
-    if blowing is not None:
-        builder.ExportOutput(blowing, "wind_truth")
-    mux.add_to_builder()
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, car.scene_graph, meshcat)
 
 
-def _add_tail(
-    builder: DiagramBuilder, mux: PortMux, scenario: Scenario, driven: DrivenCar
-) -> dict[str, System]:
-    """Adds the encoders; who reports, by field of its age."""
+@dataclass(frozen=True)
+class TailDrives:
+    """What drives the tail of a car.
+
+    Attributes:
+        commands: input ports of the motors, by their names on the station.
+        motor_torques: port (2) of the torques of the motors on pitch and roll joint, N m.
+        joint_torques: port (2) of these and the friction of the joints together, N m.
+        air: the force of the air.
+    """
+
+    commands: dict[str, InputPort]
+    motor_torques: OutputPort
+    joint_torques: OutputPort
+    air: TailAerodynamics
+
+    @classmethod
+    def add_to_builder(
+        cls,
+        builder: DiagramBuilder,
+        scenario: Scenario,
+        car: CarPlant,
+        ports: PlantPorts,
+        wind: OutputPort | None,
+        tail_motor: TailMotorFactory,
+    ) -> "TailDrives":
+        """Adds two motors, the friction of their joints, and the air on the sail."""
+        commands = {}
+        torques = []
+        for joint in TAIL_JOINTS:
+            motor = add_tail_motor(
+                builder,
+                tail_motor,
+                scenario,
+                joint,
+                joint_state=ports.motion(f"{joint}_state"),
+                joint_motion=ports.motion(f"{joint}_motion"),
+            )
+            torques.append(motor.GetOutputPort("torque"))
+            if motor.HasInputPort("tail_command"):
+                commands[f"{joint}_command"] = motor.GetInputPort("tail_command")
+            else:
+                ignored = PassThrough(TAIL_COMMAND.size)
+                builder.AddNamedSystem(f"ignored_{joint}_command", ignored)
+                commands[f"{joint}_command"] = ignored.get_input_port()
+        motor_torques = concatenate(builder, "motor_torques", torques)
+        rates = [Variable(joint) for joint in TAIL_JOINTS]
+        law = scenario.friction
+        with np.errstate(invalid="ignore"):  # NumPy sees a NaN in every expression
+            friction = [
+                joint_friction(Expression(rate), law.coulomb, law.viscous, law.tanh_gain)
+                for rate in rates
+            ]
+        system = SymbolicVectorSystem(input=rates, output=friction)
+        add_and_connect(builder, system, "joint_friction", u0=ports.motion("tail_rates"))
+        joint_torques = add_and_connect(
+            builder,
+            Adder(2, len(TAIL_JOINTS)),
+            "joint_torques",
+            u0=motor_torques,
+            u1=system.get_output_port(),
+        )
+        air = TailAerodynamics.add_to_builder(
+            builder, scenario, car.plant, tail_motion=ports.motion("tail_motion"), wind=wind
+        )
+        return cls(commands, motor_torques, joint_torques.get_output_port(), air)
+
+
+def _add_encoders(
+    builder: DiagramBuilder, scenario: Scenario, ports: PlantPorts, air: TailAerodynamics
+) -> tuple[OutputPort, dict[str, System]]:
+    """Adds the encoders of the tail; returns the port `tail_state`, and who reports by age."""
     motor = scenario.tail_motor
     step = scenario.simulation.step
     reply = MotorReply(motor.position_range, motor.speed_range)
     encoders = MotorEncoder(scenario.controller.rate, reply, step=step, discrete=True)
-    builder.AddSystem(encoders)
-    mux.route(
-        encoders.GetInputPort("joints"), *driven.moves("angles")[:2], *driven.moves("rates")[:2]
-    )
-    sail: System = encoders
-    angle: PortSlice = driven.zero
-    rate: PortSlice = driven.zero
+    add_and_connect(builder, encoders, joints=ports.motion("tail_joints"))
+    ages: dict[str, System] = {f"{part}_age": encoders for part in TAIL_PARTS}
+    angle = rate = ports.zero
     if scenario.tail.sail != "locked":
-        sail = builder.AddSystem(
-            SailEncoder(scenario.sail_encoder, seed=scenario.seed, step=step, discrete=True)
-        )
-        # A sail that faces the wind has no joint, its angle is that of the wind.
-        free = scenario.tail.sail == "free"
-        if free:
-            turn = driven.moves("angles")[2]
-        else:
-            turn = driven.system.GetOutputPort("wind_direction")
-        mux.route(sail.GetInputPort("joint_angle"), turn)
-        angle, rate = map(sail.GetOutputPort, ("angle", "rate"))
-    mux.route(
-        "tail_state", encoders.GetOutputPort("angles"), angle, encoders.GetOutputPort("rates"), rate
-    )
-    sensors: dict[str, System] = {f"{part}_age": encoders for part in TAIL_PARTS}
-    sensors["sail_age"] = sail
-    return sensors
+        sail = SailEncoder(scenario.sail_encoder, seed=scenario.seed, step=step, discrete=True)
+        if scenario.tail.sail == "free":
+            turn = ports.motion("sail_turn")
+        else:  # a sail that faces the wind has no joint, its angle is that of the wind
+            turn = air.GetOutputPort("wind_direction")
+        ages["sail_age"] = add_and_connect(builder, sail, joint_angle=turn)
+        angle = sail.GetOutputPort("angle")
+        rate = sail.GetOutputPort("rate")
+    parts = [encoders.GetOutputPort("angles"), angle, encoders.GetOutputPort("rates"), rate]
+    return concatenate(builder, "tail_state", parts), ages
 
 
-def _add_status(
-    builder: DiagramBuilder, reports: dict[str, System], tail: dict[str, System]
-) -> OutputPort:
-    """From the sensors by field of their age; those of the tail are none without one."""
-    sensors = reports | tail
+def _add_status(builder: DiagramBuilder, sensors: dict[str, System]) -> OutputPort:
+    """Adds the status of sensors by the field of their age; a tail that is not there has none."""
     healthy = [*HEALTHY]
     fault = 0.0
-    if not tail:
+    if "sail_age" not in sensors:
         healthy += [f"{part}_age" for part in TAIL_PARTS]
         fault = NOT_FITTED
     return add_status(
@@ -186,40 +299,44 @@ def _add_status(
 
 def _add_truth(
     builder: DiagramBuilder,
-    mux: PortMux,
     scenario: Scenario,
     car: CarPlant,
-    driven: DrivenCar,
+    ports: PlantPorts,
+    torques: OutputPort,
+    tail: TailDrives | None,
     wind: OutputPort | None,
 ) -> dict[str, OutputPort]:
-    """Adds what only a simulation knows; the ports to export."""
+    """Adds what only a simulation knows; returns the ports to export."""
+    from aerodima.workbench.car.ground_truth import CarTruth
+
     plant = car.plant
-    truth = add_and_connect(
-        builder,
-        CarTruth(car, scenario),
-        "truth",
-        plant_state=plant.get_state_output_port(),
-        contact_results=plant.get_contact_results_output_port(),
-    )
-    mux.route(truth.GetInputPort("chassis_motion"), *driven.chassis_motion)
-    mux.route(truth.GetInputPort("drive_torque"), driven.drive("shaft_torque"))
-    ports = {
+    contacts = plant.get_contact_results_output_port()
+    sources = {
+        "plant_state": plant.get_state_output_port(),
+        "contact_results": contacts,
+        "chassis_motion": ports.motion("chassis_motion"),
+        "drive_torque": concatenate(builder, "drive_torque", [(torques, [0])]),
+    }
+    outputs = {
         "plant_acceleration_truth": plant.GetOutputPort("generalized_acceleration"),
-        "contact_results_truth": plant.get_contact_results_output_port(),
+        "contact_results_truth": contacts,
     }
     names = ["body_truth", "contact_truth"]
-    if car.tail is not None:
-        sail = add_sail_report(builder, plant, scenario, wind)
-        mux.route(truth.GetInputPort("tail_torque"), driven.drive("motor_torques"))
-        mux.route("tail_actuation_truth", driven.drive("joint_torques"))
-        mux.route(truth.GetInputPort("tail_air"), driven.drive("air_on_chassis"))
-        ports |= {"tail_sections_truth": sail.sections, "tail_validity_truth": sail.validity}
+    if tail is not None:
+        report = add_sail_report(builder, plant, scenario, wind)
+        force = tail.air.GetOutputPort("force")
+        sources["tail_torque"] = tail.motor_torques
+        sources["tail_air"] = concatenate(builder, "air_on_chassis", [(force, range(6))])
+        outputs["tail_actuation_truth"] = tail.joint_torques
+        outputs["tail_sections_truth"] = report["sections"]
+        outputs["tail_validity_truth"] = report["validity"]
         names.append("tail_truth")
-    return ports | {name: truth.GetOutputPort(name) for name in names}
+    truth = add_and_connect(builder, CarTruth(car, scenario), "truth", **sources)
+    return outputs | {name: truth.GetOutputPort(name) for name in names}
 
 
 def simulated_car(station: Diagram) -> CarPlant:
-    """Plant and scene graph inside a simulated station, for those who look at bodies and joints."""
+    """Returns plant and scene graph of a simulated station, to look at bodies and joints."""
     plant: Any = station.GetSubsystemByName("plant")
     scene_graph: Any = station.GetSubsystemByName("scene_graph")
     instances = {

@@ -21,7 +21,7 @@ from aerodima.workbench.core.text_table import shown_value, text_table
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
-    from aerodima.workbench.car.car_run import Progress
+    from aerodima.workbench.car.run_view import Progress
     from aerodima.workbench.control.tail_law import TailLaw
     from aerodima.workbench.logs.schema import RunLog
     from aerodima.workbench.scenario.scenario import Scenario
@@ -168,7 +168,7 @@ def _refuse_outputs(log: Path | None, html: Path | None, force: bool) -> None:
 
 
 def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> RunLog:
-    from aerodima.workbench.car.car_run import turn_end
+    from aerodima.workbench.car.termination import turn_end
     from aerodima.workbench.control.law_of_scenario import load_build, traceback_and_reason
     from aerodima.workbench.logs.journal import journal_path
 

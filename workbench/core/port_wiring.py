@@ -5,7 +5,7 @@ AutoDiffXd.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,12 +28,11 @@ from pydrake.systems.primitives import (
 )
 
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.port_fields import PortFields
 from aerodima.workbench.core.system_lifetime import weak_callback
 
 SystemT = TypeVar("SystemT", bound=System)
-PortSlice = OutputPort | str | tuple[OutputPort, Sequence[int]]
-"""Of what a port is made: another port, a named input of the diagram, or elements of a port."""
+PortSlice = OutputPort | tuple[OutputPort, Sequence[int]]
+"""What a port is made of: another port, or elements of one."""
 
 
 def declare_spatial_forces(
@@ -53,7 +52,8 @@ def declare_spatial_forces(
 
 def vector_of(port: InputPort | OutputPort, context: Context) -> FloatArray:
     """Value (n,) of a vector port; of an input port an array that is not to be changed."""
-    return cast(FloatArray, port.Eval(context))
+    value: FloatArray = port.Eval(context)
+    return value
 
 
 class DiscreteVector:
@@ -90,8 +90,8 @@ class DiscreteVector:
 def add_and_connect(
     builder: DiagramBuilder, system: SystemT, name: str = "", /, **inputs: OutputPort
 ) -> SystemT:
-    """Adds a system, of this name if one is given, and connects its input ports by their names; the
-    system.
+    """Adds a system, under this name if one is given, and connects its input ports by their names;
+    returns the system.
     """
     if name:
         system.set_name(name)
@@ -104,80 +104,50 @@ def add_and_connect(
 def multiply(
     builder: DiagramBuilder, name: str, source: OutputPort, matrix: np.ndarray
 ) -> OutputPort:
-    """A vector port (m): a matrix (m, n) times another one (n); adds one system of that name."""
+    """Adds one system of that name; returns its port (m): a matrix (m, n) times a port (n)."""
     return add_and_connect(builder, MatrixGain(matrix), name, u0=source).get_output_port()
 
 
-class PortMux:
-    """Ports that are made of elements of others, all by one `Selector`: each system has its share
-    in every instant.
+def add_selector(
+    builder: DiagramBuilder, name: str, outputs: Mapping[str, Sequence[PortSlice]]
+) -> System:
+    """Adds one `Selector` whose named output ports are made of elements of other ports.
+
+    Its work is done in C++. An output depends on the ports of its own elements only.
 
     Args:
-        builder: in which the ports are.
-        inputs: ports that the diagram shall have by names.
+        builder: in which the other ports are.
+        name: of the system.
+        outputs: of each output port, by its name, what it is made of, one after the other.
     """
-
-    def __init__(
-        self, builder: DiagramBuilder, inputs: Mapping[str, PortFields] | None = None
-    ) -> None:
-        self._builder = builder
-        self._sources: list[OutputPort | str] = list(inputs or {})
-        self._sizes = [fields.size for fields in (inputs or {}).values()]
-        self._targets: list[tuple[InputPort | str | None, list[Any]]] = []
-
-    def route(self, target: InputPort | str | None, *parts: PortSlice) -> None:
-        """Makes an input port, or a port that the diagram shall have by this name, of these one
-        after the other.
-        """
+    sources: list[OutputPort] = []
+    ports = []
+    for port, parts in outputs.items():
         selections = []
         for part in parts:
-            source, indices = part if isinstance(part, tuple) else (part, None)
-            if not isinstance(source, str) and source not in self._sources:
-                self._sources.append(source)
-                self._sizes.append(source.size())
-            place = self._sources.index(source)
-            if indices is None:
-                indices = range(self._sizes[place])
-            for index in indices:
-                selections.append(
-                    SelectorParams.OutputSelection(input_port_index=place, input_offset=index)
-                )
-        self._targets.append((target, selections))
-
-    def add_to_builder(self, name: str = "mux") -> System:
-        """Adds the named system with all connections; output ports fed to None have none."""
-        sizes = [SelectorParams.InputPortParams(size=size) for size in self._sizes]
-        outputs = [
-            SelectorParams.OutputPortParams(selections=selections)
-            for _, selections in self._targets
-        ]
-        system = self._builder.AddNamedSystem(
-            name, Selector(SelectorParams(inputs=sizes, outputs=outputs))
-        )
-        for index, source in enumerate(self._sources):
-            port = system.get_input_port(index)
-            if isinstance(source, str):
-                self._builder.ExportInput(port, source)
-            else:
-                self._builder.Connect(source, port)
-        for index, (target, _) in enumerate(self._targets):
-            made = system.get_output_port(index)
-            if isinstance(target, str):
-                self._builder.ExportOutput(made, target)
-            elif target is not None:
-                self._builder.Connect(made, target)
-        return system
+            source, indices = part if isinstance(part, tuple) else (part, range(part.size()))
+            if source not in sources:
+                sources.append(source)
+            index = sources.index(source)
+            selections += [
+                SelectorParams.OutputSelection(input_port_index=index, input_offset=offset)
+                for offset in indices
+            ]
+        ports.append(SelectorParams.OutputPortParams(name=port, selections=selections))
+    inputs = [SelectorParams.InputPortParams(size=source.size()) for source in sources]
+    system = builder.AddNamedSystem(name, Selector(SelectorParams(inputs=inputs, outputs=ports)))
+    for index, source in enumerate(sources):
+        builder.Connect(source, system.get_input_port(index))
+    return system
 
 
 def concatenate(builder: DiagramBuilder, name: str, parts: Sequence[PortSlice]) -> OutputPort:
-    """A vector port with these one after the other; adds one system of that name."""
-    mux = PortMux(builder)
-    mux.route(None, *parts)
-    return mux.add_to_builder(name).get_output_port()
+    """Adds one system of that name; returns its vector port with these one after the other."""
+    return add_selector(builder, name, {name: parts}).get_output_port()
 
 
 def constant(builder: DiagramBuilder, name: str, value: ArrayLike) -> OutputPort:
-    """A vector port that never changes; adds one system of that name."""
+    """Adds one system of that name; returns its vector port, which never changes."""
     return builder.AddNamedSystem(
         name, ConstantVectorSource(np.array(value, dtype=float))
     ).get_output_port()

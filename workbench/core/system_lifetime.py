@@ -35,14 +35,16 @@ def system_template(name: str, module: str) -> Callable[[Callable[[Any], Any]], 
 
 
 def weak_callback(calc: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:
-    """A bound method as the function of an output port that does not keep its system, and the whole
-    diagram, for ever.
+    """Returns a bound method as the function of an output port that does not keep its system, and
+    the whole diagram, for ever.
 
     A port lives as long as its system. Drake 1.51 keeps the functions of all ports, 1.58 those of
     abstract ones.
     """
-    method: Any = weakref.WeakMethod(calc)
-    return lambda context, output: method()(context, output)
+    method: Any = calc
+    function = method.__func__
+    owner = weakref.ref(method.__self__)
+    return lambda context, output: function(owner(), context, output)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
-from aerodima.workbench.car.car_run import Check, LiveView
+from aerodima.workbench.car.run_view import Check, LiveView
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.core.system_lifetime import break_reference_cycles

@@ -18,7 +18,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
-from aerodima.workbench.car.car_run import assemble, plant_facts
+from aerodima.workbench.car.car_diagram import assemble, plant_facts
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import DriverInput, ThrottleLine, throttle_line
 from aerodima.workbench.control.tail_law import Observation, TailLaw

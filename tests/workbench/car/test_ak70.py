@@ -7,8 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.workbench.car.ak70 import TailJoints, mit_torque, torque_speed_limits
-from aerodima.workbench.car.tail_plant import ArmInertia
+from aerodima.workbench.car.ak70 import (
+    TAIL_JOINTS,
+    TailMotor,
+    mit_torque,
+    torque_speed_limits,
+)
 from aerodima.workbench.scenario.scenario import scenario_from_dict
 
 MOTOR = scenario_from_dict({}).tail_motor
@@ -88,25 +92,41 @@ def test_damping_calms_a_light_joint_at_any_step(kd):
             speed = slower
 
 
-def motors_output(commands, state, past=(0.0, 0.0), torques=(0.0, 0.0), step=0.0):
-    joints = TailJoints(MOTOR, ArmInertia(0.08, 0.08, 0.0003), lambda rate: 0.0, step)
-    return [motor for motor, _ in joints.torques(state[:2], state[2:], past, torques, commands)]
+def motor_torques(commands, state, torque=0.0, step=0.0):
+    """Torques of both motors on a tail of 0.08 kg m2 without friction that has not accelerated.
 
-
-def test_friction_of_the_joints_is_told_apart_from_the_torque_of_the_motors():
-    joints = TailJoints(MOTOR, ArmInertia(0.08, 0.08, 0.0003), lambda rate: -0.1 * rate, 0.0)
-    torques = joints.torques(
-        [0.0, 0.0], [3.0, -2.0], (0.0, 0.0), (0.0, 0.0), ([0.0] * 5, [0.0] * 5)
-    )
-    np.testing.assert_allclose(torques, [[0.0, -0.3], [0.0, 0.2]])
+    Args:
+        commands: of pitch and roll.
+        state: angles of both, then their rates.
+        torque: that acted on each joint in the last step.
+        step: of the plant.
+    """
+    scenario = scenario_from_dict({"friction": {"coulomb": 0.0, "viscous": 0.0}})
+    settings = scenario.simulation.model_copy(update={"step": step or 1e-12})
+    scenario = scenario.model_copy(update={"simulation": settings})
+    torques = []
+    for index, joint in enumerate(TAIL_JOINTS):
+        motor = TailMotor(scenario, joint)
+        context = motor.CreateDefaultContext()
+        inputs = {
+            "joint_motion": [*state[index::2], 1.0, state[2 + index], torque, state[1]],
+            "tail_command": commands[index],
+        }
+        for name, values in inputs.items():
+            motor.GetInputPort(name).FixValue(context, values)
+        torques += motor.GetOutputPort("torque").Eval(context).tolist()
+    return torques
 
 
 def test_pitch_and_roll_each_follow_their_own_command():
     still = [0.0] * 5
-    np.testing.assert_allclose(motors_output(([0.1, 0, 10, 0, 0], still), [0.0] * 4), [1.0, 0.0])
-    np.testing.assert_allclose(motors_output((still, [0.1, 0, 10, 0, 0]), [0.0] * 4), [0.0, 1.0])
+    np.testing.assert_allclose(
+        motor_torques(([0.1, 0, 10, 0, 0], still), [0.0] * 4), [1.0, 0.0], rtol=1e-6
+    )
     hold = [0.0, 0.0, 10.0, 1.0, 0.0]
-    np.testing.assert_allclose(motors_output((hold, hold), [0.1, 0.2, 0.3, 0.4]), [-1.3, -2.4])
+    np.testing.assert_allclose(
+        motor_torques((hold, hold), [0.1, 0.2, 0.3, 0.4]), [-1.3, -2.4], rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("index", range(5))
@@ -114,13 +134,13 @@ def test_nan_in_a_command_gives_no_torque_on_that_joint_only(index):
     good = [0.1, 0.0, 10.0, 0.0, 0.5]
     bad = list(good)
     bad[index] = math.nan
-    np.testing.assert_allclose(motors_output((bad, good), [0.0] * 4), [0.0, 1.5])
-    np.testing.assert_allclose(motors_output((good, bad), [0.0] * 4), [1.5, 0.0])
+    np.testing.assert_allclose(motor_torques((bad, good), [0.0] * 4), [0.0, 1.5])
+    np.testing.assert_allclose(motor_torques((good, bad), [0.0] * 4), [1.5, 0.0])
 
 
 def test_held_load_is_met_exactly_whatever_the_step():
     # At rest, motor and friction balance the load of 1 N m: nothing moves, and the law gives kp
     # times the deflection.
     hold = [0.05, 0.0, 20.0, 5.0, 0.0]
-    output = motors_output((hold, hold), [0.0] * 4, torques=(1.0, 1.0), step=0.01)
+    output = motor_torques((hold, hold), [0.0] * 4, torque=1.0, step=0.01)
     np.testing.assert_allclose(output, [1.0, 1.0], rtol=1e-12)

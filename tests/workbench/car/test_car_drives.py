@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.primitives import LogVectorOutput
+from pydrake.systems.framework import LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from aerodima.workbench.car.car_drives import DRIVES
-from aerodima.workbench.car.car_run import assemble
+from aerodima.workbench.car.car_diagram import assemble
+from aerodima.workbench.car.car_station import make_car_station, simulated_car
 from aerodima.workbench.control.manoeuvre import run_time
+from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.event_order import EventPriority, period_of
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
-from aerodima.workbench.scenario.signal_table import STATION_OUTPUTS
+from aerodima.workbench.scenario.signal_table import STATION_INPUTS, STATION_OUTPUTS
+from tests.refusals import assert_refused
 from tests.workbench.stands import CarStand
 
 WIND = ["wind.mean_x=-1.0", "wind.mean_y=2.0", "wind.gust_amplitude=1.0", "wind.turbulence=0.5"]
@@ -78,7 +81,7 @@ def test_air_in_wind_is_what_a_tail_force_says_at_any_state(sail):
     car = CarStand(load_scenario("turn_swing", [f"tail.sail={sail}", *WIND]))
     plant = car.plant
     context = car.plant_context
-    drives = car.station.GetSubsystemByName("car_drives").GetOutputPort("drives")
+    air = car.station.GetSubsystemByName("tail_aerodynamics").GetOutputPort("force")
     wrenches = [
         system.GetOutputPort("wrench")
         for system in car.station.GetSystems()
@@ -95,17 +98,17 @@ def test_air_in_wind_is_what_a_tail_force_says_at_any_state(sail):
         car.simulator.Initialize()  # the plant's ports show the state that it is given then
         told = [port.Eval(port.get_system().GetMyContextFromRoot(car.context)) for port in wrenches]
         (force, moment, _) = np.split(np.sum(told, axis=0), 3)
-        found = drives.Eval(drives.get_system().GetMyContextFromRoot(car.context))
+        found = air.Eval(air.get_system().GetMyContextFromRoot(car.context))
         arm = told[0][6:] - plant.EvalBodyPoseInWorld(context, car.chassis).translation()
         np.testing.assert_allclose(
-            found[DRIVES["air_on_chassis"]],
+            found[:6],
             [*moment + np.cross(arm, force), *force],
             rtol=0.0,
             atol=1e-9,
         )
         if sail == "free":
             turn = plant.GetBodyByName("tail_sail").EvalPoseInWorld(context).rotation().col(2)
-            assert found[DRIVES["air_on_joints"]][2] == pytest.approx(turn @ moment, abs=1e-9)
+            assert found[8] == pytest.approx(turn @ moment, abs=1e-9)
         strongest = max(strongest, np.linalg.norm(force))
     assert strongest > 0.5
 
@@ -135,3 +138,48 @@ def test_torque_of_a_step_is_that_of_the_motor_law_at_its_end():
     error = torques + kp * angle + kd * rate
     assert np.abs(kd * np.diff(rate)).max() > 0.9
     assert np.abs(error[3:]).max() < 0.1  # until the first steps have shown an acceleration
+
+
+class Spring(LeafSystem):
+    """A tail motor of a user: a torsional spring of 5 N m/rad that takes no command."""
+
+    def __init__(self, scenario, joint):
+        super().__init__()
+        state = self.DeclareVectorInputPort("joint_state", 2)
+        self.DeclareVectorOutputPort(
+            "torque",
+            1,
+            lambda context, torque: torque.SetFromVector(-5.0 * state.Eval(context)[:1]),
+        )
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_a_motor_of_the_user_takes_the_place_of_both_tail_motors(truth):
+    scenario = load_scenario("turn_held", ["controller.pitch_angle=0.0"])
+    station = make_car_station(scenario, with_truth=truth, tail_motor=Spring)
+    simulator = Simulator(station)
+    context = simulator.get_mutable_context()
+    for name, fields in STATION_INPUTS.items():
+        station.GetInputPort(name).FixValue(context, [0.0] * fields.size)
+    plant = simulated_car(station).plant
+    joints = [plant.GetJointByName(name) for name in ("tail_pitch", "tail_roll")]
+    state = plant.GetMyMutableContextFromRoot(context)
+    for joint, angle in zip(joints, (0.1, -0.3), strict=True):
+        joint.set_angle(state, angle)
+    torque = station.GetOutputPort("tail_torque").Eval(context)
+    np.testing.assert_allclose(torque, [-0.5, 1.5])
+    simulator.AdvanceTo(0.02)
+    assert joints[1].get_angular_rate(state) > 0.0
+
+
+@pytest.mark.parametrize(("name", "size"), [("torques", 1), ("torque", 2)])
+def test_a_motor_without_a_torque_is_refused(name, size):
+    def motor(scenario, joint):
+        return ConstantVectorSource(np.zeros(size))
+
+    assert_refused(
+        lambda: make_car_station(load_scenario("turn_held"), tail_motor=motor),
+        UserError,
+        "tail_motor",
+        "'torque'",
+    )

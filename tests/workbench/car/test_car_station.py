@@ -7,7 +7,7 @@ import pytest
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from aerodima.workbench.car.car_run import assemble
+from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.car.car_station import make_car_station, simulated_car
 from aerodima.workbench.car.chassis_actuators import knuckle_angles
 from aerodima.workbench.car.ground_truth import BODY_TRUTH, TAIL_TRUTH
@@ -245,6 +245,15 @@ def test_each_command_moves_its_own_joint_with_the_torque_that_is_shown():
     assert rates[1] < -0.01
     truth = TAIL_TRUTH.read(car.output("tail_truth"))
     assert truth.tail_power_truth_w == pytest.approx(0.7 * rates[0] - 0.4 * rates[1])
+
+
+def test_friction_of_the_joints_is_told_apart_from_the_torque_of_the_motors():
+    car = stand("held", friction={"coulomb": 0.0, "viscous": 0.1})
+    for name, rate in (("pitch", 3.0), ("roll", -2.0)):
+        car.plant.GetJointByName(f"tail_{name}").set_angular_rate(car.plant_context, rate)
+    car.simulator.Initialize()
+    np.testing.assert_array_equal(car.output("tail_torque"), [0.0, 0.0])
+    np.testing.assert_allclose(car.output("tail_actuation_truth"), [-0.3, 0.2])
 
 
 def test_rolling_wheels_are_braked_by_their_axle_s_resistance():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.batch.simulation import simulate
-from aerodima.workbench.car.car_run import turn_end
+from aerodima.workbench.car.termination import turn_end
 from aerodima.workbench.car.tip_up import path_row
 from aerodima.workbench.car.turn_signals import steered_windows, turn_window
 from aerodima.workbench.metrics.turn_metrics import outcome_of

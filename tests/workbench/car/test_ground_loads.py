@@ -8,16 +8,12 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.batch.simulation import simulate
-from aerodima.workbench.car.car_run import assemble
+from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.car.car_station import simulated_car
+from aerodima.workbench.car.ground_loads import GroundLoads
 from aerodima.workbench.car.ground_truth import CONTACT_TRUTH
-from aerodima.workbench.car.outcome_record import (
-    STOPPED,
-    FlipWatch,
-    GroundLoads,
-    has_flipped,
-)
 from aerodima.workbench.car.tail_impulses import FLIP_TILT
+from aerodima.workbench.car.termination import STOPPED, FlipWatch, has_flipped
 from aerodima.workbench.car.tip_up import LIFT_COLUMNS, TWO_WHEELS, side_lift
 from aerodima.workbench.metrics.turn_metrics import LOADED_FORCE
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict

@@ -8,7 +8,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
 from aerodima.workbench.batch.simulation import simulate
-from aerodima.workbench.car.car_run import assemble
+from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.car.car_sensors import GpsSpeed, Imu, MotorEncoder
 from aerodima.workbench.car.roll_estimator import RollEstimator
 from aerodima.workbench.control.controller_systems import TailController, TurnDriver

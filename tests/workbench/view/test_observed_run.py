@@ -21,7 +21,7 @@ from aerodima.workbench import (
     plant_metrics,
     read_run_log,
 )
-from aerodima.workbench.car.car_run import assemble
+from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.metrics.run_summary import plant_outcome
 from aerodima.workbench.scenario.scenario import scenario_from_dict

@@ -24,7 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 from aerodima.workbench.aero.laws import LineMotion, plate_force
-from aerodima.workbench.car.car_model import CAGE_STIFFNESS, ROLLING_RATE
+from aerodima.workbench.car.car_model import CAGE_STIFFNESS
+from aerodima.workbench.car.laws import ROLLING_RATE
 from aerodima.workbench.car.reduced.vehicle_parameters import SLIDING, Vehicles
 from aerodima.workbench.core.array_types import FloatArray
 
