@@ -16,24 +16,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from aerodima.optimisation.identify.car_log import CarDrive, car_drive
-from aerodima.optimisation.identify.fit_pipeline import FitResult, result_of
+from aerodima.optimisation.identify.fit_program import FitProgram
+from aerodima.optimisation.identify.fit_result import FitResult, make_result
+from aerodima.optimisation.identify.gauss_newton import SolverOptions, solve_from
 from aerodima.optimisation.identify.least_squares import (
-    Attempt,
     Parameter,
     Parameters,
     Problem,
     Solution,
+    StartResult,
 )
-from aerodima.optimisation.identify.least_squares_solvers import bounded_step, triangle
 from aerodima.optimisation.identify.log_rig import FREE, FitOptions
-from aerodima.optimisation.identify.uncertainty import Noise, serial_noise, uncertainty
+from aerodima.optimisation.identify.noise import Noise, serial_noise
+from aerodima.optimisation.identify.uncertainty import uncertainty
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log
@@ -45,14 +47,14 @@ SPEED = "speed"
 """Speed with which the run begins."""
 DRIVEN = "driven_speed"
 """Speed that the throttle of the log drives to."""
-BIASES = {
-    "gyro_bias_z": "yaw_rate",
-    "gyro_bias_x": "roll_rate",
-    "acceleration_bias_y": "lateral_acceleration",
+BIAS_OF = {
+    "yaw_rate": "gyro_bias_z",
+    "roll_rate": "gyro_bias_x",
+    "lateral_acceleration": "acceleration_bias_y",
 }
-"""Unknown -> channel that it is added to."""
+"""Channel -> unknown that is added to it."""
 UNITS = {"tyre_friction": "1", "tyre_slip_angle": "rad", "com_height": "m", DELAY: "s"}
-UNITS |= {name: "rad/s" if "gyro" in name else "m/s2" for name in BIASES}
+UNITS |= {name: "rad/s" if "gyro" in name else "m/s2" for name in BIAS_OF.values()}
 PRIORS = {DELAY: (0.0, 0.15)}
 """Ranges where no file of `models/parameters` has one, s."""
 STEPS = {
@@ -86,21 +88,13 @@ MISFIT = 1.5
 """Times what noise and the least error of the model allow, from which a misfit is reported."""
 OPEN = 0.8
 """Share of a prior's deviation from which a log does not determine a number."""
-_MOST_STEPS = 25
-"""Most steps of a fit."""
-_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
-"""Shares of a Gauss-Newton step that are tried in turn."""
-_FAR = 3.0
-"""A mean square of the residual above this is far from what noise leaves."""
-_NEAR = 25.0
-"""Of the cost, in halves of a squared standard deviation: a next step that promises less is near;
-channels are weighed and derivatives kept from there on."""
-_SETTLED = 0.01
-"""Of the cost: a next step that promises less, a seventh of a standard deviation of all unknowns
-together, ends the fit."""
-_ROUGH = 2.0
-"""Of the cost, by which a step may raise it: contacts that come a step earlier or later make it
-rough."""
+_OPTIONS = SolverOptions(max_steps=25, jacobian="secant", settled=0.01, roughness=2.0)
+"""A step that predicts less than a seventh of a standard deviation of all unknowns together ends a
+fit; contacts that come a step earlier or later may raise its cost by two."""
+_MAX_ROUNDS = 4
+"""Most fits with the channels weighed anew."""
+_SAME_SCALES = 1.1
+"""Factor by which the scales of the channels may still change when they have settled."""
 
 
 def prior_of(name: str) -> tuple[float, float]:
@@ -109,7 +103,7 @@ def prior_of(name: str) -> tuple[float, float]:
         return (Scenario.parameters("car")[name].prior if name in CAR else None) or PRIORS[name]
     if name.startswith("gyro_bias"):
         most = (Scenario.parameters("imu")["gyro_bias"].prior or (0.0, math.nan))[1]
-    elif name in BIASES:
+    elif name in BIAS_OF.values():
         most = 9.81 * _TILTED
     else:
         most = math.nan
@@ -135,19 +129,18 @@ def unknowns(drive: CarDrive) -> Parameters:
         half = 0.5 * (high - low)
         lower = max(low - half, least.get(name, -math.inf))
         found.append(
-            Parameter(name, unit, low + half, lower, high + half, deviation=half / math.sqrt(3.0))
+            Parameter(name, unit, low + half, lower, high + half, prior_std=half / math.sqrt(3.0))
         )
     return Parameters.of(found)
 
 
 class CarModel:
-    """Residual of a drive and its derivatives: rows of the channels, then one of every prior.
+    """Residual of a drive: rows of the channels, then one of every prior.
 
     Attributes:
         drive: that is fitted.
         parameters: see `unknowns`.
         scales: by channel, that its residual is divided by beside its deviation.
-        latency: of the runs, whole ticks, s; what a delay differs by shifts their motion in time.
         finer: what half the plant's step changes in the rows, once `find_step_error` has found it.
     """
 
@@ -155,19 +148,25 @@ class CarModel:
         self.drive = drive
         self.parameters = unknowns(drive)
         self.scales = dict.fromkeys(drive.channels, 1.0)
-        self.latency = 0.0
         self._step = drive.scenario.simulation.step
         ends = np.cumsum([0, *(channel.time.size for channel in drive.channels.values())]).tolist()
         self.places = {
             name: slice(*span) for name, span in zip(drive.channels, pairwise(ends), strict=True)
         }
-        self._known = [p for p in self.parameters.free if math.isfinite(p.deviation)]
+        self._known = [p for p in self.parameters.free if p.has_prior]
         self.finer = np.zeros(ends[-1] + len(self._known))
         self._runs: dict[tuple[float, ...], Mapping[str, FloatArray]] = {}
 
-    def values(self, x: FloatArray) -> dict[str, float]:
-        """By name."""
-        return dict(zip(self.parameters.names, x.tolist(), strict=True))
+    def problem(self) -> Problem:
+        """The least-squares problem, with the scales and the step error as they are now."""
+        divisors = self.divisors
+        steps = {**STEPS, DELAY: 2.0 * self._step}
+        return Problem(
+            self.parameters,
+            lambda x: self.rows(x) / divisors,
+            name=self.drive.name,
+            steps=np.array([steps.get(name, 1e-3) for name in self.parameters.names]),
+        )
 
     def run(
         self, values: dict[str, float], latency: float, step: float
@@ -189,27 +188,25 @@ class CarModel:
             self._runs[key] = self.drive.run(changes, latency, values[SPEED])
         return self._runs[key]
 
-    def rows(
-        self, x: FloatArray, step: float | None = None, latency: float | None = None
-    ) -> FloatArray:
-        """Model less log, then unknown less seed, in their units (m); of another step and latency
-        if they are named.
+    def rows(self, x: FloatArray, step: float | None = None) -> FloatArray:
+        """Model less log, then unknown less its prior, in their units (m).
+
+        The commands are late by whole ticks; what the delay differs by shifts the motion in time.
+
+        Args:
+            step: of the plant, s; that of the scenario by default.
         """
-        values = self.values(x)
-        drive = self.drive
-        latency = self.latency if latency is None else latency
-        motion = drive.sampled(
+        values = self.parameters.values(x)
+        latency = round(values[DELAY] / self._step) * self._step
+        motion = self.drive.sampled(
             self.run(values, latency, step or self._step), values[DELAY] - latency
         )
-        added = {channel: values[name] for name, channel in BIASES.items()}
-        rows = [
-            motion[name] + added.get(name, 0.0) - channel.value
-            for name, channel in drive.channels.items()
-        ]
-        return (
-            np.concatenate([*rows, [values[p.name] - p.seed for p in self._known]])
-            + STEP_ERROR[0] * self.finer
-        )
+        rows = []
+        for name, channel in self.drive.channels.items():
+            bias = values.get(BIAS_OF.get(name, ""), 0.0)
+            rows.append(motion[name] + bias - channel.value)
+        priors = [values[p.name] - p.initial for p in self._known]
+        return np.concatenate([*rows, priors]) + STEP_ERROR[0] * self.finer
 
     @property
     def divisors(self) -> FloatArray:
@@ -217,36 +214,10 @@ class CarModel:
         sizes = [
             self.scales[name] * channel.deviation for name, channel in self.drive.channels.items()
         ]
-        return np.concatenate([*sizes, [p.deviation for p in self._known]])
-
-    def slopes(self, x: FloatArray) -> FloatArray:
-        """Derivatives of the rows (m x p): a run per unknown of the car, and of the delay where a
-        tail is not late.
-        """
-        here = self.rows(x)
-        columns = []
-        for index, p in enumerate(self.parameters.free):
-            moved = x.copy()
-            latency = self.latency
-            value = x[index]
-            moved[index] += STEPS.get(p.name, 1e-3) * (-1.0 if value > p.seed else 1.0)
-            if p.name == DELAY and self.drive.tailed:
-                later = 2.0 * self._step
-                latency += later
-                moved[index] = value + later
-            rise = self.rows(moved, latency=latency) - here
-            columns.append(rise / (moved[index] - value))
-        return np.array(columns).T
-
-    def follow(self, x: FloatArray) -> None:
-        """Moves the latency of the runs to the delay, if it is off by more than a tick."""
-        delay = self.values(x)[DELAY]
-        if abs(delay - self.latency) > self._step:
-            self.latency = round(delay / self._step) * self._step
+        return np.concatenate([*sizes, [p.prior_std for p in self._known]])
 
     def find_step_error(self, x: FloatArray) -> None:
-        """Runs at half the plant's step."""
-        self.follow(x)
+        """Run at half the plant's step."""
         self.finer = self.rows(x, 0.5 * self._step) - self.rows(x)
 
     def start(self) -> FloatArray:
@@ -256,18 +227,18 @@ class CarModel:
         names = self.parameters.names
         drive = self.drive
         best = math.inf
-        found = self.parameters.seed
+        found = self.parameters.initial
         low, high = np.array([prior_of(name) for name in CAR]).T
         acceleration = np.abs(drive.channels["lateral_acceleration"].value)
         top = float(np.quantile(acceleration, _TOP))
         friction = _OF_FORCE * top / (drive.scenario.environment.gravity or 9.81)
         places = [names.index(name) for name in CAR]
         for shares in _SCAN:
-            x = self.parameters.seed
+            x = self.parameters.initial
             others = low[1:] + np.array(shares) * (high - low)[1:]
             x[places] = np.clip([friction, *others], low, high)
             try:
-                run = self.run(self.values(x), 0.0, self._step)
+                run = self.run(self.parameters.values(x), 0.0, self._step)
             except FitError:
                 continue
             for latency in _LATENCIES.tolist():
@@ -284,155 +255,74 @@ class CarModel:
         return found
 
     def weigh(self, x: FloatArray) -> Noise:
-        """Scales from the residual: a channel counts for as many samples as it is worth."""
+        """Scale the channels by the residual: each counts for its effective samples."""
         residual = self.rows(x) / self.divisors
         noise = serial_noise(residual, list(self.places.values()), len(x))
-        rise = {name: math.sqrt(noise.covariance[place][0]) for name, place in self.places.items()}
-        self.scales = {name: max(s * rise[name], 1.0) for name, s in self.scales.items()}
+        for name, place in self.places.items():
+            rise = math.sqrt(noise.covariance[place][0])
+            self.scales[name] = max(self.scales[name] * rise, 1.0)
         return noise
 
 
-@dataclass
-class Descent:
-    """Gauss-Newton within the bounds, which ends when its next step is small against the intervals.
-
-    Whether a step lowers the cost does not decide: the contacts of a run make it rough. Far off the
-    derivatives are carried on by Broyden's update, and taken anew where it promises little; near
-    the end they are kept.
-
-    Attributes:
-        model: of the drive; its scales and its step error are set on the way.
-        x: unknowns (p).
-        slopes: of the rows there (m x p).
-        kept: whether they were taken elsewhere.
-        near: whether channels are weighed.
-        promised: by the last step near the end: derivatives are taken anew where the next one
-            promises more than half.
-        noise: of the residual as it was last weighed.
-    """
-
-    model: CarModel
-    x: FloatArray
-    slopes: FloatArray = field(default_factory=lambda: np.zeros(0))
-    kept: bool = False
-    near: bool = False
-    promised: float = math.inf
-    noise: Noise = field(default_factory=lambda: Noise(np.ones(1)))
-
-    def run(self) -> Attempt:
-        """Until it has settled, or cannot."""
-        begun = self.x
-        steps = 0
-        status = ""
-        while not status and steps < _MOST_STEPS:
-            steps = steps + 1
-            status = self._step()
-        r = self.model.rows(self.x) / self.model.divisors
-        cost = 0.5 * float(r @ r)
-        settled = status.startswith("the next")
-        reason = status or f"{steps} steps were not enough"
-        return Attempt(begun, self.x, cost, settled, reason, steps)
-
-    def _step(self) -> str:
-        """One step, or what must be known before it; says why it is the last."""
-        model = self.model
-        near = self.near
-        p = model.parameters
-        scales = p.scales
-        x = self.x
-        if model.drive.tailed:
-            model.follow(x)
-        if not self.kept:
-            self.slopes = model.slopes(x)
-        here = model.rows(x)
-        if near:
-            self.noise = model.weigh(x)
-        r = here / model.divisors
-        J = self.slopes / model.divisors[:, None]
-        cost = 0.5 * float(r @ r)
-        size = 1.0 if near else max(2.0 * cost / r.size, 1.0)
-        low = (p.lower - x) / scales
-        high = (p.upper - x) / scales
-        R, c = triangle(J * scales, r)
-        step = scales * bounded_step(R, c, 0.0, low, high)
-        promised = cost - 0.5 * float(np.sum(np.square(r + J @ step)))
-        if not near:
-            if self.kept and size > _FAR and promised < 0.5 * cost:
-                self.kept = False
-                return ""
-            enough = _NEAR if size < _FAR else _SETTLED
-            if promised / size < enough:
-                self.near = True
-                self.kept = False
-                model.find_step_error(x)
-                return ""
-        if promised < _SETTLED * size:
-            return "the next step is small against the intervals"
-        if near and self.kept and promised > 0.5 * self.promised:
-            self.kept = False
-            return ""
-        self.promised = promised if near else math.inf
-        for share in _SHARES:
-            moved = np.clip(x + share * step, p.lower, p.upper)
-            try:
-                there = model.rows(moved)
-            except FitError:
-                continue
-            squares = np.square(there / model.divisors)
-            rise = 0.5 * float(np.sum(squares)) - cost
-            if rise < _ROUGH * size:
-                break
-        else:
-            if not self.kept:
-                return "no step lowers the cost"
-            self.kept = False
-            return ""
-        allowed = _ROUGH if near else -0.5 * promised
-        self.kept = share == 1.0 and rise < allowed
-        if self.kept and not near:  # Broyden's update
-            way = moved - x
-            u = way / scales
-            missed = there - here - self.slopes @ way
-            self.slopes = self.slopes + np.outer(missed, u / scales) / (u @ u)
-        self.x = moved
-        return ""
-
-
 def fit_car(drive: CarDrive) -> FitResult:
-    """Estimates of one drive; FitError where no car of the ranges can be simulated."""
+    """Estimates of one drive; FitError where no car of the ranges can be simulated.
+
+    First with the noise of the sensors alone, then with the error of the plant's step and channels
+    that are weighed until their scales settle.
+    """
     model = CarModel(drive)
-    descent = Descent(model, model.start())
-    best = descent.run()
-    p = model.parameters
+    best = solve_from(FitProgram(model.problem()), model.start(), _OPTIONS)
+    model.find_step_error(best.x)
+    iterations = best.iterations
+    for _ in range(_MAX_ROUNDS):
+        before = dict(model.scales)
+        divisors = model.divisors
+        noise = model.weigh(best.x)
+        change = max(
+            max(scale / before[name], before[name] / scale) for name, scale in model.scales.items()
+        )
+        jacobian = best.jacobian
+        if jacobian is not None:
+            jacobian = jacobian * (divisors / model.divisors)[:, None]
+        best = solve_from(FitProgram(model.problem()), best.x, _OPTIONS, jacobian)
+        iterations += best.iterations
+        if change <= _SAME_SCALES:
+            break
+    return _result(model, noise, replace(best, iterations=iterations))
+
+
+def _result(model: CarModel, noise: Noise, best: StartResult) -> FitResult:
+    """The result of a model whose scales have settled."""
+    problem = model.problem()
     x = best.x
-    noise = descent.noise
     opened = []
-    for q, side in zip(p.free, p.sides(x).tolist(), strict=True):
-        lower = q.lower if side < 0 else -math.inf
-        upper = q.upper if side > 0 else math.inf
-        opened.append(replace(q, lower=lower, upper=upper, scale=q.size))
-    problem = Problem(
-        Parameters.of(opened), lambda x: model.rows(x) / model.divisors, name=drive.name
-    )
-    jacobian = descent.slopes / model.divisors[:, None]
+    for p, side in zip(model.parameters.free, model.parameters.sides(x).tolist(), strict=True):
+        lower = p.lower if side < 0 else -math.inf
+        upper = p.upper if side > 0 else math.inf
+        opened.append(replace(p, lower=lower, upper=upper, scale=p.size))
     residual = problem.residual(x)
+    jacobian = best.jacobian
+    if jacobian is None:
+        jacobian = problem.forward_jacobian(x, residual)
+    problem = replace(problem, parameters=Parameters.of(opened))
     solution = Solution(problem, x, residual, jacobian, best, (best,))
     stepped = STEP_ERROR[1] * model.finer / model.divisors
     covariance = np.eye(residual.size) + np.outer(stepped, stepped)
-    sure = uncertainty(solution, replace(noise, covariance=covariance))
-    warnings = [*drive.warnings]
+    intervals = uncertainty(solution, replace(noise, covariance=covariance))
+    warnings = [*model.drive.warnings]
     poor = [f"{name} by {scale:.2g}" for name, scale in model.scales.items() if scale > MISFIT]
     if poor:
         warnings.append(
             f"the model misses more than it may, and intervals are wider for it: {', '.join(poor)}"
         )
-    for q, deviation in zip(p.free, sure.standard_deviation.tolist(), strict=True):
-        if q.name in UNITS and deviation > OPEN * q.deviation:
+    deviations = intervals.standard_deviation.tolist()
+    for p, deviation in zip(model.parameters.free, deviations, strict=True):
+        if p.name in UNITS and deviation > OPEN * p.prior_std:
             warnings.append(
-                f"the log does not determine {q.name}; its interval is that of the prior"
+                f"the log does not determine {p.name}; its interval is that of the prior"
             )
     facts = {f"misfit_{name}": round(scale, 2) for name, scale in model.scales.items()}
-    return result_of(solution, sure, {}, facts, warnings)
+    return make_result(solution, intervals, {}, facts, warnings)
 
 
 def fit_car_log(path: Path | str, options: FitOptions = FREE) -> FitResult:

@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult
-from aerodima.optimisation.identify.least_squares import LIMIT, spread
+from aerodima.optimisation.identify.fit_result import FitResult
+from aerodima.optimisation.identify.huber import LIMIT, spread
 from aerodima.workbench.aero.coefficient_files import SCHEMA, coefficients_from_dict
 from aerodima.workbench.aero.laws import CHEETAH_LIMIT, ROBOT_LIMIT
 from aerodima.workbench.core.array_types import FloatArray

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult, short_name
+from aerodima.optimisation.identify.fit_result import FitResult, short_name
 from aerodima.workbench.view.figure_style import BLUE, GREY, SKY, VERMILION, new_figure, styled
 
 _MOST_CURVES = 12

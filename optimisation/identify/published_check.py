@@ -18,12 +18,13 @@ import numpy as np
 import pandas as pd
 
 from aerodima.optimisation.identify.coefficient_averages import averages
-from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
-from aerodima.optimisation.identify.least_squares import Loss, Parameter, Parameters, Problem, huber
-from aerodima.optimisation.identify.least_squares_solvers import solve_formula, solve_rollout
+from aerodima.optimisation.identify.fit_pipeline import fit
+from aerodima.optimisation.identify.fit_result import FitResult
+from aerodima.optimisation.identify.huber import Loss, huber
+from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem
 from aerodima.optimisation.identify.log_rig import with_values
+from aerodima.optimisation.identify.noise import Noise, independent_noise
 from aerodima.optimisation.identify.static_fit import StaticBalance
-from aerodima.optimisation.identify.uncertainty import Noise, independent_noise
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.resources import published_rows, published_table
 from aerodima.workbench.scenario.rig_scenario import RigScenario, rig_scenario_from_dict
@@ -179,7 +180,6 @@ def fit_line(
     design = np.column_stack([x, np.ones_like(x)]) / height
     return fit(
         Problem(parameters, lambda p: design @ p - y / height, lambda p: design, name=name),
-        solve_formula,
         lambda solution: independent_noise(solution.residual, len(parameters.free)),
         channels={channel: (slice(None), height)},
         facts={"points": len(x)},
@@ -317,7 +317,6 @@ def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
 
     result = fit(
         Problem(parameters, lambda x: huber(errors(x) / _TOLERANCE, 1.0), name="rig constants"),
-        solve_rollout,
         lambda solution: _cell_noise(solution.residual, rows, len(parameters.free)),
         channels={"current": (slice(None), _TOLERANCE)},
         facts={"rows": len(rows)},

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult, UncertainRig, fit
+from aerodima.optimisation.identify.fit_pipeline import fit
+from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
-from aerodima.optimisation.identify.least_squares_solvers import solve_formula
 from aerodima.optimisation.identify.log_rig import (
     BIASES,
     FREE,
@@ -28,8 +28,9 @@ from aerodima.optimisation.identify.log_rig import (
     shifted,
     speed_accuracy,
 )
+from aerodima.optimisation.identify.noise import Noise
 from aerodima.optimisation.identify.static_log import REACTIONS, StaticData, static_data
-from aerodima.optimisation.identify.uncertainty import Noise
+from aerodima.optimisation.identify.uncertain_constants import UncertainRig
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.core.array_types import FloatArray
@@ -69,9 +70,7 @@ def static_parameters(data: StaticData, options: FitOptions = FREE) -> Parameter
     seeds = table[
         min(nodes, key=lambda node: (abs(node[1] - angle) / 15.0, abs(node[2] - data.wind_speed)))
     ]
-    seeded = [
-        replace(p, seed=min(max(seeds[name], p.lower), p.upper)) for name, p in UNKNOWNS.items()
-    ]
+    seeded = [p.starting_at(seeds[name]) for name, p in UNKNOWNS.items()]
     return Parameters.of(options.bounded(seeded))
 
 
@@ -208,7 +207,6 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     facts["exposed_length_m"] = exposed = StaticBalance.of(data.scenario).exposed_length(data.angle)
     result = fit(
         problem,
-        solve_formula,
         residual.noise,
         channels=residual.channels,
         facts=facts,

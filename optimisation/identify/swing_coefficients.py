@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult
+from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.log_rig import FREE, FitOptions
 from aerodima.optimisation.identify.pendulum import (
@@ -187,7 +187,7 @@ def fit_added_mass(data: SwingData, options: FitOptions = FREE) -> FitResult:
     seeds = [{"added_mass": mass} for mass in starts if free.lower <= mass <= free.upper]
     result = model.fit([free], seeds, options=options)
     without = model.fit(
-        [replace(free, seed=0.0, frozen=True)], options=replace(options, bounds=()), exact=True
+        [replace(free, initial=0.0, fixed=True)], options=replace(options, bounds=()), exact=True
     )
     facts = {
         "times_potential_flow": result["added_mass"].value / potential_flow_mass(data),

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult, UncertainRig, fit
+from aerodima.optimisation.identify.fit_pipeline import fit
+from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
-from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
 from aerodima.optimisation.identify.log_rig import (
     FREE,
     FitOptions,
@@ -25,9 +25,10 @@ from aerodima.optimisation.identify.log_rig import (
     shifted,
     speed_accuracy,
 )
+from aerodima.optimisation.identify.noise import Noise, serial_noise
 from aerodima.optimisation.identify.pendulum import Pendulum, Torque, roll_out, torque_response
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
-from aerodima.optimisation.identify.uncertainty import Noise, serial_noise
+from aerodima.optimisation.identify.uncertain_constants import UncertainRig
 from aerodima.workbench.core.array_types import FloatArray
 
 Values = Mapping[str, float]
@@ -121,7 +122,6 @@ class SwingModel:
         problem = model.problem(options.bounded(parameters))
         result = fit(
             problem,
-            solve_rollout,
             model.noise,
             starts=problem.parameters.starts(seeds),
             channels={"angle": (slice(None), speed_accuracy())},
