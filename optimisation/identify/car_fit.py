@@ -55,8 +55,8 @@ BIAS_OF = {
 """Channel -> unknown that is added to it."""
 UNITS = {"tyre_friction": "1", "tyre_slip_angle": "rad", "com_height": "m", DELAY: "s"}
 UNITS |= {name: "rad/s" if "gyro" in name else "m/s2" for name in BIAS_OF.values()}
-PRIORS = {DELAY: (0.0, 0.15)}
-"""Ranges where no file of `models/parameters` has one, s."""
+DELAY_RANGE = (0.0, 0.15)
+"""Range of the delay, s; no file of `models/parameters` has one."""
 STEPS = {
     "tyre_friction": 2e-3,
     "tyre_slip_angle": 2e-3,
@@ -67,23 +67,23 @@ STEPS = {
 """Steps of the finite differences, about a standard deviation of each: within it contacts that come
 a step earlier or later do not count."""
 STEP_ERROR = (1.5, 0.5)
-"""How many times the change by half the plant's step is added to its motion, and the standard
-deviation of that: once is a plant of half the step, twice, to first order, one without."""
+"""Factor by which the change with half the plant's step is added to its motion, and its standard
+deviation: once is a plant of half the step, twice, to first order, one without."""
 _SPEED_REACH = 1.0
 """Bounds of the speeds about those of the GPS, m/s."""
-_TILTED = 0.01
+_TILT = 0.01
 """Error of the attitude with which the IMU takes gravity off, rad."""
 _SCAN = ((0.2, 0.2), (0.5, 0.35), (0.8, 0.2), (0.5, 0.6))
 """Slip angle and height of the cars that are tried first, as shares of their ranges."""
-_TOP = 0.9
-"""Quantile of the lateral acceleration over gravity that gives the friction of the starts."""
-_OF_FORCE = 1.35
-"""Their friction is so many times that quantile."""
-_LATENCIES = np.arange(0.0, 0.1501, 0.005)
-"""Their delays, s."""
-_WILD = {"yaw_rate": 1.0, "roll_rate": 1.0, "lateral_acceleration": 4.0, "speed": 0.5}
-"""Where a residual stops to count for the start, rad/s, m/s2 and m/s: what rolls over in one car
-and not in another."""
+_QUANTILE = 0.9
+"""Quantile of the lateral acceleration over gravity that gives their friction."""
+_FRICTION_FACTOR = 1.35
+"""Friction of the cars that are tried over that quantile."""
+_DELAYS = np.arange(0.0, 0.1501, 0.005)
+"""Delays that are tried, s."""
+_TRUNCATION = {"yaw_rate": 1.0, "roll_rate": 1.0, "lateral_acceleration": 4.0, "speed": 0.5}
+"""Residual by channel beyond which it counts no more for the start, rad/s, m/s2 and m/s: what rolls
+over in one car and not in another."""
 MISFIT = 1.5
 """Times what noise and the least error of the model allow, from which a misfit is reported."""
 OPEN = 0.8
@@ -97,21 +97,20 @@ _SAME_SCALES = 1.1
 """Factor by which the scales of the channels may still change when they have settled."""
 
 
-def prior_of(name: str) -> tuple[float, float]:
-    """Range of an unknown; NaN for one without."""
-    if name in (*CAR, DELAY):
-        return (Scenario.parameters("car")[name].prior if name in CAR else None) or PRIORS[name]
-    if name.startswith("gyro_bias"):
-        most = (Scenario.parameters("imu")["gyro_bias"].prior or (0.0, math.nan))[1]
-    elif name in BIAS_OF.values():
-        most = 9.81 * _TILTED
-    else:
-        most = math.nan
-    return -most, most
+def prior_range(name: str) -> tuple[float, float]:
+    """Range of an unknown of `UNITS` that is known beforehand."""
+    if name == DELAY:
+        return DELAY_RANGE
+    if name == "acceleration_bias_y":
+        return -9.81 * _TILT, 9.81 * _TILT
+    section, key = ("car", name) if name in CAR else ("imu", "gyro_bias")
+    prior = Scenario.parameters(section)[key].prior
+    assert prior is not None
+    return prior if name in CAR else (-prior[1], prior[1])
 
 
 def unknowns(drive: CarDrive) -> Parameters:
-    """Unknowns of a fit; seeds in the middle of their ranges, bounds half a range beyond them."""
+    """Unknowns of a fit, from the middle of their ranges; bounds lie half a range beyond them."""
     gps = drive.channels["speed"]
     before = gps.value[gps.time < max(drive.turn, gps.time[1])]
     least = {
@@ -119,19 +118,17 @@ def unknowns(drive: CarDrive) -> Parameters:
         "tyre_slip_angle": 0.0,
         "com_height": 0.01,
     }
-    speeds = {SPEED: float(np.mean(before[:2])), DRIVEN: float(np.mean(before[-3:]))}
-    found = [
-        Parameter(name, "m/s", v, v - _SPEED_REACH, v + _SPEED_REACH, scale=0.05)
-        for name, v in speeds.items()
-    ]
+    parameters = []
+    for name, speeds in ((SPEED, before[:2]), (DRIVEN, before[-3:])):
+        v = float(np.mean(speeds))
+        parameters.append(Parameter(name, "m/s", v, v - _SPEED_REACH, v + _SPEED_REACH, scale=0.05))
     for name, unit in UNITS.items():
-        low, high = prior_of(name)
+        low, high = prior_range(name)
         half = 0.5 * (high - low)
         lower = max(low - half, least.get(name, -math.inf))
-        found.append(
-            Parameter(name, unit, low + half, lower, high + half, prior_std=half / math.sqrt(3.0))
-        )
-    return Parameters.of(found)
+        sigma = half / math.sqrt(3.0)
+        parameters.append(Parameter(name, unit, low + half, lower, high + half, prior_std=sigma))
+    return Parameters.of(parameters)
 
 
 class CarModel:
@@ -171,7 +168,7 @@ class CarModel:
     def run(
         self, values: dict[str, float], latency: float, step: float
     ) -> Mapping[str, FloatArray]:
-        """Signals of the car with these values, cached.
+        """Simulate the car with these values: its signals, cached.
 
         Another driven speed is another line of the throttle.
         """
@@ -210,49 +207,49 @@ class CarModel:
 
     @property
     def divisors(self) -> FloatArray:
-        """What divides the rows of the residual (m)."""
+        """Divisors of the rows of the residual (m)."""
         sizes = [
             self.scales[name] * channel.deviation for name, channel in self.drive.channels.items()
         ]
         return np.concatenate([*sizes, [p.prior_std for p in self._known]])
 
     def find_step_error(self, x: FloatArray) -> None:
-        """Run at half the plant's step."""
+        """Find what half the plant's step changes in the rows."""
         self.finer = self.rows(x, 0.5 * self._step) - self.rows(x)
 
     def start(self) -> FloatArray:
-        """The best of a few cars, with the friction that the acceleration tells, each with its best
-        latency (p).
+        """Choose the best of a few cars to start from (p).
+
+        Their friction is from the lateral acceleration, and each has its best delay.
         """
-        names = self.parameters.names
         drive = self.drive
-        best = math.inf
-        found = self.parameters.initial
-        low, high = np.array([prior_of(name) for name in CAR]).T
+        x = dict(zip(self.parameters.names, self.parameters.initial.tolist(), strict=True))
+        best, lowest = x, math.inf
+        low, high = np.array([prior_range(name) for name in CAR]).T
         acceleration = np.abs(drive.channels["lateral_acceleration"].value)
-        top = float(np.quantile(acceleration, _TOP))
-        friction = _OF_FORCE * top / (drive.scenario.environment.gravity or 9.81)
-        places = [names.index(name) for name in CAR]
+        gravity = drive.scenario.environment.gravity or 9.81
+        friction = _FRICTION_FACTOR * float(np.quantile(acceleration, _QUANTILE)) / gravity
         for shares in _SCAN:
-            x = self.parameters.initial
             others = low[1:] + np.array(shares) * (high - low)[1:]
-            x[places] = np.clip([friction, *others], low, high)
+            car = np.clip([friction, *others], low, high)
+            trial = {**x, **dict(zip(CAR, car.tolist(), strict=True))}
             try:
-                run = self.run(self.parameters.values(x), 0.0, self._step)
+                run = self.run(trial, 0.0, self._step)
             except FitError:
                 continue
-            for latency in _LATENCIES.tolist():
-                motion = drive.sampled(run, latency)
-                off = [
-                    np.abs(motion[name] - channel.value) / _WILD[name]
-                    for name, channel in drive.channels.items()
-                ]
-                cost = sum(float(np.sum(np.square(np.minimum(part, 1.0)))) for part in off)
-                if cost < best:
-                    best = cost
-                    found = x.copy()
-                    found[names.index(DELAY)] = latency
-        return found
+            for delay in _DELAYS.tolist():
+                cost = self._truncated_cost(drive.sampled(run, delay))
+                if cost < lowest:
+                    best, lowest = {**trial, DELAY: delay}, cost
+        return np.array(list(best.values()))
+
+    def _truncated_cost(self, motion: Mapping[str, FloatArray]) -> float:
+        """Squares of the residual, none larger than those at `_TRUNCATION`."""
+        cost = 0.0
+        for name, channel in self.drive.channels.items():
+            size = np.abs(motion[name] - channel.value) / _TRUNCATION[name]
+            cost += float(np.sum(np.square(np.minimum(size, 1.0))))
+        return cost
 
     def weigh(self, x: FloatArray) -> Noise:
         """Scale the channels by the residual: each counts for its effective samples."""
@@ -265,7 +262,7 @@ class CarModel:
 
 
 def fit_car(drive: CarDrive) -> FitResult:
-    """Estimates of one drive; FitError where no car of the ranges can be simulated.
+    """Fit one drive; FitError where no car of the ranges can be simulated.
 
     First with the noise of the sensors alone, then with the error of the plant's step and channels
     that are weighed until their scales settle.
@@ -278,9 +275,8 @@ def fit_car(drive: CarDrive) -> FitResult:
         before = dict(model.scales)
         divisors = model.divisors
         noise = model.weigh(best.x)
-        change = max(
-            max(scale / before[name], before[name] / scale) for name, scale in model.scales.items()
-        )
+        ratios = [scale / before[name] for name, scale in model.scales.items()]
+        change = max(*ratios, 1.0 / min(ratios))
         jacobian = best.jacobian
         if jacobian is not None:
             jacobian = jacobian * (divisors / model.divisors)[:, None]
@@ -326,7 +322,7 @@ def _result(model: CarModel, noise: Noise, best: StartResult) -> FitResult:
 
 
 def fit_car_log(path: Path | str, options: FitOptions = FREE) -> FitResult:
-    """Fits the log of one drive of the car, or of its simulation: friction, slip, centre of mass,
+    """Fit the log of one drive of the car, or of its simulation: friction, slip, centre of mass,
     delay, biases.
 
     Args:

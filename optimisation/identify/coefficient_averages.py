@@ -1,4 +1,4 @@
-"""From several fits to one number, and from many to coefficient files
+"""Averages over several fits, and coefficient files of many
 (`aerodima.workbench.aero.coefficient_files`).
 
 The thesis' weighted average, and robust ones beside it: eps_i = sum(res) / res_i, w_i = eps_i /
@@ -231,7 +231,7 @@ def robot_tail_set(results: Sequence[FitResult]) -> dict[str, Any] | None:
 
 
 def write_sets(folder: Path, sets: dict[str, dict[str, Any]]) -> list[Path]:
-    """Writes coefficient files, each after reading its text back: none is left that the
+    """Write coefficient files, each after reading its text back: none is left that the
     aerodynamics refuse.
     """
     paths = []

@@ -107,7 +107,7 @@ class FitProgram:
         return InitializeAutoDiff(np.array([0.5 * float(r @ r)]), slope[None, :])[0, 0]
 
     def linear_terms(self) -> LinearTerms:
-        """What was added to the problem's own bounds and cost.
+        """Collect what was added to the problem's own bounds and cost.
 
         Raises:
             FitError: something that is neither a linear constraint nor a linear or convex

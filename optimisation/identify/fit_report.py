@@ -105,7 +105,7 @@ def write_report(
 def _findings(
     results: Sequence[FitResult], failed: Mapping[str, str], left_out: Sequence[str]
 ) -> list[Section]:
-    """What failed, what was left out, warnings; no section without lines."""
+    """Make sections of what failed, what was left out, and warnings."""
     findings = {
         f"{len(failed)} could not be fitted": [f"{log}: {text}" for log, text in failed.items()],
         "Left out": left_out,

@@ -95,12 +95,10 @@ class FitResult:
 
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of that name; KeyError lists those there are."""
-        for estimate in self.estimates:
-            if estimate.name == name:
-                return estimate
-        raise KeyError(
-            f"{name!r}; estimated: {', '.join(estimate.name for estimate in self.estimates)}"
-        )
+        estimates = {estimate.name: estimate for estimate in self.estimates}
+        if name not in estimates:
+            raise KeyError(f"{name!r}; estimated: {', '.join(estimates)}")
+        return estimates[name]
 
     @property
     def free(self) -> tuple[Estimate, ...]:
@@ -118,10 +116,7 @@ class FitResult:
         """One row for CSV: facts, then value, standard deviation and interval of each parameter."""
         row: dict[str, Any] = {"fit": self.name, **self.facts}
         for e in self.estimates:
-            if e.unit in ("1", ""):
-                suffix = ""
-            else:
-                suffix = "_" + unit_suffix(e.unit)
+            suffix = "" if e.unit in ("1", "") else "_" + unit_suffix(e.unit)
             name = e.name
             row[f"{name}{suffix}"] = e.value
             if e.frozen:
@@ -133,22 +128,35 @@ class FitResult:
             row[f"{name}_identifiable"] = e.identifiable
             row[f"{name}_bound"] = e.bound
         row |= {f"residual_rms_{channel}": value for channel, value in self.residual_rms.items()}
-        row |= {
+        return row | {
             "cost": self.cost,
             "effective_samples": self.effective_samples,
             "success": self.success,
+            "status": self.status,
+            "warnings": "; ".join(self.warnings),
         }
-        return row | {"status": self.status, "warnings": "; ".join(self.warnings)}
+
+
+def make_curve(
+    x: np.ndarray, measured: np.ndarray, model: np.ndarray, *labels: str
+) -> dict[str, list[Any]]:
+    """Make a curve of a result from equally long arrays and the labels of both axes."""
+    return {
+        "x": x.tolist(),
+        "measured": measured.tolist(),
+        "model": model.tolist(),
+        "labels": list(labels),
+    }
 
 
 def short_name(fit: str) -> str:
-    """Name of a fit for a table or a figure, without folder and suffix of its log."""
+    """Shorten the name of a fit for a table or a figure, without folder and suffix of its log."""
     path = Path(fit)
     return path.stem if path.suffix in (".parquet", ".csv") else path.name
 
 
 def unit_suffix(unit: str) -> str:
-    """A unit as the end of a column name: `N m s/rad` becomes `n_m_s_per_rad`, `A` becomes `a`."""
+    """Write a unit as the end of a column name: `N m s/rad` becomes `n_m_s_per_rad`."""
     return unit.lower().replace("/", "_per_").replace(" ", "_").replace("^", "")
 
 

@@ -11,17 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Literal
 
 import numpy as np
-from pydrake.solvers import (
-    ChooseBestSolver,
-    ClarabelSolver,
-    MakeSolver,
-    MathematicalProgram,
-    SolverInterface,
-)
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from aerodima.optimisation.identify.fit_program import FitProgram, LinearTerms
 from aerodima.optimisation.identify.least_squares import Problem, Solution, StartResult
@@ -62,7 +55,7 @@ _POOR = 3.0
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """How a fit is solved.
+    """Choices of the solver.
 
     Attributes:
         max_steps: most steps.
@@ -329,39 +322,35 @@ def bounded_step(
         free -= np.linalg.solve(T.T, terms.slope)
     size = float(np.linalg.norm(free)) or 1.0
     inverse = np.linalg.inv(T) * size
+    step = inverse @ (free / size)
+    if not len(terms.rows) and np.all((low <= step) & (step <= high)):
+        return step
     program = MathematicalProgram()
     e = program.NewContinuousVariables(count, "e")
     program.AddQuadraticCost(np.eye(count), -free / size, e, True)
-    if len(terms.rows):
-        rows = terms.rows @ inverse
-        program.AddLinearConstraint(rows, terms.lower, terms.upper, e)
-    else:
-        step = inverse @ _free_solver().Solve(program, None, None).get_x_val()
-        if np.all((low <= step) & (step <= high)):
-            return step
     reach = np.linalg.norm(inverse, axis=1)
     program.AddLinearConstraint(inverse / reach[:, None], low / reach, high / reach, e)
+    if len(terms.rows):
+        program.AddLinearConstraint(terms.rows @ inverse, terms.lower, terms.upper, e)
     step = inverse @ ClarabelSolver().Solve(program, None, None).get_x_val()
     step = np.where(step - low < _AT_BOUND * reach, low, step)
     step = np.clip(np.where(high - step < _AT_BOUND * reach, high, step), low, high)
     if terms.present:
         return step
+    return _exact_inside(A, b, step, low, high)
+
+
+def _exact_inside(
+    A: FloatArray, b: FloatArray, step: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Solve min |A d + b| again for what an interior-point step (n) leaves within its bounds."""
     inside = (step > low) & (step < high)
+    at_bounds = b + A[:, ~inside] @ step[~inside]
     exact = step.copy()
-    rest = -(b + A[:, ~inside] @ step[~inside])
-    exact[inside], *_ = np.linalg.lstsq(A[:, inside], rest, rcond=None)
+    exact[inside], *_ = np.linalg.lstsq(A[:, inside], -at_bounds, rcond=None)
     if np.all((low <= exact) & (exact <= high)):
         return exact
     return step
-
-
-@cache
-def _free_solver() -> SolverInterface:
-    """The solver that Drake chooses for a QP without inequalities: closed form."""
-    program = MathematicalProgram()
-    x = program.NewContinuousVariables(1)
-    program.AddQuadraticCost(np.eye(1), np.zeros(1), x, True)
-    return MakeSolver(ChooseBestSolver(program))
 
 
 def solve_rollout(problem: Problem, start: FloatArray) -> StartResult:

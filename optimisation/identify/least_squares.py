@@ -173,7 +173,7 @@ class Parameters:
         return vectors
 
     def sides(self, x: FloatArray) -> IntArray:
-        """Which unknowns sit on a bound (p): -1 on the lower one, 1 on the upper one, else 0."""
+        """Sides on which unknowns sit on a bound (p): -1 lower, 1 upper, else 0."""
         margin = _AT_BOUND * self.scales
         at_upper = np.where(x >= self.upper - margin, 1, 0)
         return np.where(x <= self.lower + margin, -1, at_upper)

@@ -13,8 +13,8 @@ from aerodima.optimisation.identify.huber import spread
 from aerodima.workbench.core.array_types import FloatArray
 
 FAR_OFF = 6.0
-"""Robust standard deviations beyond which a sample is no noise: two in a thousand million of normal
-ones."""
+"""Robust standard deviations beyond which a sample is no noise: probability 2e-9 under a normal
+distribution."""
 
 
 FEW_FAR_OFF = 3
@@ -29,17 +29,17 @@ _NEXT = 60
 """End of the modes whose power is compared with theirs."""
 
 
-_LEAST_SAMPLES = 4 * _NEXT
+_MIN_SAMPLES = 4 * _NEXT
 """Fewest samples in which wandering is looked for."""
 
 
 CHANCE = 1e-5
-"""That noise wanders as much: below it, it is not noise."""
+"""Probability below which wandering is no noise."""
 
 
 @dataclass(frozen=True)
 class ResidualCheck:
-    """What was found in a residual.
+    """Findings in a residual.
 
     Attributes:
         far_off: number of samples beyond six robust standard deviations.
@@ -65,7 +65,7 @@ def check_residual(residual: FloatArray, unknowns: int = 1) -> ResidualCheck:
     """
     x = np.asarray(residual, float) - np.median(residual)
     scale = spread(x)
-    if scale == 0.0 or len(x) < _LEAST_SAMPLES:
+    if scale == 0.0 or len(x) < _MIN_SAMPLES:
         return ResidualCheck()
     beyond = np.abs(x) > FAR_OFF * scale
     first = int(np.argmax(beyond)) if np.any(beyond) else -1
@@ -81,7 +81,7 @@ def check_residual(residual: FloatArray, unknowns: int = 1) -> ResidualCheck:
 
 
 def chance_of(checks: Sequence[ResidualCheck]) -> float:
-    """That noise wanders as much as several residuals together do."""
+    """Probability that noise wanders as much as several residuals together do."""
     slow = sum(check.freedom[0] for check in checks)
     following = sum(check.freedom[1] for check in checks)
     wander = np.mean([check.wander for check in checks])

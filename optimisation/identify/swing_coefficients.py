@@ -1,4 +1,4 @@
-"""What swings are fitted for: friction of bar and robot tail, added mass of a cheetah tail, C_N of
+"""Fits of swings: friction of bar and robot tail, added mass of a cheetah tail, C_N of
 the robot tail.
 
 Friction from free or motor-driven swings: thesis eq. 4.12 corrected, Tables 4.7 and 6.2. Added mass

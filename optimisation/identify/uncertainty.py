@@ -203,8 +203,8 @@ def _covariance(inverse: FloatArray, noise: Noise, scales: FloatArray) -> FloatA
 def _curved(
     solution: Solution, noise: Noise, deviation: FloatArray, factor: FloatArray
 ) -> np.ndarray:
-    """Whose standard deviation changes by more than half of it within the intervals, cut at the
-    bounds (p).
+    """Flag unknowns whose standard deviation changes by more than half of it within the intervals,
+    cut at the bounds (p).
 
     Only asked where an interval covers a good part of its bounds: the Jacobian at the ends costs as
     much as a solution.
