@@ -180,10 +180,7 @@ class _Descent:
         return np.clip(result.get_x_val(), self.lower, self.upper)
 
     def _cost(self, z: FloatArray, r: FloatArray) -> float:
-        cost = 0.5 * float(r @ r)
-        if self.terms.present:
-            cost += self.terms.cost(z)
-        return cost
+        return 0.5 * float(r @ r) + self.terms.cost(z)
 
     def _step(self) -> tuple[bool, str] | None:
         """Take one step, or renew the Jacobian; at the end whether it succeeded, and why."""
@@ -192,9 +189,7 @@ class _Descent:
             self.kept = False
             self.predicted = np.inf
         terms = self.terms.about(self.z)
-        gradient = self.J.T @ self.r
-        if terms.present:
-            gradient = gradient + terms.slope
+        gradient = self.J.T @ self.r + terms.slope
         if self._free_gradient(gradient) <= _GRADIENT_TOLERANCE * max(self.cost, 1e-300) ** 0.5:
             return True, "the gradient vanishes"
         Q, R = np.linalg.qr(self.J)
@@ -215,11 +210,11 @@ class _Descent:
         first = d
         while True:
             trial = self._evaluate(d)
-            if trial is not None and not self._lowers(d, trial, limit):
+            if trial is not None and not self.kept and not self._lowers(d, trial, limit):
                 # Bends the step by the curvature of the residual along it.
                 bent = bounded_step(R, Q.T @ trial - R @ d, self.damping, *bounds, terms)
                 bent_trial = self._evaluate(bent)
-                if bent_trial is not None and self._lowers(bent, bent_trial, limit):
+                if self._lowers(bent, bent_trial, limit):
                     d, trial = bent, bent_trial
             if trial is not None and self._lowers(d, trial, limit):
                 return self._accept(d, trial, predicted, d is first)
@@ -232,15 +227,16 @@ class _Descent:
             d = bounded_step(R, c, self.damping, *bounds, terms)
 
     def _evaluate(self, d: FloatArray) -> FloatArray | None:
-        """The residual after a step; None where the model ends, whose reason is kept."""
+        """Compute the residual after a step; None where the model ends, whose reason is kept."""
         try:
             return self.problem.finite_residual((self.z + d) * self.scales)
         except FitError as error:
             self.refusal = str(error)
             return None
 
-    def _lowers(self, d: FloatArray, r: FloatArray, limit: float) -> bool:
-        return self._cost(self.z + d, r) <= limit
+    def _lowers(self, d: FloatArray, r: FloatArray | None, limit: float) -> bool:
+        """Whether the cost after a step is within the limit."""
+        return r is not None and self._cost(self.z + d, r) <= limit
 
     def _shorten(self, d: FloatArray, predicted: float) -> tuple[bool, str] | None:
         """Raise the damping after a refused step; the ending when that is of no use."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
-from aerodima.optimisation.identify.fit_result import Channels, Estimate, FitResult, make_result
+from aerodima.optimisation.identify.fit_result import Channels, FitResult, make_result
 from aerodima.optimisation.identify.gauss_newton import solve
 from aerodima.optimisation.identify.huber import Loss, huber
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
@@ -180,32 +180,28 @@ def _with_budget(
         rows: number of those of the data; the others are priors.
         known: names of the constants that have a prior.
     """
-    free = solution.problem.parameters.free
-    fitted = [i for i, p in enumerate(free) if p.name not in known]
-    sources = ["noise", *(p.name for p in free if p.name in known)]
-    scales = solution.problem.parameters.scales
-    parts = np.square(np.linalg.pinv(solution.jacobian * scales))
+    parameters = solution.problem.parameters
+    names = parameters.names
+    fitted = [i for i, name in enumerate(names) if name not in known]
+    sources = ["noise", *(name for name in names if name in known)]
+    J = solution.jacobian * parameters.scales
+    parts = np.square(np.linalg.pinv(J))
     split = np.column_stack([parts[:, :rows].sum(axis=1), parts[:, rows:]])
     shares = split / parts.sum(axis=1, keepdims=True)
-    exact = np.linalg.pinv(solution.jacobian[:rows, fitted] * scales[fitted])
-    alone = np.linalg.norm(exact, axis=1) * scales[fitted]
-    deviations = {free[i].name: float(d) for i, d in zip(fitted, alone, strict=True)}
+    exact = np.linalg.norm(np.linalg.pinv(J[:rows, fitted]), axis=1)
+    estimates = {e.name: e for e in result.estimates}
     budget = {}
-    for i in fitted:
-        if result[free[i].name].identifiable:
-            pairs = zip(sources, shares[i].tolist(), strict=True)
-            largest = sorted(pairs, key=lambda pair: -pair[1])
-            budget[free[i].name] = {name: share for name, share in largest if share >= _MIN_SHARE}
-
-    def with_noise(e: Estimate) -> Estimate:
-        if e.frozen:
-            return e
+    for i, scaled in zip(fitted, exact.tolist(), strict=True):
+        name = names[i]
+        e = estimates[name]
         deviation = math.inf
         if e.identifiable:
-            deviation = min(deviations[e.name], e.standard_deviation)
-        return replace(e, noise_deviation=deviation)
-
-    return replace(result, estimates=tuple(map(with_noise, result.estimates)), budget=budget)
+            deviation = min(scaled * float(parameters.scales[i]), e.standard_deviation)
+            pairs = zip(sources, shares[i].tolist(), strict=True)
+            largest = sorted(pairs, key=lambda pair: -pair[1])
+            budget[name] = {source: share for source, share in largest if share >= _MIN_SHARE}
+        estimates[name] = replace(e, noise_deviation=deviation)
+    return replace(result, estimates=tuple(estimates.values()), budget=budget)
 
 
 def _misfit_warnings(
