@@ -47,14 +47,14 @@ SPEED = "speed"
 """Speed with which the run begins."""
 DRIVEN = "driven_speed"
 """Speed that the throttle of the log drives to."""
-BIAS_OF = {
+BIASES = {
     "yaw_rate": "gyro_bias_z",
     "roll_rate": "gyro_bias_x",
     "lateral_acceleration": "acceleration_bias_y",
 }
 """Channel -> unknown that is added to it."""
 UNITS = {"tyre_friction": "1", "tyre_slip_angle": "rad", "com_height": "m", DELAY: "s"}
-UNITS |= {name: "rad/s" if "gyro" in name else "m/s2" for name in BIAS_OF.values()}
+UNITS |= {name: "rad/s" if "gyro" in name else "m/s2" for name in BIASES.values()}
 DELAY_RANGE = (0.0, 0.15)
 """Range of the delay, s; no file of `models/parameters` has one."""
 STEPS = {
@@ -91,10 +91,8 @@ OPEN = 0.8
 _OPTIONS = SolverOptions(max_steps=25, jacobian="secant", settled=0.01, roughness=2.0)
 """A step that predicts less than a seventh of a standard deviation of all unknowns together ends a
 fit; contacts that come a step earlier or later may raise its cost by two."""
-_MAX_ROUNDS = 4
-"""Most fits with the channels weighed anew."""
-_SAME_SCALES = 1.1
-"""Factor by which the scales of the channels may still change when they have settled."""
+_NEAR = 25.0
+"""A step that predicts less ends the fit with the noise of the sensors alone."""
 
 
 def prior_range(name: str) -> tuple[float, float]:
@@ -137,13 +135,17 @@ class CarModel:
     Attributes:
         drive: that is fitted.
         parameters: see `unknowns`.
+        latency: of the commands where there is no tail, whole ticks, s.
         scales: by channel, that its residual is divided by beside its deviation.
+        noise: of the residual, as it was last weighed.
         finer: what half the plant's step changes in the rows, once `find_step_error` has found it.
     """
 
     def __init__(self, drive: CarDrive) -> None:
         self.drive = drive
         self.parameters = unknowns(drive)
+        self.latency = 0.0
+        self.noise = Noise(np.ones(1))
         self.scales = dict.fromkeys(drive.channels, 1.0)
         self._step = drive.scenario.simulation.step
         ends = np.cumsum([0, *(channel.time.size for channel in drive.channels.values())]).tolist()
@@ -154,15 +156,15 @@ class CarModel:
         self.finer = np.zeros(ends[-1] + len(self._known))
         self._runs: dict[tuple[float, ...], Mapping[str, FloatArray]] = {}
 
-    def problem(self) -> Problem:
-        """The least-squares problem, with the scales and the step error as they are now."""
-        divisors = self.divisors
-        steps = {**STEPS, DELAY: 2.0 * self._step}
+    def problem(self, x: FloatArray) -> Problem:
+        """The least-squares problem; its differences go from x to the middle of the ranges."""
+        steps = {**STEPS, DELAY: 2.0 * self._step} if self.drive.tailed else STEPS
+        sizes = np.array([steps.get(name, 1e-3) for name in self.parameters.names])
         return Problem(
             self.parameters,
-            lambda x: self.rows(x) / divisors,
+            lambda x: self.rows(x) / self.divisors,
             name=self.drive.name,
-            steps=np.array([steps.get(name, 1e-3) for name in self.parameters.names]),
+            steps=np.where(x > self.parameters.initial, -sizes, sizes),
         )
 
     def run(
@@ -188,22 +190,26 @@ class CarModel:
     def rows(self, x: FloatArray, step: float | None = None) -> FloatArray:
         """Model less log, then unknown less its prior, in their units (m).
 
-        The commands are late by whole ticks; what the delay differs by shifts the motion in time.
+        Commands are late by whole ticks; what the delay differs by shifts the motion in time. That
+        is exact for the steering, but not for a tail, whose commands are not late.
 
         Args:
             step: of the plant, s; that of the scenario by default.
         """
         values = self.parameters.values(x)
-        latency = round(values[DELAY] / self._step) * self._step
+        latency = self._whole_ticks(values[DELAY]) if self.drive.tailed else self.latency
         motion = self.drive.sampled(
             self.run(values, latency, step or self._step), values[DELAY] - latency
         )
         rows = []
         for name, channel in self.drive.channels.items():
-            bias = values.get(BIAS_OF.get(name, ""), 0.0)
+            bias = values.get(BIASES.get(name, ""), 0.0)
             rows.append(motion[name] + bias - channel.value)
         priors = [values[p.name] - p.initial for p in self._known]
         return np.concatenate([*rows, priors]) + STEP_ERROR[0] * self.finer
+
+    def _whole_ticks(self, time: float) -> float:
+        return round(time / self._step) * self._step
 
     @property
     def divisors(self) -> FloatArray:
@@ -214,7 +220,8 @@ class CarModel:
         return np.concatenate([*sizes, [p.prior_std for p in self._known]])
 
     def find_step_error(self, x: FloatArray) -> None:
-        """Find what half the plant's step changes in the rows."""
+        """Find what half the plant's step changes in the rows, with the latency of the delay."""
+        self.latency = self._whole_ticks(self.parameters.values(x)[DELAY])
         self.finer = self.rows(x, 0.5 * self._step) - self.rows(x)
 
     def start(self) -> FloatArray:
@@ -251,46 +258,42 @@ class CarModel:
             cost += float(np.sum(np.square(np.minimum(size, 1.0))))
         return cost
 
-    def weigh(self, x: FloatArray) -> Noise:
-        """Scale the channels by the residual: each counts for its effective samples."""
-        residual = self.rows(x) / self.divisors
+    def weigh(self, x: FloatArray) -> FloatArray:
+        """Scale the channels by the residual: each counts for its effective samples.
+
+        Returns:
+            Factors by which the divisors grow (m).
+        """
+        before = self.divisors
+        residual = self.rows(x) / before
         noise = serial_noise(residual, list(self.places.values()), len(x))
         for name, place in self.places.items():
             rise = math.sqrt(noise.covariance[place][0])
             self.scales[name] = max(self.scales[name] * rise, 1.0)
-        return noise
+        self.noise = noise
+        return self.divisors / before
 
 
 def fit_car(drive: CarDrive) -> FitResult:
     """Fit one drive; FitError where no car of the ranges can be simulated.
 
     First with the noise of the sensors alone, then with the error of the plant's step and channels
-    that are weighed until their scales settle.
+    that are weighed anew in every step.
     """
     model = CarModel(drive)
-    best = solve_from(FitProgram(model.problem()), model.start(), _OPTIONS)
-    model.find_step_error(best.x)
-    iterations = best.iterations
-    for _ in range(_MAX_ROUNDS):
-        before = dict(model.scales)
-        divisors = model.divisors
-        noise = model.weigh(best.x)
-        ratios = [scale / before[name] for name, scale in model.scales.items()]
-        change = max(*ratios, 1.0 / min(ratios))
-        jacobian = best.jacobian
-        if jacobian is not None:
-            jacobian = jacobian * (divisors / model.divisors)[:, None]
-        best = solve_from(FitProgram(model.problem()), best.x, _OPTIONS, jacobian)
-        iterations += best.iterations
-        if change <= _SAME_SCALES:
-            break
-    return _result(model, noise, replace(best, iterations=iterations))
+    far = replace(_OPTIONS, settled=_NEAR)
+    start = model.start()
+    first = solve_from(FitProgram(model.problem(start)), start, far)
+    model.find_step_error(first.x)
+    weighed = replace(_OPTIONS, reweigh=model.weigh)
+    best = solve_from(FitProgram(model.problem(first.x)), first.x, weighed)
+    return _result(model, replace(best, iterations=first.iterations + best.iterations))
 
 
-def _result(model: CarModel, noise: Noise, best: StartResult) -> FitResult:
+def _result(model: CarModel, best: StartResult) -> FitResult:
     """The result of a model whose scales have settled."""
-    problem = model.problem()
     x = best.x
+    problem = model.problem(x)
     opened = []
     for p, side in zip(model.parameters.free, model.parameters.sides(x).tolist(), strict=True):
         lower = p.lower if side < 0 else -math.inf
@@ -304,7 +307,7 @@ def _result(model: CarModel, noise: Noise, best: StartResult) -> FitResult:
     solution = Solution(problem, x, residual, jacobian, best, (best,))
     stepped = STEP_ERROR[1] * model.finer / model.divisors
     covariance = np.eye(residual.size) + np.outer(stepped, stepped)
-    intervals = uncertainty(solution, replace(noise, covariance=covariance))
+    intervals = uncertainty(solution, replace(model.noise, covariance=covariance))
     warnings = [*model.drive.warnings]
     poor = [f"{name} by {scale:.2g}" for name, scale in model.scales.items() if scale > MISFIT]
     if poor:

@@ -7,7 +7,7 @@ step.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -55,22 +55,27 @@ class LinearTerms:
 
     def scaled(self, scales: FloatArray) -> LinearTerms:
         """The same in unknowns / scales."""
-        return LinearTerms(
-            self.factor * scales,
-            self.slope * scales,
-            self.constant,
-            self.rows * scales,
-            self.lower,
-            self.upper,
+        return replace(
+            self,
+            factor=self.factor * scales,
+            slope=self.slope * scales,
+            rows=self.rows * scales,
         )
 
     def about(self, x: FloatArray) -> LinearTerms:
         """The same in the change from x; the constant is left out."""
         reached = self.rows @ x
-        slope = self.slope + self.factor.T @ (self.factor @ x)
-        return LinearTerms(
-            self.factor, slope, 0.0, self.rows, self.lower - reached, self.upper - reached
+        return replace(
+            self,
+            slope=self.slope + self.factor.T @ (self.factor @ x),
+            constant=0.0,
+            lower=self.lower - reached,
+            upper=self.upper - reached,
         )
+
+    def without_costs(self) -> LinearTerms:
+        """The constraints alone."""
+        return replace(self, factor=self.factor[:0], slope=0.0 * self.slope, constant=0.0)
 
 
 class FitProgram:

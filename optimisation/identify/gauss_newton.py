@@ -9,7 +9,7 @@ It works on value / scale and on a residual that the caller has divided by its w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -47,8 +47,8 @@ _GRADIENT_TOLERANCE = 1e-9
 _SAME_COST = 1.01
 """Costs within this factor are the same minimum."""
 _SLOW = 0.5
-"""A step that predicts more than this part of the last decrease shows that a kept Jacobian is
-out of date."""
+"""A kept Jacobian is out of date when the last step lowered the cost by less than half of what it
+predicted, and the next one predicts more than this part of that."""
 _POOR = 3.0
 """Mean square of a residual above which no kept Jacobian is trusted to end a fit."""
 
@@ -62,6 +62,8 @@ class SolverOptions:
         jacobian: `differences` takes it anew in every step; `secant` carries it on by Broyden's
             update, for residuals that cost seconds.
         settled: a next step that predicts to lower the cost by less ends the fit.
+        reweigh: called with the unknowns (p) before every step; the factors (m) by which the
+            divisors of the residual grow there and from there on.
         roughness: by which a step may raise the cost. Both are in units of half a squared standard
             deviation, or of the mean square of the residual where that is above 1.
     """
@@ -70,6 +72,7 @@ class SolverOptions:
     jacobian: Literal["differences", "secant"] = "differences"
     settled: float = 0.0
     roughness: float = 0.0
+    reweigh: Callable[[FloatArray], FloatArray] | None = None
 
 
 DEFAULT = SolverOptions()
@@ -162,28 +165,25 @@ class _Descent:
             try:
                 ending = self._step()
             except FitError as error:
-                ending = False, f"no derivative: {error}"
+                ending = False, str(error)
         success, status = ending or (False, f"{step} steps were not enough")
         jacobian = None if self.J is None else self.J / self.scales
         return StartResult(start, self.z * self.scales, self.cost, success, status, step, jacobian)
 
     def _feasible(self, z: FloatArray) -> FloatArray:
-        """The nearest point that meets the constraints."""
-        program = MathematicalProgram()
-        unknowns = program.NewContinuousVariables(len(z), "z")
-        program.AddQuadraticCost(np.eye(len(z)), -z, unknowns, True)
-        program.AddBoundingBoxConstraint(self.lower, self.upper, unknowns)
-        program.AddLinearConstraint(self.terms.rows, self.terms.lower, self.terms.upper, unknowns)
-        result = ClarabelSolver().Solve(program, None, None)
-        if not result.is_success():
-            raise FitError(f"{self.problem.name}: no values meet the bounds and constraints")
-        return np.clip(result.get_x_val(), self.lower, self.upper)
+        """Find the nearest point that meets the constraints."""
+        count = len(z)
+        terms = self.terms.about(z).without_costs()
+        bounds = (self.lower - z, self.upper - z)
+        return z + bounded_step(np.eye(count), np.zeros(count), 0.0, *bounds, terms)
 
     def _cost(self, z: FloatArray, r: FloatArray) -> float:
         return 0.5 * float(r @ r) + self.terms.cost(z)
 
     def _step(self) -> tuple[bool, str] | None:
         """Take one step, or renew the Jacobian; at the end whether it succeeded, and why."""
+        if self.options.reweigh is not None:
+            self._divide(self.options.reweigh(self.z * self.scales))
         if self.J is None:
             self.J = self.problem.forward_jacobian(self.z * self.scales, self.r) * self.scales
             self.kept = False
@@ -226,6 +226,13 @@ class _Descent:
                 return ending
             d = bounded_step(R, c, self.damping, *bounds, terms)
 
+    def _divide(self, factors: FloatArray) -> None:
+        """Divide residual and Jacobian by factors (m)."""
+        self.r = self.r / factors
+        self.cost = self._cost(self.z, self.r)
+        if self.J is not None:
+            self.J = self.J / factors[:, None]
+
     def _evaluate(self, d: FloatArray) -> FloatArray | None:
         """Compute the residual after a step; None where the model ends, whose reason is kept."""
         try:
@@ -264,7 +271,7 @@ class _Descent:
         elif not secant:
             self.J = None
         self.kept = True
-        self.predicted = predicted
+        self.predicted = predicted if decrease < 0.5 * predicted else np.inf
         self.z = self.z + d
         self.r = r
         self.cost = cost
@@ -328,7 +335,10 @@ def bounded_step(
     program.AddLinearConstraint(inverse / reach[:, None], low / reach, high / reach, e)
     if len(terms.rows):
         program.AddLinearConstraint(terms.rows @ inverse, terms.lower, terms.upper, e)
-    step = inverse @ ClarabelSolver().Solve(program, None, None).get_x_val()
+    result = ClarabelSolver().Solve(program, None, None)
+    if len(terms.rows) and not result.is_success():
+        raise FitError("no values meet the bounds and the added constraints")
+    step = inverse @ result.get_x_val()
     step = np.where(step - low < _AT_BOUND * reach, low, step)
     step = np.clip(np.where(high - step < _AT_BOUND * reach, high, step), low, high)
     if terms.present:

@@ -99,7 +99,7 @@ class SwingModel:
     def fit(
         self,
         parameters: Sequence[Parameter],
-        seeds: Sequence[Values] = (),
+        starts: Sequence[Values] = (),
         facts: Mapping[str, Any] | None = None,
         options: FitOptions = FREE,
         exact: bool = False,
@@ -107,13 +107,13 @@ class SwingModel:
         """Solve and add the curve of the angle.
 
         Args:
-            parameters, seeds: of the fit, and further starts.
+            parameters, starts: of the fit, and further starts.
             facts: added to those of the data.
             options: loss and bounds.
             exact: leave the constants of the rig as they are.
 
         Raises:
-            FitError: bounds that exclude a seed or name no parameter, or no rollout exists.
+            FitError: bounds that exclude a start or name no parameter, or no rollout exists.
         """
         data = self.data
         fitted = [p.name for p in parameters]
@@ -123,7 +123,7 @@ class SwingModel:
         result = fit(
             problem,
             model.noise,
-            starts=problem.parameters.starts(seeds),
+            starts=problem.parameters.starts(starts),
             channels={"angle": (slice(None), speed_accuracy())},
             facts={**data.facts, **(facts or {})},
             warnings=data.warnings,
