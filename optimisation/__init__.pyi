@@ -2,19 +2,20 @@
 
 from .identify.fit_figures import plot_curves as plot_curves
 from .identify.fit_pipeline import fit as fit
+from .identify.fit_program import FitProgram as FitProgram
 from .identify.fit_report import format_estimate as format_estimate
+from .identify.gauss_newton import solve_formula as solve_formula
+from .identify.gauss_newton import solve_rollout as solve_rollout
 from .identify.least_squares import Parameter as Parameter
 from .identify.least_squares import Parameters as Parameters
 from .identify.least_squares import Problem as Problem
-from .identify.least_squares_solvers import solve_formula as solve_formula
-from .identify.least_squares_solvers import solve_rollout as solve_rollout
 from .identify.log_rig import FitOptions as FitOptions
+from .identify.noise import independent_noise as independent_noise
+from .identify.noise import serial_noise as serial_noise
 from .identify.static_fit import fit_static_log as fit_static_log
 from .identify.swing_coefficients import fit_added_mass_log as fit_added_mass_log
 from .identify.swing_coefficients import fit_friction_log as fit_friction_log
 from .identify.swing_coefficients import fit_robot_tail_log as fit_robot_tail_log
-from .identify.uncertainty import independent_noise as independent_noise
-from .identify.uncertainty import serial_noise as serial_noise
 from .studies.rollover_threshold import critical_friction as critical_friction
 from .studies.run_study import run_study as run_study
 from .studies.runs import open_run_engine as open_run_engine

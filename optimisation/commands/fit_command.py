@@ -18,7 +18,7 @@ from aerodima.workbench.core.errors import FitError, UserError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from aerodima.optimisation.identify.fit_pipeline import FitResult
+    from aerodima.optimisation.identify.fit_result import FitResult
     from aerodima.optimisation.identify.log_rig import FitOptions
 
     Extra = tuple[dict[str, pd.DataFrame], list[str]]
@@ -66,7 +66,7 @@ class LogFit:
         """The choices for logs of some kinds; what is wrong with them is refused here, once and not
         for every log.
         """
-        from aerodima.optimisation.identify.least_squares import LOSSES
+        from aerodima.optimisation.identify.huber import LOSSES
         from aerodima.optimisation.identify.log_rig import (
             KNOWLEDGE,
             constant_names,

@@ -17,7 +17,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from aerodima.optimisation.identify.least_squares import Loss, Parameter
+from aerodima.optimisation.identify.huber import Loss
+from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.checked_files import find_file, nearest, read_yaml, unit_of
 from aerodima.workbench.core.errors import FitError, LogError
@@ -128,11 +129,10 @@ class FitOptions:
         found = []
         for p in parameters:
             low, high = limits.get(p.name, (p.lower, p.upper))
-            found.append(
-                p
-                if p.frozen
-                else replace(p, seed=min(max(p.seed, low), high), lower=low, upper=high)
-            )
+            if not p.fixed:
+                initial = min(max(p.initial, low), high)
+                p = replace(p, initial=initial, lower=low, upper=high)
+            found.append(p)
         return found
 
     def require_known(self, names: Sequence[str]) -> None:
@@ -377,7 +377,7 @@ def _parameter(name: str, free: bool, deviation: float) -> Parameter:
         reach = _BIAS_REACH if is_bias else CONSTANTS[name][0]
         return Parameter(name, unit, 0.0, -reach, reach, scale=_SCALE * reach)
     reach = _FAR * deviation
-    return Parameter(name, unit, 0.0, -reach, reach, scale=deviation, deviation=deviation)
+    return Parameter(name, unit, 0.0, -reach, reach, scale=deviation, prior_std=deviation)
 
 
 def shifted(scenario: RigScenario, values: Mapping[str, float]) -> RigScenario:

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult, UncertainRig, fit
+from aerodima.optimisation.identify.fit_pipeline import fit
+from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
-from aerodima.optimisation.identify.least_squares_solvers import solve_formula
 from aerodima.optimisation.identify.log_rig import (
     BIASES,
     FREE,
@@ -28,8 +28,9 @@ from aerodima.optimisation.identify.log_rig import (
     shifted,
     speed_accuracy,
 )
+from aerodima.optimisation.identify.noise import Noise
 from aerodima.optimisation.identify.static_log import REACTIONS, StaticData, static_data
-from aerodima.optimisation.identify.uncertainty import Noise
+from aerodima.optimisation.identify.uncertain_constants import UncertainRig
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.core.array_types import FloatArray
@@ -47,7 +48,7 @@ UNKNOWNS = {
 }
 """Within bounds that the published results themselves respect (they break the printed ones: ERRATA
 E5, E6)."""
-_SURE = 3.0
+_MAX_SIGMA = 3.0
 """Standard deviations beyond which a prediction is not that of the log."""
 _TURN = 1e-5
 """Step of the central difference over psi3, rad: its error is of the order of 1e-11."""
@@ -63,27 +64,24 @@ _LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
 
 def static_parameters(data: StaticData, options: FitOptions = FREE) -> Parameters:
     """Unknowns, from the seeds of Tables 4.9 and 10.1-10.5 at the nearest angle and wind speed."""
-    table = _seed_table()
     angle = abs(math.degrees(data.angle))
-    nodes = [node for node in table if str(node[0]) == data.facts["tail"]]
-    seeds = table[
-        min(nodes, key=lambda node: (abs(node[1] - angle) / 15.0, abs(node[2] - data.wind_speed)))
-    ]
-    seeded = [
-        replace(p, seed=min(max(seeds[name], p.lower), p.upper)) for name, p in UNKNOWNS.items()
-    ]
+    nodes = [node for node in _seed_table() if str(node[0]) == data.facts["tail"]]
+    nearest = min(
+        nodes, key=lambda node: (abs(node[1] - angle) / 15.0, abs(node[2] - data.wind_speed))
+    )
+    seeds = _seed_table()[nearest]
+    seeded = [p.starting_at(seeds[name]) for name, p in UNKNOWNS.items()]
     return Parameters.of(options.bounded(seeded))
 
 
 @cache
 def _seed_table() -> dict[Any, dict[str, float]]:
     """Tail, angle (degrees) and wind speed -> name -> seed."""
-    cells = published_table("static_seeds").groupby(
-        ["tail", "angle_of_attack_deg", "wind_speed_m_per_s"], sort=False
-    )
-    return {
-        node: dict(zip(group.variable, group.x0.tolist(), strict=True)) for node, group in cells
-    }
+    keys = ["tail", "angle_of_attack_deg", "wind_speed_m_per_s"]
+    table = {}
+    for node, group in published_table("static_seeds").groupby(keys, sort=False):
+        table[node] = dict(zip(group.variable, group.x0.tolist(), strict=True))
+    return table
 
 
 class StaticResidual:
@@ -113,13 +111,11 @@ class StaticResidual:
 
     @property
     def channels(self) -> dict[str, tuple[slice, float]]:
-        """Where each channel stands and what its residual was divided by."""
+        """Rows of each channel and the weight that they were divided by."""
         names = [*(REACTIONS[i] for i in self._rows), "speed"]
         weights = [*self._weights.tolist(), speed_accuracy()]
-        return {
-            name: (slice(i, i + 1), w)
-            for i, (name, w) in enumerate(zip(names, weights, strict=True))
-        }
+        rows = [slice(i, i + 1) for i in range(len(names))]
+        return dict(zip(names, zip(rows, weights, strict=True), strict=True))
 
     def _effect(self, psi: float) -> FloatArray:
         """Weighted rows of bar, unit C_D and unit C_L (3 x m)."""
@@ -148,7 +144,7 @@ class StaticResidual:
         return np.array([drag, lift, turn, self._motor]).T
 
     def noise(self, solution: Solution) -> Noise:
-        """What is left of the sensor's errors, and the encoder's."""
+        """Noise from the errors of the force sensor and the encoder."""
         data = self._data
         rows = self._rows
         weights = self._weights
@@ -195,7 +191,7 @@ def static_problem(data: StaticData, options: FitOptions = FREE) -> Problem:
 
 
 def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
-    """Fits one hold.
+    """Fit one hold.
 
     Raises:
         FitError: fewer axes than unknowns, or the problem could not be solved.
@@ -208,7 +204,6 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     facts["exposed_length_m"] = exposed = StaticBalance.of(data.scenario).exposed_length(data.angle)
     result = fit(
         problem,
-        solve_formula,
         residual.noise,
         channels=residual.channels,
         facts=facts,
@@ -219,8 +214,7 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     if data.still and exposed > 0.0:
         warnings.append(
             "the readings change after the rest phase by no more than noise and drift can do, "
-            "although the wind of "
-            f"{data.wind_speed:g} m/s meets the tail: is the wind off in it?"
+            f"although the wind of {data.wind_speed:g} m/s meets the tail: is the wind off in it?"
         )
     return replace(result, rig=differences(data.scenario), warnings=tuple(warnings))
 
@@ -229,16 +223,14 @@ def _uncertain_rig(data: StaticData) -> UncertainRig:
     """The hold with the rig's constants as unknowns; biases of the readings are then no noise."""
     exact = data
     if any(p.name in BIASES for p in data.constants):
-        exact = replace(
-            data, covariance=data.covariance - np.diag(np.square(data.offset_deviation))
-        )
+        biases = np.diag(np.square(data.offset_deviation))
+        exact = replace(data, covariance=data.covariance - biases)
 
     def problem(parameters: Parameters) -> Problem:
         def residual(x: FloatArray) -> FloatArray:
             values = parameters.values(x)
-            return StaticResidual(shifted_data(exact, values))(
-                np.array([values[name] for name in UNKNOWNS])
-            )
+            unknowns = np.array([values[name] for name in UNKNOWNS])
+            return StaticResidual(shifted_data(exact, values))(unknowns)
 
         return Problem(parameters, residual, name=data.name)
 
@@ -264,31 +256,29 @@ def shifted_data(data: StaticData, values: Mapping[str, float]) -> StaticData:
 
 
 def _against_logged_current(result: FitResult, data: StaticData) -> list[str]:
-    """A warning when the holding current is not the logged one, which no fit has used.
+    """Warn when the holding current is not the logged one, which no fit has used.
 
     A held tail sticks: within its Coulomb friction the motor need not hold it.
     """
-    found = result["current"]
-    if not (math.isfinite(data.current) and found.identifiable) or found.frozen:
+    current = result["current"]
+    if not (math.isfinite(data.current) and current.identifiable) or current.frozen:
         return []
     motor = data.scenario.maxon.torque_constant
     stuck = data.scenario.friction.coulomb / motor
-    reach = _SURE * math.hypot(found.standard_deviation, data.current_deviation)
-    if abs(found.value - data.current) <= reach + stuck:
+    reach = _MAX_SIGMA * math.hypot(current.standard_deviation, data.current_deviation)
+    if abs(current.value - data.current) <= reach + stuck:
         return []
     return [
-        f"the fit holds the tail with {found.value:.4g} A, the log has {data.current:.4g} A: they "
-        "differ by more than "
-        f"their uncertainty ({reach:.2g} A) and Coulomb friction ({stuck:.2g} A); is "
-        "maxon.torque_constant "
-        f"{motor:g} N m/A that of this rig (--set)?"
+        f"the fit holds the tail with {current.value:.4g} A, the log has {data.current:.4g} A: "
+        f"they differ by more than their uncertainty ({reach:.2g} A) and Coulomb friction "
+        f"({stuck:.2g} A); is maxon.torque_constant {motor:g} N m/A that of this rig (--set)?"
     ]
 
 
 def fit_static_log(
     path: str | Path, *, rest: tuple[float, float] | None = None, options: FitOptions = FREE
 ) -> FitResult:
-    """C_D, C_L, psi3 and holding current of a static hold.
+    """Fit C_D, C_L, psi3 and holding current of a static hold.
 
     Args:
         path: of the log.

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.identify.least_squares import LIMIT, Loss, Parameter, spread
+from aerodima.optimisation.identify.huber import LIMIT, Loss, spread
+from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.log_rig import (
     BIASES,
     CURRENT,
@@ -30,14 +31,14 @@ from aerodima.optimisation.identify.log_rig import (
     rig_of,
     wind_speed,
 )
-from aerodima.optimisation.identify.uncertainty import (
+from aerodima.optimisation.identify.noise import correlation_time
+from aerodima.optimisation.identify.residual_check import (
     CHANCE,
     FAR_OFF,
     FEW_FAR_OFF,
     ResidualCheck,
     chance_of,
     check_residual,
-    correlation_time,
 )
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError

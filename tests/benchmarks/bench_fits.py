@@ -16,8 +16,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from aerodima.optimisation.identify.fit_batch import fit_logs
-from aerodima.optimisation.identify.least_squares import Problem, Solver
-from aerodima.optimisation.identify.least_squares_solvers import solve_formula, solve_rollout
+from aerodima.optimisation.identify.gauss_newton import solve
+from aerodima.optimisation.identify.least_squares import Problem
 from aerodima.optimisation.identify.static_fit import fit_static, fit_static_log, static_problem
 from aerodima.optimisation.identify.static_log import StaticData, static_data
 from aerodima.optimisation.identify.swing_coefficients import (
@@ -49,7 +49,7 @@ def _scipy(problem: Problem, jacobian: bool = False) -> Any:
     derivative: Any = problem.jacobian if jacobian and problem.jacobian is not None else "2-point"
     return least_squares(
         problem.residual,
-        parameters.seed,
+        parameters.initial,
         jac=derivative,
         bounds=(parameters.lower, parameters.upper),
         method="dogbox",
@@ -63,20 +63,17 @@ def _seconds(act: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def _in_turns(
-    problems: Sequence[Problem], method: Solver, jacobian: bool = False
-) -> tuple[float, float, float]:
+def _in_turns(problems: Sequence[Problem], jacobian: bool = False) -> tuple[float, float, float]:
     """Median CPU seconds of us and of scipy over the same problems, and the largest cost of ours
     over scipy's.
     """
     worst = max(
-        (method(p, p.parameters.seed).cost + 1e-9) / (float(_scipy(p, jacobian).cost) + 1e-9)
-        for p in problems
+        (solve(p).best.cost + 1e-9) / (float(_scipy(p, jacobian).cost) + 1e-9) for p in problems
     )
     ours = []
     peer = []
     for _ in range(REPEATS):
-        ours.append(_seconds(lambda: [method(p, p.parameters.seed) for p in problems]))
+        ours.append(_seconds(lambda: [solve(p) for p in problems]))
         peer.append(_seconds(lambda: [_scipy(p, jacobian) for p in problems]))
     return statistics.median(ours), statistics.median(peer), worst
 
@@ -111,7 +108,7 @@ def bench_static_fits() -> list[BenchRow]:
     """Solves alone, one core; scipy with its finite differences and with our Jacobian."""
     holds = _holds()
     problems = [static_problem(data) for data in holds]
-    ours, peer, worst = _in_turns(problems, solve_formula)
+    ours, peer, worst = _in_turns(problems)
     with_jacobian = statistics.median(
         [_seconds(lambda: [_scipy(p, True) for p in problems]) for _ in range(REPEATS)]
     )
@@ -176,10 +173,10 @@ def bench_rollout_fits() -> list[BenchRow]:
         "added_mass_fit": SwingModel(flick, still_tail_law).problem([added_mass_parameter(flick)]),
     }
     for name, problem in problems.items():
-        ours, peer, worst = _in_turns([problem], solve_rollout)
+        ours, peer, worst = _in_turns([problem])
         rows.append(BenchRow(name, ours, "s", "<= 1.3", peer))
         rows.append(BenchRow(f"{name}_cost", worst, "1", "<= 1.001"))
-    x = problems["added_mass_fit"].parameters.seed
+    x = problems["added_mass_fit"].parameters.initial
     rollout = np.median(
         [_seconds(lambda: problems["added_mass_fit"].residual(x)) for _ in range(REPEATS)]
     )

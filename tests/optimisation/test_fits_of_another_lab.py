@@ -13,6 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 from typer.testing import CliRunner
 
 from aerodima.optimisation.identify.log_rig import FitOptions
+from aerodima.optimisation.identify.residual_check import chance_of, check_residual
 from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.optimisation.identify.swing_coefficients import (
@@ -22,7 +23,6 @@ from aerodima.optimisation.identify.swing_coefficients import (
 )
 from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.optimisation.identify.uncertainty import chance_of, check_residual
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.importers import import_log

@@ -91,7 +91,7 @@ def test_truth_lies_within_narrow_intervals_and_scipy_agrees(windy):
         assert estimate.standard_deviation < 0.02 * max(abs(value), 0.1)
     problem = static_problem(data)
     reference = least_squares(
-        problem.residual, problem.parameters.seed, x_scale="jac", xtol=1e-12, ftol=1e-12
+        problem.residual, problem.parameters.initial, x_scale="jac", xtol=1e-12, ftol=1e-12
     )
     assert [result[name].value for name in problem.parameters.names] == pytest.approx(
         reference.x.tolist(), rel=1e-5

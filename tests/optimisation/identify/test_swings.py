@@ -284,9 +284,9 @@ def test_an_added_mass_beyond_the_inertia_names_the_least_one():
 def test_jacobian_of_a_rollout_is_smooth_enough_for_differences():
     data = swing_data(truth.flick_log(0.01, seed=3), "swing")
     problem = SwingModel(data, still_tail_law).problem([added_mass_parameter(data)])
-    x = problem.parameters.seed
-    one_sided = problem.differences(x, problem.residual(x))
-    central = problem.central_differences(x)
+    x = problem.parameters.initial
+    one_sided = problem.forward_jacobian(x, problem.residual(x))
+    central = problem.central_jacobian(x)
     size = np.linalg.norm(central, axis=0)
     assert np.all(np.linalg.norm(one_sided - central, axis=0) < 1e-2 * size)
 

@@ -80,7 +80,7 @@ def differences(parts, state, step=1e-6):
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_gradients_equal_central_differences(name):
+def test_gradients_equal_central_jacobian(name):
     """To 1e-6 of the largest entry; central differences with a step of 1e-6 err by about 1e-9 of
     it.
     """
