@@ -80,7 +80,8 @@ _SUFFIXES = {
 
 
 def unit_factor(name: str, si: str, where: str) -> float:
-    """SI value of one unit called `name`, which measures the quantity whose SI unit is `si`.
+    """Looks up the SI value of one unit called `name`, which measures the quantity whose SI unit is
+    `si`.
 
     Args:
         name: as written in a mapping file, `deg/s`; `Nm`, `°` and the like are understood too.
@@ -96,23 +97,17 @@ def unit_factor(name: str, si: str, where: str) -> float:
     units = _FACTORS.get(wanted, {wanted: 1.0})
     if name in units:
         return units[name]
-    allowed = ", ".join(units)
-    others = [other for other, table in _FACTORS.items() if name in table]
-    if others:
+    if any(name in table for table in _FACTORS.values()):
         raise LogError(
-            f"{where}: unit {name!r} does not measure what is in {wanted}; allowed: {allowed}"
+            f"{where}: unit {name!r} does not measure what is in {wanted}; it must be one of "
+            f"{', '.join(units)}"
         )
     raise LogError(f"{where}: unknown unit {name!r}; {nearest(name, units)}")
 
 
 def unit_in_name(name: str) -> str:
-    """SI unit at the end of a column or metadata name, `wind_speed_m_per_s` -> `m/s`; `1` when
-    there is none.
-    """
-    for suffix, unit in _SUFFIXES.items():
-        if name.endswith(suffix):
-            return unit
-    return "1"
+    """Reads the SI unit at the end of a name, `wind_speed_m_per_s` -> `m/s`; "" without one."""
+    return next((unit for suffix, unit in _SUFFIXES.items() if name.endswith(suffix)), "")
 
 
 class ColumnSource(StrictModel):
@@ -245,25 +240,24 @@ class Mapping(StrictModel):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Metadata in SI units."""
-        return {
-            name: value.value * unit_factor(value.unit, unit_in_name(name), f"metadata.{name}")
-            if isinstance(value, MetadataValue)
-            else value
-            for name, value in self.metadata.items()
-        }
+        """Converts the metadata to SI units."""
+        facts: dict[str, Any] = dict(self.metadata)
+        for name, value in self.metadata.items():
+            if isinstance(value, MetadataValue):
+                factor = unit_factor(value.unit, unit_in_name(name), f"metadata.{name}")
+                facts[name] = value.value * factor
+        return facts
 
     def unit_factor(self, name: str) -> float:
-        """SI value of one foreign unit of our column `name`."""
+        """Looks up the SI value of one foreign unit of our column `name`."""
         unit = self.columns[name].unit
-        si = known_columns()[name].unit
         if unit is None:
             return 1.0
-        return unit_factor(unit, si, f"columns.{name}")
+        return unit_factor(unit, known_columns()[name].unit, f"columns.{name}")
 
 
 def known_columns() -> dict[str, Column]:
-    """Every column that a mapping may fill, by name: of the rig, of the car, and of its truth
+    """Lists every column that a mapping may fill, by name: of the rig, of the car, and of its truth
     (motion capture).
     """
     return {column.name: column for column in [*rig_columns(), *sensor_columns(), *truth_columns()]}
@@ -280,5 +274,5 @@ def load_mapping(path: Path | str) -> Mapping:
 
 
 def mapping_from(data: dict[str, Any], where: str = "mapping") -> Mapping:
-    """A mapping from the content of its file; LogError as for `load_mapping`."""
+    """Checks the content of a mapping file; LogError as for `load_mapping`."""
     return checked(Mapping, data, where, LogError)
