@@ -13,7 +13,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.signal_table import WHEELS
-from aerodima.workbench.view.dead_reckoning import RECKONED
+from aerodima.workbench.view.dead_reckoning import DEAD_RECKONING
 from aerodima.workbench.view.logged_run import LoggedRun
 from aerodima.workbench.view.viewer import WORLD
 
@@ -58,7 +58,7 @@ class ForceArrow:
 def force_arrows(logged: LoggedRun) -> list[ForceArrow]:
     """Arrows of a run, a row per row of the log; none for a real car, which logs no forces."""
     run_log = logged.run_log
-    if RECKONED in run_log.extra:
+    if DEAD_RECKONING in run_log.extra:
         return []
     wheels = [wheel for wheel in WHEELS if f"wheel_contact_{wheel}_x_truth_m" in run_log.table]
     arrows = [_wheel_arrow(run_log, wheel) for wheel in wheels]

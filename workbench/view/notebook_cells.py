@@ -54,14 +54,14 @@ def live_frame(shown: RunLog | Meshcat, height: int = 480) -> LiveFrame:
         LogError: the log cannot be replayed.
     """
     from aerodima.workbench.logs.schema import RunLog
-    from aerodima.workbench.view.captions import caption_of
+    from aerodima.workbench.view.captions import run_caption
 
     if not 100 <= height <= 4000:
         raise UserError(f"live_frame: height is {height}; allowed: 100 to 4000 pixels")
     if isinstance(shown, RunLog):
         from aerodima.workbench.view.replay_page import replay_page
 
-        words = f"live when this cell runs: the replay with its signals, {caption_of(shown).text}"
+        words = f"live when this cell runs: the replay with its signals, {run_caption(shown).text}"
         return LiveFrame(words, f'srcdoc="{html.escape(replay_page(shown))}"', height)
     if not hasattr(shown, "web_url"):
         raise UserError(

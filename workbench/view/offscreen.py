@@ -11,7 +11,7 @@ import math
 import subprocess
 import sys
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,7 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.view.force_arrows import force_arrows
-from aerodima.workbench.view.logged_run import add_logged_run
+from aerodima.workbench.view.logged_run import Place, add_logged_run
 from aerodima.workbench.view.recording import camera_pose, traces
 
 Pixels = NDArray[np.uint8]
@@ -70,7 +70,7 @@ _FIELD_OF_VIEW = math.radians(34.0)
 """Angle that the height of a picture spans, rad."""
 _HEAD = 9.0
 """Length of the head of an arrow, pixels."""
-_TRY = "from aerodima.workbench.view.offscreen import try_renderer; try_renderer()"
+_RENDERER_TEST = "from aerodima.workbench.view.offscreen import try_renderer; try_renderer()"
 
 
 @dataclass(frozen=True)
@@ -92,14 +92,16 @@ class Camera:
 
     @property
     def axes(self) -> FloatArray:
-        """Rows: right, down and forward in W, shape (3, 3)."""
+        """Gives the rows right, down and forward in W, shape (3, 3)."""
         forward = (self.target - self.p_WC) / np.linalg.norm(self.target - self.p_WC)
         right = np.cross(forward, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         return np.array([right, np.cross(forward, right), forward])
 
     def project(self, points: FloatArray) -> FloatArray:
-        """Points (..., 3) in W, m, as column, row (pixels), inverse depth (1/m), shape (..., 3)."""
+        """Projects points (..., 3) in W, m, to column, row (pixels), inverse depth (1/m), shape
+        (..., 3).
+        """
         p_C = (points - self.p_WC) @ self.axes.T
         inverse = 1.0 / np.maximum(p_C[..., 2], 1e-3)
         column = 0.5 * self.width + self.focal_length * p_C[..., 0] * inverse
@@ -107,23 +109,25 @@ class Camera:
         return np.stack([column, row, inverse], axis=-1)
 
     def rays(self) -> FloatArray:
-        """Direction in W through each pixel with unit depth, shape (height, width, 3)."""
+        """Gives the direction in W through each pixel with unit depth, shape (height, width, 3)."""
         right, down, forward = self.axes
-        columns = (np.arange(self.width) + 0.5 - 0.5 * self.width) / self.focal_length
-        rows = (np.arange(self.height) + 0.5 - 0.5 * self.height) / self.focal_length
+        columns, rows = (
+            (np.arange(size) + 0.5 - 0.5 * size) / self.focal_length
+            for size in (self.width, self.height)
+        )
         return forward + columns[None, :, None] * right + rows[:, None, None] * down
 
     @property
     def render_camera(self) -> ColorRenderCamera:
-        """The same for VTK."""
+        """Makes the same camera for VTK."""
         middle = 0.5 * self.width - 0.5, 0.5 * self.height - 0.5
         info = CameraInfo(self.width, self.height, self.focal_length, self.focal_length, *middle)
         return ColorRenderCamera(RenderCameraCore(_RENDERER, info, _CLIPPING, RigidTransform()))
 
 
 def floor_picture(camera: Camera, height: float) -> tuple[FloatArray, FloatArray]:
-    """Floor at a height (m) and sky: colours from 0 to 1, shape (rows, columns, 3), and points of
-    the floor in W.
+    """Draws floor at a height (m) and sky: colours from 0 to 1, shape (rows, columns, 3), and
+    points of the floor in W.
 
     The camera has no roll: there are rows of sky, then rows of floor, whose points (m) have the
     shape (n, columns, 3).
@@ -150,7 +154,9 @@ def floor_picture(camera: Camera, height: float) -> tuple[FloatArray, FloatArray
 
 
 def _line_share(place: FloatArray, step: float, half: float, pixel: FloatArray) -> FloatArray:
-    """Share of each pixel that lines every `step` with that half width cover, all in m."""
+    """Computes the share of each pixel that lines every `step` with that half width cover, all in
+    m.
+    """
     to_line = np.abs(place - step * np.round(place / step))
     cover = np.clip((half + pixel - to_line) / (2 * pixel), 0.0, 1.0)
     return np.minimum(cover, 2 * half / np.maximum(pixel, 2 * half))
@@ -171,7 +177,8 @@ def check_renderer() -> None:
 
 @cache
 def _renderer_works() -> bool:
-    done = subprocess.run([sys.executable, "-c", _TRY], capture_output=True, check=False)
+    """Says whether a process of its own could draw."""
+    done = subprocess.run([sys.executable, "-c", _RENDERER_TEST], capture_output=True, check=False)
     return done.returncode == 0
 
 
@@ -198,12 +205,10 @@ class OffscreenRun:
         builder = DiagramBuilder()
         logged = add_logged_run(builder, run_log)
         self.logged = logged
-        sun = LightParameter(
-            type="directional", direction=-_SUN, frame="world", intensity=_SUNLIGHT
-        )
-        lamp = LightParameter(
-            type="directional", direction=np.array([0.0, 0.0, 1.0]), frame="camera", intensity=_LAMP
-        )
+        light = partial(LightParameter, type="directional")
+        sun = light(direction=-_SUN, frame="world", intensity=_SUNLIGHT)
+        ahead = np.array([0.0, 0.0, 1.0])
+        lamp = light(direction=ahead, frame="camera", intensity=_LAMP)
         parameters = RenderEngineVtkParams(default_clear_color=_CLEAR / 255.0, lights=[sun, lamp])
         logged.scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(parameters))
         self._diagram = builder.Build()
@@ -214,10 +219,8 @@ class OffscreenRun:
         self._arrows = force_arrows(logged)
         self._traces = traces(logged)
 
-    def camera(
-        self, row: int, azimuth: float, place: tuple[float, float, float], size: tuple[int, int]
-    ) -> Camera:
-        """The camera that follows the robot in one row of the log; see `camera_pose`.
+    def camera(self, row: int, azimuth: float, place: Place, size: tuple[int, int]) -> Camera:
+        """Places the camera that follows the robot in one row of the log; see `camera_pose`.
 
         Args:
             row: of the log.
@@ -230,8 +233,8 @@ class OffscreenRun:
         return Camera(self._path[row] + eye, self._path[row] + target, focal_length, *size)
 
     def picture(self, row: int, camera: Camera) -> Image.Image:
-        """The robot in one row of the log on its floor, with its shadow, paths so far and forces of
-        the moment.
+        """Draws the robot in one row of the log on its floor, with its shadow, paths so far and
+        forces of the moment.
         """
         self.logged.move(self._plant_context, row)
         picture, floor = floor_picture(camera, self.logged.floor)
@@ -253,7 +256,7 @@ class OffscreenRun:
         return image
 
     def _robot(self, camera: Camera) -> Pixels:
-        """The robot alone."""
+        """Draws the robot alone."""
         query: Any = self.logged.scene_graph.get_query_output_port().Eval(self._scene_context)
         X_WC = RigidTransform(RotationMatrix(camera.axes.T), camera.p_WC)
         world = self.logged.scene_graph.world_frame_id()
@@ -261,8 +264,8 @@ class OffscreenRun:
         return drawn
 
     def _shadow(self, row: int, floor: FloatArray) -> FloatArray:
-        """How much of the sun the robot takes from points of the floor (m, n, 3), from 0 to 1,
-        shape (m, n).
+        """Computes how much of the sun the robot takes from points of the floor (m, n, 3), from 0
+        to 1, shape (m, n).
         """
         middle = self.logged.run_log.vector("com", "truth_m")[row]
         focal_length = 0.5 * _SUN_PIXELS * _SUN_DISTANCE / (0.5 * self.logged.camera_place[0])
@@ -277,7 +280,7 @@ def _draw_line(
     width: int,
     head: bool = False,
 ) -> None:  # fmt: skip
-    """A line through points (n, 3) in W, m, where before the camera; an arrow has a head."""
+    """Draws a line through points (n, 3) in W, m, where before the camera; an arrow has a head."""
     before = (points - camera.p_WC) @ camera.axes[2] > _CLIPPING.near()
     seen = camera.project(points[before])[:, :2]
     if len(seen) < 2:

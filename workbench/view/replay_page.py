@@ -15,9 +15,9 @@ from pydrake.geometry import Rgba
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
 from aerodima.workbench.core.text_table import shown_value
-from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, RunLog
+from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, Facts, Json, RunLog
 from aerodima.workbench.metrics.run_summary import metrics_of_runs, of_plants
-from aerodima.workbench.view.captions import caption_of, readings
+from aerodima.workbench.view.captions import readings, run_caption
 from aerodima.workbench.view.force_arrows import AIR_COLOUR, WHEEL_COLOUR, WHEEL_SCALE
 from aerodima.workbench.view.logged_run import LoggedRun
 from aerodima.workbench.view.recording import COM_COLOUR, TIP_COLOUR, frame_rows, record_run
@@ -35,8 +35,8 @@ from aerodima.workbench.view.run_channels import channels_of, line_looks
 from aerodima.workbench.view.run_figures import RUN_STYLES
 from aerodima.workbench.view.viewer import open_meshcat
 
-MOST_RUNS = len(RUN_STYLES)
-MOST_VIEWS = 8
+MAX_RUNS = len(RUN_STYLES)
+MAX_VIEWS = 8
 """Cars that a comparison draws in 3-D at a time; browsers end at 16 WebGL views."""
 FIRST_VIEWS = 4
 """Cars that a comparison draws in 3-D at first."""
@@ -83,7 +83,7 @@ def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> 
     else:
         channels = None
     shown = {
-        "caption": caption_of(run_log),
+        "caption": run_caption(run_log),
         "keys": _keys(logged),
         "run": _frames(run_log, rate),
         "channels": channels,
@@ -107,7 +107,7 @@ def _keys(logged: LoggedRun) -> list[tuple[str, str, tuple[int, ...]]]:
     return [*wheels, air, path, ("▬", "path of the tail tip", _css(TIP_COLOUR))]
 
 
-def _frames(run_log: RunLog, rate: float) -> dict[str, Any]:
+def _frames(run_log: RunLog, rate: float) -> Json:
     """What the page shows of each frame: time (s) and the readings of the run."""
     rows, frames_per_second = frame_rows(run_log.time, rate)
     shown = [
@@ -167,10 +167,10 @@ def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
     A tail law of one's own stands beside them as `tail_law`, by its name.
 
     Raises:
-        LogError: fewer than 2 or more than `MOST_RUNS` runs.
+        LogError: fewer than 2 or more than `MAX_RUNS` runs.
     """
-    if not 2 <= len(run_logs) <= MOST_RUNS:
-        raise LogError(f"{len(run_logs)} run(s) to compare; allowed: 2 to {MOST_RUNS}")
+    if not 2 <= len(run_logs) <= MAX_RUNS:
+        raise LogError(f"{len(run_logs)} run(s) to compare; allowed: 2 to {MAX_RUNS}")
     flat = [
         _flat(run_log.scenario) | {TAIL_LAW: run_log.extra.get(TAIL_LAW)} for run_log in run_logs
     ]
@@ -182,8 +182,8 @@ def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
     return {key: [scenario.get(key) for scenario in flat] for key in differing}
 
 
-def _flat(scenario: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
+def _flat(scenario: Facts, prefix: str = "") -> Json:
+    flat: Json = {}
     for key, value in scenario.items():
         if isinstance(value, Mapping):
             flat |= _flat(value, f"{prefix}{key}.")
@@ -201,7 +201,7 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
     """The page; it needs no other file.
 
     Args:
-        run_logs: 2 to `MOST_RUNS` runs with a turn.
+        run_logs: 2 to `MAX_RUNS` runs with a turn.
         names: of the runs, all different.
 
     Raises:
@@ -245,7 +245,7 @@ def replays_in_step(
         "pages": [page.replace(library, _LIBRARY_MARK) for page in pages],
         "library": library,
         "mark": _LIBRARY_MARK,
-        "most_views": MOST_VIEWS,
+        "most_views": MAX_VIEWS,
         "first_views": FIRST_VIEWS,
     }
     return Templated("replays.html", values)

@@ -1,7 +1,7 @@
 """Signals of runs for a page: channels with names and units of the column table, their samples
 thinned out for a plot.
 
-A run keeps every sample up to `MOST_POINTS`; of a longer one each of equal stretches keeps its
+A run keeps every sample up to `MAX_POINTS`; of a longer one each of equal stretches keeps its
 smallest and its largest value in the order in which they came, so no peak is lost, and none is
 shown by more than a stretch too early or late.
 """
@@ -9,14 +9,14 @@ shown by more than a stretch too early or late.
 import base64
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from aerodima.workbench.car.turn_signals import turn_window
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
-from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
+from aerodima.workbench.logs.mapping import unit_in_name
+from aerodima.workbench.logs.schema import PLANT_RUN, Json, RunLog
 from aerodima.workbench.metrics.run_summary import tails_of
 from aerodima.workbench.scenario.signal_table import (
     CAR_PORTS,
@@ -30,9 +30,9 @@ from aerodima.workbench.scenario.signal_table import (
 from aerodima.workbench.view.figure_style import TURN_SHADE
 from aerodima.workbench.view.run_figures import RUN_STYLES
 
-MOST_POINTS = 2500
+MAX_POINTS = 2500
 """Samples of one channel of one run on a page; 13 kB."""
-_MOST_IN_ALL = 12_500
+_MAX_TOTAL_POINTS = 12_500
 """Samples of one channel of all runs: from the sixth run on each has fewer."""
 _TABLE: Mapping[str, Column] = {
     column.name: column
@@ -40,20 +40,8 @@ _TABLE: Mapping[str, Column] = {
     for columns in ports.values()
     for column in columns
 }
-_LEFT_OUT = ("plant_position_", "plant_velocity_", "pose_", "wheel_contact_")
+_EXCLUDED = ("plant_position_", "plant_velocity_", "pose_", "wheel_contact_")
 """Places that the 3-D view shows, and the rates of the plant's joints."""
-_ENDINGS = {
-    **{
-        "_rad_per_s": "rad/s",
-        "_m_per_s2": "m/s2",
-        "_m_per_s": "m/s",
-        "_n_m_s": "N m s",
-        "_n_m": "N m",
-        "_n_s": "N s",
-    },
-    **{"_rad": "rad", "_m": "m", "_n": "N", "_s": "s", "_a": "A", "_w": "W"},
-}
-"""Unit at the end of a column's name that the table does not have; the longer ones first."""
 _SHOWN = (
     *("imu_gyro_z_rad_per_s", "imu_acceleration_y_m_per_s2", "speed_m_per_s", "roll_truth_rad"),
     *("tail_roll_angle_rad", "tail_roll_torque_n_m"),
@@ -66,7 +54,7 @@ _SHOWN_OF_PLANT = ("com_z_truth_m", "com_velocity_x_truth_m_per_s", "tilt_truth_
 """Channels that are chosen at first: of cars, further ones of a single car, of other plants."""
 
 
-def channels_of(run_logs: Sequence[RunLog], names: Sequence[str]) -> dict[str, Any]:
+def channels_of(run_logs: Sequence[RunLog], names: Sequence[str]) -> Json:
     """What `signals.js` draws, ready for JSON; samples are float32 in base64, a channel that never
     changes one number.
 
@@ -82,7 +70,7 @@ def channels_of(run_logs: Sequence[RunLog], names: Sequence[str]) -> dict[str, A
     ends = [
         float(run_log.time[-1]) - start for run_log, start in zip(run_logs, starts, strict=True)
     ]
-    most = min(MOST_POINTS, _MOST_IN_ALL // len(run_logs))
+    most = min(MAX_POINTS, _MAX_TOTAL_POINTS // len(run_logs))
     channels = []
     for name in _columns(run_logs):
         channel = _channel(name, run_logs, most)
@@ -117,13 +105,13 @@ def _first_chosen(run_logs: Sequence[RunLog], there: set[str]) -> list[str]:
     return [*_SHOWN, "roll_estimate_rad"]
 
 
-def line_looks() -> list[dict[str, Any]]:
+def line_looks() -> list[Json]:
     """Colour and dashes (pixels; none of a full line) of the first, second, ... line, as in printed
     figures.
     """
     looks = []
     for colour, line in RUN_STYLES:
-        look: dict[str, Any] = {"colour": colour}
+        look: Json = {"colour": colour}
         if line != "-":
             look["dash"] = [round(1.6 * length, 1) for length in line[1]]
         looks.append(look)
@@ -133,17 +121,16 @@ def line_looks() -> list[dict[str, Any]]:
 def _columns(run_logs: Sequence[RunLog]) -> list[str]:
     """Channels that a run has, those of the column table first and in its order."""
     present = {str(name) for run_log in run_logs for name in run_log.table.columns}
-    present = {name for name in present if name != TIME and not name.startswith(_LEFT_OUT)}
+    present = {name for name in present if name != TIME and not name.startswith(_EXCLUDED)}
     return [name for name in _TABLE if name in present] + sorted(present - set(_TABLE))
 
 
-def _channel(name: str, run_logs: Sequence[RunLog], most: int) -> dict[str, Any] | None:
+def _channel(name: str, run_logs: Sequence[RunLog], most: int) -> Json | None:
     """Name, unit, meaning and samples per run; None when no run has a number in it."""
     values = [_values(run_log, name, most) for run_log in run_logs]
     if all(value is None for value in values):
         return None
-    unit = next((unit for ending, unit in _ENDINGS.items() if name.endswith(ending)), "")
-    column = _TABLE.get(name, Column(name, unit, name))
+    column = _TABLE.get(name, Column(name, unit_in_name(name), name))
     return {
         "name": name,
         "unit": column.unit,

@@ -1,13 +1,13 @@
 """The visible shapes of a plant as plain data for a log, and back: a replay then needs no model
 file.
 
-A mesh is kept as the convex hull of at most `MOST_POINTS` of its points, a capsule as a cylinder
+A mesh is kept as the convex hull of at most `MAX_POINTS` of its points, a capsule as a cylinder
 and two spheres. Half spaces are left out: a replay has a floor of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
@@ -32,8 +32,9 @@ from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia, world_i
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.logs.schema import Facts, Json
 
-MOST_POINTS = 200
+MAX_POINTS = 200
 """Points of the hull that stands for a mesh."""
 WORLD_BODY = ""
 """Body of a shape that stands still."""
@@ -52,7 +53,15 @@ def body_label(plant: MultibodyPlant, index: BodyIndex) -> str:
     return f"{plant.GetModelInstanceName(body.model_instance())}_{body.name()}"
 
 
-def shapes_of(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[dict[str, Any]]:
+def scene_bodies(plant: MultibodyPlant, scene: list[Json]) -> dict[str, BodyIndex]:
+    """Finds label and index of each body of a plant, but the world, that has a shape in a scene."""
+    labels = {entry["body"] for entry in scene} - {WORLD_BODY}
+    indices = [BodyIndex(index) for index in range(plant.num_bodies())]
+    bodies = {body_label(plant, index): index for index in indices}
+    return {label: index for label, index in bodies.items() if label in labels}
+
+
+def plant_shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Json]:
     """Every visible shape of a plant that is registered with this scene graph: body, kind, size,
     pose, colour.
     """
@@ -104,24 +113,24 @@ def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:
 
 
 def _directions() -> FloatArray:
-    """Unit vectors spread evenly over the sphere, shape (`MOST_POINTS`, 3)."""
-    place = np.arange(MOST_POINTS) + 0.5
-    height = 1.0 - 2.0 * place / MOST_POINTS
+    """Unit vectors spread evenly over the sphere, shape (`MAX_POINTS`, 3)."""
+    place = np.arange(MAX_POINTS) + 0.5
+    height = 1.0 - 2.0 * place / MAX_POINTS
     turn = np.pi * (1.0 + np.sqrt(5.0)) * place
     radius = np.sqrt(1.0 - height**2)
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
 
 
 def _outermost(points: FloatArray) -> FloatArray:
-    """At most `MOST_POINTS` corners of a hull (n, 3): the farthest in directions spread evenly over
+    """At most `MAX_POINTS` corners of a hull (n, 3): the farthest in directions spread evenly over
     the sphere.
     """
-    if len(points) <= MOST_POINTS:
+    if len(points) <= MAX_POINTS:
         return points
     return np.asarray(points[np.unique(np.argmax(_directions() @ points.T, axis=1))])
 
 
-def points_of(entry: Mapping[str, Any]) -> FloatArray:
+def shape_points(entry: Facts) -> FloatArray:
     """Points that a shape of a log spans, in the frame of its body, m, (n, 3); many if round."""
     size: FloatArray = np.asarray(entry["size"], dtype=float)
     if entry["kind"] == "hull":
@@ -130,14 +139,37 @@ def points_of(entry: Mapping[str, Any]) -> FloatArray:
         points = size * np.array(list(product((-0.5, 0.5), repeat=3)))
     elif entry["kind"] == "cylinder":
         across = _directions()[:, :2] / np.linalg.norm(_directions()[:, :2], axis=1, keepdims=True)
-        points = np.column_stack([size[0] * across, size[1] * np.resize((-0.5, 0.5), MOST_POINTS)])
+        points = np.column_stack([size[0] * across, size[1] * np.resize((-0.5, 0.5), MAX_POINTS)])
     else:
         points = size * _directions()
-    X_BS = pose_of(entry)
+    X_BS = shape_pose(entry)
     return points @ X_BS.rotation().matrix().T + X_BS.translation()
 
 
-def pose_of(entry: Mapping[str, Any]) -> RigidTransform:
+def point_paths(
+    plant: MultibodyPlant, body: str, p_BP: FloatArray, positions: FloatArray
+) -> FloatArray:
+    """Follows points of a body over a run.
+
+    Args:
+        plant: finalised.
+        body: its name.
+        p_BP: the points in the frame of the body, m, shape (m, 3).
+        positions: of the plant, shape (n, nq).
+
+    Returns:
+        The points in W, m, shape (n, m, 3).
+    """
+    context = plant.CreateDefaultContext()
+    paths = np.zeros((len(positions), *p_BP.shape))
+    for row, values in enumerate(positions):
+        plant.SetPositions(context, values)
+        X_WB: RigidTransform = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(body))
+        paths[row] = X_WB.multiply(p_BP.T).T
+    return paths
+
+
+def shape_pose(entry: Facts) -> RigidTransform:
     """Pose of a shape of a log in the frame of its body."""
     w, x, y, z, *place = (float(value) for value in entry["pose"])
     return RigidTransform(Quaternion(np.array([w, x, y, z])), np.array(place))
@@ -150,11 +182,11 @@ def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
 
     Args:
         plant: registered with a scene graph.
-        scene: from `shapes_of`, read from a log.
+        scene: from `plant_shapes`, read from a log.
         name: of the log, for messages.
 
     Raises:
-        LogError: it is not what `shapes_of` makes.
+        LogError: it is not what `plant_shapes` makes.
     """
     bodies: dict[str, RigidBody] = {WORLD_BODY: plant.world_body()}
     try:
@@ -166,13 +198,15 @@ def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
                 )
             colour = Rgba(*(float(part) for part in entry["colour"])).rgba
             shape = _shape(entry, f"shape_{number}")
-            plant.RegisterVisualGeometry(bodies[body], pose_of(entry), shape, f"{number}", colour)
+            plant.RegisterVisualGeometry(
+                bodies[body], shape_pose(entry), shape, f"{number}", colour
+            )
     except (KeyError, TypeError, ValueError, RuntimeError) as cause:
         raise LogError(f"{name}: the shapes in its metadata cannot be read ({cause!r})") from None
     return [body for body in bodies if body != WORLD_BODY]
 
 
-def _shape(entry: Mapping[str, Any], label: str) -> Shape:
+def _shape(entry: Facts, label: str) -> Shape:
     if entry["kind"] == "hull":
         return Convex(points=np.array(entry["size"], dtype=float).T, label=label)
     return _KINDS[entry["kind"]](*(float(number) for number in entry["size"]))

@@ -19,7 +19,7 @@ from PIL import Image, ImageDraw, ImageFont
 from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.view.captions import RESULT_COLOURS, caption_of, now_text
+from aerodima.workbench.view.captions import RESULT_COLOURS, run_caption, state_caption
 from aerodima.workbench.view.offscreen import OffscreenRun
 from aerodima.workbench.view.recording import check_rate, nearest_rows
 
@@ -30,9 +30,9 @@ FRAMES_PER_SECOND = 25
 """Frames per second of the video, whatever its rate."""
 _REST = 1.0
 """How long the last frame stays, s."""
-MOST_SECONDS = 120.0
+MAX_SECONDS = 120.0
 """Longest video: a minute of drawing for each run."""
-MOST_RUNS = 6
+MAX_RUNS = 6
 """Most runs side by side."""
 _ALONE = (640, 400)
 """Width and height of the picture of one run, pixels; even, as MP4 wants them."""
@@ -59,7 +59,7 @@ def write_video(
     """Writes runs as one video, side by side.
 
     Args:
-        runs: name above its picture -> run, 1 to `MOST_RUNS`.
+        runs: name above its picture -> run, 1 to `MAX_RUNS`.
         path: ending .gif, .webp or .mp4; refused when it exists, unless `force`.
         rate: seconds of the runs per second of the video; 0.25 is slow motion.
         progress: see `Progress`.
@@ -74,8 +74,8 @@ def write_video(
     refuse_existing(path, force, UserError)
     write = _encoder(path)
     check_rate(rate)
-    if not 1 <= len(runs) <= MOST_RUNS:
-        raise UserError(f"--video: {len(runs)} runs; allowed: 1 to {MOST_RUNS}")
+    if not 1 <= len(runs) <= MAX_RUNS:
+        raise UserError(f"--video: {len(runs)} runs; allowed: 1 to {MAX_RUNS}")
     film = Film(runs, rate, start)
     return write_atomically(path, partial(write, film=film, progress=progress), force, UserError)
 
@@ -90,16 +90,16 @@ class Film:
     """The frames of a video."""
 
     def __init__(self, runs: Mapping[str, RunLog], rate: float, start: float = 0.0) -> None:
-        """See `write_video`; a video of more than `MOST_SECONDS` is refused."""
+        """See `write_video`; a video of more than `MAX_SECONDS` is refused."""
         whole = max(float(run_log.time[-1] - run_log.time[0]) for run_log in runs.values())
         if not 0.0 <= start < whole:
             raise UserError(
                 f"--from {start:g}: allowed: 0 to below {whole:g} s, the length of the longest run"
             )
         longest = (whole - start) / rate
-        if longest > MOST_SECONDS:
+        if longest > MAX_SECONDS:
             raise UserError(
-                f"--video: {longest:.0f} s at --rate {rate:g}; allowed: up to {MOST_SECONDS:.0f} s"
+                f"--video: {longest:.0f} s at --rate {rate:g}; allowed: up to {MAX_SECONDS:.0f} s"
             )
         self.number = math.ceil(longest * FRAMES_PER_SECOND - 1e-9) + 1
         since = start + np.arange(self.number) * rate / FRAMES_PER_SECOND
@@ -153,7 +153,7 @@ class Film:
         draw = ImageDraw.Draw(picture)
         draw.text(
             (10, self._panel[1] - 26),
-            now_text(shown.logged.run_log, row),
+            state_caption(shown.logged.run_log, row),
             fill=_INK,
             font=_font(14),
         )
@@ -162,7 +162,7 @@ class Film:
 
 def _header(name: str, run_log: RunLog, width: int) -> Image.Image:
     """Name and outcome, on white."""
-    caption = caption_of(run_log)
+    caption = run_caption(run_log)
     header = Image.new("RGB", (width, _HEADER), "white")
     draw = ImageDraw.Draw(header)
     draw.text((10, 4), name, fill=_INK, font=_font(18, bold=True))
