@@ -100,7 +100,7 @@ def read_foreign_log(path: Path, csv: CsvFormat) -> ForeignLog:
     if suffix in _READERS:
         return _READERS[suffix](path)
     allowed = " ".join((*_TEXT_FILES, *_READERS))
-    raise LogError(f"{path}: {suffix or 'a file without ending'} is not read; allowed: {allowed}")
+    raise LogError(f"{path}: {suffix or 'a file without ending'} is not read; must be {allowed}")
 
 
 def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, list[LogFinding]]:

@@ -120,7 +120,7 @@ class JournalWriter:
         self._open = True
 
     def append(self, row: ArrayLike) -> None:
-        """Take one row, shape (number of columns,), in the order of the columns."""
+        """Takes one row, shape (number of columns,), in the order of the columns."""
         if len(row) != self._width:  # type: ignore[arg-type]
             raise LogError(f"{self.path}: row of {len(row)} values for {self._width} columns")  # type: ignore[arg-type]
         self._buffer[self._filled] = row
@@ -145,8 +145,8 @@ class JournalWriter:
             ) from cause
 
     def close(self) -> Path:
-        """End the journal, write the Parquet file, remove the journal; the name of the Parquet
-        file.
+        """Ends the journal, writes the Parquet file, removes the journal; returns the name of the
+        Parquet file.
 
         The rows are read through the open file: it holds them also when its folder has been removed
         or renamed.
@@ -177,7 +177,7 @@ class JournalWriter:
         return read_run_log(self.path)
 
     def abandon(self) -> Path:
-        """Flush and leave the journal for `recover`; its name. What a run that failed does."""
+        """Flushes a run that failed and leaves its journal for `recover`; returns its name."""
         if self._open:
             try:
                 self.flush()
@@ -285,7 +285,7 @@ def _has_end_mark(file: BinaryIO) -> bool:
 def recover(
     journal: Path | str, out_path: Path | str | None = None, force: bool = False
 ) -> Recovery:
-    """Write the complete batches of a cut-off journal as a run log; the journal stays where it is.
+    """Writes the complete batches of a cut-off journal as a run log; the journal stays where it is.
 
     Args:
         journal: the journal, `run.parquet.journal`.

@@ -58,7 +58,7 @@ class LogFinding:
     text: str
 
     def __str__(self) -> str:
-        """One line for a person."""
+        """Writes one line for a person."""
         text = self.text
         if self.column:
             at = "" if self.time is None else f" at {self.time:g} s"
@@ -113,7 +113,7 @@ def table_findings(table: pd.DataFrame, kind: str = "") -> list[LogFinding]:
 def refuse_implausible(
     table: pd.DataFrame, units: Mapping[str, str], largest: Mapping[str, float | None], where: str
 ) -> None:
-    """Raise LogError for values that betray a wrong unit.
+    """Raises LogError for values that betray a wrong unit.
 
     Args:
         table: SI units.
@@ -146,7 +146,7 @@ def refuse_implausible(
 
 
 def refuse_inconsistent_rates(table: pd.DataFrame, where: str) -> None:
-    """Raise LogError when a rate is plainly not the derivative of its angle: other unit, or other
+    """Raises LogError when a rate is plainly not the derivative of its angle: other unit, or other
     sign.
 
     Compared are the angle and the integral of the rate, without their straight lines (bias of a

@@ -4,14 +4,13 @@ Schema `aerodima/log-mapping/1`, YAML, strict; `workbench/logs/README.md` explai
 example that runs.
 """
 
-import math
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, field_validator, model_validator
 
 from aerodima.workbench.core.checked_files import (
-    STANDARD_GRAVITY,
     StrictModel,
     checked,
     nearest,
@@ -29,54 +28,11 @@ from aerodima.workbench.scenario.signal_table import (
 
 Number = Annotated[float, Field(strict=False)]
 
-_DEGREE = math.pi / 180.0
-"""One degree, rad."""
-_KMH = 1.0 / 3.6
-"""One kilometre per hour, m/s."""
-_MPH = 1609.344 / 3600
-"""One mile per hour, m/s."""
-_KNOT = 1852.0 / 3600
-"""One knot, m/s."""
-_FACTORS: dict[str, dict[str, float]] = {
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
-    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "rev": 2.0 * math.pi},
-    "rad/s": {
-        "rad/s": 1.0,
-        "mrad/s": 1e-3,
-        "deg/s": _DEGREE,
-        "rev/s": 2.0 * math.pi,
-        "rpm": 2.0 * math.pi / 60.0,
-    },
-    "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
-    "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": STANDARD_GRAVITY, "gf": STANDARD_GRAVITY * 1e-3},
-    "N m": {
-        "N m": 1.0,
-        "mN m": 1e-3,
-        "N cm": 1e-2,
-        "N mm": 1e-3,
-        "kgf cm": STANDARD_GRAVITY * 1e-2,
-    },
-    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3},
-    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "km/h": _KMH, "mph": _MPH, "kn": _KNOT},
-    "m/s2": {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3},
-    "W": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
-    "kg": {"kg": 1.0, "g": 1e-3},
-    "1": {"1": 1.0, "%": 1e-2},
-}
-_SPELLINGS = {
-    "°": "deg", "degree": "deg", "degrees": "deg", "°/s": "deg/s", "dps": "deg/s", "radians": "rad",
-    "sec": "s", "seconds": "s", "µs": "us", "kph": "km/h", "kmh": "km/h", "knots": "kn",
-    "mps": "m/s",
-    "m/s^2": "m/s2", "m/s²": "m/s2", "Nm": "N m", "N*m": "N m", "N·m": "N m", "mNm": "mN m",
-    "Nmm": "N mm",
-    "Ncm": "N cm", "percent": "%", "": "1", "-": "1", "amp": "A", "kgf*cm": "kgf cm",
-}  # fmt: skip
 
-_SUFFIXES = {
-    "_rad_per_s": "rad/s", "_m_per_s2": "m/s2", "_m_per_s": "m/s", "_n_m_s": "N m s",
-    "_n_m": "N m", "_n_s": "N s",
-    "_rad": "rad", "_kg": "kg", "_n": "N", "_m": "m", "_w": "W", "_a": "A", "_s": "s",
-}  # fmt: skip
+@cache
+def _tables() -> dict[str, dict[str, Any]]:
+    """Reads units, their spellings and the endings of names."""
+    return read_yaml(Path(__file__).with_name("units.yaml"), LogError)
 
 
 def unit_factor(name: str, si: str, where: str) -> float:
@@ -93,11 +49,11 @@ def unit_factor(name: str, si: str, where: str) -> float:
             `si` says).
     """
     wanted = si or "1"
-    name = _SPELLINGS.get(name.strip(), name.strip())
-    units = _FACTORS.get(wanted, {wanted: 1.0})
+    name = _tables()["spellings"].get(name.strip(), name.strip())
+    units = _tables()["units"].get(wanted, {wanted: 1.0})
     if name in units:
         return units[name]
-    if any(name in table for table in _FACTORS.values()):
+    if any(name in table for table in _tables()["units"].values()):
         raise LogError(
             f"{where}: unit {name!r} does not measure what is in {wanted}; it must be one of "
             f"{', '.join(units)}"
@@ -107,7 +63,9 @@ def unit_factor(name: str, si: str, where: str) -> float:
 
 def unit_in_name(name: str) -> str:
     """Reads the SI unit at the end of a name, `wind_speed_m_per_s` -> `m/s`; "" without one."""
-    return next((unit for suffix, unit in _SUFFIXES.items() if name.endswith(suffix)), "")
+    return next(
+        (unit for suffix, unit in _tables()["endings"].items() if name.endswith(suffix)), ""
+    )
 
 
 class ColumnSource(StrictModel):

@@ -47,7 +47,7 @@ class MemoryLog:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Nothing to be closed."""
+        """Closes nothing."""
 
     def append(self, row: np.ndarray) -> None:
         """Takes a copy of one row: the recorder writes the next one into the same array."""
@@ -106,11 +106,12 @@ class OpenBuilder(DiagramBuilder):
 
     def sources(self, system: System) -> dict[str, OutputPort]:
         """Maps the name of an input port of a system -> the output port that is connected to it."""
-        return {
-            system.get_input_port(int(port)).get_name(): source.get_output_port(int(output))
-            for (fed, port), (source, output) in self.connection_map().items()
-            if fed is system
-        }
+        sources = {}
+        for (target, port), (source, output) in self.connection_map().items():
+            if target is system:
+                name = system.get_input_port(int(port)).get_name()
+                sources[name] = source.get_output_port(int(output))
+        return sources
 
     def signals(self, taken: Sequence[str]) -> Signals:
         """Lists ports that were exported, or logged by `LogVectorOutput`, with the columns that
@@ -146,7 +147,7 @@ class OpenBuilder(DiagramBuilder):
                 names = [f"{name}_{index}" for index in range(size)]
             if len(names) != size or known.intersection(names) or len(set(names)) < size:
                 raise UserError(
-                    f"port exported or logged as {name!r}: {size} elements; allowed: as many new "
+                    f"port exported or logged as {name!r}: {size} elements; must be as many new "
                     "columns"
                 )
             known.update(names)

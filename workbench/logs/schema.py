@@ -205,7 +205,7 @@ def run_metadata(
 
 @cache
 def _versions() -> dict[str, str]:
-    """Looked up once in a process: one that is read from its distribution takes 1 ms."""
+    """Looks versions up once in a process: one that is read from its distribution takes 1 ms."""
     versions = {"python": platform.python_version(), "numpy": np.__version__}
     for key, distribution in (("project", "aerodima-workbench"), ("drake", "drake")):
         try:
@@ -230,7 +230,7 @@ def run_log_from_metadata(table: pd.DataFrame, metadata: Facts, source: str = ""
 
 
 def write_run_log(run_log: RunLog, path: Path | str, force: bool = False) -> Path:
-    """Write a run to a Parquet file, whole or not at all.
+    """Writes a run to a Parquet file, whole or not at all.
 
     Raises:
         LogError: the file exists and `force` is not set, the folder cannot be used, a column is
@@ -246,7 +246,7 @@ def write_run_log(run_log: RunLog, path: Path | str, force: bool = False) -> Pat
 
 
 def write_table(table: pa.Table, metadata: Facts, path: Path, force: bool) -> Path:
-    """Write an Arrow table of float64 columns with this metadata object; see `write_run_log`."""
+    """Writes an Arrow table of float64 columns with this metadata object; see `write_run_log`."""
     from aerodima.workbench.core.atomic_write import write_atomically  # who reads a log writes none
 
     refuse_missing(table.column_names, metadata, str(path))
@@ -262,7 +262,7 @@ def write_table(table: pa.Table, metadata: Facts, path: Path, force: bool) -> Pa
 
 
 def read_run_log(path: Path | str) -> RunLog:
-    """Read a run.
+    """Reads a run.
 
     Raises:
         LogError: no such file, cut off or not Parquet, not a run log, another schema version,
@@ -270,7 +270,7 @@ def read_run_log(path: Path | str) -> RunLog:
     """
     path = Path(path)
     if path.is_dir():
-        raise LogError(f"{path}: is a folder; allowed: the Parquet file of a run")
+        raise LogError(f"{path}: is a folder; must be the Parquet file of a run")
     if not path.is_file():
         raise LogError(f"{path}: no such run log" + _journal_hint(path))
     try:

@@ -64,8 +64,8 @@ RIG_FILTER = LowPass(order=6, cutoff_hz=20.0)
 """Rig signals."""
 
 
-def check_time(time: FloatArray, column: str = "time_s") -> None:
-    """Raise LogError unless times are finite, strictly increasing and at least two."""
+def check_time(time: FloatArray, column: str = TIME) -> None:
+    """Raises LogError unless times are finite, strictly increasing and at least two."""
     if len(time) < 2:
         raise LogError(f"column {column!r}: {len(time)} sample(s), at least 2 are needed")
     bad = np.flatnonzero(~np.isfinite(time))
@@ -94,7 +94,7 @@ def median_step(time: FloatArray) -> float:
     return float(np.median(np.diff(time)))
 
 
-def check_gaps(time: FloatArray, largest_step: float | None = None, column: str = "time_s") -> None:
+def check_gaps(time: FloatArray, largest_step: float | None = None) -> None:
     """Raises LogError with the first step above `largest_step` (s; default 1.5 median steps)."""
     steps = np.diff(time)
     if largest_step is None:
@@ -103,7 +103,7 @@ def check_gaps(time: FloatArray, largest_step: float | None = None, column: str 
     if wide.size:
         first = wide[0]
         raise LogError(
-            f"column {column!r}: {wide.size} gap(s), the first of {steps[first]:.6g} s after "
+            f"column {TIME!r}: {wide.size} gap(s), the first of {steps[first]:.6g} s after "
             f"{time[first]:g} s; at most {largest_step:.6g} s is allowed"
         )
 
@@ -111,7 +111,7 @@ def check_gaps(time: FloatArray, largest_step: float | None = None, column: str 
 def check_signals(
     time: FloatArray, signals: Mapping[str, FloatArray], largest_step: float | None = None
 ) -> None:
-    """Raise LogError for unsorted time, gaps, a signal of another length, and any NaN or infinite
+    """Raises LogError for unsorted time, gaps, a signal of another length, and any NaN or infinite
     sample.
 
     Args:
@@ -135,7 +135,7 @@ def check_signals(
 def low_pass(
     time: FloatArray, signal: FloatArray, design: LowPass, column: str = "signal"
 ) -> FloatArray:
-    """Zero-phase low pass of a signal, at the same times.
+    """Filters a signal without phase lag, at the same times.
 
     Jittered times (a live log) are filtered on an even grid of the mean step and brought back by
     linear interpolation.
@@ -241,7 +241,8 @@ def fill_gaps(run_log: RunLog, longest: float) -> RunLog:
     notes = []
     for row in gaps_in(time):
         gap = time[row + 1] - time[row]
-        inserted = np.linspace(time[row], time[row + 1], round(gap / step) + 1)[1:-1]
+        count = round(gap / step) + 1
+        inserted = np.linspace(time[row], time[row + 1], count)[1:-1]
         times.append(inserted)
         notes.append(f"gap of {gap:.4g} s at {time[row]:g} s filled with {inserted.size} rows")
     grid = np.sort(np.concatenate(times))

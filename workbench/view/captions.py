@@ -42,7 +42,7 @@ class Caption:
 
     @property
     def text(self) -> str:
-        """The whole caption in one line."""
+        """Joins the caption in one line."""
         return f"{self.name}: {self.facts}: {self.outcome}"
 
 

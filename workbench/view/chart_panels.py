@@ -126,7 +126,7 @@ def _refuse(axes: Axes) -> None:
 
 def _is_log(scale: str) -> bool:
     if scale not in ("linear", "log"):
-        raise NoChartError(f"a scale is {scale!r}; allowed: linear, log")
+        raise NoChartError(f"a scale is {scale!r}; must be linear, log")
     return scale == "log"
 
 
@@ -143,8 +143,9 @@ def _is_series(line: Line2D, axes: Axes) -> bool:
     """Says whether a line has several samples in the coordinates of the data, whose x increases."""
     x = np.asarray(line.get_xdata(orig=False), float)
     in_data = line.get_transform().contains_branch_seperately(axes.transData)
-    increases = bool(np.all(np.isfinite(x)) and np.all(np.diff(x) > 0.0))
-    return all(in_data) and x.size >= _MIN_SAMPLES and increases
+    if x.size < _MIN_SAMPLES or not np.all(np.isfinite(x)):
+        return False
+    return all(in_data) and bool(np.all(np.diff(x) > 0.0))
 
 
 def _data(line: Line2D) -> tuple[FloatArray, FloatArray]:
@@ -188,11 +189,8 @@ def _look(line: Line2D) -> Json:
 
 def _shapes(axes: Axes, named: Sequence[Line2D]) -> Iterable[Json]:
     """Reads everything that is not a series, from the lowest to the topmost."""
-    artists: list[Artist] = [
-        *axes.patches,
-        *axes.collections,
-        *(line for line in axes.lines if line not in named),
-    ]
+    lines = [line for line in axes.lines if line not in named]
+    artists: list[Artist] = [*axes.patches, *axes.collections, *lines]
     for artist in sorted(artists, key=lambda one: one.get_zorder()):
         if not artist.get_visible():
             continue

@@ -121,8 +121,9 @@ def _motion(scenario: Scenario, time: FloatArray, signals: dict[str, FloatArray]
     corners = _corners(scenario)
     for row in range(time.size):
         R_WB = RollPitchYaw(roll[row], pitch[row], yaw[row]).ToRotationMatrix()
+        heights = R_WB.matrix()[2] @ corners
         pose[row, :4] = R_WB.ToQuaternion().wxyz()
-        pose[row, 6] = max(0.0, -float(np.min(R_WB.matrix()[2] @ corners)))
+        pose[row, 6] = max(0.0, -float(np.min(heights)))
     vectors = {"position": pose[:, 4:], "com": _centre_of_mass(car, positions)}
     tail_roll = zero
     if car.tail is not None:

@@ -132,7 +132,10 @@ def make_demo(
     def done(_place: int, summary: RunSummary) -> None:
         bar.one_more(f"{summary.name}: {summary.metrics.outcome.result}")
 
-    kept = lambda: f"{sum(run.log.exists() for run in runs)} of {len(runs)} logs"  # noqa: E731
+    def kept() -> str:
+        logs = [run.log for run in runs if run.log.exists()]
+        return f"{len(logs)} of {len(runs)} logs"
+
     with _claimed(out, runs, force) as store, saying_how_to_go_on(progress, kept):
         progress(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
         summaries = run_batch(
@@ -156,18 +159,21 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
             replay = out / f"replay_{name}.html"
         runs.append(DemoRun(name, scenario, out / "logs" / f"turn_{name}.parquet", replay))
     runs.sort(key=lambda run: run.replay is None)  # the longest pieces of work first
-    shown = load_shown_entry()
-    opening = [
-        DemoRun(
-            f"{shown.manoeuvre}, {one.name}",
-            shown.run(one).resolved() | {"seed": plan.seed},
-            out / "logs" / f"{re.sub(r'[^a-z0-9]+', '_', one.name)}.parquet",
-            opening=one.name,
-        )
-        for one in shown.candidates
-    ]
     if plan.opening:
-        return [*opening, *runs]
+        return [*_opening_runs(out, plan.seed), *runs]
+    return runs
+
+
+def _opening_runs(out: Path, seed: int) -> list[DemoRun]:
+    """Makes the runs at the beginning of the page."""
+    runs = []
+    shown = load_shown_entry()
+    for candidate in shown.candidates:
+        name = candidate.name
+        stem = re.sub(r"[^a-z0-9]+", "_", name)
+        scenario = shown.run(candidate).resolved() | {"seed": seed}
+        log = out / "logs" / f"{stem}.parquet"
+        runs.append(DemoRun(f"{shown.manoeuvre}, {name}", scenario, log, opening=name))
     return runs
 
 

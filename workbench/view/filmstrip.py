@@ -69,14 +69,16 @@ def key_frames(run_log: RunLog) -> list[KeyFrame]:
         else:
             times = _kept_upright(run_log, signals)
         labels = list(times)
-        rows = nearest_rows(time, _spread(np.array([*times.values()]), time[0], time[-1]))
+        spread = _spread(np.array([*times.values()]), time[0], time[-1])
+        rows = nearest_rows(time, spread)
     return [KeyFrame(int(row), label) for row, label in zip(rows, labels, strict=True)]
 
 
 def _tail_on_top(run_log: RunLog, signals: TurnSignals) -> float | None:
     """Finds when a tail that swings stands straight up, s; None if it does not."""
     side = np.sign(run_log.signal("tail_roll_angle_rad"))
-    passes = np.flatnonzero((side[1:] * side[:-1] < 0) & signals.from_start[1:])
+    changes = side[1:] * side[:-1] < 0
+    passes = np.flatnonzero(changes & signals.from_start[1:])
     if passes.size:
         return float(signals.time[passes[0] + 1])
     return None
@@ -105,7 +107,8 @@ def _kept_upright(run_log: RunLog, signals: TurnSignals) -> dict[str, float]:
 def _rollover(run_log: RunLog, signals: TurnSignals) -> dict[str, float]:
     """Gives the time (s) of each label for a car that rolls over."""
     start = signals.window[0]
-    over = _first(signals, signals.tilt > np.pi / 2, float(signals.time[np.argmax(signals.tilt)]))
+    highest = float(signals.time[np.argmax(signals.tilt)])
+    over = _first(signals, signals.tilt > np.pi / 2, highest)
     return {
         "before the turn": start - _BEFORE,
         "turning in": _turning_in(run_log, signals),
@@ -169,7 +172,8 @@ def filmstrip_figure(run_log: RunLog) -> Figure:
     label = partial(figure.text, ha="center", va="center", fontsize=13)
     for index, moment in enumerate(key_frames(logged.run_log)):
         left = _GAP + index * (FRAME[0] + _GAP)
-        axes = figure.add_axes((left / width, _LABEL / height, FRAME[0] / width, FRAME[1] / height))
+        size = (FRAME[0] / width, FRAME[1] / height)
+        axes = figure.add_axes((left / width, _LABEL / height, *size))
         camera = shown.camera(moment.row, logged.camera_azimuth, logged.camera_place, FRAME)
         axes.imshow(shown.picture(moment.row, camera), interpolation="nearest")
         axes.set_axis_off()

@@ -89,9 +89,10 @@ def _bodies(logged: LoggedRun, scene: list[Json], time: float) -> Any:
             entities[name] = _entity(update, name, name, time)
         _add_shape(entities[name], shape)
     x0, x1, y0, y1 = area_around(logged.path)
-    X_WF = RigidTransform(np.array([(x0 + x1) / 2, (y0 + y1) / 2, logged.floor - 0.012]))
+    middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, logged.floor - 0.012])
+    look = _look(RigidTransform(middle), _FLOOR)
     floor = _entity(update, "floor", WORLD_FRAME, time)
-    floor.cubes.add(size=_vector((x1 - x0, y1 - y0, 0.01)), **_look(X_WF, _FLOOR))
+    floor.cubes.add(size=_vector((x1 - x0, y1 - y0, 0.01)), **look)
     return update
 
 
@@ -153,22 +154,22 @@ def _forces(arrows: list[ForceArrow], row: int, time: float) -> Any:
         # Foxglove's arrows point along x, `shortest_turn` turns z.
         along_x = RotationMatrix.MakeYRotation(-np.pi / 2.0)
         turn = shortest_turn(arrow.lengths[row] / length) @ along_x
+        look = _look(RigidTransform(turn, arrow.points[row]), arrow.colour)
         _entity(update, arrow.name, WORLD_FRAME, time).arrows.add(
             shaft_length=max(length - _HEAD_LENGTH, 1e-3),
             shaft_diameter=_SHAFT,
             head_length=_HEAD_LENGTH,
             head_diameter=_HEAD,
-            **_look(RigidTransform(turn, arrow.points[row]), arrow.colour),
+            **look,
         )
     return update
 
 
 def _look(pose: RigidTransform, colour: Sequence[float]) -> Json:
     """Writes pose and colour of a primitive as its fields."""
-    return {
-        "pose": {"position": _vector(pose.translation()), "orientation": _quaternion(pose)},
-        "color": dict(zip("rgba", (*colour, 1.0), strict=True)),
-    }
+    position = _vector(pose.translation())
+    rgba = dict(zip("rgba", (*colour, 1.0), strict=True))
+    return {"pose": {"position": position, "orientation": _quaternion(pose)}, "color": rgba}
 
 
 def _vector(values: Any) -> dict[str, float]:

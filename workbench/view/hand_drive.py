@@ -128,7 +128,7 @@ class Controls(Protocol):
         """Reads what the driver asks for now."""
 
     def show(self, now: DisplayState) -> None:
-        """Called every `DISPLAY_PERIOD` s of the run."""
+        """Shows the state, every `DISPLAY_PERIOD` s of the run."""
 
 
 @dataclass
@@ -192,7 +192,7 @@ class ManualOverrideLaw:
     def step(
         self, memory: np.ndarray, observation: Observation
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        """See `TailLaw`."""
+        """Steps the law, and moves the tail by hand; see `TailLaw`."""
         after, pitch, roll, state = self._law.step(memory[:-1], observation)
         wanted = self._schedule.command.tail_roll
         angle = memory[-1]
@@ -271,7 +271,7 @@ def _drive(
     length: float,
     say: Callable[[str], None],
 ) -> bool:
-    """One drive from standstill on; whether another one is wanted."""
+    """Simulates one drive from standstill on; says whether another one is wanted."""
     context = simulator.get_context()
     attempt = controls.poll().attempt
     warned = False
@@ -374,7 +374,7 @@ class MeshcatControls:
         )
 
     def show(self, now: DisplayState) -> None:
-        """Each on its slider, the pace in Meshcat's own chart too."""
+        """Shows each on its slider, the pace in Meshcat's own chart too."""
         meshcat = self._meshcat
         meshcat.SetSliderValue(PACE_NOW, min(now.pace, 1.0))
         meshcat.SetSliderValue(SPEED_NOW, now.speed)

@@ -133,7 +133,8 @@ class LoggedRun:
         if "yaw_truth_rad" not in self.run_log.table:
             return -0.5 * np.pi + _CAMERA_SIDE
         yaw = self.run_log.signal("yaw_truth_rad")
-        final = float(np.clip(yaw[-1] - yaw[0], -np.pi / 2, np.pi / 2))
+        quarter = np.pi / 2
+        final = float(np.clip(yaw[-1] - yaw[0], -quarter, quarter))
         side = -_CAMERA_SIDE if final >= 0 else _CAMERA_SIDE
         return float(yaw[0] + 0.5 * final + side)
 

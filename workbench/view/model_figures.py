@@ -113,10 +113,9 @@ def plot_tail(geometry: TailGeometry) -> Figure:
         drawn = [axes.get_legend_handles_labels() for axes in grid[0]]
         handles = {label: handle for each in drawn for handle, label in zip(*each, strict=True)}
         figure.legend(handles.values(), handles, loc="outside lower center", ncols=3)
-        figure.suptitle(
-            f"{geometry.name}: {1000 * geometry.inertial.mass:.3g} g, {1e4 * geometry.area:.3g} "
-            "cm² of planform"
-        )
+        mass = f"{1000 * geometry.inertial.mass:.3g} g"
+        area = f"{1e4 * geometry.area:.3g} cm² of planform"
+        figure.suptitle(f"{geometry.name}: {mass}, {area}")
     return figure
 
 
@@ -200,7 +199,7 @@ class DiagramPicture:
         return done.stdout
 
     def _repr_svg_(self) -> str | None:
-        """SVG as wide as the page, not as wide as Graphviz makes it."""
+        """Draws an SVG as wide as the page, not as wide as Graphviz makes it."""
         if shutil.which("dot") is None:
             return None
         return re.sub(
@@ -225,5 +224,5 @@ def draw_diagram(diagram: System, depth: int = 1) -> DiagramPicture:
         UserError: depth below 1.
     """
     if depth < 1:
-        raise UserError(f"draw_diagram: depth is {depth}; allowed: 1 and more")
+        raise UserError(f"draw_diagram: depth is {depth}; must be at least 1")
     return DiagramPicture(diagram.GetGraphvizString(max_depth=depth))

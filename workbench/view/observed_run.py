@@ -66,7 +66,7 @@ class ObservedRun:
 
     @property
     def log(self) -> RunLog:
-        """The run log, after the `with` block; UserError before its end."""
+        """Returns the run log after the `with` block; UserError before its end."""
         if self._sink is None or not self._over:
             raise UserError(
                 "observe: the log is there after the `with` block in which the diagram is simulated"

@@ -93,7 +93,8 @@ class Camera:
     @property
     def axes(self) -> FloatArray:
         """Gives the rows right, down and forward in W, shape (3, 3)."""
-        forward = (self.target - self.p_WC) / np.linalg.norm(self.target - self.p_WC)
+        forward = self.target - self.p_WC
+        forward = forward / np.linalg.norm(forward)
         right = np.cross(forward, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         return np.array([right, np.cross(forward, right), forward])
@@ -103,25 +104,24 @@ class Camera:
         (..., 3).
         """
         p_C = (points - self.p_WC) @ self.axes.T
-        inverse = 1.0 / np.maximum(p_C[..., 2], 1e-3)
-        column = 0.5 * self.width + self.focal_length * p_C[..., 0] * inverse
-        row = 0.5 * self.height + self.focal_length * p_C[..., 1] * inverse
-        return np.stack([column, row, inverse], axis=-1)
+        inverse = 1.0 / np.maximum(p_C[..., 2:], 1e-3)
+        middle = 0.5 * np.array([self.width, self.height])
+        pixels = middle + self.focal_length * p_C[..., :2] * inverse
+        return np.concatenate([pixels, inverse], axis=-1)
 
     def rays(self) -> FloatArray:
         """Gives the direction in W through each pixel with unit depth, shape (height, width, 3)."""
         right, down, forward = self.axes
-        columns, rows = (
-            (np.arange(size) + 0.5 - 0.5 * size) / self.focal_length
-            for size in (self.width, self.height)
-        )
+        columns = (np.arange(self.width) + 0.5 - 0.5 * self.width) / self.focal_length
+        rows = (np.arange(self.height) + 0.5 - 0.5 * self.height) / self.focal_length
         return forward + columns[None, :, None] * right + rows[:, None, None] * down
 
     @property
     def render_camera(self) -> ColorRenderCamera:
         """Makes the same camera for VTK."""
-        middle = 0.5 * self.width - 0.5, 0.5 * self.height - 0.5
-        info = CameraInfo(self.width, self.height, self.focal_length, self.focal_length, *middle)
+        focal_lengths = (self.focal_length, self.focal_length)
+        centre = (0.5 * self.width - 0.5, 0.5 * self.height - 0.5)
+        info = CameraInfo(self.width, self.height, *focal_lengths, *centre)
         return ColorRenderCamera(RenderCameraCore(_RENDERER, info, _CLIPPING, RigidTransform()))
 
 
@@ -138,26 +138,24 @@ def floor_picture(camera: Camera, height: float) -> tuple[FloatArray, FloatArray
     distance = (camera.p_WC[2] - height) / -rays[..., 2]
     points = camera.p_WC + rays * distance[..., None]
     pixel = distance / camera.focal_length / np.clip(-rays[..., 2], 0.05, 1.0)
-    fine, metre = (
-        np.maximum(*(_line_share(points[..., axis], step, half, pixel) for axis in range(2)))
-        for step, half in ((0.25, _FINE_WIDTH), (1.0, _METRE_WIDTH))
-    )
+    fine = _line_share(points, 0.25, _FINE_WIDTH, pixel)
+    metre = _line_share(points, 1.0, _METRE_WIDTH, pixel)
     clear = 1.0 - np.clip(distance / 40.0, 0.0, 1.0)
-    shares = np.stack(
-        [(1 - fine) * (1 - metre) * clear, fine * (1 - metre) * clear, metre * clear, 1 - clear],
-        axis=-1,
-    )
+    no_metre = 1 - metre
+    bare = (1 - fine) * no_metre * clear
+    shares = np.stack([bare, fine * no_metre * clear, metre * clear, 1 - clear], axis=-1)
     picture = np.empty((camera.height, camera.width, 3))
     picture[:horizon] = _SKY
     picture[horizon:] = shares @ np.array([_FLOOR, _FINE, _METRE, _SKY])
     return picture, points
 
 
-def _line_share(place: FloatArray, step: float, half: float, pixel: FloatArray) -> FloatArray:
+def _line_share(points: FloatArray, step: float, half: float, pixel: FloatArray) -> FloatArray:
     """Computes the share of each pixel that lines every `step` with that half width cover, all in
     m.
     """
-    to_line = np.abs(place - step * np.round(place / step))
+    place = points[..., :2]
+    to_line = np.min(np.abs(place - step * np.round(place / step)), axis=-1)
     cover = np.clip((half + pixel - to_line) / (2 * pixel), 0.0, 1.0)
     return np.minimum(cover, 2 * half / np.maximum(pixel, 2 * half))
 
@@ -230,7 +228,8 @@ class OffscreenRun:
         """
         eye, target = camera_pose(azimuth, place)
         focal_length = 0.5 * size[1] / math.tan(0.5 * _FIELD_OF_VIEW)
-        return Camera(self._path[row] + eye, self._path[row] + target, focal_length, *size)
+        point = self._path[row]
+        return Camera(point + eye, point + target, focal_length, *size)
 
     def picture(self, row: int, camera: Camera) -> Image.Image:
         """Draws the robot in one row of the log on its floor, with its shadow, paths so far and
@@ -248,10 +247,11 @@ class OffscreenRun:
         image = Image.fromarray(pixels)
         draw = ImageDraw.Draw(image)
         for _, colour, points in self._traces:
-            _draw_line(draw, camera, points[: row + 1], (colour.r(), colour.g(), colour.b()), 2)
+            _draw_line(draw, camera, points[: row + 1], colour, 2)
         for arrow in self._arrows:
             if arrow.shown[row]:
-                ends = np.array([arrow.points[row], arrow.points[row] + arrow.lengths[row]])
+                foot = arrow.points[row]
+                ends = np.array([foot, foot + arrow.lengths[row]])
                 _draw_line(draw, camera, ends, arrow.colour, 3, head=True)
         return image
 
@@ -268,11 +268,13 @@ class OffscreenRun:
         to 1, shape (m, n).
         """
         middle = self.logged.run_log.vector("com", "truth_m")[row]
-        focal_length = 0.5 * _SUN_PIXELS * _SUN_DISTANCE / (0.5 * self.logged.camera_place[0])
+        radius = 0.5 * self.logged.camera_place[0]
+        focal_length = 0.5 * _SUN_PIXELS * _SUN_DISTANCE / radius
         sun = Camera(middle + _SUN_DISTANCE * _SUN, middle, focal_length, _SUN_PIXELS, _SUN_PIXELS)
         hidden = np.any(self._robot(sun) != _CLEAR, axis=-1).astype(float)
         columns, rows, _ = np.moveaxis(sun.project(floor), -1, 0)
-        return np.asarray(map_coordinates(hidden, [rows - 0.5, columns - 0.5], order=1, cval=0.0))
+        places = [rows - 0.5, columns - 0.5]
+        return np.asarray(map_coordinates(hidden, places, order=1, cval=0.0))
 
 
 def _draw_line(
@@ -288,9 +290,10 @@ def _draw_line(
     fill = tuple(round(255 * part) for part in colour)
     if head:
         tip = seen[-1].copy()
-        along = seen[-1] - seen[-2]
+        along = tip - seen[-2]
         along *= _HEAD / max(float(np.linalg.norm(along)), 1e-9)
         across = 0.45 * np.array([-along[1], along[0]])
-        seen[-1] -= along
-        draw.polygon([*tip, *(seen[-1] + across), *(seen[-1] - across)], fill)
+        foot = tip - along
+        seen[-1] = foot
+        draw.polygon([*tip, *(foot + across), *(foot - across)], fill)
     draw.line(seen.ravel().tolist(), fill, width, joint="curve")

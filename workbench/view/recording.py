@@ -17,7 +17,7 @@ from pydrake.systems.framework import DiagramBuilder
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.view.force_arrows import DrawnArrow, ForceArrow, force_arrows
+from aerodima.workbench.view.force_arrows import Colour, DrawnArrow, ForceArrow, force_arrows
 from aerodima.workbench.view.logged_run import LoggedRun, Place, add_logged_run
 from aerodima.workbench.view.viewer import WORLD, area_around, draw_ground
 
@@ -30,9 +30,9 @@ MAX_FRAMES = 1000
 
 NEARER = 0.78
 """Share of `LoggedRun.camera_place` for Meshcat: a visitor can zoom out, a picture cannot."""
-TIP_COLOUR = Rgba(0.93, 0.60, 0.10)
+TIP_COLOUR = (0.93, 0.60, 0.10)
 """Path of the tail's tip."""
-COM_COLOUR = Rgba(0.25, 0.30, 0.75)
+COM_COLOUR = (0.25, 0.30, 0.75)
 """Path of the centre of mass."""
 _TRACE_RADIUS = 0.006
 """Radius of a path, m."""
@@ -84,7 +84,7 @@ def record_run(run_log: RunLog, meshcat: Meshcat, rate: float = 1.0) -> LoggedRu
 def check_rate(rate: float) -> None:
     """Raises UserError when a replay is asked for slower or faster than `RATES`."""
     if not RATES[0] <= rate <= RATES[1]:
-        raise UserError(f"--rate: {rate:g}; allowed: {RATES[0]:g} to {RATES[1]:g}")
+        raise UserError(f"--rate: {rate:g}; must be {RATES[0]:g} to {RATES[1]:g}")
 
 
 def frame_rows(time: FloatArray, rate: float) -> tuple[IntArray, float]:
@@ -93,7 +93,8 @@ def frame_rows(time: FloatArray, rate: float) -> tuple[IntArray, float]:
     """
     length = float(time[-1] - time[0]) / rate
     count = max(2, min(round(length * FRAMES_PER_SECOND), MAX_FRAMES) + 1)
-    return nearest_rows(time, np.linspace(time[0], time[-1], count)), (count - 1) / length
+    frames = np.linspace(time[0], time[-1], count)
+    return nearest_rows(time, frames), (count - 1) / length
 
 
 def nearest_rows(time: FloatArray, wanted: FloatArray) -> IntArray:
@@ -101,7 +102,8 @@ def nearest_rows(time: FloatArray, wanted: FloatArray) -> IntArray:
     end.
     """
     after = np.clip(np.searchsorted(time, wanted), 1, time.size - 1)
-    return np.where(wanted - time[after - 1] < time[after] - wanted, after - 1, after)
+    before = after - 1
+    return np.where(wanted - time[before] < time[after] - wanted, before, after)
 
 
 def _follow(
@@ -115,9 +117,8 @@ def _follow(
         animation.SetTransform(frame, WORLD, RigidTransform(-path[row]))
     meshcat.SetTransform(WORLD, RigidTransform(-path[rows[0]]))
     distance, height, target = logged.camera_place
-    meshcat.SetCameraPose(
-        *camera_pose(logged.camera_azimuth, (NEARER * distance, NEARER * height, target))
-    )
+    place = (NEARER * distance, NEARER * height, target)
+    meshcat.SetCameraPose(*camera_pose(logged.camera_azimuth, place))
 
 
 def camera_pose(azimuth: float, place: Place) -> tuple[FloatArray, FloatArray]:
@@ -131,11 +132,12 @@ def camera_pose(azimuth: float, place: Place) -> tuple[FloatArray, FloatArray]:
         Eye and target, both from that point, m, shape (3,).
     """
     distance, height, target = place
-    eye = np.array([distance * np.cos(azimuth), distance * np.sin(azimuth), height])
-    return eye, np.array([0.0, 0.0, target])
+    x = distance * np.cos(azimuth)
+    y = distance * np.sin(azimuth)
+    return np.array([x, y, height]), np.array([0.0, 0.0, target])
 
 
-def traces(logged: LoggedRun) -> list[tuple[str, Rgba, FloatArray]]:
+def traces(logged: LoggedRun) -> list[tuple[str, Colour, FloatArray]]:
     """Lists name, colour and points in W (n, 3), m, of the drawn paths: centre of mass and tail
     tip.
     """
@@ -154,7 +156,7 @@ def _draw_traces(
             path = f"{WORLD}/trace/{name}/{index}"
             fine = _whole_steps(rows[start], rows[end], 4 * (end - start) + 1)
             vertices, faces = tube(points[fine], _TRACE_RADIUS)
-            meshcat.SetTriangleMesh(path, vertices, faces, colour)
+            meshcat.SetTriangleMesh(path, vertices, faces, Rgba(*colour))
             animation.SetProperty(0, path, "visible", False)
             animation.SetProperty(int(end), path, "visible", True)
             # Every track has the same length, for the loop.
@@ -175,7 +177,8 @@ def tube(points: FloatArray, radius: float) -> tuple[FloatArray, NDArray[np.int3
         along = np.gradient(points, axis=0)
     side = _unit(np.cross(along, [0.0, 0.0, 1.0]), [0.0, 1.0, 0.0])
     up = _unit(np.cross(side, along), [0.0, 0.0, 1.0])
-    rings = points[:, None, :] + radius * np.stack([side, up, -side, -up], axis=1)
+    corners = np.stack([side, up, -side, -up], axis=1)
+    rings = points[:, None, :] + radius * corners
     corner = np.arange(4)
     first = 4 * np.arange(len(points) - 1)[:, None]
     a = first + corner
@@ -206,8 +209,5 @@ def _draw_arrow(
             animation.SetProperty(frame, drawn.path, "visible", bool(was_shown))
         if not was_shown:
             continue
-        poses, shaft = drawn.placed(arrow.points[row], arrow.lengths[row])
-        for path, X_PA in poses.items():
-            animation.SetTransform(frame, path, X_PA)
-        animation.SetProperty(frame, f"{drawn.path}/shaft", "scale", [1.0, 1.0, shaft])
+        drawn.move(animation, arrow.points[row], arrow.lengths[row], frame)
     meshcat.SetProperty(drawn.path, "visible", bool(shown[rows[0]]))

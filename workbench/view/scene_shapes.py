@@ -44,7 +44,7 @@ _KINDS = {"box": Box, "cylinder": Cylinder, "sphere": Sphere, "ellipsoid": Ellip
 
 
 def body_label(plant: MultibodyPlant, index: BodyIndex) -> str:
-    """Name of a body in a log, after its model instance where another body has the same name."""
+    """Names a body in a log, after its model instance where another body has the same name."""
     body = plant.get_body(index)
     if index == world_index():
         return WORLD_BODY
@@ -62,8 +62,8 @@ def scene_bodies(plant: MultibodyPlant, scene: list[Json]) -> dict[str, BodyInde
 
 
 def plant_shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Json]:
-    """Every visible shape of a plant that is registered with this scene graph: body, kind, size,
-    pose, colour.
+    """Lists every visible shape of a plant that is registered with this scene graph: body, kind,
+    size, pose, colour.
     """
     inspector = scene_graph.model_inspector()
     bodies = [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
@@ -73,39 +73,34 @@ def plant_shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Json]:
         if geometry not in own:
             continue
         body: RigidBody = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
-        phong: Any = inspector.GetIllustrationProperties(geometry).GetPropertyOrDefault(
-            "phong", "diffuse", _GREY
-        )
-        colour = [round(part, 4) for part in (phong.r(), phong.g(), phong.b())]
+        properties: Any = inspector.GetIllustrationProperties(geometry)
+        diffuse = properties.GetPropertyOrDefault("phong", "diffuse", _GREY)
+        look = {
+            "body": body_label(plant, body.index()),
+            "colour": np.round(diffuse.rgba[:3], 4).tolist(),
+        }
         for kind, size, X_GS in _parts(inspector.GetShape(geometry)):
             X_BS = inspector.GetPoseInFrame(geometry) @ X_GS
-            pose = [*X_BS.rotation().ToQuaternion().wxyz().tolist(), *X_BS.translation().tolist()]
-            label = body_label(plant, body.index())
-            scene.append(
-                {"body": label, "kind": kind, "size": size, "pose": pose, "colour": colour}
-            )
+            pose = [*X_BS.rotation().ToQuaternion().wxyz(), *X_BS.translation()]
+            scene.append({**look, "kind": kind, "size": size, "pose": list(map(float, pose))})
     return scene
 
 
 def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:
-    """Kind, size (m) and pose in the shape's frame of what stands for a shape."""
+    """Gives kind, size (m) and pose in the shape's frame of what stands for a shape."""
     here = RigidTransform()
     if isinstance(shape, Box):
         yield "box", [shape.width(), shape.depth(), shape.height()], here
-    elif isinstance(shape, Cylinder):
+    elif isinstance(shape, Cylinder | Capsule):
         yield "cylinder", [shape.radius(), shape.length()], here
+        if isinstance(shape, Capsule):
+            for end in (-0.5, 0.5):
+                X_GE = RigidTransform(np.array([0.0, 0.0, end * shape.length()]))
+                yield "sphere", [shape.radius()], X_GE
     elif isinstance(shape, Sphere):
         yield "sphere", [shape.radius()], here
     elif isinstance(shape, Ellipsoid):
         yield "ellipsoid", [shape.a(), shape.b(), shape.c()], here
-    elif isinstance(shape, Capsule):
-        yield "cylinder", [shape.radius(), shape.length()], here
-        for end in (-0.5, 0.5):
-            yield (
-                "sphere",
-                [shape.radius()],
-                RigidTransform(np.array([0.0, 0.0, end * shape.length()])),
-            )
     elif isinstance(shape, Mesh | Convex):
         hull = shape.GetConvexHull()
         points = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
@@ -113,7 +108,7 @@ def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:
 
 
 def _directions() -> FloatArray:
-    """Unit vectors spread evenly over the sphere, shape (`MAX_POINTS`, 3)."""
+    """Spreads unit vectors evenly over the sphere, shape (`MAX_POINTS`, 3)."""
     place = np.arange(MAX_POINTS) + 0.5
     height = 1.0 - 2.0 * place / MAX_POINTS
     turn = np.pi * (1.0 + np.sqrt(5.0)) * place
@@ -122,8 +117,8 @@ def _directions() -> FloatArray:
 
 
 def _outermost(points: FloatArray) -> FloatArray:
-    """At most `MAX_POINTS` corners of a hull (n, 3): the farthest in directions spread evenly over
-    the sphere.
+    """Selects at most `MAX_POINTS` corners of a hull (n, 3): the farthest in directions spread
+    evenly over the sphere.
     """
     if len(points) <= MAX_POINTS:
         return points
@@ -131,16 +126,17 @@ def _outermost(points: FloatArray) -> FloatArray:
 
 
 def shape_points(entry: Facts) -> FloatArray:
-    """Points that a shape of a log spans, in the frame of its body, m, (n, 3); many if round."""
+    """Lists points that a shape of a log spans in the frame of its body, m, (n, 3)."""
     size: FloatArray = np.asarray(entry["size"], dtype=float)
-    if entry["kind"] == "hull":
-        points = size
-    elif entry["kind"] == "box":
+    points = size
+    if entry["kind"] == "box":
         points = size * np.array(list(product((-0.5, 0.5), repeat=3)))
     elif entry["kind"] == "cylinder":
-        across = _directions()[:, :2] / np.linalg.norm(_directions()[:, :2], axis=1, keepdims=True)
-        points = np.column_stack([size[0] * across, size[1] * np.resize((-0.5, 0.5), MAX_POINTS)])
-    else:
+        across = _directions()[:, :2]
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        ends = np.resize((-0.5, 0.5), MAX_POINTS)
+        points = np.column_stack([size[0] * across, size[1] * ends])
+    elif entry["kind"] != "hull":
         points = size * _directions()
     X_BS = shape_pose(entry)
     return points @ X_BS.rotation().matrix().T + X_BS.translation()
@@ -170,15 +166,15 @@ def point_paths(
 
 
 def shape_pose(entry: Facts) -> RigidTransform:
-    """Pose of a shape of a log in the frame of its body."""
-    w, x, y, z, *place = (float(value) for value in entry["pose"])
-    return RigidTransform(Quaternion(np.array([w, x, y, z])), np.array(place))
+    """Reads the pose of a shape of a log in the frame of its body."""
+    pose = np.array(entry["pose"], float)
+    return RigidTransform(Quaternion(pose[:4]), pose[4:])
 
 
 def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
     """Puts the shapes of a log into a plant, before Finalize: a free body for each that moves.
 
-    Names of these bodies.
+    Returns the names of these bodies.
 
     Args:
         plant: registered with a scene graph.
@@ -193,10 +189,9 @@ def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
         for number, entry in enumerate(scene):
             body = entry["body"]
             if body not in bodies:
-                bodies[body] = plant.AddRigidBody(
-                    body, SpatialInertia.SolidSphereWithMass(1.0, 0.1)
-                )
-            colour = Rgba(*(float(part) for part in entry["colour"])).rgba
+                inertia = SpatialInertia.SolidSphereWithMass(1.0, 0.1)
+                bodies[body] = plant.AddRigidBody(body, inertia)
+            colour = Rgba(*map(float, entry["colour"])).rgba
             shape = _shape(entry, f"shape_{number}")
             plant.RegisterVisualGeometry(
                 bodies[body], shape_pose(entry), shape, f"{number}", colour
@@ -207,6 +202,7 @@ def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
 
 
 def _shape(entry: Facts, label: str) -> Shape:
+    """Makes Drake's shape of a shape of a log."""
     if entry["kind"] == "hull":
         return Convex(points=np.array(entry["size"], dtype=float).T, label=label)
-    return _KINDS[entry["kind"]](*(float(number) for number in entry["size"]))
+    return _KINDS[entry["kind"]](*map(float, entry["size"]))

@@ -53,7 +53,7 @@ def open_meshcat(port: int | None = None) -> Meshcat:
         UserError: the port is in use or not in that range, or none is free.
     """
     if port is not None and not PORTS[0] <= port <= PORTS[1]:
-        raise UserError(f"--port: {port}; allowed: {PORTS[0]} to {PORTS[1]}")
+        raise UserError(f"--port: {port}; must be {PORTS[0]} to {PORTS[1]}")
     meshcat = _start(port)
     for path in ("/Grid", "/Axes"):
         meshcat.SetProperty(path, "visible", False)
@@ -86,7 +86,7 @@ def _start(port: int | None) -> Meshcat:
 
 
 def _keep_for_ever(meshcat: Meshcat) -> None:
-    """One reference too many, so that nothing destroys the viewer before the process is gone.
+    """Holds one reference too many, so that nothing destroys the viewer before the process is gone.
 
     Drake aborts the process when another thread than its maker's destroys a viewer. The garbage
     collector runs in whatever thread it is due; the interpreter, when it ends, clears modules in
@@ -96,8 +96,8 @@ def _keep_for_ever(meshcat: Meshcat) -> None:
 
 
 def _set_lights(meshcat: Meshcat) -> None:
-    """One sun from above with soft light all around, so that the floor is even and the car throws a
-    shadow.
+    """Sets one sun from above with soft light all around, so that the floor is even and the car
+    throws a shadow.
     """
     for lamp in ("SpotLight", "PointLightNegativeX", "PointLightPositiveX"):
         meshcat.SetProperty(f"/Lights/{lamp}", "visible", False)
@@ -115,8 +115,9 @@ def area_around(points: FloatArray, margin: float = 3.0) -> Area:
     """Finds the smallest floor with whole metres (x from, x to, y from, y to) that has a margin (m)
     about points (n, 3).
     """
-    x0, y0 = np.floor(np.min(points[:, :2], axis=0) - margin).tolist()
-    x1, y1 = np.ceil(np.max(points[:, :2], axis=0) + margin).tolist()
+    on_floor = points[:, :2]
+    x0, y0 = np.floor(np.min(on_floor, axis=0) - margin).tolist()
+    x1, y1 = np.ceil(np.max(on_floor, axis=0) + margin).tolist()
     return x0, x1, y0, y1
 
 
@@ -149,9 +150,9 @@ def _grid_lines(area: Area, step: float, height: float) -> tuple[FloatArray, Flo
     start = np.hstack([along_y, along_x])
     end = np.hstack([along_y + np.c_[[0.0, 1.0]], along_x + np.c_[[1.0, 0.0]]])
     heights = np.full((1, start.shape[1]), height)
-    return np.asfortranarray(np.vstack([start, heights])), np.asfortranarray(
-        np.vstack([end, heights])
-    )
+    start = np.vstack([start, heights])
+    end = np.vstack([end, heights])
+    return np.asfortranarray(start), np.asfortranarray(end)
 
 
 def _line_starts(low: float, high: float, first: float, last: float, step: float) -> FloatArray:
@@ -194,7 +195,8 @@ class ChaseCamera:
         heading = math.atan2(ahead[1], ahead[0])
         if self._meshcat is not None:
             place = np.array([*X_WB.translation()[:2], 0.0])
-            turned = RigidTransform(RotationMatrix.MakeZRotation(-heading), np.zeros(3))
+            turn = RotationMatrix.MakeZRotation(-heading)
+            turned = RigidTransform(turn, np.zeros(3))
             self._meshcat.SetTransform(WORLD, turned @ RigidTransform(-place))
             # The ground moves by whole metres: its lines stay in place.
             self._meshcat.SetTransform(GROUND, RigidTransform(np.round(place)))

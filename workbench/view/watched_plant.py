@@ -155,15 +155,14 @@ class WatchedPlant:
         if self.scene_graph is not None and not seen:
             MeshcatVisualizer.AddToBuilder(builder, self.scene_graph, meshcat)
         names = [tail.get_name() for tail in self.tails]
-        reach = [
-            max(
-                float(np.linalg.norm(shape_points(entry), axis=1).max())
-                for entry in self.scene
-                if entry["body"] == label
-            )
-            for label in self.bodies
-        ]
-        live = builder.AddNamedSystem("live_scene", LiveScene(meshcat, names, reach, air_scale))
+        reach = dict.fromkeys(self.bodies, 0.0)
+        for entry in self.scene:
+            if entry["body"] in reach:
+                distances = np.linalg.norm(shape_points(entry), axis=1)
+                reach[entry["body"]] = max(reach[entry["body"]], float(distances.max()))
+        live = builder.AddNamedSystem(
+            "live_scene", LiveScene(meshcat, names, [*reach.values()], air_scale)
+        )
         for port, source in output_ports(truth).items():
             if live.HasInputPort(port):
                 builder.Connect(source, live.GetInputPort(port))
@@ -215,7 +214,7 @@ def _plant_in(station: Diagram) -> MultibodyPlant:
         plant = station.GetSubsystemByName("plant")
     if plant is None or not station.HasOutputPort("plant_state_truth"):
         raise ModelError(
-            f"observe: '{station.get_name()}' has no plant to be watched; allowed: a "
+            f"observe: '{station.get_name()}' has no plant to be watched; must be a "
             "MultibodyPlant of this builder, "
             "or a simulated station, which has a subsystem 'plant' and a port 'plant_state_truth'"
         )
@@ -279,13 +278,10 @@ class LiveScene(LeafSystem):
         self._poses = None
         if len(reach):
             self._poses = self.DeclareVectorInputPort("poses", 7 * len(reach))
-        self._tails = [
-            (
-                DrawnArrow.make(meshcat, f"air_on_{name}", AIR_COLOUR),
-                self.DeclareVectorInputPort(f"{name}_air", 12),
-            )
-            for name in tails
-        ]
+        self._tails = []
+        for name in tails:
+            arrow = DrawnArrow.make(meshcat, f"air_on_{name}", AIR_COLOUR)
+            self._tails.append((arrow, self.DeclareVectorInputPort(f"{name}_air", 12)))
         self._placed = False
         self.DeclareInitializationPublishEvent(self._start)
         self.DeclarePeriodicPublishEvent(1.0 / PICTURES_PER_SECOND, 0.0, self._show)
@@ -310,7 +306,8 @@ class LiveScene(LeafSystem):
         size = _MIN_SIZE
         if self._poses is not None:
             places = vector_of(self._poses, context).reshape(-1, 7)[:, 4:]
-            size = max(size, float(np.max(np.linalg.norm(places - com, axis=1) + self._reach)))
+            distances = np.linalg.norm(places - com, axis=1) + self._reach
+            size = max(size, float(np.max(distances)))
         target = np.array([0.0, 0.0, com[2]])
         self._meshcat.SetCameraPose(target + size * np.array([1.4, -2.9, 0.9]), target)
         if com[2] >= 0.0:
@@ -318,12 +315,10 @@ class LiveScene(LeafSystem):
         self._placed = True
 
     def _draw(self, arrow: DrawnArrow, air: FloatArray) -> None:
+        """Moves the arrow of one tail force, or hides it."""
         force, moment, root, tip = (part[None, :] for part in np.split(air, 4))
         length = self._air_scale * force[0]
         shown = bool(np.linalg.norm(length) > SHOWN_LENGTH)
         self._meshcat.SetProperty(arrow.path, "visible", shown)
         if shown:
-            poses, shaft = arrow.placed(point_on_axis(force, moment, root, tip)[0], length)
-            for path, X_PA in poses.items():
-                self._meshcat.SetTransform(path, X_PA)
-            self._meshcat.SetProperty(f"{arrow.path}/shaft", "scale", [1.0, 1.0, shaft])
+            arrow.move(self._meshcat, point_on_axis(force, moment, root, tip)[0], length)
