@@ -61,9 +61,9 @@ def play(
     for written in drive_by_hand(
         car, controls, log=out, meshcat=meshcat, length=length, force=force, say=typer.echo
     ):
-        from aerodima.workbench.view.captions import caption_of
+        from aerodima.workbench.view.captions import run_caption
 
-        typer.echo(f"log: {written}: {caption_of(workbench.read_run_log(written)).text}")
+        typer.echo(f"log: {written}: {run_caption(workbench.read_run_log(written)).text}")
 
 
 def replay(
@@ -147,13 +147,13 @@ def _replay_one(
 
 def _show(run_log: RunLog, port: int | None, rate: float) -> None:
     """Plays the run in Meshcat until Ctrl-C."""
-    from aerodima.workbench.view.captions import caption_of
+    from aerodima.workbench.view.captions import run_caption
     from aerodima.workbench.view.recording import record_run
     from aerodima.workbench.view.viewer import open_meshcat
 
     meshcat = open_meshcat(port)
     record_run(run_log, meshcat, rate)
-    typer.echo(caption_of(run_log).text)
+    typer.echo(run_caption(run_log).text)
     typer.echo(f"open {meshcat.web_url()} in a browser; Ctrl-C ends")
     try:
         while True:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import textwrap
+from itertools import cycle
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -29,11 +31,9 @@ _LABELS = {"cd": "drag coefficient $C_D$", "cl": "lift coefficient $C_L$"}
 
 @styled()
 def plot_coefficients(coefficients: CoefficientSet) -> Figure:
-    """A figure of one set: $C_N$ over the speed, or $C_D$ and $C_L$ over the angle."""
-    if coefficients.law_kind == "polar":
-        figure = _plot_polar(coefficients)
-    else:
-        figure = _plot_speed(coefficients)
+    """Draws one set: $C_N$ over the speed, or $C_D$ and $C_L$ over the angle."""
+    plot = _plot_polar if coefficients.law_kind == "polar" else _plot_speed
+    figure = plot(coefficients)
     figure.suptitle(coefficients.name)
     figure.supxlabel(textwrap.fill(coefficients.source, 120), fontsize=7, color=GREY)
     return figure
@@ -52,31 +52,17 @@ def _plot_speed(coefficients: CoefficientSet) -> Figure:
     else:
         assert isinstance(law, NormalForceLaw)
         curve = law.coefficient
-        if callable(curve):
-            values = np.array([curve(float(v)) for v in speed])
-        else:
-            values = np.full_like(speed, curve)
-        axes.plot(
-            speed, values, color=_COLOURS[0], label="used by the law (edge value held outside)"
-        )
+        values = np.full_like(speed, np.nan)
+        for row, place in enumerate(speed):
+            values[row] = curve(float(place)) if callable(curve) else curve
+        axes.plot(speed, values, color=BLUE, label="used by the law (edge value held outside)")
     nodes = coefficients.nodes
     if "cn" in nodes:
-        axes.plot(
-            nodes.speed_m_per_s,
-            nodes.cn,
-            "o",
-            color=_COLOURS[0],
-            label="weighted average of the single fits",
-        )
+        label = "weighted average of the single fits"
+        axes.plot(nodes.speed_m_per_s, nodes.cn, "o", color=BLUE, label=label)
     if "cn_p10" in nodes:
-        axes.fill_between(
-            nodes.speed_m_per_s,
-            nodes.cn_p10,
-            nodes.cn_p90,
-            color=_COLOURS[0],
-            alpha=0.2,
-            label="percentiles 10 to 90",
-        )
+        band = (nodes.speed_m_per_s, nodes.cn_p10, nodes.cn_p90)
+        axes.fill_between(*band, color=BLUE, alpha=0.2, label="percentiles 10 to 90")
     axes.set(
         xlabel="relative speed [m/s]",
         ylabel="normal-force (drag) coefficient $C_N$",
@@ -85,13 +71,8 @@ def _plot_speed(coefficients: CoefficientSet) -> Figure:
     axes.set_ylim(0.0, 1.1 * axes.dataLim.ymax)
     axes.axvspan(0.0, low, color="0.9", zorder=0, label="not measured")
     axes.axvspan(high, max(right, high), color="0.9", zorder=0)
-    axes.axvline(
-        coefficients.quasi_steady_limit,
-        color=GREY,
-        linestyle=":",
-        linewidth=1.0,
-        label="quasi-steady limit",
-    )
+    limit = coefficients.quasi_steady_limit
+    axes.axvline(limit, color=GREY, linestyle=":", linewidth=1.0, label="quasi-steady limit")
     axes.legend(loc="lower center", fontsize=8)
     return figure
 
@@ -111,24 +92,19 @@ def _plot_curves(axes: Axes, coefficients: PolarTable, name: str) -> None:
     table = coefficients.table(name)
     highest = max(coefficients.nodes.angle_rad.max(), coefficients.range.angle_rad[1])
     angles = np.linspace(0.0, highest, 200)
-    for i, speed in enumerate(sorted(set(coefficients.nodes.speed_m_per_s))):
-        nodes = coefficients.nodes[coefficients.nodes.speed_m_per_s == speed]
-        colour = _COLOURS[i % len(_COLOURS)]
-        axes.plot(
-            np.degrees(angles),
-            [table(speed, g) for g in angles],
-            color=colour,
-            label=f"{speed:g} m/s",
-        )
+    groups = coefficients.nodes.groupby("speed_m_per_s")
+    for (speed, nodes), colour in zip(groups, cycle(_COLOURS), strict=False):
+        curve = [table(speed, angle) for angle in angles]
+        axes.plot(np.degrees(angles), curve, color=colour, label=f"{speed:g} m/s")
         measured = nodes[nodes.status == "measured"]
+        degrees = np.degrees(measured.angle_rad)
+        axes.plot(degrees, measured[name], "o", color=colour)
         seeds = nodes[nodes.status == "seed"]
-        axes.plot(np.degrees(measured.angle_rad), measured[name], "o", color=colour)
-        axes.plot(
-            np.degrees(seeds.angle_rad), seeds[name], "o", color=colour, fillstyle="none", alpha=0.6
-        )
+        look: Any = {"color": colour, "fillstyle": "none", "alpha": 0.6}
+        axes.plot(np.degrees(seeds.angle_rad), seeds[name], "o", **look)
         if f"{name}_p10" in measured:
             band = (measured[f"{name}_p10"], measured[f"{name}_p90"])
-            axes.fill_between(np.degrees(measured.angle_rad), *band, color=colour, alpha=0.2)
+            axes.fill_between(degrees, *band, color=colour, alpha=0.2)
     edge = math.degrees(coefficients.range.angle_rad[1])
     axes.axvspan(edge, math.degrees(highest), color="0.93", zorder=0)
     axes.set(xlabel=r"angle of attack $|\gamma|$ [deg]", ylabel=_LABELS[name])

@@ -6,9 +6,8 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -24,8 +23,8 @@ from aerodima.workbench.batch.row_store import (
 from aerodima.workbench.core.atomic_write import make_folder
 from aerodima.workbench.core.errors import LogError, UserError
 from aerodima.workbench.logs.journal import journal_path
-from aerodima.workbench.logs.schema import read_run_log, software_versions
-from aerodima.workbench.metrics.published_values import TurnMetrics, flip_bracket
+from aerodima.workbench.logs.schema import Json, read_run_log, software_versions
+from aerodima.workbench.metrics.published_values import flip_bracket
 from aerodima.workbench.metrics.run_summary import MODE_WORDS, RunSummary, published_for, summarise
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.view.captions import outcome_in_words
@@ -89,17 +88,15 @@ class DemoRun:
     """
 
     name: str
-    scenario: dict[str, Any]
+    scenario: Json
     log: Path
     replay: Path | None = None
     opening: str = ""
 
     @property
     def files(self) -> list[Path]:
-        """Everything that is made of the run."""
-        if self.replay is None:
-            return [self.log]
-        return [self.log, self.replay]
+        """Lists everything that is made of the run."""
+        return [path for path in (self.log, self.replay) if path]
 
 
 def make_demo(
@@ -110,7 +107,7 @@ def make_demo(
     force: bool = False,
     progress: ProgressLine = silent,
 ) -> Path:
-    """Runs the demo and writes its page; the path of the page.
+    """Runs the demo and writes its page; returns the path of the page.
 
     A demo that was interrupted goes on where it stopped when it is asked for again: finished logs
     of the same scenario and versions are kept.
@@ -135,7 +132,10 @@ def make_demo(
     def done(_place: int, summary: RunSummary) -> None:
         bar.one_more(f"{summary.name}: {summary.metrics.outcome.result}")
 
-    kept = lambda: f"{sum(run.log.exists() for run in runs)} of {len(runs)} logs"  # noqa: E731
+    def kept() -> str:
+        logs = [run.log for run in runs if run.log.exists()]
+        return f"{len(logs)} of {len(runs)} logs"
+
     with _claimed(out, runs, force) as store, saying_how_to_go_on(progress, kept):
         progress(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
         summaries = run_batch(
@@ -148,30 +148,32 @@ def make_demo(
 
 
 def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
-    """The runs of a plan, with their files below `out`."""
+    """Makes the runs of a plan, with their files below `out`."""
     runs = []
     for mode, speed in plan.turns:
         settings = [f"manoeuvre.speed={speed!r}", f"seed={plan.seed}"]
         name = f"{mode}_{speed:.2f}"
         scenario = load_scenario(f"turn_{mode}", settings).resolved()
+        replay = None
         if (mode, speed) in plan.shown:
             replay = out / f"replay_{name}.html"
-        else:
-            replay = None
         runs.append(DemoRun(name, scenario, out / "logs" / f"turn_{name}.parquet", replay))
     runs.sort(key=lambda run: run.replay is None)  # the longest pieces of work first
-    shown = load_shown_entry()
-    opening = [
-        DemoRun(
-            f"{shown.manoeuvre}, {one.name}",
-            shown.run(one).resolved() | {"seed": plan.seed},
-            out / "logs" / f"{re.sub(r'[^a-z0-9]+', '_', one.name)}.parquet",
-            opening=one.name,
-        )
-        for one in shown.candidates
-    ]
     if plan.opening:
-        return [*opening, *runs]
+        return [*_opening_runs(out, plan.seed), *runs]
+    return runs
+
+
+def _opening_runs(out: Path, seed: int) -> list[DemoRun]:
+    """Makes the runs at the beginning of the page."""
+    runs = []
+    shown = load_shown_entry()
+    for candidate in shown.candidates:
+        name = candidate.name
+        stem = re.sub(r"[^a-z0-9]+", "_", name)
+        scenario = shown.run(candidate).resolved() | {"seed": seed}
+        log = out / "logs" / f"{stem}.parquet"
+        runs.append(DemoRun(f"{shown.manoeuvre}, {name}", scenario, log, opening=name))
     return runs
 
 
@@ -213,11 +215,9 @@ def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
         )
     make_folder(out / "logs", UserError)
     if force:
-        (out / PAGE).unlink(missing_ok=True)
-        (out / SUMMARY).unlink(missing_ok=True)
-        for run in runs:
-            for path in run.files:
-                path.unlink(missing_ok=True)
+        files = [path for run in runs for path in run.files]
+        for path in (out / PAGE, out / SUMMARY, *files):
+            path.unlink(missing_ok=True)
     return store
 
 
@@ -225,55 +225,43 @@ def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSumma
     first = {run.opening: read_run_log(run.log) for run in runs if run.opening}
     thesis = {run.name: run for run in runs if not run.opening}
     modes = list(MODE_WORDS)
-    ordered = sorted(
-        (s for s in summaries if s.name in thesis),
-        key=lambda s: (modes.index(s.tail_mode), s.commanded_speed),
-    )
+    ordered = [summary for summary in summaries if summary.name in thesis]
+    ordered.sort(key=lambda run: (modes.index(run.tail_mode), run.commanded_speed))
     numbers = pd.DataFrame([{"run": s.name, **s.as_row(), **s.impulses_row()} for s in ordered])
     sections = [thesis_turn_chapter(ordered), provenance(thesis, SUMMARY)]
-    if not first:
-        page = Page("The car turns, with and without its tail", "", sections)
-    else:
+    title = "The car turns, with and without its tail"
+    lead = ""
+    if first:
+        title = "One manoeuvre, four cars"
         lead = "Same car, floor, speed and manoeuvre; the tail is a larger one than was built."
-        page = Page(
-            "One manoeuvre, four cars", lead, [*entry_chapter(load_shown_entry(), first), *sections]
-        )
-    write_files(out, {SUMMARY: numbers, PAGE: page})
+        sections = [*entry_chapter(load_shown_entry(), first), *sections]
+    write_files(out, {SUMMARY: numbers, PAGE: Page(title, lead, sections)})
 
 
 def thesis_turn_chapter(summaries: Sequence[RunSummary]) -> Section:
-    """Brackets of the flip, outcomes and metrics of the full-lock turn, beside the thesis's."""
-    said = (
+    """Compares brackets of the flip, outcomes and metrics of the full-lock turn with the thesis."""
+    definitions = (
         "Flipped: the body tilts beyond 75 degrees, or ends beyond 20 degrees with a wheel in the "
         "air. Clean: it survived, and neither cage nor tail touched the ground, nor the anti-ramp "
         "board from the start of the turn on."
     )
-    tables: list[Part] = [
-        _bracket_table(summaries),
-        _outcome_table(summaries),
-        said,
-        _metric_table(summaries),
-    ]
-    return Section("The thesis' own turn, at full steering lock", tables)
+    brackets = _bracket_table(summaries)
+    outcomes = _outcome_table(summaries)
+    parts: list[Part] = [brackets, outcomes, definitions, _metric_table(summaries)]
+    return Section("The thesis' own turn, at full steering lock", parts)
 
 
 def _bracket_table(summaries: Sequence[RunSummary]) -> Table:
+    """Compares the speeds between which a car flips with the published ones."""
     rows = []
-    for mode, configuration in (("none", "tailless"), ("swing", "tailed")):
-        own = [s for s in summaries if s.tail_mode == mode]
-        survived = max((f"{s.commanded_speed:.2f}" for s in own if s.survived), default="–")
-        flipped = min((f"{s.commanded_speed:.2f}" for s in own if not s.survived), default="–")
-        published = flip_bracket(configuration)  # type: ignore[arg-type]  # mypy reads str
-        if own:
-            rows.append(
-                (
-                    MODE_WORDS[mode],
-                    survived,
-                    flipped,
-                    f"{published.survived:.2f}",
-                    f"{published.flipped:.2f}",
-                )
-            )
+    for mode, published in (("none", flip_bracket("tailless")), ("swing", flip_bracket("tailed"))):
+        runs = [run for run in summaries if run.tail_mode == mode]
+        survived = [f"{run.commanded_speed:.2f}" for run in runs if run.survived]
+        flipped = [f"{run.commanded_speed:.2f}" for run in runs if not run.survived]
+        bracket = (max(survived, default="–"), min(flipped, default="–"))
+        limits = (f"{published.survived:.2f}", f"{published.flipped:.2f}")
+        if runs:
+            rows.append((MODE_WORDS[mode], *bracket, *limits))
     header = (
         "tail",
         "survived up to [m/s]",
@@ -285,94 +273,76 @@ def _bracket_table(summaries: Sequence[RunSummary]) -> Table:
 
 
 def _outcome_table(summaries: Sequence[RunSummary]) -> Table:
-    header = ("speed [m/s]", "tail", "outcome", "peak roll [deg]", "mean yaw rate [rad/s]",
-    "heading change [deg]",
-              "tail energy [J]")  # fmt: skip
+    """Lists how each run ended; those that flipped stand out."""
+    header = (
+        "speed [m/s]",
+        "tail",
+        "outcome",
+        "peak roll [deg]",
+        "mean yaw rate [rad/s]",
+        "heading change [deg]",
+        "tail energy [J]",
+    )
     rows = []
     for summary in summaries:
         metrics = summary.metrics
-        peak_roll = "–"
-        heading_change = "–"
+        peak_roll = heading_change = tail_energy = "–"
         if summary.survived:
             peak_roll = f"{math.degrees(metrics.peak_roll_rad):.1f}"
             heading_change = f"{math.degrees(metrics.heading_change_rad):.1f}"
-        tail_energy = "–"
         if summary.tail_mode != "none" and metrics.tail_energy_j is not None:
             tail_energy = f"{metrics.tail_energy_j:.1f}"
-        rows.append(
-            (
-                f"{summary.commanded_speed:.2f}",
-                MODE_WORDS[summary.tail_mode],
-                outcome_in_words(metrics.outcome),
-                peak_roll,
-                f"{metrics.raw.average_yaw_rate_rad_per_s:.2f}",
-                heading_change,
-                tail_energy,
-            )
-        )
+        speed = f"{summary.commanded_speed:.2f}"
+        outcome = outcome_in_words(metrics.outcome)
+        yaw_rate = f"{metrics.raw.average_yaw_rate_rad_per_s:.2f}"
+        tail = MODE_WORDS[summary.tail_mode]
+        rows.append((speed, tail, outcome, peak_roll, yaw_rate, heading_change, tail_energy))
     return Table(header, rows, [index for index, s in enumerate(summaries) if not s.survived])
 
 
 def _metric_table(summaries: Sequence[RunSummary]) -> Folded:
-    """Metrics of runs that the thesis made too: raw beside its simulation, filtered by its car."""
+    """Compares metrics of runs that the thesis made too: raw beside its simulation, filtered beside
+    its car.
+    """
     rows = []
     for run in summaries:
         for platform, row in published_for(run).items():
-            for field in fields(TurnMetrics):
-                name = field.name
-                ours = getattr(run.metrics.like(platform), name)
-                published = getattr(row.metrics, name)
-                rows.append(
-                    (
-                        run.name,
-                        row.source,
-                        platform,
-                        metric_name(name),
-                        metric_unit(name),
-                        f"{ours:.2f}",
-                        f"{published:.2f}",
-                        percent(ours / published - 1.0),
-                    )
-                )
-    header = (
-        "run",
-        "published in",
-        "platform",
-        "metric",
-        "unit",
-        "this run",
-        "published",
-        "difference",
-    )
-    return Folded("Metrics beside the published ones", [Table(header, rows)])
+            metrics = asdict(run.metrics.like(platform))
+            for name, published in asdict(row.metrics).items():
+                words = (metric_name(name), metric_unit(name))
+                ours = metrics[name]
+                numbers = (f"{ours:.2f}", f"{published:.2f}", percent(ours / published - 1.0))
+                rows.append((run.name, row.source, platform, *words, *numbers))
+    header = "run, published in, platform, metric, unit, this run, published, difference"
+    return Folded("Metrics beside the published ones", [Table(header.split(", "), rows)])
 
 
 def provenance(runs: Mapping[str, DemoRun], summary: str) -> Section:
-    """Versions, seeds, files beside the page and the scenario of the first run: what the page was
-    made of.
+    """Lists versions, seeds, files beside the page and the scenario of the first run: what the page
+    was made of.
 
     Args:
         runs: name -> run, of at least one.
         summary: file of the table of the runs.
     """
     logs = [read_run_log(run.log) for run in runs.values()]
-    versions = sorted({(name, version) for log in logs for name, version in log.versions.items()})
+    versions = {item for log in logs for item in log.versions.items()}
     seeds = sorted({log.seed for log in logs})
-    step = logs[0].scenario["simulation"]["step"]
-    rows = [*versions, ("seed", ", ".join(map(str, seeds))), ("step of the plant", f"{step:g} s")]
-    linked = []
+    step = logs[0].number("simulation", "step")
+    facts = [
+        *sorted(versions),
+        ("seed", ", ".join(map(str, seeds))),
+        ("step of the plant", f"{step:g} s"),
+    ]
+    files = []
     for name, run in runs.items():
-        replay: str | Link = ""
-        if run.replay is not None:
-            replay = Link(run.replay.name, "replay")
-        linked.append((name, Link(f"logs/{run.log.name}", "log"), replay))
+        replay = Link(run.replay.name, "replay") if run.replay else ""
+        files.append((name, Link(f"logs/{run.log.name}", "log"), replay))
     scenario = Preformatted(json.dumps(logs[0].scenario, indent=2, sort_keys=True))
-    return Section(
-        "Replays, logs and provenance",
-        [
-            ("Numbers of every run:", Link(summary)),
-            Table(("run", "log", "replay"), linked),
-            Table(("what", "value"), rows),
-            Folded(f"Resolved scenario of {next(iter(runs))}", [scenario]),
-        ],
-    )
+    parts: list[Part] = [
+        ("Numbers of every run:", Link(summary)),
+        Table(("run", "log", "replay"), files),
+        Table(("what", "value"), facts),
+        Folded(f"Resolved scenario of {next(iter(runs))}", [scenario]),
+    ]
+    return Section("Replays, logs and provenance", parts)

@@ -49,98 +49,95 @@ class ShownEntry(StrictModel):
     candidates: list[ShownCandidate]
 
     def run(self, who: ShownCandidate) -> Scenario:
-        """The run of a candidate."""
-        car = next(
-            member for member in load_ensemble(self.ensemble).members if member.name == self.car
-        )
-        own = [*car.settings_on(self.scenario), *self.settings, *who.settings]
-        return load_scenario(self.scenario, [*own, f"manoeuvre.speed={self.speed_m_per_s!r}"])
+        """Makes the run of a candidate."""
+        members = load_ensemble(self.ensemble).members
+        car = next(member for member in members if member.name == self.car)
+        speed = f"manoeuvre.speed={self.speed_m_per_s!r}"
+        settings = [*car.settings_on(self.scenario), *self.settings, *who.settings, speed]
+        return load_scenario(self.scenario, settings)
 
 
 def load_shown_entry() -> ShownEntry:
-    """The shipped choice. ScenarioError where a key is missing, unknown or of another kind."""
+    """Loads the shipped choice; ScenarioError where a key is missing, unknown or wrong."""
     path = model_path(SHOWN)
     return checked(ShownEntry, read_yaml(path), str(path), schema=SCHEMA)
 
 
 def _entries() -> pd.DataFrame:
-    """The shipped table; a run that came to nothing leaves the entry speed unknown, NaN."""
+    """Reads the shipped table; a run that came to nothing leaves the entry speed unknown, NaN."""
     table = pd.read_csv(model_path(ENTRIES))
-    return table.assign(
-        **{SPEED: table[SPEED].mask(table["ended_by"].fillna("").str.startswith(UNKNOWN))}
-    )
+    unknown = table["ended_by"].fillna("").str.startswith(UNKNOWN)
+    table[SPEED] = table[SPEED].mask(unknown)
+    return table
 
 
 def entry_medians(floor: str = "x 1.2") -> pd.DataFrame:
-    """Median entry speeds of the shipped table on a floor as texts: a row per candidate, a column
-    per manoeuvre.
+    """Lists median entry speeds of the shipped table on a floor as texts: a row per candidate, a
+    column per manoeuvre.
 
     In brackets: how many cars complete the manoeuvre.
     """
     table = _entries().query("floor == @floor")
-    cells = {
-        case: _median(own) for case, own in table.groupby(["candidate", "manoeuvre"], sort=False)
-    }
-    return pd.Series(cells).unstack()[table["manoeuvre"].unique()].loc[table["candidate"].unique()]
+    cases = table.groupby(["candidate", "manoeuvre"], sort=False)
+    cells = pd.Series({case: _median(cars) for case, cars in cases}).unstack()
+    return cells.loc[table["candidate"].unique(), table["manoeuvre"].unique()]
 
 
-def _median(own: pd.DataFrame) -> str:
-    speeds = own.dropna(subset=SPEED)
+def _median(cars: pd.DataFrame) -> str:
+    """Writes the median speed of the cars that complete a manoeuvre, and how many do."""
+    speeds = cars.dropna(subset=SPEED)
     if speeds.empty:
         return "none"
     median = speeds[SPEED].median()
     unbounded = speeds[SPEED].mask(speeds["at_ceiling"], math.inf).median()
-    return f"{'≥ ' if unbounded > median else ''}{median:.2f} ({len(speeds)} of {len(own)})"
+    return f"{'≥ ' if unbounded > median else ''}{median:.2f} ({len(speeds)} of {len(cars)})"
 
 
 def entry_chapter(shown: ShownEntry, run_logs: Mapping[str, RunLog]) -> list[Section]:
-    """The replays in step, and the medians of all manoeuvres.
+    """Shows the replays in step, and the medians of all manoeuvres.
 
     Args:
         shown: what is shown.
         run_logs: name of a candidate -> its run.
     """
-    who = {one.name: one.words for one in shown.candidates}
+    words = {candidate.name: candidate.words for candidate in shown.candidates}
     place = "manoeuvre == @shown.manoeuvre and car == @shown.car and floor == @shown.floor"
-    there = _entries().query(place).set_index("candidate")[SPEED]
-    speeds = there.map("enters at {:.2f} m/s at most".format).mask(
-        there.isna(), "completes it at no speed"
-    )
-    captions = [
-        f"{words}: {_ending(run_logs[name])} ({speeds[name]})" for name, words in who.items()
-    ]
+    limits = _entries().query(place).set_index("candidate")[SPEED]
+    logs = [run_logs[name] for name in words]
+    captions = []
+    for name, run_log in zip(words, logs, strict=True):
+        limit = f"enters at {limits[name]:.2f} m/s at most"
+        if math.isnan(limits[name]):
+            limit = "completes it at no speed"
+        captions.append(f"{words[name]}: {_ending(run_log)} ({limit})")
     case = f"{shown.manoeuvre} at {shown.speed_m_per_s:g} m/s ({shown.car}, friction {shown.floor})"
     medians = entry_medians(shown.floor)
-    rows = [
-        [who.get(name, name), *row]
-        for name, row in zip(medians.index, medians.to_numpy(), strict=True)
-    ]
-    said = (
+    rows = [[words.get(row[0], row[0]), *row[1:]] for row in medians.itertuples(name=None)]
+    explanation = (
         "Medians in m/s over the cars that complete a manoeuvre, and how many do: two wheels of "
         "one side never lift by 5 mm, only wheels touch the ground, the car goes straight again, "
         "and before that its mean lateral acceleration is nearly that without a tail. The cars are "
         "few, each on its own floor, with a larger tail than was built, and ≥ says that climbs "
         "ended at their ceiling."
     )
+    replays = replays_in_step(logs, list(words.values()), captions)
+    table = Table(["candidate", *medians], rows)
     return [
-        Section(
-            f"In step: {case}",
-            [replays_in_step([run_logs[name] for name in who], list(who.values()), captions)],
-        ),
-        Section("How fast they may enter", [Table(["candidate", *medians], rows), said]),
+        Section(f"In step: {case}", [replays]),
+        Section("How fast they may enter", [table, explanation]),
     ]
 
 
 def _ending(run_log: RunLog) -> str:
-    found = tip_up(run_log, steered_windows(run_log))
+    """Says how a run ended, and how hard the car turned."""
+    result = tip_up(run_log, steered_windows(run_log))
     if outcome_of(run_log).result == "flipped":
         return "rolls over"
-    last = found.last_yaw_rate_rad_per_s or 0.0
-    said = "stays upright"
-    if found.touched_when_steered:
-        said = f"{found.touched_when_steered} on the ground"
-    if (found.side_lift_m or 0.0) > TWO_WHEELS:
-        said = "lifts two wheels"
-    elif abs(last) > EXIT_YAW_RATE:
-        said += ", goes on turning"
-    return f"{said}, {found.lateral_acceleration_m_per_s2 or math.nan:.1f} m/s² to the side"
+    ending = "stays upright"
+    if result.touched_when_steered:
+        ending = f"{result.touched_when_steered} on the ground"
+    if (result.side_lift_m or 0.0) > TWO_WHEELS:
+        ending = "lifts two wheels"
+    elif abs(result.last_yaw_rate_rad_per_s or 0.0) > EXIT_YAW_RATE:
+        ending += ", goes on turning"
+    return f"{ending}, {result.lateral_acceleration_m_per_s2 or math.nan:.1f} m/s² to the side"

@@ -21,6 +21,8 @@ PURPLE = "#CC79A7"
 GREY = "#6b6b6b"
 TURN_SHADE = "#e9e4d4"
 
+_DPI = 130
+"""Pixels per inch of a PNG."""
 RC: Any = {  # matplotlib's stubs name every key
     "font.family": "DejaVu Sans",
     "font.size": 9.5,
@@ -45,8 +47,8 @@ RC: Any = {  # matplotlib's stubs name every key
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """The settings of all figures, also as a decorator; settings of a notebook outside are left as
-    they are.
+    """Applies the settings of all figures, also as a decorator; settings of a notebook outside are
+    left as they are.
     """
     with matplotlib.rc_context(RC):
         yield
@@ -55,25 +57,26 @@ def styled() -> Iterator[None]:
 def new_figure(
     width: float, height: float, rows: int = 1, columns: int = 1, **options: Any
 ) -> tuple[Figure, Any]:
-    """A figure of width x height inches and its axes, shape (rows, columns)."""
+    """Makes a figure of width x height inches and its axes, shape (rows, columns)."""
     figure = Figure(figsize=(width, height))
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def shade_turn(axes: Axes, window: tuple[float, float], label: str = "") -> None:
+def shade_turn(axes: Axes, window: tuple[float, float]) -> None:
     """Marks the turn: from the steering command until the wheels are straight again."""
-    axes.axvspan(*window, color=TURN_SHADE, zorder=0, linewidth=0, label=label or None)
+    axes.axvspan(*window, color=TURN_SHADE, zorder=0, linewidth=0)
 
 
-def png(figure: Figure, dpi: int = 130) -> bytes:
-    """The figure as PNG, the same bytes for the same figure (no time stamp, no version in it).
+def png(figure: Figure) -> bytes:
+    """Draws the figure as PNG, the same bytes for the same figure (no time stamp, no version in
+    it).
 
     The canvas is asked itself: `Figure.savefig` draws every figure twice, once only to lay it out.
     """
     buffer = io.BytesIO()
     own_dpi = figure.get_dpi()
     canvas: Any = FigureCanvasAgg(figure)
-    figure.set_dpi(dpi)
+    figure.set_dpi(_DPI)
     try:
         with styled():
             canvas.print_png(buffer, metadata={"Software": None})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +12,13 @@ from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.signal_table import WHEELS
-from aerodima.workbench.view.dead_reckoning import RECKONED
+from aerodima.workbench.view.dead_reckoning import DEAD_RECKONING
 from aerodima.workbench.view.logged_run import LoggedRun
 from aerodima.workbench.view.viewer import WORLD
 
+Colour = tuple[float, float, float]
+"""Red, green and blue from 0 to 1."""
 WHEEL_COLOUR = (0.10, 0.55, 0.25)
 """Red, green, blue from 0 to 1: force of the ground on a wheel."""
 AIR_COLOUR = (0.85, 0.25, 0.10)
@@ -45,41 +47,40 @@ class ForceArrow:
     """
 
     name: str
-    colour: tuple[float, float, float]
+    colour: Colour
     points: FloatArray
     lengths: FloatArray
 
     @property
     def shown(self) -> NDArray[np.bool_]:
-        """Whether the arrow is long enough to be drawn, shape (n,)."""
+        """Says whether the arrow is long enough to be drawn, shape (n,)."""
         return np.linalg.norm(self.lengths, axis=1) > SHOWN_LENGTH
 
 
 def force_arrows(logged: LoggedRun) -> list[ForceArrow]:
-    """Arrows of a run, a row per row of the log; none for a real car, which logs no forces."""
+    """Makes the arrows of a run, a row per row of the log; none for a real car, which logs no
+    forces.
+    """
     run_log = logged.run_log
-    if RECKONED in run_log.extra:
+    if DEAD_RECKONING in run_log.extra:
         return []
     wheels = [wheel for wheel in WHEELS if f"wheel_contact_{wheel}_x_truth_m" in run_log.table]
-    arrows = [_wheel_arrow(run_log, wheel) for wheel in wheels]
+    arrows = []
+    for wheel in wheels:
+        lengths = WHEEL_SCALE * run_log.vector(f"wheel_force_{wheel}", "truth_n")
+        points = run_log.vector(f"wheel_contact_{wheel}", "truth_m")
+        arrows.append(ForceArrow(f"ground_on_{wheel}", WHEEL_COLOUR, points, lengths))
     for air in logged.air:
+        lengths = logged.air_scale * air.force
         points = point_on_axis(air.force, air.moment, air.root, air.tip)
-        arrows.append(
-            ForceArrow(f"air_on_{air.name}", AIR_COLOUR, points, logged.air_scale * air.force)
-        )
+        arrows.append(ForceArrow(f"air_on_{air.name}", AIR_COLOUR, points, lengths))
     return arrows
-
-
-def _wheel_arrow(run_log: RunLog, wheel: str) -> ForceArrow:
-    force = run_log.vector(f"wheel_force_{wheel}", "truth_n")
-    points = run_log.vector(f"wheel_contact_{wheel}", "truth_m")
-    return ForceArrow(f"ground_on_{wheel}", WHEEL_COLOUR, points, WHEEL_SCALE * force)
 
 
 def point_on_axis(
     force: FloatArray, moment: FloatArray, root: FloatArray, tip: FloatArray
 ) -> FloatArray:
-    """The point of the tail's axis that is nearest to the line of action of a force.
+    """Finds the point of the tail's axis that is nearest to the line of action of a force.
 
     The line of action is q + s F with q = F x M / F.F, where M is the moment about the world
     origin. A point r + t u of the axis is nearest to it where (r + t u - q) is perpendicular to
@@ -92,15 +93,19 @@ def point_on_axis(
         root, tip: ends of the tail in W, m, shape (n, 3).
     """
     axis = tip - root
-    square = np.einsum("ij,ij->i", force, force)[:, None]
+    square = _dot(force, force)
     safe = np.where(square > 0.0, square, 1.0)
     q = np.cross(force, moment) / safe
-    across = axis - force * np.einsum("ij,ij->i", force, axis)[:, None] / safe
-    weight = np.einsum("ij,ij->i", across, axis)
-    usable = (square[:, 0] > 0.0) & (weight > 1e-9 * np.einsum("ij,ij->i", axis, axis))
-    fraction = np.einsum("ij,ij->i", across, q - root) / np.where(usable, weight, 1.0)
-    fraction = np.where(usable, np.clip(fraction, 0.0, 1.0), 0.5)
-    return root + fraction[:, None] * axis
+    across = axis - force * _dot(force, axis) / safe
+    weight = _dot(across, axis)
+    usable = (square > 0.0) & (weight > 1e-9 * _dot(axis, axis))
+    fraction = _dot(across, q - root) / np.where(usable, weight, 1.0)
+    return root + np.where(usable, np.clip(fraction, 0.0, 1.0), 0.5) * axis
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Computes the dot products of the rows of two arrays (n, 3), shape (n, 1)."""
+    return np.einsum("ij,ij->i", a, b)[:, None]
 
 
 @dataclass(frozen=True)
@@ -114,45 +119,43 @@ class DrawnArrow:
     path: str
 
     @classmethod
-    def make(cls, meshcat: Meshcat, name: str, colour: tuple[float, float, float]) -> DrawnArrow:
+    def make(cls, meshcat: Meshcat, name: str, colour: Colour) -> DrawnArrow:
         """Adds the arrow of a force to the world that moves under the camera."""
         arrow = cls(f"{WORLD}/forces/{name}")
-        meshcat.SetObject(f"{arrow.path}/shaft", Cylinder(_SHAFT_RADIUS, 1.0), Rgba(*colour))
-        meshcat.SetObject(
-            f"{arrow.path}/head",
-            MeshcatCone(_HEAD_LENGTH, _HEAD_RADIUS, _HEAD_RADIUS),
-            Rgba(*colour),
-        )
+        shaft = Cylinder(_SHAFT_RADIUS, 1.0)
+        head = MeshcatCone(_HEAD_LENGTH, _HEAD_RADIUS, _HEAD_RADIUS)
+        meshcat.SetObject(f"{arrow.path}/shaft", shaft, Rgba(*colour))
+        meshcat.SetObject(f"{arrow.path}/head", head, Rgba(*colour))
         return arrow
 
-    def placed(
-        self, point: FloatArray, length: FloatArray
-    ) -> tuple[dict[str, RigidTransform], float]:
-        """Path -> pose of its parts, and the length of the shaft, m.
+    def move(self, scene: Any, point: FloatArray, length: FloatArray, *frame: int) -> None:
+        """Puts the arrow where it belongs.
 
         Args:
+            scene: Meshcat, or an animation.
             point: foot in W, m, shape (3,).
             length: from foot to point of the arrow, W axes, m, shape (3,); not zero.
+            frame: number of the frame of an animation.
         """
         whole = float(np.linalg.norm(length))
         shaft = max(whole - _HEAD_LENGTH, 1e-3)
+        middle = np.array([0.0, 0.0, shaft / 2])
+        tip = np.array([0.0, 0.0, shaft + _HEAD_LENGTH])
         # The cone has its point at the origin and opens along z.
         turned = RotationMatrix.MakeXRotation(np.pi)
-        poses = {
-            self.path: RigidTransform(shortest_turn(length / whole), point),
-            f"{self.path}/shaft": RigidTransform(np.array([0.0, 0.0, shaft / 2])),
-            f"{self.path}/head": RigidTransform(turned, np.array([0.0, 0.0, shaft + _HEAD_LENGTH])),
-        }
-        return poses, shaft
+        X_WA = RigidTransform(shortest_turn(length / whole), point)
+        scene.SetTransform(*frame, self.path, X_WA)
+        scene.SetTransform(*frame, f"{self.path}/shaft", RigidTransform(middle))
+        scene.SetTransform(*frame, f"{self.path}/head", RigidTransform(turned, tip))
+        scene.SetProperty(*frame, f"{self.path}/shaft", "scale", [1.0, 1.0, shaft])
 
 
 def shortest_turn(direction: FloatArray) -> RotationMatrix:
-    """Rotation that turns z to a unit vector (3,) about the axis across both; half a turn about x
-    for -z.
+    """Finds the rotation that turns z to a unit vector (3,) about the axis across both; half a turn
+    about x for -z.
     """
     w = 1.0 + float(direction[2])
     if w < 1e-9:
         return RotationMatrix.MakeXRotation(np.pi)
-    return RotationMatrix(
-        Quaternion(np.array([w, -direction[1], direction[0], 0.0]) / np.sqrt(2.0 * w))
-    )
+    wxyz = np.array([w, -direction[1], direction[0], 0.0]) / np.sqrt(2.0 * w)
+    return RotationMatrix(Quaternion(wxyz))

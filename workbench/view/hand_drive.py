@@ -28,15 +28,15 @@ from aerodima.workbench.logs.schema import DRIVEN_BY, run_metadata
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.view.viewer import WORLD, ChaseCamera
 
-SLICE = 0.02
+CONTROL_PERIOD = 0.02
 """s of the run between two looks at the controls."""
-LOOK = 0.1
+DISPLAY_PERIOD = 0.1
 """s of the run between two values shown: a page drawn in software falls behind with more."""
 ACCELERATION = 3.0
 """Change of the commanded speed, m/s2: what the car's tyres and drive follow on a floor of 0.5."""
 TAIL_SPEED = 8.0
 """Fastest commanded roll of a tail moved by hand, rad/s: the published swing (Table 6.4)."""
-LATE = 0.9
+MIN_PACE = 0.9
 """Below this share of the wanted pace a message warns the driver."""
 # Names of the sliders.
 STEERING = "steering, deg"
@@ -48,7 +48,7 @@ PACE_NOW = "pace now, 1 = real time"
 SPEED_NOW = "speed now, m/s"
 TIME_NOW = "time, s"
 HEADING_NOW = "heading, deg, left +"
-LONGEST = 3600.0
+MAX_TIME = 3600.0
 """The time stops there on its slider, s; the run goes on."""
 # Names of the buttons.
 STRAIGHT = "straight"
@@ -81,7 +81,7 @@ PAD_ACCELERATION = 4.0
 
 
 @dataclass
-class Wishes:
+class ManualInput:
     """What the driver asks for now.
 
     Attributes:
@@ -105,7 +105,7 @@ class Wishes:
 
 
 @dataclass(frozen=True)
-class Shown:
+class DisplayState:
     """What the driver sees of the run.
 
     Attributes:
@@ -122,47 +122,51 @@ class Shown:
 
 
 class Controls(Protocol):
-    """Where wishes come from, and where the driver sees what became of them."""
+    """Where the driver's commands come from, and where the driver sees what became of them."""
 
-    def wishes(self) -> Wishes:
-        """The wishes of this moment."""
+    def poll(self) -> ManualInput:
+        """Reads what the driver asks for now."""
 
-    def show(self, now: Shown) -> None:
-        """Called every `LOOK` s of the run."""
+    def show(self, now: DisplayState) -> None:
+        """Shows the state, every `DISPLAY_PERIOD` s of the run."""
 
 
 @dataclass
-class WishedDriving:
-    """A `Schedule` that follows wishes; the speed is ramped, so that the wheels do not spin.
+class ManualSchedule:
+    """A `Schedule` that follows a driver; the speed is ramped, so that the wheels do not spin.
 
     Args:
         line: throttle of a speed.
         limit: largest steering angle, rad.
-        wishes: as of now, replaced from outside.
+        command: as of now, replaced from outside.
     """
 
     line: ThrottleLine
     limit: float
-    wishes: Wishes = field(default_factory=Wishes)
+    command: ManualInput = field(default_factory=ManualInput)
     _speed: float = 0.0
     _time: float = 0.0
 
     def at(self, time: float) -> DriverInput:
         """Inputs at `time` s; asked in the order of time."""
-        most = ACCELERATION * (time - self._time)
-        change = float(np.clip(self.wishes.speed - self._speed, -most, most))
-        self._speed = self._speed + change
+        command = self.command
+        max_change = ACCELERATION * (time - self._time)
+        change = _clip(command.speed - self._speed, max_change)
+        self._speed += change
         self._time = time
         acceleration = 0.0
-        if most > 0.0:
-            acceleration = change / most * ACCELERATION
-        steering = float(np.clip(self.wishes.steering, -self.limit, self.limit))
-        return DriverInput(
-            steering, self.line.throttle(self._speed, acceleration), self.wishes.planned_turn
-        )
+        if max_change > 0.0:
+            acceleration = change / max_change * ACCELERATION
+        throttle = self.line.throttle(self._speed, acceleration)
+        return DriverInput(_clip(command.steering, self.limit), throttle, command.planned_turn)
 
 
-class HandOrLaw:
+def _clip(value: float, limit: float) -> float:
+    """Limits the magnitude of a number; NaN stays."""
+    return float(np.clip(value, -limit, limit))
+
+
+class ManualOverrideLaw:
     """A `TailLaw` that moves the tail's roll to where the driver wants it, or lets another law do
     as it does.
 
@@ -170,36 +174,34 @@ class HandOrLaw:
 
     Args:
         law: moves the tail when the hand does not.
-        driving: whose wishes say which of the two.
+        schedule: whose command say which of the two.
         gains: position and rate gain, N m/rad and N m s/rad.
     """
 
-    def __init__(self, law: TailLaw, driving: WishedDriving, gains: tuple[float, float]) -> None:
+    def __init__(self, law: TailLaw, schedule: ManualSchedule, gains: tuple[float, float]) -> None:
         self._law = law
-        self._driving = driving
+        self._schedule = schedule
         self._gains = gains
         self.rate = law.rate
         self.memory_size = law.memory_size + 1
 
     def start(self) -> np.ndarray:
-        """Memory of the law, and the last angle of the hand, NaN before there is one."""
+        """Joins the memory of the law and the last angle of the hand, NaN before there is one."""
         return np.append(self._law.start(), math.nan)
 
     def step(
         self, memory: np.ndarray, observation: Observation
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        """See `TailLaw`."""
+        """Steps the law, and moves the tail by hand; see `TailLaw`."""
         after, pitch, roll, state = self._law.step(memory[:-1], observation)
-        wanted = self._driving.wishes.tail_roll
-        if math.isnan(memory[-1]):
-            held = observation.roll_angle
-        else:
-            held = memory[-1]
-        if math.isnan(wanted) or math.isnan(held):
-            return np.append(after, math.nan), pitch, roll, state
-        most = TAIL_SPEED / self.rate
-        angle = held + float(np.clip(wanted - held, -most, most))
-        return np.append(after, angle), pitch, np.array([angle, 0.0, *self._gains, 0.0]), state
+        wanted = self._schedule.command.tail_roll
+        angle = memory[-1]
+        if math.isnan(angle):
+            angle = observation.roll_angle
+        angle += _clip(wanted - angle, TAIL_SPEED / self.rate)
+        if not math.isnan(angle):
+            roll = np.array([angle, 0.0, *self._gains, 0.0])
+        return np.append(after, angle), pitch, roll, state
 
 
 def drive_by_hand(
@@ -212,8 +214,8 @@ def drive_by_hand(
     force: bool = False,
     say: Callable[[str], None] = print,
 ) -> list[Path]:
-    """Simulates a car that is driven by hand until the driver ends it; gives the logs that were
-    written.
+    """Simulates a car that is driven by hand until the driver ends it; returns the logs
+    that were written.
 
     Args:
         scenario: of a car; of its manoeuvre nothing is used.
@@ -230,16 +232,15 @@ def drive_by_hand(
     """
     written: list[Path] = []
     for attempt in count(1):
-        if log is None or attempt == 1:
-            path = log
-        else:
+        path = log
+        if log is not None and attempt > 1:
             path = log.with_stem(f"{log.stem}_{attempt}")
-        driving = WishedDriving(throttle_line(scenario), scenario.servo.limit)
+        schedule = ManualSchedule(throttle_line(scenario), scenario.servo.limit)
         gains = (scenario.controller.hold_kp, scenario.controller.hold_kd)
         if meshcat is not None:
             meshcat.Delete(f"{WORLD}/visualizer")
-        hand = HandOrLaw(law_of_scenario(scenario), driving, gains)
-        car = assemble(scenario, meshcat=meshcat, tail_law=hand, schedule=driving)
+        hand = ManualOverrideLaw(law_of_scenario(scenario), schedule, gains)
+        car = assemble(scenario, meshcat=meshcat, tail_law=hand, schedule=schedule)
         extra = {**plant_facts(car.station), DRIVEN_BY: "hand (simulation)"}
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=extra)
         with (
@@ -253,7 +254,7 @@ def drive_by_hand(
             simulator = Simulator(car.builder.Build())
             simulator.Initialize()
             again = _drive(
-                simulator, ChaseCamera(car.station, meshcat), controls, driving, length, say
+                simulator, ChaseCamera(car.station, meshcat), controls, schedule, length, say
             )
         if path is not None:
             written.append(path)
@@ -266,46 +267,47 @@ def _drive(
     simulator: Simulator,
     camera: ChaseCamera,
     controls: Controls,
-    driving: WishedDriving,
+    schedule: ManualSchedule,
     length: float,
     say: Callable[[str], None],
 ) -> bool:
-    """One drive from standstill on; whether another one is wanted."""
+    """Simulates one drive from standstill on; says whether another one is wanted."""
     context = simulator.get_context()
-    first = controls.wishes().attempt
+    attempt = controls.poll().attempt
     warned = False
     pace = 1.0
-    begun = wall.monotonic()
-    at = 0.0
-    looked = -math.inf
+    clock = wall.monotonic()
+    start = 0.0
+    shown = -math.inf
     while context.get_time() < length:
-        wishes = controls.wishes()
-        if wishes.over or wishes.attempt != first:
-            return not wishes.over
-        if wishes.pace <= 0.0:
-            wall.sleep(SLICE)
-            begun = wall.monotonic()
-            at = context.get_time()
+        command = controls.poll()
+        if command.over or command.attempt != attempt:
+            return not command.over
+        if command.pace <= 0.0:
+            wall.sleep(CONTROL_PERIOD)
+            clock = wall.monotonic()
+            start = context.get_time()
             continue
-        driving.wishes = wishes
-        start = wall.monotonic()
-        simulator.AdvanceTo(min(context.get_time() + SLICE, length))
+        schedule.command = command
+        begun = wall.monotonic()
+        simulator.AdvanceTo(min(context.get_time() + CONTROL_PERIOD, length))
         speed, heading = camera.follow(context)
-        wall.sleep(max(0.0, SLICE / wishes.pace - (wall.monotonic() - start)))
-        if context.get_time() - at >= 1.0:
+        wall.sleep(max(0.0, CONTROL_PERIOD / command.pace - (wall.monotonic() - begun)))
+        time = context.get_time()
+        if time - start >= 1.0:
             now = wall.monotonic()
-            pace = (context.get_time() - at) / (now - begun)
-            begun = now
-            at = context.get_time()
-            if pace < LATE * wishes.pace and not warned:
+            pace = (time - start) / (now - clock)
+            clock = now
+            start = time
+            if pace < MIN_PACE * command.pace and not warned:
                 warned = True
                 say(
-                    f"this computer keeps up at {pace:.2f} of real time, not {wishes.pace:g}: the "
+                    f"this computer keeps up at {pace:.2f} of real time, not {command.pace:g}: the "
                     "run slows down"
                 )
-        if context.get_time() - looked >= LOOK - SLICE / 2:
-            looked = context.get_time()
-            controls.show(Shown(looked, speed, heading, pace))
+        if time - shown >= DISPLAY_PERIOD - CONTROL_PERIOD / 2:
+            shown = time
+            controls.show(DisplayState(time, speed, heading, pace))
     return False
 
 
@@ -339,14 +341,14 @@ class MeshcatControls:
         meshcat.AddSlider(PACE, 0.1, 1.0, 0.1, pace)
         meshcat.AddSlider(PACE_NOW, 0.0, 1.0, 0.01, 0.0)
         meshcat.AddSlider(SPEED_NOW, 0.0, math.ceil(self._top), 0.01, 0.0)
-        meshcat.AddSlider(TIME_NOW, 0.0, LONGEST, 0.1, 0.0)
+        meshcat.AddSlider(TIME_NOW, 0.0, MAX_TIME, 0.1, 0.0)
         meshcat.AddSlider(HEADING_NOW, -180.0, 180.0, 1.0, 0.0)
         for name, key in KEYS.items():
             meshcat.AddButton(name, key)
         self._straightened = 0
 
-    def wishes(self) -> Wishes:
-        """The wishes of this moment."""
+    def poll(self) -> ManualInput:
+        """Reads what the driver asks for now."""
         meshcat = self._meshcat
         clicks = meshcat.GetButtonClicks(STRAIGHT)
         if clicks != self._straightened:
@@ -354,17 +356,14 @@ class MeshcatControls:
             meshcat.SetSliderValue(STEERING, 0.0)
         if not self._read_pad():
             self._steering = math.radians(meshcat.GetSliderValue(STEERING))
-        if self._pad:
-            speed = self._pad_speed
-        else:
-            speed = meshcat.GetSliderValue(SPEED)
+        speed = self._pad_speed if self._pad else meshcat.GetSliderValue(SPEED)
         tail_roll = math.nan
         if meshcat.GetButtonClicks(BY_HAND) % 2 == 1:
             tail_roll = math.radians(meshcat.GetSliderValue(TAIL))
         pace = 0.0
         if meshcat.GetButtonClicks(PAUSE) % 2 == 0:
             pace = meshcat.GetSliderValue(PACE)
-        return Wishes(
+        return ManualInput(
             steering=self._steering,
             speed=speed,
             planned_turn=meshcat.GetSliderValue(NEXT_TURN),
@@ -374,23 +373,21 @@ class MeshcatControls:
             over=meshcat.GetButtonClicks(END) > 0,
         )
 
-    def show(self, now: Shown) -> None:
-        """Each on its slider, the pace in Meshcat's own chart too."""
-        self._meshcat.SetSliderValue(PACE_NOW, min(now.pace, 1.0))
-        self._meshcat.SetSliderValue(SPEED_NOW, now.speed)
-        self._meshcat.SetSliderValue(HEADING_NOW, math.degrees(now.heading))
-        self._meshcat.SetSliderValue(TIME_NOW, min(now.time, LONGEST))
-        self._meshcat.SetRealtimeRate(now.pace)
+    def show(self, now: DisplayState) -> None:
+        """Shows each on its slider, the pace in Meshcat's own chart too."""
+        meshcat = self._meshcat
+        meshcat.SetSliderValue(PACE_NOW, min(now.pace, 1.0))
+        meshcat.SetSliderValue(SPEED_NOW, now.speed)
+        meshcat.SetSliderValue(HEADING_NOW, math.degrees(now.heading))
+        meshcat.SetSliderValue(TIME_NOW, min(now.time, MAX_TIME))
+        meshcat.SetRealtimeRate(now.pace)
 
     def _read_pad(self) -> bool:
         """Takes what a gamepad says; whether one is there."""
         meshcat = self._meshcat
-        pad = self._meshcat.GetGamepad()
-        there = (
-            pad.index is not None
-            and len(pad.axes) > RIGHT_X
-            and len(pad.button_values) > ACCELERATE
-        )
+        pad = meshcat.GetGamepad()
+        complete = len(pad.axes) > RIGHT_X and len(pad.button_values) > ACCELERATE
+        there = pad.index is not None and complete
         if there != self._pad:
             self._pad = there
             self._pad_speed = meshcat.GetSliderValue(SPEED)
@@ -407,7 +404,7 @@ class MeshcatControls:
             left = pad.axes[LEFT_X]
         self._steering = -math.radians(self._limit) * left
         pulled = pad.button_values[ACCELERATE] - pad.button_values[BRAKE]
-        speed = self._pad_speed + PAD_ACCELERATION * pulled * SLICE
+        speed = self._pad_speed + PAD_ACCELERATION * pulled * CONTROL_PERIOD
         self._pad_speed = min(self._top, max(0.0, speed))
         meshcat.SetSliderValue(SPEED, self._pad_speed)
         right = pad.axes[RIGHT_X]

@@ -26,7 +26,12 @@ from aerodima.workbench.metrics.run_summary import tails_of
 from aerodima.workbench.scenario.scenario import scenario_from_dict
 from aerodima.workbench.scenario.signal_table import PLANT_POSITION_PREFIX
 from aerodima.workbench.view.dead_reckoning import replayable, with_turning_sail
-from aerodima.workbench.view.scene_shapes import WORLD_BODY, add_shapes, points_of
+from aerodima.workbench.view.scene_shapes import (
+    WORLD_BODY,
+    add_shapes,
+    point_paths,
+    shape_points,
+)
 
 SCENE = "scene"
 """Key in `extra` of a `plant_run`: the shapes that its replay draws."""
@@ -36,17 +41,21 @@ AIR_SCALE = 0.10
 """Length of the arrow of the air on a tail, m per N, unless the run says another: the car's gives a
 few newtons."""
 _SAIL_POSITION = f"{PLANT_POSITION_PREFIX}tail_tail_sail_turn_q"
-_BELOW = 0.02
+_FLOOR_TOLERANCE = 0.02
 """A plant that reaches further below z = 0 than this (m), such as a pendulum, is drawn above a
 lower floor."""
-_LOOKS = 40
+_SAMPLED_ROWS = 40
 """Rows that say how large the plant is and how low it reaches."""
-_LEAST_SIZE = 0.15
+_MIN_SIZE = 0.15
 """The camera does not come nearer than to a plant of this radius, m."""
 _FOLLOW_TIME = 0.15
 """Width (s) of the smoothing of the camera's path: it does not shake with the car."""
 _CAMERA_SIDE = 0.45
 """Angle between the car's heading and the direction to the camera, rad."""
+
+
+Place = tuple[float, float, float]
+"""Distance and height of a camera, and height of the point that it looks at, m."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +102,7 @@ class LoggedRun:
     tips: dict[str, FloatArray]
     air: list[AirOnTail]
     air_scale: float
-    camera_place: tuple[float, float, float]
+    camera_place: Place
     floor: float = 0.0
 
     def move(self, plant_context: Context, row: int) -> None:
@@ -102,7 +111,9 @@ class LoggedRun:
 
     @property
     def camera_path(self) -> FloatArray:
-        """The point of the floor that stays in the middle of the picture, W, m, shape (n, 3)."""
+        """Smooths the point of the floor that stays in the middle of the picture, W, m, shape (n,
+        3).
+        """
         com = self.run_log.vector("com", "truth_m")
         time = self.run_log.time
         com[:, 2] = self.floor
@@ -113,8 +124,8 @@ class LoggedRun:
 
     @property
     def camera_azimuth(self) -> float:
-        """Direction (rad about z) from the robot to the camera: ahead, to the outside of the turn,
-        halfway through it.
+        """Chooses the direction (rad about z) from the robot to the camera: ahead, to the outside
+        of the turn, halfway through it.
 
         A plant without a base has no heading: the camera looks along y then, a little from the
         side.
@@ -122,9 +133,10 @@ class LoggedRun:
         if "yaw_truth_rad" not in self.run_log.table:
             return -0.5 * np.pi + _CAMERA_SIDE
         yaw = self.run_log.signal("yaw_truth_rad")
-        final = float(np.clip(yaw[-1] - yaw[0], -np.pi / 2, np.pi / 2))
+        quarter = np.pi / 2
+        final = float(np.clip(yaw[-1] - yaw[0], -quarter, quarter))
         side = -_CAMERA_SIDE if final >= 0 else _CAMERA_SIDE
-        return float(yaw[0]) + 0.5 * final + side
+        return float(yaw[0] + 0.5 * final + side)
 
 
 def add_logged_run(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
@@ -142,6 +154,7 @@ def add_logged_run(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
 
 
 def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
+    """Adds the plant of a car's scenario, with the positions of its log."""
     name = run_log.name
     try:
         scenario = scenario_from_dict(run_log.scenario)
@@ -150,103 +163,81 @@ def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     car = add_car_plant(builder, with_turning_sail(scenario))
     plant = car.plant
     table = run_log.table
-    if (
-        scenario.tail.sail == "facing"
-        and car.tail is not None
-        and _SAIL_POSITION not in table.columns
-    ):
+    if scenario.tail.sail == "facing" and car.tail is not None and _SAIL_POSITION not in table:
         # Its simulation has no such joint.
         table = table.assign(**{_SAIL_POSITION: run_log.signal("sail_angle_rad")})
-    wanted = [PLANT_POSITION_PREFIX + position for position in plant.GetPositionNames()]
-    logged = {column for column in table.columns if column.startswith(PLANT_POSITION_PREFIX)}
-    if set(wanted) != logged:
-        missing = sorted(set(wanted) - logged)
-        foreign = sorted(logged - set(wanted))
+    columns = [PLANT_POSITION_PREFIX + position for position in plant.GetPositionNames()]
+    logged = {column for column in table if column.startswith(PLANT_POSITION_PREFIX)}
+    if set(columns) != logged:
+        missing = ", ".join(sorted(set(columns) - logged))
+        unknown = ", ".join(sorted(logged - set(columns)))
         raise LogError(
             f"{name}: its plant positions are not those of the car of its scenario; "
-            f"missing: {', '.join(missing) or 'none'}; unknown: {', '.join(foreign) or 'none'}"
+            f"missing: {missing or 'none'}; unknown: {unknown or 'none'}"
         )
-    positions = table[wanted].to_numpy(dtype=np.float64)
+    positions = table[columns].to_numpy(float)
     if not np.all(np.isfinite(positions)):
         row, column = np.argwhere(~np.isfinite(positions))[0]
-        raise LogError(f"{name}: {wanted[column]} is not finite at {run_log.time[row]:g} s")
+        raise LogError(f"{name}: {columns[column]} is not finite at {run_log.time[row]:g} s")
     path = run_log.vector("position", "truth_m")
     place = (2.0, 0.9, 0.25)
-    tips: dict[str, FloatArray] = {}
+    tips = {}
     air = []
     if car.tail is not None:
         tip = run_log.vector("tail_tip", "truth_m")
         place = (3.0, 1.3, 0.5)  # a tail needs room
         tips = {"tail_tip": tip}
-        if "tail_force_x_truth_n" in table.columns:
+        if "tail_force_x_truth_n" in table:
             force = run_log.vector("tail_force", "truth_n")
             moment = run_log.vector("tail_force_moment", "truth_n_m")
-            root = _origins(plant, "tail_rod", positions)
+            root = point_paths(plant, "tail_rod", np.zeros((1, 3)), positions)[:, 0]
             air = [AirOnTail("tail", force, moment, root, tip)]
     return LoggedRun(run_log, plant, car.scene_graph, positions, path, tips, air, AIR_SCALE, place)
 
 
-def _origins(plant: MultibodyPlant, body: str, positions: FloatArray) -> FloatArray:
-    """Where the origin of a body is in W, m, in each row of positions, shape (n, 3)."""
-    context = plant.CreateDefaultContext()
-    found = np.zeros((len(positions), 3))
-    for row, values in enumerate(positions):
-        plant.SetPositions(context, values)
-        found[row] = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(body)).translation()
-    return found
-
-
 def _add_plant(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
-    """Each body that had visible shapes as a free body."""
-    name = run_log.name
+    """Adds each body that had visible shapes as a free body."""
     extra = run_log.extra
     if not extra.get(SCENE):
         raise LogError(
-            f"{name}: has no shapes to be drawn; its plant was not registered with a scene graph"
+            f"{run_log.name}: has no shapes to be drawn; its plant was not registered with a scene "
+            "graph"
         )
     plant, scene_graph = add_plant(builder, 0.0)
-    bodies = add_shapes(plant, extra[SCENE], name)
+    bodies = add_shapes(plant, extra[SCENE], run_log.name)
     plant.Finalize()
-    tails = [tail for tail, _ in tails_of(run_log)]
-    wanted = [column for body in bodies for column in pose_columns(body)]
-    wanted += [column for tail in tails for column in air_columns(tail)] + [
-        f"com_{axis}_truth_m" for axis in "xyz"
-    ]
     path = run_log.vector("com", "truth_m")
-    check_signals(run_log.time, {column: run_log.signal(column) for column in wanted})
-    positions = np.zeros((len(run_log.table), plant.num_positions()))
+    com = {f"com_{axis}_truth_m": path[:, index] for index, axis in enumerate("xyz")}
+    check_signals(run_log.time, com)
+    positions = np.zeros((len(path), plant.num_positions()))
     for body in bodies:
         start = plant.GetBodyByName(body).floating_positions_start()
-        positions[:, start : start + 7] = run_log.table[pose_columns(body)].to_numpy(
-            dtype=np.float64
-        )
-    air = [
-        AirOnTail(
-            tail, *np.split(run_log.table[air_columns(tail)].to_numpy(dtype=np.float64), 4, axis=1)
-        )
-        for tail in tails
-    ]
-    tips = {one.name: one.tip for one in air}
+        positions[:, start : start + 7] = _numbers(run_log, pose_columns(body))
+    air = []
+    for tail, _ in tails_of(run_log):
+        parts = np.split(_numbers(run_log, air_columns(tail)), 4, axis=1)
+        air.append(AirOnTail(tail, *parts))
+    tips = {tail.name: tail.tip for tail in air}
     scale = float(extra.get(AIR_SCALE_KEY, AIR_SCALE))
-    context = plant.CreateDefaultContext()
-    size = _LEAST_SIZE
-    lowest = np.inf
-    moving = [
-        (plant.GetBodyByName(one["body"]), points_of(one))
-        for one in extra[SCENE]
-        if one["body"] != WORLD_BODY
-    ]
-    for row in np.unique(np.linspace(0, len(positions) - 1, _LOOKS).astype(int)):
-        plant.SetPositions(context, positions[row])
-        points = [
-            plant.EvalBodyPoseInWorld(context, body).multiply(points.T).T for body, points in moving
-        ]
-        points += [one.tip[row : row + 1] for one in air]
-        for some in points:
-            size = max(size, float(np.max(np.linalg.norm(some - path[row], axis=1))))
-            lowest = min(lowest, float(np.min(some[:, 2])))
-    scale = float(extra.get(AIR_SCALE_KEY, AIR_SCALE))
-    floor = lowest if lowest < -_BELOW else 0.0
+    rows = np.unique(np.linspace(0, len(path) - 1, _SAMPLED_ROWS).astype(int))
+    points = [tip[rows, None] for tip in tips.values()]
+    for shape in extra[SCENE]:
+        if shape["body"] != WORLD_BODY:
+            points.append(point_paths(plant, shape["body"], shape_points(shape), positions[rows]))
+    all_points = np.concatenate([path[rows, None], *points], axis=1)
+    distances = np.linalg.norm(all_points - path[rows, None], axis=2)
+    size = max(_MIN_SIZE, float(np.max(distances)))
+    floor = 0.0
+    lowest = min((float(np.min(points[..., 2])) for points in points), default=0.0)
+    if lowest < -_FLOOR_TOLERANCE:
+        floor = lowest
     target = float(np.median(path[:, 2])) - floor
     place = (3.6 * size, target + 0.9 * size, target)
     return LoggedRun(run_log, plant, scene_graph, positions, path, tips, air, scale, place, floor)
+
+
+def _numbers(run_log: RunLog, columns: list[str]) -> FloatArray:
+    """Reads columns, shape (n, number of columns); LogError for gaps and what is not finite."""
+    signals = {column: run_log.signal(column) for column in columns}
+    check_signals(run_log.time, signals)
+    return np.column_stack([*signals.values()])

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from aerodima.workbench.aero.tail_geometry import Piece, TailGeometry, unit_vector
+from aerodima.workbench.aero.tail_geometry import TailGeometry, unit_vector
 from aerodima.workbench.car.clearance import PARTS, RangeOfMotion
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.view.figure_style import (
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 
 _PART_COLOURS = dict(zip(PARTS, (VERMILION, ORANGE, PURPLE, BLUE), strict=True))
+_DASHED = (0, (3, 2))
+"""Matplotlib's line style of a margin and of a round side."""
 _FINE = 241
 """Angles of each joint at which the clearance is drawn."""
 _ARROW = 0.12
@@ -44,8 +47,8 @@ _ARROW = 0.12
 
 
 def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
-    """Two maps over tail roll (right positive) and pitch (forwards positive): clearance, and the
-    part next to the tail.
+    """Draws two maps over tail roll (right positive) and pitch (forwards positive): clearance, and
+    the part next to the tail.
 
     Args:
         motion: the map.
@@ -57,6 +60,8 @@ def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
     degrees = (np.degrees(r), np.degrees(p))
     least = motion.clearance(p, r)
     each = np.array([motion.clearance(p, r, (part,)) for part in PARTS])
+    touched = np.where(least < margin, np.argmin(each, axis=0), -1)
+    millimetres = f"{1000 * margin:.0f} mm"
     with styled():
         figure, grid = new_figure(11.0, 5.0, 1, 2, sharey=True)
         left, right = grid[0]
@@ -65,26 +70,24 @@ def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
         )
         figure.colorbar(filled, ax=left, label="clearance to car and ground [mm]")
         for axes in (left, right):
-            for level, line in ((0.0, "-"), (margin, (0, (3, 2)))):
+            for level, line in ((0.0, "-"), (margin, _DASHED)):
                 axes.contour(*degrees, least, levels=[level], colors=BLACK, linestyles=[line])
             axes.set_xlabel("tail roll [deg], to the right positive")
             axes.grid(False)
         left.set_ylabel("tail pitch [deg], forwards positive")
-        touched = np.where(least < margin, np.argmin(each, axis=0), -1)
+        handles: list[Artist] = []
         for number, part in enumerate(PARTS):
+            colour = _PART_COLOURS[part]
             mask = np.where(touched == number, 1.0, np.nan)
-            right.contourf(*degrees, mask, levels=[0.5, 1.5], colors=[_PART_COLOURS[part]])
-        handles: list[Artist] = [
-            Patch(color=_PART_COLOURS[part], label=part)
-            for n, part in enumerate(PARTS)
-            if np.any(touched == n)
+            right.contourf(*degrees, mask, levels=[0.5, 1.5], colors=[colour])
+            if np.any(touched == number):
+                handles.append(Patch(color=colour, label=part))
+        handles += [
+            Patch(facecolor="white", edgecolor=BLACK, label="free"),
+            Line2D([], [], color=BLACK, label="touches"),
+            Line2D([], [], color=BLACK, linestyle=_DASHED, label=f"{millimetres} left"),
         ]
-        handles.append(Patch(facecolor="white", edgecolor=BLACK, label="free"))
-        handles.append(Line2D([], [], color=BLACK, label="touches"))
-        handles.append(
-            Line2D([], [], color=BLACK, linestyle=(0, (3, 2)), label=f"{1000 * margin:.0f} mm left")
-        )
-        right.set_title(f"what is nearer than {1000 * margin:.0f} mm")
+        right.set_title(f"what is nearer than {millimetres}")
         left.set_title("clearance of rod and sail")
         right.legend(handles=handles, loc="lower right", frameon=True, framealpha=0.9)
         right.plot([-90, 90], [0, 0], color=GREEN, linewidth=2.5)
@@ -93,8 +96,8 @@ def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
 
 
 def plot_tail(geometry: TailGeometry) -> Figure:
-    """Two views: onto the face of the first plate, and along its width, z of the frame T upwards;
-    m.
+    """Draws two views: onto the face of the first plate, and along its width, z of the frame T
+    upwards; m.
     """
     normal = geometry.plates[0].pieces[0].normal
     up = np.array([0.0, 0.0, 1.0])
@@ -110,23 +113,18 @@ def plot_tail(geometry: TailGeometry) -> Figure:
         drawn = [axes.get_legend_handles_labels() for axes in grid[0]]
         handles = {label: handle for each in drawn for handle, label in zip(*each, strict=True)}
         figure.legend(handles.values(), handles, loc="outside lower center", ncols=3)
-        figure.suptitle(
-            f"{geometry.name}: {1000 * geometry.inertial.mass:.3g} g, {1e4 * geometry.area:.3g} "
-            "cm² of planform"
-        )
+        mass = f"{1000 * geometry.inertial.mass:.3g} g"
+        area = f"{1e4 * geometry.area:.3g} cm² of planform"
+        figure.suptitle(f"{geometry.name}: {mass}, {area}")
     return figure
 
 
 def _view(axes: Axes, geometry: TailGeometry, sideways: np.ndarray, up: np.ndarray) -> None:
+    """Draws arm, plates, sections and centres on a plane."""
     plane = np.column_stack([sideways, up])
     size = float(np.ptp(geometry.points, axis=0).max())
-    axes.plot(
-        *(geometry.arm.points @ plane).T,
-        color=BLACK,
-        linewidth=3.0,
-        solid_capstyle="round",
-        label="arm",
-    )
+    arm = geometry.arm.points @ plane
+    axes.plot(*arm.T, color=BLACK, linewidth=3.0, solid_capstyle="round", label="arm")
     for plate in geometry.plates:
         for piece in plate.pieces:
             outline = piece.corners @ plane
@@ -135,50 +133,35 @@ def _view(axes: Axes, geometry: TailGeometry, sideways: np.ndarray, up: np.ndarr
             low = piece.corners[[0, 1]]
             high = piece.corners[[3, 2]]
             for share in np.linspace(0.0, 1.0, plate.sections + 1)[1:-1]:
-                axes.plot(*((low + share * (high - low)) @ plane).T, color=ORANGE, linewidth=0.8)
+                border = (low + share * (high - low)) @ plane
+                axes.plot(*border.T, color=ORANGE, linewidth=0.8)
             if plate.kind == "half_shell":
-                _crown(axes, piece, plane)
+                ends = np.array([piece.start, piece.start + piece.length * piece.axis])
+                crown = (ends + np.outer(piece.chords, piece.normal) / 2) @ plane
+                axes.plot(*crown.T, color=ORANGE, linestyle=_DASHED)
         for layout in plate.section_layouts():
             centres = layout.p_BoSi_B @ plane
             normal = _ARROW * size * np.asarray(layout.normal_B) @ plane
-            axes.plot(
-                *centres.T,
-                color=ORANGE,
-                marker="o",
-                markersize=4,
-                linestyle="none",
-                label="centres of sections",
-            )
+            axes.plot(*centres.T, "o", color=ORANGE, markersize=4, label="centres of sections")
             if np.linalg.norm(normal) > 1e-6:
-                across, along = np.broadcast_to(normal, centres.shape).T
+                arrows = np.broadcast_to(normal, centres.shape)
                 exact: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0}
                 axes.quiver(
-                    *centres.T, across, along, color=BLUE, width=0.006, label="normals", **exact
+                    *centres.T, *arrows.T, color=BLUE, width=0.006, label="normals", **exact
                 )
                 axes.update_datalim(centres + normal)
-    places: tuple[tuple[str, Any, dict[str, Any]], ...] = (
-        ("centre of pressure", geometry.centre_of_pressure(), {"color": VERMILION, "marker": "X"}),
-        ("centre of mass", np.asarray(geometry.inertial.com), {"color": BLACK, "marker": "P"}),
-        ("origin of T", np.zeros(3), {"color": GREY, "marker": "o", "fillstyle": "none"}),
-    )
-    for label, place, look in places:
-        axes.plot(*(place @ plane), markersize=10, linestyle="none", label=label, **look)
+    pressure = geometry.centre_of_pressure() @ plane
+    mass = np.asarray(geometry.inertial.com) @ plane
+    mark = partial(axes.plot, markersize=10, linestyle="none")
+    mark(*pressure, color=VERMILION, marker="X", label="centre of pressure")
+    mark(*mass, color=BLACK, marker="P", label="centre of mass")
+    mark([0.0], [0.0], color=GREY, marker="o", fillstyle="none", label="origin of T")
     axes.margins(x=0.2, y=0.05)
     axes.autoscale_view()
 
 
-def _crown(axes: Axes, piece: Piece, plane: np.ndarray) -> None:
-    """Draws the round side of a half shell."""
-    ends = np.array([piece.start, piece.start + piece.length * piece.axis])
-    axes.plot(
-        *((ends + np.outer(piece.chords, piece.normal) / 2) @ plane).T,
-        color=ORANGE,
-        linestyle=(0, (3, 2)),
-    )
-
-
 def _direction(vector: np.ndarray) -> str:
-    """Name of an axis of T, or its numbers."""
+    """Names an axis of T, or writes its numbers."""
     for name, unit in zip("xyz", np.eye(3), strict=True):
         if np.allclose(vector, unit):
             return name
@@ -198,7 +181,7 @@ class DiagramPicture:
     text: str
 
     def render(self, kind: str = "svg") -> bytes:
-        """The picture as a file's content: svg, png, pdf, or what else Graphviz knows.
+        """Renders the picture as a file's content: svg, png, pdf, or what else Graphviz knows.
 
         Raises:
             UserError: Graphviz is not installed, or refuses text or kind.
@@ -216,7 +199,7 @@ class DiagramPicture:
         return done.stdout
 
     def _repr_svg_(self) -> str | None:
-        """SVG as wide as the page, not as wide as Graphviz makes it."""
+        """Draws an SVG as wide as the page, not as wide as Graphviz makes it."""
         if shutil.which("dot") is None:
             return None
         return re.sub(
@@ -225,11 +208,9 @@ class DiagramPicture:
 
     def __repr__(self) -> str:
         """Says what is missing where it stands in the place of the picture."""
-        return (
-            "block diagram"
-            if shutil.which("dot")
-            else "block diagram: not drawn, Graphviz is not installed"
-        )
+        if shutil.which("dot"):
+            return "block diagram"
+        return "block diagram: not drawn, Graphviz is not installed"
 
 
 def draw_diagram(diagram: System, depth: int = 1) -> DiagramPicture:
@@ -243,5 +224,5 @@ def draw_diagram(diagram: System, depth: int = 1) -> DiagramPicture:
         UserError: depth below 1.
     """
     if depth < 1:
-        raise UserError(f"draw_diagram: depth is {depth}; allowed: 1 and more")
+        raise UserError(f"draw_diagram: depth is {depth}; must be at least 1")
     return DiagramPicture(diagram.GetGraphvizString(max_depth=depth))

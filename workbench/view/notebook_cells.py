@@ -38,12 +38,12 @@ class LiveFrame:
         )
 
     def __repr__(self) -> str:
-        """The line."""
+        """Returns the line."""
         return self.words
 
 
 def live_frame(shown: RunLog | Meshcat, height: int = 480) -> LiveFrame:
-    """The replay of a run with its signals, or a Meshcat, as a frame in a notebook.
+    """Shows the replay of a run with its signals, or a Meshcat, as a frame in a notebook.
 
     Args:
         shown: a run that can be replayed, or an open Meshcat.
@@ -54,18 +54,18 @@ def live_frame(shown: RunLog | Meshcat, height: int = 480) -> LiveFrame:
         LogError: the log cannot be replayed.
     """
     from aerodima.workbench.logs.schema import RunLog
-    from aerodima.workbench.view.captions import caption_of
+    from aerodima.workbench.view.captions import run_caption
 
     if not 100 <= height <= 4000:
-        raise UserError(f"live_frame: height is {height}; allowed: 100 to 4000 pixels")
+        raise UserError(f"live_frame: height is {height}; must be 100 to 4000 pixels")
     if isinstance(shown, RunLog):
         from aerodima.workbench.view.replay_page import replay_page
 
-        words = f"live when this cell runs: the replay with its signals, {caption_of(shown).text}"
+        words = f"live when this cell runs: the replay with its signals, {run_caption(shown).text}"
         return LiveFrame(words, f'srcdoc="{html.escape(replay_page(shown))}"', height)
     if not hasattr(shown, "web_url"):
         raise UserError(
-            f"live_frame: a {type(shown).__name__}; allowed: a run log, or an open Meshcat"
+            f"live_frame: a {type(shown).__name__}; must be a run log, or an open Meshcat"
         )
     return LiveFrame(
         "live when this cell runs: Meshcat", f'src="{html.escape(shown.web_url())}"', height
@@ -86,7 +86,7 @@ def sliders(function: Callable[..., Any], **ranges: tuple[float, float, float]) 
     for name, (low, high, start) in ranges.items():
         if not low <= start <= high or low == high:
             raise UserError(
-                f"sliders: {name} starts at {start:g}; allowed: {low:g} to {high:g}, not one value"
+                f"sliders: {name} starts at {start:g}; must be {low:g} to {high:g}, not one value"
             )
     try:
         from ipywidgets import FloatSlider, interact
@@ -97,8 +97,8 @@ def sliders(function: Callable[..., Any], **ranges: tuple[float, float, float]) 
         )
         function(**{name: start for name, (_, _, start) in ranges.items()})
         return
-    made = {
-        name: FloatSlider(start, min=low, max=high, step=(high - low) / 20, continuous_update=False)
-        for name, (low, high, start) in ranges.items()
-    }
-    interact(function, **made)
+    shown = {}
+    for name, (low, high, start) in ranges.items():
+        step = (high - low) / 20
+        shown[name] = FloatSlider(start, min=low, max=high, step=step, continuous_update=False)
+    interact(function, **shown)

@@ -1,6 +1,4 @@
-"""A diagram of the reader's own, watched: following camera, arrows of the air, and a run log of
-what its plant does.
-"""
+"""A user's diagram, watched: following camera, arrows of the air, and a run log of its plant."""
 
 from __future__ import annotations
 
@@ -8,7 +6,6 @@ import math
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -35,6 +32,8 @@ from aerodima.workbench.logs.recorder import (
 from aerodima.workbench.logs.schema import (
     METADATA_KEY,
     PLANT_RUN,
+    Facts,
+    Json,
     RunLog,
     decode_metadata,
     encode_metadata,
@@ -60,14 +59,14 @@ class ObservedRun:
         self._path = path
         self._force = force
         self._columns: list[str] = []
-        self._metadata: dict[str, Any] = {}
+        self._metadata: Json = {}
         self._watches: dict[str, SectionWatch] = {}
         self._sink: LogSink | None = None
         self._over = False
 
     @property
     def log(self) -> RunLog:
-        """The run log, after the `with` block; UserError before its end."""
+        """Returns the run log after the `with` block; UserError before its end."""
         if self._sink is None or not self._over:
             raise UserError(
                 "observe: the log is there after the `with` block in which the diagram is simulated"
@@ -88,17 +87,12 @@ class ObservedRun:
         self._sink.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, *details: object) -> None:
         assert self._sink is not None
         self._sink.add_facts(
             {f"{name}_sections": watch.facts() for name, watch in self._watches.items()}
         )
-        self._sink.__exit__(kind, error, trace)
+        self._sink.__exit__(kind, *details)
         self._over = kind is None
         for name, watch in self._watches.items():
             if watch.felt_no_air:
@@ -121,7 +115,7 @@ class ObservedRun:
         signals: Signals,
         rate: float,
         step: float,
-        metadata: dict[str, Any],
+        metadata: Json,
     ) -> None:
         """Adds the recorder of these ports; LogError when two columns have one name."""
         # What cannot be read is not written.
@@ -145,13 +139,13 @@ def observe(
     base: RigidBody | str | None = None,
     rate: float = 100.0,
     name: str = "",
-    settings: Scenario | Mapping[str, Any] | None = None,
+    settings: Scenario | Facts | None = None,
     signals: Mapping[str, OutputPort] | None = None,
     air_scale: float = AIR_SCALE,
     force: bool = False,
 ) -> ObservedRun:
-    """Watches a diagram of one's own: call it last, before `builder.Build()`, and simulate within
-    its `with` block.
+    """Watches a user's diagram: call it last, before `builder.Build()`, and simulate within its
+    `with` block.
 
     Meshcat gets the plant, if nothing shows it yet, a camera that follows it, and the force of
     every `TailForce` on it as an arrow. The log has the state of the plant, the motion of its
@@ -163,19 +157,15 @@ def observe(
 
     Args:
         builder: that owns the plant.
-        plant: finalised, discrete or continuous; or a simulated station, whose port
-            `plant_state_truth` is read.
+        plant: finalised; or a simulated station, whose port `plant_state_truth` is read.
         meshcat: shows the run while it goes on; of a station, give it to `make_car_station` too.
-        log: the Parquet file to be; refused when it exists, unless `force`. None keeps the log in
-            memory.
-        base: the body whose tilt, heading and speed count, its z axis up; by default the only
-            floating base, if any.
+        log: Parquet file, refused when it exists, unless `force`; None keeps the log in memory.
+        base: its tilt, heading and speed count, z axis up; by default the only floating base.
         rate: rows per second, Hz.
         name: of the run, for titles; by default that of the plant.
-        settings: what `aerodima log compare` names when runs differ: numbers and texts, nested as
-            one likes.
-        signals: further vector ports, by the name of their columns; with more than one element
-            `<name>_0`, ...
+        settings: numbers and texts, nested; `aerodima log compare` names those that differ.
+        signals: further vector ports by the name of their columns (`<name>_0`, ... of several
+            elements).
         air_scale: length of the arrows, m per N.
         force: replace an existing log.
 
@@ -191,50 +181,56 @@ def observe(
     truth = watched.add_truth(builder)
     if meshcat is not None:
         watched.show(builder, truth, meshcat, air_scale)
-    step = watched.plant.time_step()
-    if isinstance(settings, Scenario):
-        stated = settings.resolved()
-        if watched.station is not None:
-            car = _car_signals(builder, watched.station)
-            if car:
-                facts = plant_facts(watched.station)
-                metadata = run_metadata(stated, settings.seed, extra=facts)
-                run.record(builder, car, rate, step, metadata)
-                return run
-    else:
-        stated = dict(settings or {})
-    for tail in watched.tails:
-        run.watch(builder, tail, rate)
-    stated = {"name": name or stated.get("name") or watched.plant.get_name()} | stated
-    metadata = run_metadata(
-        stated, seed=0, kind=PLANT_RUN, extra=watched.facts() | {AIR_SCALE_KEY: air_scale}
-    )
-    recorded = watched.signals(truth) + _further(builder, signals or {})
-    run.record(builder, recorded, rate, step, metadata)
+    if not _record_car(run, builder, watched, settings, rate):
+        stated = settings.resolved() if isinstance(settings, Scenario) else dict(settings or {})
+        stated = {"name": name or stated.get("name") or watched.plant.get_name()} | stated
+        for tail in watched.tails:
+            run.watch(builder, tail, rate)
+        recorded = watched.signals(truth) + _user_signals(builder, signals or {})
+        facts = watched.facts() | {AIR_SCALE_KEY: air_scale}
+        metadata = run_metadata(stated, seed=0, kind=PLANT_RUN, extra=facts)
+        run.record(builder, recorded, rate, watched.plant.time_step(), metadata)
     return run
 
 
+def _record_car(
+    run: ObservedRun,
+    builder: DiagramBuilder,
+    watched: WatchedPlant,
+    settings: Scenario | Facts | None,
+    rate: float,
+) -> bool:
+    """Records the log of a car, if the diagram has every part of one; says whether it does."""
+    if watched.station is None or not isinstance(settings, Scenario):
+        return False
+    signals = _car_signals(builder, watched.station)
+    if signals:
+        facts = plant_facts(watched.station)
+        metadata = run_metadata(settings.resolved(), settings.seed, extra=facts)
+        run.record(builder, signals, rate, watched.plant.time_step(), metadata)
+    return bool(signals)
+
+
 def _car_signals(builder: DiagramBuilder, station: Diagram) -> Signals:
-    """Every column of a car's log, if driver, tail controller and roll estimator are in the
+    """Lists every column of a car's log, if driver, tail controller and roll estimator are in the
     builder; else none.
     """
     parts = (TurnDriver, TailController, RollEstimator)
     sources = [system for system in builder.GetSystems() if isinstance(system, parts)]
     signals = signals_of(CAR_PORTS, output_ports(*sources, station))
-    found = {name for _, names in signals for name in names}
-    wanted = {column.name for column in sensor_columns()[1:] if not column.optional}
-    if wanted <= found:
+    present = recorded_columns(signals)
+    if all(column.optional or column.name in present for column in sensor_columns()):
         return signals + truth_signals(station)
     return []
 
 
-def _further(builder: DiagramBuilder, signals: Mapping[str, OutputPort]) -> Signals:
-    """The reader's own ports, with a column per element."""
-    found: Signals = []
-    for name, port in signals.items():
+def _user_signals(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> Signals:
+    """Names a column for each element of the user's own ports."""
+    signals: Signals = []
+    for name, port in ports.items():
         if port.get_system() not in builder.GetSystems():
             raise UserError(
-                f"observe: signal {name!r} is a port of another diagram; allowed: ports of this "
+                f"observe: signal {name!r} is a port of another diagram; it must be a port of this "
                 "builder"
             )
         if port.get_data_type() != PortDataType.kVectorValued:
@@ -242,5 +238,5 @@ def _further(builder: DiagramBuilder, signals: Mapping[str, OutputPort]) -> Sign
         columns = [name]
         if port.size() != 1:
             columns = [f"{name}_{index}" for index in range(port.size())]
-        found.append((port, columns))
-    return found
+        signals.append((port, columns))
+    return signals

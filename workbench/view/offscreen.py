@@ -11,7 +11,7 @@ import math
 import subprocess
 import sys
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,7 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.view.force_arrows import force_arrows
-from aerodima.workbench.view.logged_run import add_logged_run
+from aerodima.workbench.view.logged_run import Place, add_logged_run
 from aerodima.workbench.view.recording import camera_pose, traces
 
 Pixels = NDArray[np.uint8]
@@ -70,7 +70,7 @@ _FIELD_OF_VIEW = math.radians(34.0)
 """Angle that the height of a picture spans, rad."""
 _HEAD = 9.0
 """Length of the head of an arrow, pixels."""
-_TRY = "from aerodima.workbench.view.offscreen import try_renderer; try_renderer()"
+_RENDERER_TEST = "from aerodima.workbench.view.offscreen import try_renderer; try_renderer()"
 
 
 @dataclass(frozen=True)
@@ -92,22 +92,25 @@ class Camera:
 
     @property
     def axes(self) -> FloatArray:
-        """Rows: right, down and forward in W, shape (3, 3)."""
-        forward = (self.target - self.p_WC) / np.linalg.norm(self.target - self.p_WC)
+        """Gives the rows right, down and forward in W, shape (3, 3)."""
+        forward = self.target - self.p_WC
+        forward = forward / np.linalg.norm(forward)
         right = np.cross(forward, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         return np.array([right, np.cross(forward, right), forward])
 
     def project(self, points: FloatArray) -> FloatArray:
-        """Points (..., 3) in W, m, as column, row (pixels), inverse depth (1/m), shape (..., 3)."""
+        """Projects points (..., 3) in W, m, to column, row (pixels), inverse depth (1/m), shape
+        (..., 3).
+        """
         p_C = (points - self.p_WC) @ self.axes.T
-        inverse = 1.0 / np.maximum(p_C[..., 2], 1e-3)
-        column = 0.5 * self.width + self.focal_length * p_C[..., 0] * inverse
-        row = 0.5 * self.height + self.focal_length * p_C[..., 1] * inverse
-        return np.stack([column, row, inverse], axis=-1)
+        inverse = 1.0 / np.maximum(p_C[..., 2:], 1e-3)
+        middle = 0.5 * np.array([self.width, self.height])
+        pixels = middle + self.focal_length * p_C[..., :2] * inverse
+        return np.concatenate([pixels, inverse], axis=-1)
 
     def rays(self) -> FloatArray:
-        """Direction in W through each pixel with unit depth, shape (height, width, 3)."""
+        """Gives the direction in W through each pixel with unit depth, shape (height, width, 3)."""
         right, down, forward = self.axes
         columns = (np.arange(self.width) + 0.5 - 0.5 * self.width) / self.focal_length
         rows = (np.arange(self.height) + 0.5 - 0.5 * self.height) / self.focal_length
@@ -115,15 +118,16 @@ class Camera:
 
     @property
     def render_camera(self) -> ColorRenderCamera:
-        """The same for VTK."""
-        middle = 0.5 * self.width - 0.5, 0.5 * self.height - 0.5
-        info = CameraInfo(self.width, self.height, self.focal_length, self.focal_length, *middle)
+        """Makes the same camera for VTK."""
+        focal_lengths = (self.focal_length, self.focal_length)
+        centre = (0.5 * self.width - 0.5, 0.5 * self.height - 0.5)
+        info = CameraInfo(self.width, self.height, *focal_lengths, *centre)
         return ColorRenderCamera(RenderCameraCore(_RENDERER, info, _CLIPPING, RigidTransform()))
 
 
 def floor_picture(camera: Camera, height: float) -> tuple[FloatArray, FloatArray]:
-    """Floor at a height (m) and sky: colours from 0 to 1, shape (rows, columns, 3), and points of
-    the floor in W.
+    """Draws floor at a height (m) and sky: colours from 0 to 1, shape (rows, columns, 3), and
+    points of the floor in W.
 
     The camera has no roll: there are rows of sky, then rows of floor, whose points (m) have the
     shape (n, columns, 3).
@@ -134,24 +138,24 @@ def floor_picture(camera: Camera, height: float) -> tuple[FloatArray, FloatArray
     distance = (camera.p_WC[2] - height) / -rays[..., 2]
     points = camera.p_WC + rays * distance[..., None]
     pixel = distance / camera.focal_length / np.clip(-rays[..., 2], 0.05, 1.0)
-    fine, metre = (
-        np.maximum(*(_line_share(points[..., axis], step, half, pixel) for axis in range(2)))
-        for step, half in ((0.25, _FINE_WIDTH), (1.0, _METRE_WIDTH))
-    )
+    fine = _line_share(points, 0.25, _FINE_WIDTH, pixel)
+    metre = _line_share(points, 1.0, _METRE_WIDTH, pixel)
     clear = 1.0 - np.clip(distance / 40.0, 0.0, 1.0)
-    shares = np.stack(
-        [(1 - fine) * (1 - metre) * clear, fine * (1 - metre) * clear, metre * clear, 1 - clear],
-        axis=-1,
-    )
+    no_metre = 1 - metre
+    bare = (1 - fine) * no_metre * clear
+    shares = np.stack([bare, fine * no_metre * clear, metre * clear, 1 - clear], axis=-1)
     picture = np.empty((camera.height, camera.width, 3))
     picture[:horizon] = _SKY
     picture[horizon:] = shares @ np.array([_FLOOR, _FINE, _METRE, _SKY])
     return picture, points
 
 
-def _line_share(place: FloatArray, step: float, half: float, pixel: FloatArray) -> FloatArray:
-    """Share of each pixel that lines every `step` with that half width cover, all in m."""
-    to_line = np.abs(place - step * np.round(place / step))
+def _line_share(points: FloatArray, step: float, half: float, pixel: FloatArray) -> FloatArray:
+    """Computes the share of each pixel that lines every `step` with that half width cover, all in
+    m.
+    """
+    place = points[..., :2]
+    to_line = np.min(np.abs(place - step * np.round(place / step)), axis=-1)
     cover = np.clip((half + pixel - to_line) / (2 * pixel), 0.0, 1.0)
     return np.minimum(cover, 2 * half / np.maximum(pixel, 2 * half))
 
@@ -171,7 +175,8 @@ def check_renderer() -> None:
 
 @cache
 def _renderer_works() -> bool:
-    done = subprocess.run([sys.executable, "-c", _TRY], capture_output=True, check=False)
+    """Says whether a process of its own could draw."""
+    done = subprocess.run([sys.executable, "-c", _RENDERER_TEST], capture_output=True, check=False)
     return done.returncode == 0
 
 
@@ -198,12 +203,10 @@ class OffscreenRun:
         builder = DiagramBuilder()
         logged = add_logged_run(builder, run_log)
         self.logged = logged
-        sun = LightParameter(
-            type="directional", direction=-_SUN, frame="world", intensity=_SUNLIGHT
-        )
-        lamp = LightParameter(
-            type="directional", direction=np.array([0.0, 0.0, 1.0]), frame="camera", intensity=_LAMP
-        )
+        light = partial(LightParameter, type="directional")
+        sun = light(direction=-_SUN, frame="world", intensity=_SUNLIGHT)
+        ahead = np.array([0.0, 0.0, 1.0])
+        lamp = light(direction=ahead, frame="camera", intensity=_LAMP)
         parameters = RenderEngineVtkParams(default_clear_color=_CLEAR / 255.0, lights=[sun, lamp])
         logged.scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(parameters))
         self._diagram = builder.Build()
@@ -214,10 +217,8 @@ class OffscreenRun:
         self._arrows = force_arrows(logged)
         self._traces = traces(logged)
 
-    def camera(
-        self, row: int, azimuth: float, place: tuple[float, float, float], size: tuple[int, int]
-    ) -> Camera:
-        """The camera that follows the robot in one row of the log; see `camera_pose`.
+    def camera(self, row: int, azimuth: float, place: Place, size: tuple[int, int]) -> Camera:
+        """Places the camera that follows the robot in one row of the log; see `camera_pose`.
 
         Args:
             row: of the log.
@@ -227,11 +228,12 @@ class OffscreenRun:
         """
         eye, target = camera_pose(azimuth, place)
         focal_length = 0.5 * size[1] / math.tan(0.5 * _FIELD_OF_VIEW)
-        return Camera(self._path[row] + eye, self._path[row] + target, focal_length, *size)
+        point = self._path[row]
+        return Camera(point + eye, point + target, focal_length, *size)
 
     def picture(self, row: int, camera: Camera) -> Image.Image:
-        """The robot in one row of the log on its floor, with its shadow, paths so far and forces of
-        the moment.
+        """Draws the robot in one row of the log on its floor, with its shadow, paths so far and
+        forces of the moment.
         """
         self.logged.move(self._plant_context, row)
         picture, floor = floor_picture(camera, self.logged.floor)
@@ -245,15 +247,16 @@ class OffscreenRun:
         image = Image.fromarray(pixels)
         draw = ImageDraw.Draw(image)
         for _, colour, points in self._traces:
-            _draw_line(draw, camera, points[: row + 1], (colour.r(), colour.g(), colour.b()), 2)
+            _draw_line(draw, camera, points[: row + 1], colour, 2)
         for arrow in self._arrows:
             if arrow.shown[row]:
-                ends = np.array([arrow.points[row], arrow.points[row] + arrow.lengths[row]])
+                foot = arrow.points[row]
+                ends = np.array([foot, foot + arrow.lengths[row]])
                 _draw_line(draw, camera, ends, arrow.colour, 3, head=True)
         return image
 
     def _robot(self, camera: Camera) -> Pixels:
-        """The robot alone."""
+        """Draws the robot alone."""
         query: Any = self.logged.scene_graph.get_query_output_port().Eval(self._scene_context)
         X_WC = RigidTransform(RotationMatrix(camera.axes.T), camera.p_WC)
         world = self.logged.scene_graph.world_frame_id()
@@ -261,15 +264,17 @@ class OffscreenRun:
         return drawn
 
     def _shadow(self, row: int, floor: FloatArray) -> FloatArray:
-        """How much of the sun the robot takes from points of the floor (m, n, 3), from 0 to 1,
-        shape (m, n).
+        """Computes how much of the sun the robot takes from points of the floor (m, n, 3), from 0
+        to 1, shape (m, n).
         """
         middle = self.logged.run_log.vector("com", "truth_m")[row]
-        focal_length = 0.5 * _SUN_PIXELS * _SUN_DISTANCE / (0.5 * self.logged.camera_place[0])
+        radius = 0.5 * self.logged.camera_place[0]
+        focal_length = 0.5 * _SUN_PIXELS * _SUN_DISTANCE / radius
         sun = Camera(middle + _SUN_DISTANCE * _SUN, middle, focal_length, _SUN_PIXELS, _SUN_PIXELS)
         hidden = np.any(self._robot(sun) != _CLEAR, axis=-1).astype(float)
         columns, rows, _ = np.moveaxis(sun.project(floor), -1, 0)
-        return np.asarray(map_coordinates(hidden, [rows - 0.5, columns - 0.5], order=1, cval=0.0))
+        places = [rows - 0.5, columns - 0.5]
+        return np.asarray(map_coordinates(hidden, places, order=1, cval=0.0))
 
 
 def _draw_line(
@@ -277,7 +282,7 @@ def _draw_line(
     width: int,
     head: bool = False,
 ) -> None:  # fmt: skip
-    """A line through points (n, 3) in W, m, where before the camera; an arrow has a head."""
+    """Draws a line through points (n, 3) in W, m, where before the camera; an arrow has a head."""
     before = (points - camera.p_WC) @ camera.axes[2] > _CLIPPING.near()
     seen = camera.project(points[before])[:, :2]
     if len(seen) < 2:
@@ -285,9 +290,10 @@ def _draw_line(
     fill = tuple(round(255 * part) for part in colour)
     if head:
         tip = seen[-1].copy()
-        along = seen[-1] - seen[-2]
+        along = tip - seen[-2]
         along *= _HEAD / max(float(np.linalg.norm(along)), 1e-9)
         across = 0.45 * np.array([-along[1], along[0]])
-        seen[-1] -= along
-        draw.polygon([*tip, *(seen[-1] + across), *(seen[-1] - across)], fill)
+        foot = tip - along
+        seen[-1] = foot
+        draw.polygon([*tip, *(foot + across), *(foot - across)], fill)
     draw.line(seen.ravel().tolist(), fill, width, joint="curve")

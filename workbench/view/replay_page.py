@@ -10,15 +10,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydrake.geometry import Rgba
-
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
 from aerodima.workbench.core.text_table import shown_value
-from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, RunLog
+from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, Facts, Json, RunLog
 from aerodima.workbench.metrics.run_summary import metrics_of_runs, of_plants
-from aerodima.workbench.view.captions import caption_of, readings
-from aerodima.workbench.view.force_arrows import AIR_COLOUR, WHEEL_COLOUR, WHEEL_SCALE
+from aerodima.workbench.view.captions import readings, run_caption
+from aerodima.workbench.view.force_arrows import AIR_COLOUR, WHEEL_COLOUR, WHEEL_SCALE, Colour
 from aerodima.workbench.view.logged_run import LoggedRun
 from aerodima.workbench.view.recording import COM_COLOUR, TIP_COLOUR, frame_rows, record_run
 from aerodima.workbench.view.report_page import (
@@ -35,8 +33,8 @@ from aerodima.workbench.view.run_channels import channels_of, line_looks
 from aerodima.workbench.view.run_figures import RUN_STYLES
 from aerodima.workbench.view.viewer import open_meshcat
 
-MOST_RUNS = len(RUN_STYLES)
-MOST_VIEWS = 8
+MAX_RUNS = len(RUN_STYLES)
+MAX_VIEWS = 8
 """Cars that a comparison draws in 3-D at a time; browsers end at 16 WebGL views."""
 FIRST_VIEWS = 4
 """Cars that a comparison draws in 3-D at first."""
@@ -65,8 +63,8 @@ def write_replay_html(
 
 
 def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> str:
-    """The page of `write_replay_html` as text: Drake's page of the scene, with title, readout, bar
-    and signals.
+    """Renders the page of `write_replay_html` as text: Drake's page of the scene, with title,
+    readout, bar and signals.
 
     The script of the page has one clock, which drives Meshcat's animator and the cursor in the
     signals. A page that holds several replays, without `signals` of their own, shows them at the
@@ -78,12 +76,9 @@ def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> 
     scene, end = _split(scene, "</body>")
     drake = {"head": head, "scene": scene, "end": "</body>" + end}
     run_log = logged.run_log
-    if signals:
-        channels = channels_of([run_log], [run_log.name])
-    else:
-        channels = None
+    channels = channels_of([run_log], [run_log.name]) if signals else None
     shown = {
-        "caption": caption_of(run_log),
+        "caption": run_caption(run_log),
         "keys": _keys(logged),
         "run": _frames(run_log, rate),
         "channels": channels,
@@ -92,34 +87,26 @@ def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> 
 
 
 def _keys(logged: LoggedRun) -> list[tuple[str, str, tuple[int, ...]]]:
-    """What arrows and lines mean: sign, words, colour."""
-    own = logged.run_log.kind == PLANT_RUN
-    if own:
-        longer = f"{logged.air_scale:g} m per newton"
-        wheels = []
-    else:
-        longer = f"{logged.air_scale / WHEEL_SCALE:.0f} times longer"
-        wheels = [("▲", "ground on the wheels", _css(WHEEL_COLOUR))]
+    """Explains arrows and lines: sign, words, colour."""
     path = ("▬", "path of the centre of mass", _css(COM_COLOUR))
+    length = f"{logged.air_scale / WHEEL_SCALE:.0f} times longer"
+    keys = [("▲", "ground on the wheels", _css(WHEEL_COLOUR))]
+    if logged.run_log.kind == PLANT_RUN:
+        length = f"{logged.air_scale:g} m per newton"
+        keys = []
     if not logged.tips:
-        return [*wheels, path]
-    air = ("▲", f"air on the tail ({longer})", _css(AIR_COLOUR))
-    return [*wheels, air, path, ("▬", "path of the tail tip", _css(TIP_COLOUR))]
+        return [*keys, path]
+    air = ("▲", f"air on the tail ({length})", _css(AIR_COLOUR))
+    return [*keys, air, path, ("▬", "path of the tail tip", _css(TIP_COLOUR))]
 
 
-def _frames(run_log: RunLog, rate: float) -> dict[str, Any]:
-    """What the page shows of each frame: time (s) and the readings of the run."""
+def _frames(run_log: RunLog, rate: float) -> Json:
+    """Collects what the page shows of each frame: time (s) and the readings of the run."""
     rows, frames_per_second = frame_rows(run_log.time, rate)
-    shown = [
-        {
-            "label": reading.label,
-            "unit": reading.unit,
-            "digits": reading.digits,
-            "width": reading.width,
-            "values": reading.values[rows].round(reading.digits + 1).tolist(),
-        }
-        for reading in readings(run_log)
-    ]
+    shown = []
+    for reading in readings(run_log):
+        values = reading.values[rows].round(reading.digits + 1)
+        shown.append(vars(reading) | {"values": values.tolist()})
     return {
         "frames_per_second": frames_per_second,
         "rate": rate,
@@ -128,21 +115,17 @@ def _frames(run_log: RunLog, rate: float) -> dict[str, Any]:
     }
 
 
-def _css(colour: Rgba | tuple[float, float, float]) -> tuple[int, ...]:
-    """Red, green and blue from 0 to 255."""
-    if isinstance(colour, Rgba):
-        parts = (colour.r(), colour.g(), colour.b())
-    else:
-        parts = colour
-    return tuple(round(255 * part) for part in parts)
+def _css(colour: Colour) -> tuple[int, ...]:
+    """Scales red, green and blue to 0 to 255."""
+    return tuple(round(255 * part) for part in colour)
 
 
 def _split(page: str, mark: str) -> tuple[str, str]:
-    """What stands before and after the last `mark`; Drake's scripts before it may hold the same
-    characters.
+    """Returns what stands before and after the last `mark`; Drake's scripts before it may hold the
+    same characters.
     """
-    before, found, after = page.rpartition(mark)
-    if not found:
+    before, separator, after = page.rpartition(mark)
+    if not separator:
         raise RuntimeError(
             f"Drake's page has no {mark!r} any more; the title of the replay has no place"
         )
@@ -150,7 +133,7 @@ def _split(page: str, mark: str) -> tuple[str, str]:
 
 
 def metrics_rows(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
-    """Metric with its unit -> value per run (None where a run has none).
+    """Maps each metric with its unit to a value per run (None where a run has none).
 
     Raises:
         LogError: a log ends before its turn does, or has no sensor columns.
@@ -161,29 +144,31 @@ def metrics_rows(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
 
 
 def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
-    """Key of the scenario -> value per run, for what was not the same in all; the car's own keys
-    first.
+    """Maps keys of the scenario to a value per run, for what was not the same in all; the car's own
+    keys first.
 
     A tail law of one's own stands beside them as `tail_law`, by its name.
 
     Raises:
-        LogError: fewer than 2 or more than `MOST_RUNS` runs.
+        LogError: fewer than 2 or more than `MAX_RUNS` runs.
     """
-    if not 2 <= len(run_logs) <= MOST_RUNS:
-        raise LogError(f"{len(run_logs)} run(s) to compare; allowed: 2 to {MOST_RUNS}")
+    if not 2 <= len(run_logs) <= MAX_RUNS:
+        raise LogError(f"{len(run_logs)} run(s) to compare; must be 2 to {MAX_RUNS}")
     flat = [
         _flat(run_log.scenario) | {TAIL_LAW: run_log.extra.get(TAIL_LAW)} for run_log in run_logs
     ]
     keys = {key for scenario in flat for key in scenario}
-    differing = [
-        key for key in keys if len({json.dumps(scenario.get(key)) for scenario in flat}) > 1
-    ]
-    differing.sort(key=lambda key: (key.split(".")[0] not in _CAR_SECTIONS, key))
-    return {key: [scenario.get(key) for scenario in flat] for key in differing}
+    differences = {}
+    for key in sorted(keys, key=lambda key: (key.split(".")[0] not in _CAR_SECTIONS, key)):
+        values = [scenario.get(key) for scenario in flat]
+        if len(set(map(json.dumps, values))) > 1:
+            differences[key] = values
+    return differences
 
 
-def _flat(scenario: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
+def _flat(scenario: Facts, prefix: str = "") -> Json:
+    """Joins the keys of nested sections by points."""
+    flat: Json = {}
     for key, value in scenario.items():
         if isinstance(value, Mapping):
             flat |= _flat(value, f"{prefix}{key}.")
@@ -193,43 +178,45 @@ def _flat(scenario: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def different_cars(differences: Mapping[str, Sequence[Any]]) -> list[str]:
-    """The keys that make it another car; how a car uses its tail (`tail.mode`) does not."""
+    """Lists the keys that make it another car; how a car uses its tail (`tail.mode`) does not."""
     return [key for key in differences if key.split(".")[0] in _CAR_SECTIONS and key != "tail.mode"]
 
 
 def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
-    """The page; it needs no other file.
+    """Makes the page of a comparison; it needs no other file.
 
     Args:
-        run_logs: 2 to `MOST_RUNS` runs with a turn.
+        run_logs: 2 to `MAX_RUNS` runs with a turn.
         names: of the runs, all different.
 
     Raises:
         LogError: wrong number of runs, or one of them has no turn or cannot be replayed.
     """
     differences = scenario_differences(run_logs)
-    metrics = [[name, *map(shown_value, values)] for name, values in metrics_rows(run_logs).items()]
     plants = of_plants(run_logs)
-    said = "" if plants else " The turn is positive."
+    text = "Raw metrics of each run; units are at the end of the names."
+    if not plants:
+        text += " The turn is positive."
+    metrics = _value_table("metric", names, metrics_rows(run_logs))
     sections = (
         Section("What was set differently", _settings(differences, names, plants)),
         Section("Replays and signals in step", [replays_in_step(run_logs, names)]),
-        Section(
-            "Metrics",
-            [
-                f"Raw metrics of each run; units are at the end of the names.{said}",
-                Table(["metric", *names], metrics),
-            ],
-        ),
+        Section("Metrics", [text, metrics]),
     )
     return Page("Comparison of runs: " + ", ".join(names), "", sections)
+
+
+def _value_table(what: str, names: Sequence[str], rows: Mapping[str, Sequence[Any]]) -> Table:
+    """Makes a table with a column per run."""
+    cells = [[key, *map(shown_value, values)] for key, values in rows.items()]
+    return Table([what, *names], cells)
 
 
 def replays_in_step(
     run_logs: Sequence[RunLog], names: Sequence[str], captions: Sequence[str] | None = None
 ) -> Templated:
-    """The replays with one clock, and their signals over one another; Drake's library stands once
-    on the page.
+    """Makes the replays with one clock, and their signals over one another; Drake's library stands
+    once on the page.
 
     Args:
         run_logs: the runs.
@@ -238,38 +225,38 @@ def replays_in_step(
     """
     pages = [replay_page(run_log, signals=False) for run_log in run_logs]
     library = _library(pages[0])
+    runs = []
+    for name, look in zip(names, line_looks(), strict=False):
+        runs.append({"name": name, **look})
     values = {
-        "runs": [{"name": name, **look} for name, look in zip(names, line_looks(), strict=False)],
+        "runs": runs,
         "captions": list(captions or names),
         "channels": channels_of(run_logs, names),
         "pages": [page.replace(library, _LIBRARY_MARK) for page in pages],
         "library": library,
         "mark": _LIBRARY_MARK,
-        "most_views": MOST_VIEWS,
+        "most_views": MAX_VIEWS,
         "first_views": FIRST_VIEWS,
     }
     return Templated("replays.html", values)
 
 
 def _library(page: str) -> str:
-    """The first script of Drake's page, which is equal in all: Meshcat itself."""
+    """Cuts out the first script of Drake's page, which is equal in all: Meshcat itself."""
     start = page.index("<script")
-    return page[start : page.index("</script>", start) + len("</script>")]
+    end = page.index("</script>", start)
+    return page[start:end] + "</script>"
 
 
 def _settings(
     differences: Mapping[str, Sequence[Any]], names: Sequence[str], plants: bool
 ) -> list[Part]:
+    """Shows what was set differently, and warns where that makes it another car."""
     if not differences:
         return ["Nothing: the scenarios are equal, the seed included."]
-    rows = Table(
-        ["key", *names], [[key, *map(shown_value, values)] for key, values in differences.items()]
-    )
-    if plants:
-        other = []
-    else:
-        other = different_cars(differences)
-    if not other:
+    rows = _value_table("key", names, differences)
+    other = different_cars(differences)
+    if plants or not other:
         return [rows]
     warning = (
         f"These are different cars: {', '.join(other)}. What differs between the runs may "

@@ -8,8 +8,8 @@ The templates escape every text once.
 
 import base64
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -18,6 +18,8 @@ from matplotlib.figure import Figure
 
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.logs.mapping import unit_in_name
+from aerodima.workbench.logs.schema import Facts, Json
 from aerodima.workbench.view.chart_panels import NoChartError, chart_panels
 from aerodima.workbench.view.figure_style import png
 
@@ -51,14 +53,6 @@ Text: TypeAlias = str | Link | tuple[str | Link, ...]
 
 
 @dataclass(frozen=True)
-class Noted:
-    """A cell with a smaller note below its text."""
-
-    text: str
-    note: str
-
-
-@dataclass(frozen=True)
 class Finding:
     """What a chapter comes to, set off from the rest."""
 
@@ -83,15 +77,13 @@ class Table:
     """
 
     header: Sequence[str]
-    rows: Sequence[Sequence[Text | Noted]]
+    rows: Sequence[Sequence[Text]]
     marked: Sequence[int] = ()
 
     @property
     def numbers(self) -> list[bool]:
-        """Which columns hold numbers alone."""
-        if not self.rows:
-            return [False] * len(self.header)
-        columns = zip(*self.rows, strict=True)
+        """Says which columns hold numbers alone."""
+        columns = list(zip(*self.rows, strict=True)) or [("none",)] * len(self.header)
         return [
             all(isinstance(cell, str) and _NUMBER.fullmatch(cell) for cell in column)
             for column in columns
@@ -100,41 +92,36 @@ class Table:
 
 @dataclass(frozen=True)
 class Plot:
-    """A figure inside the page, or an image beside it.
+    """A figure inside the page, or beside it.
 
     Args:
-        drawing: the figure, or the relative address of an image that is there.
+        drawing: the figure.
         caption: below it.
         alternative: what it shows, for those who cannot see it.
         name: of the figure's PNG beside the page, without ending; "" for one inside.
     """
 
-    drawing: Figure | str
+    drawing: Figure
     caption: Text
     alternative: str
     name: str = ""
 
     @cached_property
     def data(self) -> bytes:
-        """The PNG of a figure."""
-        assert isinstance(self.drawing, Figure)
+        """Draws the figure as PNG."""
         return png(self.drawing)
 
     @property
     def source(self) -> str:
-        """Address of the image."""
-        if isinstance(self.drawing, str):
-            return self.drawing
+        """Gives the address of the image."""
         if self.name:
             return f"{self.name}.png"
         return f"data:image/png;base64,{base64.b64encode(self.data).decode()}"
 
     @property
     def width(self) -> int | None:
-        """In pixels of the page; an image beside it has its own."""
-        if isinstance(self.drawing, str) or self.name:
-            return None
-        return round(_PIXELS_PER_INCH * self.drawing.get_figwidth())
+        """Gives the width in pixels of the page; an image beside it has its own."""
+        return None if self.name else round(_PIXELS_PER_INCH * self.drawing.get_figwidth())
 
 
 @dataclass(frozen=True)
@@ -142,14 +129,11 @@ class InteractivePlot(Plot):
     """A figure in which a reader can zoom and read values off; printed, or without scripts, it is
     the figure's image.
 
-    Its figure may hold no images and no words in the coordinates of the data (`NoChartError`).
+    Args:
+        panels: from `chart_panels`.
     """
 
-    @cached_property
-    def panels(self) -> dict[str, Any]:
-        """What the page draws."""
-        assert isinstance(self.drawing, Figure)
-        return chart_panels(self.drawing)
+    panels: Json = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -172,17 +156,16 @@ class Templated:
     """What has a template of its own, with the values that it names."""
 
     template: str
-    values: Mapping[str, Any]
+    values: Facts
 
 
-def zoomable(drawing: Figure, caption: Text, alternative: str, name: str = "") -> Plot:
-    """An interactive plot, or a plain one of a figure that has an image or words inside a panel."""
-    plot = InteractivePlot(drawing, caption, alternative, name)
+def zoomable(drawing: Figure, caption: Text, alternative: str) -> Plot:
+    """Makes an interactive plot, or a plain one of a figure that `chart_panels` refuses."""
     try:
-        _ = plot.panels
+        panels = chart_panels(drawing)
     except NoChartError:
-        return Plot(drawing, caption, alternative, name)
-    return plot
+        return Plot(drawing, caption, alternative)
+    return InteractivePlot(drawing, caption, alternative, panels=panels)
 
 
 Part: TypeAlias = Text | Finding | Bullets | Table | Plot | Folded | Preformatted | Templated
@@ -197,7 +180,7 @@ class Section:
 
     @property
     def anchor(self) -> str:
-        """Target of links to the section."""
+        """Makes the target of links to the section."""
         return re.sub(r"\W+", "_", self.title.lower()).strip("_")
 
 
@@ -210,30 +193,23 @@ class Page:
     sections: Sequence[Section]
 
     def html(self) -> str:
-        """The document; equal pages give equal text."""
+        """Renders the document; equal pages give equal text."""
         return render("page.html", page=self)
 
     @property
     def interactive(self) -> bool:
-        """Whether the plot library must be on the page for its plots."""
+        """Says whether the plot library must be on the page for its plots."""
         return any(_has_interactive(section.parts) for section in self.sections)
-
-    def plots(self) -> Iterator[Plot]:
-        """The figures that lie beside the page."""
-        return (
-            part
-            for section in self.sections
-            for part in section.parts
-            if isinstance(part, Plot) and part.name
-        )
 
 
 def _has_interactive(parts: Sequence[Part]) -> bool:
-    return any(
-        isinstance(part, InteractivePlot)
-        or (isinstance(part, Finding | Folded) and _has_interactive(part.parts))
-        for part in parts
-    )
+    """Says whether a plot among the parts, or inside one, is interactive."""
+    for part in parts:
+        if isinstance(part, Finding | Folded) and _has_interactive(part.parts):
+            return True
+        if isinstance(part, InteractivePlot):
+            return True
+    return False
 
 
 def write_files(
@@ -255,22 +231,23 @@ def write_files(
     made: dict[str, str | bytes] = {}
     for name, content in contents.items():
         if isinstance(content, Page):
-            made |= {f"{plot.name}.png": plot.data for plot in content.plots()}
+            for part in (part for section in content.sections for part in section.parts):
+                if isinstance(part, Plot) and part.name:
+                    made[f"{part.name}.png"] = part.data
             made[name] = content.html()
         elif isinstance(content, str | bytes):
             made[name] = content
+        elif name.endswith(".csv"):
+            made[name] = content.to_csv(index=False)
         else:
-            if name.endswith(".csv"):
-                made[name] = content.to_csv(index=False)
-            else:
-                made[name] = content.to_parquet(index=False)
+            made[name] = content.to_parquet(index=False)
     return [
         write_atomically(folder / name, content, force, error) for name, content in made.items()
     ]
 
 
 def metric_name(metric: str) -> str:
-    """`max_yaw_rate_rad_per_s` -> `largest yaw rate`."""
+    """Names a metric in words: `max_yaw_rate_rad_per_s` is the `largest yaw rate`."""
     return {
         "speed_m_per_s": "speed at the start of the turn",
         "max_yaw_rate_rad_per_s": "largest yaw rate",
@@ -287,48 +264,44 @@ def metric_name(metric: str) -> str:
 
 
 def metric_unit(metric: str) -> str:
-    """Unit of a metric as it is printed."""
-    endings = (
-        ("rad_per_s", "rad/s"),
-        ("m_per_s2", "m/s²"),
-        ("m_per_s", "m/s"),
-        ("_rad", "rad"),
-        ("printed", "rad/s"),
-    )
+    """Gives the unit of a metric as it is printed."""
     if "kohut" in metric:
         return "deg m/s²"
-    return next(unit for ending, unit in endings if metric.endswith(ending))
+    return unit_in_name(metric.replace("as_printed", "rad_per_s")).replace("2", "²")
 
 
 def percent(ratio: float) -> str:
-    """+12 %."""
+    """Writes a ratio as `+12 %`."""
     return f"{100 * ratio:+.0f} %"
 
 
 def render(template: str, **values: Any) -> str:
-    """A template of `templates/` with values; every text in them is escaped."""
+    """Fills a template of `templates/` with values; every text in them is escaped."""
     return _templates().get_template(template).render(values)
 
 
 @cache
 def _templates() -> "jinja2.Environment":
+    """Opens the folder of templates."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     loader = FileSystemLoader(Path(__file__).parent / "templates")
-    made = Environment(
+    templates = Environment(
         loader=loader,
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.tests["a"] = lambda part, name: type(part).__name__ == name
-    made.globals["shipped"] = _shipped
-    return made
+    templates.tests["a"] = lambda part, name: type(part).__name__ == name
+    templates.globals["shipped"] = _shipped
+    return templates
 
 
 def _shipped(name: str) -> "markupsafe.Markup":
-    """A file of the plot library, for a page; its template syntax, if it had any, is not read."""
+    """Reads a file of the plot library, for a page; its template syntax, if it had any, is not
+    read.
+    """
     from markupsafe import Markup
 
     return Markup(

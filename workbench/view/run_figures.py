@@ -47,9 +47,9 @@ _RUN_LINES: tuple[Any, ...] = (
     (0, (5, 1.5, 1, 1.5)),
     (0, (8, 2, 1, 2, 1, 2)),
 )
-RUN_STYLES: tuple[tuple[str, Any], ...] = tuple(
+RUN_STYLES: list[tuple[str, Any]] = [
     (_RUN_COLOURS[run % 5], _RUN_LINES[(run + run // 5) % 5]) for run in range(20)
-)
+]
 """Colour and line of the first, second, ... run. Of the first five both differ, so that neither
 alone must be told apart; of twenty the pair does."""
 _Panel = tuple[str, Callable[[RunLog], FloatArray | None]]
@@ -76,7 +76,7 @@ class _Line:
 
 
 def _as_logged(column: str, design: LowPass) -> tuple[_Line, _Line]:
-    """The signal as logged, light, and its low pass, dark."""
+    """Draws the signal as logged, light, and its low pass, dark."""
     return (
         _Line("as logged", column, "#9a9a9a"),
         _Line(f"filtered, {design.cutoff_hz:g} Hz", column, BLACK, "-", design),
@@ -122,8 +122,8 @@ _TURN_PANELS: tuple[tuple[str, str, tuple[_Line, ...]], ...] = (
 
 
 def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
-    """A turn over time: yaw rate and lateral acceleration of the IMU, speed, roll, tail angle,
-    wheel loads.
+    """Draws a turn over time: yaw rate and lateral acceleration of the IMU, speed, roll, tail
+    angle, wheel loads.
 
     IMU and GPS are drawn as logged and after the car's zero-phase filters. Ground truth is added
     where the log has it; a log of the real car gets the same figure without it.
@@ -149,20 +149,14 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
             for line in lines:
                 values = _values(run_log, line.column, line.design)
                 if values is not None:
-                    axes.plot(
-                        run_log.time,
-                        values,
-                        color=line.colour,
-                        linestyle=line.line,
-                        label=line.label,
-                    )
+                    look: Any = {"color": line.colour, "linestyle": line.line}
+                    axes.plot(run_log.time, values, label=line.label, **look)
             if axes.get_lines():
                 _fit_to_shown(axes, start, end)
                 axes.legend(loc="upper left", ncols=4, columnspacing=1.0, handlelength=1.6)
             else:
-                axes.text(
-                    0.5, 0.5, "not in this log", transform=axes.transAxes, ha="center", color=GREY
-                )
+                where: Any = {"transform": axes.transAxes, "ha": "center"}
+                axes.text(0.5, 0.5, "not in this log", color=GREY, **where)
         for axes in grid[-1]:
             axes.set_xlabel("time [s]   (shaded: the turn, steering command to straight wheels)")
         if title:
@@ -171,7 +165,7 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
 
 
 def _values(run_log: RunLog, column: str, design: LowPass | None = None) -> FloatArray | None:
-    """What is drawn of a column, shape (n,), angles in degrees; None where this run has none."""
+    """Reads a column as it is drawn, (n,), angles in degrees; None where this run has none."""
     if column == _SPEED_TRUTH:
         if run_log.has_truth:
             return np.linalg.norm(run_log.vector("velocity", "truth_m_per_s")[:, :2], axis=1)
@@ -187,7 +181,7 @@ def _values(run_log: RunLog, column: str, design: LowPass | None = None) -> Floa
 
 
 def _roll(run_log: RunLog) -> FloatArray | None:
-    """True roll; of a real car its estimate."""
+    """Reads the true roll; of a real car its estimate."""
     if "roll_truth_rad" in run_log.table:
         return _values(run_log, "roll_truth_rad")
     return _values(run_log, "roll_estimate_rad")
@@ -197,8 +191,8 @@ def _fit_to_shown(axes: Axes, start: float, end: float) -> None:
     """Scales the y axis to what is shown, leaving room for the legend."""
     visible = []
     for line in axes.get_lines():
-        time = np.asarray(line.get_xdata())
-        visible.append(np.asarray(line.get_ydata())[(time >= start) & (time <= end)])
+        time, values = map(np.asarray, line.get_data())
+        visible += [values[(time >= start) & (time <= end)]]
     shown = np.concatenate(visible)
     low = float(np.min(shown))
     high = float(np.max(shown))
@@ -220,7 +214,7 @@ _PANELS: tuple[_Panel, ...] = (
 
 
 def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
-    """Six signals of cars over time, or four of other plants, a line per run.
+    """Draws six signals of cars over time, or four of other plants, a line per run.
 
     IMU signals are shown after the car's zero-phase filter.
 
@@ -232,14 +226,13 @@ def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
         LogError: a log has no turn, or its sensors are missing; or cars and other plants are mixed.
     """
     plants = of_plants(run_logs)
-    if plants:
-        panels = _PLANT_PANELS
-        height = 6.0
-        time_label = "time [s]"
-    else:
+    panels = _PLANT_PANELS
+    height = 6.0
+    time_label = "time [s]"
+    if not plants:
         panels = _PANELS
         height = 8.0
-        time_label = "time [s]   (shaded: the turn of the first run)"
+        time_label += "   (shaded: the turn of the first run)"
     with styled():
         figure, grid = new_figure(11.0, height, len(panels) // 2, 2, sharex=True)
         for axes, (label, signal) in zip(grid.flat, panels, strict=True):
@@ -252,9 +245,8 @@ def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
                     axes.plot(run_log.time, values, color=colour, linestyle=line)
         for axes in grid[-1]:
             axes.set_xlabel(time_label)
-        handles = [
-            grid[0, 0].plot([], [], color=colour, linestyle=line)[0]
-            for _, (colour, line) in zip(names, RUN_STYLES, strict=False)
-        ]
+        handles = []
+        for colour, line in RUN_STYLES[: len(names)]:
+            handles += grid[0, 0].plot([], [], color=colour, linestyle=line)
         figure.legend(handles, names, loc="outside upper center", ncols=min(3, len(names)))
     return figure

@@ -1,13 +1,13 @@
 """The visible shapes of a plant as plain data for a log, and back: a replay then needs no model
 file.
 
-A mesh is kept as the convex hull of at most `MOST_POINTS` of its points, a capsule as a cylinder
+A mesh is kept as the convex hull of at most `MAX_POINTS` of its points, a capsule as a cylinder
 and two spheres. Half spaces are left out: a replay has a floor of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
@@ -32,8 +32,9 @@ from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia, world_i
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.logs.schema import Facts, Json
 
-MOST_POINTS = 200
+MAX_POINTS = 200
 """Points of the hull that stands for a mesh."""
 WORLD_BODY = ""
 """Body of a shape that stands still."""
@@ -43,7 +44,7 @@ _KINDS = {"box": Box, "cylinder": Cylinder, "sphere": Sphere, "ellipsoid": Ellip
 
 
 def body_label(plant: MultibodyPlant, index: BodyIndex) -> str:
-    """Name of a body in a log, after its model instance where another body has the same name."""
+    """Names a body in a log, after its model instance where another body has the same name."""
     body = plant.get_body(index)
     if index == world_index():
         return WORLD_BODY
@@ -52,9 +53,17 @@ def body_label(plant: MultibodyPlant, index: BodyIndex) -> str:
     return f"{plant.GetModelInstanceName(body.model_instance())}_{body.name()}"
 
 
-def shapes_of(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[dict[str, Any]]:
-    """Every visible shape of a plant that is registered with this scene graph: body, kind, size,
-    pose, colour.
+def scene_bodies(plant: MultibodyPlant, scene: list[Json]) -> dict[str, BodyIndex]:
+    """Finds label and index of each body of a plant, but the world, that has a shape in a scene."""
+    labels = {entry["body"] for entry in scene} - {WORLD_BODY}
+    indices = [BodyIndex(index) for index in range(plant.num_bodies())]
+    bodies = {body_label(plant, index): index for index in indices}
+    return {label: index for label, index in bodies.items() if label in labels}
+
+
+def plant_shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Json]:
+    """Lists every visible shape of a plant that is registered with this scene graph: body, kind,
+    size, pose, colour.
     """
     inspector = scene_graph.model_inspector()
     bodies = [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
@@ -64,39 +73,34 @@ def shapes_of(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[dict[str, 
         if geometry not in own:
             continue
         body: RigidBody = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
-        phong: Any = inspector.GetIllustrationProperties(geometry).GetPropertyOrDefault(
-            "phong", "diffuse", _GREY
-        )
-        colour = [round(part, 4) for part in (phong.r(), phong.g(), phong.b())]
+        properties: Any = inspector.GetIllustrationProperties(geometry)
+        diffuse = properties.GetPropertyOrDefault("phong", "diffuse", _GREY)
+        look = {
+            "body": body_label(plant, body.index()),
+            "colour": np.round(diffuse.rgba[:3], 4).tolist(),
+        }
         for kind, size, X_GS in _parts(inspector.GetShape(geometry)):
             X_BS = inspector.GetPoseInFrame(geometry) @ X_GS
-            pose = [*X_BS.rotation().ToQuaternion().wxyz().tolist(), *X_BS.translation().tolist()]
-            label = body_label(plant, body.index())
-            scene.append(
-                {"body": label, "kind": kind, "size": size, "pose": pose, "colour": colour}
-            )
+            pose = [*X_BS.rotation().ToQuaternion().wxyz(), *X_BS.translation()]
+            scene.append({**look, "kind": kind, "size": size, "pose": list(map(float, pose))})
     return scene
 
 
 def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:
-    """Kind, size (m) and pose in the shape's frame of what stands for a shape."""
+    """Gives kind, size (m) and pose in the shape's frame of what stands for a shape."""
     here = RigidTransform()
     if isinstance(shape, Box):
         yield "box", [shape.width(), shape.depth(), shape.height()], here
-    elif isinstance(shape, Cylinder):
+    elif isinstance(shape, Cylinder | Capsule):
         yield "cylinder", [shape.radius(), shape.length()], here
+        if isinstance(shape, Capsule):
+            for end in (-0.5, 0.5):
+                X_GE = RigidTransform(np.array([0.0, 0.0, end * shape.length()]))
+                yield "sphere", [shape.radius()], X_GE
     elif isinstance(shape, Sphere):
         yield "sphere", [shape.radius()], here
     elif isinstance(shape, Ellipsoid):
         yield "ellipsoid", [shape.a(), shape.b(), shape.c()], here
-    elif isinstance(shape, Capsule):
-        yield "cylinder", [shape.radius(), shape.length()], here
-        for end in (-0.5, 0.5):
-            yield (
-                "sphere",
-                [shape.radius()],
-                RigidTransform(np.array([0.0, 0.0, end * shape.length()])),
-            )
     elif isinstance(shape, Mesh | Convex):
         hull = shape.GetConvexHull()
         points = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
@@ -104,75 +108,101 @@ def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:
 
 
 def _directions() -> FloatArray:
-    """Unit vectors spread evenly over the sphere, shape (`MOST_POINTS`, 3)."""
-    place = np.arange(MOST_POINTS) + 0.5
-    height = 1.0 - 2.0 * place / MOST_POINTS
+    """Spreads unit vectors evenly over the sphere, shape (`MAX_POINTS`, 3)."""
+    place = np.arange(MAX_POINTS) + 0.5
+    height = 1.0 - 2.0 * place / MAX_POINTS
     turn = np.pi * (1.0 + np.sqrt(5.0)) * place
     radius = np.sqrt(1.0 - height**2)
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
 
 
 def _outermost(points: FloatArray) -> FloatArray:
-    """At most `MOST_POINTS` corners of a hull (n, 3): the farthest in directions spread evenly over
-    the sphere.
+    """Selects at most `MAX_POINTS` corners of a hull (n, 3): the farthest in directions spread
+    evenly over the sphere.
     """
-    if len(points) <= MOST_POINTS:
+    if len(points) <= MAX_POINTS:
         return points
     return np.asarray(points[np.unique(np.argmax(_directions() @ points.T, axis=1))])
 
 
-def points_of(entry: Mapping[str, Any]) -> FloatArray:
-    """Points that a shape of a log spans, in the frame of its body, m, (n, 3); many if round."""
+def shape_points(entry: Facts) -> FloatArray:
+    """Lists points that a shape of a log spans in the frame of its body, m, (n, 3)."""
     size: FloatArray = np.asarray(entry["size"], dtype=float)
-    if entry["kind"] == "hull":
-        points = size
-    elif entry["kind"] == "box":
+    points = size
+    if entry["kind"] == "box":
         points = size * np.array(list(product((-0.5, 0.5), repeat=3)))
     elif entry["kind"] == "cylinder":
-        across = _directions()[:, :2] / np.linalg.norm(_directions()[:, :2], axis=1, keepdims=True)
-        points = np.column_stack([size[0] * across, size[1] * np.resize((-0.5, 0.5), MOST_POINTS)])
-    else:
+        across = _directions()[:, :2]
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        ends = np.resize((-0.5, 0.5), MAX_POINTS)
+        points = np.column_stack([size[0] * across, size[1] * ends])
+    elif entry["kind"] != "hull":
         points = size * _directions()
-    X_BS = pose_of(entry)
+    X_BS = shape_pose(entry)
     return points @ X_BS.rotation().matrix().T + X_BS.translation()
 
 
-def pose_of(entry: Mapping[str, Any]) -> RigidTransform:
-    """Pose of a shape of a log in the frame of its body."""
-    w, x, y, z, *place = (float(value) for value in entry["pose"])
-    return RigidTransform(Quaternion(np.array([w, x, y, z])), np.array(place))
+def point_paths(
+    plant: MultibodyPlant, body: str, p_BP: FloatArray, positions: FloatArray
+) -> FloatArray:
+    """Follows points of a body over a run.
+
+    Args:
+        plant: finalised.
+        body: its name.
+        p_BP: the points in the frame of the body, m, shape (m, 3).
+        positions: of the plant, shape (n, nq).
+
+    Returns:
+        The points in W, m, shape (n, m, 3).
+    """
+    context = plant.CreateDefaultContext()
+    paths = np.zeros((len(positions), *p_BP.shape))
+    for row, values in enumerate(positions):
+        plant.SetPositions(context, values)
+        X_WB: RigidTransform = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(body))
+        paths[row] = X_WB.multiply(p_BP.T).T
+    return paths
+
+
+def shape_pose(entry: Facts) -> RigidTransform:
+    """Reads the pose of a shape of a log in the frame of its body."""
+    pose = np.array(entry["pose"], float)
+    return RigidTransform(Quaternion(pose[:4]), pose[4:])
 
 
 def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
     """Puts the shapes of a log into a plant, before Finalize: a free body for each that moves.
 
-    Names of these bodies.
+    Returns the names of these bodies.
 
     Args:
         plant: registered with a scene graph.
-        scene: from `shapes_of`, read from a log.
+        scene: from `plant_shapes`, read from a log.
         name: of the log, for messages.
 
     Raises:
-        LogError: it is not what `shapes_of` makes.
+        LogError: it is not what `plant_shapes` makes.
     """
     bodies: dict[str, RigidBody] = {WORLD_BODY: plant.world_body()}
     try:
         for number, entry in enumerate(scene):
             body = entry["body"]
             if body not in bodies:
-                bodies[body] = plant.AddRigidBody(
-                    body, SpatialInertia.SolidSphereWithMass(1.0, 0.1)
-                )
-            colour = Rgba(*(float(part) for part in entry["colour"])).rgba
+                inertia = SpatialInertia.SolidSphereWithMass(1.0, 0.1)
+                bodies[body] = plant.AddRigidBody(body, inertia)
+            colour = Rgba(*map(float, entry["colour"])).rgba
             shape = _shape(entry, f"shape_{number}")
-            plant.RegisterVisualGeometry(bodies[body], pose_of(entry), shape, f"{number}", colour)
+            plant.RegisterVisualGeometry(
+                bodies[body], shape_pose(entry), shape, f"{number}", colour
+            )
     except (KeyError, TypeError, ValueError, RuntimeError) as cause:
         raise LogError(f"{name}: the shapes in its metadata cannot be read ({cause!r})") from None
     return [body for body in bodies if body != WORLD_BODY]
 
 
-def _shape(entry: Mapping[str, Any], label: str) -> Shape:
+def _shape(entry: Facts, label: str) -> Shape:
+    """Makes Drake's shape of a shape of a log."""
     if entry["kind"] == "hull":
         return Convex(points=np.array(entry["size"], dtype=float).T, label=label)
-    return _KINDS[entry["kind"]](*(float(number) for number in entry["size"]))
+    return _KINDS[entry["kind"]](*map(float, entry["size"]))

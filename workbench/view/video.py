@@ -19,7 +19,7 @@ from PIL import Image, ImageDraw, ImageFont
 from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.view.captions import RESULT_COLOURS, caption_of, now_text
+from aerodima.workbench.view.captions import RESULT_COLOURS, run_caption, state_caption
 from aerodima.workbench.view.offscreen import OffscreenRun
 from aerodima.workbench.view.recording import check_rate, nearest_rows
 
@@ -30,9 +30,9 @@ FRAMES_PER_SECOND = 25
 """Frames per second of the video, whatever its rate."""
 _REST = 1.0
 """How long the last frame stays, s."""
-MOST_SECONDS = 120.0
+MAX_SECONDS = 120.0
 """Longest video: a minute of drawing for each run."""
-MOST_RUNS = 6
+MAX_RUNS = 6
 """Most runs side by side."""
 _ALONE = (640, 400)
 """Width and height of the picture of one run, pixels; even, as MP4 wants them."""
@@ -59,7 +59,7 @@ def write_video(
     """Writes runs as one video, side by side.
 
     Args:
-        runs: name above its picture -> run, 1 to `MOST_RUNS`.
+        runs: name above its picture -> run, 1 to `MAX_RUNS`.
         path: ending .gif, .webp or .mp4; refused when it exists, unless `force`.
         rate: seconds of the runs per second of the video; 0.25 is slow motion.
         progress: see `Progress`.
@@ -74,14 +74,14 @@ def write_video(
     refuse_existing(path, force, UserError)
     write = _encoder(path)
     check_rate(rate)
-    if not 1 <= len(runs) <= MOST_RUNS:
-        raise UserError(f"--video: {len(runs)} runs; allowed: 1 to {MOST_RUNS}")
+    if not 1 <= len(runs) <= MAX_RUNS:
+        raise UserError(f"--video: {len(runs)} runs; must be 1 to {MAX_RUNS}")
     film = Film(runs, rate, start)
     return write_atomically(path, partial(write, film=film, progress=progress), force, UserError)
 
 
 def check_video(path: Path, force: bool) -> None:
-    """What can be wrong before a log is read: see `write_video`."""
+    """Checks what can be wrong before a log is read: see `write_video`."""
     refuse_existing(path, force, UserError)
     _encoder(path)
 
@@ -90,54 +90,57 @@ class Film:
     """The frames of a video."""
 
     def __init__(self, runs: Mapping[str, RunLog], rate: float, start: float = 0.0) -> None:
-        """See `write_video`; a video of more than `MOST_SECONDS` is refused."""
-        whole = max(float(run_log.time[-1] - run_log.time[0]) for run_log in runs.values())
+        """Plans the frames, see `write_video`; a video of more than `MAX_SECONDS` is refused."""
+        whole = max(float(np.ptp(run_log.time)) for run_log in runs.values())
         if not 0.0 <= start < whole:
             raise UserError(
-                f"--from {start:g}: allowed: 0 to below {whole:g} s, the length of the longest run"
+                f"--from {start:g}: must be 0 to below {whole:g} s, the length of the longest run"
             )
         longest = (whole - start) / rate
-        if longest > MOST_SECONDS:
+        if longest > MAX_SECONDS:
             raise UserError(
-                f"--video: {longest:.0f} s at --rate {rate:g}; allowed: up to {MOST_SECONDS:.0f} s"
+                f"--video: {longest:.0f} s at --rate {rate:g}; must be up to {MAX_SECONDS:.0f} s"
             )
         self.number = math.ceil(longest * FRAMES_PER_SECOND - 1e-9) + 1
         since = start + np.arange(self.number) * rate / FRAMES_PER_SECOND
-        self._rows = [
-            nearest_rows(run_log.time, run_log.time[0] + since) for run_log in runs.values()
-        ]
-        self._pictures = [OffscreenRun(run_log) for run_log in runs.values()]
         self._panel = _ALONE if len(runs) == 1 else _TOGETHER
-        if len(runs) <= 3:
-            self._columns = len(runs)
-        else:
+        self._columns = len(runs)
+        if len(runs) > 3:
             self._columns = math.ceil(len(runs) / 2)
-        self._azimuth = float(np.median([one.logged.camera_azimuth for one in self._pictures]))
-        self._place = max(one.logged.camera_place for one in self._pictures)
-        self._headers = [
-            _header(name, one.logged.run_log, self._panel[0])
-            for name, one in zip(runs, self._pictures, strict=True)
-        ]
+        self._rows = []
+        self._pictures = []
+        self._headers = []
+        for name, run_log in runs.items():
+            shown = OffscreenRun(run_log)
+            self._rows.append(nearest_rows(run_log.time, run_log.time[0] + since))
+            self._pictures.append(shown)
+            self._headers.append(_header(name, shown.logged.run_log, self._panel[0]))
+        drawn = [shown.logged for shown in self._pictures]
+        self._azimuth = float(np.median([logged.camera_azimuth for logged in drawn]))
+        self._place = max(logged.camera_place for logged in drawn)
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height, pixels."""
+        """Gives width and height, pixels."""
         rows = math.ceil(len(self._pictures) / self._columns)
-        width, height = self._panel
-        return (self._columns * (width + _GAP) - _GAP, rows * (height + _HEADER + _GAP) - _GAP)
+        width = self._columns * (self._panel[0] + _GAP) - _GAP
+        height = rows * (self._panel[1] + _HEADER + _GAP) - _GAP
+        return width, height
 
     def frame(self, number: int) -> Image.Image:
-        """One frame, counted from 0."""
+        """Draws one frame, counted from 0."""
         picture = Image.new("RGB", self.size, "white")
-        for which in range(len(self._pictures)):
-            down, across = divmod(which, self._columns)
-            corner = (across * (self._panel[0] + _GAP), down * (self._panel[1] + _HEADER + _GAP))
-            picture.paste(self._headers[which], corner)
-            picture.paste(self._panel_picture(which, number), (corner[0], corner[1] + _HEADER))
+        width, height = self._panel
+        for index, header in enumerate(self._headers):
+            down, across = divmod(index, self._columns)
+            left = across * (width + _GAP)
+            top = down * (height + _HEADER + _GAP)
+            picture.paste(header, (left, top))
+            picture.paste(self._panel_picture(index, number), (left, top + _HEADER))
         return picture
 
     def frames(self, progress: Progress | None) -> Iterator[Image.Image]:
-        """All of them; the last one again and again for its rest."""
+        """Draws all of them; repeats the last one for its rest."""
         for number in range(self.number):
             last = self.frame(number)
             if progress is not None:
@@ -146,23 +149,20 @@ class Film:
         for _ in range(round(_REST * FRAMES_PER_SECOND)):
             yield last
 
-    def _panel_picture(self, which: int, number: int) -> Image.Image:
-        row = int(self._rows[which][number])
-        shown = self._pictures[which]
+    def _panel_picture(self, index: int, number: int) -> Image.Image:
+        """Draws one run in a frame."""
+        row = int(self._rows[index][number])
+        shown = self._pictures[index]
         picture = shown.picture(row, shown.camera(row, self._azimuth, self._place, self._panel))
-        draw = ImageDraw.Draw(picture)
-        draw.text(
-            (10, self._panel[1] - 26),
-            now_text(shown.logged.run_log, row),
-            fill=_INK,
-            font=_font(14),
-        )
+        text = state_caption(shown.logged.run_log, row)
+        place = (10, self._panel[1] - 26)
+        ImageDraw.Draw(picture).text(place, text, fill=_INK, font=_font(14))
         return picture
 
 
 def _header(name: str, run_log: RunLog, width: int) -> Image.Image:
-    """Name and outcome, on white."""
-    caption = caption_of(run_log)
+    """Writes name and outcome on white."""
+    caption = run_caption(run_log)
     header = Image.new("RGB", (width, _HEADER), "white")
     draw = ImageDraw.Draw(header)
     draw.text((10, 4), name, fill=_INK, font=_font(18, bold=True))
@@ -172,16 +172,18 @@ def _header(name: str, run_log: RunLog, width: int) -> Image.Image:
 
 @cache
 def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """Matplotlib brings it."""
+    """Opens the font that Matplotlib brings."""
     name = f"DejaVuSans{'-Bold' if bold else ''}.ttf"
     return ImageFont.truetype(str(Path(matplotlib.get_data_path(), "fonts", "ttf", name)), size)
 
 
 def _encoder(path: Path) -> Encoder:
-    """By the ending; UserError where it is another one, or its encoder is missing."""
+    """Chooses an encoder by the ending; UserError where it is another one, or its encoder is
+    missing.
+    """
     ending = path.suffix.lower()
     if ending not in _ENCODERS:
-        raise UserError(f"--video {path}: ending {path.suffix!r}; allowed: {', '.join(_ENCODERS)}")
+        raise UserError(f"--video {path}: ending {path.suffix!r}; must be {', '.join(_ENCODERS)}")
     if ending == ".mp4" and find_spec("imageio_ffmpeg") is None:
         raise UserError(
             f"--video {path}: no encoder for MP4; install it with `pip install "
@@ -191,18 +193,17 @@ def _encoder(path: Path) -> Encoder:
 
 
 def _write_gif(path: Path, film: Film, progress: Progress | None) -> None:
-    """One palette for all frames and no dithering, so that what stands still costs nothing."""
-    sample = [
-        np.asarray(film.frame(number)) for number in sorted({0, film.number // 2, film.number - 1})
-    ]
-    palette = Image.fromarray(np.concatenate(sample)).quantize(256)
-    frames = (
-        frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in film.frames(progress)
-    )
+    """Uses one palette for all frames and no dithering, so that what stands still costs nothing."""
+    numbers = sorted({0, film.number // 2, film.number - 1})
+    sample = np.concatenate([np.asarray(film.frame(number)) for number in numbers])
+    palette = Image.fromarray(sample).quantize(256)
+    dither = Image.Dither.NONE
+    frames = (frame.quantize(palette=palette, dither=dither) for frame in film.frames(progress))
     _save(path, frames, format="GIF", optimize=False)
 
 
 def _write_webp(path: Path, film: Film, progress: Progress | None) -> None:
+    """Compresses with loss."""
     _save(path, film.frames(progress), format="WEBP", quality=60, method=2)
 
 

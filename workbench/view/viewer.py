@@ -18,6 +18,8 @@ from aerodima.workbench.car.car_station import simulated_car
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
 
+Area = tuple[float, float, float, float]
+"""A floor: x from, x to, y from, y to, m."""
 HOST = "127.0.0.1"
 PORTS = (1024, 65535)
 """Ports that Drake's Meshcat takes; below them it ends the whole program."""
@@ -51,7 +53,7 @@ def open_meshcat(port: int | None = None) -> Meshcat:
         UserError: the port is in use or not in that range, or none is free.
     """
     if port is not None and not PORTS[0] <= port <= PORTS[1]:
-        raise UserError(f"--port: {port}; allowed: {PORTS[0]} to {PORTS[1]}")
+        raise UserError(f"--port: {port}; must be {PORTS[0]} to {PORTS[1]}")
     meshcat = _start(port)
     for path in ("/Grid", "/Axes"):
         meshcat.SetProperty(path, "visible", False)
@@ -71,10 +73,9 @@ def _start(port: int | None) -> Meshcat:
     try:
         meshcat = Meshcat(MeshcatParams(host=HOST, port=port))
     except RuntimeError as error:
+        place = f"no free port on {HOST}"
         if port is not None:
             place = f"port {port} of {HOST} is in use"
-        else:
-            place = f"no free port on {HOST}"
         raise UserError(
             f"Meshcat: {place}; choose another --port ({PORTS[0]} to {PORTS[1]})"
         ) from error
@@ -85,7 +86,7 @@ def _start(port: int | None) -> Meshcat:
 
 
 def _keep_for_ever(meshcat: Meshcat) -> None:
-    """One reference too many, so that nothing destroys the viewer before the process is gone.
+    """Holds one reference too many, so that nothing destroys the viewer before the process is gone.
 
     Drake aborts the process when another thread than its maker's destroys a viewer. The garbage
     collector runs in whatever thread it is due; the interpreter, when it ends, clears modules in
@@ -95,8 +96,8 @@ def _keep_for_ever(meshcat: Meshcat) -> None:
 
 
 def _set_lights(meshcat: Meshcat) -> None:
-    """One sun from above with soft light all around, so that the floor is even and the car throws a
-    shadow.
+    """Sets one sun from above with soft light all around, so that the floor is even and the car
+    throws a shadow.
     """
     for lamp in ("SpotLight", "PointLightNegativeX", "PointLightPositiveX"):
         meshcat.SetProperty(f"/Lights/{lamp}", "visible", False)
@@ -110,18 +111,17 @@ def _set_lights(meshcat: Meshcat) -> None:
     meshcat.SetProperty(sun, "castShadow", True)
 
 
-def area_around(points: FloatArray, margin: float = 3.0) -> tuple[float, float, float, float]:
-    """Smallest floor with whole metres (x from, x to, y from, y to) that has a margin (m) about
-    points (n, 3).
+def area_around(points: FloatArray, margin: float = 3.0) -> Area:
+    """Finds the smallest floor with whole metres (x from, x to, y from, y to) that has a margin (m)
+    about points (n, 3).
     """
-    low = np.floor(np.min(points[:, :2], axis=0) - margin)
-    high = np.ceil(np.max(points[:, :2], axis=0) + margin)
-    return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+    on_floor = points[:, :2]
+    x0, y0 = np.floor(np.min(on_floor, axis=0) - margin).tolist()
+    x1, y1 = np.ceil(np.max(on_floor, axis=0) + margin).tolist()
+    return x0, x1, y0, y1
 
 
-def draw_ground(
-    meshcat: Meshcat, area: tuple[float, float, float, float], height: float = 0.0
-) -> None:
+def draw_ground(meshcat: Meshcat, area: Area, height: float = 0.0) -> None:
     """Draws the floor with a line every metre and a lighter one every quarter of a metre.
 
     Args:
@@ -132,34 +132,35 @@ def draw_ground(
     meshcat.SetTransform(GROUND, RigidTransform(np.array([0.0, 0.0, height])))
     floor = Box(x1 - x0, y1 - y0, 0.01)
     meshcat.SetObject(f"{GROUND}/floor", floor, _FLOOR)
-    meshcat.SetTransform(
-        f"{GROUND}/floor", RigidTransform(np.array([(x0 + x1) / 2, (y0 + y1) / 2, -0.012]))
-    )
-    for name, step, height, colour in (
-        ("fine", _FINE_STEP, -0.004, _FINE),
-        ("metre", 1.0, -0.001, _METRE),
-    ):
-        start, end = _grid_lines(area, step, height)
-        meshcat.SetLineSegments(f"{GROUND}/{name}", start, end, 1.0, colour)
+    middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, -0.012])
+    meshcat.SetTransform(f"{GROUND}/floor", RigidTransform(middle))
+    fine = _grid_lines(area, _FINE_STEP, -0.004)
+    meshcat.SetLineSegments(f"{GROUND}/fine", *fine, 1.0, _FINE)
+    metre = _grid_lines(area, 1.0, -0.001)
+    meshcat.SetLineSegments(f"{GROUND}/metre", *metre, 1.0, _METRE)
 
 
-def _grid_lines(
-    area: tuple[float, float, float, float], step: float, height: float
-) -> tuple[FloatArray, FloatArray]:
-    """Ends of the lines of a grid, each of shape (3, n), metre by metre: some browsers drop lines
-    that pass the eye.
+def _grid_lines(area: Area, step: float, height: float) -> tuple[FloatArray, FloatArray]:
+    """Gives the ends of the lines of a grid, each of shape (3, n), metre by metre: some browsers
+    drop lines that pass the eye.
     """
     x0, x1, y0, y1 = area
-    xs = x0 + step * np.arange(round((x1 - x0) / step) + 1)
-    ys = y0 + step * np.arange(round((y1 - y0) / step) + 1)
-    start = [[x, y, height] for x in xs for y in np.arange(y0, y1)] + [
-        [x, y, height] for y in ys for x in np.arange(x0, x1)
-    ]
-    along_y = len(xs) * round(y1 - y0)
-    end = [[x, y + 1, z] for x, y, z in start[:along_y]] + [
-        [x + 1, y, z] for x, y, z in start[along_y:]
-    ]
-    return np.asfortranarray(np.transpose(start)), np.asfortranarray(np.transpose(end))
+    along_y = _line_starts(x0, x1, y0, y1, step)
+    along_x = _line_starts(y0, y1, x0, x1, step)[::-1]
+    start = np.hstack([along_y, along_x])
+    end = np.hstack([along_y + np.c_[[0.0, 1.0]], along_x + np.c_[[1.0, 0.0]]])
+    heights = np.full((1, start.shape[1]), height)
+    start = np.vstack([start, heights])
+    end = np.vstack([end, heights])
+    return np.asfortranarray(start), np.asfortranarray(end)
+
+
+def _line_starts(low: float, high: float, first: float, last: float, step: float) -> FloatArray:
+    """Gives the starts, shape (2, n), of pieces of 1 m of lines that lie `step` (m) apart from
+    `low` to `high` and reach from `first` to `last`.
+    """
+    places = low + step * np.arange(round((high - low) / step) + 1)
+    return np.stack(np.meshgrid(places, np.arange(first, last), indexing="ij")).reshape(2, -1)
 
 
 class ChaseCamera:
@@ -194,7 +195,8 @@ class ChaseCamera:
         heading = math.atan2(ahead[1], ahead[0])
         if self._meshcat is not None:
             place = np.array([*X_WB.translation()[:2], 0.0])
-            turned = RigidTransform(RotationMatrix.MakeZRotation(-heading), np.zeros(3))
+            turn = RotationMatrix.MakeZRotation(-heading)
+            turned = RigidTransform(turn, np.zeros(3))
             self._meshcat.SetTransform(WORLD, turned @ RigidTransform(-place))
             # The ground moves by whole metres: its lines stay in place.
             self._meshcat.SetTransform(GROUND, RigidTransform(np.round(place)))

@@ -1,6 +1,4 @@
-"""What of a diagram is watched: its plant or station, its base, its tail forces, and the columns
-that they fill.
-"""
+"""The watched part of a diagram: plant or station, base, tail forces, and the columns they fill."""
 
 from __future__ import annotations
 
@@ -37,6 +35,7 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.logs.recorder import Signals, output_ports, signals_of
+from aerodima.workbench.logs.schema import Json
 from aerodima.workbench.metrics.run_summary import TAILS
 from aerodima.workbench.scenario.signal_table import CAR_TRUTH, PLANT_POSITION_PREFIX, names_of
 from aerodima.workbench.view.force_arrows import (
@@ -46,7 +45,7 @@ from aerodima.workbench.view.force_arrows import (
     point_on_axis,
 )
 from aerodima.workbench.view.logged_run import SCENE
-from aerodima.workbench.view.scene_shapes import WORLD_BODY, body_label, points_of, shapes_of
+from aerodima.workbench.view.scene_shapes import plant_shapes, scene_bodies, shape_points
 from aerodima.workbench.view.viewer import WORLD, area_around, draw_ground
 
 _STATION_TRUTH = ("contact_truth", "wind_truth")
@@ -55,7 +54,7 @@ PICTURES_PER_SECOND = 32.0
 """That of Drake's own visualizer."""
 _FLOOR_MARGIN = 10.0
 """Floor about the place of the start, m."""
-_LEAST_SIZE = 0.15
+_MIN_SIZE = 0.15
 """The camera does not come nearer than to a plant of this radius, m."""
 
 
@@ -71,7 +70,7 @@ class WatchedPlant:
         tails: `TailForce` systems on bodies of the plant; those in a station are computed once
             more.
         wind: port of the air that they feel; None in still air.
-        scene: the plant's visible shapes, see `shapes_of`.
+        scene: the plant's visible shapes, see `plant_shapes`.
         scene_graph: that the plant is registered with, in this builder; None without or in a
             station.
         bodies: label and index of each body that has visible shapes.
@@ -83,7 +82,7 @@ class WatchedPlant:
     base: BodyIndex | None
     tails: list[Any]
     wind: OutputPort | None
-    scene: list[dict[str, Any]]
+    scene: list[Json]
     scene_graph: SceneGraph | None
     bodies: dict[str, BodyIndex]
 
@@ -99,38 +98,29 @@ class WatchedPlant:
         if not isinstance(plant, MultibodyPlant):
             inside = station = plant
             plant = _plant_in(station)
-            state = station.GetOutputPort("plant_state_truth")
-        assert isinstance(plant, MultibodyPlant)
         if not plant.is_finalized():
             raise ModelError(
                 f"observe: plant '{plant.get_name()}' is not finalised; call plant.Finalize() first"
             )
-        if station is None:
-            state = plant.get_state_output_port()
         systems = inside.GetSystems()
         tails = [
             system for system in systems if isinstance(system, TailForce) and system.plant is plant
         ]
-        shown = next((system for system in systems if isinstance(system, SceneGraph)), None)
+        scene_graph = next((system for system in systems if isinstance(system, SceneGraph)), None)
         scene = []
-        if shown is not None and plant.geometry_source_is_registered():
-            scene = shapes_of(plant, shown)
-        labels = {entry["body"] for entry in scene} - {WORLD_BODY}
-        indices = {
-            body_label(plant, BodyIndex(index)): BodyIndex(index)
-            for index in range(plant.num_bodies())
-        }
-        bodies = {label: index for label, index in indices.items() if label in labels}
+        if scene_graph is not None and plant.geometry_source_is_registered():
+            scene = plant_shapes(plant, scene_graph)
         if station is None:
+            state = plant.get_state_output_port()
             wind = _wind(builder, tails)
-            scene_graph = shown
         else:
+            state = station.GetOutputPort("plant_state_truth")
             wind = output_ports(station).get("wind_truth")
-            tails = [_again(builder, tail, state, wind) for tail in tails]
+            tails = [_copy_tail(builder, tail, state, wind) for tail in tails]
             scene_graph = None
-        return cls(
-            plant, station, state, _base_of(plant, base), tails, wind, scene, scene_graph, bodies
-        )
+        base_index = _base_of(plant, base)
+        bodies = scene_bodies(plant, scene)
+        return cls(plant, station, state, base_index, tails, wind, scene, scene_graph, bodies)
 
     def add_truth(self, builder: DiagramBuilder) -> PlantTruth:
         """Adds the system that computes what is recorded and drawn; ModelError when this plant is
@@ -165,63 +155,55 @@ class WatchedPlant:
         if self.scene_graph is not None and not seen:
             MeshcatVisualizer.AddToBuilder(builder, self.scene_graph, meshcat)
         names = [tail.get_name() for tail in self.tails]
-        reach = [
-            max(
-                float(np.linalg.norm(points_of(entry), axis=1).max())
-                for entry in self.scene
-                if entry["body"] == label
-            )
-            for label in self.bodies
-        ]
-        live = builder.AddNamedSystem("live_scene", LiveScene(meshcat, names, reach, air_scale))
-        ports = ["com"]
-        if self.bodies:
-            ports.append("poses")
-        ports += [f"{name}_air" for name in names]
-        for port in ports:
-            builder.Connect(truth.GetOutputPort(port), live.GetInputPort(port))
+        reach = dict.fromkeys(self.bodies, 0.0)
+        for entry in self.scene:
+            if entry["body"] in reach:
+                distances = np.linalg.norm(shape_points(entry), axis=1)
+                reach[entry["body"]] = max(reach[entry["body"]], float(distances.max()))
+        live = builder.AddNamedSystem(
+            "live_scene", LiveScene(meshcat, names, [*reach.values()], air_scale)
+        )
+        for port, source in output_ports(truth).items():
+            if live.HasInputPort(port):
+                builder.Connect(source, live.GetInputPort(port))
 
     def signals(self, truth: PlantTruth) -> Signals:
-        """Ports with the names of their columns."""
+        """Lists the recorded ports with the names of their columns."""
         plant = self.plant
         names = [f"{PLANT_POSITION_PREFIX}{position}" for position in plant.GetPositionNames()]
         names += [f"plant_velocity_{velocity}" for velocity in plant.GetVelocityNames()]
-        names += [
-            f"plant_state_{index}" for index in range(plant.num_multibody_states() - len(names))
-        ]
-        found: Signals = []
+        extra_states = plant.num_multibody_states() - len(names)
+        names += [f"plant_state_{index}" for index in range(extra_states)]
+        poses = [column for label in self.bodies for column in pose_columns(label)]
+        computed = {"base": list(BASE_COLUMNS), "com": list(COM_COLUMNS), "poses": poses}
+        ports = output_ports(truth)
+        signals: Signals = []
         if names:
-            found = [(self.state, names)]
-        if self.base is not None:
-            found.append((truth.GetOutputPort("base"), list(BASE_COLUMNS)))
-        found.append((truth.GetOutputPort("com"), list(COM_COLUMNS)))
-        if self.bodies:
-            poses = [column for label in self.bodies for column in pose_columns(label)]
-            found.append((truth.GetOutputPort("poses"), poses))
+            signals = [(self.state, names)]
+        signals += [(ports[name], columns) for name, columns in computed.items() if name in ports]
         for tail in self.tails:
             name = tail.get_name()
             number = tail.layout.number
-            found.append((truth.GetOutputPort(f"{name}_air"), air_columns(name)))
-            found.append((tail.GetOutputPort("sections"), section_columns(name, number)))
             validity = [f"{name}_section_{index}_validity" for index in range(number)]
-            found.append((tail.GetOutputPort("validity"), validity))
+            signals += [
+                (ports[f"{name}_air"], air_columns(name)),
+                (tail.GetOutputPort("sections"), section_columns(name, number)),
+                (tail.GetOutputPort("validity"), validity),
+            ]
         if self.station is not None:
-            ports = output_ports(self.station)
-            found += signals_of(
-                CAR_TRUTH, {name: ports[name] for name in _STATION_TRUTH if name in ports}
-            )
+            table = {name: CAR_TRUTH[name] for name in _STATION_TRUTH}
+            signals += signals_of(table, output_ports(self.station))
         elif self.wind is not None:
-            found.append((self.wind, names_of(CAR_TRUTH["wind_truth"])))
-        return found
+            signals.append((self.wind, names_of(CAR_TRUTH["wind_truth"])))
+        return signals
 
-    def facts(self) -> dict[str, Any]:
-        """For `extra` of the log."""
+    def facts(self) -> Json:
+        """Collects what goes into `extra` of the log."""
         plant = self.plant
         mass = plant.CalcTotalMass(plant.CreateDefaultContext(), own_instances(plant))
         tails = [{"name": tail.get_name(), "body": tail.body.name()} for tail in self.tails]
-        if self.base is None:
-            base = None
-        else:
+        base = None
+        if self.base is not None:
             base = plant.get_body(self.base).name()
         return {SCENE: self.scene, TAILS: tails, "base": base, "total_mass_kg": mass}
 
@@ -232,7 +214,7 @@ def _plant_in(station: Diagram) -> MultibodyPlant:
         plant = station.GetSubsystemByName("plant")
     if plant is None or not station.HasOutputPort("plant_state_truth"):
         raise ModelError(
-            f"observe: '{station.get_name()}' has no plant to be watched; allowed: a "
+            f"observe: '{station.get_name()}' has no plant to be watched; must be a "
             "MultibodyPlant of this builder, "
             "or a simulated station, which has a subsystem 'plant' and a port 'plant_state_truth'"
         )
@@ -240,17 +222,15 @@ def _plant_in(station: Diagram) -> MultibodyPlant:
 
 
 def _base_of(plant: MultibodyPlant, base: RigidBody | str | None) -> BodyIndex | None:
-    """The body that was named, or the floating base if there is one only."""
+    """Returns the body that was named, or the floating base if there is one only."""
     if base is not None:
         return resolve_body(plant, base, "observe").index()
-    floating = sorted(plant.GetFloatingBaseBodies())
-    if len(floating) == 1:
-        return floating[0]
-    return None
+    floating = list(plant.GetFloatingBaseBodies())
+    return floating[0] if len(floating) == 1 else None
 
 
 def _wind(builder: DiagramBuilder, tails: list[Any]) -> OutputPort | None:
-    """The port that the first tail force feels wind from."""
+    """Finds the port that the first tail force feels wind from."""
     connections: Mapping[Any, Any] = builder.connection_map()
     for tail in tails:
         source = connections.get((tail, tail.GetInputPort("wind_velocity").get_index()))
@@ -260,10 +240,10 @@ def _wind(builder: DiagramBuilder, tails: list[Any]) -> OutputPort | None:
     return None
 
 
-def _again(
+def _copy_tail(
     builder: DiagramBuilder, tail: Any, state: OutputPort, wind: OutputPort | None
 ) -> System:
-    """A tail force inside a station once more, in this builder, where its ports can be read."""
+    """Adds a tail force of a station once more, in this builder, where its ports can be read."""
     copy = builder.AddNamedSystem(tail.get_name(), tail.reporter())
     builder.Connect(state, copy.GetInputPort("plant_state"))
     if wind is not None:
@@ -298,13 +278,10 @@ class LiveScene(LeafSystem):
         self._poses = None
         if len(reach):
             self._poses = self.DeclareVectorInputPort("poses", 7 * len(reach))
-        self._tails = [
-            (
-                DrawnArrow.make(meshcat, f"air_on_{name}", AIR_COLOUR),
-                self.DeclareVectorInputPort(f"{name}_air", 12),
-            )
-            for name in tails
-        ]
+        self._tails = []
+        for name in tails:
+            arrow = DrawnArrow.make(meshcat, f"air_on_{name}", AIR_COLOUR)
+            self._tails.append((arrow, self.DeclareVectorInputPort(f"{name}_air", 12)))
         self._placed = False
         self.DeclareInitializationPublishEvent(self._start)
         self.DeclarePeriodicPublishEvent(1.0 / PICTURES_PER_SECOND, 0.0, self._show)
@@ -326,10 +303,11 @@ class LiveScene(LeafSystem):
         """Puts the camera where all of the robot is seen, and a floor below it unless it hangs
         below z = 0.
         """
-        size = _LEAST_SIZE
+        size = _MIN_SIZE
         if self._poses is not None:
             places = vector_of(self._poses, context).reshape(-1, 7)[:, 4:]
-            size = max(size, float(np.max(np.linalg.norm(places - com, axis=1) + self._reach)))
+            distances = np.linalg.norm(places - com, axis=1) + self._reach
+            size = max(size, float(np.max(distances)))
         target = np.array([0.0, 0.0, com[2]])
         self._meshcat.SetCameraPose(target + size * np.array([1.4, -2.9, 0.9]), target)
         if com[2] >= 0.0:
@@ -337,12 +315,10 @@ class LiveScene(LeafSystem):
         self._placed = True
 
     def _draw(self, arrow: DrawnArrow, air: FloatArray) -> None:
+        """Moves the arrow of one tail force, or hides it."""
         force, moment, root, tip = (part[None, :] for part in np.split(air, 4))
         length = self._air_scale * force[0]
         shown = bool(np.linalg.norm(length) > SHOWN_LENGTH)
         self._meshcat.SetProperty(arrow.path, "visible", shown)
         if shown:
-            poses, shaft = arrow.placed(point_on_axis(force, moment, root, tip)[0], length)
-            for path, X_PA in poses.items():
-                self._meshcat.SetTransform(path, X_PA)
-            self._meshcat.SetProperty(f"{arrow.path}/shaft", "scale", [1.0, 1.0, shaft])
+            arrow.move(self._meshcat, point_on_axis(force, moment, root, tip)[0], length)

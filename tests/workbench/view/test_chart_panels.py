@@ -7,7 +7,6 @@ from aerodima.workbench.view.chart_panels import NoChartError, chart_panels
 from aerodima.workbench.view.figure_style import (
     BLUE,
     GREY,
-    SKY,
     new_figure,
     shade_turn,
 )
@@ -50,17 +49,9 @@ def test_stripe_and_rule_reach_from_edge_to_edge():
     assert (rule["x"], rule["y"]) == (["low", "high"], [0.5, 0.5])
 
 
-def test_bars_bands_points_and_error_bars_are_where_they_were():
+def test_bars_and_error_bars_are_where_they_were():
     bar = panel(lambda axes: axes.bar([1.0], [3.0], width=0.5, color=BLUE))["shapes"][0]
     assert (min(bar["x"]), max(bar["x"]), max(bar["y"])) == (0.75, 1.25, 3.0)
-    band = panel(lambda axes: axes.fill_between(X, X - 1.0, X + 1.0, color=SKY, alpha=0.5))[
-        "shapes"
-    ][0]
-    assert (min(band["y"]), max(band["y"])) == (-1.0, 5.0)
-    assert band["fill"].startswith(SKY.lower())
-    dots = panel(lambda axes: axes.scatter([1.0, 2.0], [3.0, 4.0], s=[9.0, 36.0]))["shapes"][0]
-    assert (dots["x"], dots["y"]) == ([1.0, 2.0], [3.0, 4.0])
-    assert dots["size"][1] == pytest.approx(2.0 * dots["size"][0])
     shapes = panel(lambda axes: axes.errorbar([1.0, 2.0], [5.0, 6.0], yerr=0.5, fmt="o"))["shapes"]
     assert any(4.5 in shape["y"] and 5.5 in shape["y"] for shape in shapes)
 
@@ -77,6 +68,7 @@ def angle_and_torque():
     [
         (angle_and_torque, []),
         (lambda: panel(lambda axes: axes.imshow(np.eye(3))), ["image"]),
+        (lambda: panel(lambda axes: axes.scatter(X, X)), ["PathCollection"]),
         (lambda: panel(lambda axes: axes.text(1.0, 1.0, "here")), ["'here'"]),
         (lambda: panel(lambda axes: axes.set_yscale("symlog")), ["symlog"]),
     ],

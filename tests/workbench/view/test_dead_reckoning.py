@@ -12,7 +12,7 @@ from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import run_log_from_metadata, run_metadata
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.view.dead_reckoning import replayable
-from aerodima.workbench.view.filmstrip import five_moments
+from aerodima.workbench.view.filmstrip import key_frames
 from aerodima.workbench.view.force_arrows import force_arrows
 from aerodima.workbench.view.logged_run import add_logged_run
 from tests.refusals import assert_refused
@@ -84,7 +84,7 @@ def test_a_reckoned_run_has_five_moments_and_no_arrows():
     for scenario in ("turn_none", "turn_held"):
         run_log = replayable(circle(scenario))
         assert force_arrows(add_logged_run(DiagramBuilder(), run_log)) == []
-        assert len(five_moments(run_log)) == 5
+        assert len(key_frames(run_log)) == 5
 
 
 def test_a_simulated_run_is_left_as_it_is(tailed):

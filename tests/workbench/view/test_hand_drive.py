@@ -12,12 +12,12 @@ from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.view import hand_drive
-from aerodima.workbench.view.captions import caption_of
+from aerodima.workbench.view.captions import run_caption
 from aerodima.workbench.view.hand_drive import (
-    LOOK,
-    SLICE,
+    CONTROL_PERIOD,
+    DISPLAY_PERIOD,
     TAIL_SPEED,
-    Wishes,
+    ManualInput,
     drive_by_hand,
 )
 
@@ -40,14 +40,16 @@ class Clock:
 
 
 class Script:
-    """Controls that follow a function of the number of looks; one look is `SLICE` of the run."""
+    """Controls that follow a function of the number of looks; one look is `CONTROL_PERIOD` of the
+    run.
+    """
 
     def __init__(self, plan):
         self.plan = plan
         self.looks = -1
         self.shown = []
 
-    def wishes(self):
+    def poll(self):
         self.looks += 1
         return self.plan(self.looks)
 
@@ -59,9 +61,9 @@ def left_turn(look):
     """2 m/s; from 1.2 s on to the left, the tail's roll by hand to 0.5 rad; straight again from 2 s
     on.
     """
-    time = look * SLICE
+    time = look * CONTROL_PERIOD
     steering = 0.2 if 1.2 <= time < 2.0 else 0.0
-    return Wishes(steering, 2.0, 1.0, 0.5 if time >= 1.2 else math.nan)
+    return ManualInput(steering, 2.0, 1.0, 0.5 if time >= 1.2 else math.nan)
 
 
 def driven(folder, plan, clock, **options):
@@ -91,7 +93,7 @@ def test_driver_is_shown_time_speed_and_heading_of_the_run(
     (script, log) = left_drive
     columns = ("velocity_x_truth_m_per_s", "velocity_y_truth_m_per_s", "yaw_truth_rad")
     time = np.array([now.time for now in script.shown])
-    assert np.diff(time) == pytest.approx(LOOK)
+    assert np.diff(time) == pytest.approx(DISPLAY_PERIOD)
     along, across, yaw = (np.interp(time, log.time, log.signal(name)) for name in columns)
     assert [now.speed for now in script.shown] == pytest.approx(np.hypot(along, across), abs=0.03)
     assert [now.heading for now in script.shown] == pytest.approx(yaw, abs=0.01)
@@ -113,7 +115,7 @@ def test_speed_steering_and_tail_do_what_was_asked_for(left):
 
 
 def test_log_says_who_drove_and_its_metrics_are_those_of_the_steering_given(left):
-    assert "driven by hand (simulation)" in caption_of(left).text
+    assert "driven by hand (simulation)" in run_caption(left).text
     window = turn_signals(left).window
     assert window == pytest.approx((1.2, 2.0), abs=0.03)
     assert metrics_of(left).direction == "left"
@@ -122,7 +124,7 @@ def test_log_says_who_drove_and_its_metrics_are_those_of_the_steering_given(left
 @pytest.mark.slow
 def test_reset_begins_a_second_log_from_standstill_and_end_ends(tmp_path):
     def plan(look):
-        return Wishes(0.0, 2.0, attempt=int(look >= 30), over=look >= 60)
+        return ManualInput(0.0, 2.0, attempt=int(look >= 30), over=look >= 60)
 
     _, logs = driven(tmp_path, plan, Clock(0.0))
     assert [log.name for log in logs] == ["run.parquet", "run_2.parquet"]
@@ -134,15 +136,17 @@ def test_reset_begins_a_second_log_from_standstill_and_end_ends(tmp_path):
 
 def test_a_pause_costs_no_simulated_time(tmp_path):
     def plan(look):
-        return Wishes(0.0, 1.0, pace=0.0 if 5 <= look < 50 else 1.0, over=look >= 60)
+        return ManualInput(0.0, 1.0, pace=0.0 if 5 <= look < 50 else 1.0, over=look >= 60)
 
     _, (log,) = driven(tmp_path, plan, Clock(0.0))
-    assert read_run_log(log).time[-1] == pytest.approx((60 - 45) * SLICE, abs=2 * SLICE)
+    assert read_run_log(log).time[-1] == pytest.approx(
+        (60 - 45) * CONTROL_PERIOD, abs=2 * CONTROL_PERIOD
+    )
 
 
 def test_half_speed_takes_twice_as_long(tmp_path):
     clock = Clock(0.0)
-    driven(tmp_path, lambda look: Wishes(pace=0.5), clock, length=0.6)
+    driven(tmp_path, lambda look: ManualInput(pace=0.5), clock, length=0.6)
     assert clock.slept == pytest.approx(1.2, rel=0.04)
 
 
@@ -150,7 +154,7 @@ def test_half_speed_takes_twice_as_long(tmp_path):
 def test_a_slow_computer_slows_the_run_down_says_so_once_and_skips_nothing(tmp_path):
     said = []
     script, (log,) = driven(
-        tmp_path, lambda look: Wishes(), Clock(0.02), length=2.5, say=said.append
+        tmp_path, lambda look: ManualInput(), Clock(0.02), length=2.5, say=said.append
     )
     assert len(said) == 1
     assert "this computer keeps up at 0.4" in said[0] or "this computer keeps up at 0.5" in said[0]

@@ -29,7 +29,7 @@ def test_a_replay_stands_in_a_frame_whole_and_escaped(monkeypatch):
     page = '<p title="a & b">replay</p>'
     monkeypatch.setattr(replay_page, "replay_page", lambda run_log: page)
     monkeypatch.setattr(
-        captions, "caption_of", lambda run_log: SimpleNamespace(text="turn: survived")
+        captions, "run_caption", lambda run_log: SimpleNamespace(text="turn: survived")
     )
     frame = live_frame(object.__new__(RunLog))
     inside = frame._repr_html_().partition('srcdoc="')[2].partition('"')[0]

@@ -14,7 +14,7 @@ from aerodima.workbench.view.force_arrows import ForceArrow, shortest_turn
 from aerodima.workbench.view.logged_run import add_logged_run
 from aerodima.workbench.view.recording import (
     FRAMES_PER_SECOND,
-    MOST_FRAMES,
+    MAX_FRAMES,
     _draw_arrow,
     _follow,
     frame_rows,
@@ -65,8 +65,8 @@ def test_slow_motion_has_more_frames_at_the_same_rate_of_frames():
 def test_long_replay_keeps_its_length_with_fewer_frames():
     time = np.arange(60_001) * 0.01
     rows, frames_per_second = frame_rows(time, 1.0)
-    assert len(rows) == MOST_FRAMES + 1
-    assert MOST_FRAMES / frames_per_second == pytest.approx(600.0)
+    assert len(rows) == MAX_FRAMES + 1
+    assert MAX_FRAMES / frames_per_second == pytest.approx(600.0)
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, 50.0, float("nan")])

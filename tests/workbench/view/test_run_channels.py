@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.scenario.signal_table import sensor_columns, truth_columns
-from aerodima.workbench.view.run_channels import MOST_POINTS, channels_of, thinned
+from aerodima.workbench.view.run_channels import MAX_POINTS, channels_of, thinned
 
 
 def unpacked(text):
@@ -49,7 +49,7 @@ def test_long_run_keeps_its_peaks_and_times_in_order(tailed):
     time = unpacked(data["runs"][0]["time"])
     (speed,) = [channel for channel in data["channels"] if channel["name"] == "speed_m_per_s"]
     values = unpacked(speed["values"][0])
-    assert MOST_POINTS / 2 < values.size == time.size <= MOST_POINTS
+    assert MAX_POINTS / 2 < values.size == time.size <= MAX_POINTS
     assert np.all(np.diff(time) > 0.0)
     assert time[-1] == pytest.approx(run.time[-1])
     assert values.max() == 99.0

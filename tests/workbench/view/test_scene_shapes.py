@@ -21,7 +21,7 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.core.resources import models_dir
-from aerodima.workbench.view.scene_shapes import MOST_POINTS, add_shapes, points_of, shapes_of
+from aerodima.workbench.view.scene_shapes import MAX_POINTS, add_shapes, plant_shapes, shape_points
 
 X_BG = RigidTransform(RollPitchYaw(0.3, -0.2, 0.5), np.array([0.1, 0.2, 0.3]))
 
@@ -32,7 +32,7 @@ def scene_with(shape):
     body = plant.AddRigidBody("thing", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
     plant.RegisterVisualGeometry(body, X_BG, shape, "shape", np.array([0.2, 0.4, 0.6, 1.0]))
     plant.Finalize()
-    return json.loads(json.dumps(shapes_of(plant, scene_graph)))
+    return json.loads(json.dumps(plant_shapes(plant, scene_graph)))
 
 
 def corners(scene):
@@ -43,9 +43,9 @@ def corners(scene):
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
     assert add_shapes(plant, scene, "log") == ["thing"]
     plant.Finalize()
-    again = shapes_of(plant, scene_graph)
+    again = plant_shapes(plant, scene_graph)
     assert all(entry["colour"] == [0.2, 0.4, 0.6] for entry in again)
-    points = np.vstack([points_of(entry) for entry in again])
+    points = np.vstack([shape_points(entry) for entry in again])
     return np.asarray(X_BG.inverse().multiply(points.T).T)
 
 
@@ -74,7 +74,7 @@ def test_shape_comes_back_with_its_extent_and_colour(shape, size):
 def test_mesh_comes_back_as_its_convex_hull():
     mesh = Mesh(str(models_dir() / "tail" / "half_cylinder.obj"))
     scene = scene_with(mesh)
-    assert len(scene[0]["size"]) <= MOST_POINTS
+    assert len(scene[0]["size"]) <= MAX_POINTS
     hull = mesh.GetConvexHull()
     points = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
     found = corners(scene)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodima.workbench.view.filmstrip import five_moments
+from aerodima.workbench.view.filmstrip import key_frames
 from tests.workbench.made_up_runs import made_up_run, times
 
 
@@ -21,7 +21,7 @@ def hump(peak_time, height, width=0.2):
 
 
 def told(run):
-    return {moment.label: float(run.time[moment.row]) for moment in five_moments(run)}
+    return {moment.label: float(run.time[moment.row]) for moment in key_frames(run)}
 
 
 def test_turn_that_is_survived():
@@ -67,7 +67,7 @@ def test_rollover():
 
 def test_moments_are_in_order_inside_the_log_even_when_they_coincide():
     rows = [
-        moment.row for moment in five_moments(run_with(roll_truth_rad=hump(4.0, 0.2)))
+        moment.row for moment in key_frames(run_with(roll_truth_rad=hump(4.0, 0.2)))
     ]  # still growing at the end
     assert rows == sorted(set(rows))
     assert rows[-1] <= times().size - 1
@@ -75,6 +75,6 @@ def test_moments_are_in_order_inside_the_log_even_when_they_coincide():
 
 def test_log_that_ends_before_its_turn_is_shown_evenly():
     run = run_with()
-    moments = five_moments(replace(run, table=run.table.iloc[:401]))
+    moments = key_frames(replace(run, table=run.table.iloc[:401]))
     assert [moment.row for moment in moments] == [0, 100, 200, 300, 400]
     assert moments[0].label == "start"
