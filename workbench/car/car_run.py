@@ -22,13 +22,15 @@ from aerodima.workbench.car.car_station import (
 from aerodima.workbench.car.outcome_record import FlipWatch, OutcomeRecord
 from aerodima.workbench.control.controller_systems import TailController, TurnDriver
 from aerodima.workbench.control.driver_law import DriverLaw, make_driver
-from aerodima.workbench.control.law_of_scenario import law_of_scenario, swing_facts
+from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import (
     Schedule,
     angle_to_straighten,
     run_time,
     steering_time,
+    turn_start,
 )
+from aerodima.workbench.control.swing_library import swing_facts
 from aerodima.workbench.control.tail_law import TailLaw
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.event_order import EVENT_OFFSET, step_instant
@@ -386,12 +388,6 @@ def _metadata(
     if build is not None:
         facts = {DIAGRAM: name_of(build)}
     return run_metadata(scenario.resolved(), scenario.seed, extra=plant_facts(car.station) | facts)
-
-
-def turn_start(scenario: Scenario) -> float:
-    """Time of the steering command of a single turn, s."""
-    manoeuvre = scenario.manoeuvre
-    return manoeuvre.straight_time if manoeuvre.kind == "auto_turn" else manoeuvre.turn_start
 
 
 def turn_end(scenario: Scenario) -> float:

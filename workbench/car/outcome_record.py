@@ -33,9 +33,9 @@ from aerodima.workbench.car.car_plant import GROUND_STIFFNESS, CarPlant
 from aerodima.workbench.car.car_sensors import ChassisMotion, felt_at, in_body
 from aerodima.workbench.car.car_station import simulated_car
 from aerodima.workbench.car.ground_truth import contact_slots
-from aerodima.workbench.car.tail_impulses import FLIP_TILT
 from aerodima.workbench.car.tip_up import LIFT_COLUMNS
-from aerodima.workbench.car.turn_signals import CALM_FOR, CALM_SPIN, settled_row
+from aerodima.workbench.car.turn_signals import settled_row
+from aerodima.workbench.car.verdict import CALM_FOR, CALM_SPIN, FLIP_TILT
 from aerodima.workbench.control.manoeuvre import run_time
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.event_order import nominal_time, row_period

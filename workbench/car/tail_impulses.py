@@ -16,27 +16,20 @@ to the right, so what helps is -N . e there and +N . e in a right turn.
 Impulses are integrals of that moment over the window of the turn.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
-from aerodima.workbench.car.turn_signals import (
-    TurnSignals,
-    turn_signals,
-)
+from aerodima.workbench.car.turn_signals import TurnSignals, turn_signals
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
 
-FLIP_TILT = math.radians(75.0)
-"""Beyond this tilt the car has rolled over, rad."""
-
-
 CAUSES = ("aerodynamic", "weight", "inertial")
+"""What the tail's moment is split by."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +148,3 @@ def _over_window(
 def _dot(vectors: FloatArray, axes: FloatArray) -> FloatArray:
     """Row by row scalar product of (n, 3) and (n, 3), shape (n,)."""
     return np.einsum("ij,ij->i", vectors, axes)
-
-
-END_TILT = math.radians(20.0)
-"""Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""

@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from aerodima.workbench.car.verdict import CALM, has_settled, is_busy, is_calm
 from aerodima.workbench.control.manoeuvre import angle_to_straighten, steering_time
-from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, RunLog
@@ -31,34 +31,11 @@ _STRAIGHT = 1e-6
 """rad; below it the wheels are straight but for rounding."""
 _TIME_MARGIN = 1e-6
 """Log times are sums of steps: a sample this close to the edge of the window (s) belongs to it."""
-LOADED_FORCE = 0.1
-"""A wheel, cage, board or tail touches the ground from this force on, N; a part in the air feels
-exactly none."""
 _RATE_MARGIN = 0.05
 """A log is not thinned out for this much of its rate."""
-EXIT_YAW_RATE = 0.1
-"""rad/s; a car that yaws less, its wheels straight, has left the turn. A large tail to one side
-alone gives 0.065."""
-CALM_FOR = 0.1
-"""Time for which all must have been calm, s: a third of a period of roll on the suspension."""
-CALM = {
-    "gyro_x_truth_rad_per_s": 0.15,
-    "gyro_y_truth_rad_per_s": 0.15,
-    "gyro_z_truth_rad_per_s": EXIT_YAW_RATE,
-    "velocity_y_truth_m_per_s": 0.2,
-    "tilt_truth_rad": math.radians(3.0),
-    "tail_pitch_rate_rad_per_s": 0.3,
-    "tail_roll_rate_rad_per_s": 0.3,
-}
-"""Largest magnitudes of a calm row. All wheels bear load in it too, and the law neither swings nor
-is about to."""
-CALM_SPIN = math.hypot(*(limit for name, limit in CALM.items() if name.startswith("gyro")))
-"""A car that turns faster than this, rad/s, about whatever axis, is not calm."""
 _LOADS = tuple(f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS)
 _STATE = "controller_state"
-_BUSY = (SwingState.DELAY, SwingState.SWING)
-_ROUNDING = 1e-9
-"""Rounding of a time, s."""
+_TILT = "tilt_truth_rad"
 
 
 @dataclass(frozen=True)
@@ -342,14 +319,13 @@ def settled_row(table: pd.DataFrame | Mapping[str, FloatArray], turn_end: float)
     """
     if not {*CALM, *_LOADS, _STATE} <= set(table):
         return None
-    time = np.asarray(table[TIME])
-    calm = (time >= turn_end) & ~np.isin(table[_STATE], _BUSY)
-    for name, limit in CALM.items():
-        calm &= np.abs(np.asarray(table[name])) <= limit
-    for name in _LOADS:
-        calm &= np.asarray(table[name]) > LOADED_FORCE
-    restless = np.maximum.accumulate(np.where(calm, turn_end, time))
-    settled = time - restless >= CALM_FOR - _ROUNDING
+    columns = {name: np.asarray(table[name]) for name in (TIME, _STATE, *CALM, *_LOADS)}
+    time = columns[TIME]
+    motion = {name: columns[name] for name in CALM if name != _TILT}
+    loads = [columns[name] for name in _LOADS]
+    calm = is_calm(motion, np.cos(columns[_TILT]), loads, is_busy(columns[_STATE]))
+    restless = np.maximum.accumulate(np.where(calm & (time >= turn_end), turn_end, time))
+    settled = has_settled(time, restless)
     if settled.any():
         return int(np.argmax(settled))
     return None

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from aerodima.workbench.core.checked_files import NO_UNIT, check_range
+from aerodima.workbench.core.elementwise import clip, maximum, minimum, where
 from aerodima.workbench.core.errors import UserError
 
 TICK_TOLERANCE = 1e-9
@@ -96,28 +97,72 @@ class SpeedRamp:
 
     def throttle(self, time: float) -> float:
         """Throttle at `time` s since the start."""
-        if time + TICK_TOLERANCE >= self.duration:
+        if self.duration <= 0.0:
             return self.line.throttle(self.speed)
-        acceleration = self.speed / self.duration
-        return self.line.throttle(acceleration * time, acceleration)
+        return self.line.throttle(
+            ramp_speed(self.speed, self.duration, self.line.time_constant, time)
+        )
+
+
+def ramp_speed(speed: Any, duration: Any, time_constant: Any, time: Any) -> Any:
+    """Returns the steady speed (m/s) that a drive is asked for on a ramp, numbers or arrays.
+
+    Args:
+        speed: at the end of the ramp, m/s.
+        duration: of the ramp, above 0 s.
+        time_constant: s; the drive is asked for what it reaches by then.
+        time: since the start, s.
+    """
+    acceleration = speed / duration
+    gathered = acceleration * time + time_constant * acceleration
+    return where(time + TICK_TOLERANCE < duration, gathered, speed)
+
+
+def pulse_angle(pulse: Any, since: Any) -> Any:
+    """Returns the steering angle (rad) that a turn commands, to its side.
+
+    Args:
+        pulse: any object with the fields `steer_angle`, `hold`, `first_angle` and `first_hold` of
+            `TurnSchedule`, numbers or arrays of cars.
+        since: time since the step of the steering began, s.
+    """
+    level = where(since < pulse.first_hold, pulse.first_angle, pulse.steer_angle)
+    return where((since >= 0.0) & (since < pulse.hold), level, 0.0)
+
+
+def wheel_angle(pulse: Any, rate: Any, since: Any) -> Any:
+    """Returns the angle (rad) to which a servo of `rate` (rad/s) has turned the wheels by then;
+    other arguments as `pulse_angle`.
+    """
+    begun = maximum(rate * minimum(since, pulse.first_hold), 0.0)
+    first = minimum(begun, pulse.first_angle)
+    moved = rate * maximum(0.0, minimum(since, pulse.hold) - pulse.first_hold)
+    angle = first + clip(pulse.steer_angle - first, -moved, moved)
+    return maximum(angle - rate * maximum(0.0, since - pulse.hold), 0.0)
 
 
 def angle_to_straighten(
-    steer_angle: float, hold: float, rate: float, first_angle: float = 0.0, first_hold: float = 0.0
-) -> float:
-    """Largest angle (rad) from which the servo brings the wheels back at the end of a turn's
-    steering.
+    steer_angle: Any, hold: Any, rate: Any, first_angle: Any = 0.0, first_hold: Any = 0.0
+) -> Any:
+    """Returns the largest angle (rad) from which the servo brings the wheels back after a turn.
 
     That of the last level, or what a servo of `rate` (rad/s) has not yet taken back of a larger
     first one.
 
     Args:
-        steer_angle, hold, first_angle, first_hold: as for `TurnSchedule`.
+        steer_angle, hold, first_angle, first_hold: as for `TurnSchedule`, numbers or arrays.
         rate: of the servo.
     """
-    if first_hold > 0.0:
-        return max(steer_angle, first_angle - rate * (hold - first_hold))
-    return steer_angle
+    left = maximum(steer_angle, first_angle - rate * (hold - first_hold))
+    return where(first_hold > 0.0, left, steer_angle)
+
+
+def turn_start(scenario: Any) -> float:
+    """Returns the time (s) of the first steering command of a turn."""
+    manoeuvre = scenario.manoeuvre
+    if manoeuvre.kind == "auto_turn":
+        return float(manoeuvre.straight_time)
+    return float(manoeuvre.turn_start)
 
 
 def steering_time(hold: float, repeats: int = 1, gap: float = 0.0) -> float:
@@ -175,16 +220,14 @@ class TurnSchedule:
         """Inputs at `time` s since the start."""
         tick = time + TICK_TOLERANCE
         start = self._step_start(tick)
-        end = start + self.hold
-        steering_angle = 0.0
-        if start <= tick < end:
-            first = tick < start + self.first_hold
-            steering_angle = self.side * (self.first_angle if first else self.steer_angle)
+        steering_angle = pulse_angle(self, tick - start)
+        if steering_angle:
+            steering_angle *= self.side
         if tick >= self.throttle_off:
             throttle = 0.0
         else:
             throttle = self.ramp.throttle(time)
-        since = tick - end
+        since = tick - (start + self.hold)
         last = self._step_start(math.inf)
         more = start + self.gap + self.hold < last + 1e-9
         announced = self.side
@@ -293,7 +336,7 @@ def make_schedule(scenario: Any) -> Schedule:
             ramp, side, angle, manoeuvre.turn_start, manoeuvre.turn_hold, **first, **several
         )
     if manoeuvre.kind == "auto_turn":
-        start = manoeuvre.straight_time
+        start = turn_start(scenario)
         throttle_off = start + manoeuvre.turn_hold + manoeuvre.wait_after_turn
         check_range("manoeuvre.log_end", manoeuvre.log_end, throttle_off, math.inf, "s")
         # The car's sequence sets its throttle and waits (thesis 7.2.1).
@@ -338,4 +381,6 @@ def throttle_line(scenario: Any) -> ThrottleLine:
 def run_time(scenario: Any) -> float:
     """Length of the run of `scenario.manoeuvre`, s: `log_end` of AUTO sequences, or `duration`."""
     manoeuvre = scenario.manoeuvre
-    return float(manoeuvre.log_end if manoeuvre.kind == "auto_turn" else manoeuvre.duration)
+    if manoeuvre.kind == "auto_turn":
+        return float(manoeuvre.log_end)
+    return float(manoeuvre.duration)

@@ -1,5 +1,6 @@
 """Laws that swing the tail: their states; the thesis' law: hold inside, trigger, swing over the
-top, settle outside.
+top, settle outside. Its steps are functions of numbers or arrays, so that a batch of cars and the
+car itself run the same lines.
 
 Thesis Table 6.4 read with ERRATA E28 (130 degrees is travel, the swing speed points over the top);
 design section 8. No Drake: the same law runs on a computer for which Drake has no wheel.
@@ -24,6 +25,8 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
+from functools import cached_property
+from types import SimpleNamespace
 from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -31,6 +34,7 @@ from pydantic import Field, model_validator
 
 from aerodima.workbench.control.tail_law import EPSILON, NO_COMMAND, Observation, sign
 from aerodima.workbench.core.checked_files import checked
+from aerodima.workbench.core.elementwise import where
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.car_parameters import ControllerParameters
 from aerodima.workbench.scenario.scenario import load_parameter_file
@@ -143,6 +147,114 @@ class Wait(NamedTuple):
     delay: float
 
 
+class SwingPhase(NamedTuple):
+    """How far a swing is, numbers or arrays of cars (n).
+
+    Attributes:
+        state: a `SwingState`.
+        since: time at which it was entered, s.
+        start: roll of the tail then, rad.
+    """
+
+    state: Any
+    since: Any
+    start: Any
+
+
+class JointCommand(NamedTuple):
+    """Command to a motor: rad, rad/s, N m/rad, N m s/rad; numbers or arrays of cars (n)."""
+
+    position: Any
+    velocity: Any
+    kp: Any
+    kd: Any
+
+
+def next_phase(
+    phase: SwingPhase, time: Any, roll: Any, released: Any, delay: Any, over: Any
+) -> SwingPhase:
+    """Returns the phase after one tick: HOLD, DELAY, SWING, SETTLE; others stay.
+
+    Args:
+        phase: before.
+        time: s.
+        roll: of the tail, rad.
+        released: whether a signal says that the turn has begun.
+        delay: from the release to the swing, s.
+        over: whether the swing is at its end.
+    """
+    delayed = where(released & (phase.state == SwingState.HOLD), int(SwingState.DELAY), phase.state)
+    waited = where(delayed == phase.state, time - phase.since, 0.0) + EPSILON
+    starts = (delayed == SwingState.DELAY) & (waited >= delay)
+    state = where(starts, int(SwingState.SWING), delayed)
+    state = where((phase.state == SwingState.SWING) & over, int(SwingState.SETTLE), state)
+    stays = state == phase.state
+    return SwingPhase(state, where(stays, phase.since, time), where(stays, phase.start, roll))
+
+
+def thresholds(settings: SwingSettings) -> dict[str, float]:
+    """Returns the thresholds that release a swing, infinite where they are not the trigger."""
+    names = {
+        "yaw_rate": "trigger_yaw_rate",
+        "steering": "trigger_steering_angle",
+        "lateral_acceleration": "trigger_lateral_acceleration",
+    }
+    return {
+        name: getattr(settings, name) if trigger == settings.trigger else math.inf
+        for trigger, name in names.items()
+    }
+
+
+def is_released(
+    settings: Any, turn: Any, yaw_rate: Any, steering_angle: Any, acceleration: Any
+) -> Any:
+    """Returns whether the signal that is the trigger passes its threshold into the turn; False for
+    NaN.
+
+    Args:
+        settings: any object with the thresholds of `SwingSettings`, numbers or arrays of cars (n),
+            infinite where they are not the trigger.
+        turn: +1 left, -1 right.
+        yaw_rate: rad/s.
+        steering_angle: command of the driver, rad.
+        acceleration: lateral, m/s2.
+    """
+    return (
+        (turn * yaw_rate > settings.trigger_yaw_rate)
+        | (turn * steering_angle > settings.trigger_steering_angle)
+        | (turn * acceleration > settings.trigger_lateral_acceleration)
+    )
+
+
+def is_over(settings: Any, travelled: Any, elapsed: Any) -> Any:
+    """Returns whether a swing has travelled (rad) as far as it should, or was `elapsed` s too long
+    on its way; settings as `is_released`.
+    """
+    longest = settings.stall_factor * settings.travel / settings.swing_speed
+    return (travelled >= settings.travel) | (elapsed >= longest)
+
+
+def roll_command(settings: Any, state: Any, mirror: Any) -> JointCommand:
+    """Returns the command to the roll motor in a state: inside, over the top or outside.
+
+    Args:
+        settings: any object with the fields of `SwingSettings`, numbers or arrays of cars (n).
+        state: a `SwingState`.
+        mirror: +1 for a turn to the left, -1 to the right.
+    """
+    swings = state == SwingState.SWING
+    settles = state == SwingState.SETTLE
+    outside = mirror * settings.hold_angle
+    kp = where(settles, settings.settle_kp, settings.hold_kp)
+    kd = where(settles, settings.settle_kd, settings.hold_kd)
+    return JointCommand(
+        where(swings, 0.0, where(settles, outside, -outside)),
+        where(swings, mirror * settings.swing_speed, 0.0),
+        where(swings, settings.swing_kp, kp),
+        where(swings, settings.swing_kd, kd),
+    )
+
+
 class SwingMachine(ABC, Generic[Memory]):
     """The state machine of the picture above, for every law that swings (a `TailLaw`).
 
@@ -203,20 +315,21 @@ class SwingMachine(ABC, Generic[Memory]):
         if memory.state == SwingState.OFF or (plan != memory.turn and not self._swinging(memory)):
             return self._plan(memory, plan, time)
         elapsed = time - memory.since + EPSILON
-        if (
-            memory.state == SwingState.HOLD
-            and memory.turn != 0.0
-            and self._released(memory, observation)
-        ):
-            memory = enter(SwingState.DELAY, memory, time)
-            elapsed = EPSILON
-        if memory.state == SwingState.DELAY and elapsed >= self._wait.delay:
-            return enter(SwingState.SWING, memory, time)
-        if memory.state == SwingState.SWING:
-            return self._swing(memory, observation, elapsed)
         if memory.state == SwingState.RECOCK and elapsed >= self._recock_time(memory):
             return enter(SwingState.HOLD, memory, time)
-        return memory
+        waits = memory.state == SwingState.HOLD and memory.turn != 0.0
+        phase = SwingPhase(memory.state, memory.since, memory.start_roll)
+        state = next_phase(
+            phase,
+            time,
+            memory.roll_angle,
+            waits and self._released(memory, observation),
+            self._wait.delay,
+            memory.state == SwingState.SWING and self._is_over(memory, elapsed),
+        ).state
+        if state == memory.state:
+            return memory
+        return enter(SwingState(state), memory, time)
 
     def _plan(self, memory: Memory, plan: float, time: float) -> Memory:
         """Acts on a new announcement, also on the first: leads the tail to where it waits for that
@@ -269,10 +382,8 @@ class SwingMachine(ABC, Generic[Memory]):
         """Whether a fresh signal shows that the announced turn has begun."""
 
     @abstractmethod
-    def _swing(self, memory: Memory, observation: Observation, elapsed: float) -> Memory:
-        """The memory while the tail swings, `elapsed` s after its release: enters the next state
-        when it is over.
-        """
+    def _is_over(self, memory: Memory, elapsed: float) -> bool:
+        """Whether a swing is at its end, `elapsed` s after its release."""
 
     @abstractmethod
     def _commands(self, memory: Memory, observation: Observation, time: float) -> Tick[Memory]:
@@ -305,6 +416,10 @@ class SwingLaw(SwingMachine[SwingMemory]):
     settings: SwingSettings = field(default_factory=SwingSettings.published)
     memory_type = SwingMemory
 
+    @cached_property
+    def _thresholds(self) -> SimpleNamespace:
+        return SimpleNamespace(**thresholds(self.settings))
+
     @property
     def _wait(self) -> Wait:
         settings = self.settings
@@ -321,44 +436,38 @@ class SwingLaw(SwingMachine[SwingMemory]):
 
     def _released(self, memory: SwingMemory, observation: Observation) -> bool:
         """False for NaN and for the wrong sign."""
-        turn = memory.turn
-        settings = self.settings
-        if settings.mode != "swing":
+        if self.settings.mode != "swing":
             return False
-        if settings.trigger == "steering":
-            return turn * observation.steering_angle > settings.trigger_steering_angle
-        if not observation.imu_valid:
-            return False
-        if settings.trigger == "lateral_acceleration":
-            return turn * observation.imu[ACCELERATION_Y] > settings.trigger_lateral_acceleration
-        return turn * observation.yaw_rate > settings.trigger_yaw_rate
+        yaw_rate = math.nan
+        acceleration = math.nan
+        if observation.imu_valid:
+            yaw_rate = observation.yaw_rate
+            acceleration = observation.imu[ACCELERATION_Y]
+        return bool(
+            is_released(
+                self._thresholds,
+                memory.turn,
+                yaw_rate,
+                observation.steering_angle,
+                acceleration,
+            )
+        )
 
-    def _swing(self, memory: SwingMemory, observation: Observation, elapsed: float) -> SwingMemory:
-        settings = self.settings
+    def _is_over(self, memory: SwingMemory, elapsed: float) -> bool:
         travelled = memory.turn * (memory.roll_angle - memory.start_roll)
-        stalled = elapsed >= settings.stall_factor * settings.travel / settings.swing_speed
-        over = travelled >= settings.travel or stalled
-        if over:
-            return enter(SwingState.SETTLE, memory, observation.time)
-        return memory
+        return bool(is_over(self.settings, travelled, elapsed))
 
     def _commands(
         self, memory: SwingMemory, observation: Observation, time: float
     ) -> Tick[SwingMemory]:
         settings = self.settings
-        outside = memory.mirror * self.settings.hold_angle
-        roll = self._held(-outside)
-        if memory.state == SwingState.SWING:
-            roll = np.array(
-                [0.0, memory.turn * settings.swing_speed, settings.swing_kp, settings.swing_kd, 0.0]
-            )
-        elif memory.state == SwingState.SETTLE:
-            roll = np.array([outside, 0.0, settings.settle_kp, settings.settle_kd, 0.0])
-        elif memory.state == SwingState.RECOCK:
-            speed = math.copysign(settings.recock_speed, -outside - memory.start_roll)
+        command = roll_command(settings, memory.state, memory.mirror)
+        if memory.state == SwingState.RECOCK:
+            inside = -memory.mirror * settings.hold_angle
+            speed = math.copysign(settings.recock_speed, inside - memory.start_roll)
             position = memory.start_roll + speed * (time - memory.since)
             if time - memory.since + EPSILON >= self._recock_time(memory):
-                position = -outside
+                position = inside
                 speed = 0.0
-            roll = np.array([position, speed, settings.settle_kp, settings.settle_kd, 0.0])
-        return memory, self._held(settings.pitch_angle), roll
+            command = JointCommand(position, speed, settings.settle_kp, settings.settle_kd)
+        return memory, self._held(settings.pitch_angle), np.array([*command, 0.0])

@@ -20,6 +20,7 @@ from typing import Any, Self
 import numpy as np
 
 from aerodima.workbench.control.swing_law import (
+    JointCommand,
     SwingLaw,
     SwingMachine,
     SwingMemory,
@@ -30,10 +31,73 @@ from aerodima.workbench.control.swing_law import (
     enter,
 )
 from aerodima.workbench.control.tail_law import EPSILON, Observation
-from aerodima.workbench.scenario.swing_file import JointGains, SwingFile, gains_at, swing_at
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.scenario.swing_file import JointGains, SwingFile, cubic, gains_at, swing_at
 
 LARGEST_ERROR = 1.0
 """Largest distance of a joint from its knots, rad; beyond it the swing is given up."""
+
+
+@dataclass(frozen=True)
+class RollTrajectory:
+    """Knots of the roll of n tails in a turn to the left; the last axis of every field is the car.
+
+    Attributes:
+        plays: 1 where a tail follows its knots, 0 where the law is another one.
+        time: since the release (knots, n), s, strictly increasing, the first 0; before and after
+            them the tail rests.
+        roll, rate: of the tail at the knots (knots, n), rad and rad/s.
+        kp, kd: of the roll motor; `pitch_kp`, `pitch_kd` of the pitch motor; N m/rad, N m s/rad.
+    """
+
+    plays: FloatArray
+    time: FloatArray
+    roll: FloatArray
+    rate: FloatArray
+    kp: FloatArray
+    kd: FloatArray
+    pitch_kp: FloatArray
+    pitch_kd: FloatArray
+
+    @classmethod
+    def none(cls, number: int) -> Self:
+        """Makes the knots of so many tails that follow another law."""
+        time = np.array([[0.0], [1.0]]) * np.ones(number)
+        still = np.zeros((2, number))
+        no_gain = np.zeros(number)
+        return cls(no_gain, time, still, still, *[no_gain] * 4)
+
+    def command(self, elapsed: Any, rate: Any) -> JointCommand:
+        """Returns the command to the roll motors in a tick; arguments as `middle_of_tick`."""
+        time = middle_of_tick(elapsed, rate)
+        ends = [
+            values[side]
+            for values in (self.time, self.roll, self.rate)
+            for side in (slice(-1), slice(1, None))
+        ]
+        pieces = np.stack(ends, axis=1)  # (knots - 1, 6, n)
+        piece = pieces[0]
+        for number in range(1, len(pieces)):
+            piece = np.where(self.time[number] <= time, pieces[number], piece)
+        begin, end, roll, next_roll, roll_rate, next_rate = piece
+        length = end - begin
+        share = np.clip((time - begin) / length, 0.0, 1.0)
+        value, slope = cubic(share, length, (roll, next_roll), (roll_rate, next_rate))
+        rests = (time < 0.0) | (time > self.time[-1])
+        return JointCommand(value, np.where(rests, 0.0, slope), self.kp, self.kd)
+
+
+def middle_of_tick(elapsed: Any, rate: Any) -> Any:
+    """Returns the time since the release (s) whose knots are commanded at a tick.
+
+    A command is held until the next tick, so position and rate are those of the middle between the
+    two.
+
+    Args:
+        elapsed: since the release, s.
+        rate: of the controller, Hz.
+    """
+    return elapsed + 0.5 / rate
 
 
 @dataclass(frozen=True)
@@ -107,12 +171,15 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
             and memory.turn * observation.yaw_rate > trigger.threshold_rad_per_s
         )
 
-    def _swing(
-        self, memory: PlayerMemory, observation: Observation, elapsed: float
-    ) -> PlayerMemory:
+    def _is_over(self, memory: PlayerMemory, elapsed: float) -> bool:
+        return elapsed >= self.swing.knots.time_s[-1]
+
+    def _advance(self, memory: PlayerMemory, observation: Observation) -> PlayerMemory:
+        """See `SwingMachine`; gives a swing up whose tail is too far from its knots."""
+        after = super()._advance(memory, observation)
+        if not memory.state == after.state == SwingState.SWING:
+            return after
         time = observation.time
-        if elapsed >= self.swing.knots.time_s[-1]:
-            return enter(SwingState.SETTLE, memory, time)
         point = swing_at(self.swing, time - memory.since)
         behind = (
             memory.mirror * observation.roll_angle - float(point.roll_position),
@@ -156,12 +223,8 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
     def _along_the_knots(
         self, memory: PlayerMemory, observation: Observation, elapsed: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Commands (5) to roll and pitch, in the direction of the file.
-
-        A command is held until the next tick, so position and rate are those of the middle between
-        the two.
-        """
-        point = swing_at(self.swing, elapsed + 0.5 / self.rate)
+        """Returns commands (5) to roll and pitch, in the direction of the file."""
+        point = swing_at(self.swing, middle_of_tick(elapsed, self.rate))
         roll_gains, pitch_gains = gains_at(self.swing, elapsed)
         roll = self._command(
             (point.roll_position, point.roll_velocity, point.roll_torque),

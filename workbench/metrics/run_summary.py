@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from scipy.integrate import trapezoid
 
-from aerodima.workbench.car.tail_impulses import CAUSES, FLIP_TILT, Impulses, tail_impulses
+from aerodima.workbench.car.tail_impulses import CAUSES, Impulses, tail_impulses
 from aerodima.workbench.car.turn_signals import turn_window
-from aerodima.workbench.control.law_of_scenario import NO_SWING
+from aerodima.workbench.car.verdict import FLIP_TILT
 from aerodima.workbench.control.swing_law import SwingState
+from aerodima.workbench.control.swing_library import NO_SWING
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog

@@ -17,13 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
-from aerodima.workbench.car.tail_impulses import END_TILT, FLIP_TILT, tail_effort
-from aerodima.workbench.car.turn_signals import (
-    LOADED_FORCE,
-    TurnSignals,
-    settled_row,
-    turn_signals,
-)
+from aerodima.workbench.car.tail_impulses import tail_effort
+from aerodima.workbench.car.turn_signals import TurnSignals, settled_row, turn_signals
+from aerodima.workbench.car.verdict import FLIP_TILT, has_flipped, is_loaded
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, check_time, low_pass
@@ -244,13 +240,13 @@ def outcome_from(
     end_loaded = None
     if wheel_loads is not None:
         end_loaded = int(_wheels_loaded(wheel_loads[-1:])[0])
-    leaning = end_tilt > END_TILT and (end_loaded is None or end_loaded < 4)
-    flipped = bool(np.max(tilt) > FLIP_TILT) or leaning
+    lifted = end_loaded is None or end_loaded < 4
+    flipped = bool(has_flipped(np.max(tilt) > FLIP_TILT, end_tilt, lifted))
     touched: tuple[str, ...] = ()
     clean = None
     board_before = None
     if ground_contact is not None:
-        hit = ground_contact > LOADED_FORCE
+        hit = is_loaded(ground_contact)
         board = GROUND_CONTACTS.index("board")
         before = time < turn_start
         board_before = _time_while(time, hit[:, board] & before)
@@ -312,7 +308,7 @@ def _mean(time: FloatArray, values: FloatArray) -> float:
 
 def _wheels_loaded(loads: FloatArray) -> NDArray[np.int64]:
     """How many wheels press on the ground, per row of loads (n, 4)."""
-    return np.count_nonzero(loads > LOADED_FORCE, axis=1)
+    return np.count_nonzero(is_loaded(loads), axis=1)
 
 
 def _time_while(time: FloatArray, condition: NDArray[np.bool_]) -> float:

@@ -7,8 +7,8 @@ import pytest
 
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.outcome_record import CONTACT_COLUMNS, SETTLED, STOPPED
-from aerodima.workbench.car.tail_impulses import FLIP_TILT
 from aerodima.workbench.car.tip_up import LIFT_COLUMNS
+from aerodima.workbench.car.verdict import FLIP_TILT
 from aerodima.workbench.control.swing_law import SwingLaw, SwingSettings, SwingState
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.metrics.run_summary import summarise

@@ -4,6 +4,7 @@ fitted, nothing typed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -19,7 +20,6 @@ from aerodima.workbench.car.car_model import (
     EDGE_HALF_WIDTH,
     axle_statics,
     rolling_torques,
-    slip_speed,
     unsprung_mass,
     wheel_rates,
 )
@@ -27,23 +27,27 @@ from aerodima.workbench.car.car_plant import add_car_plant
 from aerodima.workbench.car.chassis_actuators import shaft_gain
 from aerodima.workbench.car.tail_plant import SAIL_TIP_MARGIN
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.elementwise import maximum
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import AXLES, SIDES
 
-SLIDING = 0.01
+MIN_REGULARISATION_SPEED = 0.01
 """Least slip over which friction is spread, m/s."""
+FAR_UP = 10.0
+"""Height of a board that is not there, m."""
 WHEELS = tuple((axle, side) for axle in AXLES for side in SIDES)
 """Front left, front right, rear left, rear right."""
 
 
 @dataclass(frozen=True)
-class Vehicles:
+class VehicleParams:
     """Numbers of n cars; SI units. The last axis of every field is the car.
 
     Attributes:
         speed: m/s, of the straight before the turn.
-        friction: of the tyres; `slip_speed` over which it is spread, m/s.
+        friction: of the tyres; `slip_speed` over which it is spread, m/s: see `regularised_slip`,
+            for which `slip_angle_scale` is.
         gravity: m/s2; `air_density` kg/m3.
         mass: of all that does not move with the tail, kg.
         centre: its centre of mass in B (3, n), m; `inertia` about the origin of B (3, 3, n), kg m2.
@@ -77,6 +81,7 @@ class Vehicles:
     speed: FloatArray
     friction: FloatArray
     slip_speed: FloatArray
+    slip_angle_scale: FloatArray
     gravity: FloatArray
     air_density: FloatArray
     mass: FloatArray
@@ -129,8 +134,8 @@ class Vehicles:
         return len(self.mass)
 
     @classmethod
-    def of(cls, scenarios: Sequence[Scenario]) -> Vehicles:
-        """The cars of scenarios.
+    def from_scenarios(cls, scenarios: Sequence[Scenario]) -> VehicleParams:
+        """Reads the cars of scenarios.
 
         Raises:
             UserError: a scenario has what the model does not know (free sail, added mass, wind,
@@ -147,8 +152,8 @@ class Vehicles:
             )
             if key not in bodies:
                 bodies[key] = _bodies(scenario)
-            found = _car(scenario) | _tail(scenario) | bodies[key]
-            numbers.append({name: np.array(value, float) for name, value in found.items()})
+            values = _car(scenario) | _tail(scenario) | bodies[key]
+            numbers.append({name: np.array(value, float) for name, value in values.items()})
         return cls(
             **{
                 field.name: np.stack([n[field.name] for n in numbers], axis=-1)
@@ -156,11 +161,26 @@ class Vehicles:
             }
         )
 
-    def take(self, places: Any) -> Vehicles:
-        """Cars at these places, again and again if asked."""
-        return Vehicles(
-            **{field.name: getattr(self, field.name)[..., places] for field in fields(self)}
-        )
+    def take(self, places: Any) -> VehicleParams:
+        """Returns the cars at these places, again and again if asked."""
+        return take(self, places)
+
+
+def take(batch: Any, places: Any) -> Any:
+    """Returns a batch with the cars at these places, and all of which it consists."""
+    if isinstance(batch, np.ndarray):
+        return batch[..., places]
+    return type(batch)(**{name: take(value, places) for name, value in vars(batch).items()})
+
+
+def regularised_slip(slip_angle_scale: Any, speed: Any) -> Any:
+    """Returns the slip (m/s) over which the friction of tyres is spread at a speed, m/s.
+
+    Args:
+        slip_angle_scale: tangent of the slip angle over which it is spread; 0 for rigid tyres.
+        speed: of the run, m/s.
+    """
+    return maximum(MIN_REGULARISATION_SPEED, slip_angle_scale * speed)
 
 
 def _car(scenario: Scenario) -> dict[str, Any]:
@@ -174,11 +194,13 @@ def _car(scenario: Scenario) -> dict[str, Any]:
     ellipsoid = car.tyre_shape == "ellipsoid"
     board_x = car.board_x + car.board_thickness / 2
     board_y = car.board_width / 2 - car.board_thickness / 2
-    low = car.board_height if car.board else 10.0
+    low = car.board_height if car.board else FAR_UP
+    slip_angle_scale = math.tan(car.tyre_slip_angle)
     return {
         "speed": scenario.manoeuvre.speed,
         "friction": car.tyre_friction,
-        "slip_speed": max(SLIDING, slip_speed(car, scenario.manoeuvre.speed)),
+        "slip_speed": regularised_slip(slip_angle_scale, scenario.manoeuvre.speed),
+        "slip_angle_scale": slip_angle_scale,
         "gravity": gravity,
         "air_density": scenario.environment.air_density,
         "com_x": car.com_x,
@@ -280,22 +302,22 @@ def _coefficients(law: object) -> tuple[float, float]:
         return _coefficients(law.normal)[0], _coefficients(law.side)[0]
     if isinstance(law, NormalForceLaw) and not callable(law.coefficient):
         return float(law.coefficient), 0.0
-    raise UserError("tail.coefficients: the screening model knows constants of a normal-force law")
+    raise UserError("tail.coefficients: the reduced car knows constants of a normal-force law")
 
 
 def _refuse_unknown(scenario: Scenario) -> None:
     tail = scenario.tail
     if tail.mode != "none" and tail.sail == "free":
-        raise UserError("tail.sail: 'free'; the screening model knows: facing, locked")
+        raise UserError("tail.sail: 'free'; the reduced car knows: facing, locked")
     if tail.mode != "none" and tail.added_mass != 0.0:
-        raise UserError(f"tail.added_mass: {tail.added_mass:g} kg; the screening model knows: 0 kg")
+        raise UserError(f"tail.added_mass: {tail.added_mass:g} kg; the reduced car knows: 0 kg")
     if not scenario.wind.is_still:
-        raise UserError("wind: blows in this scenario; the screening model knows still air")
+        raise UserError("wind: blows in this scenario; the reduced car knows still air")
     if scenario.servo.linkage != "parallel":
         raise UserError(
-            f"servo.linkage: {scenario.servo.linkage!r}; the screening model knows: parallel"
+            f"servo.linkage: {scenario.servo.linkage!r}; the reduced car knows: parallel"
         )
     if scenario.manoeuvre.kind != "turn" or scenario.manoeuvre.direction != "left":
-        raise UserError("manoeuvre: the screening model knows: kind turn, direction left")
+        raise UserError("manoeuvre: the reduced car knows: kind turn, direction left")
     if scenario.manoeuvre.rolling_start or scenario.manoeuvre.turns != 1:
-        raise UserError("manoeuvre: the screening model knows: rolling_start false, turns 1")
+        raise UserError("manoeuvre: the reduced car knows: rolling_start false, turns 1")
