@@ -294,7 +294,7 @@ class TurnShooting:
         ]
         count = len(scenarios)
         law = {"hold_kp": HOLD["kp"], "hold_kd": HOLD["kd"], "delay": 0.0}
-        law |= {"trigger_yaw_rate": np.inf, "trigger_steering_angle": RELEASE_STEERING}
+        law |= {"by_steering": 1.0, "threshold": RELEASE_STEERING}
         plans = TurnPlans.from_scenarios(swinging).varied(
             law={name: np.full(count, value) for name, value in law.items()},
             pulse={"hold": np.full(count, task.pulse)},

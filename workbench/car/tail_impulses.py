@@ -42,8 +42,8 @@ class Impulses:
 
 
 def tail_impulses(run_log: RunLog) -> Impulses | None:
-    """Angular impulses about the heading axis over the window of the turn; None for a car without a
-    tail.
+    """Returns the angular impulses about the heading axis over the window of the turn; None for a
+    car without a tail.
 
     N m s, positive = against rolling outwards.
 
@@ -65,8 +65,8 @@ def tail_impulses(run_log: RunLog) -> Impulses | None:
 
 
 def tail_yaw_impulses(run_log: RunLog) -> Impulses:
-    """Angular impulses of the tail over the window of the turn about the vertical through the
-    vehicle's centre of mass.
+    """Returns the angular impulses of the tail over the window of the turn about the vertical
+    through the vehicle's centre of mass.
 
     N m s, positive = into the turn. A weight has no moment about the vertical. The reaction of the
     tail's inertia is what turns the car out of the turn while the tail is behind the centre of mass
@@ -81,8 +81,8 @@ def tail_yaw_impulses(run_log: RunLog) -> Impulses:
 
 
 def tail_effort(run_log: RunLog, after: NDArray[np.bool_]) -> tuple[float | None, float | None]:
-    """Largest torque (N m) and positive work (J) of the tail motors in these rows; None without
-    their columns.
+    """Returns the largest torque (N m) and positive work (J) of the tail motors in these rows; None
+    without their columns.
 
     A log of the real car may come from loggers that did not record the motors; a simulated one has
     them always.
@@ -110,7 +110,7 @@ def tail_effort(run_log: RunLog, after: NDArray[np.bool_]) -> tuple[float | None
 def _over_window(
     run_log: RunLog, signals: TurnSignals, point: FloatArray, axis: FloatArray
 ) -> Impulses:
-    """About an axis through a point, each (n, 3) in W.
+    """Returns the impulses about an axis through a point, each (n, 3) in W.
 
     The inertial part is summed from the changes of the angular momentum themselves, with P and the
     axis taken in the middle of each step, so that a jump of the momentum (a contact) counts in full
@@ -146,5 +146,5 @@ def _over_window(
 
 
 def _dot(vectors: FloatArray, axes: FloatArray) -> FloatArray:
-    """Row by row scalar product of (n, 3) and (n, 3), shape (n,)."""
+    """Returns the row by row scalar product of (n, 3) and (n, 3), shape (n,)."""
     return np.einsum("ij,ij->i", vectors, axes)

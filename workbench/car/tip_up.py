@@ -55,7 +55,7 @@ class TipUp:
     last_yaw_rate_rad_per_s: float | None
 
     def as_row(self) -> dict[str, float | str | None]:
-        """One flat row for a table."""
+        """Returns one flat row for a table."""
         return asdict(self)
 
 
@@ -113,7 +113,8 @@ def _touched(contact: FloatArray, steered: np.ndarray) -> list[str]:
 def lateral_acceleration(
     time: FloatArray, speed: FloatArray, course: FloatArray, windows: Windows
 ) -> float | None:
-    """Mean over all windows, and over time, of side times speed times rate of the course, m/s2.
+    """Returns the mean over all windows, and over time, of side times speed times rate of the
+    course, m/s2.
 
     None where no window has two samples. The body's yaw rate would count a spin, which does not
     turn the path.
@@ -139,8 +140,8 @@ def lateral_acceleration(
 
 
 def path_row(run_log: RunLog, scenario: Scenario) -> dict[str, float | bool]:
-    """How far a run leaves its lane at most, m (negative: it keeps it), and whether it gets to the
-    end of the path.
+    """Returns how far a run leaves its lane at most, m (negative: it keeps it), and whether it gets
+    to the end of the path.
 
     Nothing for a manoeuvre that follows no path. LogError where there is no ground truth.
     """

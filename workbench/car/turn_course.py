@@ -42,12 +42,12 @@ class TurnCourse:
     exit_speed_m_per_s: float | None
 
     def as_row(self) -> dict[str, float | None]:
-        """One flat row for a table."""
+        """Returns one flat row for a table."""
         return asdict(self)
 
 
 def turn_course(run_log: RunLog) -> TurnCourse:
-    """Course of a run's turn.
+    """Returns the course of a run's turn.
 
     Raises:
         LogError: no ground truth, or as for `metrics_of`.
@@ -74,7 +74,9 @@ def turn_course(run_log: RunLog) -> TurnCourse:
 
 
 def ground_velocity(run_log: RunLog) -> tuple[FloatArray, FloatArray]:
-    """Ground speed (m/s) and course (rad, unwrapped, positive to the left) of a run, each (n,)."""
+    """Returns the ground speed (m/s) and course (rad, unwrapped, positive to the left) of a run,
+    each (n,).
+    """
     v_WBo_B = run_log.vector("velocity", "truth_m_per_s")
     w_WB_B = run_log.vector("gyro", "truth_rad_per_s")
     roll = run_log.signal("roll_truth_rad")

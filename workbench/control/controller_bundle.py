@@ -17,7 +17,7 @@ from aerodima.workbench.scenario.swing_file import (
 
 
 def make_bundle(scenario: Scenario) -> dict[str, Any]:
-    """The scenario as plain data, with the swing that it names, if any, under `swing`.
+    """Returns the scenario as plain data, with the swing that it names, if any, under `swing`.
 
     Raises:
         SwingFileError: the swing is missing or malformed.
@@ -26,7 +26,8 @@ def make_bundle(scenario: Scenario) -> dict[str, Any]:
 
 
 def load_drive(name_or_path: str, settings: Sequence[str] = ()) -> tuple[Scenario, TailLaw]:
-    """Scenario and tail law of a bundle (`.json`), a scenario file or the name of one that ships.
+    """Returns the scenario and tail law of a bundle (`.json`), a scenario file or the name of one
+    that ships.
 
     Args:
         name_or_path: as `load_scenario` takes it, or a bundle.

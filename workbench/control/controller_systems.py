@@ -142,7 +142,7 @@ class TailController(LeafSystem):
         return controller
 
     def observe(self, context: Context) -> Observation:
-        """What the law is given at this instant."""
+        """Returns what the law is given at this instant."""
         tail = vector_of(self._tail_state, context)
         imu = vector_of(self._imu, context)
         status = vector_of(self._status, context)
@@ -273,7 +273,7 @@ class TurnDriver(LeafSystem):
         return system
 
     def seen(self, context: Context) -> Seen:
-        """What the law is given at this instant."""
+        """Returns what the law is given at this instant."""
         seen = Seen(nominal_time(context.get_time(), self._rate))
         if "imu" in self._sources:
             imu = IMU.read(vector_of(self._sources["imu"], context))
@@ -306,7 +306,7 @@ class TurnDriver(LeafSystem):
 
 
 def _pose(builder: DiagramBuilder, station: System) -> OutputPort:
-    """`POSE` of a simulated car, in C++; adds one system."""
+    """Returns `POSE` of a simulated car, in C++; adds one system."""
     if not (isinstance(station, Diagram) and station.HasSubsystemNamed("plant")):
         raise UserError(
             "driver: follows a path by the pose of the car; allowed with a simulated car only"

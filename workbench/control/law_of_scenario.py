@@ -3,15 +3,17 @@
 from typing import Any
 
 from aerodima.workbench.control.feedback_law import FeedbackLaw
-from aerodima.workbench.control.swing_law import SwingLaw, SwingSettings
+from aerodima.workbench.control.swing_law import SwingSettings
 from aerodima.workbench.control.swing_library import NO_SWING, swing_of_scenario
+from aerodima.workbench.control.swing_machine import SwingLaw
 from aerodima.workbench.control.swing_player import SwingPlayer
 from aerodima.workbench.control.tail_law import TailLaw
 from aerodima.workbench.core.errors import UserError
 
 
 def law_of_scenario(scenario: Any) -> TailLaw:
-    """The law of `scenario.controller` and `scenario.tail.mode` (any object with these attributes).
+    """Returns the law of `scenario.controller` and `scenario.tail.mode` (any object with these
+    attributes).
 
     Raises:
         UserError: a setting out of range, a swing file that is missing or malformed.

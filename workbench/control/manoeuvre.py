@@ -36,7 +36,7 @@ class Schedule(Protocol):
     """A manoeuvre: driver inputs as a function of time."""
 
     def at(self, time: float) -> DriverInput:
-        """Inputs at `time` s since the start."""
+        """Returns inputs at `time` s since the start."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,9 @@ class ThrottleLine:
     breakaway: float = 0.0
 
     def throttle(self, speed: float, acceleration: float = 0.0) -> float:
-        """Throttle for a speed (m/s) that changes by `acceleration` (m/s2), clipped to -1..1."""
+        """Returns the throttle for a speed (m/s) that changes by `acceleration` (m/s2), clipped to
+        -1..1.
+        """
         throttle = (speed + self.time_constant * acceleration - self.offset) / self.gain
         return min(1.0, max(-1.0, throttle))
 
@@ -96,7 +98,7 @@ class SpeedRamp:
         self.line.check_speed(self.speed)
 
     def throttle(self, time: float) -> float:
-        """Throttle at `time` s since the start."""
+        """Returns the throttle at `time` s since the start."""
         if self.duration <= 0.0:
             return self.line.throttle(self.speed)
         return self.line.throttle(
@@ -166,7 +168,9 @@ def turn_start(scenario: Any) -> float:
 
 
 def steering_time(hold: float, repeats: int = 1, gap: float = 0.0) -> float:
-    """From the start of the first step to the end of the last, s; arguments of `TurnSchedule`."""
+    """Returns the time from the start of the first step to the end of the last, s; arguments of
+    `TurnSchedule`.
+    """
     return repeats * hold + (repeats - 1) * gap
 
 
@@ -217,7 +221,7 @@ class TurnSchedule:
         check_range("manoeuvre.turn_gap", self.gap, 0.0, math.inf, "s")
 
     def at(self, time: float) -> DriverInput:
-        """Inputs at `time` s since the start."""
+        """Returns inputs at `time` s since the start."""
         tick = time + TICK_TOLERANCE
         start = self._step_start(tick)
         steering_angle = pulse_angle(self, tick - start)
@@ -236,7 +240,7 @@ class TurnSchedule:
         return DriverInput(steering_angle, throttle, announced)
 
     def _step_start(self, time: float) -> float:
-        """Start of the last step that has begun, s, or of the first one."""
+        """Returns the start of the last step that has begun, s, or of the first one."""
         done = 0
         while done + 1 < self.repeats and time >= self.start + (done + 1) * (self.hold + self.gap):
             done += 1
@@ -265,7 +269,7 @@ class RisingSchedule:
     rate: float
 
     def at(self, time: float) -> DriverInput:
-        """Inputs at `time` s since the start."""
+        """Returns inputs at `time` s since the start."""
         angle = min(self.steer_angle, self.rate * max(0.0, time - self.start))
         return DriverInput(self.side * angle, self.ramp.throttle(time), self.side)
 
@@ -277,7 +281,7 @@ class StraightSchedule:
     ramp: SpeedRamp
 
     def at(self, time: float) -> DriverInput:
-        """Inputs at `time` s since the start."""
+        """Returns inputs at `time` s since the start."""
         return DriverInput(0.0, self.ramp.throttle(time), 0.0)
 
 
@@ -301,7 +305,7 @@ class SlalomSchedule:
     period: float
 
     def at(self, time: float) -> DriverInput:
-        """Inputs at `time` s since the start."""
+        """Returns inputs at `time` s since the start."""
         phase = max(0.0, (time - self.start) / self.period)
         half_waves_done = math.floor(2.0 * (phase + TICK_TOLERANCE / self.period))
         steering_angle = self.side * self.steer_angle * math.sin(2.0 * math.pi * phase)
@@ -313,8 +317,8 @@ class SlalomSchedule:
 
 
 def make_schedule(scenario: Any) -> Schedule:
-    """Schedule of `scenario.manoeuvre` with the throttle line of `scenario.drive` (any object with
-    these attributes).
+    """Returns the schedule of `scenario.manoeuvre` with the throttle line of `scenario.drive` (any
+    object with these attributes).
 
     Raises:
         UserError: speed out of reach, times that do not fit together, a manoeuvre that is no
@@ -351,13 +355,13 @@ def make_schedule(scenario: Any) -> Schedule:
 
 
 def side_of(manoeuvre: Any) -> float:
-    """Side of its (first) turn: +1 left, -1 right."""
+    """Returns the side of its (first) turn: +1 left, -1 right."""
     return 1.0 if manoeuvre.direction == "left" else -1.0
 
 
 def speed_ramp(scenario: Any) -> SpeedRamp:
-    """How `scenario` comes to its speed; a rolling start has the throttle of that speed from
-    time 0.
+    """Returns how `scenario` comes to its speed; a rolling start has the throttle of that speed
+    from time 0.
 
     Raises:
         UserError: speed out of reach.
@@ -368,7 +372,7 @@ def speed_ramp(scenario: Any) -> SpeedRamp:
 
 
 def throttle_line(scenario: Any) -> ThrottleLine:
-    """Throttle of a speed, of `scenario.drive`."""
+    """Returns the throttle of a speed, of `scenario.drive`."""
     drive = scenario.drive
     lag = 0.0
     breakaway = 0.0
@@ -379,7 +383,9 @@ def throttle_line(scenario: Any) -> ThrottleLine:
 
 
 def run_time(scenario: Any) -> float:
-    """Length of the run of `scenario.manoeuvre`, s: `log_end` of AUTO sequences, or `duration`."""
+    """Returns the length of the run of `scenario.manoeuvre`, s: `log_end` of AUTO sequences, or
+    `duration`.
+    """
     manoeuvre = scenario.manoeuvre
     if manoeuvre.kind == "auto_turn":
         return float(manoeuvre.log_end)

@@ -41,7 +41,7 @@ class Lane(NamedTuple):
 
     @property
     def centre(self) -> float:
-        """Its y, m."""
+        """Returns its y, m."""
         return 0.5 * (self.right + self.left)
 
 
@@ -50,22 +50,22 @@ class Path(Protocol):
 
     @property
     def end(self) -> float:
-        """Station at which the last lane ends; the centre line goes straight on."""
+        """Returns the station at which the last lane ends; the centre line goes straight on."""
 
     def station(self, x: Any, y: Any) -> Any:
-        """Station of the centre line beside a point."""
+        """Returns the station of the centre line beside a point."""
 
     def centre(self, station: Any) -> tuple[Any, Any]:
-        """Place (x, y) of the centre line."""
+        """Returns the place (x, y) of the centre line."""
 
     def outside(self, x: Any, y: Any) -> Any:
-        """How far a point is beyond the nearer edge of the lane, negative inside, -inf where there
-        are no cones.
+        """Returns how far a point is beyond the nearer edge of the lane, negative inside, -inf
+        where there are no cones.
         """
 
     def next_side(self, station: float) -> float:
-        """Side of the next lateral shift or corner, or of the present one, or of the last: +1 left,
-        -1 right.
+        """Returns the side of the next lateral shift or corner, or of the present one, or of the
+        last: +1 left, -1 right.
         """
 
 
@@ -89,7 +89,7 @@ class LaneChange:
 
     @property
     def lanes(self) -> tuple[Lane, Lane, Lane]:
-        """The three lanes if the first change goes to the left; mirrored otherwise."""
+        """Returns the three lanes if the first change goes to the left; mirrored otherwise."""
         ends = [self.begin + SCALE * sum(LENGTHS[:count]) for count in range(len(LENGTHS) + 1)]
         first, middle, last = (
             np.maximum(share * self.vehicle_width + SCALE * more, SCALE * least)
@@ -162,7 +162,7 @@ class Corner:
 
     @property
     def bend(self) -> float:
-        """Station at which the bend begins."""
+        """Returns the station at which the bend begins."""
         return self.begin + ENTRY
 
     @property
@@ -201,8 +201,8 @@ class Corner:
 
 
 def path_of(scenario: Any) -> Path:
-    """The path of `scenario.manoeuvre`; its first cones stand where the car is at `turn_start`
-    (design section 10).
+    """Returns the path of `scenario.manoeuvre`; its first cones stand where the car is at
+    `turn_start` (design section 10).
     """
     manoeuvre = scenario.manoeuvre
     car = scenario.car
@@ -220,8 +220,8 @@ def path_of(scenario: Any) -> Path:
 def off_path(
     path: Path, x: Any, y: Any, heading: Any, half_width: float, wheelbase: float
 ) -> FloatArray:
-    """How far the car is outside of its lane, m; negative inside, -inf where no part of it is
-    beside cones.
+    """Returns how far the car is outside of its lane, m; negative inside, -inf where no part of it
+    is beside cones.
 
     The car's footprint is a rectangle from the rear to the front axle. Points along its whole
     outline count, not the corners alone: a car that leaves a lane at an angle meets the last cone
@@ -254,7 +254,7 @@ def off_path(
 def beyond_lane(
     path: Path, x: Any, y: Any, heading: Any, half_width: Any, wheelbase: float, points: int
 ) -> FloatArray:
-    """As `off_path`, unchecked, with so many points along each edge."""
+    """Returns what `off_path` does, unchecked, with so many points along each edge."""
     share = np.linspace(0.0, 1.0, points)
     one = np.ones(points)
     ahead = wheelbase * np.concatenate([share, share, 0.0 * one, one])[:, None]

@@ -38,8 +38,8 @@ def find_swing(name_or_path: str | Path) -> SwingFile:
 
 
 def swing_of_scenario(scenario: Any) -> SwingFile | None:
-    """The swing that `scenario.controller.swing_file` names; None for the thesis' law, or when no
-    tail swings.
+    """Returns the swing that `scenario.controller.swing_file` names; None for the thesis' law, or
+    when no tail swings.
     """
     name = scenario.controller.swing_file
     mode = scenario.tail.mode
@@ -50,8 +50,8 @@ def swing_of_scenario(scenario: Any) -> SwingFile | None:
 
 
 def swing_facts(scenario: Any) -> dict[str, Any]:
-    """The whole swing that a scenario names, for `extra` of a run log, which must suffice to repeat
-    the run.
+    """Returns the whole swing that a scenario names, for `extra` of a run log, which must suffice
+    to repeat the run.
     """
     swing = swing_of_scenario(scenario)
     if swing is None:
@@ -82,8 +82,8 @@ def refuse_other_car(
 
 
 def turn_of_swing(swing: SwingFile, scenario: str | None = None) -> tuple[str, tuple[str, ...]]:
-    """Scenario and overrides with which a swing is driven: the car, turn and speed of its file, at
-    the grip it claims.
+    """Returns the scenario and overrides with which a swing is driven: the car, turn and speed of
+    its file, at the grip it claims.
 
     Args:
         swing: the file; `turn_swing` where it names no scenario.
@@ -112,8 +112,8 @@ def turn_of_swing(swing: SwingFile, scenario: str | None = None) -> tuple[str, t
 
 
 def turn_words(swing: SwingFile, scenario: Any) -> str:
-    """Speed and friction of a turn in words, beside those with which the file of its swing claims
-    to survive.
+    """Returns the speed and friction of a turn in words, beside those with which the file of its
+    swing claims to survive.
     """
     here = {
         "manoeuvre.speed": scenario.manoeuvre.speed,

@@ -19,13 +19,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from aerodima.workbench.control.swing_law import (
-    JointCommand,
+from aerodima.workbench.control.swing_law import JointCommand, SwingSettings, SwingState
+from aerodima.workbench.control.swing_machine import (
     SwingLaw,
     SwingMachine,
     SwingMemory,
-    SwingSettings,
-    SwingState,
     Tick,
     Wait,
     enter,
@@ -129,12 +127,14 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
 
     @classmethod
     def from_scenario(cls, swing: SwingFile, scenario: Any) -> Self:
-        """With rate and fallback of `scenario.controller` (any object with these attributes)."""
+        """Makes the player with rate and fallback of `scenario.controller` (any object with these
+        attributes).
+        """
         return cls(swing, SwingSettings.from_scenario(scenario))
 
     @property
     def direction(self) -> float:  # type: ignore[override]  # a field of the file
-        """+1 for a swing file of a left turn, -1 of a right one."""
+        """Returns +1 for a swing file of a left turn, -1 of a right one."""
         return 1.0 if self.swing.direction == "left" else -1.0
 
     @property
@@ -241,7 +241,7 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
     def _command(
         self, wanted: tuple[Any, Any, Any], gains: JointGains, state: tuple[float, float]
     ) -> np.ndarray:
-        """Position, rate, gains and torque for a joint at (rad, rad/s).
+        """Returns the position, rate, gains and torque for a joint at (rad, rad/s).
 
         As much is taken from the torque that the motor, in its present state, gives no more than
         the file's limit.
@@ -255,7 +255,7 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
         )
 
     def _fall_back(self, memory: PlayerMemory, observation: Observation) -> Tick[PlayerMemory]:
-        """The thesis' law from where the tail is: on over the top, then settle outside."""
+        """Ticks the thesis' law from where the tail is: on over the top, then settle outside."""
         turn = memory.turn
         fallen = SwingMemory(
             state=memory.fallen_state, since=memory.fallen_since, turn=turn, mirror=turn,

@@ -47,8 +47,8 @@ def load_law(place: str, scenario: Scenario) -> TailLaw:
 
 
 def load_build(place: str) -> Any:
-    """The function that a flag names, `my_diagram.py:build`, which adds what drives a car to its
-    diagram.
+    """Returns the function that a flag names, `my_diagram.py:build`, which adds what drives a car
+    to its diagram.
 
     Raises:
         UserError: no such file or function, the file fails; names the place.
@@ -57,7 +57,7 @@ def load_build(place: str) -> Any:
 
 
 def load_named(flag: str, place: str, kind: str, example: str) -> Any:
-    """A class or function of a Python file, which is run, as a script would be."""
+    """Returns a class or function of a Python file, which is run, as a script would be."""
     path, _, name = place.rpartition(":")
     if not path or not name.isidentifier():
         raise UserError(
@@ -86,8 +86,8 @@ def _run_file(flag: str, path: Path) -> Any:
 
 
 def traceback_and_reason(error: BaseException) -> tuple[str, str]:
-    """The traceback of an error from the user's first line on, or its last line; and the error in
-    one line.
+    """Returns the traceback of an error from the user's first line on, or its last line; and the
+    error in one line.
     """
     frames = list(traceback.walk_tb(error.__traceback__))
     theirs = [
@@ -108,5 +108,5 @@ def traceback_and_reason(error: BaseException) -> tuple[str, str]:
 
 
 def in_words(error: BaseException) -> str:
-    """Kind and message of an error in one line."""
+    """Returns the kind and message of an error in one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -105,12 +105,14 @@ class RunMetrics:
     lift_yaw_rate_rad_per_s: float | None
 
     def like(self, platform: Platform) -> TurnMetrics:
-        """The eight metrics from the signals that the published rows of a platform were made of."""
+        """Returns the eight metrics from the signals that the published rows of a platform were
+        made of.
+        """
         return self.filtered if platform == "physical" else self.raw
 
     def as_row(self) -> dict[str, float | str | bool | None]:
-        """One flat row for a table: raw metrics under their names, filtered ones with `filtered_`
-        before them.
+        """Returns one flat row for a table: raw metrics under their names, filtered ones with
+        `filtered_` before them.
         """
         whole = (
             "peak_roll_rad",
@@ -135,7 +137,7 @@ class RunMetrics:
 
 
 def metrics_of(run_log: RunLog) -> RunMetrics:
-    """All metrics of a run.
+    """Returns all metrics of a run.
 
     Raises:
         LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends
@@ -177,7 +179,7 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
 
 
 def turn_metrics(signals: TurnSignals, filtered: bool = False) -> TurnMetrics:
-    """The eight metrics over the window of the turn.
+    """Returns the eight metrics over the window of the turn.
 
     Maxima are of magnitudes, averages are signed means over time; Kohut = speed at the start of the
     window x yaw rate in degrees per second; the roll integral is the largest value over the whole
@@ -215,7 +217,7 @@ def turn_metrics(signals: TurnSignals, filtered: bool = False) -> TurnMetrics:
 
 
 def outcome_of(run_log: RunLog) -> Outcome:
-    """Outcome of a run; LogError as for `metrics_of`."""
+    """Returns the outcome of a run; LogError as for `metrics_of`."""
     return _outcome(turn_signals(run_log))
 
 
@@ -226,7 +228,7 @@ def outcome_from(
     ground_contact: FloatArray | None = None,
     turn_start: float = -math.inf,
 ) -> Outcome:
-    """Outcome from the histories themselves.
+    """Returns the outcome from the histories themselves.
 
     Args:
         time: s, shape (n,).
@@ -300,17 +302,17 @@ def _lift_yaw_rate(signals: TurnSignals, loads: FloatArray) -> float:
 
 
 def _mean(time: FloatArray, values: FloatArray) -> float:
-    """Mean over time, which for evenly spaced samples differs from their plain mean by half a step
-    at each end.
+    """Returns the mean over time, which for evenly spaced samples differs from their plain mean by
+    half a step at each end.
     """
     return float(trapezoid(values, time) / (time[-1] - time[0]))
 
 
 def _wheels_loaded(loads: FloatArray) -> NDArray[np.int64]:
-    """How many wheels press on the ground, per row of loads (n, 4)."""
+    """Returns how many wheels press on the ground, per row of loads (n, 4)."""
     return np.count_nonzero(is_loaded(loads), axis=1)
 
 
 def _time_while(time: FloatArray, condition: NDArray[np.bool_]) -> float:
-    """Total time of the steps that begin with the condition true, s."""
+    """Returns the total time of the steps that begin with the condition true, s."""
     return float(np.sum(np.diff(time)[condition[:-1]]))

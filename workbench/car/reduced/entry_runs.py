@@ -216,8 +216,10 @@ class EntryRollout(Rollout):
         else:
             x, y, _, yaw = state[:4]
             course, speed = over_ground(state, 0.0 * x)
-            looks = SeenByDriver(time, (x, y), yaw, course, speed, yaw_rate, roll_rate)
-            self._memory, self._command = self._driver.steer(self._memory, looks)
+            seen_by_driver: Any = (time, (x, y), yaw, course, speed, yaw_rate, roll_rate)
+            self._memory, self._command = self._driver.steer(
+                self._memory, SeenByDriver(*seen_by_driver)
+            )
 
     def step(self, time: Any, planned: Any, counts: Any, share: Any) -> None:
         """Drives one step and judges it."""

@@ -130,7 +130,7 @@ class VehicleParams:
 
     @property
     def count(self) -> int:
-        """Number of cars."""
+        """Returns the number of cars."""
         return len(self.mass)
 
     @classmethod
@@ -230,7 +230,7 @@ def _car(scenario: Scenario) -> dict[str, Any]:
 
 
 def _bodies(scenario: Scenario) -> dict[str, Any]:
-    """Mass properties of car and arm, from the full car."""
+    """Returns mass properties of car and arm, from the full car."""
     built = add_car_plant(DiagramBuilder(), scenario, drawn=False)
     plant = built.plant
     context = built.plant.CreateDefaultContext()

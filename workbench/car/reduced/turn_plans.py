@@ -12,7 +12,7 @@ import numpy as np
 from aerodima.workbench.car.reduced.parameters import take
 from aerodima.workbench.car.reduced.rollout import delay_ticks
 from aerodima.workbench.control.manoeuvre import make_schedule
-from aerodima.workbench.control.swing_law import SwingSettings, thresholds
+from aerodima.workbench.control.swing_law import SwingSettings
 from aerodima.workbench.control.swing_library import NO_SWING
 from aerodima.workbench.control.swing_player import RollTrajectory
 from aerodima.workbench.core.array_types import FloatArray
@@ -32,7 +32,8 @@ class TurnPlans:
     Attributes:
         pulse: `PULSE` of each car's schedule.
         ramp: fields `duration` and `time_constant` of its ramp of the speed, s.
-        law: numbers of its `SwingSettings`; a tail that is held has no finite threshold.
+        law: numbers of its `SwingSettings`; `threshold` of its trigger, infinite where the tail is
+            held, and `by_steering`, 1 where that is the steering, 0 where the yaw rate is.
         knots: of the tails that follow some.
         servo_rate: rad/s.
         imu_delay: age of the yaw rate that the law sees, ticks.
@@ -53,7 +54,7 @@ class TurnPlans:
             UserError: a manoeuvre, swing file or trigger that the model does not know, or scenarios
                 that differ in the start of the turn, the rate or the delay of the IMU.
         """
-        schedules = [make_schedule(scenario) for scenario in scenarios]
+        schedules: list[Any] = [make_schedule(scenario) for scenario in scenarios]
         ramps = [
             SimpleNamespace(duration=one.ramp.duration, time_constant=one.ramp.line.time_constant)
             for one in schedules
@@ -86,7 +87,7 @@ class TurnPlans:
 
     def varied(self, **numbers: Mapping[str, FloatArray]) -> TurnPlans:
         """Returns plans with other numbers (n), such as `law={"delay": ...}`."""
-        parts = {
+        parts: dict[str, Any] = {
             part: SimpleNamespace(**vars(getattr(self, part)) | dict(changes))
             for part, changes in numbers.items()
         }
@@ -104,15 +105,15 @@ def _law_numbers(scenario: Scenario) -> Any:
     """Returns the numbers of the law of one scenario."""
     settings = SwingSettings.from_scenario(scenario)
     swing = scenario.controller.swing_file
-    numbers = {
-        name: value for name, value in settings if isinstance(value, int | float)
-    } | thresholds(settings)
+    numbers = {name: value for name, value in settings if isinstance(value, int | float)}
+    numbers |= {"by_steering": settings.trigger == "steering", "threshold": np.inf}
     if settings.mode != "swing":
-        return SimpleNamespace(**numbers | dict.fromkeys(thresholds(settings), np.inf))
+        return SimpleNamespace(**numbers)
     if swing != NO_SWING:
         raise UserError(f"controller.swing_file: {swing}; the reduced car knows: {NO_SWING}")
     if settings.trigger not in TRIGGERS:
         raise UserError(
             f"controller.trigger: {settings.trigger}; the reduced car knows: {', '.join(TRIGGERS)}"
         )
+    numbers["threshold"] = settings.threshold
     return SimpleNamespace(**numbers)

@@ -144,6 +144,7 @@ class TurnRollout(Rollout):
         _, _, yaw_rate = self._measure()
         # A controller sees what the driver gave a tick ago.
         steering = pulse_angle(plans.pulse, time - 1.0 / law.rate + TICK_TOLERANCE)
+        signal = np.where(law.by_steering > 0.0, steering, yaw_rate)
         elapsed = time - self._since + EPSILON
         over = is_over(law, roll - self._start_roll, elapsed)
         over = np.where(plans.knots.plays > 0.0, elapsed >= plans.knots.time[-1], over)
@@ -151,7 +152,7 @@ class TurnRollout(Rollout):
             SwingPhase(self._phase, self._since, self._start_roll),
             time,
             roll,
-            is_released(law, LEFT, yaw_rate, steering, 0.0),
+            is_released(LEFT, signal, law.threshold),
             law.delay,
             over,
         )

@@ -16,7 +16,8 @@ from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import TurnRollout, drive_turns
 from aerodima.workbench.car.turn_course import turn_course
 from aerodima.workbench.control.manoeuvre import make_schedule, pulse_angle, wheel_angle
-from aerodima.workbench.control.swing_law import SwingLaw, SwingSettings
+from aerodima.workbench.control.swing_law import SwingSettings
+from aerodima.workbench.control.swing_machine import SwingLaw
 from aerodima.workbench.control.swing_player import RollTrajectory, SwingPlayer
 from tests.optimisation.screening_gate import screened_friction
 from tests.refusals import assert_refused
@@ -53,9 +54,7 @@ def test_critical_friction_is_that_of_the_full_car():
     full = {"none": 0.5375, "held": 0.4875, "swing": 0.8875}
     scenarios = [load_scenario("turn_designed", (f"tail.mode={mode}",)) for mode in full]
     found = screened_friction(scenarios, Search(FRICTION, 0.4, 1.0, 0.1, 0.0125))
-    assert [each.survived for each in found] == pytest.approx(
-        list(full.values()), rel=0.05
-    )  # screening/README.md
+    assert [each.survived for each in found] == pytest.approx(list(full.values()), rel=0.05)
 
 
 @pytest.mark.slow
@@ -153,7 +152,7 @@ def plans_of(scenario, swing):
     gains = [
         np.array([gain]) for joint in (phase.roll, phase.pitch) for gain in (joint.kp, joint.kd)
     ]
-    law = {"trigger_yaw_rate": np.inf, "trigger_steering_angle": threshold, "delay": 0.0}
+    law = {"by_steering": 1.0, "threshold": threshold, "delay": 0.0}
     law |= {"hold_kp": swing.gains.hold.kp, "hold_kd": swing.gains.hold.kd}
     varied = plans.varied(law={name: np.array([value]) for name, value in law.items()})
     return replace(varied, knots=RollTrajectory(np.ones(1), *knots, *gains))

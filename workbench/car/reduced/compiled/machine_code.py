@@ -182,8 +182,8 @@ def _machine() -> Any:
 def _function(
     name: str, operations: Sequence[tuple[Any, ...]], stored: Mapping[int, Any], kept: Sequence[Any]
 ) -> str:
-    """LLVM assembly of a function of the rows of some cars, of numbers, and of a place for what is
-    kept.
+    """Returns LLVM assembly of a function of the rows of some cars, of numbers, and of a place for
+    what is kept.
 
     Args:
         stored: by row, what replaces it.

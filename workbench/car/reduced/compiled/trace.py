@@ -186,19 +186,19 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
 class TracedArray(np.ndarray):
     """An array of `Node`s and constants; `of_trace` makes a class of its own for each trace."""
 
-    trace: Trace
+    recorder: Trace
     __array_priority__ = 1.0  # `np.concatenate` gives the class of the highest
 
     @classmethod
     def of_trace(cls, trace: Trace) -> type[TracedArray]:
         """Returns the class of the arrays that record into a trace."""
-        return type("TracedArrayOfOneTrace", (cls,), {"trace": trace})
+        return type("TracedArrayOfOneTrace", (cls,), {"recorder": trace})
 
     def __array_ufunc__(
         self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **others: Any
     ) -> Any:
         """Records an elementwise function or a sum."""
-        trace = self.trace
+        trace = self.recorder
         operation = OPERATIONS.get(ufunc.__name__)
         axis = others.pop("axis", 0)
         unknown = [
@@ -232,7 +232,7 @@ class TracedArray(np.ndarray):
         """Records a choice; functions that move elements are NumPy's own."""
         if function is not np.where:
             return super().__array_function__(function, types, arguments, keywords)
-        choose = np.frompyfunc(partial(self.trace.add, "select"), 3, 1)
+        choose = np.frompyfunc(partial(self.recorder.add, "select"), 3, 1)
         return np.asarray(choose(*map(_plain, arguments)), object).view(type(self))
 
 
