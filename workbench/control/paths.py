@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from aerodima.workbench.control.manoeuvre import side_of
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.checked_files import check_range
 from aerodima.workbench.core.errors import UserError
@@ -206,11 +207,8 @@ def path_of(scenario: Any) -> Path:
     """
     manoeuvre = scenario.manoeuvre
     car = scenario.car
-    side = 1.0 if manoeuvre.direction == "left" else -1.0
-    if manoeuvre.rolling_start:
-        ramped = 0.0
-    else:
-        ramped = 0.5 * manoeuvre.speed_ramp
+    side = side_of(manoeuvre)
+    ramped = 0.0 if manoeuvre.rolling_start else 0.5 * manoeuvre.speed_ramp
     begin = manoeuvre.speed * (manoeuvre.turn_start - ramped)
     if manoeuvre.path == "corner":
         return Corner(manoeuvre.corner_radius, manoeuvre.corner_width, begin, side)

@@ -30,14 +30,12 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.elementwise import maximum
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.scenario import Scenario
-from aerodima.workbench.scenario.signal_table import AXLES, SIDES
+from aerodima.workbench.scenario.signal_table import AXLES
 
 MIN_REGULARISATION_SPEED = 0.01
 """Least slip over which friction is spread, m/s."""
 FAR_UP = 10.0
 """Height of a board that is not there, m."""
-WHEELS = tuple((axle, side) for axle in AXLES for side in SIDES)
-"""Front left, front right, rear left, rear right."""
 
 
 @dataclass(frozen=True)
@@ -187,10 +185,10 @@ def _car(scenario: Scenario) -> dict[str, Any]:
     car = scenario.car
     drive = scenario.drive
     gravity = scenario.environment.gravity
-    statics = {axle: axle_statics(car, gravity, axle) for axle in AXLES}
-    rates = {axle: wheel_rates(car, axle) for axle in AXLES}
-    unsprung = {axle: unsprung_mass(car, axle) for axle in AXLES}
-    stiffness = {"front": car.tyre_stiffness_front, "rear": car.tyre_stiffness_rear}
+    front, rear = (axle_statics(car, gravity, axle) for axle in AXLES)
+    spring, damper = zip(*(wheel_rates(car, axle) for axle in AXLES), strict=True)
+    rolling = rolling_torques(car, gravity)
+    half_track = 0.5 * car.track
     ellipsoid = car.tyre_shape == "ellipsoid"
     board_x = car.board_x + car.board_thickness / 2
     board_y = car.board_width / 2 - car.board_thickness / 2
@@ -205,28 +203,35 @@ def _car(scenario: Scenario) -> dict[str, Any]:
         "air_density": scenario.environment.air_density,
         "com_x": car.com_x,
         "wheel": [
-            [car.wheelbase * (axle == "front") for axle, _ in WHEELS],
-            [(0.5 if side == "left" else -0.5) * car.track for _, side in WHEELS],
-            [statics[axle].wheel_height for axle, _ in WHEELS],
+            _both_sides(car.wheelbase, 0.0),
+            [half_track, -half_track] * 2,
+            _both_sides(front.wheel_height, rear.wheel_height),
         ],
         "tyre_radius": car.tyre_radius,
         "tyre_half_width": car.tyre_width / 2 if ellipsoid else EDGE_HALF_WIDTH,
         "edge": 0.0 if ellipsoid else car.tyre_width / 2 - EDGE_HALF_WIDTH,
-        "tyre_stiffness": [stiffness[axle] / 2 for axle, _ in WHEELS],
+        "tyre_stiffness": _both_sides(car.tyre_stiffness_front / 2, car.tyre_stiffness_rear / 2),
         "tyre_dissipation": car.tyre_dissipation,
-        "spring": [rates[axle][0] for axle, _ in WHEELS],
-        "damper": [rates[axle][1] for axle, _ in WHEELS],
-        "preload": [-rates[axle][0] * statics[axle].spring_reference for axle, _ in WHEELS],
-        "unsprung": [unsprung[axle] for axle, _ in WHEELS],
-        "rolling": [rolling_torques(car, gravity)[axle] for axle, _ in WHEELS],
+        "spring": _both_sides(*spring),
+        "damper": _both_sides(*damper),
+        "preload": _both_sides(
+            -spring[0] * front.spring_reference, -spring[1] * rear.spring_reference
+        ),
+        "unsprung": _both_sides(*(unsprung_mass(car, axle) for axle in AXLES)),
+        "rolling": _both_sides(rolling["front"], rolling["rear"]),
         "wheel_inertia": 0.5 * car.wheel_mass * car.tyre_radius**2,
         "shaft_inertia": drive.rotor_inertia,
         "shaft_gain": shaft_gain(drive, car),
         "shaft_limit": drive.torque_limit,
-        "rolling_radius": statics["rear"].wheel_height,
+        "rolling_radius": rear.wheel_height,
         "board_friction": car.cage_friction,
         "board": [(board_x, board_x), (board_y, -board_y), (low, low)],
     }
+
+
+def _both_sides(front: float, rear: float) -> list[float]:
+    """Returns the numbers of the four wheels of two axles."""
+    return [front, front, rear, rear]
 
 
 def _bodies(scenario: Scenario) -> dict[str, Any]:
@@ -238,29 +243,23 @@ def _bodies(scenario: Scenario) -> dict[str, Any]:
     def inertia_of(frame: str, bodies: list[Any]) -> SpatialInertia:
         return plant.CalcSpatialInertia(context, plant.GetBodyByName(frame).body_frame(), bodies)
 
+    def indices(*names: str) -> list[Any]:
+        return [plant.GetBodyByName(name).index() for name in names]
+
     bodies = list(plant.GetBodyIndices(built.car))
-    if built.tail is None:
-        arm = {
-            "tail_mass": 0.0,
-            "tail_centre": 0.0,
-            "tail_inertia": np.zeros(3),
-            "hub_inertia": 0.0,
-        }
-    else:
+    arm = {"tail_mass": 0.0, "tail_centre": 0.0, "tail_inertia": np.zeros(3), "hub_inertia": 0.0}
+    if built.tail is not None:
         for name in ("tail_roll", "tail_pitch"):
             joint: Any = plant.GetJointByName(name)
             joint.set_angle(context, 0.0)
-        bodies += [plant.GetBodyByName(name).index() for name in ("tail_anchor", "tail_hub")]
-        M_TTo_T = inertia_of(
-            "tail_rod", [plant.GetBodyByName(name).index() for name in ("tail_rod", "tail_sail")]
-        )
+        bodies += indices("tail_anchor", "tail_hub")
+        M_TTo_T = inertia_of("tail_rod", indices("tail_rod", "tail_sail"))
+        hub = plant.GetBodyByName("tail_hub").default_rotational_inertia()
         arm = {
             "tail_mass": M_TTo_T.get_mass(),
             "tail_centre": M_TTo_T.get_com()[2],
             "tail_inertia": M_TTo_T.CalcRotationalInertia().get_moments(),
-            "hub_inertia": plant.GetBodyByName("tail_hub")
-            .default_rotational_inertia()
-            .get_moments()[1],
+            "hub_inertia": hub.get_moments()[1],
         }
     M_BBo_B = inertia_of("chassis", bodies)
     inertia = M_BBo_B.CalcRotationalInertia().CopyToFullMatrix3()

@@ -7,14 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.scenario.signal_table import WHEELS
 
-WHEEL_NAMES = ("front_left", "front_right", "rear_left", "rear_right")
-"""In the order of all arrays of wheels."""
 STATES = (
     *("x", "y", "z", "yaw", "pitch", "roll", "tail_pitch", "tail_roll"),
-    *(f"travel_{wheel}" for wheel in WHEEL_NAMES),
+    *(f"travel_{wheel}" for wheel in WHEELS),
     *("w_x", "w_y", "w_z", "v_x", "v_y", "v_z"),
-    *(f"spin_{wheel}" for wheel in WHEEL_NAMES),
+    *(f"spin_{wheel}" for wheel in WHEELS),
     "tail_pitch_rate",
     "tail_roll_rate",
 )

@@ -59,30 +59,26 @@ class Trace:
         return self._known[operation]
 
 
-def _is(operand: Any, number: float) -> bool:
-    return not isinstance(operand, Node) and operand == number
-
-
 def _product(trace: Trace, a: Any, b: Any) -> Any:
-    if _is(a, 0.0) or _is(b, 0.0):
+    if 0.0 in (a, b):
         return 0.0
-    if _is(a, 1.0):
+    if a == 1.0:
         return b
-    if _is(b, 1.0):
+    if b == 1.0:
         return a
     return trace.add("fmul", a, b)
 
 
 def _sum(trace: Trace, a: Any, b: Any) -> Any:
-    if _is(a, 0.0):
+    if a == 0.0:
         return b
-    if _is(b, 0.0):
+    if b == 0.0:
         return a
     return trace.add("fadd", a, b)
 
 
 def _difference(trace: Trace, a: Any, b: Any) -> Any:
-    if _is(b, 0.0):
+    if b == 0.0:
         return a
     return trace.add("fsub", a, b)
 
@@ -90,15 +86,15 @@ def _difference(trace: Trace, a: Any, b: Any) -> Any:
 def _quotient(trace: Trace, a: Any, b: Any) -> Any:
     if not isinstance(b, Node):
         return _product(trace, a, 1.0 / b)
-    if _is(a, 0.0):
+    if a == 0.0:
         return 0.0
     return trace.add("fdiv", a, b)
 
 
 def _power(trace: Trace, a: Any, b: Any) -> Any:
-    if _is(b, 2.0):
+    if b == 2.0:
         return _product(trace, a, a)
-    if _is(b, 0.5):
+    if b == 0.5:
         return trace.add("sqrt", a)
     raise NotImplementedError(f"power {b}; known: 2, 0.5")
 
