@@ -15,9 +15,8 @@ image of a left one.
 """
 
 import math
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, fields, replace
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,6 +48,8 @@ class SwingMemory:
         mirror: +1 swings in the law's own direction, -1 mirrored, 0 before the first known angle.
         start_roll, start_pitch: of the tail when the state was entered, rad.
         roll_angle, pitch_angle: last known, rad.
+        fallen_state, fallen_since, fallen_start: of the thesis' law while it finishes a swing that
+            was given up.
     """
 
     state: float = SwingState.OFF
@@ -60,12 +61,12 @@ class SwingMemory:
     start_pitch: float = 0.0
     roll_angle: float = 0.0
     pitch_angle: float = 0.0
+    fallen_state: float = SwingState.SWING
+    fallen_since: float = 0.0
+    fallen_start: float = 0.0
 
 
-Memory = TypeVar("Memory", bound=SwingMemory)
-
-
-Tick = tuple[Memory, np.ndarray, np.ndarray]
+Tick = tuple[SwingMemory, np.ndarray, np.ndarray]
 """New memory, commands to the pitch and the roll motor, each (5): rad, rad/s, N m/rad, N m s/rad, N
 m."""
 
@@ -82,14 +83,14 @@ class Wait(NamedTuple):
     delay: float
 
 
-class SwingMachine(ABC, Generic[Memory]):
+class SwingMachine:
     """The state machine of the picture above, for every law that swings (a `TailLaw`).
 
-    A law says where the tail waits, what releases it, when its swing is over and what it commands.
+    Where the tail waits, what releases it, when its swing is over and what it is commanded is that
+    of the thesis' law, where another law does not override it.
     """
 
     settings: SwingSettings
-    memory_type: type[Memory]
     direction = 1.0
     """+1 if the law is written for turns to the left, -1 to the right."""
 
@@ -101,11 +102,11 @@ class SwingMachine(ABC, Generic[Memory]):
     @property
     def memory_size(self) -> int:
         """Returns the number of floats that `step` carries from tick to tick."""
-        return len(fields(self.memory_type))
+        return len(fields(SwingMemory))
 
     def start(self) -> np.ndarray:
         """Returns the memory (memory_size,) before the first tick."""
-        return _as_array(self.memory_type())
+        return _as_array(SwingMemory())
 
     def step(
         self, memory: np.ndarray, observation: Observation
@@ -113,12 +114,10 @@ class SwingMachine(ABC, Generic[Memory]):
         """Returns new memory (memory_size,), pitch and roll command (5), number of the state after
         one tick.
         """
-        after, pitch_command, roll_command = self.tick(
-            self.memory_type(*memory.tolist()), observation
-        )
+        after, pitch_command, roll_command = self.tick(SwingMemory(*memory.tolist()), observation)
         return _as_array(after), pitch_command, roll_command, int(after.state)
 
-    def tick(self, memory: Memory, observation: Observation) -> Tick[Memory]:
+    def tick(self, memory: SwingMemory, observation: Observation) -> Tick:
         """Ticks the law once.
 
         An unknown time, roll angle or plan changes no state; a swinging tail is then held where it
@@ -137,7 +136,7 @@ class SwingMachine(ABC, Generic[Memory]):
         time = observation.time if math.isfinite(observation.time) else memory.since
         return self._commands(memory, observation, time)
 
-    def _advance(self, memory: Memory, observation: Observation) -> Memory:
+    def _advance(self, memory: SwingMemory, observation: Observation) -> SwingMemory:
         """Returns the next state for a known time, roll angle and plan."""
         plan = sign(observation.planned_turn)
         time = observation.time
@@ -160,7 +159,7 @@ class SwingMachine(ABC, Generic[Memory]):
             return memory
         return enter(SwingState(state), memory, time)
 
-    def _plan(self, memory: Memory, plan: float, time: float) -> Memory:
+    def _plan(self, memory: SwingMemory, plan: float, time: float) -> SwingMemory:
         """Acts on a new announcement, also on the first: leads the tail to where it waits for that
         turn.
 
@@ -180,11 +179,11 @@ class SwingMachine(ABC, Generic[Memory]):
         )
         return enter(SwingState.HOLD if ready else SwingState.RECOCK, memory, time)
 
-    def _away(self, memory: Memory, roll: float, pitch: float) -> float:
+    def _away(self, memory: SwingMemory, roll: float, pitch: float) -> float:
         """Returns the largest distance of a joint from where it waits, rad."""
         return max(abs(roll - memory.mirror * self._wait.roll), abs(pitch - self._wait.pitch))
 
-    def _recock_time(self, memory: Memory) -> float:
+    def _recock_time(self, memory: SwingMemory) -> float:
         return (
             self._away(memory, memory.start_roll, memory.start_pitch) / self.settings.recock_speed
         )
@@ -193,60 +192,13 @@ class SwingMachine(ABC, Generic[Memory]):
         """Returns the command (5) that holds a joint."""
         return np.array([angle, 0.0, self._wait.kp, self._wait.kd, 0.0])
 
-    def _swinging(self, memory: Memory) -> bool:
+    def _swinging(self, memory: SwingMemory) -> bool:
         """Returns whether a new announcement must wait until the swing is over."""
         return memory.state == SwingState.SWING
 
     @property
-    @abstractmethod
     def _wait(self) -> Wait:
         """Returns where and how the tail waits for a turn in the law's own direction."""
-
-    @abstractmethod
-    def _pitch_angle(self, memory: Memory, observation: Observation) -> float:
-        """Returns the pitch angle of the tail that the law uses, rad."""
-
-    @abstractmethod
-    def _released(self, memory: Memory, observation: Observation) -> bool:
-        """Returns whether a fresh signal shows that the announced turn has begun."""
-
-    @abstractmethod
-    def _is_over(self, memory: Memory, elapsed: float) -> bool:
-        """Returns whether a swing is at its end, `elapsed` s after its release."""
-
-    @abstractmethod
-    def _commands(self, memory: Memory, observation: Observation, time: float) -> Tick[Memory]:
-        """Returns what the tail is to do in any state but OFF."""
-
-
-def _as_array(memory: SwingMemory) -> np.ndarray:
-    # `vars` keeps the order of the fields; `astuple` would copy deeply.
-    return np.array(list(vars(memory).values()))
-
-
-def enter(state: SwingState, memory: Memory, time: float) -> Memory:
-    """Returns the memory with a state that begins at a time, s."""
-    return replace(
-        memory,
-        state=float(state),
-        since=time,
-        start_roll=memory.roll_angle,
-        start_pitch=memory.pitch_angle,
-    )
-
-
-@dataclass(frozen=True)
-class SwingLaw(SwingMachine[SwingMemory]):
-    """The thesis' law, Table 6.4, with slow gains for the re-cock.
-
-    The pitch joint is held and not looked at.
-    """
-
-    settings: SwingSettings = field(default_factory=SwingSettings.published)
-    memory_type = SwingMemory
-
-    @property
-    def _wait(self) -> Wait:
         settings = self.settings
         return Wait(
             -settings.hold_angle,
@@ -257,10 +209,13 @@ class SwingLaw(SwingMachine[SwingMemory]):
         )
 
     def _pitch_angle(self, memory: SwingMemory, observation: Observation) -> float:
+        """Returns the pitch angle of the tail that the law uses, rad."""
         return self.settings.pitch_angle
 
     def _released(self, memory: SwingMemory, observation: Observation) -> bool:
-        """Returns False for NaN and for the wrong sign."""
+        """Returns whether a fresh signal shows that the announced turn has begun; False for NaN
+        and for the wrong sign.
+        """
         if self.settings.mode != "swing":
             return False
         trigger = self.settings.trigger
@@ -275,12 +230,12 @@ class SwingLaw(SwingMachine[SwingMemory]):
         return bool(is_released(memory.turn, signal, self.settings.threshold))
 
     def _is_over(self, memory: SwingMemory, elapsed: float) -> bool:
+        """Returns whether a swing is at its end, `elapsed` s after its release."""
         travelled = memory.turn * (memory.roll_angle - memory.start_roll)
         return bool(is_over(self.settings, travelled, elapsed))
 
-    def _commands(
-        self, memory: SwingMemory, observation: Observation, time: float
-    ) -> Tick[SwingMemory]:
+    def _commands(self, memory: SwingMemory, observation: Observation, time: float) -> Tick:
+        """Returns what the tail is to do in any state but OFF."""
         settings = self.settings
         command = roll_command(settings, memory.state, memory.mirror)
         if memory.state == SwingState.RECOCK:
@@ -292,3 +247,29 @@ class SwingLaw(SwingMachine[SwingMemory]):
                 speed = 0.0
             command = JointCommand(position, speed, settings.settle_kp, settings.settle_kd)
         return memory, self._held(settings.pitch_angle), np.array([*command, 0.0])
+
+
+def _as_array(memory: SwingMemory) -> np.ndarray:
+    # `vars` keeps the order of the fields; `astuple` would copy deeply.
+    return np.array(list(vars(memory).values()))
+
+
+def enter(state: SwingState, memory: SwingMemory, time: float) -> SwingMemory:
+    """Returns the memory with a state that begins at a time, s."""
+    return replace(
+        memory,
+        state=float(state),
+        since=time,
+        start_roll=memory.roll_angle,
+        start_pitch=memory.pitch_angle,
+    )
+
+
+@dataclass(frozen=True)
+class SwingLaw(SwingMachine):
+    """The thesis' law, Table 6.4, with slow gains for the re-cock.
+
+    The pitch joint is held and not looked at.
+    """
+
+    settings: SwingSettings = field(default_factory=SwingSettings.published)

@@ -99,20 +99,7 @@ def middle_of_tick(elapsed: Any, rate: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class PlayerMemory(SwingMemory):
-    """What the law remembers beside its state.
-
-    Args:
-        fallen_state, fallen_since, fallen_start: of the thesis' law while it finishes the swing.
-    """
-
-    fallen_state: float = SwingState.SWING
-    fallen_since: float = 0.0
-    fallen_start: float = 0.0
-
-
-@dataclass(frozen=True)
-class SwingPlayer(SwingMachine[PlayerMemory]):
+class SwingPlayer(SwingMachine):
     """The law (a `TailLaw`).
 
     Args:
@@ -123,7 +110,6 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
 
     swing: SwingFile
     settings: SwingSettings = field(default_factory=SwingSettings.published)
-    memory_type = PlayerMemory
 
     @classmethod
     def from_scenario(cls, swing: SwingFile, scenario: Any) -> Self:
@@ -147,18 +133,18 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
         pitch = knots.pitch_position_rad[0]
         return Wait(roll, pitch, hold.kp, hold.kd, delay + self.settings.delay)
 
-    def _swinging(self, memory: PlayerMemory) -> bool:
+    def _swinging(self, memory: SwingMemory) -> bool:
         state = memory.fallen_state if memory.state == SwingState.FALLBACK else memory.state
         return state == SwingState.SWING
 
-    def _pitch_angle(self, memory: PlayerMemory, observation: Observation) -> float:
+    def _pitch_angle(self, memory: SwingMemory, observation: Observation) -> float:
         return (
             observation.pitch_angle
             if math.isfinite(observation.pitch_angle)
             else memory.pitch_angle
         )
 
-    def _released(self, memory: PlayerMemory, observation: Observation) -> bool:
+    def _released(self, memory: SwingMemory, observation: Observation) -> bool:
         trigger = self.swing.trigger
         if trigger.kind == "time":
             return observation.time - memory.announced + EPSILON >= trigger.delay_s
@@ -171,10 +157,10 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
             and memory.turn * observation.yaw_rate > trigger.threshold_rad_per_s
         )
 
-    def _is_over(self, memory: PlayerMemory, elapsed: float) -> bool:
+    def _is_over(self, memory: SwingMemory, elapsed: float) -> bool:
         return elapsed >= self.swing.knots.time_s[-1]
 
-    def _advance(self, memory: PlayerMemory, observation: Observation) -> PlayerMemory:
+    def _advance(self, memory: SwingMemory, observation: Observation) -> SwingMemory:
         """See `SwingMachine`; gives a swing up whose tail is too far from its knots."""
         after = super()._advance(memory, observation)
         if not memory.state == after.state == SwingState.SWING:
@@ -194,9 +180,7 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
         )
         return enter(SwingState.FALLBACK, memory, time)
 
-    def _commands(
-        self, memory: PlayerMemory, observation: Observation, time: float
-    ) -> Tick[PlayerMemory]:
+    def _commands(self, memory: SwingMemory, observation: Observation, time: float) -> Tick:
         if memory.state == SwingState.FALLBACK:
             return self._fall_back(memory, observation)
         elapsed = time - memory.since
@@ -221,7 +205,7 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
         return memory, pitch, roll
 
     def _along_the_knots(
-        self, memory: PlayerMemory, observation: Observation, elapsed: float
+        self, memory: SwingMemory, observation: Observation, elapsed: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Returns commands (5) to roll and pitch, in the direction of the file."""
         point = swing_at(self.swing, middle_of_tick(elapsed, self.rate))
@@ -254,7 +238,7 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
             [position, velocity, gains.kp, gains.kd, min(max(own + torque, -most), most) - own]
         )
 
-    def _fall_back(self, memory: PlayerMemory, observation: Observation) -> Tick[PlayerMemory]:
+    def _fall_back(self, memory: SwingMemory, observation: Observation) -> Tick:
         """Ticks the thesis' law from where the tail is: on over the top, then settle outside."""
         turn = memory.turn
         fallen = SwingMemory(
