@@ -138,9 +138,11 @@ def side_lift(lifts: Any) -> Any:
     return np.maximum(left, right)
 
 
-def has_tipped_up(lift: Any) -> Any:
-    """Returns whether two wheels of one side are in the air, by their `side_lift`, m."""
-    return lift > TWO_WHEELS
+def keeps_sides_down(lift: Any) -> Any:
+    """Returns whether no two wheels of one side are in the air, by their `side_lift`, m; False for
+    NaN.
+    """
+    return lift <= TWO_WHEELS
 
 
 def touches_ground(tail: Any, board: Any, steered: Any) -> Any:
@@ -160,7 +162,7 @@ def stays_upright(lift: Any, touched: Any, flipped: Any) -> Any:
         touched: see `touches_ground`.
         flipped: see `has_flipped`.
     """
-    return (lift <= TWO_WHEELS) & ~touched & ~flipped
+    return keeps_sides_down(lift) & ~touched & ~flipped
 
 
 def velocity_over_ground(

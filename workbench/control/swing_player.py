@@ -19,7 +19,12 @@ from typing import Any, Self
 
 import numpy as np
 
-from aerodima.workbench.control.swing_law import JointCommand, SwingSettings, SwingState
+from aerodima.workbench.control.swing_law import (
+    JointCommand,
+    SwingSettings,
+    SwingState,
+    is_released,
+)
 from aerodima.workbench.control.swing_machine import (
     SwingLaw,
     SwingMachine,
@@ -30,6 +35,7 @@ from aerodima.workbench.control.swing_machine import (
 )
 from aerodima.workbench.control.tail_law import EPSILON, Observation
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.elementwise import clip
 from aerodima.workbench.scenario.swing_file import JointGains, SwingFile, cubic, gains_at, swing_at
 
 LARGEST_ERROR = 1.0
@@ -138,24 +144,21 @@ class SwingPlayer(SwingMachine):
         return state == SwingState.SWING
 
     def _pitch_angle(self, memory: SwingMemory, observation: Observation) -> float:
-        return (
-            observation.pitch_angle
-            if math.isfinite(observation.pitch_angle)
-            else memory.pitch_angle
-        )
+        pitch = observation.pitch_angle
+        return pitch if math.isfinite(pitch) else memory.pitch_angle
 
     def _released(self, memory: SwingMemory, observation: Observation) -> bool:
         trigger = self.swing.trigger
         if trigger.kind == "time":
             return observation.time - memory.announced + EPSILON >= trigger.delay_s
+        signal = observation.yaw_rate
+        threshold = trigger.threshold_rad_per_s
         if trigger.kind == "steering":
-            assert trigger.threshold_rad is not None
-            return memory.turn * observation.steering_angle > trigger.threshold_rad
-        assert trigger.threshold_rad_per_s is not None
-        return (
-            observation.imu_valid
-            and memory.turn * observation.yaw_rate > trigger.threshold_rad_per_s
-        )
+            signal = observation.steering_angle
+            threshold = trigger.threshold_rad
+        elif not observation.imu_valid:
+            return False
+        return bool(is_released(memory.turn, signal, threshold))
 
     def _is_over(self, memory: SwingMemory, elapsed: float) -> bool:
         return elapsed >= self.swing.knots.time_s[-1]
@@ -231,12 +234,12 @@ class SwingPlayer(SwingMachine):
         the file's limit.
         """
         position, velocity, torque = map(float, wanted)
-        own = gains.kp * (position - state[0]) + gains.kd * (velocity - state[1])
-        own = own if math.isfinite(own) else 0.0
-        most = self.swing.limits.torque_n_m
-        return np.array(
-            [position, velocity, gains.kp, gains.kd, min(max(own + torque, -most), most) - own]
-        )
+        of_gains = gains.kp * (position - state[0]) + gains.kd * (velocity - state[1])
+        if not math.isfinite(of_gains):
+            of_gains = 0.0
+        limit = self.swing.limits.torque_n_m
+        torque = clip(of_gains + torque, -limit, limit) - of_gains
+        return np.array([position, velocity, gains.kp, gains.kd, torque])
 
     def _fall_back(self, memory: SwingMemory, observation: Observation) -> Tick:
         """Ticks the thesis' law from where the tail is: on over the top, then settle outside."""

@@ -20,7 +20,8 @@ from aerodima.optimisation.swing.feedback_search import (
     search_laws,
     shares_of,
 )
-from aerodima.workbench.car.reduced.entry_runs import EntryRollout, climb, wheel_lifts
+from aerodima.workbench.car.reduced.entry_runs import EntryRollout, climb
+from aerodima.workbench.car.reduced.ground_terms import wheel_lifts
 from aerodima.workbench.car.reduced.states import STATES
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.ensemble import load_ensemble

@@ -93,21 +93,6 @@ def step(state: FloatArray, system: Equations, length: float) -> FloatArray:
     return np.concatenate([moved, new])
 
 
-def advance(
-    length: float,
-    cars: VehicleParams,
-    state: FloatArray,
-    steering: FloatArray,
-    shaft_speed: FloatArray,
-    tail: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Returns the state (24, n) after a time (s), with `Commands`, and the loads (4, n) before
-    it.
-    """
-    system = equations(state, Commands(steering, shaft_speed, tail), cars)
-    return step(state, system, length), system.loads
-
-
 def configuration_rate(state: FloatArray, rates: FloatArray, travel_rate: FloatArray) -> FloatArray:
     """Returns the rates of the first twelve states (12, n)."""
     yaw, pitch, roll = state[ANGLES]

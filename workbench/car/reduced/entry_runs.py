@@ -15,6 +15,7 @@ import numpy as np
 
 from aerodima.workbench.car.laws import servo_step
 from aerodima.workbench.car.reduced.compiled.steps import run
+from aerodima.workbench.car.reduced.ground_terms import wheel_lifts
 from aerodima.workbench.car.reduced.parameters import VehicleParams, regularised_slip, take
 from aerodima.workbench.car.reduced.rollout import (
     STEP,
@@ -23,7 +24,6 @@ from aerodima.workbench.car.reduced.rollout import (
     heights,
     over_ground,
     tick_flags,
-    wheel_lifts,
 )
 from aerodima.workbench.car.reduced.states import RATES, SPIN, STATES, V
 from aerodima.workbench.car.verdict import (
@@ -168,7 +168,7 @@ class EntryRollout(Rollout):
         )
         self._half_width = cars.wheel[1, 0] + cars.edge + cars.tyre_half_width
         self._set_driver(scenario, motion)
-        self._steering, self._command, self._reference, self._course = np.zeros((4, n))
+        self._steering, self._steering_command, self._reference, self._course = np.zeros((4, n))
         self.upright = np.ones(n, bool)
         self.total, self.steered, self.ending = np.zeros((3, n))
 
@@ -201,7 +201,7 @@ class EntryRollout(Rollout):
         state = self.state
         gains = self._gains
         roll, roll_rate, yaw_rate = self._measure()
-        seen = Seen(roll, roll_rate, yaw_rate, state[RATES][V][0], self._command, True)
+        seen = Seen(roll, roll_rate, yaw_rate, state[RATES][V][0], self._steering_command, True)
         response = respond(gains, self._wheelbase, self._rate, self._reference, seen)
         self._reference = self._steers_tail * response.reference
         swung = np.stack([self._reference, 0.0 * self._reference, gains.kp, gains.kd])
@@ -210,31 +210,31 @@ class EntryRollout(Rollout):
             share = np.clip(1.0 - self.to_go / self.whole, 0.0, 1.0)
             pitch = np.stack([interpolate_knots(share, self._pitch_motion), *pitch[1:]])
             swung = np.stack([interpolate_knots(share, self._roll_motion), *swung[1:]])
-        self._tail = np.stack([pitch, swung]) * self._cars.has_tail
+        self._command(pitch, swung)
         if self._driver is None:
-            self._command = planned + 0.0 * self._command
+            self._steering_command = planned + 0.0 * self._steering_command
         else:
             x, y, _, yaw = state[:4]
             course, speed = over_ground(state, 0.0 * x)
             seen_by_driver: Any = (time, (x, y), yaw, course, speed, yaw_rate, roll_rate)
-            self._memory, self._command = self._driver.steer(
+            self._memory, self._steering_command = self._driver.steer(
                 self._memory, SeenByDriver(*seen_by_driver)
             )
 
     def step(self, time: Any, planned: Any, counts: Any, share: Any) -> None:
         """Drives one step and judges it."""
         cars = self._cars
-        self._steering = servo_step(self._steering, self._command, self._servo_rate * STEP)
+        self._steering = servo_step(self._steering, self._steering_command, self._servo_rate * STEP)
         self._drive(self._steering, cars.speed / cars.rolling_radius)
         state = self.state
-        steers = np.abs(self._command) > STRAIGHT
+        steers = np.abs(self._steering_command) > STRAIGHT
         self.upright = self.upright & (self._is_fine(steers) | (counts == 0.0))
         self.left = np.where(self.upright, self.to_go, self.left)
         self.ending = self.ending + np.where(steers & (share > 0.0), np.nan, state[14] * share)
         course, speed = over_ground(state, cars.com_x)
         turned = course - self._course
         turned = (turned - FULL_TURN * np.rint(turned / FULL_TURN)) / STEP
-        to_side = np.where(self._command > 0.0, turned, -turned) * speed
+        to_side = np.where(self._steering_command > 0.0, turned, -turned) * speed
         self._course = np.where(counts > 0.0, course, 0.0)
         self.total = self.total + counts * np.where(steers, to_side, 0.0)
         self.steered = self.steered + counts * np.where(steers, 1.0, 0.0)

@@ -32,6 +32,22 @@ BOARD_DISSIPATION = 1.0
 """Of the board's contact with the ground, s/m, as `car_model` sets it."""
 
 
+class WheelPoses(NamedTuple):
+    """Wheels of n cars, in B.
+
+    Attributes:
+        axle: directions (3, 4, n), to the left.
+        tilt: cosine of the angle between axle and upright (4, n).
+        reach: of an edge, an ellipsoid, from its middle down to its lowest point (4, n), m.
+        centre: of the wheels (3, 4, n), m.
+    """
+
+    axle: FloatArray
+    tilt: FloatArray
+    reach: FloatArray
+    centre: FloatArray
+
+
 class TyreEdges(NamedTuple):
     """Edges of the tyres on the ground, (2 edges, 4 wheels, n) after the axis of a vector.
 
@@ -57,9 +73,8 @@ def add_tyres(
     m/s, and loads of the wheels (4, n), N.
     """
     n = up_in_body(state)
-    steer = np.concatenate([commands.steering, np.zeros((2, cars.count))])
-    axle = np.stack([-np.sin(steer), np.cos(steer), 0.0 * steer])  # (3, 4, n)
-    edges = _tyre_edges(state, axle, n, cars)
+    wheels = _wheel_poses(state, commands.steering, cars)
+    edges = _tyre_edges(state, wheels, cars)
     slip = edges.slip
     sliding = cars.friction / np.sqrt(dot(slip, slip) + cars.slip_speed**2)
     travel_rate, load = _edge_loads(state, edges, sliding, n[2], cars)
@@ -74,27 +89,45 @@ def add_tyres(
     terms.damping[:6, SPIN] += mixed
     terms.damping[SPIN, :6] += np.swapaxes(mixed, 0, 1)
     spin_damping = np.sum(dot(pushed, edges.spinning), axis=0)
-    _add_wheels(state, commands, axle, spin_damping, cars, terms)
+    _add_wheels(state, commands, wheels.axle, spin_damping, cars, terms)
     return travel_rate, np.sum(load, axis=0)
 
 
-def _tyre_edges(
-    state: FloatArray, axle: FloatArray, n: FloatArray, cars: VehicleParams
-) -> TyreEdges:
-    """Returns the lowest point of each edge, an ellipsoid, and where it meets the ground.
+def wheel_lifts(state: FloatArray, cars: VehicleParams, steering: FloatArray) -> FloatArray:
+    """Returns the height of the lowest point of each tyre over the ground (4, n), m; negative where
+    it presses into it.
 
     Args:
-        axle: directions of the axles in B (3, 4, n).
-        n: upright in B (3, n).
+        state: (24, n).
+        cars: n of them.
+        steering: angle of the front wheels (n), rad.
     """
-    n4 = n[:, None]
-    tilt = dot(axle, n4)
+    wheels = _wheel_poses(state, np.stack([steering, steering]), cars)
+    middle = state[2] + dot(up_in_body(state)[:, None], wheels.centre)
+    lifts: FloatArray = middle - cars.edge * np.abs(wheels.tilt) - wheels.reach
+    return lifts
+
+
+def _wheel_poses(state: FloatArray, steering: FloatArray, cars: VehicleParams) -> WheelPoses:
+    """Returns the wheels at a state (24, n) and angles of the front wheels (2, n), rad."""
+    steer = np.concatenate([steering, np.zeros((2, cars.count))])
+    axle = np.stack([-np.sin(steer), np.cos(steer), 0.0 * steer])
+    tilt = dot(axle, up_in_body(state)[:, None])
     R2 = cars.tyre_radius**2
     h2 = cars.tyre_half_width**2
     reach = np.sqrt(R2 * (1.0 - tilt * tilt) + h2 * tilt * tilt)
+    x, y, z = cars.wheel
+    return WheelPoses(axle, tilt, reach, np.stack([x, y, z + state[TRAVEL]]))
+
+
+def _tyre_edges(state: FloatArray, wheels: WheelPoses, cars: VehicleParams) -> TyreEdges:
+    """Returns the lowest point of each edge and where it meets the ground."""
+    axle, tilt, reach, centre = wheels
+    n = up_in_body(state)
+    n4 = n[:, None]
+    R2 = cars.tyre_radius**2
+    h2 = cars.tyre_half_width**2
     down = (-1.0 / reach) * (R2 * (n4 - tilt * axle) + h2 * tilt * axle)
-    wheel_x, wheel_y, wheel_z = cars.wheel
-    centre = np.stack([wheel_x, wheel_y, wheel_z + state[TRAVEL]])
     sides = np.array([1.0, -1.0])[:, None, None]
     axle_e = axle[:, None]
     n_e = n[:, None, None]

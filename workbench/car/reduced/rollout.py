@@ -10,15 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.car.reduced.dynamics import advance
+from aerodima.workbench.car.reduced.dynamics import equations, step
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.states import (
     EPS_SQRT,
     RATES,
-    TRAVEL,
+    Commands,
     V,
     W,
-    dot,
     tail_axes,
     up_in_body,
 )
@@ -67,14 +66,19 @@ class Rollout:
         self._imu = np.concatenate([self._imu[1:], self._motion()[None]])
         return self._imu[0]
 
+    def _command(self, pitch: FloatArray, roll: FloatArray) -> None:
+        """Commands the motors until the next tick, (4, n) each; a car without tail has none."""
+        self._tail = np.stack([pitch, roll]) * self._cars.has_tail
+
     def _drive(self, steering: FloatArray, shaft_speed: FloatArray) -> None:
         """Drives one step with an angle of the front wheels (n), rad, and a speed (n) that the
         governor is asked for, rad/s.
         """
         before = self.state
         both = np.stack([steering, steering])
-        after, self.loads = advance(self._length, self._cars, before, both, shaft_speed, self._tail)
-        self.state = np.where(self.gone, before, after)
+        system = equations(before, Commands(both, shaft_speed, self._tail), self._cars)
+        self.loads = system.loads
+        self.state = np.where(self.gone, before, step(before, system, self._length))
         self.gone = self.gone | (up_in_body(self.state)[2] < COS_FLIP_TILT)
 
 
@@ -114,25 +118,3 @@ def heights(state: FloatArray, cars: VehicleParams) -> tuple[FloatArray, FloatAr
     corners = np.sum(upright[:, None] * cars.board, axis=0)
     board = z + np.min(corners, axis=0)
     return np.where(cars.has_tail > 0.0, low, np.inf), board
-
-
-def wheel_lifts(state: FloatArray, cars: VehicleParams, steering: FloatArray) -> FloatArray:
-    """Returns the height of the lowest point of each tyre over the ground (4, n), m; negative where
-    it presses into it.
-
-    Args:
-        state: (24, n).
-        cars: n of them.
-        steering: angle of the front wheels (n), rad.
-    """
-    n = up_in_body(state)[:, None]
-    steer = np.concatenate([np.stack([steering, steering]), np.zeros((2, cars.count))])
-    axle = np.stack([-np.sin(steer), np.cos(steer), 0.0 * steer])
-    tilt = dot(axle, n)
-    R2 = cars.tyre_radius**2
-    h2 = cars.tyre_half_width**2
-    reach = np.sqrt(R2 * (1.0 - tilt * tilt + EPS_SQRT) + h2 * tilt * tilt)
-    x, y, z = cars.wheel
-    centre = np.stack([x, y, z + state[TRAVEL]])
-    lifts: FloatArray = state[2] + dot(n, centre) - cars.edge * np.abs(tilt) - reach
-    return lifts

@@ -38,7 +38,6 @@ from aerodima.workbench.control.manoeuvre import (
     wheel_angle,
 )
 from aerodima.workbench.control.swing_law import (
-    JointCommand,
     SwingPhase,
     SwingState,
     is_over,
@@ -158,14 +157,12 @@ class TurnRollout(Rollout):
         )
         self._phase, self._since, self._start_roll = phase
         self.trigger = np.where(phase.state == SwingState.SWING, phase.since, self.trigger)
-        self._tail = self._commands(time)
+        self._follow(time)
 
-    def _commands(self, time: Any) -> FloatArray:
-        """Returns the commands to pitch and roll motor (2, 4, n); no gains without a tail."""
+    def _follow(self, time: Any) -> None:
+        """Commands what the law or the knots want in the present state."""
         law = self._plans.law
         knots = self._plans.knots
-        zero = np.zeros_like(self._since)
-        one = 1.0 + zero
         state = self._phase
         swings = (state == SwingState.SWING) | (state == SwingState.SETTLE)
         plays = swings & (knots.plays > 0.0)
@@ -174,14 +171,9 @@ class TurnRollout(Rollout):
             np.stack(knots.command(time - self.trigger, law.rate)),
             np.stack(roll_command(law, state, LEFT)),
         )
-        pitch = JointCommand(
-            law.pitch_angle,
-            zero,
-            np.where(plays, knots.pitch_kp, law.hold_kp),
-            np.where(plays, knots.pitch_kd, law.hold_kd),
-        )
-        has_tail = self._cars.has_tail
-        return np.stack([np.stack(pitch), roll]) * np.stack([one, one, has_tail, has_tail])
+        kp = np.where(plays, knots.pitch_kp, law.hold_kp)
+        kd = np.where(plays, knots.pitch_kd, law.hold_kd)
+        self._command(np.stack([law.pitch_angle, np.zeros_like(kp), kp, kd]), roll)
 
     def step(self, time: Any) -> tuple[FloatArray, ...]:
         """Drives one step and returns what `HISTORY` names."""
