@@ -105,7 +105,7 @@ def test_scenario_files_give_the_numbers_that_they_name():
 
 
 def test_exported_bundle_drives():
-    from aerodima.workbench.control.law_of_scenario import load_drive
+    from aerodima.workbench.control.controller_bundle import load_drive
 
     scenario, law = load_drive(str(FOLDER / "bundle.json"))
     assert (scenario.name, scenario.manoeuvre.direction) == ("a turn of our own", "right")

@@ -252,7 +252,8 @@ def drive(
     from aerodima.hardware.car.car_ports import read_ports
     from aerodima.hardware.car.wiring import wiring_name
     from aerodima.hardware.driving.drive_session import DriveOptions, run_drive
-    from aerodima.workbench.control.law_of_scenario import load_build, load_drive, load_law
+    from aerodima.workbench.control.controller_bundle import load_drive
+    from aerodima.workbench.control.user_law import load_build, load_law
 
     name = wiring_name(wiring)
     overrides = [*([f"controller.swing_file={swing}"] if swing else []), *(settings or [])]
@@ -270,7 +271,7 @@ def drive(
     if law is not None:
         tail_law = load_law(law, chosen)
     elif not other_car and build is None:
-        from aerodima.workbench.control.law_of_scenario import refuse_other_car
+        from aerodima.workbench.control.swing_library import refuse_other_car
 
         refuse_other_car(chosen)
     car_ports = read_ports(ports)

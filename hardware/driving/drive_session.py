@@ -47,9 +47,10 @@ from aerodima.hardware.driving.plain_loop import (
 from aerodima.hardware.driving.run_journal import RunJournal, log_facts, open_run_journal
 from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.workbench.control.driver_law import refuse_simulated_only
-from aerodima.workbench.control.law_of_scenario import law_of_scenario, traceback_and_reason
+from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import run_time
 from aerodima.workbench.control.tail_law import TailLaw
+from aerodima.workbench.control.user_law import traceback_and_reason
 from aerodima.workbench.core.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.core.errors import HardwareError, LogError, UserError
 from aerodima.workbench.core.realtime import (

@@ -24,11 +24,12 @@ from aerodima.optimisation.calibrate.calibration_plan import (
     Turn,
 )
 from aerodima.workbench.batch.row_store import Row
-from aerodima.workbench.car.reduced.dynamics import RATES, V, W
+from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.states import RATES, V, W
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import Turns, drive_turns
-from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
-from aerodima.workbench.car.turn_signals import LOADED_FORCE, turn_signals
+from aerodima.workbench.car.turn_signals import turn_signals
+from aerodima.workbench.car.verdict import LOADED_FORCE
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
@@ -156,8 +157,8 @@ def run_reduced(piece: Piece) -> dict[str, Any]:
     names = list(plan.nuisances)
     of_nuisances = [column(name) for name in names]
     scenarios = [load_scenario(f"turn_{turn.tail}", prior.settings(car, turn)) for car in cars]
-    vehicles = Vehicles.of(scenarios)
-    plans = TurnPlans.of(scenarios)
+    vehicles = VehicleParams.from_scenarios(scenarios)
+    plans = TurnPlans.from_scenarios(scenarios)
     begun = drive_turns(vehicles, plans, duration=0.0, length=STEP).last
     rng = np.random.default_rng([plan.seed, crc32(turn.name.encode()), crc32(cars.tobytes())])
     x = cars[:, column("imu.x")]

@@ -16,7 +16,8 @@ from pydantic import Field, field_validator
 
 from aerodima.workbench.car.car_model import gearbox_height
 from aerodima.workbench.car.tail_plant import tail_geometry
-from aerodima.workbench.control.law_of_scenario import find_swing, load_law
+from aerodima.workbench.control.swing_library import find_swing
+from aerodima.workbench.control.user_law import load_law
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.checked_files import (
     StrictModel,

@@ -35,8 +35,7 @@ from aerodima.optimisation.studies.rollover_threshold import SPEED, rounded
 from aerodima.optimisation.studies.runs import FINE_STEP, Runs, RunTask, make_frame, step_settings
 from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.car.chassis_actuators import steady_speed
-from aerodima.workbench.car.tip_up import TWO_WHEELS
-from aerodima.workbench.car.turn_signals import EXIT_YAW_RATE
+from aerodima.workbench.car.verdict import EXIT_YAW_RATE, TWO_WHEELS
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.scenario.ensemble import Member
 from aerodima.workbench.scenario.scenario import load_scenario

@@ -28,7 +28,8 @@ from aerodima.workbench.batch.row_store import (
     saying_how_to_go_on,
     silent,
 )
-from aerodima.workbench.control.law_of_scenario import NO_SWING, find_swing, in_words, load_law
+from aerodima.workbench.control.swing_library import NO_SWING, find_swing
+from aerodima.workbench.control.user_law import in_words, load_law
 from aerodima.workbench.core.checked_files import read_yaml
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versions

@@ -21,7 +21,7 @@ from aerodima.optimisation.judge.suite import CANDIDATES, FEEDBACK, MANOEUVRES, 
 from aerodima.optimisation.studies.runs import Runs, make_frame, scenario_content
 from aerodima.optimisation.swing.feedback_search import gains_of, reduced_cars
 from aerodima.workbench.batch.row_store import content_key
-from aerodima.workbench.car.reduced.entry_runs import PathMotion, at_speeds, enter
+from aerodima.workbench.car.reduced.entry_runs import PathMotion, at_speeds, simulate_entries
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.scenario.ensemble import Member
@@ -150,10 +150,10 @@ def best_speed(start: BoundStart) -> float:
         preview, correction, lag = numbers[: len(DRIVER)]
         motion = PathMotion(preview, correction, lag, numbers[len(DRIVER) : ROLLS], numbers[ROLLS:])
         gains = gains_of([{}] * cars.count, scenario)
-        found = enter(cars, scenario, gains, np.full(cars.count, follows), motion)
-        kept = np.cumprod(found.upright.reshape(members, -1), axis=1).sum(axis=1)
+        found = simulate_entries(cars, scenario, gains, np.full(cars.count, follows), motion)
+        kept = np.cumprod(found.completed.reshape(members, -1), axis=1).sum(axis=1)
         best = max(best, float(np.where(kept > 0, speeds[kept - 1], 0.0).max()))
-        driven = found.driven.reshape(members, -1)[
+        driven = found.progress.reshape(members, -1)[
             np.arange(members), np.minimum(kept, len(speeds) - 1)
         ]
         return -(speeds[0] + STEP * (kept + driven))

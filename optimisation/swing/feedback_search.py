@@ -26,7 +26,7 @@ from aerodima.optimisation.judge.suite import FEEDBACK, TRAINED_ON, manoeuvres
 from aerodima.optimisation.studies.runs import Runs, scenario_content
 from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, content_key
 from aerodima.workbench.car.reduced.entry_runs import climb
-from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
+from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.scenario.ensemble import Member
@@ -258,7 +258,7 @@ def screened_entries(screened: Screened) -> list[list[float]]:
 @lru_cache(maxsize=16)
 def _reference(
     manoeuvre: str, tail: str, cars: tuple[tuple[str, ...], ...]
-) -> tuple[list[Scenario], Vehicles, FloatArray, FloatArray]:
+) -> tuple[list[Scenario], VehicleParams, FloatArray, FloatArray]:
     """Drivers of a manoeuvre, its cars with the tail, entry speeds without (n), m/s, and the least
     figures (n).
     """
@@ -277,7 +277,9 @@ def _reference(
     return drivers, reduced_cars(chosen, cars, FEEDBACK), SPEEDS_WITHOUT[last], least
 
 
-def reduced_cars(chosen: Manoeuvre, cars: Sequence[tuple[str, ...]], who: Candidate) -> Vehicles:
+def reduced_cars(
+    chosen: Manoeuvre, cars: Sequence[tuple[str, ...]], who: Candidate
+) -> VehicleParams:
     """Cars by their settings with the tail of a manoeuvre and a candidate."""
     of_the_car = (
         "manoeuvre.kind=turn",
@@ -293,7 +295,7 @@ def reduced_cars(chosen: Manoeuvre, cars: Sequence[tuple[str, ...]], who: Candid
         if who.ballast is not None:
             ballast = who.ballast(load_scenario(chosen.scenario, own))
         scenarios.append(load_scenario(chosen.scenario, (*own, *who.settings, *ballast, *still)))
-    return Vehicles.of(scenarios)
+    return VehicleParams.from_scenarios(scenarios)
 
 
 def gains_of(laws: Sequence[Mapping[str, float]], scenario: Scenario) -> Any:

@@ -23,16 +23,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from aerodima.optimisation.swing.task import Task
-from aerodima.workbench.car.reduced.turn_plans import PlayedRoll, TurnPlans
-from aerodima.workbench.car.reduced.turns import Turns, course, drive_turns, heights
-from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
-from aerodima.workbench.car.turn_signals import EXIT_YAW_RATE
+from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.rollout import heights, over_ground
+from aerodima.workbench.car.reduced.turn_plans import TurnPlans
+from aerodima.workbench.car.reduced.turns import Turns, drive_turns
+from aerodima.workbench.car.verdict import EXIT_YAW_RATE
 from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE
+from aerodima.workbench.control.swing_player import RollTrajectory
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.scenario.scenario import Scenario
 
@@ -246,7 +248,7 @@ class TurnShooting:
         length: of a step, s.
     """
 
-    cars: Vehicles
+    cars: VehicleParams
     plans: TurnPlans
     begun: FloatArray
     variables: TurnVariables
@@ -270,7 +272,7 @@ class TurnShooting:
         Raises:
             UserError: what the screening model does not know.
         """
-        cars = Vehicles.of(scenarios)
+        cars = VehicleParams.from_scenarios(scenarios)
         first = scenarios[0]
         limit = TORQUE_SHARE * first.tail_motor.torque_limit
         most_rate = float(np.min(cars.no_load_speed * (1.0 - limit / cars.stall_torque)))
@@ -291,10 +293,12 @@ class TurnShooting:
             s.varied(tail={"mode": "swing"}, controller={"swing_file": "none"}) for s in scenarios
         ]
         count = len(scenarios)
-        chosen = {"hold_kp": HOLD["kp"], "hold_kd": HOLD["kd"], "delay": 0.0, "hold": task.pulse}
-        chosen |= {"trigger_yaw_rate": np.inf, "trigger_steering": RELEASE_STEERING}
-        numbers: dict[str, Any] = {name: np.full(count, value) for name, value in chosen.items()}
-        plans = replace(TurnPlans.of(swinging), **numbers)
+        law = {"hold_kp": HOLD["kp"], "hold_kd": HOLD["kd"], "delay": 0.0}
+        law |= {"by_steering": 1.0, "threshold": RELEASE_STEERING}
+        plans = TurnPlans.from_scenarios(swinging).varied(
+            law={name: np.full(count, value) for name, value in law.items()},
+            pulse={"hold": np.full(count, task.pulse)},
+        )
         begun = drive_turns(cars, plans, duration=0.0, length=length).last
         return cls(cars, plans, begun, variables, limit, task.most_roll, task.most_sideslip, length)
 
@@ -328,10 +332,9 @@ class TurnShooting:
         one = np.ones(len(members))
         gains = [gain * one for gain in (FOLLOW["kp"], FOLLOW["kd"]) * 2]
         angle, first_angle, first_hold = self.variables.steered(own)
-        played = PlayedRoll(one, time, roll, rate, *gains)
-        plans = replace(
-            plans, steer_angle=angle, first_angle=first_angle, first_hold=first_hold, played=played
-        )
+        played = RollTrajectory(one, time, roll, rate, *gains)
+        steering = {"steer_angle": angle, "first_angle": first_angle, "first_hold": first_hold}
+        plans = replace(plans.varied(pulse=steering), knots=played)
         return drive_turns(
             self.cars.take(members),
             plans,
@@ -394,9 +397,10 @@ class TurnShooting:
         tail, board = heights(
             states.reshape(len(states), -1), self.cars.take(np.tile(members, count))
         )
-        end = course(last, cars)
+        end, _ = over_ground(last, cars.com_x)
+        began, _ = over_ground(self.begun, self.cars.com_x)
         without = np.isnan(turns.course)
-        turned = np.where(without, end - course(self.begun, self.cars)[members], turns.course)
+        turned = np.where(without, end - began[members], turns.course)
         sideslip = np.where(without, last[3] - end, turns.sideslip)
         rows = [
             *self._peaks(states[5]),

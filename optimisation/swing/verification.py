@@ -20,13 +20,13 @@ from aerodima.optimisation.studies.rollover_threshold import is_clean
 from aerodima.optimisation.studies.runs import FINE_STEP, RunTask, measured_row, step_settings
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.clearance import ground_clearance, make_range_of_motion
-from aerodima.workbench.control.law_of_scenario import (
+from aerodima.workbench.control.swing_law import SwingState
+from aerodima.workbench.control.swing_library import (
     find_swing,
-    own_turn,
     refuse_other_car,
+    turn_of_swing,
     turn_words,
 )
-from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.logs.schema import RunLog, software_versions
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
@@ -121,7 +121,7 @@ def verify_swing(
     """
     played = find_swing(swing)
     player = swing_player(swing)
-    turn, own = own_turn(played, scenario)
+    turn, own = turn_of_swing(played, scenario)
     found = load_scenario(turn, (*own, *settings, *step_settings(step), *player.settings))
     if not other_car:
         refuse_other_car(found)

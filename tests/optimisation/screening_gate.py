@@ -29,9 +29,9 @@ from aerodima.optimisation.studies.rollover_threshold import (
 from aerodima.optimisation.studies.runs import Runs, RunTask, open_run_engine
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
+from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import drive_turns
-from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
 
 SCENARIO, SPEED = "turn_designed", ("manoeuvre.speed=4.5",)
 SEARCH = Search(FRICTION, 0.3, 1.2, 0.1, 0.0125)
@@ -92,10 +92,10 @@ def screened_friction(scenarios, search):
         search: range and grid of friction.
 
     Raises:
-        UserError: what `Vehicles.of` refuses.
+        UserError: what `VehicleParams.of` refuses.
     """
-    cars = Vehicles.of(scenarios)
-    plans = TurnPlans.of(scenarios)
+    cars = VehicleParams.from_scenarios(scenarios)
+    plans = TurnPlans.from_scenarios(scenarios)
 
     def run(wanted):
         places = [place for place, _ in wanted]
@@ -130,7 +130,9 @@ def compared_heading(engine, cases):
     """Agreement of the heading change of every case where it is clean, degrees."""
     rows = engine.rows([RunTask(str(place), SCENARIO, case) for place, case in enumerate(cases)])
     scenarios = [load_scenario(SCENARIO, case) for case in cases]
-    turns = drive_turns(Vehicles.of(scenarios), TurnPlans.of(scenarios))
+    turns = drive_turns(
+        VehicleParams.from_scenarios(scenarios), TurnPlans.from_scenarios(scenarios)
+    )
     clean = np.array([is_clean(row) for row in rows])
     full = np.degrees([row["heading_change_rad"] for row in rows])
     return agreement(
@@ -208,8 +210,8 @@ def main():
 def reduced_seconds(scenarios, count=768):
     """CPU time of one run among many, s."""
     places = np.arange(count) % len(scenarios)
-    vehicles = Vehicles.of(scenarios).take(places)
-    plans = TurnPlans.of(scenarios).take(places)
+    vehicles = VehicleParams.from_scenarios(scenarios).take(places)
+    plans = TurnPlans.from_scenarios(scenarios).take(places)
     begin = time.process_time()
     drive_turns(vehicles, plans)
     return (time.process_time() - begin) / count

@@ -18,11 +18,11 @@ from aerodima.workbench.car.outcome_record import OutcomeRecord
 from aerodima.workbench.car.run_view import LiveView
 from aerodima.workbench.car.termination import FlipWatch, check_times, time_after_rows, turn_end
 from aerodima.workbench.control.driver_law import DriverLaw
-from aerodima.workbench.control.law_of_scenario import swing_facts
 from aerodima.workbench.control.manoeuvre import (
     Schedule,
     run_time,
 )
+from aerodima.workbench.control.swing_library import swing_facts
 from aerodima.workbench.control.tail_law import TailLaw
 from aerodima.workbench.core.system_lifetime import break_reference_cycles
 from aerodima.workbench.logs.recorder import (

@@ -21,7 +21,8 @@ from aerodima.workbench.car.car_station import simulated_car
 from aerodima.workbench.car.ground_loads import GroundLoads
 from aerodima.workbench.car.termination import STOPPED, has_flipped
 from aerodima.workbench.car.tip_up import LIFT_COLUMNS
-from aerodima.workbench.car.turn_signals import CALM_FOR, CALM_SPIN, settled_row
+from aerodima.workbench.car.turn_signals import settled_row
+from aerodima.workbench.car.verdict import CALM_FOR, CALM_SPIN
 from aerodima.workbench.control.manoeuvre import run_time
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.event_order import row_period

@@ -16,27 +16,20 @@ to the right, so what helps is -N . e there and +N . e in a right turn.
 Impulses are integrals of that moment over the window of the turn.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
-from aerodima.workbench.car.turn_signals import (
-    TurnSignals,
-    turn_signals,
-)
+from aerodima.workbench.car.turn_signals import TurnSignals, turn_signals
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
 
-FLIP_TILT = math.radians(75.0)
-"""Beyond this tilt the car has rolled over, rad."""
-
-
 CAUSES = ("aerodynamic", "weight", "inertial")
+"""What the tail's moment is split by."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +42,8 @@ class Impulses:
 
 
 def tail_impulses(run_log: RunLog) -> Impulses | None:
-    """Angular impulses about the heading axis over the window of the turn; None for a car without a
-    tail.
+    """Returns the angular impulses about the heading axis over the window of the turn; None for a
+    car without a tail.
 
     N m s, positive = against rolling outwards.
 
@@ -72,8 +65,8 @@ def tail_impulses(run_log: RunLog) -> Impulses | None:
 
 
 def tail_yaw_impulses(run_log: RunLog) -> Impulses:
-    """Angular impulses of the tail over the window of the turn about the vertical through the
-    vehicle's centre of mass.
+    """Returns the angular impulses of the tail over the window of the turn about the vertical
+    through the vehicle's centre of mass.
 
     N m s, positive = into the turn. A weight has no moment about the vertical. The reaction of the
     tail's inertia is what turns the car out of the turn while the tail is behind the centre of mass
@@ -88,8 +81,8 @@ def tail_yaw_impulses(run_log: RunLog) -> Impulses:
 
 
 def tail_effort(run_log: RunLog, after: NDArray[np.bool_]) -> tuple[float | None, float | None]:
-    """Largest torque (N m) and positive work (J) of the tail motors in these rows; None without
-    their columns.
+    """Returns the largest torque (N m) and positive work (J) of the tail motors in these rows; None
+    without their columns.
 
     A log of the real car may come from loggers that did not record the motors; a simulated one has
     them always.
@@ -117,7 +110,7 @@ def tail_effort(run_log: RunLog, after: NDArray[np.bool_]) -> tuple[float | None
 def _over_window(
     run_log: RunLog, signals: TurnSignals, point: FloatArray, axis: FloatArray
 ) -> Impulses:
-    """About an axis through a point, each (n, 3) in W.
+    """Returns the impulses about an axis through a point, each (n, 3) in W.
 
     The inertial part is summed from the changes of the angular momentum themselves, with P and the
     axis taken in the middle of each step, so that a jump of the momentum (a contact) counts in full
@@ -153,9 +146,5 @@ def _over_window(
 
 
 def _dot(vectors: FloatArray, axes: FloatArray) -> FloatArray:
-    """Row by row scalar product of (n, 3) and (n, 3), shape (n,)."""
+    """Returns the row by row scalar product of (n, 3) and (n, 3), shape (n,)."""
     return np.einsum("ij,ij->i", vectors, axes)
-
-
-END_TILT = math.radians(20.0)
-"""Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""

@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
 )
 
 from aerodima.workbench.car.car_station import simulated_car
-from aerodima.workbench.car.tail_impulses import FLIP_TILT
+from aerodima.workbench.car.verdict import FLIP_TILT
 from aerodima.workbench.control.manoeuvre import (
     angle_to_straighten,
     run_time,

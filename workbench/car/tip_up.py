@@ -13,22 +13,17 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from aerodima.workbench.car.turn_course import ground_velocity
-from aerodima.workbench.car.turn_signals import LOADED_FORCE, turn_signals
+from aerodima.workbench.car.turn_signals import turn_signals
+from aerodima.workbench.car.verdict import LAST, is_loaded, side_lift, touches_ground
 from aerodima.workbench.control.paths import off_path, path_of
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.scenario import Scenario
-from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, SIDES, WHEELS
+from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, WHEELS
 
 LIFT_COLUMNS = tuple(f"wheel_lift_{wheel}_truth_m" for wheel in WHEELS)
 """Height of the lowest point of each tyre over the level ground, m; not above 0 where it presses
 into the ground."""
-
-TWO_WHEELS = 0.005
-"""Two wheels of one side that are both higher than this have tipped up, m."""
-
-LAST = 0.2
-"""How much of the end of a run says whether the car goes straight again, s."""
 
 Windows = Sequence[tuple[float, float, float]]
 """Start and end, s, and side, +1 left or -1 right, of each part of a run in which the car is
@@ -60,7 +55,7 @@ class TipUp:
     last_yaw_rate_rad_per_s: float | None
 
     def as_row(self) -> dict[str, float | str | None]:
-        """One flat row for a table."""
+        """Returns one flat row for a table."""
         return asdict(self)
 
 
@@ -84,7 +79,7 @@ def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
         turning |= (time >= start) & (time <= end)
     largest_lift = None
     if len(lifts) == len(WHEELS):
-        largest_lift = side_lift(np.column_stack(lifts))
+        largest_lift = float(np.max(side_lift(lifts)))
     touched = None
     if contact is not None:
         touched = " ".join(_touched(contact[steered], turning[steered]))
@@ -101,28 +96,25 @@ def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
     )
 
 
-def _touched(contact: FloatArray, turning: np.ndarray) -> list[str]:
-    counted = {part: turning if part == "board" else True for part in GROUND_CONTACTS}
-    loaded = dict(zip(GROUND_CONTACTS, contact.T > LOADED_FORCE, strict=True))
-    return [part for part in GROUND_CONTACTS if np.any(loaded[part] & counted[part])]
-
-
-def side_lift(lifts: FloatArray) -> float:
-    """Largest value over time of the smaller lift of the two wheels of one side, m.
-
-    Args:
-        lifts: of the wheels, in the order of `WHEELS` (n, 4), m.
-    """
-    sides = [
-        [index for index, wheel in enumerate(WHEELS) if wheel.endswith(side)] for side in SIDES
-    ]
-    return float(max(np.max(np.min(lifts[:, side], axis=1)) for side in sides))
+def _touched(contact: FloatArray, steered: np.ndarray) -> list[str]:
+    """Returns which of `GROUND_CONTACTS` counts as touched, from their forces (n, 3), N."""
+    touched = []
+    for part, force in zip(GROUND_CONTACTS, contact.T, strict=True):
+        hit = is_loaded(force)
+        if part == "board":
+            counts = touches_ground(False, hit, steered)
+        else:
+            counts = touches_ground(hit, False, steered)
+        if np.any(counts):
+            touched.append(part)
+    return touched
 
 
 def lateral_acceleration(
     time: FloatArray, speed: FloatArray, course: FloatArray, windows: Windows
 ) -> float | None:
-    """Mean over all windows, and over time, of side times speed times rate of the course, m/s2.
+    """Returns the mean over all windows, and over time, of side times speed times rate of the
+    course, m/s2.
 
     None where no window has two samples. The body's yaw rate would count a spin, which does not
     turn the path.
@@ -148,8 +140,8 @@ def lateral_acceleration(
 
 
 def path_row(run_log: RunLog, scenario: Scenario) -> dict[str, float | bool]:
-    """How far a run leaves its lane at most, m (negative: it keeps it), and whether it gets to the
-    end of the path.
+    """Returns how far a run leaves its lane at most, m (negative: it keeps it), and whether it gets
+    to the end of the path.
 
     Nothing for a manoeuvre that follows no path. LogError where there is no ground truth.
     """

@@ -12,11 +12,11 @@ that the turn is positive. Definitions: design section 10.
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.car.turn_signals import EXIT_YAW_RATE, turn_signals
+from aerodima.workbench.car.turn_signals import turn_signals
+from aerodima.workbench.car.verdict import has_left_turn, velocity_over_ground
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.logs.schema import RunLog
 
@@ -42,12 +42,12 @@ class TurnCourse:
     exit_speed_m_per_s: float | None
 
     def as_row(self) -> dict[str, float | None]:
-        """One flat row for a table."""
+        """Returns one flat row for a table."""
         return asdict(self)
 
 
 def turn_course(run_log: RunLog) -> TurnCourse:
-    """Course of a run's turn.
+    """Returns the course of a run's turn.
 
     Raises:
         LogError: no ground truth, or as for `metrics_of`.
@@ -58,7 +58,7 @@ def turn_course(run_log: RunLog) -> TurnCourse:
     course = signals.sign * course
     turned = course - course[started[0]]
     straight = signals.from_start & ~signals.in_window
-    over = np.flatnonzero(straight & (np.abs(signals.yaw_rate) < EXIT_YAW_RATE))
+    over = np.flatnonzero(has_left_turn(straight, signals.yaw_rate))
     if over.size == 0:
         return TurnCourse(None, None, None, None, None)
     at = over[0]
@@ -73,26 +73,10 @@ def turn_course(run_log: RunLog) -> TurnCourse:
     )
 
 
-def velocity_over_ground(
-    v_WBo_B: FloatArray, w_WB_B: FloatArray, roll: FloatArray, pitch: FloatArray, com_x: Any
-) -> tuple[FloatArray, FloatArray]:
-    """Velocity below the centre of mass, along the heading and to its left, m/s.
-
-    Args:
-        v_WBo_B, w_WB_B: velocity of the origin of B and angular velocity, in B (3, ...), m/s and
-            rad/s.
-        roll, pitch: (...), rad; `com_x` of the car without tail arm, m.
-    """
-    x = v_WBo_B[0]
-    y = v_WBo_B[1] + w_WB_B[2] * com_x
-    z = v_WBo_B[2] - w_WB_B[1] * com_x
-    left = np.cos(roll) * y - np.sin(roll) * z
-    up = np.sin(roll) * y + np.cos(roll) * z
-    return np.cos(pitch) * x + np.sin(pitch) * up, left
-
-
 def ground_velocity(run_log: RunLog) -> tuple[FloatArray, FloatArray]:
-    """Ground speed (m/s) and course (rad, unwrapped, positive to the left) of a run, each (n,)."""
+    """Returns the ground speed (m/s) and course (rad, unwrapped, positive to the left) of a run,
+    each (n,).
+    """
     v_WBo_B = run_log.vector("velocity", "truth_m_per_s")
     w_WB_B = run_log.vector("gyro", "truth_rad_per_s")
     roll = run_log.signal("roll_truth_rad")

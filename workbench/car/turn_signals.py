@@ -9,7 +9,7 @@ positive outwards (to the right in a left turn: a positive rotation about x of B
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, NamedTuple
 
@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from aerodima.workbench.car.verdict import CALM, has_settled, is_busy, is_calm
 from aerodima.workbench.control.manoeuvre import angle_to_straighten, steering_time
-from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, RunLog
@@ -31,34 +31,28 @@ _STRAIGHT = 1e-6
 """rad; below it the wheels are straight but for rounding."""
 _TIME_MARGIN = 1e-6
 """Log times are sums of steps: a sample this close to the edge of the window (s) belongs to it."""
-LOADED_FORCE = 0.1
-"""A wheel, cage, board or tail touches the ground from this force on, N; a part in the air feels
-exactly none."""
 _RATE_MARGIN = 0.05
 """A log is not thinned out for this much of its rate."""
-EXIT_YAW_RATE = 0.1
-"""rad/s; a car that yaws less, its wheels straight, has left the turn. A large tail to one side
-alone gives 0.065."""
-CALM_FOR = 0.1
-"""Time for which all must have been calm, s: a third of a period of roll on the suspension."""
-CALM = {
-    "gyro_x_truth_rad_per_s": 0.15,
-    "gyro_y_truth_rad_per_s": 0.15,
-    "gyro_z_truth_rad_per_s": EXIT_YAW_RATE,
-    "velocity_y_truth_m_per_s": 0.2,
-    "tilt_truth_rad": math.radians(3.0),
-    "tail_pitch_rate_rad_per_s": 0.3,
-    "tail_roll_rate_rad_per_s": 0.3,
-}
-"""Largest magnitudes of a calm row. All wheels bear load in it too, and the law neither swings nor
-is about to."""
-CALM_SPIN = math.hypot(*(limit for name, limit in CALM.items() if name.startswith("gyro")))
-"""A car that turns faster than this, rad/s, about whatever axis, is not calm."""
 _LOADS = tuple(f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS)
+_TRUTH = {
+    "yaw_rate": "gyro_z_truth_rad_per_s",
+    "lateral_acceleration": "acceleration_y_truth_m_per_s2",
+    "roll_rate": "gyro_x_truth_rad_per_s",
+    "roll": "roll_truth_rad",
+    "yaw": "yaw_truth_rad",
+    "tilt": "tilt_truth_rad",
+}
+"""Signals of the ground truth by field of `TurnSignals`."""
+_SENSORS = {
+    "speed": "speed_m_per_s",
+    "yaw_rate": "imu_gyro_z_rad_per_s",
+    "lateral_acceleration": "imu_acceleration_y_m_per_s2",
+    "roll": "imu_roll_rad",
+    "yaw": "imu_yaw_rad",
+}
+"""Signals of the sensors by field of `TurnSignals`."""
 _STATE = "controller_state"
-_BUSY = (SwingState.DELAY, SwingState.SWING)
-_ROUNDING = 1e-9
-"""Rounding of a time, s."""
+_TILT = "tilt_truth_rad"
 
 
 @dataclass(frozen=True)
@@ -98,8 +92,8 @@ class TurnSignals:
     ground_contact: FloatArray | None
 
     def sampled(self, rate: float) -> "TurnSignals":
-        """What a logger of `rate` (Hz) would have kept: the newest row at each k / rate; all of a
-        slower log.
+        """Returns what a logger of `rate` (Hz) would have kept: the newest row at each k / rate;
+        all of a slower log.
         """
         count = self.time.size
         if (count - 1) / (self.time[-1] - self.time[0]) <= rate * (1.0 + _RATE_MARGIN):
@@ -117,20 +111,20 @@ class TurnSignals:
 
     @property
     def in_window(self) -> NDArray[np.bool_]:
-        """Which samples lie in the window, both ends included."""
+        """Returns which samples lie in the window, both ends included."""
         return (self.time >= self.window[0] - _TIME_MARGIN) & (
             self.time <= self.window[1] + _TIME_MARGIN
         )
 
     @property
     def from_start(self) -> NDArray[np.bool_]:
-        """Which samples lie at or after the start of the turn."""
+        """Returns which samples lie at or after the start of the turn."""
         return self.time >= self.window[0] - _TIME_MARGIN
 
 
 def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = None) -> TurnSignals:
-    """Signals of a run's turn, from the given source; by default from the truth where the log has
-    it.
+    """Returns signals of a run's turn, from the given source; by default from the truth where the
+    log has it.
 
     Raises:
         LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends
@@ -166,7 +160,7 @@ def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = N
         source=source,
         speed=named["speed"],
         tilt=named["tilt"],
-        wheel_loads=_columns(run_log, [f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS]),
+        wheel_loads=_columns(run_log, _LOADS),
         ground_contact=_columns(
             run_log, [f"ground_contact_{part}_truth_n" for part in GROUND_CONTACTS]
         ),
@@ -175,8 +169,8 @@ def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = N
 
 
 def turn_sign(run_log: RunLog) -> float:
-    """+1 for a left turn, -1 for a right one, the side of the first steering; +1 for a straight run
-    or a slalom.
+    """Returns +1 for a left turn, -1 for a right one, the side of the first steering; +1 for a
+    straight run or a slalom.
     """
     if DRIVEN_BY in run_log.extra:
         return -1.0 if np.sum(run_log.signal("steering_command_rad")) < 0.0 else 1.0
@@ -186,7 +180,8 @@ def turn_sign(run_log: RunLog) -> float:
 
 
 def turn_window(run_log: RunLog) -> tuple[float, float]:
-    """Start and end of the turn, s: from the steering command to straight wheels after it.
+    """Returns the start and end of the turn, s: from the steering command to straight wheels after
+    it.
 
     The end is that of the last step of steering + the time in which the servo brings the wheels
     back. A turn starts when the scenario says, the turn of the AUTO sequence at the first steering
@@ -195,50 +190,50 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
     than that. That of a car that somebody steered is from the first to the last steering command,
     the whole run without any.
     """
-    if DRIVEN_BY in run_log.extra:
-        steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
-        if steered.size == 0:
-            return float(run_log.time[0]), float(run_log.time[-1])
-        return float(run_log.time[steered[0]]), float(run_log.time[steered[-1]])
-    kind = run_log.setting("manoeuvre", "kind")
     first = float(run_log.time[0])
-    start = run_log.number("manoeuvre", "turn_start")
     last = float(run_log.time[-1])
+    if DRIVEN_BY in run_log.extra:
+        steered = _steered_times(run_log, STEERED)
+        if steered.size:
+            return float(steered[0]), float(steered[-1])
+        return first, last
+    kind = run_log.setting("manoeuvre", "kind")
+    start = run_log.number("manoeuvre", "turn_start")
     if kind not in ("turn", "auto_turn", "fishhook"):
         return (start if first < start < last else first), last
     steer_angle = run_log.number("manoeuvre", "steer_angle")
-    if kind == "auto_turn":
-        steering = np.flatnonzero(
-            np.abs(run_log.signal("steering_command_rad")) > 0.5 * steer_angle
-        )
-        if steering.size == 0:
-            raise LogError(f"{run_log.name}: no steering command in the run, so no turn to measure")
-        start = float(run_log.time[steering[0]])
     rate = run_log.number("servo", "rate")
     if rate <= 0.0:
         raise LogError(
             f"{run_log.name}: its scenario has servo.rate {rate:g}, but it must be above 0"
         )
-    hold = run_log.number("manoeuvre", "turn_hold")
-    settings = run_log.scenario["manoeuvre"]
     if kind == "fishhook":
-        steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
-        if steered.size:
-            steered_until = float(run_log.time[steered[-1]])
-        else:
-            steered_until = start
+        steered = _steered_times(run_log, STEERED)
+        steered_until = float(steered[-1]) if steered.size else start
         return start, min(steered_until + steer_angle / rate, last)
-    # A log of before has one level and one step of steering and does not name others.
-    first_level = [
-        run_log.number("manoeuvre", key) for key in ("first_angle", "first_hold") if key in settings
-    ]
+    settings = run_log.scenario["manoeuvre"]
     repeats = 1
     gap = 0.0
     if kind == "turn":
         repeats = int(settings.get("turns", 1))
         gap = float(settings.get("turn_gap", 0.0))
+    else:
+        steered = _steered_times(run_log, 0.5 * steer_angle)
+        if steered.size == 0:
+            raise LogError(f"{run_log.name}: no steering command in the run, so no turn to measure")
+        start = float(steered[0])
+    # An old log has one level and one step of steering and does not name others.
+    first_level = [
+        run_log.number("manoeuvre", key) for key in ("first_angle", "first_hold") if key in settings
+    ]
+    hold = run_log.number("manoeuvre", "turn_hold")
     straightening = angle_to_straighten(steer_angle, hold, rate, *first_level) / rate
     return start, start + steering_time(hold, repeats, gap) + straightening
+
+
+def _steered_times(run_log: RunLog, angle: float) -> FloatArray:
+    """Returns the times (k,), s, at which a run is steered by more than an angle, rad."""
+    return run_log.time[np.abs(run_log.signal("steering_command_rad")) > angle]
 
 
 class SteeredWindow(NamedTuple):
@@ -256,8 +251,8 @@ class SteeredWindow(NamedTuple):
 
 
 def steered_windows(run_log: RunLog) -> list[SteeredWindow]:
-    """When a run was steered to which side, from the logged steering command, in the order of time;
-    none if never.
+    """Returns when a run was steered to which side, from the logged steering command, in the order
+    of time; none if never.
 
     The pulses of a turn, both halves of a fishhook, the half waves of a slalom, what the driver of
     a path did.
@@ -269,8 +264,8 @@ def steered_windows(run_log: RunLog) -> list[SteeredWindow]:
 
 
 def windows_of_steering(time: FloatArray, angle: FloatArray) -> list[SteeredWindow]:
-    """Windows (see `steered_windows`) of angles (n), rad, at times (n), s; an angle below `STEERED`
-    opens none.
+    """Returns windows (see `steered_windows`) of angles (n), rad, at times (n), s; an angle below
+    `STEERED` opens none.
     """
     side = np.sign(np.where(np.abs(angle) > _STRAIGHT, angle, 0.0))
     edges = [0, *(np.flatnonzero(np.diff(side)) + 1), side.size]
@@ -282,36 +277,27 @@ def windows_of_steering(time: FloatArray, angle: FloatArray) -> list[SteeredWind
 
 
 def _from_truth(run_log: RunLog) -> dict[str, FloatArray]:
-    return {
-        "speed": np.hypot(
-            run_log.signal("velocity_x_truth_m_per_s"), run_log.signal("velocity_y_truth_m_per_s")
-        ),
-        "yaw_rate": run_log.signal("gyro_z_truth_rad_per_s"),
-        "lateral_acceleration": run_log.signal("acceleration_y_truth_m_per_s2"),
-        "roll_rate": run_log.signal("gyro_x_truth_rad_per_s"),
-        "roll": np.unwrap(run_log.signal("roll_truth_rad")),
-        "yaw": np.unwrap(run_log.signal("yaw_truth_rad")),
-        "tilt": run_log.signal("tilt_truth_rad"),
-    }
+    values = {name: run_log.signal(column) for name, column in _TRUTH.items()}
+    velocity = [run_log.signal(f"velocity_{axis}_truth_m_per_s") for axis in "xy"]
+    return _unwrapped(values) | {"speed": np.hypot(*velocity)}
 
 
 def _from_sensors(run_log: RunLog, window: tuple[float, float]) -> dict[str, FloatArray]:
-    roll = run_log.signal("imu_roll_rad")
-    pitch = run_log.signal("imu_pitch_rad")
-    return {
-        "speed": run_log.signal("speed_m_per_s"),
-        "yaw_rate": run_log.signal("imu_gyro_z_rad_per_s"),
-        "lateral_acceleration": run_log.signal("imu_acceleration_y_m_per_s2"),
+    values = {name: run_log.signal(column) for name, column in _SENSORS.items()}
+    level = np.cos(values["roll"]) * np.cos(run_log.signal("imu_pitch_rad"))
+    return _unwrapped(values) | {
         "roll_rate": _without_bias(run_log, "imu_gyro_x_rad_per_s", window[0]),
-        "roll": np.unwrap(roll),
-        "yaw": np.unwrap(run_log.signal("imu_yaw_rad")),
-        "tilt": np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1.0, 1.0)),
+        "tilt": np.arccos(np.clip(level, -1.0, 1.0)),
     }
 
 
+def _unwrapped(values: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    return values | {name: np.unwrap(values[name]) for name in ("roll", "yaw")}
+
+
 def _without_bias(run_log: RunLog, column: str, turn_start: float) -> FloatArray:
-    """A rate less its mean over the second half of the driving before the turn, when the car goes
-    straight.
+    """Returns a rate less its mean over the second half of the driving before the turn, when the
+    car goes straight.
     """
     time = run_log.time
     rate = run_log.signal(column)
@@ -322,7 +308,7 @@ def _without_bias(run_log: RunLog, column: str, turn_start: float) -> FloatArray
     return rate
 
 
-def _columns(run_log: RunLog, names: list[str]) -> FloatArray | None:
+def _columns(run_log: RunLog, names: Sequence[str]) -> FloatArray | None:
     if not all(name in run_log.table.columns for name in names):
         return None
     signals = {name: run_log.signal(name) for name in names}
@@ -331,8 +317,8 @@ def _columns(run_log: RunLog, names: list[str]) -> FloatArray | None:
 
 
 def settled_row(table: pd.DataFrame | Mapping[str, FloatArray], turn_end: float) -> int | None:
-    """First row of a run's table at which the car has been calm for `CALM_FOR`; None if it never
-    was.
+    """Returns the first row of a run's table at which the car has been calm for `CALM_FOR`; None if
+    it never was.
 
     None too where the table lacks a column, as that of a real car does.
 
@@ -342,14 +328,13 @@ def settled_row(table: pd.DataFrame | Mapping[str, FloatArray], turn_end: float)
     """
     if not {*CALM, *_LOADS, _STATE} <= set(table):
         return None
-    time = np.asarray(table[TIME])
-    calm = (time >= turn_end) & ~np.isin(table[_STATE], _BUSY)
-    for name, limit in CALM.items():
-        calm &= np.abs(np.asarray(table[name])) <= limit
-    for name in _LOADS:
-        calm &= np.asarray(table[name]) > LOADED_FORCE
-    restless = np.maximum.accumulate(np.where(calm, turn_end, time))
-    settled = time - restless >= CALM_FOR - _ROUNDING
+    columns = {name: np.asarray(table[name]) for name in (TIME, _STATE, *CALM, *_LOADS)}
+    time = columns[TIME]
+    motion = {name: columns[name] for name in CALM if name != _TILT}
+    loads = [columns[name] for name in _LOADS]
+    calm = is_calm(motion, np.cos(columns[_TILT]), loads, is_busy(columns[_STATE]))
+    restless = np.maximum.accumulate(np.where(calm & (time >= turn_end), turn_end, time))
+    settled = has_settled(time, restless)
     if settled.any():
         return int(np.argmax(settled))
     return None

@@ -220,7 +220,7 @@ def export(
 
     Every number and its swing are in it; it needs no other file.
     """
-    from aerodima.workbench.control.law_of_scenario import make_bundle
+    from aerodima.workbench.control.controller_bundle import make_bundle
 
     text = (
         json.dumps(make_bundle(workbench.load_scenario(scenario, settings or ())), indent=2) + "\n"

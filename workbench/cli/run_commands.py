@@ -111,11 +111,11 @@ def run(options: RunOptions) -> None:
     Example: aerodima run turn_swing --speed 4.44 --out run.parquet --html run.html
     """
     # What can be wrong is looked at before Drake is imported, which takes seconds.
-    from aerodima.workbench.control.law_of_scenario import (
+    from aerodima.workbench.control.swing_library import (
         find_swing,
-        own_turn,
         refuse_other_car,
         swing_of_scenario,
+        turn_of_swing,
         turn_words,
     )
 
@@ -133,7 +133,7 @@ def run(options: RunOptions) -> None:
     name = options.scenario
     own = tuple[str, ...]()
     if options.swing is not None:
-        name, own = own_turn(find_swing(options.swing), name)
+        name, own = turn_of_swing(find_swing(options.swing), name)
     scenario = workbench.load_scenario(str(name), [*own, *cli.settings_of(options)])
     if options.law is None:
         law = None
@@ -169,7 +169,7 @@ def _refuse_outputs(log: Path | None, html: Path | None, force: bool) -> None:
 
 def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> RunLog:
     from aerodima.workbench.car.termination import turn_end
-    from aerodima.workbench.control.law_of_scenario import load_build, traceback_and_reason
+    from aerodima.workbench.control.user_law import load_build, traceback_and_reason
     from aerodima.workbench.logs.journal import journal_path
 
     duration = scenario.manoeuvre.duration
@@ -215,7 +215,7 @@ def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> 
 
 
 def _own_law(place: str, scenario: Scenario) -> TailLaw:
-    from aerodima.workbench.control.law_of_scenario import load_law
+    from aerodima.workbench.control.user_law import load_law
 
     if scenario.tail.mode == "none":
         raise UserError(f"--law {place}: this car has no tail; allowed with --tail held or swing")

@@ -1,9 +1,7 @@
-"""What drives a station, as Drake systems: tail controller and driver of the car, the experiments
-of the rig.
+"""Tail controller and driver of a car as Drake systems.
 
-The tail controller samples the station's signals at its rate and runs a law on them; so does the
-driver, whose law is a schedule in most manoeuvres. A rig rests at the start angle and swings
-(thesis sections 4.4, 4.7, 6.3).
+Each samples the station's signals at its rate, runs a law on them and holds its outputs until the
+next tick. The law of the driver is a schedule in most manoeuvres.
 """
 
 import math
@@ -142,7 +140,7 @@ class TailController(LeafSystem):
         return controller
 
     def observe(self, context: Context) -> Observation:
-        """What the law is given at this instant."""
+        """Returns what the law is given at this instant."""
         tail = vector_of(self._tail_state, context)
         imu = vector_of(self._imu, context)
         status = vector_of(self._status, context)
@@ -169,19 +167,21 @@ class TailController(LeafSystem):
         memory, pitch_command, roll_command, state = self._law.step(
             self._memory.read(context), self.observe(context)
         )
-        for joint, command in (("pitch", pitch_command), ("roll", roll_command)):
-            if len(command) != TAIL_COMMAND.size or not math.isfinite(sum(command)):
-                place = (
-                    f"{type(self._law).__name__}.step at {context.get_time():g} s: {joint} command"
-                )
-                raise UserError(
-                    f"{place}: {list(map(float, command))}; allowed: {TAIL_COMMAND.size} finite "
-                    "numbers"
-                )
+        time = context.get_time()
+        self._check_command(time, "pitch", pitch_command)
+        self._check_command(time, "roll", roll_command)
         self._memory.write(discrete_state, memory)
         self._pitch_command.write(discrete_state, pitch_command)
         self._roll_command.write(discrete_state, roll_command)
         self._state.write(discrete_state, [float(state)])
+
+    def _check_command(self, time: float, joint: str, command: np.ndarray) -> None:
+        """Raises UserError for a command that is not five finite numbers."""
+        if len(command) != TAIL_COMMAND.size or not math.isfinite(sum(command)):
+            raise UserError(
+                f"{type(self._law).__name__}.step at {time:g} s: {joint} command: "
+                f"{list(map(float, command))}; must be {TAIL_COMMAND.size} finite numbers"
+            )
 
 
 class TurnDriver(LeafSystem):
@@ -255,48 +255,44 @@ class TurnDriver(LeafSystem):
         Raises:
             UserError: the driver needs the pose, which only the station of a simulated car has.
         """
-        system = cls(
-            driver,
-            rate,
-            priority_before(
-                station,
-                EventPriority.CONTROLLER if controller_rate == rate else EventPriority.DRIVER,
-            ),
-        )
+        priority = EventPriority.DRIVER
+        if controller_rate == rate:
+            priority = EventPriority.CONTROLLER
+        system = cls(driver, rate, priority_before(station, priority))
         builder.AddSystem(system)
         for port in ("steering_angle", "throttle"):
             builder.Connect(system.GetOutputPort(port), station.GetInputPort(port))
         for name, source in system._sources.items():
-            builder.Connect(
-                _pose(builder, station) if name == "pose" else station.GetOutputPort(name), source
-            )
+            if name == "pose":
+                output = _pose(builder, station)
+            else:
+                output = station.GetOutputPort(name)
+            builder.Connect(output, source)
         return system
 
     def seen(self, context: Context) -> Seen:
-        """What the law is given at this instant."""
+        """Returns what the law is given at this instant."""
         seen = Seen(nominal_time(context.get_time(), self._rate))
         if "imu" in self._sources:
             imu = IMU.read(vector_of(self._sources["imu"], context))
             seen = seen._replace(yaw_rate=imu.gyro_z, roll_rate=imu.gyro_x)
         if "pose" in self._sources:
             pose = POSE.read(vector_of(self._sources["pose"], context))
-            heading = math.atan2(
-                2.0 * (pose.qw * pose.qz + pose.qx * pose.qy), 1.0 - 2.0 * (pose.qy**2 + pose.qz**2)
-            )
+            sine = 2.0 * (pose.qw * pose.qz + pose.qx * pose.qy)
+            cosine = 1.0 - 2.0 * (pose.qy**2 + pose.qz**2)
+            heading = math.atan2(sine, cosine)
+            course = heading
             speed = math.hypot(pose.vx, pose.vy)
             if speed > STANDING:
                 course = math.atan2(pose.vy, pose.vx)
-            else:
-                course = heading
             seen = seen._replace(
                 position=(pose.x, pose.y), heading=heading, course=course, speed=speed
             )
         return seen
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
-        if self._memory is None:
-            before = NO_MEMORY
-        else:
+        before = NO_MEMORY
+        if self._memory is not None:
             before = self._memory.read(context)
         memory, inputs = self._law.step(before, self.seen(context))
         if self._memory is not None:
@@ -306,7 +302,7 @@ class TurnDriver(LeafSystem):
 
 
 def _pose(builder: DiagramBuilder, station: System) -> OutputPort:
-    """`POSE` of a simulated car, in C++; adds one system."""
+    """Returns `POSE` of a simulated car, in C++; adds one system."""
     if not (isinstance(station, Diagram) and station.HasSubsystemNamed("plant")):
         raise UserError(
             "driver: follows a path by the pose of the car; allowed with a simulated car only"

@@ -58,16 +58,18 @@ class DriverLaw(Protocol):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """What it looks at beside the time; the rest is NaN.
+        """Returns what it looks at beside the time; the rest is NaN.
 
         Each source costs time at every tick.
         """
 
     def start(self) -> np.ndarray:
-        """Memory (n,) before the first tick."""
+        """Returns the memory (n,) before the first tick."""
 
     def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
-        """One tick: new memory, and what the driver gives. Must not change its arguments."""
+        """Returns new memory and what the driver gives at one tick; must not change its
+        arguments.
+        """
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,7 @@ class FishhookDriver:
         return memory, DriverInput(float(angle), self.ramp.throttle(seen.time), side)
 
     def steer(self, memory: FloatArray, seen: Seen) -> tuple[FloatArray, FloatArray]:
-        """New memory and angle, rad: of one car, or of many, whose last axis it is."""
+        """Returns the new memory and angle, rad: of one car, or of many, whose last axis it is."""
         now = seen.time + TICK_TOLERANCE
         reach = self.steer_angle / self.servo_rate
         counter = memory[0]
@@ -194,7 +196,9 @@ class PathDriver:
         )
 
     def steer(self, memory: FloatArray, seen: Seen) -> tuple[FloatArray, FloatArray]:
-        """New memory and angle, rad, with a pose: of one car, or of many, whose last axis it is."""
+        """Returns the new memory and angle, rad, with a pose: of one car, or of many, whose last
+        axis it is.
+        """
         moves = (seen.speed > SLOW) & ~np.isnan(seen.yaw_rate)
         bent = np.where(moves, seen.yaw_rate, 0.0) / np.maximum(seen.speed, SLOW)
         curvature = self.wanted_curvature(seen, bent)
@@ -203,15 +207,15 @@ class PathDriver:
         return self._give(missing, np.clip(wanted, -self.limit, self.limit), memory)
 
     def _give(self, missing: Any, wanted: Any, memory: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Memory and angle, rad, once an angle is wanted."""
+        """Returns the memory and angle, rad, once an angle is wanted."""
         queue = np.concatenate([memory[2:], np.stack([wanted])])
         most = self.steering_rate / self.rate
         angle = np.clip(queue[0], memory[1] - most, memory[1] + most)
         return np.concatenate([np.stack([missing, angle]), queue[1:]]), angle
 
     def wanted_curvature(self, seen: Seen, bent: Any) -> Any:
-        """Curvature (1/m) of the circle to the preview point, for a car with a pose that goes along
-        `bent`, 1/m.
+        """Returns the curvature (1/m) of the circle to the preview point, for a car with a pose
+        that goes along `bent`, 1/m.
         """
         speed = seen.speed
         way = speed * self.delay
@@ -228,8 +232,8 @@ class PathDriver:
 
 
 def make_driver(scenario: Any) -> DriverLaw:
-    """Driver of `scenario.manoeuvre`: a schedule where the manoeuvre is a function of time, else a
-    law of its own.
+    """Returns the driver of `scenario.manoeuvre`: a schedule where the manoeuvre is a function of
+    time, else a law of its own.
 
     Raises:
         UserError: speed out of reach, times that do not fit together.

@@ -68,7 +68,7 @@ class Response(NamedTuple):
 
 
 def respond(gains: Any, wheelbase: Any, rate: float, reference: Any, seen: Seen) -> Response:
-    """One step of the law.
+    """Returns the response of the law to one tick.
 
     Args:
         gains: any object with the fields of `FeedbackParameters`, numbers or arrays (n).
@@ -114,19 +114,21 @@ class FeedbackLaw:
 
     @classmethod
     def from_scenario(cls, scenario: Any) -> "FeedbackLaw":
-        """The law of `scenario.feedback` with the car and the pitch hold of the scenario."""
+        """Makes the law of `scenario.feedback` with the car and the pitch hold of the scenario."""
         controller: ControllerParameters = scenario.controller
         hold = (controller.hold_kp, controller.hold_kd)
         return cls(scenario.feedback, scenario.car.wheelbase, controller.rate, hold)
 
     def start(self) -> np.ndarray:
-        """Memory (1): reference of the roll of the tail, rad; NaN before its angle was known."""
+        """Returns the memory (1): reference of the roll of the tail, rad; NaN before its angle was
+        known.
+        """
         return np.array([math.nan])
 
     def step(
         self, memory: np.ndarray, observation: Observation
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        """One tick, see `TailLaw`.
+        """Ticks once, see `TailLaw`.
 
         Without speed or steering, roll and roll rate decide alone. A tail of unknown angle is not
         moved.

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from aerodima.workbench.core.checked_files import NO_UNIT, check_range
+from aerodima.workbench.core.elementwise import clip, maximum, minimum, where
 from aerodima.workbench.core.errors import UserError
 
 TICK_TOLERANCE = 1e-9
@@ -35,7 +36,7 @@ class Schedule(Protocol):
     """A manoeuvre: driver inputs as a function of time."""
 
     def at(self, time: float) -> DriverInput:
-        """Inputs at `time` s since the start."""
+        """Returns inputs at `time` s since the start."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,9 @@ class ThrottleLine:
     breakaway: float = 0.0
 
     def throttle(self, speed: float, acceleration: float = 0.0) -> float:
-        """Throttle for a speed (m/s) that changes by `acceleration` (m/s2), clipped to -1..1."""
+        """Returns the throttle for a speed (m/s) that changes by `acceleration` (m/s2), clipped to
+        -1..1.
+        """
         throttle = (speed + self.time_constant * acceleration - self.offset) / self.gain
         return min(1.0, max(-1.0, throttle))
 
@@ -95,33 +98,79 @@ class SpeedRamp:
         self.line.check_speed(self.speed)
 
     def throttle(self, time: float) -> float:
-        """Throttle at `time` s since the start."""
-        if time + TICK_TOLERANCE >= self.duration:
+        """Returns the throttle at `time` s since the start."""
+        if self.duration <= 0.0:
             return self.line.throttle(self.speed)
-        acceleration = self.speed / self.duration
-        return self.line.throttle(acceleration * time, acceleration)
+        return self.line.throttle(
+            ramp_speed(self.speed, self.duration, self.line.time_constant, time)
+        )
+
+
+def ramp_speed(speed: Any, duration: Any, time_constant: Any, time: Any) -> Any:
+    """Returns the steady speed (m/s) that a drive is asked for on a ramp, numbers or arrays.
+
+    Args:
+        speed: at the end of the ramp, m/s.
+        duration: of the ramp, above 0 s.
+        time_constant: s; the drive is asked for what it reaches by then.
+        time: since the start, s.
+    """
+    acceleration = speed / duration
+    gathered = acceleration * time + time_constant * acceleration
+    return where(time + TICK_TOLERANCE < duration, gathered, speed)
+
+
+def pulse_angle(pulse: Any, since: Any) -> Any:
+    """Returns the steering angle (rad) that a turn commands, to its side.
+
+    Args:
+        pulse: any object with the fields `steer_angle`, `hold`, `first_angle` and `first_hold` of
+            `TurnSchedule`, numbers or arrays of cars.
+        since: time since the step of the steering began, s.
+    """
+    level = where(since < pulse.first_hold, pulse.first_angle, pulse.steer_angle)
+    return where((since >= 0.0) & (since < pulse.hold), level, 0.0)
+
+
+def wheel_angle(pulse: Any, rate: Any, since: Any) -> Any:
+    """Returns the angle (rad) to which a servo of `rate` (rad/s) has turned the wheels by then;
+    other arguments as `pulse_angle`.
+    """
+    begun = maximum(rate * minimum(since, pulse.first_hold), 0.0)
+    first = minimum(begun, pulse.first_angle)
+    moved = rate * maximum(0.0, minimum(since, pulse.hold) - pulse.first_hold)
+    angle = first + clip(pulse.steer_angle - first, -moved, moved)
+    return maximum(angle - rate * maximum(0.0, since - pulse.hold), 0.0)
 
 
 def angle_to_straighten(
-    steer_angle: float, hold: float, rate: float, first_angle: float = 0.0, first_hold: float = 0.0
-) -> float:
-    """Largest angle (rad) from which the servo brings the wheels back at the end of a turn's
-    steering.
+    steer_angle: Any, hold: Any, rate: Any, first_angle: Any = 0.0, first_hold: Any = 0.0
+) -> Any:
+    """Returns the largest angle (rad) from which the servo brings the wheels back after a turn.
 
     That of the last level, or what a servo of `rate` (rad/s) has not yet taken back of a larger
     first one.
 
     Args:
-        steer_angle, hold, first_angle, first_hold: as for `TurnSchedule`.
+        steer_angle, hold, first_angle, first_hold: as for `TurnSchedule`, numbers or arrays.
         rate: of the servo.
     """
-    if first_hold > 0.0:
-        return max(steer_angle, first_angle - rate * (hold - first_hold))
-    return steer_angle
+    left = maximum(steer_angle, first_angle - rate * (hold - first_hold))
+    return where(first_hold > 0.0, left, steer_angle)
+
+
+def turn_start(scenario: Any) -> float:
+    """Returns the time (s) of the first steering command of a turn."""
+    manoeuvre = scenario.manoeuvre
+    if manoeuvre.kind == "auto_turn":
+        return float(manoeuvre.straight_time)
+    return float(manoeuvre.turn_start)
 
 
 def steering_time(hold: float, repeats: int = 1, gap: float = 0.0) -> float:
-    """From the start of the first step to the end of the last, s; arguments of `TurnSchedule`."""
+    """Returns the time from the start of the first step to the end of the last, s; arguments of
+    `TurnSchedule`.
+    """
     return repeats * hold + (repeats - 1) * gap
 
 
@@ -172,19 +221,17 @@ class TurnSchedule:
         check_range("manoeuvre.turn_gap", self.gap, 0.0, math.inf, "s")
 
     def at(self, time: float) -> DriverInput:
-        """Inputs at `time` s since the start."""
+        """Returns inputs at `time` s since the start."""
         tick = time + TICK_TOLERANCE
         start = self._step_start(tick)
-        end = start + self.hold
-        steering_angle = 0.0
-        if start <= tick < end:
-            first = tick < start + self.first_hold
-            steering_angle = self.side * (self.first_angle if first else self.steer_angle)
+        steering_angle = pulse_angle(self, tick - start)
+        if steering_angle:
+            steering_angle *= self.side
         if tick >= self.throttle_off:
             throttle = 0.0
         else:
             throttle = self.ramp.throttle(time)
-        since = tick - end
+        since = tick - (start + self.hold)
         last = self._step_start(math.inf)
         more = start + self.gap + self.hold < last + 1e-9
         announced = self.side
@@ -193,7 +240,7 @@ class TurnSchedule:
         return DriverInput(steering_angle, throttle, announced)
 
     def _step_start(self, time: float) -> float:
-        """Start of the last step that has begun, s, or of the first one."""
+        """Returns the start of the last step that has begun, s, or of the first one."""
         done = 0
         while done + 1 < self.repeats and time >= self.start + (done + 1) * (self.hold + self.gap):
             done += 1
@@ -222,7 +269,7 @@ class RisingSchedule:
     rate: float
 
     def at(self, time: float) -> DriverInput:
-        """Inputs at `time` s since the start."""
+        """Returns inputs at `time` s since the start."""
         angle = min(self.steer_angle, self.rate * max(0.0, time - self.start))
         return DriverInput(self.side * angle, self.ramp.throttle(time), self.side)
 
@@ -234,7 +281,7 @@ class StraightSchedule:
     ramp: SpeedRamp
 
     def at(self, time: float) -> DriverInput:
-        """Inputs at `time` s since the start."""
+        """Returns inputs at `time` s since the start."""
         return DriverInput(0.0, self.ramp.throttle(time), 0.0)
 
 
@@ -258,7 +305,7 @@ class SlalomSchedule:
     period: float
 
     def at(self, time: float) -> DriverInput:
-        """Inputs at `time` s since the start."""
+        """Returns inputs at `time` s since the start."""
         phase = max(0.0, (time - self.start) / self.period)
         half_waves_done = math.floor(2.0 * (phase + TICK_TOLERANCE / self.period))
         steering_angle = self.side * self.steer_angle * math.sin(2.0 * math.pi * phase)
@@ -270,8 +317,8 @@ class SlalomSchedule:
 
 
 def make_schedule(scenario: Any) -> Schedule:
-    """Schedule of `scenario.manoeuvre` with the throttle line of `scenario.drive` (any object with
-    these attributes).
+    """Returns the schedule of `scenario.manoeuvre` with the throttle line of `scenario.drive` (any
+    object with these attributes).
 
     Raises:
         UserError: speed out of reach, times that do not fit together, a manoeuvre that is no
@@ -293,7 +340,7 @@ def make_schedule(scenario: Any) -> Schedule:
             ramp, side, angle, manoeuvre.turn_start, manoeuvre.turn_hold, **first, **several
         )
     if manoeuvre.kind == "auto_turn":
-        start = manoeuvre.straight_time
+        start = turn_start(scenario)
         throttle_off = start + manoeuvre.turn_hold + manoeuvre.wait_after_turn
         check_range("manoeuvre.log_end", manoeuvre.log_end, throttle_off, math.inf, "s")
         # The car's sequence sets its throttle and waits (thesis 7.2.1).
@@ -308,13 +355,13 @@ def make_schedule(scenario: Any) -> Schedule:
 
 
 def side_of(manoeuvre: Any) -> float:
-    """Side of its (first) turn: +1 left, -1 right."""
+    """Returns the side of its (first) turn: +1 left, -1 right."""
     return 1.0 if manoeuvre.direction == "left" else -1.0
 
 
 def speed_ramp(scenario: Any) -> SpeedRamp:
-    """How `scenario` comes to its speed; a rolling start has the throttle of that speed from
-    time 0.
+    """Returns how `scenario` comes to its speed; a rolling start has the throttle of that speed
+    from time 0.
 
     Raises:
         UserError: speed out of reach.
@@ -325,7 +372,7 @@ def speed_ramp(scenario: Any) -> SpeedRamp:
 
 
 def throttle_line(scenario: Any) -> ThrottleLine:
-    """Throttle of a speed, of `scenario.drive`."""
+    """Returns the throttle of a speed, of `scenario.drive`."""
     drive = scenario.drive
     lag = 0.0
     breakaway = 0.0
@@ -336,6 +383,10 @@ def throttle_line(scenario: Any) -> ThrottleLine:
 
 
 def run_time(scenario: Any) -> float:
-    """Length of the run of `scenario.manoeuvre`, s: `log_end` of AUTO sequences, or `duration`."""
+    """Returns the length of the run of `scenario.manoeuvre`, s: `log_end` of AUTO sequences, or
+    `duration`.
+    """
     manoeuvre = scenario.manoeuvre
-    return float(manoeuvre.log_end if manoeuvre.kind == "auto_turn" else manoeuvre.duration)
+    if manoeuvre.kind == "auto_turn":
+        return float(manoeuvre.log_end)
+    return float(manoeuvre.duration)

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from aerodima.workbench.control.manoeuvre import side_of
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.checked_files import check_range
 from aerodima.workbench.core.errors import UserError
@@ -41,7 +42,7 @@ class Lane(NamedTuple):
 
     @property
     def centre(self) -> float:
-        """Its y, m."""
+        """Returns its y, m."""
         return 0.5 * (self.right + self.left)
 
 
@@ -50,22 +51,22 @@ class Path(Protocol):
 
     @property
     def end(self) -> float:
-        """Station at which the last lane ends; the centre line goes straight on."""
+        """Returns the station at which the last lane ends; the centre line goes straight on."""
 
     def station(self, x: Any, y: Any) -> Any:
-        """Station of the centre line beside a point."""
+        """Returns the station of the centre line beside a point."""
 
     def centre(self, station: Any) -> tuple[Any, Any]:
-        """Place (x, y) of the centre line."""
+        """Returns the place (x, y) of the centre line."""
 
     def outside(self, x: Any, y: Any) -> Any:
-        """How far a point is beyond the nearer edge of the lane, negative inside, -inf where there
-        are no cones.
+        """Returns how far a point is beyond the nearer edge of the lane, negative inside, -inf
+        where there are no cones.
         """
 
     def next_side(self, station: float) -> float:
-        """Side of the next lateral shift or corner, or of the present one, or of the last: +1 left,
-        -1 right.
+        """Returns the side of the next lateral shift or corner, or of the present one, or of the
+        last: +1 left, -1 right.
         """
 
 
@@ -89,7 +90,7 @@ class LaneChange:
 
     @property
     def lanes(self) -> tuple[Lane, Lane, Lane]:
-        """The three lanes if the first change goes to the left; mirrored otherwise."""
+        """Returns the three lanes if the first change goes to the left; mirrored otherwise."""
         ends = [self.begin + SCALE * sum(LENGTHS[:count]) for count in range(len(LENGTHS) + 1)]
         first, middle, last = (
             np.maximum(share * self.vehicle_width + SCALE * more, SCALE * least)
@@ -162,7 +163,7 @@ class Corner:
 
     @property
     def bend(self) -> float:
-        """Station at which the bend begins."""
+        """Returns the station at which the bend begins."""
         return self.begin + ENTRY
 
     @property
@@ -201,16 +202,13 @@ class Corner:
 
 
 def path_of(scenario: Any) -> Path:
-    """The path of `scenario.manoeuvre`; its first cones stand where the car is at `turn_start`
-    (design section 10).
+    """Returns the path of `scenario.manoeuvre`; its first cones stand where the car is at
+    `turn_start` (design section 10).
     """
     manoeuvre = scenario.manoeuvre
     car = scenario.car
-    side = 1.0 if manoeuvre.direction == "left" else -1.0
-    if manoeuvre.rolling_start:
-        ramped = 0.0
-    else:
-        ramped = 0.5 * manoeuvre.speed_ramp
+    side = side_of(manoeuvre)
+    ramped = 0.0 if manoeuvre.rolling_start else 0.5 * manoeuvre.speed_ramp
     begin = manoeuvre.speed * (manoeuvre.turn_start - ramped)
     if manoeuvre.path == "corner":
         return Corner(manoeuvre.corner_radius, manoeuvre.corner_width, begin, side)
@@ -220,8 +218,8 @@ def path_of(scenario: Any) -> Path:
 def off_path(
     path: Path, x: Any, y: Any, heading: Any, half_width: float, wheelbase: float
 ) -> FloatArray:
-    """How far the car is outside of its lane, m; negative inside, -inf where no part of it is
-    beside cones.
+    """Returns how far the car is outside of its lane, m; negative inside, -inf where no part of it
+    is beside cones.
 
     The car's footprint is a rectangle from the rear to the front axle. Points along its whole
     outline count, not the corners alone: a car that leaves a lane at an angle meets the last cone
@@ -254,7 +252,7 @@ def off_path(
 def beyond_lane(
     path: Path, x: Any, y: Any, heading: Any, half_width: Any, wheelbase: float, points: int
 ) -> FloatArray:
-    """As `off_path`, unchecked, with so many points along each edge."""
+    """Returns what `off_path` does, unchecked, with so many points along each edge."""
     share = np.linspace(0.0, 1.0, points)
     one = np.ones(points)
     ahead = wheelbase * np.concatenate([share, share, 0.0 * one, one])[:, None]

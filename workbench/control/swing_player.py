@@ -20,37 +20,92 @@ from typing import Any, Self
 import numpy as np
 
 from aerodima.workbench.control.swing_law import (
+    JointCommand,
+    SwingSettings,
+    SwingState,
+    is_released,
+)
+from aerodima.workbench.control.swing_machine import (
     SwingLaw,
     SwingMachine,
     SwingMemory,
-    SwingSettings,
-    SwingState,
     Tick,
     Wait,
     enter,
 )
 from aerodima.workbench.control.tail_law import EPSILON, Observation
-from aerodima.workbench.scenario.swing_file import JointGains, SwingFile, gains_at, swing_at
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.elementwise import clip
+from aerodima.workbench.scenario.swing_file import JointGains, SwingFile, cubic, gains_at, swing_at
 
 LARGEST_ERROR = 1.0
 """Largest distance of a joint from its knots, rad; beyond it the swing is given up."""
 
 
 @dataclass(frozen=True)
-class PlayerMemory(SwingMemory):
-    """What the law remembers beside its state.
+class RollTrajectory:
+    """Knots of the roll of n tails in a turn to the left; the last axis of every field is the car.
 
-    Args:
-        fallen_state, fallen_since, fallen_start: of the thesis' law while it finishes the swing.
+    Attributes:
+        plays: 1 where a tail follows its knots, 0 where the law is another one.
+        time: since the release (knots, n), s, strictly increasing, the first 0; before and after
+            them the tail rests.
+        roll, rate: of the tail at the knots (knots, n), rad and rad/s.
+        kp, kd: of the roll motor; `pitch_kp`, `pitch_kd` of the pitch motor; N m/rad, N m s/rad.
     """
 
-    fallen_state: float = SwingState.SWING
-    fallen_since: float = 0.0
-    fallen_start: float = 0.0
+    plays: FloatArray
+    time: FloatArray
+    roll: FloatArray
+    rate: FloatArray
+    kp: FloatArray
+    kd: FloatArray
+    pitch_kp: FloatArray
+    pitch_kd: FloatArray
+
+    @classmethod
+    def none(cls, number: int) -> Self:
+        """Makes the knots of so many tails that follow another law."""
+        time = np.array([[0.0], [1.0]]) * np.ones(number)
+        still = np.zeros((2, number))
+        no_gain = np.zeros(number)
+        return cls(no_gain, time, still, still, *[no_gain] * 4)
+
+    def command(self, elapsed: Any, rate: Any) -> JointCommand:
+        """Returns the command to the roll motors in a tick; arguments as `middle_of_tick`."""
+        time = middle_of_tick(elapsed, rate)
+        ends = [
+            values[side]
+            for values in (self.time, self.roll, self.rate)
+            for side in (slice(-1), slice(1, None))
+        ]
+        pieces = np.stack(ends, axis=1)  # (knots - 1, 6, n)
+        piece = pieces[0]
+        for number in range(1, len(pieces)):
+            piece = np.where(self.time[number] <= time, pieces[number], piece)
+        begin, end, roll, next_roll, roll_rate, next_rate = piece
+        length = end - begin
+        share = np.clip((time - begin) / length, 0.0, 1.0)
+        value, slope = cubic(share, length, (roll, next_roll), (roll_rate, next_rate))
+        rests = (time < 0.0) | (time > self.time[-1])
+        return JointCommand(value, np.where(rests, 0.0, slope), self.kp, self.kd)
+
+
+def middle_of_tick(elapsed: Any, rate: Any) -> Any:
+    """Returns the time since the release (s) whose knots are commanded at a tick.
+
+    A command is held until the next tick, so position and rate are those of the middle between the
+    two.
+
+    Args:
+        elapsed: since the release, s.
+        rate: of the controller, Hz.
+    """
+    return elapsed + 0.5 / rate
 
 
 @dataclass(frozen=True)
-class SwingPlayer(SwingMachine[PlayerMemory]):
+class SwingPlayer(SwingMachine):
     """The law (a `TailLaw`).
 
     Args:
@@ -61,16 +116,17 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
 
     swing: SwingFile
     settings: SwingSettings = field(default_factory=SwingSettings.published)
-    memory_type = PlayerMemory
 
     @classmethod
     def from_scenario(cls, swing: SwingFile, scenario: Any) -> Self:
-        """With rate and fallback of `scenario.controller` (any object with these attributes)."""
+        """Makes the player with rate and fallback of `scenario.controller` (any object with these
+        attributes).
+        """
         return cls(swing, SwingSettings.from_scenario(scenario))
 
     @property
     def direction(self) -> float:  # type: ignore[override]  # a field of the file
-        """+1 for a swing file of a left turn, -1 of a right one."""
+        """Returns +1 for a swing file of a left turn, -1 of a right one."""
         return 1.0 if self.swing.direction == "left" else -1.0
 
     @property
@@ -83,36 +139,36 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
         pitch = knots.pitch_position_rad[0]
         return Wait(roll, pitch, hold.kp, hold.kd, delay + self.settings.delay)
 
-    def _swinging(self, memory: PlayerMemory) -> bool:
+    def _swinging(self, memory: SwingMemory) -> bool:
         state = memory.fallen_state if memory.state == SwingState.FALLBACK else memory.state
         return state == SwingState.SWING
 
-    def _pitch_angle(self, memory: PlayerMemory, observation: Observation) -> float:
-        return (
-            observation.pitch_angle
-            if math.isfinite(observation.pitch_angle)
-            else memory.pitch_angle
-        )
+    def _pitch_angle(self, memory: SwingMemory, observation: Observation) -> float:
+        pitch = observation.pitch_angle
+        return pitch if math.isfinite(pitch) else memory.pitch_angle
 
-    def _released(self, memory: PlayerMemory, observation: Observation) -> bool:
+    def _released(self, memory: SwingMemory, observation: Observation) -> bool:
         trigger = self.swing.trigger
         if trigger.kind == "time":
             return observation.time - memory.announced + EPSILON >= trigger.delay_s
+        signal = observation.yaw_rate
+        threshold = trigger.threshold_rad_per_s
         if trigger.kind == "steering":
-            assert trigger.threshold_rad is not None
-            return memory.turn * observation.steering_angle > trigger.threshold_rad
-        assert trigger.threshold_rad_per_s is not None
-        return (
-            observation.imu_valid
-            and memory.turn * observation.yaw_rate > trigger.threshold_rad_per_s
-        )
+            signal = observation.steering_angle
+            threshold = trigger.threshold_rad
+        elif not observation.imu_valid:
+            return False
+        return bool(is_released(memory.turn, signal, threshold))
 
-    def _swing(
-        self, memory: PlayerMemory, observation: Observation, elapsed: float
-    ) -> PlayerMemory:
+    def _is_over(self, memory: SwingMemory, elapsed: float) -> bool:
+        return elapsed >= self.swing.knots.time_s[-1]
+
+    def _advance(self, memory: SwingMemory, observation: Observation) -> SwingMemory:
+        """See `SwingMachine`; gives a swing up whose tail is too far from its knots."""
+        after = super()._advance(memory, observation)
+        if not memory.state == after.state == SwingState.SWING:
+            return after
         time = observation.time
-        if elapsed >= self.swing.knots.time_s[-1]:
-            return enter(SwingState.SETTLE, memory, time)
         point = swing_at(self.swing, time - memory.since)
         behind = (
             memory.mirror * observation.roll_angle - float(point.roll_position),
@@ -127,9 +183,7 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
         )
         return enter(SwingState.FALLBACK, memory, time)
 
-    def _commands(
-        self, memory: PlayerMemory, observation: Observation, time: float
-    ) -> Tick[PlayerMemory]:
+    def _commands(self, memory: SwingMemory, observation: Observation, time: float) -> Tick:
         if memory.state == SwingState.FALLBACK:
             return self._fall_back(memory, observation)
         elapsed = time - memory.since
@@ -154,14 +208,10 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
         return memory, pitch, roll
 
     def _along_the_knots(
-        self, memory: PlayerMemory, observation: Observation, elapsed: float
+        self, memory: SwingMemory, observation: Observation, elapsed: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Commands (5) to roll and pitch, in the direction of the file.
-
-        A command is held until the next tick, so position and rate are those of the middle between
-        the two.
-        """
-        point = swing_at(self.swing, elapsed + 0.5 / self.rate)
+        """Returns commands (5) to roll and pitch, in the direction of the file."""
+        point = swing_at(self.swing, middle_of_tick(elapsed, self.rate))
         roll_gains, pitch_gains = gains_at(self.swing, elapsed)
         roll = self._command(
             (point.roll_position, point.roll_velocity, point.roll_torque),
@@ -178,21 +228,21 @@ class SwingPlayer(SwingMachine[PlayerMemory]):
     def _command(
         self, wanted: tuple[Any, Any, Any], gains: JointGains, state: tuple[float, float]
     ) -> np.ndarray:
-        """Position, rate, gains and torque for a joint at (rad, rad/s).
+        """Returns the position, rate, gains and torque for a joint at (rad, rad/s).
 
         As much is taken from the torque that the motor, in its present state, gives no more than
         the file's limit.
         """
         position, velocity, torque = map(float, wanted)
-        own = gains.kp * (position - state[0]) + gains.kd * (velocity - state[1])
-        own = own if math.isfinite(own) else 0.0
-        most = self.swing.limits.torque_n_m
-        return np.array(
-            [position, velocity, gains.kp, gains.kd, min(max(own + torque, -most), most) - own]
-        )
+        of_gains = gains.kp * (position - state[0]) + gains.kd * (velocity - state[1])
+        if not math.isfinite(of_gains):
+            of_gains = 0.0
+        limit = self.swing.limits.torque_n_m
+        torque = clip(of_gains + torque, -limit, limit) - of_gains
+        return np.array([position, velocity, gains.kp, gains.kd, torque])
 
-    def _fall_back(self, memory: PlayerMemory, observation: Observation) -> Tick[PlayerMemory]:
-        """The thesis' law from where the tail is: on over the top, then settle outside."""
+    def _fall_back(self, memory: SwingMemory, observation: Observation) -> Tick:
+        """Ticks the thesis' law from where the tail is: on over the top, then settle outside."""
         turn = memory.turn
         fallen = SwingMemory(
             state=memory.fallen_state, since=memory.fallen_since, turn=turn, mirror=turn,

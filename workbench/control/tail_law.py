@@ -68,19 +68,19 @@ class TailLaw(Protocol):
 
     @property
     def rate(self) -> float:
-        """Controller rate, Hz."""
+        """Returns the controller rate, Hz."""
 
     @property
     def memory_size(self) -> int:
-        """Number of floats that the law carries from tick to tick."""
+        """Returns the number of floats that the law carries from tick to tick."""
 
     def start(self) -> np.ndarray:
-        """Memory (memory_size,) before the first tick."""
+        """Returns the memory (memory_size,) before the first tick."""
 
     def step(
         self, memory: np.ndarray, observation: Observation
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        """One tick: new memory, pitch command (5), roll command (5), state number.
+        """Returns new memory, pitch command (5), roll command (5) and state number of one tick.
 
         Must not change its arguments.
 
@@ -90,7 +90,7 @@ class TailLaw(Protocol):
 
 
 def sign(value: float) -> float:
-    """-1, 0 or +1; 0 for NaN."""
+    """Returns -1, 0 or +1; 0 for NaN."""
     return float(value > 0.0) - float(value < 0.0)
 
 
@@ -105,8 +105,8 @@ def observe(
     *,
     steering_angle: float = math.nan,
 ) -> Observation:
-    """What a law is given at `time` s; a signal that is older than `age_limit` s or has a fault
-    code is unknown.
+    """Returns what a law is given at `time` s; a signal that is older than `age_limit` s or has a
+    fault code is unknown.
 
     A GPS is late by nature: its speed counts until its fault code is set. `speed` is None where
     there is none. `steering_angle` is the driver's command, rad.
@@ -136,5 +136,7 @@ def observe(
 
 
 def _fresh(status: Sequence[float], age_index: int, age_limit: float) -> bool:
-    """False for NaN too; the fault code stands right behind the age."""
+    """Returns whether a signal is fresh, False for NaN too; the fault code stands right behind the
+    age.
+    """
     return status[age_index] <= age_limit and status[age_index + 1] == 0.0

@@ -1,7 +1,7 @@
 """Functions of single numbers and of arrays alike.
 
 Floats go to `math` and the comparisons of Python, which is ten times as fast; all else goes to
-NumPy, whose functions `car/reduced/compiled.py` records.
+NumPy, whose functions `car/reduced/compiled` records.
 """
 
 import math
@@ -36,3 +36,10 @@ def tanh(value: Any) -> Any:
     if isinstance(value, float):
         return math.tanh(value)
     return np.tanh(value)
+
+
+def where(condition: Any, chosen: Any, other: Any) -> Any:
+    """Returns `chosen` where the condition holds, else `other`."""
+    if isinstance(condition, (bool, np.bool_)):
+        return chosen if condition else other
+    return np.where(condition, chosen, other)

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 import pandas as pd
 from pydantic import Field
 
-from aerodima.workbench.car.tip_up import TWO_WHEELS, tip_up
-from aerodima.workbench.car.turn_signals import EXIT_YAW_RATE, steered_windows
+from aerodima.workbench.car.tip_up import tip_up
+from aerodima.workbench.car.turn_signals import steered_windows
+from aerodima.workbench.car.verdict import EXIT_YAW_RATE, TWO_WHEELS
 from aerodima.workbench.core.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.logs.schema import RunLog

@@ -13,8 +13,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from aerodima.workbench.car.tail_impulses import FLIP_TILT
 from aerodima.workbench.car.turn_signals import TurnSignals, turn_signals
+from aerodima.workbench.car.verdict import FLIP_TILT
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.core.errors import LogError, UserError

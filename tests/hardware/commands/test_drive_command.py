@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.control.law_of_scenario import load_drive, make_bundle
+from aerodima.workbench.control.controller_bundle import load_drive, make_bundle
 from aerodima.workbench.control.swing_player import SwingPlayer
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.scenario import load_scenario

@@ -25,7 +25,7 @@ from aerodima.optimisation.calibrate.turn_runs import (
 )
 from aerodima.optimisation.calibrate.validation_page import calibrate
 from aerodima.optimisation.studies.runs import Runs
-from aerodima.workbench.car.reduced.dynamics import RATES, STATES, V, W
+from aerodima.workbench.car.reduced.states import RATES, STATES, V, W
 from aerodima.workbench.car.reduced.turns import Turns
 from aerodima.workbench.cli.program import main
 from aerodima.workbench.scenario.ensemble import load_ensemble

@@ -11,11 +11,11 @@ from aerodima.optimisation.swing import bound
 from aerodima.optimisation.swing.bound import SEARCHED, paths, search_bound
 from aerodima.optimisation.swing.feedback_search import gains_of, reduced_cars
 from aerodima.workbench.car.reduced.entry_runs import (
-    Entering,
+    EntryRollout,
     PathMotion,
     at_speeds,
-    between,
-    enter,
+    interpolate_knots,
+    simulate_entries,
 )
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.scenario.ensemble import load_ensemble
@@ -36,7 +36,9 @@ def motion_of(roll, pitch):
 
 def test_values_between_places_are_linear():
     places = np.array([[0.0], [2.0], [1.0]])
-    assert [between(np.array([share]), places)[0] for share in (0.0, 0.25, 0.5, 0.75, 1.0)] == [
+    assert [
+        interpolate_knots(np.array([share]), places)[0] for share in (0.0, 0.25, 0.5, 0.75, 1.0)
+    ] == [
         0.0,
         1.0,
         2.0,
@@ -51,19 +53,21 @@ def test_the_tail_goes_where_the_motion_says_and_the_path_is_counted_from_its_en
         reduced_cars(CORNER, [tuple(CAR.settings_on(CORNER.scenario))], FEEDBACK), np.array([1.6])
     )
     gains = gains_of([{}], SCENARIO)
-    entering = Entering(car, SCENARIO, gains, np.ones(1), motion_of(0.5, -0.4))
+    entering = EntryRollout(car, SCENARIO, gains, np.ones(1), motion_of(0.5, -0.4))
     for step in range(300):
         if step % 5 == 0:
             entering.tick(0.002 * step, 0.0)
         entering.step(0.002 * step, 0.0, 1.0, 0.0)
     assert entering.state[6:8, 0] == pytest.approx([-0.4, 0.5], abs=0.2)
     assert entering.whole - entering.to_go == pytest.approx(1.6 * 0.6, rel=0.05)
-    slow = enter(car, SCENARIO, gains, np.ones(1), motion_of(0.0, -1.0))
-    fast = enter(at_speeds(car, np.array([4.0])), SCENARIO, gains, np.ones(1), motion_of(0.0, -1.0))
-    assert slow.upright[0]
-    assert slow.driven[0] > 0.95
-    assert not fast.upright[0]
-    assert 0.1 < fast.driven[0] < 0.9
+    slow = simulate_entries(car, SCENARIO, gains, np.ones(1), motion_of(0.0, -1.0))
+    fast = simulate_entries(
+        at_speeds(car, np.array([4.0])), SCENARIO, gains, np.ones(1), motion_of(0.0, -1.0)
+    )
+    assert slow.completed[0]
+    assert slow.progress[0] > 0.95
+    assert not fast.completed[0]
+    assert 0.1 < fast.progress[0] < 0.9
 
 
 @pytest.mark.slow

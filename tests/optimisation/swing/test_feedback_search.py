@@ -20,8 +20,9 @@ from aerodima.optimisation.swing.feedback_search import (
     search_laws,
     shares_of,
 )
-from aerodima.workbench.car.reduced.dynamics import STATES
-from aerodima.workbench.car.reduced.entry_runs import Entering, climb, wheel_lifts
+from aerodima.workbench.car.reduced.entry_runs import EntryRollout, climb
+from aerodima.workbench.car.reduced.ground_terms import wheel_lifts
+from aerodima.workbench.car.reduced.states import STATES
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.ensemble import load_ensemble
 from tests.refusals import assert_refused
@@ -51,7 +52,7 @@ def test_a_rolled_car_lifts_its_inner_wheels_by_the_sine_of_its_roll():
 def test_two_wheels_of_one_side_end_a_run_and_those_of_an_axle_do_not(angle, upright):
     """Nose up by 0.1 rad lifts the front wheels by 28 mm, roll by 0.1 rad those of a side."""
     drivers, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
-    entering = Entering(cars, drivers[0], gains_of([{}], drivers[0]), np.ones(1))
+    entering = EntryRollout(cars, drivers[0], gains_of([{}], drivers[0]), np.ones(1))
     entering.state[STATES.index(angle)] = -0.1
     entering.step(2.0, 0.0, 1.0, 0.0)
     assert entering.upright[0] == upright

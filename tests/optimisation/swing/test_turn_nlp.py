@@ -166,7 +166,7 @@ def test_pulse_and_limits_are_those_of_the_task():
         [turn], FEW, Task(scenario="turn_designed", pulse=1.0, most_roll=0.2, most_sideslip=0.3)
     )
     shooting = long.shooting
-    assert shooting.plans.hold == pytest.approx([1.0])
+    assert shooting.plans.pulse.hold == pytest.approx([1.0])
     _, first, time = shooting.variables.steered(
         shooting.variables.bounds[1][shooting.variables.own(0)]
     )

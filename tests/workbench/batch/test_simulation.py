@@ -7,10 +7,11 @@ import pytest
 
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.outcome_record import CONTACT_COLUMNS, SETTLED
-from aerodima.workbench.car.tail_impulses import FLIP_TILT
 from aerodima.workbench.car.termination import STOPPED
 from aerodima.workbench.car.tip_up import LIFT_COLUMNS
-from aerodima.workbench.control.swing_law import SwingLaw, SwingSettings, SwingState
+from aerodima.workbench.car.verdict import FLIP_TILT
+from aerodima.workbench.control.swing_law import SwingSettings, SwingState
+from aerodima.workbench.control.swing_machine import SwingLaw
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.metrics.turn_metrics import metrics_of

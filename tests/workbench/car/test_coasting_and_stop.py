@@ -11,10 +11,11 @@ import pytest
 
 from aerodima.workbench import UserError, load_scenario, simulate
 from aerodima.workbench.car.chassis_actuators import shaft_torque, steady_speed
-from aerodima.workbench.car.reduced.dynamics import STATES, Commands, equations, step
+from aerodima.workbench.car.reduced.dynamics import equations, step
+from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.states import STATES, Commands
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import drive_turns
-from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
 from tests.refusals import assert_refused
 
 RESISTANCE = 0.04
@@ -62,8 +63,8 @@ def test_reduced_car_coasts_alike():
     scenario = load_scenario(
         "turn_none", (f"car.rolling_resistance={RESISTANCE}", "manoeuvre.steer_angle=0")
     )
-    cars = Vehicles.of([scenario])
-    driven = drive_turns(cars, TurnPlans.of([scenario]), duration=0.1).last
+    cars = VehicleParams.from_scenarios([scenario])
+    driven = drive_turns(cars, TurnPlans.from_scenarios([scenario]), duration=0.1).last
     speed = float(driven[FORWARD, 0])
     assert speed == pytest.approx(scenario.manoeuvre.speed, rel=1e-3)
     state = driven
@@ -79,7 +80,7 @@ def test_without_a_stop_the_motor_carries_the_tail_that_is_held():
     """At rest kp (q - 90 degrees) = m g l sin q, to the motor's and the joint's friction."""
     settings = ("manoeuvre.speed=0", "manoeuvre.steer_angle=0", "manoeuvre.duration=2.6")
     resting, free = (load_scenario("turn_held", (*settings, *more)) for more in ((), (NO_STOP,)))
-    cars = Vehicles.of([resting, free])
+    cars = VehicleParams.from_scenarios([resting, free])
     weight = float(cars.tail_mass[1] * cars.tail_centre[1]) * free.environment.gravity
     logs = [simulate(scenario) for scenario in (resting, free)]
     angle, torque = (
@@ -89,7 +90,7 @@ def test_without_a_stop_the_motor_carries_the_tail_that_is_held():
     assert torque == pytest.approx(-free.controller.hold_kp * (angle + math.pi / 2), rel=1e-2)
     assert log_at(logs[0], "tail_roll_angle_rad") == pytest.approx(-math.pi / 2, abs=1e-3)
     assert log_at(logs[0], "tail_roll_torque_n_m") == pytest.approx(0.0, abs=1e-2)
-    reduced = drive_turns(cars, TurnPlans.of([resting, free]), duration=1.0).last[
+    reduced = drive_turns(cars, TurnPlans.from_scenarios([resting, free]), duration=1.0).last[
         STATES.index("tail_roll")
     ]
     assert reduced == pytest.approx([-math.pi / 2, angle], abs=5e-3)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from aerodima.workbench.car.tip_up import LIFT_COLUMNS, lateral_acceleration, side_lift, tip_up
+from aerodima.workbench.car.tip_up import LIFT_COLUMNS, lateral_acceleration, tip_up
+from aerodima.workbench.car.verdict import side_lift
 from tests.workbench.made_up_runs import made_up_run, times
 
 LEFT_FRONT, RIGHT_FRONT, LEFT_REAR, RIGHT_REAR = range(4)
@@ -11,20 +12,17 @@ LEFT_FRONT, RIGHT_FRONT, LEFT_REAR, RIGHT_REAR = range(4)
 
 @pytest.mark.parametrize("side", [(LEFT_FRONT, LEFT_REAR), (RIGHT_FRONT, RIGHT_REAR)])
 def test_a_side_is_as_high_as_its_lower_wheel_at_the_best_instant(side):
-    lifts = np.full((3, 4), -0.001)
-    front, rear = side
-    lifts[1, front] = 0.004
-    lifts[1, rear] = 0.009
-    lifts[2, front] = 0.030
-    lifts[2, rear] = 0.002
-    assert side_lift(lifts) == 0.004
+    lifts = np.full((4, 3), -0.001)
+    lifts[side, 1] = 0.004, 0.009
+    lifts[side, 2] = 0.030, 0.002
+    assert np.max(side_lift(lifts)) == 0.004
 
 
 @pytest.mark.parametrize("axle_or_diagonal", [(0, 1), (2, 3), (0, 3), (1, 2)])
 def test_two_wheels_of_two_sides_are_no_tip_up(axle_or_diagonal):
-    lifts = np.full((2, 4), -0.001)
-    lifts[1, axle_or_diagonal] = 0.05
-    assert side_lift(lifts) == -0.001
+    lifts = np.full((4, 2), -0.001)
+    lifts[axle_or_diagonal, 1] = 0.05
+    assert np.max(side_lift(lifts)) == -0.001
 
 
 def test_lateral_acceleration_is_speed_times_rate_of_the_course_into_each_turn():

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 
-from aerodima.workbench.car.turn_course import (
-    turn_course,
-    velocity_over_ground,
-)
+from aerodima.workbench.car.turn_course import turn_course
+from aerodima.workbench.car.verdict import velocity_over_ground
 from tests.workbench.made_up_runs import COM_X, STEP, made_up_run, times
 
 V = 3.0

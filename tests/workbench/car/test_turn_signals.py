@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.car.turn_signals import (
-    CALM,
     settled_row,
     steered_windows,
     turn_sign,
@@ -12,6 +11,7 @@ from aerodima.workbench.car.turn_signals import (
     turn_window,
     windows_of_steering,
 )
+from aerodima.workbench.car.verdict import CALM
 from aerodima.workbench.control.manoeuvre import make_schedule
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.scenario.scenario import load_scenario

@@ -10,9 +10,9 @@ from scipy.linalg import expm
 
 from aerodima.workbench import UserError, load_scenario, simulate
 from aerodima.workbench.car.car_model import slip_speed
+from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import drive_turns
-from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
 from aerodima.workbench.scenario.signal_table import WHEELS
 from tests.refusals import assert_refused
 
@@ -80,7 +80,7 @@ def test_yaw_rate_after_a_step_of_the_steering_is_that_of_the_linear_bicycle():
 
 def bicycle(scenario, time):
     """Yaw rate (rad/s) of the linear bicycle so long (s) after a step of the steering."""
-    cars = Vehicles.of([scenario])
+    cars = VehicleParams.from_scenarios([scenario])
     speed = scenario.manoeuvre.speed
     mass = float(cars.mass[0])
     place = float(cars.centre[0, 0])
@@ -128,9 +128,9 @@ def test_reduced_car_has_the_same_tyre():
     """
     settings = ("manoeuvre.turn_hold=0.6", "manoeuvre.duration=3.0")
     both = [circle(3.0, *settings, f"car.tyre_slip_angle={angle}") for angle in (SLIP_ANGLE, 0.0)]
-    cars = Vehicles.of(both)
+    cars = VehicleParams.from_scenarios(both)
     assert cars.slip_speed == pytest.approx([3.0 * math.tan(SLIP_ANGLE), 0.01])
-    history = drive_turns(cars, TurnPlans.of(both), duration=0.5, history=True).history
+    history = drive_turns(cars, TurnPlans.from_scenarios(both), duration=0.5, history=True).history
     assert history is not None
     for place, scenario in enumerate(both):
         log = simulate(scenario)

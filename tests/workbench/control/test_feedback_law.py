@@ -17,7 +17,8 @@ from aerodima.workbench.control.feedback_law import (
     respond,
 )
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
-from aerodima.workbench.control.swing_law import SwingLaw, SwingState
+from aerodima.workbench.control.swing_law import SwingState
+from aerodima.workbench.control.swing_machine import SwingLaw
 from aerodima.workbench.control.tail_law import Observation
 from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.scenario.scenario import load_scenario

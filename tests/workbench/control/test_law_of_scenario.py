@@ -2,7 +2,7 @@
 
 import pytest
 
-from aerodima.workbench.control.law_of_scenario import load_law
+from aerodima.workbench.control.user_law import load_law
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.scenario import load_scenario
 from tests.refusals import assert_refused

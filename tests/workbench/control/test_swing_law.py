@@ -4,12 +4,8 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.workbench.control.swing_law import (
-    SwingLaw,
-    SwingMemory,
-    SwingSettings,
-    SwingState,
-)
+from aerodima.workbench.control.swing_law import SwingSettings, SwingState
+from aerodima.workbench.control.swing_machine import SwingLaw, SwingMemory
 from aerodima.workbench.control.tail_law import Observation
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.resources import model_path

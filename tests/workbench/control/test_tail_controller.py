@@ -5,7 +5,8 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.control.controller_systems import TailController
-from aerodima.workbench.control.swing_law import SwingLaw, SwingSettings, SwingState
+from aerodima.workbench.control.swing_law import SwingSettings, SwingState
+from aerodima.workbench.control.swing_machine import SwingLaw
 from aerodima.workbench.control.tail_law import UNKNOWN_IMU, observe
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE

@@ -6,7 +6,8 @@ from tests.blocked_drake import run_without_drake
 
 PROGRAM = """
 from aerodima.workbench.control.manoeuvre import SpeedRamp, ThrottleLine, TurnSchedule
-from aerodima.workbench.control.swing_law import SwingLaw, SwingMemory, SwingSettings
+from aerodima.workbench.control.swing_law import SwingSettings
+from aerodima.workbench.control.swing_machine import SwingLaw, SwingMemory
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.control.tail_law import Observation
 from aerodima.workbench.scenario.signal_table import TAIL_COMMAND

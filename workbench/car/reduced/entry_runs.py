@@ -9,29 +9,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.car.reduced.compiled import run
-from aerodima.workbench.car.reduced.dynamics import (
-    RATES,
-    SPIN,
-    STATES,
-    TINY,
-    TRAVEL,
-    V,
-    W,
-    advance,
-    dot,
-    up_in_body,
+from aerodima.workbench.car.laws import servo_step
+from aerodima.workbench.car.reduced.compiled.steps import run
+from aerodima.workbench.car.reduced.ground_terms import wheel_lifts
+from aerodima.workbench.car.reduced.parameters import VehicleParams, regularised_slip, take
+from aerodima.workbench.car.reduced.rollout import (
+    STEP,
+    Rollout,
+    delay_ticks,
+    heights,
+    over_ground,
+    tick_flags,
 )
-from aerodima.workbench.car.reduced.turns import heights, over_ground
-from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
-from aerodima.workbench.car.tail_impulses import FLIP_TILT
-from aerodima.workbench.car.tip_up import LAST, TWO_WHEELS
-from aerodima.workbench.car.turn_signals import EXIT_YAW_RATE
+from aerodima.workbench.car.reduced.states import RATES, SPIN, STATES, V
+from aerodima.workbench.car.verdict import (
+    LAST,
+    goes_straight,
+    keeps_path,
+    side_lift,
+    stays_upright,
+    touches_ground,
+)
 from aerodima.workbench.control.driver_law import PathDriver, ScheduledDriver, make_driver
 from aerodima.workbench.control.driver_law import Seen as SeenByDriver
 from aerodima.workbench.control.feedback_law import Seen, respond
@@ -40,38 +42,37 @@ from aerodima.workbench.control.paths import beyond_lane
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.scenario import Scenario
 
-STEP = 0.002
-"""s."""
 STRAIGHT = 0.01
 """rad; below it a command steers to no side."""
-TURN = 2.0 * np.pi
-"""A full turn, rad."""
+FULL_TURN = 2.0 * np.pi
+"""rad."""
 LEAD = 0.1
 """s; of the straight before the steering so much is driven."""
 OUTLINE = 9
 """Points along each edge of a car on a path."""
+PATH_MARGIN = 1.2
+"""Time for a path, over that of its length at the first speed."""
 
 
 @dataclass(frozen=True)
-class Entries:
-    """What came of n runs.
+class EntryResult:
+    """Results of n runs.
 
     Attributes:
-        upright: no two wheels of a side in the air, no tail on the ground, no board while the car
-            is steered, not flipped; and straight again at the end, or on its path to the end, as
-            `optimisation.entry.entry_speed` asks.
-        figure: mean lateral acceleration of the course to the side that is steered to, m/s2.
-        driven: share of a path that lay behind the car at its first failure.
+        completed: upright (`verdict.stays_upright`) all the time; and straight again at the end, or
+            on its path to the end, as `optimisation.judge.entry_speed` asks.
+        lateral_acceleration: mean of the course to the side that is steered to, m/s2.
+        progress: share of a path that lay behind the car at its first failure.
     """
 
-    upright: np.ndarray
-    figure: FloatArray
-    driven: FloatArray
+    completed: np.ndarray
+    lateral_acceleration: FloatArray
+    progress: FloatArray
 
 
 @dataclass(frozen=True)
 class PathMotion:
-    """What n runs on a path know beforehand.
+    """Numbers that n runs on a path know beforehand.
 
     Attributes:
         preview, correction, lag: of `PathDriver` (n).
@@ -86,13 +87,13 @@ class PathMotion:
     pitch: FloatArray
 
 
-def enter(
-    cars: Vehicles,
+def simulate_entries(
+    cars: VehicleParams,
     scenario: Scenario,
     gains: Any,
     steers_tail: FloatArray,
     motion: PathMotion | None = None,
-) -> Entries:
+) -> EntryResult:
     """Drives n cars that begin rolling at their speeds through the manoeuvre of a scenario, to the
     left.
 
@@ -104,79 +105,82 @@ def enter(
         motion: on a path; without it the driver is that of the scenario.
     """
     plan = scenario.manoeuvre
-    rate = scenario.controller.rate
-    entering = Entering(cars, scenario, gains, steers_tail, motion)
+    rollout = EntryRollout(cars, scenario, gains, steers_tail, motion)
     start = plan.turn_start - LEAD
-    follows = plan.kind == "path"
-    if follows:
-        length = float(1.2 * np.max(entering.to_go / cars.speed))
-    else:
-        length = run_time(scenario) - start
-    steps = round(length / STEP)
+    length = run_time(scenario) - start
+    if plan.kind == "path":
+        length = float(PATH_MARGIN * np.max(rollout.to_go / cars.speed))
+    index = np.arange(round(length / STEP))
     last = round(LAST / STEP)
-    ticks = round(1.0 / (STEP * rate))
-    index = np.arange(steps)
-    ticked = index % ticks == 0
+    ticked = tick_flags(index, scenario.controller.rate, STEP)
     time = start + index * STEP
-    planned = np.zeros(steps)
+    planned = np.zeros(len(index))
     driver = make_driver(scenario)
     if isinstance(driver, ScheduledDriver):
         planned[ticked] = [driver.schedule.at(one).steering_angle for one in time[ticked]]
     counts = 1.0 * (time >= plan.turn_start)
-    share = (index >= steps - last) / last
-    run(entering, ticked, time, planned, counts, share)
-    if follows:
-        ends = entering.to_go <= 0.0
-    else:
-        ending = entering.ending
-        steered_to_the_end = np.isnan(ending)
-        ends = steered_to_the_end | (np.abs(ending) <= EXIT_YAW_RATE)
-    figure = entering.total / np.maximum(entering.steered, 1.0)
-    driven = 1.0 - entering.left / entering.whole
-    return Entries(entering.upright & ends, figure, driven)
+    share = (index >= len(index) - last) / last
+    run(rollout, ticked, time, planned, counts, share)
+    return rollout.result()
 
 
-class Entering:
-    """Cars on the way, a batch of `compiled.run`.
+class EntryRollout(Rollout):
+    """Cars that begin rolling.
 
     A step is given its time (s), the steering command (rad) that is planned where a tick begins it,
     1 where the course counts, and its share in the end of the run.
 
     Attributes:
-        state: (24, n).
-        upright, total, steered, ending, to_go, left, whole: what `Entries` is made of (n).
+        upright: whether no step failed so far (n).
+        total, steered: sum of the lateral accelerations (n), m/s2, and number of the steps that
+            count.
+        ending: mean yaw rate of the end (n), rad/s; NaN for a car that is steered then.
+        to_go, left: way to the end of the path (n), m: now, and when the car failed.
+        whole: length of the path (n), m.
 
-    Args: as of `enter`.
+    Args: as of `simulate_entries`.
     """
 
     def __init__(
         self,
-        cars: Vehicles,
+        cars: VehicleParams,
         scenario: Scenario,
         gains: Any,
         steers_tail: FloatArray,
         motion: PathMotion | None = None,
     ) -> None:
-        plan = scenario.manoeuvre
         controller = scenario.controller
         n = cars.count
-        self._cars = cars
+        state = np.zeros((len(STATES), n))
+        state[6] = gains.pitch_angle
+        rates = state[RATES]
+        rates[V][0] = cars.speed
+        rates[SPIN] = cars.speed / cars.rolling_radius
+        super().__init__(cars, state, delay_ticks(scenario), STEP)
+        ones = np.ones(n)
         self._gains = gains
         self._steers_tail = steers_tail
-        ones = np.ones(n)
         self._wheelbase = scenario.car.wheelbase * ones
         self._servo_rate = scenario.servo.rate * ones
-        kp = controller.hold_kp * ones
-        kd = controller.hold_kd * ones
         self._rate = controller.rate
+        self._pitch = np.stack(
+            [gains.pitch_angle, 0.0 * ones, controller.hold_kp * ones, controller.hold_kd * ones]
+        )
         self._half_width = cars.wheel[1, 0] + cars.edge + cars.tyre_half_width
+        self._set_driver(scenario, motion)
+        self._steering, self._steering_command, self._reference, self._course = np.zeros((4, n))
+        self.upright = np.ones(n, bool)
+        self.total, self.steered, self.ending = np.zeros((3, n))
+
+    def _set_driver(self, scenario: Scenario, motion: PathMotion | None) -> None:
+        """Sets the driver with its memory, and the way of its path."""
+        cars = self._cars
+        n = cars.count
         driver: Any = make_driver(scenario)
-        self.to_go = np.ones(n)
-        self._roll = np.zeros((0, n))
-        self._pitch_played = np.zeros((0, n))
-        self._driver = None if isinstance(driver, ScheduledDriver) else driver
         self._memory = np.repeat(driver.start()[:, None], n, axis=1)
-        if plan.kind == "path":
+        self._roll_motion, self._pitch_motion = np.zeros((2, 0, n))
+        self.to_go = np.ones(n)
+        if scenario.manoeuvre.kind == "path":
             fields = {"begin": cars.speed * LEAD, "vehicle_width": 2.0 * self._half_width}
             own = {name: fields[name] for name in fields if hasattr(driver.path, name)}
             chosen = {
@@ -184,137 +188,118 @@ class Entering:
             }
             if motion is not None:
                 chosen = {name: getattr(motion, name) for name in chosen}
-                self._roll = motion.roll
-                self._pitch_played = motion.pitch
-            self._driver = replace(driver, path=replace(driver.path, **own), **chosen)
-            self.to_go = self._driver.path.end + 0.0 * cars.speed
+                self._roll_motion = motion.roll
+                self._pitch_motion = motion.pitch
+            driver = replace(driver, path=replace(driver.path, **own), **chosen)
+            self.to_go = driver.path.end + 0.0 * cars.speed
+        self._driver = None if isinstance(driver, ScheduledDriver) else driver
         self.whole = self.to_go
         self.left = self.to_go
-        self._pitch = np.stack([gains.pitch_angle, np.zeros(n), kp, kd])
-        self.state = np.zeros((len(STATES), n))
-        self._tail = np.zeros((2, 4, n))
-        rates = self.state[RATES]
-        rates[V][0] = cars.speed
-        rates[SPIN] = cars.speed / cars.rolling_radius
-        self.state[6] = gains.pitch_angle
-        late = round(np.ceil(scenario.imu.delay * controller.rate - 1e-9))
-        self._seen = np.zeros((1 + late, 3, n))
-        self._steering, self._command, self._reference, self._course = np.zeros((4, n))
-        self._gone = np.zeros(n, bool)
-        self.upright = np.ones(n, bool)
-        (self.total, self.steered, self.ending) = np.zeros((3, n))
 
     def tick(self, time: Any, planned: Any, *_: Any) -> None:
-        """Asks the law and the driver."""
+        """Asks the law of the tail and the driver once."""
         state = self.state
-        rates = state[RATES]
-        measured = np.stack([state[5], *rates[W][::2]])
-        self._seen = np.concatenate([self._seen[1:], measured[None]])
-        roll, roll_rate, yaw_rate = self._seen[0]
-        seen = Seen(roll, roll_rate, yaw_rate, rates[V][0], self._command, True)
-        found = respond(self._gains, self._wheelbase, self._rate, self._reference, seen)
-        self._reference = self._steers_tail * found.reference
-        swung = np.stack([self._reference, 0.0 * self._reference, self._gains.kp, self._gains.kd])
+        gains = self._gains
+        roll, roll_rate, yaw_rate = self._measure()
+        seen = Seen(roll, roll_rate, yaw_rate, state[RATES][V][0], self._steering_command, True)
+        response = respond(gains, self._wheelbase, self._rate, self._reference, seen)
+        self._reference = self._steers_tail * response.reference
+        swung = np.stack([self._reference, 0.0 * self._reference, gains.kp, gains.kd])
         pitch = self._pitch
-        if len(self._roll):
+        if len(self._roll_motion):
             share = np.clip(1.0 - self.to_go / self.whole, 0.0, 1.0)
-            pitch = np.stack([between(share, self._pitch_played), *pitch[1:]])
-            swung = np.stack([between(share, self._roll), *swung[1:]])
-        self._tail = np.stack([pitch, swung]) * self._cars.has_tail
+            pitch = np.stack([interpolate_knots(share, self._pitch_motion), *pitch[1:]])
+            swung = np.stack([interpolate_knots(share, self._roll_motion), *swung[1:]])
+        self._command(pitch, swung)
         if self._driver is None:
-            self._command = planned + 0.0 * self._command
+            self._steering_command = planned + 0.0 * self._steering_command
         else:
             x, y, _, yaw = state[:4]
-            looks: Any = (time, (x, y), yaw, *over_ground(state, 0.0 * x), yaw_rate, roll_rate)
-            self._memory, self._command = self._driver.steer(self._memory, SeenByDriver(*looks))
+            course, speed = over_ground(state, 0.0 * x)
+            seen_by_driver: Any = (time, (x, y), yaw, course, speed, yaw_rate, roll_rate)
+            self._memory, self._steering_command = self._driver.steer(
+                self._memory, SeenByDriver(*seen_by_driver)
+            )
 
     def step(self, time: Any, planned: Any, counts: Any, share: Any) -> None:
         """Drives one step and judges it."""
         cars = self._cars
-        most = self._servo_rate * STEP
-        missing = self._command - self._steering
-        steering = self._steering + np.clip(missing, -most, most)
-        self._steering = steering
-        both = np.stack([steering, steering])
-        shaft_speed = cars.speed / cars.rolling_radius
-        new, _ = advance(STEP, cars, self.state, both, shaft_speed, self._tail)
-        state = np.where(self._gone, self.state, new)
-        self.state = state
-        front_left, front_right, rear_left, rear_right = wheel_lifts(state, cars, steering)
-        (sail, board) = heights(state, cars)
-        left = np.minimum(front_left, rear_left)
-        right = np.minimum(front_right, rear_right)
-        side = np.maximum(left, right)
-        self._gone = self._gone | (up_in_body(state)[2] < np.cos(FLIP_TILT))
-        steers = np.abs(self._command) > STRAIGHT
-        fine = (side <= TWO_WHEELS) & (sail > 0.0) & ((board > 0.0) | ~steers) & ~self._gone
-        if isinstance(self._driver, PathDriver):
-            path = self._driver.path
-            x, y, _, yaw = state[:4]
-            self.to_go = np.minimum(self.to_go, path.end - path.station(x, y))
-            wheelbase = self._driver.wheelbase
-            off_lane = beyond_lane(path, x, y, yaw, self._half_width, wheelbase, OUTLINE)
-            fine = fine & (off_lane <= 0.0)
-        self.upright = self.upright & (fine | (counts == 0.0))
+        self._steering = servo_step(self._steering, self._steering_command, self._servo_rate * STEP)
+        self._drive(self._steering, cars.speed / cars.rolling_radius)
+        state = self.state
+        steers = np.abs(self._steering_command) > STRAIGHT
+        self.upright = self.upright & (self._is_fine(steers) | (counts == 0.0))
         self.left = np.where(self.upright, self.to_go, self.left)
         self.ending = self.ending + np.where(steers & (share > 0.0), np.nan, state[14] * share)
-        now, speed = over_ground(state, cars.com_x)
-        turned = now - self._course
-        turned = (turned - TURN * np.rint(turned / TURN)) / STEP
-        to_side = np.where(self._command > 0.0, turned, -turned) * speed
-        self._course = np.where(counts > 0.0, now, 0.0)
+        course, speed = over_ground(state, cars.com_x)
+        turned = course - self._course
+        turned = (turned - FULL_TURN * np.rint(turned / FULL_TURN)) / STEP
+        to_side = np.where(self._steering_command > 0.0, turned, -turned) * speed
+        self._course = np.where(counts > 0.0, course, 0.0)
         self.total = self.total + counts * np.where(steers, to_side, 0.0)
         self.steered = self.steered + counts * np.where(steers, 1.0, 0.0)
 
+    def _is_fine(self, steers: Any) -> Any:
+        """Returns who is upright, and in its lane, after a step; `steers` who is steered."""
+        state = self.state
+        cars = self._cars
+        sail, board = heights(state, cars)
+        lift = side_lift(wheel_lifts(state, cars, self._steering))
+        touched = touches_ground(sail <= 0.0, board <= 0.0, steers)
+        fine = stays_upright(lift, touched, self.gone)
+        if isinstance(self._driver, PathDriver):
+            path = self._driver.path
+            wheelbase = self._driver.wheelbase
+            x, y, _, yaw = state[:4]
+            self.to_go = np.minimum(self.to_go, path.end - path.station(x, y))
+            off_lane = beyond_lane(path, x, y, yaw, self._half_width, wheelbase, OUTLINE)
+            fine = fine & keeps_path(off_lane)
+        return fine
 
-def between(share: FloatArray, places: FloatArray) -> FloatArray:
-    """Values (n) at shares (n) of the way between places (k, n) that are spread evenly over it."""
-    at = share * (len(places) - 1)
-    hats = [np.maximum(1.0 - np.abs(at - k), 0.0) * value for k, value in enumerate(places)]
-    found: FloatArray = np.sum(np.stack(hats), axis=0)
-    return found
+    def result(self) -> EntryResult:
+        """Returns what came of the runs."""
+        if isinstance(self._driver, PathDriver):
+            ends = self.to_go <= 0.0
+        else:
+            ends = goes_straight(np.isnan(self.ending), self.ending)
+        return EntryResult(
+            self.upright & ends,
+            self.total / np.maximum(self.steered, 1.0),
+            1.0 - self.left / self.whole,
+        )
 
 
-def wheel_lifts(state: FloatArray, cars: Vehicles, steering: FloatArray) -> FloatArray:
-    """Height of the lowest point of each tyre over the ground (4, n), m; negative where it presses
-    into it.
-
-    Args:
-        state: (24, n).
-        cars: n of them.
-        steering: angle of the front wheels (n), rad.
+def interpolate_knots(share: FloatArray, knots: FloatArray) -> FloatArray:
+    """Returns values (n) at shares (n) of the way between knots (k, n) that are spread evenly over
+    it.
     """
-    n = up_in_body(state)[:, None]
-    steer = np.concatenate([np.stack([steering, steering]), np.zeros((2, cars.count))])
-    axle = np.stack([-np.sin(steer), np.cos(steer), 0.0 * steer])
-    tilt = dot(axle, n)
-    R2 = cars.tyre_radius**2
-    h2 = cars.tyre_half_width**2
-    reach = np.sqrt(R2 * (1.0 - tilt * tilt + TINY) + h2 * tilt * tilt)
-    x, y, z = cars.wheel
-    centre = np.stack([x, y, z + state[TRAVEL]])
-    found: FloatArray = state[2] + dot(n, centre) - cars.edge * np.abs(tilt) - reach
-    return found
+    position = share * (len(knots) - 1)
+    hats = [np.maximum(1.0 - np.abs(position - k), 0.0) * value for k, value in enumerate(knots)]
+    values: FloatArray = np.sum(np.stack(hats), axis=0)
+    return values
 
 
 def climb(
-    cars: Vehicles,
+    cars: VehicleParams,
     speeds: FloatArray,
     drivers: Sequence[Scenario],
     gains: Any,
     steers_tail: FloatArray,
 ) -> tuple[np.ndarray, FloatArray]:
-    """Whether n cars stay upright at speeds (m, n), m/s, with one of the drivers, and their
-    figures, (m, n) each.
+    """Returns whether n cars complete the manoeuvre at speeds (m, n), m/s, with one of the drivers,
+    and their lateral accelerations with the first, m/s2, (m, n) each.
     """
     which = np.tile(np.arange(cars.count), len(speeds))
     tried = at_speeds(cars.take(which), speeds.ravel())
-    own = SimpleNamespace(**{name: values[which] for name, values in vars(gains).items()})
-    found = [enter(tried, driver, own, steers_tail[which]) for driver in drivers]
-    upright = np.logical_or.reduce([one.upright for one in found])
-    return upright.reshape(speeds.shape), found[0].figure.reshape(speeds.shape)
+    results = [
+        simulate_entries(tried, driver, take(gains, which), steers_tail[which])
+        for driver in drivers
+    ]
+    completed = np.logical_or.reduce([one.completed for one in results])
+    shape = speeds.shape
+    return completed.reshape(shape), results[0].lateral_acceleration.reshape(shape)
 
 
-def at_speeds(cars: Vehicles, speeds: FloatArray) -> Vehicles:
-    """The n cars at speeds (n), m/s: the slip speed of a tyre is that of its slip angle."""
-    return replace(cars, speed=speeds, slip_speed=cars.slip_speed * speeds / cars.speed)
+def at_speeds(cars: VehicleParams, speeds: FloatArray) -> VehicleParams:
+    """Returns the n cars at speeds (n), m/s, with the slip speed of their tyres there."""
+    return replace(cars, speed=speeds, slip_speed=regularised_slip(cars.slip_angle_scale, speeds))

@@ -1,4 +1,4 @@
-"""Turns of many reduced cars at once, each with its own floor, steering and swing; what screening
+"""Turns of many reduced cars at once, each with its own floor, steering and swing; what a search
 asks of them.
 """
 
@@ -9,177 +9,67 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.car.reduced.compiled import run
-from aerodima.workbench.car.reduced.dynamics import (
-    RATES,
-    STATES,
-    TAIL_RATE,
-    TINY,
-    V,
-    W,
-    advance,
-    tail_axes,
-    up_in_body,
+from aerodima.workbench.car.laws import pd_torque
+from aerodima.workbench.car.reduced.compiled.steps import run
+from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.rollout import (
+    STEP,
+    Rollout,
+    heights,
+    over_ground,
+    tick_flags,
 )
+from aerodima.workbench.car.reduced.states import RATES, STATES, TAIL_RATE, V, W, up_in_body
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
-from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
-from aerodima.workbench.car.tail_impulses import END_TILT, FLIP_TILT
-from aerodima.workbench.car.tail_plant import SAIL_TIP_MARGIN
-from aerodima.workbench.car.turn_course import velocity_over_ground
-from aerodima.workbench.car.turn_signals import CALM, CALM_FOR, EXIT_YAW_RATE, LOADED_FORCE
-from aerodima.workbench.control.swing_law import SwingState
+from aerodima.workbench.car.verdict import (
+    exit_share,
+    has_flipped,
+    has_left_turn,
+    has_settled,
+    is_busy,
+    is_calm,
+    is_loaded,
+)
+from aerodima.workbench.control.manoeuvre import (
+    TICK_TOLERANCE,
+    angle_to_straighten,
+    pulse_angle,
+    ramp_speed,
+    wheel_angle,
+)
+from aerodima.workbench.control.swing_law import (
+    SwingPhase,
+    SwingState,
+    is_over,
+    is_released,
+    next_phase,
+    roll_command,
+)
+from aerodima.workbench.control.tail_law import EPSILON
 from aerodima.workbench.core.array_types import FloatArray
 
-_COS_CALM = np.cos(CALM["tilt_truth_rad"])
-_CALM_STATES = {
-    **{f"w_{axis}": CALM[f"gyro_{axis}_truth_rad_per_s"] for axis in "xyz"},
-    "v_y": CALM["velocity_y_truth_m_per_s"],
-    **{name: CALM[name + "_rad_per_s"] for name in ("tail_pitch_rate", "tail_roll_rate")},
-}
-_CALM_PLACES = [STATES.index(name) for name in _CALM_STATES]
 WITHIN = (np.arange(8.0)[:, None] + 0.5) / 8.0
 """Instants of a step, in its length: the wheels' angle in a step is the mean over them, so that it
 changes smoothly with the times of the steering."""
 HISTORY = ("history", "asked", "loads")
-"""What `Turns` keeps of every step."""
-
-
-class TurnRecord:
-    """Of n cars in a turn to the left, from the start of the steering on.
-
-    Attributes:
-        peak_roll: outwards, rad.
-        lowest_tail, lowest_board: least height over the ground, m.
-
-    Args:
-        cars: n of them.
-        state: when the steering begins (24, n).
-        straight: when the wheels are straight again (n), s since then.
-    """
-
-    def __init__(self, cars: Vehicles, state: FloatArray, straight: FloatArray) -> None:
-        n = cars.count
-        self._cars = cars
-        self._begun = state
-        self._straight = straight
-        self._limits = np.outer(list(_CALM_STATES.values()), np.ones(n))
-        self._limits[-2:, cars.has_tail == 0.0] = np.inf
-        self._restless = straight
-        self._settled = np.full(n, np.nan)
-        self._left = np.full(n, np.nan)
-        self._around = np.zeros((2, *state.shape))
-        self.peak_roll = np.zeros(n)
-        self.lowest_tail = np.full(n, np.inf)
-        self.lowest_board = np.full(n, np.inf)
-
-    def see(self, time: Any, before: FloatArray, state: FloatArray) -> None:
-        """Records states (24, n): those a step before a time since the start of the steering, s,
-        and those at it.
-        """
-        self.peak_roll = np.maximum(self.peak_roll, state[5])
-        tail, board = heights(state, self._cars)
-        self.lowest_tail = np.minimum(self.lowest_tail, tail)
-        self.lowest_board = np.minimum(self.lowest_board, board)
-        calm = np.abs(state[14]) < EXIT_YAW_RATE
-        leaves = np.isnan(self._left) & (time > self._straight) & calm
-        self._left = np.where(leaves, time, self._left)
-        self._around = np.where(leaves, np.stack([before, state]), self._around)
-
-    def settle(self, time: Any, state: FloatArray, loads: FloatArray, busy: np.ndarray) -> None:
-        """Decides who has settled, as in a log, by the loads of the wheels (4, n), N, and by whose
-        law is busy.
-        """
-        calm = np.logical_and.reduce(np.abs(state[_CALM_PLACES]) <= self._limits)
-        loaded = np.logical_and.reduce(loads > LOADED_FORCE)
-        level = up_in_body(state)[2] > _COS_CALM
-        calm = calm & level & loaded & ~busy
-        self._restless = np.where(calm, self._restless, np.maximum(self._restless, time))
-        first = np.isnan(self._settled) & (time - self._restless >= CALM_FOR - 1e-9)
-        self._settled = np.where(first, state[3], self._settled)
-
-    def heading(self, state: FloatArray) -> FloatArray:
-        """Change of it from the start until the car settled, else to these states."""
-        yaw = np.where(np.isnan(self._settled), state[3], self._settled)
-        return yaw - self._begun[3]
-
-    def exits(self, length: float) -> dict[str, FloatArray]:
-        """What the cars do at their exit: the wheels are straight again and the yaw rate is below
-        `EXIT_YAW_RATE`.
-
-        Args:
-            length: of a step, s.
-
-        Returns:
-            `exit_time` s since the start; `course`, change of it until then, and `sideslip` then,
-            heading less course, rad. NaN without an exit.
-        """
-        (before, state) = self._around
-        earlier = self._left - length
-        side = np.where(state[14] < 0.0, -1.0, 1.0)
-        fall = side * (before[14] - state[14])
-        beyond = side * before[14] - EXIT_YAW_RATE
-        calm = np.where(fall > 0.0, beyond / np.where(fall == 0.0, 1.0, fall), 0.0)
-        straight = (self._straight - earlier) / length
-        share = np.clip(np.maximum(calm, straight), 0.0, 1.0)
-        then = course(before, self._cars)
-        now = course(state, self._cars)
-        exit_course = then + share * (now - then)
-        heading = before[3] + share * (state[3] - before[3])
-        found = {
-            "exit_time": earlier + share * length,
-            "course": exit_course - course(self._begun, self._cars),
-            "sideslip": heading - exit_course,
-        }
-        return {
-            name: np.where(np.isnan(self._left), np.nan, values) for name, values in found.items()
-        }
-
-
-def course(state: FloatArray, cars: Vehicles) -> FloatArray:
-    """Of n cars (n), rad, less than half a turn from their heading."""
-    return over_ground(state, cars.com_x)[0]
-
-
-def over_ground(state: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Course (n), rad, and speed (n), m/s, of the places x (n), m, of n cars."""
-    yaw, pitch, roll = state[3:6]
-    rates = state[RATES]
-    ahead, left = velocity_over_ground(rates[V], rates[W], roll, pitch, x)
-    speed = np.sqrt(ahead * ahead + left * left + TINY)
-    half_angle = np.arctan(left / (speed + ahead + TINY))  # `compiled.run` has no arctan2
-    return yaw + 2.0 * half_angle, speed
-
-
-def heights(state: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray]:
-    """Of the lower corner of the sail's tip and of the board over the ground, m; tail far up where
-    there is none.
-    """
-    upright = up_in_body(state)
-    x, _, e = tail_axes(state[6], state[7])
-    z = state[2]
-    distance, width = cars.tip
-    corner = np.sum(upright * (cars.mount + distance * e), axis=0)
-    slope = np.sqrt(np.sum(upright * x, axis=0) ** 2 + TINY)
-    low = z + corner - slope * width - SAIL_TIP_MARGIN
-    corners = np.sum(upright[:, None] * cars.board, axis=0)
-    board = z + np.min(corners, axis=0)
-    return np.where(cars.has_tail > 0.0, low, np.inf), board
+"""What `TurnRollout` returns of every step."""
+LEFT = 1.0
+"""Side of all turns."""
 
 
 @dataclass(frozen=True)
 class Turns:
-    """What came of n turns.
+    """Results of n turns.
 
     Attributes:
         survived: as the outcome of a full run.
         clean: and tail and board stayed off the ground.
-        heading: change from the start of the turn until the car has settled (`TurnRecord`), else to
-            the end, rad.
+        heading: change from the start of the turn until the car has settled, else to the end, rad.
         peak_roll: outwards, rad.
         trigger: when the swing began after the start of the turn, s; NaN when it never did.
         lowest_tail, lowest_board: least height over the ground, m.
-        course: change from the start of the turn to its exit (`TurnRecord`), rad; `exit_time` s
-            since that start and `sideslip` rad there. NaN without an exit.
+        course: change from the start of the turn to its exit, rad; `exit_time` s since that start
+            and `sideslip` rad there. NaN without an exit.
         last: states at the end (24, n).
         history: every state (steps, 24, n), when asked for; `asked` the torque of the roll motor by
             its own law at the beginning of each of these steps (steps, n), N m; `loads` of the
@@ -202,12 +92,13 @@ class Turns:
     loads: FloatArray | None = None
 
 
-class Driven:
-    """Cars on the way, a batch of `compiled.run`; times are s since the start of the steering.
+class TurnRollout(Rollout):
+    """Cars in a turn to the left; times are s since the start of the steering.
 
     Attributes:
-        state: (24, n); `gone`, who has flipped (n); `loads` of the wheels before the last step (4,
-            n), N.
+        trigger: when each swing began (n), s; NaN until it does.
+        peak_roll: outwards (n), rad, since `begin_turn`, as the next ones.
+        lowest_tail, lowest_board: least height over the ground (n), m.
 
     Args:
         cars, plans: n of each.
@@ -215,50 +106,156 @@ class Driven:
         length: of a step, s.
     """
 
-    def __init__(self, cars: Vehicles, plans: TurnPlans, state: FloatArray, length: float) -> None:
-        self._cars = cars
+    def __init__(
+        self, cars: VehicleParams, plans: TurnPlans, state: FloatArray, length: float
+    ) -> None:
+        super().__init__(cars, state, int(np.max(plans.imu_delay)), length)
+        n = cars.count
         self._plans = plans
-        self._length = length
-        self.state = state
-        self.gone = np.zeros(cars.count, bool)
-        self.loads = np.zeros((4, cars.count))
-        self.law = BatchLaw(plans, cars, state[14])
-        self.record = TurnRecord(cars, state, plans.straight)
+        self._phase = np.full(n, float(SwingState.HOLD))
+        self._since, self._start_roll = np.zeros((2, n))
+        self.trigger = np.full(n, np.nan)
+        pulse = plans.pulse
+        rate = plans.servo_rate
+        angle = angle_to_straighten(
+            pulse.steer_angle, pulse.hold, rate, pulse.first_angle, pulse.first_hold
+        )
+        self._straight = pulse.hold + angle / rate
+        self.begin_turn()
+
+    def begin_turn(self) -> None:
+        """Forgets what was recorded before."""
+        n = self._cars.count
+        self._begun = self.state
+        self._restless = self._straight
+        self._settled_yaw = np.full(n, np.nan)
+        self._left = np.full(n, np.nan)
+        self._around = np.zeros((2, *self.state.shape))
+        self.peak_roll = np.zeros(n)
+        self.lowest_tail = np.full(n, np.inf)
+        self.lowest_board = np.full(n, np.inf)
 
     def tick(self, time: Any) -> None:
-        """One tick of the controller."""
-        self.law.tick(time, self.state)
+        """Asks the law of the tail once."""
+        plans = self._plans
+        law = plans.law
+        roll = self.state[7]
+        _, _, yaw_rate = self._measure()
+        # A controller sees what the driver gave a tick ago.
+        steering = pulse_angle(plans.pulse, time - 1.0 / law.rate + TICK_TOLERANCE)
+        signal = np.where(law.by_steering > 0.0, steering, yaw_rate)
+        elapsed = time - self._since + EPSILON
+        over = is_over(law, roll - self._start_roll, elapsed)
+        over = np.where(plans.knots.plays > 0.0, elapsed >= plans.knots.time[-1], over)
+        phase = next_phase(
+            SwingPhase(self._phase, self._since, self._start_roll),
+            time,
+            roll,
+            is_released(LEFT, signal, law.threshold),
+            law.delay,
+            over,
+        )
+        self._phase, self._since, self._start_roll = phase
+        self.trigger = np.where(phase.state == SwingState.SWING, phase.since, self.trigger)
+        self._follow(time)
+
+    def _follow(self, time: Any) -> None:
+        """Commands what the law or the knots want in the present state."""
+        law = self._plans.law
+        knots = self._plans.knots
+        state = self._phase
+        swings = (state == SwingState.SWING) | (state == SwingState.SETTLE)
+        plays = swings & (knots.plays > 0.0)
+        roll = np.where(
+            plays,
+            np.stack(knots.command(time - self.trigger, law.rate)),
+            np.stack(roll_command(law, state, LEFT)),
+        )
+        kp = np.where(plays, knots.pitch_kp, law.hold_kp)
+        kd = np.where(plays, knots.pitch_kd, law.hold_kd)
+        self._command(np.stack([law.pitch_angle, np.zeros_like(kp), kp, kd]), roll)
 
     def step(self, time: Any) -> tuple[FloatArray, ...]:
         """Drives one step and returns what `HISTORY` names."""
         cars = self._cars
         plans = self._plans
+        ramp = plans.ramp
         before = self.state
-        tail = self.law.commands()
-        gathered = (time + plans.start) / plans.ramp
-        speed = cars.speed * np.where(gathered < 1.0, gathered + plans.lead / plans.ramp, 1.0)
-        angles = plans.steering(time + self._length * WITHIN)
-        steered = np.sum(angles, axis=0) / len(WITHIN)
-        asked = asked_torque(before, tail)
-        steering = np.stack([steered, steered])
-        shaft_speed = speed / cars.rolling_radius
-        new, loads = advance(self._length, cars, before, steering, shaft_speed, tail)
-        state = np.where(self.gone, before, new)
-        self.state = state
-        self.loads = loads
-        self.gone = self.gone | (up_in_body(state)[2] < np.cos(FLIP_TILT))
-        end = time + self._length
-        self.record.see(end, before, state)
-        self.record.settle(end, state, loads, self.law.busy)
-        return state, asked, loads
+        asked = asked_torque(before, self._tail)
+        angles = wheel_angle(plans.pulse, plans.servo_rate, time + self._length * WITHIN)
+        speed = ramp_speed(cars.speed, ramp.duration, ramp.time_constant, time + plans.pulse.start)
+        self._drive(np.sum(angles, axis=0) / len(WITHIN), speed / cars.rolling_radius)
+        self._record(time + self._length, before)
+        return self.state, asked, self.loads
+
+    def _record(self, time: Any, before: FloatArray) -> None:
+        """Records peaks, exit and rest at a time; `before` are the states a step before it."""
+        state = self.state
+        rates = state[RATES]
+        self.peak_roll = np.maximum(self.peak_roll, state[5])
+        tail, board = heights(state, self._cars)
+        self.lowest_tail = np.minimum(self.lowest_tail, tail)
+        self.lowest_board = np.minimum(self.lowest_board, board)
+        w_x, w_y, w_z = rates[W]
+        leaves = np.isnan(self._left) & has_left_turn(time > self._straight, w_z)
+        self._left = np.where(leaves, time, self._left)
+        self._around = np.where(leaves, np.stack([before, state]), self._around)
+        pitch_rate, roll_rate = rates[TAIL_RATE]
+        motion = {
+            "gyro_x_truth_rad_per_s": w_x,
+            "gyro_y_truth_rad_per_s": w_y,
+            "gyro_z_truth_rad_per_s": w_z,
+            "velocity_y_truth_m_per_s": rates[V][1],
+            "tail_pitch_rate_rad_per_s": pitch_rate,
+            "tail_roll_rate_rad_per_s": roll_rate,
+        }
+        calm = is_calm(motion, up_in_body(state)[2], self.loads, is_busy(self._phase))
+        self._restless = np.where(calm, self._restless, np.maximum(self._restless, time))
+        settles = np.isnan(self._settled_yaw) & has_settled(time, self._restless)
+        self._settled_yaw = np.where(settles, state[3], self._settled_yaw)
+
+    def results(self) -> dict[str, FloatArray]:
+        """Returns the fields of `Turns` but for the histories."""
+        state = self.state
+        tilt = np.arccos(np.clip(up_in_body(state)[2], -1.0, 1.0))
+        survived = ~has_flipped(self.gone, tilt, ~is_loaded(self.loads).all(axis=0))
+        yaw = np.where(np.isnan(self._settled_yaw), state[3], self._settled_yaw)
+        return self._exit() | {
+            "survived": survived,
+            "clean": survived & (self.lowest_tail > 0.0) & (self.lowest_board > 0.0),
+            "heading": yaw - self._begun[3],
+            "peak_roll": self.peak_roll,
+            "trigger": self.trigger,
+            "lowest_tail": self.lowest_tail,
+            "lowest_board": self.lowest_board,
+            "last": state,
+        }
+
+    def _exit(self) -> dict[str, FloatArray]:
+        """Returns `exit_time`, `course` and `sideslip` of `Turns`."""
+        before, after = self._around
+        earlier = self._left - self._length
+        share = exit_share(before[14], after[14], (self._straight - earlier) / self._length)
+        course, next_course, first_course = (
+            over_ground(state, self._cars.com_x)[0] for state in (before, after, self._begun)
+        )
+        exit_course = course + share * (next_course - course)
+        heading = before[3] + share * (after[3] - before[3])
+        values = {
+            "exit_time": earlier + share * self._length,
+            "course": exit_course - first_course,
+            "sideslip": heading - exit_course,
+        }
+        stays = np.isnan(self._left)
+        return {name: np.where(stays, np.nan, value) for name, value in values.items()}
 
 
 def drive_turns(
-    cars: Vehicles,
+    cars: VehicleParams,
     plans: TurnPlans,
     *,
     duration: float = 2.0,
-    length: float = 0.002,
+    length: float = STEP,
     history: bool = False,
     begun: FloatArray | None = None,
 ) -> Turns:
@@ -274,129 +271,32 @@ def drive_turns(
         begun: states (24, n) when the steering begins, of cars whose tail still waits; the straight
             is not driven.
     """
+    law = plans.law
     if begun is None:
         state = np.zeros((len(STATES), cars.count))
-        state[6] = plans.pitch_angle
-        state[7] = -plans.hold_angle
+        state[6] = law.pitch_angle
+        state[7] = -law.hold_angle
     else:
         state = begun
-    ticks = round(1.0 / (length * float(plans.rate[0])))
-    begin = round(float(plans.start[0]) / length)
+    begin = round(float(plans.pulse.start[0]) / length)
     first = 0 if begun is None else begin
     end = begin + round(duration / length)
-    driven = Driven(cars, plans, state, length)
+    rollout = TurnRollout(cars, plans, state, length)
     kept = []
     for part in (np.arange(first, begin), np.arange(begin, end)):
         if part.size:
-            # The record of the turn begins with the turn.
-            driven.record = TurnRecord(cars, driven.state, plans.straight)
-            ticked = (part % ticks == 0) | (part == first)
-            kept.append(run(driven, ticked, (part - begin) * length, keep=history))
-    state = driven.state
-    loads = driven.loads
-    record = driven.record
-    cosine = np.clip(up_in_body(state)[2], -1.0, 1.0)
-    lifted = (loads <= 0.0).any(axis=0)
-    leaning = (np.arccos(cosine) > END_TILT) & lifted
-    survived = ~(driven.gone | leaning)
+            rollout.begin_turn()
+            ticked = tick_flags(part, float(law.rate[0]), length) | (part == first)
+            kept.append(run(rollout, ticked, (part - begin) * length, keep=history))
     histories = map(np.concatenate, zip(*kept, strict=True))
-    return Turns(
-        survived=survived,
-        clean=survived & (record.lowest_tail > 0.0) & (record.lowest_board > 0.0),
-        heading=record.heading(state),
-        trigger=driven.law.trigger,
-        last=state,
-        peak_roll=record.peak_roll,
-        lowest_tail=record.lowest_tail,
-        lowest_board=record.lowest_board,
-        **dict(zip(HISTORY, histories, strict=False)),
-        **record.exits(length),
-    )
+    return Turns(**rollout.results(), **dict(zip(HISTORY, histories, strict=False)))
 
 
 def asked_torque(state: FloatArray, tail: FloatArray) -> FloatArray:
-    """Of the roll motor by its own law (n), before its limits, N m; `tail` of `Commands`."""
-    target, speed, kp, kd = tail[1]
-    return kp * (target - state[7]) + kd * (speed - state[RATES][TAIL_RATE][1])
-
-
-class BatchLaw:
-    """The thesis' law (`workbench.controllers.swing_law`) for many cars in a turn to the left; or
-    knots are played.
-
-    Attributes:
-        trigger: when each swing began, s; NaN until it does.
-
-    Args:
-        plans, cars: n of them.
-        yaw_rate: that is seen until the first one comes (n), rad/s.
+    """Returns the torque (n) that the roll motor is asked for before its limits, N m; `tail` as of
+    `Commands`.
     """
-
-    def __init__(self, plans: TurnPlans, cars: Vehicles, yaw_rate: FloatArray) -> None:
-        n = cars.count
-        self._plans = plans
-        self._has_tail = cars.has_tail
-        self._state = np.full(n, float(SwingState.HOLD))
-        self._since = np.zeros(n)
-        self._start = np.zeros(n)
-        self._seen = np.tile(yaw_rate, (1 + int(np.max(plans.late)), 1))
-        self._commands = np.zeros((2, 4, n))
-        self.trigger = np.full(n, np.nan)
-
-    @property
-    def busy(self) -> np.ndarray:
-        """Whose tail swings or is about to (n)."""
-        return (self._state == SwingState.DELAY) | (self._state == SwingState.SWING)
-
-    def tick(self, time: Any, state: FloatArray) -> None:
-        """One tick of the controller."""
-        p = self._plans
-        angle = state[7]
-        self._seen = np.concatenate([self._seen[1:], state[14][None]])
-        before = self._state
-        elapsed = time - self._since + 1e-9
-        released = (before == SwingState.HOLD) & (p.swings > 0.0)
-        # A controller sees what the driver gave a tick ago.
-        steered = p.commanded(time - 1.0 / p.rate)
-        turning = self._seen[0] > p.trigger_yaw_rate
-        released = released & (turning | (steered > p.trigger_steering))
-        self._enter(released, SwingState.DELAY, time, angle)
-        elapsed = np.where(released, 1e-9, elapsed)
-        begins = (self._state == SwingState.DELAY) & (elapsed >= p.delay)
-        self._enter(begins, SwingState.SWING, time, angle)
-        self.trigger = np.where(begins, time, self.trigger)
-        travelled = angle - self._start
-        stalled = elapsed >= p.stall_factor * p.travel / p.swing_speed
-        over = (travelled >= p.travel) | stalled
-        over = np.where(p.played.plays > 0.0, elapsed >= p.played.time[-1], over)
-        self._enter((before == SwingState.SWING) & over, SwingState.SETTLE, time, angle)
-        self._commands = self._commanded(time)
-
-    def _enter(self, who: np.ndarray, number: SwingState, time: Any, angle: FloatArray) -> None:
-        self._state = np.where(who, int(number), self._state)
-        self._since = np.where(who, time, self._since)
-        self._start = np.where(who, angle, self._start)
-
-    def commands(self) -> FloatArray:
-        """To pitch and roll motor (2, 4, n) since the last tick; no gains without a tail."""
-        return self._commands
-
-    def _commanded(self, time: Any) -> FloatArray:
-        p = self._plans
-        zero = np.zeros_like(self._since)
-        hold = np.stack([-p.hold_angle, zero, p.hold_kp, p.hold_kd])
-        swing = np.stack([zero, p.swing_speed, p.swing_kp, p.swing_kd])
-        settle = np.stack([p.hold_angle, zero, p.settle_kp, p.settle_kd])
-        pitch = np.stack([p.pitch_angle, zero, p.hold_kp, p.hold_kd])
-        swings = self._state == SwingState.SWING
-        settles = self._state == SwingState.SETTLE
-        roll = np.where(swings, swing, np.where(settles, settle, hold))
-        played = p.played
-        playing = (swings | settles) & (played.plays > 0.0)
-        knot = played.at(time - self.trigger + 0.5 / p.rate)
-        followed = np.stack([*knot, played.kp, played.kd])
-        gains = np.stack([p.pitch_angle, zero, played.pitch_kp, played.pitch_kd])
-        pitch = np.where(playing, gains, pitch)
-        roll = np.where(playing, followed, roll)
-        one = 1.0 + zero
-        return np.stack([pitch, roll]) * np.stack([one, one, self._has_tail, self._has_tail])
+    target, speed, kp, kd = tail[1]
+    rate = state[RATES][TAIL_RATE][1]
+    torque: FloatArray = pd_torque(state[7], rate, target, speed, kp, kd)
+    return torque

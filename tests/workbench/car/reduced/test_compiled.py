@@ -2,7 +2,9 @@
 know.
 """
 
+import sys
 from copy import deepcopy
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,12 +13,14 @@ from numpy.testing import assert_allclose
 
 from aerodima.optimisation.swing.feedback_search import gains_of
 from aerodima.workbench import load_scenario
-from aerodima.workbench.car.reduced.compiled import LANES, _attributes, run
-from aerodima.workbench.car.reduced.dynamics import STATES
-from aerodima.workbench.car.reduced.entry_runs import Entering
+from aerodima.workbench.car.reduced.compiled import steps
+from aerodima.workbench.car.reduced.compiled.machine_code import LANES
+from aerodima.workbench.car.reduced.compiled.steps import attributes, run, run_in_numpy
+from aerodima.workbench.car.reduced.entry_runs import EntryRollout
+from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.states import STATES
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
-from aerodima.workbench.car.reduced.turns import Driven, drive_turns
-from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
+from aerodima.workbench.car.reduced.turns import TurnRollout, drive_turns
 from tests.refusals import assert_refused
 
 RNG = np.random.default_rng(5)
@@ -95,16 +99,13 @@ def test_arrays_of_different_cars_are_refused(cars):
     assert_refused(lambda: run(batch, ONCE), ValueError, "cars")
 
 
-def run_in_numpy(batch, ticks, *given, keep=False):
-    """What `run` compiles."""
-    kept = []
-    for tick, *numbers in zip(ticks, *given, strict=True):
-        if tick:
-            batch.tick(*numbers)
-        found = batch.step(*numbers)
-        if keep:
-            kept.append(found)
-    return [np.array(values) for values in zip(*kept, strict=True)]
+def test_without_llvm_a_batch_steps_in_numpy_and_one_line_says_so(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "llvmlite", None)
+    monkeypatch.setattr(steps, "_has_llvm", cache(steps._has_llvm.__wrapped__))
+    for batch in (batch_of(lambda a, b: [a * b], a=ONES, b=2.0 * ONES) for _ in range(2)):
+        assert np.array_equal(run(batch, ONCE, keep=True)[0][0], 2.0 * ONES)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "llvmlite" in line
 
 
 def agree(batch, ticks, *given):
@@ -119,7 +120,7 @@ def agree(batch, ticks, *given):
         run(batch, *now)
         if index % 50 < 6:
             for (found, name), (expected, _) in zip(
-                _attributes(batch, set()), _attributes(twin, set()), strict=True
+                attributes(batch), attributes(twin), strict=True
             ):
                 if isinstance(found[name], np.ndarray):  # not the constants
                     assert_allclose(
@@ -135,14 +136,14 @@ def agree(batch, ticks, *given):
 def test_steps_of_turns():
     """The tails swing, the cars slide or tip, and some have left the turn."""
     scenarios = [load_scenario("turn_designed", words) for words in FRICTIONS]
-    cars = Vehicles.of(scenarios)
-    plans = TurnPlans.of(scenarios)
+    cars = VehicleParams.from_scenarios(scenarios)
+    plans = TurnPlans.from_scenarios(scenarios)
     begun = drive_turns(cars, plans, duration=0.0).last
-    driven = Driven(cars, plans, begun, 0.002)
+    driven = TurnRollout(cars, plans, begun, 0.002)
     index = np.arange(600)
     agree(driven, index % 5 == 0, 0.002 * index)
-    assert np.isfinite(driven.law.trigger).all()
-    assert np.isfinite(driven.record.exits(0.002)["course"]).any()
+    assert np.isfinite(driven.trigger).all()
+    assert np.isfinite(driven.results()["course"]).any()
 
 
 DRIVERS = {
@@ -165,10 +166,10 @@ def test_steps_of_entries(manoeuvre):
         "manoeuvre.turn_start=2",
     )
     scenarios = [load_scenario("turn_designed", (*settings, *words)) for settings in FRICTIONS]
-    cars = Vehicles.of(scenarios)
+    cars = VehicleParams.from_scenarios(scenarios)
     cars.speed[:] = np.linspace(3.0, 6.0, cars.count)
     driven = scenarios[0].varied(manoeuvre=DRIVERS[manoeuvre])
-    entering = Entering(cars, driven, gains_of([{}] * cars.count, driven), np.ones(4))
+    entering = EntryRollout(cars, driven, gains_of([{}] * cars.count, driven), np.ones(4))
     index = np.arange(500)
     agree(
         entering,

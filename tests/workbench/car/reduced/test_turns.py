@@ -10,13 +10,15 @@ import pytest
 from aerodima.optimisation.studies.rollover_threshold import FRICTION, Search
 from aerodima.optimisation.swing.motion_search import steered_swing
 from aerodima.workbench import Observation, UserError, load_scenario, metrics_of, simulate
-from aerodima.workbench.car.reduced.dynamics import STATES
-from aerodima.workbench.car.reduced.turn_plans import PlayedRoll, TurnPlans
-from aerodima.workbench.car.reduced.turns import BatchLaw, drive_turns
-from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
+from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.states import STATES
+from aerodima.workbench.car.reduced.turn_plans import TurnPlans
+from aerodima.workbench.car.reduced.turns import TurnRollout, drive_turns
 from aerodima.workbench.car.turn_course import turn_course
-from aerodima.workbench.control.swing_law import SwingLaw, SwingSettings
-from aerodima.workbench.control.swing_player import SwingPlayer
+from aerodima.workbench.control.manoeuvre import make_schedule, pulse_angle, wheel_angle
+from aerodima.workbench.control.swing_law import SwingSettings
+from aerodima.workbench.control.swing_machine import SwingLaw
+from aerodima.workbench.control.swing_player import RollTrajectory, SwingPlayer
 from tests.optimisation.screening_gate import screened_friction
 from tests.refusals import assert_refused
 
@@ -30,20 +32,21 @@ def test_the_law_commands_what_the_one_on_the_car_does(changes):
     """
     scenario = load_scenario("turn_designed", changes)
     own = SwingLaw(SwingSettings.from_scenario(scenario))
-    batch = BatchLaw(TurnPlans.of([scenario]), Vehicles.of([scenario]), np.zeros(1))
+    cars = VehicleParams.from_scenarios([scenario])
+    state = np.zeros((len(STATES), 1))
+    batch = TurnRollout(cars, TurnPlans.from_scenarios([scenario]), state, 0.002)
     memory = own.start()
     seen = 0.0
     for tick in range(200):
         time = 0.01 * tick
         yaw_rate = 3.0 * max(0.0, time - 0.2)
         angle = min(-1.57 + 7.0 * max(0.0, time - 0.6), 1.45)
-        state = np.zeros((len(STATES), 1))
         state[STATES.index("tail_roll")] = angle
         state[STATES.index("w_z")] = yaw_rate
-        batch.tick(time, state)
+        batch.tick(time)
         memory, pitch, roll, _ = own.step(memory, Observation(time, seen, angle, 0.0, 1.0, True))
         seen = yaw_rate  # of the IMU, one tick late
-        assert batch.commands()[:, :, 0] == pytest.approx(np.array([pitch[:4], roll[:4]])), time
+        assert batch._tail[:, :, 0] == pytest.approx(np.array([pitch[:4], roll[:4]])), time
 
 
 def test_critical_friction_is_that_of_the_full_car():
@@ -51,9 +54,7 @@ def test_critical_friction_is_that_of_the_full_car():
     full = {"none": 0.5375, "held": 0.4875, "swing": 0.8875}
     scenarios = [load_scenario("turn_designed", (f"tail.mode={mode}",)) for mode in full]
     found = screened_friction(scenarios, Search(FRICTION, 0.4, 1.0, 0.1, 0.0125))
-    assert [each.survived for each in found] == pytest.approx(
-        list(full.values()), rel=0.05
-    )  # screening/README.md
+    assert [each.survived for each in found] == pytest.approx(list(full.values()), rel=0.05)
 
 
 @pytest.mark.slow
@@ -69,8 +70,8 @@ def test_course_of_a_turn_is_that_of_the_full_car():
     )
     scenario = load_scenario("turn_designed", settings)
     full = turn_course(simulate(scenario, record="outcome"))
-    cars = Vehicles.of([scenario])
-    plans = TurnPlans.of([scenario])
+    cars = VehicleParams.from_scenarios([scenario])
+    plans = TurnPlans.from_scenarios([scenario])
     whole = drive_turns(cars, plans, duration=0.7, history=True)
     again = drive_turns(cars, plans, duration=0.7, begun=whole.history[999])
     assert np.degrees(whole.course[0]) == pytest.approx(np.degrees(full.course_change_rad), abs=1.0)
@@ -87,18 +88,20 @@ def test_heading_is_that_of_the_full_car_once_it_has_settled():
     """
     scenario = load_scenario("turn_designed", ("car.tyre_friction=0.5",))
     full = np.degrees(metrics_of(simulate(scenario, record="outcome")).heading_change_rad)
-    turns = drive_turns(Vehicles.of([scenario]), TurnPlans.of([scenario]), history=True)
+    turns = drive_turns(
+        VehicleParams.from_scenarios([scenario]), TurnPlans.from_scenarios([scenario]), history=True
+    )
     yaw = np.degrees(turns.history[:, STATES.index("yaw"), 0])
     assert np.degrees(turns.heading[0]) == pytest.approx(full, abs=0.5)
     assert yaw[-1] - yaw[999] < full - 1.0
 
 
 def of_cars(name, *settings):
-    return Vehicles.of([load_scenario(name, settings)])
+    return VehicleParams.from_scenarios([load_scenario(name, settings)])
 
 
 def of_plans(name, *settings):
-    return TurnPlans.of([load_scenario(name), load_scenario(name, settings)])
+    return TurnPlans.from_scenarios([load_scenario(name), load_scenario(name, settings)])
 
 
 @pytest.mark.parametrize(
@@ -142,21 +145,17 @@ def plans_of(scenario, swing):
     """Of a car that plays a swing file, which the steering releases in a turn to the left."""
     (phase,) = swing.gains.phases
     threshold = swing.trigger.threshold_rad
-    plans = TurnPlans.of([scenario.varied(controller={"swing_file": "none"})])
+    plans = TurnPlans.from_scenarios([scenario.varied(controller={"swing_file": "none"})])
     knots = [
         values[:, None] for values in (np.array(swing.knots.time_s), *swing.knots.states("roll"))
     ]
     gains = [
         np.array([gain]) for joint in (phase.roll, phase.pitch) for gain in (joint.kp, joint.kd)
     ]
-    numbers = {
-        "trigger_yaw_rate": np.inf,
-        "trigger_steering": threshold,
-        "delay": 0.0,
-    }
-    numbers |= {"hold_kp": swing.gains.hold.kp, "hold_kd": swing.gains.hold.kd}
-    numbers = {name: np.array([value]) for name, value in numbers.items()}
-    return replace(plans, **numbers, played=PlayedRoll(np.ones(1), *knots, *gains))
+    law = {"by_steering": 1.0, "threshold": threshold, "delay": 0.0}
+    law |= {"hold_kp": swing.gains.hold.kp, "hold_kd": swing.gains.hold.kd}
+    varied = plans.varied(law={name: np.array([value]) for name, value in law.items()})
+    return replace(varied, knots=RollTrajectory(np.ones(1), *knots, *gains))
 
 
 @pytest.mark.slow
@@ -172,10 +171,10 @@ def test_two_levels_and_a_played_swing_take_the_car_where_the_full_car_goes():
     swing = played()
     player = SwingPlayer.from_scenario(swing, tailed)
     for scenario, plans, law in (
-        (tailless, TurnPlans.of([tailless]), None),
+        (tailless, TurnPlans.from_scenarios([tailless]), None),
         (tailed, plans_of(tailed, swing), player),
     ):
-        reduced = drive_turns(Vehicles.of([scenario]), plans, duration=1.2)
+        reduced = drive_turns(VehicleParams.from_scenarios([scenario]), plans, duration=1.2)
         run = simulate(
             scenario.varied(controller={"swing_file": "none"}), record="outcome", law=law
         )
@@ -196,15 +195,9 @@ def test_the_wheels_follow_two_levels_at_the_rate_of_the_servo():
         "manoeuvre.first_hold=0.2",
         "servo.rate=2.0",
     )
-    plans = TurnPlans.of([load_scenario("turn_none", words)])
+    schedule = make_schedule(load_scenario("turn_none", words))
     times = (-0.1, 0.1, 0.2, 0.25, 0.4, 0.52, 0.6)
-    assert [float(plans.steering(time)[0]) for time in times] == pytest.approx(
-        [0, 0.2, 0.4, 0.3, 0.1, 0.06, 0]
-    )
-    assert plans.straight[0] == pytest.approx(0.55)
-    assert [float(plans.commanded(time)[0]) for time in (-0.01, 0.0, 0.2, 0.5)] == [
-        0.0,
-        0.4,
-        0.1,
-        0.0,
-    ]
+    angles = [0, 0.2, 0.4, 0.3, 0.1, 0.06, 0]
+    assert [wheel_angle(schedule, 2.0, time) for time in times] == pytest.approx(angles)
+    assert wheel_angle(schedule, 2.0, np.array(times)) == pytest.approx(angles)
+    assert list(pulse_angle(schedule, np.array([-0.01, 0.0, 0.2, 0.5]))) == [0.0, 0.4, 0.1, 0.0]

@@ -4,6 +4,7 @@ fitted, nothing typed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -19,7 +20,6 @@ from aerodima.workbench.car.car_model import (
     EDGE_HALF_WIDTH,
     axle_statics,
     rolling_torques,
-    slip_speed,
     unsprung_mass,
     wheel_rates,
 )
@@ -27,23 +27,25 @@ from aerodima.workbench.car.car_plant import add_car_plant
 from aerodima.workbench.car.chassis_actuators import shaft_gain
 from aerodima.workbench.car.tail_plant import SAIL_TIP_MARGIN
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.elementwise import maximum
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.scenario import Scenario
-from aerodima.workbench.scenario.signal_table import AXLES, SIDES
+from aerodima.workbench.scenario.signal_table import AXLES
 
-SLIDING = 0.01
+MIN_REGULARISATION_SPEED = 0.01
 """Least slip over which friction is spread, m/s."""
-WHEELS = tuple((axle, side) for axle in AXLES for side in SIDES)
-"""Front left, front right, rear left, rear right."""
+FAR_UP = 10.0
+"""Height of a board that is not there, m."""
 
 
 @dataclass(frozen=True)
-class Vehicles:
+class VehicleParams:
     """Numbers of n cars; SI units. The last axis of every field is the car.
 
     Attributes:
         speed: m/s, of the straight before the turn.
-        friction: of the tyres; `slip_speed` over which it is spread, m/s.
+        friction: of the tyres; `slip_speed` over which it is spread, m/s: see `regularised_slip`,
+            for which `slip_angle_scale` is.
         gravity: m/s2; `air_density` kg/m3.
         mass: of all that does not move with the tail, kg.
         centre: its centre of mass in B (3, n), m; `inertia` about the origin of B (3, 3, n), kg m2.
@@ -77,6 +79,7 @@ class Vehicles:
     speed: FloatArray
     friction: FloatArray
     slip_speed: FloatArray
+    slip_angle_scale: FloatArray
     gravity: FloatArray
     air_density: FloatArray
     mass: FloatArray
@@ -125,12 +128,12 @@ class Vehicles:
 
     @property
     def count(self) -> int:
-        """Number of cars."""
+        """Returns the number of cars."""
         return len(self.mass)
 
     @classmethod
-    def of(cls, scenarios: Sequence[Scenario]) -> Vehicles:
-        """The cars of scenarios.
+    def from_scenarios(cls, scenarios: Sequence[Scenario]) -> VehicleParams:
+        """Reads the cars of scenarios.
 
         Raises:
             UserError: a scenario has what the model does not know (free sail, added mass, wind,
@@ -147,8 +150,8 @@ class Vehicles:
             )
             if key not in bodies:
                 bodies[key] = _bodies(scenario)
-            found = _car(scenario) | _tail(scenario) | bodies[key]
-            numbers.append({name: np.array(value, float) for name, value in found.items()})
+            values = _car(scenario) | _tail(scenario) | bodies[key]
+            numbers.append({name: np.array(value, float) for name, value in values.items()})
         return cls(
             **{
                 field.name: np.stack([n[field.name] for n in numbers], axis=-1)
@@ -156,59 +159,83 @@ class Vehicles:
             }
         )
 
-    def take(self, places: Any) -> Vehicles:
-        """Cars at these places, again and again if asked."""
-        return Vehicles(
-            **{field.name: getattr(self, field.name)[..., places] for field in fields(self)}
-        )
+    def take(self, places: Any) -> VehicleParams:
+        """Returns the cars at these places, again and again if asked."""
+        return take(self, places)
+
+
+def take(batch: Any, places: Any) -> Any:
+    """Returns a batch with the cars at these places, and all of which it consists."""
+    if isinstance(batch, np.ndarray):
+        return batch[..., places]
+    return type(batch)(**{name: take(value, places) for name, value in vars(batch).items()})
+
+
+def regularised_slip(slip_angle_scale: Any, speed: Any) -> Any:
+    """Returns the slip (m/s) over which the friction of tyres is spread at a speed, m/s.
+
+    Args:
+        slip_angle_scale: tangent of the slip angle over which it is spread; 0 for rigid tyres.
+        speed: of the run, m/s.
+    """
+    return maximum(MIN_REGULARISATION_SPEED, slip_angle_scale * speed)
 
 
 def _car(scenario: Scenario) -> dict[str, Any]:
     car = scenario.car
     drive = scenario.drive
     gravity = scenario.environment.gravity
-    statics = {axle: axle_statics(car, gravity, axle) for axle in AXLES}
-    rates = {axle: wheel_rates(car, axle) for axle in AXLES}
-    unsprung = {axle: unsprung_mass(car, axle) for axle in AXLES}
-    stiffness = {"front": car.tyre_stiffness_front, "rear": car.tyre_stiffness_rear}
+    front, rear = (axle_statics(car, gravity, axle) for axle in AXLES)
+    spring, damper = zip(*(wheel_rates(car, axle) for axle in AXLES), strict=True)
+    rolling = rolling_torques(car, gravity)
+    half_track = 0.5 * car.track
     ellipsoid = car.tyre_shape == "ellipsoid"
     board_x = car.board_x + car.board_thickness / 2
     board_y = car.board_width / 2 - car.board_thickness / 2
-    low = car.board_height if car.board else 10.0
+    low = car.board_height if car.board else FAR_UP
+    slip_angle_scale = math.tan(car.tyre_slip_angle)
     return {
         "speed": scenario.manoeuvre.speed,
         "friction": car.tyre_friction,
-        "slip_speed": max(SLIDING, slip_speed(car, scenario.manoeuvre.speed)),
+        "slip_speed": regularised_slip(slip_angle_scale, scenario.manoeuvre.speed),
+        "slip_angle_scale": slip_angle_scale,
         "gravity": gravity,
         "air_density": scenario.environment.air_density,
         "com_x": car.com_x,
         "wheel": [
-            [car.wheelbase * (axle == "front") for axle, _ in WHEELS],
-            [(0.5 if side == "left" else -0.5) * car.track for _, side in WHEELS],
-            [statics[axle].wheel_height for axle, _ in WHEELS],
+            _both_sides(car.wheelbase, 0.0),
+            [half_track, -half_track] * 2,
+            _both_sides(front.wheel_height, rear.wheel_height),
         ],
         "tyre_radius": car.tyre_radius,
         "tyre_half_width": car.tyre_width / 2 if ellipsoid else EDGE_HALF_WIDTH,
         "edge": 0.0 if ellipsoid else car.tyre_width / 2 - EDGE_HALF_WIDTH,
-        "tyre_stiffness": [stiffness[axle] / 2 for axle, _ in WHEELS],
+        "tyre_stiffness": _both_sides(car.tyre_stiffness_front / 2, car.tyre_stiffness_rear / 2),
         "tyre_dissipation": car.tyre_dissipation,
-        "spring": [rates[axle][0] for axle, _ in WHEELS],
-        "damper": [rates[axle][1] for axle, _ in WHEELS],
-        "preload": [-rates[axle][0] * statics[axle].spring_reference for axle, _ in WHEELS],
-        "unsprung": [unsprung[axle] for axle, _ in WHEELS],
-        "rolling": [rolling_torques(car, gravity)[axle] for axle, _ in WHEELS],
+        "spring": _both_sides(*spring),
+        "damper": _both_sides(*damper),
+        "preload": _both_sides(
+            -spring[0] * front.spring_reference, -spring[1] * rear.spring_reference
+        ),
+        "unsprung": _both_sides(*(unsprung_mass(car, axle) for axle in AXLES)),
+        "rolling": _both_sides(rolling["front"], rolling["rear"]),
         "wheel_inertia": 0.5 * car.wheel_mass * car.tyre_radius**2,
         "shaft_inertia": drive.rotor_inertia,
         "shaft_gain": shaft_gain(drive, car),
         "shaft_limit": drive.torque_limit,
-        "rolling_radius": statics["rear"].wheel_height,
+        "rolling_radius": rear.wheel_height,
         "board_friction": car.cage_friction,
         "board": [(board_x, board_x), (board_y, -board_y), (low, low)],
     }
 
 
+def _both_sides(front: float, rear: float) -> list[float]:
+    """Returns the numbers of the four wheels of two axles."""
+    return [front, front, rear, rear]
+
+
 def _bodies(scenario: Scenario) -> dict[str, Any]:
-    """Mass properties of car and arm, from the full car."""
+    """Returns mass properties of car and arm, from the full car."""
     built = add_car_plant(DiagramBuilder(), scenario, drawn=False)
     plant = built.plant
     context = built.plant.CreateDefaultContext()
@@ -216,29 +243,23 @@ def _bodies(scenario: Scenario) -> dict[str, Any]:
     def inertia_of(frame: str, bodies: list[Any]) -> SpatialInertia:
         return plant.CalcSpatialInertia(context, plant.GetBodyByName(frame).body_frame(), bodies)
 
+    def indices(*names: str) -> list[Any]:
+        return [plant.GetBodyByName(name).index() for name in names]
+
     bodies = list(plant.GetBodyIndices(built.car))
-    if built.tail is None:
-        arm = {
-            "tail_mass": 0.0,
-            "tail_centre": 0.0,
-            "tail_inertia": np.zeros(3),
-            "hub_inertia": 0.0,
-        }
-    else:
+    arm = {"tail_mass": 0.0, "tail_centre": 0.0, "tail_inertia": np.zeros(3), "hub_inertia": 0.0}
+    if built.tail is not None:
         for name in ("tail_roll", "tail_pitch"):
             joint: Any = plant.GetJointByName(name)
             joint.set_angle(context, 0.0)
-        bodies += [plant.GetBodyByName(name).index() for name in ("tail_anchor", "tail_hub")]
-        M_TTo_T = inertia_of(
-            "tail_rod", [plant.GetBodyByName(name).index() for name in ("tail_rod", "tail_sail")]
-        )
+        bodies += indices("tail_anchor", "tail_hub")
+        M_TTo_T = inertia_of("tail_rod", indices("tail_rod", "tail_sail"))
+        hub = plant.GetBodyByName("tail_hub").default_rotational_inertia()
         arm = {
             "tail_mass": M_TTo_T.get_mass(),
             "tail_centre": M_TTo_T.get_com()[2],
             "tail_inertia": M_TTo_T.CalcRotationalInertia().get_moments(),
-            "hub_inertia": plant.GetBodyByName("tail_hub")
-            .default_rotational_inertia()
-            .get_moments()[1],
+            "hub_inertia": hub.get_moments()[1],
         }
     M_BBo_B = inertia_of("chassis", bodies)
     inertia = M_BBo_B.CalcRotationalInertia().CopyToFullMatrix3()
@@ -280,22 +301,22 @@ def _coefficients(law: object) -> tuple[float, float]:
         return _coefficients(law.normal)[0], _coefficients(law.side)[0]
     if isinstance(law, NormalForceLaw) and not callable(law.coefficient):
         return float(law.coefficient), 0.0
-    raise UserError("tail.coefficients: the screening model knows constants of a normal-force law")
+    raise UserError("tail.coefficients: the reduced car knows constants of a normal-force law")
 
 
 def _refuse_unknown(scenario: Scenario) -> None:
     tail = scenario.tail
     if tail.mode != "none" and tail.sail == "free":
-        raise UserError("tail.sail: 'free'; the screening model knows: facing, locked")
+        raise UserError("tail.sail: 'free'; the reduced car knows: facing, locked")
     if tail.mode != "none" and tail.added_mass != 0.0:
-        raise UserError(f"tail.added_mass: {tail.added_mass:g} kg; the screening model knows: 0 kg")
+        raise UserError(f"tail.added_mass: {tail.added_mass:g} kg; the reduced car knows: 0 kg")
     if not scenario.wind.is_still:
-        raise UserError("wind: blows in this scenario; the screening model knows still air")
+        raise UserError("wind: blows in this scenario; the reduced car knows still air")
     if scenario.servo.linkage != "parallel":
         raise UserError(
-            f"servo.linkage: {scenario.servo.linkage!r}; the screening model knows: parallel"
+            f"servo.linkage: {scenario.servo.linkage!r}; the reduced car knows: parallel"
         )
     if scenario.manoeuvre.kind != "turn" or scenario.manoeuvre.direction != "left":
-        raise UserError("manoeuvre: the screening model knows: kind turn, direction left")
+        raise UserError("manoeuvre: the reduced car knows: kind turn, direction left")
     if scenario.manoeuvre.rolling_start or scenario.manoeuvre.turns != 1:
-        raise UserError("manoeuvre: the screening model knows: rolling_start false, turns 1")
+        raise UserError("manoeuvre: the reduced car knows: rolling_start false, turns 1")
