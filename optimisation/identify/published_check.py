@@ -22,10 +22,10 @@ from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
 from aerodima.optimisation.identify.least_squares import Loss, Parameter, Parameters, Problem, huber
 from aerodima.optimisation.identify.least_squares_solvers import solve_formula, solve_rollout
 from aerodima.optimisation.identify.log_rig import with_values
-from aerodima.optimisation.identify.static_fit import StaticBalance
 from aerodima.optimisation.identify.uncertainty import Noise, independent_noise
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.resources import published_rows, published_table
+from aerodima.workbench.rig.pendulum import StaticBalance
 from aerodima.workbench.scenario.rig_scenario import RigScenario, rig_scenario_from_dict
 
 OUTLIER = 0.03
@@ -267,7 +267,7 @@ def _unknown(section: str, key: str) -> Parameter:
 def balances() -> dict[int, StaticBalance]:
     """The held rig with each of the three tails, with the parameters of `models/`."""
     return {
-        tail: StaticBalance.of(
+        tail: StaticBalance.from_scenario(
             rig_scenario_from_dict({"experiment": {"kind": "static", "tail": tail}})
         )
         for tail in _TAILS
@@ -281,7 +281,7 @@ def with_constants(balance: StaticBalance, tail: int, values: dict[str, float]) 
         "tunnel": {"jet_edge_depth": values["jet_edge_depth"]},
         f"tail_{tail}": {key: values[f"tail_{tail}_{key}"] for key in ("com_distance", "gap")},
     }
-    return StaticBalance.of(with_values(balance.scenario, changes))
+    return StaticBalance.from_scenario(with_values(balance.scenario, changes))
 
 
 def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> FloatArray:

@@ -25,10 +25,11 @@ from aerodima.optimisation.identify.log_rig import (
     shifted,
     speed_accuracy,
 )
-from aerodima.optimisation.identify.pendulum import Pendulum, Torque, roll_out, torque_response
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 from aerodima.optimisation.identify.uncertainty import Noise, serial_noise
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.rig.pendulum import PendulumModel, Torque
+from aerodima.workbench.rig.swing_motion import simulate_swing, torque_response
 
 Values = Mapping[str, float]
 TorqueLaw = Callable[[Values], Sequence[Torque]]
@@ -52,9 +53,9 @@ class SwingModel:
     law: Callable[[SwingData], TorqueLaw]
 
     @cached_property
-    def pendulum(self) -> Pendulum:
+    def pendulum(self) -> PendulumModel:
         """Its inertia and weight."""
-        return Pendulum.of(self.data.scenario)
+        return PendulumModel.from_scenario(self.data.scenario)
 
     @cached_property
     def torques(self) -> TorqueLaw:
@@ -64,7 +65,7 @@ class SwingModel:
     def motion(self, values: Values, count: int | None = None) -> tuple[FloatArray, FloatArray]:
         """Angles (rad), rates (rad/s) on the data's grid, or its first `count` times (n each)."""
         data = self.data
-        return roll_out(
+        return simulate_swing(
             self.pendulum,
             self.torques(values),
             (values["start_angle"], values["start_rate"]),

@@ -39,9 +39,8 @@ from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, FrictionLaw, smo
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import add_and_connect, declare_spatial_forces, vector_of
 from aerodima.workbench.core.system_lifetime import weak_callback
-from aerodima.workbench.rig.rig_layout import bar_layout, tail_layout
+from aerodima.workbench.rig.rig_layout import bar_layout, rig_jet, rig_law, tail_layout
 from aerodima.workbench.rig.rig_model import cheetah_rig_sdf, robot_rig_sdf
-from aerodima.workbench.rig.rig_motion import rig_jet, rig_law
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 
@@ -122,7 +121,7 @@ def add_rig_plant(
 
 def _add_torques(builder: DiagramBuilder, plant: MultibodyPlant, scenario: RigScenario) -> Adder:
     """Friction and an open input for the motor, added into the actuation."""
-    settings = scenario.robot_friction if scenario.is_robot else scenario.friction
+    settings = scenario.joint_friction
     law = smooth_friction(settings.coulomb, settings.viscous, settings.tanh_gain)
     friction = add_and_connect(
         builder, JointFriction(law), "friction", joint_state=plant.get_state_output_port()

@@ -31,7 +31,7 @@ from aerodima.workbench.core.port_contract import add_status, export_interface, 
 from aerodima.workbench.core.port_wiring import PortSlice, add_and_connect, concatenate, vector_of
 from aerodima.workbench.core.system_lifetime import weak_callback
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
-from aerodima.workbench.rig.rig_motion import rig_law
+from aerodima.workbench.rig.rig_layout import rig_law
 from aerodima.workbench.rig.rig_plant import Rig, add_rig_plant
 from aerodima.workbench.rig.rig_sensors import (
     RigEncoder,
@@ -129,7 +129,7 @@ def known_truth(scenario: RigScenario) -> dict[str, float]:
         return {"cd": drag, "cl": lift, "psi3": scenario.tunnel.psi3}
     if experiment.kind == "swing":
         return {"added_mass": aero.added_mass}
-    friction = scenario.robot_friction if scenario.is_robot else scenario.friction
+    friction = scenario.joint_friction
     return {"coulomb": friction.coulomb, "viscous": friction.viscous}
 
 

@@ -375,6 +375,11 @@ class RigScenario(ScenarioFile):
         return tails[self.experiment.tail - 1]
 
     @property
+    def joint_friction(self) -> FrictionParameters:
+        """Friction of the swinging joint: of the bar's, or of the robot's motor."""
+        return self.robot_friction if self.is_robot else self.friction
+
+    @property
     def count_angle(self) -> float:
         """Angle of one count of the encoder at the output, rad: 2 pi / (512 x 4 x 26) = 1.180e-4
         (ERRATA E19).
