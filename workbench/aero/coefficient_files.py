@@ -21,7 +21,7 @@ from aerodima.workbench.aero.laws import (
     SpeedTable,
     TwoSidedLaw,
 )
-from aerodima.workbench.aero.polar_law import LEAST_DRAG, PolarLaw, RegularTable
+from aerodima.workbench.aero.polar_law import MIN_DRAG, PolarLaw, RegularTable
 from aerodima.workbench.core.checked_files import (
     StrictModel,
     checked,
@@ -81,7 +81,7 @@ class PolarNode(StrictModel):
 
     speed_m_per_s: Annotated[Number, Field(ge=0)]
     angle_rad: Annotated[Number, Field(ge=0)]
-    cd: Annotated[Number, AfterValidator(partial(_refuse_gain, least=LEAST_DRAG))]
+    cd: Annotated[Number, AfterValidator(partial(_refuse_gain, least=MIN_DRAG))]
     cl: Number
     status: Literal["measured", "seed"]
 

@@ -12,7 +12,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, System
 
-from aerodima.workbench.aero.tail_force import SectionWatch
+from aerodima.workbench.aero.section_watch import SectionWatch
 from aerodima.workbench.car.car_model import axle_statics
 from aerodima.workbench.car.car_station import (
     InterfaceFactory,
