@@ -1,6 +1,7 @@
 """What `aerodima.optimisation` promises; the modules behind it may move."""
 
 from .identify.fit_figures import plot_curves as plot_curves
+from .identify.fit_options import FitOptions as FitOptions
 from .identify.fit_pipeline import fit as fit
 from .identify.fit_report import format_estimate as format_estimate
 from .identify.least_squares import Parameter as Parameter
@@ -8,7 +9,6 @@ from .identify.least_squares import Parameters as Parameters
 from .identify.least_squares import Problem as Problem
 from .identify.least_squares_solvers import solve_formula as solve_formula
 from .identify.least_squares_solvers import solve_rollout as solve_rollout
-from .identify.log_rig import FitOptions as FitOptions
 from .identify.static_fit import fit_static_log as fit_static_log
 from .identify.swing_coefficients import fit_added_mass_log as fit_added_mass_log
 from .identify.swing_coefficients import fit_friction_log as fit_friction_log

@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from aerodima.optimisation.identify.car_log import CarDrive, car_drive
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.fit_pipeline import FitResult, result_of
 from aerodima.optimisation.identify.least_squares import (
     Attempt,
@@ -32,7 +33,6 @@ from aerodima.optimisation.identify.least_squares import (
     Solution,
 )
 from aerodima.optimisation.identify.least_squares_solvers import bounded_step, triangle
-from aerodima.optimisation.identify.log_rig import FREE, FitOptions
 from aerodima.optimisation.identify.uncertainty import Noise, serial_noise, uncertainty
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError

@@ -21,7 +21,7 @@ from aerodima.optimisation.identify.coefficient_averages import averages
 from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
 from aerodima.optimisation.identify.least_squares import Loss, Parameter, Parameters, Problem, huber
 from aerodima.optimisation.identify.least_squares_solvers import solve_formula, solve_rollout
-from aerodima.optimisation.identify.log_rig import with_values
+from aerodima.optimisation.identify.rig_constants import with_values
 from aerodima.optimisation.identify.uncertainty import Noise, independent_noise
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.resources import published_rows, published_table

@@ -16,18 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.fit_pipeline import FitResult, UncertainRig, fit
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
 from aerodima.optimisation.identify.least_squares_solvers import solve_formula
-from aerodima.optimisation.identify.log_rig import (
-    BIASES,
-    FREE,
-    FitOptions,
-    accuracies,
-    differences,
-    shifted,
-    speed_accuracy,
-)
+from aerodima.optimisation.identify.log_rig import differences
+from aerodima.optimisation.identify.rig_constants import BIASES, accuracies, shifted, speed_accuracy
 from aerodima.optimisation.identify.static_log import REACTIONS, StaticData, static_data
 from aerodima.optimisation.identify.uncertainty import Noise
 from aerodima.workbench.core.array_types import FloatArray

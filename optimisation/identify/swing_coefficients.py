@@ -16,9 +16,9 @@ from typing import Literal
 
 import numpy as np
 
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter
-from aerodima.optimisation.identify.log_rig import FREE, FitOptions
 from aerodima.optimisation.identify.swing_fit import SwingModel, TorqueLaw, Values
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
 from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable

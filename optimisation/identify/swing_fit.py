@@ -15,16 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.fit_pipeline import FitResult, UncertainRig, fit
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
 from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
-from aerodima.optimisation.identify.log_rig import (
-    FREE,
-    FitOptions,
-    differences,
-    shifted,
-    speed_accuracy,
-)
+from aerodima.optimisation.identify.log_rig import differences
+from aerodima.optimisation.identify.rig_constants import shifted, speed_accuracy
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 from aerodima.optimisation.identify.uncertainty import Noise, serial_noise
 from aerodima.workbench.core.array_types import FloatArray

@@ -11,17 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.least_squares import Parameter
-from aerodima.optimisation.identify.log_rig import (
-    CURRENT,
-    FREE,
-    FitOptions,
-    checked_angle,
-    constant_parameters,
-    is_ours,
-    named,
-    rig_of,
-)
+from aerodima.optimisation.identify.log_rig import CURRENT, checked_angle, is_ours, named, rig_of
+from aerodima.optimisation.identify.rig_constants import constant_parameters
 from aerodima.optimisation.identify.static_log import CURRENT_MARGIN
 from aerodima.workbench.car.car_sensors import MotorReply
 from aerodima.workbench.core.array_types import FloatArray, IntArray
@@ -33,9 +26,9 @@ from aerodima.workbench.scenario.rig_scenario import RigScenario
 CURRENT_SAMPLING = "current_sampling"
 """Key in a log's `extra`: whether a sample of the current is its value then or its mean since the
 sample before."""
-LARGEST_STEP = 0.004
+MAX_STEP = 0.004
 """Step of the rollouts, s."""
-LEAST_SAMPLES = 50
+MIN_SAMPLES = 50
 """Fewest samples of a swing that are fitted."""
 _COUNTS_MOVED = 20
 """Steps of the angle's reading beyond which the tail has moved."""
@@ -46,7 +39,7 @@ _DWELL_STEPS = 2.5
 """In steps of the reading."""
 _WHOLE = 0.01
 """Readings this near to whole steps are counts: a log may have been through degrees and text."""
-_LONGEST_SAMPLING = 0.05
+_MAX_SAMPLING = 0.05
 """Samples further apart than this show no swing of about a second, s."""
 
 
@@ -184,21 +177,21 @@ def swing_data(
 def _swing_data(
     log: RunLog, kind: str, longest: float, name: str, options: FitOptions
 ) -> SwingData:
-    time, angle = checked_angle(log, kind, LEAST_SAMPLES)
+    time, angle = checked_angle(log, kind, MIN_SAMPLES)
     scenario = rig_of(log, kind, options)
     sampling = float(np.median(np.diff(time)))
-    if sampling > _LONGEST_SAMPLING:
+    if sampling > _MAX_SAMPLING:
         raise FitError(
-            f"the samples stand {sampling:g} s apart, a swing needs at most {_LONGEST_SAMPLING:g} "
+            f"the samples stand {sampling:g} s apart, a swing needs at most {_MAX_SAMPLING:g} "
             "s; is the time in ms?"
         )
     first = _release(time, angle, scenario, log)
-    stride = max(1, round(LARGEST_STEP / sampling))
+    stride = max(1, round(MAX_STEP / sampling))
     last = int(np.searchsorted(time, time[first] + longest, side="right"))
     picked = np.arange(first, last, stride)
-    if len(picked) < LEAST_SAMPLES:
+    if len(picked) < MIN_SAMPLES:
         raise FitError(
-            f"only {len(picked)} samples of the motion; at least {LEAST_SAMPLES} are needed"
+            f"only {len(picked)} samples of the motion; at least {MIN_SAMPLES} are needed"
         )
     step = reading_step(scenario)
     readings = angle[picked]
@@ -280,7 +273,7 @@ def _end_of_motion(angle: FloatArray, step: float, sampling: float) -> int:
     window = max(round(_DWELL / sampling), 1)
     moving = np.flatnonzero(np.abs(angle[window:] - angle[:-window]) > _DWELL_STEPS * step)
     end = int(moving[-1]) + window + 1 if moving.size else len(angle)
-    return max(end, LEAST_SAMPLES)
+    return max(end, MIN_SAMPLES)
 
 
 def _current(

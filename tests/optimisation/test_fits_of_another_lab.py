@@ -12,7 +12,7 @@ import yaml
 from scipy.signal import butter, sosfiltfilt
 from typer.testing import CliRunner
 
-from aerodima.optimisation.identify.log_rig import FitOptions
+from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.optimisation.identify.swing_coefficients import (

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from aerodima.optimisation.identify.log_rig import with_values
 from aerodima.optimisation.identify.published_check import (
     balances,
     constants_parameters,
@@ -9,6 +8,7 @@ from aerodima.optimisation.identify.published_check import (
     predicted_currents,
     static_rows,
 )
+from aerodima.optimisation.identify.rig_constants import with_values
 from aerodima.workbench.rig.pendulum import StaticBalance
 
 

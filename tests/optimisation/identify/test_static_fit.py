@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from aerodima.optimisation.identify.log_rig import FitOptions
+from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.static_fit import (
     StaticResidual,
     fit_static,

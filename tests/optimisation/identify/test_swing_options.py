@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.least_squares import (
     Attempt,
     Parameter,
@@ -12,7 +13,6 @@ from aerodima.optimisation.identify.least_squares import (
     Problem,
     solve,
 )
-from aerodima.optimisation.identify.log_rig import FitOptions
 from aerodima.optimisation.identify.swing_coefficients import (
     added_mass_parameter,
     fit_added_mass,
