@@ -17,7 +17,7 @@ from aerodima.workbench.rig.pendulum import (
     friction_torque,
 )
 from aerodima.workbench.rig.rig_plant import Rig, add_rig_plant
-from aerodima.workbench.rig.rig_station import simulate_static_log
+from aerodima.workbench.rig.static_hold import simulate_static_log
 from aerodima.workbench.rig.swing_motion import simulate_swing
 from aerodima.workbench.scenario.rig_scenario import RigScenario, load_rig_scenario
 from tests.benchmarks.rows import BenchRow

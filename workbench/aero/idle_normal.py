@@ -30,7 +30,10 @@ def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -
     motion = _section_motion(plant, body, layout)
     moved = float(np.max(np.linalg.norm(motion, axis=0), initial=0.0))
     normal = np.asarray(layout.normal_B)
-    if moved == 0.0 or float(np.max(np.abs(normal @ motion))) > _ALONG * moved:
+    if moved == 0.0:
+        return ""
+    along_normal = np.abs(normal @ motion)
+    if float(np.max(along_normal)) > _ALONG * moved:
         return ""
     axis = np.asarray(layout.axis_B)
     across = motion - np.outer(axis, axis @ motion)
@@ -46,11 +49,10 @@ def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -
 
 def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> np.ndarray:
     """Velocities of section centres in B per unit rate of each joint, in several poses (3, n)."""
-    moving = [
-        joint.velocity_start() + k
-        for joint in joints_of(plant)
-        for k in range(joint.num_velocities())
-    ]
+    moving: list[int] = []
+    for joint in joints_of(plant):
+        start = joint.velocity_start()
+        moving += range(start, start + joint.num_velocities())
     frame = body.body_frame()
     centres = layout.p_BoSi_B.T
     found = [np.zeros((3, 0))]

@@ -5,8 +5,7 @@ Frame W: origin at the force sensor's point, z up, x along the motor axis, wind 
 angle is 0 hanging and positive downstream: a revolute joint about -x (design section 4).
 
 The plant is continuous: its acceleration and its six reactions are those of the equations of motion
-at any state and torque. A discrete plant has reactions only after a step; README.md beside this
-file has the figures.
+at any state and torque. A discrete plant has reactions only after a step.
 """
 
 import math

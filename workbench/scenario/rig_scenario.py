@@ -25,24 +25,32 @@ from aerodima.workbench.scenario.scenario import Scenario, ScenarioFile
 
 WRENCH_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Order of forces and torques."""
+_COM = quantity("m", "centre of mass in W", ge=-1, le=1)
+_PIVOT = quantity("m", "pivot from the mount's centre of mass", ge=-1, le=1)
+_MOMENT = quantity("kg m2", "about the centre of mass, W axes", gt=0, le=10)
+_PRODUCT = quantity("kg m2", "element of the inertia matrix", ge=-10, le=10)
+_FORCE_OFFSET = quantity("N", "to add to a reading", ge=-1000, le=1000)
+_TORQUE_OFFSET = quantity("N m", "to add to a reading", ge=-100, le=100)
+_FORCE_BIAS = quantity("N", "standard deviation of the constant bias of a log", ge=0, le=1000)
+_TORQUE_BIAS = quantity("N m", "standard deviation of the constant bias of a log", ge=0, le=100)
 
 
 class MountParameters(QuantityModel):
     """Mounting structure between force sensor and motor axis (thesis Tables 4.5 and 4.6)."""
 
     mass: float = quantity("kg", "mounting structure with the motor", gt=0, le=50)
-    com_x: float = quantity("m", "centre of mass in W", ge=-1, le=1)
-    com_y: float = quantity("m", "centre of mass in W", ge=-1, le=1)
-    com_z: float = quantity("m", "centre of mass in W", ge=-1, le=1)
-    inertia_xx: float = quantity("kg m2", "about the centre of mass, W axes", gt=0, le=10)
-    inertia_yy: float = quantity("kg m2", "about the centre of mass, W axes", gt=0, le=10)
-    inertia_zz: float = quantity("kg m2", "about the centre of mass, W axes", gt=0, le=10)
-    inertia_xy: float = quantity("kg m2", "element of the inertia matrix", ge=-10, le=10)
-    inertia_xz: float = quantity("kg m2", "element of the inertia matrix", ge=-10, le=10)
-    inertia_yz: float = quantity("kg m2", "element of the inertia matrix", ge=-10, le=10)
-    pivot_x: float = quantity("m", "pivot from the mount's centre of mass", ge=-1, le=1)
-    pivot_y: float = quantity("m", "pivot from the mount's centre of mass", ge=-1, le=1)
-    pivot_z: float = quantity("m", "pivot from the mount's centre of mass", ge=-1, le=1)
+    com_x: float = _COM
+    com_y: float = _COM
+    com_z: float = _COM
+    inertia_xx: float = _MOMENT
+    inertia_yy: float = _MOMENT
+    inertia_zz: float = _MOMENT
+    inertia_xy: float = _PRODUCT
+    inertia_xz: float = _PRODUCT
+    inertia_yz: float = _PRODUCT
+    pivot_x: float = _PIVOT
+    pivot_y: float = _PIVOT
+    pivot_z: float = _PIVOT
     angle_limit: float = quantity("rad", "range of the angle to either side", gt=0, le=3.1416)
 
 
@@ -74,12 +82,12 @@ class CheetahTailParameters(QuantityModel):
     mass: float = quantity("kg", "tail", gt=0, le=5)
     com_distance: float = quantity("m", "centre of mass beyond the root", gt=0, le=3)
     gap: float = quantity("m", "root beyond the end of the bar", ge=0, le=0.5)
-    fx_offset: float = quantity("N", "to add to a reading", ge=-1000, le=1000)
-    fy_offset: float = quantity("N", "to add to a reading", ge=-1000, le=1000)
-    fz_offset: float = quantity("N", "to add to a reading", ge=-1000, le=1000)
-    tx_offset: float = quantity("N m", "to add to a reading", ge=-100, le=100)
-    ty_offset: float = quantity("N m", "to add to a reading", ge=-100, le=100)
-    tz_offset: float = quantity("N m", "to add to a reading", ge=-100, le=100)
+    fx_offset: float = _FORCE_OFFSET
+    fy_offset: float = _FORCE_OFFSET
+    fz_offset: float = _FORCE_OFFSET
+    tx_offset: float = _TORQUE_OFFSET
+    ty_offset: float = _TORQUE_OFFSET
+    tz_offset: float = _TORQUE_OFFSET
 
     @property
     def offsets(self) -> tuple[float, ...]:
@@ -129,24 +137,12 @@ class ForceSensorParameters(QuantityModel):
     """Axia80-M20 under the rig (thesis section 4.3, Table 4.8; errors: design section 11)."""
 
     rate: float = quantity("Hz", "samples per second", gt=0, le=100000)
-    fx_accuracy: float = quantity(
-        "N", "standard deviation of the constant bias of a log", ge=0, le=1000
-    )
-    fy_accuracy: float = quantity(
-        "N", "standard deviation of the constant bias of a log", ge=0, le=1000
-    )
-    fz_accuracy: float = quantity(
-        "N", "standard deviation of the constant bias of a log", ge=0, le=1000
-    )
-    tx_accuracy: float = quantity(
-        "N m", "standard deviation of the constant bias of a log", ge=0, le=100
-    )
-    ty_accuracy: float = quantity(
-        "N m", "standard deviation of the constant bias of a log", ge=0, le=100
-    )
-    tz_accuracy: float = quantity(
-        "N m", "standard deviation of the constant bias of a log", ge=0, le=100
-    )
+    fx_accuracy: float = _FORCE_BIAS
+    fy_accuracy: float = _FORCE_BIAS
+    fz_accuracy: float = _FORCE_BIAS
+    tx_accuracy: float = _TORQUE_BIAS
+    ty_accuracy: float = _TORQUE_BIAS
+    tz_accuracy: float = _TORQUE_BIAS
     noise_fraction: float = quantity(
         "1", "standard deviation of a sample's noise over that accuracy", ge=0, le=10
     )
@@ -348,13 +344,12 @@ class RigScenario(ScenarioFile):
         require(is_static or done.rest < done.duration, "experiment.rest", shorter)
         require(not is_static or done.wind_off < done.duration, "experiment.wind_off", shorter)
         require(is_static or done.wind_off == 0.0, "experiment.wind_off", still)
-        if self.robot_tail.has_own_geometry:
+        tail = self.robot_tail
+        if tail.has_own_geometry:
+            raise ValueError(f"robot_tail.geometry: {tail.geometry!r}; allowed: none, on a rig")
+        if tail.sail_shape != "built":
             raise ValueError(
-                f"robot_tail.geometry: {self.robot_tail.geometry!r}; allowed: none, on a rig"
-            )
-        if self.robot_tail.sail_shape != "built":
-            raise ValueError(
-                f"robot_tail.sail_shape: {self.robot_tail.sail_shape!r}; allowed: built, on a rig"
+                f"robot_tail.sail_shape: {tail.sail_shape!r}; allowed: built, on a rig"
             )
         return self
 
@@ -380,13 +375,20 @@ class RigScenario(ScenarioFile):
         return self.robot_friction if self.is_robot else self.friction
 
     @property
+    def sensor_offsets(self) -> tuple[float, ...]:
+        """What the force sensor was zeroed at (6), N and N m: add it to a reading.
+
+        Zeros on the bare bar and with the robot's tail, for which none are published.
+        """
+        return self.cheetah_tail.offsets if self.has_cheetah_tail else (0.0,) * 6
+
+    @property
     def count_angle(self) -> float:
         """Angle of one count of the encoder at the output, rad: 2 pi / (512 x 4 x 26) = 1.180e-4
         (ERRATA E19).
         """
-        return (
-            2.0 * math.pi / (self.encoder.pulses * self.encoder.quadrature * self.maxon.gear_ratio)
-        )
+        encoder = self.encoder
+        return 2.0 * math.pi / (encoder.pulses * encoder.quadrature * self.maxon.gear_ratio)
 
     @property
     def tail_name(self) -> str:

@@ -18,7 +18,7 @@ from aerodima.workbench.rig.pendulum import (
     air_torque,
     friction_torque,
 )
-from aerodima.workbench.rig.rig_station import rig_log_metadata
+from aerodima.workbench.rig.rig_log import rig_log_metadata
 from aerodima.workbench.rig.swing_motion import simulate_swing
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 

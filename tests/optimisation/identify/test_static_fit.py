@@ -22,7 +22,7 @@ from aerodima.optimisation.identify.static_log import static_data
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.rig.pendulum import StaticBalance
 from aerodima.workbench.rig.rig_plant import Rig
-from aerodima.workbench.rig.rig_station import simulate_static_log
+from aerodima.workbench.rig.static_hold import simulate_static_log
 from tests.optimisation.coverage import assert_held, draws
 from tests.optimisation.identify import static_truth as truth
 from tests.refusals import assert_refused
