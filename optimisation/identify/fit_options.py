@@ -1,4 +1,4 @@
-"""What a user may choose for a fit of a rig log."""
+"""Options of a fit of a rig log."""
 
 from __future__ import annotations
 

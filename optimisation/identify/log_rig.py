@@ -71,13 +71,13 @@ def named(name: str) -> Iterator[None]:
 
 
 def is_ours(log: RunLog) -> bool:
-    """Whether a rig of this workbench made the log: it has the experiment of its scenario."""
+    """Tells whether a rig of this workbench made the log: it has the experiment of its scenario."""
     return "experiment" in log.scenario
 
 
 def is_simulated(log: RunLog) -> bool:
-    """Whether the log's scenario is the rig that it was simulated with, so that its constants are
-    the true ones.
+    """Tells whether the log's scenario is the rig that it was simulated with, so that its constants
+    are the true ones.
 
     Of this workbench's rigs only that of the robot's tail exists outside of simulation.
     """
@@ -110,7 +110,7 @@ def rig_of(log: RunLog, kind: str, options: FitOptions = FREE) -> RigScenario:
 
 @lru_cache(maxsize=16)
 def named_rig(rig: str, settings: tuple[str, ...]) -> dict[str, Any]:
-    """What the user says of the rig: section -> key -> value; do not change it in place.
+    """Reads what the user says of the rig: section -> key -> value; do not change it in place.
 
     Raises:
         FitError: a setting is about what the log says.
@@ -141,7 +141,7 @@ def _scenario(key: str) -> RigScenario:
 
 
 def _experiment(log: RunLog, kind: str) -> dict[str, Any]:
-    """What the log's metadata say of its experiment."""
+    """Reads what the log's metadata say of its experiment."""
     experiment: dict[str, Any] = {"kind": kind}
     extra = log.extra
     if kind in ("static", "swing"):
@@ -177,10 +177,11 @@ def wind_speed(log: RunLog, least: float, most: float) -> float:
 def differences(scenario: RigScenario) -> dict[str, Any]:
     """Lists what of a rig differs from `models/`, as `section.key`; the experiment is left out."""
     changes = {}
-    for section, known in RigScenario.defaults().items():
-        if section == "experiment":
+    known = _scenario("{}").resolved()
+    for section, values in scenario.resolved().items():
+        if section == "experiment" or not isinstance(values, dict):
             continue
-        for key, value in getattr(scenario, section).model_dump(mode="json").items():
-            if value != known[key]:
+        for key, value in values.items():
+            if value != known[section][key]:
                 changes[f"{section}.{key}"] = value
     return changes

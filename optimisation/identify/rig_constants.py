@@ -90,7 +90,7 @@ def speed_accuracy() -> float:
 
 
 def constant_names(kind: str) -> tuple[str, ...]:
-    """What a fit of a log of this kind can free."""
+    """Names the constants that a fit of a log of this kind can free."""
     if kind == "robot_swing":
         return _ROBOT
     unused = _SWING_ONLY if kind == "static" else _STATIC_ONLY

@@ -75,7 +75,7 @@ _MAX_TORQUE = 40.0
 
 @dataclass(frozen=True)
 class StaticData:
-    """One static hold.
+    """A static hold.
 
     Attributes:
         name: of the log.
@@ -300,7 +300,7 @@ def _mean_rate(
 
 @dataclass(frozen=True)
 class Offset:
-    """What is added to the readings of a hold.
+    """Offset that is added to the readings of a hold.
 
     Attributes:
         added: to the readings (6), N and N m.
@@ -349,9 +349,7 @@ def _stated_offset(log: RunLog, scenario: RigScenario) -> Offset:
 def _is_still(
     mean: HoldMean, scenario: RigScenario, channels: list[int], time: FloatArray, hold: np.ndarray
 ) -> bool:
-    """Whether no reading steps by more than noise, the drift of the sensor and the wander that is
-    seen can do.
-    """
+    """Tells whether noise, the drift of the sensor and its wander explain all steps."""
     sensor = scenario.force_sensor
     between = float(time[hold].mean() - time[~hold].mean())
     drift = np.asarray(sensor.accuracies)[channels] * sensor.drift_fraction * between

@@ -60,8 +60,8 @@ class LoggedCurrent:
     ends: FloatArray
 
     def mean(self, delay: float = 0.0) -> FloatArray:
-        """Over each step (m - 1), A; a sample that comes late by `delay` (s) tells of an earlier
-        time.
+        """Averages over each step (m - 1), A; a sample that comes late by `delay` (s) tells of an
+        earlier time.
 
         Outside the log the first and last sample hold.
         """
@@ -112,7 +112,7 @@ def motor_torque(
 
 @dataclass(frozen=True)
 class SwingData:
-    """One swing from its release on.
+    """A swing from its release on.
 
     Attributes:
         name: of the log.
@@ -258,7 +258,7 @@ def reading_step(scenario: RigScenario) -> float:
 
 
 def _is_rounded(angle: FloatArray, step: float) -> bool:
-    """Whether the readings differ by whole steps."""
+    """Tells whether the readings differ by whole steps."""
     steps = (angle - angle[0]) / step
     return bool(np.all(np.abs(steps - np.round(steps)) < _WHOLE))
 

@@ -129,7 +129,7 @@ class CoefficientSet(StrictModel, ABC):
 
     @cached_property
     def nodes(self) -> pd.DataFrame:
-        """One row per node (columns of the file, SI); empty for constants and lines."""
+        """Nodes, one a row (columns of the file, SI); empty for constants and lines."""
         return pd.DataFrame([node.model_dump() for node in getattr(self, "node_list", ())])
 
     @abstractmethod
@@ -287,7 +287,7 @@ def load_coefficients(name_or_path: str | Path) -> CoefficientSet:
 
 
 def _csv_content(path: Path) -> dict[str, Any]:
-    """What a YAML file of the same table holds."""
+    """Reads a CSV table as the content of a YAML file of the same table."""
     columns: dict[str, Any] = dict.fromkeys(("speed_m_per_s", "angle_rad", "cd", "cl"), float) | {
         "source": str
     }

@@ -17,8 +17,8 @@ _ALONG = 1e-6
 
 
 def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> str:
-    """One line when no joint ever moves the sections along their normal; empty when one does, or
-    none moves them.
+    """Writes one line when no joint ever moves the sections along their normal; empty when one
+    does, or none moves them.
 
     The six degrees of freedom of floating bases are left out: they move any plate in any direction.
 

@@ -69,7 +69,7 @@ def cross(a: Vector, b: Vector) -> tuple[Scalar, Scalar, Scalar]:
 
 
 class SectionLaw(ABC):
-    """What `TailForce` asks of a law.
+    """Force law of a section, as `TailForce` asks for it.
 
     Attributes:
         knows_normal: the force depends on the normal n, so that the air can turn a sail about its
@@ -94,8 +94,8 @@ class SectionLaw(ABC):
 
     @abstractmethod
     def covers(self, speed: float, angle: float) -> bool:
-        """Whether a speed (m/s) and an angle of attack (rad) lie inside the measured range of the
-        coefficients.
+        """Tells whether a speed (m/s) and an angle of attack (rad) lie inside the measured range
+        of the coefficients.
         """
 
 
@@ -269,7 +269,7 @@ class SpeedTable:
         )
 
     def covers(self, speed: float) -> bool:
-        """Whether the speed lies inside the table."""
+        """Tells whether the speed lies inside the table."""
         return self.speeds[0] <= speed <= self.speeds[-1]
 
 
@@ -302,7 +302,7 @@ class SpeedLine:
         return self.intercept + self.slope * speed
 
     def covers(self, speed: float) -> bool:
-        """Whether the speed lies inside the range."""
+        """Tells whether the speed lies inside the range."""
         return self.speed_range[0] <= speed <= self.speed_range[1]
 
 

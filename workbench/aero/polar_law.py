@@ -86,8 +86,8 @@ class RegularTable:
         return at_low + (at_high - at_low) * x
 
     def covers(self, speed: float, angle: float) -> bool:
-        """Whether the point lies in a cell with measured corners; on a grid line only the nodes of
-        that line count.
+        """Tells whether the point lies in a cell with measured corners; on a grid line only the
+        nodes of that line count.
         """
         speeds = self.speeds
         angles = self.angles
@@ -157,7 +157,7 @@ class PolarLaw(SectionLaw):
 
     @cached_property
     def _one_grid(self) -> bool:
-        """Whether both coefficients are tables over the same nodes: one search serves both."""
+        """Tells whether both coefficients are tables over the same nodes, for one search."""
         drag = self.drag
         lift = self.lift
         if not (isinstance(drag, RegularTable) and isinstance(lift, RegularTable)):

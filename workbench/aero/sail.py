@@ -125,7 +125,7 @@ def rotation_rows(quaternion: Any) -> tuple[Any, Any, Any]:
 
 
 class SailMotion(NamedTuple):
-    """How the body `tail_sail` is turned and moves.
+    """Orientation and motion of the body `tail_sail`.
 
     Attributes:
         R_WS: rows of its orientation.
@@ -149,7 +149,7 @@ def sail_motion(
     rates: Sequence[float],
     p_BoSo_B: Sequence[float],
 ) -> SailMotion:
-    """Where the sail is turned to and how it moves.
+    """Computes where the sail is turned to and how it moves.
 
     Args:
         quaternion: w, x, y, z of the chassis in W, of any length.

@@ -64,7 +64,7 @@ class SectionWatch(LeafSystem):
         )
 
     def facts(self) -> dict[str, float]:
-        """What the run came to so far, for `extra` of its log.
+        """Sums up the run so far, for `extra` of its log.
 
         Returns:
             sections_outside_measured_range: share of the looks (0 to 1) at which at least one
@@ -87,8 +87,8 @@ class SectionWatch(LeafSystem):
 
     @property
     def felt_no_air(self) -> bool:
-        """Whether air passed the sections and none of them ever felt more than rounding leaves of a
-        force.
+        """Tells whether air passed the sections and none of them ever felt more than rounding
+        leaves of a force.
         """
         return self._fastest > _STILL_AIR and self._share <= _ROUNDING
 

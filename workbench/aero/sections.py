@@ -1,4 +1,4 @@
-"""Where the air acts: sections along the straight axis of a body, and the part of them inside the
+"""Sections along the straight axis of a body, where the air acts, and the part of them inside the
 jet of a tunnel.
 """
 
@@ -105,8 +105,8 @@ class SectionLayout:
         return np.asarray(self.p_BoRo_B) + self.end * np.asarray(self.axis_B)
 
     def motion(self, X_WB: Any, w_WB: Any, v_WBo: Any, v_WA: Any) -> LineMotion:
-        """What a `SectionLaw` asks of the motion of a line of sections on a body, for floats and
-        for AutoDiffXd alike.
+        """Computes what a `SectionLaw` asks of the motion of a line of sections on a body, for
+        floats and for AutoDiffXd alike.
 
         Args:
             X_WB: pose of the body, three rows whose first three numbers are those of R_WB.
@@ -267,7 +267,7 @@ class Jet:
         return cls((x, y, z - edge_depth), (math.sin(psi), -math.cos(psi), 0.0), slope)
 
     def height_below_edge(self, p_WQ: Any) -> Any:
-        """How far a point is below the edge (m); negative above it."""
+        """Measures how far a point is below the edge (m); negative above it."""
         x, y, _ = self.downstream_W
         downstream = (p_WQ[0] - self.p_WE[0]) * x + (p_WQ[1] - self.p_WE[1]) * y
         return self.p_WE[2] + self.slope * downstream - p_WQ[2]

@@ -195,7 +195,7 @@ class TailForceParts(SystemParts):
         output.SetFromVector([*force[:3], *moment, *p_WBo])
 
     def _section_rows(self, context: Any) -> list[tuple[Any, ...]]:
-        """Per section: relative velocity (3), area, |v_rel|, gamma."""
+        """Lists per section: relative velocity (3), area, |v_rel|, gamma, axis, normal."""
         X_WB, (u, k, a, n) = self._motion(context)
         rows = []
         for s, area in zip(*self._exposed(X_WB, a), strict=True):

@@ -58,6 +58,8 @@ SCHEMA: Literal["aerodima/tail/1"] = "aerodima/tail/1"
 
 SAME_PLANE = 1e-3
 """m; plates nearer than this, measured along their normal, count as lying in one plane."""
+_ALONG = 1e-3
+"""Sine of an angle below which a normal counts as running along its axis."""
 UP: Vector = (0.0, 0.0, 1.0)
 """z of the frame T: along a straight tail, from root to tip."""
 _Vector = Annotated[Vector, Field(strict=False)]
@@ -107,21 +109,28 @@ class TailArm(TailPart):
     @property
     def points(self) -> np.ndarray:
         """Ends of its pieces in T (n + 1, 3), m, from the origin on."""
-        steps = [
-            length * unit_vector(self.axes[n % len(self.axes)])
-            for n, length in enumerate(self.lengths)
-        ]
-        return np.cumsum([np.zeros(3), *steps], axis=0)
+        return np.cumsum([np.zeros(3), *_steps(self)], axis=0)
 
     @property
     def inertia(self) -> SpatialInertia:
         """Inertia about the origin of T from the density."""
         parts = []
-        for near, far in pairwise(self.points):
-            length = float(np.linalg.norm(far - near))
-            frame = RotationMatrix.MakeFromOneVector(far - near, 2)
-            parts.append(placed(rod_inertia(self.density, length, self.radius), frame, near))
+        for start, step, length in zip(self.points, _steps(self), self.lengths, strict=False):
+            rod = rod_inertia(self.density, length, self.radius)
+            frame = RotationMatrix.MakeFromOneVector(step, 2)
+            parts.append(placed(rod, frame, start))
         return total_inertia(parts)
+
+
+def _steps(part: TailArm | Plate) -> list[np.ndarray]:
+    """Vectors from end to end of the straight pieces of a part (3 each), m."""
+    axes = part.axes
+    if len(axes) == 1:
+        axes = axes * len(part.lengths)
+    steps = []
+    for length, axis in zip(part.lengths, axes, strict=True):
+        steps.append(length * unit_vector(axis))
+    return steps
 
 
 class Plate(TailPart):
@@ -166,7 +175,8 @@ class Plate(TailPart):
         if value > 0.0:
             raise ValueError(f"{where}: {unused} is {value:g}; allowed: 0 for a {self.kind}")
         for axis in self.axes:
-            if np.linalg.norm(np.cross(unit_vector(axis), unit_vector(self.normal))) < 1e-3:
+            sine = np.linalg.norm(np.cross(unit_vector(axis), unit_vector(self.normal)))
+            if sine < _ALONG:
                 raise ValueError(
                     f"{where}: normal {self.normal} runs along its axis; allowed: across it"
                 )
@@ -194,7 +204,8 @@ class Plate(TailPart):
     @property
     def centre_of_pressure(self) -> np.ndarray:
         """Centroid of the planform in T (3), m."""
-        return np.asarray(sum(piece.area * piece.centre for piece in self.pieces) / self.area)
+        moment = sum(piece.area * piece.centre for piece in self.pieces)
+        return np.asarray(moment / self.area)
 
     @property
     def inertia(self) -> SpatialInertia:
@@ -418,10 +429,8 @@ class TailGeometry(TailPart):
                 f"tail {self.name!r}: added mass needs a straight arm; this one is bent"
             )
         (axis,) = axes
-        if abs(axis[1]) < 0.9:
-            sideways = np.eye(3)[1]
-        else:
-            sideways = np.eye(3)[0]
+        x, y, _ = np.eye(3)
+        sideways = y if abs(axis[1]) < 0.9 else x
         normal = unit_vector(sideways - (sideways @ axis) * np.asarray(axis))
         return SectionLayout.strip(
             start=0.0, length=sum(self.arm.lengths), width=self.plates[0].chords[0], number=parts,

@@ -17,7 +17,7 @@ _TOUCH = 1e-6
 
 @dataclass(frozen=True)
 class Piece:
-    """One straight piece of a plate.
+    """A straight piece of a plate.
 
     Attributes:
         start: middle of its near edge in T, m.
@@ -70,8 +70,8 @@ def gap(one: Piece, other: Piece) -> float:
 
 
 def overlap(one: Piece, other: Piece) -> bool:
-    """Whether two outlines share area, seen along the first one's normal (separating axes of convex
-    outlines).
+    """Tells whether two outlines share area, seen along the first one's normal (separating axes of
+    convex outlines).
     """
     plane = np.column_stack([one.across, one.axis])
     shapes = [piece.corners @ plane for piece in (one, other)]

@@ -92,7 +92,7 @@ class AeroStrip:
 
 @dataclass(frozen=True)
 class PendulumModel:
-    """What does not change in a swing.
+    """Everything that does not change in a swing.
 
     Attributes:
         mass: of all that swings, kg.
@@ -212,7 +212,7 @@ def _strips(scenario: RigScenario, sections: int | None) -> tuple[AeroStrip, ...
 def section_airflow(
     pendulum: PendulumModel, strip: AeroStrip, angle: float, rate: float
 ) -> tuple[tuple[float, float], LineMotion, Sequence[float], Sequence[float]]:
-    """How the air meets the sections of a strip at an angle (rad) and a rate (rad/s).
+    """Computes how the air meets the sections of a strip at an angle (rad) and a rate (rad/s).
 
     Returns:
         Root of the strip from the pivot (y, z), m; motion of the strip against the air; distances
@@ -355,8 +355,8 @@ class StaticBalance:
         return np.array([0.0, 0.0, standing + swinging, about_x, about_y, 0.0]), torque
 
     def wind_effect(self, angle: float, wind_speed: float, psi: float) -> FloatArray:
-        """What the wind adds: rows bar, unit C_D and unit C_L of the tail; columns reactions (6)
-        and axis torque.
+        """Computes what the wind adds: rows bar, unit C_D and unit C_L of the tail; columns
+        reactions (6) and axis torque.
 
         Args:
             angle: rad; a tail that hangs within half a degree of straight down has its lift to the
@@ -381,7 +381,7 @@ class StaticBalance:
         return effect
 
     def exposed_length(self, angle: float) -> float:
-        """How much of the tail is in the jet that blows straight to -y, m."""
+        """Measures how much of the tail is in the jet that blows straight to -y, m."""
         pendulum = replace(self.pendulum, jet=rig_jet(self.scenario, 0.0))
         tail = pendulum.strips[-1]
         _, _, _, areas = section_airflow(pendulum, tail, angle, 0.0)

@@ -72,33 +72,20 @@ def tail_layout(scenario: RigScenario, sections: int | None = None) -> SectionLa
     number = sections or scenario.aero.sections
     if scenario.is_robot:
         arm = scenario.robot_tail
-        return SectionLayout.strip(
-            start=arm.length - arm.sail_length,
-            length=arm.sail_length,
-            width=arm.sail_width,
-            number=number,
-            axis_B=DOWN,
-            normal_B=UPSTREAM,
-        )
+        root = arm.length - arm.sail_length
+        return _hanging_strip(root, arm.sail_length, arm.sail_width, number)
     tail = scenario.cheetah_tail
-    return SectionLayout.strip(
-        start=0.0,
-        length=tail.length,
-        width=tail.major_axis,
-        number=number,
-        axis_B=DOWN,
-        normal_B=UPSTREAM,
-    )
+    return _hanging_strip(0.0, tail.length, tail.major_axis, number)
 
 
 def bar_layout(scenario: RigScenario) -> SectionLayout:
     """The bar as one section, in the frame of the body `bar`."""
     bar = scenario.bar
+    return _hanging_strip(0.0, bar.tail_distance, bar.width, 1)
+
+
+def _hanging_strip(start: float, length: float, width: float, number: int) -> SectionLayout:
+    """Equal sections of a strip that hangs down and faces the wind."""
     return SectionLayout.strip(
-        start=0.0,
-        length=bar.tail_distance,
-        width=bar.width,
-        number=1,
-        axis_B=DOWN,
-        normal_B=UPSTREAM,
+        start=start, length=length, width=width, number=number, axis_B=DOWN, normal_B=UPSTREAM
     )

@@ -1,4 +1,4 @@
-"""What stands in a log of a rig: its metadata, and what the fits should find."""
+"""Metadata of a rig's log, and the values that its fits should find."""
 
 import math
 from typing import Any
@@ -32,7 +32,7 @@ def rig_log_metadata(scenario: RigScenario, **facts: Any) -> dict[str, Any]:
 
 
 def known_truth(scenario: RigScenario) -> dict[str, float]:
-    """What the fits of a simulated log should find, by their names and in their units; without the
+    """Gives the values that the fits of a simulated log should find, by their names; without the
     holding current.
     """
     experiment = scenario.experiment

@@ -67,7 +67,7 @@ class RigPlant:
 
 @dataclass(frozen=True)
 class RigReaction:
-    """What the rig does at one state and torque.
+    """Acceleration and reactions of the rig at one state and torque.
 
     Attributes:
         acceleration: of the angle, rad/s2.
@@ -168,7 +168,7 @@ def _added_mass(plant: MultibodyPlant, scenario: RigScenario) -> AddedMass | Non
 
 
 class Rig:
-    """One rig, built once and asked many times.
+    """A rig as a diagram that is built once and evaluated many times.
 
     Args:
         scenario: which rig, tail, wind and coefficients.
@@ -212,7 +212,7 @@ class Rig:
         return RigReaction(float(acceleration[0]), np.array(wrench))
 
     def reaction_at_current(self, angle: float, rate: float, current: float) -> RigReaction:
-        """Like `reaction`, driven by a motor current (A); positive pushes upstream.
+        """Evaluates `reaction` for a motor current (A); positive pushes upstream.
 
         UserError beyond the limit.
         """
@@ -249,7 +249,7 @@ class Rig:
         return current
 
     def is_exposed(self, angle: float) -> bool:
-        """Whether any of the tail is inside the jet at an angle (rad)."""
+        """Tells whether any of the tail is inside the jet at an angle (rad)."""
         if self._rig.tail_force is None:
             return False
         self.set_state(angle, 0.0, 0.0)

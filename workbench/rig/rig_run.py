@@ -1,4 +1,4 @@
-"""From a rig scenario to a log: static hold, flick, free bar swing, robot swing."""
+"""Runs of a rig scenario to a log: static hold, flick, free bar swing, robot swing."""
 
 from pathlib import Path
 

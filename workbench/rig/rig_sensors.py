@@ -114,7 +114,7 @@ class RigSensor(SampledSensor):
         self._value = self.DeclareVectorInputPort("value", size)
 
     def measure(self, context: Context, index: int) -> np.ndarray:
-        """One sample (n,)."""
+        """Takes one sample (n,)."""
         value = vector_of(self._value, context)
         noise = self._errors.stream.at(index)
         return self._errors.readings(value, index / self.rate, noise)

@@ -85,8 +85,8 @@ def torque_response(
     added_mass: float = 0.0,
     ramp: Sequence[float] | None = None,
 ) -> FloatArray:
-    """How the angles (n) answer to one more newton metre during each step (n - 1): an n x (n - 1)
-    matrix, rad / N m.
+    """Differentiates the angles (n) by the torque during each step (n - 1): an n x (n - 1) matrix,
+    rad / N m.
 
     Linear about a motion: the one-step maps are differentiated by finite differences and multiplied
     up.

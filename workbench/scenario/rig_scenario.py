@@ -70,7 +70,7 @@ class BarParameters(QuantityModel):
 
 
 class CheetahTailParameters(QuantityModel):
-    """One cheetah tail (thesis Table 4.2) and the readings that the force sensor was zeroed at with
+    """A cheetah tail (thesis Table 4.2) and the readings that the force sensor was zeroed at with
     it (Table 4.4).
     """
 
@@ -234,7 +234,7 @@ class RigAeroParameters(QuantityModel):
 
 
 class ExperimentParameters(QuantityModel):
-    """What is done on the rig (thesis sections 4.4, 4.7 and 6.3)."""
+    """Experiment on the rig (thesis sections 4.4, 4.7 and 6.3)."""
 
     kind: Literal["static", "swing", "bar_swing", "robot_swing"] = quantity(
         "1", "experiment, as in the log's metadata"
@@ -355,12 +355,12 @@ class RigScenario(ScenarioFile):
 
     @property
     def has_cheetah_tail(self) -> bool:
-        """Whether a cheetah tail is mounted: not on the bare bar, not on the robot's rig."""
+        """Tells whether a cheetah tail is mounted: not on the bare bar, not on the robot's rig."""
         return self.experiment.kind in ("static", "swing")
 
     @property
     def is_robot(self) -> bool:
-        """Whether the robot's tail and motor are on the rig."""
+        """Tells whether the robot's tail and motor are on the rig."""
         return self.experiment.kind == "robot_swing"
 
     @property
@@ -376,7 +376,7 @@ class RigScenario(ScenarioFile):
 
     @property
     def sensor_offsets(self) -> tuple[float, ...]:
-        """What the force sensor was zeroed at (6), N and N m: add it to a reading.
+        """Readings that the force sensor was zeroed at (6), N and N m: add them to a reading.
 
         Zeros on the bare bar and with the robot's tail, for which none are published.
         """
@@ -392,7 +392,7 @@ class RigScenario(ScenarioFile):
 
     @property
     def tail_name(self) -> str:
-        """What stands in a log's metadata: `1`, `2`, `3`, `none` or `robot`."""
+        """Name of the tail in a log's metadata: `1`, `2`, `3`, `none` or `robot`."""
         if self.is_robot:
             return "robot"
         if self.has_cheetah_tail:
