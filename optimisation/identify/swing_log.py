@@ -37,6 +37,10 @@ _DWELL = 0.1
 chosen on simulated swings."""
 _DWELL_STEPS = 2.5
 """In steps of the reading."""
+_DRIVEN = 5.0
+"""A current whose steps are this many times its noise drives the swing."""
+_MIN_NOISE = 1e-3
+"""Smallest noise of a logged current, A."""
 _WHOLE = 0.01
 """Readings this near to whole steps are counts: a log may have been through degrees and text."""
 _MAX_SAMPLING = 0.05
@@ -74,15 +78,11 @@ class LoggedCurrent:
             integral = np.concatenate([[0.0], np.cumsum(current[1:] * np.diff(time))])
             inside = np.interp(ends, time, integral)
         else:
-            inside = Akima1DInterpolator(time, current).antiderivative()(
-                np.clip(ends, time[0], time[-1])
-            )
-        inside = (
-            inside
-            + np.minimum(ends - time[0], 0.0) * current[0]
-            + np.maximum(ends - time[-1], 0.0) * current[-1]
-        )
-        return np.diff(inside) / np.diff(ends)
+            charge = Akima1DInterpolator(time, current).antiderivative()
+            inside = charge(np.clip(ends, time[0], time[-1]))
+        before = np.minimum(ends - time[0], 0.0) * current[0]
+        after = np.maximum(ends - time[-1], 0.0) * current[-1]
+        return np.diff(inside + before + after) / np.diff(ends)
 
     def ramp(self, delay: float = 0.0) -> FloatArray:
         """Change over each step (m - 1), A; none where samples are means."""
@@ -271,8 +271,11 @@ def _end_of_motion(angle: FloatArray, step: float, sampling: float) -> int:
     would count as many.
     """
     window = max(round(_DWELL / sampling), 1)
-    moving = np.flatnonzero(np.abs(angle[window:] - angle[:-window]) > _DWELL_STEPS * step)
-    end = int(moving[-1]) + window + 1 if moving.size else len(angle)
+    change = np.abs(angle[window:] - angle[:-window])
+    moving = np.flatnonzero(change > _DWELL_STEPS * step)
+    end = len(angle)
+    if moving.size:
+        end = int(moving[-1]) + window + 1
     return max(end, MIN_SAMPLES)
 
 
@@ -295,7 +298,8 @@ def _current(
         raise FitError(
             f"metadata {CURRENT_SAMPLING!r} is {sampling!r}; allowed: mean, instantaneous"
         )
-    found = LoggedCurrent(log.time, current, sampling == "mean", log.time[picked])
-    if np.sqrt(np.mean(np.square(found.mean()))) < 5.0 * max(scenario.maxon.current_noise, 1e-3):
+    logged = LoggedCurrent(log.time, current, sampling == "mean", log.time[picked])
+    rms = np.sqrt(np.mean(np.square(logged.mean())))
+    if rms < _DRIVEN * max(scenario.maxon.current_noise, _MIN_NOISE):
         return None, []
-    return found, []
+    return logged, []

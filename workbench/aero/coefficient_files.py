@@ -242,15 +242,13 @@ class PolarTable(CoefficientSet):
 
         def nearest(v: float, g: float) -> float:
             measured = known[g].dropna()
-            return float(measured.iloc[np.argmin(np.abs(measured.index.to_numpy() - v))])
+            distances = np.abs(measured.index.to_numpy() - v)
+            return float(measured.iloc[np.argmin(distances)])
 
-        return RegularTable(
-            tuple(speeds.tolist()),
-            tuple(angles.tolist()),
-            tuple(tuple(nearest(v, g) for g in angles) for v in speeds),
-            tuple(map(tuple, known.notna().to_numpy().tolist())),
-            where=f"{self._where}: {coefficient}",
-        )
+        values = tuple(tuple(nearest(v, g) for g in angles) for v in speeds)
+        measured = tuple(map(tuple, known.notna().to_numpy().tolist()))
+        where = f"{self._where}: {coefficient}"
+        return RegularTable(tuple(speeds.tolist()), tuple(angles.tolist()), values, measured, where)
 
 
 _KINDS: dict[tuple[str, str], type[CoefficientSet]] = {
@@ -288,9 +286,8 @@ def load_coefficients(name_or_path: str | Path) -> CoefficientSet:
 
 def _csv_content(path: Path) -> dict[str, Any]:
     """Reads a CSV table as the content of a YAML file of the same table."""
-    columns: dict[str, Any] = dict.fromkeys(("speed_m_per_s", "angle_rad", "cd", "cl"), float) | {
-        "source": str
-    }
+    columns: dict[str, Any] = dict.fromkeys(("speed_m_per_s", "angle_rad", "cd", "cl"), float)
+    columns["source"] = str
     try:
         nodes = pd.read_csv(path).astype(columns)
     except FileNotFoundError:
@@ -301,10 +298,10 @@ def _csv_content(path: Path) -> dict[str, Any]:
     measured = nodes[nodes.status == "measured"]
     if measured.empty:
         raise ModelError(f"{path}: no node has the status 'measured'")
-    ends = {
-        c: [float(measured[c].min()), float(measured[c].max())]
-        for c in ("speed_m_per_s", "angle_rad")
-    }
+    ends = {}
+    for column in ("speed_m_per_s", "angle_rad"):
+        values = measured[column]
+        ends[column] = [float(values.min()), float(values.max())]
     return {
         "schema": SCHEMA,
         "name": path.stem,

@@ -159,13 +159,11 @@ class TailForceParts(SystemParts):
         body = self.body
         plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
         X_WB = plant.EvalBodyPoseInWorld(kinematics, body).GetAsMatrix34().tolist()
-        w_x, w_y, w_z, v_x, v_y, v_z = (
-            plant.EvalBodySpatialVelocityInWorld(kinematics, body).get_coeffs().tolist()
-        )
+        V_WB = plant.EvalBodySpatialVelocityInWorld(kinematics, body)
+        w_x, w_y, w_z, v_x, v_y, v_z = V_WB.get_coeffs().tolist()
+        wind = None
         if self._wind.HasValue(context):
             wind = self._wind.Eval(context).tolist()
-        else:
-            wind = None
         return X_WB, self._layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
 
     def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
@@ -178,7 +176,8 @@ class TailForceParts(SystemParts):
 
     def _line_force(self, context: Any) -> tuple[Any, Any]:
         X_WB, line = self._motion(context)
-        return X_WB, self._law.line_force(line, *self._exposed(X_WB, line.a), self._air.density)
+        distances, areas = self._exposed(X_WB, line.a)
+        return X_WB, self._law.line_force(line, distances, areas, self._air.density)
 
     def _calc_forces(self, context: Any, output: Any) -> None:
         _, (f_x, f_y, f_z, m_x, m_y, m_z) = self._line_force(context)
@@ -200,7 +199,8 @@ class TailForceParts(SystemParts):
         rows = []
         for s, area in zip(*self._exposed(X_WB, a), strict=True):
             v = (u[0] + s * k[0], u[1] + s * k[1], u[2] + s * k[2])
-            rows.append((v, area, length(v), angle_of_attack(v, a), a, n))
+            angle = angle_of_attack(v, a)
+            rows.append((v, area, length(v), angle, a, n))
         return rows
 
     def _calc_sections(self, context: Any, output: Any) -> None:
@@ -212,8 +212,11 @@ class TailForceParts(SystemParts):
         output.SetFromVector(values)
 
     def _calc_validity(self, context: Any, output: Any) -> None:
-        rows = [[float_of(value) for value in row[1:4]] for row in self._section_rows(context)]
-        output.SetFromVector([self._validity(*row) for row in rows])
+        validity = []
+        for row in self._section_rows(context):
+            area, speed, angle = map(float_of, row[1:4])
+            validity.append(self._validity(area, speed, angle))
+        output.SetFromVector(validity)
 
     def _calc_wind_direction(self, context: Any, output: Any) -> None:
         X_WB, line = self._motion(context)

@@ -9,12 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aerodima.workbench.aero.tail_mass import (
-    inertial_of_inertia,
-    plate_inertia,
-    rod_inertia,
-    total_inertia,
-)
 from aerodima.workbench.car.tail_plant import ROD_RADIUS
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
@@ -61,15 +55,18 @@ def robot_tail_properties(tail: TailParameters) -> Inertial:
     """The robot's rod and sail as one body, from the motor axis; the same rod and plate as on the
     car, hanging.
     """
-    sail_mass = tail.mass * tail.sail_mass_fraction
-    rod_density = (tail.mass - sail_mass) / tail.length
-    sail_density = sail_mass / (tail.sail_length * tail.sail_width)
-    chords = (tail.sail_width, tail.sail_width)
-    rod = rod_inertia(rod_density, tail.length, ROD_RADIUS)
-    sail = plate_inertia(sail_density, tail.sail_length, chords, 0.0)
-    below_sail = np.array([0.0, 0.0, tail.length - tail.sail_length])
-    upright = inertial_of_inertia(total_inertia([rod, sail.Shift(-below_sail)]))
-    return Inertial(upright.mass, (0.0, 0.0, -upright.com[2]), upright.moments)
+    sail = tail.mass * tail.sail_mass_fraction
+    rod = tail.mass - sail
+    rod_centre = tail.length / 2
+    sail_centre = tail.length - tail.sail_length / 2
+    centre = (rod * rod_centre + sail * sail_centre) / tail.mass
+    rod_across = rod * (tail.length**2 / 12 + (rod_centre - centre) ** 2)
+    spread = rod_across + sail * (sail_centre - centre) ** 2
+    along = sail * tail.sail_length**2 / 12
+    across = sail * tail.sail_width**2 / 12
+    rod_along = 0.5 * rod * ROD_RADIUS**2
+    moments = (spread + along, spread + along + across, rod_along + across)
+    return Inertial(tail.mass, (0.0, 0.0, -centre), moments)
 
 
 def cheetah_rig_sdf(scenario: RigScenario) -> SdfModel:

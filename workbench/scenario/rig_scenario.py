@@ -10,7 +10,7 @@ origin at the force sensor's measuring point, z up, x along the motor axis, the 
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -169,6 +169,11 @@ class ForceSensorParameters(QuantityModel):
         )
 
 
+def _deviation(unit: str, of: str, max_value: float) -> Any:
+    """Field of a standard deviation in a unit; 0 is exact."""
+    return quantity(unit, of, ge=0, le=max_value)
+
+
 class RigUncertaintyParameters(QuantityModel):
     """Standard deviations of the rig's constants and of its instruments' errors: what every
     interval of a fit holds.
@@ -177,42 +182,36 @@ class RigUncertaintyParameters(QuantityModel):
     their value.
     """
 
-    mount_mass: float = quantity("kg", "of mount.mass", ge=0, le=1)
-    mount_com_x: float = quantity(
-        "m", "of mount.com_x, the pivot staying where it is", ge=0, le=0.1
+    mount_mass: float = _deviation("kg", "of mount.mass", 1)
+    mount_com_x: float = _deviation("m", "of mount.com_x, the pivot staying where it is", 0.1)
+    mount_com_y: float = _deviation("m", "of mount.com_y, the pivot staying where it is", 0.1)
+    pivot_x: float = _deviation("m", "of the pivot from the sensor's measuring point", 0.1)
+    pivot_y: float = _deviation("m", "of the pivot from the sensor's measuring point", 0.1)
+    pivot_z: float = _deviation(
+        "m", "of the height of the pivot over the sensor's measuring point", 0.1
     )
-    mount_com_y: float = quantity(
-        "m", "of mount.com_y, the pivot staying where it is", ge=0, le=0.1
-    )
-    pivot_x: float = quantity("m", "of the pivot from the sensor's measuring point", ge=0, le=0.1)
-    pivot_y: float = quantity("m", "of the pivot from the sensor's measuring point", ge=0, le=0.1)
-    pivot_z: float = quantity(
-        "m", "of the height of the pivot over the sensor's measuring point", ge=0, le=0.1
-    )
-    bar_mass: float = quantity("kg", "of bar.mass", ge=0, le=1)
-    bar_com: float = quantity("m", "of bar.com_distance", ge=0, le=0.1)
-    bar_inertia: float = quantity("kg m2", "of bar.inertia_xx", ge=0, le=0.1)
-    bar_width: float = quantity("m", "of bar.width", ge=0, le=0.1)
-    bar_drag: float = quantity("1", "of bar.drag_coefficient", ge=0, le=2)
-    tail_mass: float = quantity("kg", "of the tail's mass", ge=0, le=1)
-    tail_com: float = quantity("m", "of the tail's com_distance", ge=0, le=0.2)
-    tail_gap: float = quantity("m", "of the tail's gap", ge=0, le=0.1)
-    tail_length: float = quantity("m", "of the tail's length", ge=0, le=0.1)
-    tail_width: float = quantity("m", "of the tail's reference width", ge=0, le=0.1)
-    rotor_inertia: float = quantity("kg m2", "of maxon.reflected_inertia", ge=0, le=0.1)
-    torque_constant: float = quantity("N m/A", "of maxon.torque_constant", ge=0, le=1)
-    jet_edge_depth: float = quantity("m", "of tunnel.jet_edge_depth", ge=0, le=0.2)
-    wind_speed: float = quantity("1", "of the wind speed, a part of it", ge=0, le=0.2)
-    air_density: float = quantity("kg/m3", "of environment.air_density", ge=0, le=0.5)
-    coulomb: float = quantity("N m", "of friction.coulomb, where it is not fitted", ge=0, le=1)
-    viscous: float = quantity(
-        "N m s/rad", "of friction.viscous, where it is not fitted", ge=0, le=1
-    )
-    encoder_zero: float = quantity("rad", "angle of a reading of zero", ge=0, le=0.5)
-    encoder_gain: float = quantity("1", "of the encoder's scale, a part of it", ge=0, le=0.2)
-    current_bias: float = quantity("A", "of a logged current", ge=0, le=10)
-    current_delay: float = quantity("s", "by which a logged current comes late", ge=0, le=0.1)
-    force_gain: float = quantity("1", "of the force sensor's scale, a part of it", ge=0, le=0.2)
+    bar_mass: float = _deviation("kg", "of bar.mass", 1)
+    bar_com: float = _deviation("m", "of bar.com_distance", 0.1)
+    bar_inertia: float = _deviation("kg m2", "of bar.inertia_xx", 0.1)
+    bar_width: float = _deviation("m", "of bar.width", 0.1)
+    bar_drag: float = _deviation("1", "of bar.drag_coefficient", 2)
+    tail_mass: float = _deviation("kg", "of the tail's mass", 1)
+    tail_com: float = _deviation("m", "of the tail's com_distance", 0.2)
+    tail_gap: float = _deviation("m", "of the tail's gap", 0.1)
+    tail_length: float = _deviation("m", "of the tail's length", 0.1)
+    tail_width: float = _deviation("m", "of the tail's reference width", 0.1)
+    rotor_inertia: float = _deviation("kg m2", "of maxon.reflected_inertia", 0.1)
+    torque_constant: float = _deviation("N m/A", "of maxon.torque_constant", 1)
+    jet_edge_depth: float = _deviation("m", "of tunnel.jet_edge_depth", 0.2)
+    wind_speed: float = _deviation("1", "of the wind speed, a part of it", 0.2)
+    air_density: float = _deviation("kg/m3", "of environment.air_density", 0.5)
+    coulomb: float = _deviation("N m", "of friction.coulomb, where it is not fitted", 1)
+    viscous: float = _deviation("N m s/rad", "of friction.viscous, where it is not fitted", 1)
+    encoder_zero: float = _deviation("rad", "angle of a reading of zero", 0.5)
+    encoder_gain: float = _deviation("1", "of the encoder's scale, a part of it", 0.2)
+    current_bias: float = _deviation("A", "of a logged current", 10)
+    current_delay: float = _deviation("s", "by which a logged current comes late", 0.1)
+    force_gain: float = _deviation("1", "of the force sensor's scale, a part of it", 0.2)
 
 
 class RigAeroParameters(QuantityModel):
