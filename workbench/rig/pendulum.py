@@ -124,15 +124,15 @@ class PendulumModel:
         bodies = _bodies(scenario)
         strips = _strips(scenario, sections)
         motor = scenario.robot_motor
-        inertia = scenario.maxon.reflected_inertia
+        rotor = scenario.maxon.reflected_inertia
         if scenario.is_robot:
-            inertia = motor.rotor_inertia * motor.gear_ratio**2
-        weight_sine = weight_cosine = 0.0
-        gravity = scenario.environment.gravity
+            rotor = motor.rotor_inertia * motor.gear_ratio**2
+        inertia = along = across = 0.0
         for body in bodies:
             inertia += body.inertia + body.mass * (body.along**2 + body.across**2)
-            weight_sine -= gravity * body.mass * body.along
-            weight_cosine -= gravity * body.mass * body.across
+            along += body.mass * body.along
+            across += body.mass * body.across
+        gravity = scenario.environment.gravity
         part_distances: list[float] = []
         if strips:
             root = strips[-1].root * math.cos(strips[-1].tilt)
@@ -141,9 +141,9 @@ class PendulumModel:
         x, y, z = pivot_position(scenario.mount).tolist()
         return cls(
             mass=sum(body.mass for body in bodies),
-            inertia=inertia,
-            weight_sine=weight_sine,
-            weight_cosine=weight_cosine,
+            inertia=inertia + rotor,
+            weight_sine=-gravity * along,
+            weight_cosine=-gravity * across,
             part_distances=tuple(part_distances),
             strips=strips,
             jet=rig_jet(scenario),
@@ -227,15 +227,16 @@ def section_airflow(
     z = -root * bar_cosine
     wind_x, wind_y, _ = pendulum.jet.downstream_W
     wind_speed = pendulum.wind_speed
-    line = LineMotion(
-        u=(wind_speed * wind_x, wind_speed * wind_y - rate * z, rate * y),
-        k=(0.0, rate * cosine, -rate * sine),
-        a=(0.0, -sine, -cosine),
-        n=(0.0, cosine, -sine),
-    )
+    u_x = wind_speed * wind_x
+    u_y = wind_speed * wind_y + rate * root * bar_cosine
+    u_z = -rate * root * bar_sine
+    change = (0.0, rate * cosine, -rate * sine)
+    axis = (0.0, -sine, -cosine)
+    normal = (0.0, cosine, -sine)
+    line = LineMotion((u_x, u_y, u_z), change, axis, normal)
     pivot_x, pivot_y, pivot_z = pendulum.pivot
     p_WRo = (pivot_x, pivot_y + y, pivot_z + z)
-    distances, areas = pendulum.jet.exposed_sections(strip.layout, p_WRo, line.a)
+    distances, areas = pendulum.jet.exposed_sections(strip.layout, p_WRo, axis)
     return (y, z), line, distances, areas
 
 
@@ -263,11 +264,17 @@ def air_torque(scenario: RigScenario, law: SectionLaw | None = None) -> Torque |
     if law is not None:
         strips[-1] = replace(strips[-1], law=law)
 
+    density = pendulum.density
+
     def torque(angle: float, rate: float) -> float:
+        # `strip_load` without what a swing does not feel, since a fit evaluates it most.
         total = 0.0
         for strip in strips:
-            total -= strip_load(pendulum, strip, angle, rate)[3]
-        return total
+            (y, z), line, distances, areas = section_airflow(pendulum, strip, angle, rate)
+            if areas[0] != 0.0:
+                _, f_y, f_z, m_x, _, _ = strip.law.line_force(line, distances, areas, density)
+                total = total + m_x + y * f_z - z * f_y
+        return -total
 
     return torque
 
